@@ -1,0 +1,2 @@
+//! The mcdpr program.
+fn main() {}
