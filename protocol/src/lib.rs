@@ -1,1 +1,68 @@
-//! Placeholder crate root.
+//! The wire between a host and a winch board, and its only description.
+//!
+//! A byte stream (UART, USB-UART bridge, pseudo-terminal or memory) carries frames in both
+//! directions. A frame is `COBS(channel, body, CRC-32) 0x00`, at most [`frame::MAX_FRAME`] bytes;
+//! see [`frame`]. What the body means depends on the channel:
+//!
+//! | channel | direction | body |
+//! |---|---|---|
+//! | [`Channel::HelloQuery`] | host to board | empty |
+//! | [`Channel::Hello`] | board to host | [`Hello`], frozen byte layout for all versions |
+//! | [`Channel::Command`] | host to board | [`Command`], postcard |
+//! | [`Channel::Answer`] | board to host | [`Answer`], postcard |
+//! | [`Channel::Samples`] | board to host | [`SampleBlock`], postcard, best effort |
+//! | [`Channel::Status`] | board to host | [`Status`], postcard, best effort |
+//!
+//! # A command's life
+//! Requests that change something carry a sequence number that the board executes strictly in
+//! order and exactly once ([`Request::is_sequenced`]). The host may have [`WINDOW`] of them under
+//! way. A frame that arrives again is answered from the board's cache, a frame out of order is
+//! refused with [`Reject::Sequence`], which names the number that the board waits for. Queries,
+//! heartbeats and stops are idempotent: they are executed whenever they arrive, and a stop needs
+//! no session.
+//!
+//! # Three kinds of "no"
+//! [`Reject`] refuses one request and changes nothing. [`FaultId`] is latched on the board with
+//! its first cause and tick, has a stable number and needs an explicit clear. [`Limit`] is advice:
+//! something works at its edge.
+//!
+//! # Versions
+//! Enums and structs are append-only. While the major version is 0 the minor version must agree,
+//! too; see [`Hello::compatibility`]. Golden bytes are in `tests/golden.rs`.
+#![no_std]
+
+pub mod config;
+pub mod faults;
+pub mod frame;
+pub mod hello;
+pub mod list;
+pub mod message;
+pub mod motion;
+pub mod telemetry;
+pub mod units;
+
+pub use config::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, KeyMeaning, config_hash};
+pub use faults::{FaultId, FaultRecord, Limit, Limits};
+pub use frame::{Channel, Deframer, FrameError, encode_frame};
+pub use hello::{Compatibility, Hello, ResetCause};
+pub use list::{List, PerCable};
+pub use message::{
+    Answer, Command, Info, Reject, Reply, Request, SequenceNumber, SessionId, StopKind,
+};
+pub use motion::{CableKnot, Coefficient, Knot, ResidualRow};
+pub use telemetry::{BoardState, Sample, SampleBlock, Status};
+pub use units::{
+    Micrometres, MicrometresPerSecond, Microseconds, Milliamps, Millinewtons, TenthMicrometres,
+    Tick,
+};
+
+/// Version of the wire format: a board and a host with another major version never move together.
+pub const PROTOCOL_MAJOR: u16 = 0;
+/// Minor version: additions only, once the major version is 1.
+pub const PROTOCOL_MINOR: u16 = 1;
+
+/// Most cables that one board can drive.
+pub const MAX_CABLES: usize = 8;
+
+/// Most sequenced requests under way at once.
+pub const WINDOW: u16 = 8;

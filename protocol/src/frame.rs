@@ -1,0 +1,186 @@
+//! Framing: `COBS(channel, body, CRC-32 little-endian) 0x00`.
+//!
+//! The CRC is CRC-32/ISO-HDLC over channel and body. A receiver that starts in the middle, or that
+//! meets garbage, loses at most the frame under way: it finds the next `0x00` and goes on.
+
+use serde::Serialize;
+
+/// Most bytes of a frame on the wire, its delimiter included.
+pub const MAX_FRAME: usize = 256;
+/// Most bytes before COBS: COBS adds one byte up to 254, and the delimiter is one.
+const MAX_PLAIN: usize = 254;
+/// Most bytes of a body.
+pub const MAX_BODY: usize = MAX_PLAIN - 1 - CRC_SIZE;
+const CRC_SIZE: usize = 4;
+
+static CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+
+/// CRC-32/ISO-HDLC, as every frame and the configuration hash use it.
+///
+/// ```
+/// assert_eq!(mcdpr_protocol::frame::crc32(b"123456789"), 0xCBF4_3926);
+/// ```
+#[must_use]
+pub fn crc32(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}
+
+/// A running CRC-32 of the same kind.
+pub(crate) fn digest() -> crc::Digest<'static, u32> {
+    CRC.digest()
+}
+
+/// What a frame's body is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Channel {
+    /// "Who are you?" Frozen.
+    HelloQuery = 0x01,
+    /// The answer. Frozen.
+    Hello = 0x02,
+    /// A request.
+    Command = 0x10,
+    /// What became of it.
+    Answer = 0x20,
+    /// Samples of every tick.
+    Samples = 0x30,
+    /// State of the board.
+    Status = 0x31,
+}
+
+impl Channel {
+    const fn from_number(number: u8) -> Option<Self> {
+        match number {
+            0x01 => Some(Self::HelloQuery),
+            0x02 => Some(Self::Hello),
+            0x10 => Some(Self::Command),
+            0x20 => Some(Self::Answer),
+            0x30 => Some(Self::Samples),
+            0x31 => Some(Self::Status),
+            _ => None,
+        }
+    }
+}
+
+/// Why bytes were no frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameError {
+    /// The checksum does not fit the bytes (L1).
+    Checksum,
+    /// No delimiter within [`MAX_FRAME`] bytes (L7).
+    TooLong,
+    /// Too short for a channel and a checksum, or not valid COBS (L6).
+    Malformed,
+    /// The checksum fits, but no such channel exists here.
+    UnknownChannel,
+    /// The message is larger than a frame, or can not be encoded.
+    Encode,
+}
+
+/// Encodes a message into `out` as one frame and gives the bytes used, the delimiter included.
+///
+/// # Errors
+/// [`FrameError::Encode`] where the message does not fit; every message of this crate does.
+pub fn encode_frame<T: Serialize>(
+    channel: Channel,
+    message: &T,
+    out: &mut [u8; MAX_FRAME],
+) -> Result<usize, FrameError> {
+    let mut body = [0; MAX_BODY];
+    let used = postcard::to_slice(message, &mut body)
+        .map_err(|_| FrameError::Encode)?
+        .len();
+    encode_bytes(channel, body.get(..used).unwrap_or_default(), out)
+}
+
+/// Encodes a body that is already bytes; see [`encode_frame`].
+///
+/// # Errors
+/// [`FrameError::Encode`] where the body is longer than [`MAX_BODY`].
+pub fn encode_bytes(
+    channel: Channel,
+    body: &[u8],
+    out: &mut [u8; MAX_FRAME],
+) -> Result<usize, FrameError> {
+    let head = [channel as u8];
+    let mut digest = CRC.digest();
+    digest.update(&head);
+    digest.update(body);
+    let checksum = digest.finalize().to_le_bytes();
+    if body.len() > MAX_BODY {
+        return Err(FrameError::Encode);
+    }
+    let (coded, _) = out.split_at_mut(MAX_FRAME - 1);
+    let mut encoder = cobs::CobsEncoder::new(coded);
+    for part in [&head, body, &checksum] {
+        encoder.push(part).map_err(|_| FrameError::Encode)?;
+    }
+    let used = encoder.finalize();
+    *out.get_mut(used).ok_or(FrameError::Encode)? = 0;
+    Ok(used + 1)
+}
+
+/// Collects bytes into frames. Work per byte is bounded; nothing is allocated.
+#[derive(Debug)]
+pub struct Deframer {
+    buffer: [u8; MAX_FRAME],
+    used: usize,
+    overrun: bool,
+}
+
+impl Default for Deframer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Deframer {
+    /// A receiver that waits for a frame's first byte.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            buffer: [0; MAX_FRAME],
+            used: 0,
+            overrun: false,
+        }
+    }
+
+    /// Takes one byte; at a delimiter gives the frame that ends there, or why it was none.
+    ///
+    /// Empty frames (two delimiters in a row) are silently skipped, so that a sender may open with
+    /// a delimiter.
+    pub fn push(&mut self, byte: u8) -> Option<Result<(Channel, &[u8]), FrameError>> {
+        if byte != 0 {
+            match self.buffer.get_mut(self.used) {
+                Some(slot) if self.used < MAX_FRAME - 1 => {
+                    *slot = byte;
+                    self.used += 1;
+                }
+                _ => self.overrun = true,
+            }
+            return None;
+        }
+        let used = core::mem::take(&mut self.used);
+        if core::mem::take(&mut self.overrun) {
+            return Some(Err(FrameError::TooLong));
+        }
+        if used == 0 {
+            return None;
+        }
+        Some(decode(self.buffer.get_mut(..used)?))
+    }
+}
+
+fn decode(coded: &mut [u8]) -> Result<(Channel, &[u8]), FrameError> {
+    let used = cobs::decode_in_place(coded).map_err(|_| FrameError::Malformed)?;
+    let plain = coded.get(..used).ok_or(FrameError::Malformed)?;
+    let (covered, checksum) = plain
+        .split_last_chunk::<CRC_SIZE>()
+        .ok_or(FrameError::Malformed)?;
+    if crc32(covered) != u32::from_le_bytes(*checksum) {
+        return Err(FrameError::Checksum);
+    }
+    let (channel, body) = covered.split_first().ok_or(FrameError::Malformed)?;
+    let channel = Channel::from_number(*channel).ok_or(FrameError::UnknownChannel)?;
+    Ok((channel, body))
+}

@@ -1,0 +1,304 @@
+//! Requests, and what becomes of them.
+
+use crate::{
+    BoardState, ConfigEntry, ConfigHash, FaultId, FaultRecord, Knot, List, Millinewtons, PerCable,
+    Status, TenthMicrometres, Tick,
+};
+use postcard::experimental::max_size::MaxSize;
+use serde::{Deserialize, Serialize};
+
+/// A host's claim on a board: random, not zero, new at every start of a host program.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct SessionId(pub u32);
+
+/// Number of a request in its session, wrapping.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct SequenceNumber(pub u16);
+
+impl SequenceNumber {
+    /// The next number.
+    #[must_use]
+    pub const fn next(self) -> Self {
+        Self(self.0.wrapping_add(1))
+    }
+
+    /// Signed distance from `other` to `self`, across the wrap.
+    #[must_use]
+    pub const fn since(self, other: Self) -> i16 {
+        self.0.wrapping_sub(other.0).cast_signed()
+    }
+}
+
+/// A request with its session and number.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct Command {
+    /// Who asks.
+    pub session: SessionId,
+    /// Which request of the session this is; echoed in the [`Answer`].
+    pub sequence: SequenceNumber,
+    /// What is asked.
+    pub request: Request,
+}
+
+/// Configuration entries that travel in one request.
+pub const CONFIG_CHUNK: usize = 24;
+
+/// What a host can ask of a board. Append only.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub enum Request {
+    /// What the board is: answered with [`Reply::Info`].
+    Info,
+    /// How the board is: answered with [`Reply::Status`].
+    Status,
+    /// Claims the board for this session and resets the sequence to the number after this one.
+    Open,
+    /// Gives the claim back; refused while armed.
+    Close,
+    /// Shows that the host lives; answered with [`Reply::Beat`].
+    Heartbeat {
+        /// The host's clock, echoed, µs, wrapping.
+        host_time_us: u32,
+    },
+    /// Stops. Accepted from anyone, in any state, before everything else.
+    Stop(StopKind),
+    /// Forgets the entries received so far and expects this many.
+    ConfigBegin {
+        /// How many entries will follow.
+        entries: u16,
+    },
+    /// Some entries, keys in ascending order over all chunks.
+    ConfigPut {
+        /// The entries.
+        entries: List<ConfigEntry, CONFIG_CHUNK>,
+    },
+    /// Takes the entries into use if the hash agrees and every value makes sense.
+    ConfigCommit {
+        /// Hash over all entries.
+        hash: ConfigHash,
+    },
+    /// Says how long each cable is now (paid out, as the drum encoder sees it).
+    Reference {
+        /// The lengths.
+        lengths: PerCable<TenthMicrometres>,
+        /// Tensions that the static model expects now.
+        tensions: PerCable<Millinewtons>,
+    },
+    /// Enables drives, checks, opens brakes and holds.
+    Arm {
+        /// The configuration that the host believes in.
+        config_hash: ConfigHash,
+    },
+    /// Closes brakes under torque, then switches torque off.
+    Disarm,
+    /// Adds a knot to the motion buffer.
+    Knot(Knot),
+    /// Starts the buffered motion.
+    Start,
+    /// Goes on after a hold, along the same path.
+    Resume,
+    /// Throws away what is buffered; refused while moving.
+    Discard,
+    /// Acknowledges the latched fault.
+    ClearFault,
+    /// Switches sample blocks on or off.
+    Samples {
+        /// On or off.
+        enabled: bool,
+    },
+    /// Opens or closes the gripper.
+    Gripper {
+        /// Whether to close it.
+        closed: bool,
+    },
+}
+
+impl Request {
+    /// Whether the request is executed strictly in order and exactly once.
+    #[must_use]
+    pub const fn is_sequenced(&self) -> bool {
+        !matches!(
+            self,
+            Self::Info | Self::Status | Self::Open | Self::Heartbeat { .. } | Self::Stop(_)
+        )
+    }
+}
+
+/// Ways to stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub enum StopKind {
+    /// Decelerate along the path and hold under tension; can be resumed.
+    Hold,
+    /// Decelerate along the path, close brakes under torque, torque off (STOP1).
+    Stop,
+    /// Brakes and torque off at once (STOP0); only where drive control is lost.
+    Emergency,
+}
+
+/// What became of a request.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct Answer {
+    /// The request's number.
+    pub sequence: SequenceNumber,
+    /// The outcome.
+    pub result: Result<Reply, Reject>,
+}
+
+/// A request was done, or begun where doing takes time.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub enum Reply {
+    /// Done.
+    Done,
+    /// To [`Request::Info`].
+    Info(Info),
+    /// To [`Request::Status`].
+    Status(Status),
+    /// To [`Request::Heartbeat`].
+    Beat {
+        /// The host's clock as sent.
+        host_time_us: u32,
+        /// The board's tick when it took the heartbeat.
+        tick: Tick,
+        /// What the board does.
+        state: BoardState,
+    },
+    /// To a knot: room left in the motion buffer.
+    Queued {
+        /// Free knots.
+        free: u8,
+    },
+    /// To [`Request::ConfigCommit`].
+    Configured {
+        /// The hash now in use.
+        hash: ConfigHash,
+    },
+}
+
+/// Bytes of a panic message that survive a reset.
+pub const PANIC_BYTES: usize = 96;
+
+/// What a board is; append-only.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct Info {
+    /// Cables that this board can drive.
+    pub cables: u8,
+    /// Knots that its motion buffer holds.
+    pub knot_capacity: u8,
+    /// Control ticks per second.
+    pub ticks_per_second: u16,
+    /// Bit set of drive kinds that the firmware speaks: bit n is drive kind n.
+    pub drive_kinds: u8,
+    /// Whether a simulator answers, not a board.
+    pub simulated: bool,
+    /// What the last panic said, UTF-8, empty if none.
+    pub last_panic: List<u8, PANIC_BYTES>,
+}
+
+/// A request was refused and nothing changed. Append only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub enum Reject {
+    /// Not possible in this state (K8).
+    WrongState {
+        /// The state.
+        state: BoardState,
+    },
+    /// Another session holds the board (L14).
+    SessionHeld,
+    /// This session does not hold the board (L13): open it first.
+    NoSession,
+    /// Out of order (L3, L5): the board waits for this number.
+    Sequence {
+        /// The number that the board waits for.
+        expected: SequenceNumber,
+    },
+    /// A request of a later version.
+    Unsupported,
+    /// A list has another number of cables than the board is configured for.
+    CableCount {
+        /// Configured.
+        expected: u8,
+        /// Received.
+        got: u8,
+    },
+    /// No configuration in use.
+    NotConfigured,
+    /// The configuration in use is another one (F9).
+    ConfigHash {
+        /// The board's.
+        board: ConfigHash,
+        /// The host's.
+        host: ConfigHash,
+    },
+    /// Entries missing, repeated, unsorted or too many.
+    ConfigSequence,
+    /// A key is not known here.
+    ConfigUnknownKey {
+        /// The key.
+        key: u16,
+    },
+    /// A value is out of range or missing (F2).
+    ConfigValue {
+        /// The key.
+        key: u16,
+    },
+    /// The lengths were never referenced.
+    NotReferenced,
+    /// The motion buffer is full (K7).
+    BufferFull,
+    /// A knot's number is not the next one.
+    KnotIndex {
+        /// The next one.
+        expected: u16,
+    },
+    /// A knot's time is not after the one before, or too far after it, or already past (K5).
+    KnotTime {
+        /// Earliest path time that would be taken, ms.
+        earliest_ms: u32,
+    },
+    /// The motion does not start where the robot is (K4).
+    KnotStart {
+        /// The cable, 1 for the first.
+        cable: u8,
+        /// The knot minus the set-point, 0.1 µm.
+        gap: TenthMicrometres,
+    },
+    /// A length is out of range.
+    KnotLength {
+        /// The cable, 1 for the first.
+        cable: u8,
+    },
+    /// A velocity, or the mean speed of a segment, is over its limit (K3).
+    KnotSpeed {
+        /// The cable, 1 for the first.
+        cable: u8,
+    },
+    /// A tension is out of range.
+    KnotTension {
+        /// The cable, 1 for the first.
+        cable: u8,
+    },
+    /// A motion already ended with a last knot, or must end at rest.
+    KnotEnd,
+    /// Nothing is buffered.
+    NothingToStart,
+    /// A fault is latched: read it, mend its cause, clear it.
+    Faulted {
+        /// The fault.
+        record: FaultRecord,
+    },
+    /// The cause of the fault is still there.
+    CauseRemains {
+        /// Which.
+        fault: FaultId,
+    },
+}
+
+/// Every message fits a frame; a message that outgrows it does not compile.
+const _: () = {
+    use crate::frame::MAX_BODY;
+    assert!(Command::POSTCARD_MAX_SIZE <= MAX_BODY);
+    assert!(Answer::POSTCARD_MAX_SIZE <= MAX_BODY);
+    assert!(Status::POSTCARD_MAX_SIZE <= MAX_BODY);
+    // No block has both the most cables and the most packed bytes, so the sum of the fields'
+    // maxima says nothing; the worst block has five cables.
+    assert!(crate::telemetry::SAMPLE_BYTES + 2 + 5 + 5 + 1 + 5 * 5 <= MAX_BODY);
+};

@@ -1,0 +1,65 @@
+//! Motion on the wire: time-stamped Hermite knots.
+//!
+//! Between two knots the board evaluates the cubic with these end values and end velocities for
+//! each cable, every tick. Two segments share their knot, so they join exactly, and a late frame
+//! can not reach a motor.
+
+use crate::{List, Micrometres, MicrometresPerSecond, Millinewtons, PerCable, TenthMicrometres};
+use postcard::experimental::max_size::MaxSize;
+use serde::{Deserialize, Serialize};
+
+/// What one cable is at a knot.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct CableKnot {
+    /// Paid-out length from the drum's reference, as the drum encoder sees it (unstretched).
+    pub length: TenthMicrometres,
+    /// Its rate; positive pays out.
+    pub velocity: MicrometresPerSecond,
+    /// Expected tension at the winch; the set-point where the cable is held by tension.
+    pub tension: Millinewtons,
+}
+
+/// One point of a motion in time.
+#[derive(Debug, Default, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct Knot {
+    /// Position in the sequence of this motion's knots, 0 for the first.
+    pub index: u16,
+    /// Milliseconds of path time since the motion's first knot, which is at 0.
+    pub time_ms: u32,
+    /// Whether the motion ends here, at rest.
+    pub last: bool,
+    /// Cable by cable.
+    pub cables: PerCable<CableKnot>,
+    /// Consistency checks that hold from this knot to the next.
+    pub rows: List<ResidualRow, { ResidualRow::PER_KNOT }>,
+}
+
+/// A coefficient of a [`ResidualRow`]; two bytes on the wire whatever its value.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Coefficient(#[serde(with = "postcard::fixint::le")] pub i16);
+
+impl MaxSize for Coefficient {
+    const POSTCARD_MAX_SIZE: usize = 2;
+}
+
+/// One linear consistency check between measured lengths and tensions, linearised by the host
+/// about the planned state: `sum(a_i dl_i) + sum(b_i dT_i)` must stay within ±`limit`, where
+/// `dl_i` and `dT_i` are measured minus planned. It is how a slipping cable shows (S5).
+#[derive(Debug, Default, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct ResidualRow {
+    /// `a_i` in µm per µm, times [`ResidualRow::LENGTH_SCALE`].
+    pub lengths: PerCable<Coefficient>,
+    /// `b_i` in µm per mN, times [`ResidualRow::TENSION_SCALE`].
+    pub tensions: PerCable<Coefficient>,
+    /// Largest residual that is no fault.
+    pub limit: Micrometres,
+}
+
+impl ResidualRow {
+    /// Rows that one knot can carry.
+    pub const PER_KNOT: usize = 2;
+    /// Scale of [`ResidualRow::lengths`]: coefficients reach ±8 in steps of 1/4096.
+    pub const LENGTH_SCALE: i32 = 4096;
+    /// Scale of [`ResidualRow::tensions`]: coefficients reach ±128 µm/mN in steps of 1/256.
+    pub const TENSION_SCALE: i32 = 256;
+}
