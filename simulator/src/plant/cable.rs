@@ -1,0 +1,171 @@
+//! One elastic cable: it pulls and never pushes, and its pulley takes a hysteretic share.
+
+use super::error::PlantError;
+use super::params::CableParams;
+use super::pulley::{Path, Pulley};
+use super::vec3::{V3, norm, scale};
+
+/// Shortest unstretched cable that the plant still simulates (m).
+const SHORTEST_M: f64 = 1e-3;
+
+/// A cable's constants and state.
+#[derive(Debug, Clone)]
+pub(crate) struct Cable {
+    pub pulley: Pulley,
+    /// Attachment in principal axes about the centre of mass (m).
+    pub attachment: V3,
+    pub ea_n: f64,
+    damping_time_s: f64,
+    routing_m: f64,
+    loss: f64,
+    presliding_m: f64,
+    /// Unstretched length from drum to attachment when the drum's displacement is 0 (m).
+    pub unstretched_zero_m: f64,
+    /// Cable wound per drum displacement: 1 unless the winding is disturbed.
+    pub winding_gain: f64,
+    /// State of the pulley's friction: +1 after hauling in, -1 after paying out.
+    pub friction_state: f64,
+    /// Cable paid out over the pulley when the friction state was last brought up to date (m).
+    pub paid_out_m: f64,
+    /// Tensions of the latest substep (N).
+    pub tension: Tension,
+    pub broken: bool,
+}
+
+/// Tension on both sides of the pulley (N), and the same without the cable's damping, which is
+/// what is stored as elastic energy.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Tension {
+    pub platform_n: f64,
+    pub winch_n: f64,
+    pub elastic_platform_n: f64,
+}
+
+impl Cable {
+    pub(crate) fn new(p: &CableParams, attachment: V3) -> Self {
+        Self {
+            pulley: Pulley {
+                anchor_m: p.anchor_m,
+                axis: scale(p.swivel_axis, 1.0 / norm(p.swivel_axis)),
+                radius_m: p.pulley_radius_m,
+            },
+            attachment,
+            ea_n: p.ea_n,
+            damping_time_s: p.damping_time_s,
+            routing_m: p.routing_length_m,
+            loss: p.pulley_loss,
+            presliding_m: p.pulley_presliding_m,
+            unstretched_zero_m: 1.0,
+            winding_gain: 1.0,
+            friction_state: 0.0,
+            paid_out_m: 0.0,
+            tension: Tension::default(),
+            broken: false,
+        }
+    }
+
+    /// Unstretched length from drum to attachment (m).
+    #[inline(always)]
+    pub(crate) fn unstretched_m(&self, drum_m: f64) -> f64 {
+        self.unstretched_zero_m + self.winding_gain * drum_m
+    }
+
+    /// Cuts the cable to the length that carries `tension_n` along a path of `length_m`, without
+    /// pulley friction, with the drum at displacement 0.
+    pub(crate) fn cut_to(&mut self, length_m: f64, tension_n: f64) {
+        self.unstretched_zero_m = (length_m + self.routing_m) / (1.0 + tension_n / self.ea_n);
+        self.rest_under(Tension {
+            platform_n: tension_n,
+            winch_n: tension_n,
+            elastic_platform_n: tension_n,
+        });
+    }
+
+    /// Starts over with the drum at displacement 0 and the pulley's friction undecided.
+    pub(crate) fn rest_under(&mut self, tension: Tension) {
+        self.friction_state = 0.0;
+        self.tension = tension;
+        self.paid_out_m = self.paid_out(0.0);
+    }
+
+    /// Tension for a path of `length_m` that grows by `path_rate` (m/s) while the drum, at
+    /// displacement `drum_m`, pays out `drum_rate` (m/s).
+    ///
+    /// The free part and the routing behind the pulley stretch in series, the routing under the
+    /// winch's tension. With the friction state s, winch = platform (1 + loss s).
+    #[inline(always)]
+    pub(crate) fn tension(
+        &self,
+        length_m: f64,
+        path_rate: f64,
+        drum_m: f64,
+        drum_rate: f64,
+    ) -> Tension {
+        let unstretched = self.unstretched_m(drum_m);
+        let stretch = length_m + self.routing_m - unstretched;
+        if stretch <= 0.0 || self.broken {
+            return Tension::default();
+        }
+        let ratio = 1.0 + self.loss * self.friction_state;
+        let stiffness = self.ea_n / (unstretched + self.routing_m * (ratio - 1.0));
+        let elastic_platform_n = stiffness * stretch;
+        let rate = path_rate - self.winding_gain * drum_rate;
+        // A taut cable that shortens fast would push by its damping alone: it cannot.
+        let platform_n = (elastic_platform_n + stiffness * self.damping_time_s * rate).max(0.0);
+        Tension {
+            platform_n,
+            winch_n: platform_n * ratio,
+            elastic_platform_n,
+        }
+    }
+
+    /// Cable that has passed the pulley toward the platform: what the drum has paid out and what
+    /// the routing has stretched (m).
+    #[inline(always)]
+    fn paid_out(&self, drum_m: f64) -> f64 {
+        self.winding_gain * drum_m + self.tension.winch_n * self.routing_m / self.ea_n
+    }
+
+    /// Brings the pulley's friction up to date with the cable's travel: Dahl's model (1968) with
+    /// exponent 1, integrated exactly over the travel, so that it does not depend on the rate.
+    #[inline(always)]
+    pub(crate) fn rub(&mut self, drum_m: f64) {
+        if self.loss == 0.0 {
+            return;
+        }
+        let paid_out = self.paid_out(drum_m);
+        let hauled = (self.paid_out_m - paid_out) / self.presliding_m;
+        if hauled != 0.0 {
+            let end = hauled.signum();
+            self.friction_state = end + (self.friction_state - end) * (-hauled.abs()).exp();
+            self.paid_out_m = paid_out;
+        }
+    }
+
+    /// Force that the cable exerts on the drum, paying out positive (N). It is the derivative of
+    /// the stored energy by the drum's displacement; beyond the tension itself the cable that
+    /// leaves the drum takes up half the strain energy density, `T^2 / (2 EA)`.
+    #[inline(always)]
+    pub(crate) fn force_on_drum(&self, winch_n: f64) -> f64 {
+        self.winding_gain * winch_n * (1.0 + 0.5 * winch_n / self.ea_n)
+    }
+
+    /// Elastic energy of both parts (J).
+    pub(crate) fn energy(&self, tension: &Tension, drum_m: f64) -> f64 {
+        let ratio = 1.0 + self.loss * self.friction_state;
+        let free = self.unstretched_m(drum_m) - self.routing_m;
+        let platform = tension.elastic_platform_n;
+        0.5 * platform * platform * (free + self.routing_m * ratio * ratio) / self.ea_n
+    }
+
+    pub(crate) fn path(&self, attachment_m: V3, cable: usize) -> Result<Path, PlantError> {
+        self.pulley
+            .path_to(attachment_m)
+            .ok_or(PlantError::InsidePulley { cable })
+    }
+
+    /// `true` once the drum has taken in all of the cable.
+    pub(crate) fn exhausted(&self, drum_m: f64) -> bool {
+        self.unstretched_m(drum_m) - self.routing_m < SHORTEST_M
+    }
+}

@@ -1,0 +1,582 @@
+//! The physical plant of a cable robot, in virtual time.
+//!
+//! A rigid platform hangs on up to eight unilateral elastic cables; each runs over a swivel
+//! pulley, behind it to a geared winch with brake, drive, drum encoder and tension sensor. The
+//! plant knows no controller, no protocol and no solver: commands go in as a board would send
+//! them to drives and brakes, readings come out as a board would get them, and [`Truth`] is for
+//! reports and tests only.
+//!
+//! Conventions: SI, world frame with z up, cables indexed from 0 (messages name them from 1),
+//! drum displacement and winch speed positive when cable is paid out, `rotation` from platform
+//! to world.
+//!
+//! Time advances in equal steps (0.1 ms by default). A step is half a free flight, an impulse of
+//! all forces, half a free flight: symplectic for the conservative part, so that the energy of a
+//! swinging platform does not creep.
+//!
+//! ```
+//! use mcdpr_simulator::plant::{Plant, PlantParams, Pose};
+//! let mut plant = Plant::new(PlantParams::paper_table5(), 1)?;
+//! plant.settle_with_tension(&Pose::level([0.33, 0.0, -0.2]), 3, 5.0)?; // cable 4 at 5 N
+//! plant.advance(0.1)?;
+//! assert!((plant.truth()?.tensions_winch_n[3] - 5.0).abs() < 0.01); // brakes hold it there
+//! # Ok::<(), mcdpr_simulator::plant::PlantError>(())
+//! ```
+
+mod bus;
+mod cable;
+mod drive;
+mod error;
+mod faults;
+mod params;
+mod platform;
+mod pulley;
+mod sensors;
+mod settle;
+#[cfg(test)]
+mod tests;
+mod truth;
+mod vec3;
+mod winch;
+
+pub use bus::Feedback;
+pub use drive::{DriveCommand, DriveState, Mode};
+pub use error::PlantError;
+pub use faults::{BrakeFault, CableFaults, DriveFault, EncoderFault, Faults, TensionFault};
+pub use params::{
+    BrakeParams, BusParams, CableParams, DriveParams, MAX_CABLES, PlantParams, PlatformParams,
+    TensionSensorParams, WinchParams, box_inertia_kg_m2,
+};
+pub use platform::Pose;
+pub use sensors::{ADC_FULL_SCALE, ADC_REFERENCE_V, Sensors};
+pub use truth::Truth;
+
+use bus::Port;
+use cable::{Cable, Tension};
+use platform::{Body, Motion};
+use sensors::{CableSensors, Noise};
+use settle::{Hold, Load, settle};
+use vec3::{V3, add, axpy, cross, dot, mul, mul_t, q_matrix, scale};
+use winch::Winch;
+
+/// A simulated robot.
+#[derive(Debug, Clone)]
+pub struct Plant {
+    params: PlantParams,
+    body: Body,
+    motion: Motion,
+    cables: Vec<Cable>,
+    winches: Vec<Winch>,
+    ports: Vec<Port>,
+    sensors: Vec<CableSensors>,
+    noise: Noise,
+    faults: Faults,
+    weight_n: V3,
+    load: Load,
+    e_stop: bool,
+    powered: bool,
+    steps: u64,
+    target_s: f64,
+    failed: Option<PlantError>,
+}
+
+impl Plant {
+    /// Builds the robot, level and 0.3 m below the middle of its anchors, cables without tension.
+    /// Place it with [`Plant::settle_at`] or its relatives before use.
+    ///
+    /// `seed` decides the sensor noise and where between two counts each encoder starts.
+    ///
+    /// # Errors
+    /// The first parameter out of range (see [`PlantParams::validate`]).
+    pub fn new(params: PlantParams, seed: u64) -> Result<Self, PlantError> {
+        params.validate()?;
+        let body = Body::new(&params.platform);
+        let mut noise = Noise::new(seed);
+        let cables = params
+            .cables
+            .iter()
+            .map(|c| Cable::new(c, body.principal(c.attachment_m)))
+            .collect();
+        let winches = params
+            .winches
+            .iter()
+            .map(|w| Winch::new(w, params.step_s))
+            .collect();
+        let count = params.cables.len();
+        let ports = (0..count)
+            .map(|i| Port::new(i, count, &params.bus))
+            .collect();
+        let sensors = params
+            .winches
+            .iter()
+            .map(|w| CableSensors::new(w, noise.uniform()))
+            .collect();
+        let mut plant = Self {
+            motion: Motion::at_rest(&body, &Pose::level([0.0; 3])),
+            weight_n: scale(params.gravity_mps2, params.platform.mass_kg),
+            body,
+            cables,
+            winches,
+            ports,
+            sensors,
+            noise,
+            faults: Faults::default(),
+            load: Load::default(),
+            e_stop: false,
+            powered: true,
+            steps: 0,
+            target_s: 0.0,
+            failed: None,
+            params,
+        };
+        let start = plant.pose_below_anchors();
+        // Some robots have no cable path there: such a plant waits to be placed.
+        plant.failed = plant.place_at(&start, &[0.0; MAX_CABLES][..count]).err();
+        Ok(plant)
+    }
+
+    fn pose_below_anchors(&self) -> Pose {
+        let share = 1.0 / self.cables.len() as f64;
+        let middle = self
+            .cables
+            .iter()
+            .fold([0.0; 3], |sum, c| axpy(sum, share, c.pulley.anchor_m));
+        Pose::level(axpy(middle, 0.3, [0.0, 0.0, -1.0]))
+    }
+
+    /// What the plant was built from.
+    #[must_use]
+    pub fn params(&self) -> &PlantParams {
+        &self.params
+    }
+
+    /// Number of cables.
+    #[must_use]
+    pub fn cable_count(&self) -> usize {
+        self.cables.len()
+    }
+
+    /// Simulated time since the robot was placed (s).
+    #[must_use]
+    pub fn time_s(&self) -> f64 {
+        self.steps as f64 * self.params.step_s
+    }
+
+    /// The present faults, to look at.
+    #[must_use]
+    pub fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// The present faults, to change.
+    pub fn faults_mut(&mut self) -> &mut Faults {
+        &mut self.faults
+    }
+
+    /// Puts the platform at `pose` at rest and cuts every cable so that it carries its entry of
+    /// `tensions_n` there. Whether the forces balance is the caller's business. Drums, encoder
+    /// counts (up to their phase) and time start at 0, brakes are closed, drives without a reset,
+    /// nothing broken; faults and external load stay as they are.
+    ///
+    /// # Errors
+    /// [`PlantError::Length`] or a bad tension or pose; [`PlantError::InsidePulley`].
+    pub fn place_at(&mut self, pose: &Pose, tensions_n: &[f64]) -> Result<(), PlantError> {
+        let count = self.cables.len();
+        if tensions_n.len() != count {
+            return Err(PlantError::Length {
+                what: "tensions_n",
+                given: tensions_n.len(),
+                expected: count,
+            });
+        }
+        for (cable, (t, c)) in tensions_n.iter().zip(&self.cables).enumerate() {
+            // A tenth of strain is far beyond any cable, and the law is linear.
+            if !(0.0..=0.1 * c.ea_n).contains(t) {
+                return Err(PlantError::CableParameter {
+                    cable,
+                    name: "tension_n",
+                    value: *t,
+                    rule: "at least 0 and at most a tenth of ea_n",
+                });
+            }
+        }
+        let motion = Motion::at_rest(&self.body, &pose.checked()?);
+        let mut lengths = [0.0; MAX_CABLES];
+        for (i, length_m) in lengths.iter_mut().enumerate().take(count) {
+            *length_m = self.path(&motion, i)?.length_m;
+        }
+        for i in 0..count {
+            let cable = &mut self.cables[i];
+            cable.broken = false;
+            cable.winding_gain = 1.0;
+            cable.cut_to(lengths[i], tensions_n[i]);
+            self.winches[i] = Winch::new(&self.params.winches[i], self.params.step_s);
+            self.ports[i] = Port::new(i, count, &self.params.bus);
+        }
+        self.motion = motion;
+        self.steps = 0;
+        self.target_s = 0.0;
+        self.failed = None;
+        Ok(())
+    }
+
+    /// Like [`Plant::place_at`], then lets the platform come to rest at its own equilibrium,
+    /// elasticity and external load included, with the drums locked except that of `held`, if
+    /// given, which keeps its tension. Afterwards all drums are locked and nothing moves.
+    ///
+    /// # Errors
+    /// As [`Plant::place_at`]; [`PlantError::NoSuchCable`]; [`PlantError::NoEquilibrium`].
+    pub fn settle_at(
+        &mut self,
+        pose: &Pose,
+        tensions_n: &[f64],
+        held: Option<usize>,
+    ) -> Result<(), PlantError> {
+        if let Some(cable) = held {
+            self.known(cable)?;
+        }
+        self.place_at(pose, tensions_n)?;
+        let mut holds = [Hold::Locked; MAX_CABLES];
+        if let Some(cable) = held {
+            holds[cable] = Hold::Tension(tensions_n[cable]);
+        }
+        let motion = settle(
+            &self.body,
+            &self.cables,
+            &holds,
+            self.weight_n,
+            &self.load,
+            self.params.step_s,
+            self.motion,
+        )?;
+        if let Some(cable) = held {
+            let length_m = self.path(&motion, cable)?.length_m;
+            self.cables[cable].cut_to(length_m, tensions_n[cable]);
+        }
+        self.motion = motion;
+        for i in 0..self.cables.len() {
+            let length_m = self.path(&motion, i)?.length_m;
+            let cable = &mut self.cables[i];
+            let tension = cable.tension(length_m, 0.0, 0.0, 0.0);
+            cable.rest_under(tension);
+        }
+        Ok(())
+    }
+
+    /// [`Plant::settle_at`] for those who know a pose roughly: cable `held` at `tension_n`, the
+    /// others locked at their lengths for `pose`, stretched by an even share of the weight.
+    ///
+    /// # Errors
+    /// As [`Plant::settle_at`].
+    pub fn settle_with_tension(
+        &mut self,
+        pose: &Pose,
+        held: usize,
+        tension_n: f64,
+    ) -> Result<(), PlantError> {
+        self.known(held)?;
+        let count = self.cables.len();
+        let share = vec3::norm(self.weight_n) / count as f64;
+        let mut tensions = [share; MAX_CABLES];
+        tensions[held] = tension_n;
+        self.settle_at(pose, &tensions[..count], Some(held))
+    }
+
+    /// Hands a command to the bus; it reaches the drive in the drive's next slot. A set-point
+    /// replaces one still waiting; `Off` and `Reset` void all that waits; others queue.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn command(&mut self, cable: usize, command: DriveCommand) -> Result<(), PlantError> {
+        self.known(cable)?;
+        self.ports[cable].submit(command);
+        Ok(())
+    }
+
+    /// Switches a brake's output pin; the brake follows after its delay.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn set_brake(&mut self, cable: usize, closed: bool) -> Result<(), PlantError> {
+        self.known(cable)?;
+        let now_s = self.time_s();
+        let closed = closed || !self.powered;
+        let fault = &self.faults.cables[cable].brake;
+        self.winches[cable].brake.ask(closed, now_s, fault);
+        Ok(())
+    }
+
+    /// Presses or releases the e-stop. If it is wired to the power (the default), drives lose
+    /// theirs at once and brakes close after their delay; releasing restores the supply but
+    /// nothing starts by itself: drives need a reset, brakes a new command.
+    pub fn set_e_stop(&mut self, pressed: bool) {
+        self.e_stop = pressed;
+        if self.params.e_stop_cuts_power {
+            self.set_power(!pressed);
+        }
+    }
+
+    /// Switches the supply of drives and brakes.
+    pub fn set_power(&mut self, on: bool) {
+        self.powered = on;
+        if on {
+            return;
+        }
+        let now_s = self.time_s();
+        for (i, winch) in self.winches.iter_mut().enumerate() {
+            winch.drive.cut_power();
+            winch.brake.ask(true, now_s, &self.faults.cables[i].brake);
+            self.ports[i].clear();
+        }
+    }
+
+    /// A constant load on the platform until changed: `force_n` (world) at `point_m` (platform
+    /// frame) and a pure `torque_nm` (world).
+    ///
+    /// # Errors
+    /// [`PlantError::Parameter`] if a value is not finite.
+    pub fn set_load(
+        &mut self,
+        force_n: [f64; 3],
+        point_m: [f64; 3],
+        torque_nm: [f64; 3],
+    ) -> Result<(), PlantError> {
+        for value in force_n.into_iter().chain(point_m).chain(torque_nm) {
+            if !value.is_finite() {
+                return Err(PlantError::Parameter {
+                    name: "external load",
+                    value,
+                    rule: "finite",
+                });
+            }
+        }
+        self.load = Load {
+            force_n,
+            torque_nm,
+            point: self.body.principal(point_m),
+        };
+        Ok(())
+    }
+
+    /// Breaks a cable for good (until the robot is placed again).
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn break_cable(&mut self, cable: usize) -> Result<(), PlantError> {
+        self.known(cable)?;
+        self.cables[cable].broken = true;
+        self.cables[cable].tension = Tension::default();
+        Ok(())
+    }
+
+    /// Lets cable slip off (positive, longer) or onto the drum without the drum turning.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] if not finite.
+    pub fn slip_cable(&mut self, cable: usize, longer_m: f64) -> Result<(), PlantError> {
+        self.known(cable)?;
+        if !longer_m.is_finite() {
+            return Err(PlantError::CableParameter {
+                cable,
+                name: "slip longer_m",
+                value: longer_m,
+                rule: "finite",
+            });
+        }
+        self.cables[cable].unstretched_zero_m += longer_m;
+        Ok(())
+    }
+
+    /// From now on the drum winds `gain` metres of cable per metre of its nominal circumference:
+    /// 1 is right, 1.05 a layer that lies on another.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] unless 0.5 to 2.
+    pub fn set_winding_gain(&mut self, cable: usize, gain: f64) -> Result<(), PlantError> {
+        self.known(cable)?;
+        if !(0.5..=2.0).contains(&gain) {
+            return Err(PlantError::CableParameter {
+                cable,
+                name: "winding gain",
+                value: gain,
+                rule: "0.5 to 2",
+            });
+        }
+        let drum_m = self.winches[cable].drum_m;
+        let c = &mut self.cables[cable];
+        c.unstretched_zero_m += (c.winding_gain - gain) * drum_m;
+        c.winding_gain = gain;
+        Ok(())
+    }
+
+    /// Shifts an encoder's count for good: lost counts, or the counter's value at power-on.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn slip_encoder(&mut self, cable: usize, counts: i32) -> Result<(), PlantError> {
+        self.known(cable)?;
+        self.sensors[cable].slip(i64::from(counts));
+        Ok(())
+    }
+
+    /// Where a drive is on its way to obedience (for tests; a board cannot see it).
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn drive_state(&self, cable: usize) -> Result<DriveState, PlantError> {
+        self.known(cable)?;
+        Ok(self.winches[cable].drive.state())
+    }
+
+    /// Reads all inputs of the board. Draws fresh noise at each call, so the number of readings
+    /// is part of a run's history.
+    pub fn read_sensors(&mut self) -> Sensors {
+        let now_s = self.time_s();
+        let mut out = Sensors {
+            encoder_counts: [0; MAX_CABLES],
+            adc: [0; MAX_CABLES],
+            feedback: [None; MAX_CABLES],
+            e_stop: self.e_stop,
+        };
+        for i in 0..self.cables.len() {
+            let (counts, adc) = self.sensors[i].read(
+                self.winches[i].drum_m,
+                self.cables[i].tension.winch_n,
+                now_s,
+                &mut self.faults.cables[i],
+                &mut self.noise,
+            );
+            out.encoder_counts[i] = counts;
+            out.adc[i] = adc;
+            out.feedback[i] = self.ports[i].received;
+        }
+        out
+    }
+
+    /// Lets `duration_s` pass. Durations add up exactly: what is less than a step is made up for
+    /// by later calls.
+    ///
+    /// # Errors
+    /// [`PlantError::Parameter`] for a negative or non-finite duration;
+    /// [`PlantError::InsidePulley`], [`PlantError::Exhausted`] or [`PlantError::Diverged`] when
+    /// the robot gets where the model ends. Then time stands still, and the error repeats, until
+    /// the robot is placed again.
+    pub fn advance(&mut self, duration_s: f64) -> Result<(), PlantError> {
+        if !(0.0..=1e6).contains(&duration_s) {
+            return Err(PlantError::Parameter {
+                name: "duration_s",
+                value: duration_s,
+                rule: "0 to 1000000",
+            });
+        }
+        if let Some(error) = &self.failed {
+            return Err(error.clone());
+        }
+        self.target_s += duration_s;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let last = (self.target_s / self.params.step_s + 1e-6).floor() as u64;
+        while self.steps < last {
+            if let Err(error) = self.step() {
+                self.failed = Some(error.clone());
+                return Err(error);
+            }
+        }
+        if !self.is_finite() {
+            let error = PlantError::Diverged {
+                time_s: self.time_s(),
+            };
+            self.failed = Some(error.clone());
+            return Err(error);
+        }
+        Ok(())
+    }
+
+    fn is_finite(&self) -> bool {
+        let m = &self.motion;
+        let body = m.center_m.iter().chain(&m.velocity).chain(&m.attitude);
+        let drums = self.winches.iter().flat_map(|w| [w.drum_m, w.drum_rate]);
+        body.chain(&m.momentum)
+            .copied()
+            .chain(drums)
+            .all(|v| v.is_finite() && v.abs() < 1e6)
+    }
+
+    fn step(&mut self) -> Result<(), PlantError> {
+        let h = self.params.step_s;
+        let now_s = self.time_s();
+        for (i, (port, winch)) in self.ports.iter_mut().zip(&mut self.winches).enumerate() {
+            let fault = &self.faults.cables[i].drive;
+            let drum = (winch.drum_m, winch.drum_rate);
+            let late_s = if self.powered {
+                fault.late_s
+            } else {
+                f64::INFINITY
+            };
+            winch.drive.tick(now_s, winch.drum_m, late_s);
+            let bus_off = self.faults.bus_off || !self.powered;
+            port.poll(
+                now_s,
+                &self.params.bus,
+                bus_off,
+                fault,
+                &mut winch.drive,
+                drum,
+            );
+        }
+
+        let half = 0.5 * h;
+        self.motion.drift(&self.body, half);
+        let rotation = q_matrix(self.motion.attitude);
+        let spin = self.motion.spin(&self.body);
+        let mut force = add(self.weight_n, self.load.force_n);
+        let mut torque = add(
+            cross(self.load.point, mul_t(&rotation, self.load.force_n)),
+            mul_t(&rotation, self.load.torque_nm),
+        );
+        for (i, (cable, winch)) in self.cables.iter_mut().zip(&mut self.winches).enumerate() {
+            winch.drum_m += half * winch.drum_rate;
+            let arm = mul(&rotation, cable.attachment);
+            let path = cable.path(add(self.motion.center_m, arm), i)?;
+            let velocity = add(
+                self.motion.velocity,
+                mul(&rotation, cross(spin, cable.attachment)),
+            );
+            let rate = dot(path.direction, velocity);
+            if cable.exhausted(winch.drum_m) {
+                return Err(PlantError::Exhausted { cable: i });
+            }
+            cable.tension = cable.tension(path.length_m, rate, winch.drum_m, winch.drum_rate);
+            cable.rub(winch.drum_m);
+            let Tension {
+                platform_n,
+                winch_n,
+                ..
+            } = cable.tension;
+            force = axpy(force, -platform_n, path.direction);
+            let pull = scale(mul_t(&rotation, path.direction), -platform_n);
+            torque = add(torque, cross(cable.attachment, pull));
+            let fault = &self.faults.cables[i].brake;
+            winch.kick(cable.force_on_drum(winch_n), now_s, h, fault);
+            winch.drum_m += half * winch.drum_rate;
+        }
+        self.motion.kick(&self.body, force, torque, h);
+        self.motion.drift(&self.body, half);
+        self.steps += 1;
+        Ok(())
+    }
+
+    /// Path of a cable for a given motion state.
+    fn path(&self, motion: &Motion, cable: usize) -> Result<pulley::Path, PlantError> {
+        let arm = mul(&q_matrix(motion.attitude), self.cables[cable].attachment);
+        self.cables[cable].path(add(motion.center_m, arm), cable)
+    }
+
+    fn known(&self, cable: usize) -> Result<(), PlantError> {
+        let count = self.cables.len();
+        if cable < count {
+            Ok(())
+        } else {
+            Err(PlantError::NoSuchCable { cable, count })
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! What the board can read: drum encoders, tension sensors, drive feedback, e-stop.
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+use super::bus::Feedback;
+use super::faults::{CableFaults, EncoderFault, TensionFault};
+use super::params::{MAX_CABLES, TensionSensorParams, WinchParams};
+
+/// Full scale of the tension converter: 16 conversions of 12 bits, summed.
+pub const ADC_FULL_SCALE: u16 = 65_520;
+/// Voltage of [`ADC_FULL_SCALE`] (V).
+pub const ADC_REFERENCE_V: f64 = 3.3;
+
+/// One reading of all inputs. Entries beyond the robot's cables are 0 or `None`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sensors {
+    /// Drum encoder counters, wrapping, as a 16-bit timer in encoder mode shows them.
+    pub encoder_counts: [u16; MAX_CABLES],
+    /// Tension converters: 0..=65520 for 0 V to 3.3 V.
+    pub adc: [u16; MAX_CABLES],
+    /// The latest feedback of each drive that the bus has brought.
+    pub feedback: [Option<Feedback>; MAX_CABLES],
+    /// `true` while the e-stop is pressed.
+    pub e_stop: bool,
+}
+
+/// Sensor state of one cable.
+#[derive(Debug, Clone)]
+pub(crate) struct CableSensors {
+    counts_per_metre: f64,
+    /// Where between two counts the drum stood when the counter started, 0 to 1.
+    phase: f64,
+    /// Counts added by slips, glitches that stay, and presets.
+    shift: i64,
+    sensor: TensionSensorParams,
+    held_counts: Option<(EncoderFault, i64)>,
+    held_adc: Option<u16>,
+    drift_n: f64,
+    drift_since_s: Option<f64>,
+}
+
+impl CableSensors {
+    pub(crate) fn new(p: &WinchParams, phase: f64) -> Self {
+        Self {
+            counts_per_metre: f64::from(p.encoder_sign) / p.metres_per_encoder_count(),
+            phase,
+            shift: 0,
+            sensor: p.sensor.clone(),
+            held_counts: None,
+            held_adc: None,
+            drift_n: 0.0,
+            drift_since_s: None,
+        }
+    }
+
+    pub(crate) fn slip(&mut self, counts: i64) {
+        self.shift = self.shift.wrapping_add(counts);
+    }
+
+    #[allow(clippy::cast_possible_truncation)]
+    fn true_counts(&self, drum_m: f64) -> i64 {
+        (drum_m * self.counts_per_metre + self.phase).floor() as i64 + self.shift
+    }
+
+    /// Counter value; the low 16 bits of the count.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    fn encoder(&mut self, drum_m: f64, fault: &mut EncoderFault, noise: &mut Noise) -> u16 {
+        let counts = self.true_counts(drum_m);
+        if let Some((kind, held)) = self.held_counts
+            && kind != *fault
+        {
+            // The counter goes on from where the fault has left it, as a real one would.
+            let shown = match kind {
+                EncoderFault::Reversed => 2 * held - counts,
+                _ => held,
+            };
+            self.shift += shown - counts;
+            self.held_counts = None;
+        }
+        let counts = self.true_counts(drum_m);
+        let shown = match *fault {
+            EncoderFault::None => counts,
+            EncoderFault::Glitch(by) => {
+                *fault = EncoderFault::None;
+                counts + i64::from(by)
+            }
+            kind @ (EncoderFault::Stuck | EncoderFault::Disconnected | EncoderFault::Reversed) => {
+                let held = self.held_counts.get_or_insert((kind, counts)).1;
+                match kind {
+                    EncoderFault::Reversed => 2 * held - counts,
+                    EncoderFault::Disconnected => held + i64::from(noise.bit()),
+                    _ => held,
+                }
+            }
+        };
+        shown as u16
+    }
+
+    fn adc(&mut self, tension_n: f64, now_s: f64, fault: &CableFaults, noise: &mut Noise) -> u16 {
+        let s = &self.sensor;
+        // Drawn in every case, so that a fault on one sensor leaves the others' noise alone.
+        let noise_n = noise.normal() * s.noise_n * fault.tension_noise_factor;
+        if fault.tension_drift_n_per_s != 0.0 {
+            let since = self.drift_since_s.get_or_insert(now_s);
+            self.drift_n += fault.tension_drift_n_per_s * (now_s - *since);
+            *since = now_s;
+        } else {
+            self.drift_since_s = None;
+            self.drift_n = 0.0;
+        }
+        let sensed = tension_n.min(s.max_n) + noise_n + fault.tension_offset_n + self.drift_n;
+        let voltage = sensed / s.gain_n_per_v + s.zero_v;
+        let share = (voltage / ADC_REFERENCE_V).clamp(0.0, 1.0);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let reading = (share * f64::from(ADC_FULL_SCALE)).round() as u16;
+        if fault.tension != TensionFault::Frozen {
+            self.held_adc = None;
+        }
+        match fault.tension {
+            TensionFault::None => reading,
+            TensionFault::Open => ADC_FULL_SCALE,
+            TensionFault::Short => 0,
+            TensionFault::Frozen => *self.held_adc.get_or_insert(reading),
+        }
+    }
+
+    pub(crate) fn read(
+        &mut self,
+        drum_m: f64,
+        tension_n: f64,
+        now_s: f64,
+        fault: &mut CableFaults,
+        noise: &mut Noise,
+    ) -> (u16, u16) {
+        let counts = self.encoder(drum_m, &mut fault.encoder, noise);
+        (counts, self.adc(tension_n, now_s, fault, noise))
+    }
+}
+
+/// Seeded noise: the same seed gives the same run, bit by bit.
+#[derive(Debug, Clone)]
+pub(crate) struct Noise(ChaCha8Rng);
+
+impl Noise {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    /// Uniform over (0, 1), never an end.
+    #[allow(clippy::cast_precision_loss)]
+    pub(crate) fn uniform(&mut self) -> f64 {
+        ((self.0.next_u64() >> 12) as f64 + 0.5) / (1u64 << 52) as f64
+    }
+
+    /// Standard normal (Box and Muller 1958).
+    fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * self.uniform().ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+
+    fn bit(&mut self) -> bool {
+        self.0.next_u32() & 1 == 1
+    }
+}

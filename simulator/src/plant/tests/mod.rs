@@ -1,0 +1,1 @@
+//! Tests of the plant as a whole, and of its geometry against brute force.
