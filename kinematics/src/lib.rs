@@ -1,1 +1,38 @@
-//! Placeholder crate root.
+//! Geometry, kinematics and statics of cable-driven parallel robots with swivel pulleys.
+//!
+//! Any robot of 1 to 16 cables: [`Robot<N>`] fixes the number at compile time (the fast path),
+//! [`AnyRobot`] at run time. All quantities are SI (m, rad, N, kg) in f64; the world's z axis points
+//! up and gravity along -z; a pose is world_from_platform with R = Rz Ry Rx.
+//! A cable's direction `t` points from the frame to the platform, so a tension T exerts the force
+//! `-T t` on the platform. Twists are `[velocity of the platform's origin, angular velocity]` in the
+//! world frame.
+#![cfg_attr(not(feature = "std"), no_std)]
+// Component loops over parallel arrays read better, and vectorise, with an index.
+#![allow(clippy::needless_range_loop)]
+
+mod any_robot;
+mod cable_vec;
+mod energy;
+mod equilibrium;
+mod error;
+mod example;
+mod geometrico_static;
+mod inverse;
+mod jacobian;
+mod linear;
+mod math;
+mod pose;
+mod robot;
+mod stability;
+
+pub use any_robot::AnyRobot;
+pub use cable_vec::{CableMatrix, CableSet, CableVec, MAX_CABLES};
+pub use equilibrium::EquilibriumGuess;
+pub use error::{Bound, Error, Solver};
+pub use example::{EXAMPLE_TOOL_M, eight_cables, example_platform, four_cables};
+pub use geometrico_static::{Equilibrium, Held, Start, StaticOptions};
+pub use inverse::{CablePath, Inverse};
+pub use jacobian::LengthDerivatives;
+pub use pose::{Pose, angular_velocity_from_rates, rotation_from_rpy, rpy_from_rotation};
+pub use robot::{Cable, GRAVITY_MPS2, Platform, Robot};
+pub use stability::{Linearisation, Stability, ToolSensitivity};
