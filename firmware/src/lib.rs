@@ -1,1 +1,40 @@
-//! Placeholder crate root.
+//! The control core of a winch board, free of hardware.
+//!
+//! [`Controller::step`] is called once per millisecond with what the board has measured and gives
+//! what the board must do; [`Controller::handle`] answers requests between steps. Time is an
+//! argument, numbers are fixed-point integers, nothing allocates, blocks or panics. The same code
+//! runs inside the simulator, inside an emulated chip and on the STM32F103.
+//!
+//! | module | what it is for |
+//! |---|---|
+//! | [`supervisor`] | states, events and the one table that joins them |
+//! | [`controller`] | one tick: measure, watch, move, command |
+//! | [`config`] | physical units from the wire, machine units for the tick |
+//! | [`encoder`] | 16-bit counters to 64-bit positions, glitches rejected |
+//! | [`segment`] | motion buffer and Hermite cubics in fixed point |
+//! | [`tension`] | sensor law and tension laws (Eq. 1, Eq. 52) |
+//! | [`watch`] | detectors: how faults are noticed |
+//! | [`server`] | sessions, sequence numbers and frames in front of the controller |
+//! | [`io`] | what goes in and out of a tick |
+#![no_std]
+
+pub mod arming;
+pub mod axis;
+pub mod config;
+pub mod controller;
+pub mod encoder;
+pub mod fixed;
+pub mod io;
+pub mod motion;
+pub mod sampler;
+pub mod segment;
+pub mod server;
+pub mod supervisor;
+pub mod tension;
+pub mod watch;
+
+pub use config::{Active, CableConfig, ConfigStore};
+pub use controller::Controller;
+pub use io::{Brake, DriveDemand, DriveInput, Inputs, Outputs};
+pub use server::Server;
+pub use supervisor::{Event, Reaction, State};

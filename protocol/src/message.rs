@@ -302,3 +302,12 @@ const _: () = {
     // maxima says nothing; the worst block has five cables.
     assert!(crate::telemetry::SAMPLE_BYTES + 2 + 5 + 5 + 1 + 5 * 5 <= MAX_BODY);
 };
+
+/// Decodes a body that a frame carried; `None` where it is no such message, or has bytes to spare.
+#[must_use]
+pub fn decode<'a, T: Deserialize<'a>>(body: &'a [u8]) -> Option<T> {
+    match postcard::take_from_bytes(body) {
+        Ok((message, [])) => Some(message),
+        _ => None,
+    }
+}

@@ -1,0 +1,130 @@
+//! Arming: enable drives under closed brakes, check the sensors, take up torque, open brakes.
+
+use crate::config::Active;
+use crate::io::{DriveInput, Inputs};
+use crate::tension;
+use mcdpr_protocol::FaultId;
+
+/// Milliseconds that drives may take beyond their own enable time (D5).
+const ENABLE_GRACE_MS: u32 = 500;
+/// Milliseconds of torque under closed brakes.
+const PRELOAD_MS: u32 = 100;
+/// Milliseconds for the platform to come to rest after the brakes opened.
+const SETTLE_MS: u32 = 200;
+/// Milliseconds over which brakes are given to open.
+const OPEN_MS: u32 = 50;
+/// Tension may differ from what the static model expects by this, mN, or by a fifth of it (S10).
+const TENSION_BAND_MN: i32 = 2000;
+
+/// Where arming is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Phase {
+    /// Drives enable; brakes closed.
+    #[default]
+    Enabling,
+    /// Drives give torque against closed brakes.
+    Preload,
+    /// Brakes open.
+    Opening,
+    /// All is free; waiting for rest.
+    Settling,
+    /// Done.
+    Done,
+}
+
+/// Progress of arming.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Arming {
+    phase: Phase,
+    ticks: u32,
+}
+
+/// Why arming is aborted: fault, cable (1 for the first), value, limit.
+pub type Abort = (FaultId, u8, i32, i32);
+
+impl Arming {
+    /// Where it is.
+    #[must_use]
+    pub const fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// One tick; `expected_mn` are the tensions that the static model expects.
+    ///
+    /// # Errors
+    /// The check that failed.
+    pub fn tick<const N: usize>(
+        &mut self,
+        config: &Active<N>,
+        inputs: &Inputs<N>,
+        expected_mn: &[i32; N],
+    ) -> Result<Phase, Abort> {
+        self.ticks += 1;
+        match self.phase {
+            Phase::Enabling => {
+                let pending = (1_u8..)
+                    .zip(&inputs.drives)
+                    .find(|(_, d)| !alive(config, d));
+                let limit = config.enable_ms + ENABLE_GRACE_MS;
+                match pending {
+                    None => {
+                        check_tensions(config, inputs, expected_mn)?;
+                        self.enter(Phase::Preload);
+                    }
+                    Some((cable, _)) if self.ticks > limit => {
+                        let ms = |ticks: u32| i32::try_from(ticks).unwrap_or(i32::MAX);
+                        return Err((FaultId::D5, cable, ms(self.ticks), ms(limit)));
+                    }
+                    Some(_) => {}
+                }
+            }
+            Phase::Preload if self.ticks >= PRELOAD_MS => self.enter(Phase::Opening),
+            Phase::Opening if self.ticks >= OPEN_MS => self.enter(Phase::Settling),
+            Phase::Settling if self.ticks >= SETTLE_MS => self.enter(Phase::Done),
+            _ => {}
+        }
+        Ok(self.phase)
+    }
+
+    fn enter(&mut self, phase: Phase) {
+        self.phase = phase;
+        self.ticks = 0;
+    }
+}
+
+fn alive<const N: usize>(config: &Active<N>, drive: &DriveInput) -> bool {
+    drive.ready && !drive.fault && drive.age_ms < config.feedback_timeout_ms
+}
+
+fn check_tensions<const N: usize>(
+    config: &Active<N>,
+    inputs: &Inputs<N>,
+    expected_mn: &[i32; N],
+) -> Result<(), Abort> {
+    let channels = inputs.tension_adc.iter().zip(expected_mn);
+    let channels = config.cables.iter().zip(channels);
+    for (cable, (config, (&adc, &expected))) in (1_u8..).zip(channels) {
+        if adc >= tension::ADC_RAIL_HIGH {
+            return Err((
+                FaultId::S7,
+                cable,
+                i32::from(adc),
+                i32::from(tension::ADC_RAIL_HIGH),
+            ));
+        }
+        if adc <= tension::ADC_RAIL_LOW {
+            return Err((
+                FaultId::S8,
+                cable,
+                i32::from(adc),
+                i32::from(tension::ADC_RAIL_LOW),
+            ));
+        }
+        let measured = tension::measured_mn(config, adc);
+        let band = TENSION_BAND_MN.max(expected / 5);
+        if (measured - expected).abs() > band {
+            return Err((FaultId::S10, cable, measured, expected));
+        }
+    }
+    Ok(())
+}

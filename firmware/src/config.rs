@@ -1,0 +1,349 @@
+//! Configuration: physical units from the wire, checked and turned into machine units once.
+
+use crate::encoder::LengthScale;
+use mcdpr_protocol::config::config_hash;
+use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, KeyMeaning, Reject};
+
+/// Collects entries and builds [`Active`] from them.
+#[derive(Debug, Clone)]
+pub struct ConfigStore<const N: usize> {
+    board: [Option<i32>; BoardKey::ALL.len()],
+    cables: [[Option<i32>; CableKey::ALL.len()]; N],
+    announced: u16,
+    received: u16,
+    last_key: Option<ConfigKey>,
+}
+
+impl<const N: usize> Default for ConfigStore<N> {
+    fn default() -> Self {
+        Self {
+            board: [None; BoardKey::ALL.len()],
+            cables: [[None; CableKey::ALL.len()]; N],
+            announced: 0,
+            received: 0,
+            last_key: None,
+        }
+    }
+}
+
+/// Drive kinds by their number on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DriveKind {
+    /// No drives: sensors only.
+    None,
+    /// RoboModule RMDS.
+    Rmds,
+    /// CiA 402 over CANopen.
+    Cia402,
+}
+
+/// Which law holds a tension.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TensionLaw {
+    /// Eq. 1 of the paper, nothing else.
+    Pd,
+    /// Feed-forward, PI and damping about the planned motion.
+    Default,
+}
+
+/// How a cable is held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Control {
+    /// By its length: the drive holds a position.
+    Length,
+    /// By its tension: the drive gives a current.
+    Tension,
+}
+
+/// One cable in machine units.
+#[derive(Debug, Clone, Copy)]
+pub struct CableConfig {
+    /// How it is held.
+    pub control: Control,
+    /// Counts to length, without the reference.
+    pub scale: LengthScale,
+    /// Largest believable change of the encoder in a tick, counts.
+    pub max_encoder_step: u16,
+    /// Motor counts per 0.1 µm of length, 32 fractional bits, signed.
+    pub motor_per_length_q32: i64,
+    /// Motor rpm per µm/s, 32 fractional bits, positive.
+    pub rpm_per_speed_q32: i64,
+    /// Whether the motor counts down as the cable pays out.
+    pub motor_reversed: bool,
+    /// Largest motor speed, rpm.
+    pub max_rpm: u16,
+    /// Largest motor current, mA.
+    pub max_current_ma: i32,
+    /// mA per mN of force that reels in, 24 fractional bits, signed.
+    pub current_per_force_q24: i64,
+    /// mN per ADC step, 24 fractional bits.
+    pub tension_per_adc_q24: i64,
+    /// mN at 0 V, 24 fractional bits, subtracted.
+    pub tension_zero_q24: i64,
+    /// Full scale of the sensor, mN.
+    pub tension_max_mn: i32,
+    /// Floor, mN.
+    pub floor_mn: i32,
+    /// Ceiling, mN.
+    pub ceiling_mn: i32,
+    /// Law.
+    pub law: TensionLaw,
+    /// Proportional gain, thousandths.
+    pub kp_milli: i32,
+    /// Derivative gain, µs.
+    pub kd_us: i32,
+    /// Integral gain, 1/s, thousandths.
+    pub ki_milli: i32,
+    /// Damping, mN s/m.
+    pub damping_mns_per_m: i32,
+    /// Share of a new tension sample in the filter, 16 fractional bits.
+    pub filter_alpha_q16: i32,
+    /// Coulomb friction, mN.
+    pub friction_mn: i32,
+    /// Effective mass, g.
+    pub mass_g: i32,
+    /// Lead of position commands, µs.
+    pub lead_us: i32,
+    /// Time the brake takes to close, ms.
+    pub brake_close_ms: u16,
+    /// Largest following error, 0.1 µm.
+    pub following_error: i32,
+    /// Largest speed, µm/s.
+    pub max_speed_umps: i32,
+    /// Shortest length, 0.1 µm.
+    pub length_min: i32,
+    /// Longest length, 0.1 µm.
+    pub length_max: i32,
+}
+
+/// A configuration in use.
+#[derive(Debug, Clone)]
+pub struct Active<const N: usize> {
+    /// What host and board agreed on.
+    pub hash: ConfigHash,
+    /// Drives.
+    pub drive_kind: DriveKind,
+    /// Time between commands to one drive, µs.
+    pub bus_period_us: u32,
+    /// Duration of a coordinated stop, ms.
+    pub stop_ms: u32,
+    /// Time a residual may be over its limit, ms.
+    pub residual_ms: u16,
+    /// Time for drives to enable, ms.
+    pub enable_ms: u32,
+    /// Age at which feedback counts as lost, ms.
+    pub feedback_timeout_ms: u16,
+    /// Cable by cable.
+    pub cables: [CableConfig; N],
+}
+
+/// Longest coordinated stop, ms.
+const MAX_STOP_MS: i32 = 300;
+
+impl<const N: usize> ConfigStore<N> {
+    /// Forgets everything and expects `entries` entries.
+    ///
+    /// # Errors
+    /// [`Reject::ConfigSequence`] for none or more than exist.
+    pub fn begin(&mut self, entries: u16) -> Result<(), Reject> {
+        let most = BoardKey::ALL.len() + N * CableKey::ALL.len();
+        if entries == 0 || usize::from(entries) > most {
+            return Err(Reject::ConfigSequence);
+        }
+        *self = Self {
+            announced: entries,
+            ..Self::default()
+        };
+        Ok(())
+    }
+
+    /// Takes some entries, in ascending order of keys.
+    ///
+    /// # Errors
+    /// [`Reject::ConfigSequence`] out of order or beyond the announced count;
+    /// [`Reject::ConfigUnknownKey`].
+    pub fn put(&mut self, entries: &[ConfigEntry]) -> Result<(), Reject> {
+        for entry in entries {
+            if self.last_key.is_some_and(|last| last >= entry.key)
+                || self.received >= self.announced
+            {
+                return Err(Reject::ConfigSequence);
+            }
+            let unknown = Reject::ConfigUnknownKey { key: entry.key.0 };
+            let slot = match entry.key.meaning().ok_or(unknown)? {
+                KeyMeaning::Board(key) => self.board.get_mut(key as usize - 1),
+                KeyMeaning::Cable(index, key) => self
+                    .cables
+                    .get_mut(usize::from(index))
+                    .and_then(|fields| fields.get_mut(key as usize - 1)),
+            };
+            *slot.ok_or(unknown)? = Some(entry.value);
+            self.last_key = Some(entry.key);
+            self.received += 1;
+        }
+        Ok(())
+    }
+
+    /// Checks and builds.
+    ///
+    /// # Errors
+    /// [`Reject::ConfigSequence`] where entries are missing, [`Reject::ConfigHash`] where the
+    /// hashes differ, [`Reject::ConfigValue`] naming the first key that is missing or senseless.
+    pub fn build(&self, host: ConfigHash) -> Result<Active<N>, Reject> {
+        if self.announced == 0 || self.received != self.announced {
+            return Err(Reject::ConfigSequence);
+        }
+        let board = config_hash(self.entries());
+        if board != host {
+            return Err(Reject::ConfigHash { board, host });
+        }
+        let key = |key: BoardKey, low: i32, high: i32| {
+            let value = self.board.get(key as usize - 1).copied().flatten();
+            checked(ConfigKey::board(key), value, low, high)
+        };
+        let cables = key(BoardKey::Cables, 1, 8)?;
+        let expected = u8::try_from(N).unwrap_or(u8::MAX);
+        if cables != i32::from(expected) {
+            let got = u8::try_from(cables).unwrap_or(u8::MAX);
+            return Err(Reject::CableCount { expected, got });
+        }
+        let drive_kind = match key(BoardKey::DriveKind, 0, 2)? {
+            1 => DriveKind::Rmds,
+            2 => DriveKind::Cia402,
+            _ => DriveKind::None,
+        };
+        key(BoardKey::BusBitrate, 125_000, 1_000_000)?;
+        let mut built = [None; N];
+        for (index, slot) in (0_u8..).zip(built.iter_mut()) {
+            *slot = Some(self.build_cable(index)?);
+        }
+        let missing = Reject::ConfigSequence;
+        let first = built.first().copied().flatten().ok_or(missing)?;
+        Ok(Active {
+            hash: board,
+            drive_kind,
+            bus_period_us: key(BoardKey::BusPeriodUs, 500, 20_000)?.cast_unsigned(),
+            stop_ms: key(BoardKey::StopMs, 20, MAX_STOP_MS)?.cast_unsigned(),
+            residual_ms: small(key(BoardKey::ResidualMs, 1, 10_000)?),
+            enable_ms: key(BoardKey::EnableMs, 0, 10_000)?.cast_unsigned(),
+            feedback_timeout_ms: small(key(BoardKey::FeedbackTimeoutMs, 2, 1000)?),
+            cables: built.map(|cable| cable.unwrap_or(first)),
+        })
+    }
+
+    fn entries(&self) -> impl Iterator<Item = ConfigEntry> + '_ {
+        let board = BoardKey::ALL.iter().zip(self.board.iter());
+        let board = board.filter_map(|(key, value)| {
+            value.map(|value| ConfigEntry {
+                key: ConfigKey::board(*key),
+                value,
+            })
+        });
+        let cables = (0_u8..).zip(self.cables.iter());
+        board.chain(cables.flat_map(|(index, fields)| {
+            let fields = CableKey::ALL.iter().zip(fields.iter());
+            fields.filter_map(move |(key, value)| {
+                value.map(|value| ConfigEntry {
+                    key: ConfigKey::cable(index, *key),
+                    value,
+                })
+            })
+        }))
+    }
+
+    fn build_cable(&self, index: u8) -> Result<CableConfig, Reject> {
+        let fields = self.cables.get(usize::from(index));
+        let key = |key: CableKey, low: i32, high: i32| {
+            let value = fields.and_then(|fields| fields.get(key as usize - 1).copied().flatten());
+            checked(ConfigKey::cable(index, key), value, low, high)
+        };
+        let refuse = |key: CableKey| Reject::ConfigValue {
+            key: ConfigKey::cable(index, key).0,
+        };
+        // 1 mm to 500 mm keeps every product below in 64 bits.
+        let radius = key(CableKey::DrumRadius, 10_000, 5_000_000)?;
+        let circumference_q8 = i64::from(radius) * 256 * 6_283_185_307 / 1_000_000_000;
+        let counts = key(CableKey::EncoderCountsPerTurn, 16, 1_000_000)?;
+        let sign = key(CableKey::EncoderSign, -1, 1)?;
+        if sign == 0 {
+            return Err(refuse(CableKey::EncoderSign));
+        }
+        let per_count_q24 = i64::from(sign) * (circumference_q8 << 16) / i64::from(counts);
+        let motor_counts = key(CableKey::MotorCountsPerTurn, -8_000_000, 8_000_000)?;
+        if motor_counts == 0 {
+            return Err(refuse(CableKey::MotorCountsPerTurn));
+        }
+        let per_rev = key(CableKey::MotorCountsPerRev, 4, 1_000_000)?;
+        let motor_per_length_q32 = (i64::from(motor_counts) << 40) / circumference_q8;
+        // µm/s to rpm: ten 0.1 µm per µm, 60 s per minute.
+        let rpm_per_speed_q32 = motor_per_length_q32.abs() / i64::from(per_rev) * 600;
+        let force = key(CableKey::ForcePerCurrent, -100_000_000, 100_000_000)?;
+        if force == 0 {
+            return Err(refuse(CableKey::ForcePerCurrent));
+        }
+        let gain = i64::from(key(CableKey::TensionGain, 1, 10_000_000)?);
+        let zero_uv = i64::from(key(CableKey::TensionZeroUv, -3_300_000, 3_300_000)?);
+        let tension_max_mn = key(CableKey::TensionMax, 1, 10_000_000)?;
+        let floor_mn = key(CableKey::TensionFloor, 0, tension_max_mn)?;
+        let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, tension_max_mn)?;
+        let max_speed_umps = key(CableKey::MaxSpeed, 1, 20_000_000)?;
+        let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
+        // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
+        let w_dt_q24 = filter_mhz * 105_414_357 / 1_000_000;
+        let alpha_q16 = (w_dt_q24 << 16) / ((1 << 24) + w_dt_q24);
+        let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
+        // One millisecond at one and a half times the largest speed, and a count of rounding.
+        let step = i64::from(max_speed_umps) * 15 * (1 << 24) / 1000 / per_count_q24.abs() + 2;
+        Ok(CableConfig {
+            control: match key(CableKey::Control, 0, 1)? {
+                0 => Control::Length,
+                _ => Control::Tension,
+            },
+            scale: LengthScale {
+                per_count_q24,
+                ..LengthScale::default()
+            },
+            max_encoder_step: u16::try_from(step.min(16_000)).unwrap_or(16_000),
+            motor_per_length_q32,
+            rpm_per_speed_q32,
+            motor_reversed: motor_counts < 0,
+            max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
+            max_current_ma: key(CableKey::MaxCurrentMa, 1, 32_000)?,
+            current_per_force_q24: (1000 << 24) / i64::from(force),
+            // 65,536 steps are 3.3 V: k[mN/V] * 3.3 / 65,536 in 24 fractional bits.
+            tension_per_adc_q24: gain * 8448 / 10,
+            tension_zero_q24: ((gain * zero_uv / 1000) << 24) / 1000,
+            tension_max_mn,
+            floor_mn,
+            ceiling_mn,
+            law: match key(CableKey::TensionLaw, 0, 1)? {
+                0 => TensionLaw::Pd,
+                _ => TensionLaw::Default,
+            },
+            kp_milli: key(CableKey::TensionKp, 0, 1_000_000)?,
+            kd_us: key(CableKey::TensionKd, 0, 10_000_000)?,
+            ki_milli: key(CableKey::TensionKi, 0, 10_000_000)?,
+            damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000)?,
+            filter_alpha_q16: crate::fixed::saturate(alpha_q16),
+            friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
+            mass_g: key(CableKey::DrumMass, 0, 100_000_000)?,
+            lead_us: key(CableKey::LeadUs, 0, 100_000)?,
+            brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)?),
+            following_error: key(CableKey::FollowingError, 10, 1_000_000)? * 10,
+            max_speed_umps,
+            length_min,
+            length_max: key(CableKey::LengthMax, length_min, 2_000_000_000)?,
+        })
+    }
+}
+
+fn checked(key: ConfigKey, value: Option<i32>, low: i32, high: i32) -> Result<i32, Reject> {
+    value
+        .filter(|value| (low..=high).contains(value))
+        .ok_or(Reject::ConfigValue { key: key.0 })
+}
+
+/// A value that was just checked to be small.
+fn small(value: i32) -> u16 {
+    u16::try_from(value).unwrap_or(u16::MAX)
+}

@@ -1,0 +1,530 @@
+//! One tick of the board: measure, watch, move, command; and the requests in between.
+
+use crate::arming::{Arming, Phase};
+use crate::axis::{Axis, Target, motor_speed_umps};
+use crate::config::{Active, ConfigStore, Control};
+use crate::encoder::{Encoder, LengthScale, Sampled};
+use crate::io::{Brake, DriveDemand, Inputs, Outputs};
+use crate::motion::{CAPACITY, Motion, Progress};
+use crate::segment::{Point, StoredKnot, StoredRow};
+use crate::supervisor::{self, Event, State, transition};
+use crate::tension::{Demand, TensionLoop, measured_mn};
+use crate::watch::{CableView, CableWatch, Heartbeat, Latch, LinkHealth, Persist};
+use mcdpr_protocol::{
+    FaultId, FaultRecord, Info, Knot, Limit, Limits, List, Millinewtons, PerCable, Reject, Reply,
+    Request, ResidualRow, Status, StopKind, TenthMicrometres, Tick,
+};
+
+mod requests;
+
+/// Torque is held this long after the brakes have closed, ms.
+const HOLD_TORQUE_MS: u16 = 150;
+/// Control ticks per second.
+const TICKS_PER_SECOND: u16 = 1000;
+/// A motion may start this far from the set-point, 0.1 µm (K4).
+const START_TOLERANCE: i32 = 50;
+/// Tension may leave its expected value by this before it is advice, mN.
+const TENSION_WARN_MN: i32 = 3000;
+
+/// What the controller knows of one cable.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cable {
+    encoder: Encoder,
+    scale: LengthScale,
+    length: i32,
+    tension_mn: i32,
+    axis: Axis,
+    tension_loop: TensionLoop,
+    watch: CableWatch,
+    target: Target,
+    /// Set-point or expected tension, mN.
+    setpoint_mn: i32,
+    /// Tension that the static model expects at the reference, mN.
+    reference_mn: i32,
+    /// The encoder can not be trusted.
+    lost: bool,
+}
+
+/// The control core of one board with `N` winches.
+#[derive(Debug, Clone)]
+pub struct Controller<const N: usize> {
+    state: State,
+    now: Tick,
+    store: ConfigStore<N>,
+    active: Option<Active<N>>,
+    cables: [Cable; N],
+    motion: Motion<N>,
+    rows: [StoredRow<N>; ResidualRow::PER_KNOT],
+    residuals: [Persist; ResidualRow::PER_KNOT],
+    arming: Arming,
+    heartbeat: Heartbeat,
+    latch: Latch,
+    limits: Limits,
+    referenced: bool,
+    overruns: u32,
+    late_ticks: Persist,
+    /// Ticks since the brakes were told to close while stopping.
+    closing: Option<u16>,
+    gripper_closed: bool,
+    gripper_switch: bool,
+    e_stop: bool,
+    outputs: Outputs<N>,
+    currents_ma: [i16; N],
+}
+
+impl<const N: usize> Default for Controller<N> {
+    fn default() -> Self {
+        Self {
+            state: State::Boot,
+            now: Tick(0),
+            store: ConfigStore::default(),
+            active: None,
+            cables: [Cable::default(); N],
+            motion: Motion::default(),
+            rows: [StoredRow::default(); ResidualRow::PER_KNOT],
+            residuals: [Persist::default(); ResidualRow::PER_KNOT],
+            arming: Arming::default(),
+            heartbeat: Heartbeat::default(),
+            latch: Latch::default(),
+            limits: Limits::default(),
+            referenced: false,
+            overruns: 0,
+            late_ticks: Persist::default(),
+            closing: None,
+            gripper_closed: false,
+            gripper_switch: false,
+            e_stop: false,
+            outputs: Outputs::default(),
+            currents_ma: [0; N],
+        }
+    }
+}
+
+impl<const N: usize> Controller<N> {
+    /// What the board does.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// Whether drives may give torque.
+    #[must_use]
+    pub const fn is_armed(&self) -> bool {
+        supervisor::may_give_torque(self.state)
+    }
+
+    /// How long ago the host showed life.
+    #[must_use]
+    pub fn link_health(&self, now: Tick) -> LinkHealth {
+        self.heartbeat.health(now)
+    }
+
+    /// The latched fault.
+    #[must_use]
+    pub const fn fault(&self) -> Option<FaultRecord> {
+        self.latch.get()
+    }
+
+    /// One control tick: what the board must do now. `now` advances by one per call.
+    pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
+        self.now = now;
+        self.limits = Limits::default();
+        self.e_stop = inputs.e_stop;
+        self.gripper_switch = inputs.gripper_switch;
+        self.raise(Event::Booted);
+        if inputs.e_stop && self.state != State::EStop {
+            self.latch_fault(FaultId::P7, 0, 0, 0);
+            self.raise(Event::EStopPressed);
+        } else if !inputs.e_stop {
+            self.raise(Event::EStopReleased);
+        }
+        self.measure(inputs);
+        if self.is_armed() {
+            self.watch(inputs);
+            self.watch_link();
+            self.act(inputs);
+        }
+        self.outputs = self.command(inputs);
+        self.outputs
+    }
+
+    fn raise(&mut self, event: Event) -> bool {
+        let Some(next) = transition(self.state, event, self.latch.get().is_some()) else {
+            return false;
+        };
+        if next != self.state {
+            self.enter(next);
+        }
+        true
+    }
+
+    fn enter(&mut self, next: State) {
+        let stop_ms = self.active.as_ref().map_or(1, |active| active.stop_ms);
+        match next {
+            State::Arming => {
+                self.arming = Arming::default();
+                self.motion.clear();
+                self.rows = Default::default();
+                for cable in &mut self.cables {
+                    cable.watch = CableWatch::default();
+                }
+            }
+            State::Moving => self.motion.run(stop_ms),
+            State::Pausing => self.motion.brake(stop_ms),
+            State::Stopping => {
+                self.motion.brake(stop_ms);
+                self.closing = None;
+            }
+            State::Disarmed | State::Fault | State::EStop => self.motion.clear(),
+            State::Boot | State::Holding => {}
+        }
+        self.state = next;
+    }
+
+    fn latch_fault(&mut self, fault: FaultId, cable: u8, value: i32, limit: i32) {
+        self.latch.set(FaultRecord {
+            fault,
+            cable,
+            tick: self.now,
+            value,
+            limit,
+        });
+    }
+
+    fn trip(&mut self, fault: FaultId, cable: u8, value: i32, limit: i32) {
+        self.latch_fault(fault, cable, value, limit);
+        self.raise(supervisor::reaction(fault).event());
+    }
+
+    fn measure(&mut self, inputs: &Inputs<N>) {
+        let configs = self.active.as_ref().map(|active| &active.cables);
+        let readings = inputs.encoders.iter().zip(&inputs.tension_adc);
+        let readings = readings.zip(&inputs.drives);
+        for (index, (cable, ((&encoder, &adc), drive))) in
+            self.cables.iter_mut().zip(readings).enumerate()
+        {
+            let config = configs.and_then(|configs| configs.get(index));
+            let max_step = config.map_or(u16::MAX / 2, |config| config.max_encoder_step);
+            cable.lost = cable.encoder.sample(encoder, max_step) == Sampled::Lost;
+            if let Some(config) = config {
+                cable.length = cable.scale.length(cable.encoder.counts()).0;
+                cable.tension_mn = measured_mn(config, adc);
+            }
+            if let Some(slot) = self.currents_ma.get_mut(index) {
+                *slot = drive.current_ma;
+            }
+        }
+    }
+
+    fn watch(&mut self, inputs: &Inputs<N>) {
+        self.overruns = self.overruns.wrapping_add(u32::from(inputs.overrun));
+        if self.late_ticks.update(inputs.overrun, 2) {
+            self.trip(FaultId::P5, 0, 2, 1);
+        }
+        let Some(active) = &self.active else { return };
+        let free = !self.outputs.brakes.contains(&Brake::Closed);
+        let moving = free && self.arming.phase() == Phase::Done;
+        let mut found = None;
+        let readings = inputs.drives.iter().zip(&inputs.tension_adc);
+        let configs = active.cables.iter().zip(readings);
+        for (number, (cable, (config, (drive, &adc)))) in
+            (1_u8..).zip(self.cables.iter_mut().zip(configs))
+        {
+            if !moving {
+                continue;
+            }
+            let held_by_length = config.control == Control::Length;
+            let error = cable.target.length.saturating_sub(cable.length);
+            let wanted = cable.axis.counts(config, &cable.target);
+            let behind = wanted.wrapping_sub(drive.counts);
+            let motor_error = (i64::from(behind) << 32) / config.motor_per_length_q32;
+            let view = CableView {
+                adc,
+                tension_mn: cable.tension_mn,
+                floor_mn: config.floor_mn,
+                ceiling_mn: config.ceiling_mn,
+                length_error: if held_by_length { error } else { 0 },
+                length_error_max: config.following_error,
+                motor_error: crate::fixed::saturate(motor_error),
+                saturated: cable.tension_loop.saturated,
+                feedback_age_ms: drive.age_ms,
+                feedback_timeout_ms: active.feedback_timeout_ms,
+                drive_fault: drive.fault,
+            };
+            let fault = cable.watch.update(&view);
+            if cable.watch.slackens() {
+                self.limits.insert(Limit::CableSlack);
+            }
+            if view.saturated {
+                self.limits.insert(Limit::CurrentSaturated);
+            }
+            if cable.axis.trim_saturated() {
+                self.limits.insert(Limit::TrimSaturated);
+            }
+            if (cable.tension_mn - cable.setpoint_mn).abs() > TENSION_WARN_MN {
+                self.limits.insert(Limit::TensionOff);
+            }
+            let fault = fault.or_else(|| cable.lost.then_some((FaultId::S6, 0, 0)));
+            if found.is_none() {
+                found = fault.map(|(fault, value, limit)| (fault, number, value, limit));
+            }
+        }
+        let residual = self.watch_residuals(moving);
+        if let Some((fault, cable, value, limit)) = found.or(residual) {
+            self.trip(fault, cable, value, limit);
+        }
+    }
+
+    fn watch_residuals(&mut self, moving: bool) -> Option<(FaultId, u8, i32, i32)> {
+        let ticks = self.active.as_ref()?.residual_ms;
+        let mut found = None;
+        for (row, persist) in self.rows.iter().zip(self.residuals.iter_mut()) {
+            let mut sum_q8 = 0_i64;
+            let coefficients = row.lengths.iter().zip(&row.tensions);
+            for (cable, (&by_length, &by_tension)) in self.cables.iter().zip(coefficients) {
+                let length = i64::from(cable.length.saturating_sub(cable.target.length));
+                let tension = i64::from(cable.tension_mn.saturating_sub(cable.setpoint_mn));
+                // 0.1 µm and 1/4096 against µm and 1/256.
+                sum_q8 += length * i64::from(by_length) * 256
+                    / i64::from(10 * ResidualRow::LENGTH_SCALE)
+                    + tension * i64::from(by_tension) * 256 / i64::from(ResidualRow::TENSION_SCALE);
+            }
+            let residual_um = crate::fixed::saturate(sum_q8 >> 8);
+            let active = moving && row.limit_um > 0;
+            if active && residual_um.abs() > row.limit_um / 2 {
+                self.limits.insert(Limit::ResidualHigh);
+            }
+            let over = active && residual_um.abs() > row.limit_um;
+            if persist.update(over, ticks) {
+                found = Some((FaultId::S5, 0, residual_um, row.limit_um));
+            }
+        }
+        found
+    }
+
+    fn watch_link(&mut self) {
+        match self.heartbeat.health(self.now) {
+            LinkHealth::Good => {}
+            LinkHealth::Late => self.limits.insert(Limit::HeartbeatLate),
+            LinkHealth::Lost => {
+                self.limits.insert(Limit::HeartbeatLate);
+                self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
+            }
+            LinkHealth::Expired => {
+                self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
+                self.raise(Event::Stop);
+            }
+        }
+    }
+
+    fn act(&mut self, inputs: &Inputs<N>) {
+        let Some(stop_ms) = self.active.as_ref().map(|active| active.stop_ms) else {
+            return;
+        };
+        match self.state {
+            State::Arming => self.act_arming(inputs),
+            State::Moving | State::Pausing => {
+                self.follow(stop_ms);
+                if self.state == State::Moving && !self.motion.covers_a_stop(stop_ms) {
+                    self.limits.insert(Limit::BufferShort);
+                }
+            }
+            State::Stopping => {
+                if self.closing.is_none() && self.follow(stop_ms) {
+                    self.closing = Some(0);
+                }
+                self.close_brakes();
+            }
+            _ => {}
+        }
+    }
+
+    fn act_arming(&mut self, inputs: &Inputs<N>) {
+        let expected = self.cables.map(|cable| cable.reference_mn);
+        let Some(active) = &self.active else { return };
+        let before = self.arming.phase();
+        match self.arming.tick(active, inputs, &expected) {
+            Err((fault, cable, value, limit)) => self.trip(fault, cable, value, limit),
+            Ok(Phase::Preload) if before == Phase::Enabling => self.take_up(inputs),
+            Ok(Phase::Done) => {
+                self.raise(Event::Armed);
+            }
+            Ok(_) => {}
+        }
+    }
+
+    /// Torque comes on where the robot is: nothing jumps.
+    fn take_up(&mut self, inputs: &Inputs<N>) {
+        for (cable, drive) in self.cables.iter_mut().zip(&inputs.drives) {
+            cable.target = Target {
+                length: cable.length,
+                ..Target::default()
+            };
+            cable.axis = Axis::zeroed(drive.counts, cable.length);
+            cable.tension_loop = TensionLoop::at(cable.tension_mn);
+            cable.setpoint_mn = cable.reference_mn;
+        }
+    }
+
+    /// Follows the motion for a tick; whether it is at rest.
+    fn follow(&mut self, stop_ms: u32) -> bool {
+        let Some(sample) = self.motion.tick(stop_ms) else {
+            self.rest();
+            return true;
+        };
+        let planned = sample.points.iter().zip(&sample.tensions);
+        for (cable, (point, &tension)) in self.cables.iter_mut().zip(planned) {
+            cable.target = target(point);
+            cable.setpoint_mn = tension;
+        }
+        self.rows = sample.rows;
+        match sample.progress {
+            Progress::Under => return false,
+            Progress::Done => {
+                self.motion.clear();
+                self.raise(Event::MotionDone);
+                self.raise(Event::AtRest);
+            }
+            Progress::Paused => {
+                self.raise(Event::AtRest);
+            }
+            Progress::RanEmpty => {
+                self.trip(FaultId::K6, 0, 0, 0);
+                return false;
+            }
+            Progress::Stopped => {
+                self.motion.clear();
+                self.raise(Event::AtRest);
+            }
+        }
+        self.rest();
+        true
+    }
+
+    fn rest(&mut self) {
+        for cable in &mut self.cables {
+            cable.target.speed_umps = 0;
+            cable.target.acceleration_umps2 = 0;
+        }
+    }
+
+    /// Brakes close under torque, torque is held, then it goes.
+    fn close_brakes(&mut self) {
+        let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
+            return;
+        };
+        let slowest = active.cables.iter().map(|cable| cable.brake_close_ms).max();
+        if ticks >= slowest.unwrap_or(0).saturating_add(HOLD_TORQUE_MS) {
+            self.raise(Event::TorqueOff);
+        } else {
+            self.closing = Some(ticks + 1);
+        }
+    }
+
+    fn command(&mut self, inputs: &Inputs<N>) -> Outputs<N> {
+        let mut outputs = Outputs {
+            gripper_closed: self.gripper_closed,
+            ..Outputs::default()
+        };
+        let Some(active) = self.active.as_ref().filter(|_| self.is_armed()) else {
+            return outputs;
+        };
+        let phase = self.arming.phase();
+        let brake = match (self.state, self.closing, phase) {
+            (State::Stopping, Some(_), _) => Brake::Closed,
+            (_, _, Phase::Enabling | Phase::Preload) => Brake::Closed,
+            _ => Brake::Open,
+        };
+        let torque = phase != Phase::Enabling;
+        let slots = outputs.drives.iter_mut().zip(&mut outputs.brakes);
+        let slots = slots.zip(active.cables.iter().zip(&inputs.drives));
+        for (cable, ((demand, brake_slot), (config, drive))) in self.cables.iter_mut().zip(slots) {
+            // A drive that is gone holds nothing: its brake does, now, whatever the others do.
+            let gone = torque && drive.age_ms >= active.feedback_timeout_ms;
+            *brake_slot = if gone { Brake::Closed } else { brake };
+            *demand = match (config.control, torque) {
+                (Control::Length, false) => DriveDemand::EnablePosition,
+                (Control::Tension, false) => DriveDemand::EnableCurrent,
+                (Control::Length, true) => {
+                    if brake == Brake::Open {
+                        let error = cable.target.length.saturating_sub(cable.length);
+                        cable.axis.trim(config, error);
+                    }
+                    DriveDemand::Position {
+                        counts: cable.axis.counts(config, &cable.target),
+                        rpm: Axis::rpm(config, &cable.target),
+                    }
+                }
+                (Control::Tension, true) => {
+                    let measured = Demand {
+                        setpoint_mn: cable.setpoint_mn,
+                        measured_mn: cable.tension_mn,
+                        planned_speed_umps: cable.target.speed_umps,
+                        planned_acceleration_umps2: cable.target.acceleration_umps2,
+                        measured_speed_umps: motor_speed_umps(config, drive),
+                    };
+                    let ma = cable.tension_loop.update(config, &measured);
+                    DriveDemand::Current {
+                        ma: crate::fixed::saturate_i16(ma),
+                    }
+                }
+            };
+        }
+        outputs
+    }
+
+    /// Lengths (0.1 µm), tensions (mN) and motor currents (mA) of this tick.
+    #[must_use]
+    pub fn measured(&self) -> [(i32, i32, i16); N] {
+        let mut rows = [(0, 0, 0); N];
+        let values = self.cables.iter().zip(self.currents_ma);
+        for (row, (cable, current)) in rows.iter_mut().zip(values) {
+            *row = (cable.length, cable.tension_mn, current);
+        }
+        rows
+    }
+
+    /// Path time of the motion under way, ms.
+    #[must_use]
+    pub fn path_ms(&self) -> u32 {
+        self.motion.path_ms()
+    }
+
+    /// State for a host; the counters of the link are the server's.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        let bits = |values: &[bool]| {
+            let pairs = (0_u8..8).zip(values);
+            pairs.fold(0_u8, |bits, (bit, &set)| bits | (u8::from(set) << bit))
+        };
+        let each = |value: fn(&Cable) -> i32| self.cables.iter().map(value);
+        Status {
+            tick: self.now,
+            state: self.state,
+            path_ms: self.motion.path_ms(),
+            setpoints: PerCable::collect(each(|c| c.target.length).map(TenthMicrometres)),
+            lengths: PerCable::collect(each(|c| c.length).map(TenthMicrometres)),
+            tensions: PerCable::collect(each(|c| c.tension_mn).map(Millinewtons)),
+            knots_free: self.motion.free(),
+            next_knot: self.motion.next_index(),
+            fault: self.latch.get(),
+            limits: self.limits,
+            config: self.active.as_ref().map(|active| active.hash),
+            referenced: self.referenced,
+            brakes_open: bits(&self.outputs.brakes.map(|brake| brake == Brake::Open)),
+            torque_on: bits(&self.outputs.drives.map(DriveDemand::gives_torque)),
+            gripper_closed: self.gripper_closed,
+            gripper_switch: self.gripper_switch,
+            tick_overruns: self.overruns,
+            ..Status::default()
+        }
+    }
+}
+
+fn target(point: &Point) -> Target {
+    Target {
+        length: point.length(),
+        speed_umps: point.velocity_umps,
+        acceleration_umps2: point.acceleration_umps2,
+    }
+}

@@ -1,0 +1,361 @@
+//! What a host may ask, and when: every refusal leaves everything as it was.
+
+use super::{
+    Active, CAPACITY, ConfigStore, Controller, Event, FaultId, Info, Knot, List, Motion, PerCable,
+    Reject, Reply, Request, START_TOLERANCE, State, StopKind, StoredKnot, TICKS_PER_SECOND, Tick,
+};
+use crate::watch::LinkHealth;
+use mcdpr_protocol::{CableKnot, Millinewtons, TenthMicrometres};
+
+/// Largest length that makes sense, 0.1 µm (200 m).
+const LENGTH_LIMIT: i32 = 2_000_000_000;
+
+impl<const N: usize> Controller<N> {
+    /// Answers one request of the session that holds the board.
+    ///
+    /// # Errors
+    /// Why it was refused; nothing changed then.
+    pub fn handle(&mut self, now: Tick, request: &Request) -> Result<Reply, Reject> {
+        match request {
+            Request::Info => Ok(Reply::Info(Self::info())),
+            Request::Status => Ok(Reply::Status(self.status())),
+            Request::Open | Request::Close => self.handle_claim(now, request),
+            Request::Heartbeat { host_time_us } => {
+                self.heartbeat.beat(now);
+                Ok(Reply::Beat {
+                    host_time_us: *host_time_us,
+                    tick: now,
+                    state: self.state,
+                })
+            }
+            Request::Stop(kind) => Ok(self.handle_stop(*kind)),
+            Request::ConfigBegin { entries } => {
+                self.only_in(&[State::Disarmed, State::Fault])?;
+                self.store.begin(*entries).map(|()| Reply::Done)
+            }
+            Request::ConfigPut { entries } => {
+                self.only_in(&[State::Disarmed, State::Fault])?;
+                self.store.put(entries).map(|()| Reply::Done)
+            }
+            Request::ConfigCommit { hash } => {
+                self.only_in(&[State::Disarmed, State::Fault])?;
+                let active = self.store.build(*hash)?;
+                self.store = ConfigStore::default();
+                self.take_config(active);
+                Ok(Reply::Configured { hash: *hash })
+            }
+            Request::Reference { lengths, tensions } => self.handle_reference(lengths, tensions),
+            Request::Arm { config_hash } => {
+                self.possible(Event::Arm)?;
+                let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
+                if active.hash != *config_hash {
+                    return Err(Reject::ConfigHash {
+                        board: active.hash,
+                        host: *config_hash,
+                    });
+                }
+                if !self.referenced {
+                    return Err(Reject::NotReferenced);
+                }
+                self.no_fault()?;
+                self.heartbeat.beat(now);
+                self.raise(Event::Arm);
+                Ok(Reply::Done)
+            }
+            Request::Disarm => {
+                self.only_in(&[State::Arming, State::Holding, State::Disarmed])?;
+                self.raise(Event::Stop);
+                Ok(Reply::Done)
+            }
+            Request::Knot(knot) => self.handle_knot(knot),
+            Request::Start => {
+                self.possible(Event::Start)?;
+                self.no_fault()?;
+                if !self.motion.is_fresh() {
+                    return Err(Reject::NothingToStart);
+                }
+                self.raise(Event::Start);
+                Ok(Reply::Done)
+            }
+            Request::Resume => {
+                self.possible(Event::Resume)?;
+                self.no_fault()?;
+                if !self.motion.is_paused() {
+                    return Err(Reject::NothingToStart);
+                }
+                self.raise(Event::Resume);
+                Ok(Reply::Done)
+            }
+            Request::Discard => {
+                self.only_in(&[State::Disarmed, State::Holding, State::Fault])?;
+                self.motion = Motion::default();
+                Ok(Reply::Done)
+            }
+            Request::ClearFault => self.handle_clear(now),
+            Request::Samples { .. } => Err(Reject::Unsupported),
+            Request::Gripper { closed } => {
+                self.gripper_closed = *closed;
+                Ok(Reply::Done)
+            }
+        }
+    }
+
+    fn info() -> Info {
+        Info {
+            cables: u8::try_from(N).unwrap_or(u8::MAX),
+            knot_capacity: u8::try_from(CAPACITY).unwrap_or(u8::MAX),
+            ticks_per_second: TICKS_PER_SECOND,
+            drive_kinds: 0b10,
+            simulated: false,
+            last_panic: List::new(),
+        }
+    }
+
+    fn only_in(&self, states: &[State]) -> Result<(), Reject> {
+        if states.contains(&self.state) {
+            Ok(())
+        } else {
+            Err(Reject::WrongState { state: self.state })
+        }
+    }
+
+    fn possible(&self, event: Event) -> Result<(), Reject> {
+        crate::supervisor::transition(self.state, event, self.latch.get().is_some())
+            .map(|_| ())
+            .ok_or(Reject::WrongState { state: self.state })
+    }
+
+    fn no_fault(&self) -> Result<(), Reject> {
+        self.latch
+            .get()
+            .map_or(Ok(()), |record| Err(Reject::Faulted { record }))
+    }
+
+    /// The server keeps sessions; the controller only says whether a claim may change hands.
+    fn handle_claim(&mut self, now: Tick, request: &Request) -> Result<Reply, Reject> {
+        if matches!(request, Request::Close) {
+            self.only_in(&[State::Disarmed, State::Fault, State::EStop])?;
+        } else if self.is_armed() {
+            return Err(Reject::SessionHeld);
+        } else {
+            self.heartbeat.beat(now);
+        }
+        Ok(Reply::Done)
+    }
+
+    fn handle_stop(&mut self, kind: StopKind) -> Reply {
+        self.raise(match kind {
+            StopKind::Hold => Event::Hold,
+            StopKind::Stop => Event::Stop,
+            StopKind::Emergency => Event::Emergency,
+        });
+        Reply::Done
+    }
+
+    fn take_config(&mut self, active: Active<N>) {
+        for (cable, config) in self.cables.iter_mut().zip(&active.cables) {
+            cable.scale = config.scale;
+        }
+        self.active = Some(active);
+        // Lengths were counted with the old scale.
+        self.referenced = false;
+    }
+
+    fn handle_reference(
+        &mut self,
+        lengths: &PerCable<TenthMicrometres>,
+        tensions: &PerCable<Millinewtons>,
+    ) -> Result<Reply, Reject> {
+        self.only_in(&[State::Disarmed, State::Fault])?;
+        if self.active.is_none() {
+            return Err(Reject::NotConfigured);
+        }
+        Self::count(lengths.len())?;
+        Self::count(tensions.len())?;
+        for (number, (length, tension)) in (1..).zip(lengths.iter().zip(tensions.iter())) {
+            if length.0.saturating_abs() > LENGTH_LIMIT {
+                return Err(Reject::KnotLength { cable: number });
+            }
+            if tension.0.saturating_abs() > 10_000_000 {
+                return Err(Reject::KnotTension { cable: number });
+            }
+        }
+        let values = lengths.iter().zip(tensions.iter());
+        for (cable, (length, tension)) in self.cables.iter_mut().zip(values) {
+            cable.scale.reference_counts = cable.encoder.counts();
+            cable.scale.reference = length.0;
+            cable.length = length.0;
+            cable.reference_mn = tension.0;
+        }
+        self.referenced = true;
+        Ok(Reply::Done)
+    }
+
+    fn count(got: usize) -> Result<(), Reject> {
+        if got == N {
+            return Ok(());
+        }
+        Err(Reject::CableCount {
+            expected: u8::try_from(N).unwrap_or(u8::MAX),
+            got: u8::try_from(got).unwrap_or(u8::MAX),
+        })
+    }
+
+    fn handle_clear(&mut self, now: Tick) -> Result<Reply, Reject> {
+        self.possible(Event::Clear)?;
+        let link = self.heartbeat.health(now);
+        match self.latch.get().map(|record| record.fault) {
+            Some(FaultId::L10) if link >= LinkHealth::Lost => {
+                return Err(Reject::CauseRemains {
+                    fault: FaultId::L10,
+                });
+            }
+            Some(FaultId::P7) if self.e_stop => {
+                return Err(Reject::CauseRemains { fault: FaultId::P7 });
+            }
+            _ => {}
+        }
+        self.latch.clear();
+        self.raise(Event::Clear);
+        Ok(Reply::Done)
+    }
+
+    fn handle_knot(&mut self, knot: &Knot) -> Result<Reply, Reject> {
+        self.only_in(&[State::Holding, State::Moving, State::Pausing])?;
+        self.no_fault()?;
+        Self::count(knot.cables.len())?;
+        for row in knot.rows.iter() {
+            Self::count(row.lengths.len())?;
+            Self::count(row.tensions.len())?;
+        }
+        let expected = self.motion.next_index();
+        if knot.index != expected {
+            return Err(Reject::KnotIndex { expected });
+        }
+        if self.motion.free() == 0 {
+            return Err(Reject::BufferFull);
+        }
+        self.check_ranges(knot)?;
+        match self.motion.newest() {
+            None => self.check_first(knot)?,
+            Some(newest) => self.check_joined(newest, knot)?,
+        }
+        if knot.last && knot.cables.iter().any(|cable| cable.velocity.0 != 0) {
+            return Err(Reject::KnotEnd);
+        }
+        if self.motion.push(StoredKnot::from_wire(knot)) {
+            Ok(Reply::Queued {
+                free: self.motion.free(),
+            })
+        } else {
+            Err(Reject::BufferFull)
+        }
+    }
+
+    fn check_ranges(&self, knot: &Knot) -> Result<(), Reject> {
+        let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
+        for (cable, (value, config)) in (1_u8..).zip(knot.cables.iter().zip(&active.cables)) {
+            if !(config.length_min..=config.length_max).contains(&value.length.0) {
+                return Err(Reject::KnotLength { cable });
+            }
+            if value.velocity.0.saturating_abs() > config.max_speed_umps {
+                return Err(Reject::KnotSpeed { cable });
+            }
+            if !(0..=config.ceiling_mn).contains(&value.tension.0) {
+                return Err(Reject::KnotTension { cable });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_first(&self, knot: &Knot) -> Result<(), Reject> {
+        if knot.time_ms != 0 {
+            return Err(Reject::KnotTime { earliest_ms: 0 });
+        }
+        for (number, (cable, start)) in (1_u8..).zip(self.cables.iter().zip(knot.cables.iter())) {
+            let gap = start.length.0.saturating_sub(cable.target.length);
+            if gap.abs() > START_TOLERANCE || start.velocity.0 != 0 {
+                return Err(Reject::KnotStart {
+                    cable: number,
+                    gap: TenthMicrometres(gap),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_joined(&self, newest: &StoredKnot<N>, knot: &Knot) -> Result<(), Reject> {
+        if newest.last {
+            return Err(Reject::KnotEnd);
+        }
+        let (earliest_ms, latest_ms) = self.motion.time_window_ms();
+        if knot.time_ms < earliest_ms || knot.time_ms > latest_ms {
+            return Err(Reject::KnotTime { earliest_ms });
+        }
+        let spacing = i64::from(knot.time_ms - newest.time_ms);
+        let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
+        let pairs = newest.cables.iter().zip(knot.cables.iter());
+        for (cable, ((from, to), config)) in (1_u8..).zip(pairs.zip(&active.cables)) {
+            if peak_speed(from, to, spacing) > i64::from(config.max_speed_umps) {
+                return Err(Reject::KnotSpeed { cable });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Largest speed within a segment, µm/s. The derivative is the quadratic with the Bézier values
+/// `start, middle, end`; its extremum, where it lies inside, is exact.
+fn peak_speed(from: &CableKnot, to: &CableKnot, spacing_ms: i64) -> i64 {
+    // 0.1 µm per ms is 100 µm/s.
+    let mean = (i64::from(to.length.0) - i64::from(from.length.0)) * 100 / spacing_ms;
+    // Far over any limit; keeps the squares below in range.
+    if mean.abs() > 100_000_000 {
+        return mean.abs();
+    }
+    let (start, end) = (i64::from(from.velocity.0), i64::from(to.velocity.0));
+    let middle = 3 * mean - start - end;
+    let bend = start - 2 * middle + end;
+    let along = (start - middle) * bend.signum();
+    let inner = if bend != 0 && along > 0 && along < bend.abs() {
+        (start * end - middle * middle) / bend
+    } else {
+        0
+    };
+    start.abs().max(end.abs()).max(inner.abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcdpr_protocol::MicrometresPerSecond;
+
+    fn knot(length: i32, velocity: i32) -> CableKnot {
+        CableKnot {
+            length: TenthMicrometres(length),
+            velocity: MicrometresPerSecond(velocity),
+            tension: Millinewtons(0),
+        }
+    }
+
+    #[test]
+    fn a_rest_to_rest_cubic_peaks_at_one_and_a_half_times_its_mean() {
+        // 10 mm in 1 s: mean 10 mm/s.
+        let peak = peak_speed(&knot(0, 0), &knot(100_000, 0), 1000);
+        assert_eq!(peak, 15_000);
+        let back = peak_speed(&knot(100_000, 0), &knot(0, 0), 1000);
+        assert_eq!(back, 15_000);
+    }
+
+    #[test]
+    fn constant_speed_and_out_and_back_are_exact() {
+        assert_eq!(
+            peak_speed(&knot(0, 10_000), &knot(100_000, 10_000), 1000),
+            10_000
+        );
+        // Out and back over 1 s: D = v (1 - 2 s), largest at the ends.
+        assert_eq!(peak_speed(&knot(0, 8000), &knot(0, -8000), 1000), 8000);
+        // Same ends, no way: D = v (1 - 6 s (1 - s)), -v/2 in the middle.
+        assert_eq!(peak_speed(&knot(0, 8000), &knot(0, 8000), 1000), 8000);
+    }
+}

@@ -1,0 +1,95 @@
+//! Drum encoders: 16-bit hardware counters to 64-bit positions and lengths.
+
+use crate::fixed::half;
+use mcdpr_protocol::TenthMicrometres;
+
+/// Samples that may be rejected in a row before a jump is believed to be a dead encoder.
+const MAX_REJECTED: u8 = 2;
+
+/// What one sample was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sampled {
+    /// Plausible.
+    Good,
+    /// A jump that no drum can make: ignored, the last velocity carries on (S1).
+    Rejected,
+    /// Jumps went on: the encoder can not be trusted (S6).
+    Lost,
+}
+
+/// Extends a wrapping 16-bit counter to 64 bits (S3), in either sign, and rejects glitches.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Encoder {
+    last: Option<u16>,
+    counts: i64,
+    step: i16,
+    rejected: u8,
+}
+
+impl Encoder {
+    /// Takes the counter's value of this tick. `max_step` is the largest believable change per
+    /// tick, in counts.
+    ///
+    /// ```
+    /// use mcdpr_firmware::encoder::Encoder;
+    /// let mut encoder = Encoder::default();
+    /// encoder.sample(65_530, 40);
+    /// encoder.sample(4, 40);
+    /// assert_eq!(encoder.counts(), 10);
+    /// ```
+    pub fn sample(&mut self, counter: u16, max_step: u16) -> Sampled {
+        let Some(last) = self.last else {
+            self.last = Some(counter);
+            return Sampled::Good;
+        };
+        let step = counter.wrapping_sub(last).cast_signed();
+        // After rejected samples the drum may have moved on for several ticks.
+        let allowed = u32::from(max_step) * (u32::from(self.rejected) + 1);
+        if u32::from(step.unsigned_abs()) <= allowed {
+            let predicted = i64::from(self.step) * i64::from(self.rejected);
+            self.counts += i64::from(step) - predicted;
+            self.step = if self.rejected == 0 { step } else { self.step };
+            self.last = Some(counter);
+            self.rejected = 0;
+            return Sampled::Good;
+        }
+        if self.rejected >= MAX_REJECTED {
+            return Sampled::Lost;
+        }
+        self.rejected += 1;
+        self.counts += i64::from(self.step);
+        Sampled::Rejected
+    }
+
+    /// Position since the first sample, counts; predicted while samples are rejected.
+    #[must_use]
+    pub const fn counts(&self) -> i64 {
+        self.counts
+    }
+}
+
+/// Turns encoder counts into paid-out length.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LengthScale {
+    /// Length per count in 0.1 µm with 24 fractional bits; carries the encoder's sign.
+    pub per_count_q24: i64,
+    /// Counts at the reference.
+    pub reference_counts: i64,
+    /// Length at the reference, 0.1 µm.
+    pub reference: i32,
+}
+
+impl LengthScale {
+    /// The length at these counts. The middle of a count is taken, since the counter floors.
+    #[must_use]
+    pub fn length(&self, counts: i64) -> TenthMicrometres {
+        let moved = counts.saturating_sub(self.reference_counts);
+        let length = (moved
+            .saturating_mul(self.per_count_q24)
+            .saturating_add(half(24)))
+            >> 24;
+        TenthMicrometres(crate::fixed::saturate(
+            length.saturating_add(i64::from(self.reference)),
+        ))
+    }
+}

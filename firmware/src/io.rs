@@ -1,0 +1,125 @@
+//! What goes into a tick and what comes out, and the rim that a board implements.
+
+use mcdpr_protocol::Tick;
+
+/// What one drive last said.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct DriveInput {
+    /// The drive takes commands in the mode it was asked for.
+    pub ready: bool,
+    /// The drive reports a fault of its own.
+    pub fault: bool,
+    /// Milliseconds since its last feedback; `u16::MAX` if there was none.
+    pub age_ms: u16,
+    /// Motor position, counts.
+    pub counts: i32,
+    /// Motor speed, rpm.
+    pub rpm: i16,
+    /// Motor current, mA.
+    pub current_ma: i16,
+}
+
+/// What a board measured for this tick. `N` cables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Inputs<const N: usize> {
+    /// Drum encoder counters, wrapping.
+    pub encoders: [u16; N],
+    /// Tension channels: 0 to 65520 for 0 V to 3.3 V (12 bits, sixteen times oversampled).
+    pub tension_adc: [u16; N],
+    /// Drives.
+    pub drives: [DriveInput; N],
+    /// The emergency stop is pressed.
+    pub e_stop: bool,
+    /// The gripper's switch is closed.
+    pub gripper_switch: bool,
+    /// The tick started late (P5).
+    pub overrun: bool,
+}
+
+impl<const N: usize> Default for Inputs<N> {
+    fn default() -> Self {
+        Self {
+            encoders: [0; N],
+            tension_adc: [0; N],
+            drives: [DriveInput::default(); N],
+            e_stop: false,
+            gripper_switch: false,
+            overrun: false,
+        }
+    }
+}
+
+/// What a drive shall do. The bus behind it brings the drive into the mode.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub enum DriveDemand {
+    /// No torque.
+    #[default]
+    Off,
+    /// Be enabled in position mode, and stay where you are.
+    EnablePosition,
+    /// Be enabled in current mode, without current.
+    EnableCurrent,
+    /// Go to this motor position, no faster than this.
+    Position {
+        /// Motor counts.
+        counts: i32,
+        /// Largest motor speed, rpm.
+        rpm: u16,
+    },
+    /// Give this current.
+    Current {
+        /// Milliamperes.
+        ma: i16,
+    },
+}
+
+impl DriveDemand {
+    /// Whether the drive gives torque.
+    #[must_use]
+    pub const fn gives_torque(self) -> bool {
+        matches!(self, Self::Position { .. } | Self::Current { .. })
+    }
+}
+
+/// What a spring-applied brake shall do.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub enum Brake {
+    /// Unpowered: the spring holds the drum.
+    #[default]
+    Closed,
+    /// Powered: the drum is free.
+    Open,
+}
+
+/// What a board must do after a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Outputs<const N: usize> {
+    /// Drives.
+    pub drives: [DriveDemand; N],
+    /// Brakes.
+    pub brakes: [Brake; N],
+    /// Close the gripper.
+    pub gripper_closed: bool,
+}
+
+impl<const N: usize> Default for Outputs<N> {
+    fn default() -> Self {
+        Self {
+            drives: [DriveDemand::Off; N],
+            brakes: [Brake::Closed; N],
+            gripper_closed: false,
+        }
+    }
+}
+
+/// The rim: all that the core needs of a board.
+pub trait Board<const N: usize> {
+    /// The present tick.
+    fn now(&self) -> Tick;
+    /// Reads everything once.
+    fn read(&mut self) -> Inputs<N>;
+    /// Applies everything.
+    fn apply(&mut self, outputs: &Outputs<N>);
+    /// Brakes closed and torque off, whatever else is broken.
+    fn safe_off(&mut self);
+}

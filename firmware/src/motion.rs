@@ -1,0 +1,259 @@
+//! The motion under way: a buffer of knots, a path clock that can run slower than time, and the
+//! stop segment for a buffer that ran empty.
+
+use crate::segment::{MAX_SPACING_MS, MIN_SPACING_MS, Point, Segment, StoredKnot, StoredRow};
+use heapless::Deque;
+use mcdpr_protocol::{CableKnot, MicrometresPerSecond, ResidualRow, TenthMicrometres};
+
+/// Knots that the buffer holds.
+pub const CAPACITY: usize = 16;
+
+/// Full speed of the path clock, ms per tick with 16 fractional bits.
+const FULL_RATE_Q16: u32 = 1 << 16;
+
+/// What the motion is at a tick.
+#[derive(Debug, Clone, Copy)]
+pub struct Sample<const N: usize> {
+    /// Cable by cable; velocities in real time, the clock's rate included.
+    pub points: [Point; N],
+    /// Expected tensions, mN.
+    pub tensions: [i32; N],
+    /// Consistency checks that hold now.
+    pub rows: [StoredRow<N>; ResidualRow::PER_KNOT],
+    /// What this tick brought.
+    pub progress: Progress,
+}
+
+/// What a tick of motion brought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Progress {
+    /// Under way.
+    Under,
+    /// The last knot is reached.
+    Done,
+    /// The clock has come to rest on the path.
+    Paused,
+    /// The buffer ran empty; a stop segment was appended (K6).
+    RanEmpty,
+    /// The stop segment has ended.
+    Stopped,
+}
+
+/// Buffer, clock and current segment.
+#[derive(Debug, Clone)]
+pub struct Motion<const N: usize> {
+    knots: Deque<StoredKnot<N>, CAPACITY>,
+    /// First knot of the current segment.
+    start: Option<StoredKnot<N>>,
+    segment: Option<Segment<N>>,
+    /// Path time, ms, with 16 fractional bits.
+    clock_q16: u64,
+    rate_q16: u32,
+    rate_step_q16: u32,
+    /// Where the rate is going: rest while braking, full otherwise.
+    braking: bool,
+    stop_segment: bool,
+    next_index: u16,
+    newest: Option<StoredKnot<N>>,
+}
+
+impl<const N: usize> Default for Motion<N> {
+    fn default() -> Self {
+        Self {
+            knots: Deque::new(),
+            start: None,
+            segment: None,
+            clock_q16: 0,
+            rate_q16: FULL_RATE_Q16,
+            rate_step_q16: FULL_RATE_Q16,
+            braking: false,
+            stop_segment: false,
+            next_index: 0,
+            newest: None,
+        }
+    }
+}
+
+impl<const N: usize> Motion<N> {
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Number that the next knot must have.
+    #[must_use]
+    pub const fn next_index(&self) -> u16 {
+        self.next_index
+    }
+
+    /// Free knots.
+    #[must_use]
+    pub fn free(&self) -> u8 {
+        u8::try_from(CAPACITY - self.knots.len()).unwrap_or(u8::MAX)
+    }
+
+    /// Path time, ms.
+    #[must_use]
+    pub fn path_ms(&self) -> u32 {
+        u32::try_from(self.clock_q16 >> 16).unwrap_or(u32::MAX)
+    }
+
+    /// The knot that was appended last.
+    #[must_use]
+    pub const fn newest(&self) -> Option<&StoredKnot<N>> {
+        self.newest.as_ref()
+    }
+
+    /// Whether a motion is buffered that has not begun.
+    #[must_use]
+    pub fn is_fresh(&self) -> bool {
+        self.segment.is_none() && self.knots.len() > 1
+    }
+
+    /// Whether a motion was held on its path and can go on.
+    #[must_use]
+    pub fn is_paused(&self) -> bool {
+        self.segment.is_some() && !self.stop_segment
+    }
+
+    /// Whether knots reach further than the clock can run while it brakes over `stop_ms`.
+    #[must_use]
+    pub fn covers_a_stop(&self, stop_ms: u32) -> bool {
+        self.newest.as_ref().is_some_and(|newest| {
+            newest.last || newest.time_ms.saturating_sub(self.path_ms()) >= stop_ms / 2
+        })
+    }
+
+    /// Times that a next knot may have, ms: from, to.
+    #[must_use]
+    pub fn time_window_ms(&self) -> (u32, u32) {
+        let Some(newest) = &self.newest else {
+            return (0, 0);
+        };
+        let now = if self.segment.is_some() {
+            self.path_ms()
+        } else {
+            0
+        };
+        let earliest = (newest.time_ms.saturating_add(MIN_SPACING_MS)).max(now + MIN_SPACING_MS);
+        (earliest, newest.time_ms.saturating_add(MAX_SPACING_MS))
+    }
+
+    /// Appends a knot that the caller has checked; `false` when full (K7).
+    pub fn push(&mut self, knot: StoredKnot<N>) -> bool {
+        if self.stop_segment || self.knots.push_back(knot).is_err() {
+            return false;
+        }
+        self.newest = Some(knot);
+        self.next_index = self.next_index.wrapping_add(1);
+        true
+    }
+
+    /// Sets the clock running: at once at a motion's start, where the path is at rest, and over
+    /// `stop_ms` after a hold.
+    pub fn run(&mut self, stop_ms: u32) {
+        self.braking = false;
+        self.rate_step_q16 = rate_step_q16(stop_ms);
+        if self.start.is_none() {
+            self.rate_q16 = FULL_RATE_Q16;
+            self.start = self.knots.pop_front();
+            self.load_next();
+        }
+    }
+
+    /// Slows the clock to rest within `stop_ms`, along the path.
+    pub fn brake(&mut self, stop_ms: u32) {
+        self.braking = true;
+        self.rate_step_q16 = rate_step_q16(stop_ms);
+    }
+
+    /// Moves the clock on by one tick and evaluates; `None` without a path.
+    pub fn tick(&mut self, stop_ms: u32) -> Option<Sample<N>> {
+        self.segment.as_ref()?;
+        self.rate_q16 = if self.braking {
+            self.rate_q16.saturating_sub(self.rate_step_q16)
+        } else {
+            (self.rate_q16 + self.rate_step_q16).min(FULL_RATE_Q16)
+        };
+        self.clock_q16 += u64::from(self.rate_q16);
+        let mut progress = Progress::Under;
+        while self.elapsed_q16()? >= u64::from(self.segment.as_ref()?.spacing_ms) << 16 {
+            if self.stop_segment {
+                progress = Progress::Stopped;
+                break;
+            }
+            let end = self.knots.pop_front()?;
+            self.start = Some(end);
+            if end.last {
+                progress = Progress::Done;
+                break;
+            }
+            if !self.load_next() {
+                self.append_stop(&end, stop_ms);
+                progress = Progress::RanEmpty;
+            }
+        }
+        if self.braking && self.rate_q16 == 0 && progress == Progress::Under {
+            progress = Progress::Paused;
+        }
+        self.evaluate(progress)
+    }
+
+    fn evaluate(&self, progress: Progress) -> Option<Sample<N>> {
+        let segment = self.segment.as_ref()?;
+        let elapsed = self.elapsed_q16()?;
+        let mut points = segment.at(elapsed);
+        let rate = i64::from(self.rate_q16);
+        for point in &mut points {
+            // Chain rule: real time runs faster than the path clock while it brakes.
+            let slowed = |value: i32| (i64::from(value) * rate) >> 16;
+            point.velocity_umps = crate::fixed::saturate(slowed(point.velocity_umps));
+            let twice = (slowed(point.acceleration_umps2) * rate) >> 16;
+            point.acceleration_umps2 = crate::fixed::saturate(twice);
+        }
+        Some(Sample {
+            points,
+            tensions: segment.tensions(elapsed),
+            rows: segment.rows,
+            progress,
+        })
+    }
+
+    fn elapsed_q16(&self) -> Option<u64> {
+        let start = u64::from(self.segment.as_ref()?.start_ms) << 16;
+        Some(self.clock_q16.saturating_sub(start))
+    }
+
+    fn load_next(&mut self) -> bool {
+        let (Some(start), Some(end)) = (&self.start, self.knots.front()) else {
+            return false;
+        };
+        self.segment = Some(Segment::between(start, end));
+        true
+    }
+
+    /// The stored stop segment: every cable decelerates over the same time, so the platform goes
+    /// on along the tangent of its path.
+    fn append_stop(&mut self, from: &StoredKnot<N>, stop_ms: u32) {
+        let mut end = *from;
+        end.time_ms = from.time_ms.saturating_add(stop_ms.max(1));
+        for cable in &mut end.cables {
+            // Half the speed over the time, in 0.1 µm: v[µm/s] * t[ms] / 100 / 2.
+            let way = i64::from(cable.velocity.0) * i64::from(stop_ms) / 200;
+            *cable = CableKnot {
+                length: TenthMicrometres(
+                    cable.length.0.saturating_add(crate::fixed::saturate(way)),
+                ),
+                velocity: MicrometresPerSecond(0),
+                tension: cable.tension,
+            };
+        }
+        self.segment = Some(Segment::between(from, &end));
+        self.start = Some(*from);
+        self.stop_segment = true;
+    }
+}
+
+fn rate_step_q16(stop_ms: u32) -> u32 {
+    FULL_RATE_Q16 / stop_ms.max(1) + 1
+}

@@ -1,0 +1,293 @@
+//! Sessions, sequence numbers and telemetry in front of the controller.
+//!
+//! [`Server`] works on decoded messages and belongs to the control tick; [`Receiver`] and the
+//! `encode_*` functions turn bytes into messages and back and belong to whatever moves bytes.
+
+use crate::controller::Controller;
+use crate::io::{Inputs, Outputs};
+use crate::sampler::Sampler;
+use crate::supervisor::State;
+use crate::watch::LinkHealth;
+use mcdpr_protocol::{
+    Answer, Channel, Command, ConfigHash, Deframer, FrameError, Reject, Reply, Request,
+    SampleBlock, SequenceNumber, SessionId, Status, Tick, WINDOW,
+};
+
+/// Ticks between two status messages when nothing changes.
+const STATUS_TICKS: u32 = 100;
+
+/// A sequenced request's outcome, small enough to be kept.
+#[derive(Debug, Clone, Copy)]
+enum Outcome {
+    Done,
+    Queued(u8),
+    Configured(ConfigHash),
+    Refused(Reject),
+}
+
+impl Outcome {
+    fn of(result: &Result<Reply, Reject>) -> Self {
+        match result {
+            Ok(Reply::Queued { free }) => Self::Queued(*free),
+            Ok(Reply::Configured { hash }) => Self::Configured(*hash),
+            Ok(_) => Self::Done,
+            Err(reject) => Self::Refused(*reject),
+        }
+    }
+
+    fn result(self) -> Result<Reply, Reject> {
+        match self {
+            Self::Done => Ok(Reply::Done),
+            Self::Queued(free) => Ok(Reply::Queued { free }),
+            Self::Configured(hash) => Ok(Reply::Configured { hash }),
+            Self::Refused(reject) => Err(reject),
+        }
+    }
+}
+
+/// What the link has counted.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct LinkCounters {
+    /// Frames received whole.
+    pub frames_ok: u32,
+    /// Frames that were none.
+    pub frames_bad: u32,
+    /// Telemetry frames dropped because the link was full.
+    pub telemetry_dropped: u32,
+}
+
+/// A controller behind sessions and sequence numbers.
+#[derive(Debug, Clone)]
+pub struct Server<const N: usize> {
+    controller: Controller<N>,
+    session: Option<SessionId>,
+    expected: SequenceNumber,
+    outcomes: [Option<(SequenceNumber, Outcome)>; WINDOW as usize],
+    sequence_errors: u32,
+    /// Tick of the last stop request: nothing may start in the same tick (K10).
+    stopped_at: Option<Tick>,
+    sampler: Option<Sampler<N>>,
+    block: Option<SampleBlock>,
+    status_in: u32,
+    told_state: State,
+    simulated: bool,
+}
+
+impl<const N: usize> Default for Server<N> {
+    fn default() -> Self {
+        Self::new(false)
+    }
+}
+
+impl<const N: usize> Server<N> {
+    /// A board that just started; `simulated` is what it tells about itself.
+    #[must_use]
+    pub fn new(simulated: bool) -> Self {
+        Self {
+            controller: Controller::default(),
+            session: None,
+            expected: SequenceNumber(0),
+            outcomes: [None; WINDOW as usize],
+            sequence_errors: 0,
+            stopped_at: None,
+            sampler: None,
+            block: None,
+            status_in: 0,
+            told_state: State::Boot,
+            simulated,
+        }
+    }
+
+    /// The controller behind.
+    #[must_use]
+    pub const fn controller(&self) -> &Controller<N> {
+        &self.controller
+    }
+
+    /// One control tick.
+    pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
+        let outputs = self.controller.step(now, inputs);
+        if let Some(sampler) = &mut self.sampler {
+            let rows = self.controller.measured();
+            if let Some(block) = sampler.push(now, self.controller.path_ms(), &rows) {
+                self.block = Some(block);
+            }
+        }
+        self.status_in = self.status_in.saturating_sub(1);
+        outputs
+    }
+
+    /// A full block of samples, once.
+    pub const fn take_samples(&mut self) -> Option<SampleBlock> {
+        self.block.take()
+    }
+
+    /// The state, when it is due: ten times a second and at every change.
+    pub fn take_status(&mut self, counters: &LinkCounters) -> Option<Status> {
+        let state = self.controller.state();
+        if self.status_in > 0 && state == self.told_state {
+            return None;
+        }
+        self.status_in = STATUS_TICKS;
+        self.told_state = state;
+        Some(self.status(counters))
+    }
+
+    /// The state now.
+    #[must_use]
+    pub fn status(&self, counters: &LinkCounters) -> Status {
+        Status {
+            frames_ok: counters.frames_ok,
+            frames_bad: counters.frames_bad,
+            telemetry_dropped: counters.telemetry_dropped,
+            sequence_errors: self.sequence_errors,
+            ..self.controller.status()
+        }
+    }
+
+    /// What to say after a damaged frame, so that the host need not wait for its timeout (L1, L3).
+    #[must_use]
+    pub fn complain(&self) -> Option<Answer> {
+        self.session.map(|_| Answer {
+            sequence: self.expected,
+            result: Err(Reject::Sequence {
+                expected: self.expected,
+            }),
+        })
+    }
+
+    /// Executes a command, or says why not.
+    pub fn receive(&mut self, now: Tick, command: &Command, counters: &LinkCounters) -> Answer {
+        let mut result = self.dispatch(now, command);
+        match &mut result {
+            Ok(Reply::Info(info)) => info.simulated = self.simulated,
+            Ok(Reply::Status(status)) => *status = self.status(counters),
+            _ => {}
+        }
+        Answer {
+            sequence: command.sequence,
+            result,
+        }
+    }
+
+    fn dispatch(&mut self, now: Tick, command: &Command) -> Result<Reply, Reject> {
+        match &command.request {
+            Request::Info | Request::Status => self.controller.handle(now, &command.request),
+            Request::Stop(_) => {
+                self.stopped_at = Some(now);
+                self.controller.handle(now, &command.request)
+            }
+            Request::Open => self.open(now, command),
+            _ if self.session != Some(command.session) => Err(Reject::NoSession),
+            Request::Heartbeat { .. } => self.controller.handle(now, &command.request),
+            _ => self.in_order(now, command),
+        }
+    }
+
+    fn open(&mut self, now: Tick, command: &Command) -> Result<Reply, Reject> {
+        if command.session == SessionId(0) {
+            return Err(Reject::NoSession);
+        }
+        if self.session == Some(command.session) {
+            return Ok(Reply::Done);
+        }
+        let alive = self.controller.link_health(now) < LinkHealth::Lost;
+        if self.session.is_some() && alive {
+            return Err(Reject::SessionHeld);
+        }
+        let reply = self.controller.handle(now, &command.request)?;
+        self.session = Some(command.session);
+        self.expected = command.sequence.next();
+        self.outcomes = [None; WINDOW as usize];
+        self.sampler = None;
+        Ok(reply)
+    }
+
+    fn in_order(&mut self, now: Tick, command: &Command) -> Result<Reply, Reject> {
+        let ahead = command.sequence.since(self.expected);
+        if ahead != 0 {
+            self.sequence_errors = self.sequence_errors.wrapping_add(1);
+            let known = self.outcomes.iter().flatten();
+            let mut known = known.filter(|(number, _)| *number == command.sequence);
+            return match known.next() {
+                Some((_, outcome)) if ahead < 0 => outcome.result(),
+                _ => Err(Reject::Sequence {
+                    expected: self.expected,
+                }),
+            };
+        }
+        self.expected = self.expected.next();
+        let result = self.execute(now, &command.request);
+        let slot = usize::from(command.sequence.0 % WINDOW);
+        if let Some(slot) = self.outcomes.get_mut(slot) {
+            *slot = Some((command.sequence, Outcome::of(&result)));
+        }
+        result
+    }
+
+    fn execute(&mut self, now: Tick, request: &Request) -> Result<Reply, Reject> {
+        let starts = matches!(
+            request,
+            Request::Arm { .. } | Request::Start | Request::Resume
+        );
+        if starts && self.stopped_at == Some(now) {
+            let state = self.controller.state();
+            return Err(Reject::WrongState { state });
+        }
+        match request {
+            Request::Samples { enabled } => {
+                self.sampler = enabled.then(Sampler::default);
+                Ok(Reply::Done)
+            }
+            Request::Close => {
+                let reply = self.controller.handle(now, request)?;
+                self.session = None;
+                self.sampler = None;
+                Ok(reply)
+            }
+            _ => self.controller.handle(now, request),
+        }
+    }
+}
+
+/// What a byte completed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[expect(clippy::large_enum_variant, reason = "no allocation on the board")]
+pub enum Incoming {
+    /// Someone asks who this is.
+    HelloQuery,
+    /// A command.
+    Command(Command),
+    /// A frame was damaged.
+    Damaged(FrameError),
+}
+
+/// Turns bytes into commands.
+#[derive(Debug, Default)]
+pub struct Receiver {
+    deframer: Deframer,
+    /// Frames counted here; the link adds what it drops.
+    pub counters: LinkCounters,
+}
+
+impl Receiver {
+    /// Takes one byte.
+    pub fn push(&mut self, byte: u8) -> Option<Incoming> {
+        let incoming = match self.deframer.push(byte)? {
+            Ok((Channel::HelloQuery, _)) => Incoming::HelloQuery,
+            Ok((Channel::Command, body)) => match mcdpr_protocol::message::decode(body) {
+                Some(command) => Incoming::Command(command),
+                None => Incoming::Damaged(FrameError::Malformed),
+            },
+            // Frames of the other direction: an echo, or a crossed cable.
+            Ok(_) => Incoming::Damaged(FrameError::UnknownChannel),
+            Err(error) => Incoming::Damaged(error),
+        };
+        let counter = match incoming {
+            Incoming::Damaged(_) => &mut self.counters.frames_bad,
+            _ => &mut self.counters.frames_ok,
+        };
+        *counter = counter.wrapping_add(1);
+        Some(incoming)
+    }
+}

@@ -1,0 +1,126 @@
+//! Tension: the sensor's law and the laws that hold a cable by its tension.
+//!
+//! Signs: tensions and drum forces are positive as they pull; lengths and speeds are positive as
+//! the cable pays out. So a drum that pays out faster than planned is pulled back by a positive
+//! damping force.
+
+use crate::config::{CableConfig, TensionLaw};
+use crate::fixed::{LowPass, half, saturate};
+
+/// Steps of the tension channels that mean an open sensor: within 1 % of the rail (S7).
+pub const ADC_RAIL_HIGH: u16 = 64_900;
+/// Steps that mean a short: under 40 mV (S8).
+pub const ADC_RAIL_LOW: u16 = 800;
+
+/// Tension in mN from the ADC: `y = k (u - u0)` (Eq. 52).
+#[must_use]
+pub fn measured_mn(config: &CableConfig, adc: u16) -> i32 {
+    let force_q24 = i64::from(adc) * config.tension_per_adc_q24 - config.tension_zero_q24;
+    saturate((force_q24 + half(24)) >> 24)
+}
+
+/// What a tension law works from in a tick.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Demand {
+    /// Set-point, mN.
+    pub setpoint_mn: i32,
+    /// Measured, mN.
+    pub measured_mn: i32,
+    /// Planned rate of the cable, µm/s.
+    pub planned_speed_umps: i32,
+    /// Planned acceleration of the cable, µm/s².
+    pub planned_acceleration_umps2: i32,
+    /// Measured rate of the drum's surface, from the motor, µm/s.
+    pub measured_speed_umps: i32,
+}
+
+/// Friction is compensated by this share: more would start stick-slip. Out of 256.
+const FRICTION_SHARE: i64 = 205;
+/// Under this planned speed friction feed-forward fades in linearly, µm/s.
+const FRICTION_FADE_UMPS: i32 = 500;
+
+/// State of one cable's tension law.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct TensionLoop {
+    filter: LowPass,
+    /// Drum force of the integral, mN with 16 fractional bits.
+    integral_q16: i64,
+    /// Whether the last current was cut at its limit.
+    pub saturated: bool,
+}
+
+impl TensionLoop {
+    /// Starts at rest with this tension, so that nothing jumps.
+    #[must_use]
+    pub const fn at(tension_mn: i32) -> Self {
+        Self {
+            filter: LowPass::at(tension_mn),
+            integral_q16: 0,
+            saturated: false,
+        }
+    }
+
+    /// The filtered tension, mN.
+    #[must_use]
+    pub fn filtered_mn(&self) -> i32 {
+        self.filter.value()
+    }
+
+    /// One tick: the motor current in mA.
+    pub fn update(&mut self, config: &CableConfig, demand: &Demand) -> i32 {
+        let before_q16 = self.filter.value_q16();
+        self.filter
+            .update(demand.measured_mn, config.filter_alpha_q16);
+        let after_q16 = self.filter.value_q16();
+        // The derivative of the filtered tension is a filtered derivative; per ms to per s.
+        let slope_mnps = saturate(((after_q16 - before_q16) * 1000) >> 16);
+        let error_q16 = (i64::from(demand.setpoint_mn) << 16) - after_q16;
+        let force_mn = match config.law {
+            TensionLaw::Pd => pd(config, error_q16, slope_mnps),
+            TensionLaw::Default => {
+                let ahead = feed_forward(config, demand) + pd(config, error_q16, slope_mnps);
+                self.integrate(config, error_q16);
+                ahead + ((self.integral_q16 + half(16)) >> 16)
+            }
+        };
+        let current_q24 = force_mn.saturating_mul(config.current_per_force_q24);
+        let current = saturate((current_q24 + half(24)) >> 24);
+        let limited = current.clamp(-config.max_current_ma, config.max_current_ma);
+        self.saturated = limited != current;
+        limited
+    }
+
+    fn integrate(&mut self, config: &CableConfig, error_q16: i64) {
+        if self.saturated {
+            // Winding up would only delay the way back.
+            return;
+        }
+        // ki is in thousandths per second and a tick is a millisecond.
+        self.integral_q16 += error_q16 * i64::from(config.ki_milli) / 1_000_000;
+        let most = i64::from(config.ceiling_mn) << 16;
+        self.integral_q16 = self.integral_q16.clamp(-most, most);
+    }
+}
+
+/// Eq. 1: `Kp e + Kd de/dt`, as a drum force in mN. The set-point is constant between knots to
+/// within their slope, so `de/dt` is minus the slope of the measured tension.
+fn pd(config: &CableConfig, error_q16: i64, slope_mnps: i32) -> i64 {
+    let proportional = (error_q16 * i64::from(config.kp_milli) / 1000 + half(16)) >> 16;
+    proportional - i64::from(slope_mnps) * i64::from(config.kd_us) / 1_000_000
+}
+
+/// What the planned motion needs without any error: tension, friction, inertia; and damping of the
+/// drum about its planned speed.
+fn feed_forward(config: &CableConfig, demand: &Demand) -> i64 {
+    let planned = demand.planned_speed_umps;
+    let fade = i64::from(planned.clamp(-FRICTION_FADE_UMPS, FRICTION_FADE_UMPS));
+    // A drum that pays out is held back by friction, so the motor needs less force.
+    let friction = i64::from(config.friction_mn) * FRICTION_SHARE * fade
+        / (256 * i64::from(FRICTION_FADE_UMPS));
+    // g times µm/s² is nN; 1e6 of them are one mN.
+    let inertia =
+        i64::from(config.mass_g) * i64::from(demand.planned_acceleration_umps2) / 1_000_000;
+    let too_fast = i64::from(demand.measured_speed_umps) - i64::from(planned);
+    let damping = i64::from(config.damping_mns_per_m) * too_fast / 1_000_000;
+    i64::from(demand.setpoint_mn) - friction - inertia + damping
+}

@@ -1,0 +1,222 @@
+//! Detectors: how faults are noticed. Each counts ticks and says when its time is over; none acts.
+
+use mcdpr_protocol::{FaultId, FaultRecord, Tick};
+
+/// Counts consecutive ticks of a condition.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Persist {
+    ticks: u16,
+}
+
+impl Persist {
+    /// Whether the condition has now held for `limit` ticks or more.
+    pub fn update(&mut self, condition: bool, limit: u16) -> bool {
+        self.ticks = if condition {
+            self.ticks.saturating_add(1)
+        } else {
+            0
+        };
+        condition && self.ticks >= limit
+    }
+
+    /// Ticks so far.
+    #[must_use]
+    pub const fn ticks(&self) -> u16 {
+        self.ticks
+    }
+}
+
+/// Detectors of one cable.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct CableWatch {
+    slack: Persist,
+    snag: Persist,
+    open: Persist,
+    short: Persist,
+    frozen: Persist,
+    following: Persist,
+    saturated: Persist,
+    last_adc: u16,
+}
+
+/// What a cable's detectors look at in a tick.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct CableView {
+    /// Tension channel.
+    pub adc: u16,
+    /// Tension, mN.
+    pub tension_mn: i32,
+    /// Floor, mN.
+    pub floor_mn: i32,
+    /// Ceiling, mN.
+    pub ceiling_mn: i32,
+    /// Commanded minus measured length, 0.1 µm; zero where the cable is held by tension.
+    pub length_error: i32,
+    /// Its limit, 0.1 µm.
+    pub length_error_max: i32,
+    /// The same difference by the motor's own counts: tells a dead encoder from a dead drive.
+    pub motor_error: i32,
+    /// The current is at its limit.
+    pub saturated: bool,
+    /// Age of the drive's feedback, ms.
+    pub feedback_age_ms: u16,
+    /// Its limit, ms.
+    pub feedback_timeout_ms: u16,
+    /// The drive reports a fault.
+    pub drive_fault: bool,
+}
+
+/// Times of `docs/faults.md`, ticks.
+const SLACK_TICKS: u16 = 20;
+const SNAG_TICKS: u16 = 2;
+const RAIL_TICKS: u16 = 5;
+const FROZEN_TICKS: u16 = 10;
+const FOLLOWING_TICKS: u16 = 20;
+const SATURATED_TICKS: u16 = 100;
+
+impl CableWatch {
+    /// Looks at one tick under torque; gives the first fault found, with value and limit.
+    pub fn update(&mut self, view: &CableView) -> Option<(FaultId, i32, i32)> {
+        let tension = view.tension_mn;
+        let adc = i32::from(view.adc);
+        let open = view.adc >= crate::tension::ADC_RAIL_HIGH;
+        let short = view.adc <= crate::tension::ADC_RAIL_LOW;
+        let frozen = view.adc == self.last_adc && !open && !short;
+        self.last_adc = view.adc;
+        let astray = view.length_error.abs() > view.length_error_max;
+        // A dead drive leaves the motor behind, too; a dead encoder does not.
+        let dead = if view.motor_error.abs() > view.length_error_max / 2 {
+            FaultId::D7
+        } else {
+            FaultId::S2
+        };
+        let found = [
+            (view.drive_fault, FaultId::D2, 1, 0),
+            (
+                view.feedback_age_ms >= view.feedback_timeout_ms,
+                FaultId::D3,
+                i32::from(view.feedback_age_ms),
+                i32::from(view.feedback_timeout_ms),
+            ),
+            (
+                self.open.update(open, RAIL_TICKS),
+                FaultId::S7,
+                adc,
+                i32::from(crate::tension::ADC_RAIL_HIGH),
+            ),
+            (
+                self.short.update(short, RAIL_TICKS),
+                FaultId::S8,
+                adc,
+                i32::from(crate::tension::ADC_RAIL_LOW),
+            ),
+            (
+                self.frozen.update(frozen, FROZEN_TICKS),
+                FaultId::S11,
+                adc,
+                i32::from(FROZEN_TICKS),
+            ),
+            (
+                self.snag
+                    .update(tension > view.ceiling_mn && !open, SNAG_TICKS),
+                FaultId::C2,
+                tension,
+                view.ceiling_mn,
+            ),
+            (
+                self.slack
+                    .update(tension < view.floor_mn && !short, SLACK_TICKS),
+                FaultId::C1,
+                tension,
+                view.floor_mn,
+            ),
+            (
+                self.following.update(astray, FOLLOWING_TICKS),
+                dead,
+                view.length_error / 10,
+                view.length_error_max / 10,
+            ),
+            (
+                self.saturated.update(view.saturated, SATURATED_TICKS),
+                FaultId::D4,
+                i32::from(self.saturated.ticks()),
+                i32::from(SATURATED_TICKS),
+            ),
+        ];
+        let (_, fault, value, limit) = found.into_iter().find(|(is, ..)| *is)?;
+        Some((fault, value, limit))
+    }
+
+    /// Whether the cable has begun to be slack.
+    #[must_use]
+    pub const fn slackens(&self) -> bool {
+        self.slack.ticks() > 0
+    }
+}
+
+/// Heartbeats: one timeline, counted from the last one (L9, L10).
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Heartbeat {
+    last: Option<Tick>,
+}
+
+/// Where on the timeline a link is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum LinkHealth {
+    /// In time.
+    Good,
+    /// Over 20 ms.
+    Late,
+    /// 100 ms or more: decelerate and hold.
+    Lost,
+    /// Held for two seconds: brakes, then torque off.
+    Expired,
+}
+
+impl Heartbeat {
+    /// A heartbeat came.
+    pub const fn beat(&mut self, now: Tick) {
+        self.last = Some(now);
+    }
+
+    /// Where the link is now; lost where there never was one.
+    #[must_use]
+    pub fn health(&self, now: Tick) -> LinkHealth {
+        match self.last.map(|last| now.since(last)) {
+            Some(..=20) => LinkHealth::Good,
+            Some(21..100) => LinkHealth::Late,
+            Some(100..2100) => LinkHealth::Lost,
+            _ => LinkHealth::Expired,
+        }
+    }
+
+    /// Milliseconds since the last one.
+    #[must_use]
+    pub fn age_ms(&self, now: Tick) -> i32 {
+        self.last.map_or(i32::MAX, |last| now.since(last))
+    }
+}
+
+/// The latched fault: the first cause stays until it is cleared.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Latch {
+    record: Option<FaultRecord>,
+}
+
+impl Latch {
+    /// Latches, if nothing is latched yet.
+    pub fn set(&mut self, record: FaultRecord) {
+        self.record.get_or_insert(record);
+    }
+
+    /// What is latched.
+    #[must_use]
+    pub const fn get(&self) -> Option<FaultRecord> {
+        self.record
+    }
+
+    /// Forgets it.
+    pub const fn clear(&mut self) {
+        self.record = None;
+    }
+}
