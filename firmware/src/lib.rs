@@ -10,6 +10,7 @@
 //! | [`supervisor`] | states, events and the one table that joins them |
 //! | [`controller`] | one tick: measure, watch, move, command |
 //! | [`config`] | physical units from the wire, machine units for the tick |
+//! | [`drives`] | bringing a drive into its mode |
 //! | [`encoder`] | 16-bit counters to 64-bit positions, glitches rejected |
 //! | [`segment`] | motion buffer and Hermite cubics in fixed point |
 //! | [`tension`] | sensor law and tension laws (Eq. 1, Eq. 52) |
@@ -22,6 +23,7 @@ pub mod arming;
 pub mod axis;
 pub mod config;
 pub mod controller;
+pub mod drives;
 pub mod encoder;
 pub mod fixed;
 pub mod io;

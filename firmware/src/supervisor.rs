@@ -88,7 +88,7 @@ pub enum Cell {
 }
 
 use Cell::{No, Settle, Stay, To};
-use State::{Arming, Boot, Disarmed, EStop, Fault, Holding, Moving, Pausing, Stopping};
+use State::{Arming, Disarmed, EStop, Fault, Holding, Moving, Pausing, Stopping};
 
 /// Rows: [`STATES`]; columns: [`Event::ALL`].
 #[rustfmt::skip]

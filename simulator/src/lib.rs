@@ -4,4 +4,14 @@
 //! pulleys, geared winches with drives and brakes, and the sensors a board reads. It shares no
 //! geometry and no force law with the solvers that are tested against it.
 
+//!
+//! Around it stand the virtual board, which is the real control core on simulated pins, and the
+//! serial line to a host: [`Simulation`] has all three in virtual time.
+
+mod board;
 pub mod plant;
+pub mod simulation;
+pub mod wire;
+
+pub use simulation::{LinkOptions, Simulation, TracePoint};
+pub use wire::{Wire, WireFaults};

@@ -1,0 +1,187 @@
+//! The whole simulated robot behind a serial line, in virtual time.
+
+use crate::board::{Board, VirtualBoard};
+use crate::plant::{Plant, PlantError, Truth};
+use crate::wire::{Wire, WireFaults};
+use mcdpr_firmware::State;
+use mcdpr_protocol::Tick;
+
+/// Length of a control tick, µs.
+const TICK_US: u64 = 1000;
+
+/// How the line to the board is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinkOptions {
+    /// Bit/s.
+    pub baud: u32,
+    /// One-way latency of bridges and drivers, µs.
+    pub latency_us: u32,
+    /// What goes wrong on the way to the board.
+    pub to_board: WireFaults,
+    /// What goes wrong on the way to the host.
+    pub to_host: WireFaults,
+    /// The board's tick when it starts (a test of the counter's wrap starts near the end).
+    pub first_tick: u32,
+    /// Wire format that the board claims to speak, if not this one.
+    pub version: Option<(u16, u16)>,
+}
+
+impl Default for LinkOptions {
+    fn default() -> Self {
+        Self {
+            baud: 921_600,
+            latency_us: 1000,
+            to_board: WireFaults::default(),
+            to_host: WireFaults::default(),
+            first_tick: 0,
+            version: None,
+        }
+    }
+}
+
+/// What was true in one tick. For reports and tests: no host sees it.
+#[derive(Debug, Clone)]
+pub struct TracePoint {
+    /// Board tick.
+    pub tick: Tick,
+    /// What the board did.
+    pub state: State,
+    /// Path time of the motion, ms.
+    pub path_ms: u32,
+    /// The plant.
+    pub truth: Truth,
+}
+
+/// A robot, its board and the line to it, advanced by whoever holds it.
+pub struct Simulation {
+    plant: Plant,
+    board: Box<dyn VirtualBoard + Send>,
+    to_board: Wire,
+    to_host: Wire,
+    now_us: u64,
+    next_tick_us: u64,
+    received: Vec<u8>,
+    send: Vec<u8>,
+    trace: Option<Vec<TracePoint>>,
+}
+
+impl Simulation {
+    /// A board that just got power, on a plant that stands where it was placed.
+    ///
+    /// # Errors
+    /// [`PlantError::CableCount`] for a number of cables that no board drives.
+    pub fn new(plant: Plant, link: &LinkOptions, seed: u64) -> Result<Self, PlantError> {
+        let tick = Tick(link.first_tick);
+        let count = plant.cable_count();
+        let board: Box<dyn VirtualBoard + Send> = match count {
+            1 => Box::new(Board::<1>::new(tick, link.version)),
+            2 => Box::new(Board::<2>::new(tick, link.version)),
+            3 => Box::new(Board::<3>::new(tick, link.version)),
+            4 => Box::new(Board::<4>::new(tick, link.version)),
+            5 => Box::new(Board::<5>::new(tick, link.version)),
+            6 => Box::new(Board::<6>::new(tick, link.version)),
+            7 => Box::new(Board::<7>::new(tick, link.version)),
+            8 => Box::new(Board::<8>::new(tick, link.version)),
+            _ => return Err(PlantError::CableCount { count }),
+        };
+        let wire = |faults, salt| Wire::new(link.baud, link.latency_us, faults, seed ^ salt);
+        Ok(Self {
+            plant,
+            board,
+            to_board: wire(link.to_board, 0x746F_5F62),
+            to_host: wire(link.to_host, 0x746F_5F68),
+            now_us: 0,
+            next_tick_us: TICK_US,
+            received: Vec::new(),
+            send: Vec::new(),
+            trace: None,
+        })
+    }
+
+    /// Virtual time, µs since the board got power.
+    #[must_use]
+    pub const fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
+    /// The host sends bytes now.
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.to_board.send(self.now_us, bytes);
+    }
+
+    /// Lets time pass until `until_us`, or until bytes have arrived for the host, which are
+    /// appended to `into`. Time never runs backwards.
+    ///
+    /// # Errors
+    /// The plant left the region where its physics holds.
+    pub fn advance(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<(), PlantError> {
+        loop {
+            self.to_host.receive(self.now_us, into);
+            if !into.is_empty() || self.now_us >= until_us {
+                return Ok(());
+            }
+            let arrival = self.to_host.next_arrival_us().unwrap_or(u64::MAX);
+            self.now_us = until_us
+                .min(arrival)
+                .min(self.next_tick_us)
+                .max(self.now_us);
+            if self.now_us == self.next_tick_us {
+                self.tick()?;
+            }
+        }
+    }
+
+    fn tick(&mut self) -> Result<(), PlantError> {
+        self.plant.advance(1e-6 * TICK_US as f64)?;
+        self.received.clear();
+        self.send.clear();
+        self.to_board.receive(self.now_us, &mut self.received);
+        let backlog = self.to_host.backlog(self.now_us);
+        self.board
+            .tick(&mut self.plant, &self.received, backlog, &mut self.send)?;
+        self.to_host.send(self.now_us, &self.send);
+        self.next_tick_us += TICK_US;
+        if let Some(trace) = &mut self.trace {
+            trace.push(TracePoint {
+                tick: self.board.now(),
+                state: self.board.state(),
+                path_ms: self.board.path_ms(),
+                truth: self.plant.truth()?,
+            });
+        }
+        Ok(())
+    }
+
+    /// Starts to keep what was true in every tick.
+    pub fn record_truth(&mut self) {
+        self.trace.get_or_insert_default();
+    }
+
+    /// What was true since the last call, tick by tick.
+    pub fn take_trace(&mut self) -> Vec<TracePoint> {
+        self.trace.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// The plant, to look at.
+    #[must_use]
+    pub const fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// The plant, to disturb: faults, loads, the e-stop button.
+    pub const fn plant_mut(&mut self) -> &mut Plant {
+        &mut self.plant
+    }
+
+    /// What the board does; for tests, a host asks over the line.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.board.state()
+    }
+
+    /// Changes what goes wrong on the line from now on.
+    pub fn set_link_faults(&mut self, to_board: WireFaults, to_host: WireFaults) {
+        self.to_board.set_faults(to_board);
+        self.to_host.set_faults(to_host);
+    }
+}

@@ -1,0 +1,156 @@
+//! One direction of a serial line in virtual time: byte rate, latency, and what goes wrong on it.
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use std::collections::VecDeque;
+
+/// What a line does to bytes. Probabilities are per byte, 0 for a perfect line.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct WireFaults {
+    /// A byte vanishes.
+    pub drop: f64,
+    /// One bit of a byte flips.
+    pub corrupt: f64,
+    /// A byte arrives twice.
+    pub duplicate: f64,
+    /// The line pauses before a byte, for up to [`WireFaults::longest_delay_us`].
+    pub delay: f64,
+    /// Longest pause, µs.
+    pub longest_delay_us: u32,
+}
+
+/// One direction of a line. Bytes arrive in order, each after its time on the wire.
+#[derive(Debug, Clone)]
+pub struct Wire {
+    byte_ns: u64,
+    latency_ns: u64,
+    faults: WireFaults,
+    rng: ChaCha8Rng,
+    /// Time at which the line has sent all it was given, ns.
+    free_ns: u64,
+    bytes: VecDeque<(u64, u8)>,
+}
+
+impl Wire {
+    /// A line of `baud` bit/s with ten bits a byte, and `latency_us` of bridges and drivers.
+    #[must_use]
+    pub fn new(baud: u32, latency_us: u32, faults: WireFaults, seed: u64) -> Self {
+        Self {
+            byte_ns: 10_000_000_000 / u64::from(baud.max(1)),
+            latency_ns: u64::from(latency_us) * 1000,
+            faults,
+            rng: ChaCha8Rng::seed_from_u64(seed),
+            free_ns: 0,
+            bytes: VecDeque::new(),
+        }
+    }
+
+    /// Puts bytes on the line at `now_us`.
+    pub fn send(&mut self, now_us: u64, bytes: &[u8]) {
+        for &byte in bytes {
+            let start = self.free_ns.max(now_us * 1000) + self.pause_ns();
+            self.free_ns = start + self.byte_ns;
+            if self.happens(self.faults.drop) {
+                continue;
+            }
+            let mut byte = byte;
+            if self.happens(self.faults.corrupt) {
+                byte ^= 1 << (self.rng.next_u32() % 8);
+            }
+            let arrival = self.free_ns + self.latency_ns;
+            self.bytes.push_back((arrival, byte));
+            if self.happens(self.faults.duplicate) {
+                self.bytes.push_back((arrival, byte));
+            }
+        }
+    }
+
+    /// Takes what has arrived by `now_us`.
+    pub fn receive(&mut self, now_us: u64, into: &mut Vec<u8>) {
+        while let Some(&(arrival, byte)) = self.bytes.front()
+            && arrival <= now_us * 1000
+        {
+            self.bytes.pop_front();
+            into.push(byte);
+        }
+    }
+
+    /// When the next byte arrives, µs, rounded up.
+    #[must_use]
+    pub fn next_arrival_us(&self) -> Option<u64> {
+        let (arrival, _) = self.bytes.front()?;
+        Some(arrival.div_ceil(1000))
+    }
+
+    /// Bytes given to the line that it has not sent yet.
+    #[must_use]
+    pub fn backlog(&self, now_us: u64) -> usize {
+        let left_ns = self.free_ns.saturating_sub(now_us * 1000);
+        usize::try_from(left_ns / self.byte_ns).unwrap_or(usize::MAX)
+    }
+
+    /// Changes what goes wrong from now on.
+    pub fn set_faults(&mut self, faults: WireFaults) {
+        self.faults = faults;
+    }
+
+    fn happens(&mut self, probability: f64) -> bool {
+        // A perfect line draws nothing, so that faults elsewhere do not change its run.
+        probability > 0.0 && f64::from(self.rng.next_u32()) < probability * 2f64.powi(32)
+    }
+
+    fn pause_ns(&mut self) -> u64 {
+        if !self.happens(self.faults.delay) {
+            return 0;
+        }
+        let longest = u64::from(self.faults.longest_delay_us) * 1000;
+        self.rng.next_u64() % (longest + 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_take_their_time_and_keep_their_order() {
+        let mut wire = Wire::new(1_000_000, 500, WireFaults::default(), 1);
+        wire.send(0, &[1, 2, 3]);
+        let mut got = Vec::new();
+        wire.receive(509, &mut got);
+        assert_eq!(got, []);
+        wire.receive(520, &mut got);
+        assert_eq!(got, [1, 2]);
+        assert_eq!(wire.next_arrival_us(), Some(530));
+        wire.receive(530, &mut got);
+        assert_eq!(got, [1, 2, 3]);
+    }
+
+    #[test]
+    fn faults_come_as_often_as_asked_and_alike_for_a_seed() {
+        let faults = WireFaults {
+            drop: 0.1,
+            corrupt: 0.05,
+            duplicate: 0.02,
+            delay: 0.01,
+            longest_delay_us: 1000,
+        };
+        let run = |seed| {
+            let mut wire = Wire::new(921_600, 0, faults, seed);
+            wire.send(0, &[0xA5; 10_000]);
+            let mut got = Vec::new();
+            wire.receive(10_000_000, &mut got);
+            got
+        };
+        let got = run(3);
+        assert_eq!(got, run(3));
+        assert_ne!(got, run(4));
+        let expected = 10_000.0 * 0.9 * 1.02;
+        assert!((got.len() as f64 - expected).abs() < 150.0, "{}", got.len());
+        let damaged = got.iter().filter(|&&byte| byte != 0xA5).count() as f64;
+        assert!(
+            (damaged / got.len() as f64 - 0.05).abs() < 0.01,
+            "{damaged}"
+        );
+    }
+}
