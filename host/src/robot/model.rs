@@ -1,0 +1,368 @@
+//! The robot as the program uses it: SI units, every default filled in, checked.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
+
+use std::f64::consts::PI;
+
+/// A complete, checked description of one robot.
+///
+/// Lengths in m, forces in N, masses in kg, times in s, angles in rad. Cable `i` of the file is
+/// `cables[i - 1]`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Robot {
+    /// Name of the robot.
+    pub name: String,
+    /// The moving platform.
+    pub platform: Platform,
+    /// The cables, cable 1 first; 1 to 16 of them.
+    pub cables: Vec<Cable>,
+    /// The winches in the order of the file; see [`Cable::winch_index`].
+    pub winches: Vec<Winch>,
+    /// The drives' bus.
+    pub bus: Bus,
+    /// The law of the tension-held cables.
+    pub tension: TensionLaw,
+    /// The tool.
+    pub tool: Tool,
+    /// The gripper.
+    pub gripper: Gripper,
+    /// The camera on the platform.
+    pub camera: Camera,
+    /// The tags in the scene.
+    pub tags: Vec<Tag>,
+    /// What a motion may not exceed.
+    pub limits: Limits,
+}
+
+/// The moving platform; vectors in its own frame.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Platform {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Centre of mass, m.
+    pub center_of_mass_m: Vector3<f64>,
+    /// Inertia tensor about the centre of mass, kg m2; symmetric, positive definite.
+    pub inertia_kg_m2: Matrix3<f64>,
+}
+
+/// What the winch of a cable holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Control {
+    /// The cable's length.
+    Position,
+    /// The cable's tension.
+    Tension,
+}
+
+/// One cable with its last pulley.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Cable {
+    /// Point B where the cable enters the pulley, on the swivel axis; world frame, m.
+    pub anchor_in_world_m: Vector3<f64>,
+    /// Unit vector along the swivel axis: the cable's direction of travel at B; world frame.
+    pub swivel_axis_in_world: Vector3<f64>,
+    /// Pulley radius, m; 0 is a point anchor.
+    pub pulley_radius_m: f64,
+    /// Attachment A, platform's frame, m.
+    pub attachment_in_platform_m: Vector3<f64>,
+    /// The winch that drives the cable: index into [`Robot::winches`].
+    pub winch_index: usize,
+    /// What the winch holds.
+    pub control: Control,
+    /// Axial stiffness EA, N.
+    pub ea_n: f64,
+    /// Axial damping over stiffness, s.
+    pub damping_time_s: f64,
+    /// Cable between drum and B, m.
+    pub routing_length_m: f64,
+    /// Share of the tension lost at the pulleys, 0 to below 1.
+    pub pulley_loss: f64,
+}
+
+/// Protocol of a motor drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum DriveKind {
+    /// RoboModule RMDS.
+    Rmds,
+    /// CiA 402 over CANopen.
+    Cia402,
+}
+
+/// One winch module.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Winch {
+    /// Number by which cables and commands name it.
+    pub id: u8,
+    /// Drum radius to the cable's centre, m.
+    pub drum_radius_m: f64,
+    /// Cable diameter, m.
+    pub cable_diameter_m: f64,
+    /// Turns of cable that the drum takes.
+    pub turns_max: f64,
+    /// Inertia of drum, screw and coupling about the drum's axis, kg m2.
+    pub drum_inertia_kg_m2: f64,
+    /// Drum encoder counts per drum turn.
+    pub encoder_counts_per_turn: u32,
+    /// 1 if the drum encoder counts up while cable is paid out, else -1.
+    pub encoder_sign: i8,
+    /// Motor encoder counts per drum turn.
+    pub motor_counts_per_turn: f64,
+    /// Motor turns per drum turn.
+    pub gear_ratio: f64,
+    /// Greatest motor speed, turns per minute.
+    pub max_motor_rpm: f64,
+    /// Greatest motor current, A.
+    pub max_current_a: f64,
+    /// Torque constant, Nm/A.
+    pub torque_constant_nm_per_a: f64,
+    /// Rotor inertia about the motor's axis, kg m2.
+    pub rotor_inertia_kg_m2: f64,
+    /// Coulomb friction felt at the cable, N.
+    pub friction_n: f64,
+    /// Time until the brake holds, s.
+    pub brake_close_s: f64,
+    /// k of tension = k (voltage - u_0), N/V.
+    pub tension_gain_n_per_v: f64,
+    /// u_0 of tension = k (voltage - u_0), V.
+    pub tension_zero_v: f64,
+    /// Full scale of the tension sensor, N.
+    pub tension_max_n: f64,
+    /// Protocol of the drive.
+    pub drive: DriveKind,
+    /// Number of the drive on the bus.
+    pub node: u8,
+    /// Bandwidth of the drive's position loop, rad/s.
+    pub drive_bandwidth_rad_s: f64,
+    /// Time constant of the drive's current loop, s.
+    pub current_lag_s: f64,
+}
+
+impl Winch {
+    /// Cable speed at the greatest motor speed, m/s: `2 pi R rpm / (60 ratio)`.
+    pub fn max_cable_speed_mps(&self) -> f64 {
+        self.max_motor_rpm / 60.0 / self.gear_ratio * 2.0 * PI * self.drum_radius_m
+    }
+
+    /// Mass that the cable feels when it accelerates the winch, kg:
+    /// (rotor inertia x ratio^2 + drum inertia) / R^2.
+    pub fn effective_mass_kg(&self) -> f64 {
+        (self.rotor_inertia_kg_m2 * self.gear_ratio.powi(2) + self.drum_inertia_kg_m2)
+            / self.drum_radius_m.powi(2)
+    }
+
+    /// Cable force per motor current, N/A, without losses in the gear.
+    pub fn force_per_current_n_per_a(&self) -> f64 {
+        self.torque_constant_nm_per_a * self.gear_ratio / self.drum_radius_m
+    }
+
+    /// Cable force at the greatest current, N, without losses in the gear.
+    pub fn max_force_n(&self) -> f64 {
+        self.force_per_current_n_per_a() * self.max_current_a
+    }
+
+    /// Cable length per drum encoder count, m.
+    pub fn cable_per_encoder_count_m(&self) -> f64 {
+        2.0 * PI * self.drum_radius_m / f64::from(self.encoder_counts_per_turn)
+    }
+
+    /// Cable length per motor encoder count, m.
+    pub fn cable_per_motor_count_m(&self) -> f64 {
+        2.0 * PI * self.drum_radius_m / self.motor_counts_per_turn
+    }
+
+    /// Motor counts per drum encoder count: the rho of the paper's Eqs. 50 and 54.
+    pub fn motor_counts_per_encoder_count(&self) -> f64 {
+        self.motor_counts_per_turn / f64::from(self.encoder_counts_per_turn)
+    }
+}
+
+/// The drives' bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Bus {
+    /// Bit rate, bit/s.
+    pub bitrate: u32,
+    /// Time between two commands to the same drive, us; whole milliseconds.
+    pub period_us: u32,
+}
+
+/// Which law holds the tension of a tension-held cable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum LawKind {
+    /// The paper's Eq. 1.
+    Pd,
+    /// The project's own: feed-forward, integral, damping besides.
+    Default,
+}
+
+/// The law of the tension-held cables; gains give winch force at the cable.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TensionLaw {
+    /// Set-point where the plan gives none, N.
+    pub setpoint_n: f64,
+    /// Which law.
+    pub law: LawKind,
+    /// Force per tension error, N/N.
+    pub kp: f64,
+    /// Force per rate of tension error, N s/N.
+    pub kd: f64,
+    /// Force per integral of tension error, N/(N s).
+    pub ki: f64,
+    /// Force against cable speed beyond the planned one, N s/m.
+    pub damping_ns_per_m: f64,
+    /// Corner of the low-pass on the measured tension, Hz.
+    pub filter_hz: f64,
+    /// Least tension that a plan may ask, N.
+    pub floor_n: f64,
+    /// Greatest tension that a plan may ask, N.
+    pub ceiling_n: f64,
+}
+
+/// The tool.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Tool {
+    /// Tool centre point, platform's frame, m.
+    pub tcp_in_platform_m: Vector3<f64>,
+}
+
+/// Kind of gripper.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum GripperKind {
+    /// No gripper.
+    None,
+    /// One output: open or closed.
+    Digital,
+}
+
+/// The gripper.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gripper {
+    /// Kind.
+    pub kind: GripperKind,
+    /// Greatest opening, m.
+    pub stroke_m: f64,
+    /// Time from open to closed, s.
+    pub close_s: f64,
+    /// Whether a switch reports that the fingers closed on nothing.
+    pub switch: bool,
+}
+
+/// A rigid transform: `y = rotation x + translation_m`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Transform {
+    /// Rotation part.
+    pub rotation: Matrix3<f64>,
+    /// Translation part, m.
+    pub translation_m: Vector3<f64>,
+}
+
+impl Transform {
+    /// Transform from a translation in m and `[rx, ry, rz]` in rad with R = Rz Ry Rx.
+    pub fn from_attitude(translation_m: Vector3<f64>, attitude_rad: [f64; 3]) -> Self {
+        let [rx, ry, rz] = attitude_rad;
+        // nalgebra's order of arguments is roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll).
+        let rotation = nalgebra::Rotation3::from_euler_angles(rx, ry, rz).into_inner();
+        Self {
+            rotation,
+            translation_m,
+        }
+    }
+}
+
+/// The camera on the platform: a pinhole with Brown-Conrady distortion.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Camera {
+    /// Picture width, px.
+    pub width_px: u32,
+    /// Picture height, px.
+    pub height_px: u32,
+    /// Focal length along the rows, px.
+    pub fx_px: f64,
+    /// Focal length along the columns, px.
+    pub fy_px: f64,
+    /// Principal point from the left, px.
+    pub cx_px: f64,
+    /// Principal point from the top, px.
+    pub cy_px: f64,
+    /// k1, k2, p1, p2, k3.
+    pub distortion: [f64; 5],
+    /// Whether the camera gives a depth picture.
+    pub depth: bool,
+    /// Maps platform coordinates to camera coordinates (x right, y down, z forward).
+    pub camera_from_platform: Transform,
+}
+
+/// A fiducial tag on a rigid body of the scene.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Tag {
+    /// Number that the tag encodes.
+    pub id: u32,
+    /// AprilTag family without the prefix "tag": `36h11`.
+    pub family: String,
+    /// Edge, m.
+    pub size_m: f64,
+    /// Rigid body that carries the tag.
+    pub body: u32,
+    /// Corners in the body's frame, in the detector's order, m.
+    pub corners_in_body_m: [Vector3<f64>; 4],
+}
+
+/// What a motion may not exceed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Limits {
+    /// Speed of the tool, m/s.
+    pub speed_mps: f64,
+    /// Acceleration of the tool along its path, m/s2.
+    pub acceleration_mps2: f64,
+    /// Jerk of the tool along its path, m/s3.
+    pub jerk_mps3: f64,
+    /// Least and greatest corner of the tool's box, world frame, m; `None`: no box.
+    pub box_in_world_m: Option<[Vector3<f64>; 2]>,
+    /// Least tension of any cable, N.
+    pub tension_min_n: f64,
+    /// Greatest tension of any cable, N.
+    pub tension_max_n: f64,
+    /// Greatest angle between the platform's z axis and the world's, rad.
+    pub tilt_max_rad: f64,
+}
+
+const CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+
+impl Robot {
+    /// The winch that drives cable `cable` (from 0), if there is such a cable.
+    pub fn winch_of(&self, cable: usize) -> Option<&Winch> {
+        self.winches.get(self.cables.get(cable)?.winch_index)
+    }
+
+    /// Box to search or draw in, world frame, m: the box of the limits where one is given, else
+    /// the box of the anchors. A robot whose anchors all lie near one height hangs below them:
+    /// its box reaches down by the diagonal of the anchors' rectangle.
+    pub fn search_box_in_world_m(&self) -> [Vector3<f64>; 2] {
+        if let Some(corners) = self.limits.box_in_world_m {
+            return corners;
+        }
+        let mut low = Vector3::repeat(f64::INFINITY);
+        let mut high = Vector3::repeat(f64::NEG_INFINITY);
+        for cable in &self.cables {
+            low = low.inf(&cable.anchor_in_world_m);
+            high = high.sup(&cable.anchor_in_world_m);
+        }
+        let diagonal_m = (high.x - low.x).hypot(high.y - low.y);
+        if high.z - low.z < 0.25 * diagonal_m {
+            low.z = high.z - diagonal_m;
+        }
+        [low, high]
+    }
+
+    /// CRC-32 (ISO-HDLC, as in zip) of the description in a canonical form.
+    ///
+    /// Two files that describe the same robot (other comments, other order of keys, defaults
+    /// written out) have the same hash; a change of any value changes it.
+    pub fn content_hash(&self) -> u32 {
+        // Field order is fixed by the types, and numbers are written in the shortest form that
+        // reads back exactly, so equal robots give equal bytes. Writing to memory cannot fail, and
+        // a checked robot holds no value that JSON lacks.
+        let canonical = serde_json::to_vec(self).unwrap_or_default();
+        CRC_32.checksum(&canonical)
+    }
+}
