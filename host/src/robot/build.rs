@@ -6,25 +6,22 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 
 use super::model::{
-    Bus, Cable, Camera, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
-    Tag, TensionLaw, Tool, Transform, Winch,
+    Bus, Cable, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
+    TensionLaw, Tool, Winch,
 };
 use super::modules::Modules;
 use super::read::{Reader, Values};
 use super::schema;
 
 // Dividing by these rounds once, so that 700 mm is exactly the number nearest to 0.7 m.
-const MM_PER_M: f64 = 1e3;
-const MS_PER_S: f64 = 1e3;
+pub(super) const MM_PER_M: f64 = 1e3;
+pub(super) const MS_PER_S: f64 = 1e3;
 
 /// Most cables of one robot.
 pub(super) const CABLES_MAX: usize = 16;
 
 /// Box whose inertia stands in where the file gives none, m.
 const BOX_M: [f64; 3] = [0.130, 0.180, 0.040];
-
-/// Supply of the tension sensor's converter, V: the board reads no voltage above it.
-const SENSOR_SUPPLY_V: f64 = 3.3;
 
 /// Two anchors nearer than this are one anchor typed twice, m.
 const SAME_POINT_M: f64 = 1e-6;
@@ -45,7 +42,7 @@ pub(super) fn build(reader: &mut Reader, mut file: Values, modules: &Modules) ->
     let winch_tables = file.take_tables("winch");
     let winches_given = !winch_tables.is_empty();
 
-    let winches = winches(reader, winch_tables, modules, &cable_tables);
+    let winches = super::winches::winches(reader, winch_tables, modules, &cable_tables);
     let cables = cables(reader, &cable_tables, &winches, winches_given);
     let bus = bus(
         reader,
@@ -62,9 +59,9 @@ pub(super) fn build(reader: &mut Reader, mut file: Values, modules: &Modules) ->
     );
     let tool = file.take_table("tool", &schema::TOOL);
     let gripper = file.take_table("gripper", &schema::GRIPPER);
-    let camera = camera(reader, file.take_table("camera", &schema::CAMERA));
+    let camera = super::scene::camera(reader, file.take_table("camera", &schema::CAMERA));
     let tag_tables = file.take_tables("tag");
-    let tags = tags(reader, &tag_tables);
+    let tags = super::scene::tags(reader, &tag_tables);
 
     reader.is_clean().then(|| Robot {
         name: file.text("name").to_owned(),
@@ -92,7 +89,7 @@ pub(super) fn build(reader: &mut Reader, mut file: Values, modules: &Modules) ->
 }
 
 /// Three numbers in mm as a point in m. Fewer stand for a value already refused: zeros.
-fn point_m(mm: &[f64]) -> Vector3<f64> {
+pub(super) fn point_m(mm: &[f64]) -> Vector3<f64> {
     match mm {
         [x, y, z, ..] => Vector3::new(*x, *y, *z) / MM_PER_M,
         _ => Vector3::zeros(),
@@ -135,154 +132,6 @@ fn platform(reader: &mut Reader, table: &Values) -> Platform {
         mass_kg,
         center_of_mass_m: point_m(&table.numbers("center_of_mass_mm")),
         inertia_kg_m2,
-    }
-}
-
-/// The winches of the file, or one of defaults per cable.
-fn winches(
-    reader: &mut Reader,
-    tables: Vec<Values>,
-    modules: &Modules,
-    cables: &[Values],
-) -> Vec<Winch> {
-    let mut winches = Vec::new();
-    if tables.is_empty() {
-        for cable in cables {
-            let table = Values::absent(&schema::WINCH, "[[winch]]", cable.at("winch"));
-            let id = winches.len() as i64 + 1;
-            // A robot without winch tables may name its default winches as it likes.
-            winches.push(winch(&table, cable.whole_given("winch").unwrap_or(id)));
-        }
-        return winches;
-    }
-    let mut ids: BTreeMap<u8, String> = BTreeMap::new();
-    let mut nodes: BTreeMap<u8, String> = BTreeMap::new();
-    for (index, mut table) in tables.into_iter().enumerate() {
-        if table.has("module")
-            && let Some(module) = read_module(reader, &table, modules)
-        {
-            table.fill_from(module);
-        }
-        let place = table.place.clone();
-        if table.whole_given("encoder_sign") == Some(0) {
-            reader.problem(
-                &table.at("encoder_sign"),
-                &place,
-                "`encoder_sign` must be 1 or -1, not 0".into(),
-                Some("`mcdpr commission` finds the sign of an unloaded winch".into()),
-            );
-        }
-        let winch = winch(&table, index as i64 + 1);
-        check_sensor(reader, &table, &winch);
-        if let Some(other) = ids.insert(winch.id, place.clone()) {
-            reader.problem(
-                &table.at("id"),
-                &place,
-                format!("`id` {} is already the id of {other}", winch.id),
-                Some("give every winch its own id".into()),
-            );
-        }
-        if winch.drive == DriveKind::Rmds && winch.node > 15 {
-            reader.problem(
-                &table.at("node"),
-                &place,
-                format!("`node` {} is beyond what an rmds drive takes", winch.node),
-                Some("number the drive 1 to 15".into()),
-            );
-        }
-        if let Some(other) = nodes.insert(winch.node, place.clone()) {
-            reader.problem(
-                &table.at("node"),
-                &place,
-                format!("`node` {} is already the drive of {other}", winch.node),
-                Some("give every drive on the bus its own number".into()),
-            );
-        }
-        winches.push(winch);
-    }
-    winches
-}
-
-fn read_module(reader: &mut Reader, table: &Values, modules: &Modules) -> Option<Values> {
-    let at = table.at("module");
-    match modules.open(table.text("module")) {
-        Err((what, help)) => {
-            reader.problem(&at, &table.place, what, Some(help));
-            None
-        }
-        Ok((name, text)) => {
-            let file = reader.add_file(&name, &text);
-            let mut module = reader.read(file, &schema::WINCH, "winch module")?;
-            for key in ["module", "id", "node"] {
-                if module.has(key) {
-                    reader.problem(
-                        &module.at(key),
-                        &module.place,
-                        format!("`{key}` does not belong in a winch module file"),
-                        Some("write it in the [[winch]] table of the robot file".into()),
-                    );
-                    module.forget(key);
-                }
-            }
-            Some(module)
-        }
-    }
-}
-
-fn check_sensor(reader: &mut Reader, table: &Values, winch: &Winch) {
-    let readable_n = winch.tension_gain_n_per_v * (SENSOR_SUPPLY_V - winch.tension_zero_v);
-    if winch.tension_max_n > readable_n * 1.001 {
-        reader.problem(
-            &table.at("tension_max_n"),
-            &table.place,
-            format!(
-                "`tension_max_n` {} N is more than the sensor shows: \
-                 {} N/V x (3.3 V - {} V) = {readable_n:.2} N",
-                winch.tension_max_n, winch.tension_gain_n_per_v, winch.tension_zero_v
-            ),
-            Some("lower tension_max_n, or correct tension_gain_n_per_v and tension_zero_v".into()),
-        );
-    }
-}
-
-fn winch(table: &Values, default_id: i64) -> Winch {
-    // The key table has bounded every whole number to its type.
-    let small = |number: i64| u8::try_from(number).unwrap_or(u8::MAX);
-    let id = table.whole_given("id").unwrap_or(default_id);
-    let gear_ratio = table.number("gear_ratio");
-    Winch {
-        id: small(id),
-        drum_radius_m: table.number("drum_radius_mm") / MM_PER_M,
-        cable_diameter_m: table.number("cable_diameter_mm") / MM_PER_M,
-        turns_max: table.number("turns_max"),
-        drum_inertia_kg_m2: table.number("drum_inertia_kg_m2"),
-        encoder_counts_per_turn: u32::try_from(table.whole("encoder_counts_per_turn"))
-            .unwrap_or(u32::MAX),
-        encoder_sign: if table.whole("encoder_sign") < 0 {
-            -1
-        } else {
-            1
-        },
-        motor_counts_per_turn: table
-            .number_given("motor_counts_per_turn")
-            .unwrap_or_else(|| (gear_ratio * 4096.0).round()),
-        gear_ratio,
-        max_motor_rpm: table.number("max_motor_rpm"),
-        max_current_a: table.number("max_current_a"),
-        torque_constant_nm_per_a: table.number("torque_constant_nm_per_a"),
-        rotor_inertia_kg_m2: table.number("rotor_inertia_kg_m2"),
-        friction_n: table.number("friction_n"),
-        brake_close_s: table.number("brake_close_ms") / MS_PER_S,
-        tension_gain_n_per_v: table.number("tension_gain_n_per_v"),
-        tension_zero_v: table.number("tension_zero_v"),
-        tension_max_n: table.number("tension_max_n"),
-        drive: match table.text("drive") {
-            "cia402" => DriveKind::Cia402,
-            _ => DriveKind::Rmds,
-        },
-        node: small(table.whole_given("node").unwrap_or(id)),
-        drive_bandwidth_rad_s: table.number("drive_bandwidth_rad_s"),
-        current_lag_s: table.number("current_lag_ms") / MS_PER_S,
     }
 }
 
@@ -511,122 +360,4 @@ fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
         );
     }
     law
-}
-
-fn camera(reader: &mut Reader, mut table: Values) -> Camera {
-    let pose = table.take_table("camera_from_platform", &schema::CAMERA_FROM_PLATFORM);
-    let width = table.whole("width");
-    let height = table.whole("height");
-    let mut principal = |key: &str, pixels: i64| {
-        let pixels = pixels as f64;
-        let value = table.number_given(key).unwrap_or(pixels / 2.0);
-        if !(0.0..=pixels).contains(&value) {
-            reader.problem(
-                &table.at(key),
-                &table.place,
-                format!("`{key}` {value} lies outside the picture of {pixels} px"),
-                Some("give the principal point in px of the full picture".into()),
-            );
-        }
-        value
-    };
-    let cx_px = principal("cx", width);
-    let cy_px = principal("cy", height);
-    let mut distortion = [0.0; 5];
-    for (slot, value) in distortion.iter_mut().zip(table.numbers("distortion")) {
-        *slot = value;
-    }
-    let mut attitude_rad = [0.0; 3];
-    for (slot, value) in attitude_rad.iter_mut().zip(pose.numbers("attitude_deg")) {
-        *slot = value.to_radians();
-    }
-    Camera {
-        width_px: u32::try_from(width).unwrap_or(0),
-        height_px: u32::try_from(height).unwrap_or(0),
-        fx_px: table.number("fx"),
-        fy_px: table.number("fy"),
-        cx_px,
-        cy_px,
-        distortion,
-        depth: table.switch("depth"),
-        camera_from_platform: Transform::from_attitude(
-            point_m(&pose.numbers("position_mm")),
-            attitude_rad,
-        ),
-    }
-}
-
-fn tags(reader: &mut Reader, tables: &[Values]) -> Vec<Tag> {
-    let number = |number: i64| u32::try_from(number).unwrap_or(0);
-    let mut tags: Vec<Tag> = Vec::new();
-    for (index, table) in tables.iter().enumerate() {
-        let place_in_file = index as i64;
-        let size_m = table.number("size_mm") / MM_PER_M;
-        let s = size_m / 2.0;
-        let mut corners_in_body_m =
-            [(-s, -s), (s, -s), (s, s), (-s, s)].map(|(x, y)| Vector3::new(x, y, 0.0));
-        if let Some(given) = table.numbers_given("corners_in_body_mm") {
-            for (corner, row) in corners_in_body_m.iter_mut().zip(given.chunks(3)) {
-                *corner = point_m(row);
-            }
-        }
-        let tag = Tag {
-            id: number(table.whole_given("id").unwrap_or(place_in_file)),
-            family: table.text("family").to_owned(),
-            size_m,
-            body: number(table.whole_given("body").unwrap_or(place_in_file)),
-            corners_in_body_m,
-        };
-        let mut refuse = |key: &str, what: String, help: &str| {
-            reader.problem(&table.at(key), &table.place, what, Some(help.into()));
-        };
-        let [a, b, c, d] = corners_in_body_m;
-        let edges = [(b - a), (c - b), (d - c), (a - d)].map(|edge| edge.norm());
-        if edges
-            .iter()
-            .any(|edge| (edge - size_m).abs() > 0.01 * size_m)
-        {
-            refuse(
-                "corners_in_body_mm",
-                format!(
-                    "`corners_in_body_mm` have edges of {:.1}, {:.1}, {:.1} and {:.1} mm, \
-                     but size_mm is {}",
-                    edges[0] * 1e3,
-                    edges[1] * 1e3,
-                    edges[2] * 1e3,
-                    edges[3] * 1e3,
-                    table.number("size_mm")
-                ),
-                "list the corners in the detector's order around the square",
-            );
-        }
-        if tags
-            .iter()
-            .any(|other| other.id == tag.id && other.family == tag.family)
-        {
-            refuse(
-                "id",
-                format!(
-                    "`id` {} of family {} is already the id of another tag",
-                    tag.id, tag.family
-                ),
-                "every tag in the scene needs its own id",
-            );
-        }
-        if tags
-            .iter()
-            .any(|other| other.body == tag.body && other.corners_in_body_m == tag.corners_in_body_m)
-        {
-            refuse(
-                "body",
-                format!(
-                    "`body` {} already carries a tag at the same corners",
-                    tag.body
-                ),
-                "give corners_in_body_mm of every tag of a board",
-            );
-        }
-        tags.push(tag);
-    }
-    tags
 }

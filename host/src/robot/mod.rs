@@ -16,12 +16,15 @@
 
 mod build;
 mod error;
+mod keys;
 mod model;
 mod modules;
 mod read;
+mod scene;
 pub mod schema;
 #[cfg(test)]
 mod tests;
+mod winches;
 
 use std::path::{Path, PathBuf};
 

@@ -9,7 +9,10 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{Invalid, Problem, RobotError};
-use super::schema::{Absent, Key, Kind, SECTIONS, Section};
+use super::schema::{Absent, Key, Kind, Range, SECTIONS, Section};
+
+/// What a list may hold, as messages say it.
+const NUMBERS: &str = "numbers from -1e9 to 1e9";
 
 /// A place in one of the files read for a robot.
 #[derive(Debug, Clone, PartialEq)]
@@ -213,7 +216,7 @@ impl Reader {
                     list.len()
                 )),
                 Some(list) => match list.iter().find(|number| !range.contains(**number)) {
-                    Some(bad) => Err(format!("must hold only finite numbers, not {bad}")),
+                    Some(bad) => Err(format!("must hold only {NUMBERS}, not {bad}")),
                     None => Ok(Value::Numbers(list)),
                 },
                 None => Err(wrong_kind("a list of numbers, [x, y, z]", value.get_ref())),
@@ -433,8 +436,8 @@ fn rows_of(value: &DeValue<'_>, rows: usize, columns: usize) -> Result<Value, St
     match lists {
         Some(lists) if lists.len() == rows && lists.iter().all(|row| row.len() == columns) => {
             let flat: Vec<f64> = lists.into_iter().flatten().collect();
-            match flat.iter().find(|number| !number.is_finite()) {
-                Some(bad) => Err(format!("must hold only finite numbers, not {bad}")),
+            match flat.iter().find(|number| !Range::Finite.contains(**number)) {
+                Some(bad) => Err(format!("must hold only {NUMBERS}, not {bad}")),
                 None => Ok(Value::Numbers(flat)),
             }
         }

@@ -1,0 +1,126 @@
+//! The camera and the tags of the file.
+
+use nalgebra::Vector3;
+
+use super::build::{MM_PER_M, point_m};
+use super::model::{Camera, Tag, Transform};
+use super::read::{Reader, Values};
+use super::schema;
+
+pub(super) fn camera(reader: &mut Reader, mut table: Values) -> Camera {
+    let pose = table.take_table("camera_from_platform", &schema::CAMERA_FROM_PLATFORM);
+    let width = table.whole("width");
+    let height = table.whole("height");
+    let mut principal = |key: &str, pixels: i64| {
+        let pixels = pixels as f64;
+        let value = table.number_given(key).unwrap_or(pixels / 2.0);
+        if !(0.0..=pixels).contains(&value) {
+            reader.problem(
+                &table.at(key),
+                &table.place,
+                format!("`{key}` {value} lies outside the picture of {pixels} px"),
+                Some("give the principal point in px of the full picture".into()),
+            );
+        }
+        value
+    };
+    let cx_px = principal("cx", width);
+    let cy_px = principal("cy", height);
+    let mut distortion = [0.0; 5];
+    for (slot, value) in distortion.iter_mut().zip(table.numbers("distortion")) {
+        *slot = value;
+    }
+    let mut attitude_rad = [0.0; 3];
+    for (slot, value) in attitude_rad.iter_mut().zip(pose.numbers("attitude_deg")) {
+        *slot = value.to_radians();
+    }
+    Camera {
+        width_px: u32::try_from(width).unwrap_or(0),
+        height_px: u32::try_from(height).unwrap_or(0),
+        fx_px: table.number("fx"),
+        fy_px: table.number("fy"),
+        cx_px,
+        cy_px,
+        distortion,
+        depth: table.switch("depth"),
+        camera_from_platform: Transform::from_attitude(
+            point_m(&pose.numbers("position_mm")),
+            attitude_rad,
+        ),
+    }
+}
+
+pub(super) fn tags(reader: &mut Reader, tables: &[Values]) -> Vec<Tag> {
+    let number = |number: i64| u32::try_from(number).unwrap_or(0);
+    let mut tags: Vec<Tag> = Vec::new();
+    for (index, table) in tables.iter().enumerate() {
+        let place_in_file = index as i64;
+        let size_m = table.number("size_mm") / MM_PER_M;
+        let s = size_m / 2.0;
+        let mut corners_in_body_m =
+            [(-s, -s), (s, -s), (s, s), (-s, s)].map(|(x, y)| Vector3::new(x, y, 0.0));
+        if let Some(given) = table.numbers_given("corners_in_body_mm") {
+            for (corner, row) in corners_in_body_m.iter_mut().zip(given.chunks(3)) {
+                *corner = point_m(row);
+            }
+        }
+        let tag = Tag {
+            id: number(table.whole_given("id").unwrap_or(place_in_file)),
+            family: table.text("family").to_owned(),
+            size_m,
+            body: number(table.whole_given("body").unwrap_or(place_in_file)),
+            corners_in_body_m,
+        };
+        let mut refuse = |key: &str, what: String, help: &str| {
+            reader.problem(&table.at(key), &table.place, what, Some(help.into()));
+        };
+        let [a, b, c, d] = corners_in_body_m;
+        let edges = [(b - a), (c - b), (d - c), (a - d)].map(|edge| edge.norm());
+        if edges
+            .iter()
+            .any(|edge| (edge - size_m).abs() > 0.01 * size_m)
+        {
+            refuse(
+                "corners_in_body_mm",
+                format!(
+                    "`corners_in_body_mm` have edges of {:.1}, {:.1}, {:.1} and {:.1} mm, \
+                     but size_mm is {}",
+                    edges[0] * 1e3,
+                    edges[1] * 1e3,
+                    edges[2] * 1e3,
+                    edges[3] * 1e3,
+                    table.number("size_mm")
+                ),
+                "list the corners in the detector's order around the square",
+            );
+        }
+        if tags
+            .iter()
+            .any(|other| other.id == tag.id && other.family == tag.family)
+        {
+            refuse(
+                "id",
+                format!(
+                    "`id` {} of family {} is already the id of another tag",
+                    tag.id, tag.family
+                ),
+                "every tag in the scene needs its own id",
+            );
+        }
+        if tags
+            .iter()
+            .any(|other| other.body == tag.body && other.corners_in_body_m == tag.corners_in_body_m)
+        {
+            refuse(
+                "body",
+                format!(
+                    "`body` {} already carries a tag at the same corners",
+                    tag.body
+                ),
+                "give corners_in_body_mm of every tag of a board",
+            );
+        }
+        tags.push(tag);
+    }
+    tags
+}
