@@ -290,8 +290,10 @@ impl Drive {
         let strongest = self.max_current_a * self.force_per_ampere.abs();
         let force = wanted.clamp(-strongest, strongest);
         if force == wanted {
+            // The integral sees the measured speed: the forecast above knows no friction.
+            let missing = self.speed_reference - drum_rate;
             self.integral_n =
-                (self.integral_n + self.integral_gain * error * h).clamp(-strongest, strongest);
+                (self.integral_n + self.integral_gain * missing * h).clamp(-strongest, strongest);
         }
         let force = force * self.headroom(drum_rate, force);
         self.current_a = force / self.force_per_ampere;

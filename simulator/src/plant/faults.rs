@@ -2,7 +2,8 @@
 
 use super::params::MAX_CABLES;
 
-/// What is wrong with a drum encoder as the board sees it.
+/// What is wrong with a drum encoder as the board sees it. A fault begins and ends with the first
+/// reading after it is set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum EncoderFault {
     /// Nothing.

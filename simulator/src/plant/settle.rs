@@ -14,7 +14,7 @@ const BALANCED_N: f64 = 1e-8;
 /// Speed (m/s) below which the copy is at rest.
 const AT_REST_MPS: f64 = 1e-9;
 /// The search gives up after this much simulated time (s).
-const GIVE_UP_S: f64 = 200.0;
+const GIVE_UP_S: f64 = 120.0;
 
 /// How a cable acts on the platform during the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
