@@ -310,7 +310,8 @@ impl<const N: usize> ConfigStore<N> {
             max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
             max_current_ma: key(CableKey::MaxCurrentMa, 1, 32_000)?,
             current_per_force_q24: (1000 << 24) / i64::from(force),
-            // 65,536 steps are 3.3 V: k[mN/V] * 3.3 / 65,536 in 24 fractional bits.
+            // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
+            // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
             tension_per_adc_q24: gain * 8448 / 10,
             tension_zero_q24: ((gain * zero_uv / 1000) << 24) / 1000,
             tension_max_mn,

@@ -1,3 +1,5 @@
 //! Host library.
 
+pub mod link;
+pub mod machine;
 pub mod robot;

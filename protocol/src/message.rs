@@ -160,6 +160,12 @@ pub enum Reply {
         tick: Tick,
         /// What the board does.
         state: BoardState,
+        /// Path time of the motion under way, ms.
+        path_ms: u32,
+        /// Free knots of the motion buffer.
+        knots_free: u8,
+        /// The number that the next knot must have.
+        next_knot: u16,
     },
     /// To a knot: room left in the motion buffer.
     Queued {

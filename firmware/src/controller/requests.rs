@@ -26,6 +26,9 @@ impl<const N: usize> Controller<N> {
                     host_time_us: *host_time_us,
                     tick: now,
                     state: self.state,
+                    path_ms: self.motion.path_ms(),
+                    knots_free: self.motion.free(),
+                    next_knot: self.motion.next_index(),
                 })
             }
             Request::Stop(kind) => Ok(self.handle_stop(*kind)),

@@ -1,0 +1,617 @@
+//! The host's half of the protocol: handshake, requests with retransmission, heartbeat, telemetry.
+//!
+//! One thread, one loop: [`Client::pump`] feeds the board, so the heartbeat stops when the feeding
+//! stops, which is what it is for. The loop reads no clock but the link's.
+
+use super::{Link, LinkError, describe_reject};
+use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
+use mcdpr_protocol::{
+    Answer, BoardState, Channel, Command, Compatibility, Deframer, Hello, Info, PROTOCOL_MAJOR,
+    PROTOCOL_MINOR, Reject, Reply, Request, SampleBlock, SequenceNumber, SessionId, Status,
+    StopKind, WINDOW, message,
+};
+use miette::Diagnostic;
+use std::collections::VecDeque;
+use thiserror::Error;
+
+/// Time between heartbeats, µs: a board warns at 20 ms and stops at 100 ms.
+const HEARTBEAT_US: u64 = 8_000;
+/// A request without an answer is sent again after this, µs.
+const RETRY_US: u64 = 30_000;
+/// A request without an answer for this long means that the board is gone, µs.
+const GIVE_UP_US: u64 = 1_500_000;
+/// Frames are sent again at most this often after complaints, µs.
+const RESEND_PAUSE_US: u64 = 3_000;
+/// Time for a board to say hello, µs.
+const HELLO_US: u64 = 3_000_000;
+/// Time to wait for another session to end: a board whose host died holds for two seconds, µs.
+const CLAIM_US: u64 = 4_000_000;
+
+/// Why a board did not do what was asked.
+#[derive(Debug, Error, Diagnostic)]
+pub enum ClientError {
+    /// The line is gone.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Link(#[from] LinkError),
+    /// Nobody answers.
+    #[error("no board answers on this line")]
+    #[diagnostic(
+        code(mcdpr::board::silent),
+        help(
+            "check that the board has power, that this is its port (`mcdpr ports`) and that RX and TX are not swapped; flash it with `cargo flash-fw` if it never ran"
+        )
+    )]
+    Silent,
+    /// The board stopped answering.
+    #[error("the board stopped answering ({waiting} unanswered)")]
+    #[diagnostic(
+        code(mcdpr::board::lost),
+        help("it stops and holds by itself; check cable and power, then connect again")
+    )]
+    Lost {
+        /// The request that waits longest.
+        waiting: String,
+    },
+    /// The board speaks another version of the wire format.
+    #[error(
+        "the board speaks protocol {board_major}.{board_minor}, this program speaks {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}: nothing was moved"
+    )]
+    #[diagnostic(code(mcdpr::board::version), help("{remedy}"))]
+    Version {
+        /// The board's.
+        board_major: u16,
+        /// The board's.
+        board_minor: u16,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// The board refused a request.
+    #[error("the board refused {request}: {}", describe_reject(reject))]
+    #[diagnostic(
+        code(mcdpr::board::refused),
+        help("{}", super::faults::reject_advice(reject))
+    )]
+    Refused {
+        /// What was asked.
+        request: String,
+        /// Why not.
+        reject: Reject,
+    },
+}
+
+/// What a board said without being asked.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Event {
+    /// Samples of some ticks.
+    Samples(SampleBlock),
+    /// Its state.
+    Status(Status),
+}
+
+/// What the last heartbeat brought back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Beat {
+    /// The board's tick.
+    pub tick: u32,
+    /// What it does.
+    pub state: BoardState,
+    /// Path time, ms.
+    pub path_ms: u32,
+    /// Free knots.
+    pub knots_free: u8,
+    /// The number that the next knot must have.
+    pub next_knot: u16,
+    /// Time from sending the heartbeat to its answer, µs.
+    pub round_trip_us: u64,
+}
+
+struct Pending {
+    sequence: SequenceNumber,
+    request: Request,
+    sent_us: u64,
+    first_us: u64,
+    result: Option<Result<Reply, Reject>>,
+}
+
+/// A connection to one board.
+pub struct Client<L: Link> {
+    link: L,
+    hello: Hello,
+    info: Info,
+    session: SessionId,
+    next: SequenceNumber,
+    pending: VecDeque<Pending>,
+    done: VecDeque<(Request, Result<Reply, Reject>)>,
+    receiver: Receiver,
+    heartbeat_us: Option<u64>,
+    beat: Option<Beat>,
+    status: Option<Status>,
+    events: VecDeque<Event>,
+    resent_us: u64,
+    retransmissions: u64,
+}
+
+/// Turns bytes into messages of the board.
+#[derive(Default)]
+struct Receiver {
+    deframer: Deframer,
+    bytes: Vec<u8>,
+    frames_bad: u64,
+}
+
+/// One message of the board.
+enum Message {
+    Hello(Hello),
+    Answer(Answer),
+    Event(Event),
+}
+
+impl Receiver {
+    fn take(&mut self, link: &mut impl Link, until_us: u64) -> Result<Vec<Message>, LinkError> {
+        self.bytes.clear();
+        link.receive(until_us, &mut self.bytes)?;
+        let mut messages = Vec::new();
+        for &byte in &self.bytes {
+            let Some(frame) = self.deframer.push(byte) else {
+                continue;
+            };
+            let message = frame.ok().and_then(|(channel, body)| match channel {
+                Channel::Hello => Hello::from_bytes(body).map(Message::Hello),
+                Channel::Answer => message::decode(body).map(Message::Answer),
+                Channel::Samples => message::decode(body)
+                    .map(Event::Samples)
+                    .map(Message::Event),
+                Channel::Status => message::decode(body).map(Event::Status).map(Message::Event),
+                Channel::HelloQuery | Channel::Command => None,
+            });
+            match message {
+                Some(message) => messages.push(message),
+                None => self.frames_bad += 1,
+            }
+        }
+        Ok(messages)
+    }
+}
+
+fn frame(channel: Channel, body: &[u8]) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let used = encode_bytes(channel, body, &mut out).unwrap_or(0);
+    out.get(..used).unwrap_or_default().to_vec()
+}
+
+impl<L: Link> Client<L> {
+    /// Finds the board, checks its version and claims it for this session.
+    ///
+    /// # Errors
+    /// [`ClientError::Silent`], [`ClientError::Version`], [`ClientError::Refused`] where another
+    /// host holds the board, or the link's errors. Nothing has moved then.
+    pub fn connect(mut link: L, session: SessionId) -> Result<Self, ClientError> {
+        let mut receiver = Receiver::default();
+        let hello = find(&mut link, &mut receiver)?;
+        match hello.compatibility() {
+            Compatibility::Full => {}
+            other => {
+                return Err(ClientError::Version {
+                    board_major: hello.major,
+                    board_minor: hello.minor,
+                    remedy: if other == Compatibility::BoardOlder {
+                        "flash this program's firmware: `cargo flash-fw`"
+                    } else {
+                        "update this program to the board's version, or flash this program's firmware: `cargo flash-fw`"
+                    },
+                });
+            }
+        }
+        let mut client = Self {
+            link,
+            hello,
+            info: Info {
+                cables: 0,
+                knot_capacity: 0,
+                ticks_per_second: 1000,
+                drive_kinds: 0,
+                simulated: false,
+                last_panic: mcdpr_protocol::List::new(),
+            },
+            session,
+            next: SequenceNumber(0),
+            pending: VecDeque::new(),
+            done: VecDeque::new(),
+            receiver,
+            heartbeat_us: None,
+            beat: None,
+            status: None,
+            events: VecDeque::new(),
+            resent_us: 0,
+            retransmissions: 0,
+        };
+        if let Reply::Info(info) = client.request(Request::Info)? {
+            client.info = info;
+        }
+        client.claim()?;
+        Ok(client)
+    }
+
+    fn claim(&mut self) -> Result<(), ClientError> {
+        let give_up = self.link.now_us() + CLAIM_US;
+        loop {
+            match self.request(Request::Open) {
+                Ok(_) => break,
+                Err(ClientError::Refused {
+                    reject: Reject::SessionHeld,
+                    ..
+                }) if self.link.now_us() < give_up => {
+                    let pause = self.link.now_us() + 100_000;
+                    self.pump(pause)?;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        self.heartbeat_us = Some(0);
+        Ok(())
+    }
+
+    /// Who the board is.
+    pub const fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// What the board is.
+    pub const fn info(&self) -> &Info {
+        &self.info
+    }
+
+    /// The last status, if one came.
+    pub const fn status(&self) -> Option<&Status> {
+        self.status.as_ref()
+    }
+
+    /// What the last heartbeat brought back.
+    pub const fn beat(&self) -> Option<Beat> {
+        self.beat
+    }
+
+    /// The link's time, µs.
+    pub fn now_us(&self) -> u64 {
+        self.link.now_us()
+    }
+
+    /// Frames that were sent again, and frames that arrived damaged.
+    pub const fn link_errors(&self) -> (u64, u64) {
+        (self.retransmissions, self.receiver.frames_bad)
+    }
+
+    /// Requests under way.
+    pub fn in_flight(&self) -> usize {
+        self.pending.len()
+    }
+
+    /// Whether another sequenced request may be sent now.
+    pub fn has_room(&self) -> bool {
+        self.pending.len() < usize::from(WINDOW)
+    }
+
+    /// The next thing the board said without being asked.
+    pub fn next_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// The next outcome of a request sent by [`Client::enqueue`].
+    pub fn next_outcome(&mut self) -> Option<(Request, Result<Reply, Reject>)> {
+        self.done.pop_front()
+    }
+
+    /// Sends a request and waits for its outcome; everything else goes on meanwhile.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`] where the board refuses it.
+    pub fn request(&mut self, request: Request) -> Result<Reply, ClientError> {
+        let name = name_of(&request);
+        if !request.is_sequenced() {
+            return self.ask(request);
+        }
+        while !self.has_room() {
+            self.step()?;
+        }
+        let number = self.enqueue(request)?;
+        loop {
+            // Earlier outcomes stay in order for their own readers.
+            if self
+                .pending
+                .front()
+                .is_none_or(|first| first.sequence.since(number) > 0)
+                && let Some((_, result)) = self.done.pop_back()
+            {
+                return result.map_err(|reject| ClientError::Refused {
+                    request: name,
+                    reject,
+                });
+            }
+            self.step()?;
+        }
+    }
+
+    /// Sends a sequenced request without waiting; its outcome comes by [`Client::next_outcome`].
+    /// Call only while [`Client::has_room`].
+    ///
+    /// # Errors
+    /// The link's.
+    pub fn enqueue(&mut self, request: Request) -> Result<SequenceNumber, ClientError> {
+        let sequence = self.next;
+        self.next = sequence.next();
+        let now = self.link.now_us();
+        self.transmit(sequence, &request)?;
+        self.pending.push_back(Pending {
+            sequence,
+            request,
+            sent_us: now,
+            first_us: now,
+            result: None,
+        });
+        Ok(sequence)
+    }
+
+    /// Asks to stop: first in line whatever else is under way, and repeated until it is confirmed.
+    ///
+    /// # Errors
+    /// The link's, or [`ClientError::Lost`].
+    pub fn stop(&mut self, kind: StopKind) -> Result<(), ClientError> {
+        self.ask(Request::Stop(kind)).map(|_| ())
+    }
+
+    /// An idempotent request: sent again until it is answered.
+    fn ask(&mut self, request: Request) -> Result<Reply, ClientError> {
+        let name = name_of(&request);
+        // Opening sets where the sequence starts; other numbers only tell answers apart and stay
+        // far from those of the window.
+        let sequence = match request {
+            Request::Open => {
+                let first = self.next;
+                self.next = first.next();
+                first
+            }
+            _ => SequenceNumber(self.next.0 ^ 0x8000),
+        };
+        let give_up = self.link.now_us() + GIVE_UP_US;
+        loop {
+            self.transmit(sequence, &request)?;
+            let retry = self.link.now_us() + RETRY_US;
+            while self.link.now_us() < retry {
+                for message in self.receiver.take(&mut self.link, retry)? {
+                    match message {
+                        Message::Answer(answer) if answer.sequence == sequence => {
+                            return answer.result.map_err(|reject| ClientError::Refused {
+                                request: name,
+                                reject,
+                            });
+                        }
+                        other => self.accept(other)?,
+                    }
+                }
+                self.upkeep()?;
+            }
+            if self.link.now_us() >= give_up {
+                return Err(ClientError::Lost { waiting: name });
+            }
+        }
+    }
+
+    /// Keeps the connection alive and takes what arrives, until `until_us`.
+    ///
+    /// # Errors
+    /// The link's, or [`ClientError::Lost`].
+    pub fn pump(&mut self, until_us: u64) -> Result<(), ClientError> {
+        loop {
+            self.upkeep()?;
+            let due = self.next_due_us().min(until_us);
+            for message in self.receiver.take(&mut self.link, due)? {
+                self.accept(message)?;
+            }
+            if self.link.now_us() >= until_us {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Like [`Client::pump`], but returns as soon as something arrived or is due.
+    ///
+    /// # Errors
+    /// The link's, or [`ClientError::Lost`].
+    pub fn step(&mut self) -> Result<(), ClientError> {
+        self.upkeep()?;
+        let due = self.next_due_us();
+        for message in self.receiver.take(&mut self.link, due)? {
+            self.accept(message)?;
+        }
+        Ok(())
+    }
+
+    fn next_due_us(&self) -> u64 {
+        let beat = self
+            .heartbeat_us
+            .map_or(u64::MAX, |last| last + HEARTBEAT_US);
+        let waiting = self.pending.iter().find(|pending| pending.result.is_none());
+        let retry = waiting.map_or(u64::MAX, |pending| pending.sent_us + RETRY_US);
+        let idle = self.link.now_us() + HEARTBEAT_US;
+        beat.min(retry).min(idle)
+    }
+
+    fn upkeep(&mut self) -> Result<(), ClientError> {
+        let now = self.link.now_us();
+        if self
+            .heartbeat_us
+            .is_some_and(|last| now >= last + HEARTBEAT_US)
+        {
+            self.heartbeat_us = Some(now);
+            let request = Request::Heartbeat {
+                host_time_us: wrapping_us(now),
+            };
+            self.transmit(SequenceNumber(self.next.0 ^ 0x8001), &request)?;
+        }
+        let Some(oldest) = self.pending.iter().find(|pending| pending.result.is_none()) else {
+            return Ok(());
+        };
+        if now >= oldest.first_us + GIVE_UP_US {
+            return Err(ClientError::Lost {
+                waiting: name_of(&oldest.request),
+            });
+        }
+        if now >= oldest.sent_us + RETRY_US {
+            let from = oldest.sequence;
+            self.resend(from)?;
+        }
+        Ok(())
+    }
+
+    /// Sends everything from a number on again: the board executes strictly in order.
+    fn resend(&mut self, from: SequenceNumber) -> Result<(), ClientError> {
+        let now = self.link.now_us();
+        self.resent_us = now;
+        for index in 0..self.pending.len() {
+            let Some(pending) = self.pending.get_mut(index) else {
+                break;
+            };
+            if pending.result.is_some() || pending.sequence.since(from) < 0 {
+                continue;
+            }
+            pending.sent_us = now;
+            let bytes = encode(self.session, pending.sequence, &pending.request);
+            self.retransmissions += 1;
+            self.link.send(&bytes)?;
+        }
+        Ok(())
+    }
+
+    fn transmit(&mut self, sequence: SequenceNumber, request: &Request) -> Result<(), LinkError> {
+        self.link.send(&encode(self.session, sequence, request))
+    }
+
+    fn accept(&mut self, message: Message) -> Result<(), ClientError> {
+        match message {
+            // A restarted board says hello only when asked; an old answer may still be under way.
+            Message::Hello(_) => {}
+            Message::Event(event) => {
+                if let Event::Status(status) = &event {
+                    self.status = Some(status.clone());
+                }
+                self.events.push_back(event);
+            }
+            Message::Answer(answer) => self.settle(answer)?,
+        }
+        Ok(())
+    }
+
+    fn settle(&mut self, answer: Answer) -> Result<(), ClientError> {
+        if let Ok(Reply::Beat {
+            host_time_us,
+            tick,
+            state,
+            path_ms,
+            knots_free,
+            next_knot,
+        }) = answer.result
+        {
+            let sent = wrapping_us(self.link.now_us()).wrapping_sub(host_time_us);
+            self.beat = Some(Beat {
+                tick: tick.0,
+                state,
+                path_ms,
+                knots_free,
+                next_knot,
+                round_trip_us: u64::from(sent),
+            });
+            return Ok(());
+        }
+        if let Err(Reject::Sequence { expected }) = answer.result {
+            if self.link.now_us() >= self.resent_us + RESEND_PAUSE_US {
+                self.resend(expected)?;
+            }
+            return Ok(());
+        }
+        let mut pending = self.pending.iter_mut();
+        if let Some(pending) = pending.find(|pending| pending.sequence == answer.sequence) {
+            pending.result.get_or_insert(answer.result);
+        }
+        while self
+            .pending
+            .front()
+            .is_some_and(|first| first.result.is_some())
+        {
+            if let Some(Pending {
+                request,
+                result: Some(result),
+                ..
+            }) = self.pending.pop_front()
+            {
+                self.done.push_back((request, result));
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives the line back.
+    pub fn into_link(self) -> L {
+        self.link
+    }
+}
+
+fn encode(session: SessionId, sequence: SequenceNumber, request: &Request) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let command = Command {
+        session,
+        sequence,
+        request: request.clone(),
+    };
+    // Every message fits a frame: the protocol asserts it when it is compiled.
+    let used = encode_frame(Channel::Command, &command, &mut out).unwrap_or(0);
+    out.get(..used).unwrap_or_default().to_vec()
+}
+
+/// A board that starts, or a line with rubbish on it, may miss the first questions.
+fn find(link: &mut impl Link, receiver: &mut Receiver) -> Result<Hello, ClientError> {
+    let give_up = link.now_us() + HELLO_US;
+    // A delimiter first: whatever was half sent before ends here.
+    link.send(&[0])?;
+    while link.now_us() < give_up {
+        link.send(&frame(Channel::HelloQuery, &[]))?;
+        let ask_again = link.now_us() + 100_000;
+        while link.now_us() < ask_again {
+            for message in receiver.take(link, ask_again)? {
+                if let Message::Hello(hello) = message {
+                    return Ok(hello);
+                }
+            }
+        }
+    }
+    Err(ClientError::Silent)
+}
+
+fn wrapping_us(time_us: u64) -> u32 {
+    u32::try_from(time_us & u64::from(u32::MAX)).unwrap_or(0)
+}
+
+fn name_of(request: &Request) -> String {
+    let text = match request {
+        Request::Info => "to tell what it is",
+        Request::Status => "to tell its state",
+        Request::Open => "the connection",
+        Request::Close => "to end the connection",
+        Request::Heartbeat { .. } => "the heartbeat",
+        Request::Stop(_) => "to stop",
+        Request::ConfigBegin { .. } | Request::ConfigPut { .. } | Request::ConfigCommit { .. } => {
+            "the configuration"
+        }
+        Request::Reference { .. } => "the reference lengths",
+        Request::Arm { .. } => "to arm",
+        Request::Disarm => "to disarm",
+        Request::Knot(knot) => return format!("knot {} of the motion", knot.index),
+        Request::Start => "to start the motion",
+        Request::Resume => "to go on",
+        Request::Discard => "to discard the motion",
+        Request::ClearFault => "to clear the fault",
+        Request::Samples { .. } => "the samples",
+        Request::Gripper { .. } => "the gripper command",
+    };
+    text.to_owned()
+}

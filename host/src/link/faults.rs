@@ -1,0 +1,149 @@
+//! Faults and refusals in words: what happened, with the numbers, and what to do.
+
+use mcdpr_protocol::{FaultId, FaultRecord, KeyMeaning, Reject};
+
+/// What a latched fault says: id, cable, numbers.
+#[must_use]
+pub fn describe_fault(record: &FaultRecord) -> String {
+    let cable = match record.cable {
+        0 => String::new(),
+        cable => format!(" on cable {cable}"),
+    };
+    let id = record.fault;
+    let numbers = match id {
+        FaultId::S2 | FaultId::D7 => format!(
+            ": {:.2} mm behind its command, limit {:.2} mm",
+            f64::from(record.value) * 1e-3,
+            f64::from(record.limit) * 1e-3
+        ),
+        FaultId::S5 => format!(
+            ": closure error {:.2} mm, limit {:.2} mm",
+            f64::from(record.value) * 1e-3,
+            f64::from(record.limit) * 1e-3
+        ),
+        FaultId::C1 | FaultId::C2 => format!(
+            ": {:.2} N, limit {:.2} N",
+            f64::from(record.value) * 1e-3,
+            f64::from(record.limit) * 1e-3
+        ),
+        FaultId::S10 => format!(
+            ": reads {:.2} N where the static model expects {:.2} N",
+            f64::from(record.value) * 1e-3,
+            f64::from(record.limit) * 1e-3
+        ),
+        FaultId::S7 | FaultId::S8 => format!(
+            ": reads {:.3} V, limit {:.3} V",
+            f64::from(record.value) * 3.3 / 65_536.0,
+            f64::from(record.limit) * 3.3 / 65_536.0
+        ),
+        FaultId::L10 | FaultId::D3 | FaultId::D5 => {
+            format!(" for {} ms, limit {} ms", record.value, record.limit)
+        }
+        _ => String::new(),
+    };
+    format!("{}: {}{cable}{numbers}", id.name(), id.what())
+}
+
+/// What to do about a fault.
+#[must_use]
+pub const fn advice(fault: FaultId) -> &'static str {
+    match fault {
+        FaultId::L9 | FaultId::L10 | FaultId::L12 | FaultId::L15 => {
+            "the board held by itself; see why the host stopped (sleep, crash, cable), connect again and re-arm"
+        }
+        FaultId::S2 | FaultId::S6 => {
+            "check the drum encoder's plug, supply and coupling; the motor turned but the encoder did not"
+        }
+        FaultId::S5 | FaultId::C4 => {
+            "a cable slipped or is mis-wound: look at the drums, then re-reference the lengths"
+        }
+        FaultId::S7 | FaultId::S8 | FaultId::S11 => {
+            "check the tension sensor's plug and amplifier; the reading can not be true"
+        }
+        FaultId::S10 => {
+            "check that the robot hangs where it was said to be, and the sensor's zero (tension_zero_v)"
+        }
+        FaultId::D1 | FaultId::D2 | FaultId::D3 => {
+            "check the drive's supply, CAN plugs and termination, then clear the fault"
+        }
+        FaultId::D4 => "the motor gives all it can: less load, less acceleration, or free a jam",
+        FaultId::D5 => {
+            "the drive did not come up: check its supply, its number on the bus and the CAN wiring"
+        }
+        FaultId::D7 => "the drum did not turn: check the motor's plug, the brake and for a jam",
+        FaultId::C1 => "the cable is slack: check that it lies on its pulleys, then tension it up",
+        FaultId::C2 => "the cable is snagged or pulled against another: free it before you clear",
+        FaultId::K6 => "the host could not feed the motion in time: close other programs",
+        FaultId::P7 => "release the emergency stop, look around, then clear the fault",
+        _ => "mend the cause, then clear the fault and re-arm",
+    }
+}
+
+/// Why a request was refused, in words.
+#[must_use]
+pub fn describe_reject(reject: &Reject) -> String {
+    match reject {
+        Reject::WrongState { state } => format!("not possible while {state:?}"),
+        Reject::SessionHeld => "another host holds the board".to_owned(),
+        Reject::NoSession => "this session does not hold the board".to_owned(),
+        Reject::Sequence { expected } => format!("out of order, it waits for {}", expected.0),
+        Reject::Unsupported => "this board does not know the request".to_owned(),
+        Reject::CableCount { expected, got } => {
+            format!("it drives {expected} cables, not {got}")
+        }
+        Reject::NotConfigured => "it has no configuration".to_owned(),
+        Reject::ConfigHash { board, host } => {
+            format!("its configuration is {:08x}, not {:08x}", board.0, host.0)
+        }
+        Reject::ConfigSequence => "configuration entries are missing or out of order".to_owned(),
+        Reject::ConfigUnknownKey { key } => format!("unknown configuration key {key:#06x}"),
+        Reject::ConfigValue { key } => match mcdpr_protocol::ConfigKey(*key).meaning() {
+            Some(KeyMeaning::Board(key)) => format!("{} is out of range", key.name()),
+            Some(KeyMeaning::Cable(index, key)) => {
+                format!("{} of cable {} is out of range", key.name(), index + 1)
+            }
+            None => format!("configuration key {key:#06x} is out of range"),
+        },
+        Reject::NotReferenced => "it does not know the cable lengths".to_owned(),
+        Reject::BufferFull => "its motion buffer is full".to_owned(),
+        Reject::KnotIndex { expected } => format!("knot {expected} must come first"),
+        Reject::KnotTime { earliest_ms } => {
+            format!("the knot's time lies before {earliest_ms} ms or too far ahead")
+        }
+        Reject::KnotStart { cable, gap } => format!(
+            "the motion starts {:.3} mm from where cable {cable} is",
+            f64::from(gap.0) * 1e-4
+        ),
+        Reject::KnotLength { cable } => format!("the length of cable {cable} is out of range"),
+        Reject::KnotSpeed { cable } => format!("cable {cable} would be too fast"),
+        Reject::KnotTension { cable } => format!("the tension of cable {cable} is out of range"),
+        Reject::KnotEnd => "the motion has ended, or does not end at rest".to_owned(),
+        Reject::NothingToStart => "there is no motion to start".to_owned(),
+        Reject::Faulted { record } => format!("a fault is latched, {}", describe_fault(record)),
+        Reject::CauseRemains { fault } => {
+            format!(
+                "the cause of {} is still there: {}",
+                fault.name(),
+                fault.what()
+            )
+        }
+    }
+}
+
+pub(super) fn reject_advice(reject: &Reject) -> String {
+    match reject {
+        Reject::SessionHeld => {
+            "end the other program; a board whose host died is free again after about three seconds"
+                .to_owned()
+        }
+        Reject::Faulted { record } => advice(record.fault).to_owned(),
+        Reject::CauseRemains { fault } => advice(*fault).to_owned(),
+        Reject::ConfigValue { .. } => "correct the value in the robot file".to_owned(),
+        Reject::CableCount { .. } => "use the robot file of this machine".to_owned(),
+        Reject::WrongState { .. } => {
+            "wait for the robot to come to rest, or stop it first".to_owned()
+        }
+        _ => "nothing was changed; this is likely a mistake of the program, please report it"
+            .to_owned(),
+    }
+}

@@ -1,0 +1,215 @@
+//! A real serial port, or a pseudo-terminal that looks like one.
+
+use super::{Link, LinkError};
+use serialport::{ErrorKind, SerialPort, SerialPortType};
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Read, Write};
+use std::time::{Duration, Instant};
+
+/// Bit rate of the line to a board.
+pub const BAUD: u32 = 921_600;
+
+/// Longest single wait on the port: also the grain of time when nothing arrives.
+const MAX_WAIT: Duration = Duration::from_millis(2);
+/// A write that takes longer means that the bridge is gone.
+const WRITE_TIMEOUT_US: u64 = 200_000;
+
+/// A serial port with the machine's monotonic clock.
+pub struct SerialLink {
+    port: Box<dyn SerialPort>,
+    opened: Instant,
+    now_us: u64,
+    /// Held as long as the port is: a second program is refused even where the system's own
+    /// exclusive flag does not bind it (the superuser).
+    _lock: Option<File>,
+}
+
+impl SerialLink {
+    /// Opens a port at [`BAUD`].
+    ///
+    /// # Errors
+    /// [`LinkError::NoPort`], [`LinkError::Taken`], [`LinkError::Permission`],
+    /// [`LinkError::Unusable`].
+    pub fn open(name: &str) -> Result<Self, LinkError> {
+        let lock = lock(name)?;
+        let port = serialport::new(name, BAUD).timeout(MAX_WAIT).open();
+        let port = port.map_err(|error| explain(name, &error))?;
+        Ok(Self {
+            port,
+            opened: Instant::now(),
+            now_us: 0,
+            _lock: lock,
+        })
+    }
+
+    fn update(&mut self) -> u64 {
+        let elapsed = u64::try_from(self.opened.elapsed().as_micros()).unwrap_or(u64::MAX);
+        self.now_us = self.now_us.max(elapsed);
+        self.now_us
+    }
+}
+
+/// Locks the device file itself: the lock goes with the process, however it ends.
+#[cfg(unix)]
+fn lock(name: &str) -> Result<Option<File>, LinkError> {
+    use std::os::unix::fs::OpenOptionsExt;
+    /// Do not become this terminal's session, and do not wait for a carrier.
+    const O_NOCTTY_NONBLOCK: i32 = 0o400 | 0o4000;
+    let mut options = OpenOptions::new();
+    options.read(true).write(true);
+    if cfg!(target_os = "linux") {
+        options.custom_flags(O_NOCTTY_NONBLOCK);
+    }
+    let port = || name.to_owned();
+    let file = match options.open(name) {
+        Ok(file) => file,
+        Err(error) => {
+            return Err(match error.kind() {
+                std::io::ErrorKind::NotFound => no_port(name),
+                std::io::ErrorKind::PermissionDenied => LinkError::Permission { port: port() },
+                // Exclusive use by another program (EBUSY).
+                std::io::ErrorKind::ResourceBusy => LinkError::Taken { port: port() },
+                _ => LinkError::Unusable {
+                    port: port(),
+                    reason: error.to_string(),
+                },
+            });
+        }
+    };
+    match file.try_lock() {
+        Ok(()) => Ok(Some(file)),
+        Err(TryLockError::WouldBlock) => Err(LinkError::Taken { port: port() }),
+        Err(TryLockError::Error(error)) => Err(LinkError::Unusable {
+            port: port(),
+            reason: error.to_string(),
+        }),
+    }
+}
+
+/// Elsewhere the system itself opens ports for one program only.
+#[cfg(not(unix))]
+fn lock(_name: &str) -> Result<Option<File>, LinkError> {
+    Ok(None)
+}
+
+fn no_port(name: &str) -> LinkError {
+    let ports = list_ports();
+    let names: Vec<_> = ports.iter().map(|port| port.name.as_str()).collect();
+    LinkError::NoPort {
+        port: name.to_owned(),
+        found: match names.as_slice() {
+            [] => " (none)".to_owned(),
+            names => format!(": {}", names.join(", ")),
+        },
+    }
+}
+
+fn explain(name: &str, error: &serialport::Error) -> LinkError {
+    let port = name.to_owned();
+    match error.kind() {
+        ErrorKind::NoDevice if error.description.contains("busy") => LinkError::Taken { port },
+        ErrorKind::NoDevice | ErrorKind::Io(std::io::ErrorKind::NotFound) => no_port(name),
+        ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => LinkError::Permission { port },
+        ErrorKind::Io(std::io::ErrorKind::ResourceBusy) => LinkError::Taken { port },
+        _ => LinkError::Unusable {
+            port,
+            reason: error.description.clone(),
+        },
+    }
+}
+
+impl Link for SerialLink {
+    fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        let give_up = self.update() + WRITE_TIMEOUT_US;
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            match self.port.write(rest) {
+                Ok(written) => rest = rest.get(written..).unwrap_or_default(),
+                Err(error) if may_retry(&error) && self.update() < give_up => {}
+                Err(error) => return Err(broken(&error)),
+            }
+        }
+        self.update();
+        Ok(())
+    }
+
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        let mut buffer = [0; 512];
+        loop {
+            let now = self.update();
+            let left = Duration::from_micros(until_us.saturating_sub(now));
+            let wait = left.min(MAX_WAIT).max(Duration::from_millis(1));
+            self.port
+                .set_timeout(wait)
+                .map_err(|error| LinkError::Broken {
+                    reason: error.description,
+                })?;
+            match self.port.read(&mut buffer) {
+                // A closed pseudo-terminal reads as an endless end of file.
+                Ok(0) => {
+                    return Err(LinkError::Broken {
+                        reason: "the other end was closed".to_owned(),
+                    });
+                }
+                Ok(used) => {
+                    into.extend_from_slice(buffer.get(..used).unwrap_or_default());
+                    return Ok(self.update());
+                }
+                Err(error) if may_retry(&error) => {}
+                Err(error) => return Err(broken(&error)),
+            }
+            let now = self.update();
+            if now >= until_us {
+                return Ok(now);
+            }
+        }
+    }
+}
+
+fn may_retry(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error.kind(), Interrupted | TimedOut | WouldBlock)
+}
+
+fn broken(error: &std::io::Error) -> LinkError {
+    LinkError::Broken {
+        reason: error.to_string(),
+    }
+}
+
+/// A serial port of this machine.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct PortInfo {
+    /// What to pass to `--on`.
+    pub name: String,
+    /// What is plugged in there.
+    pub description: String,
+}
+
+/// The serial ports that exist now, in the order of their names.
+#[must_use]
+pub fn list_ports() -> Vec<PortInfo> {
+    let mut ports: Vec<_> = serialport::available_ports()
+        .unwrap_or_default()
+        .into_iter()
+        .map(|port| PortInfo {
+            description: match &port.port_type {
+                SerialPortType::UsbPort(usb) => {
+                    let words = [&usb.manufacturer, &usb.product, &usb.serial_number];
+                    let words: Vec<_> = words.into_iter().flatten().cloned().collect();
+                    format!("USB {:04x}:{:04x} {}", usb.vid, usb.pid, words.join(" "))
+                }
+                SerialPortType::BluetoothPort => "Bluetooth".to_owned(),
+                SerialPortType::PciPort => "built in".to_owned(),
+                SerialPortType::Unknown => "unknown".to_owned(),
+            },
+            name: port.port_name,
+        })
+        .collect();
+    ports.sort_by(|a, b| a.name.cmp(&b.name));
+    ports
+}

@@ -1,0 +1,48 @@
+//! The simulated robot in this process, in virtual time.
+
+use super::{Link, LinkError};
+use mcdpr_simulator::Simulation;
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// A line to a [`Simulation`]. Waiting on it is what makes its time pass.
+///
+/// Clones share the simulation, so that a caller can look at the truth behind a client's back.
+#[derive(Clone)]
+pub struct SimulatedLink {
+    simulation: Rc<RefCell<Simulation>>,
+}
+
+impl SimulatedLink {
+    /// A line to this simulation.
+    #[must_use]
+    pub fn new(simulation: Simulation) -> Self {
+        Self {
+            simulation: Rc::new(RefCell::new(simulation)),
+        }
+    }
+
+    /// Looks at the simulation, or disturbs it.
+    pub fn with<R>(&self, look: impl FnOnce(&mut Simulation) -> R) -> R {
+        look(&mut self.simulation.borrow_mut())
+    }
+}
+
+impl Link for SimulatedLink {
+    fn now_us(&self) -> u64 {
+        self.simulation.borrow().now_us()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.simulation.borrow_mut().send(bytes);
+        Ok(())
+    }
+
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        let mut simulation = self.simulation.borrow_mut();
+        let mut arrived = Vec::new();
+        simulation.advance(until_us, &mut arrived)?;
+        into.append(&mut arrived);
+        Ok(simulation.now_us())
+    }
+}

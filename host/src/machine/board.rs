@@ -1,0 +1,178 @@
+//! The robot description as a board's configuration.
+
+use crate::robot::{Control, DriveKind, LawKind, Robot, Winch};
+use mcdpr_protocol::{
+    BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Millinewtons, PerCable, Request,
+    TenthMicrometres, config_hash,
+};
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// A value that does not fit the board's range.
+#[derive(Debug, Error, Diagnostic)]
+#[error("{key} of cable {cable} is {value}, which a board can not hold")]
+#[diagnostic(
+    code(mcdpr::config::range),
+    help("correct the value in the robot file; see docs/robot-file.md")
+)]
+pub struct OutOfRange {
+    key: &'static str,
+    cable: usize,
+    value: f64,
+}
+
+/// Time for a coordinated stop, ms.
+const STOP_MS: i32 = 300;
+/// Time that a residual row may be over its limit, ms (S5).
+const RESIDUAL_MS: i32 = 100;
+/// Time a drive needs to enable: the RMDS's reset and mode, ms.
+const RMDS_ENABLE_MS: i32 = 1100;
+/// CiA 402 walks its state machine in some milliseconds, ms.
+const CIA402_ENABLE_MS: i32 = 500;
+/// Age at which a drive's feedback counts as lost, ms (D3).
+const FEEDBACK_MS: i32 = 10;
+/// Time from a bus slot to the drive's action, s.
+const BUS_LATENCY_S: f64 = 0.000_25;
+/// Following error that is a fault, µm (S2, D7).
+const FOLLOWING_UM: i32 = 1000;
+/// A cable may be this much faster than the motor's limit says before the board refuses, as a
+/// share: rounding must not refuse a motion at the very limit.
+const SPEED_MARGIN: f64 = 1.02;
+
+/// All entries of the board's configuration, in ascending order of keys.
+///
+/// # Errors
+/// The first value that a board can not hold.
+pub fn configuration(robot: &Robot) -> Result<Vec<ConfigEntry>, OutOfRange> {
+    let mut entries = Vec::new();
+    let kind = robot.winches.first().map(|winch| winch.drive);
+    let mut board = |key: BoardKey, value: i32| {
+        entries.push(ConfigEntry {
+            key: ConfigKey::board(key),
+            value,
+        });
+    };
+    let whole = |value: u32| i32::try_from(value).unwrap_or(i32::MAX);
+    board(
+        BoardKey::Cables,
+        i32::try_from(robot.cables.len()).unwrap_or(i32::MAX),
+    );
+    let (number, enable) = match kind {
+        Some(DriveKind::Cia402) => (2, CIA402_ENABLE_MS),
+        Some(DriveKind::Rmds) | None => (1, RMDS_ENABLE_MS),
+    };
+    board(BoardKey::DriveKind, number);
+    board(BoardKey::BusBitrate, whole(robot.bus.bitrate));
+    board(BoardKey::BusPeriodUs, whole(robot.bus.period_us));
+    board(BoardKey::StopMs, STOP_MS);
+    board(BoardKey::ResidualMs, RESIDUAL_MS);
+    board(BoardKey::EnableMs, enable);
+    board(BoardKey::FeedbackTimeoutMs, FEEDBACK_MS);
+    for index in 0..robot.cables.len() {
+        if let Some(winch) = robot.winch_of(index) {
+            cable(robot, index, winch, &mut entries)?;
+        }
+    }
+    Ok(entries)
+}
+
+fn cable(
+    robot: &Robot,
+    index: usize,
+    winch: &Winch,
+    entries: &mut Vec<ConfigEntry>,
+) -> Result<(), OutOfRange> {
+    let number = u8::try_from(index).unwrap_or(u8::MAX);
+    let mut put = |key: CableKey, value: f64| {
+        let rounded = value.round();
+        if !(f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&rounded) {
+            return Err(OutOfRange {
+                key: key.name(),
+                cable: index + 1,
+                value,
+            });
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "the range was just checked"
+        )]
+        let value = rounded as i32;
+        entries.push(ConfigEntry {
+            key: ConfigKey::cable(number, key),
+            value,
+        });
+        Ok(())
+    };
+    let law = &robot.tension;
+    let held_by_tension = robot
+        .cables
+        .get(index)
+        .is_some_and(|c| c.control == Control::Tension);
+    // A positive count and a positive current turn the motor alike; counts that rise as the cable
+    // pays out mean that a positive current pays out, so that it takes a negative one to pull.
+    let pull = -winch.motor_counts_per_turn.signum() * winch.force_per_current_n_per_a();
+    let speed = winch.max_cable_speed_mps() * SPEED_MARGIN;
+    let lead_s =
+        1.0 / winch.drive_bandwidth_rad_s + f64::from(robot.bus.period_us) * 0.5e-6 + BUS_LATENCY_S;
+    put(CableKey::Control, f64::from(u8::from(held_by_tension)))?;
+    put(CableKey::DrumRadius, winch.drum_radius_m * 1e7)?;
+    put(
+        CableKey::EncoderCountsPerTurn,
+        f64::from(winch.encoder_counts_per_turn),
+    )?;
+    put(CableKey::EncoderSign, f64::from(winch.encoder_sign))?;
+    put(CableKey::MotorCountsPerTurn, winch.motor_counts_per_turn)?;
+    put(CableKey::MaxMotorRpm, winch.max_motor_rpm)?;
+    put(CableKey::MaxCurrentMa, winch.max_current_a * 1e3)?;
+    put(CableKey::ForcePerCurrent, pull * 1e3)?;
+    put(CableKey::TensionGain, winch.tension_gain_n_per_v * 1e3)?;
+    put(CableKey::TensionZeroUv, winch.tension_zero_v * 1e6)?;
+    put(CableKey::TensionMax, winch.tension_max_n * 1e3)?;
+    put(CableKey::TensionFloor, robot.limits.tension_min_n * 1e3)?;
+    let ceiling = robot.limits.tension_max_n.min(winch.tension_max_n);
+    put(CableKey::TensionCeiling, ceiling * 1e3)?;
+    put(
+        CableKey::TensionLaw,
+        f64::from(u8::from(law.law == LawKind::Default)),
+    )?;
+    put(CableKey::TensionKp, law.kp * 1e3)?;
+    put(CableKey::TensionKd, law.kd * 1e6)?;
+    put(CableKey::TensionKi, law.ki * 1e3)?;
+    put(CableKey::TensionDamping, law.damping_ns_per_m * 1e3)?;
+    put(CableKey::TensionFilterMhz, law.filter_hz * 1e3)?;
+    put(CableKey::Friction, winch.friction_n * 1e3)?;
+    put(CableKey::DrumMass, winch.effective_mass_kg() * 1e3)?;
+    put(CableKey::LeadUs, lead_s * 1e6)?;
+    put(CableKey::BrakeCloseMs, winch.brake_close_s * 1e3)?;
+    put(CableKey::FollowingError, f64::from(FOLLOWING_UM))?;
+    put(CableKey::MaxSpeed, speed * 1e6)?;
+    let turn = std::f64::consts::TAU * winch.drum_radius_m;
+    put(CableKey::LengthMin, 0.0)?;
+    // What the drum holds; a cable longer than that is not on it.
+    put(CableKey::LengthMax, winch.turns_max.max(1.0) * turn * 1e7)?;
+    put(CableKey::Node, f64::from(winch.node))?;
+    put(
+        CableKey::MotorCountsPerRev,
+        winch.motor_counts_per_turn.abs() / winch.gear_ratio,
+    )
+}
+
+/// The hash that host and board must agree on.
+#[must_use]
+pub fn hash_of(entries: &[ConfigEntry]) -> ConfigHash {
+    config_hash(entries.iter().copied())
+}
+
+/// The request that tells a board where its cables are: paid-out lengths in m, tensions in N.
+#[must_use]
+pub fn reference(lengths_m: &[f64], tensions_n: &[f64]) -> Request {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "saturates far beyond any robot"
+    )]
+    let round = |value: f64| value.round() as i32;
+    Request::Reference {
+        lengths: PerCable::collect(lengths_m.iter().map(|l| TenthMicrometres(round(l * 1e7)))),
+        tensions: PerCable::collect(tensions_n.iter().map(|t| Millinewtons(round(t * 1e3)))),
+    }
+}

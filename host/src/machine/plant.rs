@@ -1,0 +1,183 @@
+//! The robot description as physics for the simulator, exact or off by a stated mismatch.
+
+use crate::robot::Robot;
+use mcdpr_simulator::plant::{
+    BrakeParams, BusParams, CableParams, DriveParams, Plant, PlantError, PlantParams,
+    PlatformParams, Pose, TensionSensorParams, WinchParams,
+};
+use mcdpr_simulator::{LinkOptions, Simulation};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+/// How far the simulated machine is from its description, as one standard deviation or a half
+/// width where said. All zero: the machine is exactly as described.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Mismatch {
+    /// Anchors, half width per axis, m.
+    pub anchors_m: f64,
+    /// Attachments, half width per axis, m.
+    pub attachments_m: f64,
+    /// Centre of mass, half width per axis, m.
+    pub center_of_mass_m: f64,
+    /// Mass, relative half width.
+    pub mass: f64,
+    /// Stiffness EA, relative half width.
+    pub ea: f64,
+    /// Tension sensor gain, relative half width.
+    pub sensor_gain: f64,
+    /// Drive bandwidth, relative half width.
+    pub bandwidth: f64,
+    /// Tension lost at every pulley, as a share.
+    pub pulley_loss: f64,
+}
+
+impl Mismatch {
+    /// The machine that a report's second column uses: calibrated anchors off by 0.3 mm and every
+    /// other error that the field knows.
+    #[must_use]
+    pub const fn realistic() -> Self {
+        Self {
+            anchors_m: 0.3e-3,
+            attachments_m: 0.1e-3,
+            center_of_mass_m: 1e-3,
+            mass: 0.02,
+            ea: 0.2,
+            sensor_gain: 0.01,
+            bandwidth: 0.2,
+            pulley_loss: 0.02,
+        }
+    }
+}
+
+/// Viscous friction is not a key of the robot file: Coulomb friction dominates these drums.
+const VISCOUS_FRICTION_NS_PER_M: f64 = 0.0;
+/// A brake that is too weak is a fault to be injected, not a property of a robot file, N.
+const BRAKE_HOLDING_N: f64 = 150.0;
+/// Sensor noise after oversampling, N.
+const SENSOR_NOISE_N: f64 = 0.05;
+/// Over the sensor's full scale the bridge saturates, as a share of full scale.
+const SENSOR_OVERLOAD: f64 = 1.5;
+/// Way over which a pulley's friction builds up after a reversal, m.
+const PRESLIDING_M: f64 = 2e-4;
+
+/// The physics of this robot, off by `mismatch` drawn with `seed`.
+#[must_use]
+pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParams {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6D69_736D);
+    let mut draw = |half_width: f64| {
+        let unit = f64::from(rng.next_u32()) / f64::from(u32::MAX);
+        (2.0 * unit - 1.0) * half_width
+    };
+    let shifted = |vector: [f64; 3], half_width: f64, draw: &mut dyn FnMut(f64) -> f64| {
+        vector.map(|value| value + draw(half_width))
+    };
+    let mut cables = Vec::new();
+    let mut winches = Vec::new();
+    for (index, cable) in robot.cables.iter().enumerate() {
+        cables.push(CableParams {
+            anchor_m: shifted(
+                cable.anchor_in_world_m.into(),
+                mismatch.anchors_m,
+                &mut draw,
+            ),
+            swivel_axis: cable.swivel_axis_in_world.into(),
+            pulley_radius_m: cable.pulley_radius_m,
+            attachment_m: shifted(
+                cable.attachment_in_platform_m.into(),
+                mismatch.attachments_m,
+                &mut draw,
+            ),
+            ea_n: cable.ea_n * (1.0 + draw(mismatch.ea)),
+            damping_time_s: cable.damping_time_s,
+            routing_length_m: cable.routing_length_m,
+            pulley_loss: cable.pulley_loss.max(mismatch.pulley_loss),
+            pulley_presliding_m: PRESLIDING_M,
+        });
+        let Some(winch) = robot.winch_of(index) else {
+            continue;
+        };
+        winches.push(WinchParams {
+            drum_radius_m: winch.drum_radius_m,
+            encoder_counts_per_turn: f64::from(winch.encoder_counts_per_turn),
+            encoder_sign: winch.encoder_sign,
+            motor_counts_per_drum_turn: winch.motor_counts_per_turn.abs(),
+            motor_sign: if winch.motor_counts_per_turn < 0.0 {
+                -1
+            } else {
+                1
+            },
+            gear_ratio: winch.gear_ratio,
+            rotor_inertia_kg_m2: winch.rotor_inertia_kg_m2,
+            torque_constant_nm_per_a: winch.torque_constant_nm_per_a,
+            max_motor_rpm: winch.max_motor_rpm,
+            max_current_a: winch.max_current_a,
+            friction_n: winch.friction_n,
+            viscous_friction_ns_per_m: VISCOUS_FRICTION_NS_PER_M,
+            drum_mass_kg: winch.drum_inertia_kg_m2 / winch.drum_radius_m.powi(2),
+            brake: BrakeParams {
+                close_delay_s: winch.brake_close_s,
+                open_delay_s: winch.brake_close_s,
+                holding_n: BRAKE_HOLDING_N,
+            },
+            drive: DriveParams {
+                position_bandwidth_rad_s: winch.drive_bandwidth_rad_s
+                    * (1.0 + draw(mismatch.bandwidth)),
+                current_lag_s: winch.current_lag_s,
+                ..WinchParams::default().drive
+            },
+            sensor: TensionSensorParams {
+                gain_n_per_v: winch.tension_gain_n_per_v * (1.0 + draw(mismatch.sensor_gain)),
+                zero_v: winch.tension_zero_v,
+                noise_n: SENSOR_NOISE_N,
+                max_n: winch.tension_max_n * SENSOR_OVERLOAD,
+            },
+        });
+    }
+    let platform = &robot.platform;
+    let mass_kg = platform.mass_kg * (1.0 + draw(mismatch.mass));
+    let inertia = platform.inertia_kg_m2;
+    PlantParams {
+        platform: PlatformParams {
+            mass_kg,
+            center_of_mass_m: shifted(
+                platform.center_of_mass_m.into(),
+                mismatch.center_of_mass_m,
+                &mut draw,
+            ),
+            inertia_kg_m2: [0, 1, 2].map(|row| [0, 1, 2].map(|column| inertia[(row, column)])),
+            tcp_m: robot.tool.tcp_in_platform_m.into(),
+            linear_damping_ns_per_m: 0.0,
+            angular_damping_nms: 0.0,
+        },
+        cables,
+        winches,
+        bus: BusParams {
+            period_s: f64::from(robot.bus.period_us) * 1e-6,
+            latency_s: 0.000_25,
+        },
+        gravity_mps2: [0.0, 0.0, -mcdpr_kinematics::GRAVITY_MPS2],
+        step_s: 1e-4,
+        e_stop_cuts_power: true,
+    }
+}
+
+/// A simulated robot that hangs at rest near a pose (position m, rotation world_from_platform),
+/// brakes closed, its tension-held cable at its tension, behind a line.
+///
+/// # Errors
+/// Where the plant finds no equilibrium near the pose.
+pub fn simulate(
+    params: PlantParams,
+    pose: &mcdpr_kinematics::Pose,
+    tensions_n: &[f64],
+    held: Option<usize>,
+    link: &LinkOptions,
+    seed: u64,
+) -> Result<Simulation, PlantError> {
+    let mut plant = Plant::new(params, seed)?;
+    let matrix = pose.rotation.matrix();
+    let rotation = [0, 1, 2].map(|row| [0, 1, 2].map(|column| matrix[(row, column)]));
+    let start = Pose::from_matrix(pose.position_m.into(), &rotation)?;
+    plant.settle_at(&start, tensions_n, held)?;
+    Simulation::new(plant, link, seed)
+}
