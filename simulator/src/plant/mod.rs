@@ -28,7 +28,9 @@ mod cable;
 mod drive;
 mod error;
 mod faults;
+mod inputs;
 mod params;
+mod placing;
 mod platform;
 mod pulley;
 mod sensors;
@@ -36,6 +38,7 @@ mod settle;
 #[cfg(test)]
 mod tests;
 mod truth;
+mod validate;
 mod vec3;
 mod winch;
 
@@ -55,7 +58,7 @@ use bus::Port;
 use cable::{Cable, Tension};
 use platform::{Body, Motion};
 use sensors::{CableSensors, Noise};
-use settle::{Hold, Load, settle};
+use settle::Load;
 use vec3::{V3, add, axpy, cross, dot, mul, mul_t, q_matrix, scale};
 use winch::Winch;
 
@@ -171,252 +174,6 @@ impl Plant {
     /// The present faults, to change.
     pub fn faults_mut(&mut self) -> &mut Faults {
         &mut self.faults
-    }
-
-    /// Puts the platform at `pose` at rest and cuts every cable so that it carries its entry of
-    /// `tensions_n` there. Whether the forces balance is the caller's business. Drums, encoder
-    /// counts (up to their phase) and time start at 0, brakes are closed, drives without a reset,
-    /// nothing broken; faults and external load stay as they are.
-    ///
-    /// # Errors
-    /// [`PlantError::Length`] or a bad tension or pose; [`PlantError::InsidePulley`].
-    pub fn place_at(&mut self, pose: &Pose, tensions_n: &[f64]) -> Result<(), PlantError> {
-        let count = self.cables.len();
-        if tensions_n.len() != count {
-            return Err(PlantError::Length {
-                what: "tensions_n",
-                given: tensions_n.len(),
-                expected: count,
-            });
-        }
-        for (cable, (t, c)) in tensions_n.iter().zip(&self.cables).enumerate() {
-            // A tenth of strain is far beyond any cable, and the law is linear.
-            if !(0.0..=0.1 * c.ea_n).contains(t) {
-                return Err(PlantError::CableParameter {
-                    cable,
-                    name: "tension_n",
-                    value: *t,
-                    rule: "at least 0 and at most a tenth of ea_n",
-                });
-            }
-        }
-        let motion = Motion::at_rest(&self.body, &pose.checked()?);
-        let mut lengths = [0.0; MAX_CABLES];
-        for (i, length_m) in lengths.iter_mut().enumerate().take(count) {
-            *length_m = self.path(&motion, i)?.length_m;
-        }
-        for i in 0..count {
-            let cable = &mut self.cables[i];
-            cable.broken = false;
-            cable.winding_gain = 1.0;
-            cable.cut_to(lengths[i], tensions_n[i]);
-            self.winches[i] = Winch::new(&self.params.winches[i], self.params.step_s);
-            self.ports[i] = Port::new(i, count, &self.params.bus);
-        }
-        self.motion = motion;
-        self.steps = 0;
-        self.target_s = 0.0;
-        self.failed = None;
-        Ok(())
-    }
-
-    /// Like [`Plant::place_at`], then lets the platform come to rest at its own equilibrium,
-    /// elasticity and external load included, with the drums locked except that of `held`, if
-    /// given, which keeps its tension. Afterwards all drums are locked and nothing moves.
-    ///
-    /// # Errors
-    /// As [`Plant::place_at`]; [`PlantError::NoSuchCable`]; [`PlantError::NoEquilibrium`].
-    pub fn settle_at(
-        &mut self,
-        pose: &Pose,
-        tensions_n: &[f64],
-        held: Option<usize>,
-    ) -> Result<(), PlantError> {
-        if let Some(cable) = held {
-            self.known(cable)?;
-        }
-        self.place_at(pose, tensions_n)?;
-        let mut holds = [Hold::Locked; MAX_CABLES];
-        if let Some(cable) = held {
-            holds[cable] = Hold::Tension(tensions_n[cable]);
-        }
-        let motion = settle(
-            &self.body,
-            &self.cables,
-            &holds,
-            self.weight_n,
-            &self.load,
-            self.params.step_s,
-            self.motion,
-        )?;
-        if let Some(cable) = held {
-            let length_m = self.path(&motion, cable)?.length_m;
-            self.cables[cable].cut_to(length_m, tensions_n[cable]);
-        }
-        self.motion = motion;
-        for i in 0..self.cables.len() {
-            let length_m = self.path(&motion, i)?.length_m;
-            let cable = &mut self.cables[i];
-            let tension = cable.tension(length_m, 0.0, 0.0, 0.0);
-            cable.rest_under(tension);
-        }
-        Ok(())
-    }
-
-    /// [`Plant::settle_at`] for those who know a pose roughly: cable `held` at `tension_n`, the
-    /// others locked at their lengths for `pose`, stretched by an even share of the weight.
-    ///
-    /// # Errors
-    /// As [`Plant::settle_at`].
-    pub fn settle_with_tension(
-        &mut self,
-        pose: &Pose,
-        held: usize,
-        tension_n: f64,
-    ) -> Result<(), PlantError> {
-        self.known(held)?;
-        let count = self.cables.len();
-        let share = vec3::norm(self.weight_n) / count as f64;
-        let mut tensions = [share; MAX_CABLES];
-        tensions[held] = tension_n;
-        self.settle_at(pose, &tensions[..count], Some(held))
-    }
-
-    /// Hands a command to the bus; it reaches the drive in the drive's next slot. A set-point
-    /// replaces one still waiting; `Off` and `Reset` void all that waits; others queue.
-    ///
-    /// # Errors
-    /// [`PlantError::NoSuchCable`].
-    pub fn command(&mut self, cable: usize, command: DriveCommand) -> Result<(), PlantError> {
-        self.known(cable)?;
-        self.ports[cable].submit(command);
-        Ok(())
-    }
-
-    /// Switches a brake's output pin; the brake follows after its delay.
-    ///
-    /// # Errors
-    /// [`PlantError::NoSuchCable`].
-    pub fn set_brake(&mut self, cable: usize, closed: bool) -> Result<(), PlantError> {
-        self.known(cable)?;
-        let now_s = self.time_s();
-        let closed = closed || !self.powered;
-        let fault = &self.faults.cables[cable].brake;
-        self.winches[cable].brake.ask(closed, now_s, fault);
-        Ok(())
-    }
-
-    /// Presses or releases the e-stop. If it is wired to the power (the default), drives lose
-    /// theirs at once and brakes close after their delay; releasing restores the supply but
-    /// nothing starts by itself: drives need a reset, brakes a new command.
-    pub fn set_e_stop(&mut self, pressed: bool) {
-        self.e_stop = pressed;
-        if self.params.e_stop_cuts_power {
-            self.set_power(!pressed);
-        }
-    }
-
-    /// Switches the supply of drives and brakes.
-    pub fn set_power(&mut self, on: bool) {
-        self.powered = on;
-        if on {
-            return;
-        }
-        let now_s = self.time_s();
-        for (i, winch) in self.winches.iter_mut().enumerate() {
-            winch.drive.cut_power();
-            winch.brake.ask(true, now_s, &self.faults.cables[i].brake);
-            self.ports[i].clear();
-        }
-    }
-
-    /// A constant load on the platform until changed: `force_n` (world) at `point_m` (platform
-    /// frame) and a pure `torque_nm` (world).
-    ///
-    /// # Errors
-    /// [`PlantError::Parameter`] if a value is not finite.
-    pub fn set_load(
-        &mut self,
-        force_n: [f64; 3],
-        point_m: [f64; 3],
-        torque_nm: [f64; 3],
-    ) -> Result<(), PlantError> {
-        for value in force_n.into_iter().chain(point_m).chain(torque_nm) {
-            if !value.is_finite() {
-                return Err(PlantError::Parameter {
-                    name: "external load",
-                    value,
-                    rule: "finite",
-                });
-            }
-        }
-        self.load = Load {
-            force_n,
-            torque_nm,
-            point: self.body.principal(point_m),
-        };
-        Ok(())
-    }
-
-    /// Breaks a cable for good (until the robot is placed again).
-    ///
-    /// # Errors
-    /// [`PlantError::NoSuchCable`].
-    pub fn break_cable(&mut self, cable: usize) -> Result<(), PlantError> {
-        self.known(cable)?;
-        self.cables[cable].broken = true;
-        self.cables[cable].tension = Tension::default();
-        Ok(())
-    }
-
-    /// Lets cable slip off (positive, longer) or onto the drum without the drum turning.
-    ///
-    /// # Errors
-    /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] if not finite.
-    pub fn slip_cable(&mut self, cable: usize, longer_m: f64) -> Result<(), PlantError> {
-        self.known(cable)?;
-        if !longer_m.is_finite() {
-            return Err(PlantError::CableParameter {
-                cable,
-                name: "slip longer_m",
-                value: longer_m,
-                rule: "finite",
-            });
-        }
-        self.cables[cable].unstretched_zero_m += longer_m;
-        Ok(())
-    }
-
-    /// From now on the drum winds `gain` metres of cable per metre of its nominal circumference:
-    /// 1 is right, 1.05 a layer that lies on another.
-    ///
-    /// # Errors
-    /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] unless 0.5 to 2.
-    pub fn set_winding_gain(&mut self, cable: usize, gain: f64) -> Result<(), PlantError> {
-        self.known(cable)?;
-        if !(0.5..=2.0).contains(&gain) {
-            return Err(PlantError::CableParameter {
-                cable,
-                name: "winding gain",
-                value: gain,
-                rule: "0.5 to 2",
-            });
-        }
-        let drum_m = self.winches[cable].drum_m;
-        let c = &mut self.cables[cable];
-        c.unstretched_zero_m += (c.winding_gain - gain) * drum_m;
-        c.winding_gain = gain;
-        Ok(())
-    }
-
-    /// Shifts an encoder's count for good: lost counts, or the counter's value at power-on.
-    ///
-    /// # Errors
-    /// [`PlantError::NoSuchCable`].
-    pub fn slip_encoder(&mut self, cable: usize, counts: i32) -> Result<(), PlantError> {
-        self.known(cable)?;
-        self.sensors[cable].slip(i64::from(counts));
-        Ok(())
     }
 
     /// Where a drive is on its way to obedience (for tests; a board cannot see it).

@@ -1,7 +1,8 @@
 //! The platform as a free rigid body, and poses.
 
 use super::error::PlantError;
-use super::params::{PlatformParams, is_rotation};
+use super::params::PlatformParams;
+use super::validate::is_rotation;
 use super::vec3::{
     M3, Q, V3, add, axpy, cross, mul, mul_t, norm, q_conj, q_from_matrix, q_matrix, q_mul,
     q_normalised, scale, sub, symmetric_eigen,

@@ -46,8 +46,11 @@ impl Plant {
     /// The exact state now.
     ///
     /// # Errors
-    /// [`PlantError::InsidePulley`] if the platform has got where a cable has no path.
+    /// The error that stopped [`Plant::advance`], if one has: the state then means nothing.
     pub fn truth(&self) -> Result<Truth, PlantError> {
+        if let Some(error) = &self.failed {
+            return Err(error.clone());
+        }
         let motion = &self.motion;
         let rotation = q_matrix(motion.attitude);
         let spin = motion.spin(&self.body);

@@ -36,7 +36,7 @@ fn at_rest_without_damping_nothing_happens_for_20_s() {
     let start = plant.truth().expect("a path");
     let drift = energies(&mut plant, 20);
     println!("at rest, 20 s: energy within {:.2e} J", largest(&drift));
-    assert!(largest(&drift) < 1e-11, "{}", largest(&drift));
+    assert!(largest(&drift) < 1e-12, "{}", largest(&drift));
     let end = plant.truth().expect("a path");
     assert!(distance(start.tool_position_m, end.tool_position_m) < 1e-7);
     assert_eq!(end.drum_positions_m, [0.0; MAX_CABLES]);
@@ -46,7 +46,7 @@ fn at_rest_without_damping_nothing_happens_for_20_s() {
 fn an_undamped_swing_keeps_its_energy_for_20_s() {
     let mut plant = at_rest(undamped(), &off_centre(), 5.0);
     plant
-        .set_load([0.3, 0.2, 0.0], [0.0; 3], [0.0; 3])
+        .set_load([0.3, 0.2, -5.0], [0.0; 3], [0.0; 3])
         .expect("finite");
     plant.advance(0.1).expect("pushed");
     plant
@@ -65,13 +65,13 @@ fn an_undamped_swing_keeps_its_energy_for_20_s() {
     );
     // The step's own error swings with the motion; it must not add up.
     assert!(
-        largest(&drift) < 0.01 * swing,
+        largest(&drift) < 1e-3 * swing,
         "{} of {swing}",
         largest(&drift)
     );
     let growth = mean(&drift[1600..]) - mean(&drift[..400]);
     println!("its mean energy grew by {growth:.2e} J");
-    assert!(growth.abs() < 1e-4 * swing, "{growth} of {swing}");
+    assert!(growth.abs() < 1e-6 * swing, "{growth} of {swing}");
 }
 
 #[test]

@@ -1,0 +1,146 @@
+//! What acts on the plant from outside: the board's outputs, the operator's hand, mishaps.
+
+use super::Plant;
+use super::cable::Tension;
+use super::drive::DriveCommand;
+use super::error::PlantError;
+use super::settle::Load;
+
+impl Plant {
+    /// Hands a command to the bus; it reaches the drive in the drive's next slot. A set-point
+    /// replaces one still waiting; `Off` and `Reset` void all that waits; others queue.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn command(&mut self, cable: usize, command: DriveCommand) -> Result<(), PlantError> {
+        self.known(cable)?;
+        self.ports[cable].submit(command);
+        Ok(())
+    }
+
+    /// Switches a brake's output pin; the brake follows after its delay.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn set_brake(&mut self, cable: usize, closed: bool) -> Result<(), PlantError> {
+        self.known(cable)?;
+        let now_s = self.time_s();
+        let closed = closed || !self.powered;
+        let fault = &self.faults.cables[cable].brake;
+        self.winches[cable].brake.ask(closed, now_s, fault);
+        Ok(())
+    }
+
+    /// Presses or releases the e-stop. If it is wired to the power (the default), drives lose
+    /// theirs at once and brakes close after their delay; releasing restores the supply but
+    /// nothing starts by itself: drives need a reset, brakes a new command.
+    pub fn set_e_stop(&mut self, pressed: bool) {
+        self.e_stop = pressed;
+        if self.params.e_stop_cuts_power {
+            self.set_power(!pressed);
+        }
+    }
+
+    /// Switches the supply of drives and brakes.
+    pub fn set_power(&mut self, on: bool) {
+        self.powered = on;
+        if on {
+            return;
+        }
+        let now_s = self.time_s();
+        for (i, winch) in self.winches.iter_mut().enumerate() {
+            winch.drive.cut_power();
+            winch.brake.ask(true, now_s, &self.faults.cables[i].brake);
+            self.ports[i].clear();
+        }
+    }
+
+    /// A constant load on the platform until changed: `force_n` (world) at `point_m` (platform
+    /// frame) and a pure `torque_nm` (world).
+    ///
+    /// # Errors
+    /// [`PlantError::Parameter`] if a value is not finite.
+    pub fn set_load(
+        &mut self,
+        force_n: [f64; 3],
+        point_m: [f64; 3],
+        torque_nm: [f64; 3],
+    ) -> Result<(), PlantError> {
+        for value in force_n.into_iter().chain(point_m).chain(torque_nm) {
+            if !value.is_finite() {
+                return Err(PlantError::Parameter {
+                    name: "external load",
+                    value,
+                    rule: "finite",
+                });
+            }
+        }
+        self.load = Load {
+            force_n,
+            torque_nm,
+            point: self.body.principal(point_m),
+        };
+        Ok(())
+    }
+
+    /// Breaks a cable for good (until the robot is placed again).
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn break_cable(&mut self, cable: usize) -> Result<(), PlantError> {
+        self.known(cable)?;
+        self.cables[cable].broken = true;
+        self.cables[cable].tension = Tension::default();
+        Ok(())
+    }
+
+    /// Lets cable slip off (positive, longer) or onto the drum without the drum turning.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] if not finite.
+    pub fn slip_cable(&mut self, cable: usize, longer_m: f64) -> Result<(), PlantError> {
+        self.known(cable)?;
+        if !longer_m.is_finite() {
+            return Err(PlantError::CableParameter {
+                cable,
+                name: "slip longer_m",
+                value: longer_m,
+                rule: "finite",
+            });
+        }
+        self.cables[cable].unstretched_zero_m += longer_m;
+        Ok(())
+    }
+
+    /// From now on the drum winds `gain` metres of cable per metre of its nominal circumference:
+    /// 1 is right, 1.05 a layer that lies on another.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] unless 0.5 to 2.
+    pub fn set_winding_gain(&mut self, cable: usize, gain: f64) -> Result<(), PlantError> {
+        self.known(cable)?;
+        if !(0.5..=2.0).contains(&gain) {
+            return Err(PlantError::CableParameter {
+                cable,
+                name: "winding gain",
+                value: gain,
+                rule: "0.5 to 2",
+            });
+        }
+        let drum_m = self.winches[cable].drum_m;
+        let c = &mut self.cables[cable];
+        c.unstretched_zero_m += (c.winding_gain - gain) * drum_m;
+        c.winding_gain = gain;
+        Ok(())
+    }
+
+    /// Shifts an encoder's count for good: lost counts, or the counter's value at power-on.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn slip_encoder(&mut self, cable: usize, counts: i32) -> Result<(), PlantError> {
+        self.known(cable)?;
+        self.sensors[cable].slip(i64::from(counts));
+        Ok(())
+    }
+}
