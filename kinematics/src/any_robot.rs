@@ -1,16 +1,107 @@
 //! A robot whose number of cables is known at run time only.
 
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3, Vector6};
 
 use crate::cable_vec::{CableVec, MAX_CABLES};
 use crate::equilibrium::EquilibriumGuess;
 use crate::error::Error;
+use crate::forward::{Forward, ForwardOptions};
 use crate::geometrico_static::{Equilibrium, Held, Start, StaticOptions};
+use crate::interference::{CablePair, CableToPlatform, PlatformBox};
 use crate::inverse::CablePath;
 use crate::jacobian::LengthDerivatives;
 use crate::pose::{Pose, angular_velocity_from_rates};
 use crate::robot::{Cable, Platform, Robot};
 use crate::stability::{Linearisation, Stability, ToolSensitivity};
+use crate::tension::{Goal, TensionLimits};
+use crate::workspace::{Grid, Verdict, WorkspaceTest};
+
+/// Which equations a tension distribution must satisfy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Balance {
+    /// Forces only: the platform is taken to stay at its attitude (the paper's model).
+    Forces,
+    /// Forces and moments.
+    Wrench,
+}
+
+/// [`Goal`] with a run-time number of cables.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AnyGoal<'a> {
+    /// Nearest to the middle of the limits.
+    Middle,
+    /// Smallest sum of squares.
+    MinimumNorm,
+    /// Nearest to these tensions, N, one per cable.
+    NearestTo(&'a [f64]),
+}
+
+/// [`WorkspaceTest`] with a run-time number of cables; limits in N, one entry per cable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AnyWorkspaceTest<'a> {
+    /// As [`WorkspaceTest::Forces`] and [`WorkspaceTest::Wrench`].
+    Fixed {
+        /// Equations to satisfy.
+        balance: Balance,
+        /// World_from_platform.
+        rotation: Rotation3<f64>,
+        /// Lower tension limits, N.
+        min_n: &'a [f64],
+        /// Upper tension limits, N.
+        max_n: &'a [f64],
+    },
+    /// As [`WorkspaceTest::Equilibrium`].
+    Equilibrium {
+        /// The point that is placed, platform frame, m.
+        tool_in_platform_m: Vector3<f64>,
+        /// `Some(T)` for tension-held cables, N.
+        tensions_n: &'a [Option<f64>],
+        /// Lower tension limits, N.
+        min_n: &'a [f64],
+        /// Upper tension limits, N.
+        max_n: &'a [f64],
+        /// Largest tilt, rad.
+        tilt_max_rad: f64,
+    },
+}
+
+impl AnyWorkspaceTest<'_> {
+    fn sized<const N: usize>(&self) -> Result<WorkspaceTest<N>, Error> {
+        Ok(match *self {
+            AnyWorkspaceTest::Fixed {
+                balance,
+                rotation,
+                min_n,
+                max_n,
+            } => {
+                let limits = sized_limits(min_n, max_n)?;
+                match balance {
+                    Balance::Forces => WorkspaceTest::Forces { rotation, limits },
+                    Balance::Wrench => WorkspaceTest::Wrench { rotation, limits },
+                }
+            }
+            AnyWorkspaceTest::Equilibrium {
+                tool_in_platform_m,
+                tensions_n,
+                min_n,
+                max_n,
+                tilt_max_rad,
+            } => WorkspaceTest::Equilibrium {
+                tool_in_platform_m,
+                tensions_n: fixed(tensions_n)?,
+                limits: sized_limits(min_n, max_n)?,
+                tilt_max_rad,
+            },
+        })
+    }
+}
+
+fn sized_limits<const N: usize>(min_n: &[f64], max_n: &[f64]) -> Result<TensionLimits<N>, Error> {
+    Ok(TensionLimits {
+        min_n: fixed(min_n)?,
+        max_n: fixed(max_n)?,
+    })
+}
 
 macro_rules! any_robot {
     ($($variant:ident = $n:literal),*) => {
@@ -205,5 +296,167 @@ impl AnyRobot {
     /// As [`Robot::stability`].
     pub fn stability(&self, equilibrium: &Equilibrium) -> Result<Stability, Error> {
         dispatch!(self, r => r.stability(equilibrium))
+    }
+
+    /// As [`Robot::position`].
+    ///
+    /// # Errors
+    /// [`Error::CableCount`], and as [`Robot::position`].
+    pub fn position(
+        &self,
+        lengths_m: &[f64],
+        rotation: &Rotation3<f64>,
+        start_m: Option<&Vector3<f64>>,
+        options: &ForwardOptions,
+    ) -> Result<Forward, Error> {
+        dispatch!(self, r => r.position(&fixed(lengths_m)?, rotation, start_m, options))
+    }
+
+    /// As [`Robot::position_and_yaw`].
+    ///
+    /// # Errors
+    /// [`Error::CableCount`], and as [`Robot::position_and_yaw`].
+    pub fn position_and_yaw(
+        &self,
+        lengths_m: &[f64],
+        start: &Pose,
+        position_known: bool,
+        options: &ForwardOptions,
+    ) -> Result<Forward, Error> {
+        dispatch!(self, r => r.position_and_yaw(
+            &fixed(lengths_m)?, start, position_known, options
+        ))
+    }
+
+    /// As [`Robot::pose`].
+    ///
+    /// # Errors
+    /// [`Error::CableCount`], and as [`Robot::pose`].
+    pub fn pose(
+        &self,
+        lengths_m: &[f64],
+        start: &Pose,
+        position_known: bool,
+        options: &ForwardOptions,
+    ) -> Result<Forward, Error> {
+        dispatch!(self, r => r.pose(&fixed(lengths_m)?, start, position_known, options))
+    }
+
+    /// Columns of the structure matrix, one `[force, moment]` per cable and unit tension. See
+    /// [`crate::Inverse::structure_matrix`].
+    ///
+    /// # Errors
+    /// As [`Robot::inverse`].
+    pub fn structure_columns(&self, pose: &Pose) -> Result<CableVec<[f64; 6]>, Error> {
+        let mut rows = self.twist_jacobian(pose)?;
+        for row in rows.iter_mut() {
+            *row = row.map(|x| -x);
+        }
+        Ok(rows)
+    }
+
+    /// Tensions that balance gravity and an external wrench (`[force, moment]`, N, N m, world, about
+    /// the platform's origin; with [`Balance::Forces`] its moment is ignored). See
+    /// [`Robot::distribute`] and [`Robot::distribute_forces`].
+    ///
+    /// # Errors
+    /// [`Error::CableCount`], and as [`Robot::distribute`].
+    pub fn distribute(
+        &self,
+        pose: &Pose,
+        external_wrench: &Vector6<f64>,
+        balance: Balance,
+        min_n: &[f64],
+        max_n: &[f64],
+        goal: AnyGoal<'_>,
+    ) -> Result<CableVec<f64>, Error> {
+        dispatch!(self, r => {
+            let limits = sized_limits(min_n, max_n)?;
+            let goal = match goal {
+                AnyGoal::Middle => Goal::Middle,
+                AnyGoal::MinimumNorm => Goal::MinimumNorm,
+                AnyGoal::NearestTo(t) => Goal::NearestTo(fixed(t)?),
+            };
+            let found = match balance {
+                Balance::Wrench => r.distribute(pose, external_wrench, &limits, &goal)?,
+                Balance::Forces => r.distribute_forces(
+                    pose, &external_wrench.fixed_rows::<3>(0).into_owned(), &limits, &goal
+                )?,
+            };
+            Ok(list(&found.tensions_n))
+        })
+    }
+
+    /// As [`Robot::assess`].
+    ///
+    /// # Errors
+    /// [`Error::CableCount`], and as [`Robot::assess`].
+    pub fn assess(
+        &self,
+        position_m: &Vector3<f64>,
+        test: &AnyWorkspaceTest<'_>,
+    ) -> Result<Verdict, Error> {
+        dispatch!(self, r => r.assess(position_m, &test.sized()?))
+    }
+
+    /// As [`Robot::assess_range`].
+    ///
+    /// # Errors
+    /// [`Error::CableCount`], and as [`Robot::assess_range`].
+    pub fn assess_range(
+        &self,
+        grid: &Grid,
+        test: &AnyWorkspaceTest<'_>,
+        first: usize,
+        out: &mut [Verdict],
+    ) -> Result<(), Error> {
+        dispatch!(self, r => r.assess_range(grid, &test.sized()?, first, out))
+    }
+
+    /// As [`Robot::workspace`].
+    ///
+    /// # Errors
+    /// [`Error::CableCount`], and as [`Robot::workspace`].
+    #[cfg(feature = "std")]
+    pub fn workspace(
+        &self,
+        grid: &Grid,
+        test: &AnyWorkspaceTest<'_>,
+    ) -> Result<Vec<Verdict>, Error> {
+        dispatch!(self, r => r.workspace(grid, &test.sized()?))
+    }
+
+    /// As [`Robot::workspace_parallel`].
+    ///
+    /// # Errors
+    /// [`Error::CableCount`], and as [`Robot::workspace_parallel`].
+    #[cfg(feature = "rayon")]
+    pub fn workspace_parallel(
+        &self,
+        grid: &Grid,
+        test: &AnyWorkspaceTest<'_>,
+    ) -> Result<Vec<Verdict>, Error> {
+        dispatch!(self, r => r.workspace_parallel(grid, &test.sized()?))
+    }
+
+    /// As [`Robot::closest_cables`].
+    ///
+    /// # Errors
+    /// As [`Robot::inverse`].
+    pub fn closest_cables(&self, pose: &Pose) -> Result<Option<CablePair>, Error> {
+        dispatch!(self, r => r.closest_cables(pose))
+    }
+
+    /// As [`Robot::closest_to_platform`].
+    ///
+    /// # Errors
+    /// As [`Robot::closest_to_platform`].
+    pub fn closest_to_platform(
+        &self,
+        pose: &Pose,
+        body: &PlatformBox,
+        stub_m: f64,
+    ) -> Result<CableToPlatform, Error> {
+        dispatch!(self, r => r.closest_to_platform(pose, body, stub_m))
     }
 }

@@ -1,12 +1,13 @@
 //! Per-cable results whose number of entries is known at run time, without allocation.
 
+use core::fmt;
 use core::ops::{Deref, DerefMut, Index, IndexMut};
 
 /// The largest number of cables of a robot in this crate.
 pub const MAX_CABLES: usize = 16;
 
 /// One value per cable, in cable order (index 0 is cable 1). Dereferences to a slice.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy)]
 pub struct CableVec<T> {
     items: [T; MAX_CABLES],
     len: usize,
@@ -41,6 +42,18 @@ impl<T: Copy + Default> CableVec<T> {
     }
 }
 
+impl<T: fmt::Debug> fmt::Debug for CableVec<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_list().entries(self.iter()).finish()
+    }
+}
+
+impl<T: PartialEq> PartialEq for CableVec<T> {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
 impl<T> Deref for CableVec<T> {
     type Target = [T];
     fn deref(&self) -> &[T] {
@@ -63,7 +76,7 @@ impl<'a, T> IntoIterator for &'a CableVec<T> {
 }
 
 /// A square matrix with one row and one column per cable (row-major, run-time size).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, PartialEq)]
 pub struct CableMatrix {
     data: [[f64; MAX_CABLES]; MAX_CABLES],
     n: usize,
@@ -86,6 +99,13 @@ impl CableMatrix {
     /// Row of one cable (zero-based), or `None` beyond the last.
     pub fn row(&self, cable: usize) -> Option<&[f64]> {
         self.data[..self.n].get(cable).map(|r| &r[..self.n])
+    }
+}
+
+impl fmt::Debug for CableMatrix {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rows = self.data[..self.n].iter().map(|r| &r[..self.n]);
+        f.debug_list().entries(rows).finish()
     }
 }
 

@@ -9,14 +9,19 @@
 #![cfg_attr(not(feature = "std"), no_std)]
 // Component loops over parallel arrays read better, and vectorise, with an index.
 #![allow(clippy::needless_range_loop)]
+// `!(a < b)` is how NaN is made to fail a check.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod any_robot;
 mod cable_vec;
+mod correction;
 mod energy;
 mod equilibrium;
 mod error;
 mod example;
+mod forward;
 mod geometrico_static;
+mod interference;
 mod inverse;
 mod jacobian;
 mod linear;
@@ -24,15 +29,24 @@ mod math;
 mod pose;
 mod robot;
 mod stability;
+mod tension;
+mod workspace;
 
-pub use any_robot::AnyRobot;
+pub use any_robot::{AnyGoal, AnyRobot, AnyWorkspaceTest, Balance};
 pub use cable_vec::{CableMatrix, CableSet, CableVec, MAX_CABLES};
+pub use correction::{
+    CableMaterial, CorrectedLength, Correction, catenary_excess_m, corrected_length,
+};
 pub use equilibrium::EquilibriumGuess;
 pub use error::{Bound, Error, Solver};
 pub use example::{EXAMPLE_TOOL_M, eight_cables, example_platform, four_cables};
+pub use forward::{Forward, ForwardOptions};
 pub use geometrico_static::{Equilibrium, Held, Start, StaticOptions};
+pub use interference::{CablePair, CableToPlatform, PlatformBox, segment_distance};
 pub use inverse::{CablePath, Inverse};
 pub use jacobian::LengthDerivatives;
 pub use pose::{Pose, angular_velocity_from_rates, rotation_from_rpy, rpy_from_rotation};
 pub use robot::{Cable, GRAVITY_MPS2, Platform, Robot};
 pub use stability::{Linearisation, Stability, ToolSensitivity};
+pub use tension::{Distribution, Goal, TensionLimits, distribute};
+pub use workspace::{Grid, Verdict, WorkspaceTest};
