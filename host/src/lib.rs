@@ -1,5 +1,15 @@
-//! Host library.
+//! The host of a modular cable-driven parallel robot: everything that is not on the board.
+//!
+//! | module | what it is for |
+//! |---|---|
+//! | [`robot`] | the robot description file |
+//! | [`machine`] | the description as geometry, as a board's configuration, as physics |
+//! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
+//! | [`link`] | byte streams to a board and the host's half of the protocol |
+//! | [`run`] | running a plan on a board |
 
 pub mod link;
 pub mod machine;
+pub mod motion;
 pub mod robot;
+pub mod run;

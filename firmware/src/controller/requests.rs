@@ -1,7 +1,7 @@
 //! What a host may ask, and when: every refusal leaves everything as it was.
 
 use super::{
-    Active, CAPACITY, ConfigStore, Controller, Event, FaultId, Info, Knot, List, Motion, PerCable,
+    Active, CAPACITY, ConfigStore, Control, Controller, Event, FaultId, Info, Knot, List, Motion, PerCable,
     Reject, Reply, Request, START_TOLERANCE, State, StopKind, StoredKnot, TICKS_PER_SECOND, Tick,
 };
 use crate::watch::LinkHealth;
@@ -275,9 +275,13 @@ impl<const N: usize> Controller<N> {
         if knot.time_ms != 0 {
             return Err(Reject::KnotTime { earliest_ms: 0 });
         }
-        for (number, (cable, start)) in (1_u8..).zip(self.cables.iter().zip(knot.cables.iter())) {
+        let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
+        let starts = self.cables.iter().zip(knot.cables.iter());
+        for (number, ((cable, start), config)) in (1_u8..).zip(starts.zip(&active.cables)) {
+            // A tension-held cable is where its tension puts it: its length is only expected.
+            let bound = config.control == Control::Length;
             let gap = start.length.0.saturating_sub(cable.target.length);
-            if gap.abs() > START_TOLERANCE || start.velocity.0 != 0 {
+            if (bound && gap.saturating_abs() > START_TOLERANCE) || start.velocity.0 != 0 {
                 return Err(Reject::KnotStart {
                     cable: number,
                     gap: TenthMicrometres(gap),

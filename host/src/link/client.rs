@@ -102,6 +102,8 @@ pub struct Beat {
     pub knots_free: u8,
     /// The number that the next knot must have.
     pub next_knot: u16,
+    /// When the heartbeat was sent, link time, µs: the answer is no older than this.
+    pub sent_us: u64,
     /// Time from sending the heartbeat to its answer, µs.
     pub round_trip_us: u64,
 }
@@ -512,14 +514,16 @@ impl<L: Link> Client<L> {
             next_knot,
         }) = answer.result
         {
-            let sent = wrapping_us(self.link.now_us()).wrapping_sub(host_time_us);
+            let now = self.link.now_us();
+            let round_trip_us = u64::from(wrapping_us(now).wrapping_sub(host_time_us));
             self.beat = Some(Beat {
                 tick: tick.0,
                 state,
                 path_ms,
                 knots_free,
                 next_knot,
-                round_trip_us: u64::from(sent),
+                sent_us: now.saturating_sub(round_trip_us),
+                round_trip_us,
             });
             return Ok(());
         }

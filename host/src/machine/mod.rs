@@ -4,7 +4,7 @@
 mod board;
 mod plant;
 
-pub use board::{configuration, hash_of, reference};
+pub use board::{OutOfRange, configuration, hash_of, reference};
 pub use plant::{Mismatch, plant_params, simulate};
 
 use crate::robot::Robot;

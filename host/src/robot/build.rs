@@ -63,6 +63,11 @@ pub(super) fn build(reader: &mut Reader, mut file: Values, modules: &Modules) ->
     let tag_tables = file.take_tables("tag");
     let tags = super::scene::tags(reader, &tag_tables);
 
+    let home_m = match tool.numbers_given("home_mm") {
+        Some(mm) => point_m(mm),
+        None => below_anchors_m(&cables),
+    };
+
     reader.is_clean().then(|| Robot {
         name: file.text("name").to_owned(),
         platform,
@@ -72,6 +77,7 @@ pub(super) fn build(reader: &mut Reader, mut file: Values, modules: &Modules) ->
         tension,
         tool: Tool {
             tcp_in_platform_m: point_m(&tool.numbers("tcp_mm")),
+            home_in_world_m: home_m,
         },
         gripper: Gripper {
             kind: match gripper.text("kind") {
@@ -86,6 +92,20 @@ pub(super) fn build(reader: &mut Reader, mut file: Values, modules: &Modules) ->
         tags,
         limits,
     })
+}
+
+/// Where a tool hangs that the file does not place: the middle of the anchors, a quarter of their
+/// diagonal below the lowest.
+fn below_anchors_m(cables: &[Cable]) -> Vector3<f64> {
+    let mut low = Vector3::repeat(f64::INFINITY);
+    let mut high = Vector3::repeat(f64::NEG_INFINITY);
+    for cable in cables {
+        low = low.inf(&cable.anchor_in_world_m);
+        high = high.sup(&cable.anchor_in_world_m);
+    }
+    let middle = (low + high) / 2.0;
+    let drop_m = (high - low).norm() / 4.0;
+    Vector3::new(middle.x, middle.y, low.z - drop_m)
 }
 
 /// Three numbers in mm as a point in m. Fewer stand for a value already refused: zeros.

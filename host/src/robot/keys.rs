@@ -378,12 +378,20 @@ pub static TENSION: Section = Section {
 /// `[tool]`.
 pub static TOOL: Section = Section {
     title: "[tool]",
-    keys: &[key(
-        "tcp_mm",
-        POINT,
-        Numbers(&[0.0, 0.0, -80.0]),
-        "tool centre point in the platform's frame, mm",
-    )],
+    keys: &[
+        key(
+            "tcp_mm",
+            POINT,
+            Numbers(&[0.0, 0.0, -80.0]),
+            "tool centre point in the platform's frame, mm",
+        ),
+        key(
+            "home_mm",
+            POINT,
+            Follows("middle of the anchors, a quarter of their diagonal below them"),
+            "where the tool hangs when the robot is switched on, world frame, mm",
+        ),
+    ],
 };
 
 /// `[gripper]`.

@@ -223,6 +223,8 @@ pub struct TensionLaw {
 pub struct Tool {
     /// Tool centre point, platform's frame, m.
     pub tcp_in_platform_m: Vector3<f64>,
+    /// Where the tool hangs when the robot is switched on, world frame, m.
+    pub home_in_world_m: Vector3<f64>,
 }
 
 /// Kind of gripper.

@@ -51,7 +51,7 @@ pub use params::{
     TensionSensorParams, WinchParams, box_inertia_kg_m2,
 };
 pub use platform::Pose;
-pub use sensors::{ADC_FULL_SCALE, ADC_REFERENCE_V, Sensors};
+pub use sensors::{ADC_FULL_SCALE, ADC_REFERENCE_V, ADC_STEPS_PER_REFERENCE, Sensors};
 pub use truth::Truth;
 
 use bus::Port;

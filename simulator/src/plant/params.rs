@@ -98,8 +98,8 @@ pub struct DriveParams {
 
 /// A tension sensor at the winch, `tension = gain (voltage - zero)`, and its converter.
 ///
-/// The reading is the sum of 16 conversions of 12 bits: 0..=65520 for 0 V to 3.3 V, so
-/// `voltage = reading / 65520 * 3.3`.
+/// The reading is the sum of 16 conversions of 12 bits, 0..=65520, so
+/// `voltage = reading / 65536 * 3.3`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TensionSensorParams {
     /// Newtons per volt.

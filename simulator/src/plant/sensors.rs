@@ -9,8 +9,10 @@ use super::params::{MAX_CABLES, TensionSensorParams, WinchParams};
 
 /// Full scale of the tension converter: 16 conversions of 12 bits, summed.
 pub const ADC_FULL_SCALE: u16 = 65_520;
-/// Voltage of [`ADC_FULL_SCALE`] (V).
+/// Reference voltage (V): what [`ADC_STEPS_PER_REFERENCE`] would be.
 pub const ADC_REFERENCE_V: f64 = 3.3;
+/// Steps of the reference voltage: 16 conversions of 4096 steps; the last step is never reached.
+pub const ADC_STEPS_PER_REFERENCE: f64 = 65_536.0;
 
 /// One reading of all inputs. Entries beyond the robot's cables are 0 or `None`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,7 +116,7 @@ impl CableSensors {
         let voltage = sensed / s.gain_n_per_v + s.zero_v;
         let share = (voltage / ADC_REFERENCE_V).clamp(0.0, 1.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let reading = (share * f64::from(ADC_FULL_SCALE)).round() as u16;
+        let reading = (share * ADC_STEPS_PER_REFERENCE).min(f64::from(ADC_FULL_SCALE)).round() as u16;
         if fault.tension != TensionFault::Frozen {
             self.held_adc = None;
         }

@@ -92,7 +92,7 @@ fn encoder_faults_do_as_they_are_named_and_end() {
 fn sensed(plant: &mut Plant) -> (f64, f64) {
     let readings: Vec<f64> = (0..4000)
         .map(|_| {
-            let volts = f64::from(plant.read_sensors().adc[3]) / 65_520.0 * 3.3;
+            let volts = f64::from(plant.read_sensors().adc[3]) / 65_536.0 * 3.3;
             12.77 * (volts - 0.2355)
         })
         .collect();
@@ -118,7 +118,7 @@ fn a_tension_sensor_follows_its_law_with_its_noise() {
     let mut params = PlantParams::paper_table5();
     params.winches[3].sensor.noise_n = 0.0;
     let mut plant = Plant::new(params, 1).expect("good parameters");
-    for (tension_n, reading) in [(39.0, 65_312), (39.2, 65_520), (100.0, 65_520)] {
+    for (tension_n, reading) in [(39.0, 65_328), (39.2, 65_520), (100.0, 65_520)] {
         let tensions = [10.0, 10.0, 10.0, tension_n];
         plant.place_at(&off_centre(), &tensions).expect("a path");
         let adc = plant.read_sensors().adc[3];

@@ -1,0 +1,209 @@
+//! Running a plan on a board: bring it up, stream the motion, keep what was measured, shut down.
+
+mod interrupt;
+mod record;
+mod stream;
+
+pub use interrupt::{interrupted, watch_for_interrupts};
+pub use record::{Measured, Recorder};
+pub use stream::{Progress, follow};
+
+use crate::link::{Client, ClientError, Link, advice, describe_fault};
+use crate::machine::{self, OutOfRange};
+use crate::motion::PlanError;
+use crate::robot::Robot;
+use mcdpr_protocol::message::CONFIG_CHUNK;
+use mcdpr_protocol::{
+    BoardState, ConfigEntry, ConfigHash, FaultRecord, List, Reply, Request, SessionId, Status,
+    StopKind,
+};
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// Why a run ended early.
+#[derive(Debug, Error, Diagnostic)]
+pub enum RunError {
+    /// The board, or the line to it.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Client(#[from] ClientError),
+    /// The robot file does not fit a board.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Config(#[from] OutOfRange),
+    /// The board latched a fault.
+    #[error("stopped by fault {}", describe_fault(record))]
+    #[diagnostic(code(mcdpr::run::fault), help("{}", advice(record.fault)))]
+    Fault {
+        /// The fault.
+        record: FaultRecord,
+    },
+    /// The user asked to stop.
+    #[error("interrupted: the robot was stopped along its path, brakes are closed")]
+    #[diagnostic(code(mcdpr::run::interrupted))]
+    Interrupted,
+    /// The board drives another number of cables than the robot has.
+    #[error("the board drives {board} cables, the robot file describes {robot}")]
+    #[diagnostic(code(mcdpr::run::cables), help("use the robot file of this machine"))]
+    Cables {
+        /// The board's number.
+        board: u8,
+        /// The file's number.
+        robot: usize,
+    },
+    /// A change of state did not come.
+    #[error("the board did not become {wanted:?} within {seconds} s, it is {state:?}")]
+    #[diagnostic(code(mcdpr::run::state), help("read the board's state with `mcdpr run --dry-run`"))]
+    NoChange {
+        /// What was waited for.
+        wanted: BoardState,
+        /// What it is.
+        state: BoardState,
+        /// How long was waited.
+        seconds: f64,
+    },
+    /// The plan can not be made from where the robot is.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Plan(#[from] PlanError),
+}
+
+impl RunError {
+    /// The program's exit code for this error.
+    #[must_use]
+    pub const fn exit_code(&self) -> i32 {
+        match self {
+            Self::Fault { .. } => 3,
+            Self::Interrupted => 130,
+            _ => 1,
+        }
+    }
+}
+
+/// A session number that differs from the last ones: from the time of day and the process.
+#[must_use]
+pub fn new_session() -> SessionId {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let nanos = since.map_or(1, |since| since.subsec_nanos() ^ low_half(since.as_secs()));
+    SessionId((nanos ^ std::process::id().rotate_left(16)).max(1))
+}
+
+fn low_half(value: u64) -> u32 {
+    u32::try_from(value & u64::from(u32::MAX)).unwrap_or(0)
+}
+
+/// Reads the board's state.
+///
+/// # Errors
+/// The client's.
+pub fn status<L: Link>(client: &mut Client<L>) -> Result<Status, RunError> {
+    match client.request(Request::Status)? {
+        Reply::Status(status) => Ok(status),
+        _ => Ok(Status::default()),
+    }
+}
+
+/// Makes sure that the board has this robot's configuration. A board that has it keeps its
+/// reference lengths.
+///
+/// # Errors
+/// [`RunError::Cables`], [`RunError::Config`] or the client's.
+pub fn configure<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<ConfigHash, RunError> {
+    let board = client.info().cables;
+    if usize::from(board) != robot.cables.len() {
+        return Err(RunError::Cables {
+            board,
+            robot: robot.cables.len(),
+        });
+    }
+    let entries = machine::configuration(robot)?;
+    let hash = machine::hash_of(&entries);
+    if status(client)?.config == Some(hash) {
+        return Ok(hash);
+    }
+    send_configuration(client, &entries, hash)?;
+    Ok(hash)
+}
+
+fn send_configuration<L: Link>(
+    client: &mut Client<L>,
+    entries: &[ConfigEntry],
+    hash: ConfigHash,
+) -> Result<(), RunError> {
+    let count = u16::try_from(entries.len()).unwrap_or(u16::MAX);
+    client.request(Request::ConfigBegin { entries: count })?;
+    for chunk in entries.chunks(CONFIG_CHUNK) {
+        let entries = List::collect(chunk.iter().copied());
+        client.request(Request::ConfigPut { entries })?;
+    }
+    client.request(Request::ConfigCommit { hash })?;
+    Ok(())
+}
+
+/// Enables drives, lets the board check itself, opens the brakes; returns when it holds.
+///
+/// # Errors
+/// [`RunError::Fault`] names the check that failed; the brakes are closed then.
+pub fn arm<L: Link>(client: &mut Client<L>, config_hash: ConfigHash) -> Result<(), RunError> {
+    client.request(Request::Samples { enabled: true })?;
+    client.request(Request::Arm { config_hash })?;
+    wait_for(client, BoardState::Holding, 6.0)
+}
+
+/// Closes the brakes under torque, switches torque off and gives the board back.
+///
+/// # Errors
+/// The client's, or [`RunError::NoChange`].
+pub fn disarm<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
+    client.request(Request::Disarm)?;
+    wait_for(client, BoardState::Disarmed, 3.0)?;
+    client.request(Request::Close)?;
+    Ok(())
+}
+
+/// Waits until the board is in a state; a latched fault ends the wait.
+///
+/// # Errors
+/// [`RunError::Fault`], [`RunError::NoChange`], [`RunError::Interrupted`].
+pub fn wait_for<L: Link>(
+    client: &mut Client<L>,
+    wanted: BoardState,
+    seconds: f64,
+) -> Result<(), RunError> {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some seconds")]
+    let give_up = client.now_us() + (seconds * 1e6) as u64;
+    loop {
+        let status = status(client)?;
+        if let Some(record) = status.fault {
+            return Err(RunError::Fault { record });
+        }
+        if status.state == wanted {
+            return Ok(());
+        }
+        if interrupted() && wanted != BoardState::Disarmed {
+            return Err(stop_now(client));
+        }
+        if client.now_us() >= give_up {
+            return Err(RunError::NoChange {
+                wanted,
+                state: status.state,
+                seconds,
+            });
+        }
+        let pause = client.now_us() + 10_000;
+        client.pump(pause)?;
+    }
+}
+
+/// Stops along the path, waits until the brakes are closed, gives the board back.
+pub(crate) fn stop_now<L: Link>(client: &mut Client<L>) -> RunError {
+    let stopped = client
+        .stop(StopKind::Stop)
+        .map_err(RunError::from)
+        .and_then(|()| wait_for(client, BoardState::Disarmed, 3.0))
+        .and_then(|()| Ok(client.request(Request::Close)?));
+    match stopped {
+        Ok(_) => RunError::Interrupted,
+        Err(error) => error,
+    }
+}

@@ -1,0 +1,46 @@
+//! What a board measured, tick by tick.
+
+use mcdpr_protocol::SampleBlock;
+
+/// One tick of all cables, SI.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// Board tick.
+    pub tick: u32,
+    /// Path time of the motion, s; `None` while none is under way.
+    pub path_s: Option<f64>,
+    /// Paid-out lengths by the drum encoders, m.
+    pub lengths_m: Vec<f64>,
+    /// Tensions at the winches, N.
+    pub tensions_n: Vec<f64>,
+    /// Motor currents, A.
+    pub currents_a: Vec<f64>,
+}
+
+/// Collects samples.
+#[derive(Debug, Default)]
+pub struct Recorder {
+    /// Everything measured, in time order.
+    pub samples: Vec<Measured>,
+}
+
+impl Recorder {
+    /// Takes a block; `duration_s` is that of the motion: past its end no path time is given.
+    pub fn take(&mut self, block: &SampleBlock, duration_s: f64) {
+        let first = block.tick;
+        block.unpack(|tick, row| {
+            let since_first = tick.since(first);
+            // The path clock stands at zero while nothing moves.
+            let path_s = (block.path_ms > 0)
+                .then(|| (f64::from(block.path_ms) + f64::from(since_first)) * 1e-3)
+                .filter(|&path| path <= duration_s);
+            self.samples.push(Measured {
+                tick: tick.0,
+                path_s,
+                lengths_m: row.iter().map(|s| f64::from(s.length.0) * 1e-7).collect(),
+                tensions_n: row.iter().map(|s| f64::from(s.tension.0) * 1e-3).collect(),
+                currents_a: row.iter().map(|s| f64::from(s.current.0) * 1e-3).collect(),
+            });
+        });
+    }
+}

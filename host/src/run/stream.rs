@@ -1,0 +1,145 @@
+//! Feeding a motion to the board: buffer first, start, keep the buffer full, wait for the end.
+
+use super::{Recorder, RunError, interrupted, stop_now};
+use crate::link::{Client, ClientError, Event, Link};
+use mcdpr_protocol::{BoardState, Knot, Reject, Request, StopKind};
+
+/// How far a motion is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Path time reached, s.
+    pub path_s: f64,
+    /// The whole motion, s.
+    pub duration_s: f64,
+}
+
+/// Streams the knots of one motion and returns when the robot holds at its end. What the board
+/// measures goes to `recorder`; `progress` is told about ten times a second.
+///
+/// # Errors
+/// [`RunError::Fault`] where the board stopped by itself (it holds, or its brakes are closed),
+/// [`RunError::Interrupted`] after a stop by the user, or the client's errors. A knot that the
+/// board refuses stops the motion first.
+pub fn follow<L: Link>(
+    client: &mut Client<L>,
+    knots: &[Knot],
+    recorder: &mut Recorder,
+    mut progress: impl FnMut(Progress),
+) -> Result<(), RunError> {
+    let duration_s = knots.last().map_or(0.0, |knot| f64::from(knot.time_ms) * 1e-3);
+    let capacity = usize::from(client.info().knot_capacity);
+    let mut feeder = Feeder { knots, next: 0 };
+    feeder.fill(client, capacity)?;
+    drain(client)?;
+    client.request(Request::Start)?;
+    let started_us = client.now_us();
+    let mut told_us = 0;
+    loop {
+        client.step()?;
+        if interrupted() {
+            return Err(stop_now(client));
+        }
+        if let Err(error) = settle(client) {
+            client.stop(StopKind::Stop)?;
+            return Err(error);
+        }
+        take_events(client, recorder, duration_s);
+        // What a heartbeat brought before the start tells nothing about this motion.
+        let Some(beat) = client.beat().filter(|beat| beat.sent_us >= started_us) else {
+            continue;
+        };
+        let accepted = usize::from(beat.next_knot);
+        if beat.state == BoardState::Moving {
+            let sent_since = feeder.next.saturating_sub(accepted);
+            let credit = usize::from(beat.knots_free).saturating_sub(sent_since);
+            feeder.feed(client, credit)?;
+        } else if let Some(fault) = client.status().and_then(|status| status.fault) {
+            return Err(RunError::Fault { record: fault });
+        } else if beat.state == BoardState::Holding && feeder.next == knots.len() && accepted == 0 {
+            progress(Progress {
+                path_s: duration_s,
+                duration_s,
+            });
+            return Ok(());
+        }
+        let now = client.now_us();
+        if now >= told_us + 100_000 {
+            told_us = now;
+            progress(Progress {
+                path_s: f64::from(beat.path_ms) * 1e-3,
+                duration_s,
+            });
+        }
+    }
+}
+
+struct Feeder<'a> {
+    knots: &'a [Knot],
+    next: usize,
+}
+
+impl Feeder<'_> {
+    /// Sends at most `credit` knots, as many as the window takes.
+    fn feed<L: Link>(&mut self, client: &mut Client<L>, credit: usize) -> Result<(), ClientError> {
+        for _ in 0..credit {
+            let Some(knot) = self.knots.get(self.next) else {
+                return Ok(());
+            };
+            if !client.has_room() {
+                return Ok(());
+            }
+            client.enqueue(Request::Knot(knot.clone()))?;
+            self.next += 1;
+        }
+        Ok(())
+    }
+
+    /// Fills the board's buffer before the start.
+    fn fill<L: Link>(&mut self, client: &mut Client<L>, capacity: usize) -> Result<(), RunError> {
+        while self.next < self.knots.len().min(capacity) {
+            self.feed(client, capacity - self.next)?;
+            client.step()?;
+            settle(client)?;
+        }
+        while client.in_flight() > 0 {
+            client.step()?;
+            settle(client)?;
+        }
+        Ok(())
+    }
+}
+
+/// Looks at the outcomes so far.
+fn settle<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
+    while let Some((request, result)) = client.next_outcome() {
+        if let Err(reject) = result {
+            let name = match &request {
+                Request::Knot(knot) => format!("knot {} of the motion", knot.index),
+                other => format!("{other:?}"),
+            };
+            if let Reject::Faulted { record } = reject {
+                return Err(RunError::Fault { record });
+            }
+            return Err(ClientError::Refused {
+                request: name,
+                reject,
+            }
+            .into());
+        }
+    }
+    Ok(())
+}
+
+/// Throws away what the board said before the motion.
+fn drain<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
+    while client.next_event().is_some() {}
+    settle(client)
+}
+
+fn take_events<L: Link>(client: &mut Client<L>, recorder: &mut Recorder, duration_s: f64) {
+    while let Some(event) = client.next_event() {
+        if let Event::Samples(block) = event {
+            recorder.take(&block, duration_s);
+        }
+    }
+}
