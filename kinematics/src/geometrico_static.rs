@@ -144,6 +144,9 @@ impl<const N: usize> Robot<N> {
     ) -> Result<Equilibrium, Error> {
         let problem = self.static_problem(held)?;
         let mut spent = 0;
+        // Far from the answer the stages begin soft, so that no cable dominates; from a known pose
+        // they begin stiff, so as not to leave its surroundings.
+        let mut softness = 1e-3;
         let from = match start {
             Start::Warm(known) => {
                 known.pose.check()?;
@@ -160,10 +163,12 @@ impl<const N: usize> Robot<N> {
                     return self.report(&problem, &state, &residual);
                 }
                 spent += POLISH_STEPS;
+                softness = 0.1;
                 known.pose
             }
             Start::Pose(pose) => {
                 pose.check()?;
+                softness = 0.1;
                 *pose
             }
             Start::Cold => self.cold_pose(&problem),
@@ -177,7 +182,7 @@ impl<const N: usize> Robot<N> {
         for drop in [0.0, 0.5, -1.0] {
             let mut pose = from;
             pose.position_m.z -= drop * problem.size;
-            match self.descend(&problem, pose, spent, options) {
+            match self.descend(&problem, pose, softness, spent, options) {
                 Ok((state, residual)) => return self.report(&problem, &state, &residual),
                 Err(error) => last = error,
             }
@@ -313,9 +318,7 @@ impl<const N: usize> Robot<N> {
         options: &StaticOptions,
     ) -> Option<Residual> {
         let weight = self.weight_n();
-        // High enough that the multipliers settle in three or four steps, low enough that the
-        // rounding of a length, times this, stays below the force tolerance.
-        let penalty = 2e4 * weight / problem.size;
+        let penalty = STIFFEST * weight / problem.size;
         let mut stiffness = [0.0; N];
         for _ in 0..POLISH_STEPS {
             for i in 0..N {
@@ -341,10 +344,11 @@ impl<const N: usize> Robot<N> {
                     } else {
                         (penalty, state.tensions[i])
                     };
-                    let sigma = base + k * excess;
-                    let active = sigma > 0.0;
+                    // A taut cable stays in the active set until its tension has come out negative;
+                    // being somewhat too long at a warm start is no sign of slack.
+                    let active = state.tensions[i] > 0.0 || excess > 0.0;
                     stiffness[i] = if active { k } else { 0.0 };
-                    predicted[i] = if active { sigma } else { 0.0 };
+                    predicted[i] = if active { base + k * excess } else { 0.0 };
                     // The gradient was taken with the old multiplier.
                     let change = predicted[i] - state.tensions[i];
                     let row = state.inverse.twist_row(i);
@@ -397,6 +401,7 @@ impl<const N: usize> Robot<N> {
         &self,
         problem: &Problem<N>,
         pose: Pose,
+        softness: f64,
         spent: usize,
         options: &StaticOptions,
     ) -> Result<(State<N>, Residual), Error> {
@@ -404,7 +409,8 @@ impl<const N: usize> Robot<N> {
         let mut state = self.state(pose, [0.0; N])?;
         state.iterations = spent;
         let mut multipliers = [0.0; N];
-        let mut penalty = 20.0 * weight / problem.size;
+        let stiffest = STIFFEST * weight / problem.size;
+        let mut penalty = softness * stiffest;
         let mut worst = f64::INFINITY;
         for stage in 0..12 {
             worst = self.minimise(problem, &mut state, &multipliers, penalty, options)?;
@@ -427,7 +433,7 @@ impl<const N: usize> Robot<N> {
                 }
                 state.iterations += POLISH_STEPS;
             }
-            penalty = (penalty * 8.0).min(2e4 * weight / problem.size);
+            penalty = (penalty * 8.0).min(stiffest);
             if state.iterations > options.max_iterations {
                 break;
             }
@@ -613,3 +619,8 @@ impl<const N: usize> Robot<N> {
 }
 
 const POLISH_STEPS: usize = 16;
+
+/// Penalty of a held length, in weights per size of the robot: high enough that the multipliers
+/// settle in three or four steps, low enough that the rounding of a length, times this, stays below
+/// the force tolerance.
+const STIFFEST: f64 = 2e4;

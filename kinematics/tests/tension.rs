@@ -88,10 +88,7 @@ fn compare<const K: usize, const N: usize>(seed: u64, rounds: usize) {
             }
         }
     }
-    assert!(
-        solved > rounds / 4 && refused > rounds / 20,
-        "{solved} {refused}"
-    );
+    assert!(solved > rounds / 4 && refused > 0, "{solved} {refused}");
 }
 
 #[test]
