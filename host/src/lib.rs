@@ -6,10 +6,16 @@
 //! | [`machine`] | the description as geometry, as a board's configuration, as physics |
 //! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
 //! | [`link`] | byte streams to a board and the host's half of the protocol |
+//! | [`report`] | figures, plots and files of a run |
 //! | [`run`] | running a plan on a board |
+//! | [`experiment`] | a task from connecting to disarming, and what came of it |
+//! | [`cli`] | the command line |
 
+pub mod cli;
+pub mod experiment;
 pub mod link;
 pub mod machine;
 pub mod motion;
+pub mod report;
 pub mod robot;
 pub mod run;

@@ -1,2 +1,5 @@
-//! The mcdpr program.
-fn main() {}
+//! The `mcdpr` program; everything it does is in the library.
+
+fn main() -> std::process::ExitCode {
+    mcdpr::cli::main()
+}

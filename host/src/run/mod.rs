@@ -10,8 +10,8 @@ pub use stream::{Progress, follow};
 
 use crate::link::{Client, ClientError, Link, advice, describe_fault};
 use crate::machine::{self, OutOfRange};
-use crate::motion::PlanError;
-use crate::robot::Robot;
+use crate::motion::{Model, Plan, PlanError};
+use crate::robot::{Control, Robot};
 use mcdpr_protocol::message::CONFIG_CHUNK;
 use mcdpr_protocol::{
     BoardState, ConfigEntry, ConfigHash, FaultRecord, List, Reply, Request, SessionId, Status,
@@ -206,4 +206,52 @@ pub(crate) fn stop_now<L: Link>(client: &mut Client<L>) -> RunError {
         Ok(_) => RunError::Interrupted,
         Err(error) => error,
     }
+}
+
+/// A plan's start may differ from the board's set-points by this, m: elasticity at a tension that
+/// is not quite the expected one.
+const START_GAP_M: f64 = 1e-3;
+
+/// The plan's knots, moved so that each length-held cable starts exactly where the board holds it:
+/// what the model and the machine differ by at rest stays a constant offset.
+///
+/// # Errors
+/// [`PlanError::Limit`] where a cable is more than a millimetre from where the plan starts.
+pub fn joined_to(
+    plan: &Plan,
+    status: &Status,
+    model: &Model,
+) -> Result<Vec<mcdpr_protocol::Knot>, RunError> {
+    let mut knots = plan.knots.clone();
+    let first = knots.first().map(|knot| knot.cables.clone()).unwrap_or_default();
+    let cables = model.robot().cables.iter();
+    for (index, ((start, setpoint), cable)) in
+        first.iter().zip(status.setpoints.iter()).zip(cables).enumerate()
+    {
+        if cable.control == Control::Tension {
+            continue;
+        }
+        let gap = setpoint.0 - start.length.0;
+        let gap_m = f64::from(gap) * 1e-7;
+        if gap_m.abs() > START_GAP_M {
+            let tool_m = model.tool_m(&plan.start);
+            return Err(PlanError::Limit {
+                time_s: 0.0,
+                x_mm: tool_m.x * 1e3,
+                y_mm: tool_m.y * 1e3,
+                z_mm: tool_m.z * 1e3,
+                what: format!("the start of cable {}, from where the board holds it,", index + 1),
+                value: gap_m * 1e3,
+                limit: START_GAP_M * 1e3,
+                unit: "mm",
+            }
+            .into());
+        }
+        for knot in &mut knots {
+            if let Some(cable) = knot.cables.get_mut(index) {
+                cable.length.0 += gap;
+            }
+        }
+    }
+    Ok(knots)
 }

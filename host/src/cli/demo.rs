@@ -1,0 +1,141 @@
+//! `mcdpr demo`: the paper's robot around its circle, on the simulator.
+
+use super::progress::Bar;
+use super::run::{figure_rows, tool_height_m};
+use super::table::lay_out;
+use super::{Common, Failed, Outcome, print_json};
+use crate::experiment::{self, SimulatedRun};
+use crate::machine::Mismatch;
+use crate::motion::{Model, Task};
+use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
+use crate::robot::Robot;
+use crate::run::watch_for_interrupts;
+use serde::Serialize;
+
+/// Show the simulated robot following the paper's circle (the default)
+#[derive(Debug, Default, clap::Args)]
+pub(crate) struct Cmd {}
+
+/// Height of the circle: the paper's own, 24 mm, needs tensions beyond its sensors.
+const HEIGHT_MM: f64 = -100.0;
+
+/// One JSON document of the demo. The figures at the top are those of the realistic machine.
+#[derive(Debug, Serialize)]
+struct Document {
+    #[serde(flatten)]
+    realistic: Figures,
+    realtime_factor: f64,
+    run_folder: String,
+    duration_s: f64,
+    simulated: bool,
+    as_described: Figures,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        if common.on != "sim" {
+            return Err(Failed::from_error("the demo runs on the simulator only")(format!(
+                "for a board use `mcdpr run paper:table7 --on {}`",
+                common.on
+            ))
+            .into());
+        }
+        let robot = Robot::find(&common.robot)?;
+        let model = Model::new(&robot)?;
+        let task = Task::find("paper:table7", tool_height_m(&robot, HEIGHT_MM))?;
+        let plan = experiment::plan_from_home(&model, task.clone())?;
+        if common.dry_run {
+            eprintln!("{:.1} s, within every limit; nothing was moved", plan.timed.duration_s());
+            return Ok(());
+        }
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let one = |name: &'static str, mismatch: &Mismatch| {
+            let bar = Bar::new(name);
+            let run = experiment::simulate(&model, task.clone(), mismatch, common.seed, |p| {
+                bar.update(p);
+            });
+            bar.finish();
+            run
+        };
+        let ideal = one("machine as described", &Mismatch::default())?;
+        let real = one("realistic machine", &Mismatch::realistic())?;
+        report(&model, &ideal, &real, common)
+    }
+}
+
+fn report(model: &Model, ideal: &SimulatedRun, real: &SimulatedRun, common: &Common) -> Outcome {
+    let folder = save(model, ideal, real, common)?;
+    let (as_described, realistic) = (ideal.run.figures(model)?, real.run.figures(model)?);
+    let simulated_s = ideal.simulated_s + real.simulated_s;
+    let took_s = (ideal.took + real.took).as_secs_f64();
+    let document = Document {
+        realistic,
+        realtime_factor: simulated_s / took_s.max(1e-9),
+        run_folder: folder.path().display().to_string(),
+        duration_s: real.run.plan.timed.duration_s(),
+        simulated: true,
+        as_described,
+    };
+    folder
+        .write_json("summary.json", &document)
+        .map_err(Failed::from_error("writing the run folder"))?;
+    if common.json {
+        return print_json(&document);
+    }
+    println!(
+        "{}: approach and circle of Table 7 with the platform at z = {HEIGHT_MM:.0} mm, {:.1} s",
+        model.robot().name,
+        document.duration_s
+    );
+    let words = |row: [&str; 4]| row.map(str::to_owned).to_vec();
+    let mut rows = vec![
+        words(["", "simulation,", "simulation,", "the paper,"]),
+        words(["", "realistic machine", "as described", "hardware"]),
+    ];
+    let paper = ["3.425 / 7.044", "1.240 / 1.062 / 4.105", "0.291 /  -"];
+    for (mut row, theirs) in figure_rows(&[realistic, as_described]).into_iter().zip(paper) {
+        row.push(theirs.to_owned());
+        rows.push(row);
+    }
+    print!("{}", lay_out(&rows));
+    println!(
+        "realistic: anchors off by 0.3 mm, pulleys lose 2 %, mass 2 %, stiffness 20 %, drive lag \
+         20 %, sensor gain 1 % (seed {})",
+        common.seed
+    );
+    println!(
+        "{simulated_s:.1} s simulated in {took_s:.2} s ({:.0} times real time)",
+        document.realtime_factor
+    );
+    println!("run folder: {} (path.svg shows the circle)", document.run_folder);
+    Ok(())
+}
+
+fn save(
+    model: &Model,
+    ideal: &SimulatedRun,
+    real: &SimulatedRun,
+    common: &Common,
+) -> miette::Result<RunFolder> {
+    let failed = || Failed::from_error("writing the run folder");
+    let folder = RunFolder::create(common.record.as_deref(), "demo").map_err(failed())?;
+    let plan = &real.run.plan;
+    for (name, run) in [("samples.csv", &real.run), ("samples-as-described.csv", &ideal.run)] {
+        let text = write_samples(plan, &run.samples, run.true_path.as_deref())?;
+        folder.write(name, &text).map_err(failed())?;
+    }
+    let traces = [("realistic machine", real), ("as described", ideal)];
+    let traces: Vec<_> = traces
+        .iter()
+        .map(|(name, run)| PathTrace {
+            name,
+            points: run.run.true_path.as_deref().unwrap_or_default(),
+        })
+        .collect();
+    let title = format!("{}: the circle of Table 7, simulated tool", model.robot().name);
+    folder
+        .write("path.svg", &draw_path(&title, plan, &traces)?)
+        .map_err(failed())?;
+    folder.write_json("robot.json", model.robot()).map_err(failed())?;
+    Ok(folder)
+}

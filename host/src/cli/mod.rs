@@ -1,0 +1,120 @@
+//! The command line: one file per command, each with its arguments and what it does.
+//!
+//! Results go to standard output, everything else to standard error. Exit codes: 0 done, 1 refused
+//! or failed with a reason, 2 wrong usage, 3 stopped by a fault, 130 interrupted after a stop.
+
+mod demo;
+mod ports;
+mod progress;
+mod run;
+mod sim;
+mod states;
+mod table;
+
+use crate::run::RunError;
+use clap::{Args, Parser, Subcommand};
+use miette::Diagnostic;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Control of a modular cable-driven parallel robot: simulate it, plan, run.
+#[derive(Debug, Parser)]
+#[command(name = "mcdpr", version, about, max_term_width = 100)]
+struct Cli {
+    #[command(flatten)]
+    common: Common,
+    /// What to do; without it, `demo`.
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+/// Options that every command understands.
+#[derive(Debug, Clone, Args)]
+pub struct Common {
+    /// Robot file, or the name of a built-in robot
+    #[arg(long, global = true, default_value = "paper-table5", value_name = "FILE")]
+    pub robot: String,
+    /// Where the robot is: `sim` (in this process) or a serial port
+    #[arg(long, global = true, default_value = "sim", value_name = "sim|PORT")]
+    pub on: String,
+    /// One JSON document on standard output, SI units
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Seed of everything random in the simulator
+    #[arg(long, global = true, default_value_t = 1, value_name = "N")]
+    pub seed: u64,
+    /// Folder for the run's files, in place of runs/DATE-TIME-NAME
+    #[arg(long, global = true, value_name = "DIR")]
+    pub record: Option<PathBuf>,
+    /// Plan and judge only; nothing moves
+    #[arg(long, global = true)]
+    pub dry_run: bool,
+    /// Simulated seconds per second, for `sim --pty`
+    #[arg(long, global = true, default_value_t = 1.0, value_name = "X")]
+    pub time_scale: f64,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Demo(demo::Cmd),
+    Run(run::Cmd),
+    Sim(sim::Cmd),
+    Ports(ports::Cmd),
+    States(states::Cmd),
+}
+
+/// A command's outcome: what went wrong, or nothing.
+pub type Outcome = miette::Result<()>;
+
+/// Reads the command line, does what it says, and gives the exit code.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let _ = miette::set_hook(Box::new(|_| {
+        Box::new(miette::MietteHandlerOpts::new().width(100).build())
+    }));
+    let common = &cli.common;
+    let outcome = match cli.command.unwrap_or(Command::Demo(demo::Cmd::default())) {
+        Command::Demo(cmd) => cmd.run(common),
+        Command::Run(cmd) => cmd.run(common),
+        Command::Sim(cmd) => cmd.run(common),
+        Command::Ports(cmd) => cmd.run(common),
+        Command::States(cmd) => cmd.run(common),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(report) => {
+            eprintln!("{report:?}");
+            let code = report.downcast_ref::<RunError>().map_or(1, RunError::exit_code);
+            ExitCode::from(u8::try_from(code).unwrap_or(1))
+        }
+    }
+}
+
+/// Prints one JSON document.
+///
+/// # Errors
+/// Where the value can not be written as JSON.
+pub(crate) fn print_json(value: &impl serde::Serialize) -> Outcome {
+    let text = serde_json::to_string(value).map_err(Failed::from_error("the result"))?;
+    println!("{text}");
+    Ok(())
+}
+
+/// Something of the system failed: a file, a folder, a terminal.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{what}: {reason}")]
+#[diagnostic(code(mcdpr::system))]
+pub(crate) struct Failed {
+    what: String,
+    reason: String,
+}
+
+impl Failed {
+    /// For `map_err`: says what was being done.
+    pub(crate) fn from_error<E: std::fmt::Display>(what: &str) -> impl FnOnce(E) -> Self + '_ {
+        move |error| Self {
+            what: what.to_owned(),
+            reason: error.to_string(),
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! The progress bar on standard error; nothing where that is no terminal.
+
+use crate::run::Progress;
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// A bar for one motion.
+pub(crate) struct Bar {
+    bar: ProgressBar,
+}
+
+impl Bar {
+    pub(crate) fn new(name: &'static str) -> Self {
+        let bar = ProgressBar::new(0);
+        let style = ProgressStyle::with_template("{prefix:>24} [{wide_bar}] {msg}");
+        if let Ok(style) = style {
+            bar.set_style(style);
+        }
+        bar.set_prefix(name);
+        Self { bar }
+    }
+
+    pub(crate) fn update(&self, progress: Progress) {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        let ms = |seconds: f64| (seconds * 1e3).round() as u64;
+        self.bar.set_length(ms(progress.duration_s));
+        self.bar.set_position(ms(progress.path_s));
+        self.bar.set_message(format!(
+            "{:5.1} of {:.1} s",
+            progress.path_s, progress.duration_s
+        ));
+    }
+
+    pub(crate) fn finish(self) {
+        self.bar.finish_and_clear();
+    }
+}

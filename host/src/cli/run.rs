@@ -1,0 +1,168 @@
+//! `mcdpr run TASK`: do a task on the simulator or on a board.
+
+use super::progress::Bar;
+use super::table::lay_out;
+use super::{Common, Failed, Outcome, print_json};
+use crate::experiment::{self, Run};
+use crate::link::SerialLink;
+use crate::machine::Mismatch;
+use crate::motion::{Model, Task};
+use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
+use crate::robot::Robot;
+use crate::run::watch_for_interrupts;
+use serde::Serialize;
+
+/// Run a task: a built-in one (paper:table7, paper:table8) or a task file
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Name of a built-in task, or a task file (TOML)
+    task: String,
+    /// Height of a built-in task: that of a level platform's origin; the tool is below it
+    #[arg(long, value_name = "MM", default_value_t = -100.0, allow_negative_numbers = true)]
+    z_mm: f64,
+    /// Simulate the machine exactly as described: no mismatch, no pulley loss
+    #[arg(long)]
+    ideal: bool,
+}
+
+/// One JSON document of a run.
+#[derive(Debug, Serialize)]
+struct Document {
+    #[serde(flatten)]
+    figures: Figures,
+    duration_s: f64,
+    simulated: bool,
+    realtime_factor: Option<f64>,
+    run_folder: Option<String>,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let robot = Robot::find(&common.robot)?;
+        let model = Model::new(&robot)?;
+        let task = Task::find(&self.task, tool_height_m(&robot, self.z_mm))?;
+        if common.dry_run {
+            return dry_run(&model, task, common);
+        }
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let bar = Bar::new("running");
+        let name = task.name.clone();
+        let (run, realtime_factor) = if common.on == "sim" {
+            let mismatch = if self.ideal {
+                Mismatch::default()
+            } else {
+                Mismatch::realistic()
+            };
+            // Judge before a robot is even simulated: nothing may move for a task that is refused.
+            experiment::plan_from_home(&model, task.clone())?;
+            let simulated = experiment::simulate(&model, task, &mismatch, common.seed, |p| {
+                bar.update(p);
+            })?;
+            let factor = simulated.realtime_factor();
+            (simulated.run, Some(factor))
+        } else {
+            experiment::plan_from_home(&model, task.clone())?;
+            let link = SerialLink::open(&common.on).map_err(crate::link::ClientError::from)?;
+            let run = experiment::on_link(&model, task, link, None, |p| bar.update(p))?;
+            (run, None)
+        };
+        bar.finish();
+        let folder = save(&model, &name, &run, common)?;
+        let figures = run.figures(&model)?;
+        let document = Document {
+            figures,
+            duration_s: run.plan.timed.duration_s(),
+            simulated: run.simulated,
+            realtime_factor,
+            run_folder: Some(folder.path().display().to_string()),
+        };
+        folder
+            .write_json("summary.json", &document)
+            .map_err(Failed::from_error("writing the run folder"))?;
+        if common.json {
+            return print_json(&document);
+        }
+        let title = if run.simulated { "simulation" } else { "hardware" };
+        let rows = [vec![String::new(), title.to_owned()]];
+        let rows: Vec<_> = rows.into_iter().chain(figure_rows(&[figures])).collect();
+        print!("{}", lay_out(&rows));
+        println!("run folder: {}", folder.path().display());
+        Ok(())
+    }
+}
+
+/// Height of the tool when a level platform's origin is at `z_mm`, m.
+pub(crate) fn tool_height_m(robot: &Robot, z_mm: f64) -> f64 {
+    z_mm * 1e-3 + robot.tool.tcp_in_platform_m.z
+}
+
+fn dry_run(model: &Model, task: Task, common: &Common) -> Outcome {
+    let name = task.name.clone();
+    let plan = experiment::plan_from_home(model, task)?;
+    let tilt = plan.states.iter().map(|s| s.equilibrium.pose.tilt_rad());
+    let tilt_deg = tilt.fold(0.0, f64::max).to_degrees();
+    let tensions = || plan.states.iter().flat_map(|state| state.tensions_n());
+    let low = tensions().copied().fold(f64::MAX, f64::min);
+    let high = tensions().copied().fold(0.0, f64::max);
+    let duration_s = plan.timed.duration_s();
+    if common.json {
+        return print_json(&serde_json::json!({
+            "task": name,
+            "duration_s": duration_s,
+            "knots": plan.knots.len(),
+            "tilt_max_rad": tilt_deg.to_radians(),
+            "tension_min_n": low,
+            "tension_max_n": high,
+        }));
+    }
+    println!(
+        "{name}: {duration_s:.2} s, {} knots, tensions {low:.1} to {high:.1} N, tilt up to \
+         {tilt_deg:.1} deg; within every limit, nothing was moved",
+        plan.knots.len()
+    );
+    Ok(())
+}
+
+/// Writes samples and plot of a run.
+fn save(model: &Model, name: &str, run: &Run, common: &Common) -> miette::Result<RunFolder> {
+    let failed = || Failed::from_error("writing the run folder");
+    let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
+    let truth = run.true_path.as_deref();
+    let samples = write_samples(&run.plan, &run.samples, truth)?;
+    folder.write("samples.csv", &samples).map_err(failed())?;
+    let traces: Vec<_> = truth
+        .into_iter()
+        .map(|points| PathTrace {
+            name: "simulated tool",
+            points,
+        })
+        .collect();
+    let svg = draw_path(name, &run.plan, &traces)?;
+    folder.write("path.svg", &svg).map_err(failed())?;
+    folder.write_json("robot.json", model.robot()).map_err(failed())?;
+    Ok(folder)
+}
+
+/// Rows of a table of figures, one column a run.
+pub(crate) fn figure_rows(figures: &[Figures]) -> Vec<Vec<String>> {
+    let row = |name: &str, cell: &dyn Fn(&Figures) -> String| {
+        std::iter::once(name.to_owned())
+            .chain(figures.iter().map(cell))
+            .collect()
+    };
+    vec![
+        row("path error of the tool, mean / max, mm", &|f| {
+            f.path_error_m.map_or("not measured".to_owned(), |e| {
+                format!("{:.3} / {:.3}", e.mean * 1e3, e.max * 1e3)
+            })
+        }),
+        row("cable length error, mean / sd / max, mm", &|f| {
+            let e = f.cable_length_error_m;
+            format!("{:.3} / {:.3} / {:.3}", e.mean * 1e3, e.sd * 1e3, e.max * 1e3)
+        }),
+        row("cable-4 tension error, mean / max, N", &|f| {
+            let e = f.tension_error_n;
+            format!("{:.3} / {:.3}", e.mean_abs, e.max_abs)
+        }),
+    ]
+}

@@ -1,0 +1,100 @@
+//! `mcdpr sim --pty`: the simulated robot as a serial device for another program.
+
+use super::{Common, Failed, Outcome, print_json};
+use crate::experiment;
+use crate::machine::Mismatch;
+use crate::motion::Model;
+use crate::robot::Robot;
+use crate::run::{interrupted, watch_for_interrupts};
+use mcdpr_simulator::LinkOptions;
+use std::io::Write as _;
+
+/// Simulate the robot behind a serial device that another program opens
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Make a pseudo-terminal and print its name
+    #[arg(long, required = true)]
+    pty: bool,
+    /// Simulate the machine exactly as described: no mismatch, no pulley loss
+    #[arg(long)]
+    ideal: bool,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let scale = common.time_scale;
+        if !(scale.is_finite() && (0.01..=100.0).contains(&scale)) {
+            let reason = format!("{scale} is not between 0.01 and 100");
+            return Err(Failed::from_error("--time-scale")(reason).into());
+        }
+        let robot = Robot::find(&common.robot)?;
+        let model = Model::new(&robot)?;
+        let mismatch = if self.ideal {
+            Mismatch::default()
+        } else {
+            Mismatch::realistic()
+        };
+        // The pseudo-terminal is the line: the wire in front of the board need not be slow, too.
+        let options = LinkOptions {
+            latency_us: 0,
+            ..LinkOptions::default()
+        };
+        let robot = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        serve(robot, common)
+    }
+}
+
+#[cfg(unix)]
+fn serve(robot: crate::link::SimulatedLink, common: &Common) -> Outcome {
+    use crate::link::Link;
+    use serialport::{SerialPort, TTYPort};
+    use std::io::{ErrorKind, Read};
+    use std::time::{Duration, Instant};
+
+    let failed = || Failed::from_error("making a pseudo-terminal");
+    let (mut host_side, mut device) = TTYPort::pair().map_err(failed())?;
+    // Another program shall open the device; this one only keeps it alive.
+    device.set_exclusive(false).map_err(failed())?;
+    host_side.set_timeout(Duration::from_millis(1)).map_err(failed())?;
+    let name = device.name().unwrap_or_default();
+    if common.json {
+        print_json(&serde_json::json!({ "port": name }))?;
+    } else {
+        println!("{name}");
+        eprintln!("the simulated robot hangs at home; try: mcdpr run paper:table7 --on {name}");
+    }
+    // A reader that waits for the name must not wait for a full buffer.
+    let _ = std::io::stdout().flush();
+    let began = Instant::now();
+    let mut link = robot;
+    let mut buffer = [0; 512];
+    let mut answer = Vec::new();
+    while !interrupted() {
+        match host_side.read(&mut buffer) {
+            Ok(used) => link
+                .send(buffer.get(..used).unwrap_or_default())
+                .map_err(crate::link::ClientError::from)?,
+            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
+            Err(error) => {
+                return Err(Failed::from_error("reading the pseudo-terminal")(error).into());
+            }
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+        let now_us = (began.elapsed().as_secs_f64() * 1e6 * common.time_scale) as u64;
+        while link.now_us() < now_us {
+            answer.clear();
+            link.receive(now_us, &mut answer)
+                .map_err(crate::link::ClientError::from)?;
+            // Nobody may be reading: a full pseudo-terminal loses bytes as a real line does.
+            let _ = host_side.write(&answer);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(not(unix))]
+fn serve(_robot: crate::link::SimulatedLink, _common: &Common) -> Outcome {
+    let reason = "this system has no pseudo-terminals; use `--on sim`";
+    Err(Failed::from_error("sim --pty")(reason).into())
+}

@@ -1,0 +1,170 @@
+//! A task on a robot, from connecting to disarming, and what came of it.
+
+use crate::link::{Client, Link, SimulatedLink};
+use crate::machine::{self, Mismatch};
+use crate::motion::{Model, Plan, PlanError, Rest, Task};
+use crate::report::{self, Figures};
+use crate::run::{self, Measured, Progress, Recorder, RunError};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::LinkOptions;
+use std::time::{Duration, Instant};
+
+/// A task that was run.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// What was planned.
+    pub plan: Plan,
+    /// What the board measured.
+    pub samples: Vec<Measured>,
+    /// Where the tool truly was; `None` on hardware.
+    pub true_path: Option<Vec<(f64, [f64; 3])>>,
+    /// Whether a simulator answered.
+    pub simulated: bool,
+}
+
+impl Run {
+    /// Judges the run.
+    ///
+    /// # Errors
+    /// Not for a plan that was run.
+    pub fn figures(&self, model: &Model) -> Result<Figures, PlanError> {
+        report::measure(model, &self.plan, &self.samples, self.true_path.as_deref())
+    }
+}
+
+/// A run on the simulator in this process.
+#[derive(Debug, Clone)]
+pub struct SimulatedRun {
+    /// The run.
+    pub run: Run,
+    /// Virtual time from power-on to the end, s.
+    pub simulated_s: f64,
+    /// Wall time that it took.
+    pub took: Duration,
+}
+
+impl SimulatedRun {
+    /// Simulated seconds per second.
+    #[must_use]
+    pub fn realtime_factor(&self) -> f64 {
+        self.simulated_s / self.took.as_secs_f64().max(1e-9)
+    }
+}
+
+/// How the robot hangs when it is switched on.
+///
+/// # Errors
+/// Where the robot file's home is no place to hang.
+pub fn home(model: &Model) -> Result<Rest, PlanError> {
+    model.rest(&model.robot().tool.home_in_world_m, None)
+}
+
+/// The plan for a task that starts from home: also the judgement before anything is connected.
+///
+/// # Errors
+/// The first limit that would be broken.
+pub fn plan_from_home(model: &Model, task: Task) -> Result<Plan, RunError> {
+    let start = model.robot().tool.home_in_world_m;
+    plan_from(model, task, &start)
+}
+
+fn plan_from(model: &Model, task: Task, start: &nalgebra::Vector3<f64>) -> Result<Plan, RunError> {
+    let task = task.approached_from(start).map_err(|error| match error {
+        crate::motion::TaskError::Path(error) => PlanError::from(error),
+        // Joining a way to a task that exists can fail only in the path.
+        _ => PlanError::from(crate::motion::path::PathError::Empty),
+    })?;
+    Ok(Plan::new(model, task.legs)?)
+}
+
+/// Runs a task on a simulated robot that hangs at home, `mismatch` away from its description.
+///
+/// # Errors
+/// As [`on_link`]; also where the simulated robot can not hang at home.
+pub fn simulate(
+    model: &Model,
+    task: Task,
+    mismatch: &Mismatch,
+    seed: u64,
+    progress: impl FnMut(Progress),
+) -> Result<SimulatedRun, RunError> {
+    let began = Instant::now();
+    let link = simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
+    link.with(mcdpr_simulator::Simulation::record_truth);
+    let session = SessionId(1);
+    let mut run = on_link(model, task, link.clone(), Some(session), progress)?;
+    let trace = link.with(mcdpr_simulator::Simulation::take_trace);
+    run.true_path = Some(report::true_path(&trace));
+    Ok(SimulatedRun {
+        run,
+        simulated_s: link.with(|simulation| simulation.now_us() as f64 * 1e-6),
+        took: began.elapsed(),
+    })
+}
+
+/// A simulated robot at home behind a line.
+///
+/// # Errors
+/// Where it can not hang there.
+pub fn simulated_robot(
+    model: &Model,
+    mismatch: &Mismatch,
+    seed: u64,
+    link: &LinkOptions,
+) -> Result<SimulatedLink, RunError> {
+    let home = home(model)?;
+    let params = machine::plant_params(model.robot(), mismatch, seed);
+    let simulation = machine::simulate(
+        params,
+        &home.equilibrium.pose,
+        home.tensions_n(),
+        model.tension_held(),
+        link,
+        seed,
+    )
+    .map_err(|error| RunError::Client(crate::link::LinkError::from(error).into()))?;
+    Ok(SimulatedLink::new(simulation))
+}
+
+/// Runs a task on the board behind a line: connects, configures, references the lengths if the
+/// board has lost them (the robot then hangs at home), arms, moves, disarms.
+///
+/// # Errors
+/// [`RunError`]; whatever it is, the robot stands still with its brakes closed, or the board has
+/// lost the line and stops by itself.
+pub fn on_link<L: Link>(
+    model: &Model,
+    task: Task,
+    link: L,
+    session: Option<SessionId>,
+    progress: impl FnMut(Progress),
+) -> Result<Run, RunError> {
+    let mut client = Client::connect(link, session.unwrap_or_else(run::new_session))?;
+    let hash = run::configure(&mut client, model.robot())?;
+    let status = run::status(&mut client)?;
+    if let Some(record) = status.fault {
+        return Err(RunError::Fault { record });
+    }
+    let start = if status.referenced {
+        let metres: Vec<_> = status.lengths.iter().map(|l| f64::from(l.0) * 1e-7).collect();
+        let newtons: Vec<_> = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3).collect();
+        model.rest_from_lengths(&metres, &newtons)?
+    } else {
+        let home = home(model)?;
+        client.request(machine::reference(&home.paid_out_m, home.tensions_n()))?;
+        home
+    };
+    let plan = plan_from(model, task, &model.tool_m(&start))?;
+    run::arm(&mut client, hash)?;
+    let knots = run::joined_to(&plan, &run::status(&mut client)?, model)?;
+    let mut recorder = Recorder::default();
+    run::follow(&mut client, &knots, &mut recorder, progress)?;
+    let simulated = client.info().simulated;
+    run::disarm(&mut client)?;
+    Ok(Run {
+        plan,
+        samples: recorder.samples,
+        true_path: None,
+        simulated,
+    })
+}

@@ -1,0 +1,114 @@
+//! The figures by which a run is judged.
+
+use crate::motion::{Model, Plan, PlanError};
+use crate::run::Measured;
+use nalgebra::Vector3;
+use serde::Serialize;
+
+/// Mean and greatest value, m.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MeanMax {
+    /// Mean.
+    pub mean: f64,
+    /// Greatest.
+    pub max: f64,
+}
+
+/// Mean, standard deviation and greatest value, m.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MeanSdMax {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// Greatest.
+    pub max: f64,
+}
+
+/// Deviation of the measured tension from its set-point, N.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TensionError {
+    /// Mean of the absolute value.
+    pub mean_abs: f64,
+    /// Greatest absolute value.
+    pub max_abs: f64,
+}
+
+/// Figures of a run. SI, the unit in the key.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Figures {
+    /// Distance between where the tool was and where it should have been at that time. True
+    /// positions of the simulated tool; `None` on hardware without a camera.
+    pub path_error_m: Option<MeanMax>,
+    /// Absolute difference of measured (drum encoder) and planned lengths, all cables.
+    pub cable_length_error_m: MeanSdMax,
+    /// Tension-held cables: measured minus set-point.
+    pub tension_error_n: TensionError,
+}
+
+/// Judges a run: what was measured against the plan, and the true path where there is one.
+///
+/// # Errors
+/// [`PlanError::Path`]: not for a plan that was run.
+pub fn measure(
+    model: &Model,
+    plan: &Plan,
+    samples: &[Measured],
+    true_path: Option<&[(f64, [f64; 3])]>,
+) -> Result<Figures, PlanError> {
+    let duration_s = plan.timed.duration_s();
+    let path_error_m = match true_path {
+        None => None,
+        Some(points) => {
+            let mut errors = Vec::new();
+            for (time_s, at) in points.iter().filter(|(time_s, _)| *time_s <= duration_s) {
+                errors.push((Vector3::from(*at) - plan.timed.tool_m(*time_s)?).norm());
+            }
+            Some(MeanMax {
+                mean: mean(&errors),
+                max: greatest(&errors),
+            })
+        }
+    };
+    let mut lengths = Vec::new();
+    let mut tensions = Vec::new();
+    let setpoint_n = model.robot().tension.setpoint_n;
+    for sample in samples {
+        let Some(state) = sample.path_s.and_then(|time_s| plan.state(time_s)) else {
+            continue;
+        };
+        let pairs = sample.lengths_m.iter().zip(&state.paid_out_m);
+        lengths.extend(pairs.map(|(measured, planned)| (measured - planned).abs()));
+        if let Some(held) = model.tension_held()
+            && let Some(tension) = sample.tensions_n.get(held)
+        {
+            tensions.push((tension - setpoint_n).abs());
+        }
+    }
+    let length_mean = mean(&lengths);
+    let spread: Vec<_> = lengths.iter().map(|l| (l - length_mean).powi(2)).collect();
+    Ok(Figures {
+        path_error_m,
+        cable_length_error_m: MeanSdMax {
+            mean: length_mean,
+            sd: mean(&spread).sqrt(),
+            max: greatest(&lengths),
+        },
+        tension_error_n: TensionError {
+            mean_abs: mean(&tensions),
+            max_abs: greatest(&tensions),
+        },
+    })
+}
+
+#[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 samples")]
+fn mean(values: &[f64]) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+fn greatest(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::NAN, f64::max)
+}

@@ -1,0 +1,176 @@
+//! The folder that keeps a run.
+
+use crate::motion::{Plan, PlanError};
+use crate::run::Measured;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// A folder for one run.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    path: PathBuf,
+}
+
+impl RunFolder {
+    /// Makes the folder: the given one, or `runs/DATE-TIME-NAME` here, with a number behind it
+    /// where that is taken.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn create(given: Option<&Path>, name: &str) -> io::Result<Self> {
+        if let Some(path) = given {
+            std::fs::create_dir_all(path)?;
+            return Ok(Self {
+                path: path.to_owned(),
+            });
+        }
+        let runs = PathBuf::from("runs");
+        std::fs::create_dir_all(&runs)?;
+        let name: String = name
+            .chars()
+            .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
+            .collect();
+        let stem = format!("{}-{name}", utc_stamp());
+        for number in 1.. {
+            let path = runs.join(if number == 1 {
+                stem.clone()
+            } else {
+                format!("{stem}-{number}")
+            });
+            match std::fs::create_dir(&path) {
+                Ok(()) => return Ok(Self { path }),
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Err(io::Error::other("no free name for a run folder"))
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes a file: first under another name, then renamed, so that no half file stays.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn write(&self, name: &str, contents: &str) -> io::Result<()> {
+        let part = self.path.join(format!("{name}.part"));
+        std::fs::write(&part, contents)?;
+        std::fs::rename(part, self.path.join(name))
+    }
+
+    /// Writes a value as JSON.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn write_json(&self, name: &str, value: &impl Serialize) -> io::Result<()> {
+        let text = serde_json::to_string_pretty(value)?;
+        self.write(name, &format!("{text}\n"))
+    }
+}
+
+/// Samples of a run as CSV, one line a tick; empty cells where a value does not exist.
+///
+/// # Errors
+/// [`PlanError::Path`]: not for a plan that was run.
+pub fn write_samples(
+    plan: &Plan,
+    samples: &[Measured],
+    true_path: Option<&[(f64, [f64; 3])]>,
+) -> Result<String, PlanError> {
+    let cables = samples.first().map_or(0, |sample| sample.lengths_m.len());
+    let mut text = String::from("tick,path_s");
+    for (what, unit) in [("length", "m"), ("planned_length", "m"), ("tension", "n"), ("current", "a")] {
+        for cable in 1..=cables {
+            // Writing to a string can not fail.
+            let _ = write!(text, ",{what}_{cable}_{unit}");
+        }
+    }
+    text.push_str(",desired_x_m,desired_y_m,desired_z_m,true_x_m,true_y_m,true_z_m\n");
+    let mut truth = true_path.unwrap_or_default().iter().peekable();
+    for sample in samples {
+        let time_s = sample.path_s;
+        let _ = write!(text, "{},{}", sample.tick, cell(time_s, 3));
+        let state = time_s.and_then(|time_s| plan.state(time_s));
+        for value in &sample.lengths_m {
+            let _ = write!(text, ",{value:.7}");
+        }
+        for cable in 0..cables {
+            let planned = state.and_then(|state| state.paid_out_m.get(cable));
+            let _ = write!(text, ",{}", cell(planned.copied(), 7));
+        }
+        for value in &sample.tensions_n {
+            let _ = write!(text, ",{value:.3}");
+        }
+        for value in &sample.currents_a {
+            let _ = write!(text, ",{value:.3}");
+        }
+        let desired = time_s.map(|time_s| plan.timed.tool_m(time_s)).transpose()?;
+        let actual = time_s.and_then(|time_s| {
+            while truth.next_if(|(at, _)| *at < time_s - 5e-4).is_some() {}
+            truth.peek().filter(|(at, _)| (at - time_s).abs() <= 5e-4)
+        });
+        for axis in 0..3 {
+            let _ = write!(text, ",{}", cell(desired.map(|at| at[axis]), 6));
+        }
+        for axis in 0..3 {
+            let _ = write!(text, ",{}", cell(actual.map(|(_, at)| at[axis]), 6));
+        }
+        text.push('\n');
+    }
+    Ok(text)
+}
+
+fn cell(value: Option<f64>, digits: usize) -> String {
+    value.map_or(String::new(), |value| format!("{value:.digits$}"))
+}
+
+/// The present time in UTC, such as `20260405-071530`.
+fn utc_stamp() -> String {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    stamp(since.map_or(0, |since| since.as_secs()))
+}
+
+/// Date and time of a Unix time, Gregorian calendar.
+fn stamp(seconds: u64) -> String {
+    let (mut days, clock) = (seconds / 86_400, seconds % 86_400);
+    let mut year = 1970;
+    let leap = |year: u64| (year % 4 == 0 && year % 100 != 0) || year % 400 == 0;
+    while days >= 365 + u64::from(leap(year)) {
+        days -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let february = 28 + u64::from(leap(year));
+    let mut month = 1;
+    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
+        if days < length {
+            break;
+        }
+        days -= length;
+        month += 1;
+    }
+    let (hour, minute, second) = (clock / 3600, clock / 60 % 60, clock % 60);
+    format!("{year}{month:02}{:02}-{hour:02}{minute:02}{second:02}", days + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::stamp;
+
+    #[test]
+    fn stamps_follow_the_calendar() {
+        assert_eq!(stamp(0), "19700101-000000");
+        // Leap days: 2000-02-29 and 2024-02-29, and the day after.
+        assert_eq!(stamp(951_827_696), "20000229-123456");
+        assert_eq!(stamp(1_709_251_199), "20240229-235959");
+        assert_eq!(stamp(1_709_251_200), "20240301-000000");
+        assert_eq!(stamp(4_107_542_399), "21000228-235959");
+        assert_eq!(stamp(4_107_542_400), "21000301-000000");
+    }
+}
