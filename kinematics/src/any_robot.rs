@@ -4,9 +4,9 @@ use nalgebra::{Rotation3, Vector3, Vector6};
 
 use crate::cable_vec::{CableVec, MAX_CABLES};
 use crate::equilibrium::EquilibriumGuess;
+use crate::equilibrium_state::{Equilibrium, Held, Start, StaticOptions};
 use crate::error::Error;
 use crate::forward::{Forward, ForwardOptions};
-use crate::geometrico_static::{Equilibrium, Held, Start, StaticOptions};
 use crate::interference::{CablePair, CableToPlatform, PlatformBox};
 use crate::inverse::CablePath;
 use crate::jacobian::LengthDerivatives;

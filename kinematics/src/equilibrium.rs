@@ -10,8 +10,8 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::cable_vec::{CableSet, CableVec};
+use crate::equilibrium_state::{Equilibrium, StaticOptions};
 use crate::error::{Error, Solver};
-use crate::geometrico_static::{Equilibrium, StaticOptions};
 use crate::inverse::Inverse;
 use crate::pose::Pose;
 use crate::robot::{Platform, Robot};

@@ -17,6 +17,7 @@ mod cable_vec;
 mod correction;
 mod energy;
 mod equilibrium;
+mod equilibrium_state;
 mod error;
 mod example;
 mod forward;
@@ -38,10 +39,10 @@ pub use correction::{
     CableMaterial, CorrectedLength, Correction, catenary_excess_m, corrected_length,
 };
 pub use equilibrium::EquilibriumGuess;
+pub use equilibrium_state::{Equilibrium, Held, Start, StaticOptions};
 pub use error::{Bound, Error, Solver};
 pub use example::{EXAMPLE_TOOL_M, eight_cables, example_platform, four_cables};
 pub use forward::{Forward, ForwardOptions};
-pub use geometrico_static::{Equilibrium, Held, Start, StaticOptions};
 pub use interference::{CablePair, CableToPlatform, PlatformBox, segment_distance};
 pub use inverse::{CablePath, Inverse};
 pub use jacobian::LengthDerivatives;

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
 use crate::cable_vec::{CableMatrix, CableVec, MAX_CABLES};
+use crate::equilibrium_state::Equilibrium;
 use crate::error::{Error, Solver};
-use crate::geometrico_static::Equilibrium;
 use crate::linear::{DENSE, eliminate};
 use crate::math::sqrt;
 use crate::robot::Robot;

@@ -9,6 +9,9 @@
 //! stages; the final set of cables at their limits is then solved exactly. (The problem statement
 //! follows Pott, 2018; the dual Newton method is that of Li and Swetits, 1997.)
 
+mod closed;
+mod dual;
+
 use nalgebra::{SMatrix, Vector3, Vector6};
 
 use crate::cable_vec::CableSet;
@@ -18,6 +21,10 @@ use crate::linear::{cholesky, cholesky_solve};
 use crate::math::sqrt;
 use crate::pose::Pose;
 use crate::robot::Robot;
+
+pub(crate) use closed::limiting;
+use closed::{closed_form, three_forces};
+use dual::dual;
 
 /// Allowed tensions, per cable, N.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -189,6 +196,11 @@ pub fn distribute<const K: usize, const N: usize>(
 ) -> Result<Distribution<N>, Error> {
     let target = goal.target(limits);
     if N == K + 1 {
+        if K == 3
+            && let Some(found) = three_forces(a, load, limits, &target)
+        {
+            return Ok(found);
+        }
         closed_form(a, load, limits, &target)
     } else if N > K {
         limits.check()?;
@@ -249,173 +261,6 @@ fn transposed_times<const K: usize, const N: usize>(a: &[[f64; N]; K], v: &[f64;
         }
     }
     out
-}
-
-#[inline(always)]
-fn closed_form<const K: usize, const N: usize>(
-    a: &[[f64; N]; K],
-    load: &[f64; K],
-    limits: &TensionLimits<N>,
-    target: &[f64; N],
-) -> Result<Distribution<N>, Error> {
-    let mut factor = gram(a, &[1.0; N]);
-    if !cholesky(&mut factor) {
-        return Err(if a.iter().flatten().all(|x| x.is_finite()) {
-            singular()
-        } else {
-            not_finite()
-        });
-    }
-    let mut v = times(a, target);
-    for k in 0..K {
-        v[k] = load[k] - v[k];
-    }
-    cholesky_solve(&factor, &mut v);
-    let correction = transposed_times(a, &v);
-    let null = null_vector(a, &factor);
-    // T(s) = base + s null, s = 0 being nearest to the target.
-    let mut base = [0.0; N];
-    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-    let mut crossed = false;
-    for i in 0..N {
-        base[i] = target[i] + correction[i];
-        // The offset keeps 0 / 0 out; it is far below the rounding of any other entry.
-        let inverse = 1.0 / (null[i] + 1e-280);
-        let (p, q) = (
-            (limits.min_n[i] - base[i]) * inverse,
-            (limits.max_n[i] - base[i]) * inverse,
-        );
-        low = low.max(p.min(q));
-        high = high.min(p.max(q));
-        crossed |= !((0.0 <= limits.min_n[i])
-            & (limits.min_n[i] <= limits.max_n[i])
-            & (limits.max_n[i] < f64::INFINITY));
-    }
-    let s = 0.0_f64.max(low).min(high);
-    let mut out = Distribution {
-        tensions_n: [0.0; N],
-        at_limit: CableSet::default(),
-    };
-    let mut total = 0.0;
-    for i in 0..N {
-        let t = base[i] + s * null[i];
-        total += t;
-        out.tensions_n[i] = t.max(limits.min_n[i]).min(limits.max_n[i]);
-    }
-    if crossed | !(low <= high) | !total.is_finite() {
-        return Err(closed_form_error(&base, &null, limits));
-    }
-    if s != 0.0 {
-        for i in 0..N {
-            let (t, lo, hi) = (out.tensions_n[i], limits.min_n[i], limits.max_n[i]);
-            let near = 1e-12 * hi;
-            if t - lo <= near || hi - t <= near {
-                out.at_limit.insert(i);
-            }
-        }
-    }
-    Ok(out)
-}
-
-/// Unit-free direction of the (one-dimensional) null space.
-#[inline(always)]
-fn null_vector<const K: usize, const N: usize>(
-    a: &[[f64; N]; K],
-    factor: &[[f64; K]; K],
-) -> [f64; N] {
-    if K == 3 && N == 4 {
-        // Signed minors.
-        let c = |i: usize| [a[0][i % N], a[1 % K][i % N], a[2 % K][i % N]];
-        let cross = |p: [f64; 3], q: [f64; 3]| {
-            [
-                p[1] * q[2] - p[2] * q[1],
-                p[2] * q[0] - p[0] * q[2],
-                p[0] * q[1] - p[1] * q[0],
-            ]
-        };
-        let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-        let (c01, c23) = (cross(c(0), c(1)), cross(c(2), c(3)));
-        let minors = [
-            dot(c(1), c23),
-            -dot(c(0), c23),
-            dot(c(3), c01),
-            -dot(c(2), c01),
-        ];
-        return core::array::from_fn(|i| minors[i % 4]);
-    }
-    // The projector on the null space is n n^T: the column of its largest diagonal entry.
-    let mut best = (0.0, 0);
-    for i in 0..N {
-        let column: [f64; K] = core::array::from_fn(|k| a[k][i]);
-        let mut solved = column;
-        cholesky_solve(factor, &mut solved);
-        let inside: f64 = (0..K).map(|k| column[k] * solved[k]).sum();
-        if 1.0 - inside > best.0 {
-            best = (1.0 - inside, i);
-        }
-    }
-    let mut v: [f64; K] = core::array::from_fn(|k| a[k][best.1]);
-    cholesky_solve(factor, &mut v);
-    let mut n = transposed_times(a, &v).map(|x| -x);
-    n[best.1] += 1.0;
-    n
-}
-
-#[cold]
-fn closed_form_error<const N: usize>(
-    base: &[f64; N],
-    null: &[f64; N],
-    limits: &TensionLimits<N>,
-) -> Error {
-    if let Err(error) = limits.check() {
-        return error;
-    }
-    if !base.iter().chain(null).all(|x| x.is_finite()) {
-        return not_finite();
-    }
-    // The two cables whose intervals along the line do not meet.
-    let (mut low, mut high) = ((f64::NEG_INFINITY, 0), (f64::INFINITY, 0));
-    for i in 0..N {
-        let inverse = 1.0 / (null[i] + 1e-280);
-        let p = (limits.min_n[i] - base[i]) * inverse;
-        let q = (limits.max_n[i] - base[i]) * inverse;
-        let (p, q) = (p.min(q), p.max(q));
-        if p > low.0 {
-            low = (p, i);
-        }
-        if q < high.0 {
-            high = (q, i);
-        }
-    }
-    let (worst, toward, size) = limiting(low, high, null);
-    Error::OutsideTensionLimits {
-        cable: worst + 1,
-        // Cable `low` wants a larger s: its tension is then too small if it grows with s.
-        bound: if toward * null[worst] > 0.0 {
-            Bound::Minimum
-        } else {
-            Bound::Maximum
-        },
-        violation_n: size,
-    }
-}
-
-/// Of the two cables that leave no room (ends of their intervals along `null`), the one that is
-/// exceeded more at their least-squares compromise: (index, +1 if it is the lower one, violation).
-#[inline(always)]
-pub(crate) fn limiting<const N: usize>(
-    low: (f64, usize),
-    high: (f64, usize),
-    null: &[f64; N],
-) -> (usize, f64, f64) {
-    let gap = low.0 - high.0;
-    let (p, q) = (null[low.1].abs(), null[high.1].abs());
-    let shared = p * q * gap / (p * p + q * q).max(f64::MIN_POSITIVE);
-    if q > p {
-        (low.1, 1.0, shared * q)
-    } else {
-        (high.1, -1.0, shared * p)
-    }
 }
 
 /// The error that names the cable with the largest violation (positive: above the maximum).
@@ -493,164 +338,4 @@ fn finish<const N: usize>(t: [f64; N], limits: &TensionLimits<N>) -> Distributio
         }
     }
     out
-}
-
-/// More than one degree of redundancy.
-fn dual<const K: usize, const N: usize>(
-    a: &[[f64; N]; K],
-    load: &[f64; K],
-    limits: &TensionLimits<N>,
-    target: &[f64; N],
-) -> Result<Distribution<N>, Error> {
-    if !a
-        .iter()
-        .flatten()
-        .chain(load)
-        .chain(target)
-        .all(|x| x.is_finite())
-    {
-        return Err(not_finite());
-    }
-    if !cholesky(&mut gram(a, &[1.0; N])) {
-        return Err(singular());
-    }
-    let clamp = |i: usize, z: f64| z.max(limits.min_n[i]).min(limits.max_n[i]);
-    let mut v = [0.0; K];
-    let mut violations = [0.0; N];
-    // `soft` is the slope of the tension beyond a limit.
-    let mut soft = 1.0;
-    for _ in 0..7 {
-        let value = |v: &[f64; K]| -> (f64, [f64; N]) {
-            let lift = transposed_times(a, v);
-            let z: [f64; N] = core::array::from_fn(|i| target[i] + lift[i]);
-            let mut sum = 0.0;
-            for i in 0..N {
-                let c = clamp(i, z[i]);
-                // Integral of clamp + soft (z - clamp).
-                sum += c * (z[i] - c) + 0.5 * c * c + 0.5 * soft * (z[i] - c) * (z[i] - c);
-            }
-            for k in 0..K {
-                sum -= load[k] * v[k];
-            }
-            (sum, z)
-        };
-        let (mut now, mut z) = value(&v);
-        for _ in 0..60 {
-            let t: [f64; N] = core::array::from_fn(|i| {
-                let c = clamp(i, z[i]);
-                c + soft * (z[i] - c)
-            });
-            let mut d = times(a, &t);
-            let mut size = 0.0_f64;
-            for k in 0..K {
-                d[k] = load[k] - d[k];
-                size = size.max(d[k].abs());
-            }
-            let scale = load.iter().fold(1.0_f64, |s, x| s.max(x.abs()));
-            if size <= 1e-12 * scale {
-                break;
-            }
-            let weight: [f64; N] =
-                core::array::from_fn(|i| if clamp(i, z[i]) == z[i] { 1.0 } else { soft });
-            let mut h = gram(a, &weight);
-            if !cholesky(&mut h) {
-                break;
-            }
-            let slope_of = d;
-            cholesky_solve(&h, &mut d);
-            let slope: f64 = (0..K).map(|k| -slope_of[k] * d[k]).sum();
-            let mut step = 1.0;
-            let mut moved = false;
-            for _ in 0..40 {
-                let trial: [f64; K] = core::array::from_fn(|k| v[k] + step * d[k]);
-                let (next, next_z) = value(&trial);
-                if next <= now + 1e-4 * step * slope + 1e-14 * now.abs() {
-                    moved = next < now || step == 1.0;
-                    v = trial;
-                    now = next;
-                    z = next_z;
-                    break;
-                }
-                step *= 0.5;
-            }
-            if !moved {
-                break;
-            }
-        }
-        if let Some(exact) = exact_on_set(a, load, limits, target, &z) {
-            return Ok(exact);
-        }
-        violations = core::array::from_fn(|i| soft * (z[i] - clamp(i, z[i])));
-        soft *= 0.05;
-    }
-    Err(worst_violation(&violations))
-}
-
-/// With the cables whose z lies beyond a limit fixed there, the optimum of the others; `None` if
-/// that does not balance within the limits, or is not the optimum.
-fn exact_on_set<const K: usize, const N: usize>(
-    a: &[[f64; N]; K],
-    load: &[f64; K],
-    limits: &TensionLimits<N>,
-    target: &[f64; N],
-    z: &[f64; N],
-) -> Option<Distribution<N>> {
-    let clamp = |i: usize, z: f64| z.max(limits.min_n[i]).min(limits.max_n[i]);
-    let free: [f64; N] = core::array::from_fn(|i| f64::from(u8::from(clamp(i, z[i]) == z[i])));
-    let mut t: [f64; N] = core::array::from_fn(|i| {
-        if free[i] > 0.0 {
-            target[i]
-        } else {
-            clamp(i, z[i])
-        }
-    });
-    let mut h = gram(a, &free);
-    let trace: f64 = (0..K).map(|k| gram(a, &[1.0; N])[k][k]).sum();
-    for (k, row) in h.iter_mut().enumerate() {
-        row[k] += 1e-10 * trace;
-    }
-    if !cholesky(&mut h) {
-        return None;
-    }
-    let scale = load.iter().fold(1.0_f64, |s, x| s.max(x.abs()));
-    let mut multiplier = [0.0; K];
-    let mut left = f64::INFINITY;
-    // The shift above makes this a refinement; it converges at once unless the set is singular.
-    for _ in 0..6 {
-        let mut d = times(a, &t);
-        for k in 0..K {
-            d[k] = load[k] - d[k];
-        }
-        left = d.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
-        if left <= 1e-13 * scale {
-            break;
-        }
-        cholesky_solve(&h, &mut d);
-        let lift = transposed_times(a, &d);
-        for i in 0..N {
-            t[i] += free[i] * lift[i];
-        }
-        for k in 0..K {
-            multiplier[k] += d[k];
-        }
-    }
-    if !(left <= 1e-10 * scale) {
-        return None;
-    }
-    let lift = transposed_times(a, &multiplier);
-    for i in 0..N {
-        let width = 1e-10 * (limits.max_n[i] + scale);
-        if free[i] > 0.0 {
-            if (t[i] - clamp(i, t[i])).abs() > width {
-                return None;
-            }
-        } else {
-            // A cable at its limit must want to go beyond it.
-            let wish = target[i] + lift[i];
-            if (clamp(i, wish) - t[i]).abs() > width {
-                return None;
-            }
-        }
-    }
-    Some(finish(t, limits))
 }

@@ -3,8 +3,8 @@
 use nalgebra::{Rotation3, Vector3};
 
 use crate::equilibrium::EquilibriumGuess;
+use crate::equilibrium_state::StaticOptions;
 use crate::error::{Bound, Error};
-use crate::geometrico_static::StaticOptions;
 use crate::pose::Pose;
 use crate::robot::Robot;
 use crate::tension::{Goal, TensionLimits, limiting};

@@ -72,7 +72,7 @@ fn the_closed_form_is_the_taut_path() {
     // and along the rim from the entry. A stretched string leaves the rim smoothly, so of all P the
     // visible ones with arc + chord smallest is it; the rim is searched densely, then refined.
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    for _ in 0..200 {
+    for _ in 0..40 {
         let robot = random_robot(&mut rng);
         let pose = random_pose(&mut rng);
         let paths = robot.paths(&pose).unwrap();
@@ -88,7 +88,7 @@ fn the_closed_form_is_the_taut_path() {
             // disc; among chords that stay outside the disc the smallest total is the taut path.
             let outside = |phi: f64| (end - rim(phi)).dot(&(rim(phi) - centre)) >= -1e-12 * r;
             let total = |phi: f64| r * phi + (end - rim(phi)).norm();
-            let n = 20_000;
+            let n = 10_000;
             let mut best = f64::INFINITY;
             for k in 0..n {
                 let phi = std::f64::consts::TAU * f64::from(k) / f64::from(n);
@@ -99,7 +99,7 @@ fn the_closed_form_is_the_taut_path() {
             // The derivative of the total vanishes at the tangent point, so a grid of spacing q
             // errs by about r^2 q^2 / s.
             let error = best - path.length_m;
-            assert!(error.abs() < 1e-8 + r * 4e-4, "{error:e}");
+            assert!(error.abs() < 1e-8 + r * 8e-4, "{error:e}");
             assert!(error > -1e-12, "shorter than taut: {error:e}");
             assert!((path.tangent_point_m - rim(path.wrap_rad)).norm() < 1e-14);
             let straight = end - path.tangent_point_m;

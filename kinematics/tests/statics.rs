@@ -218,8 +218,8 @@ fn stiff_elastic_cables_approach_inextensible_ones() {
             let found = solve(&held, start).unwrap();
             let moved = (found.pose.position_m - eq.pose.position_m).norm();
             assert!(moved < 150.0 / ea, "{ea:e} {moved:e}");
-            for i in 0..3 {
-                let Held::Length(l) = rigid[i] else { panic!() };
+            for (i, h) in rigid.iter().enumerate().take(3) {
+                let Held::Length(l) = *h else { panic!() };
                 let spring = ea * (found.lengths_m[i] - l) / (l + 0.5);
                 assert!((spring - found.tensions_n[i]).abs() < 1e-6 * ea.max(1e6) / 1e6);
             }
@@ -547,4 +547,26 @@ fn continuation_from_a_bad_attitude_still_ends_at_the_equilibrium() {
         .equilibrium_at(&TOOL, &at, &tensions, guess, &options)
         .unwrap();
     assert!((found.pose.position_m - reference.pose.position_m).norm() < 1e-10);
+}
+
+#[test]
+fn level_inverse_kinematics_misses_the_grasp_point_by_38_mm() {
+    // A figure found elsewhere for this robot at 2 kg (in a simulator with other geometry code): with
+    // the lengths of a level platform at (252, -39, -517) mm and 10 N in cable 4 it comes to rest
+    // 38 mm away, with cable 3 slack.
+    let mut platform = example_platform();
+    platform.mass_kg = 2.0;
+    let robot = Robot::new(*four_cables().cables(), platform).unwrap();
+    let grasp = Vector3::new(0.252, -0.039, -0.517);
+    let mut held = robot
+        .lengths_m(&Pose::level(grasp))
+        .unwrap()
+        .map(Held::Length);
+    held[3] = Held::Tension(10.0);
+    let found = robot
+        .geometrico_static(&held, Start::Cold, &StaticOptions::default())
+        .unwrap();
+    let miss = (found.pose.position_m - grasp).norm();
+    assert!((miss - 0.038).abs() < 5e-4, "{miss}");
+    assert!(found.slack.contains(2) && found.slack.len() == 1);
 }
