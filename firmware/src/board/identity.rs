@@ -1,0 +1,66 @@
+//! Who this board is, and why it started.
+
+use crate::fatal::Record;
+use embassy_stm32::pac;
+use mcdpr_protocol::message::PANIC_BYTES;
+use mcdpr_protocol::{Hello, Info, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause};
+
+/// First characters of the git hash, from the build script; empty outside of git.
+const GIT_HASH: &[u8] = env!("MCDPR_GIT_HASH").as_bytes();
+
+/// The last start.
+pub struct Reset {
+    /// Why.
+    pub cause: ResetCause,
+    /// What the last fatal error since power-on said.
+    pub last_panic: List<u8, PANIC_BYTES>,
+}
+
+/// Reads and clears the chip's reset flags. Every reset pulls the reset pin, so that one is last.
+pub fn reset_cause(record: Record) -> Reset {
+    let flags = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    let cause = if flags.porrstf() || flags.lpwrrstf() {
+        ResetCause::Power
+    } else if flags.iwdgrstf() || flags.wwdgrstf() {
+        ResetCause::Watchdog
+    } else if flags.sftrstf() && record.is_new {
+        ResetCause::Panic
+    } else if flags.sftrstf() {
+        ResetCause::Software
+    } else if flags.pinrstf() {
+        ResetCause::Pin
+    } else {
+        ResetCause::Unknown
+    };
+    Reset {
+        cause,
+        last_panic: record.text,
+    }
+}
+
+/// The frozen greeting.
+pub fn hello(reset: &Reset) -> Hello {
+    let mut git_hash = [0; 8];
+    for (byte, character) in git_hash.iter_mut().zip(GIT_HASH) {
+        *byte = *character;
+    }
+    let mut board_id = [0; 12];
+    for (index, word) in board_id.chunks_exact_mut(4).enumerate() {
+        word.copy_from_slice(&pac::UID.uid(index).read().to_le_bytes());
+    }
+    Hello {
+        major: PROTOCOL_MAJOR,
+        minor: PROTOCOL_MINOR,
+        board_id,
+        git_hash,
+        reset_cause: reset.cause,
+    }
+}
+
+/// Adds to the core's answer what only the board knows.
+pub fn complete(info: &mut Info, last_panic: &List<u8, PANIC_BYTES>) {
+    // No drive bus yet.
+    info.drive_kinds = 0;
+    info.last_panic.clone_from(last_panic);
+}

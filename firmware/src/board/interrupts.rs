@@ -1,0 +1,86 @@
+//! Priorities, and critical sections that never hold the tick up.
+//!
+//! | priority | who |
+//! |---|---|
+//! | 0 | SysTick: the control tick |
+//! | 4 | links (DMA of the UART) |
+//! | 8 | every interrupt that nobody set |
+//! | 15 | wake-up of the link's tasks, pended by the tick |
+//!
+//! A critical section raises `BASEPRI` to 1: it masks all of these but the tick. So the tick must
+//! never use one, and does not: no locks, no wakers, no defmt. What it has to tell it leaves in
+//! queues and atomics, and pends the wake-up, which runs below.
+#![allow(
+    unsafe_code,
+    reason = "critical sections and interrupt priorities are the processor's own registers"
+)]
+
+use crate::link;
+use core::sync::atomic::{Ordering, compiler_fence};
+use cortex_m::peripheral::scb::SystemHandler;
+use cortex_m::peripheral::{NVIC, SCB};
+use cortex_m::register::{basepri, basepri_max};
+use embassy_stm32::interrupt;
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+
+/// Links.
+pub const LINK: Priority = Priority::P4;
+/// Whatever was not set.
+const OTHER: Priority = Priority::P8;
+/// Wake-up of tasks.
+const WAKE: Priority = Priority::P15;
+/// Of `BASEPRI`: masks priority 1 and below it.
+const BELOW_TICK: u8 = Priority::P1 as u8;
+
+struct BelowTick;
+critical_section::set_impl!(BelowTick);
+
+// SAFETY: the chip has one core, and everything that uses critical sections runs at priority 1 or
+// lower: `lower_all` gives every interrupt such a priority before the first is enabled. What runs
+// above (tick, NMI, HardFault) uses none.
+unsafe impl critical_section::Impl for BelowTick {
+    unsafe fn acquire() -> u8 {
+        let before = basepri::read();
+        // Only ever raises, so that sections nest.
+        basepri_max::write(BELOW_TICK);
+        cortex_m::asm::isb();
+        compiler_fence(Ordering::SeqCst);
+        before
+    }
+
+    unsafe fn release(before: u8) {
+        compiler_fence(Ordering::SeqCst);
+        // SAFETY: restores what `acquire` found; the caller pairs the two.
+        unsafe { basepri::write(before) }
+    }
+}
+
+/// Puts every interrupt below the tick: what is not set would stay beside it at 0.
+pub fn lower_all(nvic: NVIC, mut scb: SCB) {
+    for priority in &nvic.ipr {
+        // SAFETY: no interrupt is enabled yet, so no priority changes under a running handler.
+        unsafe { priority.write(OTHER as u8) }
+    }
+    for (handler, priority) in [
+        (SystemHandler::SysTick, Priority::P0),
+        (SystemHandler::PendSV, WAKE),
+        (SystemHandler::SVCall, WAKE),
+    ] {
+        // SAFETY: as above; SysTick is not yet counting.
+        unsafe { scb.set_priority(handler, priority as u8) }
+    }
+    interrupt::TAMPER.set_priority(WAKE);
+    // SAFETY: its handler below is in place, and no critical section is open.
+    unsafe { interrupt::TAMPER.enable() }
+}
+
+/// Asks for the link's tasks to be woken, from the tick.
+pub fn pend_wake() {
+    // No tamper pin is in use: its interrupt is free to be a doorbell.
+    NVIC::pend(interrupt::TAMPER);
+}
+
+#[interrupt]
+fn TAMPER() {
+    link::wake();
+}

@@ -1,0 +1,49 @@
+//! The firmware of the STM32F103C8T6 board: the control core with its pins, clocks and links.
+//!
+//! | module | what it is for |
+//! |---|---|
+//! | `pins` | pin table; brakes, inputs and outputs |
+//! | `encoders` | four quadrature decoders (TIM1 to TIM4) |
+//! | `tension` | four tension channels by ADC and DMA |
+//! | `tick` | the control tick (SysTick, 1 kHz), sole owner of the control core |
+//! | `link` | bytes to commands, answers and telemetry to bytes (thread mode) |
+//! | `uart` | USART3, DMA in both directions |
+//! | `interrupts` | priorities, and critical sections that never hold the tick up |
+//! | `life` | the watchdog, fed only while tick and link both live |
+//! | `fatal` | brakes first, then a record that survives the reset |
+//! | `identity` | who this board is and why it started |
+//!
+//! Two priorities share the work. The tick preempts everything and takes no lock: it meets the
+//! link through single-producer queues and atomics alone. All else runs in thread mode.
+//!
+//! No drive bus yet: every drive is absent, so the core refuses to arm (D5).
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+mod encoders;
+#[cfg(target_os = "none")]
+mod fatal;
+#[cfg(target_os = "none")]
+mod identity;
+#[cfg(target_os = "none")]
+mod interrupts;
+#[cfg(target_os = "none")]
+mod life;
+#[cfg(target_os = "none")]
+mod link;
+#[cfg(target_os = "none")]
+mod pins;
+#[cfg(target_os = "none")]
+mod start;
+#[cfg(target_os = "none")]
+mod tension;
+#[cfg(target_os = "none")]
+mod tick;
+#[cfg(target_os = "none")]
+mod uart;
+
+/// This program only makes sense on the board; a host that builds it anyway learns how to.
+#[cfg(not(target_os = "none"))]
+fn main() {
+    eprintln!("mcdpr-firmware runs on the STM32F103: build it with `cargo fw`");
+}

@@ -1,0 +1,91 @@
+//! Tension channels: ADC1 scans them without end, DMA keeps the last sixteen scans.
+//!
+//! A conversion takes 84 cycles of 12 MHz, so sixteen scans of four channels span 0.45 ms: every
+//! tick sees sixteen new samples of each. No interrupt is involved, and what the tick reads needs
+//! no lock: a sample is one aligned half-word, old or new.
+
+use crate::pins::CABLES;
+use core::mem;
+use core::sync::atomic::{AtomicU16, Ordering, fence};
+use embassy_stm32::Peri;
+use embassy_stm32::adc::Adc;
+use embassy_stm32::gpio::{AnyPin, Flex};
+use embassy_stm32::pac;
+use embassy_stm32::pac::adc::vals::SampleTime;
+use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
+use embassy_stm32::peripherals::{ADC1, DMA1_CH1};
+
+/// ADC channels of PA4, PA5, PB0, PB1.
+const CHANNELS: [u8; CABLES] = [4, 5, 8, 9];
+/// Samples of each channel that are summed: 12 bits become 0 to 65520.
+const OVERSAMPLING: usize = 16;
+/// Software starts the conversion.
+const EXTSEL_SWSTART: u8 = 7;
+
+const SAMPLES: usize = CABLES * OVERSAMPLING;
+/// The same for the DMA's counter.
+const TRANSFERS: u16 = 64;
+const _: () = assert!(TRANSFERS as usize == SAMPLES);
+
+/// Written by DMA, cable 1 first, scan after scan.
+static RING: [AtomicU16; SAMPLES] = [const { AtomicU16::new(0) }; SAMPLES];
+
+/// Calibrates, then starts scanning for good.
+pub fn start(
+    adc: Peri<'static, ADC1>,
+    _dma: Peri<'static, DMA1_CH1>,
+    pins: [Peri<'static, AnyPin>; CABLES],
+) {
+    for pin in pins {
+        let mut pin = Flex::new(pin);
+        pin.set_as_analog();
+        mem::forget(pin);
+    }
+    // The driver powers up and calibrates; dropped, it would switch off again.
+    mem::forget(Adc::new(adc));
+
+    let adc = pac::ADC1;
+    let channel = pac::DMA1.ch(0);
+    channel.par().write_value(adc.dr().as_ptr() as u32);
+    channel.mar().write_value(RING.as_ptr() as u32);
+    channel.ndtr().write(|w| w.set_ndt(TRANSFERS));
+    fence(Ordering::SeqCst);
+    channel.cr().write(|w| {
+        w.set_dir(Dir::FROM_PERIPHERAL);
+        w.set_circ(true);
+        w.set_minc(true);
+        w.set_psize(Size::BITS16);
+        w.set_msize(Size::BITS16);
+        w.set_pl(Pl::HIGH);
+        w.set_en(true);
+    });
+
+    adc.cr1().modify(|w| w.set_scan(true));
+    for (position, channel) in (0_u8..).zip(CHANNELS) {
+        adc.smpr2()
+            .modify(|w| w.set_smp(usize::from(channel), SampleTime::CYCLES71_5));
+        adc.sqr3()
+            .modify(|w| w.set_sq(usize::from(position), channel));
+        // Counted from 0: in the end, the last one's position.
+        adc.sqr1().modify(|w| w.set_l(position));
+    }
+    adc.cr2().modify(|w| {
+        w.set_cont(true);
+        w.set_dma(true);
+        w.set_extsel(EXTSEL_SWSTART);
+        w.set_exttrig(true);
+    });
+    adc.cr2().modify(|w| w.set_swstart(true));
+}
+
+/// Sums of the last sixteen samples, cable 1 first.
+pub fn read() -> [u16; CABLES] {
+    let mut sums = [0_u16; CABLES];
+    for scan in RING.chunks_exact(CABLES) {
+        for (sum, sample) in sums.iter_mut().zip(scan) {
+            // 16 * 4095 fits.
+            *sum = sum.wrapping_add(sample.load(Ordering::Relaxed));
+        }
+    }
+    sums
+}

@@ -1,0 +1,179 @@
+//! The control tick: SysTick, 1 kHz, above everything else. It alone owns the control core.
+//!
+//! Order within a tick: read, step, apply, so that outputs follow inputs at a constant distance;
+//! then requests, which act from the next tick on; then what there is to tell.
+
+use crate::encoders::Encoders;
+use crate::identity::{self, Reset};
+use crate::life::{self, Part};
+use crate::link::{self, TickEnds};
+use crate::pins::{self, CABLES, Pins};
+use crate::start::CYCLES_PER_TICK;
+use crate::{interrupts, tension};
+use core::ptr;
+use core::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
+use cortex_m::peripheral::{DCB, DWT};
+use mcdpr_firmware::io::Board;
+use mcdpr_firmware::{Inputs, Outputs, Server};
+use mcdpr_protocol::message::PANIC_BYTES;
+use mcdpr_protocol::{List, Reply, Tick};
+use static_cell::StaticCell;
+
+/// Commands executed in one tick, at most. The line could bring six; they wait in its ring.
+const COMMANDS_PER_TICK: usize = 2;
+/// From one tick's start to the next, at most: a tenth late is an overrun (P5).
+const LATE_CYCLES: u32 = CYCLES_PER_TICK + CYCLES_PER_TICK / 10;
+
+static NOW: AtomicU32 = AtomicU32::new(0);
+
+/// Ticks since the start, wrapping.
+pub fn now() -> u32 {
+    NOW.load(Ordering::Relaxed)
+}
+
+/// Counts core clock cycles from here on.
+pub fn start_cycle_counter(mut dcb: DCB, mut dwt: DWT) {
+    dcb.enable_trace();
+    dwt.enable_cycle_counter();
+}
+
+/// The rim: pins and counters. Drives are absent until there is a bus.
+pub struct Rim {
+    /// Digital inputs and outputs.
+    pub pins: Pins,
+    /// Drum encoders.
+    pub encoders: Encoders,
+}
+
+impl Board<CABLES> for Rim {
+    fn now(&self) -> Tick {
+        Tick(now())
+    }
+
+    fn read(&mut self) -> Inputs<CABLES> {
+        let mut inputs = Inputs {
+            encoders: self.encoders.read(),
+            tension_adc: tension::read(),
+            e_stop: self.pins.e_stop(),
+            gripper_switch: self.pins.gripper_switch(),
+            ..Inputs::default()
+        };
+        for drive in &mut inputs.drives {
+            drive.age_ms = u16::MAX;
+        }
+        inputs
+    }
+
+    fn apply(&mut self, outputs: &Outputs<CABLES>) {
+        self.pins.apply(outputs);
+    }
+
+    fn safe_off(&mut self) {
+        pins::close_brakes();
+    }
+}
+
+/// All that a tick works with.
+struct Core {
+    server: &'static mut Server<CABLES>,
+    rim: Rim,
+    ends: TickEnds,
+    last_panic: List<u8, PANIC_BYTES>,
+    /// Cycle counter at the last tick's start; `None` before the first.
+    started: Option<u32>,
+}
+
+impl Core {
+    fn tick(&mut self) {
+        let cycles = DWT::cycle_count();
+        let last = self.started.replace(cycles);
+        let now = Tick(NOW.load(Ordering::Relaxed).wrapping_add(1));
+        NOW.store(now.0, Ordering::Relaxed);
+
+        let late = last.is_some_and(|last| cycles.wrapping_sub(last) > LATE_CYCLES);
+        self.control(now, late);
+        self.execute(now);
+        self.tell(now);
+        life::show(Part::Tick);
+        interrupts::pend_wake();
+    }
+
+    /// Out of line, as are the other two: the stack of one is gone before the next one's comes.
+    #[inline(never)]
+    fn control(&mut self, now: Tick, late: bool) {
+        let mut inputs = self.rim.read();
+        inputs.overrun = late;
+        let outputs = self.server.step(now, &inputs);
+        self.rim.apply(&outputs);
+    }
+
+    #[inline(never)]
+    fn execute(&mut self, now: Tick) {
+        let counters = link::counters();
+        for _ in 0..COMMANDS_PER_TICK {
+            if !self.ends.answers.ready() {
+                return;
+            }
+            let Some(command) = self.ends.commands.peek() else {
+                break;
+            };
+            let mut answer = self.server.receive(now, command, &counters);
+            self.ends.commands.dequeue();
+            if let Ok(Reply::Info(info)) = &mut answer.result {
+                identity::complete(info, &self.last_panic);
+            }
+            // There is room: it was just seen, and nobody else fills it.
+            let _ = self.ends.answers.enqueue(answer);
+        }
+        if self.ends.answers.ready()
+            && link::take_damaged()
+            && let Some(answer) = self.server.complain()
+        {
+            let _ = self.ends.answers.enqueue(answer);
+        }
+    }
+
+    #[inline(never)]
+    fn tell(&mut self, now: Tick) {
+        if self.ends.states.ready()
+            && let Some(status) = self.server.take_status(&link::counters())
+        {
+            let _ = self.ends.states.enqueue(status);
+        }
+        if let Some(block) = self.server.take_samples()
+            && self.ends.samples.enqueue(block).is_err()
+        {
+            link::drop_telemetry();
+        }
+        let state = self.server.controller().state();
+        self.rim.pins.show(state, now);
+    }
+}
+
+/// The core, from before the first tick on.
+static CORE: AtomicPtr<Core> = AtomicPtr::new(ptr::null_mut());
+
+/// Gives the tick all that it owns. Before SysTick counts.
+pub fn hand_over(rim: Rim, ends: TickEnds, reset: &Reset) {
+    static PLACE: StaticCell<Core> = StaticCell::new();
+    static SERVER: StaticCell<Server<CABLES>> = StaticCell::new();
+    let core = PLACE.init(Core {
+        server: SERVER.init_with(|| Server::new(false)),
+        rim,
+        ends,
+        last_panic: reset.last_panic.clone(),
+        started: None,
+    });
+    CORE.store(core, Ordering::Release);
+}
+
+#[cortex_m_rt::exception]
+fn SysTick() {
+    #[allow(unsafe_code, reason = "one owner, an interrupt: no type can say that")]
+    // SAFETY: null, or the one reference that `hand_over` made and gave up; the cell it made it
+    // from gives no second. Only this handler loads it, and it does not preempt itself.
+    let core = unsafe { CORE.load(Ordering::Acquire).as_mut() };
+    if let Some(core) = core {
+        core.tick();
+    }
+}

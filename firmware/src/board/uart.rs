@@ -1,0 +1,124 @@
+//! The host link: USART3 at 921600 baud, DMA in both directions.
+//!
+//! Sending is the driver's. Receiving is not: the driver's ring waits for the line to idle and
+//! then reads the data register to clear the flag, which can take a byte away from DMA. Here DMA
+//! alone ever reads that register. It fills a ring without end and without interrupts, and the
+//! link's task looks every tick how far it came: 92 bytes at most, of 512.
+
+use core::mem;
+use core::sync::atomic::{AtomicU8, Ordering, fence};
+use embassy_stm32::gpio::{Input, Pull};
+use embassy_stm32::mode::Async;
+use embassy_stm32::pac;
+use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
+use embassy_stm32::peripherals::{DMA1_CH2, DMA1_CH3, PB10, PB11, USART3};
+use embassy_stm32::usart::{Config, UartTx};
+use embassy_stm32::{Peri, bind_interrupts, dma};
+use mcdpr_protocol::Tick;
+
+const BAUD: u32 = 921_600;
+const RING: usize = 512;
+/// The same for the DMA's counter.
+const TRANSFERS: u16 = 512;
+const _: () = assert!(TRANSFERS as usize == RING);
+/// Channel of DMA1 that USART3's receiver is wired to, counted from 0.
+const RECEIVE_CHANNEL: usize = 2;
+/// Ticks in which the line can not fill the ring: 5 * 92.16 bytes.
+const SAFE_TICKS: i32 = 5;
+
+bind_interrupts!(struct Irqs {
+    DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
+});
+
+/// Written by DMA.
+static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
+
+/// Sends frames.
+pub type Sender = UartTx<'static, Async>;
+
+/// What has arrived and was not taken yet.
+pub struct Ring {
+    /// Where the next byte is taken.
+    next: usize,
+    /// Where DMA will write next, as last seen.
+    seen: usize,
+    unread: usize,
+    looked: Tick,
+}
+
+/// Opens the line and starts receiving.
+pub fn open(
+    usart: Peri<'static, USART3>,
+    tx: Peri<'static, PB10>,
+    rx: Peri<'static, PB11>,
+    tx_dma: Peri<'static, DMA1_CH2>,
+    _rx_dma: Peri<'static, DMA1_CH3>,
+) -> (Sender, Ring) {
+    let mut config = Config::default();
+    config.baudrate = BAUD;
+    let Ok(sender) = UartTx::new(usart, tx, tx_dma, Irqs, config) else {
+        crate::fatal::stop("no such baud rate")
+    };
+    // Pulled up, a line that is not connected idles instead of receiving noise.
+    mem::forget(Input::new(rx, Pull::Up));
+
+    let usart = pac::USART3;
+    let channel = pac::DMA1.ch(RECEIVE_CHANNEL);
+    channel.par().write_value(usart.dr().as_ptr() as u32);
+    channel.mar().write_value(BYTES.as_ptr() as u32);
+    channel.ndtr().write(|w| w.set_ndt(TRANSFERS));
+    fence(Ordering::SeqCst);
+    channel.cr().write(|w| {
+        w.set_dir(Dir::FROM_PERIPHERAL);
+        w.set_circ(true);
+        w.set_minc(true);
+        w.set_psize(Size::BITS8);
+        w.set_msize(Size::BITS8);
+        w.set_pl(Pl::VERY_HIGH);
+        w.set_en(true);
+    });
+    usart.cr3().modify(|w| w.set_dmar(true));
+    usart.cr1().modify(|w| w.set_re(true));
+    let ring = Ring {
+        next: 0,
+        seen: 0,
+        unread: 0,
+        looked: Tick(0),
+    };
+    (sender, ring)
+}
+
+impl Ring {
+    /// Looks how far DMA came. Gives `false` if bytes were lost, because they came faster than
+    /// they were taken: then all that is unread is dropped.
+    pub fn look(&mut self, now: Tick) -> bool {
+        let left = usize::from(pac::DMA1.ch(RECEIVE_CHANNEL).ndtr().read().ndt());
+        fence(Ordering::SeqCst);
+        let written = (RING - left.min(RING)) % RING;
+        self.unread += (written + RING - self.seen) % RING;
+        self.seen = written;
+        let lapped = now.since(self.looked) > SAFE_TICKS;
+        self.looked = now;
+        if lapped && self.unread > 0 || self.unread >= RING {
+            self.next = written;
+            self.unread = 0;
+            return false;
+        }
+        true
+    }
+
+    /// The next byte.
+    pub fn take(&mut self) -> Option<u8> {
+        self.unread = self.unread.checked_sub(1)?;
+        let byte = BYTES.get(self.next)?.load(Ordering::Relaxed);
+        self.next = (self.next + 1) % RING;
+        Some(byte)
+    }
+}
+
+/// Whether the receiver has met noise, a missing stop bit or an overrun. Reading the flags arms
+/// their clearing, and the next byte that DMA reads completes it.
+pub fn line_error() -> bool {
+    let flags = pac::USART3.sr().read();
+    flags.ne() || flags.fe() || flags.ore()
+}
