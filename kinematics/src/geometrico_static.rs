@@ -47,7 +47,9 @@ impl<const N: usize> Robot<N> {
     /// The resting pose for held lengths and tensions, cables unilateral.
     ///
     /// `held` has one entry per cable. Frame: world. Units: m, N.
-    /// The answer is verified: wrench balance, held lengths, no negative tension, energy minimum.
+    /// The answer is verified: wrench balance, held lengths, no negative tension, energy minimum. It
+    /// is a local minimum: with much cable paid out a platform can also rest turned over, and a start
+    /// near the expected pose decides which is found.
     ///
     /// # Errors
     /// [`Error::InvalidInput`] (a value that is not finite or positive, cable named);

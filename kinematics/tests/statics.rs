@@ -127,6 +127,7 @@ fn equilibrium_and_forward_problem_agree_over_the_workspace() {
             warm += i32::from(distance(&found) < 1e-10);
         }
     }
+    println!("cold start: {cold} of {tried}, warm start: {warm}");
     assert!(tried > 600, "{tried}");
     assert!(cold * 100 >= tried * 99, "{cold} of {tried}");
     assert_eq!(warm, tried);
