@@ -143,17 +143,21 @@ pub fn on_link<L: Link>(
     let hash = run::configure(&mut client, model.robot())?;
     let status = run::status(&mut client)?;
     if let Some(record) = status.fault {
-        return Err(RunError::Fault { record });
+        return Err(RunError::Latched { record });
     }
-    let start = if status.referenced {
-        let metres: Vec<_> = status.lengths.iter().map(|l| f64::from(l.0) * 1e-7).collect();
-        let newtons: Vec<_> = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3).collect();
-        model.rest_from_lengths(&metres, &newtons)?
+    let (start, lengths_m) = if status.referenced {
+        let metres = status.lengths.iter().map(|l| f64::from(l.0) * 1e-7);
+        let metres: Vec<_> = metres.collect();
+        let newtons = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3);
+        let newtons: Vec<_> = newtons.collect();
+        (model.rest_from_lengths(&metres, &newtons)?, metres)
     } else {
         let home = home(model)?;
-        client.request(machine::reference(&home.paid_out_m, home.tensions_n()))?;
-        home
+        let lengths_m = home.paid_out_m.clone();
+        (home, lengths_m)
     };
+    // A board that knows its lengths keeps them; the tensions to expect are those of this place.
+    client.request(machine::reference(&lengths_m, start.tensions_n()))?;
     let plan = plan_from(model, task, &model.tool_m(&start))?;
     run::arm(&mut client, hash)?;
     let knots = run::joined_to(&plan, &run::status(&mut client)?, model)?;

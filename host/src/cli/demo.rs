@@ -34,18 +34,23 @@ struct Document {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         if common.on != "sim" {
-            return Err(Failed::from_error("the demo runs on the simulator only")(format!(
-                "for a board use `mcdpr run paper:table7 --on {}`",
-                common.on
-            ))
-            .into());
+            return Err(
+                Failed::from_error("the demo runs on the simulator only")(format!(
+                    "for a board use `mcdpr run paper:table7 --on {}`",
+                    common.on
+                ))
+                .into(),
+            );
         }
         let robot = Robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
         let task = Task::find("paper:table7", tool_height_m(&robot, HEIGHT_MM))?;
         let plan = experiment::plan_from_home(&model, task.clone())?;
         if common.dry_run {
-            eprintln!("{:.1} s, within every limit; nothing was moved", plan.timed.duration_s());
+            eprintln!(
+                "{:.1} s, within every limit; nothing was moved",
+                plan.timed.duration_s()
+            );
             return Ok(());
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
@@ -82,7 +87,7 @@ fn report(model: &Model, ideal: &SimulatedRun, real: &SimulatedRun, common: &Com
     if common.json {
         return print_json(&document);
     }
-    println!(
+    say!(
         "{}: approach and circle of Table 7 with the platform at z = {HEIGHT_MM:.0} mm, {:.1} s",
         model.robot().name,
         document.duration_s
@@ -93,21 +98,27 @@ fn report(model: &Model, ideal: &SimulatedRun, real: &SimulatedRun, common: &Com
         words(["", "realistic machine", "as described", "hardware"]),
     ];
     let paper = ["3.425 / 7.044", "1.240 / 1.062 / 4.105", "0.291 /  -"];
-    for (mut row, theirs) in figure_rows(&[realistic, as_described]).into_iter().zip(paper) {
+    for (mut row, theirs) in figure_rows(&[realistic, as_described])
+        .into_iter()
+        .zip(paper)
+    {
         row.push(theirs.to_owned());
         rows.push(row);
     }
-    print!("{}", lay_out(&rows));
-    println!(
+    super::write_out(&lay_out(&rows));
+    say!(
         "realistic: anchors off by 0.3 mm, pulleys lose 2 %, mass 2 %, stiffness 20 %, drive lag \
          20 %, sensor gain 1 % (seed {})",
         common.seed
     );
-    println!(
+    say!(
         "{simulated_s:.1} s simulated in {took_s:.2} s ({:.0} times real time)",
         document.realtime_factor
     );
-    println!("run folder: {} (path.svg shows the circle)", document.run_folder);
+    say!(
+        "run folder: {} (path.svg shows the circle)",
+        document.run_folder
+    );
     Ok(())
 }
 
@@ -120,7 +131,10 @@ fn save(
     let failed = || Failed::from_error("writing the run folder");
     let folder = RunFolder::create(common.record.as_deref(), "demo").map_err(failed())?;
     let plan = &real.run.plan;
-    for (name, run) in [("samples.csv", &real.run), ("samples-as-described.csv", &ideal.run)] {
+    for (name, run) in [
+        ("samples.csv", &real.run),
+        ("samples-as-described.csv", &ideal.run),
+    ] {
         let text = write_samples(plan, &run.samples, run.true_path.as_deref())?;
         folder.write(name, &text).map_err(failed())?;
     }
@@ -132,10 +146,15 @@ fn save(
             points: run.run.true_path.as_deref().unwrap_or_default(),
         })
         .collect();
-    let title = format!("{}: the circle of Table 7, simulated tool", model.robot().name);
+    let title = format!(
+        "{}: the circle of Table 7, simulated tool",
+        model.robot().name
+    );
     folder
         .write("path.svg", &draw_path(&title, plan, &traces)?)
         .map_err(failed())?;
-    folder.write_json("robot.json", model.robot()).map_err(failed())?;
+    folder
+        .write_json("robot.json", model.robot())
+        .map_err(failed())?;
     Ok(folder)
 }

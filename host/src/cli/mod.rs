@@ -3,6 +3,14 @@
 //! Results go to standard output, everything else to standard error. Exit codes: 0 done, 1 refused
 //! or failed with a reason, 2 wrong usage, 3 stopped by a fault, 130 interrupted after a stop.
 
+/// Prints a line of a result to standard output; see [`write_out`].
+macro_rules! say {
+    ($($what:tt)*) => {
+        $crate::cli::write_out(&format!("{}\n", format_args!($($what)*)))
+    };
+}
+
+mod clear;
 mod demo;
 mod ports;
 mod progress;
@@ -32,7 +40,12 @@ struct Cli {
 #[derive(Debug, Clone, Args)]
 pub struct Common {
     /// Robot file, or the name of a built-in robot
-    #[arg(long, global = true, default_value = "paper-table5", value_name = "FILE")]
+    #[arg(
+        long,
+        global = true,
+        default_value = "paper-table5",
+        value_name = "FILE"
+    )]
     pub robot: String,
     /// Where the robot is: `sim` (in this process) or a serial port
     #[arg(long, global = true, default_value = "sim", value_name = "sim|PORT")]
@@ -58,6 +71,7 @@ pub struct Common {
 enum Command {
     Demo(demo::Cmd),
     Run(run::Cmd),
+    Clear(clear::Cmd),
     Sim(sim::Cmd),
     Ports(ports::Cmd),
     States(states::Cmd),
@@ -76,6 +90,7 @@ pub fn main() -> ExitCode {
     let outcome = match cli.command.unwrap_or(Command::Demo(demo::Cmd::default())) {
         Command::Demo(cmd) => cmd.run(common),
         Command::Run(cmd) => cmd.run(common),
+        Command::Clear(cmd) => cmd.run(common),
         Command::Sim(cmd) => cmd.run(common),
         Command::Ports(cmd) => cmd.run(common),
         Command::States(cmd) => cmd.run(common),
@@ -84,7 +99,9 @@ pub fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(report) => {
             eprintln!("{report:?}");
-            let code = report.downcast_ref::<RunError>().map_or(1, RunError::exit_code);
+            let code = report
+                .downcast_ref::<RunError>()
+                .map_or(1, RunError::exit_code);
             ExitCode::from(u8::try_from(code).unwrap_or(1))
         }
     }
@@ -96,8 +113,15 @@ pub fn main() -> ExitCode {
 /// Where the value can not be written as JSON.
 pub(crate) fn print_json(value: &impl serde::Serialize) -> Outcome {
     let text = serde_json::to_string(value).map_err(Failed::from_error("the result"))?;
-    println!("{text}");
+    say!("{text}");
     Ok(())
+}
+
+/// Writes a result to standard output. A reader that has gone (a pager, `head`) is no error.
+pub(crate) fn write_out(text: &str) {
+    use std::io::Write as _;
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
 }
 
 /// Something of the system failed: a file, a folder, a terminal.

@@ -14,10 +14,10 @@ impl Cmd {
             return print_json(&ports);
         }
         if ports.is_empty() {
-            println!("no serial ports: plug in the board's USB cable, or use `--on sim`");
+            say!("no serial ports: plug in the board's USB cable, or use `--on sim`");
         }
         for port in ports {
-            println!("{}   {}", port.name, port.description);
+            say!("{}   {}", port.name, port.description);
         }
         Ok(())
     }

@@ -20,7 +20,11 @@ impl Bar {
     }
 
     pub(crate) fn update(&self, progress: Progress) {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturates"
+        )]
         let ms = |seconds: f64| (seconds * 1e3).round() as u64;
         self.bar.set_length(ms(progress.duration_s));
         self.bar.set_position(ms(progress.path_s));

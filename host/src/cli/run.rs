@@ -82,11 +82,15 @@ impl Cmd {
         if common.json {
             return print_json(&document);
         }
-        let title = if run.simulated { "simulation" } else { "hardware" };
+        let title = if run.simulated {
+            "simulation"
+        } else {
+            "hardware"
+        };
         let rows = [vec![String::new(), title.to_owned()]];
         let rows: Vec<_> = rows.into_iter().chain(figure_rows(&[figures])).collect();
-        print!("{}", lay_out(&rows));
-        println!("run folder: {}", folder.path().display());
+        super::write_out(&lay_out(&rows));
+        say!("run folder: {}", folder.path().display());
         Ok(())
     }
 }
@@ -115,7 +119,7 @@ fn dry_run(model: &Model, task: Task, common: &Common) -> Outcome {
             "tension_max_n": high,
         }));
     }
-    println!(
+    say!(
         "{name}: {duration_s:.2} s, {} knots, tensions {low:.1} to {high:.1} N, tilt up to \
          {tilt_deg:.1} deg; within every limit, nothing was moved",
         plan.knots.len()
@@ -139,7 +143,9 @@ fn save(model: &Model, name: &str, run: &Run, common: &Common) -> miette::Result
         .collect();
     let svg = draw_path(name, &run.plan, &traces)?;
     folder.write("path.svg", &svg).map_err(failed())?;
-    folder.write_json("robot.json", model.robot()).map_err(failed())?;
+    folder
+        .write_json("robot.json", model.robot())
+        .map_err(failed())?;
     Ok(folder)
 }
 
@@ -158,7 +164,12 @@ pub(crate) fn figure_rows(figures: &[Figures]) -> Vec<Vec<String>> {
         }),
         row("cable length error, mean / sd / max, mm", &|f| {
             let e = f.cable_length_error_m;
-            format!("{:.3} / {:.3} / {:.3}", e.mean * 1e3, e.sd * 1e3, e.max * 1e3)
+            format!(
+                "{:.3} / {:.3} / {:.3}",
+                e.mean * 1e3,
+                e.sd * 1e3,
+                e.max * 1e3
+            )
         }),
         row("cable-4 tension error, mean / max, N", &|f| {
             let e = f.tension_error_n;

@@ -53,15 +53,18 @@ fn serve(robot: crate::link::SimulatedLink, common: &Common) -> Outcome {
     use std::time::{Duration, Instant};
 
     let failed = || Failed::from_error("making a pseudo-terminal");
-    let (mut host_side, mut device) = TTYPort::pair().map_err(failed())?;
-    // Another program shall open the device; this one only keeps it alive.
-    device.set_exclusive(false).map_err(failed())?;
-    host_side.set_timeout(Duration::from_millis(1)).map_err(failed())?;
+    let (mut host_side, device) = TTYPort::pair().map_err(failed())?;
+    host_side
+        .set_timeout(Duration::from_millis(1))
+        .map_err(failed())?;
     let name = device.name().unwrap_or_default();
+    // Another program shall have the device for itself; a plain handle only keeps it alive.
+    let _keep_alive = std::fs::File::open(&name).map_err(Failed::from_error("opening it"))?;
+    drop(device);
     if common.json {
         print_json(&serde_json::json!({ "port": name }))?;
     } else {
-        println!("{name}");
+        say!("{name}");
         eprintln!("the simulated robot hangs at home; try: mcdpr run paper:table7 --on {name}");
     }
     // A reader that waits for the name must not wait for a full buffer.
@@ -80,7 +83,11 @@ fn serve(robot: crate::link::SimulatedLink, common: &Common) -> Outcome {
                 return Err(Failed::from_error("reading the pseudo-terminal")(error).into());
             }
         }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "positive"
+        )]
         let now_us = (began.elapsed().as_secs_f64() * 1e6 * common.time_scale) as u64;
         while link.now_us() < now_us {
             answer.clear();

@@ -20,11 +20,13 @@ impl Cmd {
                 .collect::<Vec<_>>(),
         ];
         for (column, event) in Event::ALL.iter().enumerate() {
-            let cells = TABLE.iter().map(|row| row.get(column).map_or(String::new(), word));
+            let cells = TABLE
+                .iter()
+                .map(|row| row.get(column).map_or(String::new(), word));
             rows.push(std::iter::once(format!("{event:?}")).chain(cells).collect());
         }
-        print!("{}", lay_out(&rows));
-        println!(
+        super::write_out(&lay_out(&rows));
+        say!(
             "\n.: refused or without meaning   stay: accepted, same state   \
              settle: Fault if one is latched, else Disarmed"
         );
@@ -44,7 +46,10 @@ fn word(cell: &Cell) -> String {
 /// Per state, the events that are possible and what follows.
 fn as_json() -> Value {
     let states = STATES.iter().zip(TABLE.iter()).map(|(state, row)| {
-        let cells = Event::ALL.iter().zip(row).filter(|(_, cell)| **cell != Cell::No);
+        let cells = Event::ALL
+            .iter()
+            .zip(row)
+            .filter(|(_, cell)| **cell != Cell::No);
         let cells = cells.map(|(event, cell)| (format!("{event:?}"), Value::from(word(cell))));
         (format!("{state:?}"), Value::Object(cells.collect()))
     });

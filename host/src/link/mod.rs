@@ -114,7 +114,7 @@ pub enum LinkError {
         reason: String,
     },
     /// The simulated robot left the region where its physics holds.
-    #[error("the simulated robot failed: {0}")]
+    #[error("the simulated robot failed")]
     #[diagnostic(
         code(mcdpr::link::plant),
         help("the platform was driven into a pulley or its cables tangled; check the task")

@@ -2,8 +2,8 @@
 
 use super::{Link, LinkError};
 use serialport::{ErrorKind, SerialPort, SerialPortType};
-use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Write};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Bit rate of the line to a board.
@@ -19,26 +19,24 @@ pub struct SerialLink {
     port: Box<dyn SerialPort>,
     opened: Instant,
     now_us: u64,
-    /// Held as long as the port is: a second program is refused even where the system's own
-    /// exclusive flag does not bind it (the superuser).
-    _lock: Option<File>,
 }
 
 impl SerialLink {
-    /// Opens a port at [`BAUD`].
+    /// Opens a port at [`BAUD`], for this program alone, and forgets what waited in it.
     ///
     /// # Errors
     /// [`LinkError::NoPort`], [`LinkError::Taken`], [`LinkError::Permission`],
     /// [`LinkError::Unusable`].
     pub fn open(name: &str) -> Result<Self, LinkError> {
-        let lock = lock(name)?;
         let port = serialport::new(name, BAUD).timeout(MAX_WAIT).open();
         let port = port.map_err(|error| explain(name, &error))?;
+        // What the board said to a host before is of no use to this one.
+        port.clear(serialport::ClearBuffer::All)
+            .map_err(|error| explain(name, &error))?;
         Ok(Self {
             port,
             opened: Instant::now(),
             now_us: 0,
-            _lock: lock,
         })
     }
 
@@ -47,49 +45,6 @@ impl SerialLink {
         self.now_us = self.now_us.max(elapsed);
         self.now_us
     }
-}
-
-/// Locks the device file itself: the lock goes with the process, however it ends.
-#[cfg(unix)]
-fn lock(name: &str) -> Result<Option<File>, LinkError> {
-    use std::os::unix::fs::OpenOptionsExt;
-    /// Do not become this terminal's session, and do not wait for a carrier.
-    const O_NOCTTY_NONBLOCK: i32 = 0o400 | 0o4000;
-    let mut options = OpenOptions::new();
-    options.read(true).write(true);
-    if cfg!(target_os = "linux") {
-        options.custom_flags(O_NOCTTY_NONBLOCK);
-    }
-    let port = || name.to_owned();
-    let file = match options.open(name) {
-        Ok(file) => file,
-        Err(error) => {
-            return Err(match error.kind() {
-                std::io::ErrorKind::NotFound => no_port(name),
-                std::io::ErrorKind::PermissionDenied => LinkError::Permission { port: port() },
-                // Exclusive use by another program (EBUSY).
-                std::io::ErrorKind::ResourceBusy => LinkError::Taken { port: port() },
-                _ => LinkError::Unusable {
-                    port: port(),
-                    reason: error.to_string(),
-                },
-            });
-        }
-    };
-    match file.try_lock() {
-        Ok(()) => Ok(Some(file)),
-        Err(TryLockError::WouldBlock) => Err(LinkError::Taken { port: port() }),
-        Err(TryLockError::Error(error)) => Err(LinkError::Unusable {
-            port: port(),
-            reason: error.to_string(),
-        }),
-    }
-}
-
-/// Elsewhere the system itself opens ports for one program only.
-#[cfg(not(unix))]
-fn lock(_name: &str) -> Result<Option<File>, LinkError> {
-    Ok(None)
 }
 
 fn no_port(name: &str) -> LinkError {
@@ -107,10 +62,11 @@ fn no_port(name: &str) -> LinkError {
 fn explain(name: &str, error: &serialport::Error) -> LinkError {
     let port = name.to_owned();
     match error.kind() {
-        ErrorKind::NoDevice if error.description.contains("busy") => LinkError::Taken { port },
-        ErrorKind::NoDevice | ErrorKind::Io(std::io::ErrorKind::NotFound) => no_port(name),
+        ErrorKind::Io(std::io::ErrorKind::NotFound) => no_port(name),
+        // On Unix that is what a port says that another program holds.
+        ErrorKind::NoDevice if Path::new(name).exists() => LinkError::Taken { port },
+        ErrorKind::NoDevice => no_port(name),
         ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => LinkError::Permission { port },
-        ErrorKind::Io(std::io::ErrorKind::ResourceBusy) => LinkError::Taken { port },
         _ => LinkError::Unusable {
             port,
             reason: error.description.clone(),

@@ -29,11 +29,13 @@ const CLOSURE_LIMIT_M: f64 = 0.004;
 #[derive(Debug, Error, Diagnostic)]
 pub enum PlanError {
     /// The robot's geometry makes no sense.
-    #[error("the robot's geometry is unusable: {0}")]
+    #[error("the robot's geometry is unusable")]
     #[diagnostic(code(mcdpr::plan::geometry), help("correct the robot file"))]
     Geometry(#[from] mcdpr_kinematics::Error),
     /// The planner works for three length-held cables.
-    #[error("{held} cables are held by length: this planner needs exactly three, the rest by tension")]
+    #[error(
+        "{held} cables are held by length: this planner needs exactly three, the rest by tension"
+    )]
     #[diagnostic(
         code(mcdpr::plan::holding),
         help("set control = \"tension\" for the cables of the robot file that keep it taut")
@@ -43,7 +45,7 @@ pub enum PlanError {
         held: usize,
     },
     /// The robot can not hang there.
-    #[error("the robot can not hold its tool at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm: {source}")]
+    #[error("the robot can not hold its tool at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm")]
     #[diagnostic(
         code(mcdpr::plan::no_equilibrium),
         help("choose a place further inside the frame or lower, or another tension set-point")
@@ -59,10 +61,12 @@ pub enum PlanError {
         source: mcdpr_kinematics::Error,
     },
     /// The lengths fit no pose.
-    #[error("the cable lengths that the board reports fit no resting pose: {source}")]
+    #[error("the cable lengths that the board reports fit no resting pose")]
     #[diagnostic(
         code(mcdpr::plan::lengths),
-        help("the lengths were lost or belong to another robot: switch the board off and on at the home pose")
+        help(
+            "the lengths were lost or belong to another robot: switch the board off and on at the home pose"
+        )
     )]
     Lengths {
         /// Why.
@@ -186,7 +190,9 @@ impl Timed {
         let Some((start, path, law)) = self.legs.get(later.unwrap_or(0)) else {
             return Err(PathError::Empty.into());
         };
-        let along = law.at((time_s - start).clamp(0.0, law.duration_s())).position_m;
+        let along = law
+            .at((time_s - start).clamp(0.0, law.duration_s()))
+            .position_m;
         Ok(path.point(along.clamp(0.0, path.length_m()))?.position_m)
     }
 }
@@ -222,7 +228,11 @@ impl Plan {
     /// The expected state at a time, the nearest that is kept.
     #[must_use]
     pub fn state(&self, time_s: f64) -> Option<&Rest> {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturates"
+        )]
         let index = (time_s / Self::STEP_S).round() as usize;
         self.states.get(index).or(self.states.last())
     }
@@ -245,13 +255,20 @@ fn states(model: &Model, timed: &Timed) -> Result<Vec<Rest>, PlanError> {
 /// The first limit that the motion would break.
 fn judge(model: &Model, timed: &Timed, states: &[Rest]) -> Result<(), PlanError> {
     let mut before: Option<(f64, &Rest)> = None;
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small count")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small count"
+    )]
     let every = (CHECK_STEP_S / Plan::STEP_S).round() as usize;
     for (index, rest) in states.iter().enumerate() {
         if index % every != 0 && index + 1 != states.len() {
             continue;
         }
-        #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 milliseconds")]
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "far fewer than 2^52 milliseconds"
+        )]
         let time_s = index as f64 * Plan::STEP_S;
         let tool_m = timed.tool_m(time_s)?;
         let broken = judge_state(model, &tool_m, rest)
@@ -291,19 +308,40 @@ fn judge_state(model: &Model, tool_m: &Vector3<f64>, rest: &Rest) -> Option<Brok
     let tilt = rest.equilibrium.pose.tilt_rad();
     if tilt > limits.tilt_max_rad {
         let degrees = (tilt.to_degrees(), limits.tilt_max_rad.to_degrees());
-        return Some(("the platform's tilt".to_owned(), degrees.0, degrees.1, "deg"));
+        return Some((
+            "the platform's tilt".to_owned(),
+            degrees.0,
+            degrees.1,
+            "deg",
+        ));
     }
     if !rest.equilibrium.stable {
-        return Some(("the stability of the platform (1 stable)".to_owned(), 0.0, 1.0, ""));
+        return Some((
+            "the stability of the platform (1 stable)".to_owned(),
+            0.0,
+            1.0,
+            "",
+        ));
     }
     let cables = rest.tensions_n().iter().zip(&rest.paid_out_m);
     for (index, (&tension, &paid_out)) in cables.enumerate() {
-        let Some(winch) = robot.winch_of(index) else { continue };
+        let Some(winch) = robot.winch_of(index) else {
+            continue;
+        };
         let number = index + 1;
         let most = limits.tension_max_n.min(winch.tension_max_n);
         if tension > most || tension < limits.tension_min_n {
-            let limit = if tension > most { most } else { limits.tension_min_n };
-            return Some((format!("the tension of cable {number}"), tension, limit, "N"));
+            let limit = if tension > most {
+                most
+            } else {
+                limits.tension_min_n
+            };
+            return Some((
+                format!("the tension of cable {number}"),
+                tension,
+                limit,
+                "N",
+            ));
         }
         let most = winch.turns_max * std::f64::consts::TAU * winch.drum_radius_m;
         if paid_out > most {
@@ -335,24 +373,36 @@ fn judge_speed(model: &Model, old: &Rest, rest: &Rest, step_s: f64) -> Option<Br
 fn knots(model: &Model, timed: &Timed, states: &[Rest]) -> Result<Vec<Knot>, PlanError> {
     let cables = model.robot().cables.len();
     let mut knots: Vec<Knot> = Vec::new();
-    let rests: Vec<_> = timed.rests_s().iter().map(|&time_s| milliseconds(time_s)).collect();
+    let rests: Vec<_> = timed
+        .rests_s()
+        .iter()
+        .map(|&time_s| milliseconds(time_s))
+        .collect();
     for pair in rests.windows(2) {
         let &[from, to] = pair else { continue };
         let splines = fit(states, from, to, cables)?;
         let count = splines.first().map_or(0, |spline| spline.knots().len());
         // A leg's first knot is the last one of the leg before.
         for index in usize::from(!knots.is_empty())..count {
-            let at_s = splines.first().and_then(|s| s.knots().get(index)).map_or(0.0, |k| k.time_s);
+            let at_s = splines
+                .first()
+                .and_then(|s| s.knots().get(index))
+                .map_or(0.0, |k| k.time_s);
             let state = states.get(milliseconds(at_s)).or(states.last());
             let Some(state) = state else { continue };
-            let cables = splines.iter().zip(state.tensions_n()).map(|(spline, &tension)| {
-                let knot = spline.knots().get(index);
-                CableKnot {
-                    length: TenthMicrometres(rounded(knot.map_or(0.0, |k| k.value) * 1e7)),
-                    velocity: MicrometresPerSecond(rounded(knot.map_or(0.0, |k| k.velocity) * 1e6)),
-                    tension: Millinewtons(rounded(tension * 1e3)),
-                }
-            });
+            let cables = splines
+                .iter()
+                .zip(state.tensions_n())
+                .map(|(spline, &tension)| {
+                    let knot = spline.knots().get(index);
+                    CableKnot {
+                        length: TenthMicrometres(rounded(knot.map_or(0.0, |k| k.value) * 1e7)),
+                        velocity: MicrometresPerSecond(rounded(
+                            knot.map_or(0.0, |k| k.velocity) * 1e6,
+                        )),
+                        tension: Millinewtons(rounded(tension * 1e3)),
+                    }
+                });
             knots.push(Knot {
                 index: u16::try_from(knots.len()).map_err(|_| SplineError::Count {
                     least: 0,
@@ -388,10 +438,19 @@ fn fit(
         let mut splines = Vec::with_capacity(cables);
         let mut worst_m = 0.0_f64;
         for cable in 0..cables {
-            let value = |time: usize| leg.get(time - from).map_or(0.0, |rest| paid_out(rest, cable));
+            let value = |time: usize| {
+                leg.get(time - from)
+                    .map_or(0.0, |rest| paid_out(rest, cable))
+            };
             let values: Vec<_> = times.iter().map(|&time| value(time)).collect();
-            let seconds: Vec<_> = times.iter().map(|&time| time as f64 * Plan::STEP_S).collect();
-            let ends = spline::Ends::Clamped { start: 0.0, end: 0.0 };
+            let seconds: Vec<_> = times
+                .iter()
+                .map(|&time| time as f64 * Plan::STEP_S)
+                .collect();
+            let ends = spline::Ends::Clamped {
+                start: 0.0,
+                end: 0.0,
+            };
             let spline = spline::Spline::interpolate(&seconds, &values, ends)?;
             for time in from..=to {
                 let sample = spline.sample(time as f64 * Plan::STEP_S)?;
@@ -435,10 +494,16 @@ fn closure_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
             (-by_input, 0.0)
         };
         let scaled = |value: f64, scale: i32| {
-            i16::try_from(rounded(value * f64::from(scale))).ok().map(Coefficient)
+            i16::try_from(rounded(value * f64::from(scale)))
+                .ok()
+                .map(Coefficient)
         };
-        lengths.push(scaled(length, ResidualRow::LENGTH_SCALE)?).ok()?;
-        tensions.push(scaled(tension, ResidualRow::TENSION_SCALE)?).ok()?;
+        lengths
+            .push(scaled(length, ResidualRow::LENGTH_SCALE)?)
+            .ok()?;
+        tensions
+            .push(scaled(tension, ResidualRow::TENSION_SCALE)?)
+            .ok()?;
     }
     Some(ResidualRow {
         lengths,
@@ -447,12 +512,19 @@ fn closure_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
     })
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "saturates"
+)]
 fn milliseconds(time_s: f64) -> usize {
     (time_s * 1e3).round() as usize
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "saturates beyond any robot")]
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "saturates beyond any robot"
+)]
 fn rounded(value: f64) -> i32 {
     value.round() as i32
 }

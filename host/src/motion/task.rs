@@ -36,14 +36,17 @@ pub enum TaskError {
     #[error("there is no task {name}")]
     #[diagnostic(
         code(mcdpr::task::unknown),
-        help("built in are {}; anything else must be a task file (TOML), see docs/tasks.md", names())
+        help(
+            "built in are {}; anything else must be a task file (TOML), see docs/tasks.md",
+            names()
+        )
     )]
     Unknown {
         /// What was asked for.
         name: String,
     },
     /// The file can not be read.
-    #[error("task file {path} can not be read: {source}")]
+    #[error("task file {path} can not be read")]
     #[diagnostic(code(mcdpr::task::unreadable))]
     Unreadable {
         /// Which.
@@ -55,7 +58,9 @@ pub enum TaskError {
     #[error("task file {path} is malformed: {message}")]
     #[diagnostic(
         code(mcdpr::task::malformed),
-        help("a task has start_mm and [[leg]] tables with to_mm or circle_center_mm; see docs/tasks.md")
+        help(
+            "a task has start_mm and [[leg]] tables with to_mm or circle_center_mm; see docs/tasks.md"
+        )
     )]
     Malformed {
         /// Which.
@@ -64,8 +69,11 @@ pub enum TaskError {
         message: String,
     },
     /// A leg of the file is no path.
-    #[error("leg {leg} of {path}: {source}")]
-    #[diagnostic(code(mcdpr::task::leg), help("give each leg a length and finite numbers"))]
+    #[error("leg {leg} of {path} is no path")]
+    #[diagnostic(
+        code(mcdpr::task::leg),
+        help("give each leg a length and finite numbers")
+    )]
     BadLeg {
         /// Which file.
         path: PathBuf,
@@ -128,7 +136,7 @@ impl Task {
         let whole = Path::paper_circle(z_m)?;
         let legs = whole.pieces().iter().map(|piece| {
             Ok(Leg {
-                path: Path::new(vec![piece.clone()])?,
+                path: Path::new(vec![*piece])?,
                 duration_s: piece.radius_m().map(|_| CIRCLE_S),
             })
         });
@@ -190,7 +198,9 @@ impl Task {
             };
             if leg.duration_s.is_some_and(|s| !s.is_finite() || s <= 0.0) {
                 let number = index + 1;
-                return Err(malformed(format!("leg {number}: duration_s must be over 0")));
+                return Err(malformed(format!(
+                    "leg {number}: duration_s must be over 0"
+                )));
             }
             at_m = piece.end().position_m;
             legs.push(Leg {

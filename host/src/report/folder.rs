@@ -86,7 +86,12 @@ pub fn write_samples(
 ) -> Result<String, PlanError> {
     let cables = samples.first().map_or(0, |sample| sample.lengths_m.len());
     let mut text = String::from("tick,path_s");
-    for (what, unit) in [("length", "m"), ("planned_length", "m"), ("tension", "n"), ("current", "a")] {
+    for (what, unit) in [
+        ("length", "m"),
+        ("planned_length", "m"),
+        ("tension", "n"),
+        ("current", "a"),
+    ] {
         for cable in 1..=cables {
             // Writing to a string can not fail.
             let _ = write!(text, ",{what}_{cable}_{unit}");
@@ -141,7 +146,9 @@ fn utc_stamp() -> String {
 fn stamp(seconds: u64) -> String {
     let (mut days, clock) = (seconds / 86_400, seconds % 86_400);
     let mut year = 1970;
-    let leap = |year: u64| (year % 4 == 0 && year % 100 != 0) || year % 400 == 0;
+    let leap = |year: u64| {
+        (year.is_multiple_of(4) && !year.is_multiple_of(100)) || year.is_multiple_of(400)
+    };
     while days >= 365 + u64::from(leap(year)) {
         days -= 365 + u64::from(leap(year));
         year += 1;
@@ -156,7 +163,10 @@ fn stamp(seconds: u64) -> String {
         month += 1;
     }
     let (hour, minute, second) = (clock / 3600, clock / 60 % 60, clock % 60);
-    format!("{year}{month:02}{:02}-{hour:02}{minute:02}{second:02}", days + 1)
+    format!(
+        "{year}{month:02}{:02}-{hour:02}{minute:02}{second:02}",
+        days + 1
+    )
 }
 
 #[cfg(test)]

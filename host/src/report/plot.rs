@@ -48,7 +48,9 @@ pub fn draw_path(title: &str, plan: &Plan, traces: &[PathTrace]) -> Result<Strin
 }
 
 fn thinned<T>(points: &[T]) -> impl Iterator<Item = &T> {
-    points.iter().step_by(points.len().div_ceil(MOST_POINTS).max(1))
+    points
+        .iter()
+        .step_by(points.len().div_ceil(MOST_POINTS).max(1))
 }
 
 fn render(
@@ -96,7 +98,10 @@ fn render(
         .draw()
         .map_err(wrong)?;
     chart
-        .draw_series(LineSeries::new(desired.iter().map(mm), BLACK.stroke_width(3)))
+        .draw_series(LineSeries::new(
+            desired.iter().map(mm),
+            BLACK.stroke_width(3),
+        ))
         .map_err(wrong)?
         .label("desired")
         .legend(|(x, y)| PathElement::new([(x, y), (x + 20, y)], BLACK));
@@ -115,7 +120,11 @@ fn render(
         .draw()
         .map_err(wrong)?;
 
-    let most = errors.iter().flatten().map(|(_, error)| *error).fold(1e-3, f64::max);
+    let most = errors
+        .iter()
+        .flatten()
+        .map(|(_, error)| *error)
+        .fold(1e-3, f64::max);
     let mut chart = ChartBuilder::on(&right)
         .margin(10)
         .x_label_area_size(35)

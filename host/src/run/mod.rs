@@ -38,6 +38,16 @@ pub enum RunError {
         /// The fault.
         record: FaultRecord,
     },
+    /// The board still has the fault of an earlier run.
+    #[error("the board has a latched fault, {}", describe_fault(record))]
+    #[diagnostic(
+        code(mcdpr::run::latched),
+        help("{}; then `mcdpr clear --on PORT` acknowledges it", advice(record.fault))
+    )]
+    Latched {
+        /// The fault.
+        record: FaultRecord,
+    },
     /// The user asked to stop.
     #[error("interrupted: the robot was stopped along its path, brakes are closed")]
     #[diagnostic(code(mcdpr::run::interrupted))]
@@ -53,7 +63,10 @@ pub enum RunError {
     },
     /// A change of state did not come.
     #[error("the board did not become {wanted:?} within {seconds} s, it is {state:?}")]
-    #[diagnostic(code(mcdpr::run::state), help("read the board's state with `mcdpr run --dry-run`"))]
+    #[diagnostic(
+        code(mcdpr::run::state),
+        help("read the board's state with `mcdpr run --dry-run`")
+    )]
     NoChange {
         /// What was waited for.
         wanted: BoardState,
@@ -73,7 +86,7 @@ impl RunError {
     #[must_use]
     pub const fn exit_code(&self) -> i32 {
         match self {
-            Self::Fault { .. } => 3,
+            Self::Fault { .. } | Self::Latched { .. } => 3,
             Self::Interrupted => 130,
             _ => 1,
         }
@@ -170,7 +183,11 @@ pub fn wait_for<L: Link>(
     wanted: BoardState,
     seconds: f64,
 ) -> Result<(), RunError> {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some seconds")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "some seconds"
+    )]
     let give_up = client.now_us() + (seconds * 1e6) as u64;
     loop {
         let status = status(client)?;
@@ -223,10 +240,16 @@ pub fn joined_to(
     model: &Model,
 ) -> Result<Vec<mcdpr_protocol::Knot>, RunError> {
     let mut knots = plan.knots.clone();
-    let first = knots.first().map(|knot| knot.cables.clone()).unwrap_or_default();
+    let first = knots
+        .first()
+        .map(|knot| knot.cables.clone())
+        .unwrap_or_default();
     let cables = model.robot().cables.iter();
-    for (index, ((start, setpoint), cable)) in
-        first.iter().zip(status.setpoints.iter()).zip(cables).enumerate()
+    for (index, ((start, setpoint), cable)) in first
+        .iter()
+        .zip(status.setpoints.iter())
+        .zip(cables)
+        .enumerate()
     {
         if cable.control == Control::Tension {
             continue;
@@ -240,7 +263,10 @@ pub fn joined_to(
                 x_mm: tool_m.x * 1e3,
                 y_mm: tool_m.y * 1e3,
                 z_mm: tool_m.z * 1e3,
-                what: format!("the start of cable {}, from where the board holds it,", index + 1),
+                what: format!(
+                    "the start of cable {}, from where the board holds it,",
+                    index + 1
+                ),
                 value: gap_m * 1e3,
                 limit: START_GAP_M * 1e3,
                 unit: "mm",

@@ -26,7 +26,9 @@ pub fn follow<L: Link>(
     recorder: &mut Recorder,
     mut progress: impl FnMut(Progress),
 ) -> Result<(), RunError> {
-    let duration_s = knots.last().map_or(0.0, |knot| f64::from(knot.time_ms) * 1e-3);
+    let duration_s = knots
+        .last()
+        .map_or(0.0, |knot| f64::from(knot.time_ms) * 1e-3);
     let capacity = usize::from(client.info().knot_capacity);
     let mut feeder = Feeder { knots, next: 0 };
     feeder.fill(client, capacity)?;

@@ -1,0 +1,170 @@
+//! Why a computation was refused.
+
+use crate::units::UnitError;
+use miette::Diagnostic;
+use mcdpr_kinematics::Error;
+
+/// Why there is no answer. Cables are counted from 1.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub(crate) enum ComputeError {
+    /// The mathematics refused.
+    #[error(transparent)]
+    #[diagnostic(code(mcdpr::compute))]
+    Kinematics(#[from] Error),
+    /// The robot's cables hold it in one plane only.
+    #[error(
+        "{source}. All anchors and attachments of this robot lie in one vertical plane: its cables \
+         fix neither its place across that plane nor its attitude, so of the four computations only \
+         `mcdpr ik` has an answer"
+    )]
+    #[diagnostic(code(mcdpr::compute))]
+    Planar {
+        /// What the mathematics said.
+        source: Error,
+    },
+    /// A text is no number with a unit.
+    #[error("{what}: {source}")]
+    #[diagnostic(code(mcdpr::compute))]
+    Quantity {
+        /// The argument.
+        what: &'static str,
+        /// What is wrong with it.
+        source: UnitError,
+    },
+    /// A list has the wrong number of entries.
+    #[error("{what}: {got} given, {expected} needed")]
+    #[diagnostic(code(mcdpr::compute))]
+    Count {
+        /// The list, and what it must hold.
+        what: &'static str,
+        /// Number needed.
+        expected: String,
+        /// Number given.
+        got: usize,
+    },
+    /// A key of a batch line is missing.
+    #[error("the key `{key}` is missing: {needed}")]
+    #[diagnostic(code(mcdpr::compute))]
+    Missing {
+        /// The key.
+        key: &'static str,
+        /// What it must hold.
+        needed: &'static str,
+    },
+    /// A `CABLE=FORCE` is none.
+    #[error("--tension {text}: write CABLE=FORCE, such as 4=10 or 4=10N")]
+    #[diagnostic(code(mcdpr::compute))]
+    Tension {
+        /// The text.
+        text: String,
+    },
+    /// There is no such cable.
+    #[error("cable {cable}: there is no such cable; this robot has cables 1 to {count}")]
+    #[diagnostic(code(mcdpr::compute))]
+    NoSuchCable {
+        /// The number given.
+        cable: String,
+        /// Number of cables.
+        count: usize,
+    },
+    /// One cable has two tensions.
+    #[error("cable {cable}: its tension is given twice; give it once")]
+    #[diagnostic(code(mcdpr::compute))]
+    Twice {
+        /// Cable number.
+        cable: usize,
+    },
+    /// A cable's length and tension are both held.
+    #[error(
+        "cable {cable}: both its length and its tension are given; a winch holds one of them: leave \
+         the length out (null) or do not name its tension"
+    )]
+    #[diagnostic(code(mcdpr::compute))]
+    BothHeld {
+        /// Cable number.
+        cable: usize,
+    },
+    /// Neither a length nor a tension is given.
+    #[error("cable {cable}: neither its length nor its tension is given; give one of them")]
+    #[diagnostic(code(mcdpr::compute))]
+    NeitherHeld {
+        /// Cable number.
+        cable: usize,
+    },
+    /// The statics need three length-held cables, or six and more.
+    #[error(
+        "{held} of {count} cables are length-held: the attitude follows from the statics only with \
+         exactly three (name {named} with --tension CABLE=FORCE or \"tensions_n\"), and can be \
+         chosen only with six or more"
+    )]
+    #[diagnostic(code(mcdpr::compute))]
+    LengthHeld {
+        /// Number of length-held cables.
+        held: usize,
+        /// Number of cables.
+        count: usize,
+        /// How many tension-held cables to name.
+        named: String,
+    },
+    /// An attitude was given where it follows.
+    #[error(
+        "an attitude was given, but with three length-held cables it follows from the statics; leave \
+         it out"
+    )]
+    #[diagnostic(code(mcdpr::compute))]
+    AttitudeFollows,
+    /// Six degrees of freedom need six cables.
+    #[error(
+        "{count} cables do not fix all six degrees of freedom: six are needed; give the attitude, or \
+         use --free yaw (four cables and more) or --static"
+    )]
+    #[diagnostic(code(mcdpr::compute))]
+    TooFewForAll {
+        /// Number of cables.
+        count: usize,
+    },
+    /// A slice is not of the form AXIS=LENGTH.
+    #[error("--slice {text}: write an axis and a place on it, such as z=-100 or x=0.3m")]
+    #[diagnostic(code(mcdpr::compute))]
+    Slice {
+        /// The text.
+        text: String,
+    },
+    /// The grid is no grid.
+    #[error(
+        "--step: a step of {step_mm} mm gives {points:.3e} points; choose one that gives at least \
+         1 and at most {most:.0e}"
+    )]
+    #[diagnostic(code(mcdpr::compute))]
+    Grid {
+        /// The step.
+        step_mm: f64,
+        /// Number of points that it would give.
+        points: f64,
+        /// Most points.
+        most: f64,
+    },
+    /// A size is negative.
+    #[error("{what} must not be negative, got {value_mm} mm")]
+    #[diagnostic(code(mcdpr::compute))]
+    Negative {
+        /// The argument.
+        what: &'static str,
+        /// Its value.
+        value_mm: f64,
+    },
+}
+
+/// A batch in which lines failed.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{failed} of {lines} lines failed")]
+#[diagnostic(
+    code(mcdpr::compute::batch),
+    help("each failed line's result on standard output is an object with `error` and `line`")
+)]
+pub(crate) struct LinesFailed {
+    /// Lines that failed.
+    pub(crate) failed: u64,
+    /// Lines read.
+    pub(crate) lines: u64,
+}
