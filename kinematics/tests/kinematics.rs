@@ -464,6 +464,12 @@ fn the_dynamic_robot_gives_the_same_numbers() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 2000,
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(7),
+        ..ProptestConfig::default()
+    })]
     #[test]
     fn no_pose_gives_nan(x in -2.0..2.0_f64, y in -2.0..2.0_f64, z in -2.0..2.0_f64,
                          angles in prop::array::uniform3(-4.0..4.0_f64)) {
