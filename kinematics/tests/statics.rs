@@ -571,3 +571,28 @@ fn level_inverse_kinematics_misses_the_grasp_point_by_38_mm() {
     assert!((miss - 0.038).abs() < 5e-4, "{miss}");
     assert!(found.slack.contains(2) && found.slack.len() == 1);
 }
+
+#[test]
+fn any_mix_of_held_lengths_and_tensions_is_solved_from_cold() {
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let robot = four_cables();
+    for tension_held in 0..3 {
+        for _ in 0..400 {
+            let pose = Pose::level(Vector3::new(
+                rng.random_range(0.1..0.55),
+                rng.random_range(-0.28..0.28),
+                rng.random_range(-0.6..-0.05),
+            ));
+            let lengths = robot.lengths_m(&pose).unwrap();
+            let first: usize = rng.random_range(0..4);
+            let mut held = lengths.map(|l| Held::Length(l * rng.random_range(1.0..1.05)));
+            for k in 0..tension_held {
+                held[(first + k) % 4] = Held::Tension(rng.random_range(0.5..8.0));
+            }
+            let found = solve(&held, Start::Cold).unwrap();
+            assert!(found.stable && found.pose.tilt_rad() < 1.2);
+            assert!(found.residual_n < 1e-8 && found.residual_m < 1e-11);
+            assert!(found.tensions_n.iter().all(|t| *t >= 0.0));
+        }
+    }
+}
