@@ -53,6 +53,8 @@ impl Mismatch {
 const VISCOUS_FRICTION_NS_PER_M: f64 = 0.0;
 /// A brake that is too weak is a fault to be injected, not a property of a robot file, N.
 const BRAKE_HOLDING_N: f64 = 150.0;
+/// A drive follows set-points as fast as its motor can, m/s².
+const MAX_ACCELERATION_MPS2: f64 = 100.0;
 /// Sensor noise after oversampling, N.
 const SENSOR_NOISE_N: f64 = 0.05;
 /// Over the sensor's full scale the bridge saturates, as a share of full scale.
@@ -123,6 +125,8 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
                 position_bandwidth_rad_s: winch.drive_bandwidth_rad_s
                     * (1.0 + draw(mismatch.bandwidth)),
                 current_lag_s: winch.current_lag_s,
+                // What the motor can give limits it, not the drive's profile.
+                max_acceleration_mps2: MAX_ACCELERATION_MPS2,
                 ..WinchParams::default().drive
             },
             sensor: TensionSensorParams {
