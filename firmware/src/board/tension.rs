@@ -3,10 +3,13 @@
 //! A conversion takes 84 cycles of 12 MHz, so sixteen scans of four channels span 0.45 ms: every
 //! tick sees sixteen new samples of each. No interrupt is involved, and what the tick reads needs
 //! no lock: a sample is one aligned half-word, old or new.
+//!
+//! Sixteen samples of 12 bits add up to 65520 at most, so two channels are summed at once in the
+//! halves of a word: the lower one can not carry into the upper one.
 
 use crate::pins::CABLES;
 use core::mem;
-use core::sync::atomic::{AtomicU16, Ordering, fence};
+use core::sync::atomic::{AtomicU32, Ordering, fence};
 use embassy_stm32::Peri;
 use embassy_stm32::adc::Adc;
 use embassy_stm32::gpio::{AnyPin, Flex};
@@ -23,12 +26,14 @@ const OVERSAMPLING: usize = 16;
 const EXTSEL_SWSTART: u8 = 7;
 
 const SAMPLES: usize = CABLES * OVERSAMPLING;
+/// Words of two samples in one scan.
+const PAIRS: usize = CABLES / 2;
 /// The same for the DMA's counter.
 const TRANSFERS: u16 = 64;
 const _: () = assert!(TRANSFERS as usize == SAMPLES);
 
-/// Written by DMA, cable 1 first, scan after scan.
-static RING: [AtomicU16; SAMPLES] = [const { AtomicU16::new(0) }; SAMPLES];
+/// Written by DMA, cable 1 first (in the lower half of its word), scan after scan.
+static RING: [AtomicU32; SAMPLES / 2] = [const { AtomicU32::new(0) }; SAMPLES / 2];
 
 /// Calibrates, then starts scanning for good.
 pub fn start(
@@ -80,12 +85,14 @@ pub fn start(
 
 /// Sums of the last sixteen samples, cable 1 first.
 pub fn read() -> [u16; CABLES] {
-    let mut sums = [0_u16; CABLES];
-    for scan in RING.chunks_exact(CABLES) {
-        for (sum, sample) in sums.iter_mut().zip(scan) {
-            // 16 * 4095 fits.
-            *sum = sum.wrapping_add(sample.load(Ordering::Relaxed));
+    let mut sums = [0_u32; PAIRS];
+    for scan in RING.chunks_exact(PAIRS) {
+        for (sum, pair) in sums.iter_mut().zip(scan) {
+            *sum = sum.wrapping_add(pair.load(Ordering::Relaxed));
         }
     }
-    sums
+    let [first, second] = sums.map(u32::to_le_bytes);
+    let [a, b, c, d] = first;
+    let [e, f, g, h] = second;
+    [[a, b], [c, d], [e, f], [g, h]].map(u16::from_le_bytes)
 }
