@@ -60,6 +60,9 @@ impl Arming {
         expected_mn: &[i32; N],
     ) -> Result<Phase, Abort> {
         self.ticks += 1;
+        if self.phase != Phase::Enabling {
+            check_drives(config, inputs)?;
+        }
         match self.phase {
             Phase::Enabling => {
                 let pending = (1_u8..)
@@ -71,7 +74,7 @@ impl Arming {
                         check_tensions(config, inputs, expected_mn)?;
                         self.enter(Phase::Preload);
                     }
-                    Some((cable, _)) if self.ticks > limit => {
+                    Some((cable, _)) if self.ticks >= limit => {
                         let ms = |ticks: u32| i32::try_from(ticks).unwrap_or(i32::MAX);
                         return Err((FaultId::D5, cable, ms(self.ticks), ms(limit)));
                     }
@@ -96,6 +99,30 @@ fn alive<const N: usize>(config: &Active<N>, drive: &DriveInput) -> bool {
     drive.ready && !drive.fault && drive.age_ms < config.feedback_timeout_ms
 }
 
+/// A drive or a sensor that came up can still go: no brake may open on it, or stay open.
+fn check_drives<const N: usize>(config: &Active<N>, inputs: &Inputs<N>) -> Result<(), Abort> {
+    for (cable, (drive, &adc)) in (1_u8..).zip(inputs.drives.iter().zip(&inputs.tension_adc)) {
+        check_rails(cable, adc)?;
+        if drive.fault {
+            return Err((FaultId::D2, cable, 1, 0));
+        }
+        if !alive(config, drive) {
+            let (age, most) = (drive.age_ms, config.feedback_timeout_ms);
+            return Err((FaultId::D3, cable, i32::from(age), i32::from(most)));
+        }
+    }
+    Ok(())
+}
+
+fn check_rails(cable: u8, adc: u16) -> Result<(), Abort> {
+    let (fault, rail) = match adc {
+        tension::ADC_RAIL_HIGH.. => (FaultId::S7, tension::ADC_RAIL_HIGH),
+        ..=tension::ADC_RAIL_LOW => (FaultId::S8, tension::ADC_RAIL_LOW),
+        _ => return Ok(()),
+    };
+    Err((fault, cable, i32::from(adc), i32::from(rail)))
+}
+
 fn check_tensions<const N: usize>(
     config: &Active<N>,
     inputs: &Inputs<N>,
@@ -104,22 +131,7 @@ fn check_tensions<const N: usize>(
     let channels = inputs.tension_adc.iter().zip(expected_mn);
     let channels = config.cables.iter().zip(channels);
     for (cable, (config, (&adc, &expected))) in (1_u8..).zip(channels) {
-        if adc >= tension::ADC_RAIL_HIGH {
-            return Err((
-                FaultId::S7,
-                cable,
-                i32::from(adc),
-                i32::from(tension::ADC_RAIL_HIGH),
-            ));
-        }
-        if adc <= tension::ADC_RAIL_LOW {
-            return Err((
-                FaultId::S8,
-                cable,
-                i32::from(adc),
-                i32::from(tension::ADC_RAIL_LOW),
-            ));
-        }
+        check_rails(cable, adc)?;
         let measured = tension::measured_mn(config, adc);
         let band = TENSION_BAND_MN.max(expected / 5);
         if (measured - expected).abs() > band {

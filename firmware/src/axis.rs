@@ -5,10 +5,15 @@ use crate::config::CableConfig;
 use crate::fixed::{mul_shift, saturate};
 use crate::io::DriveInput;
 
-/// Trim closes a gap between motor and drum encoder within about this many milliseconds.
+/// A gap between motor and drum encoder is closed within about this many milliseconds.
 const TRIM_TIME_MS: i64 = 512;
 /// Most trim, 0.1 µm: more is not backlash or a wrong ratio, but a fault.
 const TRIM_MAX: i64 = 50_000;
+/// What the drive lags beyond its stated lead is made up within about this many milliseconds:
+/// slow against any drive's position loop, fast against any path.
+const LAG_TIME_MS: i64 = 64;
+/// Most lag that is made up, 0.1 µm.
+const LAG_MAX: i64 = 20_000;
 /// Speed that a position command may exceed the plan by, as a share of the largest, in percent.
 const CATCH_UP_PERCENT: i32 = 20;
 
@@ -24,14 +29,20 @@ pub struct Target {
 }
 
 /// State of one cable's position command.
+///
+/// The motor's counts are fine but know nothing of the drum; the drum's are true but coarse. So the
+/// difference of the two is learnt slowly (`trim_q16`), and with it the motor tells how far
+/// the drum lags its set-point.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Axis {
     /// Motor counts when the axis was enabled.
     zero_counts: i32,
     /// Length when the axis was enabled, 0.1 µm.
     zero_length: i32,
-    /// Length that the encoder is short of the motor, 1/2^16 of 0.1 µm.
+    /// Length by the drum encoder minus length by the motor, 1/2^16 of 0.1 µm.
     trim_q16: i64,
+    /// Lead that makes up for the drive's lag, 1/2^16 of 0.1 µm.
+    lag_q16: i64,
 }
 
 impl Axis {
@@ -42,23 +53,37 @@ impl Axis {
             zero_counts: counts,
             zero_length: length,
             trim_q16: 0,
+            lag_q16: 0,
         }
     }
 
-    /// Learns from one tick: `error` is set-point minus measured length, 0.1 µm. Errors within
-    /// half an encoder count are quantisation and teach nothing.
-    pub fn trim(&mut self, config: &CableConfig, error: i32) {
-        let half_count = saturate(config.scale.per_count_q24.abs() >> 25);
-        let beyond = if error > half_count {
-            error - half_count
-        } else if error < -half_count {
-            error + half_count
-        } else {
-            0
-        };
+    /// Learns from one tick under torque: the drive's feedback and the drum encoder's length.
+    pub fn learn(
+        &mut self,
+        config: &CableConfig,
+        target: &Target,
+        drive: &DriveInput,
+        length: i32,
+    ) {
+        let by_motor = self.motor_length(config, drive);
         let most = TRIM_MAX << 16;
-        self.trim_q16 += (i64::from(beyond) << 16) / TRIM_TIME_MS;
-        self.trim_q16 = self.trim_q16.clamp(-most, most);
+        // Within half an encoder count the difference is quantisation and teaches nothing.
+        let half_count = config.scale.per_count_q24.abs() >> 25;
+        let gap = i64::from(length) - by_motor - (self.trim_q16 >> 16);
+        let beyond = gap - gap.clamp(-half_count, half_count);
+        self.trim_q16 = (self.trim_q16 + (beyond << 16) / TRIM_TIME_MS).clamp(-most, most);
+        let behind = i64::from(target.length) - by_motor - (self.trim_q16 >> 16);
+        let most = LAG_MAX << 16;
+        self.lag_q16 = (self.lag_q16 + (behind << 16) / LAG_TIME_MS).clamp(-most, most);
+    }
+
+    /// Length by the motor's counts, 0.1 µm, carried on from the time of the feedback to now.
+    fn motor_length(&self, config: &CableConfig, drive: &DriveInput) -> i64 {
+        let counts = i64::from(drive.counts.wrapping_sub(self.zero_counts));
+        let moved = (counts << 32) / config.motor_per_length_q32;
+        // µm/s times ms is 1e-3 µm, that is 1/100 of 0.1 µm.
+        let since = i64::from(motor_speed_umps(config, drive)) * i64::from(drive.age_ms) / 100;
+        i64::from(self.zero_length) + moved + since
     }
 
     /// Whether the trim is at its bound.
@@ -75,7 +100,7 @@ impl Axis {
         let by_speed = i64::from(target.speed_umps) * lead / 100_000;
         let by_acceleration =
             i64::from(target.acceleration_umps2) * (lead * lead / 1000) / 200_000_000;
-        let ahead = by_speed + by_acceleration + (self.trim_q16 >> 16);
+        let ahead = by_speed + by_acceleration + ((self.lag_q16 - self.trim_q16) >> 16);
         let change = i64::from(target.length) - i64::from(self.zero_length) + ahead;
         let counts = mul_shift(saturate(change), config.motor_per_length_q32, 32);
         self.zero_counts.wrapping_add(counts)

@@ -1,6 +1,7 @@
 //! Configuration: physical units from the wire, checked and turned into machine units once.
 
 use crate::encoder::LengthScale;
+use crate::fixed::half;
 use mcdpr_protocol::config::config_hash;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, KeyMeaning, Reject};
 
@@ -74,8 +75,8 @@ pub struct CableConfig {
     pub max_rpm: u16,
     /// Largest motor current, mA.
     pub max_current_ma: i32,
-    /// mA per mN of force that reels in, 24 fractional bits, signed.
-    pub current_per_force_q24: i64,
+    /// mA per mN of force that reels in, 32 fractional bits, signed.
+    pub current_per_force_q32: i64,
     /// mN per ADC step, 24 fractional bits.
     pub tension_per_adc_q24: i64,
     /// mN at 0 V, 24 fractional bits, subtracted.
@@ -150,46 +151,71 @@ impl<const N: usize> ConfigStore<N> {
         if entries == 0 || usize::from(entries) > most {
             return Err(Reject::ConfigSequence);
         }
-        *self = Self {
-            announced: entries,
-            ..Self::default()
-        };
+        self.clear();
+        self.announced = entries;
         Ok(())
+    }
+
+    /// Forgets everything, in place: a fresh store would pass over the stack of the board.
+    pub fn clear(&mut self) {
+        self.board.fill(None);
+        for fields in &mut self.cables {
+            fields.fill(None);
+        }
+        self.announced = 0;
+        self.received = 0;
+        self.last_key = None;
     }
 
     /// Takes some entries, in ascending order of keys.
     ///
     /// # Errors
     /// [`Reject::ConfigSequence`] out of order or beyond the announced count;
-    /// [`Reject::ConfigUnknownKey`].
+    /// [`Reject::ConfigUnknownKey`]. None of the entries is taken then.
     pub fn put(&mut self, entries: &[ConfigEntry]) -> Result<(), Reject> {
+        let (mut last_key, mut received) = (self.last_key, self.received);
         for entry in entries {
-            if self.last_key.is_some_and(|last| last >= entry.key)
-                || self.received >= self.announced
-            {
+            if last_key.is_some_and(|last| last >= entry.key) || received >= self.announced {
                 return Err(Reject::ConfigSequence);
             }
-            let unknown = Reject::ConfigUnknownKey { key: entry.key.0 };
-            let slot = match entry.key.meaning().ok_or(unknown)? {
-                KeyMeaning::Board(key) => self.board.get_mut(key as usize - 1),
-                KeyMeaning::Cable(index, key) => self
-                    .cables
-                    .get_mut(usize::from(index))
-                    .and_then(|fields| fields.get_mut(key as usize - 1)),
-            };
-            *slot.ok_or(unknown)? = Some(entry.value);
-            self.last_key = Some(entry.key);
-            self.received += 1;
+            if self.slot(entry.key).is_none() {
+                return Err(Reject::ConfigUnknownKey { key: entry.key.0 });
+            }
+            last_key = Some(entry.key);
+            received += 1;
         }
+        // All are good: only now is anything taken.
+        for entry in entries {
+            if let Some(slot) = self.slot(entry.key) {
+                *slot = Some(entry.value);
+            }
+        }
+        (self.last_key, self.received) = (last_key, received);
         Ok(())
     }
 
-    /// Checks and builds.
+    fn slot(&mut self, key: ConfigKey) -> Option<&mut Option<i32>> {
+        match key.meaning()? {
+            KeyMeaning::Board(key) => self.board.get_mut(key as usize - 1),
+            KeyMeaning::Cable(index, key) => self
+                .cables
+                .get_mut(usize::from(index))
+                .and_then(|fields| fields.get_mut(key as usize - 1)),
+        }
+    }
+
+    /// Checks, builds and takes into use; `active` is left alone where it fails. Out of line, so
+    /// that its temporaries are on the board's stack only while it runs.
     ///
     /// # Errors
     /// [`Reject::ConfigSequence`] where entries are missing, [`Reject::ConfigHash`] where the
     /// hashes differ, [`Reject::ConfigValue`] naming the first key that is missing or senseless.
-    pub fn build(&self, host: ConfigHash) -> Result<Active<N>, Reject> {
+    #[inline(never)]
+    pub fn build_into(
+        &self,
+        host: ConfigHash,
+        active: &mut Option<Active<N>>,
+    ) -> Result<(), Reject> {
         if self.announced == 0 || self.received != self.announced {
             return Err(Reject::ConfigSequence);
         }
@@ -213,13 +239,12 @@ impl<const N: usize> ConfigStore<N> {
             _ => DriveKind::None,
         };
         key(BoardKey::BusBitrate, 125_000, 1_000_000)?;
-        let mut built = [None; N];
-        for (index, slot) in (0_u8..).zip(built.iter_mut()) {
-            *slot = Some(self.build_cable(index)?);
+        // The first one is a placeholder for the others until they are built.
+        let mut cables = [self.build_cable(0)?; N];
+        for (index, slot) in (0_u8..).zip(cables.iter_mut()).skip(1) {
+            *slot = self.build_cable(index)?;
         }
-        let missing = Reject::ConfigSequence;
-        let first = built.first().copied().flatten().ok_or(missing)?;
-        Ok(Active {
+        let built = Active {
             hash: board,
             drive_kind,
             bus_period_us: key(BoardKey::BusPeriodUs, 500, 20_000)?.cast_unsigned(),
@@ -227,8 +252,10 @@ impl<const N: usize> ConfigStore<N> {
             residual_ms: small(key(BoardKey::ResidualMs, 1, 10_000)?),
             enable_ms: key(BoardKey::EnableMs, 0, 10_000)?.cast_unsigned(),
             feedback_timeout_ms: small(key(BoardKey::FeedbackTimeoutMs, 2, 1000)?),
-            cables: built.map(|cable| cable.unwrap_or(first)),
-        })
+            cables,
+        };
+        *active = Some(built);
+        Ok(())
     }
 
     fn entries(&self) -> impl Iterator<Item = ConfigEntry> + '_ {
@@ -260,15 +287,16 @@ impl<const N: usize> ConfigStore<N> {
         let refuse = |key: CableKey| Reject::ConfigValue {
             key: ConfigKey::cable(index, key).0,
         };
-        // 1 mm to 500 mm keeps every product below in 64 bits.
+        // 1 mm to 500 mm keeps every product below in 64 bits; 312689/49766 is 2 pi to 1e-11.
         let radius = key(CableKey::DrumRadius, 10_000, 5_000_000)?;
-        let circumference_q8 = i64::from(radius) * 256 * 6_283_185_307 / 1_000_000_000;
+        let circumference_q20 = ((i64::from(radius) * 312_689) << 20) / 49_766;
+        let circumference_q8 = (circumference_q20 + half(12)) >> 12;
         let counts = key(CableKey::EncoderCountsPerTurn, 16, 1_000_000)?;
         let sign = key(CableKey::EncoderSign, -1, 1)?;
         if sign == 0 {
             return Err(refuse(CableKey::EncoderSign));
         }
-        let per_count_q24 = i64::from(sign) * (circumference_q8 << 16) / i64::from(counts);
+        let per_count_q24 = i64::from(sign) * rounded(circumference_q20 << 4, i64::from(counts));
         let motor_counts = key(CableKey::MotorCountsPerTurn, -8_000_000, 8_000_000)?;
         if motor_counts == 0 {
             return Err(refuse(CableKey::MotorCountsPerTurn));
@@ -276,7 +304,7 @@ impl<const N: usize> ConfigStore<N> {
         let per_rev = key(CableKey::MotorCountsPerRev, 4, 1_000_000)?;
         let motor_per_length_q32 = (i64::from(motor_counts) << 40) / circumference_q8;
         // µm/s to rpm: ten 0.1 µm per µm, 60 s per minute.
-        let rpm_per_speed_q32 = motor_per_length_q32.abs() / i64::from(per_rev) * 600;
+        let rpm_per_speed_q32 = motor_per_length_q32.abs() * 600 / i64::from(per_rev);
         let force = key(CableKey::ForcePerCurrent, -100_000_000, 100_000_000)?;
         if force == 0 {
             return Err(refuse(CableKey::ForcePerCurrent));
@@ -290,10 +318,12 @@ impl<const N: usize> ConfigStore<N> {
         let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
         // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
         let w_dt_q24 = filter_mhz * 105_414_357 / 1_000_000;
-        let alpha_q16 = (w_dt_q24 << 16) / ((1 << 24) + w_dt_q24);
+        let alpha_q16 = rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24);
         let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
         // One millisecond at one and a half times the largest speed, and a count of rounding.
         let step = i64::from(max_speed_umps) * 15 * (1 << 24) / 1000 / per_count_q24.abs() + 2;
+        // A bus has no drive 0: that number calls all of them.
+        key(CableKey::Node, 1, 127)?;
         Ok(CableConfig {
             control: match key(CableKey::Control, 0, 1)? {
                 0 => Control::Length,
@@ -309,7 +339,7 @@ impl<const N: usize> ConfigStore<N> {
             motor_reversed: motor_counts < 0,
             max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
             max_current_ma: key(CableKey::MaxCurrentMa, 1, 32_000)?,
-            current_per_force_q24: (1000 << 24) / i64::from(force),
+            current_per_force_q32: (1000 << 32) / i64::from(force),
             // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
             // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
             tension_per_adc_q24: gain * 8448 / 10,
@@ -336,6 +366,11 @@ impl<const N: usize> ConfigStore<N> {
             length_max: key(CableKey::LengthMax, length_min, 2_000_000_000)?,
         })
     }
+}
+
+/// The quotient of two positive numbers, rounded to nearest.
+const fn rounded(dividend: i64, divisor: i64) -> i64 {
+    (dividend + divisor / 2) / divisor
 }
 
 fn checked(key: ConfigKey, value: Option<i32>, low: i32, high: i32) -> Result<i32, Reject> {

@@ -8,7 +8,7 @@ use crate::io::{Brake, DriveDemand, Inputs, Outputs};
 use crate::motion::{CAPACITY, Motion, Progress};
 use crate::segment::{Point, StoredKnot, StoredRow};
 use crate::supervisor::{self, Event, State, transition};
-use crate::tension::{Demand, TensionLoop, measured_mn};
+use crate::tension::{Demand, TensionLoop, is_plausible, measured_mn};
 use crate::watch::{CableView, CableWatch, Heartbeat, Latch, LinkHealth, Persist};
 use mcdpr_protocol::{
     FaultId, FaultRecord, Info, Knot, Limit, Limits, List, Millinewtons, PerCable, Reject, Reply,
@@ -43,6 +43,8 @@ struct Cable {
     reference_mn: i32,
     /// The encoder can not be trusted.
     lost: bool,
+    /// The drive was lost since the board armed: its brake stays closed.
+    abandoned: bool,
 }
 
 /// The control core of one board with `N` winches.
@@ -131,6 +133,7 @@ impl<const N: usize> Controller<N> {
         self.limits = Limits::default();
         self.e_stop = inputs.e_stop;
         self.gripper_switch = inputs.gripper_switch;
+        self.overruns = self.overruns.wrapping_add(u32::from(inputs.overrun));
         self.raise(Event::Booted);
         if inputs.e_stop && self.state != State::EStop {
             self.latch_fault(FaultId::P7, 0, 0, 0);
@@ -144,6 +147,7 @@ impl<const N: usize> Controller<N> {
             self.watch_link();
             self.act(inputs);
         }
+        self.heartbeat.forget_expired(now);
         self.outputs = self.command(inputs);
         self.outputs
     }
@@ -167,6 +171,7 @@ impl<const N: usize> Controller<N> {
                 self.rows = Default::default();
                 for cable in &mut self.cables {
                     cable.watch = CableWatch::default();
+                    cable.abandoned = false;
                 }
             }
             State::Moving => self.motion.run(stop_ms),
@@ -206,6 +211,8 @@ impl<const N: usize> Controller<N> {
             let config = configs.and_then(|configs| configs.get(index));
             let max_step = config.map_or(u16::MAX / 2, |config| config.max_encoder_step);
             cable.lost = cable.encoder.sample(encoder, max_step) == Sampled::Lost;
+            // Whatever the state: these lengths are guesses from here on.
+            self.referenced &= !cable.lost;
             if let Some(config) = config {
                 cable.length = cable.scale.length(cable.encoder.counts()).0;
                 cable.tension_mn = measured_mn(config, adc);
@@ -217,13 +224,14 @@ impl<const N: usize> Controller<N> {
     }
 
     fn watch(&mut self, inputs: &Inputs<N>) {
-        self.overruns = self.overruns.wrapping_add(u32::from(inputs.overrun));
         if self.late_ticks.update(inputs.overrun, 2) {
             self.trip(FaultId::P5, 0, 2, 1);
         }
         let Some(active) = &self.active else { return };
-        let free = !self.outputs.brakes.contains(&Brake::Closed);
-        let moving = free && self.arming.phase() == Phase::Done;
+        // By what was decided, not by the pins: one axis that is braked because its drive is gone
+        // must not blind the watch over the others.
+        let closing = self.state == State::Stopping && self.closing.is_some();
+        let moving = !closing && self.arming.phase() == Phase::Done;
         let mut found = None;
         let readings = inputs.drives.iter().zip(&inputs.tension_adc);
         let configs = active.cables.iter().zip(readings);
@@ -291,10 +299,11 @@ impl<const N: usize> Controller<N> {
             }
             let residual_um = crate::fixed::saturate(sum_q8 >> 8);
             let active = moving && row.limit_um > 0;
-            if active && residual_um.abs() > row.limit_um / 2 {
+            let limit = row.limit_um.unsigned_abs();
+            if active && residual_um.unsigned_abs() > limit / 2 {
                 self.limits.insert(Limit::ResidualHigh);
             }
-            let over = active && residual_um.abs() > row.limit_um;
+            let over = active && residual_um.unsigned_abs() > limit;
             if persist.update(over, ticks) {
                 found = Some((FaultId::S5, 0, residual_um, row.limit_um));
             }
@@ -438,17 +447,22 @@ impl<const N: usize> Controller<N> {
         let torque = phase != Phase::Enabling;
         let slots = outputs.drives.iter_mut().zip(&mut outputs.brakes);
         let slots = slots.zip(active.cables.iter().zip(&inputs.drives));
-        for (cable, ((demand, brake_slot), (config, drive))) in self.cables.iter_mut().zip(slots) {
+        let cables = self.cables.iter_mut().zip(&inputs.tension_adc);
+        for ((cable, &adc), ((demand, brake_slot), (config, drive))) in cables.zip(slots) {
             // A drive that is gone holds nothing: its brake does, now, whatever the others do.
-            let gone = torque && drive.age_ms >= active.feedback_timeout_ms;
-            *brake_slot = if gone { Brake::Closed } else { brake };
+            let gone = drive.fault || drive.age_ms >= active.feedback_timeout_ms;
+            cable.abandoned |= torque && gone;
+            *brake_slot = if cable.abandoned {
+                Brake::Closed
+            } else {
+                brake
+            };
             *demand = match (config.control, torque) {
                 (Control::Length, false) => DriveDemand::EnablePosition,
                 (Control::Tension, false) => DriveDemand::EnableCurrent,
                 (Control::Length, true) => {
                     if brake == Brake::Open {
-                        let error = cable.target.length.saturating_sub(cable.length);
-                        cable.axis.trim(config, error);
+                        cable.axis.learn(config, &cable.target, drive, cable.length);
                     }
                     DriveDemand::Position {
                         counts: cable.axis.counts(config, &cable.target),
@@ -463,7 +477,11 @@ impl<const N: usize> Controller<N> {
                         planned_acceleration_umps2: cable.target.acceleration_umps2,
                         measured_speed_umps: motor_speed_umps(config, drive),
                     };
-                    let ma = cable.tension_loop.update(config, &measured);
+                    let ma = if is_plausible(adc) {
+                        cable.tension_loop.update(config, &measured)
+                    } else {
+                        cable.tension_loop.hold()
+                    };
                     DriveDemand::Current {
                         ma: crate::fixed::saturate_i16(ma),
                     }

@@ -13,7 +13,8 @@ pub enum Sampled {
     Good,
     /// A jump that no drum can make: ignored, the last velocity carries on (S1).
     Rejected,
-    /// Jumps went on: the encoder can not be trusted (S6).
+    /// Jumps went on: the encoder can not be trusted (S6). Counting goes on from the new place, so
+    /// that a new reference can mend it; the old reference is worth nothing.
     Lost,
 }
 
@@ -54,6 +55,9 @@ impl Encoder {
             return Sampled::Good;
         }
         if self.rejected >= MAX_REJECTED {
+            self.last = Some(counter);
+            self.step = 0;
+            self.rejected = 0;
             return Sampled::Lost;
         }
         self.rejected += 1;
@@ -80,7 +84,7 @@ pub struct LengthScale {
 }
 
 impl LengthScale {
-    /// The length at these counts. The middle of a count is taken, since the counter floors.
+    /// The length at these counts, rounded to the nearest 0.1 µm.
     #[must_use]
     pub fn length(&self, counts: i64) -> TenthMicrometres {
         let moved = counts.saturating_sub(self.reference_counts);

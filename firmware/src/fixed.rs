@@ -17,6 +17,18 @@ pub const fn half(bits: u32) -> i64 {
     if bits == 0 { 0 } else { 1 << (bits - 1) }
 }
 
+/// `value * factor / 2^bits`, rounded down, exact: the product may be wider than 64 bits as long as
+/// the result is not. `factor` is not negative and under 2^32, `bits` at most 31.
+///
+/// ```
+/// assert_eq!(mcdpr_firmware::fixed::scale_down(-(1 << 50), 3 << 20, 22), -3 * (1 << 48));
+/// ```
+#[must_use]
+pub const fn scale_down(value: i64, factor: i64, bits: u32) -> i64 {
+    let low = value & ((1 << bits) - 1);
+    (value >> bits) * factor + ((low * factor) >> bits)
+}
+
 /// The nearest `i32`.
 #[must_use]
 pub fn saturate(value: i64) -> i32 {

@@ -3,7 +3,7 @@
 
 use crate::segment::{MAX_SPACING_MS, MIN_SPACING_MS, Point, Segment, StoredKnot, StoredRow};
 use heapless::Deque;
-use mcdpr_protocol::{CableKnot, MicrometresPerSecond, ResidualRow, TenthMicrometres};
+use mcdpr_protocol::{ResidualRow, TenthMicrometres};
 
 /// Knots that the buffer holds.
 pub const CAPACITY: usize = 16;
@@ -35,7 +35,7 @@ pub enum Progress {
     Paused,
     /// The buffer ran empty; a stop segment was appended (K6).
     RanEmpty,
-    /// The stop segment has ended.
+    /// The stop segment has ended at rest.
     Stopped,
 }
 
@@ -75,9 +75,18 @@ impl<const N: usize> Default for Motion<N> {
 }
 
 impl<const N: usize> Motion<N> {
-    /// Forgets everything.
+    /// Forgets everything, in place: a fresh one would pass over the stack of the board.
     pub fn clear(&mut self) {
-        *self = Self::default();
+        self.knots.clear();
+        self.start = None;
+        self.segment = None;
+        self.clock_q16 = 0;
+        self.rate_q16 = FULL_RATE_Q16;
+        self.rate_step_q16 = FULL_RATE_Q16;
+        self.braking = false;
+        self.stop_segment = false;
+        self.next_index = 0;
+        self.newest = None;
     }
 
     /// Number that the next knot must have.
@@ -135,7 +144,8 @@ impl<const N: usize> Motion<N> {
         } else {
             0
         };
-        let earliest = (newest.time_ms.saturating_add(MIN_SPACING_MS)).max(now + MIN_SPACING_MS);
+        let latest_start = newest.time_ms.max(now);
+        let earliest = latest_start.saturating_add(MIN_SPACING_MS);
         (earliest, newest.time_ms.saturating_add(MAX_SPACING_MS))
     }
 
@@ -170,6 +180,7 @@ impl<const N: usize> Motion<N> {
     /// Moves the clock on by one tick and evaluates; `None` without a path.
     pub fn tick(&mut self, stop_ms: u32) -> Option<Sample<N>> {
         self.segment.as_ref()?;
+        let before_q16 = self.rate_q16;
         self.rate_q16 = if self.braking {
             self.rate_q16.saturating_sub(self.rate_step_q16)
         } else {
@@ -194,22 +205,34 @@ impl<const N: usize> Motion<N> {
             }
         }
         if self.braking && self.rate_q16 == 0 && progress == Progress::Under {
-            progress = Progress::Paused;
+            progress = if self.stop_segment {
+                Progress::Stopped
+            } else {
+                Progress::Paused
+            };
         }
-        self.evaluate(progress)
+        // The clock's own acceleration, per second; at rest on the path nothing accelerates.
+        let change_q16 = if self.rate_q16 == 0 {
+            0
+        } else {
+            (i64::from(self.rate_q16) - i64::from(before_q16)) * 1000
+        };
+        self.evaluate(progress, change_q16)
     }
 
-    fn evaluate(&self, progress: Progress) -> Option<Sample<N>> {
+    fn evaluate(&self, progress: Progress, change_q16: i64) -> Option<Sample<N>> {
         let segment = self.segment.as_ref()?;
         let elapsed = self.elapsed_q16()?;
         let mut points = segment.at(elapsed);
         let rate = i64::from(self.rate_q16);
         for point in &mut points {
-            // Chain rule: real time runs faster than the path clock while it brakes.
+            // Chain rule: real time runs faster than the path clock while it brakes, and the
+            // clock's own change accelerates along the path.
             let slowed = |value: i32| (i64::from(value) * rate) >> 16;
-            point.velocity_umps = crate::fixed::saturate(slowed(point.velocity_umps));
             let twice = (slowed(point.acceleration_umps2) * rate) >> 16;
-            point.acceleration_umps2 = crate::fixed::saturate(twice);
+            let along = (i64::from(point.velocity_umps) * change_q16) >> 16;
+            point.velocity_umps = crate::fixed::saturate(slowed(point.velocity_umps));
+            point.acceleration_umps2 = crate::fixed::saturate(twice + along);
         }
         Some(Sample {
             points,
@@ -232,25 +255,22 @@ impl<const N: usize> Motion<N> {
         true
     }
 
-    /// The stored stop segment: every cable decelerates over the same time, so the platform goes
-    /// on along the tangent of its path.
+    /// The stop segment: the tangent of the path, run with a braking clock, so that a buffer that
+    /// ran empty decelerates as any stop does, and a stop under way goes on as it began.
     fn append_stop(&mut self, from: &StoredKnot<N>, stop_ms: u32) {
         let mut end = *from;
-        end.time_ms = from.time_ms.saturating_add(stop_ms.max(1));
+        let stop_ms = stop_ms.max(1);
+        end.time_ms = from.time_ms.saturating_add(stop_ms);
         for cable in &mut end.cables {
-            // Half the speed over the time, in 0.1 µm: v[µm/s] * t[ms] / 100 / 2.
-            let way = i64::from(cable.velocity.0) * i64::from(stop_ms) / 200;
-            *cable = CableKnot {
-                length: TenthMicrometres(
-                    cable.length.0.saturating_add(crate::fixed::saturate(way)),
-                ),
-                velocity: MicrometresPerSecond(0),
-                tension: cable.tension,
-            };
+            // v[µm/s] * t[ms] in 0.1 µm; the clock comes to rest halfway.
+            let way = i64::from(cable.velocity.0) * i64::from(stop_ms) / 100;
+            let way = crate::fixed::saturate(way);
+            cable.length = TenthMicrometres(cable.length.0.saturating_add(way));
         }
         self.segment = Some(Segment::between(from, &end));
         self.start = Some(*from);
         self.stop_segment = true;
+        self.brake(stop_ms);
     }
 }
 

@@ -4,7 +4,7 @@
 //! coefficients are integers of 1/256 of 0.1 µm, formed so that their sum is the next knot exactly:
 //! segments join without a step, whatever the rounding.
 
-use crate::fixed::{half, saturate};
+use crate::fixed::{half, saturate, scale_down};
 use mcdpr_protocol::{CableKnot, Coefficient, Knot, MicrometresPerSecond, ResidualRow};
 
 /// Shortest time between two knots, ms.
@@ -16,8 +16,11 @@ pub const MAX_SPACING_MS: u32 = 4000;
 const VALUE_Q: u32 = 8;
 /// Fractional bits of `s`.
 const S_Q: u32 = 24;
-/// Fractional bits of `1 / h`.
+/// Fractional bits of `1 / h` for rates.
 const INVERSE_Q: u32 = 30;
+/// Fractional bits of `1 / h` for `s`: with fewer, `s` would fall short of 1 at a long segment's end
+/// and the cable would jump there.
+const FINE_INVERSE_Q: u32 = 44;
 
 /// Position, velocity and acceleration of one cable at one time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -67,12 +70,12 @@ impl Cubic {
     fn at(&self, phase: Phase) -> Point {
         let [c0, c1, c2, c3] = self.c;
         let s = phase.s_q24;
-        let times_s = |value: i64| (value * s) >> S_Q;
-        let per_ms = |value: i64| (value.saturating_mul(phase.inverse_q30)) >> INVERSE_Q;
+        let times_s = |value: i64| scale_down(value, s, S_Q);
+        let per_ms = |value: i64| scale_down(value, phase.inverse_q30, INVERSE_Q);
         let length_q8 = c0 + times_s(c1 + times_s(c2 + times_s(c3)));
         // d/ds in 1/256 of 0.1 µm; per ms that is 100 µm/s.
         let slope = per_ms(c1 + times_s(2 * c2 + times_s(3 * c3)));
-        let bend = per_ms(per_ms((2 * c2 + times_s(6 * c3)).saturating_mul(1000)));
+        let bend = per_ms(per_ms((2 * c2 + times_s(6 * c3)) * 1000));
         Point {
             length_q8,
             velocity_umps: saturate((slope * 100) >> VALUE_Q),
@@ -163,7 +166,7 @@ pub struct Segment<const N: usize> {
     cubics: [Cubic; N],
     tension_start: [i32; N],
     tension_end: [i32; N],
-    inverse_q30: i64,
+    inverse_q44: i64,
     /// Checks that hold here.
     pub rows: [StoredRow<N>; ResidualRow::PER_KNOT],
 }
@@ -193,7 +196,7 @@ impl<const N: usize> Segment<N> {
             cubics,
             tension_start: tensions(start),
             tension_end: tensions(end),
-            inverse_q30: i64::from((1_u32 << INVERSE_Q) / spacing_ms),
+            inverse_q44: (1 << FINE_INVERSE_Q) / i64::from(spacing_ms),
             rows: start.rows,
         }
     }
@@ -222,15 +225,15 @@ impl<const N: usize> Segment<N> {
 
     fn phase(&self, elapsed_q16: u64) -> Phase {
         let elapsed = elapsed_q16.min(u64::from(self.spacing_ms) << 16);
-        // 16 + 30 fractional bits down to 24.
-        let s = (elapsed.cast_signed() * self.inverse_q30) >> 22;
+        // 16 + 44 fractional bits down to 24; the product stays under 2^60.
+        let s = (elapsed.cast_signed() * self.inverse_q44 + half(36)) >> 36;
         Phase {
             s_q24: if elapsed >> 16 == u64::from(self.spacing_ms) {
                 1 << S_Q
             } else {
                 s
             },
-            inverse_q30: self.inverse_q30,
+            inverse_q30: self.inverse_q44 >> (FINE_INVERSE_Q - INVERSE_Q),
         }
     }
 }

@@ -61,6 +61,8 @@ pub struct LinkCounters {
 pub struct Server<const N: usize> {
     controller: Controller<N>,
     session: Option<SessionId>,
+    /// The last session that was given back, and the number of the request that did it.
+    closed: Option<(SessionId, SequenceNumber)>,
     expected: SequenceNumber,
     outcomes: [Option<(SequenceNumber, Outcome)>; WINDOW as usize],
     sequence_errors: u32,
@@ -86,6 +88,7 @@ impl<const N: usize> Server<N> {
         Self {
             controller: Controller::default(),
             session: None,
+            closed: None,
             expected: SequenceNumber(0),
             outcomes: [None; WINDOW as usize],
             sequence_errors: 0,
@@ -178,6 +181,11 @@ impl<const N: usize> Server<N> {
                 self.controller.handle(now, &command.request)
             }
             Request::Open => self.open(now, command),
+            // Its answer was lost: it is answered alike (L4).
+            Request::Close if self.closed == Some((command.session, command.sequence)) => {
+                self.sequence_errors = self.sequence_errors.wrapping_add(1);
+                Ok(Reply::Done)
+            }
             _ if self.session != Some(command.session) => Err(Reject::NoSession),
             Request::Heartbeat { .. } => self.controller.handle(now, &command.request),
             _ => self.in_order(now, command),
@@ -197,6 +205,7 @@ impl<const N: usize> Server<N> {
         }
         let reply = self.controller.handle(now, &command.request)?;
         self.session = Some(command.session);
+        self.closed = None;
         self.expected = command.sequence.next();
         self.outcomes = [None; WINDOW as usize];
         self.sampler = None;
@@ -217,7 +226,7 @@ impl<const N: usize> Server<N> {
             };
         }
         self.expected = self.expected.next();
-        let result = self.execute(now, &command.request);
+        let result = self.execute(now, command);
         let slot = usize::from(command.sequence.0 % WINDOW);
         if let Some(slot) = self.outcomes.get_mut(slot) {
             *slot = Some((command.sequence, Outcome::of(&result)));
@@ -225,7 +234,8 @@ impl<const N: usize> Server<N> {
         result
     }
 
-    fn execute(&mut self, now: Tick, request: &Request) -> Result<Reply, Reject> {
+    fn execute(&mut self, now: Tick, command: &Command) -> Result<Reply, Reject> {
+        let request = &command.request;
         let starts = matches!(
             request,
             Request::Arm { .. } | Request::Start | Request::Resume
@@ -241,7 +251,8 @@ impl<const N: usize> Server<N> {
             }
             Request::Close => {
                 let reply = self.controller.handle(now, request)?;
-                self.session = None;
+                let closed = self.session.take();
+                self.closed = closed.map(|session| (session, command.sequence));
                 self.sampler = None;
                 Ok(reply)
             }

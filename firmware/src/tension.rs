@@ -12,6 +12,12 @@ pub const ADC_RAIL_HIGH: u16 = 64_900;
 /// Steps that mean a short: under 40 mV (S8).
 pub const ADC_RAIL_LOW: u16 = 800;
 
+/// Whether a reading can be one of a sensor that is connected.
+#[must_use]
+pub const fn is_plausible(adc: u16) -> bool {
+    adc > ADC_RAIL_LOW && adc < ADC_RAIL_HIGH
+}
+
 /// Tension in mN from the ADC: `y = k (u - u0)` (Eq. 52).
 #[must_use]
 pub fn measured_mn(config: &CableConfig, adc: u16) -> i32 {
@@ -47,6 +53,10 @@ pub struct TensionLoop {
     integral_q16: i64,
     /// Whether the last current was cut at its limit.
     pub saturated: bool,
+    /// The force that asked for the last current, mN.
+    force_mn: i64,
+    /// The last current, mA.
+    current_ma: i32,
 }
 
 impl TensionLoop {
@@ -57,6 +67,8 @@ impl TensionLoop {
             filter: LowPass::at(tension_mn),
             integral_q16: 0,
             saturated: false,
+            force_mn: 0,
+            current_ma: 0,
         }
     }
 
@@ -83,20 +95,29 @@ impl TensionLoop {
                 ahead + ((self.integral_q16 + half(16)) >> 16)
             }
         };
-        let current_q24 = force_mn.saturating_mul(config.current_per_force_q24);
-        let current = saturate((current_q24 + half(24)) >> 24);
+        let current_q32 = force_mn.saturating_mul(config.current_per_force_q32);
+        let current = saturate(current_q32.saturating_add(half(32)) >> 32);
         let limited = current.clamp(-config.max_current_ma, config.max_current_ma);
         self.saturated = limited != current;
+        self.force_mn = force_mn;
+        self.current_ma = limited;
         limited
     }
 
+    /// One tick without a reading that can be true: the current stays as it was, mA. A sensor at
+    /// its rail must not command a pull (S7, S8).
+    #[must_use]
+    pub const fn hold(&self) -> i32 {
+        self.current_ma
+    }
+
     fn integrate(&mut self, config: &CableConfig, error_q16: i64) {
-        if self.saturated {
-            // Winding up would only delay the way back.
+        if self.saturated && (error_q16 > 0) == (self.force_mn > 0) {
+            // Winding up would only delay the way back; the way back itself is open.
             return;
         }
         // ki is in thousandths per second and a tick is a millisecond.
-        self.integral_q16 += error_q16 * i64::from(config.ki_milli) / 1_000_000;
+        self.integral_q16 += error_q16.saturating_mul(i64::from(config.ki_milli)) / 1_000_000;
         let most = i64::from(config.ceiling_mn) << 16;
         self.integral_q16 = self.integral_q16.clamp(-most, most);
     }

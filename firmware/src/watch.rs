@@ -83,9 +83,10 @@ impl CableWatch {
         let short = view.adc <= crate::tension::ADC_RAIL_LOW;
         let frozen = view.adc == self.last_adc && !open && !short;
         self.last_adc = view.adc;
-        let astray = view.length_error.abs() > view.length_error_max;
+        let limit = view.length_error_max.unsigned_abs();
+        let astray = view.length_error.unsigned_abs() > limit;
         // A dead drive leaves the motor behind, too; a dead encoder does not.
-        let dead = if view.motor_error.abs() > view.length_error_max / 2 {
+        let dead = if view.motor_error.unsigned_abs() > limit / 2 {
             FaultId::D7
         } else {
             FaultId::S2
@@ -165,7 +166,7 @@ pub struct Heartbeat {
 pub enum LinkHealth {
     /// In time.
     Good,
-    /// Over 20 ms.
+    /// 20 ms or more: a warning.
     Late,
     /// 100 ms or more: decelerate and hold.
     Lost,
@@ -183,10 +184,18 @@ impl Heartbeat {
     #[must_use]
     pub fn health(&self, now: Tick) -> LinkHealth {
         match self.last.map(|last| now.since(last)) {
-            Some(..=20) => LinkHealth::Good,
-            Some(21..100) => LinkHealth::Late,
+            Some(..20) => LinkHealth::Good,
+            Some(20..100) => LinkHealth::Late,
             Some(100..2100) => LinkHealth::Lost,
             _ => LinkHealth::Expired,
+        }
+    }
+
+    /// Forgets a heartbeat that has expired, once per tick: else it would seem new again when the
+    /// tick counter has gone half around (K9).
+    pub fn forget_expired(&mut self, now: Tick) {
+        if self.health(now) == LinkHealth::Expired {
+            self.last = None;
         }
     }
 

@@ -166,7 +166,7 @@ pub struct FaultRecord {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Limit {
-    /// The heartbeat is more than 20 ms late.
+    /// The last heartbeat is 20 ms old or older.
     HeartbeatLate = 0,
     /// A motor current is at its limit.
     CurrentSaturated = 1,

@@ -1,8 +1,8 @@
 //! What a host may ask, and when: every refusal leaves everything as it was.
 
 use super::{
-    Active, CAPACITY, ConfigStore, Control, Controller, Event, FaultId, Info, Knot, List, Motion, PerCable,
-    Reject, Reply, Request, START_TOLERANCE, State, StopKind, StoredKnot, TICKS_PER_SECOND, Tick,
+    CAPACITY, Control, Controller, Event, FaultId, Info, Knot, List, PerCable, Reject, Reply,
+    Request, START_TOLERANCE, State, StopKind, StoredKnot, TICKS_PER_SECOND, Tick,
 };
 use crate::watch::LinkHealth;
 use mcdpr_protocol::{CableKnot, Millinewtons, TenthMicrometres};
@@ -42,9 +42,9 @@ impl<const N: usize> Controller<N> {
             }
             Request::ConfigCommit { hash } => {
                 self.only_in(&[State::Disarmed, State::Fault])?;
-                let active = self.store.build(*hash)?;
-                self.store = ConfigStore::default();
-                self.take_config(active);
+                self.store.build_into(*hash, &mut self.active)?;
+                self.store.clear();
+                self.config_taken();
                 Ok(Reply::Configured { hash: *hash })
             }
             Request::Reference { lengths, tensions } => self.handle_reference(lengths, tensions),
@@ -91,7 +91,7 @@ impl<const N: usize> Controller<N> {
             }
             Request::Discard => {
                 self.only_in(&[State::Disarmed, State::Holding, State::Fault])?;
-                self.motion = Motion::default();
+                self.motion.clear();
                 Ok(Reply::Done)
             }
             Request::ClearFault => self.handle_clear(now),
@@ -155,11 +155,11 @@ impl<const N: usize> Controller<N> {
         Reply::Done
     }
 
-    fn take_config(&mut self, active: Active<N>) {
-        for (cable, config) in self.cables.iter_mut().zip(&active.cables) {
+    fn config_taken(&mut self) {
+        let configs = self.active.iter().flat_map(|active| &active.cables);
+        for (cable, config) in self.cables.iter_mut().zip(configs) {
             cable.scale = config.scale;
         }
-        self.active = Some(active);
         // Lengths were counted with the old scale.
         self.referenced = false;
     }
@@ -296,7 +296,8 @@ impl<const N: usize> Controller<N> {
             return Err(Reject::KnotEnd);
         }
         let (earliest_ms, latest_ms) = self.motion.time_window_ms();
-        if knot.time_ms < earliest_ms || knot.time_ms > latest_ms {
+        let later = knot.time_ms > newest.time_ms;
+        if !later || knot.time_ms < earliest_ms || knot.time_ms > latest_ms {
             return Err(Reject::KnotTime { earliest_ms });
         }
         let spacing = i64::from(knot.time_ms - newest.time_ms);

@@ -1,0 +1,203 @@
+use crate::support::{Bench, CABLES, ENABLE_MS, adc_of};
+use mcdpr_firmware::{Brake, DriveDemand, Inputs, State};
+use mcdpr_protocol::{FaultId, Reject, Reply, Request};
+
+#[test]
+fn arming_enables_drives_then_gives_torque_then_opens_brakes_then_holds() {
+    let mut bench = Bench::ready();
+    bench.enable_ticks = [20, 30, 25, 10];
+    bench.arm().unwrap();
+    let (mut torque, mut open, mut holding) = (None, None, None);
+    for tick in 1..1000 {
+        let before = bench.outputs;
+        bench.step();
+        if tick > 1 && torque.is_none() {
+            let enabling = before
+                .drives
+                .iter()
+                .all(|d| !d.gives_torque() && *d != DriveDemand::Off);
+            assert!(enabling, "drives are enabled before torque");
+            assert_eq!(before.drives[3], DriveDemand::EnableCurrent);
+            assert_eq!(before.drives[0], DriveDemand::EnablePosition);
+        }
+        let all = bench
+            .outputs
+            .drives
+            .iter()
+            .all(|drive| drive.gives_torque());
+        assert_eq!(all, bench.any_torque(), "all axes at once");
+        if all {
+            torque.get_or_insert(tick);
+        }
+        if !bench.all_brakes(Brake::Closed) {
+            assert!(bench.all_brakes(Brake::Open), "all brakes at once");
+            open.get_or_insert(tick);
+        }
+        if bench.state() == State::Holding {
+            holding.get_or_insert(tick);
+        }
+    }
+    let (torque, open, holding) = (torque.unwrap(), open.unwrap(), holding.unwrap());
+    assert!(torque > 30, "not before the slowest drive");
+    assert_eq!(open - torque, 100, "torque under closed brakes");
+    assert_eq!(holding - open, 250);
+}
+
+#[test]
+fn torque_comes_on_where_the_robot_is() {
+    let mut bench = Bench::ready();
+    bench.arm().unwrap();
+    let motor = bench.motor;
+    bench.until(State::Holding, 1000);
+    for i in 0..3 {
+        let DriveDemand::Position { counts, .. } = bench.outputs.drives[i] else {
+            panic!("no position");
+        };
+        // Half an encoder count is 186 motor counts.
+        assert!(
+            (counts - motor[i]).abs() <= 190,
+            "cable {}: {counts} {}",
+            i + 1,
+            motor[i]
+        );
+    }
+}
+
+#[test]
+fn d5_a_drive_that_never_enables_aborts_at_its_bound_and_the_brakes_never_open() {
+    for slow in 0..CABLES {
+        let mut bench = Bench::ready();
+        bench.enable_ticks[slow] = u32::MAX;
+        bench.arm().unwrap();
+        let mut latched = None;
+        for tick in 1..2000_u32 {
+            bench.step();
+            assert!(bench.all_brakes(Brake::Closed), "tick {tick}");
+            assert!(!bench.any_torque(), "tick {tick}");
+            if bench.fault().is_some() {
+                latched.get_or_insert(tick);
+            }
+        }
+        // The drive's own enable time and half a second.
+        assert_eq!(latched, Some(ENABLE_MS + 500));
+        let record = bench.server.controller().fault().unwrap();
+        assert_eq!(
+            (record.fault, usize::from(record.cable)),
+            (FaultId::D5, slow + 1)
+        );
+        assert_eq!(bench.state(), State::Fault);
+        assert!(
+            bench
+                .outputs
+                .drives
+                .iter()
+                .all(|drive| *drive == DriveDemand::Off)
+        );
+    }
+}
+
+#[test]
+fn d5_a_drive_just_in_time_is_taken() {
+    let mut bench = Bench::ready();
+    bench.enable_ticks[1] = ENABLE_MS + 490;
+    bench.arm().unwrap();
+    bench.until(State::Holding, 1500);
+    assert_eq!(bench.fault(), None);
+}
+
+/// Arms with tampered inputs from the first tick on; the fault, its cable, and whether a brake opened.
+fn abort(tamper: fn(&mut Inputs<CABLES>)) -> (Option<FaultId>, u8, bool) {
+    let mut bench = Bench::ready();
+    bench.tamper = tamper;
+    bench.arm().unwrap();
+    let mut opened = false;
+    for _ in 0..1500 {
+        bench.step();
+        opened |= !bench.all_brakes(Brake::Closed);
+    }
+    let record = bench.server.controller().fault();
+    (
+        record.map(|r| r.fault),
+        record.map_or(0, |r| r.cable),
+        opened,
+    )
+}
+
+#[test]
+fn s10_s7_s8_a_sensor_that_is_off_aborts_arming_and_the_brakes_never_open() {
+    assert_eq!(
+        abort(|i| i.tension_adc[2] = adc_of(12_010)),
+        (Some(FaultId::S10), 3, false)
+    );
+    assert_eq!(
+        abort(|i| i.tension_adc[2] = adc_of(7990)),
+        (Some(FaultId::S10), 3, false)
+    );
+    assert_eq!(
+        abort(|i| i.tension_adc[0] = 65_520),
+        (Some(FaultId::S7), 1, false)
+    );
+    assert_eq!(
+        abort(|i| i.tension_adc[3] = 0),
+        (Some(FaultId::S8), 4, false)
+    );
+    // Within 2 N of what the static model expects.
+    let fine = abort(|i| i.tension_adc[2] = adc_of(11_900) + i.tension_adc[2] % 7);
+    assert_eq!(fine, (None, 0, true));
+}
+
+#[test]
+fn d2_d3_s8_what_goes_after_it_came_up_aborts_before_the_brakes_open() {
+    let cases: [(fn(&mut Inputs<CABLES>), FaultId); 4] = [
+        (|i| i.drives[1].age_ms = 10, FaultId::D3),
+        (|i| i.drives[1].ready = false, FaultId::D3),
+        (|i| i.drives[1].fault = true, FaultId::D2),
+        (|i| i.tension_adc[1] = 0, FaultId::S8),
+    ];
+    for (tamper, fault) in cases {
+        let mut bench = Bench::ready();
+        bench.arm().unwrap();
+        while !bench.any_torque() {
+            bench.step();
+        }
+        bench.run(50);
+        assert!(bench.all_brakes(Brake::Closed));
+        bench.tamper = tamper;
+        bench.run(1000);
+        assert_eq!((bench.fault(), bench.state()), (Some(fault), State::Fault));
+        bench.tamper = |_| {};
+        // It never came to open a brake.
+        let mut again = Bench::ready();
+        again.arm().unwrap();
+        while !again.any_torque() {
+            again.step();
+        }
+        again.tamper = tamper;
+        for _ in 0..1000 {
+            again.step();
+            assert!(again.all_brakes(Brake::Closed));
+        }
+    }
+}
+
+#[test]
+fn l17_f9_no_arming_without_configuration_reference_and_agreement() {
+    let mut bench = Bench::new();
+    bench.step();
+    bench.open();
+    assert_eq!(bench.arm(), Err(Reject::NotConfigured));
+    bench.configure(&crate::support::entries());
+    assert_eq!(bench.arm(), Err(Reject::NotReferenced));
+    bench.reference();
+    let host = mcdpr_protocol::ConfigHash(5);
+    let board = crate::support::hash_of(&crate::support::entries());
+    assert_eq!(
+        bench.request(Request::Arm { config_hash: host }),
+        Err(Reject::ConfigHash { board, host })
+    );
+    assert_eq!(bench.arm(), Ok(Reply::Done));
+    // Another configuration means another scale: the lengths must be told again.
+    let mut bench = Bench::ready();
+    bench.configure(&crate::support::entries());
+    assert_eq!(bench.arm(), Err(Reject::NotReferenced));
+}

@@ -1,0 +1,164 @@
+use crate::support::{CABLES, build, commit, entries, entries_with, hash_of};
+use mcdpr_firmware::ConfigStore;
+use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Reject};
+
+fn refusal(entries: &[ConfigEntry]) -> Reject {
+    build(entries).expect_err("taken")
+}
+
+#[test]
+fn a_whole_configuration_is_taken() {
+    let active = build(&entries()).unwrap();
+    assert_eq!(active.hash, hash_of(&entries()));
+    assert_eq!(active.stop_ms, 300);
+    assert_eq!(active.cables[3].max_current_ma, 3000);
+}
+
+#[test]
+fn f2_every_missing_key_is_named() {
+    for missing in entries() {
+        let mut all = entries();
+        all.retain(|entry| entry.key != missing.key);
+        let refused = refusal(&all);
+        assert_eq!(refused, Reject::ConfigValue { key: missing.key.0 });
+    }
+}
+
+#[test]
+fn f2_every_value_out_of_its_range_is_named() {
+    for ConfigEntry { key, .. } in entries() {
+        for value in [i32::MIN, i32::MAX] {
+            let refused = refusal(&entries_with(key, value));
+            assert_eq!(refused, Reject::ConfigValue { key: key.0 }, "{value}");
+        }
+    }
+}
+
+#[test]
+fn f2_zero_signs_and_ratios_and_contradicting_limits_are_named() {
+    let cases = [
+        (CableKey::EncoderSign, 0),
+        (CableKey::MotorCountsPerTurn, 0),
+        (CableKey::ForcePerCurrent, 0),
+        (CableKey::DrumRadius, 0),
+        (CableKey::Node, 0),
+        // The ceiling must be over the floor and under full scale; the longest over the shortest.
+        (CableKey::TensionCeiling, 500),
+        (CableKey::TensionCeiling, 39_001),
+        (CableKey::LengthMax, -1),
+    ];
+    for (key, value) in cases {
+        for index in 0..CABLES as u8 {
+            let key = ConfigKey::cable(index, key);
+            let refused = refusal(&entries_with(key, value));
+            assert_eq!(refused, Reject::ConfigValue { key: key.0 });
+        }
+    }
+}
+
+#[test]
+fn another_number_of_cables_is_named() {
+    let refused = refusal(&entries_with(ConfigKey::board(BoardKey::Cables), 8));
+    assert_eq!(
+        refused,
+        Reject::CableCount {
+            expected: 4,
+            got: 8
+        }
+    );
+}
+
+#[test]
+fn unknown_keys_are_named() {
+    // A field, a group and a cable that are not there.
+    for key in [0x0009, 0x0420, 0x0501, 0x0901, 0xFFFF] {
+        let mut all = entries();
+        all.retain(|entry| entry.key.0 < key);
+        all.pop();
+        all.push(ConfigEntry {
+            key: ConfigKey(key),
+            value: 1,
+        });
+        assert_eq!(refusal(&all), Reject::ConfigUnknownKey { key });
+    }
+}
+
+#[test]
+fn unsorted_and_repeated_keys_are_refused() {
+    let mut unsorted = entries();
+    unsorted.swap(10, 11);
+    assert_eq!(refusal(&unsorted), Reject::ConfigSequence);
+    let mut repeated = entries();
+    repeated[11] = repeated[10];
+    assert_eq!(refusal(&repeated), Reject::ConfigSequence);
+}
+
+#[test]
+fn none_too_many_and_too_few_entries_are_refused() {
+    let mut store = ConfigStore::<CABLES>::default();
+    let all = entries();
+    let hash = hash_of(&all);
+    assert_eq!(commit(&store, hash).err(), Some(Reject::ConfigSequence));
+    assert_eq!(store.begin(0), Err(Reject::ConfigSequence));
+    assert_eq!(
+        store.begin(all.len() as u16 + 1),
+        Err(Reject::ConfigSequence)
+    );
+    store.begin(all.len() as u16).unwrap();
+    store.put(&all[..all.len() - 1]).unwrap();
+    assert_eq!(commit(&store, hash).err(), Some(Reject::ConfigSequence));
+    store.begin(3).unwrap();
+    assert_eq!(store.put(&all[..4]), Err(Reject::ConfigSequence));
+}
+
+#[test]
+fn f9_another_hash_is_refused_with_both() {
+    let all = entries();
+    let mut store = ConfigStore::<CABLES>::default();
+    store.begin(all.len() as u16).unwrap();
+    store.put(&all).unwrap();
+    let host = ConfigHash(1);
+    let board = hash_of(&all);
+    assert_eq!(
+        commit(&store, host).err(),
+        Some(Reject::ConfigHash { board, host })
+    );
+    // The refusal changed nothing.
+    assert!(commit(&store, board).is_ok());
+}
+
+#[test]
+fn l2_one_value_changed_on_the_way_is_found_by_the_hash() {
+    let host = hash_of(&entries());
+    for entry in entries() {
+        let all = entries_with(entry.key, entry.value ^ 1);
+        let mut store = ConfigStore::<CABLES>::default();
+        store.begin(all.len() as u16).unwrap();
+        store.put(&all).unwrap();
+        let board = hash_of(&all);
+        assert_eq!(
+            commit(&store, host).err(),
+            Some(Reject::ConfigHash { board, host })
+        );
+    }
+}
+
+#[test]
+fn a_refused_chunk_takes_none_of_its_entries() {
+    let all = entries();
+    for bad in [
+        ConfigEntry {
+            key: ConfigKey(0x0009),
+            value: 0,
+        },
+        all[0],
+    ] {
+        let mut store = ConfigStore::<CABLES>::default();
+        store.begin(all.len() as u16).unwrap();
+        store.put(&all[..3]).unwrap();
+        assert!(store.put(&[all[3], all[4], bad]).is_err());
+        // The host corrects the chunk and goes on.
+        store.put(&all[3..]).unwrap();
+        assert!(commit(&store, hash_of(&all)).is_ok());
+    }
+}

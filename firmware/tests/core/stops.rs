@@ -1,0 +1,233 @@
+use crate::support::{BRAKE_MS, Bench, STOP_MS};
+use mcdpr_firmware::{Brake, DriveDemand, State};
+use mcdpr_protocol::{FaultId, Reject, Reply, Request, StopKind};
+
+/// From a stop on: ticks until brakes close, and ticks of torque under closed brakes.
+fn stop_sequence(bench: &mut Bench) -> (u32, u32) {
+    let (mut moving, mut held) = (0, 0);
+    for _ in 0..2000 {
+        bench.step();
+        if bench.state() != State::Stopping {
+            break;
+        }
+        if bench.all_brakes(Brake::Open) {
+            assert_eq!(held, 0, "brakes never open again");
+            moving += 1;
+        } else {
+            assert!(bench.all_brakes(Brake::Closed));
+            assert!(
+                bench
+                    .outputs
+                    .drives
+                    .iter()
+                    .all(|drive| drive.gives_torque())
+            );
+            held += 1;
+        }
+    }
+    (moving, held)
+}
+
+#[test]
+fn stop1_decelerates_closes_brakes_under_torque_holds_it_150_ms_longer_and_lets_go() {
+    let mut bench = Bench::moving(4000, 500);
+    bench.stop(StopKind::Stop);
+    let (moving, held) = stop_sequence(&mut bench);
+    assert!((STOP_MS - 2..=STOP_MS).contains(&moving), "{moving}");
+    assert_eq!(held, BRAKE_MS + 150);
+    assert_eq!(bench.state(), State::Disarmed);
+    assert!(bench.all_brakes(Brake::Closed));
+    assert!(
+        bench
+            .outputs
+            .drives
+            .iter()
+            .all(|drive| *drive == DriveDemand::Off)
+    );
+}
+
+#[test]
+fn disarm_from_holding_closes_the_brakes_at_once_and_ends_disarmed() {
+    let mut bench = Bench::holding();
+    assert_eq!(bench.request(Request::Disarm), Ok(Reply::Done));
+    assert_eq!(stop_sequence(&mut bench), (0, BRAKE_MS + 150));
+    assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));
+}
+
+#[test]
+fn stop0_closes_brakes_and_drops_torque_in_the_next_tick() {
+    for mut bench in [Bench::holding(), Bench::moving(4000, 500)] {
+        bench.stop(StopKind::Emergency);
+        bench.step();
+        assert!(bench.all_brakes(Brake::Closed));
+        assert!(!bench.any_torque());
+        assert_eq!(bench.state(), State::Fault);
+    }
+}
+
+#[test]
+fn p7_the_emergency_stop_acts_in_its_tick_in_every_phase_and_needs_a_release_and_a_clear() {
+    let mut arming = Bench::ready();
+    arming.arm().unwrap();
+    arming.run(60);
+    let mut stopping = Bench::moving(4000, 500);
+    stopping.stop(StopKind::Stop);
+    stopping.run(20);
+    let pausing = {
+        let mut bench = Bench::moving(4000, 500);
+        bench.stop(StopKind::Hold);
+        bench.run(20);
+        bench
+    };
+    for mut bench in [
+        Bench::ready(),
+        arming,
+        Bench::holding(),
+        Bench::moving(4000, 500),
+        pausing,
+        stopping,
+    ] {
+        bench.e_stop = true;
+        bench.step();
+        assert_eq!(
+            (bench.state(), bench.fault()),
+            (State::EStop, Some(FaultId::P7))
+        );
+        assert!(bench.all_brakes(Brake::Closed));
+        assert!(!bench.any_torque());
+        assert_eq!(
+            bench.request(Request::ClearFault),
+            Err(Reject::WrongState {
+                state: State::EStop
+            })
+        );
+        assert_eq!(
+            bench.arm(),
+            Err(Reject::WrongState {
+                state: State::EStop
+            })
+        );
+        bench.run(100);
+        bench.e_stop = false;
+        bench.run(100);
+        assert_eq!(bench.state(), State::Fault, "released is not cleared");
+        assert_eq!(bench.request(Request::ClearFault), Ok(Reply::Done));
+        assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));
+        bench.arm().unwrap();
+        bench.until(State::Holding, 1000);
+    }
+}
+
+#[test]
+fn a_hold_rests_on_the_path_and_a_resume_ends_where_the_motion_ends() {
+    let mut straight = Bench::moving(2000, 0);
+    straight.until(State::Holding, 4000);
+    let mut bench = Bench::moving(2000, 700);
+    bench.stop(StopKind::Hold);
+    let ticks = bench.until(State::Holding, 1000);
+    assert!(ticks <= STOP_MS, "{ticks}");
+    let rest = bench.status().setpoints;
+    bench.run(500);
+    assert_eq!(bench.status().setpoints, rest);
+    assert!(bench.all_brakes(Brake::Open) && bench.any_torque());
+    assert_eq!(bench.request(Request::Resume), Ok(Reply::Done));
+    bench.until(State::Holding, 4000);
+    assert_eq!(bench.status().setpoints, straight.status().setpoints);
+}
+
+#[test]
+fn k6_a_buffer_that_runs_empty_holds_with_its_fault_and_takes_a_new_motion_after_the_clear() {
+    let mut bench = Bench::holding();
+    bench.buffer(1000, false);
+    bench.request(Request::Start).unwrap();
+    bench.run(999);
+    assert_eq!((bench.state(), bench.fault()), (State::Moving, None));
+    bench.step();
+    assert_eq!(
+        (bench.state(), bench.fault()),
+        (State::Pausing, Some(FaultId::K6))
+    );
+    let ticks = bench.until(State::Holding, 1000);
+    assert!(ticks <= STOP_MS + 1, "{ticks}");
+    assert!(
+        bench.all_brakes(Brake::Open) && bench.any_torque(),
+        "it holds under tension"
+    );
+    assert_eq!(bench.request(Request::ClearFault), Ok(Reply::Done));
+    assert_eq!(bench.request(Request::Resume), Err(Reject::NothingToStart));
+    assert_eq!(bench.status().next_knot, 0);
+    bench.buffer(1000, true);
+    assert_eq!(bench.request(Request::Start), Ok(Reply::Done));
+    bench.until(State::Holding, 2000);
+    assert_eq!(bench.fault(), None);
+}
+
+#[test]
+fn k6_a_stop_during_the_stop_segment_still_ends_with_brakes_and_no_torque() {
+    for wait in [1, 100, 299] {
+        let mut bench = Bench::holding();
+        bench.buffer(1000, false);
+        bench.request(Request::Start).unwrap();
+        bench.run(1000 + wait);
+        bench.stop(StopKind::Stop);
+        let (moving, held) = stop_sequence(&mut bench);
+        assert!(moving <= STOP_MS + 1 - wait, "{moving} after {wait}");
+        assert_eq!(held, BRAKE_MS + 150);
+        assert_eq!(bench.state(), State::Fault);
+    }
+}
+
+#[test]
+fn k10_a_stop_in_the_same_tick_wins_over_arm_start_and_resume_in_either_order() {
+    let mut bench = Bench::ready();
+    bench.arm().unwrap();
+    bench.stop(StopKind::Stop);
+    for _ in 0..500 {
+        bench.step();
+        assert!(bench.all_brakes(Brake::Closed) && !bench.any_torque());
+    }
+    assert_eq!(bench.state(), State::Disarmed);
+
+    let mut bench = Bench::ready();
+    bench.stop(StopKind::Stop);
+    assert_eq!(
+        bench.arm(),
+        Err(Reject::WrongState {
+            state: State::Disarmed
+        })
+    );
+    bench.run(1);
+    assert_eq!(bench.state(), State::Disarmed);
+    assert_eq!(
+        bench.arm(),
+        Ok(Reply::Done),
+        "a tick later it is a new wish"
+    );
+
+    let mut bench = Bench::holding();
+    bench.buffer(1000, true);
+    bench.stop(StopKind::Hold);
+    assert!(bench.request(Request::Start).is_err());
+    bench.run(5);
+    assert_eq!(bench.state(), State::Holding);
+    bench.request(Request::Start).unwrap();
+    bench.stop(StopKind::Stop);
+    bench.run(1000);
+    assert_eq!(bench.state(), State::Disarmed);
+}
+
+#[test]
+fn the_first_cause_stays_latched_with_its_tick() {
+    let mut bench = Bench::moving(4000, 500);
+    bench.tamper = |i| i.drives[2].age_ms = 50;
+    bench.step();
+    let first = bench.server.controller().fault().unwrap();
+    assert_eq!(
+        (first.fault, first.cable, first.tick),
+        (FaultId::D3, 3, bench.now)
+    );
+    assert_eq!((first.value, first.limit), (50, 10));
+    bench.e_stop = true;
+    bench.run(50);
+    assert_eq!(bench.server.controller().fault(), Some(first));
+}

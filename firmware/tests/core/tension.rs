@@ -1,0 +1,308 @@
+use crate::support::{Rng, build, entries};
+use mcdpr_firmware::CableConfig;
+use mcdpr_firmware::tension::{Demand, TensionLoop};
+use mcdpr_protocol::{CableKey, ConfigKey};
+
+/// Gains of a test, in the units of the configuration.
+#[derive(Clone, Copy)]
+struct Gains {
+    law: i32,
+    kp_milli: i32,
+    kd_us: i32,
+    ki_milli: i32,
+    damping_mns_per_m: i32,
+    filter_mhz: i32,
+    /// mN/A, negative where a positive current pays out.
+    force_per_ampere: i32,
+    max_current_ma: i32,
+}
+
+const PAPER: Gains = Gains {
+    law: 0,
+    kp_milli: 2500,
+    kd_us: 40_000,
+    ki_milli: 0,
+    damping_mns_per_m: 0,
+    filter_mhz: 30_000,
+    force_per_ampere: -50_000,
+    max_current_ma: 32_000,
+};
+
+const DEFAULT: Gains = Gains {
+    law: 1,
+    kp_milli: 1000,
+    kd_us: 20_000,
+    ki_milli: 2000,
+    damping_mns_per_m: 50_000,
+    ..PAPER
+};
+
+fn config(gains: &Gains) -> CableConfig {
+    let mut all = entries();
+    for (key, value) in [
+        (CableKey::TensionLaw, gains.law),
+        (CableKey::TensionKp, gains.kp_milli),
+        (CableKey::TensionKd, gains.kd_us),
+        (CableKey::TensionKi, gains.ki_milli),
+        (CableKey::TensionDamping, gains.damping_mns_per_m),
+        (CableKey::TensionFilterMhz, gains.filter_mhz),
+        (CableKey::ForcePerCurrent, gains.force_per_ampere),
+        (CableKey::MaxCurrentMa, gains.max_current_ma),
+    ] {
+        let key = ConfigKey::cable(3, key);
+        all.iter_mut().find(|e| e.key == key).unwrap().value = value;
+    }
+    build(&all).unwrap().cables[3]
+}
+
+/// The laws in SI units: Eq. 1 with the derivative of the measured tension, both behind a
+/// first-order filter; the default law adds what the plan needs, damping and an integral.
+struct Reference {
+    gains: Gains,
+    filtered_n: f64,
+    integral_n: f64,
+    friction_n: f64,
+    mass_kg: f64,
+}
+
+impl Reference {
+    fn at(gains: Gains, tension_n: f64) -> Self {
+        Self {
+            gains,
+            filtered_n: tension_n,
+            integral_n: 0.0,
+            friction_n: 0.5,
+            mass_kg: 2.0,
+        }
+    }
+
+    fn current_ma(&mut self, demand: &Demand) -> f64 {
+        let g = &self.gains;
+        let dt = 1e-3;
+        let w_dt = std::f64::consts::TAU * f64::from(g.filter_mhz) * 1e-3 * dt;
+        let before = self.filtered_n;
+        let measured = f64::from(demand.measured_mn) * 1e-3;
+        self.filtered_n += w_dt / (1.0 + w_dt) * (measured - before);
+        let error = f64::from(demand.setpoint_mn) * 1e-3 - self.filtered_n;
+        let error_rate = -(self.filtered_n - before) / dt;
+        let mut force =
+            f64::from(g.kp_milli) * 1e-3 * error + f64::from(g.kd_us) * 1e-6 * error_rate;
+        if g.law == 1 {
+            let planned = f64::from(demand.planned_speed_umps) * 1e-6;
+            let fade = (planned / 500e-6).clamp(-1.0, 1.0);
+            let too_fast = f64::from(demand.measured_speed_umps) * 1e-6 - planned;
+            force += f64::from(demand.setpoint_mn) * 1e-3
+                - self.friction_n * 205.0 / 256.0 * fade
+                - self.mass_kg * f64::from(demand.planned_acceleration_umps2) * 1e-6
+                + f64::from(g.damping_mns_per_m) * 1e-3 * too_fast;
+            self.integral_n += f64::from(g.ki_milli) * 1e-3 * error * dt;
+            force += self.integral_n;
+        }
+        force / (f64::from(g.force_per_ampere) * 1e-3) * 1e3
+    }
+}
+
+/// A tension that wanders and jumps, and a plan that turns about.
+fn recorded(rng: &mut Rng, tick: u32, last: &Demand) -> Demand {
+    let measured = last.measured_mn + rng.between(-150, 150) as i32;
+    let jump = tick.is_multiple_of(700);
+    Demand {
+        setpoint_mn: 10_000 + (tick / 1000 * 500) as i32,
+        measured_mn: if jump {
+            rng.between(4000, 16_000) as i32
+        } else {
+            measured.clamp(0, 30_000)
+        },
+        planned_speed_umps: (last.planned_speed_umps + rng.between(-200, 200) as i32)
+            .clamp(-45_000, 45_000),
+        planned_acceleration_umps2: rng.between(-200_000, 200_000) as i32,
+        measured_speed_umps: last.planned_speed_umps + rng.between(-2000, 2000) as i32,
+    }
+}
+
+fn worst_difference_ma(gains: &Gains, seed: u64) -> f64 {
+    let config = config(gains);
+    let mut rng = Rng(seed);
+    let mut demand = Demand {
+        setpoint_mn: 10_000,
+        measured_mn: 10_000,
+        ..Demand::default()
+    };
+    let mut core = TensionLoop::at(10_000);
+    let mut reference = Reference::at(*gains, 10.0);
+    let mut worst = 0.0_f64;
+    for tick in 0..5000 {
+        demand = recorded(&mut rng, tick, &demand);
+        let current = f64::from(core.update(&config, &demand));
+        assert!(!core.saturated);
+        worst = worst.max((current - reference.current_ma(&demand)).abs());
+    }
+    worst
+}
+
+#[test]
+fn eq_1_is_met_within_a_milliampere() {
+    for seed in 0..4 {
+        let worst = worst_difference_ma(&PAPER, seed);
+        println!("PD law: {worst:.3} mA");
+        assert!(worst <= 1.0, "{worst} mA");
+    }
+}
+
+#[test]
+fn the_default_law_is_met_within_a_milliampere() {
+    for seed in 0..4 {
+        let worst = worst_difference_ma(&DEFAULT, seed);
+        println!("default law: {worst:.3} mA");
+        assert!(worst <= 1.0, "{worst} mA");
+    }
+}
+
+#[test]
+fn a_strong_gear_keeps_the_currents_resolution() {
+    // 371:1 on a 20 mm drum: 900 N/A, and loads to match.
+    let strong = Gains {
+        force_per_ampere: 900_000,
+        kp_milli: 900_000,
+        ..PAPER
+    };
+    let worst = worst_difference_ma(&strong, 1);
+    assert!(worst <= 1.0, "{worst} mA");
+}
+
+#[test]
+fn a_slack_cable_is_pulled_and_the_sign_of_the_gear_is_respected() {
+    for force_per_ampere in [-50_000, 50_000] {
+        let config = config(&Gains {
+            force_per_ampere,
+            ..PAPER
+        });
+        let slack = Demand {
+            setpoint_mn: 10_000,
+            measured_mn: 5000,
+            ..Demand::default()
+        };
+        let current = TensionLoop::at(5000).update(&config, &slack);
+        // Kp 2.5 times 5 N is 12.5 N, at 50 N/A.
+        assert_eq!(current, 250 * force_per_ampere.signum());
+    }
+}
+
+#[test]
+fn d4_the_current_is_cut_at_its_limit_in_both_directions_and_says_so() {
+    let config = config(&Gains {
+        max_current_ma: 100,
+        ..PAPER
+    });
+    let mut core = TensionLoop::at(10_000);
+    for (measured_mn, limit) in [(0, -100), (30_000, 100)] {
+        let demand = Demand {
+            setpoint_mn: 10_000,
+            measured_mn,
+            ..Demand::default()
+        };
+        for _ in 0..200 {
+            core.update(&config, &demand);
+        }
+        assert_eq!(core.update(&config, &demand), limit);
+        assert!(core.saturated);
+    }
+    let met = Demand {
+        setpoint_mn: 10_000,
+        measured_mn: 10_000,
+        ..Demand::default()
+    };
+    for _ in 0..500 {
+        core.update(&config, &met);
+    }
+    assert!(!core.saturated);
+}
+
+#[test]
+fn the_integral_does_not_wind_up_against_the_limit() {
+    let config = config(&Gains {
+        max_current_ma: 300,
+        kd_us: 0,
+        ..DEFAULT
+    });
+    let mut core = TensionLoop::at(10_000);
+    let starved = Demand {
+        setpoint_mn: 12_000,
+        measured_mn: 2000,
+        ..Demand::default()
+    };
+    for _ in 0..10_000 {
+        core.update(&config, &starved);
+    }
+    assert!(core.saturated);
+    // Ten seconds of it, and the way back takes no longer than the filter.
+    let met = Demand {
+        setpoint_mn: 12_000,
+        measured_mn: 12_500,
+        ..Demand::default()
+    };
+    let ticks = (0..1000).find(|_| {
+        core.update(&config, &met);
+        !core.saturated
+    });
+    assert!(ticks.unwrap() < 60, "{ticks:?}");
+}
+
+#[test]
+fn a_wound_integral_unwinds_even_while_the_current_is_at_its_limit() {
+    let config = config(&Gains {
+        max_current_ma: 300,
+        kp_milli: 0,
+        kd_us: 0,
+        damping_mns_per_m: 0,
+        ..DEFAULT
+    });
+    let mut core = TensionLoop::at(10_000);
+    // A little under the limit of 15 N: the integral fills up to 4.9 N.
+    let short = Demand {
+        setpoint_mn: 10_000,
+        measured_mn: 9000,
+        ..Demand::default()
+    };
+    while core.update(&config, &short) > -299 {}
+    // The plan asks for more and gets too much: the integral must give way.
+    let over = Demand {
+        setpoint_mn: 12_000,
+        measured_mn: 13_000,
+        ..Demand::default()
+    };
+    let ticks = (0..5000).find(|_| {
+        core.update(&config, &over);
+        !core.saturated
+    });
+    // 1.9 N at 2 N/s per N of error.
+    assert!(ticks.unwrap() < 1100, "{ticks:?}");
+}
+
+#[test]
+fn nothing_overflows_at_the_ends_of_every_range() {
+    let wild = Gains {
+        law: 1,
+        kp_milli: 1_000_000,
+        kd_us: 10_000_000,
+        ki_milli: 10_000_000,
+        damping_mns_per_m: 100_000_000,
+        filter_mhz: 400_000,
+        force_per_ampere: 1,
+        max_current_ma: 32_000,
+    };
+    let config = config(&wild);
+    let mut core = TensionLoop::at(0);
+    let mut rng = Rng(2);
+    for tick in 0..5000 {
+        let high = tick % 2 == 0;
+        let demand = Demand {
+            setpoint_mn: if high { 10_000_000 } else { 0 },
+            measured_mn: rng.between(-33_000_000, 33_000_000) as i32,
+            planned_speed_umps: if high { i32::MAX } else { i32::MIN },
+            planned_acceleration_umps2: if high { i32::MIN } else { i32::MAX },
+            measured_speed_umps: if high { i32::MIN } else { i32::MAX },
+        };
+        assert!(core.update(&config, &demand).abs() <= 32_000);
+    }
+}

@@ -1,0 +1,301 @@
+//! Every detector fires at its bound and not a tick before: first alone, then through the board.
+
+use crate::support::{Bench, adc_of};
+use mcdpr_firmware::tension::{ADC_RAIL_HIGH, ADC_RAIL_LOW};
+use mcdpr_firmware::watch::{CableView, CableWatch, Persist};
+use mcdpr_firmware::{Brake, Inputs, State};
+use mcdpr_protocol::FaultId;
+
+fn healthy(tick: u32) -> CableView {
+    CableView {
+        adc: 20_000 + (tick % 2) as u16,
+        tension_mn: 10_000,
+        floor_mn: 500,
+        ceiling_mn: 35_000,
+        length_error_max: 10_000,
+        feedback_timeout_ms: 10,
+        ..CableView::default()
+    }
+}
+
+/// Ticks of a condition until its fault, after a time of health; the first tick counts as 1.
+fn ticks_until(change: fn(&mut CableView)) -> (u32, FaultId, i32, i32) {
+    let mut watch = CableWatch::default();
+    for tick in 0..500 {
+        assert_eq!(watch.update(&healthy(tick)), None, "healthy");
+    }
+    for tick in 1..=500 {
+        let mut view = healthy(tick);
+        change(&mut view);
+        if let Some((fault, value, limit)) = watch.update(&view) {
+            return (tick, fault, value, limit);
+        }
+    }
+    panic!("never");
+}
+
+#[test]
+fn c1_slack_fires_after_20_ticks() {
+    assert_eq!(
+        ticks_until(|v| v.tension_mn = 499),
+        (20, FaultId::C1, 499, 500)
+    );
+}
+
+#[test]
+fn c2_over_tension_fires_after_2_ticks() {
+    assert_eq!(
+        ticks_until(|v| v.tension_mn = 35_001),
+        (2, FaultId::C2, 35_001, 35_000)
+    );
+}
+
+#[test]
+fn s7_an_open_sensor_fires_after_5_ticks_and_is_no_over_tension() {
+    let open = ticks_until(|v| {
+        v.adc = ADC_RAIL_HIGH;
+        v.tension_mn = 39_000;
+    });
+    assert_eq!((open.0, open.1), (5, FaultId::S7));
+}
+
+#[test]
+fn s8_a_shorted_sensor_fires_after_5_ticks_and_is_no_slack() {
+    let short = ticks_until(|v| {
+        v.adc = ADC_RAIL_LOW;
+        v.tension_mn = -2500;
+    });
+    assert_eq!((short.0, short.1), (5, FaultId::S8));
+}
+
+#[test]
+fn s11_a_frozen_reading_fires_after_10_repetitions() {
+    // The healthy reading of tick 499 is 20001: the first frozen one repeats it.
+    assert_eq!(ticks_until(|v| v.adc = 20_001).0, 10);
+    assert_eq!(ticks_until(|v| v.adc = 20_001).1, FaultId::S11);
+}
+
+#[test]
+fn d4_saturation_fires_after_100_ticks() {
+    assert_eq!(
+        ticks_until(|v| v.saturated = true),
+        (100, FaultId::D4, 100, 100)
+    );
+}
+
+#[test]
+fn s2_and_d7_fire_after_20_ticks_beyond_a_millimetre_and_tell_encoder_from_drive() {
+    let stuck = ticks_until(|v| v.length_error = -10_001);
+    assert_eq!(stuck, (20, FaultId::S2, -1000, 1000));
+    let dead = ticks_until(|v| {
+        v.length_error = 10_001;
+        v.motor_error = 5001;
+    });
+    assert_eq!((dead.0, dead.1), (20, FaultId::D7));
+    let farthest = ticks_until(|v| {
+        v.length_error = i32::MIN;
+        v.motor_error = i32::MIN;
+    });
+    assert_eq!((farthest.0, farthest.1), (20, FaultId::D7));
+}
+
+#[test]
+fn d2_and_d3_fire_at_once() {
+    assert_eq!(ticks_until(|v| v.drive_fault = true).0, 1);
+    let lost = ticks_until(|v| v.feedback_age_ms = 10);
+    assert_eq!(lost, (1, FaultId::D3, 10, 10));
+}
+
+#[test]
+fn at_its_limit_nothing_fires() {
+    let mut watch = CableWatch::default();
+    for tick in 0..1000 {
+        let view = CableView {
+            tension_mn: if tick < 500 { 500 } else { 35_000 },
+            length_error: 10_000,
+            motor_error: 10_000,
+            feedback_age_ms: 9,
+            ..healthy(tick)
+        };
+        assert_eq!(watch.update(&view), None);
+    }
+}
+
+#[test]
+fn a_gap_of_one_tick_starts_the_count_again() {
+    let mut persist = Persist::default();
+    for _ in 0..10 {
+        for tick in 1..20 {
+            assert!(!persist.update(true, 20), "{tick}");
+        }
+        assert!(!persist.update(false, 20));
+    }
+    let mut long = Persist::default();
+    for _ in 0..70_000 {
+        long.update(true, 100);
+    }
+    assert!(long.update(true, 100), "the counter saturates");
+}
+
+/// Ticks from a tampered input in motion to the latched fault, and the state of that tick.
+fn ticks_in_motion(tamper: fn(&mut Inputs<4>)) -> (u32, FaultId, u8, State) {
+    let mut bench = Bench::moving(4000, 500);
+    assert_eq!(bench.fault(), None);
+    bench.tamper = tamper;
+    for tick in 1..=300 {
+        bench.step();
+        if let Some(record) = bench.server.controller().fault() {
+            assert_eq!(record.tick, bench.now);
+            return (tick, record.fault, record.cable, bench.state());
+        }
+    }
+    panic!("never");
+}
+
+#[test]
+fn detections_reach_every_axis_in_the_tick_of_their_bound() {
+    let cases: [(fn(&mut Inputs<4>), u32, FaultId, u8); 6] = [
+        (
+            |i| i.tension_adc[1] = adc_of(100) + i.encoders[0] % 5,
+            20,
+            FaultId::C1,
+            2,
+        ),
+        (
+            |i| i.tension_adc[2] = adc_of(36_000) + i.encoders[0] % 5,
+            2,
+            FaultId::C2,
+            3,
+        ),
+        (|i| i.tension_adc[3] = 65_520, 5, FaultId::S7, 4),
+        (|i| i.tension_adc[0] = 0, 5, FaultId::S8, 1),
+        (|i| i.drives[1].fault = true, 1, FaultId::D2, 2),
+        (|i| i.drives[2].age_ms = 10, 1, FaultId::D3, 3),
+    ];
+    for (tamper, ticks, fault, cable) in cases {
+        assert_eq!(
+            ticks_in_motion(tamper),
+            (ticks, fault, cable, State::Stopping)
+        );
+    }
+}
+
+#[test]
+fn s11_a_frozen_sensor_stops_the_motion_ten_ticks_after_its_last_new_sample() {
+    let (ticks, fault, cable, state) = ticks_in_motion(|i| i.tension_adc[1] = 20_123);
+    // The first frozen sample is new; the next ten repeat it.
+    assert_eq!(
+        (ticks, fault, cable, state),
+        (11, FaultId::S11, 2, State::Stopping)
+    );
+}
+
+#[test]
+fn s2_a_stuck_encoder_stops_within_20_ticks_of_a_millimetre_of_commanded_motion() {
+    let (ticks, fault, cable, _) = ticks_in_motion(|i| i.encoders[0] = 0x1234);
+    // At 20 mm/s a millimetre takes 50 ms; the jump to the stuck value is rejected twice.
+    assert!(matches!(fault, FaultId::S2 | FaultId::S6), "{fault:?}");
+    assert_eq!(cable, 1);
+    assert!(ticks <= 70, "{ticks}");
+}
+
+#[test]
+fn s6_an_encoder_that_jumps_three_times_stops_the_motion_and_its_reference_is_gone() {
+    let mut bench = Bench::moving(4000, 500);
+    bench.tamper = |i| i.encoders[2] = i.encoders[2].wrapping_add(20_000);
+    bench.run(2);
+    assert_eq!(bench.fault(), None);
+    bench.step();
+    assert_eq!(bench.fault(), Some(FaultId::S6));
+    assert!(!bench.status().referenced, "lengths are guesses now");
+}
+
+#[test]
+fn d3_a_lost_drives_brake_closes_at_once_and_stays_closed_when_the_drive_comes_back() {
+    for tamper in [
+        (|i: &mut Inputs<4>| i.drives[1].age_ms = 10) as fn(&mut Inputs<4>),
+        |i| i.drives[1].fault = true,
+    ] {
+        let mut bench = Bench::moving(4000, 500);
+        bench.tamper = tamper;
+        let outputs = bench.step();
+        assert_eq!(outputs.brakes[1], Brake::Closed);
+        assert_eq!(
+            outputs.brakes[0],
+            Brake::Open,
+            "the others decelerate first"
+        );
+        bench.tamper = |_| {};
+        while bench.state() == State::Stopping {
+            assert_eq!(bench.step().brakes[1], Brake::Closed);
+        }
+        assert_eq!(bench.state(), State::Fault);
+    }
+}
+
+#[test]
+fn one_braked_axis_does_not_blind_the_watch_over_the_others() {
+    let mut bench = Bench::moving(4000, 500);
+    bench.tamper = |i| i.drives[1].age_ms = 10;
+    bench.step();
+    bench.tamper = |i| {
+        i.drives[1].age_ms = 11;
+        i.tension_adc[0] = adc_of(100);
+    };
+    bench.run(3);
+    assert_eq!(bench.state(), State::Stopping);
+    assert!(
+        bench
+            .status()
+            .limits
+            .contains(mcdpr_protocol::Limit::CableSlack)
+    );
+}
+
+#[test]
+fn s8_a_shorted_sensor_never_raises_the_current_of_a_tension_held_cable() {
+    for stuck in [0_u16, 65_520] {
+        let mut bench = Bench::moving(4000, 500);
+        let current = |bench: &Bench| match bench.outputs.drives[3] {
+            mcdpr_firmware::DriveDemand::Current { ma } => ma,
+            _ => 0,
+        };
+        let before = current(&bench);
+        assert_ne!(before, 0);
+        bench.tamper = if stuck == 0 {
+            |i| i.tension_adc[3] = 0
+        } else {
+            |i| i.tension_adc[3] = 65_520
+        };
+        for _ in 0..600 {
+            bench.step();
+            assert!(
+                current(&bench).abs() <= before.abs(),
+                "{} {before}",
+                current(&bench)
+            );
+        }
+    }
+}
+
+#[test]
+fn p5_one_late_tick_is_counted_and_two_in_a_row_stop() {
+    let mut bench = Bench::moving(4000, 500);
+    bench.tamper = |i| i.overrun = true;
+    bench.step();
+    assert_eq!(bench.fault(), None);
+    bench.tamper = |_| {};
+    bench.run(5);
+    bench.tamper = |i| i.overrun = true;
+    bench.run(2);
+    assert_eq!(
+        (bench.fault(), bench.state()),
+        (Some(FaultId::P5), State::Stopping)
+    );
+    assert_eq!(bench.status().tick_overruns, 3);
+    // Late ticks are counted whatever the state.
+    let mut idle = Bench::ready();
+    idle.tamper = |i| i.overrun = true;
+    idle.run(4);
+    assert_eq!(idle.status().tick_overruns, 4);
+}
