@@ -9,6 +9,7 @@
 //! | [`report`] | figures, plots and files of a run |
 //! | [`run`] | running a plan on a board |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
+//! | [`units`] | numbers with units as people type them |
 //! | [`cli`] | the command line |
 
 pub mod cli;
@@ -19,3 +20,4 @@ pub mod motion;
 pub mod report;
 pub mod robot;
 pub mod run;
+pub mod units;

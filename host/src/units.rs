@@ -59,7 +59,13 @@ impl Quantity {
         let text = text.trim();
         let (number, unit) = text.split_at(number_length(text));
         let unit = unit.trim_start();
-        let known = || units.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
+        let known = || {
+            units
+                .iter()
+                .map(|(name, _)| *name)
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
         let value: f64 = number.parse().map_err(|_| UnitError::NotANumber {
             text: text.to_owned(),
             quantity: name,
@@ -188,7 +194,9 @@ mod tests {
 
     #[test]
     fn anything_else_is_refused() {
-        for text in ["", "m", "nan", "inf", "-", ".", "1e", "1.2.3", "5deg", "5 m m", "0x10"] {
+        for text in [
+            "", "m", "nan", "inf", "-", ".", "1e", "1.2.3", "5deg", "5 m m", "0x10",
+        ] {
             assert!(Quantity::Length.parse(text).is_err(), "{text}");
         }
         assert!(matches!(
@@ -196,6 +204,9 @@ mod tests {
             Err(UnitError::NotFinite { .. })
         ));
         let message = Quantity::Angle.parse("3mm").unwrap_err().to_string();
-        assert!(message.contains("`mm`") && message.contains("deg, rad"), "{message}");
+        assert!(
+            message.contains("`mm`") && message.contains("deg, rad"),
+            "{message}"
+        );
     }
 }

@@ -11,6 +11,7 @@ macro_rules! say {
 }
 
 mod clear;
+mod compute;
 mod demo;
 mod ports;
 mod progress;
@@ -72,6 +73,10 @@ enum Command {
     Demo(demo::Cmd),
     Run(run::Cmd),
     Clear(clear::Cmd),
+    Ik(compute::ik::Cmd),
+    Fk(compute::fk::Cmd),
+    Statics(compute::statics::Cmd),
+    Workspace(compute::workspace::Cmd),
     Sim(sim::Cmd),
     Ports(ports::Cmd),
     States(states::Cmd),
@@ -91,6 +96,10 @@ pub fn main() -> ExitCode {
         Command::Demo(cmd) => cmd.run(common),
         Command::Run(cmd) => cmd.run(common),
         Command::Clear(cmd) => cmd.run(common),
+        Command::Ik(cmd) => cmd.run(common),
+        Command::Fk(cmd) => cmd.run(common),
+        Command::Statics(cmd) => cmd.run(common),
+        Command::Workspace(cmd) => cmd.run(common),
         Command::Sim(cmd) => cmd.run(common),
         Command::Ports(cmd) => cmd.run(common),
         Command::States(cmd) => cmd.run(common),

@@ -1,7 +1,7 @@
 //! `--batch`: JSON lines on standard input, one result per line on standard output.
 
-use super::error::{ComputeError, LinesFailed};
 use super::super::{Failed, Outcome};
+use super::error::{ComputeError, LinesFailed};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -94,8 +94,11 @@ fn skip_line(input: &mut impl BufRead) -> io::Result<()> {
 
 /// One line as a question, or why it is none.
 fn parse<Q: DeserializeOwned>(line: &[u8]) -> Result<Q, String> {
-    if line.trim_ascii().is_empty() {
-        return Err("the line is empty; write one JSON object per line".to_owned());
+    // A list would be read as the object's values in order: too easily a mistake.
+    match line.trim_ascii_start().first() {
+        Some(b'{') => {}
+        Some(_) => return Err("the line is no JSON object; write one per line".to_owned()),
+        None => return Err("the line is empty; write one JSON object per line".to_owned()),
     }
     serde_json::from_slice(line).map_err(|error| {
         let message = error.to_string();
@@ -135,8 +138,18 @@ mod tests {
             assert_eq!(lines.len(), 5);
             assert_eq!((lines[0], lines[4]), ("2.0", "6.0"));
             assert!(lines[1].contains("\"line\":2") && lines[2].contains("\"line\":3"));
-            assert!(lines[3].contains("`why`") && lines[3].contains("\"line\":4"), "{}", lines[3]);
-            assert_eq!(tally, Tally { lines: 5, failed: 3 });
+            assert!(
+                lines[3].contains("`why`") && lines[3].contains("\"line\":4"),
+                "{}",
+                lines[3]
+            );
+            assert_eq!(
+                tally,
+                Tally {
+                    lines: 5,
+                    failed: 3
+                }
+            );
         }
     }
 
@@ -147,6 +160,12 @@ mod tests {
         let lines: Vec<_> = output.lines().collect();
         assert!(lines[0].contains("longer than"), "{}", lines[0]);
         assert_eq!(lines[1], "8.0");
-        assert_eq!(tally, Tally { lines: 2, failed: 1 });
+        assert_eq!(
+            tally,
+            Tally {
+                lines: 2,
+                failed: 1
+            }
+        );
     }
 }

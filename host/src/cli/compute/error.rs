@@ -1,8 +1,8 @@
 //! Why a computation was refused.
 
 use crate::units::UnitError;
-use miette::Diagnostic;
 use mcdpr_kinematics::Error;
+use miette::Diagnostic;
 
 /// Why there is no answer. Cables are counted from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -13,23 +13,23 @@ pub(crate) enum ComputeError {
     Kinematics(#[from] Error),
     /// The robot's cables hold it in one plane only.
     #[error(
-        "{source}. All anchors and attachments of this robot lie in one vertical plane: its cables \
-         fix neither its place across that plane nor its attitude, so of the four computations only \
-         `mcdpr ik` has an answer"
+        "this robot is planar: all anchors and attachments lie in one vertical plane, so its cables \
+         fix neither its place across that plane nor its attitude, and of the four computations only \
+         `mcdpr ik` has an answer ({refusal})"
     )]
     #[diagnostic(code(mcdpr::compute))]
     Planar {
         /// What the mathematics said.
-        source: Error,
+        refusal: Error,
     },
     /// A text is no number with a unit.
-    #[error("{what}: {source}")]
+    #[error("{what}: {wrong}")]
     #[diagnostic(code(mcdpr::compute))]
     Quantity {
         /// The argument.
         what: &'static str,
         /// What is wrong with it.
-        source: UnitError,
+        wrong: UnitError,
     },
     /// A list has the wrong number of entries.
     #[error("{what}: {got} given, {expected} needed")]
@@ -41,15 +41,6 @@ pub(crate) enum ComputeError {
         expected: String,
         /// Number given.
         got: usize,
-    },
-    /// A key of a batch line is missing.
-    #[error("the key `{key}` is missing: {needed}")]
-    #[diagnostic(code(mcdpr::compute))]
-    Missing {
-        /// The key.
-        key: &'static str,
-        /// What it must hold.
-        needed: &'static str,
     },
     /// A `CABLE=FORCE` is none.
     #[error("--tension {text}: write CABLE=FORCE, such as 4=10 or 4=10N")]

@@ -127,7 +127,13 @@ mod tests {
         assert_eq!(by.tensions_n[3], Some(10.0));
         assert_eq!(by.tensions_n[0], Some(2.5));
         assert_eq!(by.tensions_n[1], None);
-        for bad in [r#"{"0": 1}"#, r#"{"17": 1}"#, r#"{"a": 1}"#, r#"{"4": 1, "4": 2}"#, "[1]"] {
+        for bad in [
+            r#"{"0": 1}"#,
+            r#"{"17": 1}"#,
+            r#"{"a": 1}"#,
+            r#"{"4": 1, "4": 2}"#,
+            "[1]",
+        ] {
             assert!(serde_json::from_str::<ByCable>(bad).is_err(), "{bad}");
         }
     }

@@ -1,0 +1,225 @@
+//! `mcdpr statics`: how the platform hangs at a place, and with which tensions.
+
+use super::super::table::lay_out;
+use super::super::{Common, Outcome, write_out};
+use super::error::ComputeError;
+use super::fk::{held_in_words, say_rest};
+use super::lists::{ByCable, List};
+use super::{Subject, UNITS, batch, conclude, say_pose, triple};
+use crate::units::Quantity;
+use mcdpr_kinematics::{
+    AnyGoal, Balance, CableSet, CableVec, Equilibrium, EquilibriumGuess, Error, Pose,
+    StaticOptions, rotation_from_rpy,
+};
+use nalgebra::{Vector3, Vector6};
+use serde::{Deserialize, Serialize};
+
+/// Attitude, lengths and tensions at equilibrium, for a place and the tension-held cables' tensions
+#[derive(Debug, clap::Args)]
+#[command(after_help = UNITS)]
+pub(in super::super) struct Cmd {
+    /// Position of the platform's origin (of the tool with --tool), world frame
+    #[arg(allow_hyphen_values = true, required_unless_present = "batch")]
+    x: Option<String>,
+    /// Its y
+    #[arg(allow_hyphen_values = true, required_unless_present = "batch")]
+    y: Option<String>,
+    /// Its z
+    #[arg(allow_hyphen_values = true, required_unless_present = "batch")]
+    z: Option<String>,
+    /// This cable is held at this tension; without any: those of the robot file at its set-point
+    #[arg(long = "tension", value_name = "CABLE=FORCE")]
+    tensions: Vec<String>,
+    /// The position is that of the tool (TCP)
+    #[arg(long)]
+    tool: bool,
+    /// The attitude, where six or more length-held cables let it be chosen; level if left out
+    #[arg(long, num_args = 3, value_names = ["RX", "RY", "RZ"], allow_hyphen_values = true)]
+    attitude: Option<Vec<String>>,
+    /// Answer JSON lines {"position_m":[x,y,z],"tensions_n":{"4":10.0}} from standard input
+    #[arg(long, conflicts_with = "x")]
+    batch: bool,
+}
+
+/// A batch line.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Question {
+    position_m: [f64; 3],
+    tensions_n: Option<ByCable>,
+    attitude_rad: Option<[f64; 3]>,
+}
+
+/// The result, SI.
+#[derive(Debug, Serialize)]
+struct Answer {
+    attitude_rad: [f64; 3],
+    lengths_m: List<f64>,
+    tensions_n: List<f64>,
+    stable: bool,
+    modes_hz: List<f64>,
+    #[serde(skip)]
+    pose: Pose,
+}
+
+impl Cmd {
+    pub(in super::super) fn run(&self, common: &Common) -> Outcome {
+        let prepared = Subject::find(common).and_then(|subject| {
+            let attitude = self.attitude.as_deref();
+            let attitude = attitude
+                .map(|texts| triple("--attitude", Quantity::Angle, texts))
+                .transpose()?;
+            let tensions = subject.tensions_or_own(&self.tensions)?;
+            Ok((subject, attitude, tensions))
+        });
+        let (subject, attitude, tensions) = match prepared {
+            Ok(prepared) => prepared,
+            Err(error) => return conclude::<Answer>(common, Err(error), |_| {}),
+        };
+        let solve = |place: [f64; 3], tensions: &[Option<f64>], attitude| {
+            solve(&subject, &place.into(), self.tool, tensions, attitude)
+        };
+        if self.batch {
+            return batch::run(|question: Question| {
+                let tensions = match &question.tensions_n {
+                    Some(by_cable) => subject.tensions_of_line(by_cable)?,
+                    None => tensions,
+                };
+                solve(
+                    question.position_m,
+                    &tensions,
+                    question.attitude_rad.or(attitude),
+                )
+            });
+        }
+        let words: Vec<_> = [&self.x, &self.y, &self.z]
+            .into_iter()
+            .flatten()
+            .cloned()
+            .collect();
+        let answer = triple("position", Quantity::Length, &words)
+            .and_then(|place| solve(place, &tensions, attitude));
+        conclude(common, answer.map_err(Into::into), |answer| {
+            show(&subject, answer, &tensions);
+        })
+    }
+}
+
+/// Equilibrium with the platform's origin or the tool at a place (world, m).
+fn solve(
+    subject: &Subject,
+    place_m: &Vector3<f64>,
+    tool: bool,
+    tensions_n: &[Option<f64>],
+    attitude_rad: Option<[f64; 3]>,
+) -> Result<Answer, ComputeError> {
+    let held = tensions_n.iter().filter(|t| t.is_none()).count();
+    let geometry = &subject.geometry;
+    let point = subject.point(tool);
+    let found = match held {
+        3 if attitude_rad.is_some() => return Err(ComputeError::AttitudeFollows),
+        3 => geometry.equilibrium_at(
+            &point,
+            place_m,
+            tensions_n,
+            EquilibriumGuess::Cold,
+            &StaticOptions::default(),
+        ),
+        6.. => {
+            let rotation = rotation_from_rpy(attitude_rad.unwrap_or([0.0; 3]));
+            let pose = Pose::new(place_m - rotation * point, rotation);
+            distributed(subject, &pose, tensions_n)
+        }
+        _ => return Err(subject.length_held(held)),
+    };
+    let refused = |error| subject.refused(error);
+    let found = found.map_err(refused)?;
+    let stability = geometry.stability(&found).map_err(refused)?;
+    Ok(Answer {
+        attitude_rad: found.pose.rpy(),
+        lengths_m: List(found.lengths_m),
+        tensions_n: List(found.tensions_n),
+        stable: stability.stable,
+        modes_hz: List(stability.modes_hz),
+        pose: found.pose,
+    })
+}
+
+/// Tensions for a chosen pose: within the robot's limits, nearest to their middle, those of
+/// `tensions_n` as given. The cables are elastic, or nothing could vibrate.
+fn distributed(
+    subject: &Subject,
+    pose: &Pose,
+    tensions_n: &[Option<f64>],
+) -> Result<Equilibrium, Error> {
+    let limits = &subject.robot.limits;
+    let given = |i: usize| tensions_n.get(i).copied().flatten();
+    let bound = |limit: f64| CableVec::from_fn(tensions_n.len(), |i| given(i).unwrap_or(limit));
+    let tensions = subject.geometry.distribute(
+        pose,
+        &Vector6::zeros(),
+        Balance::Wrench,
+        &bound(limits.tension_min_n),
+        &bound(limits.tension_max_n),
+        AnyGoal::Middle,
+    )?;
+    let lengths_m = subject.geometry.lengths_m(pose)?;
+    let mut tension_held = CableSet::default();
+    for index in (0..tensions_n.len()).filter(|&i| given(i).is_some()) {
+        tension_held.insert(index);
+    }
+    let axial = |i: usize| {
+        let cable = subject.robot.cables.get(i)?;
+        let length_m = lengths_m.get(i)? + cable.routing_length_m;
+        given(i).is_none().then(|| cable.ea_n / length_m)
+    };
+    Ok(Equilibrium {
+        pose: *pose,
+        tensions_n: tensions,
+        lengths_m,
+        slack: CableSet::default(),
+        tension_held,
+        axial_stiffness_n_per_m: CableVec::from_fn(tensions_n.len(), |i| axial(i).unwrap_or(0.0)),
+        residual_n: 0.0,
+        residual_m: 0.0,
+        iterations: 0,
+        stable: false,
+    })
+}
+
+fn show(subject: &Subject, answer: &Answer, tensions_n: &[Option<f64>]) {
+    say_pose(subject, &answer.pose);
+    let limits = &subject.robot.limits;
+    say_cables(
+        &answer.lengths_m.0,
+        &answer.tensions_n.0,
+        |index| match answer.tensions_n.0.get(index) {
+            Some(&t) if t < limits.tension_min_n => "below its limit",
+            Some(&t) if t > limits.tension_max_n => "over its limit",
+            _ => held_in_words(tensions_n, index),
+        },
+    );
+    say_rest(answer.stable, &answer.modes_hz.0);
+}
+
+/// A table of the cables.
+pub(super) fn say_cables(
+    lengths_m: &[f64],
+    tensions_n: &[f64],
+    note: impl Fn(usize) -> &'static str,
+) {
+    let mut rows = vec![
+        ["cable", "length, mm", "tension, N", ""]
+            .map(str::to_owned)
+            .to_vec(),
+    ];
+    for (index, (length, tension)) in lengths_m.iter().zip(tensions_n).enumerate() {
+        rows.push(vec![
+            (index + 1).to_string(),
+            format!("{:.4}", length * 1e3),
+            format!("{tension:.4}"),
+            note(index).to_owned(),
+        ]);
+    }
+    write_out(&lay_out(&rows));
+}
