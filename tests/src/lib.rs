@@ -1,1 +1,28 @@
-//! System tests across the crates.
+//! What the system tests share. The tests themselves are in `tests/tests`.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+/// The real `mcdpr` program, from the build that the tests are part of.
+///
+/// # Panics
+/// Where it was not built: a test that can not start the program must not pass.
+#[must_use]
+pub fn mcdpr() -> Command {
+    let path = program();
+    assert!(
+        path.is_file(),
+        "{} is not there: run `cargo xtask test`, or build the program first with \
+         `cargo build --release -p mcdpr`",
+        path.display()
+    );
+    Command::new(path)
+}
+
+fn program() -> PathBuf {
+    // target/PROFILE/deps/TEST next to target/PROFILE/mcdpr
+    let mut path = std::env::current_exe().unwrap_or_default();
+    path.pop();
+    path.pop();
+    path.join(format!("mcdpr{}", std::env::consts::EXE_SUFFIX))
+}

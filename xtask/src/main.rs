@@ -1,2 +1,91 @@
-//! Project chores.
-fn main() {}
+//! Chores of the project: `cargo xtask test`, `cargo xtask ci`, `cargo xtask firmware`.
+
+mod firmware;
+
+use std::process::{Command, ExitCode};
+
+const USAGE: &str = "usage: cargo xtask COMMAND
+
+test        every test: host crates, system tests with the real program, the firmware's contracts
+firmware    build the firmware and check its size and that it needs no floating point
+ci          formatting, lints, documentation, then test";
+
+fn main() -> ExitCode {
+    let outcome = match std::env::args().nth(1).as_deref() {
+        Some("test") => test(),
+        Some("firmware") => firmware::build_and_check(),
+        Some("ci") => ci(),
+        Some("help" | "--help" | "-h") => {
+            println!("{USAGE}");
+            Ok(())
+        }
+        _ => Err(USAGE.to_owned()),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("{message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn test() -> Result<(), String> {
+    // The system tests start the program itself, so it must be there before they run.
+    cargo(&["build", "--release", "--locked", "-p", "mcdpr"])?;
+    cargo(&[
+        "test",
+        "--release",
+        "--locked",
+        "--workspace",
+        "--features",
+        FEATURES,
+    ])?;
+    firmware::build_and_check()
+}
+
+/// Features that are off by default and tested all the same.
+const FEATURES: &str = "mcdpr-kinematics/rayon";
+
+fn ci() -> Result<(), String> {
+    cargo(&["fmt", "--all", "--check"])?;
+    cargo(&[
+        "clippy",
+        "--locked",
+        "--workspace",
+        "--all-targets",
+        "--features",
+        FEATURES,
+        "--",
+        "-D",
+        "warnings",
+    ])?;
+    firmware::lint()?;
+    run(Command::new(cargo_program())
+        .args(["doc", "--locked", "--workspace", "--no-deps"])
+        .env("RUSTDOCFLAGS", "-D warnings"))?;
+    test()
+}
+
+/// Runs cargo with these arguments in the workspace.
+fn cargo(arguments: &[&str]) -> Result<(), String> {
+    run(Command::new(cargo_program()).args(arguments))
+}
+
+fn cargo_program() -> String {
+    std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned())
+}
+
+fn run(command: &mut Command) -> Result<(), String> {
+    let words: Vec<_> = command
+        .get_args()
+        .map(|word| word.to_string_lossy())
+        .collect();
+    let line = format!("cargo {}", words.join(" "));
+    eprintln!("xtask: {line}");
+    match command.status() {
+        Ok(status) if status.success() => Ok(()),
+        Ok(status) => Err(format!("xtask: `{line}` failed: {status}")),
+        Err(error) => Err(format!("xtask: `{line}` can not be started: {error}")),
+    }
+}
