@@ -429,3 +429,61 @@ fn what_a_board_tells_about_itself() {
         })
     );
 }
+
+/// Requests from random bytes that happen to be some; the session and the number are right.
+fn random_requests(seed: u64, count: usize) -> Vec<Request> {
+    let mut rng = crate::support::Rng(seed);
+    let mut all = vec![];
+    while all.len() < count {
+        let length = rng.between(1, 60) as usize;
+        let mut bytes: Vec<u8> = (0..length).map(|_| rng.next() as u8).collect();
+        bytes[0] = rng.between(0, 18) as u8;
+        // Small numbers are the plausible ones.
+        if rng.next().is_multiple_of(2) {
+            bytes[1..].iter_mut().for_each(|byte| *byte &= 0x07);
+        }
+        let longest = (1..=length).rev();
+        let mut decoded = longest.filter_map(|n| mcdpr_protocol::message::decode(&bytes[..n]));
+        all.extend(decoded.next());
+    }
+    all
+}
+
+#[test]
+fn l8_random_requests_with_valid_checksums_never_enable_a_board_without_configuration() {
+    let mut bench = Bench::new();
+    bench.step();
+    bench.open();
+    let mut armed = 0;
+    for (k, request) in random_requests(1, 100_000).into_iter().enumerate() {
+        if request == Request::Close {
+            continue;
+        }
+        armed += usize::from(matches!(request, Request::Arm { .. }));
+        let _ = bench.request(request);
+        if k % 8 == 0 {
+            bench.step();
+        }
+        assert!(!bench.any_torque() && bench.all_brakes(mcdpr_firmware::Brake::Closed));
+        assert!(!bench.server.controller().is_armed());
+    }
+    assert!(armed > 100, "{armed} of them asked to arm");
+}
+
+#[test]
+fn l8_random_requests_to_a_holding_robot_never_move_it_or_drop_it_but_by_a_stop() {
+    let mut bench = Bench::holding();
+    let at = bench.status().setpoints;
+    for (k, request) in random_requests(2, 100_000).into_iter().enumerate() {
+        if matches!(request, Request::Close | Request::Disarm | Request::Stop(_)) {
+            continue;
+        }
+        let _ = bench.request(request);
+        if k % 8 == 0 {
+            bench.step();
+        }
+        assert_eq!((bench.state(), bench.fault()), (State::Holding, None));
+        assert!(bench.all_brakes(mcdpr_firmware::Brake::Open));
+    }
+    assert_eq!(bench.status().setpoints, at);
+}
