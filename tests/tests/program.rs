@@ -1,0 +1,404 @@
+//! The real program as its user runs it: output, files, exit codes, bad input, two processes.
+
+use mcdpr_tests::mcdpr;
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// A folder that goes with the test.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("mcdpr-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn run(command: &mut Command) -> Output {
+    command.stdin(Stdio::null()).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// What a refused command must do: say why on standard error only, and fail.
+fn refused(command: &mut Command, code: i32, words: &[&str]) {
+    let output = run(command);
+    // The message is wrapped for reading; words may stand at a line's end.
+    let flat = text(&output.stderr).replace('│', " ");
+    let message = flat.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert_eq!(output.status.code(), Some(code), "{command:?}: {message}");
+    assert_eq!(text(&output.stdout), "", "{command:?}");
+    for word in words {
+        assert!(
+            message.contains(word),
+            "{command:?}: no \"{word}\" in: {message}"
+        );
+    }
+    assert!(
+        message.contains("help:"),
+        "{command:?}: no help in: {message}"
+    );
+}
+
+#[test]
+fn without_arguments_it_shows_the_circle_and_writes_its_folder() {
+    let folder = Folder::new("demo");
+    let output = run(mcdpr().current_dir(folder.path()));
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let shown = text(&output.stdout);
+    for word in [
+        "3.425 / 7.044",
+        "1.240 / 1.062 / 4.105",
+        "0.291",
+        "simulation",
+        "hardware",
+    ] {
+        assert!(shown.contains(word), "no {word} in: {shown}");
+    }
+    let runs: Vec<_> = std::fs::read_dir(folder.path().join("runs"))
+        .unwrap()
+        .collect();
+    assert_eq!(runs.len(), 1);
+    let run = runs[0].as_ref().unwrap().path();
+    let samples = std::fs::read_to_string(run.join("samples.csv")).unwrap();
+    let mut lines = samples.lines();
+    let columns = lines.next().unwrap().split(',').count();
+    assert_eq!(columns, 2 + 4 * 4 + 6);
+    assert!(lines.clone().count() > 11_000);
+    assert!(lines.all(|line| line.split(',').count() == columns));
+    let svg = std::fs::read_to_string(run.join("path.svg")).unwrap();
+    assert!(
+        svg.starts_with("<svg") && svg.matches("<polyline").count() >= 5,
+        "{svg:.200}"
+    );
+}
+
+#[test]
+fn the_demo_gives_one_json_document_with_si_keys() {
+    let folder = Folder::new("json");
+    let output = run(mcdpr()
+        .args(["demo", "--json", "--record"])
+        .arg(folder.path()));
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let number = |path: &str| document.pointer(path).and_then(Value::as_f64);
+    for (path, most) in [
+        ("/path_error_m/mean", 1e-3),
+        ("/path_error_m/max", 2e-3),
+        ("/cable_length_error_m/mean", 1e-3),
+        ("/cable_length_error_m/sd", 1e-3),
+        ("/cable_length_error_m/max", 2e-3),
+        ("/tension_error_n/mean_abs", 0.3),
+        ("/tension_error_n/max_abs", 3.0),
+        ("/as_described/path_error_m/mean", 1e-3),
+    ] {
+        let value = number(path).unwrap_or_else(|| panic!("no {path} in {document}"));
+        assert!(value > 0.0 && value < most, "{path}: {value}");
+    }
+    assert!(number("/realtime_factor").unwrap() > 1.0);
+    let run_folder = document["run_folder"].as_str().unwrap();
+    assert_eq!(Path::new(run_folder), folder.path());
+    let summary = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    assert_eq!(serde_json::from_str::<Value>(&summary).unwrap(), document);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_figures() {
+    let figures = |seed: &str| {
+        let folder = Folder::new(&format!("seed-{seed}"));
+        let output = run(mcdpr()
+            .args(["demo", "--json", "--seed", seed, "--record"])
+            .arg(folder.path()));
+        let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+        document["path_error_m"].to_string()
+    };
+    let first = figures("5");
+    assert_eq!(first, figures("5"));
+    assert_ne!(first, figures("6"));
+}
+
+#[test]
+fn bad_robot_files_are_refused_with_what_where_and_remedy() {
+    let folder = Folder::new("robots");
+    let robot = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    let good = std::fs::read_to_string(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/paper-table5.toml"),
+    )
+    .unwrap();
+    refused(
+        mcdpr().args(["--robot", "no-such-robot"]),
+        1,
+        &["no-such-robot", "paper-table5"],
+    );
+    let broken = robot("broken.toml", "name = \"x\nmass");
+    refused(mcdpr().args(["--robot", &broken]), 1, &["broken.toml"]);
+    let unknown = robot("unknown.toml", &good.replace("mass_kg", "mas_kg"));
+    refused(
+        mcdpr().args(["--robot", &unknown]),
+        1,
+        &["mas_kg", "mass_kg", "unknown.toml"],
+    );
+    let negative = robot(
+        "negative.toml",
+        &good.replace("mass_kg = 1.4", "mass_kg = -1.4"),
+    );
+    refused(
+        mcdpr().args(["--robot", &negative]),
+        1,
+        &["mass_kg", "-1.4"],
+    );
+    let nan = robot(
+        "nan.toml",
+        &good.replace("setpoint_n = 10", "setpoint_n = nan"),
+    );
+    refused(mcdpr().args(["--robot", &nan]), 1, &["setpoint_n"]);
+}
+
+#[test]
+fn bad_ports_and_tasks_are_refused_before_anything_moves() {
+    let folder = Folder::new("tasks");
+    let task = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    let missing = ["run", "paper:table7", "--on", "/dev/no-such-port"];
+    refused(
+        mcdpr().args(missing),
+        1,
+        &["/dev/no-such-port", "mcdpr ports"],
+    );
+    let file = folder.path().join("file");
+    std::fs::write(&file, "not a port").unwrap();
+    refused(
+        mcdpr().args(["run", "paper:table7", "--on"]).arg(&file),
+        1,
+        &["serial port"],
+    );
+    refused(
+        mcdpr().args(["run", "paper:table9"]),
+        1,
+        &["paper:table9", "paper:table7"],
+    );
+    // The paper's own height needs more tension than its sensors can tell.
+    refused(
+        mcdpr().args(["run", "paper:table7", "--z-mm", "24"]),
+        1,
+        &["can not hold its tool"],
+    );
+    let outside = task(
+        "outside.toml",
+        "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [900, 0, -180]\n",
+    );
+    refused(mcdpr().args(["run", &outside]), 1, &["(", "mm"]);
+    let nowhere = task(
+        "nowhere.toml",
+        "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [255, -105, -180]\n",
+    );
+    refused(mcdpr().args(["run", &nowhere]), 1, &["leg 1"]);
+    let fast = task(
+        "fast.toml",
+        "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [300, 0, -180]\nduration_s = 0.5\n",
+    );
+    refused(mcdpr().args(["run", &fast]), 1, &["speed"]);
+    let typo = task(
+        "typo.toml",
+        "start_mm = [255, -105, -180]\n[[leg]]\nto = [300, 0, -180]\n",
+    );
+    refused(
+        mcdpr().args(["run", &typo]),
+        1,
+        &["typo.toml", "`to`", "line 3"],
+    );
+    let nan = task(
+        "nan.toml",
+        "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [300, nan, -180]\n",
+    );
+    refused(mcdpr().args(["run", &nan]), 1, &["leg 1"]);
+}
+
+#[test]
+fn wrong_usage_has_its_own_exit_code() {
+    for arguments in [
+        &["--no-such-flag"][..],
+        &["nonsense"],
+        &["run"],
+        &["sim"],
+        &["--seed", "x"],
+    ] {
+        let output = run(mcdpr().args(arguments));
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_dry_run_judges_and_moves_nothing() {
+    let folder = Folder::new("dry");
+    let output = run(mcdpr().current_dir(folder.path()).args([
+        "run",
+        "paper:table8",
+        "--dry-run",
+        "--json",
+    ]));
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(document["duration_s"].as_f64().unwrap() > 500.0 / 45.0);
+    assert!(document["tension_min_n"].as_f64().unwrap() >= 1.0);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn every_state_and_event_is_in_the_printed_table() {
+    let output = run(mcdpr().args(["states", "--json"]));
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    for state in mcdpr_firmware::supervisor::STATES {
+        let row = &document[format!("{state:?}")];
+        assert!(
+            row["EStopPressed"].is_string() || row["EStopPressed"] == "stay",
+            "{state:?}"
+        );
+    }
+    assert_eq!(document["Holding"]["Start"], "Moving");
+    assert_eq!(document["Disarmed"]["Start"], Value::Null);
+    let shown = text(&run(mcdpr().arg("states")).stdout);
+    for event in mcdpr_firmware::supervisor::Event::ALL {
+        assert!(shown.contains(&format!("{event:?}")), "{event:?}");
+    }
+}
+
+/// `mcdpr sim --pty` in its own process; ended with the test.
+struct Simulator {
+    child: Child,
+    port: String,
+}
+
+impl Simulator {
+    fn start(scale: &str) -> Self {
+        let mut child = mcdpr()
+            .args(["sim", "--pty", "--json", "--time-scale", scale])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        let mut reader = BufReader::new(child.stdout.take().unwrap());
+        reader.read_line(&mut line).unwrap();
+        let document: Value = serde_json::from_str(&line).unwrap();
+        let port = document["port"].as_str().unwrap().to_owned();
+        Self { child, port }
+    }
+}
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A short task, so that a run in real time is short, too.
+fn short_task(folder: &Folder) -> String {
+    let path = folder.path().join("short.toml");
+    let text = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [285, -75, -180]\n\
+                [[leg]]\nto_mm = [255, -105, -180]\n";
+    std::fs::write(&path, text).unwrap();
+    path.display().to_string()
+}
+
+/// Whether a process has a file open; asking it this way does not get in its way.
+fn has_open(process: u32, file: &str) -> bool {
+    let descriptors = std::fs::read_dir(format!("/proc/{process}/fd"));
+    descriptors.is_ok_and(|mut entries| {
+        entries.any(|entry| {
+            let link = entry.and_then(|entry| std::fs::read_link(entry.path()));
+            link.is_ok_and(|target| target == Path::new(file))
+        })
+    })
+}
+
+/// One test, since each step needs the state that the one before leaves.
+#[test]
+#[cfg(target_os = "linux")]
+fn two_processes_share_a_serial_device_and_a_killed_host_is_survived() {
+    let folder = Folder::new("pty");
+    let task = short_task(&folder);
+    let simulator = Simulator::start("1");
+    let port = simulator.port.as_str();
+    let record = folder.path().join("run");
+    let output = run(mcdpr()
+        .args(["run", &task, "--on", port, "--json", "--record"])
+        .arg(&record));
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    // Nobody but the simulator knows where the tool truly was; the host must not pretend to.
+    assert_eq!(document["path_error_m"], Value::Null);
+    assert!(document["cable_length_error_m"]["max"].as_f64().unwrap() < 2e-3);
+    assert!(document["tension_error_n"]["mean_abs"].as_f64().unwrap() < 0.5);
+
+    // While one program has the port, another is refused; then the first is killed.
+    let mut first = mcdpr()
+        .args(["run", &task, "--on", port, "--record"])
+        .arg(&record)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let deadline = Instant::now() + Duration::from_secs(10);
+    while !has_open(first.id(), port) {
+        assert!(Instant::now() < deadline, "the port was never opened");
+        assert!(first.try_wait().unwrap().is_none(), "the run was refused");
+        std::thread::yield_now();
+    }
+    refused(mcdpr().args(["clear", "--on", port]), 1, &["taken by another program"]);
+    // Drives need a second to enable; the motion is under way when the host dies.
+    let moving = Instant::now() + Duration::from_millis(2500);
+    while Instant::now() < moving {
+        assert!(
+            first.try_wait().unwrap().is_none(),
+            "the run ended too early"
+        );
+        std::thread::yield_now();
+    }
+    first.kill().unwrap();
+    first.wait().unwrap();
+
+    // The board stopped by itself and says why; it moves again only after a clear.
+    let refused_run = || run(mcdpr().args(["run", &task, "--on", port]));
+    let output = refused_run();
+    assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stderr).contains("L10"),
+        "{}",
+        text(&output.stderr)
+    );
+    let output = run(mcdpr().args(["clear", "--on", port]));
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("L10"));
+    let output = run(mcdpr()
+        .args(["run", &task, "--on", port, "--record"])
+        .arg(&record));
+    assert!(output.status.success(), "{}", text(&output.stderr));
+}
