@@ -1,4 +1,4 @@
-//! Chores of the project: `cargo xtask test`, `cargo xtask ci`, `cargo xtask firmware`.
+//! Chores of the project: `cargo xtask test`, `cargo xtask lint`, `cargo xtask firmware`.
 
 mod firmware;
 
@@ -8,13 +8,13 @@ const USAGE: &str = "usage: cargo xtask COMMAND
 
 test        every test: host crates, system tests with the real program, the firmware's contracts
 firmware    build the firmware and check its size and that it needs no floating point
-ci          formatting, lints, documentation, then test";
+lint        formatting, lints and documentation, warnings denied";
 
 fn main() -> ExitCode {
     let outcome = match std::env::args().nth(1).as_deref() {
         Some("test") => test(),
         Some("firmware") => firmware::build_and_check(),
-        Some("ci") => ci(),
+        Some("lint") => lint(),
         Some("help" | "--help" | "-h") => {
             println!("{USAGE}");
             Ok(())
@@ -47,7 +47,7 @@ fn test() -> Result<(), String> {
 /// Features that are off by default and tested all the same.
 const FEATURES: &str = "mcdpr-kinematics/rayon";
 
-fn ci() -> Result<(), String> {
+fn lint() -> Result<(), String> {
     cargo(&["fmt", "--all", "--check"])?;
     cargo(&[
         "clippy",
