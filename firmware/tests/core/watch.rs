@@ -299,3 +299,69 @@ fn p5_one_late_tick_is_counted_and_two_in_a_row_stop() {
     idle.run(4);
     assert_eq!(idle.status().tick_overruns, 4);
 }
+
+/// A standing motion with one residual row: a quarter of a µm per mN of cable 2, limit 500 µm.
+fn with_a_row() -> Bench {
+    use mcdpr_protocol::{Coefficient, List, Micrometres, PerCable, Request, ResidualRow};
+    let mut bench = Bench::holding();
+    let at = bench.status().setpoints;
+    let row = ResidualRow {
+        lengths: PerCable::collect([0; 4].map(Coefficient)),
+        tensions: PerCable::collect([0, 64, 0, 0].map(Coefficient)),
+        limit: Micrometres(500),
+    };
+    for (index, time_ms) in [(0, 0), (1, 4000)] {
+        let cables: Vec<_> = at.iter().map(|length| (length.0, 0)).collect();
+        let mut knot = crate::support::knot(index, time_ms, index == 1, &cables);
+        knot.rows = List::collect([row.clone()]);
+        bench.request(Request::Knot(knot)).unwrap();
+    }
+    bench.request(Request::Start).unwrap();
+    bench.run(50);
+    bench
+}
+
+#[test]
+fn s5_a_residual_row_over_its_limit_warns_at_once_and_stops_after_its_time() {
+    // A quarter of a micrometre per mN on cable 2: 225 µm, 375 µm and 625 µm.
+    let cases: [(fn(&mut Inputs<4>), bool, bool); 3] = [
+        (|i| i.tension_adc[1] += 1400, false, false),
+        (|i| i.tension_adc[1] += 2333, true, false),
+        (|i| i.tension_adc[1] += 3888, true, true),
+    ];
+    for (tamper, warns, stops) in cases {
+        let mut bench = with_a_row();
+        assert_eq!(bench.fault(), None);
+        bench.tamper = tamper;
+        bench.step();
+        let limits = bench.status().limits;
+        assert_eq!(limits.contains(mcdpr_protocol::Limit::ResidualHigh), warns);
+        bench.run(98);
+        assert_eq!(bench.fault(), None);
+        bench.step();
+        let record = bench.server.controller().fault();
+        let fault = record.map(|r| (r.fault, r.cable, r.limit));
+        assert_eq!(fault, stops.then_some((FaultId::S5, 0, 500)));
+        if let Some(record) = record {
+            assert!((record.value - 625).abs() <= 2, "{} µm", record.value);
+        }
+    }
+}
+
+#[test]
+fn s10_a_tension_off_its_expected_value_is_advice_in_motion_and_no_fault() {
+    let mut bench = Bench::moving(4000, 500);
+    let advised = |bench: &Bench| {
+        bench
+            .status()
+            .limits
+            .contains(mcdpr_protocol::Limit::TensionOff)
+    };
+    bench.tension_mn = 12_900;
+    bench.run(50);
+    assert!(!advised(&bench));
+    bench.tension_mn = 13_100;
+    bench.run(50);
+    assert!(advised(&bench));
+    assert_eq!(bench.fault(), None);
+}
