@@ -17,7 +17,12 @@ use std::path::PathBuf;
 #[command(after_help = UNITS)]
 pub(in super::super) struct Cmd {
     /// Distance between grid points
-    #[arg(long, default_value = "20mm", value_name = "LENGTH")]
+    #[arg(
+        long,
+        default_value = "20mm",
+        value_name = "LENGTH",
+        allow_hyphen_values = true
+    )]
     step: String,
     /// What a feasible place is; equilibrium for three length-held cables, else wrench
     #[arg(long, value_enum, value_name = "TEST")]
@@ -38,10 +43,10 @@ pub(in super::super) struct Cmd {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Places where two cables, or a cable and the platform, come nearer than this do not count
-    #[arg(long, value_name = "LENGTH")]
+    #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     clearance: Option<String>,
     /// Edges of the platform's body, a box about its centre of mass, for --clearance
-    #[arg(long, num_args = 3, value_names = ["DX", "DY", "DZ"], requires = "clearance")]
+    #[arg(long, num_args = 3, value_names = ["DX", "DY", "DZ"], allow_hyphen_values = true, requires = "clearance")]
     body: Option<Vec<String>>,
 }
 
