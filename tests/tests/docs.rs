@@ -1,0 +1,270 @@
+//! The documentation does what it says: its commands run, its examples are accepted or refused as
+//! told, the files that it names are there.
+#![cfg(unix)]
+
+use mcdpr_tests::mcdpr;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+/// Commands that a document shows and this test does not run, with the reason.
+const NOT_RUN: &[(&str, &str)] = &[(
+    "mcdpr sim --pty",
+    "serves until it is interrupted; tests/tests/program.rs runs it with a client",
+)];
+
+/// A folder that goes with the test.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("mcdpr-docs-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .unwrap()
+        .to_owned()
+}
+
+/// Name and text of every document.
+fn documents() -> Vec<(String, String)> {
+    let mut paths: Vec<_> = std::fs::read_dir(root().join("docs"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|end| end == "md"))
+        .collect();
+    paths.push(root().join("README.md"));
+    paths.retain(|path| path.is_file());
+    paths.sort();
+    let read = |path: PathBuf| {
+        let text = std::fs::read_to_string(&path).unwrap();
+        let name = path.strip_prefix(root()).unwrap();
+        (name.display().to_string(), text)
+    };
+    paths.into_iter().map(read).collect()
+}
+
+/// A fenced block: its language, the last line of text before it, its content.
+struct Block {
+    language: String,
+    before: String,
+    content: String,
+}
+
+fn blocks(text: &str) -> Vec<Block> {
+    let mut found = Vec::new();
+    let mut before = "";
+    let mut open: Option<Block> = None;
+    for line in text.lines() {
+        match (line.trim_end().strip_prefix("```"), open.take()) {
+            (Some(_), Some(block)) => found.push(block),
+            (None, Some(mut block)) => {
+                block.content += line;
+                block.content += "\n";
+                open = Some(block);
+            }
+            (Some(language), None) => {
+                open = Some(Block {
+                    language: language.to_owned(),
+                    before: before.to_owned(),
+                    content: String::new(),
+                });
+            }
+            (None, None) if !line.trim().is_empty() => before = line,
+            (None, None) => {}
+        }
+    }
+    assert!(open.is_none(), "a fenced block has no end");
+    found
+}
+
+/// The words of a line that stand in backticks.
+fn quoted(line: &str) -> impl Iterator<Item = &str> {
+    line.split('`').skip(1).step_by(2)
+}
+
+/// What stands behind the program's name, for a line that calls it.
+fn arguments(line: &str) -> Option<&str> {
+    ["cargo run --release --", "cargo run --release", "mcdpr"]
+        .iter()
+        .find_map(|call| line.strip_prefix(call))
+        .filter(|rest| rest.is_empty() || rest.starts_with(' '))
+}
+
+/// Whether the reader must put something of theirs in: `PORT`, `FILE`, `<...>`.
+fn has_placeholder(line: &str) -> bool {
+    let command = line.split('#').next().unwrap_or_default();
+    let mut words = command.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+    let is_capital = |word: &str| word.chars().all(|c| c.is_ascii_uppercase());
+    let angle = command
+        .split_once('<')
+        .is_some_and(|(_, rest)| rest.contains('>'));
+    angle || words.any(|word| word.len() > 1 && is_capital(word))
+}
+
+/// The commands of a document that can be run as they stand.
+fn commands(text: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    for block in blocks(text) {
+        if block.language != "sh" {
+            continue;
+        }
+        for line in block.content.replace("\\\n", " ").lines() {
+            let line = line.trim();
+            let skipped = NOT_RUN.iter().any(|(command, _)| line.starts_with(command));
+            if arguments(line).is_some() && !has_placeholder(line) && !skipped {
+                found.push(line.to_owned());
+            }
+        }
+    }
+    found
+}
+
+/// Runs a line as its reader's shell would, with the program of this build.
+fn run(line: &str, folder: &Path) -> Output {
+    let program = mcdpr();
+    let rest = arguments(line).unwrap();
+    Command::new("sh")
+        .args(["-c", &format!("\"$MCDPR\"{rest}")])
+        .env("MCDPR", program.get_program())
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+/// A folder as the reader has it: `robots/`, and the example files of the document.
+fn reader_folder(name: &str, text: &str) -> Folder {
+    let folder = Folder::new(&name.replace('/', "-"));
+    copy(&root().join("robots"), &folder.0.join("robots"));
+    for block in blocks(text).iter().filter(|b| b.language == "toml") {
+        let named = quoted(&block.before).find(|word| word.ends_with(".toml"));
+        if let Some(file) = named.filter(|file| !file.contains('/')) {
+            std::fs::write(folder.0.join(file), &block.content).unwrap();
+        }
+    }
+    folder
+}
+
+fn copy(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap().path();
+        let target = to.join(entry.file_name().unwrap());
+        if entry.is_dir() {
+            copy(&entry, &target);
+        } else {
+            std::fs::copy(&entry, &target).unwrap();
+        }
+    }
+}
+
+#[test]
+fn every_command_of_the_documentation_does_what_it_says() {
+    let mut ran = 0;
+    for (name, text) in documents() {
+        let folder = reader_folder(&name, &text);
+        for line in commands(&text) {
+            let output = run(&line, &folder.0);
+            let expected = i32::from(line.ends_with("# refused"));
+            let message = String::from_utf8_lossy(&output.stderr);
+            let code = output.status.code();
+            assert_eq!(code, Some(expected), "{name}: {line}\n{message}");
+            ran += 1;
+        }
+    }
+    assert!(ran >= 8, "only {ran} commands were found");
+}
+
+#[test]
+fn the_task_document_has_every_built_in_task_and_its_examples() {
+    let text = std::fs::read_to_string(root().join("docs/tasks.md")).unwrap();
+    for (name, _) in mcdpr::motion::BUILT_IN {
+        assert!(text.contains(&format!("| `{name}` |")), "no row for {name}");
+    }
+    let folder = reader_folder("tasks", &text);
+    let used = commands(&text);
+    for file in ["circle.toml", "arch.toml", "too-fast.toml"] {
+        assert!(folder.0.join(file).is_file(), "{file} is not shown");
+        let runs = used.iter().any(|line| line.contains(file));
+        assert!(runs, "no command uses {file}");
+    }
+    // The document quotes the message.
+    let output = run("mcdpr run too-fast.toml", &folder.0);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(message.contains("no less than 5.91"), "{message}");
+}
+
+#[test]
+fn files_that_the_documentation_names_are_there() {
+    let folders = [
+        "docs/",
+        "firmware/",
+        "host/",
+        "kinematics/",
+        "protocol/",
+        "robots/",
+        "simulator/",
+        "tests/",
+        "xtask/",
+    ];
+    let mut seen = BTreeSet::new();
+    for (name, text) in documents() {
+        for word in text.lines().flat_map(quoted) {
+            let is_file = [".rs", ".toml", ".md"]
+                .iter()
+                .any(|end| word.ends_with(end));
+            if is_file && folders.iter().any(|folder| word.starts_with(folder)) {
+                assert!(root().join(word).is_file(), "{name}: {word} is not there");
+                seen.insert(word.to_owned());
+            }
+        }
+        let links = text.split("](").skip(1);
+        for link in links.filter_map(|rest| rest.split(')').next()) {
+            let file = link.split('#').next().unwrap_or_default();
+            if !file.contains(':') && !file.is_empty() {
+                let from = root().join(&name).parent().unwrap().join(file);
+                assert!(from.exists(), "{name}: link to {link} leads nowhere");
+            }
+        }
+    }
+    assert!(seen.len() > 20, "{seen:?}");
+}
+
+#[test]
+fn lines_are_told_apart_from_placeholders() {
+    for line in [
+        "mcdpr",
+        "mcdpr demo --json",
+        "cargo run --release",
+        "cargo run --release -- ik 1 2 3",
+    ] {
+        assert!(
+            arguments(line).is_some() && !has_placeholder(line),
+            "{line}"
+        );
+    }
+    for line in [
+        "mcdpr run paper:table7 --on PORT",
+        "mcdpr ik --robot FILE",
+        "mcdpr run <task>",
+    ] {
+        assert!(has_placeholder(line), "{line}");
+    }
+    assert!(!has_placeholder("mcdpr run a.toml # PORT"));
+    for line in ["cargo run --release-ish", "mcdprx", "cargo build --release"] {
+        assert!(arguments(line).is_none(), "{line}");
+    }
+}
