@@ -77,10 +77,18 @@ impl Axis {
         self.lag_q16 = (self.lag_q16 + (behind << 16) / LAG_TIME_MS).clamp(-most, most);
     }
 
+    /// How far the motor is behind the target, 0.1 µm, whatever the drum encoder says: tells a dead
+    /// drive from a dead encoder.
+    #[must_use]
+    pub fn motor_error(&self, config: &CableConfig, target: &Target, drive: &DriveInput) -> i32 {
+        let by_motor = self.motor_length(config, drive) + (self.trim_q16 >> 16);
+        saturate(i64::from(target.length) - by_motor)
+    }
+
     /// Length by the motor's counts, 0.1 µm, carried on from the time of the feedback to now.
     fn motor_length(&self, config: &CableConfig, drive: &DriveInput) -> i64 {
         let counts = i64::from(drive.counts.wrapping_sub(self.zero_counts));
-        let moved = (counts << 32) / config.motor_per_length_q32;
+        let moved = (counts.saturating_mul(config.length_per_motor_q32)) >> 32;
         // µm/s times ms is 1e-3 µm, that is 1/100 of 0.1 µm.
         let since = i64::from(motor_speed_umps(config, drive)) * i64::from(drive.age_ms) / 100;
         i64::from(self.zero_length) + moved + since
@@ -123,7 +131,6 @@ impl Axis {
 /// The drum's surface speed by the motor, µm/s, positive as the cable pays out.
 #[must_use]
 pub fn motor_speed_umps(config: &CableConfig, drive: &DriveInput) -> i32 {
-    let per_rpm = config.rpm_per_speed_q32.max(1);
-    let speed = saturate((i64::from(drive.rpm) << 32) / per_rpm);
+    let speed = saturate((i64::from(drive.rpm) * config.speed_per_rpm_q16) >> 16);
     if config.motor_reversed { -speed } else { speed }
 }

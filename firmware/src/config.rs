@@ -67,8 +67,13 @@ pub struct CableConfig {
     pub max_encoder_step: u16,
     /// Motor counts per 0.1 µm of length, 32 fractional bits, signed.
     pub motor_per_length_q32: i64,
+    /// Length in 0.1 µm per motor count, 32 fractional bits, signed: the tick multiplies, a
+    /// division would cost it as much as all the rest of an axis.
+    pub length_per_motor_q32: i64,
     /// Motor rpm per µm/s, 32 fractional bits, positive.
     pub rpm_per_speed_q32: i64,
+    /// µm/s per motor rpm, 16 fractional bits, positive.
+    pub speed_per_rpm_q16: i64,
     /// Whether the motor counts down as the cable pays out.
     pub motor_reversed: bool,
     /// Largest motor speed, rpm.
@@ -335,7 +340,9 @@ impl<const N: usize> ConfigStore<N> {
             },
             max_encoder_step: u16::try_from(step.min(16_000)).unwrap_or(16_000),
             motor_per_length_q32,
+            length_per_motor_q32: (circumference_q8 << 24) / i64::from(motor_counts),
             rpm_per_speed_q32,
+            speed_per_rpm_q16: (1 << 48) / rpm_per_speed_q32.max(1),
             motor_reversed: motor_counts < 0,
             max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
             max_current_ma: key(CableKey::MaxCurrentMa, 1, 32_000)?,

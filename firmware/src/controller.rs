@@ -199,6 +199,11 @@ impl<const N: usize> Controller<N> {
     fn trip(&mut self, fault: FaultId, cable: u8, value: i32, limit: i32) {
         self.latch_fault(fault, cable, value, limit);
         self.raise(supervisor::reaction(fault).event());
+        // The failed drum is braked at once: the others must not go on pulling against it.
+        if self.state == State::Stopping && matches!(fault, FaultId::D2 | FaultId::D3) {
+            let stop_ms = self.active.as_ref().map_or(1, |active| active.stop_ms);
+            self.motion.brake(stop_ms / 4);
+        }
     }
 
     fn measure(&mut self, inputs: &Inputs<N>) {
@@ -243,9 +248,6 @@ impl<const N: usize> Controller<N> {
             }
             let held_by_length = config.control == Control::Length;
             let error = cable.target.length.saturating_sub(cable.length);
-            let wanted = cable.axis.counts(config, &cable.target);
-            let behind = wanted.wrapping_sub(drive.counts);
-            let motor_error = (i64::from(behind) << 32) / config.motor_per_length_q32;
             let view = CableView {
                 adc,
                 tension_mn: cable.tension_mn,
@@ -253,7 +255,7 @@ impl<const N: usize> Controller<N> {
                 ceiling_mn: config.ceiling_mn,
                 length_error: if held_by_length { error } else { 0 },
                 length_error_max: config.following_error,
-                motor_error: crate::fixed::saturate(motor_error),
+                motor_error: cable.axis.motor_error(config, &cable.target, drive),
                 saturated: cable.tension_loop.saturated,
                 feedback_age_ms: drive.age_ms,
                 feedback_timeout_ms: active.feedback_timeout_ms,

@@ -372,7 +372,11 @@ fn two_processes_share_a_serial_device_and_a_killed_host_is_survived() {
         assert!(first.try_wait().unwrap().is_none(), "the run was refused");
         std::thread::yield_now();
     }
-    refused(mcdpr().args(["clear", "--on", port]), 1, &["taken by another program"]);
+    refused(
+        mcdpr().args(["clear", "--on", port]),
+        1,
+        &["taken by another program"],
+    );
     // Drives need a second to enable; the motion is under way when the host dies.
     let moving = Instant::now() + Duration::from_millis(2500);
     while Instant::now() < moving {

@@ -38,6 +38,18 @@ pub trait Link {
     fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError>;
 }
 
+impl<L: Link + ?Sized> Link for &mut L {
+    fn now_us(&self) -> u64 {
+        (**self).now_us()
+    }
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        (**self).send(bytes)
+    }
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        (**self).receive(until_us, into)
+    }
+}
+
 impl<L: Link + ?Sized> Link for Box<L> {
     fn now_us(&self) -> u64 {
         (**self).now_us()
