@@ -61,6 +61,7 @@ pub struct Controller<const N: usize> {
     arming: Arming,
     heartbeat: Heartbeat,
     latch: Latch,
+    /// Advice since it was last told.
     limits: Limits,
     referenced: bool,
     overruns: u32,
@@ -130,7 +131,6 @@ impl<const N: usize> Controller<N> {
     /// One control tick: what the board must do now. `now` advances by one per call.
     pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
         self.now = now;
-        self.limits = Limits::default();
         self.e_stop = inputs.e_stop;
         self.gripper_switch = inputs.gripper_switch;
         self.overruns = self.overruns.wrapping_add(u32::from(inputs.overrun));
@@ -236,7 +236,8 @@ impl<const N: usize> Controller<N> {
         // By what was decided, not by the pins: one axis that is braked because its drive is gone
         // must not blind the watch over the others.
         let closing = self.state == State::Stopping && self.closing.is_some();
-        let moving = !closing && self.arming.phase() == Phase::Done;
+        // Brakes take their time to open; from then on the drums are the drives' alone.
+        let moving = !closing && matches!(self.arming.phase(), Phase::Settling | Phase::Done);
         let mut found = None;
         let readings = inputs.drives.iter().zip(&inputs.tension_adc);
         let configs = active.cables.iter().zip(readings);
@@ -508,6 +509,11 @@ impl<const N: usize> Controller<N> {
     #[must_use]
     pub fn path_ms(&self) -> u32 {
         self.motion.path_ms()
+    }
+
+    /// Forgets the advice collected so far; it was told.
+    pub fn forget_limits(&mut self) {
+        self.limits = Limits::default();
     }
 
     /// State for a host; the counters of the link are the server's.

@@ -133,7 +133,9 @@ impl<const N: usize> Server<N> {
         }
         self.status_in = STATUS_TICKS;
         self.told_state = state;
-        Some(self.status(counters))
+        let status = self.status(counters);
+        self.controller.forget_limits();
+        Some(status)
     }
 
     /// The state now.

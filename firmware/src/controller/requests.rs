@@ -158,10 +158,10 @@ impl<const N: usize> Controller<N> {
     fn config_taken(&mut self) {
         let configs = self.active.iter().flat_map(|active| &active.cables);
         for (cable, config) in self.cables.iter_mut().zip(configs) {
-            cable.scale = config.scale;
+            // Lengths counted with another scale are worth nothing; other gains cost none.
+            self.referenced &= cable.scale.per_count_q24 == config.scale.per_count_q24;
+            cable.scale.per_count_q24 = config.scale.per_count_q24;
         }
-        // Lengths were counted with the old scale.
-        self.referenced = false;
     }
 
     fn handle_reference(

@@ -1,6 +1,6 @@
 use crate::support::{Bench, CABLES, ENABLE_MS, adc_of};
 use mcdpr_firmware::{Brake, DriveDemand, Inputs, State};
-use mcdpr_protocol::{FaultId, Reject, Reply, Request};
+use mcdpr_protocol::{CableKey, ConfigKey, FaultId, Reject, Reply, Request};
 
 #[test]
 fn arming_enables_drives_then_gives_torque_then_opens_brakes_then_holds() {
@@ -196,8 +196,26 @@ fn l17_f9_no_arming_without_configuration_reference_and_agreement() {
         Err(Reject::ConfigHash { board, host })
     );
     assert_eq!(bench.arm(), Ok(Reply::Done));
-    // Another configuration means another scale: the lengths must be told again.
-    let mut bench = Bench::ready();
-    bench.configure(&crate::support::entries());
-    assert_eq!(bench.arm(), Err(Reject::NotReferenced));
+    // Other gains leave the lengths alone; with another scale they must be told again.
+    for (key, value, expected) in [
+        (CableKey::TensionKp, 77, Ok(Reply::Done)),
+        (CableKey::DrumRadius, 210_000, Err(Reject::NotReferenced)),
+        (CableKey::EncoderSign, 1, Err(Reject::NotReferenced)),
+    ] {
+        let key = ConfigKey::cable(1, key);
+        let before = crate::support::entries();
+        assert!(
+            before.iter().any(|e| e.key == key && e.value != value),
+            "{key:?}"
+        );
+        let entries = crate::support::entries_with(key, value);
+        let mut bench = Bench::ready();
+        bench.configure(&entries);
+        let config_hash = crate::support::hash_of(&entries);
+        assert_eq!(
+            bench.request(Request::Arm { config_hash }),
+            expected,
+            "{key:?}"
+        );
+    }
 }

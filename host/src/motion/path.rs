@@ -20,15 +20,16 @@ pub enum PathError {
         what: &'static str,
     },
     /// A piece has no length.
-    #[error("a piece of the path has no length ({length_m:e} m): leave it out")]
+    #[error("a piece of the path has no length ({:.6} mm): leave it out", .length_m * 1e3)]
     NoLength {
         /// Its length, m.
         length_m: f64,
     },
     /// The start of an arc is not on its circle.
     #[error(
-        "the arc starts {distance_m} m from its centre and at height {height_m} m over it, but its \
-         radius is {radius_m} m and its plane horizontal: give a start on the circle"
+        "the arc starts {:.3} mm from its centre and at height {:.3} mm over it, but its radius is \
+         {:.3} mm and its plane horizontal: give a start on the circle",
+        .distance_m * 1e3, .height_m * 1e3, .radius_m * 1e3
     )]
     OffCircle {
         /// Horizontal distance from the centre to the start, m.
@@ -40,7 +41,8 @@ pub enum PathError {
     },
     /// Two consecutive pieces do not meet.
     #[error(
-        "piece {next} of the path starts {gap_m} m from where the piece before it ends: join them"
+        "piece {next} of the path starts {:.3} mm from where the piece before it ends: join them",
+        .gap_m * 1e3
     )]
     Gap {
         /// The later piece, from 1.
@@ -52,7 +54,7 @@ pub enum PathError {
     #[error("the path has no pieces: give at least one line or arc")]
     Empty,
     /// An arc length outside the path.
-    #[error("the arc length {asked_m} m is not on the path, which has {length_m} m")]
+    #[error("the arc length {:.3} mm is not on the path, which has {:.3} mm", .asked_m * 1e3, .length_m * 1e3)]
     OffPath {
         /// What was asked, m.
         asked_m: f64,

@@ -5,9 +5,10 @@
 //! lengths. The platform's inertia is left out: at these accelerations it shifts the equilibrium
 //! by less than the plan's tolerance, and a planner with it can diverge.
 
+use super::knots::{self, FitOptions, Spacing};
 use super::model::{Model, Rest};
 use super::path::{Path, PathError};
-use super::spline::{self, SplineError};
+use super::spline::{Ends, Spline, SplineError};
 use super::time_law::{Bounds, TimeLaw, TimeLawError};
 use mcdpr_protocol::{
     CableKnot, Coefficient, Knot, List, Micrometres, MicrometresPerSecond, Millinewtons, PerCable,
@@ -19,6 +20,10 @@ use thiserror::Error;
 
 /// Knots are close enough together when no length between them is off by more than this, m.
 pub const TOLERANCE_M: f64 = 1e-5;
+/// Longest motion in one plan, s: a state is kept for every millisecond.
+const LONGEST_S: f64 = 300.0;
+/// Knots closer than this would only fill the board's buffer, ms.
+const LEAST_SPACING_MS: usize = 8;
 /// States are checked against the limits this often, s.
 const CHECK_STEP_S: f64 = 0.01;
 /// A cable that slips shows as a closure error; this much is no slip, m. Swing, friction and a
@@ -87,6 +92,16 @@ pub enum PlanError {
     #[error(transparent)]
     #[diagnostic(code(mcdpr::plan::knots))]
     Spline(#[from] SplineError),
+    /// A motion that would fill the memory.
+    #[error("the motion would take {duration_s:.0} s, more than the {LONGEST_S:.0} s of one plan")]
+    #[diagnostic(
+        code(mcdpr::plan::long),
+        help("cut the task into several, or allow more speed")
+    )]
+    Long {
+        /// How long it would take, s.
+        duration_s: f64,
+    },
     /// A limit would be broken.
     #[error(
         "at {time_s:.2} s, tool at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm, {what} would be {value:.3} {unit}, limit {limit:.3} {unit}"
@@ -165,6 +180,11 @@ impl Timed {
             timed.duration_s = ((start_s + law.duration_s()) * 1e3).ceil() * 1e-3;
             timed.legs.push((start_s, leg.path, law));
         }
+        if timed.duration_s > LONGEST_S {
+            return Err(PlanError::Long {
+                duration_s: timed.duration_s,
+            });
+        }
         Ok(timed)
     }
 
@@ -215,7 +235,7 @@ impl Plan {
         let timed = Timed::new(legs, bounds)?;
         let states = states(model, &timed)?;
         judge(model, &timed, &states)?;
-        let knots = knots(model, &timed, &states)?;
+        let knots = wire_knots(model, &timed, &states)?;
         let start = states.first().cloned().ok_or(PathError::Empty)?;
         Ok(Self {
             timed,
@@ -370,8 +390,7 @@ fn judge_speed(model: &Model, old: &Rest, rest: &Rest, step_s: f64) -> Option<Br
 
 /// Knots of the whole motion: clamped cubic splines from rest to rest (Eq. 53), as many knots as
 /// the tolerance needs, rounded to the wire's units.
-fn knots(model: &Model, timed: &Timed, states: &[Rest]) -> Result<Vec<Knot>, PlanError> {
-    let cables = model.robot().cables.len();
+fn wire_knots(model: &Model, timed: &Timed, states: &[Rest]) -> Result<Vec<Knot>, PlanError> {
     let mut knots: Vec<Knot> = Vec::new();
     let rests: Vec<_> = timed
         .rests_s()
@@ -380,7 +399,7 @@ fn knots(model: &Model, timed: &Timed, states: &[Rest]) -> Result<Vec<Knot>, Pla
         .collect();
     for pair in rests.windows(2) {
         let &[from, to] = pair else { continue };
-        let splines = fit(states, from, to, cables)?;
+        let splines = fit(model, timed, states, (from, to))?;
         let count = splines.first().map_or(0, |spline| spline.knots().len());
         // A leg's first knot is the last one of the leg before.
         for index in usize::from(!knots.is_empty())..count {
@@ -422,60 +441,36 @@ fn knots(model: &Model, timed: &Timed, states: &[Rest]) -> Result<Vec<Knot>, Pla
     Ok(knots)
 }
 
-/// Splines of all cables over one leg, with common knots.
+/// Splines of all cables over one leg, with common knots at whole milliseconds.
 fn fit(
+    model: &Model,
+    timed: &Timed,
     states: &[Rest],
-    from: usize,
-    to: usize,
-    cables: usize,
-) -> Result<Vec<spline::Spline>, PlanError> {
-    let leg = states.get(from..=to).unwrap_or_default();
-    let span = to - from;
-    // The board takes knots at most four seconds apart; fewer than eight tell nothing of a path.
-    let mut segments = span.div_ceil(1000).max(8).min(span / 4);
-    loop {
-        let times: Vec<usize> = (0..=segments).map(|k| from + k * span / segments).collect();
-        let mut splines = Vec::with_capacity(cables);
-        let mut worst_m = 0.0_f64;
-        for cable in 0..cables {
-            let value = |time: usize| {
-                leg.get(time - from)
-                    .map_or(0.0, |rest| paid_out(rest, cable))
-            };
-            let values: Vec<_> = times.iter().map(|&time| value(time)).collect();
-            let seconds: Vec<_> = times
-                .iter()
-                .map(|&time| time as f64 * Plan::STEP_S)
-                .collect();
-            let ends = spline::Ends::Clamped {
-                start: 0.0,
-                end: 0.0,
-            };
-            let spline = spline::Spline::interpolate(&seconds, &values, ends)?;
-            for time in from..=to {
-                let sample = spline.sample(time as f64 * Plan::STEP_S)?;
-                worst_m = worst_m.max((sample.value - value(time)).abs());
-            }
-            splines.push(spline);
-        }
-        if worst_m <= TOLERANCE_M {
-            return Ok(splines);
-        }
-        let more = (segments * 5).div_ceil(4).min(span / 5);
-        if more <= segments {
-            return Err(SplineError::Tolerance {
-                segments,
-                error: worst_m,
-                tolerance: TOLERANCE_M,
-            }
-            .into());
-        }
-        segments = more;
-    }
-}
-
-fn paid_out(rest: &Rest, cable: usize) -> f64 {
-    rest.paid_out_m.get(cable).copied().unwrap_or(0.0)
+    (from, to): (usize, usize),
+) -> Result<Vec<Spline>, PlanError> {
+    let seconds = |time: usize| time as f64 * Plan::STEP_S;
+    let options = FitOptions {
+        ends: Ends::Clamped {
+            start: 0.0,
+            end: 0.0,
+        },
+        spacing: Spacing::Ticks,
+        tolerance: TOLERANCE_M,
+        most_segments: (to - from) / LEAST_SPACING_MS,
+    };
+    let cables = model.robot().cables.len();
+    let fit = knots::fit(
+        cables,
+        (seconds(from), seconds(to)),
+        options,
+        |time_s, values| {
+            let near = states.get(milliseconds(time_s));
+            let rest = model.rest(&timed.tool_m(time_s)?, near)?;
+            values.copy_from_slice(&rest.paid_out_m);
+            Ok::<(), PlanError>(())
+        },
+    )?;
+    Ok(fit.splines)
 }
 
 /// How measured lengths and tensions must fit together here: at equilibrium the length of the

@@ -53,8 +53,9 @@ pub enum TimeLawError {
     },
     /// The bounds do not allow the motion in the time asked.
     #[error(
-        "{length_m} m cannot be travelled in {duration_s} s: {bound} allows no less than \
-         {least_s:.4} s; take that long, or raise the limit"
+        "{:.3} mm cannot be travelled in {duration_s} s: {bound} allows no less than \
+         {least_s:.4} s; take that long, or raise the limit",
+        .length_m * 1e3
     )]
     TooShort {
         /// Length, m.

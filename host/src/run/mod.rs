@@ -65,7 +65,7 @@ pub enum RunError {
     #[error("the board did not become {wanted:?} within {seconds} s, it is {state:?}")]
     #[diagnostic(
         code(mcdpr::run::state),
-        help("read the board's state with `mcdpr run --dry-run`")
+        help("check the supplies of board and drives, then connect again")
     )]
     NoChange {
         /// What was waited for.
