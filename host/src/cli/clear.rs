@@ -19,7 +19,9 @@ impl Cmd {
         let mut client = Client::connect(link, run::new_session()).map_err(RunError::from)?;
         let fault = run::status(&mut client)?.fault;
         if fault.is_some() && !common.dry_run {
-            client.request(Request::ClearFault).map_err(RunError::from)?;
+            client
+                .request(Request::ClearFault)
+                .map_err(RunError::from)?;
         }
         client.request(Request::Close).map_err(RunError::from)?;
         let text = fault.map(|record| describe_fault(&record));

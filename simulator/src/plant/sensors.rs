@@ -116,7 +116,9 @@ impl CableSensors {
         let voltage = sensed / s.gain_n_per_v + s.zero_v;
         let share = (voltage / ADC_REFERENCE_V).clamp(0.0, 1.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let reading = (share * ADC_STEPS_PER_REFERENCE).min(f64::from(ADC_FULL_SCALE)).round() as u16;
+        let reading = (share * ADC_STEPS_PER_REFERENCE)
+            .min(f64::from(ADC_FULL_SCALE))
+            .round() as u16;
         if fault.tension != TensionFault::Frozen {
             self.held_adc = None;
         }
