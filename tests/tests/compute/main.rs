@@ -411,3 +411,59 @@ fn units_mean_the_same_place() {
         answer(&["ik", "300", "0", "-280", "--tool"])
     );
 }
+
+#[test]
+fn corrections_to_the_length_are_told_with_their_size() {
+    let place = ["statics", "320", "0", "-200", "--tension", "4=10"];
+    let plain = answer(&place);
+    assert_eq!(plain["stretch_m"], Value::Null);
+    let numbers = |document: &Value, key: &str| -> Vec<f64> {
+        let list = document[key].as_array().unwrap();
+        list.iter().map(|value| value.as_f64().unwrap()).collect()
+    };
+    let (lengths, tensions) = (numbers(&plain, "lengths_m"), numbers(&plain, "tensions_n"));
+    let corrected = |kind: &str, weight: &str| {
+        let more = ["--correct", kind, "--cable-g-per-m", weight];
+        let document = answer(&[&place[..], &more].concat());
+        assert_eq!(numbers(&document, "lengths_m"), lengths);
+        let [out, stretch, sag] =
+            ["unstretched_m", "stretch_m", "sag_m"].map(|key| numbers(&document, key));
+        for cable in 0..4 {
+            let sum = lengths[cable] - stretch[cable] + sag[cable];
+            assert!(
+                (out[cable] - sum).abs() < 1e-12,
+                "{kind}, cable {}",
+                cable + 1
+            );
+        }
+        (stretch, sag)
+    };
+    let (stretch, sag) = corrected("stretch", "1");
+    assert_eq!(sag, [0.0; 4]);
+    for cable in 0..4 {
+        // Hooke over cable and 0.7 m of routing, EA = 50 kN.
+        let total = lengths[cable] + 0.7;
+        let hooke = total - total / (1.0 + tensions[cable] / 50e3);
+        assert!(
+            (stretch[cable] - hooke).abs() < 1e-9,
+            "{} {hooke}",
+            stretch[cable]
+        );
+    }
+    let (_, parabola) = corrected("parabola", "20");
+    let (_, catenary) = corrected("catenary", "20");
+    let (_, lighter) = corrected("catenary", "10");
+    for cable in 0..4 {
+        assert!(catenary[cable] > 0.0);
+        // Both models agree while the cable's weight is far below its tension; sag grows with the
+        // square of the weight.
+        assert!(
+            (parabola[cable] / catenary[cable] - 1.0).abs() < 0.1,
+            "{parabola:?} {catenary:?}"
+        );
+        assert!(
+            (catenary[cable] / lighter[cable] - 4.0).abs() < 0.2,
+            "{catenary:?} {lighter:?}"
+        );
+    }
+}

@@ -8,8 +8,8 @@ use super::lists::{ByCable, List};
 use super::{Subject, UNITS, batch, conclude, say_pose, triple};
 use crate::units::Quantity;
 use mcdpr_kinematics::{
-    AnyGoal, Balance, CableSet, CableVec, Equilibrium, EquilibriumGuess, Error, Pose,
-    StaticOptions, rotation_from_rpy,
+    AnyGoal, Balance, CableMaterial, CableSet, CableVec, Correction, Equilibrium, EquilibriumGuess,
+    Error, GRAVITY_MPS2, Pose, StaticOptions, corrected_length, rotation_from_rpy,
 };
 use nalgebra::{Vector3, Vector6};
 use serde::{Deserialize, Serialize};
@@ -36,9 +36,45 @@ pub(in super::super) struct Cmd {
     /// The attitude, where six or more length-held cables let it be chosen; level if left out
     #[arg(long, num_args = 3, value_names = ["RX", "RY", "RZ"], allow_hyphen_values = true)]
     attitude: Option<Vec<String>>,
+    /// Also say what to pay out: corrected for stretch (EA and routing of the robot file), or for
+    /// stretch and sag, with the size of each correction
+    #[arg(long, value_name = "CORRECTION")]
+    correct: Option<Corrections>,
+    /// Weight of the cable for the sag, in grams per metre
+    #[arg(long, value_name = "G/M", default_value_t = 1.0)]
+    cable_g_per_m: f64,
     /// Answer JSON lines {"position_m":[x,y,z],"tensions_n":{"4":10.0}} from standard input
     #[arg(long, conflicts_with = "x")]
     batch: bool,
+}
+
+/// What `--correct` can be.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Corrections {
+    /// Stretch under tension, routing included
+    Stretch,
+    /// Stretch, and sag as a parabola
+    Parabola,
+    /// Stretch, and sag as a catenary
+    Catenary,
+}
+
+impl From<Corrections> for Correction {
+    fn from(corrections: Corrections) -> Self {
+        match corrections {
+            Corrections::Stretch => Self::Elastic,
+            Corrections::Parabola => Self::Parabola,
+            Corrections::Catenary => Self::Catenary,
+        }
+    }
+}
+
+/// Lengths to pay out, and what the corrections contribute, cable by cable, m.
+#[derive(Debug, Serialize)]
+struct Corrected {
+    unstretched_m: List<f64>,
+    stretch_m: List<f64>,
+    sag_m: List<f64>,
 }
 
 /// A batch line.
@@ -58,6 +94,8 @@ struct Answer {
     tensions_n: List<f64>,
     stable: bool,
     modes_hz: List<f64>,
+    #[serde(flatten)]
+    corrected: Option<Corrected>,
     #[serde(skip)]
     pose: Pose,
 }
@@ -77,7 +115,9 @@ impl Cmd {
             Err(error) => return conclude::<Answer>(common, Err(error), |_| {}),
         };
         let solve = |place: [f64; 3], tensions: &[Option<f64>], attitude| {
-            solve(&subject, &place.into(), self.tool, tensions, attitude)
+            let mut answer = solve(&subject, &place.into(), self.tool, tensions, attitude)?;
+            answer.corrected = self.corrected(&subject, &answer)?;
+            Ok::<_, ComputeError>(answer)
         };
         if self.batch {
             return batch::run(|question: Question| {
@@ -102,6 +142,43 @@ impl Cmd {
         conclude(common, answer.map_err(Into::into), |answer| {
             show(&subject, answer, &tensions);
         })
+    }
+}
+
+impl Cmd {
+    /// What `--correct` asks for, at the pose and the tensions of the answer.
+    fn corrected(
+        &self,
+        subject: &Subject,
+        answer: &Answer,
+    ) -> Result<Option<Corrected>, ComputeError> {
+        let Some(correction) = self.correct else {
+            return Ok(None);
+        };
+        let refused = |error| subject.refused(error);
+        let paths = subject.geometry.paths(&answer.pose).map_err(refused)?;
+        let count = paths.len();
+        let mut all = [(); 3].map(|()| CableVec::filled(count));
+        let cables = subject.robot.cables.iter().zip(&answer.tensions_n.0);
+        for (index, (path, (cable, &tension_n))) in paths.iter().zip(cables).enumerate() {
+            let material = CableMaterial {
+                ea_n: Some(cable.ea_n),
+                routing_length_m: cable.routing_length_m,
+                weight_n_per_m: self.cable_g_per_m * 1e-3 * GRAVITY_MPS2,
+            };
+            let got = corrected_length(path, tension_n, &material, correction.into());
+            let got = got.map_err(refused)?;
+            let [unstretched, stretch, sag] = &mut all;
+            unstretched[index] = got.unstretched_m;
+            stretch[index] = got.stretch_m;
+            sag[index] = got.sag_m;
+        }
+        let [unstretched_m, stretch_m, sag_m] = all.map(List);
+        Ok(Some(Corrected {
+            unstretched_m,
+            stretch_m,
+            sag_m,
+        }))
     }
 }
 
@@ -141,6 +218,7 @@ fn solve(
         tensions_n: List(found.tensions_n),
         stable: stability.stable,
         modes_hz: List(stability.modes_hz),
+        corrected: None,
         pose: found.pose,
     })
 }
@@ -200,6 +278,29 @@ fn show(subject: &Subject, answer: &Answer, tensions_n: &[Option<f64>]) {
         },
     );
     say_rest(answer.stable, &answer.modes_hz.0);
+    if let Some(corrected) = &answer.corrected {
+        say_corrected(corrected);
+    }
+}
+
+/// What to pay out and why it differs from the geometric length.
+fn say_corrected(corrected: &Corrected) {
+    let head = ["cable", "to pay out, mm", "stretch, mm", "sag, mm"];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    let columns = [
+        &corrected.unstretched_m,
+        &corrected.stretch_m,
+        &corrected.sag_m,
+    ];
+    for index in 0..corrected.unstretched_m.0.len() {
+        let cells = columns.map(|column| format!("{:.5}", column.0[index] * 1e3));
+        rows.push(
+            std::iter::once((index + 1).to_string())
+                .chain(cells)
+                .collect(),
+        );
+    }
+    write_out(&lay_out(&rows));
 }
 
 /// A table of the cables.
