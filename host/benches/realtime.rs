@@ -1,0 +1,54 @@
+//! How much faster than real time the simulated robot runs: control core at 1 kHz, plant at
+//! 10 kHz, client, wire and telemetry included, on one core.
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use mcdpr::experiment;
+use mcdpr::machine::Mismatch;
+use mcdpr::motion::{Model, Task};
+use mcdpr::robot::Robot;
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+fn circle(criterion: &mut Criterion) {
+    let robot = Robot::find("paper-table5").expect("a built-in robot");
+    let model = Model::new(&robot).expect("three cables are held by length");
+    let run = || {
+        let task = Task::find("paper:table7", -0.18).expect("a built-in task");
+        experiment::simulate(&model, task, &Mismatch::realistic(), 1, |_| {}).expect("it runs")
+    };
+    let plan = || {
+        let task = Task::find("paper:table7", -0.18).expect("a built-in task");
+        experiment::plan_from_home(&model, task).expect("it is feasible")
+    };
+    // The planner's share, so that the simulator's own factor can be told.
+    let timed = |work: &dyn Fn()| {
+        let began = Instant::now();
+        work();
+        began.elapsed()
+    };
+    let runs: Vec<_> = (0..5).map(|_| run()).collect();
+    let planning = (0..5).map(|_| timed(&|| drop(black_box(plan())))).min();
+    let fastest = runs
+        .iter()
+        .map(|run| run.took)
+        .min()
+        .unwrap_or(Duration::MAX);
+    let simulated_s = runs.first().map_or(0.0, |run| run.simulated_s);
+    let simulating = fastest.saturating_sub(planning.unwrap_or_default());
+    println!(
+        "real time ratio: {:.0} with planning, {:.0} simulated seconds per second without \
+         ({simulated_s:.1} s in {:.3} s, {:.3} s of it planning)",
+        simulated_s / fastest.as_secs_f64(),
+        simulated_s / simulating.as_secs_f64(),
+        fastest.as_secs_f64(),
+        planning.unwrap_or_default().as_secs_f64(),
+    );
+    let mut group = criterion.benchmark_group("table 7");
+    group.sample_size(10);
+    group.bench_function("plan", |bencher| bencher.iter(plan));
+    group.bench_function("plan and simulate", |bencher| bencher.iter(run));
+    group.finish();
+}
+
+criterion_group!(benches, circle);
+criterion_main!(benches);
