@@ -25,7 +25,7 @@ const RESEND_PAUSE_US: u64 = 3_000;
 /// Time for a board to say hello, µs.
 const HELLO_US: u64 = 3_000_000;
 /// Time to wait for another session to end: a board whose host died holds for two seconds, µs.
-const CLAIM_US: u64 = 4_000_000;
+const CLAIM_US: u64 = 6_000_000;
 
 /// Why a board did not do what was asked.
 #[derive(Debug, Error, Diagnostic)]

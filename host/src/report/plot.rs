@@ -115,6 +115,7 @@ fn render(
     }
     chart
         .configure_series_labels()
+        .position(SeriesLabelPosition::LowerRight)
         .background_style(WHITE)
         .border_style(BLACK)
         .draw()
@@ -129,7 +130,7 @@ fn render(
         .margin(10)
         .x_label_area_size(35)
         .y_label_area_size(50)
-        .build_cartesian_2d(0.0..duration_s, 0.0..most * 1.05)
+        .build_cartesian_2d(0.0..duration_s, 0.0..most * 1.25)
         .map_err(wrong)?;
     chart
         .configure_mesh()
@@ -147,6 +148,7 @@ fn render(
     }
     chart
         .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
         .background_style(WHITE)
         .border_style(BLACK)
         .draw()
