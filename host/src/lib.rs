@@ -3,6 +3,7 @@
 //! | module | what it is for |
 //! |---|---|
 //! | [`robot`] | the robot description file |
+//! | [`calibration`] | the robot's parameters from lengths, tensions and pictures of tags |
 //! | [`machine`] | the description as geometry, as a board's configuration, as physics |
 //! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
 //! | [`link`] | byte streams to a board and the host's half of the protocol |
@@ -12,6 +13,7 @@
 //! | [`units`] | numbers with units as people type them |
 //! | [`cli`] | the command line |
 
+pub mod calibration;
 pub mod cli;
 pub mod experiment;
 pub mod link;

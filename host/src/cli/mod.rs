@@ -10,6 +10,7 @@ macro_rules! say {
     };
 }
 
+mod calibrate;
 mod clear;
 mod compute;
 mod demo;
@@ -77,6 +78,7 @@ enum Command {
     Fk(compute::fk::Cmd),
     Statics(compute::statics::Cmd),
     Workspace(compute::workspace::Cmd),
+    Calibrate(calibrate::Cmd),
     Sim(sim::Cmd),
     Ports(ports::Cmd),
     States(states::Cmd),
@@ -100,6 +102,7 @@ pub fn main() -> ExitCode {
         Command::Fk(cmd) => cmd.run(common),
         Command::Statics(cmd) => cmd.run(common),
         Command::Workspace(cmd) => cmd.run(common),
+        Command::Calibrate(cmd) => cmd.run(common),
         Command::Sim(cmd) => cmd.run(common),
         Command::Ports(cmd) => cmd.run(common),
         Command::States(cmd) => cmd.run(common),

@@ -1,0 +1,213 @@
+//! What a calibration found, and its file form.
+
+use super::data::{Camera, matrix_mm};
+use super::unknowns::State;
+use mcdpr_kinematics::{Cable, Pose};
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use serde_json::{Value, json};
+
+/// A measurement that fits nothing else.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RejectedRow {
+    /// Pose, from 1.
+    pub pose: usize,
+    /// `encoder`, `tension` or `corner`.
+    pub kind: &'static str,
+    /// Cable, from 1.
+    pub cable: Option<usize>,
+    /// Id of the tag.
+    pub tag: Option<u32>,
+    /// Corner of the tag, from 0.
+    pub corner: Option<usize>,
+    /// How far off, in standard deviations of the measurement.
+    pub sigmas: f64,
+}
+
+/// What was estimated besides the core.
+#[derive(Debug, Clone)]
+pub struct Further {
+    /// True length per length that the encoder reports.
+    pub drum_scale: f64,
+    /// True size of the tags per stated size.
+    pub tag_scale: f64,
+    /// The camera.
+    pub camera: Camera,
+    /// Mass (kg), centre of mass (m), 1/EA (1/N), loss per cable, where statics took part.
+    pub statics: Option<(f64, Vector3<f64>, f64, Vec<f64>)>,
+}
+
+/// A calibration.
+#[derive(Debug, Clone)]
+pub struct Answer {
+    /// `joint` or `paper`.
+    pub method: &'static str,
+    /// The cables: anchors, pulley radii, attachments, m.
+    pub cables: Vec<Cable>,
+    /// Length of each cable when its encoder reads zero, m.
+    pub initial_length_m: Vec<f64>,
+    /// world_from_body of every body of tags.
+    pub world_from_body: Vec<Pose>,
+    /// camera_from_platform.
+    pub camera_from_platform: Pose,
+    /// What else was estimated; `None` where nothing was.
+    pub further: Option<Further>,
+    /// Predicted encoder readings at the held-out poses, m.
+    pub holdout_encoder_m: Vec<Vec<f64>>,
+    /// Covariance of the platform's position there, world axes, m^2.
+    pub holdout_covariance_m2: Vec<Matrix3<f64>>,
+    /// Weighted sum of squares of the measurements used.
+    pub chi_square: Option<f64>,
+    /// Its expectation: measurements less what the estimate follows them by.
+    pub degrees_of_freedom: Option<f64>,
+    /// Directions of the core unknowns that the data fix.
+    pub rank: usize,
+    /// Number of core unknowns.
+    pub core_unknowns: usize,
+    /// Rank of the paper's differenced start (Eqs. 24-26), and its unknowns.
+    pub differenced_rank: Option<(usize, usize)>,
+    /// The other directions in words.
+    pub unobservable: Vec<String>,
+    /// Measurements left out.
+    pub rejected: Vec<RejectedRow>,
+    /// Relative scatter of tensions found beyond the sensor's.
+    pub tension_scatter_relative: Option<f64>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Predicted root mean square position error over the held-out (or else the measured) poses, m.
+    pub predicted_error_m: f64,
+    /// The same at the worst pose, m.
+    pub worst_predicted_error_m: f64,
+    /// Steps taken.
+    pub iterations: usize,
+    /// Covariance of all shared unknowns, in the order of `Layout`.
+    pub covariance: Option<DMatrix<f64>>,
+}
+
+impl Answer {
+    /// An answer with the values of a state and everything else empty.
+    #[must_use]
+    pub fn of_state(method: &'static str, state: &State, statics: bool) -> Self {
+        Self {
+            method,
+            cables: state.cables.clone(),
+            initial_length_m: state.initial_length_m.clone(),
+            world_from_body: state.world_from_body.clone(),
+            camera_from_platform: state.camera_from_platform,
+            further: Some(Further {
+                drum_scale: state.drum_scale,
+                tag_scale: state.tag_scale,
+                camera: state.camera,
+                statics: statics.then(|| {
+                    (
+                        state.mass_kg,
+                        state.center_of_mass_m,
+                        state.compliance_per_n,
+                        state.loss.clone(),
+                    )
+                }),
+            }),
+            holdout_encoder_m: Vec::new(),
+            holdout_covariance_m2: Vec::new(),
+            chi_square: None,
+            degrees_of_freedom: None,
+            rank: 0,
+            core_unknowns: 0,
+            differenced_rank: None,
+            unobservable: Vec::new(),
+            rejected: Vec::new(),
+            tension_scatter_relative: None,
+            warnings: Vec::new(),
+            predicted_error_m: f64::NAN,
+            worst_predicted_error_m: f64::NAN,
+            iterations: 0,
+            covariance: None,
+        }
+    }
+
+    /// The file form: mm, kg, N, px.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let mm = |v: &Vector3<f64>| [v.x * 1e3, v.y * 1e3, v.z * 1e3];
+        let number = |x: f64| if x.is_finite() { json!(x) } else { Value::Null };
+        let covariance: Vec<_> = self
+            .holdout_covariance_m2
+            .iter()
+            .map(|c| {
+                let c = c * 1e6;
+                [0, 1, 2].map(|i| [c[(i, 0)], c[(i, 1)], c[(i, 2)]])
+            })
+            .collect();
+        let lengths: Vec<Vec<f64>> = self
+            .holdout_encoder_m
+            .iter()
+            .map(|list| list.iter().map(|l| l * 1e3).collect())
+            .collect();
+        let rejected: Vec<_> = self
+            .rejected
+            .iter()
+            .map(|row| {
+                json!({"pose": row.pose, "kind": row.kind, "cable": row.cable, "tag": row.tag,
+                       "corner": row.corner, "sigmas": row.sigmas})
+            })
+            .collect();
+        let mut out = json!({
+            "schema": "mcdpr-calibration-answer-1",
+            "method": self.method,
+            "anchors_mm": self.cables.iter().map(|c| mm(&c.anchor_m)).collect::<Vec<_>>(),
+            "initial_lengths_mm": self.initial_length_m.iter().map(|l| l * 1e3).collect::<Vec<_>>(),
+            "H_world_tag": self.world_from_body.first().map(matrix_mm),
+            "H_world_tag_bodies": self.world_from_body.iter().map(matrix_mm).collect::<Vec<_>>(),
+            "H_camera_platform": matrix_mm(&self.camera_from_platform),
+            "holdout_dl_mm": lengths,
+            "holdout_position_cov_mm2": covariance,
+            "chi_square": self.chi_square,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "rank": self.rank,
+            "unknowns": self.core_unknowns,
+            "unobservable": self.unobservable,
+            "rejected_rows": rejected,
+            "warnings": self.warnings,
+            "verdict": if self.warnings.is_empty() { "accepted" } else { "accepted with warnings" },
+            "predicted_tcp_error_mm": number(self.predicted_error_m * 1e3),
+            "predicted_tcp_error_worst_mm": number(self.worst_predicted_error_m * 1e3),
+            "iterations": self.iterations,
+        });
+        let mut set = |key: &str, value: Value| out[key] = value;
+        if let Some((rank, unknowns)) = self.differenced_rank {
+            set(
+                "differenced_start",
+                json!({"rank": rank, "unknowns": unknowns}),
+            );
+        }
+        if let Some(further) = &self.further {
+            let radii: Vec<_> = self
+                .cables
+                .iter()
+                .map(|c| c.pulley_radius_m * 1e3)
+                .collect();
+            let attachments: Vec<_> = self.cables.iter().map(|c| mm(&c.attachment_m)).collect();
+            set("pulley_radius_mm", json!(radii));
+            set("attachments_mm", json!(attachments));
+            set("drum_scale", json!(further.drum_scale));
+            set("tag_scale", json!(further.tag_scale));
+            let camera = &further.camera;
+            set(
+                "camera",
+                json!({"fx": camera.focal_px[0], "fy": camera.focal_px[1],
+                       "cx": camera.center_px[0], "cy": camera.center_px[1],
+                       "distortion": camera.distortion}),
+            );
+            if let Some((mass, center, compliance, loss)) = &further.statics {
+                set("platform_mass_kg", json!(mass));
+                set("platform_com_mm", json!(mm(center)));
+                set("cable_compliance_per_N", json!(compliance));
+                set("pulley_loss", json!(loss));
+                set(
+                    "tension_scatter_relative",
+                    json!(self.tension_scatter_relative),
+                );
+            }
+        }
+        out
+    }
+}

@@ -1,0 +1,38 @@
+//! Self-calibration: the robot's anchors, initial lengths, camera and tags from cable lengths,
+//! tensions and pictures of tags at a few poses.
+//!
+//! | file | what it is for |
+//! |---|---|
+//! | [`data`] | what was measured, and what is known beforehand; `read` is its file form |
+//! | [`check`] | what can be said against data before anything is solved |
+//! | [`camera`], [`pnp`] | projection; where tags are in one picture |
+//! | [`unknowns`], [`rows`] | what the joint method estimates, and what each measurement says about it |
+//! | [`normal`], [`mod@solve`] | elimination of the poses; Levenberg-Marquardt; outliers |
+//! | [`observability`], [`predict`] | what the data fix, and how far off the platform would be |
+//! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
+//! | [`mod@paper`], [`hand_eye`] | the paper's method, for comparison |
+//! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
+
+pub mod answer;
+pub mod camera;
+pub mod check;
+pub mod data;
+pub mod error;
+pub mod hand_eye;
+pub mod joint;
+pub mod normal;
+pub mod observability;
+pub mod paper;
+pub mod pnp;
+pub mod predict;
+mod read;
+pub mod rows;
+pub mod simulate;
+pub mod solve;
+pub mod study;
+pub mod unknowns;
+
+pub use answer::Answer;
+pub use data::Data;
+pub use error::Refusal;
+pub use joint::{Options, joint};

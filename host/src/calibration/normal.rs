@@ -1,0 +1,311 @@
+//! Normal equations in arrow form: unknowns of each pose, and unknowns shared by all. The former are
+//! eliminated pose by pose (Schur complement; Triggs et al., 2000), which leaves a small dense system.
+
+use super::rows::{Model, Row, singles};
+use super::unknowns::{Priors, State};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// Factor on each row of each pose: 1 counts in full, 0 is rejected.
+pub type Weights = Vec<Vec<f64>>;
+
+/// Normal equations at a state, and the residuals they were made of.
+#[derive(Debug, Clone)]
+pub struct Normal {
+    own: usize,
+    shared: usize,
+    /// Per pose: own x own, row-major, lower triangle.
+    own_h: Vec<Vec<f64>>,
+    own_g: Vec<Vec<f64>>,
+    /// Per pose: own rows of `shared` numbers.
+    cross: Vec<Vec<f64>>,
+    shared_h: DMatrix<f64>,
+    shared_g: DVector<f64>,
+    /// Weighted sum of squares of the measurements.
+    pub chi_square: f64,
+    /// Sum of squares of the priors.
+    pub prior_chi_square: f64,
+    /// Residuals of each pose's rows, in standard deviations, not weighted.
+    pub residuals: Vec<Vec<f64>>,
+}
+
+/// The system with the poses eliminated.
+#[derive(Debug, Clone)]
+pub struct Reduced {
+    own: usize,
+    shared: usize,
+    /// Per pose: Cholesky factor of the own block, row-major.
+    factors: Vec<Vec<f64>>,
+    /// `shared` x (poses * own): columns are the rows of L^-1 cross.
+    coupling: DMatrix<f64>,
+    /// L^-1 of the own gradients.
+    own_g: DVector<f64>,
+    /// Schur complement.
+    pub information: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+impl Normal {
+    /// Accumulates all rows and priors. `None` outside the model's domain.
+    #[must_use]
+    pub fn at(
+        model: &Model<'_>,
+        priors: &Priors,
+        state: &State,
+        weights: &Weights,
+    ) -> Option<Self> {
+        let (own, shared) = (model.layout.local(), model.layout.len());
+        let poses = state.poses.len();
+        let mut out = Self {
+            own,
+            shared,
+            own_h: vec![vec![0.0; own * own]; poses],
+            own_g: vec![vec![0.0; own]; poses],
+            cross: vec![vec![0.0; own * shared]; poses],
+            shared_h: DMatrix::zeros(shared, shared),
+            shared_g: DVector::zeros(shared),
+            chi_square: 0.0,
+            prior_chi_square: 0.0,
+            residuals: vec![Vec::new(); poses],
+        };
+        let cables = singles(state).ok()?;
+        for k in 0..poses {
+            let mut list = Vec::with_capacity(weights.get(k).map_or(0, Vec::len));
+            model
+                .rows(state, &cables, k, |row| {
+                    let weight = weights.get(k).and_then(|w| w.get(list.len()));
+                    list.push(row.residual);
+                    out.add(k, row, weight.copied().unwrap_or(1.0));
+                })
+                .ok()?;
+            out.residuals[k] = list;
+        }
+        for prior in state.priors(model.data, &model.layout, priors) {
+            let weight = 1.0 / (prior.sigma * prior.sigma);
+            out.shared_h[(prior.index, prior.index)] += weight;
+            out.shared_g[prior.index] += weight * prior.deviation;
+            out.prior_chi_square += weight * prior.deviation * prior.deviation;
+        }
+        (out.chi_square + out.prior_chi_square)
+            .is_finite()
+            .then_some(out)
+    }
+
+    /// Weighted sum of squares with the priors: what is minimised.
+    #[must_use]
+    pub fn cost(&self) -> f64 {
+        self.chi_square + self.prior_chi_square
+    }
+
+    fn add(&mut self, k: usize, row: &Row<'_>, weight: f64) {
+        if weight == 0.0 {
+            return;
+        }
+        self.chi_square += weight * row.residual * row.residual;
+        let (h, g, cross) = (&mut self.own_h[k], &mut self.own_g[k], &mut self.cross[k]);
+        for (a, &value) in row.own.iter().enumerate() {
+            if value == 0.0 {
+                continue;
+            }
+            let value = value * weight;
+            g[a] += value * row.residual;
+            for (slot, other) in h[a * self.own..].iter_mut().zip(&row.own[..=a]) {
+                *slot += value * other;
+            }
+            let line = &mut cross[a * self.shared..(a + 1) * self.shared];
+            for &(j, other) in row.shared {
+                line[j] += value * other;
+            }
+        }
+        for (p, &(i, value)) in row.shared.iter().enumerate() {
+            let value = value * weight;
+            self.shared_g[i] += value * row.residual;
+            for &(j, other) in &row.shared[..=p] {
+                self.shared_h[(i.max(j), i.min(j))] += value * other;
+            }
+        }
+    }
+
+    /// Eliminates the poses, with Marquardt's damping (relative to the diagonal). `None` where a
+    /// block is not positive definite.
+    #[must_use]
+    pub fn reduced(&self, damping: f64) -> Option<Reduced> {
+        let (own, shared, poses) = (self.own, self.shared, self.own_h.len());
+        let mut coupling = DMatrix::zeros(shared, poses * own);
+        let mut own_g = DVector::zeros(poses * own);
+        let mut factors = Vec::with_capacity(poses);
+        let values = coupling.as_mut_slice();
+        for k in 0..poses {
+            let mut l = self.own_h[k].clone();
+            for a in 0..own {
+                let diagonal = &mut l[a * own + a];
+                // Next to nothing (1/m^2, against 1e8 and more), for what no row fixes: a tension
+                // without sensor, a pose whose picture was rejected.
+                *diagonal = *diagonal * (1.0 + damping) + 1.0;
+            }
+            factor(&mut l, own)?;
+            let block = &mut values[k * own * shared..(k + 1) * own * shared];
+            block.copy_from_slice(&self.cross[k]);
+            let g = &mut own_g.as_mut_slice()[k * own..(k + 1) * own];
+            g.copy_from_slice(&self.own_g[k]);
+            for a in 0..own {
+                let (done, rest) = block.split_at_mut(a * shared);
+                let line = &mut rest[..shared];
+                let mut rhs = g[a];
+                for b in 0..a {
+                    let f = l[a * own + b];
+                    if f != 0.0 {
+                        for (x, y) in line.iter_mut().zip(&done[b * shared..(b + 1) * shared]) {
+                            *x -= f * y;
+                        }
+                        rhs -= f * g[b];
+                    }
+                }
+                let inv = 1.0 / l[a * own + a];
+                for x in line.iter_mut() {
+                    *x *= inv;
+                }
+                g[a] = rhs * inv;
+            }
+            factors.push(l);
+        }
+        let mut information = self.shared_h.clone();
+        for j in 0..shared {
+            information[(j, j)] *= 1.0 + damping;
+            for i in 0..j {
+                information[(i, j)] = information[(j, i)];
+            }
+        }
+        information.gemm(-1.0, &coupling, &coupling.transpose(), 1.0);
+        let mut gradient = self.shared_g.clone();
+        gradient.gemv(-1.0, &coupling, &own_g, 1.0);
+        Some(Reduced {
+            own,
+            shared,
+            factors,
+            coupling,
+            own_g,
+            information,
+            gradient,
+        })
+    }
+}
+
+/// Cholesky factor in place, lower triangle, row-major. `None` unless positive definite.
+fn factor(l: &mut [f64], n: usize) -> Option<()> {
+    for i in 0..n {
+        for j in 0..=i {
+            let mut sum = l[i * n + j];
+            for k in 0..j {
+                sum -= l[i * n + k] * l[j * n + k];
+            }
+            if i == j {
+                if sum.is_nan() || sum <= 0.0 {
+                    return None;
+                }
+                l[i * n + i] = sum.sqrt();
+            } else {
+                l[i * n + j] = sum / l[j * n + j];
+            }
+        }
+    }
+    Some(())
+}
+
+/// A symmetric positive definite matrix, scaled to a unit diagonal and factored: the unknowns differ
+/// by many orders of magnitude.
+#[derive(Debug, Clone)]
+pub struct Scaled {
+    scale: DVector<f64>,
+    cholesky: Cholesky<f64, Dyn>,
+}
+
+impl Scaled {
+    /// `None` unless positive definite.
+    #[must_use]
+    pub fn new(matrix: &DMatrix<f64>) -> Option<Self> {
+        let scale = matrix.diagonal().map(|d| 1.0 / d.sqrt());
+        if scale.iter().any(|s| !s.is_finite()) {
+            return None;
+        }
+        let n = matrix.nrows();
+        let unit = DMatrix::from_fn(n, n, |i, j| matrix[(i, j)] * scale[i] * scale[j]);
+        Some(Self {
+            scale,
+            cholesky: Cholesky::new(unit)?,
+        })
+    }
+
+    /// Solves the system.
+    #[must_use]
+    pub fn solve(&self, rhs: &DVector<f64>) -> DVector<f64> {
+        let scaled = rhs.component_mul(&self.scale);
+        self.cholesky.solve(&scaled).component_mul(&self.scale)
+    }
+
+    /// The inverse.
+    #[must_use]
+    pub fn inverse(&self) -> DMatrix<f64> {
+        let mut out = self.cholesky.inverse();
+        for j in 0..out.ncols() {
+            for i in 0..out.nrows() {
+                out[(i, j)] *= self.scale[i] * self.scale[j];
+            }
+        }
+        out
+    }
+}
+
+impl Reduced {
+    /// The step of the shared unknowns and of each pose's own, and the expected decrease of the cost.
+    #[must_use]
+    pub fn step(&self) -> Option<(DVector<f64>, DVector<f64>, f64)> {
+        let shared = Scaled::new(&self.information)?.solve(&-&self.gradient);
+        let mut own = -&self.own_g;
+        own.gemv_tr(-1.0, &self.coupling, &shared, 1.0);
+        let expected = own.norm_squared() + 0.0_f64.max(-self.gradient.dot(&shared));
+        for (k, l) in self.factors.iter().enumerate() {
+            let x = &mut own.as_mut_slice()[k * self.own..(k + 1) * self.own];
+            for a in (0..self.own).rev() {
+                let mut sum = x[a];
+                for b in a + 1..self.own {
+                    sum -= l[b * self.own + a] * x[b];
+                }
+                x[a] = sum / l[a * self.own + a];
+            }
+        }
+        (shared.iter().chain(own.iter()))
+            .all(|x| x.is_finite())
+            .then_some((shared, own, expected))
+    }
+
+    /// Covariance of the shared unknowns.
+    #[must_use]
+    pub fn covariance(&self) -> Option<DMatrix<f64>> {
+        Some(Scaled::new(&self.information)?.inverse())
+    }
+
+    /// Variance of a row's prediction, in the row's variances: 1 means that the estimate follows the
+    /// measurement wholly, 0 that it does not depend on it.
+    #[must_use]
+    pub fn leverage(&self, covariance: &DMatrix<f64>, k: usize, row: &Row<'_>) -> f64 {
+        let l = &self.factors[k];
+        let mut a = row.own.to_vec();
+        for i in 0..self.own {
+            let mut sum = a[i];
+            for j in 0..i {
+                sum -= l[i * self.own + j] * a[j];
+            }
+            a[i] = sum / l[i * self.own + i];
+        }
+        let mut b = DVector::zeros(self.shared);
+        for &(j, value) in row.shared {
+            b[j] += value;
+        }
+        for (i, &value) in a.iter().enumerate() {
+            if value != 0.0 {
+                b.axpy(-value, &self.coupling.column(k * self.own + i), 1.0);
+            }
+        }
+        a.iter().map(|x| x * x).sum::<f64>() + (covariance * &b).dot(&b)
+    }
+}

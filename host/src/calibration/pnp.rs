@@ -1,0 +1,182 @@
+//! Where a body of tags is in the camera's frame, from its corners in one picture: a homography of
+//! the largest tag as a start (and its mirror image, the second minimum of a small planar target;
+//! Schweighofer and Pinz, 2006), then Gauss-Newton over all corners.
+
+use super::data::{Camera, Data, Observation, View};
+use mcdpr_kinematics::Pose;
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
+
+/// A body's pose seen by the camera, best first, with its sum of squared residuals.
+#[derive(Debug, Clone, Copy)]
+pub struct Sighting {
+    /// camera_from_body.
+    pub camera_from_body: Pose,
+    /// Sum of squared corner residuals, px^2.
+    pub cost_px2: f64,
+}
+
+/// The candidates (one or two, best first) for a body's pose in one picture. Empty where the body
+/// is not seen or the corners make no sense.
+#[must_use]
+pub fn sightings(data: &Data, pose: &Observation, body: usize) -> Vec<Sighting> {
+    let on_body = |view: &&View| data.tags.get(view.tag).is_some_and(|tag| tag.body == body);
+    let views: Vec<&View> = pose.views.iter().filter(on_body).collect();
+    let Some(largest) = views.iter().max_by(|a, b| area(a).total_cmp(&area(b))) else {
+        return Vec::new();
+    };
+    let mut points = Vec::new();
+    for view in &views {
+        for (corner, pixel) in data.tags[view.tag]
+            .corners_in_body_m
+            .iter()
+            .zip(view.corners_px)
+        {
+            points.push((*corner, pixel));
+        }
+    }
+    let Some(start) = from_square(data, largest) else {
+        return Vec::new();
+    };
+    let corners = &data.tags[largest.tag].corners_in_body_m;
+    let center = corners.iter().sum::<Vector3<f64>>() / 4.0;
+    let normal = (corners[1] - corners[0]).cross(&(corners[3] - corners[0]));
+    let mut found: Vec<Sighting> = [start, mirrored(&start, &center, &normal)]
+        .iter()
+        .filter_map(|start| refined(&data.camera, &points, start))
+        .collect();
+    found.sort_by(|a, b| a.cost_px2.total_cmp(&b.cost_px2));
+    if let [a, b] = found.as_slice()
+        && a.camera_from_body
+            .rotation
+            .angle_to(&b.camera_from_body.rotation)
+            < 1e-4
+    {
+        found.pop();
+    }
+    found
+}
+
+fn area(view: &View) -> f64 {
+    let [a, b, c, d] = view.corners_px;
+    ((c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1])).abs()
+}
+
+/// The pose of the body from one tag's four corners.
+fn from_square(data: &Data, view: &View) -> Option<Pose> {
+    let corners = &data.tags[view.tag].corners_in_body_m;
+    let x = (corners[1] - corners[0]).normalize();
+    let normal = x.cross(&(corners[3] - corners[0])).normalize();
+    let body_from_tag = Matrix3::from_columns(&[x, normal.cross(&x), normal]);
+    let center = corners.iter().sum::<Vector3<f64>>() / 4.0;
+    let mut a = SMatrix::<f64, 9, 9>::zeros();
+    for (i, (corner, pixel)) in corners.iter().zip(view.corners_px).enumerate() {
+        let p = body_from_tag.tr_mul(&(corner - center)) / data.tags[view.tag].size_m;
+        let q = data.camera.direction(pixel);
+        let h = [p.x, p.y, 1.0];
+        for k in 0..3 {
+            a[(2 * i, k)] = h[k];
+            a[(2 * i, 6 + k)] = -q.x * h[k];
+            a[(2 * i + 1, 3 + k)] = h[k];
+            a[(2 * i + 1, 6 + k)] = -q.y * h[k];
+        }
+    }
+    let svd = a.svd(false, true);
+    let last = svd.singular_values.imin();
+    let v = svd.v_t?.row(last).transpose();
+    let mut h = Matrix3::new(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8]);
+    if h[(2, 2)] < 0.0 {
+        h = -h;
+    }
+    let scale = (h.column(0).norm() * h.column(1).norm()).sqrt();
+    if scale.is_nan() || scale <= 1e-12 {
+        return None;
+    }
+    h /= scale;
+    let (r1, r2) = (h.column(0).into_owned(), h.column(1).into_owned());
+    let rotation = nearest_rotation(&Matrix3::from_columns(&[r1, r2, r1.cross(&r2)]))?;
+    let rotation = rotation * Rotation3::from_matrix_unchecked(body_from_tag).inverse();
+    let at = h.column(2).into_owned() * data.tags[view.tag].size_m;
+    Some(Pose::new(at - rotation * center, rotation))
+}
+
+/// The rotation nearest to a matrix (Frobenius norm).
+pub(crate) fn nearest_rotation(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
+    if m.iter().any(|x| !x.is_finite()) {
+        return None;
+    }
+    let svd = m.svd(true, true);
+    let (mut u, v_t) = (svd.u?, svd.v_t?);
+    if (u * v_t).determinant() < 0.0 {
+        let last = svd.singular_values.imin();
+        let flipped = -u.column(last).into_owned();
+        u.set_column(last, &flipped);
+    }
+    Some(Rotation3::from_matrix_unchecked(u * v_t))
+}
+
+/// The pose whose plane is mirrored about the line of sight: it looks nearly the same.
+fn mirrored(pose: &Pose, center: &Vector3<f64>, normal: &Vector3<f64>) -> Pose {
+    let at = pose.transform(center);
+    let pi = std::f64::consts::PI;
+    let about_sight = Rotation3::from_axis_angle(&Unit::new_normalize(at), pi);
+    let about_normal = Rotation3::from_axis_angle(&Unit::new_normalize(*normal), pi);
+    let rotation = about_sight * pose.rotation * about_normal;
+    Pose::new(at - rotation * center, rotation)
+}
+
+/// Levenberg-Marquardt over the pose.
+fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -> Option<Sighting> {
+    let evaluate = |pose: &Pose| {
+        let mut h = SMatrix::<f64, 6, 6>::zeros();
+        let mut g = SVector::<f64, 6>::zeros();
+        let mut cost = 0.0;
+        for (point, pixel) in points {
+            let arm = pose.rotation * point;
+            let seen = camera.project(&(pose.position_m + arm))?;
+            for (k, measured) in pixel.iter().enumerate() {
+                let residual = seen.pixel[k] - measured;
+                let d = seen.by_point.row(k).transpose();
+                let m = arm.cross(&d);
+                let row = Vector6::new(d.x, d.y, d.z, m.x, m.y, m.z);
+                cost += residual * residual;
+                g += row * residual;
+                h += row * row.transpose();
+            }
+        }
+        Some((cost, g, h))
+    };
+    let mut pose = *start;
+    let (mut cost, mut g, mut h) = evaluate(&pose)?;
+    let mut damping = 1e-6;
+    for _ in 0..40 {
+        let mut damped = h;
+        for k in 0..6 {
+            damped[(k, k)] *= 1.0 + damping;
+        }
+        let step = damped.cholesky()?.solve(&-g);
+        let trial = pose.displaced(
+            &step.fixed_rows::<3>(0).into_owned(),
+            &step.fixed_rows::<3>(3).into_owned(),
+        );
+        match evaluate(&trial) {
+            Some((trial_cost, trial_g, trial_h)) if trial_cost <= cost => {
+                let done = cost - trial_cost <= 1e-12 * cost + 1e-14;
+                (pose, cost, g, h) = (trial, trial_cost, trial_g, trial_h);
+                damping = (damping * 0.1).max(1e-12);
+                if done {
+                    break;
+                }
+            }
+            _ => {
+                damping *= 10.0;
+                if damping > 1e6 {
+                    break;
+                }
+            }
+        }
+    }
+    Some(Sighting {
+        camera_from_body: pose,
+        cost_px2: cost,
+    })
+}

@@ -1,0 +1,318 @@
+//! Levenberg-Marquardt on the joint problem, and rows that do not fit left out.
+
+use super::data::Data;
+use super::error::Refusal;
+use super::normal::{Normal, Reduced, Weights};
+use super::rows::{Model, Source, singles};
+use super::unknowns::{Priors, State};
+use nalgebra::DMatrix;
+
+/// A row farther off than this many standard deviations is rejected.
+const REJECT: f64 = 4.5;
+/// Scale of the robust loss (Cauchy) in standard deviations, while outliers are sought.
+const ROBUST: f64 = 2.5;
+
+/// A minimum of the joint problem.
+#[derive(Debug, Clone)]
+pub struct Minimum {
+    /// The estimate.
+    pub state: State,
+    /// The normal equations at the estimate.
+    pub normal: Normal,
+    /// The same with the poses eliminated.
+    pub reduced: Reduced,
+    /// Covariance of the shared unknowns.
+    pub covariance: DMatrix<f64>,
+    /// 1 for rows that were used, 0 for rejected ones.
+    pub weights: Weights,
+    /// Leverage of each row.
+    pub leverage: Weights,
+    /// What each row comes from.
+    pub sources: Vec<Vec<Source>>,
+    /// Relative scatter of the tensions that was found beyond the sensor's.
+    pub tension_relative: f64,
+    /// Steps taken.
+    pub iterations: usize,
+}
+
+struct Descent {
+    state: State,
+    normal: Normal,
+    iterations: usize,
+}
+
+/// Minimises with fixed weights.
+fn descend(
+    model: &Model<'_>,
+    priors: &Priors,
+    start: &State,
+    weights: &Weights,
+    most: usize,
+) -> Result<Descent, Refusal> {
+    let mut state = start.clone();
+    let mut normal =
+        Normal::at(model, priors, &state, weights).ok_or_else(|| Refusal::NotConverged {
+            what: "the start is outside the robot's domain".to_owned(),
+        })?;
+    let mut damping = 1e-5;
+    let mut iterations = 0;
+    while iterations < most {
+        iterations += 1;
+        let step = normal.reduced(damping).and_then(|reduced| reduced.step());
+        let trial = step.and_then(|(shared, own, expected)| {
+            let trial = state.stepped(model.data, &model.layout, shared.as_slice(), own.as_slice());
+            let normal = Normal::at(model, priors, &trial, weights)?;
+            Some((trial, normal, expected))
+        });
+        match trial {
+            Some((trial, next, expected)) if next.cost() <= normal.cost() * (1.0 + 1e-12) => {
+                let gain = normal.cost() - next.cost();
+                (state, normal) = (trial, next);
+                damping = (damping * 0.1).max(1e-12);
+                if gain.max(expected * 0.1) < 1e-5 + 1e-9 * normal.cost() {
+                    break;
+                }
+            }
+            _ => {
+                damping *= 30.0;
+                if damping > 1e8 {
+                    break;
+                }
+            }
+        }
+    }
+    Ok(Descent {
+        state,
+        normal,
+        iterations,
+    })
+}
+
+/// The start: nominal values, poses from the pictures, initial lengths from both.
+fn initial_lengths(data: &Data, state: &mut State) -> Result<(), Refusal> {
+    let cables = singles(state).map_err(|error| Refusal::NotConverged {
+        what: error.to_string(),
+    })?;
+    for (i, cable) in cables.iter().enumerate() {
+        let mut all = Vec::new();
+        for (pose, seen) in state.poses.iter().zip(&data.poses) {
+            if let (Some(dl), Ok([length])) = (seen.encoder_m[i], cable.lengths_m(pose)) {
+                all.push(length - dl);
+            }
+        }
+        all.sort_by(f64::total_cmp);
+        state.initial_length_m[i] =
+            *all.get(all.len() / 2)
+                .ok_or_else(|| Refusal::NotConverged {
+                    what: format!("cable {}: no pose has its length", i + 1),
+                })?;
+    }
+    Ok(())
+}
+
+/// What a minimum's rows say one by one.
+struct Rows {
+    leverage: Weights,
+    sources: Vec<Vec<Source>>,
+}
+
+fn examine(
+    model: &Model<'_>,
+    state: &State,
+    reduced: &Reduced,
+    covariance: &DMatrix<f64>,
+) -> Option<Rows> {
+    let cables = singles(state).ok()?;
+    let mut out = Rows {
+        leverage: Vec::new(),
+        sources: Vec::new(),
+    };
+    for k in 0..state.poses.len() {
+        let (mut leverage, mut sources) = (Vec::new(), Vec::new());
+        model
+            .rows(state, &cables, k, |row| {
+                leverage.push(reduced.leverage(covariance, k, row).clamp(0.0, 1.0));
+                sources.push(row.source);
+            })
+            .ok()?;
+        out.leverage.push(leverage);
+        out.sources.push(sources);
+    }
+    Some(out)
+}
+
+/// Residuals in standard deviations of the residual itself, where the measurement is overdetermined.
+fn studentised(residual: f64, leverage: f64) -> f64 {
+    residual / (1.0 - leverage).max(0.05).sqrt()
+}
+
+/// Robust ratio of the tensions' scatter to what is assumed (from the median of the squares).
+fn tension_ratio(normal: &Normal, rows: &Rows, weights: &Weights) -> Option<(f64, usize)> {
+    let mut squares = Vec::new();
+    for (k, sources) in rows.sources.iter().enumerate() {
+        for (j, source) in sources.iter().enumerate() {
+            let free = 1.0 - rows.leverage[k][j];
+            if matches!(source, Source::Tension(_)) && free > 0.02 && weights[k][j] > 0.0 {
+                squares.push(normal.residuals[k][j].powi(2) / free);
+            }
+        }
+    }
+    squares.sort_by(f64::total_cmp);
+    let median = *squares.get(squares.len() / 2)?;
+    // Median of chi-square with one degree of freedom.
+    Some((median / 0.4549, squares.len()))
+}
+
+/// Solves the joint problem from nominal values and given platform poses.
+///
+/// # Errors
+/// [`Refusal::NotConverged`].
+pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Minimum, Refusal> {
+    initial_lengths(model.data, &mut start)?;
+    let mut model = *model;
+    let unsolved = |what: &str| Refusal::NotConverged {
+        what: what.to_owned(),
+    };
+    let mut weights: Weights = Vec::new();
+    let mut descent = descend(&model, priors, &start, &weights, 40)?;
+    let mut iterations = descent.iterations;
+    weights = descent
+        .normal
+        .residuals
+        .iter()
+        .map(|list| vec![1.0; list.len()])
+        .collect();
+    let worst = |normal: &Normal| {
+        let all = normal.residuals.iter().flatten();
+        all.fold(0.0_f64, |a, r| a.max(r.abs()))
+    };
+    let sources = examine(
+        &model,
+        &descent.state,
+        &descent
+            .normal
+            .reduced(0.0)
+            .ok_or_else(|| unsolved("the normal equations are singular"))?,
+        &DMatrix::zeros(model.layout.len(), model.layout.len()),
+    )
+    .ok_or_else(|| unsolved("the estimate left the robot's domain"))?
+    .sources;
+    if worst(&descent.normal) > REJECT {
+        // Outliers bend the fit: weigh them down from a wide loss to a narrow one.
+        let mut scale = spread(&descent.normal) * 4.0;
+        for _ in 0..14 {
+            scale = (scale * 0.5).min(spread(&descent.normal) * 4.0).max(ROBUST);
+            for (k, list) in weights.iter_mut().enumerate() {
+                for (j, weight) in list.iter_mut().enumerate() {
+                    let r = together(&descent.normal.residuals[k], &sources[k], j) / scale;
+                    *weight = match sources[k][j] {
+                        Source::Balance(_) => 1.0,
+                        _ => 1.0 / (1.0 + r * r),
+                    };
+                }
+            }
+            let before = descent.normal.residuals.clone();
+            descent = descend(&model, priors, &descent.state, &weights, 8)?;
+            iterations += descent.iterations;
+            let change = (before
+                .iter()
+                .flatten()
+                .zip(descent.normal.residuals.iter().flatten()))
+            .fold(0.0_f64, |a, (x, y)| a.max((x - y).abs() / (1.0 + x.abs())));
+            if scale <= ROBUST && change < 0.05 {
+                break;
+            }
+        }
+    }
+    for round in 0..10 {
+        let reduced = descent.normal.reduced(0.0);
+        let reduced = reduced.ok_or_else(|| unsolved("the normal equations are singular"))?;
+        let covariance = reduced
+            .covariance()
+            .ok_or_else(|| unsolved("the normal equations are singular"))?;
+        let rows = examine(&model, &descent.state, &reduced, &covariance)
+            .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
+        let mut settled = true;
+        if round < 6
+            && let Some((ratio, count)) = tension_ratio(&descent.normal, &rows, &weights)
+            && let Some(relative) = wider(&model, ratio, count)
+        {
+            model.scatter.tension_relative = relative;
+            settled = false;
+        }
+        for (k, list) in weights.iter_mut().enumerate() {
+            for (j, weight) in list.iter_mut().enumerate() {
+                let used = if *weight == 0.0 {
+                    0.0
+                } else {
+                    rows.leverage[k][j]
+                };
+                let off = studentised(
+                    together(&descent.normal.residuals[k], &rows.sources[k], j),
+                    used,
+                );
+                let fits = matches!(rows.sources[k][j], Source::Balance(_)) || off < REJECT;
+                let next = if fits { 1.0 } else { 0.0 };
+                // After some rounds a row on the border stays out: it must not oscillate.
+                if *weight != next && !(round > 4 && next == 1.0) {
+                    *weight = next;
+                    settled = false;
+                }
+            }
+        }
+        if settled || round == 9 {
+            return Ok(Minimum {
+                state: descent.state,
+                normal: descent.normal,
+                reduced,
+                covariance,
+                weights,
+                leverage: rows.leverage,
+                sources: rows.sources,
+                tension_relative: model.scatter.tension_relative,
+                iterations,
+            });
+        }
+        descent = descend(&model, priors, &descent.state, &weights, 20)?;
+        iterations += descent.iterations;
+    }
+    Err(unsolved("the rejected rows do not settle"))
+}
+
+/// A row's residual; of a corner, the larger of both axes, since a corner is rejected as a whole.
+fn together(residuals: &[f64], sources: &[Source], j: usize) -> f64 {
+    let own = residuals[j].abs();
+    match sources[j] {
+        Source::Corner(_, _, 0) => own.max(residuals[j + 1].abs()),
+        Source::Corner(..) => own.max(residuals[j - 1].abs()),
+        _ => own,
+    }
+}
+
+/// Robust standard deviation of all residuals.
+fn spread(normal: &Normal) -> f64 {
+    let mut all: Vec<f64> = normal.residuals.iter().flatten().map(|r| r.abs()).collect();
+    all.sort_by(f64::total_cmp);
+    (1.4826 * all.get(all.len() / 2).copied().unwrap_or(1.0)).max(0.5)
+}
+
+/// The relative scatter of tensions that explains the ratio, if it differs from the present one by
+/// more than chance.
+fn wider(model: &Model<'_>, ratio: f64, count: usize) -> Option<f64> {
+    let now = model.scatter.tension_relative;
+    // The median of n squares scatters by about 2.3/sqrt(n).
+    let chance = 2.0 * 2.3 / (count.max(1) as f64).sqrt();
+    if (ratio - 1.0).abs() < chance.min(0.8) || (now == 0.0 && ratio < 1.0) {
+        return None;
+    }
+    let sigma = model.data.noise.tension_n?;
+    let mut squares: Vec<f64> = Vec::new();
+    for pose in &model.data.poses {
+        squares.extend(pose.tension_n.iter().flatten().map(|t| t * t));
+    }
+    squares.sort_by(f64::total_cmp);
+    let typical = squares.get(squares.len() / 2)?.max(1e-6);
+    let variance = ratio * (sigma * sigma + now * now * typical) - sigma * sigma;
+    let next = (variance.max(0.0) / typical).sqrt().min(0.1);
+    ((next - now).abs() > 1e-3).then_some(next)
+}

@@ -1,0 +1,164 @@
+//! `mcdpr calibrate study`: how accurate both methods are on simulated data.
+
+use crate::calibration::joint::Options;
+use crate::calibration::simulate::{Setup, Silent, Target, simulate};
+use crate::calibration::study::{Trial, median, trial};
+use crate::cli::table::lay_out;
+use crate::cli::{Common, Failed, Outcome, print_json, write_out};
+use rayon::prelude::*;
+use std::path::PathBuf;
+
+/// Measure the accuracy of both methods on simulated data of the paper's robot
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Number of seeds, each with its own robot, poses and noise
+    #[arg(long, default_value_t = 24)]
+    seeds: u64,
+    /// What is on the floor
+    #[arg(long, value_enum, default_value_t = On::Board)]
+    target: On,
+    /// Number of poses
+    #[arg(long, default_value_t = 20)]
+    poses: usize,
+    /// Corner noise, px
+    #[arg(long, default_value_t = 0.1)]
+    corner_px: f64,
+    /// Poses anywhere and at any attitude, as in the paper's simulation (no statics)
+    #[arg(long)]
+    free_poses: bool,
+    /// joint: leave the equations of equilibrium out
+    #[arg(long)]
+    no_statics: bool,
+    /// The tags are larger than stated by this part
+    #[arg(long, default_value_t = 0.0)]
+    tag_error: f64,
+    /// The lens has this k1, which nothing states
+    #[arg(long, default_value_t = 0.0)]
+    k1: f64,
+    /// The drums are larger than assumed by this part
+    #[arg(long, default_value_t = 0.0)]
+    drum_error: f64,
+    /// The cables stretch: EA, N (0: not at all)
+    #[arg(long, default_value_t = 0.0)]
+    ea_n: f64,
+    /// The pulleys lose up to this part of a tension, with either sign
+    #[arg(long, default_value_t = 0.0)]
+    loss: f64,
+    /// Part of the measurements that are outliers
+    #[arg(long, default_value_t = 0.0)]
+    outliers: f64,
+    /// Write the first seed's data to this file instead
+    #[arg(long, value_name = "FILE")]
+    write: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum On {
+    /// One tag of 100 mm
+    Tag,
+    /// 3 x 3 tags of 80 mm
+    Board,
+    /// Three loose tags of 80 mm
+    Loose,
+}
+
+impl Cmd {
+    fn setup(&self, seed: u64) -> Setup {
+        Setup {
+            target: match self.target {
+                On::Tag => Target::Tag,
+                On::Board => Target::Board,
+                On::Loose => Target::Loose,
+            },
+            poses: self.poses,
+            corner_px: self.corner_px,
+            free_poses: self.free_poses,
+            silent: Silent {
+                tag: self.tag_error,
+                k1: self.k1,
+                drum: self.drum_error,
+                compliance_per_n: if self.ea_n > 0.0 {
+                    1.0 / self.ea_n
+                } else {
+                    0.0
+                },
+                loss: self.loss,
+                outliers: self.outliers,
+            },
+            seed,
+        }
+    }
+
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        if let Some(file) = &self.write {
+            let what = format!("simulated data {}", file.display());
+            let (data, _) = simulate(&self.setup(common.seed))
+                .ok_or("no robot")
+                .map_err(Failed::from_error(&what))?;
+            let text = data.to_json().to_string();
+            std::fs::write(file, text).map_err(Failed::from_error(&what))?;
+            return Ok(());
+        }
+        let options = Options {
+            without_statics: self.no_statics,
+            ..Options::default()
+        };
+        let trials: Vec<Result<Trial, String>> = (0..self.seeds)
+            .into_par_iter()
+            .map(|i| trial(&self.setup(common.seed + i), &options))
+            .collect();
+        let done: Vec<&Trial> = trials.iter().flatten().collect();
+        let of = |f: &dyn Fn(&Trial) -> Option<f64>| {
+            done.iter().filter_map(|t| f(t)).collect::<Vec<_>>()
+        };
+        let rms = |f: &dyn Fn(&Trial) -> Option<f64>| median(of(f)) * 1e3;
+        let joint_mm = rms(&|t| Some(t.joint.rms_m));
+        let paper_mm = rms(&|t| t.paper.as_ref().map(|e| e.rms_m));
+        let none_mm = rms(&|t| t.none.as_ref().map(|e| e.rms_m));
+        let predicted_mm = rms(&|t| Some(t.predicted_m));
+        let yaw_deg = median(of(&|t| Some(t.joint.yaw_rms_rad))).to_degrees();
+        let paper_yaw_deg = median(of(&|t| t.paper.as_ref().map(|e| e.yaw_rms_rad))).to_degrees();
+        let chi = median(of(&|t| Some(t.chi_ratio)));
+        let inside = of(&|t| Some(t.joint.inside_95));
+        let inside = inside.iter().sum::<f64>() / inside.len().max(1) as f64;
+        let rejected = median(of(&|t| Some(t.rejected as f64)));
+        let refused: Vec<&String> = trials.iter().filter_map(|t| t.as_ref().err()).collect();
+        if common.json {
+            return print_json(&serde_json::json!({
+                "seeds": self.seeds, "joint_mm": joint_mm, "paper_mm": paper_mm, "none_mm": none_mm,
+                "joint_yaw_deg": yaw_deg, "paper_yaw_deg": paper_yaw_deg,
+                "predicted_mm": predicted_mm, "chi_square_per_dof": chi, "inside_95": inside,
+                "rejected_rows": rejected, "refused": refused,
+            }));
+        }
+        let row = |name: &str, mm: f64, deg: f64| {
+            vec![name.to_owned(), format!("{mm:.3}"), format!("{deg:.3}")]
+        };
+        write_out(&lay_out(&[
+            ["median over seeds", "position, mm", "yaw, deg"]
+                .map(str::to_owned)
+                .to_vec(),
+            row("joint", joint_mm, yaw_deg),
+            row("paper", paper_mm, paper_yaw_deg),
+            vec![
+                "no calibration".to_owned(),
+                format!("{none_mm:.3}"),
+                String::new(),
+            ],
+            vec![
+                "joint, predicted".to_owned(),
+                format!("{predicted_mm:.3}"),
+                String::new(),
+            ],
+        ]));
+        say!("chi-square per degree of freedom {chi:.3}; rejected rows {rejected:.0}");
+        say!(
+            "inside the stated 95 % region: {:.1} % of the held-out poses",
+            inside * 100.0
+        );
+        for reason in &refused {
+            say!("refused: {reason}");
+        }
+        Ok(())
+    }
+}
