@@ -1,1 +1,31 @@
 //! An STM32F103C8 in the computer that executes the real firmware file.
+//!
+//! An ARMv7-M core (Cortex-M3, integers), its exceptions, and the peripherals this firmware uses.
+//! Unforgiving: whatever would go wrong unseen on a bench stops the run with a [`Stop`] that says
+//! what, where and at which instruction. Deterministic: time is counted in ticks of 1/72 us that
+//! follow from the instructions alone.
+//!
+//! Cycles are estimated: one per instruction, one more per word moved, two more per branch taken,
+//! twelve per exception entry and exit; no wait states. Instruction counts are exact. A maximum
+//! over runs is no proven worst case.
+//!
+//! | module | what it is for |
+//! |---|---|
+//! | `core` | decoder, instructions, exceptions |
+//! | `scs` | NVIC, system control block, SysTick, DWT |
+//! | `bus` | memory map, time, DMA transfers |
+//! | `device` | RCC, ports, timers, ADC, DMA, USART, watchdog |
+//! | `elf` | the firmware file |
+//! | `chip` | all of it, from outside |
+
+mod bus;
+mod chip;
+mod core;
+mod device;
+mod elf;
+mod error;
+mod scs;
+
+pub use chip::{Chip, Pins, Port, TickStats};
+pub use device::gpio::Drive;
+pub use error::{LoadError, ResetBy, Stop};

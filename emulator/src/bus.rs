@@ -1,0 +1,504 @@
+//! Memory map, time and what happens at given times.
+
+use crate::core::Trap;
+use crate::device::adc::Adc;
+use crate::device::dma::Dma;
+use crate::device::gpio::Gpio;
+use crate::device::rcc::{Clocks, Rcc};
+use crate::device::timer::Timer;
+use crate::device::usart::Usart;
+use crate::device::watchdog::Watchdog;
+use crate::scs::Scs;
+
+/// Where flash begins.
+pub(crate) const FLASH: u32 = 0x0800_0000;
+/// Its size in bytes.
+pub(crate) const FLASH_BYTES: u32 = 64 * 1024;
+/// Where RAM begins.
+pub(crate) const RAM: u32 = 0x2000_0000;
+/// Its size in bytes.
+pub(crate) const RAM_BYTES: u32 = 20 * 1024;
+/// Unique id, words.
+const UID: [u32; 3] = [0x0042_0031, 0x3431_5104, 0x3530_3832];
+
+const ADC_CHANNEL: usize = 0;
+const SEND_CHANNEL: usize = 1;
+const RECEIVE_CHANNEL: usize = 2;
+/// Interrupt of DMA1 channel 1.
+const DMA_IRQ: u8 = 11;
+const USART3_IRQ: u8 = 39;
+
+/// What the chip did to itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Halt {
+    Watchdog,
+    Software,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Bus {
+    pub flash: Vec<u8>,
+    pub ram: Vec<u8>,
+    /// Time since power-on, in ticks.
+    pub now: u64,
+    pub clocks: Clocks,
+    /// Core cycles when the core clock last changed, and when that was.
+    cycles_then: u64,
+    changed_at: u64,
+    pub next_event: u64,
+    pub halt: Option<Halt>,
+    pub scs: Scs,
+    pub rcc: Rcc,
+    pub gpio: [Gpio; 4],
+    pub timers: [Timer; 4],
+    pub adc: Adc,
+    dma: Dma,
+    pub usart: Usart,
+    watchdog: Watchdog,
+    afio: [u32; 8],
+    exti: [u32; 6],
+    debug: u32,
+    power: u32,
+    /// A DMA transfer went wrong; told at the next opportunity.
+    pub dma_trap: Option<Trap>,
+}
+
+/// The peripherals on the bus, with the bit of the clock that each needs.
+#[derive(Debug, Clone, Copy)]
+enum Place {
+    Timer(usize),
+    Usart,
+    Watchdog,
+    Afio,
+    Exti,
+    Gpio(usize),
+    Adc,
+    Dma,
+    Rcc,
+    Flash,
+    Debug,
+    Power,
+}
+
+impl Bus {
+    pub fn new(flash: Vec<u8>, ram: Vec<u8>, reset_flags: u32, now: u64) -> Self {
+        Self {
+            flash,
+            ram,
+            now,
+            clocks: Clocks {
+                core: 9,
+                apb1: 9,
+                timers1: 9,
+                apb2: 9,
+                adc: 18,
+            },
+            cycles_then: 0,
+            changed_at: now,
+            next_event: u64::MAX,
+            halt: None,
+            scs: Scs::new(),
+            rcc: Rcc::new(reset_flags),
+            gpio: [(); 4].map(|()| Gpio::new([None; 16])),
+            timers: [(); 4].map(|()| Timer::new()),
+            adc: Adc::default(),
+            dma: Dma::default(),
+            usart: Usart::new(),
+            watchdog: Watchdog::new(),
+            afio: [0; 8],
+            exti: [0; 6],
+            debug: 0,
+            power: 0,
+            dma_trap: None,
+        }
+    }
+
+    /// Core cycles since reset.
+    pub const fn cycles(&self) -> u64 {
+        self.cycles_then + (self.now - self.changed_at) / self.clocks.core
+    }
+
+    /// Ticks of a timer's clock.
+    pub const fn timer_cycle(&self, timer: usize) -> u64 {
+        if timer == 0 {
+            self.clocks.apb2
+        } else {
+            self.clocks.timers1
+        }
+    }
+
+    #[inline(always)]
+    pub fn read(&mut self, address: u32, size: u32) -> Result<u32, Trap> {
+        let in_ram = address.wrapping_sub(RAM);
+        if in_ram <= RAM_BYTES - size {
+            return Ok(fetch(&self.ram, in_ram, size));
+        }
+        let in_flash = address.wrapping_sub(FLASH);
+        if in_flash <= FLASH_BYTES - size {
+            return Ok(fetch(&self.flash, in_flash, size));
+        }
+        self.read_slow(address, size)
+    }
+
+    #[inline(always)]
+    pub fn write(&mut self, address: u32, size: u32, value: u32) -> Result<(), Trap> {
+        let in_ram = address.wrapping_sub(RAM);
+        if in_ram <= RAM_BYTES - size {
+            let at = in_ram as usize;
+            if let Some(slot) = self.ram.get_mut(at..at + size as usize) {
+                slot.copy_from_slice(&value.to_le_bytes()[..size as usize]);
+            }
+            return Ok(());
+        }
+        self.write_slow(address, size, value)
+    }
+
+    /// Word and bit behind an address of a bit-band region.
+    fn bit_band(address: u32) -> Option<(u32, u32)> {
+        let base = match address {
+            0x2200_0000..=0x23FF_FFFF => 0x2000_0000,
+            0x4200_0000..=0x43FF_FFFF => 0x4000_0000,
+            _ => return None,
+        };
+        let offset = address & 0x01FF_FFFF;
+        Some((base + (offset / 128) * 4, offset / 4 % 32))
+    }
+
+    #[inline(never)]
+    fn read_slow(&mut self, address: u32, size: u32) -> Result<u32, Trap> {
+        if let Some((word, bit)) = Self::bit_band(address) {
+            return Ok(self.read(word, 4)? >> bit & 1);
+        }
+        let trap = Trap::Bus {
+            address,
+            write: false,
+        };
+        match address {
+            // Boot pins choose flash: it appears at zero too.
+            0..FLASH_BYTES => self.read(address + FLASH, size),
+            0x4000_0000..0x4002_4000 | 0xE000_0000..=0xE00F_FFFF => {
+                if address & (size - 1) != 0 {
+                    return Err(Trap::Unaligned { address });
+                }
+                let word = self.read_register(address & !3)?;
+                let mask = if size == 4 {
+                    u32::MAX
+                } else {
+                    (1 << (8 * size)) - 1
+                };
+                Ok(word >> (8 * (address & 3)) & mask)
+            }
+            0x1FFF_F7E0 if size == 2 => Ok(64),
+            0x1FFF_F7E8..0x1FFF_F7F4 if size == 4 && address & 3 == 0 => {
+                Ok(UID[((address - 0x1FFF_F7E8) / 4) as usize])
+            }
+            _ => Err(trap),
+        }
+    }
+
+    #[inline(never)]
+    fn write_slow(&mut self, address: u32, size: u32, value: u32) -> Result<(), Trap> {
+        if let Some((word, bit)) = Self::bit_band(address) {
+            let old = self.read(word, 4)?;
+            return self.write(word, 4, old & !(1 << bit) | (value & 1) << bit);
+        }
+        if address & (size - 1) != 0 {
+            return Err(Trap::Unaligned { address });
+        }
+        let lane = 1 << (address & 3);
+        let shifted = value << (8 * (address & 3));
+        let first = match address {
+            0xE000_E400..=0xE000_E42B => 16 + (address - 0xE000_E400) as u8,
+            0xE000_ED18..=0xE000_ED23 => 4 + (address - 0xE000_ED18) as u8,
+            _ => 0,
+        };
+        if first != 0 && size == 1 {
+            self.scs.set_priorities(first, shifted, lane);
+            return Ok(());
+        }
+        // Priorities of interrupts that this chip lacks.
+        if (0xE000_E42C..=0xE000_E5EF).contains(&address) {
+            return Ok(());
+        }
+        match address {
+            0x4000_0000..0x4002_4000 | 0xE000_0000..=0xE00F_FFFF if size == 4 => {
+                self.write_register(address, value)
+            }
+            // Registers of 16 bits in a word of their own.
+            0x4000_0000..0x4001_0000 if size == 2 && address & 3 == 0 => {
+                self.write_register(address, value & 0xFFFF)
+            }
+            _ => Err(Trap::Bus {
+                address,
+                write: true,
+            }),
+        }
+    }
+
+    fn place(&self, address: u32) -> Result<(Place, u32), Trap> {
+        let (apb1, apb2, ahb) = (self.rcc.apb1enr, self.rcc.apb2enr, self.rcc.ahbenr);
+        let always = 1;
+        let (place, clocked) = match address & !0x3FF {
+            0x4000_0000 => (Place::Timer(1), apb1),
+            0x4000_0400 => (Place::Timer(2), apb1 >> 1),
+            0x4000_0800 => (Place::Timer(3), apb1 >> 2),
+            0x4000_3000 => (Place::Watchdog, always),
+            0x4000_4800 => (Place::Usart, apb1 >> 18),
+            0x4000_7000 => (Place::Power, apb1 >> 28),
+            0x4001_0000 => (Place::Afio, apb2),
+            0x4001_0400 => (Place::Exti, always),
+            0x4001_0800 => (Place::Gpio(0), apb2 >> 2),
+            0x4001_0C00 => (Place::Gpio(1), apb2 >> 3),
+            0x4001_1000 => (Place::Gpio(2), apb2 >> 4),
+            0x4001_1400 => (Place::Gpio(3), apb2 >> 5),
+            0x4001_2400 => (Place::Adc, apb2 >> 9),
+            0x4001_2C00 => (Place::Timer(0), apb2 >> 11),
+            0x4002_0000 => (Place::Dma, ahb),
+            0x4002_1000 => (Place::Rcc, always),
+            0x4002_2000 => (Place::Flash, always),
+            0xE004_2000 => (Place::Debug, always),
+            _ => {
+                return Err(Trap::Bus {
+                    address,
+                    write: false,
+                });
+            }
+        };
+        if clocked & 1 == 0 {
+            return Err(Trap::ClockOff { address });
+        }
+        Ok((place, address & 0x3FF))
+    }
+
+    fn read_register(&mut self, address: u32) -> Result<u32, Trap> {
+        let missing = Trap::Bus {
+            address,
+            write: false,
+        };
+        let now = self.now;
+        if (0xE000_0000..0xE000_F000).contains(&address) {
+            let (cost, cycles) = (self.clocks.core, self.cycles());
+            return self.scs.read(address, now, cost, cycles).ok_or(missing);
+        }
+        let (place, offset) = self.place(address)?;
+        let index = (offset / 4) as usize;
+        let value = match place {
+            Place::Timer(timer) => {
+                let cycle = self.timer_cycle(timer);
+                self.timers[timer].read(offset, now, cycle)
+            }
+            Place::Watchdog => self.watchdog.read(offset),
+            Place::Usart => self.usart.read(offset),
+            Place::Afio => self.afio.get(index).copied(),
+            Place::Exti => self.exti.get(index).copied(),
+            Place::Gpio(port) => self.gpio[port].read(offset),
+            Place::Adc => self.adc.read(offset, now),
+            Place::Dma => self.dma.read(offset),
+            Place::Rcc => self.rcc.read(offset, now),
+            Place::Flash => {
+                (offset == 0).then_some(self.rcc.flash_acr | self.rcc.flash_acr << 1 & 32)
+            }
+            Place::Power => [self.power, 0].get(index).copied(),
+            Place::Debug => match offset {
+                0 => Some(0x2003_6410),
+                4 => Some(self.debug),
+                _ => None,
+            },
+        };
+        value.ok_or(missing)
+    }
+
+    fn write_register(&mut self, address: u32, value: u32) -> Result<(), Trap> {
+        let missing = Trap::Bus {
+            address,
+            write: true,
+        };
+        let now = self.now;
+        if (0xE000_0000..0xE000_F000).contains(&address) {
+            let (cost, cycles) = (self.clocks.core, self.cycles());
+            self.scs
+                .write(address, value, now, cost, cycles)
+                .ok_or(missing)?;
+            if self.scs.reset_requested {
+                self.halt = Some(Halt::Software);
+            }
+            self.plan();
+            return Ok(());
+        }
+        let (place, offset) = self.place(address)?;
+        let index = (offset / 4) as usize;
+        let done = match place {
+            Place::Timer(timer) => self.timers[timer].write(offset, value),
+            Place::Watchdog => self.watchdog.write(offset, value, now),
+            Place::Usart => self.usart.write(offset, value, now, self.clocks.apb1),
+            Place::Adc => self.adc.write(offset, value, now, self.clocks.adc),
+            Place::Dma => self.dma.write(offset, value),
+            Place::Rcc => self.rcc.write(offset, value, now),
+            Place::Flash if offset == 0 => {
+                self.rcc.flash_acr = value & 0x1F;
+                Ok(())
+            }
+            Place::Gpio(port) => self.gpio[port]
+                .write(offset, value)
+                .ok_or("no such register"),
+            Place::Afio if index < self.afio.len() => {
+                self.afio[index] = value;
+                Ok(())
+            }
+            Place::Exti if index < self.exti.len() && value == 0 || index == 5 => Ok(()),
+            Place::Power if offset == 0 => {
+                self.power = value;
+                Ok(())
+            }
+            Place::Debug if offset == 4 => {
+                self.debug = value;
+                Ok(())
+            }
+            _ => return Err(missing),
+        };
+        done.map_err(|what| Trap::Misuse { address, what })?;
+        if matches!(place, Place::Rcc | Place::Flash) {
+            let clocks = self
+                .rcc
+                .clocks()
+                .map_err(|what| Trap::Misuse { address, what })?;
+            self.cycles_then = self.cycles();
+            self.changed_at = now;
+            self.clocks = clocks;
+        }
+        self.serve_sender();
+        self.scs.attention = true;
+        self.plan();
+        Ok(())
+    }
+
+    /// Feeds the transmitter while DMA has bytes for it.
+    fn serve_sender(&mut self) {
+        while self.usart.wants_byte() && self.dma.is_ready(SEND_CHANNEL) {
+            self.transfer(SEND_CHANNEL);
+        }
+    }
+
+    /// One DMA transfer.
+    fn transfer(&mut self, channel: usize) {
+        let Some(transfer) = self.dma.request(channel) else {
+            return;
+        };
+        let moved = self.move_one(
+            transfer.from,
+            transfer.from_bytes,
+            transfer.to,
+            transfer.to_bytes,
+        );
+        if let Err(trap) = moved {
+            self.dma.fail(channel);
+            self.dma_trap = Some(trap);
+        }
+        self.scs.attention = true;
+    }
+
+    fn move_one(&mut self, from: u32, from_bytes: u32, to: u32, to_bytes: u32) -> Result<(), Trap> {
+        let value = if from >= 0x4000_0000 {
+            self.read_register(from & !3)?
+        } else {
+            self.read(from, from_bytes.min(4))?
+        };
+        if to >= 0x4000_0000 {
+            // Not through `write_register`: that would feed the transmitter from within.
+            let address = to & !3;
+            let (Place::Usart, offset) = self.place(address)? else {
+                return Err(Trap::Misuse {
+                    address,
+                    what: "DMA writes to a peripheral that sends nothing",
+                });
+            };
+            self.usart
+                .write(offset, value, self.now, self.clocks.apb1)
+                .map_err(|what| Trap::Misuse { address, what })
+        } else {
+            self.write(to, to_bytes.min(4), value)
+        }
+    }
+
+    /// Brings everything up to the present.
+    pub fn service(&mut self) {
+        let now = self.now;
+        while self.adc.done_at.is_some_and(|at| at <= now) {
+            let (channel, fetch) = self.adc.finish(self.clocks.adc);
+            let analog = match channel {
+                0..8 => self.gpio[0].is_analog(channel),
+                8 | 9 => self.gpio[1].is_analog(channel - 8),
+                10..16 => self.gpio[2].is_analog(channel - 10),
+                _ => true,
+            };
+            if !analog {
+                self.dma_trap = Some(Trap::Misuse {
+                    address: 0x4001_2400,
+                    what: "the ADC converts a pin that is not analog",
+                });
+                self.scs.attention = true;
+            }
+            if fetch {
+                self.transfer(ADC_CHANNEL);
+            }
+        }
+        while self.usart.sent_at.is_some_and(|at| at <= now) {
+            let wired = self.gpio[1].drive(10) == crate::device::gpio::Drive::Peripheral;
+            self.usart.leave(self.clocks.apb1, wired);
+            self.serve_sender();
+            self.scs.attention = true;
+        }
+        while self.usart.arrives_at.is_some_and(|at| at <= now) {
+            let wired = self.gpio[1].is_digital_input(11);
+            self.usart.arrive(self.clocks.apb1, wired);
+            if self.usart.offers_byte() {
+                self.transfer(RECEIVE_CHANNEL);
+            }
+            self.scs.attention = true;
+        }
+        if self.watchdog.barks_at.is_some_and(|at| at <= now) {
+            self.halt = Some(Halt::Watchdog);
+            self.scs.attention = true;
+        }
+        self.scs.service(now, self.clocks.core);
+        self.plan();
+    }
+
+    /// When something happens next.
+    pub fn plan(&mut self) {
+        let never = u64::MAX;
+        self.next_event = self
+            .scs
+            .next_event()
+            .min(self.adc.done_at.unwrap_or(never))
+            .min(self.usart.sent_at.unwrap_or(never))
+            .min(self.usart.arrives_at.unwrap_or(never))
+            .min(self.watchdog.barks_at.unwrap_or(never));
+    }
+
+    /// Shows the interrupt lines to the NVIC.
+    pub fn raise_lines(&mut self) {
+        for (irq, channel) in (DMA_IRQ..).zip(0..7) {
+            if self.dma.interrupts(channel) {
+                self.scs.raise(irq);
+            }
+        }
+        if self.usart.interrupts() {
+            self.scs.raise(USART3_IRQ);
+        }
+    }
+}
+
+#[inline(always)]
+fn fetch(memory: &[u8], offset: u32, size: u32) -> u32 {
+    let rest = memory.get(offset as usize..).unwrap_or_default();
+    match size {
+        1 => rest.first().copied().map_or(0, u32::from),
+        2 => rest
+            .first_chunk::<2>()
+            .map_or(0, |b| u32::from(u16::from_le_bytes(*b))),
+        _ => rest
+            .first_chunk::<4>()
+            .map_or(0, |b| u32::from_le_bytes(*b)),
+    }
+}

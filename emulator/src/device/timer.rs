@@ -1,0 +1,122 @@
+//! Timers as quadrature decoders with input filters (RM0008, 14.3.12 and 15.3.12).
+
+/// Input filters: sampling divider times number of equal samples, in cycles of the timer's clock.
+const FILTERS: [u64; 16] = [
+    0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192, 256,
+];
+
+/// The encoder's way during a slice: evenly spaced edges.
+#[derive(Debug, Clone, Copy, Default)]
+struct Travel {
+    counts: i64,
+    from: u64,
+    ticks: u64,
+}
+
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Timer {
+    registers: [u32; 20],
+    /// The count at the beginning of the travel.
+    count: i64,
+    travel: Travel,
+    /// Edges that the filter did not let through, or that came while nothing counted.
+    pub lost: u64,
+}
+
+const CR1: usize = 0;
+const SMCR: usize = 2;
+const CCMR1: usize = 6;
+const CCER: usize = 8;
+const ARR: usize = 11;
+
+impl Timer {
+    pub fn new() -> Self {
+        let mut timer = Self::default();
+        timer.registers[ARR] = 0xFFFF;
+        timer
+    }
+
+    /// Counts per count of the encoder: 1 or -1; `None` where no edges count.
+    fn sense(&self) -> Option<i64> {
+        let inputs = self.registers[CCMR1] & 0x0303 == 0x0101;
+        let counts = self.registers[CR1] & 1 != 0 && self.registers[SMCR] & 7 == 3;
+        let turned = (self.registers[CCER] >> 1 ^ self.registers[CCER] >> 5) & 1 != 0;
+        (inputs && counts).then_some(if turned { -1 } else { 1 })
+    }
+
+    /// Time that an input must stay, in cycles of the timer's clock.
+    fn filter(&self) -> u64 {
+        let first = FILTERS[(self.registers[CCMR1] >> 4 & 15) as usize];
+        let second = FILTERS[(self.registers[CCMR1] >> 12 & 15) as usize];
+        first.max(second) << (self.registers[CR1] >> 8 & 3)
+    }
+
+    fn counted(&self, now: u64, cycle: u64) -> i64 {
+        let Travel {
+            counts,
+            from,
+            ticks,
+        } = self.travel;
+        // A filtered edge arrives as much later as the filter is long.
+        let passed = now.saturating_sub(from + self.filter() * cycle).min(ticks);
+        self.count + (i128::from(counts) * i128::from(passed) / i128::from(ticks.max(1))) as i64
+    }
+
+    /// Lets the encoder turn by `counts` in the next `ticks`. `wired`: both pins are inputs.
+    pub fn turn(&mut self, counts: i64, now: u64, ticks: u64, cycle: u64, wired: bool) {
+        self.count += self.travel.counts;
+        self.travel = Travel::default();
+        let Some(sense) = self.sense().filter(|_| wired) else {
+            self.lost += counts.unsigned_abs();
+            return;
+        };
+        // Each of the two inputs changes with every second count.
+        let width = 2 * ticks / counts.unsigned_abs().max(1);
+        if width <= self.filter() * cycle {
+            self.lost += counts.unsigned_abs();
+            return;
+        }
+        self.travel = Travel {
+            counts: sense * counts,
+            from: now,
+            ticks,
+        };
+    }
+
+    pub fn read(&self, offset: u32, now: u64, cycle: u64) -> Option<u32> {
+        match offset {
+            0x24 => Some(self.counted(now, cycle) as u32 & 0xFFFF),
+            0..=0x4C => self.registers.get((offset / 4) as usize).copied(),
+            _ => None,
+        }
+    }
+
+    pub fn write(&mut self, offset: u32, value: u32) -> Result<(), &'static str> {
+        let index = (offset / 4) as usize;
+        match offset {
+            0x24 => {
+                self.count = i64::from(value & 0xFFFF);
+                self.travel = Travel::default();
+            }
+            // An update event restarts the count.
+            0x14 if value & 1 != 0 => {
+                self.count = 0;
+                self.travel = Travel::default();
+            }
+            0x14 => {}
+            0..=0x4C => {
+                if let Some(register) = self.registers.get_mut(index) {
+                    *register = value;
+                }
+                if self.registers[CR1] & 1 != 0 && self.registers[SMCR] & 7 != 3 {
+                    return Err("only quadrature decoding is emulated");
+                }
+                if self.registers[CR1] & 1 != 0 && self.registers[ARR] & 0xFFFF != 0xFFFF {
+                    return Err("only counting through all 16 bits is emulated");
+                }
+            }
+            _ => return Err("no such register"),
+        }
+        Ok(())
+    }
+}

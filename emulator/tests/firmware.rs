@@ -1,0 +1,236 @@
+//! The file that is flashed, executed: what a host sees of it over the line, and what its pins do.
+
+mod support;
+
+use mcdpr_emulator::{Drive, ResetBy, Stop};
+use mcdpr_protocol::{
+    BoardState, FaultId, PROTOCOL_MAJOR, Reply, Request, ResetCause, TenthMicrometres,
+};
+use support::{Bench, SLICE_US, START};
+
+/// Top of the stack (memory.x).
+const STACK_TOP: u32 = 0x2000_1800;
+/// Instructions of a tick, median and most, with configuration, moving encoders and full telemetry.
+/// What the firmware takes today; the goal is 1500 and 2500.
+const TICK_MEDIAN: u32 = 2200;
+const TICK_MAX: u32 = 4400;
+/// As above, for start and configuration: taking a configuration into use fills one tick. Two
+/// fifths of a tick's 72000 cycles.
+const TICK_CONFIGURING: u32 = 28_000;
+
+#[test]
+fn boots_and_says_who_it_is() {
+    let mut bench = Bench::new();
+    let hello = bench.hello();
+    assert_eq!(hello.major, PROTOCOL_MAJOR);
+    assert_eq!(hello.reset_cause, ResetCause::Power);
+    assert_ne!(hello.board_id, [0; 12]);
+    let Reply::Info(info) = bench.done(Request::Info) else {
+        panic!("no info");
+    };
+    assert_eq!((info.cables, info.ticks_per_second), (4, 1000));
+    assert!(!info.simulated);
+    assert!(info.last_panic.is_empty(), "noise in RAM is no panic");
+    assert_eq!(bench.chip.pins().brakes, [Drive::Low; 4]);
+    assert!(!bench.chip.rtt_take().is_empty(), "it logs its start");
+}
+
+#[test]
+fn encoders_and_tensions_arrive_in_physical_units() {
+    let mut bench = Bench::new();
+    bench.prepare();
+    bench.done(Request::Samples { enabled: true });
+    // 100 counts in 100 ms; 2 pi 20 mm / 4096 = 30.68 um per count.
+    for step in 1..=2000 {
+        for timer in 1..=4 {
+            bench.chip.set_encoder(timer, step / 20);
+        }
+        assert_eq!(bench.chip.run_us(SLICE_US), Ok(()));
+    }
+    bench.run_ms(20);
+    let status = bench.status();
+    assert!(status.referenced);
+    for (index, length) in status.lengths.iter().enumerate() {
+        let sign = 1 - 2 * (index as i32 % 2);
+        let moved = length.0 - START;
+        assert!(
+            (moved - sign * 30_680).abs() <= 2,
+            "cable {}: {moved}",
+            index + 1
+        );
+    }
+    for (index, tension) in status.tensions.iter().enumerate() {
+        assert!(
+            (tension.0 - 10_000).abs() < 30,
+            "cable {}: {tension:?}",
+            index + 1
+        );
+    }
+    let mut last = Vec::new();
+    let block = bench.blocks.last().expect("samples were switched on");
+    block.unpack(|_, row| last = row.iter().map(|sample| sample.length).collect());
+    assert_eq!(last, status.lengths.to_vec());
+    assert!((1..=4).all(|timer| bench.chip.lost_counts(timer) == 0));
+}
+
+#[test]
+fn the_input_filter_swallows_edges_that_no_drum_makes() {
+    let mut bench = Bench::new();
+    bench.prepare();
+    // 100 counts in 50 us: each input would change every microsecond, under the filter's 1.8 us.
+    bench.chip.set_encoder(1, 100);
+    bench.run_ms(5);
+    assert_eq!(bench.chip.lost_counts(1), 100);
+    assert_eq!(
+        bench.status().lengths.first(),
+        Some(&TenthMicrometres(START))
+    );
+}
+
+#[test]
+fn without_drives_it_does_not_arm_and_no_brake_ever_opens() {
+    let mut bench = Bench::new();
+    let config_hash = bench.prepare();
+    assert_eq!(bench.done(Request::Arm { config_hash }), Reply::Done);
+    let asked = bench.status();
+    assert_eq!(asked.state, BoardState::Arming);
+    // Every 12 ms.
+    for beat in 0..50 {
+        bench.done(Request::Heartbeat { host_time_us: beat });
+    }
+    let status = bench.status();
+    let fault = status.fault.expect("a fault is latched");
+    assert_eq!((fault.fault, fault.cable), (FaultId::D5, 1));
+    // Drives may take 40 ms, as configured, and 500 ms more.
+    assert_eq!(fault.limit, 540);
+    let took = fault.tick.0 - asked.tick.0;
+    assert!((515..=545).contains(&took), "{took} ticks");
+    assert_eq!(status.brakes_open, 0);
+    assert!(!bench.chip.brakes_ever_opened());
+}
+
+#[test]
+fn garbage_from_power_up_on_costs_only_itself() {
+    let mut bench = Bench::new();
+    let mut noise = 1_u32;
+    let garbage: Vec<u8> = std::iter::repeat_with(|| {
+        noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (noise >> 24) as u8
+    })
+    .take(4000)
+    .chain([0])
+    .collect();
+    bench.chip.uart_send(&garbage);
+    bench.run_ms(60);
+    assert_eq!(bench.hello().major, PROTOCOL_MAJOR);
+    let status = bench.status();
+    assert!(status.frames_bad > 5, "{} bad frames", status.frames_bad);
+    assert_eq!(status.state, BoardState::Disarmed);
+    assert_eq!(bench.chip.uart_overruns(), 0);
+    assert_eq!(bench.bad_frames, 0);
+}
+
+#[test]
+fn ten_seconds_at_full_telemetry_lose_no_tick_and_stay_in_budget() {
+    let mut bench = Bench::new();
+    bench.prepare();
+    bench.done(Request::Samples { enabled: true });
+    bench.blocks.clear();
+    let first = bench.chip.take_tick_stats();
+    let (began, instructions) = (bench.chip.now_us(), bench.chip.instructions());
+    for beat in 0..100 {
+        for timer in 1..=4 {
+            bench.chip.set_encoder(timer, i64::from(beat));
+        }
+        bench.done(Request::Heartbeat { host_time_us: beat });
+        bench.run_ms(88);
+    }
+    let status = bench.status();
+    let stats = bench.chip.tick_stats();
+    let ms = (bench.chip.now_us() - began) / 1000;
+    let stack = STACK_TOP - bench.chip.stack_low_water();
+    println!("start and configuration: most {} instructions", first.max);
+    println!(
+        "tick: median {} instructions, most {}; latest start {} cycles; stack {stack} bytes; {} instructions per ms",
+        stats.median,
+        stats.max,
+        stats.latency_max,
+        (bench.chip.instructions() - instructions) / ms,
+    );
+    assert_eq!(stats.lost, 0);
+    assert!(stats.count.abs_diff(ms as usize) <= 1);
+    assert!(status.referenced);
+    assert_eq!((status.tick_overruns, status.telemetry_dropped), (0, 0));
+    assert_eq!((status.frames_bad, bench.bad_frames), (0, 0));
+    for pair in bench.blocks.windows(2) {
+        assert_eq!(pair[1].tick.0 - pair[0].tick.0, 10, "a block is missing");
+    }
+    assert!(bench.blocks.len() as u64 >= ms / 10 - 2);
+    assert!(stats.median <= TICK_MEDIAN, "median {}", stats.median);
+    assert!(first.max <= TICK_CONFIGURING, "most {}", first.max);
+    assert!(stats.max <= TICK_MAX, "most {}", stats.max);
+    // 2 us at 72 MHz, entry included.
+    assert!(stats.latency_max <= 144, "{} cycles", stats.latency_max);
+}
+
+/// Runs to the reset that must come, goes on, and gives what the board then says.
+fn after_reset(bench: &mut Bench) -> (ResetCause, String) {
+    let stopped = (0..40).find_map(|_| bench.chip.run_us(SLICE_US).err());
+    assert!(
+        matches!(
+            stopped,
+            Some(Stop::Reset {
+                by: ResetBy::Software,
+                ..
+            })
+        ),
+        "{stopped:?}"
+    );
+    assert_eq!(bench.chip.pins().brakes, [Drive::Low; 4]);
+    bench.chip.restart(ResetBy::Software);
+    bench.run_ms(20);
+    let cause = bench.hello().reset_cause;
+    let Reply::Info(info) = bench.done(Request::Info) else {
+        panic!("no info");
+    };
+    (
+        cause,
+        String::from_utf8_lossy(&info.last_panic).into_owned(),
+    )
+}
+
+#[test]
+fn a_fault_closes_the_brakes_and_is_told_after_the_reset() {
+    let mut bench = Bench::new();
+    bench.chip.inject_hard_fault();
+    let (cause, text) = after_reset(&mut bench);
+    assert_eq!(cause, ResetCause::Panic);
+    assert!(text.starts_with("fault at 0x0800"), "{text}");
+    assert!(!bench.chip.brakes_ever_opened());
+}
+
+#[test]
+fn a_stopped_crystal_is_told_after_the_reset() {
+    let mut bench = Bench::new();
+    assert!(bench.chip.stop_crystal(), "the clock is watched");
+    let (cause, text) = after_reset(&mut bench);
+    assert_eq!(
+        (cause, text.as_str()),
+        (ResetCause::Panic, "crystal stopped")
+    );
+}
+
+#[test]
+fn two_runs_are_equal() {
+    let run = || {
+        let mut bench = Bench::new();
+        bench.prepare();
+        bench.run_ms(200);
+        (
+            bench.chip.instructions(),
+            bench.statuses,
+            bench.chip.now_us(),
+        )
+    };
+    assert_eq!(run(), run());
+}
