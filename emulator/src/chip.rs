@@ -154,15 +154,13 @@ impl Chip {
         self.until += us * TICKS_PER_US;
         for timer in 0..4 {
             let (stands, goes) = self.encoders[timer];
-            if stands != goes || self.until > begin {
-                let (port, pin) = [(0, 8), (0, 0), (0, 6), (1, 6)][timer];
-                let gpio = &self.bus.gpio[port];
-                let wired = gpio.is_digital_input(pin) && gpio.is_digital_input(pin + 1);
-                let cycle = self.bus.timer_cycle(timer);
-                let ticks = self.until.saturating_sub(begin).max(1);
-                self.bus.timers[timer].turn(goes - stands, begin, ticks, cycle, wired);
-                self.encoders[timer].0 = goes;
-            }
+            let (port, pin) = [(0, 8), (0, 0), (0, 6), (1, 6)][timer];
+            let gpio = &self.bus.gpio[port];
+            let wired = gpio.is_digital_input(pin) && gpio.is_digital_input(pin + 1);
+            let cycle = self.bus.timer_cycle(timer);
+            let ticks = self.until.saturating_sub(begin).max(1);
+            self.bus.timers[timer].turn(goes - stands, begin, ticks, cycle, wired);
+            self.encoders[timer].0 = goes;
         }
         while self.bus.now < self.until {
             if self.bus.now >= self.bus.next_event {

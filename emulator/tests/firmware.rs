@@ -173,6 +173,35 @@ fn ten_seconds_at_full_telemetry_lose_no_tick_and_stay_in_budget() {
     assert!(stats.latency_max <= 144, "{} cycles", stats.latency_max);
 }
 
+#[test]
+fn each_situation_costs_what_it_did() {
+    let mut bench = Bench::new();
+    bench.chip.take_tick_stats();
+    // Median and most, about a tenth over what the firmware takes today.
+    let check = |name: &str, bench: &mut Bench, median: u32, most: u32| {
+        let stats = bench.chip.take_tick_stats();
+        println!("{name}: median {}, most {}", stats.median, stats.max);
+        assert!(stats.count > 10, "{name}: {} ticks", stats.count);
+        assert!(stats.median <= median, "{name}: median {}", stats.median);
+        assert!(stats.max <= most, "{name}: most {}", stats.max);
+    };
+    bench.run_ms(300);
+    check("without a configuration", &mut bench, 1250, 2200);
+    bench.prepare();
+    check("taking a configuration", &mut bench, 1250, TICK_CONFIGURING);
+    bench.run_ms(300);
+    check("configured", &mut bench, 1600, 2600);
+    for host_time_us in 0..20 {
+        bench.done(Request::Heartbeat { host_time_us });
+    }
+    check("with heartbeats", &mut bench, 1600, 2900);
+    bench.status();
+    check("asked for its status", &mut bench, 1600, 4000);
+    bench.done(Request::Samples { enabled: true });
+    bench.run_ms(300);
+    check("with samples", &mut bench, TICK_MEDIAN + 100, 3400);
+}
+
 /// Runs to the reset that must come, goes on, and gives what the board then says.
 fn after_reset(bench: &mut Bench) -> (ResetCause, String) {
     let stopped = (0..40).find_map(|_| bench.chip.run_us(SLICE_US).err());

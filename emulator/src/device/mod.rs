@@ -4,6 +4,8 @@ pub(crate) mod adc;
 pub(crate) mod dma;
 pub(crate) mod gpio;
 pub(crate) mod rcc;
+#[cfg(test)]
+mod tests;
 pub(crate) mod timer;
 pub(crate) mod usart;
 pub(crate) mod watchdog;

@@ -1,0 +1,210 @@
+//! Peripherals through their registers, as firmware meets them.
+
+use crate::bus::{Bus, FLASH_BYTES, Halt, RAM, RAM_BYTES};
+use crate::core::Trap;
+
+const RCC: u32 = 0x4002_1000;
+const FLASH_ACR: u32 = 0x4002_2000;
+const GPIOB: u32 = 0x4001_0C00;
+const ADC: u32 = 0x4001_2400;
+const TIM2: u32 = 0x4000_0000;
+const USART: u32 = 0x4000_4800;
+const DMA: u32 = 0x4002_0000;
+const WATCHDOG: u32 = 0x4000_3000;
+
+/// Everything clocked, at 8 MHz: nine ticks per cycle of any bus.
+fn bus() -> Bus {
+    let mut bus = Bus::new(
+        vec![0; FLASH_BYTES as usize],
+        vec![0; RAM_BYTES as usize],
+        0,
+        0,
+    );
+    write(&mut bus, RCC + 0x14, u32::MAX);
+    write(&mut bus, RCC + 0x18, u32::MAX);
+    write(&mut bus, RCC + 0x1C, u32::MAX);
+    bus
+}
+
+fn write(bus: &mut Bus, address: u32, value: u32) {
+    assert_eq!(bus.write(address, 4, value), Ok(()), "{address:#x}");
+}
+
+fn read(bus: &mut Bus, address: u32) -> u32 {
+    bus.read(address, 4).expect("a register")
+}
+
+fn misuse(bus: &mut Bus, address: u32, value: u32) -> &'static str {
+    match bus.write(address, 4, value) {
+        Err(Trap::Misuse { what, .. }) => what,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn wait(bus: &mut Bus, until: u64) {
+    while bus.next_event <= until {
+        bus.now = bus.next_event;
+        bus.service();
+    }
+    bus.now = until;
+}
+
+#[test]
+fn clocks_follow_the_registers_and_their_limits() {
+    let mut bus = bus();
+    // HSE and PLL x9 (code 7), APB1 halved.
+    write(&mut bus, RCC, 1 << 16);
+    assert_eq!(
+        misuse(&mut bus, RCC + 4, 1),
+        "the system clock's source is not running"
+    );
+    bus.now += 72_000;
+    assert_ne!(read(&mut bus, RCC) & 1 << 17, 0);
+    write(&mut bus, RCC + 4, 7 << 18 | 1 << 16 | 4 << 8);
+    write(&mut bus, RCC, 1 << 16 | 1 << 24);
+    bus.now += 7200;
+    let at_72 = 7 << 18 | 1 << 16 | 4 << 8 | 2;
+    assert_eq!(
+        misuse(&mut bus.clone(), RCC + 4, at_72),
+        "too few flash wait states for this core clock"
+    );
+    write(&mut bus, FLASH_ACR, 0x12);
+    assert_eq!(
+        misuse(&mut bus.clone(), RCC + 4, at_72 & !(7 << 8)),
+        "APB1 is over 36 MHz"
+    );
+    write(&mut bus, RCC + 4, at_72);
+    let clocks = bus.clocks;
+    assert_eq!(
+        (clocks.core, clocks.apb1, clocks.timers1, clocks.apb2),
+        (1, 2, 1, 1)
+    );
+}
+
+#[test]
+fn a_watchdog_that_is_not_fed_resets() {
+    let mut bus = bus();
+    assert_eq!(
+        misuse(&mut bus, WATCHDOG + 8, 99),
+        "the watchdog's registers are locked"
+    );
+    // 100 periods of 4 / 40 kHz: 10 ms, 720 000 ticks.
+    write(&mut bus, WATCHDOG, 0x5555);
+    write(&mut bus, WATCHDOG + 8, 99);
+    write(&mut bus, WATCHDOG, 0xCCCC);
+    wait(&mut bus, 700_000);
+    write(&mut bus, WATCHDOG, 0xAAAA);
+    wait(&mut bus, 1_419_999);
+    assert_eq!(bus.halt, None);
+    bus.now = 1_420_000;
+    bus.service();
+    assert_eq!(bus.halt, Some(Halt::Watchdog));
+}
+
+#[test]
+fn bytes_take_their_time_on_the_line() {
+    let mut bus = bus();
+    // 8 MHz / 16 = 500 kbaud: ten bits are 20 us, 1440 ticks. PB10 is its output.
+    write(&mut bus, GPIOB + 4, 0x4444_4B44 | 0xB00);
+    write(&mut bus, USART + 8, 16);
+    assert_eq!(
+        misuse(&mut bus, USART + 4, 65),
+        "a byte is sent while the transmitter is off"
+    );
+    write(&mut bus, USART + 0xC, 1 << 13 | 1 << 3);
+    write(&mut bus, USART + 4, 65);
+    write(&mut bus, USART + 4, 66);
+    assert_eq!(
+        misuse(&mut bus.clone(), USART + 4, 67),
+        "a byte is sent before the last one has left the register"
+    );
+    wait(&mut bus, 1439);
+    assert!(bus.usart.sent.is_empty());
+    wait(&mut bus, 1440);
+    assert_eq!(bus.usart.sent, [65]);
+    assert_eq!(read(&mut bus, USART) & 0xC0, 0x80, "room, but not complete");
+    wait(&mut bus, 2880);
+    assert_eq!(bus.usart.sent, [65, 66]);
+    assert_eq!(read(&mut bus, USART) & 0xC0, 0xC0);
+}
+
+#[test]
+fn received_bytes_go_by_dma_or_overrun() {
+    let mut bus = bus();
+    write(&mut bus, USART + 8, 16);
+    write(&mut bus, USART + 0xC, 1 << 13 | 1 << 2);
+    let mut without = bus.clone();
+    without.usart.send(b"ab", 0, 9);
+    without.plan();
+    wait(&mut without, 2880);
+    assert_eq!(without.usart.overruns, 1);
+    assert_eq!(read(&mut without, USART) & 0x28, 0x28, "RXNE and ORE");
+    assert_eq!(read(&mut without, USART + 4), u32::from(b'a'));
+    assert_eq!(read(&mut without, USART) & 0x28, 0, "reading both clears");
+
+    // Channel 3, circular over two bytes.
+    write(&mut bus, DMA + 0x34, 2);
+    write(&mut bus, DMA + 0x38, USART + 4);
+    write(&mut bus, DMA + 0x3C, RAM);
+    write(&mut bus, DMA + 0x30, 1 << 7 | 1 << 5 | 1);
+    write(&mut bus, USART + 0x14, 1 << 6);
+    bus.usart.send(b"abc", 0, 9);
+    bus.plan();
+    wait(&mut bus, 3 * 1440);
+    assert_eq!(&bus.ram[..3], b"cb\0");
+    assert_eq!(read(&mut bus, DMA + 0x34), 1);
+    assert_eq!(read(&mut bus, DMA) & 0xF00, 0x700, "half, complete, global");
+    write(&mut bus, DMA + 4, 0x200);
+    assert_eq!(read(&mut bus, DMA) & 0xF00, 0x500);
+}
+
+#[test]
+fn a_pin_that_is_not_analog_is_not_converted_unnoticed() {
+    let mut bus = bus();
+    bus.adc.applied[8] = 1234;
+    // Channel 8 is PB0: first as after reset, then analog. Software trigger.
+    write(&mut bus, ADC + 0x34, 8);
+    let start = 1 | 7 << 17 | 1 << 20 | 1 << 22;
+    write(&mut bus, ADC + 8, start);
+    wait(&mut bus, 1000);
+    assert!(matches!(bus.dma_trap.take(), Some(Trap::Misuse { .. })));
+    assert_eq!(read(&mut bus, ADC + 0x4C), 1234);
+    write(&mut bus, GPIOB, 0x4444_4440);
+    write(&mut bus, ADC + 8, start);
+    // 1.5 + 12.5 cycles of 18 ticks.
+    wait(&mut bus, 1000 + 251);
+    assert_eq!(read(&mut bus, ADC) & 2, 0);
+    wait(&mut bus, 1000 + 252);
+    assert_eq!(read(&mut bus, ADC) & 2, 2);
+    assert_eq!((read(&mut bus, ADC + 0x4C), bus.dma_trap), (1234, None));
+}
+
+#[test]
+fn decoders_count_what_passes_their_filter() {
+    let mut bus = bus();
+    write(&mut bus, TIM2 + 8, 3);
+    // Filters of 16 * 8 cycles: 1152 ticks at 8 MHz.
+    write(&mut bus, TIM2 + 0x18, 0xC1C1);
+    write(&mut bus, TIM2, 1);
+    bus.timers[1].turn(-10, 0, 72_000, 9, true);
+    bus.now = 1152 + 36_000;
+    assert_eq!(
+        read(&mut bus, TIM2 + 0x24),
+        0xFFFB,
+        "half of the way, later by the filter"
+    );
+    bus.now = 72_000 + 1152;
+    assert_eq!(read(&mut bus, TIM2 + 0x24), 0xFFF6);
+    let now = bus.now;
+    bus.timers[1].turn(200, now, 72_000, 9, true);
+    assert_eq!(
+        bus.timers[1].lost, 200,
+        "720 ticks of each level are too short"
+    );
+    bus.timers[1].turn(5, now, 72_000, 9, false);
+    assert_eq!(bus.timers[1].lost, 205, "no wire, no counts");
+    assert_eq!(
+        misuse(&mut bus, TIM2 + 8, 0),
+        "only quadrature decoding is emulated"
+    );
+}
