@@ -47,9 +47,6 @@ impl Cpu {
         let mut address = frame;
         for word in words {
             if let Err(trap) = bus.write(address, 4, word) {
-                if number == HARD_FAULT && !bus.scs.delivers_faults {
-                    return Err(trap);
-                }
                 if !bus.scs.delivers_faults {
                     return Err(trap);
                 }

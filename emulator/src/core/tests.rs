@@ -276,6 +276,31 @@ fn supervisor_calls_and_the_process_stack() {
 }
 
 #[test]
+fn a_stack_that_overflows_becomes_a_hard_fault_where_faults_are_delivered() {
+    let (mut cpu, mut bus) = machine(&[0xBF00]);
+    cpu.regs[13] = RAM + 8;
+    bus.scs.pend_irq(1);
+    let below = Trap::Bus {
+        address: RAM - 24,
+        write: true,
+    };
+    assert_eq!(cpu.clone().take_exception(&mut bus.clone()), Err(below));
+    bus.scs.delivers_faults = true;
+    assert_eq!(cpu.take_exception(&mut bus), Ok(12));
+    assert_eq!((cpu.ipsr, cpu.regs[13]), (3, RAM - 24));
+    assert_eq!(bus.read(0xE000_ED28, 4), Ok(1 << 12), "STKERR");
+    // A fault within the fault handler locks the core up; the first one here does not.
+    assert!(!bus.scs.escalate(Trap::Undefined));
+    let (_, mut other) = machine(&[]);
+    assert!(other.scs.escalate(Trap::Bus {
+        address: 0x6000_0000,
+        write: false
+    }));
+    assert_eq!(other.read(0xE000_ED38, 4), Ok(0x6000_0000));
+    assert_eq!(other.scs.most_urgent(), Some((3, -1)));
+}
+
+#[test]
 fn an_interrupt_whose_priority_nobody_set_is_noticed() {
     let (mut cpu, mut bus) = machine(&[0xBF00]);
     assert_eq!(bus.write(0xE000_E100, 4, 1 << 20), Ok(()));
