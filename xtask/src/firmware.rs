@@ -70,7 +70,8 @@ fn target_is_installed() -> bool {
     })
 }
 
-fn elf_path() -> PathBuf {
+/// Where the firmware's file is.
+pub(crate) fn elf_path() -> PathBuf {
     let root = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| "target".into(), PathBuf::from);
     root.join(TARGET).join("firmware").join("mcdpr-firmware")
 }

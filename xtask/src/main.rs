@@ -31,17 +31,22 @@ fn main() -> ExitCode {
 }
 
 fn test() -> Result<(), String> {
-    // The system tests start the program itself, so it must be there before they run.
+    // The system tests start the program itself, and the emulated chip executes the firmware's own
+    // file: both must be there before the tests run.
     cargo(&["build", "--release", "--locked", "-p", "mcdpr"])?;
-    cargo(&[
+    firmware::build_and_check()?;
+    let arguments = [
         "test",
         "--release",
         "--locked",
         "--workspace",
         "--features",
         FEATURES,
-    ])?;
-    firmware::build_and_check()
+    ];
+    let file = std::path::absolute(firmware::elf_path());
+    run(Command::new(cargo_program())
+        .args(arguments)
+        .env("MCDPR_FIRMWARE", file.map_err(|error| error.to_string())?))
 }
 
 /// Features that are off by default and tested all the same.
