@@ -333,3 +333,50 @@ fn the_program_refuses_with_exit_code_1() {
         std::fs::remove_file(path).unwrap();
     }
 }
+
+#[test]
+fn chosen_poses_beat_random_ones() {
+    let random = medians(&setup(Target::Board, 20, 0), 8)[0];
+    let chosen = Setup {
+        chosen_from: 300,
+        ..setup(Target::Board, 20, 0)
+    };
+    let chosen = medians(&chosen, 8)[0];
+    assert!(
+        chosen < random / 1.5,
+        "chosen {chosen} mm, random {random} mm"
+    );
+    assert!(chosen < 0.4, "{chosen} mm");
+}
+
+#[test]
+fn a_plan_gets_better_with_every_pose() {
+    let (data, _) = simulate(&setup(Target::Tag, 8, 1)).unwrap();
+    let path = file("plan.json", &data.to_json().to_string());
+    let output = mcdpr()
+        .args([
+            "calibrate",
+            "plan",
+            "--json",
+            "--poses",
+            "9",
+            "--candidates",
+            "60",
+            "--data",
+        ])
+        .arg(&path)
+        .output()
+        .unwrap();
+    std::fs::remove_file(path).unwrap();
+    let plan: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let poses = plan["poses"].as_array().unwrap();
+    assert_eq!(poses.len(), 9);
+    let errors: Vec<f64> = poses
+        .iter()
+        .map(|pose| pose["expected_error_m"].as_f64().unwrap())
+        .collect();
+    assert!(
+        errors.windows(2).all(|pair| pair[1] < pair[0]),
+        "{errors:?}"
+    );
+}

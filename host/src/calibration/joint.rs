@@ -54,7 +54,7 @@ fn attempt(data: &Data, usable: &Usable, options: &Options) -> Result<Answer, Re
     answer(data, usable, &model, &options.priors, &minimum, &seen)
 }
 
-fn model<'a>(usable: &'a Usable, options: &Options) -> Model<'a> {
+pub(crate) fn model<'a>(usable: &'a Usable, options: &Options) -> Model<'a> {
     Model {
         data: &usable.data,
         layout: Layout {

@@ -11,6 +11,7 @@
 //! | [`observability`], [`predict`] | what the data fix, and how far off the platform would be |
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
 //! | [`mod@paper`], [`hand_eye`] | the paper's method, for comparison |
+//! | [`plan`] | choice of poses |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
 
 pub mod answer;
@@ -23,6 +24,7 @@ pub mod joint;
 pub mod normal;
 pub mod observability;
 pub mod paper;
+pub mod plan;
 pub mod pnp;
 pub mod predict;
 mod read;

@@ -14,6 +14,8 @@ pub struct Prediction {
     pub encoder_m: Vec<f64>,
     /// Covariance of the platform's position (world axes) when those lengths are commanded, m^2.
     pub position_covariance_m2: Matrix3<f64>,
+    /// 3 x shared unknowns: change of that position per change of each unknown.
+    pub position_slopes: DMatrix<f64>,
 }
 
 /// Predicts the encoder readings at a platform pose in the frame of body 0.
@@ -63,12 +65,12 @@ pub fn predict(
             by[(i, layout.statics())] = -length * mean_tension_n[i] / state.drum_scale;
         }
     }
-    let lengths = &by * covariance * by.transpose();
-    let back = motion_from_lengths(&motion);
-    let cov = &back * lengths * back.transpose();
+    let slopes = (motion_from_lengths(&motion) * &by).rows(0, 3).into_owned();
+    let cov = &slopes * covariance * slopes.transpose();
     Ok(Prediction {
         encoder_m,
         position_covariance_m2: cov.fixed_view::<3, 3>(0, 0).into_owned(),
+        position_slopes: slopes,
     })
 }
 

@@ -5,6 +5,8 @@
 //! this tests the estimation, not the model.
 
 use super::data::{Camera, Data, Noise, NominalRobot, Observation, Tag, View, compose, inverse};
+use super::joint::Options;
+use super::plan;
 use mcdpr_kinematics::{
     Cable, EquilibriumGuess, Platform, Pose, Robot, StaticOptions, four_cables,
 };
@@ -51,6 +53,8 @@ pub struct Setup {
     pub corner_px: f64,
     /// Poses as the paper's simulation has them: any position and attitude, held by nothing.
     pub free_poses: bool,
+    /// Choose the poses out of this many reachable ones (I-optimal); 0 takes them at random.
+    pub chosen_from: usize,
     /// Effects that the data do not tell.
     pub silent: Silent,
     /// Seed of everything random.
@@ -64,6 +68,7 @@ impl Default for Setup {
             poses: 20,
             corner_px: 0.1,
             free_poses: false,
+            chosen_from: 0,
             silent: Silent::default(),
             seed: 1,
         }
@@ -232,7 +237,10 @@ pub fn views_at(
 
 /// A random reachable pose: stable equilibrium with every tension between 0.5 and 39 N, tilted by 25
 /// degrees at most.
-pub(crate) fn random_equilibrium(robot: &Robot<4>, dice: &mut Dice) -> Option<(Pose, [f64; 4])> {
+pub(crate) fn random_equilibrium(
+    robot: &Robot<4>,
+    dice: &mut Dice,
+) -> Option<(Pose, [f64; 4], usize)> {
     let at = Vector3::new(
         0.335 + dice.within(0.19),
         dice.within(0.19),
@@ -240,13 +248,24 @@ pub(crate) fn random_equilibrium(robot: &Robot<4>, dice: &mut Dice) -> Option<(P
     );
     // Log-uniform from 0.5 to 28 N.
     let held = 0.5 * 56f64.powf(dice.unit());
-    let cable = (dice.unit() * 4.0) as usize;
+    let cable = ((dice.unit() * 4.0) as usize).min(3);
+    let (pose, tensions) = hang(robot, &at, cable, held)?;
+    Some((pose, tensions, cable))
+}
+
+/// The resting pose with the platform's origin at a place and one cable's tension held.
+fn hang(
+    robot: &Robot<4>,
+    at: &Vector3<f64>,
+    cable: usize,
+    held_n: f64,
+) -> Option<(Pose, [f64; 4])> {
     let mut tensions = [None; 4];
-    tensions[cable.min(3)] = Some(held);
+    tensions[cable] = Some(held_n);
     let hang = robot
         .equilibrium_at(
             &Vector3::zeros(),
-            &at,
+            at,
             &tensions,
             EquilibriumGuess::Cold,
             &StaticOptions::default(),
@@ -315,6 +334,25 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
             tag_scale,
         )
     };
+    let mut data = Data {
+        id: format!("simulated-{}", setup.seed),
+        robot: nominal,
+        camera,
+        tags: tags.clone(),
+        noise,
+        world_from_body: nominal_bodies,
+        camera_from_platform: nominal_camera,
+        poses: Vec::new(),
+        at_rest: !setup.free_poses,
+        holdout: Vec::new(),
+    };
+    // Poses chosen for the nominal robot, driven to with the true one: it hangs a little elsewhere.
+    let mut planned = Vec::new();
+    if setup.chosen_from > 0 {
+        let all = plan::candidates(&data, setup.chosen_from, setup.seed.wrapping_add(7))?;
+        planned = plan::choose(&data, &all, setup.poses, &Options::default())?.chosen;
+        planned.reverse();
+    }
     let mut taken = Vec::new();
     while taken.len() < setup.poses {
         let found = if setup.free_poses {
@@ -328,8 +366,11 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
                 Pose::from_rpy(at, [(); 3].map(|()| dice.within(tilt))),
                 [0.0; 4],
             ))
+        } else if let Some(next) = planned.pop() {
+            let at = next.pose.position_m;
+            hang(&robot, &at, next.held, next.tensions_n[next.held])
         } else {
-            random_equilibrium(&robot, &mut dice)
+            random_equilibrium(&robot, &mut dice).map(|(pose, tensions, _)| (pose, tensions))
         };
         if let Some((pose, tensions)) = found {
             let views = look(&pose);
@@ -340,24 +381,14 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     }
     let mut holdout = Vec::new();
     while holdout.len() < 120 {
-        holdout.extend(random_equilibrium(&robot, &mut dice).map(|(pose, _)| pose));
+        holdout.extend(random_equilibrium(&robot, &mut dice).map(|(pose, ..)| pose));
     }
     let observed = observe(setup, &robot, &noise, taken, &mut dice)?;
-    let data = Data {
-        id: format!("simulated-{}", setup.seed),
-        robot: nominal,
-        camera,
-        tags,
-        noise,
-        world_from_body: nominal_bodies,
-        camera_from_platform: nominal_camera,
-        poses: observed.0,
-        at_rest: !setup.free_poses,
-        holdout: holdout
-            .iter()
-            .map(|pose| compose(&inverse(&world_from_body[0]), pose))
-            .collect(),
-    };
+    data.poses = observed.0;
+    data.holdout = holdout
+        .iter()
+        .map(|pose| compose(&inverse(&world_from_body[0]), pose))
+        .collect();
     let truth = Truth {
         robot,
         initial_length_m: observed.1,

@@ -150,12 +150,12 @@ pub struct Priors {
 impl Default for Priors {
     fn default() -> Self {
         Self {
-            radius_m: 5e-5,
-            attachment_m: 1e-4,
+            radius_m: 3e-5,
+            attachment_m: 5e-5,
             drum: 5e-4,
-            focal: 1.5e-3,
-            center_px: 1.5,
-            k1: 7e-4,
+            focal: 1e-3,
+            center_px: 1.0,
+            k1: 5e-4,
             tag: 1e-3,
             compliance_per_n: 1.5e-5,
             mass: 0.02,

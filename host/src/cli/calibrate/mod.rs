@@ -1,6 +1,7 @@
 //! `mcdpr calibrate`: the robot's parameters from measurements.
 
 mod all;
+mod plan;
 mod study;
 
 use super::{Common, Outcome};
@@ -16,6 +17,7 @@ pub(crate) struct Cmd {
 #[derive(Debug, Subcommand)]
 enum What {
     All(all::Cmd),
+    Plan(plan::Cmd),
     Study(study::Cmd),
 }
 
@@ -23,6 +25,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         match &self.what {
             What::All(cmd) => cmd.run(common),
+            What::Plan(cmd) => cmd.run(common),
             What::Study(cmd) => cmd.run(common),
         }
     }

@@ -26,6 +26,9 @@ pub(crate) struct Cmd {
     /// Poses anywhere and at any attitude, as in the paper's simulation (no statics)
     #[arg(long)]
     free_poses: bool,
+    /// Choose the poses out of this many reachable ones (0: take them at random)
+    #[arg(long, default_value_t = 0, value_name = "CANDIDATES")]
+    chosen: usize,
     /// joint: leave the equations of equilibrium out
     #[arg(long)]
     no_statics: bool,
@@ -73,6 +76,7 @@ impl Cmd {
             poses: self.poses,
             corner_px: self.corner_px,
             free_poses: self.free_poses,
+            chosen_from: self.chosen,
             silent: Silent {
                 tag: self.tag_error,
                 k1: self.k1,
