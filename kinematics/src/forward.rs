@@ -109,7 +109,8 @@ impl<const N: usize> Robot<N> {
     /// Position and yaw for a given roll and pitch; four cables or more.
     ///
     /// `start` gives roll and pitch (kept exactly), and the position and yaw to start from; with
-    /// `position_known` false, only its yaw is used. Frame: world. Units: m, rad.
+    /// `position_known` false, only its yaw is used, and the position is the one that fits best at
+    /// that attitude. Frame: world. Units: m, rad.
     ///
     /// # Errors
     /// As [`Robot::position`].
@@ -188,9 +189,19 @@ impl<const N: usize> Robot<N> {
         Ok(())
     }
 
+    /// Where to look for a pose with unknown angles. Lengths may fit several poses exactly, some with
+    /// the cables twisted about each other; from the position that fits them best at the start's
+    /// attitude the one nearest to that attitude is found.
     fn start_pose(&self, lengths_m: &[f64; N], start: &Pose, position_known: bool) -> Pose {
         if position_known {
             return *start;
+        }
+        let loose = ForwardOptions {
+            max_residual_m: f64::MAX,
+            ..ForwardOptions::default()
+        };
+        if let Ok(found) = self.position(lengths_m, &start.rotation, None, &loose) {
+            return found.pose;
         }
         let arms = evaluate(&self.lanes, &start.position_m, start.rotation.matrix()).arms_m;
         Pose::new(self.below(lengths_m, &arms), start.rotation)

@@ -372,6 +372,31 @@ fn position_and_yaw_round_trips() {
 }
 
 #[test]
+fn position_and_yaw_needs_no_position_and_never_crosses_the_cables() {
+    let mut rng = ChaCha8Rng::seed_from_u64(17);
+    let options = ForwardOptions::default();
+    let robot = four_cables();
+    let mut twins = 0;
+    for case in 0..5000 {
+        let pose = random_pose(&mut rng);
+        let [rx, ry, rz] = pose.rpy();
+        let lengths = robot.lengths_m(&pose).unwrap();
+        // Lengths fit a second pose, turned by half a turn, exactly: only the start tells them apart.
+        let start = Pose::from_rpy(Vector3::zeros(), [rx, ry, 0.0]);
+        let found = robot
+            .position_and_yaw(&lengths, &start, false, &options)
+            .unwrap();
+        let gap = (found.pose.position_m - pose.position_m).norm();
+        // With crossed cables the platform has turned by more than a right angle.
+        let yaw = found.pose.rpy()[2];
+        assert!(yaw.abs() < 1.5, "case {case}, yaw {rz}: {yaw}, {gap:e}");
+        twins += u32::from(gap > 1e-9);
+    }
+    // Near the turning point of the yaw two uncrossed poses with these lengths lie side by side.
+    assert!(twins < 50, "{twins} of 5000 found the neighbour");
+}
+
+#[test]
 fn six_degrees_round_trip_on_eight_cables() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let robot = eight_cables();

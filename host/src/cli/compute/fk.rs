@@ -9,8 +9,7 @@ use super::{
 };
 use crate::units::Quantity;
 use mcdpr_kinematics::{
-    AnyRobot, Forward, ForwardOptions, Held, MAX_CABLES, Pose, Start, StaticOptions,
-    rotation_from_rpy,
+    Forward, ForwardOptions, Held, MAX_CABLES, Pose, Start, StaticOptions, rotation_from_rpy,
 };
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -196,15 +195,9 @@ impl Cmd {
         let geometry = &subject.geometry;
         let found: Result<Forward, _> = match free {
             None => geometry.position(lengths_m, &rotation, None, options),
-            Some(Free::Yaw) => {
-                let (start, known) = begin(geometry, lengths_m, start);
-                geometry.position_and_yaw(lengths_m, &start, known, options)
-            }
+            Some(Free::Yaw) => geometry.position_and_yaw(lengths_m, &start, false, options),
             Some(Free::All) if count < 6 => return Err(ComputeError::TooFewForAll { count }),
-            Some(Free::All) => {
-                let (start, known) = begin(geometry, lengths_m, start);
-                geometry.pose(lengths_m, &start, known, options)
-            }
+            Some(Free::All) => geometry.pose(lengths_m, &start, false, options),
         };
         let found = found.map_err(|error| subject.refused(error))?;
         Ok(Answer {
@@ -215,20 +208,6 @@ impl Cmd {
             pose: found.pose,
             taken_level: attitude_rad.is_none() && free != Some(Free::All),
         })
-    }
-}
-
-/// Where to look for a pose with unknown angles: at the position that fits the lengths best at the
-/// start's attitude, and whether there is one. Lengths may fit several poses exactly, some with the
-/// cables twisted about each other; from here the one nearest to the start's attitude is found.
-fn begin(geometry: &AnyRobot, lengths_m: &[f64], start: Pose) -> (Pose, bool) {
-    let loose = ForwardOptions {
-        max_residual_m: f64::MAX,
-        ..ForwardOptions::default()
-    };
-    match geometry.position(lengths_m, &start.rotation, None, &loose) {
-        Ok(found) => (found.pose, true),
-        Err(_) => (start, false),
     }
 }
 
