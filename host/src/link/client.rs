@@ -3,6 +3,7 @@
 //! One thread, one loop: [`Client::pump`] feeds the board, so the heartbeat stops when the feeding
 //! stops, which is what it is for. The loop reads no clock but the link's.
 
+use super::faults::request_name;
 use super::{Link, LinkError, describe_reject};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
 use mcdpr_protocol::{
@@ -309,7 +310,7 @@ impl<L: Link> Client<L> {
     /// # Errors
     /// [`ClientError::Refused`] where the board refuses it.
     pub fn request(&mut self, request: Request) -> Result<Reply, ClientError> {
-        let name = name_of(&request);
+        let name = request_name(&request);
         if !request.is_sequenced() {
             return self.ask(request);
         }
@@ -364,7 +365,7 @@ impl<L: Link> Client<L> {
 
     /// An idempotent request: sent again until it is answered.
     fn ask(&mut self, request: Request) -> Result<Reply, ClientError> {
-        let name = name_of(&request);
+        let name = request_name(&request);
         // Opening sets where the sequence starts; other numbers only tell answers apart and stay
         // far from those of the window.
         let sequence = match request {
@@ -456,7 +457,7 @@ impl<L: Link> Client<L> {
         };
         if now >= oldest.first_us + GIVE_UP_US {
             return Err(ClientError::Lost {
-                waiting: name_of(&oldest.request),
+                waiting: request_name(&oldest.request),
             });
         }
         if now >= oldest.sent_us + RETRY_US {
@@ -593,29 +594,4 @@ fn find(link: &mut impl Link, receiver: &mut Receiver) -> Result<Hello, ClientEr
 
 fn wrapping_us(time_us: u64) -> u32 {
     u32::try_from(time_us & u64::from(u32::MAX)).unwrap_or(0)
-}
-
-fn name_of(request: &Request) -> String {
-    let text = match request {
-        Request::Info => "to tell what it is",
-        Request::Status => "to tell its state",
-        Request::Open => "the connection",
-        Request::Close => "to end the connection",
-        Request::Heartbeat { .. } => "the heartbeat",
-        Request::Stop(_) => "to stop",
-        Request::ConfigBegin { .. } | Request::ConfigPut { .. } | Request::ConfigCommit { .. } => {
-            "the configuration"
-        }
-        Request::Reference { .. } => "the reference lengths",
-        Request::Arm { .. } => "to arm",
-        Request::Disarm => "to disarm",
-        Request::Knot(knot) => return format!("knot {} of the motion", knot.index),
-        Request::Start => "to start the motion",
-        Request::Resume => "to go on",
-        Request::Discard => "to discard the motion",
-        Request::ClearFault => "to clear the fault",
-        Request::Samples { .. } => "the samples",
-        Request::Gripper { .. } => "the gripper command",
-    };
-    text.to_owned()
 }

@@ -1,6 +1,6 @@
 //! Faults and refusals in words: what happened, with the numbers, and what to do.
 
-use mcdpr_protocol::{FaultId, FaultRecord, KeyMeaning, Reject};
+use mcdpr_protocol::{FaultId, FaultRecord, KeyMeaning, Reject, Request};
 
 /// What a latched fault says: id, cable, numbers.
 #[must_use]
@@ -146,4 +146,30 @@ pub(super) fn reject_advice(reject: &Reject) -> String {
         _ => "nothing was changed; this is likely a mistake of the program, please report it"
             .to_owned(),
     }
+}
+
+/// What a request asks for, as it stands behind "the board refused".
+pub(super) fn request_name(request: &Request) -> String {
+    let text = match request {
+        Request::Info => "to tell what it is",
+        Request::Status => "to tell its state",
+        Request::Open => "the connection",
+        Request::Close => "to end the connection",
+        Request::Heartbeat { .. } => "the heartbeat",
+        Request::Stop(_) => "to stop",
+        Request::ConfigBegin { .. } | Request::ConfigPut { .. } | Request::ConfigCommit { .. } => {
+            "the configuration"
+        }
+        Request::Reference { .. } => "the reference lengths",
+        Request::Arm { .. } => "to arm",
+        Request::Disarm => "to disarm",
+        Request::Knot(knot) => return format!("knot {} of the motion", knot.index),
+        Request::Start => "to start the motion",
+        Request::Resume => "to go on",
+        Request::Discard => "to discard the motion",
+        Request::ClearFault => "to clear the fault",
+        Request::Samples { .. } => "the samples",
+        Request::Gripper { .. } => "the gripper command",
+    };
+    text.to_owned()
 }
