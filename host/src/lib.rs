@@ -10,6 +10,7 @@
 //! | [`report`] | figures, plots and files of a run |
 //! | [`run`] | running a plan on a board |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
+//! | [`sight`] | tags in the camera's pictures |
 //! | [`units`] | numbers with units as people type them |
 //! | [`cli`] | the command line |
 
@@ -22,4 +23,5 @@ pub mod motion;
 pub mod report;
 pub mod robot;
 pub mod run;
+pub mod sight;
 pub mod units;

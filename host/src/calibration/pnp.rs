@@ -15,34 +15,40 @@ pub struct Sighting {
     pub cost_px2: f64,
 }
 
+/// A square tag in a picture: its corners on the body that carries it, m, and where they appear, px.
+pub type Square = ([Vector3<f64>; 4], [[f64; 2]; 4]);
+
 /// The candidates (one or two, best first) for a body's pose in one picture. Empty where the body
 /// is not seen or the corners make no sense.
 #[must_use]
 pub fn sightings(data: &Data, pose: &Observation, body: usize) -> Vec<Sighting> {
     let on_body = |view: &&View| data.tags.get(view.tag).is_some_and(|tag| tag.body == body);
-    let views: Vec<&View> = pose.views.iter().filter(on_body).collect();
-    let Some(largest) = views.iter().max_by(|a, b| area(a).total_cmp(&area(b))) else {
+    let squares: Vec<Square> = (pose.views.iter().filter(on_body))
+        .map(|view| (data.tags[view.tag].corners_in_body_m, view.corners_px))
+        .collect();
+    sightings_of(&data.camera, &squares)
+}
+
+/// The candidates (one or two, best first) for the pose of the body that carries these tags. Empty
+/// without tags, or where the corners make no sense.
+#[must_use]
+pub fn sightings_of(camera: &Camera, squares: &[Square]) -> Vec<Sighting> {
+    let largest = squares.iter().max_by(|a, b| area(a).total_cmp(&area(b)));
+    let Some(largest) = largest else {
         return Vec::new();
     };
-    let mut points = Vec::new();
-    for view in &views {
-        for (corner, pixel) in data.tags[view.tag]
-            .corners_in_body_m
-            .iter()
-            .zip(view.corners_px)
-        {
-            points.push((*corner, pixel));
-        }
-    }
-    let Some(start) = from_square(data, largest) else {
+    let Some(start) = from_square(camera, largest) else {
         return Vec::new();
     };
-    let corners = &data.tags[largest.tag].corners_in_body_m;
+    let points: Vec<_> = (squares.iter())
+        .flat_map(|(corners, pixels)| corners.iter().copied().zip(pixels.iter().copied()))
+        .collect();
+    let corners = &largest.0;
     let center = corners.iter().sum::<Vector3<f64>>() / 4.0;
     let normal = (corners[1] - corners[0]).cross(&(corners[3] - corners[0]));
     let mut found: Vec<Sighting> = [start, mirrored(&start, &center, &normal)]
         .iter()
-        .filter_map(|start| refined(&data.camera, &points, start))
+        .filter_map(|start| refined(camera, &points, start))
         .collect();
     found.sort_by(|a, b| a.cost_px2.total_cmp(&b.cost_px2));
     if let [a, b] = found.as_slice()
@@ -56,22 +62,21 @@ pub fn sightings(data: &Data, pose: &Observation, body: usize) -> Vec<Sighting> 
     found
 }
 
-fn area(view: &View) -> f64 {
-    let [a, b, c, d] = view.corners_px;
+fn area((_, [a, b, c, d]): &Square) -> f64 {
     ((c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1])).abs()
 }
 
 /// The pose of the body from one tag's four corners.
-fn from_square(data: &Data, view: &View) -> Option<Pose> {
-    let corners = &data.tags[view.tag].corners_in_body_m;
+fn from_square(camera: &Camera, (corners, pixels): &Square) -> Option<Pose> {
+    let size_m = (corners[1] - corners[0]).norm();
     let x = (corners[1] - corners[0]).normalize();
     let normal = x.cross(&(corners[3] - corners[0])).normalize();
     let body_from_tag = Matrix3::from_columns(&[x, normal.cross(&x), normal]);
     let center = corners.iter().sum::<Vector3<f64>>() / 4.0;
     let mut a = SMatrix::<f64, 9, 9>::zeros();
-    for (i, (corner, pixel)) in corners.iter().zip(view.corners_px).enumerate() {
-        let p = body_from_tag.tr_mul(&(corner - center)) / data.tags[view.tag].size_m;
-        let q = data.camera.direction(pixel);
+    for (i, (corner, pixel)) in corners.iter().zip(pixels).enumerate() {
+        let p = body_from_tag.tr_mul(&(corner - center)) / size_m;
+        let q = camera.direction(*pixel);
         let h = [p.x, p.y, 1.0];
         for k in 0..3 {
             a[(2 * i, k)] = h[k];
@@ -95,7 +100,7 @@ fn from_square(data: &Data, view: &View) -> Option<Pose> {
     let (r1, r2) = (h.column(0).into_owned(), h.column(1).into_owned());
     let rotation = nearest_rotation(&Matrix3::from_columns(&[r1, r2, r1.cross(&r2)]))?;
     let rotation = rotation * Rotation3::from_matrix_unchecked(body_from_tag).inverse();
-    let at = h.column(2).into_owned() * data.tags[view.tag].size_m;
+    let at = h.column(2).into_owned() * size_m;
     Some(Pose::new(at - rotation * center, rotation))
 }
 

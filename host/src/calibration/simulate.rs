@@ -93,6 +93,7 @@ pub struct Truth {
 }
 
 /// Random numbers.
+#[derive(Debug)]
 pub(crate) struct Dice(ChaCha8Rng);
 
 impl Dice {

@@ -1,0 +1,87 @@
+//! Where the tags of a simulated robot truly lie, and how its camera is truly mounted.
+
+use super::{lens_of, pose_of};
+use crate::calibration::data::Camera;
+use crate::calibration::simulate::Dice;
+use crate::robot::{Robot, Tag};
+use mcdpr_kinematics::Pose;
+use nalgebra::{Rotation3, Vector3};
+
+/// The true scene. No estimator sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// The lens as it is.
+    pub lens: Camera,
+    /// camera_from_platform as it is mounted.
+    pub camera_from_platform: Pose,
+    /// The tags as they were made.
+    pub tags: Vec<Tag>,
+    /// Place of each body of tags, world_from_body: the body's number and its pose.
+    pub world_from_body: Vec<(u32, Pose)>,
+}
+
+/// Height of the floor below the lowest anchor, m.
+const FLOOR_M: f64 = 0.725;
+/// How far the tags lie from the middle of the anchors towards the home of the tool, as a share.
+const TOWARDS_HOME: f64 = 0.7;
+/// Distance between loose bodies on the floor, m.
+const APART_M: f64 = 0.14;
+
+impl Scene {
+    /// The robot's tags face up on the floor between the middle of its anchors and where its tool
+    /// hangs at home, so that they are seen from both; bodies beside each other in a row, each
+    /// turned and shifted a little; the camera off its nominal mounting by up to `mounting_m` and
+    /// `mounting_rad` per axis.
+    #[must_use]
+    pub fn on_floor(robot: &Robot, mounting_m: f64, mounting_rad: f64, seed: u64) -> Self {
+        let mut dice = Dice::new(seed ^ 0x7363_656E);
+        let anchors = robot.cables.iter().map(|cable| cable.anchor_in_world_m);
+        let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
+        for anchor in anchors {
+            low = low.inf(&anchor);
+            high = high.sup(&anchor);
+        }
+        let middle = (low + high) / 2.0;
+        let middle = middle + (robot.tool.home_in_world_m - middle) * TOWARDS_HOME;
+        let mut bodies: Vec<u32> = robot.tags.iter().map(|tag| tag.body).collect();
+        bodies.sort_unstable();
+        bodies.dedup();
+        let count = bodies.len() as f64;
+        let world_from_body = bodies
+            .into_iter()
+            .enumerate()
+            .map(|(i, body)| {
+                let across = (i as f64 - (count - 1.0) / 2.0) * APART_M;
+                let at = Vector3::new(
+                    middle.x + dice.within(0.01),
+                    middle.y + across + dice.within(0.01),
+                    low.z - FLOOR_M,
+                );
+                // Face up: a tag's z axis points into the floor.
+                let turn = 0.5 + dice.within(0.3);
+                let face_up = Rotation3::from_euler_angles(std::f64::consts::PI, 0.0, turn);
+                let tilt = Vector3::from_fn(|_, _| dice.within(0.02));
+                (body, Pose::new(at, Rotation3::new(tilt) * face_up))
+            })
+            .collect();
+        let shift = Vector3::from_fn(|_, _| dice.within(mounting_m));
+        let turn = Vector3::from_fn(|_, _| dice.within(mounting_rad));
+        Self {
+            lens: lens_of(&robot.camera),
+            camera_from_platform: pose_of(&robot.camera.camera_from_platform)
+                .displaced(&shift, &turn),
+            tags: robot.tags.clone(),
+            world_from_body,
+        }
+    }
+
+    /// The true place of a body of tags.
+    #[must_use]
+    pub fn body(&self, number: u32) -> Option<&Pose> {
+        let found = self
+            .world_from_body
+            .iter()
+            .find(|(body, _)| *body == number);
+        found.map(|(_, pose)| pose)
+    }
+}
