@@ -2,6 +2,8 @@
 
 use crate::core::Trap;
 use crate::device::adc::Adc;
+use crate::device::can::Can;
+use crate::device::can_line::{CanLine, CanWiring};
 use crate::device::dma::Dma;
 use crate::device::gpio::Gpio;
 use crate::device::rcc::{Clocks, Rcc};
@@ -27,6 +29,11 @@ const RECEIVE_CHANNEL: usize = 2;
 /// Interrupt of DMA1 channel 1.
 const DMA_IRQ: u8 = 11;
 const USART3_IRQ: u8 = 39;
+/// Transmit; FIFO 0, FIFO 1 and status follow.
+const CAN_IRQ: u8 = 19;
+/// Field of AFIO_MAPR that says where CAN's pins are, and its value for PB8 and PB9.
+const CAN_REMAP: u32 = 3 << 13;
+const CAN_ON_B: u32 = 2 << 13;
 
 /// What the chip did to itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +61,8 @@ pub(crate) struct Bus {
     pub adc: Adc,
     dma: Dma,
     pub usart: Usart,
+    pub can: Can,
+    pub can_line: CanLine,
     watchdog: Watchdog,
     afio: [u32; 8],
     exti: [u32; 6],
@@ -68,6 +77,7 @@ pub(crate) struct Bus {
 enum Place {
     Timer(usize),
     Usart,
+    Can,
     Watchdog,
     Afio,
     Exti,
@@ -104,6 +114,8 @@ impl Bus {
             adc: Adc::default(),
             dma: Dma::default(),
             usart: Usart::new(),
+            can: Can::new(),
+            can_line: CanLine::new(),
             watchdog: Watchdog::new(),
             afio: [0; 8],
             exti: [0; 6],
@@ -244,6 +256,7 @@ impl Bus {
             0x4000_0800 => (Place::Timer(3), apb1 >> 2),
             0x4000_3000 => (Place::Watchdog, always),
             0x4000_4800 => (Place::Usart, apb1 >> 18),
+            0x4000_6400 => (Place::Can, apb1 >> 25),
             0x4000_7000 => (Place::Power, apb1 >> 28),
             0x4001_0000 => (Place::Afio, apb2),
             0x4001_0400 => (Place::Exti, always),
@@ -289,6 +302,7 @@ impl Bus {
             }
             Place::Watchdog => self.watchdog.read(offset),
             Place::Usart => self.usart.read(offset),
+            Place::Can => self.can.read(offset),
             Place::Afio => self.afio.get(index).copied(),
             Place::Exti => self.exti.get(index).copied(),
             Place::Gpio(port) => self.gpio[port].read(offset),
@@ -331,6 +345,7 @@ impl Bus {
             Place::Timer(timer) => self.timers[timer].write(offset, value),
             Place::Watchdog => self.watchdog.write(offset, value, now),
             Place::Usart => self.usart.write(offset, value, now, self.clocks.apb1),
+            Place::Can => self.write_can(offset, value),
             Place::Adc => self.adc.write(offset, value, now, self.clocks.adc),
             Place::Dma => self.dma.write(offset, value),
             Place::Rcc => self.rcc.write(offset, value, now),
@@ -377,6 +392,46 @@ impl Bus {
         while self.usart.wants_byte() && self.dma.is_ready(SEND_CHANNEL) {
             self.transfer(SEND_CHANNEL);
         }
+    }
+
+    /// A bit of the chip's CAN, in ticks.
+    const fn can_bit(&self) -> u64 {
+        self.can.bit_cycles() * self.clocks.apb1
+    }
+
+    /// Whether CAN has its receive pin and its transmit pin.
+    fn can_wired(&self) -> (bool, bool) {
+        let remapped = self.afio[1] & CAN_REMAP == CAN_ON_B;
+        let sends = self.gpio[1].drive(9) == crate::device::gpio::Drive::Peripheral;
+        (
+            remapped && self.gpio[1].is_digital_input(8),
+            remapped && sends,
+        )
+    }
+
+    fn write_can(&mut self, offset: u32, value: u32) -> Result<(), &'static str> {
+        let idle_at = self.can_line.idle_from(self.now);
+        let bit = self.can_bit();
+        self.can.write(offset, value, idle_at, bit)?;
+        self.can.abort_waiting(self.can_line.busy());
+        self.serve_can();
+        Ok(())
+    }
+
+    /// Changes what the CAN pins are connected to.
+    pub fn rewire_can(&mut self, wiring: CanWiring) {
+        self.can_line.wiring = wiring;
+        // Who waited for a shorted bus to be idle waits anew.
+        if self.can.joins_at == Some(u64::MAX) && !wiring.shorted {
+            self.can.joins_at = Some(self.now + self.can.join_bits() * self.can_bit());
+        }
+        self.plan();
+    }
+
+    /// Brings the CAN bus up to the present.
+    pub fn serve_can(&mut self) {
+        let (now, bit, wired) = (self.now, self.can_bit(), self.can_wired());
+        self.can_line.service(&mut self.can, now, bit, wired);
     }
 
     /// One DMA transfer.
@@ -456,6 +511,10 @@ impl Bus {
             }
             self.scs.attention = true;
         }
+        if self.can_line.next_event(&self.can, now) <= now {
+            self.serve_can();
+            self.scs.attention = true;
+        }
         if self.watchdog.barks_at.is_some_and(|at| at <= now) {
             self.halt = Some(Halt::Watchdog);
             self.scs.attention = true;
@@ -473,6 +532,7 @@ impl Bus {
             .min(self.adc.done_at.unwrap_or(never))
             .min(self.usart.sent_at.unwrap_or(never))
             .min(self.usart.arrives_at.unwrap_or(never))
+            .min(self.can_line.next_event(&self.can, self.now))
             .min(self.watchdog.barks_at.unwrap_or(never));
     }
 
@@ -485,6 +545,11 @@ impl Bus {
         }
         if self.usart.interrupts() {
             self.scs.raise(USART3_IRQ);
+        }
+        for (irq, raised) in (CAN_IRQ..).zip(self.can.interrupts()) {
+            if raised {
+                self.scs.raise(irq);
+            }
         }
     }
 }

@@ -5,6 +5,7 @@ use crate::core::decode::decode;
 use crate::core::op::Op;
 use crate::core::{Cpu, Switch, Trap};
 use crate::device::TICKS_PER_SECOND;
+use crate::device::can_line::{CanFrame, CanWiring};
 use crate::device::gpio::Drive;
 use crate::device::rcc::{RESET_POWER, RESET_SOFTWARE, RESET_WATCHDOG};
 use crate::elf;
@@ -44,6 +45,19 @@ impl Pins {
     pub fn any_brake_open(&self) -> bool {
         self.brakes.contains(&Drive::High)
     }
+}
+
+/// Error counters and states of the CAN controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CanErrors {
+    /// Transmit error counter.
+    pub transmit: u32,
+    /// Receive error counter.
+    pub receive: u32,
+    /// One of them is over 127: it no longer disturbs others.
+    pub passive: bool,
+    /// The transmit error counter has passed 255: it is off the bus.
+    pub bus_off: bool,
 }
 
 /// What the SysTick handler took, over all its runs since power-on or
@@ -139,6 +153,8 @@ impl Chip {
             new.applied = old.applied;
         }
         bus.adc.applied = old.adc.applied;
+        bus.can_line = old.can_line.clone();
+        bus.can_line.cut_off();
         bus.usart.sent = std::mem::take(&mut old.usart.sent);
         bus.scs.delivers_faults = old.scs.delivers_faults;
         self.bus = bus;
@@ -362,6 +378,45 @@ impl Chip {
     #[must_use]
     pub fn uart_overruns(&self) -> u64 {
         self.bus.usart.overruns
+    }
+
+    /// What is connected to the CAN pins. After power-on: nothing.
+    pub fn set_can_wiring(&mut self, wiring: CanWiring) {
+        self.bus.rewire_can(wiring);
+    }
+
+    /// Destroys the next frames on the bus, whoever sends them.
+    pub fn destroy_can_frames(&mut self, count: u32) {
+        self.bus.can_line.destroy = count;
+    }
+
+    /// Another node wants to send a frame from `at_us` on (at once, where that is past). It goes
+    /// over the bus when that is free and nothing more urgent waits, and again until it passes.
+    pub fn can_send(&mut self, at_us: u64, frame: CanFrame) {
+        let at = (at_us * TICKS_PER_US).max(self.bus.now);
+        self.bus.can_line.offer(at, frame);
+        self.bus.plan();
+    }
+
+    /// Frames of the chip that the other nodes have received since the last call, each with the
+    /// time of its end in microseconds.
+    pub fn can_take(&mut self) -> Vec<(u64, CanFrame)> {
+        let taken = std::mem::take(&mut self.bus.can_line.delivered);
+        let taken = taken.into_iter();
+        taken
+            .map(|(at, frame)| (at / TICKS_PER_US, frame))
+            .collect()
+    }
+
+    /// What the CAN controller counts.
+    #[must_use]
+    pub fn can_errors(&self) -> CanErrors {
+        CanErrors {
+            transmit: self.bus.can.tec,
+            receive: self.bus.can.rec,
+            passive: self.bus.can.is_passive(),
+            bus_off: self.bus.can.is_bus_off(),
+        }
     }
 
     /// Instructions since power-on.

@@ -14,7 +14,7 @@
 //! | `core` | decoder, instructions, exceptions |
 //! | `scs` | NVIC, system control block, SysTick, DWT |
 //! | `bus` | memory map, time, DMA transfers |
-//! | `device` | RCC, ports, timers, ADC, DMA, USART, watchdog |
+//! | `device` | RCC, ports, timers, ADC, DMA, USART, CAN, watchdog |
 //! | `elf` | the firmware file |
 //! | `chip` | all of it, from outside |
 
@@ -26,6 +26,7 @@ mod elf;
 mod error;
 mod scs;
 
-pub use chip::{Chip, Pins, Port, TickStats};
+pub use chip::{CanErrors, Chip, Pins, Port, TickStats};
+pub use device::can_line::{CanFrame, CanWiring};
 pub use device::gpio::Drive;
 pub use error::{LoadError, ResetBy, Stop};

@@ -1,6 +1,10 @@
 //! Peripherals of the STM32F103C8 that this firmware uses (ST reference manual RM0008).
 
 pub(crate) mod adc;
+pub(crate) mod can;
+pub(crate) mod can_line;
+#[cfg(test)]
+mod can_tests;
 pub(crate) mod dma;
 pub(crate) mod gpio;
 pub(crate) mod rcc;

@@ -13,7 +13,7 @@ const DMA: u32 = 0x4002_0000;
 const WATCHDOG: u32 = 0x4000_3000;
 
 /// Everything clocked, at 8 MHz: nine ticks per cycle of any bus.
-fn bus() -> Bus {
+pub(super) fn bus() -> Bus {
     let mut bus = Bus::new(
         vec![0; FLASH_BYTES as usize],
         vec![0; RAM_BYTES as usize],
@@ -26,22 +26,22 @@ fn bus() -> Bus {
     bus
 }
 
-fn write(bus: &mut Bus, address: u32, value: u32) {
+pub(super) fn write(bus: &mut Bus, address: u32, value: u32) {
     assert_eq!(bus.write(address, 4, value), Ok(()), "{address:#x}");
 }
 
-fn read(bus: &mut Bus, address: u32) -> u32 {
+pub(super) fn read(bus: &mut Bus, address: u32) -> u32 {
     bus.read(address, 4).expect("a register")
 }
 
-fn misuse(bus: &mut Bus, address: u32, value: u32) -> &'static str {
+pub(super) fn misuse(bus: &mut Bus, address: u32, value: u32) -> &'static str {
     match bus.write(address, 4, value) {
         Err(Trap::Misuse { what, .. }) => what,
         other => panic!("{other:?}"),
     }
 }
 
-fn wait(bus: &mut Bus, until: u64) {
+pub(super) fn wait(bus: &mut Bus, until: u64) {
     while bus.next_event <= until {
         bus.now = bus.next_event;
         bus.service();
