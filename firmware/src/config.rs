@@ -1,5 +1,6 @@
 //! Configuration: physical units from the wire, checked and turned into machine units once.
 
+use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
 use crate::encoder::LengthScale;
 use crate::fixed::half;
 use mcdpr_protocol::config::config_hash;
@@ -120,6 +121,16 @@ pub struct CableConfig {
     pub length_min: i32,
     /// Longest length, 0.1 µm.
     pub length_max: i32,
+    /// Number of the drive on its bus.
+    pub node: u8,
+    /// Ticks between two commands to the drive.
+    pub period_ticks: u8,
+    /// Tick of the period in which the drive has its slot.
+    pub slot: u8,
+    /// SYNCs for one feedback (CiA 402).
+    pub syncs: u8,
+    /// Motor rpm per count in a millisecond, 16 fractional bits.
+    pub rpm_per_count_q16: i32,
 }
 
 /// A configuration in use.
@@ -129,8 +140,8 @@ pub struct Active<const N: usize> {
     pub hash: ConfigHash,
     /// Drives.
     pub drive_kind: DriveKind,
-    /// Time between commands to one drive, µs.
-    pub bus_period_us: u32,
+    /// Bit rate of the drives' bus, bit/s.
+    pub bus_bitrate: u32,
     /// Duration of a coordinated stop, ms.
     pub stop_ms: u32,
     /// Time a residual may be over its limit, ms.
@@ -243,20 +254,40 @@ impl<const N: usize> ConfigStore<N> {
             2 => DriveKind::Cia402,
             _ => DriveKind::None,
         };
-        key(BoardKey::BusBitrate, 125_000, 1_000_000)?;
+        let bus_bitrate = key(BoardKey::BusBitrate, 125_000, 1_000_000)?.cast_unsigned();
+        let by_length = ticks(
+            BoardKey::BusPeriodUs,
+            key(BoardKey::BusPeriodUs, 1000, 20_000)?,
+        )?;
+        let by_tension = key(BoardKey::TensionPeriodUs, 1000, 20_000)?;
+        let by_tension = ticks(BoardKey::TensionPeriodUs, by_tension)?;
+        let feedback_timeout_ms = small(key(BoardKey::FeedbackTimeoutMs, 2, 1000)?);
+        // Feedback that comes more rarely would look lost between two of them. Who is asked less
+        // often is asked in whole numbers of the other's periods.
+        if by_length % by_tension != 0 || u16::from(by_length) * 2 >= feedback_timeout_ms {
+            return refused(ConfigKey::board(BoardKey::BusPeriodUs));
+        }
         // The first one is a placeholder for the others until they are built.
         let mut cables = [self.build_cable(0)?; N];
         for (index, slot) in (0_u8..).zip(cables.iter_mut()).skip(1) {
             *slot = self.build_cable(index)?;
         }
+        spread(&mut cables, by_length, by_tension);
+        let cycles = cables.iter().map(|cable| {
+            let period_us = u32::from(cable.period_ticks) * 1000;
+            (period_us, cable.control == Control::Tension)
+        });
+        if load_permille(drive_kind, bus_bitrate, cycles) > MOST_LOAD_PERMILLE {
+            return refused(ConfigKey::board(BoardKey::BusPeriodUs));
+        }
         let built = Active {
             hash: board,
             drive_kind,
-            bus_period_us: key(BoardKey::BusPeriodUs, 500, 20_000)?.cast_unsigned(),
+            bus_bitrate,
             stop_ms: key(BoardKey::StopMs, 20, MAX_STOP_MS)?.cast_unsigned(),
             residual_ms: small(key(BoardKey::ResidualMs, 1, 10_000)?),
             enable_ms: key(BoardKey::EnableMs, 0, 10_000)?.cast_unsigned(),
-            feedback_timeout_ms: small(key(BoardKey::FeedbackTimeoutMs, 2, 1000)?),
+            feedback_timeout_ms,
             cables,
         };
         *active = Some(built);
@@ -327,8 +358,8 @@ impl<const N: usize> ConfigStore<N> {
         let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
         // One millisecond at one and a half times the largest speed, and a count of rounding.
         let step = i64::from(max_speed_umps) * 15 * (1 << 24) / 1000 / per_count_q24.abs() + 2;
-        // A bus has no drive 0: that number calls all of them.
-        key(CableKey::Node, 1, 127)?;
+        // A bus has no drive 0: that number calls all of them. 127 is the board itself.
+        let node = key(CableKey::Node, 1, 126)?;
         Ok(CableConfig {
             control: match key(CableKey::Control, 0, 1)? {
                 0 => Control::Length,
@@ -371,8 +402,48 @@ impl<const N: usize> ConfigStore<N> {
             max_speed_umps,
             length_min,
             length_max: key(CableKey::LengthMax, length_min, 2_000_000_000)?,
+            node: u8::try_from(node).unwrap_or(u8::MAX),
+            period_ticks: 1,
+            slot: 0,
+            syncs: 1,
+            // Counts per ms, times 60,000 ms per minute.
+            rpm_per_count_q16: crate::fixed::saturate((60_000 << 16) / i64::from(per_rev)),
         })
     }
+}
+
+/// Gives every drive its slot: those of each period evenly over it.
+fn spread(cables: &mut [CableConfig], by_length: u8, by_tension: u8) {
+    for control in [Control::Length, Control::Tension] {
+        let (period, syncs) = match control {
+            Control::Length => (by_length, by_length / by_tension),
+            Control::Tension => (by_tension, 1),
+        };
+        let alike = |cable: &&mut CableConfig| cable.control == control;
+        let count = cables.iter_mut().filter(alike).count();
+        let count = u8::try_from(count).unwrap_or(u8::MAX);
+        // Those held by tension come last, where the others are fewest.
+        let first = if control == Control::Tension {
+            period - 1
+        } else {
+            0
+        };
+        for (rank, cable) in (0_u8..).zip(cables.iter_mut().filter(alike)) {
+            cable.period_ticks = period;
+            cable.syncs = syncs;
+            cable.slot = (first + rank * period / count) % period;
+        }
+    }
+}
+
+fn refused<T>(key: ConfigKey) -> Result<T, Reject> {
+    Err(Reject::ConfigValue { key: key.0 })
+}
+
+/// Whole ticks of a period.
+fn ticks(key: BoardKey, us: i32) -> Result<u8, Reject> {
+    let ticks = u8::try_from(us / 1000).ok().filter(|_| us % 1000 == 0);
+    ticks.map_or(refused(ConfigKey::board(key)), Ok)
 }
 
 /// The quotient of two positive numbers, rounded to nearest.

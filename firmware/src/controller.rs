@@ -122,6 +122,12 @@ impl<const N: usize> Controller<N> {
         self.heartbeat.health(now)
     }
 
+    /// The configuration in use.
+    #[must_use]
+    pub const fn config(&self) -> Option<&Active<N>> {
+        self.active.as_ref()
+    }
+
     /// The latched fault.
     #[must_use]
     pub const fn fault(&self) -> Option<FaultRecord> {

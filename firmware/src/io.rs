@@ -17,6 +17,12 @@ pub struct DriveInput {
     pub rpm: i16,
     /// Motor current, mA.
     pub current_ma: i16,
+    /// The bus to all drives is off: none obeys (D1).
+    pub bus_off: bool,
+    /// The drive warns (CiA 402).
+    pub warning: bool,
+    /// The drive says that it, its motor or its supply is too hot (D6; CiA 402).
+    pub over_temperature: bool,
 }
 
 /// What a board measured for this tick. `N` cables.

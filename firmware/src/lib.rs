@@ -19,6 +19,9 @@
 //! | [`io`] | what goes in and out of a tick |
 #![no_std]
 
+#[cfg(test)]
+extern crate std;
+
 pub mod arming;
 pub mod axis;
 pub mod config;

@@ -74,7 +74,7 @@ keys! {
         DriveKind = 2,
         /// Drive bus, bit/s.
         BusBitrate = 3,
-        /// Time between two commands to one drive, µs.
+        /// Time between two commands to one drive, µs, whole milliseconds.
         BusPeriodUs = 4,
         /// Time for a coordinated stop (STOP1), ms, at most 300.
         StopMs = 5,
@@ -84,6 +84,8 @@ keys! {
         EnableMs = 7,
         /// Drive feedback older than this is lost, ms.
         FeedbackTimeoutMs = 8,
+        /// Time between two commands to a tension-held drive, µs; divides that of the others.
+        TensionPeriodUs = 9,
     }
 }
 

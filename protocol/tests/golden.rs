@@ -290,6 +290,7 @@ fn configuration_keys_keep_their_numbers() {
         "ResidualMs",
         "EnableMs",
         "FeedbackTimeoutMs",
+        "TensionPeriodUs",
     ];
     let cable = [
         "Control",

@@ -85,6 +85,7 @@ impl<const N: usize> Board<N> {
                     counts: feedback.counts,
                     rpm: feedback.rpm,
                     current_ma: feedback.current_ma,
+                    ..DriveInput::default()
                 };
             } else {
                 inputs.drives[i].age_ms = u16::MAX;

@@ -179,7 +179,7 @@ fn entries() -> Vec<ConfigEntry> {
             BoardKey::Cables => 4,
             BoardKey::DriveKind => 1,
             BoardKey::BusBitrate => 1_000_000,
-            BoardKey::BusPeriodUs => 2000,
+            BoardKey::BusPeriodUs | BoardKey::TensionPeriodUs => 2000,
             BoardKey::StopMs => 300,
             BoardKey::ResidualMs => 100,
             BoardKey::EnableMs => 40,

@@ -71,7 +71,7 @@ fn another_number_of_cables_is_named() {
 #[test]
 fn unknown_keys_are_named() {
     // A field, a group and a cable that are not there.
-    for key in [0x0009, 0x0420, 0x0501, 0x0901, 0xFFFF] {
+    for key in [0x00F0, 0x0420, 0x0501, 0x0901, 0xFFFF] {
         let mut all = entries();
         all.retain(|entry| entry.key.0 < key);
         all.pop();
@@ -148,7 +148,7 @@ fn a_refused_chunk_takes_none_of_its_entries() {
     let all = entries();
     for bad in [
         ConfigEntry {
-            key: ConfigKey(0x0009),
+            key: ConfigKey(0x00F0),
             value: 0,
         },
         all[0],

@@ -44,7 +44,7 @@ pub fn entries() -> Vec<ConfigEntry> {
             BoardKey::Cables => 4,
             BoardKey::DriveKind => 1,
             BoardKey::BusBitrate => 1_000_000,
-            BoardKey::BusPeriodUs => 2000,
+            BoardKey::BusPeriodUs | BoardKey::TensionPeriodUs => 2000,
             BoardKey::StopMs => STOP_MS as i32,
             BoardKey::ResidualMs => 100,
             BoardKey::EnableMs => ENABLE_MS as i32,

@@ -68,6 +68,7 @@ pub fn configuration(robot: &Robot) -> Result<Vec<ConfigEntry>, OutOfRange> {
     board(BoardKey::ResidualMs, RESIDUAL_MS);
     board(BoardKey::EnableMs, enable);
     board(BoardKey::FeedbackTimeoutMs, FEEDBACK_MS);
+    board(BoardKey::TensionPeriodUs, whole(robot.bus.period_us));
     for index in 0..robot.cables.len() {
         if let Some(winch) = robot.winch_of(index) {
             cable(robot, index, winch, &mut entries)?;

@@ -3,23 +3,12 @@
 //! The drive restarts for half a second after a reset, during which it is silent, and takes half a
 //! second to enter a mode (`docs/paper-notes.md`: the drive is inferred, so are its times).
 
+use super::drive::Mode;
+use super::rmds::{MODE_MS, RESET_MS};
 use crate::io::DriveDemand;
 
-/// Milliseconds of silence after a reset.
-pub const RESET_MS: u16 = 500;
-/// Milliseconds from the choice of a mode until its commands are obeyed.
-pub const MODE_MS: u16 = 500;
 /// Slack for the bus: a command may wait for its slot.
 const SLOT_MS: u16 = 10;
-
-/// Modes that the core uses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
-    /// Position with a speed limit.
-    Position,
-    /// Current.
-    Current,
-}
 
 /// What goes to the drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

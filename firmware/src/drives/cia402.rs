@@ -1,0 +1,374 @@
+//! CiA 402 drives over CANopen (CiA 301): expedited set-up, control word, cyclic position or torque.
+//!
+//! After a reset of its communication a drive is set up object by object (`SETUP`), started, and
+//! from then on told by one PDO in its slot (control word with position or torque, acted on at
+//! once) and asked by SYNC for one PDO back (status word, position, torque), with the mode that it
+//! says it is in every [`MODE_SYNCS`] SYNCs. It watches the board's heartbeat, the board its.
+
+use super::can::CanFrame;
+use super::drive::{Drive, Mode, Phase, Step, mode_of};
+use crate::config::CableConfig;
+use crate::io::DriveDemand;
+
+/// SYNCs from one report of the mode to the next.
+pub const MODE_SYNCS: u8 = 10;
+/// The board's own node, for its heartbeat.
+pub const BOARD_NODE: u8 = 127;
+/// Milliseconds between two heartbeats of the board.
+pub const BOARD_BEAT_MS: u32 = 50;
+/// Milliseconds between two heartbeats of a drive.
+const BEAT_MS: u32 = 100;
+/// Milliseconds after which a drive without heartbeats is lost: two may be late.
+const QUIET_MS: u16 = 300;
+/// Milliseconds for a drive to start its communication.
+const BOOT_MS: u16 = 1000;
+/// A drive that was started and does not answer for so long has lost its power: start again.
+const LOST_MS: u16 = 100;
+/// Milliseconds for an answer to a set-up request, before it is asked again.
+const ANSWER_MS: u16 = 50;
+
+const NMT: u16 = 0x000;
+const SYNC: u16 = 0x080;
+const EMERGENCY: u16 = 0x080;
+const FEEDBACK: u16 = 0x180;
+const COMMAND: u16 = 0x200;
+const MODE_REPORT: u16 = 0x280;
+const SDO_ANSWER: u16 = 0x580;
+const SDO_REQUEST: u16 = 0x600;
+const HEARTBEAT: u16 = 0x700;
+
+const START: u8 = 0x01;
+const RESET_COMMUNICATION: u8 = 0x82;
+const OPERATIONAL: u8 = 0x05;
+const BOOT_UP: u8 = 0x00;
+
+/// Status word: the bits that name the state, and the states (CiA 402, table of state coding).
+const STATE_BITS: u16 = 0x6F;
+const NO_TORQUE_BITS: u16 = 0x4F;
+const FAULT: u16 = 0x08;
+const SWITCH_ON_DISABLED: u16 = 0x40;
+const READY_TO_SWITCH_ON: u16 = 0x21;
+const SWITCHED_ON: u16 = 0x23;
+/// The state in which a drive obeys.
+pub(super) const OPERATION_ENABLED: u16 = 0x27;
+/// The drive's own warning.
+pub(super) const WARNING: u16 = 0x80;
+
+/// Where the value of an object comes from.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum From {
+    /// It is the number given.
+    Number,
+    /// The node is added to it.
+    Node,
+    /// The mode.
+    Mode,
+    /// What the command carries beside the control word.
+    Target,
+    /// SYNCs per feedback.
+    Syncs,
+    /// Period of commands, ms.
+    Period,
+    /// Largest torque, thousandths of the rated.
+    Torque,
+    /// Largest speed, rpm.
+    Speed,
+    /// It is read, not written.
+    Drive,
+}
+
+struct Object {
+    index: u16,
+    sub: u8,
+    /// Bytes.
+    size: u8,
+    from: From,
+    /// A drive without it is no worse.
+    optional: bool,
+    value: u32,
+}
+
+const fn object(index: u16, sub: u8, size: u8, from: From, value: u32) -> Object {
+    Object {
+        index,
+        sub,
+        size,
+        from,
+        optional: false,
+        value,
+    }
+}
+
+const fn optional(index: u16, sub: u8, size: u8, from: From, value: u32) -> Object {
+    Object {
+        optional: true,
+        ..object(index, sub, size, from, value)
+    }
+}
+
+/// What a drive is told before it starts, in this order. A PDO is switched off while its content
+/// changes. Bit 31: off; bit 30: not to be asked for.
+const SETUP: [Object; 29] = [
+    // Feedback: status word, position, torque, at SYNC.
+    object(0x1800, 1, 4, From::Node, 0xC000_0000 | FEEDBACK as u32),
+    object(0x1800, 2, 1, From::Syncs, 0),
+    object(0x1A00, 0, 1, From::Number, 0),
+    object(0x1A00, 1, 4, From::Number, 0x6041_0010),
+    object(0x1A00, 2, 4, From::Number, 0x6064_0020),
+    object(0x1A00, 3, 4, From::Number, 0x6077_0010),
+    object(0x1A00, 0, 1, From::Number, 3),
+    object(0x1800, 1, 4, From::Node, 0x4000_0000 | FEEDBACK as u32),
+    // The mode that it is in.
+    object(0x1801, 1, 4, From::Node, 0xC000_0000 | MODE_REPORT as u32),
+    object(0x1801, 2, 1, From::Number, MODE_SYNCS as u32),
+    object(0x1A01, 0, 1, From::Number, 0),
+    object(0x1A01, 1, 4, From::Number, 0x6061_0008),
+    object(0x1A01, 0, 1, From::Number, 1),
+    object(0x1801, 1, 4, From::Node, 0x4000_0000 | MODE_REPORT as u32),
+    // What else it would send by itself would cost the bus.
+    optional(0x1802, 1, 4, From::Node, 0xC000_0380),
+    optional(0x1803, 1, 4, From::Node, 0xC000_0480),
+    // Command: control word and target, at once.
+    object(0x1400, 1, 4, From::Node, 0x8000_0000 | COMMAND as u32),
+    object(0x1400, 2, 1, From::Number, 255),
+    object(0x1600, 0, 1, From::Number, 0),
+    object(0x1600, 1, 4, From::Number, 0x6040_0010),
+    object(0x1600, 2, 4, From::Target, 0),
+    object(0x1600, 0, 1, From::Number, 2),
+    object(0x1400, 1, 4, From::Node, COMMAND as u32),
+    // Heartbeats: its own, and the board's, without which it stops by itself after 200 ms.
+    object(0x1017, 0, 2, From::Number, BEAT_MS),
+    optional(
+        0x1016,
+        1,
+        4,
+        From::Number,
+        ((BOARD_NODE as u32) << 16) | 200,
+    ),
+    object(0x6060, 0, 1, From::Mode, 0),
+    object(0x6075, 0, 4, From::Drive, 0),
+    optional(0x6072, 0, 2, From::Torque, 0),
+    optional(0x6080, 0, 4, From::Speed, 0),
+];
+/// Commands come in equal steps of time: the drive fills in between.
+const INTERPOLATION: Object = optional(0x60C2, 1, 1, From::Period, 0);
+
+fn setup(step: u8) -> Option<&'static Object> {
+    match usize::from(step) {
+        29 => Some(&INTERPOLATION),
+        step => SETUP.get(step),
+    }
+}
+
+/// The number of a mode: cyclic synchronous position, cyclic synchronous torque.
+pub(super) const fn mode_number(mode: Mode) -> u8 {
+    match mode {
+        Mode::Position => 8,
+        Mode::Current => 10,
+    }
+}
+
+fn frame(id: u16, bytes: &[u8]) -> CanFrame {
+    let mut frame = CanFrame {
+        id,
+        ..CanFrame::default()
+    };
+    for (to, from) in frame.data.iter_mut().zip(bytes) {
+        *to = *from;
+        frame.len += 1;
+    }
+    frame
+}
+
+/// Asks every drive for its feedback.
+pub(super) fn sync() -> CanFrame {
+    frame(SYNC, &[])
+}
+
+/// The board lives.
+pub(super) fn beat() -> CanFrame {
+    frame(HEARTBEAT | u16::from(BOARD_NODE), &[OPERATIONAL])
+}
+
+fn sdo(node: u8, command: u8, index: u16, sub: u8, value: u32) -> CanFrame {
+    let [low, high] = index.to_le_bytes();
+    let [a, b, c, d] = value.to_le_bytes();
+    let bytes = [command, low, high, sub, a, b, c, d];
+    frame(SDO_REQUEST | u16::from(node), &bytes)
+}
+
+fn set_up(drive: &Drive, cable: &CableConfig, object: &Object) -> CanFrame {
+    let value = match object.from {
+        From::Number => object.value,
+        From::Node => object.value | u32::from(cable.node),
+        From::Mode => u32::from(mode_number(Mode::of(cable))),
+        From::Target => match Mode::of(cable) {
+            Mode::Position => 0x607A_0020,
+            Mode::Current => 0x6071_0010,
+        },
+        From::Syncs => u32::from(cable.syncs),
+        From::Period => u32::from(cable.period_ticks),
+        From::Torque => u32::from(thousandths(cable.max_current_ma, drive.rated_ma)),
+        From::Speed => u32::from(cable.max_rpm),
+        From::Drive => 0,
+    };
+    let command = match (object.from, object.size) {
+        (From::Drive, _) => 0x40,
+        // Expedited, size given: 0x23 for four bytes, four more for each byte less.
+        (_, size) => 0x23 | ((4 - size) << 2),
+    };
+    sdo(cable.node, command, object.index, object.sub, value)
+}
+
+/// A current in thousandths of the drive's rated one, which CiA 402 takes for torque.
+fn thousandths(ma: i32, rated_ma: i32) -> u16 {
+    let share = ma * 1000 / rated_ma.max(1);
+    crate::fixed::saturate_i16(share).cast_unsigned()
+}
+
+/// The control word that brings a drive on from a state towards obedience.
+fn onwards(status: u16) -> u16 {
+    match status & STATE_BITS {
+        READY_TO_SWITCH_ON => 0x07,
+        SWITCHED_ON | OPERATION_ENABLED => 0x0F,
+        _ if status & NO_TORQUE_BITS == SWITCH_ON_DISABLED => 0x06,
+        // An old fault: the edge from 0, which every drive that is off is told, resets it once.
+        _ if status & NO_TORQUE_BITS == FAULT => 0x80,
+        _ => 0x00,
+    }
+}
+
+/// What goes to the drive in its slot, and what it makes of the drive once it is on its way.
+pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> Option<Step> {
+    let node = cable.node;
+    let wanted = mode_of(demand) == Some(Mode::of(cable));
+    let nmt = |command| frame(NMT, &[command, node]);
+    match drive.phase {
+        Phase::Waiting | Phase::Setup if drive.timer > 0 => return None,
+        Phase::Cold | Phase::Waiting => {
+            return Some(Step::new(nmt(RESET_COMMUNICATION), Phase::Waiting, BOOT_MS));
+        }
+        Phase::Setup => {
+            return Some(match setup(drive.step) {
+                Some(object) => Step::new(set_up(drive, cable, object), Phase::Setup, ANSWER_MS),
+                None => Step::new(nmt(START), Phase::Idle, LOST_MS),
+            });
+        }
+        // Started, and silent: it has lost its power since.
+        Phase::Idle if drive.timer == 0 && drive.input.age_ms > LOST_MS => {
+            return Some(Step::new(nmt(RESET_COMMUNICATION), Phase::Waiting, BOOT_MS));
+        }
+        Phase::Idle | Phase::Enabling | Phase::Enabled => {}
+    }
+    let obeys = is_enabled(drive) && drive.mode == drive.wanted_mode;
+    let (control, then) = match drive.phase {
+        _ if !wanted => (0x00, Phase::Idle),
+        // Torque that is asked of a drive that was not enabled never comes by itself.
+        Phase::Idle if demand.gives_torque() => (0x00, Phase::Idle),
+        Phase::Enabled => (if obeys { 0x0F } else { 0x00 }, Phase::Enabled),
+        _ if obeys => (0x0F, Phase::Enabled),
+        _ => (onwards(drive.status), Phase::Enabling),
+    };
+    let (target, bytes) = match demand {
+        DriveDemand::Current { ma } => {
+            let torque = thousandths(i32::from(ma), drive.rated_ma);
+            (i32::from(torque.cast_signed()), 4)
+        }
+        DriveDemand::Position { counts, .. } => (counts, 6),
+        _ => match Mode::of(cable) {
+            Mode::Position => (drive.input.counts, 6),
+            Mode::Current => (0, 4),
+        },
+    };
+    let [low, high] = control.to_le_bytes();
+    let [a, b, c, d] = target.to_le_bytes();
+    let mut command = frame(COMMAND | u16::from(node), &[low, high, a, b, c, d]);
+    if bytes == 4 {
+        command.len = 4;
+        command.data = [low, high, a, b, 0, 0, 0, 0];
+    }
+    Some(Step::new(command, then, drive.timer))
+}
+
+/// Whether the drive says that it obeys.
+pub(super) fn is_enabled(drive: &Drive) -> bool {
+    drive.status & STATE_BITS == OPERATION_ENABLED
+}
+
+/// Whether the drive has failed by its own word: a fault, or torque that went without being told.
+pub(super) fn has_failed(drive: &Drive) -> bool {
+    let obeys = is_enabled(drive) && drive.mode == drive.wanted_mode;
+    drive.status & FAULT != 0 || (drive.phase == Phase::Enabled && !obeys)
+}
+
+/// Whether its heartbeat is missing.
+pub(super) const fn is_quiet(drive: &Drive) -> bool {
+    drive.quiet_ms > QUIET_MS
+}
+
+/// Takes a frame in; whether it was this drive's feedback.
+pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
+    if received.id & 0x7F != u16::from(drive.node) {
+        return false;
+    }
+    let [a, b, c, d, e, f, g, h] = received.data;
+    match (received.id & 0x780, received.len) {
+        (HEARTBEAT, 1) => {
+            drive.quiet_ms = 0;
+            if a == BOOT_UP {
+                drive.phase = Phase::Setup;
+                drive.step = 0;
+                drive.timer = 0;
+                drive.emergency = 0;
+            } else if a & 0x7F != OPERATIONAL && drive.phase as u8 > Phase::Idle as u8 {
+                drive.phase = Phase::Cold;
+            }
+        }
+        (SDO_ANSWER, 8) if drive.phase == Phase::Setup => answered(drive, received),
+        (EMERGENCY, 8) => drive.emergency = u16::from_le_bytes([a, b]),
+        (MODE_REPORT, 1..) => drive.mode = a,
+        (FEEDBACK, 8) => {
+            drive.status = u16::from_le_bytes([a, b]);
+            let counts = i32::from_le_bytes([c, d, e, f]);
+            let torque = i32::from(i16::from_le_bytes([g, h]));
+            drive.input.current_ma = crate::fixed::saturate_i16(torque * drive.rated_ma / 1000);
+            // Feedback is taken at SYNC: whole periods lie between two, whenever they arrived.
+            let period = i32::from(drive.period_ms.max(1));
+            let periods = (i32::from(drive.since_ms) + (period - 1) / 2) / period;
+            let moved = i64::from(counts.wrapping_sub(drive.input.counts));
+            let rpm_ms = (moved * i64::from(drive.rpm_per_count_q16)) >> 16;
+            drive.input.rpm = crate::fixed::saturate_i16(
+                crate::fixed::saturate(rpm_ms) / (periods.max(1) * period),
+            );
+            drive.input.counts = counts;
+            drive.since_ms = 0;
+            return true;
+        }
+        _ => {}
+    }
+    false
+}
+
+/// An answer to a set-up request: on, or again from the start.
+fn answered(drive: &mut Drive, received: &CanFrame) {
+    let Some(object) = setup(drive.step) else {
+        return;
+    };
+    let [command, low, high, sub, a, b, c, d] = received.data;
+    if u16::from_le_bytes([low, high]) != object.index || sub != object.sub {
+        return;
+    }
+    let refused = command == 0x80;
+    if refused && !object.optional {
+        drive.phase = Phase::Waiting;
+        drive.timer = BOOT_MS;
+        return;
+    }
+    if object.from == From::Drive {
+        // More than 60 A is no drive of these winches; nothing is not a rated current.
+        let rated = i32::from_le_bytes([a, b, c, d]);
+        drive.rated_ma = rated.clamp(1, 60_000);
+    }
+    drive.step += 1;
+    drive.timer = 0;
+}

@@ -1,0 +1,190 @@
+//! The drives on their bus: what to send when, and what they said.
+//!
+//! A board calls [`DriveBus::listen`] first in its tick, adds [`DriveBus::fill`] to what it has read
+//! for the control core, and hands the core's outputs to [`DriveBus::tick`]. Everything else follows from the
+//! configuration in use: which protocol, which nodes, which bit rate, and when each drive has its
+//! slot. Slots are spread over the period, so that no tick has more to send than it must; a demand
+//! for no torque does not wait for one.
+//!
+//! A drive that lost its power or restarted is set up again by itself, but is enabled only by
+//! arming: torque that is asked of a drive that was not enabled is not given.
+//!
+//! | module | what it is for |
+//! |---|---|
+//! | [`can`] | frames, and the port that a board's CAN controller is |
+//! | [`rmds`], [`cia402`] | the two protocols |
+//! | [`schedule`] | how much of the bus they take |
+
+pub mod can;
+pub mod cia402;
+mod drive;
+pub mod rmds;
+pub mod schedule;
+mod sequencer;
+#[cfg(test)]
+mod tests;
+
+pub use can::{BusState, CanFrame, CanPort, Full};
+pub use drive::{Mode, Phase};
+pub use sequencer::{BusCommand, Sequencer};
+
+use crate::config::{Active, DriveKind};
+use crate::io::{DriveDemand, DriveInput, Inputs, Outputs};
+use drive::{Drive, Step};
+use mcdpr_protocol::{ConfigHash, Tick};
+
+/// Frames taken in per tick, at most: more than a bus of 1 Mbit/s brings in a millisecond.
+const FRAMES_PER_TICK: usize = 24;
+
+/// Every drive of a board.
+#[derive(Debug, Clone)]
+pub struct DriveBus<const N: usize> {
+    /// The configuration that all this follows.
+    follows: Option<ConfigHash>,
+    kind: DriveKind,
+    drives: [Drive; N],
+    /// Bit n: the slot of drive n has come and its frame is not on its way yet.
+    late: u8,
+    sync_late: bool,
+    bus: BusState,
+}
+
+impl<const N: usize> Default for DriveBus<N> {
+    fn default() -> Self {
+        let silent = DriveInput {
+            age_ms: u16::MAX,
+            ..DriveInput::default()
+        };
+        Self {
+            follows: None,
+            kind: DriveKind::None,
+            drives: [Drive {
+                input: silent,
+                ..Drive::default()
+            }; N],
+            late: 0,
+            sync_late: false,
+            bus: BusState::Active,
+        }
+    }
+}
+
+impl<const N: usize> DriveBus<N> {
+    /// Takes in what has arrived. Once per tick, before [`Self::fill`].
+    pub fn listen(&mut self, port: &mut impl CanPort) {
+        for drive in &mut self.drives {
+            let DriveInput { age_ms, .. } = &mut drive.input;
+            *age_ms = age_ms.saturating_add(1);
+            drive.quiet_ms = drive.quiet_ms.saturating_add(1);
+            drive.since_ms = drive.since_ms.saturating_add(1);
+            drive.timer = drive.timer.saturating_sub(1);
+        }
+        for _ in 0..FRAMES_PER_TICK {
+            let Some(frame) = port.receive() else { break };
+            for drive in &mut self.drives {
+                let fed = match self.kind {
+                    DriveKind::None => false,
+                    DriveKind::Rmds => rmds::take(drive, &frame),
+                    DriveKind::Cia402 => cia402::take(drive, &frame),
+                };
+                if fed {
+                    drive.input.age_ms = 0;
+                }
+            }
+        }
+        self.bus = port.state();
+    }
+
+    /// Puts in what the drives last said, as the control core takes it.
+    pub fn fill(&self, inputs: &mut Inputs<N>) {
+        for (input, drive) in inputs.drives.iter_mut().zip(&self.drives) {
+            *input = drive.input;
+            input.bus_off = self.bus == BusState::Off;
+            match self.kind {
+                DriveKind::None => {}
+                DriveKind::Rmds => input.ready = rmds::is_ready(drive),
+                DriveKind::Cia402 => {
+                    input.ready = drive.phase == Phase::Enabled && cia402::is_enabled(drive);
+                    input.fault = cia402::has_failed(drive);
+                    input.warning = drive.status & cia402::WARNING != 0;
+                    // Excess temperature of device (42) or motor and its supply (43).
+                    input.over_temperature = matches!(drive.emergency >> 8, 0x42 | 0x43);
+                    if cia402::is_quiet(drive) {
+                        input.age_ms = input.age_ms.max(drive.quiet_ms);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Sends what is due in this tick; `active` is the configuration in use.
+    pub fn tick(
+        &mut self,
+        now: Tick,
+        active: Option<&Active<N>>,
+        outputs: &Outputs<N>,
+        port: &mut impl CanPort,
+    ) {
+        let Some(active) = active else { return };
+        if self.follows != Some(active.hash) {
+            self.follow(active, port);
+        }
+        if self.kind == DriveKind::Cia402 {
+            self.beat_and_sync(now, active, port);
+        }
+        let slots = outputs.drives.iter().zip(&active.cables);
+        for (bit, (drive, (&demand, cable))) in (0_u8..8).zip(self.drives.iter_mut().zip(slots)) {
+            let slot = now.0 % u32::from(cable.period_ticks.max(1)) == u32::from(cable.slot);
+            let torque_off = demand == DriveDemand::Off && drive.phase as u8 > Phase::Idle as u8;
+            self.late |= u8::from(slot || torque_off) << bit;
+            if self.late & (1 << bit) == 0 {
+                continue;
+            }
+            let step = match self.kind {
+                DriveKind::None => None,
+                DriveKind::Rmds => rmds::next(drive, cable, demand),
+                DriveKind::Cia402 => cia402::next(drive, cable, demand),
+            };
+            if let Some(Step { frame, then, timer }) = step {
+                if port.send(&frame).is_err() {
+                    continue;
+                }
+                if drive.phase != then && then == Phase::Setup {
+                    drive.step = 0;
+                }
+                (drive.phase, drive.timer) = (then, timer);
+            }
+            self.late &= !(1 << bit);
+        }
+    }
+
+    /// Starts anew with a configuration.
+    fn follow(&mut self, active: &Active<N>, port: &mut impl CanPort) {
+        port.set_bitrate(active.bus_bitrate);
+        *self = Self {
+            follows: Some(active.hash),
+            kind: active.drive_kind,
+            ..Self::default()
+        };
+        for (drive, cable) in self.drives.iter_mut().zip(&active.cables) {
+            drive.node = cable.node;
+            drive.wanted_mode = cia402::mode_number(Mode::of(cable));
+            drive.period_ms = u16::from(cable.period_ticks);
+            drive.rpm_per_count_q16 = cable.rpm_per_count_q16;
+        }
+    }
+
+    fn beat_and_sync(&mut self, now: Tick, active: &Active<N>, port: &mut impl CanPort) {
+        let shortest = active.cables.iter().map(|cable| cable.period_ticks).min();
+        self.sync_late |= now
+            .0
+            .is_multiple_of(u32::from(shortest.unwrap_or(1).max(1)));
+        if self.sync_late {
+            self.sync_late = port.send(&cia402::sync()).is_err();
+        }
+        if now.0 % cia402::BOARD_BEAT_MS == 1 {
+            // A lost one does not matter: three more come before a drive stops.
+            let _ = port.send(&cia402::beat());
+        }
+    }
+}
