@@ -5,10 +5,13 @@
 //! geometry and no force law with the solvers that are tested against it.
 
 //!
+//! The [`camera`] renders what a camera on the platform would see: tags, a tray, objects.
+//!
 //! Around it stand the virtual board, which is the real control core on simulated pins, and the
 //! serial line to a host: [`Simulation`] has all three in virtual time.
 
 mod board;
+pub mod camera;
 pub mod plant;
 pub mod simulation;
 pub mod wire;

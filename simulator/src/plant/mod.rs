@@ -39,7 +39,7 @@ mod settle;
 mod tests;
 mod truth;
 mod validate;
-mod vec3;
+pub(crate) mod vec3;
 mod winch;
 
 pub use bus::Feedback;
