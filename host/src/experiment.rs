@@ -1,8 +1,9 @@
 //! A task on a robot, from connecting to disarming, and what came of it.
 
-use crate::link::{Client, Link, SimulatedLink};
+use crate::link::{Client, Link, Note, SimulatedLink};
 use crate::machine::{self, Mismatch};
 use crate::motion::{Model, Plan, PlanError, Rest, Task};
+use crate::record::witness::{TruthTap, Watched, Witness};
 use crate::report::{self, Figures};
 use crate::run::{self, Measured, Progress, Recorder, RunError};
 use mcdpr_protocol::SessionId;
@@ -102,6 +103,31 @@ pub fn simulate(
     })
 }
 
+/// As [`simulate`], seen by a witness.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn simulate_seen(
+    model: &Model,
+    task: Task,
+    mismatch: &Mismatch,
+    seed: u64,
+    (witness, session): (&Witness, SessionId),
+    progress: impl FnMut(Progress),
+) -> Result<SimulatedRun, RunError> {
+    let began = Instant::now();
+    let link = simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
+    let tap = TruthTap::new(link.clone(), model.robot().cables.len());
+    let watched = Watched::new(link.clone(), witness).with_truth(tap.clone());
+    let mut run = on_link(model, task, watched, Some(session), progress)?;
+    run.true_path = Some(report::true_path(&tap.take()));
+    Ok(SimulatedRun {
+        run,
+        simulated_s: link.with(|simulation| simulation.now_us() as f64 * 1e-6),
+        took: began.elapsed(),
+    })
+}
+
 /// A simulated robot at home behind a line.
 ///
 /// # Errors
@@ -159,6 +185,7 @@ pub fn on_link<L: Link>(
     // A board that knows its lengths keeps them; the tensions to expect are those of this place.
     client.request(machine::reference(&lengths_m, start.tensions_n()))?;
     let plan = plan_from(model, task, &model.tool_m(&start))?;
+    client.note(Note::Plan(&plan));
     run::arm(&mut client, hash)?;
     let knots = run::joined_to(&plan, &run::status(&mut client)?, model)?;
     let mut recorder = Recorder::default();

@@ -7,6 +7,7 @@
 //! | [`machine`] | the description as geometry, as a board's configuration, as physics |
 //! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
 //! | [`link`] | byte streams to a board and the host's half of the protocol |
+//! | [`record`] | runs kept in MCAP files, read back, replayed |
 //! | [`report`] | figures, plots and files of a run |
 //! | [`run`] | running a plan on a board |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
@@ -20,6 +21,7 @@ pub mod experiment;
 pub mod link;
 pub mod machine;
 pub mod motion;
+pub mod record;
 pub mod report;
 pub mod robot;
 pub mod run;

@@ -14,8 +14,11 @@ mod calibrate;
 mod clear;
 mod compute;
 mod demo;
+mod export;
 mod ports;
 mod progress;
+mod recorded;
+mod replay;
 mod run;
 mod sim;
 mod states;
@@ -74,6 +77,8 @@ enum Command {
     Demo(demo::Cmd),
     Run(run::Cmd),
     Clear(clear::Cmd),
+    Replay(replay::Cmd),
+    Export(export::Cmd),
     Ik(compute::ik::Cmd),
     Fk(compute::fk::Cmd),
     Statics(compute::statics::Cmd),
@@ -98,6 +103,8 @@ pub fn main() -> ExitCode {
         Command::Demo(cmd) => cmd.run(common),
         Command::Run(cmd) => cmd.run(common),
         Command::Clear(cmd) => cmd.run(common),
+        Command::Replay(cmd) => cmd.run(common),
+        Command::Export(cmd) => cmd.run(common),
         Command::Ik(cmd) => cmd.run(common),
         Command::Fk(cmd) => cmd.run(common),
         Command::Statics(cmd) => cmd.run(common),

@@ -1,15 +1,17 @@
 //! `mcdpr run TASK`: do a task on the simulator or on a board.
 
 use super::progress::Bar;
+use super::recorded::Recorded;
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment::{self, Run};
 use crate::link::SerialLink;
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
+use crate::record::{TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
-use crate::run::watch_for_interrupts;
+use crate::run::{new_session, watch_for_interrupts};
 use serde::Serialize;
 
 /// Run a task: a built-in one (paper:table7, paper:table8) or a task file
@@ -47,27 +49,42 @@ impl Cmd {
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = Bar::new("running");
         let name = task.name.clone();
-        let (run, realtime_factor) = if common.on == "sim" {
-            let mismatch = if self.ideal {
-                Mismatch::default()
-            } else {
-                Mismatch::realistic()
-            };
-            // Judge before a robot is even simulated: nothing may move for a task that is refused.
-            experiment::plan_from_home(&model, task.clone())?;
-            let simulated = experiment::simulate(&model, task, &mismatch, common.seed, |p| {
-                bar.update(p);
-            })?;
-            let factor = simulated.realtime_factor();
-            (simulated.run, Some(factor))
+        let mismatch = if self.ideal {
+            Mismatch::default()
         } else {
-            experiment::plan_from_home(&model, task.clone())?;
-            let link = SerialLink::open(&common.on).map_err(crate::link::ClientError::from)?;
-            let run = experiment::on_link(&model, task, link, None, |p| bar.update(p))?;
-            (run, None)
+            Mismatch::realistic()
+        };
+        // Judge before a robot is even simulated: nothing may move for a task that is refused.
+        experiment::plan_from_home(&model, task.clone())?;
+        let source = TaskSource::of(&self.task, tool_height_m(&robot, self.z_mm));
+        let session = new_session();
+        let recorded = Recorded::start(common, &model, source, session, &mismatch)?;
+        let witness = &recorded.witness;
+        let outcome = if common.on == "sim" {
+            let seen = (witness, session);
+            experiment::simulate_seen(&model, task, &mismatch, common.seed, seen, |p| {
+                bar.update(p);
+            })
+            .map(|simulated| {
+                let factor = simulated.realtime_factor();
+                (simulated.run, Some(factor))
+            })
+        } else {
+            SerialLink::open(&common.on)
+                .map_err(|error| crate::link::ClientError::from(error).into())
+                .and_then(|link| {
+                    let link = Watched::new(link, witness);
+                    experiment::on_link(&model, task, link, Some(session), |p| bar.update(p))
+                })
+                .map(|run| (run, None))
         };
         bar.finish();
-        let folder = save(&model, &name, &run, common)?;
+        // A run that failed is kept too: it is the one that somebody will want to look at.
+        let folder = recorded.finish();
+        let (run, realtime_factor) = outcome.inspect_err(|_| {
+            eprintln!("what happened is recorded in {}", folder.path().display());
+        })?;
+        save(&model, &name, &run, &folder)?;
         let figures = run.figures(&model)?;
         let document = Document {
             figures,
@@ -128,9 +145,8 @@ fn dry_run(model: &Model, task: Task, common: &Common) -> Outcome {
 }
 
 /// Writes samples and plot of a run.
-fn save(model: &Model, name: &str, run: &Run, common: &Common) -> miette::Result<RunFolder> {
+fn save(model: &Model, name: &str, run: &Run, folder: &RunFolder) -> Outcome {
     let failed = || Failed::from_error("writing the run folder");
-    let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
     let truth = run.true_path.as_deref();
     let samples = write_samples(&run.plan, &run.samples, truth)?;
     folder.write("samples.csv", &samples).map_err(failed())?;
@@ -146,7 +162,7 @@ fn save(model: &Model, name: &str, run: &Run, common: &Common) -> miette::Result
     folder
         .write_json("robot.json", model.robot())
         .map_err(failed())?;
-    Ok(folder)
+    Ok(())
 }
 
 /// Rows of a table of figures, one column a run.

@@ -555,6 +555,11 @@ impl<L: Link> Client<L> {
         Ok(())
     }
 
+    /// Tells those who watch the line what the host knows.
+    pub fn note(&mut self, note: super::Note<'_>) {
+        self.link.note(note);
+    }
+
     /// Gives the line back.
     pub fn into_link(self) -> L {
         self.link

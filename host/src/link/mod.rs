@@ -36,6 +36,18 @@ pub trait Link {
     /// # Errors
     /// The line is gone.
     fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError>;
+
+    /// Hears what the host knows besides the bytes. Only a line that somebody watches cares.
+    fn note(&mut self, _note: Note<'_>) {}
+}
+
+/// What the host knows besides the bytes, for those who watch a line.
+#[derive(Debug, Clone, Copy)]
+pub enum Note<'a> {
+    /// The plan that is about to be run.
+    Plan(&'a crate::motion::Plan),
+    /// Words for the record.
+    Remark(&'a str),
 }
 
 impl<L: Link + ?Sized> Link for &mut L {
@@ -48,6 +60,9 @@ impl<L: Link + ?Sized> Link for &mut L {
     fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
         (**self).receive(until_us, into)
     }
+    fn note(&mut self, note: Note<'_>) {
+        (**self).note(note);
+    }
 }
 
 impl<L: Link + ?Sized> Link for Box<L> {
@@ -59,6 +74,9 @@ impl<L: Link + ?Sized> Link for Box<L> {
     }
     fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
         (**self).receive(until_us, into)
+    }
+    fn note(&mut self, note: Note<'_>) {
+        (**self).note(note);
     }
 }
 

@@ -8,10 +8,11 @@ use mcdpr_simulator::plant::{
 use mcdpr_simulator::{LinkOptions, Simulation};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde::{Deserialize, Serialize};
 
 /// How far the simulated machine is from its description, as one standard deviation or a half
 /// width where said. All zero: the machine is exactly as described.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Mismatch {
     /// Anchors, half width per axis, m.
     pub anchors_m: f64,

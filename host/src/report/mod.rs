@@ -3,6 +3,7 @@
 mod figures;
 mod folder;
 mod plot;
+pub mod tables;
 
 pub use figures::{Figures, MeanMax, MeanSdMax, TensionError, measure};
 pub use folder::{RunFolder, write_samples};

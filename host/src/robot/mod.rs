@@ -62,6 +62,49 @@ pub const BUILT_IN: &[(&str, &str)] = &[
     ),
 ];
 
+/// The texts that [`Robot::find`] reads for a robot: the robot file first, then the winch modules
+/// that it names, each with its path relative to the robot file. Empty where there is none.
+pub fn sources(name_or_path: &str) -> Vec<(String, String)> {
+    let as_path = PathBuf::from(name_or_path);
+    let built_in = BUILT_IN.iter().find(|(name, _)| *name == name_or_path);
+    let candidates = [
+        as_path,
+        PathBuf::from(format!("{name_or_path}.toml")),
+        Path::new("robots").join(format!("{name_or_path}.toml")),
+    ];
+    let (first, rest) = candidates.split_at(1);
+    let file = |paths: &[PathBuf]| paths.iter().find(|path| path.is_file()).cloned();
+    let (name, text, modules) = match (file(first), built_in) {
+        (None, Some((name, text))) => {
+            (format!("{name}.toml"), (*text).to_owned(), Modules::BuiltIn)
+        }
+        (found, _) => {
+            let Some(path) = found.or_else(|| file(rest)) else {
+                return Vec::new();
+            };
+            let Ok(text) = std::fs::read_to_string(&path) else {
+                return Vec::new();
+            };
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+            (name.into_owned(), text, Modules::Folder(folder))
+        }
+    };
+    let mut files = vec![(name, text.clone())];
+    let table: toml::Table = text.parse().unwrap_or_default();
+    let winches = table.get("winch").and_then(toml::Value::as_array);
+    for winch in winches.into_iter().flatten() {
+        let module = winch.get("module").and_then(toml::Value::as_str);
+        let Some(asked) = module.filter(|asked| files.iter().all(|(name, _)| name != asked)) else {
+            continue;
+        };
+        if let Ok((_, text)) = modules.open(asked) {
+            files.push((asked.to_owned(), text));
+        }
+    }
+    files
+}
+
 impl Robot {
     /// Loads a robot by path or by the name of a built-in one.
     ///

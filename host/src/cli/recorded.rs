@@ -1,0 +1,100 @@
+//! The record that goes with every command that moves a robot.
+
+use super::{Common, Failed};
+use crate::machine::Mismatch;
+use crate::motion::Model;
+use crate::record::witness::Patience;
+use crate::record::{FILE_NAME, Machine, Recording, Scenario, Summary, TaskSource, Witness};
+use crate::report::RunFolder;
+use mcdpr_protocol::SessionId;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// A run's folder, and those who watch the run.
+pub(crate) struct Recorded {
+    /// Where the run's files go.
+    pub(crate) folder: RunFolder,
+    /// Whom the run is shown to.
+    pub(crate) witness: Witness,
+    summary: Option<Arc<Mutex<Summary>>>,
+    lost: Option<Arc<AtomicU64>>,
+}
+
+impl Recorded {
+    /// Makes the folder and starts the record. A record that can not be started is told, and the
+    /// run goes on without: only a folder that the user asked for must be there.
+    ///
+    /// # Errors
+    /// A folder that can not be made.
+    pub(crate) fn start(
+        common: &Common,
+        model: &Model,
+        task: TaskSource,
+        session: SessionId,
+        mismatch: &Mismatch,
+    ) -> Result<Self, Failed> {
+        let failed = || Failed::from_error("making the run's folder");
+        let folder = RunFolder::create(common.record.as_deref(), &task.name).map_err(failed())?;
+        let simulated = common.on == "sim";
+        let machine = if simulated {
+            Machine::Simulated {
+                mismatch: *mismatch,
+                seed: common.seed,
+            }
+        } else {
+            Machine::Port {
+                name: common.on.clone(),
+            }
+        };
+        let scenario = Scenario::new(&common.robot, task, session.0, machine);
+        let mut recorded = Self {
+            folder,
+            witness: Witness::default(),
+            summary: None,
+            lost: None,
+        };
+        // A robot that moves must not wait for a disk; virtual time may.
+        let in_virtual_time = simulated;
+        let patience = if in_virtual_time {
+            Patience::Wait
+        } else {
+            Patience::Drop
+        };
+        let path = recorded.folder.path().join(FILE_NAME);
+        match Recording::create(&path, &scenario, Some(model.clone())) {
+            Ok(recording) => {
+                recorded.summary = Some(recording.summary());
+                match recorded.witness.add(recording, patience) {
+                    Ok(lost) => recorded.lost = Some(lost),
+                    Err(error) => warn(&error.to_string()),
+                }
+            }
+            Err(error) => warn(&format!("{}: {error}", path.display())),
+        }
+        Ok(recorded)
+    }
+
+    /// Ends the record and tells what it lacks.
+    pub(crate) fn finish(self) -> RunFolder {
+        self.witness.finish();
+        let summary = self
+            .summary
+            .as_ref()
+            .and_then(|summary| summary.lock().ok());
+        if let Some(reason) = summary.and_then(|summary| summary.stopped.clone()) {
+            warn(&format!("it ends early: {reason}"));
+        }
+        let lost = self.lost.map_or(0, |lost| lost.load(Ordering::Relaxed));
+        if lost > 0 {
+            warn(&format!(
+                "the disk was too slow, {lost} entries are missing"
+            ));
+        }
+        self.folder
+    }
+}
+
+/// The record is not what it should be; the run is.
+fn warn(reason: &str) {
+    eprintln!("warning: the record of this run is incomplete: {reason}");
+}

@@ -1,0 +1,72 @@
+//! `mcdpr replay RUN`: host and core again, on the recorded bytes.
+
+use super::{Common, Outcome, print_json};
+use crate::record::RecordedRun;
+use crate::record::mcap::Damage;
+use crate::record::replay::replay;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Run host and core again on a recorded run's bytes and prove that they do the same
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// The run's folder, or its run.mcap
+    run: PathBuf,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let run = RecordedRun::load(&self.run)?;
+        if let Some(damage) = &run.damage {
+            eprintln!("{}", describe(damage));
+        }
+        let began = Instant::now();
+        let proof = replay(&run)?;
+        let took_s = began.elapsed().as_secs_f64();
+        let factor = run.duration_s() / took_s.max(1e-9);
+        if common.json {
+            return print_json(&serde_json::json!({
+                "equal": true,
+                "whole": proof.whole,
+                "calls": proof.calls,
+                "host_bytes": proof.host_bytes,
+                "core_bytes": proof.core_bytes,
+                "duration_s": run.duration_s(),
+                "took_s": took_s,
+                "realtime_factor": factor,
+            }));
+        }
+        say!(
+            "host: sent the same {} bytes again in {} calls of the line",
+            proof.host_bytes,
+            proof.calls
+        );
+        match proof.core_bytes {
+            Some(bytes) => say!("core and plant: answered the same {bytes} bytes again"),
+            None => say!(
+                "core: not run again; the record is of a board, whose pins are not on the line"
+            ),
+        }
+        if !proof.whole {
+            say!("the record is cut short; it is the same as far as it goes");
+        }
+        say!(
+            "{:.2} s replayed in {took_s:.2} s ({factor:.0} times real time)",
+            run.duration_s()
+        );
+        Ok(())
+    }
+}
+
+/// What is wrong with a record, in words.
+pub(crate) fn describe(damage: &Damage) -> String {
+    match damage {
+        Damage::Truncated { at } => format!(
+            "the record is cut short at byte {at}: whoever wrote it did not finish; what is there \
+             is used"
+        ),
+        Damage::Corrupt { at } => {
+            format!("the record is corrupt at byte {at}: that part is left out")
+        }
+    }
+}

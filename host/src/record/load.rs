@@ -1,0 +1,245 @@
+//! A recorded run, read back.
+
+use super::decode::{Decoder, Seen, Tick};
+use super::mcap::{self, Damage, ReadError};
+use super::pack::unpack;
+use super::recording::WIRE;
+use super::{FILE_NAME, PlanNote, Scenario, TruthPoint};
+use crate::link::{RawFrame, describe_fault};
+use mcdpr_protocol::Status;
+use miette::Diagnostic;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Why a run can not be read.
+#[derive(Debug, Error, Diagnostic)]
+pub enum LoadError {
+    /// There is no such file.
+    #[error("there is no recorded run at {path}: {reason}")]
+    #[diagnostic(
+        code(mcdpr::record::missing),
+        help("name a run's folder (runs/DATE-TIME-NAME) or its {FILE_NAME}")
+    )]
+    Missing {
+        /// Where.
+        path: PathBuf,
+        /// What the system says.
+        reason: String,
+    },
+    /// It is no MCAP file.
+    #[error("{path} can not be read")]
+    #[diagnostic(
+        code(mcdpr::record::unreadable),
+        help("a record of this program starts with the MCAP magic; was the file overwritten?")
+    )]
+    Unreadable {
+        /// Where.
+        path: PathBuf,
+        /// Why not.
+        source: ReadError,
+    },
+    /// It is an MCAP file of something else.
+    #[error("{path} is no record of a run: {reason}")]
+    #[diagnostic(
+        code(mcdpr::record::other),
+        help("it must hold the attachment scenario.json and the wire's bytes")
+    )]
+    Other {
+        /// Where.
+        path: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
+    /// Another version wrote it.
+    #[error(
+        "{path} was recorded with protocol {theirs}, this program speaks {}",
+        super::scenario::protocol_version()
+    )]
+    #[diagnostic(
+        code(mcdpr::record::version),
+        help(
+            "use mcdpr {program}, which recorded it; its JSON topics can be read by any MCAP tool"
+        )
+    )]
+    Version {
+        /// Where.
+        path: PathBuf,
+        /// The protocol of the record.
+        theirs: String,
+        /// The program that wrote it.
+        program: String,
+    },
+}
+
+/// A message of the log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogLine {
+    /// Time since the start of the record, s.
+    pub time_s: f64,
+    /// Foxglove's level: 2 info, 3 warning, 4 error.
+    pub level: u64,
+    /// What.
+    pub text: String,
+}
+
+/// A recorded run.
+#[derive(Debug, Clone)]
+pub struct RecordedRun {
+    /// The file.
+    pub path: PathBuf,
+    /// What was run.
+    pub scenario: Scenario,
+    /// Calls of the line in order, with the link's times.
+    pub frames: Vec<RawFrame>,
+    /// The plan, if one was made.
+    pub plan: Option<PlanNote>,
+    /// True states of a simulated robot.
+    pub truth: Vec<TruthPoint>,
+    /// The log.
+    pub log: Vec<LogLine>,
+    /// Whether the file ends as it should.
+    pub damage: Option<Damage>,
+    /// Calls of the line that are missing inside the record (its watcher did not keep up, or a
+    /// part is corrupt).
+    pub gaps: u64,
+}
+
+impl RecordedRun {
+    /// Reads a run's folder or file.
+    ///
+    /// # Errors
+    /// [`LoadError`]. A file that is cut short or partly corrupt is read as far as it goes.
+    pub fn load(run: &Path) -> Result<Self, LoadError> {
+        let path = if run.is_dir() {
+            run.join(FILE_NAME)
+        } else {
+            run.to_owned()
+        };
+        let bytes = std::fs::read(&path).map_err(|error| LoadError::Missing {
+            path: path.clone(),
+            reason: error.to_string(),
+        })?;
+        Self::parse(&bytes, path)
+    }
+
+    fn parse(bytes: &[u8], path: PathBuf) -> Result<Self, LoadError> {
+        let contents = mcap::read(bytes).map_err(|source| LoadError::Unreadable {
+            path: path.clone(),
+            source,
+        })?;
+        let other = |reason: &str| LoadError::Other {
+            path: path.clone(),
+            reason: reason.to_owned(),
+        };
+        let about = contents.metadata.get("mcdpr");
+        let theirs = about.and_then(|table| table.get("protocol"));
+        if let Some(theirs) = theirs
+            && *theirs != super::scenario::protocol_version()
+        {
+            let program = about.and_then(|table| table.get("program"));
+            return Err(LoadError::Version {
+                path,
+                theirs: theirs.clone(),
+                program: program.cloned().unwrap_or_default(),
+            });
+        }
+        let scenario = contents
+            .attachment("scenario.json")
+            .ok_or_else(|| other("it has no scenario"))?;
+        let scenario: Scenario = serde_json::from_slice(scenario)
+            .map_err(|error| other(&format!("its scenario is malformed: {error}")))?;
+        let mut run = Self {
+            path,
+            frames: Vec::new(),
+            plan: None,
+            truth: Vec::new(),
+            log: Vec::new(),
+            damage: contents.damage.clone(),
+            gaps: 0,
+            scenario,
+        };
+        let start_ns = run.scenario.started_unix_us.saturating_mul(1000);
+        let mut next_call = 0_u32;
+        for message in &contents.messages {
+            let time_ns = message.log_time_ns.saturating_sub(start_ns);
+            match contents.topic(message.channel) {
+                Some(WIRE) => {
+                    let Some((first, frames)) = unpack(&message.data) else {
+                        run.gaps += 1;
+                        continue;
+                    };
+                    run.gaps += u64::from(first.wrapping_sub(next_call));
+                    next_call = first.wrapping_add(u32::try_from(frames.len()).unwrap_or(0));
+                    run.frames.extend(frames);
+                }
+                Some("/plan") => run.plan = serde_json::from_slice(&message.data).ok(),
+                Some("/truth") => run.truth.extend(serde_json::from_slice(&message.data).ok()),
+                Some("/log") => {
+                    let line: serde_json::Value =
+                        serde_json::from_slice(&message.data).unwrap_or_default();
+                    run.log.push(LogLine {
+                        time_s: time_ns as f64 * 1e-9,
+                        level: line["level"].as_u64().unwrap_or(0),
+                        text: line["message"].as_str().unwrap_or_default().to_owned(),
+                    });
+                }
+                _ => {}
+            }
+        }
+        Ok(run)
+    }
+
+    /// Everything that the board measured and said: link time (s) with what it was.
+    #[must_use]
+    pub fn seen(&self) -> Vec<(f64, Seen)> {
+        let mut decoder = Decoder::default();
+        let mut all = Vec::new();
+        for frame in &self.frames {
+            let time_s = frame.time_us as f64 * 1e-6;
+            all.extend(decoder.take(frame).into_iter().map(|seen| (time_s, seen)));
+        }
+        all
+    }
+
+    /// Measurements, tick by tick.
+    #[must_use]
+    pub fn ticks(&self) -> Vec<Tick> {
+        let mut ticks: Vec<Tick> = Vec::new();
+        for (_, seen) in self.seen() {
+            if let Seen::Ticks(block) = seen {
+                ticks.extend(block);
+            }
+        }
+        ticks
+    }
+
+    /// Changes of state and faults, with the link's time, s.
+    #[must_use]
+    pub fn changes(&self) -> Vec<(f64, String)> {
+        let mut changes = Vec::new();
+        let mut last: Option<Status> = None;
+        for (time_s, seen) in self.seen() {
+            let Seen::Status(status) = seen else { continue };
+            if last
+                .as_ref()
+                .is_none_or(|before| before.state != status.state)
+            {
+                changes.push((time_s, format!("{:?}", status.state)));
+            }
+            let before = last.as_ref().and_then(|before| before.fault);
+            if let Some(fault) = status.fault.filter(|fault| before != Some(*fault)) {
+                changes.push((time_s, format!("fault {}", describe_fault(&fault))));
+            }
+            last = Some(status);
+        }
+        changes
+    }
+
+    /// Duration of the record, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.frames
+            .last()
+            .map_or(0.0, |frame| frame.time_us as f64 * 1e-6)
+    }
+}

@@ -1,0 +1,260 @@
+//! Reading MCAP, front to back, so that a file without its end gives what it has.
+
+use super::{MAGIC, crc32, op};
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// One message.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Message {
+    /// Number of its channel.
+    pub channel: u16,
+    /// Its number, as its writer counts.
+    pub sequence: u32,
+    /// When, ns.
+    pub log_time_ns: u64,
+    /// What.
+    pub data: Vec<u8>,
+}
+
+/// A file inside the file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Attachment {
+    /// Its name.
+    pub name: String,
+    /// Its bytes.
+    pub data: Vec<u8>,
+}
+
+/// What is wrong with a file that was read all the same.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Damage {
+    /// It ends in the middle: whoever wrote it did not finish.
+    Truncated {
+        /// Where the last whole record ends.
+        at: u64,
+    },
+    /// A chunk's or an attachment's bytes do not fit their checksum, or a record has no sense;
+    /// what is in it is left out.
+    Corrupt {
+        /// Where the record starts.
+        at: u64,
+    },
+}
+
+/// All that a file holds.
+#[derive(Debug, Clone, Default)]
+pub struct Contents {
+    /// Topic of each channel.
+    pub topics: BTreeMap<u16, String>,
+    /// Messages in the order in which they were written.
+    pub messages: Vec<Message>,
+    /// Files inside the file.
+    pub attachments: Vec<Attachment>,
+    /// Tables of names and values.
+    pub metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// The first thing that is wrong.
+    pub damage: Option<Damage>,
+}
+
+impl Contents {
+    /// The topic of a channel.
+    #[must_use]
+    pub fn topic(&self, channel: u16) -> Option<&str> {
+        self.topics.get(&channel).map(String::as_str)
+    }
+
+    /// The bytes of an attachment.
+    #[must_use]
+    pub fn attachment(&self, name: &str) -> Option<&[u8]> {
+        let found = self.attachments.iter().find(|file| file.name == name);
+        found.map(|file| file.data.as_slice())
+    }
+}
+
+/// Why a file can not be read at all.
+#[derive(Debug, Error, PartialEq, Eq)]
+pub enum ReadError {
+    /// It is something else.
+    #[error("this is no MCAP file: it does not start as one")]
+    Magic,
+    /// Its chunks are packed in a way that this reader does not know.
+    #[error("its chunks are compressed ({how}), which this program does not read")]
+    Compressed {
+        /// How.
+        how: String,
+    },
+}
+
+/// Takes fields from the front of a record.
+struct Fields<'a>(&'a [u8]);
+
+impl<'a> Fields<'a> {
+    fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (head, rest) = self.0.split_at_checked(count)?;
+        self.0 = rest;
+        Some(head)
+    }
+
+    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        self.take(N)?.try_into().ok()
+    }
+
+    fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    fn bytes32(&mut self) -> Option<&'a [u8]> {
+        let length = usize::try_from(self.u32()?).ok()?;
+        self.take(length)
+    }
+
+    fn bytes64(&mut self) -> Option<&'a [u8]> {
+        let length = usize::try_from(self.u64()?).ok()?;
+        self.take(length)
+    }
+
+    fn text(&mut self) -> Option<String> {
+        String::from_utf8(self.bytes32()?.to_vec()).ok()
+    }
+
+    fn record(&mut self) -> Option<(u8, &'a [u8])> {
+        let mut ahead = Fields(self.0);
+        let [kind] = ahead.array()?;
+        let body = ahead.bytes64()?;
+        self.0 = ahead.0;
+        Some((kind, body))
+    }
+}
+
+/// Reads a whole file.
+///
+/// # Errors
+/// [`ReadError`]; a file that is only damaged or cut short is read as far as it goes, and
+/// [`Contents::damage`] says so.
+pub fn read(bytes: &[u8]) -> Result<Contents, ReadError> {
+    let Some(rest) = bytes.strip_prefix(&MAGIC) else {
+        return Err(ReadError::Magic);
+    };
+    let mut contents = Contents::default();
+    let mut fields = Fields(rest);
+    let position = |fields: &Fields| (bytes.len() - fields.0.len()) as u64;
+    loop {
+        let at = position(&fields);
+        let Some((kind, body)) = fields.record() else {
+            contents.damage.get_or_insert(Damage::Truncated { at });
+            return Ok(contents);
+        };
+        if kind == op::FOOTER {
+            if fields.0 != MAGIC {
+                contents.damage.get_or_insert(Damage::Truncated { at });
+            }
+            return Ok(contents);
+        }
+        let understood = match kind {
+            op::CHUNK => chunk(body, &mut contents)?,
+            op::ATTACHMENT => attachment(body, &mut contents),
+            op::METADATA => metadata(body, &mut contents),
+            _ => plain(kind, body, &mut contents),
+        };
+        if understood.is_none() {
+            contents.damage.get_or_insert(Damage::Corrupt { at });
+        }
+    }
+}
+
+/// A record that may stand in a chunk or outside.
+fn plain(kind: u8, body: &[u8], contents: &mut Contents) -> Option<()> {
+    let mut fields = Fields(body);
+    match kind {
+        op::CHANNEL => {
+            let id = fields.u16()?;
+            let _schema = fields.u16()?;
+            let topic = fields.text()?;
+            contents.topics.entry(id).or_insert(topic);
+        }
+        op::MESSAGE => {
+            let channel = fields.u16()?;
+            let sequence = fields.u32()?;
+            let log_time_ns = fields.u64()?;
+            let _published_ns = fields.u64()?;
+            contents.messages.push(Message {
+                channel,
+                sequence,
+                log_time_ns,
+                data: fields.0.to_vec(),
+            });
+        }
+        // Headers, indexes and what later versions add are not needed to read front to back.
+        _ => {}
+    }
+    Some(())
+}
+
+fn chunk(body: &[u8], contents: &mut Contents) -> Result<Option<()>, ReadError> {
+    let mut fields = Fields(body);
+    let mut head = || {
+        let _start_ns = fields.u64()?;
+        let _end_ns = fields.u64()?;
+        let _size = fields.u64()?;
+        let checksum = fields.u32()?;
+        let compression = fields.text()?;
+        Some((checksum, compression, fields.bytes64()?))
+    };
+    let Some((checksum, compression, records)) = head() else {
+        return Ok(None);
+    };
+    if !compression.is_empty() {
+        return Err(ReadError::Compressed { how: compression });
+    }
+    if checksum != 0 && crc32(records) != checksum {
+        return Ok(None);
+    }
+    let mut inside = Fields(records);
+    while !inside.0.is_empty() {
+        let Some((kind, body)) = inside.record() else {
+            return Ok(None);
+        };
+        if plain(kind, body, contents).is_none() {
+            return Ok(None);
+        }
+    }
+    Ok(Some(()))
+}
+
+fn attachment(body: &[u8], contents: &mut Contents) -> Option<()> {
+    let (covered, checksum) = body.split_at_checked(body.len().checked_sub(4)?)?;
+    let checksum = u32::from_le_bytes(checksum.try_into().ok()?);
+    if checksum != 0 && crc32(covered) != checksum {
+        return None;
+    }
+    let mut fields = Fields(covered);
+    let _logged_ns = fields.u64()?;
+    let _created_ns = fields.u64()?;
+    let name = fields.text()?;
+    let _media_type = fields.text()?;
+    let data = fields.bytes64()?.to_vec();
+    contents.attachments.push(Attachment { name, data });
+    Some(())
+}
+
+fn metadata(body: &[u8], contents: &mut Contents) -> Option<()> {
+    let mut fields = Fields(body);
+    let name = fields.text()?;
+    let mut pairs = Fields(fields.bytes32()?);
+    let mut table = BTreeMap::new();
+    while !pairs.0.is_empty() {
+        let key = pairs.text()?;
+        table.insert(key, pairs.text()?);
+    }
+    contents.metadata.insert(name, table);
+    Some(())
+}

@@ -1,0 +1,144 @@
+//! What was run: all that it takes to run it again.
+
+use crate::machine::Mismatch;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Where a task came from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TaskSource {
+    /// Name of a built-in task, or of the task file.
+    pub name: String,
+    /// The file's text; `None` for a built-in task.
+    pub text: Option<String>,
+    /// Height of the tool for a built-in task, world, m.
+    pub tool_z_m: f64,
+}
+
+impl TaskSource {
+    /// The source of a task as it is asked for on the command line.
+    #[must_use]
+    pub fn of(name: &str, tool_z_m: f64) -> Self {
+        let built_in = crate::motion::BUILT_IN
+            .iter()
+            .any(|(known, _)| *known == name);
+        let text = (!built_in)
+            .then(|| std::fs::read_to_string(name).ok())
+            .flatten();
+        Self {
+            name: name.to_owned(),
+            text,
+            tool_z_m,
+        }
+    }
+}
+
+/// The machine that answered.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Machine {
+    /// A simulated robot in this process: it can be simulated again.
+    Simulated {
+        /// How far it was from its description.
+        mismatch: Mismatch,
+        /// Seed of everything random.
+        seed: u64,
+    },
+    /// Something behind a port.
+    Port {
+        /// Its name.
+        name: String,
+    },
+}
+
+/// One text file of the robot's description.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RobotText {
+    /// Path relative to the robot file's folder.
+    pub name: String,
+    /// Its contents.
+    pub text: String,
+}
+
+/// What was run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Scenario {
+    /// Version of the program.
+    pub program: String,
+    /// Version of the wire format, `major.minor`.
+    pub protocol: String,
+    /// Start, Unix time, µs.
+    pub started_unix_us: u64,
+    /// The command line behind the program's name.
+    pub arguments: Vec<String>,
+    /// The robot's files, the robot file first.
+    pub robot: Vec<RobotText>,
+    /// The task.
+    pub task: TaskSource,
+    /// Number of the session on the wire.
+    pub session: u32,
+    /// What answered.
+    pub machine: Machine,
+}
+
+impl Scenario {
+    /// A scenario that starts now.
+    #[must_use]
+    pub fn new(robot: &str, task: TaskSource, session: u32, machine: Machine) -> Self {
+        let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        let started = since.map_or(0, |since| since.as_micros());
+        Self {
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            protocol: protocol_version(),
+            started_unix_us: u64::try_from(started).unwrap_or(0),
+            arguments: std::env::args().skip(1).collect(),
+            robot: robot_files(robot),
+            task,
+            session,
+            machine,
+        }
+    }
+
+    /// Writes the robot's files below a folder and gives the robot file's path.
+    ///
+    /// # Errors
+    /// The system's; a name that leaves the folder is refused.
+    pub fn lay_out_robot(&self, folder: &Path) -> std::io::Result<PathBuf> {
+        let mut first = None;
+        for file in &self.robot {
+            let inside = Path::new(&file.name)
+                .components()
+                .all(|part| matches!(part, std::path::Component::Normal(_)));
+            if !inside {
+                return Err(std::io::Error::other(format!(
+                    "the record names a file outside its folder: {}",
+                    file.name
+                )));
+            }
+            let path = folder.join(&file.name);
+            if let Some(parent) = path.parent() {
+                std::fs::create_dir_all(parent)?;
+            }
+            std::fs::write(&path, &file.text)?;
+            first.get_or_insert(path);
+        }
+        first.ok_or_else(|| std::io::Error::other("the record holds no robot file"))
+    }
+}
+
+/// Version of the wire format that this program speaks.
+#[must_use]
+pub fn protocol_version() -> String {
+    format!(
+        "{}.{}",
+        mcdpr_protocol::PROTOCOL_MAJOR,
+        mcdpr_protocol::PROTOCOL_MINOR
+    )
+}
+
+/// Texts of a robot file and of the winch modules that it names.
+fn robot_files(name: &str) -> Vec<RobotText> {
+    crate::robot::sources(name)
+        .into_iter()
+        .map(|(name, text)| RobotText { name, text })
+        .collect()
+}

@@ -1,0 +1,403 @@
+//! Hands what happens on a line to watchers, each on a thread of its own.
+
+use crate::link::{Direction, Link, LinkError, Note, RawFrame, SimulatedLink};
+use crate::motion::Plan;
+use mcdpr_simulator::TracePoint;
+use serde::{Deserialize, Serialize};
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// How grave a remark is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Level {
+    /// For the record.
+    Info,
+    /// At the edge.
+    Warning,
+    /// Something went wrong.
+    Error,
+}
+
+/// One instant of a plan. SI, world frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlanPoint {
+    /// Path time, s.
+    pub time_s: f64,
+    /// Where the tool shall be, m.
+    pub tool_m: [f64; 3],
+    /// Origin of the platform, m.
+    pub position_m: [f64; 3],
+    /// Attitude of the platform, quaternion [x, y, z, w].
+    pub rotation_xyzw: [f64; 4],
+    /// Expected tension of each cable, N.
+    pub tensions_n: Vec<f64>,
+}
+
+/// What the host plans, as a watcher sees it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlanNote {
+    /// Duration, s.
+    pub duration_s: f64,
+    /// Instants in order, the last at the end.
+    pub points: Vec<PlanPoint>,
+}
+
+impl PlanNote {
+    /// Time between points, s.
+    const STEP_S: f64 = 0.02;
+
+    /// The plan every 20 ms.
+    #[must_use]
+    pub fn of(plan: &Plan) -> Self {
+        let duration_s = plan.timed.duration_s();
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a plan lasts minutes"
+        )]
+        let count = (duration_s / Self::STEP_S).ceil() as u32;
+        let points = (0..=count).filter_map(|index| {
+            let time_s = (f64::from(index) * Self::STEP_S).min(duration_s);
+            let tool = plan.timed.tool_m(time_s).ok()?;
+            let rest = plan.state(time_s)?;
+            let pose = &rest.equilibrium.pose;
+            let turn = pose.quaternion();
+            Some(PlanPoint {
+                time_s,
+                tool_m: tool.into(),
+                position_m: pose.position_m.into(),
+                rotation_xyzw: [turn.i, turn.j, turn.k, turn.w],
+                tensions_n: rest.tensions_n().to_vec(),
+            })
+        });
+        Self {
+            duration_s,
+            points: points.collect(),
+        }
+    }
+
+    /// The point nearest to a path time.
+    #[must_use]
+    pub fn at(&self, time_s: f64) -> Option<&PlanPoint> {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturates"
+        )]
+        let index = (time_s / Self::STEP_S).round() as usize;
+        self.points.get(index).or(self.points.last())
+    }
+}
+
+/// What is true of a simulated robot at one time. SI, world frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TruthPoint {
+    /// Board tick.
+    pub tick: u32,
+    /// Path time, s; 0 while nothing moves.
+    pub path_s: f64,
+    /// Tool point, m.
+    pub tool_m: [f64; 3],
+    /// Origin of the platform, m.
+    pub position_m: [f64; 3],
+    /// Attitude of the platform, quaternion [x, y, z, w].
+    pub rotation_xyzw: [f64; 4],
+    /// Tension of each cable at the platform, N.
+    pub tensions_n: Vec<f64>,
+}
+
+impl TruthPoint {
+    /// From the simulator's trace, for a robot with this many cables.
+    #[must_use]
+    pub fn of(point: &TracePoint, cables: usize) -> Self {
+        let [w, x, y, z] = point.truth.pose.rotation_wxyz;
+        let tensions = point.truth.tensions_platform_n.iter().take(cables);
+        Self {
+            tick: point.tick.0,
+            path_s: f64::from(point.path_ms) * 1e-3,
+            tool_m: point.truth.tool_position_m,
+            position_m: point.truth.pose.position_m,
+            rotation_xyzw: [x, y, z, w],
+            tensions_n: tensions.copied().collect(),
+        }
+    }
+}
+
+/// Something that a watcher is shown.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Happening {
+    /// Bytes went over the line, or a wait for them ended.
+    Wire {
+        /// Number of the call of the line, from 0: a hole in the numbers is a hole in the record.
+        call: u32,
+        /// The bytes.
+        frame: RawFrame,
+    },
+    /// The host has made a plan and is about to run it.
+    Plan {
+        /// The link's time, µs.
+        time_us: u64,
+        /// The plan.
+        plan: PlanNote,
+    },
+    /// What is true of the simulated robot.
+    Truth {
+        /// The link's time, µs.
+        time_us: u64,
+        /// The truth.
+        truth: TruthPoint,
+    },
+    /// Words of the host.
+    Remark {
+        /// The link's time, µs.
+        time_us: u64,
+        /// How grave.
+        level: Level,
+        /// What.
+        text: String,
+    },
+}
+
+/// Sees what happens, on a thread of its own.
+pub trait Watcher: Send + 'static {
+    /// Something happened.
+    fn see(&mut self, happening: &Happening);
+    /// Nothing happened for a while: time for what can wait.
+    fn idle(&mut self) {}
+    /// The run is over.
+    fn end(&mut self) {}
+}
+
+/// What to do when a watcher does not keep up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Patience {
+    /// Wait for it: the line's time is virtual, nothing real is late.
+    Wait,
+    /// Leave things out and count them: a robot is moving.
+    Drop,
+}
+
+/// Happenings that may wait for a watcher: ten seconds of a busy line.
+const QUEUE: usize = 20_000;
+/// After this without news a watcher gets its idle call.
+const IDLE: Duration = Duration::from_millis(250);
+
+struct Watching {
+    sender: SyncSender<Arc<Happening>>,
+    patience: Patience,
+    lost: Arc<AtomicU64>,
+    thread: JoinHandle<()>,
+}
+
+/// Those who watch a run.
+#[derive(Default)]
+pub struct Witness {
+    watchers: Vec<Watching>,
+}
+
+impl Witness {
+    /// Adds a watcher, and gives the count of what it missed.
+    ///
+    /// # Errors
+    /// Where the system has no thread for it.
+    pub fn add(
+        &mut self,
+        watcher: impl Watcher,
+        patience: Patience,
+    ) -> std::io::Result<Arc<AtomicU64>> {
+        let (sender, receiver) = sync_channel(QUEUE);
+        let lost = Arc::new(AtomicU64::new(0));
+        let thread = std::thread::Builder::new()
+            .name("watcher".to_owned())
+            .spawn(move || watch(watcher, &receiver))?;
+        self.watchers.push(Watching {
+            sender,
+            patience,
+            lost: Arc::clone(&lost),
+            thread,
+        });
+        Ok(lost)
+    }
+
+    /// Whether nobody watches.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.watchers.is_empty()
+    }
+
+    /// Shows something to every watcher.
+    pub fn tell(&self, happening: Happening) {
+        if self.watchers.is_empty() {
+            return;
+        }
+        let happening = Arc::new(happening);
+        for watching in &self.watchers {
+            let copy = Arc::clone(&happening);
+            match watching.patience {
+                // A watcher that ended by itself has said why.
+                Patience::Wait => drop(watching.sender.send(copy)),
+                Patience::Drop => {
+                    if let Err(TrySendError::Full(_)) = watching.sender.try_send(copy) {
+                        watching.lost.fetch_add(1, Ordering::Relaxed);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Ends the run: every watcher takes what waits for it and ends.
+    pub fn finish(self) {
+        for watching in self.watchers {
+            drop(watching.sender);
+            // A watcher that panicked has printed its message; the run is not lost for it.
+            let _ = watching.thread.join();
+        }
+    }
+}
+
+fn watch(mut watcher: impl Watcher, receiver: &Receiver<Arc<Happening>>) {
+    loop {
+        match receiver.recv_timeout(IDLE) {
+            Ok(happening) => watcher.see(&happening),
+            Err(RecvTimeoutError::Timeout) => watcher.idle(),
+            Err(RecvTimeoutError::Disconnected) => {
+                watcher.end();
+                return;
+            }
+        }
+    }
+}
+
+/// The truth of a simulated robot, followed while its time passes.
+#[derive(Clone)]
+pub struct TruthTap {
+    link: SimulatedLink,
+    cables: usize,
+    kept: Rc<RefCell<Vec<TracePoint>>>,
+}
+
+impl TruthTap {
+    /// Ticks between the points that are shown.
+    const EVERY: u32 = 10;
+
+    /// Starts to follow.
+    #[must_use]
+    pub fn new(link: SimulatedLink, cables: usize) -> Self {
+        link.with(mcdpr_simulator::Simulation::record_truth);
+        Self {
+            link,
+            cables,
+            kept: Rc::default(),
+        }
+    }
+
+    fn show(&self, witness: &Witness) {
+        let (new, now_us) = self
+            .link
+            .with(|simulation| (simulation.take_trace(), simulation.now_us()));
+        if !witness.is_empty() {
+            for point in new.iter().filter(|p| p.tick.0.is_multiple_of(Self::EVERY)) {
+                witness.tell(Happening::Truth {
+                    time_us: now_us,
+                    truth: TruthPoint::of(point, self.cables),
+                });
+            }
+        }
+        self.kept.borrow_mut().extend(new);
+    }
+
+    /// Everything that was true so far, tick by tick.
+    #[must_use]
+    pub fn take(&self) -> Vec<TracePoint> {
+        self.kept
+            .borrow_mut()
+            .extend(self.link.with(mcdpr_simulator::Simulation::take_trace));
+        self.kept.take()
+    }
+}
+
+/// A line that a witness sees.
+pub struct Watched<'a, L> {
+    inner: L,
+    witness: &'a Witness,
+    truth: Option<TruthTap>,
+    calls: u32,
+}
+
+impl<'a, L: Link> Watched<'a, L> {
+    /// Shows what passes over `inner`.
+    pub const fn new(inner: L, witness: &'a Witness) -> Self {
+        Self {
+            inner,
+            witness,
+            truth: None,
+            calls: 0,
+        }
+    }
+
+    /// Shows what is true of the simulated robot as well.
+    #[must_use]
+    pub fn with_truth(mut self, tap: TruthTap) -> Self {
+        self.truth = Some(tap);
+        self
+    }
+
+    fn wire(&mut self, direction: Direction, bytes: &[u8]) {
+        if !self.witness.is_empty() {
+            let frame = RawFrame {
+                time_us: self.inner.now_us(),
+                direction,
+                bytes: bytes.to_vec(),
+            };
+            let call = self.calls;
+            self.witness.tell(Happening::Wire { call, frame });
+        }
+        self.calls = self.calls.wrapping_add(1);
+    }
+}
+
+impl<L: Link> Link for Watched<'_, L> {
+    fn now_us(&self) -> u64 {
+        self.inner.now_us()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.inner.send(bytes)?;
+        self.wire(Direction::ToBoard, bytes);
+        Ok(())
+    }
+
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        let before = into.len();
+        let time_us = self.inner.receive(until_us, into)?;
+        self.wire(Direction::ToHost, into.get(before..).unwrap_or_default());
+        if let Some(tap) = &self.truth {
+            tap.show(self.witness);
+        }
+        Ok(time_us)
+    }
+
+    fn note(&mut self, note: Note<'_>) {
+        let time_us = self.inner.now_us();
+        if self.witness.is_empty() {
+            return;
+        }
+        match note {
+            Note::Plan(plan) => self.witness.tell(Happening::Plan {
+                time_us,
+                plan: PlanNote::of(plan),
+            }),
+            Note::Remark(text) => self.witness.tell(Happening::Remark {
+                time_us,
+                level: Level::Info,
+                text: text.to_owned(),
+            }),
+        }
+        self.inner.note(note);
+    }
+}
