@@ -1,0 +1,275 @@
+//! Recorded runs: what is in them, that they survive crashes and full disks, and that host and core
+//! do the same again on their bytes.
+
+use mcdpr::experiment;
+use mcdpr::machine::Mismatch;
+use mcdpr::motion::{Model, Task};
+use mcdpr::record::mcap;
+use mcdpr::record::replay::{ReplayError, replay};
+use mcdpr::record::witness::{Patience, Watcher};
+use mcdpr::record::{
+    FILE_NAME, Happening, LoadError, Machine, RecordedRun, Recording, Scenario, TaskSource, Witness,
+};
+use mcdpr::robot::Robot;
+use mcdpr_protocol::SessionId;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, OnceLock};
+
+const TASK: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [275, -85, -180]\n";
+
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("mcdpr-record-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn model() -> Model {
+    Model::new(&Robot::find("paper-table5").unwrap()).unwrap()
+}
+
+fn scenario() -> Scenario {
+    let mismatch = Mismatch::realistic();
+    let machine = Machine::Simulated { mismatch, seed: 3 };
+    let task = TaskSource {
+        name: "short.toml".to_owned(),
+        text: Some(TASK.to_owned()),
+        tool_z_m: -0.18,
+    };
+    Scenario::new("paper-table5", task, 11, machine)
+}
+
+/// Runs the short task, seen by a witness.
+fn run(witness: &Witness) -> experiment::SimulatedRun {
+    let task = Task::parse(TASK, "short.toml".into()).unwrap();
+    let seen = (witness, SessionId(11));
+    experiment::simulate_seen(&model(), task, &Mismatch::realistic(), 3, seen, |_| {}).unwrap()
+}
+
+/// A recorded run's file, recorded once for all tests.
+fn recorded() -> &'static [u8] {
+    static BYTES: OnceLock<Vec<u8>> = OnceLock::new();
+    BYTES.get_or_init(|| {
+        let folder = Folder::new("once");
+        let path = folder.0.join(FILE_NAME);
+        let recording = Recording::create(&path, &scenario(), Some(model())).unwrap();
+        let summary = recording.summary();
+        let mut witness = Witness::default();
+        witness.add(recording, Patience::Wait).unwrap();
+        run(&witness);
+        witness.finish();
+        assert!(summary.lock().unwrap().complete);
+        std::fs::read(path).unwrap()
+    })
+}
+
+fn load(name: &str, bytes: &[u8]) -> Result<RecordedRun, LoadError> {
+    let folder = Folder::new(name);
+    std::fs::write(folder.0.join(FILE_NAME), bytes).unwrap();
+    RecordedRun::load(&folder.0)
+}
+
+#[test]
+fn a_run_replays_bit_by_bit_host_and_core() {
+    let run = load("replay", recorded()).unwrap();
+    assert!(run.damage.is_none());
+    let proof = replay(&run).unwrap();
+    assert!(proof.whole && proof.host_bytes > 3000, "{proof:?}");
+    assert!(
+        proof.core_bytes.is_some_and(|bytes| bytes > 50_000),
+        "{proof:?}"
+    );
+}
+
+#[test]
+fn a_changed_byte_in_either_direction_is_found() {
+    use mcdpr::link::Direction;
+    let whole = load("changed", recorded()).unwrap();
+    let middle = whole.frames.len() / 2;
+    // What the host sent differs.
+    let mut run = whole.clone();
+    let sent = run.frames.iter_mut().skip(middle);
+    let sent = sent.filter(|f| f.direction == Direction::ToBoard);
+    sent.take(1).for_each(|frame| frame.bytes[2] ^= 1);
+    let error = replay(&run).unwrap_err();
+    assert!(
+        matches!(error, ReplayError::Differs { who: "host", .. }),
+        "{error}"
+    );
+    // What the core sent differs, in a telemetry byte on which the host's doings do not depend.
+    let mut run = whole.clone();
+    let answers = run.frames.iter_mut().rev().skip(50);
+    let answers = answers.filter(|f| f.direction == Direction::ToHost && f.bytes.len() > 0);
+    answers.take(1).for_each(|frame| frame.bytes[0] ^= 1);
+    assert!(matches!(replay(&run), Err(ReplayError::Differs { .. })));
+    // Another machine than the recorded one.
+    let mut run = whole;
+    run.scenario.machine = Machine::Simulated {
+        mismatch: Mismatch::default(),
+        seed: 3,
+    };
+    let error = replay(&run).unwrap_err();
+    assert!(
+        matches!(error, ReplayError::Differs { who: "core", .. }),
+        "{error}"
+    );
+}
+
+#[test]
+fn the_record_holds_what_the_host_measured_and_what_was_true() {
+    let live = run(&Witness::default());
+    let run = load("contents", recorded()).unwrap();
+    let measured: Vec<_> = run
+        .ticks()
+        .into_iter()
+        .filter(|t| t.path_s.is_some())
+        .collect();
+    let wanted: Vec<_> = live
+        .run
+        .samples
+        .iter()
+        .filter(|s| s.path_s.is_some())
+        .collect();
+    // The record goes on after the motion's last sample that the host kept.
+    assert!(measured.len() >= wanted.len() && wanted.len() > 900);
+    for (tick, sample) in measured.iter().zip(wanted) {
+        assert_eq!(tick.lengths_m, sample.lengths_m);
+        assert_eq!(tick.tensions_n, sample.tensions_n);
+        // The set-points on the wire are the plan, but for the join to where the board holds.
+        let state = live.run.plan.state(tick.path_s.unwrap()).unwrap();
+        for (planned, wanted) in tick.planned.iter().zip(&state.paid_out_m) {
+            assert!(
+                (planned.length_m - wanted).abs() < 1.1e-3,
+                "{planned:?} {wanted}"
+            );
+        }
+    }
+    let plan = run.plan.as_ref().unwrap();
+    assert!((plan.duration_s - live.run.plan.timed.duration_s()).abs() < 1e-9);
+    assert!(run.truth.len() > 100);
+    let last = run.truth.last().unwrap();
+    assert!((last.tool_m[0] - 0.275).abs() < 5e-3, "{last:?}");
+    let states: Vec<_> = run.changes().into_iter().map(|(_, what)| what).collect();
+    for state in ["Disarmed", "Arming", "Holding", "Moving"] {
+        assert!(states.iter().any(|s| s == state), "{state} in {states:?}");
+    }
+    assert!(
+        run.log.iter().any(|line| line.text == "state Moving"),
+        "{:?}",
+        run.log
+    );
+}
+
+#[test]
+fn a_record_without_its_end_is_read_and_replayed_as_far_as_it_goes() {
+    let bytes = recorded();
+    let run = load("cut", &bytes[..bytes.len() * 2 / 3]).unwrap();
+    assert!(matches!(run.damage, Some(mcap::Damage::Truncated { .. })));
+    assert!(run.frames.len() > 100 && run.gaps == 0);
+    let proof = replay(&run).unwrap();
+    assert!(!proof.whole);
+    // In front of the first chunk there is the scenario already; without it, the reason is told.
+    let error = load("tiny", &bytes[..100]).unwrap_err();
+    assert!(matches!(error, LoadError::Other { .. }), "{error}");
+    let error = load("other", b"PNG").unwrap_err();
+    assert!(matches!(error, LoadError::Unreadable { .. }), "{error}");
+}
+
+#[test]
+fn a_corrupt_chunk_is_left_out_and_the_hole_is_noticed() {
+    let mut bytes = recorded().to_vec();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0xFF;
+    let run = load("corrupt", &bytes).unwrap();
+    assert!(matches!(run.damage, Some(mcap::Damage::Corrupt { .. })));
+    assert!(matches!(replay(&run), Err(ReplayError::Gaps { missing }) if missing > 0));
+}
+
+#[test]
+fn a_record_of_another_version_is_refused_with_both_versions() {
+    let mut bytes = recorded().to_vec();
+    let now = mcdpr::record::scenario::protocol_version();
+    let place = bytes.windows(8).position(|w| w == b"protocol").unwrap() + 8 + 4;
+    assert_eq!(&bytes[place..place + now.len()], now.as_bytes());
+    bytes[place] = b'9';
+    let text = load("version", &bytes).unwrap_err().to_string();
+    assert!(
+        text.contains("protocol 9.") && text.contains(&now),
+        "{text}"
+    );
+}
+
+/// A disk that is full after some bytes.
+struct Disk {
+    left: usize,
+}
+
+impl std::io::Write for Disk {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if self.left < bytes.len() {
+            return Err(std::io::Error::from(std::io::ErrorKind::StorageFull));
+        }
+        self.left -= bytes.len();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_full_disk_ends_the_record_and_not_the_motion() {
+    let disk = Disk { left: 300_000 };
+    let recording = Recording::start(disk, &scenario(), None, |_| Ok(())).unwrap();
+    let summary = recording.summary();
+    let mut witness = Witness::default();
+    witness.add(recording, Patience::Wait).unwrap();
+    let with = run(&witness);
+    witness.finish();
+    let summary = summary.lock().unwrap();
+    assert!(
+        summary.stopped.is_some() && !summary.complete,
+        "{summary:?}"
+    );
+    assert_eq!(with.run.samples, run(&Witness::default()).run.samples);
+}
+
+#[test]
+fn a_watcher_that_does_not_keep_up_loses_entries_and_nothing_else() {
+    struct Stuck {
+        gate: Arc<Mutex<()>>,
+        seen: Arc<Mutex<usize>>,
+    }
+    impl Watcher for Stuck {
+        fn see(&mut self, _: &Happening) {
+            drop(self.gate.lock());
+            *self.seen.lock().unwrap() += 1;
+        }
+    }
+    let gate = Arc::new(Mutex::new(()));
+    let seen = Arc::new(Mutex::new(0));
+    let mut witness = Witness::default();
+    let stuck = Stuck {
+        gate: Arc::clone(&gate),
+        seen: Arc::clone(&seen),
+    };
+    let lost = witness.add(stuck, Patience::Drop).unwrap();
+    let closed = gate.lock().unwrap();
+    let with = run(&witness);
+    assert!(lost.load(std::sync::atomic::Ordering::Relaxed) > 0);
+    drop(closed);
+    witness.finish();
+    assert!(*seen.lock().unwrap() > 1000);
+    assert_eq!(with.run.samples, run(&Witness::default()).run.samples);
+}
