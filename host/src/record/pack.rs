@@ -57,7 +57,6 @@ impl Pack {
 
 fn put(out: &mut Vec<u8>, mut value: u64) {
     loop {
-        #[expect(clippy::cast_possible_truncation, reason = "seven bits")]
         let low = (value & 0x7F) as u8;
         value >>= 7;
         if value == 0 {
@@ -113,7 +112,7 @@ mod tests {
     fn packs_give_back_what_went_in_and_break_at_holes() {
         let frame = |index: u64| RawFrame {
             time_us: 1_000_000 + index * 137,
-            direction: if index % 5 == 0 {
+            direction: if index.is_multiple_of(5) {
                 Direction::ToBoard
             } else {
                 Direction::ToHost
