@@ -109,7 +109,7 @@ fn a_changed_byte_in_either_direction_is_found() {
     // What the core sent differs, in a telemetry byte on which the host's doings do not depend.
     let mut run = whole.clone();
     let answers = run.frames.iter_mut().rev().skip(50);
-    let answers = answers.filter(|f| f.direction == Direction::ToHost && f.bytes.len() > 0);
+    let answers = answers.filter(|f| f.direction == Direction::ToHost && !f.bytes.is_empty());
     answers.take(1).for_each(|frame| frame.bytes[0] ^= 1);
     assert!(matches!(replay(&run), Err(ReplayError::Differs { .. })));
     // Another machine than the recorded one.
