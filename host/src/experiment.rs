@@ -1,6 +1,7 @@
 //! A task on a robot, from connecting to disarming, and what came of it.
 
-use crate::link::{Client, Link, Note, SimulatedLink};
+use crate::control::Handle;
+use crate::link::{Client, Link, Note, Paced, SimulatedLink};
 use crate::machine::{self, Mismatch};
 use crate::motion::{Model, Plan, PlanError, Rest, Task};
 use crate::record::witness::{TruthTap, Watched, Witness};
@@ -89,11 +90,39 @@ pub fn simulate(
     seed: u64,
     progress: impl FnMut(Progress),
 ) -> Result<SimulatedRun, RunError> {
+    simulate_with(model, task, mismatch, seed, &Orders::default(), progress)
+}
+
+/// Who may interfere with a run, and how fast a simulated one goes.
+#[derive(Debug, Clone, Default)]
+pub struct Orders {
+    /// Gives orders to the run, and shows it to observers.
+    pub handle: Handle,
+    /// Simulated seconds per second; as fast as it goes where none is given.
+    pub time_scale: Option<f64>,
+}
+
+/// As [`simulate`], with orders from a handle.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn simulate_with(
+    model: &Model,
+    task: Task,
+    mismatch: &Mismatch,
+    seed: u64,
+    orders: &Orders,
+    progress: impl FnMut(Progress),
+) -> Result<SimulatedRun, RunError> {
     let began = Instant::now();
     let link = simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
     link.with(mcdpr_simulator::Simulation::record_truth);
     let session = SessionId(1);
-    let mut run = on_link(model, task, link.clone(), Some(session), progress)?;
+    let paced: Box<dyn Link> = match orders.time_scale {
+        Some(scale) => Box::new(Paced::new(link.clone(), scale)),
+        None => Box::new(link.clone()),
+    };
+    let mut run = on_link_with(model, task, paced, Some(session), &orders.handle, progress)?;
     let trace = link.with(mcdpr_simulator::Simulation::take_trace);
     run.true_path = Some(report::true_path(&trace));
     Ok(SimulatedRun {
@@ -113,13 +142,18 @@ pub fn simulate_seen(
     mismatch: &Mismatch,
     seed: u64,
     (witness, session): (&Witness, SessionId),
+    orders: &Orders,
     progress: impl FnMut(Progress),
 ) -> Result<SimulatedRun, RunError> {
     let began = Instant::now();
     let link = simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
     let tap = TruthTap::new(link.clone(), model.robot().cables.len());
     let watched = Watched::new(link.clone(), witness).with_truth(tap.clone());
-    let mut run = on_link(model, task, watched, Some(session), progress)?;
+    let paced: Box<dyn Link> = match orders.time_scale {
+        Some(scale) => Box::new(Paced::new(watched, scale)),
+        None => Box::new(watched),
+    };
+    let mut run = on_link_with(model, task, paced, Some(session), &orders.handle, progress)?;
     run.true_path = Some(report::true_path(&tap.take()));
     Ok(SimulatedRun {
         run,
@@ -165,7 +199,38 @@ pub fn on_link<L: Link>(
     session: Option<SessionId>,
     progress: impl FnMut(Progress),
 ) -> Result<Run, RunError> {
+    on_link_with(model, task, link, session, &Handle::new(), progress)
+}
+
+/// As [`on_link`], with orders from a handle.
+///
+/// # Errors
+/// As [`on_link`]; [`RunError::Interrupted`] where the handle ordered a stop.
+pub fn on_link_with<L: Link>(
+    model: &Model,
+    task: Task,
+    link: L,
+    session: Option<SessionId>,
+    handle: &Handle,
+    progress: impl FnMut(Progress),
+) -> Result<Run, RunError> {
+    handle.publish(|view| view.task = Some(task.name.clone()));
+    let run = commanded(model, task, link, session, handle, progress);
+    handle.close("the run has ended");
+    handle.publish(|view| view.task = None);
+    run
+}
+
+fn commanded<L: Link>(
+    model: &Model,
+    task: Task,
+    link: L,
+    session: Option<SessionId>,
+    handle: &Handle,
+    progress: impl FnMut(Progress),
+) -> Result<Run, RunError> {
     let mut client = Client::connect(link, session.unwrap_or_else(run::new_session))?;
+    client.obey(handle.clone());
     let hash = run::configure(&mut client, model.robot())?;
     let status = run::status(&mut client)?;
     if let Some(record) = status.fault {

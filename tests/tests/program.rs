@@ -407,3 +407,58 @@ fn two_processes_share_a_serial_device_and_a_killed_host_is_survived() {
         .arg(&record));
     assert!(output.status.success(), "{}", text(&output.stderr));
 }
+
+/// What `mcdpr ORDER --on PORT` says, as soon as there is somebody to say it to.
+#[cfg(target_os = "linux")]
+fn order(order: &str, port: &str) -> Value {
+    let deadline = Instant::now() + Duration::from_secs(30);
+    loop {
+        let output = run(mcdpr().args([order, "--on", port, "--json"]));
+        if output.status.success() {
+            return serde_json::from_slice(&output.stdout).unwrap();
+        }
+        let why = text(&output.stderr);
+        assert!(Instant::now() < deadline, "{order}: {why}");
+    }
+}
+
+/// From a second terminal: pause, resume and stop reach a run on a serial device.
+#[test]
+#[cfg(target_os = "linux")]
+fn another_terminal_pauses_resumes_and_stops_a_run() {
+    let folder = Folder::new("orders");
+    let simulator = Simulator::start("0.5");
+    let port = simulator.port.as_str();
+    let mut first = mcdpr()
+        .args(["run", "paper:table7", "--on", port, "--record"])
+        .arg(folder.path().join("run"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Refused until the robot moves; then it holds on its path.
+    let paused = order("pause", port);
+    assert_eq!(paused["view"]["paused"], true, "{paused}");
+    assert_eq!(paused["view"]["task"], "paper:table7");
+    let resumed = order("resume", port);
+    assert_eq!(resumed["view"]["paused"], false, "{resumed}");
+    order("stop", port);
+    let deadline = Instant::now() + Duration::from_secs(20);
+    let status = loop {
+        if let Some(status) = first.try_wait().unwrap() {
+            break status;
+        }
+        assert!(Instant::now() < deadline, "the run goes on after a stop");
+        std::thread::yield_now();
+    };
+    assert_eq!(status.code(), Some(130));
+    // Nobody moves the robot now.
+    refused(
+        mcdpr().args(["pause", "--on", port]),
+        1,
+        &["no running mcdpr moves"],
+    );
+    // A stop still reaches the board itself.
+    assert_eq!(order("stop", port)["view"]["state"], "Disarmed");
+}

@@ -1,7 +1,7 @@
 //! Recorded runs: what is in them, that they survive crashes and full disks, and that host and core
 //! do the same again on their bytes.
 
-use mcdpr::experiment;
+use mcdpr::experiment::{self, Orders};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
 use mcdpr::record::mcap;
@@ -53,7 +53,16 @@ fn scenario() -> Scenario {
 fn run(witness: &Witness) -> experiment::SimulatedRun {
     let task = Task::parse(TASK, "short.toml".into()).unwrap();
     let seen = (witness, SessionId(11));
-    experiment::simulate_seen(&model(), task, &Mismatch::realistic(), 3, seen, |_| {}).unwrap()
+    experiment::simulate_seen(
+        &model(),
+        task,
+        &Mismatch::realistic(),
+        3,
+        seen,
+        &Orders::default(),
+        |_| {},
+    )
+    .unwrap()
 }
 
 /// A recorded run's file, recorded once for all tests.

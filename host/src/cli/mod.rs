@@ -15,6 +15,8 @@ mod clear;
 mod compute;
 mod demo;
 mod export;
+#[cfg(unix)]
+mod orders;
 mod ports;
 mod progress;
 mod recorded;
@@ -67,15 +69,38 @@ pub struct Common {
     /// Plan and judge only; nothing moves
     #[arg(long, global = true)]
     pub dry_run: bool,
-    /// Simulated seconds per second, for `sim --pty`
-    #[arg(long, global = true, default_value_t = 1.0, value_name = "X")]
-    pub time_scale: f64,
+    /// Simulated seconds per second; without it, `sim --pty` keeps real time and everything else
+    /// is simulated as fast as it goes
+    #[arg(long, global = true, value_name = "X")]
+    pub time_scale: Option<f64>,
+}
+
+impl Common {
+    /// The time scale, if one was given.
+    ///
+    /// # Errors
+    /// Where it is not between 0.01 and 100.
+    pub(crate) fn checked_time_scale(&self) -> Result<Option<f64>, Failed> {
+        match self.time_scale {
+            Some(scale) if !(scale.is_finite() && (0.01..=100.0).contains(&scale)) => {
+                let reason = format!("{scale} is not between 0.01 and 100");
+                Err(Failed::from_error("--time-scale")(reason))
+            }
+            scale => Ok(scale),
+        }
+    }
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::Cmd),
     Run(run::Cmd),
+    #[cfg(unix)]
+    Stop(orders::Stop),
+    #[cfg(unix)]
+    Pause(orders::Pause),
+    #[cfg(unix)]
+    Resume(orders::Resume),
     Clear(clear::Cmd),
     Replay(replay::Cmd),
     Export(export::Cmd),
@@ -102,6 +127,12 @@ pub fn main() -> ExitCode {
     let outcome = match cli.command.unwrap_or(Command::Demo(demo::Cmd::default())) {
         Command::Demo(cmd) => cmd.run(common),
         Command::Run(cmd) => cmd.run(common),
+        #[cfg(unix)]
+        Command::Stop(cmd) => cmd.run(common),
+        #[cfg(unix)]
+        Command::Pause(cmd) => cmd.run(common),
+        #[cfg(unix)]
+        Command::Resume(cmd) => cmd.run(common),
         Command::Clear(cmd) => cmd.run(common),
         Command::Replay(cmd) => cmd.run(common),
         Command::Export(cmd) => cmd.run(common),

@@ -1,10 +1,12 @@
 //! `mcdpr run TASK`: do a task on the simulator or on a board.
 
+#[cfg(unix)]
+use super::orders::listen;
 use super::progress::Bar;
 use super::recorded::Recorded;
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
-use crate::experiment::{self, Run};
+use crate::experiment::{self, Orders, Run};
 use crate::link::SerialLink;
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
@@ -48,6 +50,12 @@ impl Cmd {
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = Bar::new("running");
+        let orders = Orders {
+            time_scale: common.checked_time_scale()?,
+            ..Orders::default()
+        };
+        #[cfg(unix)]
+        let _listening = listen(common, &orders.handle)?;
         let name = task.name.clone();
         let mismatch = if self.ideal {
             Mismatch::default()
@@ -62,7 +70,8 @@ impl Cmd {
         let witness = &recorded.witness;
         let outcome = if common.on == "sim" {
             let seen = (witness, session);
-            experiment::simulate_seen(&model, task, &mismatch, common.seed, seen, |p| {
+            let (seed, orders) = (common.seed, &orders);
+            experiment::simulate_seen(&model, task, &mismatch, seed, seen, orders, |p| {
                 bar.update(p);
             })
             .map(|simulated| {
@@ -74,7 +83,10 @@ impl Cmd {
                 .map_err(|error| crate::link::ClientError::from(error).into())
                 .and_then(|link| {
                     let link = Watched::new(link, witness);
-                    experiment::on_link(&model, task, link, Some(session), |p| bar.update(p))
+                    let handle = &orders.handle;
+                    experiment::on_link_with(&model, task, link, Some(session), handle, |p| {
+                        bar.update(p);
+                    })
                 })
                 .map(|run| (run, None))
         };

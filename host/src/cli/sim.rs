@@ -22,11 +22,7 @@ pub(crate) struct Cmd {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let scale = common.time_scale;
-        if !(scale.is_finite() && (0.01..=100.0).contains(&scale)) {
-            let reason = format!("{scale} is not between 0.01 and 100");
-            return Err(Failed::from_error("--time-scale")(reason).into());
-        }
+        let scale = common.checked_time_scale()?.unwrap_or(1.0);
         let robot = Robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
         let mismatch = if self.ideal {
@@ -41,12 +37,12 @@ impl Cmd {
         };
         let robot = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        serve(robot, common)
+        serve(robot, common, scale)
     }
 }
 
 #[cfg(unix)]
-fn serve(robot: crate::link::SimulatedLink, common: &Common) -> Outcome {
+fn serve(robot: crate::link::SimulatedLink, common: &Common, scale: f64) -> Outcome {
     use crate::link::Link;
     use serialport::{SerialPort, TTYPort};
     use std::io::{ErrorKind, Read};
@@ -88,7 +84,7 @@ fn serve(robot: crate::link::SimulatedLink, common: &Common) -> Outcome {
             clippy::cast_sign_loss,
             reason = "positive"
         )]
-        let now_us = (began.elapsed().as_secs_f64() * 1e6 * common.time_scale) as u64;
+        let now_us = (began.elapsed().as_secs_f64() * 1e6 * scale) as u64;
         while link.now_us() < now_us {
             answer.clear();
             link.receive(now_us, &mut answer)
@@ -101,7 +97,7 @@ fn serve(robot: crate::link::SimulatedLink, common: &Common) -> Outcome {
 }
 
 #[cfg(not(unix))]
-fn serve(_robot: crate::link::SimulatedLink, _common: &Common) -> Outcome {
+fn serve(_robot: crate::link::SimulatedLink, _common: &Common, _scale: f64) -> Outcome {
     let reason = "this system has no pseudo-terminals; use `--on sim`";
     Err(Failed::from_error("sim --pty")(reason).into())
 }

@@ -5,6 +5,7 @@
 
 use super::faults::request_name;
 use super::{Link, LinkError, describe_reject};
+use crate::control::Handle;
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
 use mcdpr_protocol::{
     Answer, BoardState, Channel, Command, Compatibility, Deframer, Hello, Info, PROTOCOL_MAJOR,
@@ -133,6 +134,7 @@ pub struct Client<L: Link> {
     events: VecDeque<Event>,
     resent_us: u64,
     retransmissions: u64,
+    handle: Handle,
 }
 
 /// Turns bytes into messages of the board.
@@ -228,6 +230,7 @@ impl<L: Link> Client<L> {
             events: VecDeque::new(),
             resent_us: 0,
             retransmissions: 0,
+            handle: Handle::new(),
         };
         if let Reply::Info(info) = client.request(Request::Info)? {
             client.info = info;
@@ -253,6 +256,16 @@ impl<L: Link> Client<L> {
         }
         self.heartbeat_us = Some(0);
         Ok(())
+    }
+
+    /// Takes orders from this handle from now on, and shows its observers what the board says.
+    pub fn obey(&mut self, handle: Handle) {
+        self.handle = handle;
+    }
+
+    /// The handle that gives orders to whoever uses this client.
+    pub const fn handle(&self) -> &Handle {
+        &self.handle
     }
 
     /// Who the board is.
@@ -496,6 +509,7 @@ impl<L: Link> Client<L> {
             Message::Hello(_) => {}
             Message::Event(event) => {
                 if let Event::Status(status) = &event {
+                    self.handle.publish(|view| view.take_status(status));
                     self.status = Some(status.clone());
                 }
                 self.events.push_back(event);
@@ -517,6 +531,12 @@ impl<L: Link> Client<L> {
         {
             let now = self.link.now_us();
             let round_trip_us = u64::from(wrapping_us(now).wrapping_sub(host_time_us));
+            self.handle.publish(|view| {
+                view.tick = tick.0;
+                view.state = Some(state);
+                view.path_s = f64::from(path_ms) * 1e-3;
+                view.round_trip_s = round_trip_us as f64 * 1e-6;
+            });
             self.beat = Some(Beat {
                 tick: tick.0,
                 state,

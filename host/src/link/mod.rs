@@ -6,12 +6,14 @@
 
 pub mod client;
 mod faults;
+mod paced;
 mod serial;
 mod simulated;
 mod tee;
 
 pub use client::{Client, ClientError, Event};
 pub use faults::{advice, describe_fault, describe_reject};
+pub use paced::Paced;
 pub use serial::{BAUD, PortInfo, SerialLink, list_ports};
 pub use simulated::SimulatedLink;
 pub use tee::{Direction, RawFrame, Tee};

@@ -1,6 +1,7 @@
 //! Running a plan on a board: bring it up, stream the motion, keep what was measured, shut down.
 
 mod interrupt;
+mod orders;
 mod record;
 mod stream;
 
@@ -8,6 +9,7 @@ pub use interrupt::{interrupted, watch_for_interrupts};
 pub use record::{Measured, Recorder};
 pub use stream::{Progress, follow};
 
+use crate::control::Order;
 use crate::link::{Client, ClientError, Link, advice, describe_fault};
 use crate::machine::{self, OutOfRange};
 use crate::motion::{Model, Plan, PlanError};
@@ -52,6 +54,13 @@ pub enum RunError {
     #[error("interrupted: the robot was stopped along its path, brakes are closed")]
     #[diagnostic(code(mcdpr::run::interrupted))]
     Interrupted,
+    /// The user ordered an emergency stop.
+    #[error("emergency stop: brakes and torque went off at once")]
+    #[diagnostic(
+        code(mcdpr::run::emergency),
+        help("look at the robot, then acknowledge it with `mcdpr clear --on PORT`")
+    )]
+    Emergency,
     /// The board drives another number of cables than the robot has.
     #[error("the board drives {board} cables, the robot file describes {robot}")]
     #[diagnostic(code(mcdpr::run::cables), help("use the robot file of this machine"))]
@@ -87,7 +96,7 @@ impl RunError {
     pub const fn exit_code(&self) -> i32 {
         match self {
             Self::Fault { .. } | Self::Latched { .. } => 3,
-            Self::Interrupted => 130,
+            Self::Interrupted | Self::Emergency => 130,
             _ => 1,
         }
     }
@@ -197,8 +206,12 @@ pub fn wait_for<L: Link>(
         if status.state == wanted {
             return Ok(());
         }
-        if interrupted() && wanted != BoardState::Disarmed {
-            return Err(stop_now(client));
+        if wanted == BoardState::Disarmed {
+            orders::refuse_while(client, "the robot stops", true)?;
+        } else if let Some(kind) = orders::stop_wanted(client) {
+            return Err(stop_now(client, kind));
+        } else {
+            orders::refuse_while(client, "the robot gets ready", false)?;
         }
         if client.now_us() >= give_up {
             return Err(RunError::NoChange {
@@ -213,15 +226,32 @@ pub fn wait_for<L: Link>(
 }
 
 /// Stops along the path, waits until the brakes are closed, gives the board back.
-pub(crate) fn stop_now<L: Link>(client: &mut Client<L>) -> RunError {
+pub(crate) fn stop_now<L: Link>(client: &mut Client<L>, kind: StopKind) -> RunError {
     let stopped = client
-        .stop(StopKind::Stop)
+        .stop(kind)
         .map_err(RunError::from)
-        .and_then(|()| wait_for(client, BoardState::Disarmed, 3.0))
+        .map(|()| client.handle().close("the robot was stopped"))
+        .and_then(|()| torque_off(client))
         .and_then(|()| Ok(client.request(Request::Close)?));
     match stopped {
+        Ok(_) if kind == StopKind::Emergency => RunError::Emergency,
         Ok(_) => RunError::Interrupted,
         Err(error) => error,
+    }
+}
+
+/// Waits until a stop has ended. A fault on the way is told; the board keeps it.
+fn torque_off<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
+    let emergency = client.handle().stop_ordered() == Some(Order::Emergency);
+    match wait_for(client, BoardState::Disarmed, 3.0) {
+        Err(
+            RunError::Fault { .. }
+            | RunError::NoChange {
+                state: BoardState::Fault,
+                ..
+            },
+        ) if emergency => Ok(()),
+        outcome => outcome,
     }
 }
 

@@ -1,6 +1,6 @@
 //! Feeding a motion to the board: buffer first, start, keep the buffer full, wait for the end.
 
-use super::{Recorder, RunError, interrupted, stop_now};
+use super::{Recorder, RunError, orders, stop_now};
 use crate::link::{Client, ClientError, Event, Link};
 use mcdpr_protocol::{BoardState, Knot, Reject, Request, StopKind};
 
@@ -34,13 +34,18 @@ pub fn follow<L: Link>(
     feeder.fill(client, capacity)?;
     drain(client)?;
     client.request(Request::Start)?;
+    client.handle().publish(|view| {
+        view.duration_s = duration_s;
+        view.paused = false;
+    });
     let started_us = client.now_us();
     let mut told_us = 0;
     loop {
         client.step()?;
-        if interrupted() {
-            return Err(stop_now(client));
+        if let Some(kind) = orders::stop_wanted(client) {
+            return Err(stop_now(client, kind));
         }
+        orders::obey_in_motion(client)?;
         if let Err(error) = settle(client) {
             client.stop(StopKind::Stop)?;
             return Err(error);

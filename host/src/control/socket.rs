@@ -1,0 +1,401 @@
+//! Orders from another process of the same user, over a socket in the user's runtime folder.
+//!
+//! One line of JSON each way: an [`Order`], or `{"order":"view"}`, and a [`Answer`]. The folder
+//! admits its owner only, and so does the socket.
+
+use super::{Handle, Order, View};
+use miette::Diagnostic;
+use serde::{Deserialize, Serialize};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use thiserror::Error;
+
+/// Time that an order may take until the board has confirmed it.
+const CONFIRM: Duration = Duration::from_secs(3);
+/// A caller that says nothing for this long is gone.
+const CALLER: Duration = Duration::from_secs(5);
+/// An order is shorter than this, bytes.
+const LONGEST_ORDER: u64 = 4096;
+
+/// Why another process can not be reached, or reach this one.
+#[derive(Debug, Error, Diagnostic)]
+pub enum SocketError {
+    /// Nobody moves this robot.
+    #[error("no running mcdpr moves {robot}")]
+    #[diagnostic(
+        code(mcdpr::control::nobody),
+        help(
+            "give --on and --robot as for the command that moves it; a board that nobody feeds stops by itself"
+        )
+    )]
+    Nobody {
+        /// Which robot.
+        robot: String,
+    },
+    /// The folder for sockets belongs to somebody else, or lets others in.
+    #[error("{} is not a folder of this user alone", path.display())]
+    #[diagnostic(
+        code(mcdpr::control::folder),
+        help("remove it, or set XDG_RUNTIME_DIR to a folder of your own")
+    )]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Another process moves this robot already.
+    #[error("another mcdpr moves {robot} already")]
+    #[diagnostic(
+        code(mcdpr::control::taken),
+        help("stop it first, with `mcdpr stop` and the same --on")
+    )]
+    Taken {
+        /// Which robot.
+        robot: String,
+    },
+    /// The order was refused.
+    #[error("refused: {reason}")]
+    #[diagnostic(code(mcdpr::control::refused))]
+    Refused {
+        /// Why.
+        reason: String,
+    },
+    /// The system failed.
+    #[error("the socket {} failed", path.display())]
+    #[diagnostic(code(mcdpr::control::system))]
+    System {
+        /// The socket.
+        path: PathBuf,
+        /// How.
+        source: std::io::Error,
+    },
+}
+
+/// What comes back.
+#[derive(Debug, Serialize, Deserialize)]
+struct Answer {
+    /// Why the order was refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    refused: Option<String>,
+    view: View,
+}
+
+/// The folder of the sockets; made, and checked to be this user's alone.
+///
+/// # Errors
+/// [`SocketError::Folder`], [`SocketError::System`].
+pub fn runtime_dir() -> Result<PathBuf, SocketError> {
+    let path = match std::env::var_os("XDG_RUNTIME_DIR").filter(|dir| !dir.is_empty()) {
+        Some(dir) => PathBuf::from(dir).join("mcdpr"),
+        None => {
+            let user = std::env::var("USER").unwrap_or_default();
+            std::env::temp_dir().join(format!("mcdpr-{}", plain(&user)))
+        }
+    };
+    let system = |source| SocketError::System {
+        path: path.clone(),
+        source,
+    };
+    match std::fs::DirBuilder::new().mode(0o700).create(&path) {
+        Ok(()) => {}
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+        Err(error) => return Err(system(error)),
+    }
+    // A link that somebody laid is no folder; a folder that lets others in is not ours alone.
+    let found = std::fs::symlink_metadata(&path).map_err(system)?;
+    let ours = {
+        let probe = path.join(format!(".{}", std::process::id()));
+        let made = std::fs::File::create(&probe).and_then(|file| file.metadata());
+        let _ = std::fs::remove_file(&probe);
+        made.map_err(system)?.uid()
+    };
+    if !found.is_dir() || found.mode() & 0o077 != 0 || found.uid() != ours {
+        return Err(SocketError::Folder { path });
+    }
+    Ok(path)
+}
+
+/// The name of a robot's socket: its port, or the simulator of a robot file.
+fn key(on: &str, robot: &str) -> String {
+    if on == "sim" || on == "chip" {
+        format!("{on}-{}", plain(robot))
+    } else {
+        let port = std::fs::canonicalize(on).unwrap_or_else(|_| PathBuf::from(on));
+        format!("port-{}", plain(&port.to_string_lossy()))
+    }
+}
+
+/// Letters, digits and dashes of a name, no longer than a socket's path may be.
+fn plain(name: &str) -> String {
+    let safe = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+    let all: Vec<char> = name.chars().map(safe).collect();
+    let keep = all.len().saturating_sub(48);
+    all.iter().skip(keep).collect()
+}
+
+/// Takes orders of other processes for a handle, until it is dropped.
+#[derive(Debug)]
+pub struct Server {
+    path: PathBuf,
+    ending: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    /// Starts to listen for the robot on `on` (a port, `sim` or `chip`) with the robot file
+    /// `robot`. A simulated robot is one of several; a port has one owner.
+    ///
+    /// # Errors
+    /// [`SocketError`].
+    pub fn start(on: &str, robot: &str, handle: Handle) -> Result<Self, SocketError> {
+        let dir = runtime_dir()?;
+        let name = key(on, robot);
+        let mut path = dir.join(format!("{name}.sock"));
+        if on == "sim" || on == "chip" {
+            path = dir.join(format!("{name}.{}.sock", std::process::id()));
+        }
+        let system = |source| SocketError::System {
+            path: path.clone(),
+            source,
+        };
+        // A socket that nobody answers on was left by a process that was killed.
+        if path.exists() {
+            if UnixStream::connect(&path).is_ok() {
+                return Err(SocketError::Taken {
+                    robot: on.to_owned(),
+                });
+            }
+            std::fs::remove_file(&path).map_err(system)?;
+        }
+        let listener = UnixListener::bind(&path).map_err(system)?;
+        let owner_only = std::fs::Permissions::from_mode(0o600);
+        std::fs::set_permissions(&path, owner_only).map_err(system)?;
+        let ending = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&ending);
+        let thread = std::thread::Builder::new()
+            .name("orders".to_owned())
+            .spawn(move || {
+                for stream in listener.incoming() {
+                    if ended.load(Ordering::SeqCst) {
+                        return;
+                    }
+                    let (Ok(stream), handle) = (stream, handle.clone()) else {
+                        continue;
+                    };
+                    // A slow caller must not keep a stop waiting.
+                    let _ = std::thread::Builder::new()
+                        .name("order".to_owned())
+                        .spawn(move || serve(stream, &handle));
+                }
+            })
+            .map_err(system)?;
+        Ok(Self {
+            path,
+            ending,
+            thread: Some(thread),
+        })
+    }
+
+    /// The socket.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.ending.store(true, Ordering::SeqCst);
+        // The listener waits: a last caller lets it look.
+        let woken = UnixStream::connect(&self.path).is_ok();
+        let _ = std::fs::remove_file(&self.path);
+        if let Some(thread) = self.thread.take().filter(|_| woken) {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn serve(stream: UnixStream, handle: &Handle) {
+    let _ = stream.set_read_timeout(Some(CALLER));
+    let _ = stream.set_write_timeout(Some(CALLER));
+    let Ok(mut writer) = stream.try_clone() else {
+        return;
+    };
+    let mut reader = BufReader::new(stream.take(LONGEST_ORDER));
+    let mut line = String::new();
+    if reader.read_line(&mut line).is_err() || line.is_empty() {
+        return;
+    }
+    let answer = Answer {
+        refused: obey(&line, handle).err(),
+        view: handle.view(),
+    };
+    if let Ok(mut text) = serde_json::to_string(&answer) {
+        text.push('\n');
+        let _ = writer.write_all(text.as_bytes());
+    }
+}
+
+fn obey(line: &str, handle: &Handle) -> Result<(), String> {
+    let value: serde_json::Value =
+        serde_json::from_str(line).map_err(|error| format!("this is no order: {error}"))?;
+    if value.get("order").and_then(|order| order.as_str()) == Some("view") {
+        return Ok(());
+    }
+    let order: Order =
+        serde_json::from_value(value).map_err(|error| format!("this is no order: {error}"))?;
+    let ticket = handle.order(order);
+    handle
+        .wait(ticket, CONFIRM)
+        .unwrap_or_else(|| Err("nobody took the order within 3 s".to_owned()))
+}
+
+/// Sockets that somebody answers on, for the robot on `on`.
+///
+/// # Errors
+/// As [`runtime_dir`].
+pub fn live_sockets(on: &str, robot: &str) -> Result<Vec<PathBuf>, SocketError> {
+    let dir = runtime_dir()?;
+    let name = key(on, robot);
+    let entries = std::fs::read_dir(&dir).map_err(|source| SocketError::System {
+        path: dir.clone(),
+        source,
+    })?;
+    let mut found: Vec<_> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| {
+            let file = path.file_name().unwrap_or_default().to_string_lossy();
+            let ours = file.strip_prefix(&name);
+            ours.is_some_and(|rest| rest.starts_with('.') && rest.ends_with(".sock"))
+                && UnixStream::connect(path).is_ok()
+        })
+        .collect();
+    found.sort();
+    Ok(found)
+}
+
+/// Gives an order to a process by its socket, or only looks (`None`).
+///
+/// # Errors
+/// [`SocketError::Refused`] with the reason, [`SocketError::System`].
+pub fn call(path: &Path, order: Option<Order>) -> Result<View, SocketError> {
+    let system = |source| SocketError::System {
+        path: path.to_owned(),
+        source,
+    };
+    let mut stream = UnixStream::connect(path).map_err(system)?;
+    stream
+        .set_read_timeout(Some(CONFIRM + CALLER))
+        .map_err(system)?;
+    let mut text = match order {
+        Some(order) => serde_json::to_string(&order),
+        None => Ok(r#"{"order":"view"}"#.to_owned()),
+    }
+    .map_err(|error| system(error.into()))?;
+    text.push('\n');
+    stream.write_all(text.as_bytes()).map_err(system)?;
+    let mut line = String::new();
+    BufReader::new(stream)
+        .read_line(&mut line)
+        .map_err(system)?;
+    let answer: Answer = serde_json::from_str(&line).map_err(|error| system(error.into()))?;
+    match answer.refused {
+        Some(reason) => Err(SocketError::Refused { reason }),
+        None => Ok(answer.view),
+    }
+}
+
+/// Gives an order to every process that moves the robot on `on` (several may simulate the same
+/// robot), and gives their views.
+///
+/// # Errors
+/// [`SocketError::Nobody`] where there is none; the first that failed otherwise, after all were
+/// told.
+pub fn call_all(on: &str, robot: &str, order: Option<Order>) -> Result<Vec<View>, SocketError> {
+    let sockets = live_sockets(on, robot)?;
+    if sockets.is_empty() {
+        return Err(SocketError::Nobody {
+            robot: if on == "sim" || on == "chip" {
+                format!("a simulated {robot}")
+            } else {
+                format!("the robot on {on}")
+            },
+        });
+    }
+    let views: Vec<_> = sockets.iter().map(|path| call(path, order)).collect();
+    views.into_iter().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_order_reaches_the_handle_and_its_outcome_comes_back() {
+        let handle = Handle::new();
+        let on = format!("/nowhere/order-{}", std::process::id());
+        let server = Server::start(&on, "r", handle.clone()).unwrap();
+        assert!(matches!(
+            Server::start(&on, "r", handle.clone()),
+            Err(SocketError::Taken { .. })
+        ));
+        let mode = std::fs::metadata(server.path()).unwrap().mode();
+        assert_eq!(mode & 0o077, 0, "others can reach the socket: {mode:o}");
+        let feeder = handle.clone();
+        let thread = std::thread::spawn(move || {
+            let (done, refused) = (Order::Pause, Order::Resume);
+            for _ in 0..2 {
+                let (ticket, order) = loop {
+                    if let Some(taken) = feeder.take() {
+                        break taken;
+                    }
+                    std::thread::yield_now();
+                };
+                let outcome = if order == refused {
+                    Err("it is moving".to_owned())
+                } else {
+                    assert_eq!(order, done);
+                    Ok(())
+                };
+                feeder.publish(|view| view.paused = true);
+                feeder.done(ticket, outcome);
+            }
+        });
+        let views = call_all(&on, "r", Some(Order::Pause)).unwrap();
+        assert!(views.first().unwrap().paused);
+        let error = call_all(&on, "r", Some(Order::Resume)).unwrap_err();
+        assert_eq!(error.to_string(), "refused: it is moving");
+        thread.join().unwrap();
+        assert!(call_all(&on, "r", None).unwrap().first().unwrap().paused);
+        drop(server);
+        assert!(matches!(
+            call_all(&on, "r", None),
+            Err(SocketError::Nobody { .. })
+        ));
+    }
+
+    #[test]
+    fn rubbish_is_refused_and_a_dead_socket_is_replaced() {
+        let handle = Handle::new();
+        let on = format!("/nowhere/dead-{}", std::process::id());
+        let server = Server::start(&on, "r", handle.clone()).unwrap();
+        let mut stream = UnixStream::connect(server.path()).unwrap();
+        stream.write_all(b"{\"order\":\"dance\"}\n").unwrap();
+        let mut line = String::new();
+        BufReader::new(stream).read_line(&mut line).unwrap();
+        assert!(line.contains("this is no order"), "{line}");
+        assert_eq!(handle.take(), None);
+        let path = server.path().to_owned();
+        drop(server);
+        // What a killed process leaves: a socket file without a listener.
+        drop(UnixListener::bind(&path).unwrap());
+        assert!(path.exists());
+        let again = Server::start(&on, "r", handle).unwrap();
+        assert!(call(again.path(), None).is_ok());
+    }
+}
