@@ -11,6 +11,7 @@
 //! | [`record`] | runs kept in MCAP files, read back, replayed |
 //! | [`report`] | figures, plots and files of a run |
 //! | [`run`] | running a plan on a board |
+//! | [`scenario`] | faults on purpose, and what came of them |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
 //! | [`sight`] | tags in the camera's pictures |
 //! | [`units`] | numbers with units as people type them |
@@ -27,5 +28,6 @@ pub mod record;
 pub mod report;
 pub mod robot;
 pub mod run;
+pub mod scenario;
 pub mod sight;
 pub mod units;

@@ -5,7 +5,7 @@ use mcdpr_firmware::drives::{BusCommand, Mode as CoreMode, Sequencer};
 use mcdpr_firmware::server::{Incoming, Receiver, Server};
 use mcdpr_firmware::{Brake, DriveInput, Inputs, Outputs};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
-use mcdpr_protocol::{Channel, Hello, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick};
+use mcdpr_protocol::{Channel, FaultRecord, Hello, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick};
 
 /// Telemetry is dropped while this many bytes wait for the line: an answer must not queue behind.
 const TELEMETRY_BACKLOG: usize = 600;
@@ -27,6 +27,10 @@ pub(crate) trait VirtualBoard {
     fn path_ms(&self) -> u32;
     /// Ticks since it started.
     fn now(&self) -> Tick;
+    /// The latched fault.
+    fn fault(&self) -> Option<FaultRecord>;
+    /// Whether any drive was told to give torque in the last tick.
+    fn torque_on(&self) -> bool;
 }
 
 /// The control core for `N` winches with all that surrounds it on a board.
@@ -191,5 +195,13 @@ impl<const N: usize> VirtualBoard for Board<N> {
 
     fn now(&self) -> Tick {
         self.now
+    }
+
+    fn fault(&self) -> Option<FaultRecord> {
+        self.server.controller().fault()
+    }
+
+    fn torque_on(&self) -> bool {
+        self.outputs.drives.iter().any(|drive| drive.gives_torque())
     }
 }

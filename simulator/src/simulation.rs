@@ -4,7 +4,7 @@ use crate::board::{Board, VirtualBoard};
 use crate::plant::{Plant, PlantError, Truth};
 use crate::wire::{Wire, WireFaults};
 use mcdpr_firmware::State;
-use mcdpr_protocol::Tick;
+use mcdpr_protocol::{FaultRecord, Tick};
 
 /// Length of a control tick, µs.
 const TICK_US: u64 = 1000;
@@ -48,6 +48,10 @@ pub struct TracePoint {
     pub state: State,
     /// Path time of the motion, ms.
     pub path_ms: u32,
+    /// The fault that the board has latched.
+    pub fault: Option<FaultRecord>,
+    /// Whether the board told any drive to give torque.
+    pub torque_on: bool,
     /// The plant.
     pub truth: Truth,
 }
@@ -146,6 +150,8 @@ impl Simulation {
                 tick: self.board.now(),
                 state: self.board.state(),
                 path_ms: self.board.path_ms(),
+                fault: self.board.fault(),
+                torque_on: self.board.torque_on(),
                 truth: self.plant.truth()?,
             });
         }
@@ -177,6 +183,18 @@ impl Simulation {
     #[must_use]
     pub fn state(&self) -> State {
         self.board.state()
+    }
+
+    /// Path time of the motion under way, ms; for tests and fault injection.
+    #[must_use]
+    pub fn path_ms(&self) -> u32 {
+        self.board.path_ms()
+    }
+
+    /// The fault that the board has latched; for tests, a host asks over the line.
+    #[must_use]
+    pub fn fault(&self) -> Option<FaultRecord> {
+        self.board.fault()
     }
 
     /// Changes what goes wrong on the line from now on.

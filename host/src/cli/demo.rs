@@ -1,6 +1,7 @@
 //! `mcdpr demo`: the paper's robot around its circle, on the simulator.
 
 use super::progress::Bar;
+use super::reaction;
 use super::run::{figure_rows, tool_height_m};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
@@ -10,11 +11,19 @@ use crate::motion::{Model, Task};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
+use crate::scenario::Scenario;
 use serde::Serialize;
 
 /// Show the simulated robot following the paper's circle (the default)
 #[derive(Debug, Default, clap::Args)]
-pub(crate) struct Cmd {}
+pub(crate) struct Cmd {
+    /// Inject a fault and show the reaction: ID[:CABLE]@TIME, such as S2@3.0s, C3:2@1.5s, B1@start
+    #[arg(long = "fault", value_name = "FAULT")]
+    faults: Vec<String>,
+    /// Inject the faults of a scenario file (TOML) and show the reaction
+    #[arg(long, value_name = "FILE", conflicts_with = "faults")]
+    scenario: Option<std::path::PathBuf>,
+}
 
 /// Height of the circle: the paper's own, 24 mm, needs tensions beyond its sensors.
 const HEIGHT_MM: f64 = -100.0;
@@ -45,6 +54,12 @@ impl Cmd {
         let robot = Robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
         let task = Task::find("paper:table7", tool_height_m(&robot, HEIGHT_MM))?;
+        let cables = robot.cables.len();
+        let scenario = match &self.scenario {
+            Some(file) => Some(Scenario::load(file, cables)?),
+            None if self.faults.is_empty() => None,
+            None => Some(Scenario::from_words(&self.faults, cables)?),
+        };
         let plan = experiment::plan_from_home(&model, task.clone())?;
         if common.dry_run {
             eprintln!(
@@ -52,6 +67,9 @@ impl Cmd {
                 plan.timed.duration_s()
             );
             return Ok(());
+        }
+        if let Some(scenario) = scenario {
+            return reaction::show(&model, task, &scenario, common);
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let one = |name: &'static str, mismatch: &Mismatch| {

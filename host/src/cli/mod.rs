@@ -15,10 +15,12 @@ mod clear;
 mod compute;
 mod demo;
 mod export;
+mod faults;
 #[cfg(unix)]
 mod orders;
 mod ports;
 mod progress;
+mod reaction;
 mod recorded;
 mod replay;
 mod run;
@@ -112,6 +114,7 @@ enum Command {
     Sim(sim::Cmd),
     Ports(ports::Cmd),
     States(states::Cmd),
+    Faults(faults::Cmd),
 }
 
 /// A command's outcome: what went wrong, or nothing.
@@ -144,6 +147,7 @@ pub fn main() -> ExitCode {
         Command::Sim(cmd) => cmd.run(common),
         Command::Ports(cmd) => cmd.run(common),
         Command::States(cmd) => cmd.run(common),
+        Command::Faults(cmd) => cmd.run(common),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -22,6 +22,8 @@ const HEARTBEAT_US: u64 = 8_000;
 const RETRY_US: u64 = 30_000;
 /// A request without an answer for this long means that the board is gone, µs.
 const GIVE_UP_US: u64 = 1_500_000;
+/// A loop that has not run for this long was asleep, µs.
+const SLEPT_US: u64 = 500_000;
 /// Frames are sent again at most this often after complaints, µs.
 const RESEND_PAUSE_US: u64 = 3_000;
 /// Time for a board to say hello, µs.
@@ -135,6 +137,9 @@ pub struct Client<L: Link> {
     resent_us: u64,
     retransmissions: u64,
     handle: Handle,
+    /// When the board was heard last, and when this loop ran last, µs.
+    heard_us: u64,
+    looped_us: u64,
 }
 
 /// Turns bytes into messages of the board.
@@ -231,7 +236,10 @@ impl<L: Link> Client<L> {
             resent_us: 0,
             retransmissions: 0,
             handle: Handle::new(),
+            heard_us: 0,
+            looped_us: 0,
         };
+        (client.heard_us, client.looped_us) = (client.link.now_us(), client.link.now_us());
         if let Reply::Info(info) = client.request(Request::Info)? {
             client.info = info;
         }
@@ -455,6 +463,13 @@ impl<L: Link> Client<L> {
 
     fn upkeep(&mut self) -> Result<(), ClientError> {
         let now = self.link.now_us();
+        self.wake(now);
+        // While nothing else is under way, the heartbeat's answers are all there is to miss.
+        if self.heartbeat_us.is_some() && now >= self.heard_us + GIVE_UP_US {
+            return Err(ClientError::Lost {
+                waiting: request_name(&Request::Heartbeat { host_time_us: 0 }),
+            });
+        }
         if self
             .heartbeat_us
             .is_some_and(|last| now >= last + HEARTBEAT_US)
@@ -478,6 +493,19 @@ impl<L: Link> Client<L> {
             self.resend(from)?;
         }
         Ok(())
+    }
+
+    /// After a pause of this loop itself (a laptop that slept, a stopped process) the silence was
+    /// not the board's: it gets its time again. It has held by itself meanwhile, and says so.
+    fn wake(&mut self, now: u64) {
+        let slept = now.saturating_sub(self.looped_us) >= SLEPT_US;
+        self.looped_us = now;
+        if slept {
+            self.heard_us = now;
+            for pending in &mut self.pending {
+                pending.first_us = now;
+            }
+        }
     }
 
     /// Sends everything from a number on again: the board executes strictly in order.
@@ -504,6 +532,7 @@ impl<L: Link> Client<L> {
     }
 
     fn accept(&mut self, message: Message) -> Result<(), ClientError> {
+        self.heard_us = self.link.now_us();
         match message {
             // A restarted board says hello only when asked; an old answer may still be under way.
             Message::Hello(_) => {}

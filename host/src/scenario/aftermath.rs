@@ -1,0 +1,212 @@
+//! What came of a fault: when it was noticed, what the robot did, how far it fell, what it bore.
+
+use crate::motion::Model;
+use crate::run::RunError;
+use mcdpr_firmware::State;
+use mcdpr_protocol::FaultRecord;
+use mcdpr_simulator::TracePoint;
+
+/// What the robot can bear, for judging.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limits {
+    /// Cables.
+    pub cables: usize,
+    /// Largest tension of each cable, N.
+    pub ceiling_n: Vec<f64>,
+    /// Under this tension a cable is slack, N.
+    pub slack_n: f64,
+}
+
+impl Limits {
+    /// Of this robot. Slack is truth, not a threshold of comfort: a tenth of a newton.
+    #[must_use]
+    pub fn of(model: &Model) -> Self {
+        let robot = model.robot();
+        let ceiling = |index| {
+            let winch = robot.winch_of(index);
+            let sensor = winch.map_or(f64::INFINITY, |winch| winch.tension_max_n);
+            sensor.min(robot.limits.tension_max_n)
+        };
+        Self {
+            cables: robot.cables.len(),
+            ceiling_n: (0..robot.cables.len()).map(ceiling).collect(),
+            slack_n: 0.1,
+        }
+    }
+}
+
+/// Something that happened, at a time after the first fault.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moment {
+    /// Time after the fault, ms; negative before it.
+    pub after_ms: i64,
+    /// What.
+    pub what: String,
+}
+
+/// A run with faults, as the plant truly went through it.
+#[derive(Debug)]
+pub struct Aftermath {
+    /// Every tick of the run, from power-on.
+    pub trace: Vec<TracePoint>,
+    /// When the faults happened, ms since power-on.
+    pub injected_ms: Vec<u64>,
+    /// What the host's program ended with; `None` where the motion was done.
+    pub error: Option<RunError>,
+    /// What the robot can bear.
+    pub limits: Limits,
+}
+
+impl Aftermath {
+    pub(super) const fn new(
+        trace: Vec<TracePoint>,
+        injected_ms: Vec<u64>,
+        error: Option<RunError>,
+        limits: Limits,
+    ) -> Self {
+        Self {
+            trace,
+            injected_ms,
+            error,
+            limits,
+        }
+    }
+
+    /// From the first fault's tick on; all of it where none was injected.
+    #[must_use]
+    pub fn after(&self) -> &[TracePoint] {
+        let first = self.injected_ms.first().copied().unwrap_or(0);
+        let from = usize::try_from(first).unwrap_or(usize::MAX);
+        self.trace.get(from.min(self.trace.len())..).unwrap_or_default()
+    }
+
+    /// The first fault that the board latched.
+    #[must_use]
+    pub fn record(&self) -> Option<FaultRecord> {
+        self.trace.iter().find_map(|point| point.fault)
+    }
+
+    /// Ticks from the first injection until a fault was latched.
+    #[must_use]
+    pub fn detected_after_ms(&self) -> Option<usize> {
+        self.after().iter().position(|point| point.fault.is_some())
+    }
+
+    /// From the first fault on, up to the tick in which torque went; then it hangs on brakes.
+    #[must_use]
+    pub fn drop_m(&self) -> f64 {
+        let after = self.after();
+        // On a path that goes down by itself, only what lies below its lowest is a drop.
+        let noticed = after.iter().position(|point| point.fault.is_some());
+        let before = after.get(..noticed.unwrap_or(after.len())).unwrap_or_default();
+        let height = |point: &TracePoint| point.truth.tool_position_m[2];
+        let level = before.iter().map(height).fold(f64::INFINITY, f64::min);
+        let level = level.min(after.first().map_or(0.0, height));
+        let rest = after.get(before.len()..).unwrap_or_default();
+        rest.iter().map(|p| level - height(p)).fold(0.0, f64::max)
+    }
+
+    /// The largest tension over its cable's limit, as a share of it, and the longest time in ms
+    /// that a cable was over its limit by 10 %, from the first fault on.
+    #[must_use]
+    pub fn over_tension(&self) -> (f64, usize) {
+        let mut worst = (0.0_f64, 0);
+        for (cable, ceiling) in self.limits.ceiling_n.iter().enumerate() {
+            let pull = |point: &TracePoint| point.truth.tensions_winch_n.get(cable).copied();
+            let shares = self.after().iter().filter_map(pull).map(|n| n / ceiling);
+            worst.0 = shares.clone().fold(worst.0, f64::max);
+            worst.1 = worst.1.max(longest(shares.map(|share| share > 1.1)));
+        }
+        worst
+    }
+
+    /// The longest time in ms that a cable was slack, and its number from 0, from the first fault
+    /// on while the board gave torque.
+    #[must_use]
+    pub fn slack(&self) -> (usize, usize) {
+        let mut worst = (0, 0);
+        for cable in 0..self.limits.cables {
+            let pull = |point: &TracePoint| point.truth.tensions_platform_n.get(cable).copied();
+            let armed = self.after().iter().filter(|point| point.torque_on);
+            let ms = longest(armed.filter_map(pull).map(|n| n < self.limits.slack_n));
+            worst = worst.max((ms, cable));
+        }
+        worst
+    }
+
+    /// The board's last state.
+    #[must_use]
+    pub fn end(&self) -> Option<State> {
+        self.trace.last().map(|point| point.state)
+    }
+
+    /// Whether all stands still at the end: brakes closed, torque off.
+    #[must_use]
+    pub fn is_safe(&self) -> bool {
+        let Some(end) = self.trace.last() else {
+            return false;
+        };
+        let brakes = end.truth.brakes_closed.iter().take(self.limits.cables);
+        let drums = end.truth.drum_speeds_mps.iter().take(self.limits.cables);
+        let still = drums.clone().all(|speed| speed.abs() < 1e-6);
+        brakes.clone().all(|closed| *closed) && still && !end.torque_on
+    }
+
+    /// What happened, in order of time.
+    #[must_use]
+    pub fn timeline(&self) -> Vec<Moment> {
+        let first = self.injected_ms.first().copied().unwrap_or(0);
+        let zero = i64::try_from(first).unwrap_or(i64::MAX);
+        let mut moments = Vec::new();
+        for pair in self.trace.windows(2) {
+            let [before, now] = pair else { continue };
+            let mut tell = |what: String| {
+                moments.push(Moment {
+                    after_ms: i64::from(now.tick.0) - zero,
+                    what,
+                });
+            };
+            if let (None, Some(record)) = (before.fault, now.fault) {
+                tell(format!("noticed: {}", crate::link::describe_fault(&record)));
+            }
+            if before.state != now.state {
+                tell(meaning(now.state).to_owned());
+            }
+            let closed = |point: &TracePoint| {
+                let brakes = point.truth.brakes_closed.iter().take(self.limits.cables);
+                brakes.filter(|closed| **closed).count()
+            };
+            let count = closed(now);
+            if closed(before) != count {
+                tell(format!("{count} of {} brakes closed", self.limits.cables));
+            }
+            if before.torque_on != now.torque_on {
+                let what = if now.torque_on { "torque on" } else { "torque off" };
+                tell(what.to_owned());
+            }
+        }
+        moments
+    }
+}
+
+const fn meaning(state: State) -> &'static str {
+    match state {
+        State::Boot => "Boot: the board starts",
+        State::Disarmed => "Disarmed: brakes closed, no torque",
+        State::Arming => "Arming: drives come up, checks run",
+        State::Holding => "Holding: it stands under tension",
+        State::Moving => "Moving",
+        State::Pausing => "Pausing: it decelerates along its path",
+        State::Stopping => "Stopping: it decelerates, then brakes close under torque",
+        State::Fault => "Fault: brakes closed, no torque, until it is cleared",
+        State::EStop => "EStop: brakes closed, no torque, the button is pressed",
+    }
+}
+
+fn longest(conditions: impl Iterator<Item = bool>) -> usize {
+    let mut run = 0;
+    conditions.fold(0, |most, holds| {
+        run = if holds { run + 1 } else { 0 };
+        most.max(run)
+    })
+}

@@ -1,0 +1,193 @@
+//! What each row of the fault list is at the plant, the bus, the pins, the line or the host.
+
+use super::Injection;
+use mcdpr_protocol::FaultId;
+use mcdpr_simulator::plant::{CableFaults, EncoderFault, PlantError, TensionFault};
+use mcdpr_simulator::{Simulation, WireFaults};
+
+/// Where a fault is injected, in words; or why it can not be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum How {
+    /// At the plant: mechanics, sensors, drives, brakes, supply.
+    Plant(&'static str),
+    /// On the line between host and board.
+    Line(&'static str),
+    /// In the host's program, as a crash or a stall would do it.
+    Host(&'static str),
+    /// Not at all.
+    Not(&'static str),
+}
+
+/// How a row is injected.
+#[must_use]
+pub const fn how(fault: FaultId) -> How {
+    match fault {
+        FaultId::L1 => How::Line("half a percent of the bytes have a flipped bit"),
+        FaultId::L3 => How::Line("half a percent of the bytes vanish"),
+        FaultId::L4 => How::Line("half a percent of the bytes arrive twice"),
+        FaultId::L8 => How::Line("nine bytes of ten have a flipped bit"),
+        FaultId::L9 => How::Host("the host is silent for 60 ms"),
+        FaultId::L10 | FaultId::L12 | FaultId::L15 => How::Host("the host falls silent for good"),
+        FaultId::L11 => How::Line("nothing arrives any more, in either direction"),
+        FaultId::L16 => How::Line("nothing arrives at the host"),
+        FaultId::L18 => How::Line("a third of the bytes have a flipped bit"),
+        FaultId::S1 => How::Plant("one encoder reading is off by 500 counts"),
+        FaultId::S2 => How::Plant("the encoder's count stays"),
+        FaultId::S4 => How::Plant("the encoder counts backwards from now on"),
+        FaultId::S5 => How::Plant("20 mm of cable slip off the drum"),
+        FaultId::S6 => How::Plant("the encoder's inputs are open: the count stays and flickers"),
+        FaultId::S7 => How::Plant("the tension input is open"),
+        FaultId::S8 => How::Plant("the tension input is shorted"),
+        FaultId::S9 => How::Plant("the tension sensor's noise is ten times as large"),
+        FaultId::S10 => How::Plant("the tension sensor is off by 5 N"),
+        FaultId::S11 => How::Plant("the tension reading freezes"),
+        FaultId::D1 => How::Plant("the drive bus carries nothing"),
+        FaultId::D3 => How::Plant("the drive sends no feedback"),
+        FaultId::D5 => How::Plant("the drive never comes up"),
+        FaultId::D7 => How::Plant("the drive ignores its commands"),
+        FaultId::B1 => How::Plant("the brake stays closed"),
+        FaultId::B2 => How::Plant("the brake holds a fiftieth of what it should"),
+        FaultId::B3 => How::Plant("the brake closes 300 ms late"),
+        FaultId::P2 => How::Plant("drives and brakes lose their supply"),
+        FaultId::P7 => How::Plant("the emergency stop is pressed"),
+        FaultId::C1 => How::Plant("5 mm of cable slip off the drum"),
+        FaultId::C2 => How::Plant("3 mm of cable are drawn in between drum and platform"),
+        FaultId::C3 => How::Plant("the cable breaks"),
+        FaultId::C4 => How::Plant("the drum winds 10 % more cable per turn"),
+        FaultId::C5 => How::Plant("something carries 5 N of the platform's weight"),
+        FaultId::D2 | FaultId::D6 => How::Not("the simulated drive has no such report"),
+        FaultId::P1 | FaultId::P3 | FaultId::P4 | FaultId::P5 | FaultId::P6 => {
+            How::Not("it happens to the chip, which this simulator replaces")
+        }
+        FaultId::S12 => How::Not("no run of the demo looks through the camera"),
+        _ => How::Not("it is refused before anything moves; tests show it"),
+    }
+}
+
+/// What a fault does to the host's side of the line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum HostSide {
+    /// Nothing.
+    Fine,
+    /// It sends nothing for this long, µs.
+    Silent(u64),
+}
+
+/// Does it.
+///
+/// # Errors
+/// The plant's, where a strength makes no sense there.
+pub(super) fn apply(
+    simulation: &mut Simulation,
+    injection: &Injection,
+) -> Result<HostSide, PlantError> {
+    let Injection {
+        fault,
+        cable,
+        strength,
+        ..
+    } = *injection;
+    let line = |rate: f64| (rate * strength).min(0.95);
+    let mut to_board = WireFaults::default();
+    match fault {
+        FaultId::L1 => to_board.corrupt = line(0.005),
+        FaultId::L3 => to_board.drop = line(0.005),
+        FaultId::L4 => to_board.duplicate = line(0.005),
+        FaultId::L8 => to_board.corrupt = line(0.9),
+        FaultId::L18 => to_board.corrupt = line(0.33),
+        FaultId::L9 => return Ok(HostSide::Silent(60_000)),
+        FaultId::L10 | FaultId::L12 | FaultId::L15 => return Ok(HostSide::Silent(u64::MAX)),
+        FaultId::L11 | FaultId::L16 => {
+            let dead = WireFaults {
+                drop: 1.0,
+                ..WireFaults::default()
+            };
+            let to_board = if fault == FaultId::L11 { dead } else { to_board };
+            simulation.set_link_faults(to_board, dead);
+            return Ok(HostSide::Fine);
+        }
+        _ => {
+            return apply_to_plant(simulation, fault, cable, strength).map(|()| HostSide::Fine);
+        }
+    }
+    simulation.set_link_faults(to_board, to_board);
+    Ok(HostSide::Fine)
+}
+
+fn apply_to_plant(
+    simulation: &mut Simulation,
+    fault: FaultId,
+    cable: usize,
+    strength: f64,
+) -> Result<(), PlantError> {
+    let plant = simulation.plant_mut();
+    #[expect(clippy::cast_possible_truncation, reason = "saturates")]
+    let jump = (500.0 * strength) as i16;
+    match fault {
+        FaultId::S5 => return plant.slip_cable(cable, 0.02 * strength),
+        FaultId::C1 => return plant.slip_cable(cable, 0.005 * strength),
+        FaultId::C2 => return plant.slip_cable(cable, -0.003 * strength),
+        FaultId::C3 => return plant.break_cable(cable),
+        FaultId::C4 => {
+            let gain = (1.0 + 0.1 * strength).clamp(0.5, 2.0);
+            return plant.set_winding_gain(cable, gain);
+        }
+        FaultId::C5 => return plant.set_load([0.0, 0.0, 5.0 * strength], [0.0; 3], [0.0; 3]),
+        FaultId::P2 => plant.set_power(false),
+        FaultId::P7 => plant.set_e_stop(true),
+        _ => {}
+    }
+    let faults = plant.faults_mut();
+    if fault == FaultId::D1 {
+        faults.bus_off = true;
+    }
+    let Some(of) = faults.cables.get_mut(cable) else {
+        return Ok(());
+    };
+    match fault {
+        FaultId::S1 => of.encoder = EncoderFault::Glitch(jump),
+        FaultId::S2 => of.encoder = EncoderFault::Stuck,
+        FaultId::S4 => of.encoder = EncoderFault::Reversed,
+        FaultId::S6 => of.encoder = EncoderFault::Disconnected,
+        FaultId::S7 => of.tension = TensionFault::Open,
+        FaultId::S8 => of.tension = TensionFault::Short,
+        FaultId::S11 => of.tension = TensionFault::Frozen,
+        FaultId::S9 => of.tension_noise_factor = 10.0 * strength,
+        FaultId::S10 => of.tension_offset_n = 5.0 * strength,
+        FaultId::D3 => of.drive.silent = true,
+        FaultId::D5 => of.drive.late_s = f64::INFINITY,
+        FaultId::D7 => of.drive.ignores_commands = true,
+        FaultId::B1 => of.brake.stays_closed = true,
+        FaultId::B2 => of.brake.holding_factor = (0.02 / strength).min(1.0),
+        FaultId::B3 => of.brake.extra_close_delay_s = 0.3 * strength,
+        _ => {}
+    }
+    Ok(())
+}
+
+/// Takes the cause away again, where that is possible: what broke or slipped stays so.
+pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
+    let fine = WireFaults::default();
+    match injection.fault {
+        FaultId::L1
+        | FaultId::L3
+        | FaultId::L4
+        | FaultId::L8
+        | FaultId::L11
+        | FaultId::L16
+        | FaultId::L18 => simulation.set_link_faults(fine, fine),
+        FaultId::P7 => simulation.plant_mut().set_e_stop(false),
+        FaultId::P2 => simulation.plant_mut().set_power(true),
+        FaultId::D1 => simulation.plant_mut().faults_mut().bus_off = false,
+        FaultId::C5 => {
+            // A load of nothing is finite.
+            let _ = simulation.plant_mut().set_load([0.0; 3], [0.0; 3], [0.0; 3]);
+        }
+        _ => {
+            let faults = simulation.plant_mut().faults_mut();
+            if let Some(of) = faults.cables.get_mut(injection.cable) {
+                *of = CableFaults::default();
+            }
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! A line to the simulator on which faults happen when their time has come.
+
+use super::inject::{HostSide, apply, mend};
+use super::{Injection, When};
+use crate::link::{Link, LinkError, SimulatedLink};
+use mcdpr_firmware::State;
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// How finely the motion's start is looked for, µs: a control tick.
+const LOOK_US: u64 = 1000;
+
+#[derive(Debug, Default)]
+struct Schedule {
+    pending: Vec<Injection>,
+    /// When to mend which, µs.
+    mends: Vec<(u64, Injection)>,
+    motion_us: Option<u64>,
+    /// The host sends nothing before this time, µs.
+    silent_until_us: u64,
+    injected_us: Vec<u64>,
+}
+
+/// A [`SimulatedLink`] that injects faults on time. Clones share all.
+#[derive(Clone)]
+pub struct FaultyLink {
+    inner: SimulatedLink,
+    schedule: Rc<RefCell<Schedule>>,
+}
+
+impl FaultyLink {
+    /// Faults on this line; those of [`When::Start`] happen with the first byte.
+    #[must_use]
+    pub fn new(inner: SimulatedLink, injections: &[Injection]) -> Self {
+        let schedule = Schedule {
+            pending: injections.to_vec(),
+            ..Schedule::default()
+        };
+        Self {
+            inner,
+            schedule: Rc::new(RefCell::new(schedule)),
+        }
+    }
+
+    /// When each fault happened, ms since power-on, in the order of happening.
+    #[must_use]
+    pub fn injected_ms(&self) -> Vec<u64> {
+        let schedule = self.schedule.borrow();
+        schedule.injected_us.iter().map(|us| us / 1000).collect()
+    }
+
+    /// Lets time pass with a host that does nothing.
+    ///
+    /// # Errors
+    /// The plant's.
+    pub fn settle(&self, for_us: u64) -> Result<(), LinkError> {
+        let mut link = self.clone();
+        let until = link.now_us() + for_us;
+        let mut unread = Vec::new();
+        while link.now_us() < until {
+            link.receive(until, &mut unread)?;
+        }
+        Ok(())
+    }
+
+    /// Injects and mends what is due, and gives the time of the next look.
+    fn work(&self) -> Result<u64, LinkError> {
+        let now = self.inner.now_us();
+        let mut schedule = self.schedule.borrow_mut();
+        let moving = self.inner.with(|s| s.state() == State::Moving);
+        if moving && schedule.motion_us.is_none() {
+            schedule.motion_us = Some(now);
+        }
+        let motion_us = schedule.motion_us;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "times are 0 to an hour"
+        )]
+        let due_us = |injection: &Injection| match injection.when {
+            When::Start => Some(0),
+            When::Motion(at_s) => motion_us.map(|start| start + (at_s * 1e6) as u64),
+        };
+        let mut waiting = Vec::new();
+        for injection in std::mem::take(&mut schedule.pending) {
+            if due_us(&injection).is_none_or(|due| due > now) {
+                waiting.push(injection);
+                continue;
+            }
+            let side = self.inner.with(|s| apply(s, &injection))?;
+            schedule.injected_us.push(now);
+            if let HostSide::Silent(for_us) = side {
+                schedule.silent_until_us = now.saturating_add(for_us);
+            }
+            if let Some(lasts_s) = injection.lasts_s {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "at most an hour"
+                )]
+                let end = now + (lasts_s * 1e6) as u64;
+                schedule.mends.push((end, injection));
+            }
+        }
+        schedule.pending = waiting;
+        let (over, left): (Vec<_>, Vec<_>) =
+            schedule.mends.drain(..).partition(|(end, _)| *end <= now);
+        schedule.mends = left;
+        for (_, injection) in over {
+            schedule.silent_until_us = schedule.silent_until_us.min(now);
+            self.inner.with(|s| mend(s, &injection));
+        }
+        let idle = schedule.pending.is_empty() && schedule.mends.is_empty();
+        Ok(if idle { u64::MAX } else { now + LOOK_US })
+    }
+
+    fn is_silent(&self) -> bool {
+        self.inner.now_us() < self.schedule.borrow().silent_until_us
+    }
+}
+
+impl Link for FaultyLink {
+    fn now_us(&self) -> u64 {
+        self.inner.now_us()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.work()?;
+        if self.is_silent() {
+            return Ok(());
+        }
+        self.inner.send(bytes)
+    }
+
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        let before = into.len();
+        loop {
+            let look_us = self.work()?;
+            let now = self.inner.receive(until_us.min(look_us), into)?;
+            if self.is_silent() {
+                into.truncate(before);
+            }
+            if into.len() > before || now >= until_us {
+                return Ok(now);
+            }
+        }
+    }
+}

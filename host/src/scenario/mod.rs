@@ -1,0 +1,95 @@
+//! Faults on purpose: which, where, when; injected into a simulated robot; what came of them.
+//!
+//! Faults act on the plant, the drive bus, the pins, the line or the host's program, never inside
+//! the controller: what reacts is the same core that runs on a board.
+
+mod aftermath;
+mod inject;
+mod link;
+mod parse;
+pub mod rows;
+
+pub use aftermath::{Aftermath, Limits, Moment};
+pub use inject::{How, how};
+pub use link::FaultyLink;
+pub use parse::ScenarioError;
+
+use crate::experiment;
+use crate::machine::Mismatch;
+use crate::motion::{Model, Task};
+use crate::run::RunError;
+use mcdpr_protocol::{FaultId, SessionId};
+use mcdpr_simulator::{LinkOptions, Simulation};
+
+/// When a fault begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum When {
+    /// Before the host connects: the robot hangs on its brakes.
+    Start,
+    /// This long after the motion has begun, s.
+    Motion(f64),
+}
+
+/// One fault to inject.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Injection {
+    /// The row of `docs/faults.md`.
+    pub fault: FaultId,
+    /// The cable, 0 for the first; of no matter where the whole robot fails.
+    pub cable: usize,
+    /// When.
+    pub when: When,
+    /// How bad, 1 for what [`How`] says: slips, offsets and rates are multiplied by it.
+    pub strength: f64,
+    /// After this long the cause goes away by itself, s; `None` for never.
+    pub lasts_s: Option<f64>,
+}
+
+/// Some faults, in one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scenario {
+    /// Its name.
+    pub name: String,
+    /// The faults.
+    pub injections: Vec<Injection>,
+}
+
+/// Most that a scenario can hold.
+pub const MOST_INJECTIONS: usize = 32;
+
+/// Time that a stopped robot gets to come to rest, µs: the two seconds that a lost link is held,
+/// and a stop.
+const SETTLE_US: u64 = 4_000_000;
+
+/// Runs a task on a simulated robot at home with these faults, and says what came of it.
+///
+/// # Errors
+/// Where the task can not be planned or the plant leaves the region where its physics holds;
+/// faults are no error.
+pub fn run(
+    model: &Model,
+    task: Task,
+    mismatch: &Mismatch,
+    seed: u64,
+    scenario: &Scenario,
+) -> Result<Aftermath, RunError> {
+    let simulated = experiment::simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
+    simulated.with(Simulation::record_truth);
+    let link = FaultyLink::new(simulated.clone(), &scenario.injections);
+    let outcome = experiment::on_link(model, task, link.clone(), Some(SessionId(1)), |_| {});
+    link.settle(SETTLE_US)
+        .map_err(crate::link::ClientError::from)?;
+    let error = match outcome {
+        Ok(_) => None,
+        // The plan, not the robot.
+        Err(error @ (RunError::Plan(_) | RunError::Config(_))) => return Err(error),
+        Err(error) => Some(error),
+    };
+    let trace = simulated.with(Simulation::take_trace);
+    Ok(Aftermath::new(
+        trace,
+        link.injected_ms(),
+        error,
+        Limits::of(model),
+    ))
+}

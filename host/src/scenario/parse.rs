@@ -1,0 +1,310 @@
+//! Scenarios as people write them: `S2@3.0s` on the command line, TOML in a file.
+
+use super::{How, Injection, MOST_INJECTIONS, Scenario, When, how};
+use mcdpr_protocol::FaultId;
+use miette::Diagnostic;
+use serde::Deserialize;
+use std::path::Path;
+use thiserror::Error;
+
+/// Largest scenario file that is read, bytes.
+const MOST_BYTES: u64 = 64 * 1024;
+/// Latest time of a fault, s.
+const LATEST_S: f64 = 3600.0;
+
+/// Why there is no such scenario.
+#[derive(Debug, Error, Diagnostic)]
+pub enum ScenarioError {
+    /// Not of the form `ID[:CABLE]@TIME`.
+    #[error("{text:?} is no fault to inject: {what}")]
+    #[diagnostic(
+        code(mcdpr::scenario::form),
+        help("write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start; `mcdpr faults` lists the ids")
+    )]
+    Form {
+        /// What was written.
+        text: String,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A row that the simulator can not show.
+    #[error("{} ({}) can not be injected: {why}", fault.name(), fault.what())]
+    #[diagnostic(
+        code(mcdpr::scenario::not_here),
+        help("`mcdpr faults` shows which rows can be injected, and how each is tested")
+    )]
+    NotHere {
+        /// The row.
+        fault: FaultId,
+        /// Why not.
+        why: &'static str,
+    },
+    /// The file can not be read.
+    #[error("scenario file {path} can not be read: {reason}")]
+    #[diagnostic(code(mcdpr::scenario::unreadable))]
+    Unreadable {
+        /// Which.
+        path: String,
+        /// Why.
+        reason: String,
+    },
+    /// The file is no scenario.
+    #[error("scenario file {path} is malformed: {message}")]
+    #[diagnostic(
+        code(mcdpr::scenario::malformed),
+        help("a scenario has [[fault]] tables with id and at_s (or at = \"start\"), and if you like cable, strength, lasts_s; see docs/safety.md")
+    )]
+    Malformed {
+        /// Which.
+        path: String,
+        /// What is wrong and where.
+        message: String,
+    },
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    name: Option<String>,
+    #[serde(default)]
+    fault: Vec<Entry>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    id: String,
+    cable: Option<usize>,
+    at: Option<String>,
+    at_s: Option<f64>,
+    strength: Option<f64>,
+    lasts_s: Option<f64>,
+}
+
+impl Injection {
+    /// A fault at its nominal strength that stays, on the first cable.
+    #[must_use]
+    pub const fn new(fault: FaultId, when: When) -> Self {
+        Self {
+            fault,
+            cable: 0,
+            when,
+            strength: 1.0,
+            lasts_s: None,
+        }
+    }
+
+    /// Reads `ID@TIME` or `ID:CABLE@TIME`; cables count from 1, TIME is `3.0s`, `500ms`, a plain
+    /// number of seconds after the motion's start, or `start` for before the robot arms.
+    ///
+    /// ```
+    /// use mcdpr::scenario::{Injection, When};
+    /// let stuck = Injection::parse("S2:3@1500ms", 4)?;
+    /// assert_eq!((stuck.fault.name(), stuck.cable), ("S2", 2));
+    /// assert_eq!(stuck.when, When::Motion(1.5));
+    /// # Ok::<(), mcdpr::scenario::ScenarioError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`ScenarioError::Form`], [`ScenarioError::NotHere`].
+    pub fn parse(text: &str, cables: usize) -> Result<Self, ScenarioError> {
+        let form = |what: &str| ScenarioError::Form {
+            text: text.to_owned(),
+            what: what.to_owned(),
+        };
+        let (what, when) = text
+            .split_once('@')
+            .ok_or_else(|| form("it has no @TIME"))?;
+        let (id, cable) = match what.split_once(':') {
+            Some((id, cable)) => {
+                let cable = cable.trim().parse::<usize>();
+                (id, Some(cable.map_err(|_| form("its cable is no number"))?))
+            }
+            None => (what, None),
+        };
+        let when = parse_time(when.trim()).ok_or_else(|| form("its time is none"))?;
+        build(id.trim(), cable, when, cables).map_err(|error| match error {
+            Problem::Text(what) => form(&what),
+            Problem::Error(error) => error,
+        })
+    }
+}
+
+enum Problem {
+    Text(String),
+    Error(ScenarioError),
+}
+
+fn parse_time(text: &str) -> Option<When> {
+    if text == "start" {
+        return Some(When::Start);
+    }
+    let (number, factor) = match (text.strip_suffix("ms"), text.strip_suffix('s')) {
+        (Some(number), _) => (number, 1e-3),
+        (None, Some(number)) => (number, 1.0),
+        (None, None) => (text, 1.0),
+    };
+    let seconds = number.trim().parse::<f64>().ok()? * factor;
+    (0.0..=LATEST_S)
+        .contains(&seconds)
+        .then_some(When::Motion(seconds))
+}
+
+fn build(
+    id: &str,
+    cable: Option<usize>,
+    when: When,
+    cables: usize,
+) -> Result<Injection, Problem> {
+    let fault = FaultId::ALL
+        .iter()
+        .copied()
+        .find(|fault| fault.name().eq_ignore_ascii_case(id))
+        .ok_or_else(|| Problem::Text(format!("there is no fault {id}")))?;
+    if let How::Not(why) = how(fault) {
+        return Err(Problem::Error(ScenarioError::NotHere { fault, why }));
+    }
+    let number = cable.unwrap_or(1);
+    if number == 0 || number > cables {
+        return Err(Problem::Text(format!(
+            "there is no cable {number}: the robot has 1 to {cables}"
+        )));
+    }
+    Ok(Injection {
+        cable: number - 1,
+        ..Injection::new(fault, when)
+    })
+}
+
+impl Scenario {
+    /// Reads the faults of a command line.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] for the first that is none.
+    pub fn from_words(words: &[String], cables: usize) -> Result<Self, ScenarioError> {
+        let injections = words.iter().map(|word| Injection::parse(word, cables));
+        Ok(Self {
+            name: words.join(", "),
+            injections: injections.collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// Reads a scenario file (TOML, at most 64 KB).
+    ///
+    /// # Errors
+    /// [`ScenarioError`].
+    pub fn load(path: &Path, cables: usize) -> Result<Self, ScenarioError> {
+        let shown = path.display().to_string();
+        let unreadable = |reason: String| ScenarioError::Unreadable {
+            path: shown.clone(),
+            reason,
+        };
+        let size = std::fs::metadata(path).map_err(|error| unreadable(error.to_string()))?;
+        if !size.is_file() || size.len() > MOST_BYTES {
+            return Err(unreadable(format!("it is no file of at most {MOST_BYTES} bytes")));
+        }
+        let text = std::fs::read_to_string(path).map_err(|error| unreadable(error.to_string()))?;
+        Self::parse(&text, &shown, cables)
+    }
+
+    /// Reads a scenario from the text of a file; `path` names it in messages.
+    ///
+    /// # Errors
+    /// [`ScenarioError`].
+    pub fn parse(text: &str, path: &str, cables: usize) -> Result<Self, ScenarioError> {
+        let malformed = |message: String| ScenarioError::Malformed {
+            path: path.to_owned(),
+            message,
+        };
+        let file: File = toml::from_str(text).map_err(|error| malformed(error.to_string()))?;
+        if file.fault.is_empty() || file.fault.len() > MOST_INJECTIONS {
+            return Err(malformed(format!(
+                "it needs 1 to {MOST_INJECTIONS} [[fault]] tables"
+            )));
+        }
+        let mut injections = Vec::new();
+        for (number, entry) in (1..).zip(&file.fault) {
+            let wrong = |what: String| malformed(format!("fault {number}: {what}"));
+            let when = match (entry.at.as_deref(), entry.at_s) {
+                (Some("start"), None) => When::Start,
+                (None, Some(at_s)) if (0.0..=LATEST_S).contains(&at_s) => When::Motion(at_s),
+                _ => {
+                    return Err(wrong(format!(
+                        "it needs either at = \"start\" or at_s of 0 to {LATEST_S}"
+                    )));
+                }
+            };
+            let strength = entry.strength.unwrap_or(1.0);
+            if !(0.001..=1000.0).contains(&strength) {
+                return Err(wrong("strength must be 0.001 to 1000".to_owned()));
+            }
+            if entry.lasts_s.is_some_and(|s| !(0.001..=LATEST_S).contains(&s)) {
+                return Err(wrong(format!("lasts_s must be 0.001 to {LATEST_S}")));
+            }
+            let injection = build(&entry.id, entry.cable, when, cables).map_err(|p| match p {
+                Problem::Text(what) => wrong(what),
+                Problem::Error(error) => error,
+            })?;
+            injections.push(Injection {
+                strength,
+                lasts_s: entry.lasts_s,
+                ..injection
+            });
+        }
+        Ok(Self {
+            name: file.name.unwrap_or_else(|| path.to_owned()),
+            injections,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_name_a_row_a_cable_and_a_time() {
+        let stuck = Injection::parse("s2@3.0s", 4).unwrap();
+        assert_eq!(stuck, Injection::new(FaultId::S2, When::Motion(3.0)));
+        let brake = Injection::parse("B1:4@start", 4).unwrap();
+        assert_eq!((brake.cable, brake.when), (3, When::Start));
+        assert_eq!(
+            Injection::parse("C3@250ms", 4).unwrap().when,
+            When::Motion(0.25)
+        );
+        for wrong in [
+            "", "S2", "S2@", "S2@x", "S2@-1s", "S2@nan", "S2@1e9s", "X9@1s", "S2:0@1s", "S2:5@1s",
+            "S2:a@1s", "@1s",
+        ] {
+            let error = Injection::parse(wrong, 4).unwrap_err();
+            assert!(matches!(error, ScenarioError::Form { .. }), "{wrong}");
+        }
+        assert!(matches!(
+            Injection::parse("F3@1s", 4),
+            Err(ScenarioError::NotHere { .. })
+        ));
+    }
+
+    #[test]
+    fn a_file_says_the_same_and_more_and_its_mistakes_are_named() {
+        let text = "name = \"two\"\n[[fault]]\nid = \"S7\"\ncable = 2\nat_s = 1.5\nlasts_s = 0.1\n\
+                    [[fault]]\nid = \"C1\"\nat = \"start\"\nstrength = 2\n";
+        let scenario = Scenario::parse(text, "two.toml", 4).unwrap();
+        assert_eq!(scenario.name, "two");
+        assert_eq!(scenario.injections[0].lasts_s, Some(0.1));
+        assert_eq!(scenario.injections[1].strength, 2.0);
+        for (wrong, part) in [
+            ("", "[[fault]]"),
+            ("[[fault]]\nid = \"S7\"", "at_s"),
+            ("[[fault]]\nid = \"S7\"\nat_s = -1", "at_s"),
+            ("[[fault]]\nid = \"S7\"\nat_s = nan", "at_s"),
+            ("[[fault]]\nid = \"S7\"\nat_s = 1\nwho = 2", "who"),
+            ("[[fault]]\nid = \"S7\"\nat_s = 1\ncable = 9", "no cable 9"),
+            ("[[fault]]\nid = \"S7\"\nat_s = 1\nstrength = 0", "strength"),
+            ("[[fault]]\nid = \"Z1\"\nat_s = 1", "no fault Z1"),
+        ] {
+            let error = Scenario::parse(wrong, "w.toml", 4).unwrap_err().to_string();
+            assert!(error.contains(part), "{wrong}: {error}");
+        }
+    }
+}
