@@ -5,7 +5,9 @@ use mcdpr_firmware::drives::{BusCommand, Mode as CoreMode, Sequencer};
 use mcdpr_firmware::server::{Incoming, Receiver, Server};
 use mcdpr_firmware::{Brake, DriveInput, Inputs, Outputs};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
-use mcdpr_protocol::{Channel, FaultRecord, Hello, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick};
+use mcdpr_protocol::{
+    Channel, FaultRecord, Hello, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick,
+};
 
 /// Telemetry is dropped while this many bytes wait for the line: an answer must not queue behind.
 const TELEMETRY_BACKLOG: usize = 600;

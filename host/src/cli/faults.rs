@@ -56,16 +56,18 @@ impl Cmd {
                 ));
             }
         }
-        let wanted = |fault: FaultId| {
-            self.ids.is_empty() || self.ids.iter().any(|id| matches(fault, id))
-        };
+        let wanted =
+            |fault: FaultId| self.ids.is_empty() || self.ids.iter().any(|id| matches(fault, id));
         let faults = FaultId::ALL.iter().copied().filter(|fault| wanted(*fault));
         let table: Vec<_> = faults.map(Row::of).collect();
         if common.json {
             return print_json(&table);
         }
         for (letter, group) in rows::GROUPS {
-            let mut of_group = table.iter().filter(|row| row.id.starts_with(letter)).peekable();
+            let mut of_group = table
+                .iter()
+                .filter(|row| row.id.starts_with(letter))
+                .peekable();
             if of_group.peek().is_none() {
                 continue;
             }
@@ -75,7 +77,11 @@ impl Cmd {
                 say!("       robot: {}", row.robot);
                 say!("       you:   {}", row.you);
                 if let Some(injected) = &row.injected {
-                    say!("       try:   mcdpr demo --fault {}@{}   ({injected})", row.id, try_at(row.id));
+                    say!(
+                        "       try:   mcdpr demo --fault {}@{}   ({injected})",
+                        row.id,
+                        try_at(row.id)
+                    );
                 }
             }
         }
@@ -84,7 +90,11 @@ impl Cmd {
 }
 
 fn try_at(id: &str) -> &'static str {
-    if matches!(id, "B1" | "B2" | "D5") { "start" } else { "3.0s" }
+    if matches!(id, "B1" | "B2" | "D5") {
+        "start"
+    } else {
+        "3.0s"
+    }
 }
 
 fn matches(fault: FaultId, id: &str) -> bool {

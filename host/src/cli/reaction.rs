@@ -28,12 +28,7 @@ struct Document<'a> {
 }
 
 /// Runs the task with these faults and prints what came of it.
-pub(super) fn show(
-    model: &Model,
-    task: Task,
-    scenario: &Scenario,
-    common: &Common,
-) -> Outcome {
+pub(super) fn show(model: &Model, task: Task, scenario: &Scenario, common: &Common) -> Outcome {
     let machine = Mismatch::realistic();
     let after = scenario::run(model, task, &machine, common.seed, scenario)?;
     if common.json {
@@ -46,7 +41,10 @@ pub(super) fn show(
     if after.injected_ms.is_empty() {
         say!("the run ended before any of it happened");
     }
-    say!("\n   time   (ms after the first fault; simulation, realistic machine, seed {})", common.seed);
+    say!(
+        "\n   time   (ms after the first fault; simulation, realistic machine, seed {})",
+        common.seed
+    );
     let moments = after.timeline();
     // What led to the fault is no news; when nothing else happened, it is all there is.
     for moment in moments.iter().filter(|moment| moment.after_ms >= 0) {
@@ -61,7 +59,10 @@ pub(super) fn show(
     );
     match slack_ms {
         0 => say!("no cable was slack under torque"),
-        _ => say!("cable {} was slack for {slack_ms} ms under torque", cable + 1),
+        _ => say!(
+            "cable {} was slack for {slack_ms} ms under torque",
+            cable + 1
+        ),
     }
     match &after.error {
         None => say!("the motion went on to its end"),
@@ -107,9 +108,14 @@ fn document<'a>(scenario: &'a Scenario, after: &'a Aftermath, seed: u64) -> Docu
         largest_tension_over_limit: share,
         over_limit_by_10_percent_ms: over_ms,
         slack_ms: after.slack().0,
-        end: after.end().map_or_else(String::new, |state| format!("{state:?}")),
+        end: after
+            .end()
+            .map_or_else(String::new, |state| format!("{state:?}")),
         safe: after.is_safe(),
-        outcome: after.error.as_ref().map_or_else(|| "done".to_owned(), ToString::to_string),
+        outcome: after
+            .error
+            .as_ref()
+            .map_or_else(|| "done".to_owned(), ToString::to_string),
         simulated: true,
         seed,
     }

@@ -48,7 +48,9 @@ pub fn follow<L: Link>(
         orders::obey_in_motion(client)?;
         if let Err(error) = settle(client) {
             client.stop(StopKind::Stop)?;
-            return Err(error);
+            // A board that stopped by itself refuses what was under way: the fault is the reason.
+            let fault = super::status(client)?.fault;
+            return Err(fault.map_or(error, |record| RunError::Fault { record }));
         }
         take_events(client, recorder, duration_s);
         // What a heartbeat brought before the start tells nothing about this motion.

@@ -77,7 +77,9 @@ impl Aftermath {
     pub fn after(&self) -> &[TracePoint] {
         let first = self.injected_ms.first().copied().unwrap_or(0);
         let from = usize::try_from(first).unwrap_or(usize::MAX);
-        self.trace.get(from.min(self.trace.len())..).unwrap_or_default()
+        self.trace
+            .get(from.min(self.trace.len())..)
+            .unwrap_or_default()
     }
 
     /// The first fault that the board latched.
@@ -98,7 +100,9 @@ impl Aftermath {
         let after = self.after();
         // On a path that goes down by itself, only what lies below its lowest is a drop.
         let noticed = after.iter().position(|point| point.fault.is_some());
-        let before = after.get(..noticed.unwrap_or(after.len())).unwrap_or_default();
+        let before = after
+            .get(..noticed.unwrap_or(after.len()))
+            .unwrap_or_default();
         let height = |point: &TracePoint| point.truth.tool_position_m[2];
         let level = before.iter().map(height).fold(f64::INFINITY, f64::min);
         let level = level.min(after.first().map_or(0.0, height));
@@ -181,7 +185,11 @@ impl Aftermath {
                 tell(format!("{count} of {} brakes closed", self.limits.cables));
             }
             if before.torque_on != now.torque_on {
-                let what = if now.torque_on { "torque on" } else { "torque off" };
+                let what = if now.torque_on {
+                    "torque on"
+                } else {
+                    "torque off"
+                };
                 tell(what.to_owned());
             }
         }

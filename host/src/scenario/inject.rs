@@ -102,7 +102,11 @@ pub(super) fn apply(
                 drop: 1.0,
                 ..WireFaults::default()
             };
-            let to_board = if fault == FaultId::L11 { dead } else { to_board };
+            let to_board = if fault == FaultId::L11 {
+                dead
+            } else {
+                to_board
+            };
             simulation.set_link_faults(to_board, dead);
             return Ok(HostSide::Fine);
         }
@@ -181,7 +185,9 @@ pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
         FaultId::D1 => simulation.plant_mut().faults_mut().bus_off = false,
         FaultId::C5 => {
             // A load of nothing is finite.
-            let _ = simulation.plant_mut().set_load([0.0; 3], [0.0; 3], [0.0; 3]);
+            let _ = simulation
+                .plant_mut()
+                .set_load([0.0; 3], [0.0; 3], [0.0; 3]);
         }
         _ => {
             let faults = simulation.plant_mut().faults_mut();

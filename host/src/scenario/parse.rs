@@ -19,7 +19,9 @@ pub enum ScenarioError {
     #[error("{text:?} is no fault to inject: {what}")]
     #[diagnostic(
         code(mcdpr::scenario::form),
-        help("write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start; `mcdpr faults` lists the ids")
+        help(
+            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start; `mcdpr faults` lists the ids"
+        )
     )]
     Form {
         /// What was written.
@@ -52,7 +54,9 @@ pub enum ScenarioError {
     #[error("scenario file {path} is malformed: {message}")]
     #[diagnostic(
         code(mcdpr::scenario::malformed),
-        help("a scenario has [[fault]] tables with id and at_s (or at = \"start\"), and if you like cable, strength, lasts_s; see docs/safety.md")
+        help(
+            "a scenario has [[fault]] tables with id and at_s (or at = \"start\"), and if you like cable, strength, lasts_s; see docs/safety.md"
+        )
     )]
     Malformed {
         /// Which.
@@ -150,12 +154,7 @@ fn parse_time(text: &str) -> Option<When> {
         .then_some(When::Motion(seconds))
 }
 
-fn build(
-    id: &str,
-    cable: Option<usize>,
-    when: When,
-    cables: usize,
-) -> Result<Injection, Problem> {
+fn build(id: &str, cable: Option<usize>, when: When, cables: usize) -> Result<Injection, Problem> {
     let fault = FaultId::ALL
         .iter()
         .copied()
@@ -201,7 +200,9 @@ impl Scenario {
         };
         let size = std::fs::metadata(path).map_err(|error| unreadable(error.to_string()))?;
         if !size.is_file() || size.len() > MOST_BYTES {
-            return Err(unreadable(format!("it is no file of at most {MOST_BYTES} bytes")));
+            return Err(unreadable(format!(
+                "it is no file of at most {MOST_BYTES} bytes"
+            )));
         }
         let text = std::fs::read_to_string(path).map_err(|error| unreadable(error.to_string()))?;
         Self::parse(&text, &shown, cables)
@@ -238,7 +239,10 @@ impl Scenario {
             if !(0.001..=1000.0).contains(&strength) {
                 return Err(wrong("strength must be 0.001 to 1000".to_owned()));
             }
-            if entry.lasts_s.is_some_and(|s| !(0.001..=LATEST_S).contains(&s)) {
+            if entry
+                .lasts_s
+                .is_some_and(|s| !(0.001..=LATEST_S).contains(&s))
+            {
                 return Err(wrong(format!("lasts_s must be 0.001 to {LATEST_S}")));
             }
             let injection = build(&entry.id, entry.cable, when, cables).map_err(|p| match p {

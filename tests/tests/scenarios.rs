@@ -1,0 +1,74 @@
+//! Faults on the line and in the host's program, injected by the user's own tool.
+
+use mcdpr::machine::Mismatch;
+use mcdpr::motion::{Model, Task};
+use mcdpr::robot::Robot;
+use mcdpr::run::RunError;
+use mcdpr::scenario::{self, Aftermath, Injection, Scenario};
+use mcdpr_firmware::State;
+use mcdpr_protocol::FaultId;
+
+/// A line of some three seconds on the paper's robot.
+fn run(words: &[&str]) -> Aftermath {
+    let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+    let text = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
+    let task = Task::parse(text, "line.toml".into()).unwrap();
+    let injections = words.iter().map(|word| Injection::parse(word, 4).unwrap());
+    let scenario = Scenario {
+        name: words.join(" "),
+        injections: injections.collect(),
+    };
+    scenario::run(&model, task, &Mismatch::realistic(), 3, &scenario).unwrap()
+}
+
+/// When the board entered a state, ms after the fault.
+fn entered(after: &Aftermath, state: State) -> usize {
+    let mut points = after.after().iter();
+    points.position(|point| point.state == state).unwrap()
+}
+
+#[test]
+fn l10_l11_l12_l15_silence_has_one_timeline_and_nothing_falls() {
+    for word in ["L10@0.9s", "L11@0.9s", "L12@0.9s", "L15@0.9s"] {
+        let after = run(&[word]);
+        assert_eq!(after.record().unwrap().fault, FaultId::L10, "{word}");
+        // The last heartbeat was at most 8 ms old, and some bytes were under way.
+        let lost = after.detected_after_ms().unwrap();
+        assert!((90..=104).contains(&lost), "{word}: {lost}");
+        assert_eq!(entered(&after, State::Pausing), lost, "{word}");
+        assert!(entered(&after, State::Holding) <= lost + 301, "{word}");
+        let brakes = entered(&after, State::Stopping);
+        assert_eq!(brakes - lost, 2000, "{word}");
+        assert_eq!(after.end(), Some(State::Fault), "{word}");
+        assert!(after.is_safe(), "{word}");
+        assert!(after.drop_m() < 0.5e-3, "{word}: {}", after.drop_m());
+        let error = after.error.as_ref().unwrap();
+        let told = matches!(error, RunError::Client(_) | RunError::Fault { .. });
+        assert!(told, "{word}: {error:?}");
+    }
+}
+
+#[test]
+fn l1_l3_l4_l9_s1_what_passes_by_does_not_end_the_motion() {
+    for word in ["L1@0.5s", "L3@0.5s", "L4@0.5s", "L9@0.5s", "S1:2@0.5s"] {
+        let after = run(&[word]);
+        assert!(after.error.is_none(), "{word}: {:?}", after.error);
+        assert_eq!(after.injected_ms.len(), 1, "{word}");
+        assert_eq!(after.record(), None, "{word}");
+        assert!(after.is_safe(), "{word}");
+        assert_eq!(after.slack().0, 0, "{word}");
+    }
+}
+
+#[test]
+fn a_scenario_of_two_faults_keeps_the_first_cause() {
+    let after = run(&["S7:2@0.5s", "C3:3@0.51s"]);
+    assert_eq!(after.injected_ms.len(), 2);
+    let record = after.record().unwrap();
+    assert_eq!((record.fault, record.cable), (FaultId::S7, 2));
+    assert!(after.is_safe());
+    let told: Vec<_> = after.timeline().into_iter().map(|m| m.what).collect();
+    let stop = told.iter().position(|what| what.starts_with("Stopping"));
+    let off = told.iter().rposition(|what| what == "torque off");
+    assert!(stop.unwrap() < off.unwrap(), "{told:?}");
+}
