@@ -90,10 +90,12 @@ pub struct Chip {
     encoders: [(i64, i64); 4],
     tick_began: u64,
     ticks: Vec<u32>,
+    ticks_done: u32,
     latency_max: u64,
     lost_before: u64,
     instructions_before: u64,
     brakes_opened: bool,
+    resets: Vec<ResetBy>,
 }
 
 impl Chip {
@@ -130,10 +132,12 @@ impl Chip {
             encoders: [(0, 0); 4],
             tick_began: 0,
             ticks: Vec::new(),
+            ticks_done: 0,
             latency_max: 0,
             lost_before: 0,
             instructions_before: 0,
             brakes_opened: false,
+            resets: Vec::new(),
         })
     }
 
@@ -144,6 +148,7 @@ impl Chip {
             ResetBy::Watchdog => RESET_WATCHDOG,
             ResetBy::Software => RESET_SOFTWARE,
         };
+        self.resets.push(by);
         self.lost_before += self.bus.scs.ticks_lost;
         self.instructions_before += self.cpu.instructions;
         let old = &mut self.bus;
@@ -158,6 +163,7 @@ impl Chip {
         bus.usart.sent = std::mem::take(&mut old.usart.sent);
         bus.scs.delivers_faults = old.scs.delivers_faults;
         self.bus = bus;
+        self.ticks_done = 0;
         self.cpu = start(&mut self.bus);
     }
 
@@ -255,6 +261,7 @@ impl Chip {
             }
             Some(Switch::Leave(SYSTICK)) => {
                 let taken = self.cpu.instructions - self.tick_began;
+                self.ticks_done = self.ticks_done.wrapping_add(1);
                 self.ticks.push(u32::try_from(taken).unwrap_or(u32::MAX));
             }
             _ => {}
@@ -357,8 +364,14 @@ impl Chip {
 
     /// Applies a voltage to an ADC channel, as the 12 bits that it converts to.
     pub fn set_adc(&mut self, channel: u8, raw: u16) {
+        self.set_adc_sixteenths(channel, raw.min(4095) * 16);
+    }
+
+    /// Applies a voltage to an ADC channel, in sixteenths of a conversion's step (0 to 65520): as
+    /// with a little noise, sixteen conversions add up to it.
+    pub fn set_adc_sixteenths(&mut self, channel: u8, sum: u16) {
         if let Some(applied) = self.bus.adc.applied.get_mut(usize::from(channel)) {
-            *applied = raw.min(4095);
+            *applied = sum.min(4095 * 16);
         }
     }
 
@@ -423,6 +436,18 @@ impl Chip {
     #[must_use]
     pub fn instructions(&self) -> u64 {
         self.instructions_before + self.cpu.instructions
+    }
+
+    /// The resets since power-on, in their order.
+    #[must_use]
+    pub fn resets(&self) -> &[ResetBy] {
+        &self.resets
+    }
+
+    /// Runs of the SysTick handler since the last reset that have ended.
+    #[must_use]
+    pub const fn ticks_since_reset(&self) -> u32 {
+        self.ticks_done
     }
 
     /// What the SysTick handler took so far.

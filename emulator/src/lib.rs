@@ -17,7 +17,9 @@
 //! | `device` | RCC, ports, timers, ADC, DMA, USART, CAN, watchdog |
 //! | `elf` | the firmware file |
 //! | `chip` | all of it, from outside |
+//! | `board` | the chip in lockstep with the simulated robot |
 
+mod board;
 mod bus;
 mod chip;
 mod core;
@@ -26,6 +28,7 @@ mod elf;
 mod error;
 mod scs;
 
+pub use board::{ChipBoard, SharedChip};
 pub use chip::{CanErrors, Chip, Pins, Port, TickStats};
 pub use device::can_line::{CanFrame, CanWiring};
 pub use device::gpio::Drive;

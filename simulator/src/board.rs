@@ -13,9 +13,21 @@ use mcdpr_protocol::{
 const TELEMETRY_BACKLOG: usize = 600;
 
 /// What a board looks like to the simulation, whatever its number of winches.
-pub(crate) trait VirtualBoard {
-    /// One control tick: takes the bytes that have arrived, leaves the bytes to send.
-    /// `backlog` is what the line has not sent yet.
+pub trait VirtualBoard {
+    /// Time between two calls of [`Self::tick`], µs: a whole part of a millisecond.
+    fn slice_us(&self) -> u64 {
+        1000
+    }
+    /// Path times that are now known of ticks that have passed; nothing where
+    /// [`Self::path_ms`] always is what the board itself knows.
+    fn take_path_times(&mut self) -> Vec<(Tick, u32)> {
+        Vec::new()
+    }
+    /// One slice of time, for which the plant has just been advanced: takes the bytes that have
+    /// arrived, leaves the bytes to send. `backlog` is what the line has not sent yet.
+    ///
+    /// # Errors
+    /// The plant is no such robot; [`PlantError::Board`] where the board itself can not go on.
     fn tick(
         &mut self,
         plant: &mut Plant,

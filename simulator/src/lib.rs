@@ -16,5 +16,6 @@ pub mod plant;
 pub mod simulation;
 pub mod wire;
 
+pub use board::VirtualBoard;
 pub use simulation::{LinkOptions, Simulation, TracePoint};
 pub use wire::{Wire, WireFaults};

@@ -6,9 +6,6 @@ use crate::wire::{Wire, WireFaults};
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultRecord, Tick};
 
-/// Length of a control tick, µs.
-const TICK_US: u64 = 1000;
-
 /// How the line to the board is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkOptions {
@@ -88,18 +85,30 @@ impl Simulation {
             8 => Box::new(Board::<8>::new(tick, link.version)),
             _ => return Err(PlantError::CableCount { count }),
         };
+        Ok(Self::with_board(plant, board, link, seed))
+    }
+
+    /// Any board that just got power, on a plant that stands where it was placed. `first_tick` and
+    /// `version` of the options are the board's own affair.
+    #[must_use]
+    pub fn with_board(
+        plant: Plant,
+        board: Box<dyn VirtualBoard + Send>,
+        link: &LinkOptions,
+        seed: u64,
+    ) -> Self {
         let wire = |faults, salt| Wire::new(link.baud, link.latency_us, faults, seed ^ salt);
-        Ok(Self {
+        Self {
+            next_tick_us: board.slice_us(),
             plant,
             board,
             to_board: wire(link.to_board, 0x746F_5F62),
             to_host: wire(link.to_host, 0x746F_5F68),
             now_us: 0,
-            next_tick_us: TICK_US,
             received: Vec::new(),
             send: Vec::new(),
             trace: None,
-        })
+        }
     }
 
     /// Virtual time, µs since the board got power.
@@ -136,7 +145,9 @@ impl Simulation {
     }
 
     fn tick(&mut self) -> Result<(), PlantError> {
-        self.plant.advance(1e-6 * TICK_US as f64)?;
+        let slice_us = self.board.slice_us();
+        self.plant.advance(1e-6 * slice_us as f64)?;
+        let before = self.board.now();
         self.received.clear();
         self.send.clear();
         self.to_board.receive(self.now_us, &mut self.received);
@@ -144,8 +155,11 @@ impl Simulation {
         self.board
             .tick(&mut self.plant, &self.received, backlog, &mut self.send)?;
         self.to_host.send(self.now_us, &self.send);
-        self.next_tick_us += TICK_US;
-        if let Some(trace) = &mut self.trace {
+        self.next_tick_us += slice_us;
+        let Some(trace) = &mut self.trace else {
+            return Ok(());
+        };
+        if self.board.now() != before {
             trace.push(TracePoint {
                 tick: self.board.now(),
                 state: self.board.state(),
@@ -154,6 +168,12 @@ impl Simulation {
                 torque_on: self.board.torque_on(),
                 truth: self.plant.truth()?,
             });
+        }
+        for (tick, path_ms) in self.board.take_path_times() {
+            let known = trace.iter_mut().rev().find(|point| point.tick == tick);
+            if let Some(point) = known {
+                point.path_ms = path_ms;
+            }
         }
         Ok(())
     }

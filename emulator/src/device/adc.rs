@@ -32,8 +32,10 @@ pub(crate) struct Adc {
     position: u32,
     calibrated_at: u64,
     pub done_at: Option<u64>,
-    /// What lies at each channel, 12 bits.
+    /// What lies at each channel, in sixteenths of a step.
     pub applied: [u16; 18],
+    /// What conversions have not told yet, in sixteenths.
+    rest: [u16; 18],
 }
 
 impl Adc {
@@ -133,7 +135,10 @@ impl Adc {
     /// Ends the conversion that is due. Gives its channel and whether DMA shall fetch it.
     pub fn finish(&mut self, cycle: u64) -> (u8, bool) {
         let channel = self.channel(self.position);
-        self.data = u32::from(self.applied.get(usize::from(channel)).copied().unwrap_or(0));
+        let index = usize::from(channel).min(17);
+        let whole = self.applied[index] + self.rest[index];
+        self.data = u32::from((whole >> 4).min(4095));
+        self.rest[index] = whole & 15;
         self.sr |= EOC;
         self.position += 1;
         let ended = self.position >= self.length();

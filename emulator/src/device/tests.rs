@@ -161,7 +161,7 @@ fn received_bytes_go_by_dma_or_overrun() {
 #[test]
 fn a_pin_that_is_not_analog_is_not_converted_unnoticed() {
     let mut bus = bus();
-    bus.adc.applied[8] = 1234;
+    bus.adc.applied[8] = 1234 * 16;
     // Channel 8 is PB0: first as after reset, then analog. Software trigger.
     write(&mut bus, ADC + 0x34, 8);
     let start = 1 | 7 << 17 | 1 << 20 | 1 << 22;

@@ -1,0 +1,193 @@
+//! The chip as the board of a simulated robot: its pins, its line and its CAN bus, in lockstep with
+//! the plant.
+//!
+//! Time advances in slices of 50 us: the plant first, then the chip with what its sensors now show.
+//! So a reading is at most a slice old, and an output reaches the plant within one.
+
+use crate::chip::{Chip, Port};
+use crate::device::gpio::Drive;
+use crate::error::{LoadError, Stop};
+use mcdpr_firmware::State;
+use mcdpr_protocol::message::decode;
+use mcdpr_protocol::{Channel, Deframer, SampleBlock, Status, Tick};
+use mcdpr_simulator::VirtualBoard;
+use mcdpr_simulator::plant::{Plant, PlantError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Slice of lockstep, us.
+const SLICE_US: u64 = 50;
+/// The sensor's noise is that of a reading as the firmware makes it, from all conversions of a
+/// tick: it is drawn once per tick.
+const SLICES_PER_READING: u32 = 20;
+/// Winches of the board.
+const CABLES: usize = 4;
+/// ADC channels of the tension sensors.
+const TENSION: [u8; CABLES] = [4, 5, 8, 9];
+
+/// A chip that a [`ChipBoard`] runs, to look at and to disturb from outside.
+#[derive(Debug, Clone)]
+pub struct SharedChip(Arc<Mutex<Chip>>);
+
+impl SharedChip {
+    /// Looks at the chip between two slices.
+    pub fn with<R>(&self, look: impl FnOnce(&mut Chip) -> R) -> R {
+        look(&mut self.lock())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Chip> {
+        // A chip after a panic elsewhere is what it was before it.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// An emulated chip in the place of the control core. Resets are survived as on the board.
+#[derive(Debug)]
+pub struct ChipBoard {
+    chip: SharedChip,
+    deframer: Deframer,
+    state: State,
+    path_times: Vec<(Tick, u32)>,
+    now: Tick,
+    counters: Option<[u16; CABLES]>,
+    positions: [i64; CABLES],
+    slices: u32,
+}
+
+impl ChipBoard {
+    /// A chip with this firmware file (ELF) that just got power.
+    ///
+    /// # Errors
+    /// The file is no firmware for this chip.
+    pub fn load(elf: &[u8]) -> Result<Self, LoadError> {
+        let mut chip = Chip::load(elf)?;
+        // Faults go to the firmware's handler, as on the board.
+        chip.deliver_faults(true);
+        Ok(Self {
+            chip: SharedChip(Arc::new(Mutex::new(chip))),
+            deframer: Deframer::new(),
+            state: State::Boot,
+            path_times: Vec::new(),
+            now: Tick(0),
+            counters: None,
+            positions: [0; CABLES],
+            slices: 0,
+        })
+    }
+
+    /// The chip, to keep while a simulation has the board.
+    #[must_use]
+    pub fn chip(&self) -> SharedChip {
+        self.chip.clone()
+    }
+
+    /// The plant's sensors to the chip's pins.
+    fn sense(&mut self, plant: &mut Plant, chip: &mut Chip) {
+        let sensors = plant.read_sensors();
+        let mut counters = [0; CABLES];
+        counters.copy_from_slice(&sensors.encoder_counts[..CABLES]);
+        // What the counters show at power-on is where the timers start.
+        let before = self.counters.replace(counters).unwrap_or(counters);
+        for (index, position) in self.positions.iter_mut().enumerate() {
+            let step = counters[index].wrapping_sub(before[index]).cast_signed();
+            *position += i64::from(step);
+            chip.set_encoder(index + 1, *position);
+        }
+        if self.slices.is_multiple_of(SLICES_PER_READING) {
+            for (channel, sum) in TENSION.into_iter().zip(sensors.adc) {
+                chip.set_adc_sixteenths(channel, sum);
+            }
+        }
+        self.slices = self.slices.wrapping_add(1);
+        chip.set_input(Port::B, 5, Some(sensors.e_stop));
+    }
+
+    /// The chip's pins to the plant's brakes.
+    fn act(plant: &mut Plant, chip: &Chip) -> Result<(), PlantError> {
+        for (cable, drive) in chip.pins().brakes.into_iter().enumerate() {
+            plant.set_brake(cable, drive != Drive::High)?;
+        }
+        Ok(())
+    }
+
+    /// What a host can know of the board, from what the board tells it.
+    fn overhear(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            match self.deframer.push(byte) {
+                Some(Ok((Channel::Status, body))) => {
+                    if let Some(status) = decode::<Status>(body) {
+                        self.state = status.state;
+                    }
+                }
+                Some(Ok((Channel::Samples, body))) => {
+                    if let Some(block) = decode::<SampleBlock>(body) {
+                        let ticks = SampleBlock::ticks(CABLES) as u32;
+                        // The path clock stands at zero while nothing moves.
+                        let moves = u32::from(block.path_ms > 0);
+                        let times =
+                            (0..ticks).map(|i| (block.tick.after(i), moves * (block.path_ms + i)));
+                        self.path_times.extend(times);
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+impl VirtualBoard for ChipBoard {
+    fn slice_us(&self) -> u64 {
+        SLICE_US
+    }
+
+    fn tick(
+        &mut self,
+        plant: &mut Plant,
+        received: &[u8],
+        _backlog: usize,
+        send: &mut Vec<u8>,
+    ) -> Result<(), PlantError> {
+        let count = plant.cable_count();
+        if count != CABLES {
+            let reason =
+                format!("the robot has {count} cables, and this firmware drives four winches");
+            return Err(PlantError::Board { reason });
+        }
+        let shared = self.chip.clone();
+        let mut chip = shared.lock();
+        self.sense(plant, &mut chip);
+        if !received.is_empty() {
+            chip.uart_send(received);
+        }
+        if let Err(stop) = chip.run_us(SLICE_US) {
+            let Stop::Reset { by, .. } = stop else {
+                let reason = format!("emulated chip: {stop}");
+                return Err(PlantError::Board { reason });
+            };
+            chip.restart(by);
+            self.state = State::Boot;
+        }
+        Self::act(plant, &chip)?;
+        let begin = send.len();
+        send.extend(chip.uart_take());
+        self.overhear(&send[begin..]);
+        self.now = Tick(chip.ticks_since_reset());
+        Ok(())
+    }
+
+    fn state(&self) -> State {
+        self.state
+    }
+
+    fn path_ms(&self) -> u32 {
+        // Known only when the board has told: see `take_path_times`.
+        0
+    }
+
+    fn take_path_times(&mut self) -> Vec<(Tick, u32)> {
+        std::mem::take(&mut self.path_times)
+    }
+
+    fn now(&self) -> Tick {
+        self.now
+    }
+}
