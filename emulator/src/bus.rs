@@ -34,6 +34,8 @@ const CAN_IRQ: u8 = 19;
 /// Field of AFIO_MAPR that says where CAN's pins are, and its value for PB8 and PB9.
 const CAN_REMAP: u32 = 3 << 13;
 const CAN_ON_B: u32 = 2 << 13;
+/// Field of AFIO_MAPR that can not be read.
+const SWJ_CFG: u32 = 7 << 24;
 
 /// What the chip did to itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -303,6 +305,8 @@ impl Bus {
             Place::Watchdog => self.watchdog.read(offset),
             Place::Usart => self.usart.read(offset),
             Place::Can => self.can.read(offset),
+            // How the debug pins are used can only be written.
+            Place::Afio if index == 1 => Some(self.afio[1] & !SWJ_CFG),
             Place::Afio => self.afio.get(index).copied(),
             Place::Exti => self.exti.get(index).copied(),
             Place::Gpio(port) => self.gpio[port].read(offset),

@@ -77,6 +77,26 @@ pub struct TickStats {
     pub lost: u64,
 }
 
+/// Where the SysTick handler spends its instructions.
+#[derive(Debug, Clone, Default)]
+struct Profile {
+    all: std::collections::HashMap<u32, u64>,
+    now: Vec<u32>,
+    longest: Vec<u32>,
+}
+
+impl Profile {
+    fn end_tick(&mut self) {
+        for pc in &self.now {
+            *self.all.entry(*pc).or_default() += 1;
+        }
+        if self.now.len() > self.longest.len() {
+            std::mem::swap(&mut self.now, &mut self.longest);
+        }
+        self.now.clear();
+    }
+}
+
 /// An STM32F103C8 with a firmware file in its flash.
 #[derive(Debug, Clone)]
 pub struct Chip {
@@ -95,6 +115,7 @@ pub struct Chip {
     lost_before: u64,
     instructions_before: u64,
     brakes_opened: bool,
+    profile: Option<Box<Profile>>,
     resets: Vec<ResetBy>,
 }
 
@@ -137,6 +158,7 @@ impl Chip {
             lost_before: 0,
             instructions_before: 0,
             brakes_opened: false,
+            profile: None,
             resets: Vec::new(),
         })
     }
@@ -200,6 +222,11 @@ impl Chip {
                 Some(decoded) => *decoded,
                 None => self.fetch()?,
             };
+            if let Some(profile) = &mut self.profile
+                && self.cpu.ipsr == SYSTICK
+            {
+                profile.now.push(self.cpu.pc);
+            }
             match self.cpu.step(&mut self.bus, op, u32::from(length)) {
                 Ok(cycles) => self.bus.now += cycles * self.bus.clocks.core,
                 Err(trap) => self.fault(trap)?,
@@ -261,6 +288,9 @@ impl Chip {
             }
             Some(Switch::Leave(SYSTICK)) => {
                 let taken = self.cpu.instructions - self.tick_began;
+                if let Some(profile) = &mut self.profile {
+                    profile.end_tick();
+                }
                 self.ticks_done = self.ticks_done.wrapping_add(1);
                 self.ticks.push(u32::try_from(taken).unwrap_or(u32::MAX));
             }
@@ -448,6 +478,32 @@ impl Chip {
     #[must_use]
     pub const fn ticks_since_reset(&self) -> u32 {
         self.ticks_done
+    }
+
+    /// From now on keeps where the SysTick handler's instructions lie.
+    pub fn profile_ticks(&mut self) {
+        self.profile = Some(Box::default());
+    }
+
+    /// Addresses of the SysTick handler's instructions since [`Self::profile_ticks`], each with
+    /// how often it was executed in all ticks, and in the longest one.
+    #[must_use]
+    pub fn tick_profile(&self) -> Vec<(u32, u64, u64)> {
+        let Some(profile) = &self.profile else {
+            return Vec::new();
+        };
+        let mut counts: std::collections::BTreeMap<u32, (u64, u64)> = profile
+            .all
+            .iter()
+            .map(|(&pc, &all)| (pc, (all, 0)))
+            .collect();
+        for pc in &profile.longest {
+            counts.entry(*pc).or_default().1 += 1;
+        }
+        let counts = counts.into_iter();
+        counts
+            .map(|(pc, (all, longest))| (pc, all, longest))
+            .collect()
     }
 
     /// What the SysTick handler took so far.

@@ -13,7 +13,25 @@ const MAX_PLAIN: usize = 254;
 pub const MAX_BODY: usize = MAX_PLAIN - 1 - CRC_SIZE;
 const CRC_SIZE: usize = 4;
 
-static CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+/// What four bits do to the checksum: 64 bytes of a board's flash, where a table of bytes is 1 KB.
+const CRC_TABLE: [u32; 16] = {
+    let mut table = [0; 16];
+    let mut nibble = 0;
+    while nibble < 16 {
+        let mut value = nibble;
+        let mut bit = 0;
+        while bit < 4 {
+            value = (value >> 1) ^ if value & 1 != 0 { 0xEDB8_8320 } else { 0 };
+            bit += 1;
+        }
+        #[expect(clippy::indexing_slicing, reason = "under 16, while compiling")]
+        {
+            table[nibble as usize] = value;
+        }
+        nibble += 1;
+    }
+    table
+};
 
 /// CRC-32/ISO-HDLC, as every frame and the configuration hash use it.
 ///
@@ -22,12 +40,33 @@ static CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 /// ```
 #[must_use]
 pub fn crc32(bytes: &[u8]) -> u32 {
-    CRC.checksum(bytes)
+    let mut digest = digest();
+    digest.update(bytes);
+    digest.finalize()
 }
 
 /// A running CRC-32 of the same kind.
-pub(crate) fn digest() -> crc::Digest<'static, u32> {
-    CRC.digest()
+pub(crate) const fn digest() -> Digest {
+    Digest(u32::MAX)
+}
+
+/// See [`digest`].
+pub(crate) struct Digest(u32);
+
+impl Digest {
+    pub(crate) fn update(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.0 ^= u32::from(*byte);
+            for _ in 0..2 {
+                let place = (self.0 & 15) as usize;
+                self.0 = (self.0 >> 4) ^ CRC_TABLE.get(place).copied().unwrap_or(0);
+            }
+        }
+    }
+
+    pub(crate) const fn finalize(self) -> u32 {
+        !self.0
+    }
 }
 
 /// What a frame's body is.
@@ -103,7 +142,7 @@ pub fn encode_bytes(
     out: &mut [u8; MAX_FRAME],
 ) -> Result<usize, FrameError> {
     let head = [channel as u8];
-    let mut digest = CRC.digest();
+    let mut digest = digest();
     digest.update(&head);
     digest.update(body);
     let checksum = digest.finalize().to_le_bytes();

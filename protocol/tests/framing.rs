@@ -447,3 +447,14 @@ fn sequence_numbers_and_ticks_count_across_their_wraps() {
     assert_eq!(Tick(5).since(Tick(u32::MAX - 4)), 10);
     assert_eq!(Tick(u32::MAX).after(1), Tick(0));
 }
+
+#[test]
+fn the_checksum_is_what_an_independent_one_says() {
+    let judge = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+    for length in 0..300_u32 {
+        let bytes: Vec<u8> = (0..length)
+            .map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8)
+            .collect();
+        assert_eq!(mcdpr_protocol::frame::crc32(&bytes), judge.checksum(&bytes));
+    }
+}

@@ -60,7 +60,7 @@ pub fn hello(reset: &Reset) -> Hello {
 
 /// Adds to the core's answer what only the board knows.
 pub fn complete(info: &mut Info, last_panic: &List<u8, PANIC_BYTES>) {
-    // No drive bus yet.
-    info.drive_kinds = 0;
+    // RMDS and CiA 402.
+    info.drive_kinds = 0b110;
     info.last_panic.clone_from(last_panic);
 }

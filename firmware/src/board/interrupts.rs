@@ -3,32 +3,27 @@
 //! | priority | who |
 //! |---|---|
 //! | 0 | SysTick: the control tick |
-//! | 4 | links (DMA of the UART) |
+//! | 4 | links (DMA of the UART, CAN) |
 //! | 8 | every interrupt that nobody set |
-//! | 15 | wake-up of the link's tasks, pended by the tick |
 //!
 //! A critical section raises `BASEPRI` to 1: it masks all of these but the tick. So the tick must
-//! never use one, and does not: no locks, no wakers, no defmt. What it has to tell it leaves in
-//! queues and atomics, and pends the wake-up, which runs below.
+//! never use one, and does not: no locks, no defmt. What it has to tell it leaves in queues and
+//! atomics; that it ran wakes the link's loop.
 #![allow(
     unsafe_code,
     reason = "critical sections and interrupt priorities are the processor's own registers"
 )]
 
-use crate::link;
 use core::sync::atomic::{Ordering, compiler_fence};
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::register::{basepri, basepri_max};
-use embassy_stm32::interrupt;
-use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::interrupt::Priority;
 
 /// Links.
 pub const LINK: Priority = Priority::P4;
 /// Whatever was not set.
 const OTHER: Priority = Priority::P8;
-/// Wake-up of tasks.
-const WAKE: Priority = Priority::P15;
 /// Of `BASEPRI`: masks priority 1 and below it.
 const BELOW_TICK: u8 = Priority::P1 as u8;
 
@@ -63,24 +58,10 @@ pub fn lower_all(nvic: NVIC, mut scb: SCB) {
     }
     for (handler, priority) in [
         (SystemHandler::SysTick, Priority::P0),
-        (SystemHandler::PendSV, WAKE),
-        (SystemHandler::SVCall, WAKE),
+        (SystemHandler::PendSV, OTHER),
+        (SystemHandler::SVCall, OTHER),
     ] {
         // SAFETY: as above; SysTick is not yet counting.
         unsafe { scb.set_priority(handler, priority as u8) }
     }
-    interrupt::TAMPER.set_priority(WAKE);
-    // SAFETY: its handler below is in place, and no critical section is open.
-    unsafe { interrupt::TAMPER.enable() }
-}
-
-/// Asks for the link's tasks to be woken, from the tick.
-pub fn pend_wake() {
-    // No tamper pin is in use: its interrupt is free to be a doorbell.
-    NVIC::pend(interrupt::TAMPER);
-}
-
-#[interrupt]
-fn TAMPER() {
-    link::wake();
 }

@@ -1,4 +1,5 @@
-//! The link: bytes to commands, answers and telemetry to bytes. Two tasks in thread mode.
+//! The link: bytes to commands, answers and telemetry to bytes. A loop in thread mode, woken by
+//! every interrupt: at least once per tick.
 //!
 //! Everything between them and the tick goes through queues with one producer and one consumer,
 //! or through atomics. Answers go before state, state before samples. Where the line is slower
@@ -7,11 +8,8 @@
 use crate::life::{self, Keeper, Part};
 use crate::uart::{self, Ring, Sender};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use embassy_executor::Spawner;
 use embassy_stm32::Peri;
 use embassy_stm32::peripherals::IWDG;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
 use heapless::spsc::{Consumer, Producer, Queue};
 use mcdpr_firmware::server::{Incoming, LinkCounters, Receiver};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
@@ -71,15 +69,6 @@ static DAMAGED: AtomicBool = AtomicBool::new(false);
 /// Someone asked who this is.
 static HELLO_DUE: AtomicBool = AtomicBool::new(false);
 
-static RECEIVE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-static SEND: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-
-/// Wakes both tasks: once per tick, by an interrupt below it.
-pub fn wake() {
-    RECEIVE.signal(());
-    SEND.signal(());
-}
-
 /// What was counted so far.
 pub fn counters() -> LinkCounters {
     LinkCounters {
@@ -99,93 +88,93 @@ pub fn take_damaged() -> bool {
     DAMAGED.swap(false, Ordering::Relaxed)
 }
 
-/// Both tasks, ready to run.
-pub struct Tasks {
-    ends: LinkEnds,
+/// The link with all it needs.
+pub struct Link {
+    commands: Producer<'static, Command>,
+    out: Out,
     sender: Sender,
     ring: Ring,
-    hello: Hello,
-    watchdog: Peri<'static, IWDG>,
+    receiver: Receiver,
+    keeper: Keeper,
+    line_errors: u32,
 }
 
-impl Tasks {
-    /// From their parts.
-    pub const fn new(
+impl Link {
+    /// From its parts; starts the watchdog.
+    pub fn new(
         ends: LinkEnds,
         sender: Sender,
         ring: Ring,
         hello: Hello,
         watchdog: Peri<'static, IWDG>,
-    ) -> Self {
-        Self {
-            ends,
+    ) -> &'static mut Self {
+        // Not on the stack: it lives for good.
+        static PLACE: StaticCell<Link> = StaticCell::new();
+        PLACE.init_with(|| Self {
+            commands: ends.commands,
+            out: Out {
+                hello,
+                answers: ends.answers,
+                states: ends.states,
+                samples: ends.samples,
+            },
             sender,
             ring,
-            hello,
-            watchdog,
+            receiver: Receiver::default(),
+            keeper: Keeper::new(watchdog),
+            line_errors: 0,
+        })
+    }
+
+    /// Serves the line for good.
+    pub fn run(&mut self) -> ! {
+        loop {
+            self.receive();
+            self.send();
+            // Whatever came since the last look has left its event: nothing is slept through.
+            cortex_m::asm::wfe();
         }
     }
 
-    /// Starts them, and the watchdog with them.
-    pub fn spawn(self, spawner: Spawner) {
-        let LinkEnds {
-            commands,
-            answers,
-            states,
-            samples,
-        } = self.ends;
-        let out = Out {
-            hello: self.hello,
-            answers,
-            states,
-            samples,
-        };
-        let receiving = receive(self.ring, commands, Keeper::new(self.watchdog));
-        let sending = send(self.sender, out);
-        let (Ok(receiving), Ok(sending)) = (receiving, sending) else {
-            crate::fatal::stop("no room for the link's tasks")
-        };
-        spawner.spawn(receiving);
-        spawner.spawn(sending);
-    }
-}
-
-#[embassy_executor::task]
-async fn receive(
-    mut ring: Ring,
-    mut commands: Producer<'static, Command>,
-    mut keeper: Keeper,
-) -> ! {
-    let mut receiver = Receiver::default();
-    let mut line_errors = 0_u32;
-    loop {
-        RECEIVE.wait().await;
+    /// Out of line, as is the other: the stack of one is gone before the other's comes.
+    #[inline(never)]
+    fn receive(&mut self) {
         life::show(Part::Receive);
-        keeper.feed();
+        self.keeper.feed();
         if uart::line_error() {
-            line_errors = line_errors.wrapping_add(1);
+            self.line_errors = self.line_errors.wrapping_add(1);
             // One line per 256 of them: a noisy line must not fill the log, too.
-            if line_errors % 256 == 1 {
-                defmt::warn!("line errors: {=u32}", line_errors);
+            if self.line_errors % 256 == 1 {
+                defmt::warn!("line errors: {=u32}", self.line_errors);
             }
         }
-        if !ring.look(Tick(crate::tick::now())) {
+        if !self.ring.look(Tick(crate::tick::now())) {
             defmt::warn!("received faster than executed: bytes dropped");
         }
         // Bytes wait in the ring while the tick is behind.
-        while commands.ready() {
-            let Some(byte) = ring.take() else { break };
-            match receiver.push(byte) {
+        while self.commands.ready() {
+            let Some(byte) = self.ring.take() else { break };
+            match self.receiver.push(byte) {
                 None => continue,
                 Some(Incoming::HelloQuery) => HELLO_DUE.store(true, Ordering::Relaxed),
                 Some(Incoming::Damaged(_)) => DAMAGED.store(true, Ordering::Relaxed),
                 Some(Incoming::Command(command)) => {
                     // Room was just seen, and nobody else fills it.
-                    let _ = commands.enqueue(command);
+                    let _ = self.commands.enqueue(command);
                 }
             }
-            FRAMES_OK.store(receiver.counters.frames_ok, Ordering::Relaxed);
-            FRAMES_BAD.store(receiver.counters.frames_bad, Ordering::Relaxed);
+            let counters = &self.receiver.counters;
+            FRAMES_OK.store(counters.frames_ok, Ordering::Relaxed);
+            FRAMES_BAD.store(counters.frames_bad, Ordering::Relaxed);
+        }
+    }
+
+    #[inline(never)]
+    fn send(&mut self) {
+        life::show(Part::Send);
+        if let Some(frame) = self.sender.free() {
+            let used = self.out.next(frame);
+            self.sender.start(used);
         }
     }
 }
@@ -220,19 +209,5 @@ impl Out {
         };
         // Every message fits a frame: the protocol asserts it when it is compiled.
         used.unwrap_or(0)
-    }
-}
-
-#[embassy_executor::task]
-async fn send(mut sender: Sender, mut out: Out) -> ! {
-    let mut frame = [0; MAX_FRAME];
-    loop {
-        life::show(Part::Send);
-        let used = out.next(&mut frame);
-        match frame.get(..used) {
-            // A write can only fail where flow control is in use.
-            Some(bytes) if used > 0 => drop(sender.write(bytes).await),
-            _ => SEND.wait().await,
-        }
     }
 }

@@ -6,6 +6,7 @@
 //! | `encoders` | four quadrature decoders (TIM1 to TIM4) |
 //! | `tension` | four tension channels by ADC and DMA |
 //! | `tick` | the control tick (SysTick, 1 kHz), sole owner of the control core |
+//! | `can` | the drives' bus (bxCAN) |
 //! | `link` | bytes to commands, answers and telemetry to bytes (thread mode) |
 //! | `uart` | USART3, DMA in both directions |
 //! | `interrupts` | priorities, and critical sections that never hold the tick up |
@@ -13,12 +14,13 @@
 //! | `fatal` | brakes first, then a record that survives the reset |
 //! | `identity` | who this board is and why it started |
 //!
-//! Two priorities share the work. The tick preempts everything and takes no lock: it meets the
-//! link through single-producer queues and atomics alone. All else runs in thread mode.
-//!
-//! No drive bus yet: every drive is absent, so the core refuses to arm (D5).
+//! Three priorities share the work. The tick preempts everything and takes no lock: it meets the
+//! link and the CAN interrupts through single-producer queues and atomics alone. All else runs in
+//! thread mode.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
+#[cfg(target_os = "none")]
+mod can;
 #[cfg(target_os = "none")]
 mod encoders;
 #[cfg(target_os = "none")]

@@ -16,7 +16,7 @@
 //! | PB2 | BOOT1 | input | |
 //! | PB5 | emergency stop | input | pull-up; contact to ground opens when pressed |
 //! | PB6, PB7 | encoder 4 A, B (TIM4) | input | |
-//! | PB8, PB9 | reserved: CAN RX, TX (remapped) | input | |
+//! | PB8, PB9 | CAN RX, TX (remapped) | input | 3.3 V transceiver; its TXD pulled up |
 //! | PB10, PB11 | host link TX, RX (USART3) | input | 921600 baud |
 //! | PB12 to PB15 | brakes 1 to 4 | input | high opens; needs a pull-down at the driver |
 //! | PC13 | status LED | input | low lights |

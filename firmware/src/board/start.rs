@@ -1,11 +1,10 @@
 //! From reset to the first tick.
 
-use crate::{encoders, fatal, identity, interrupts, link, pins, tension, tick, uart};
+use crate::{can, encoders, fatal, identity, interrupts, link, pins, tension, tick, uart};
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 // The log's transport registers itself.
 use defmt_rtt as _;
-use embassy_executor::{Executor, Spawner};
 use embassy_stm32::Config;
 use embassy_stm32::gpio::SwjCfg;
 use embassy_stm32::rcc::{
@@ -13,7 +12,7 @@ use embassy_stm32::rcc::{
     Sysclk,
 };
 use embassy_stm32::time::Hertz;
-use static_cell::StaticCell;
+use mcdpr_firmware::drives::DriveBus;
 
 /// Core clock, Hz.
 pub const CORE_HZ: u32 = 72_000_000;
@@ -22,22 +21,15 @@ pub const CYCLES_PER_TICK: u32 = CORE_HZ / 1000;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    let (tasks, mut syst) = bring_up();
-    EXECUTOR
-        .init_with(Executor::new)
-        .run(|spawner| run(spawner, tasks, &mut syst))
-}
-
-fn run(spawner: Spawner, tasks: link::Tasks, syst: &mut SYST) {
+    let (link, mut syst) = bring_up();
     // From here on the tick runs, whatever happens below it.
     syst.enable_counter();
-    tasks.spawn(spawner);
+    link.run()
 }
 
 /// Everything once. Out of line, so that its temporaries leave the stack again.
 #[inline(never)]
-fn bring_up() -> (link::Tasks, SYST) {
+fn bring_up() -> (&'static mut link::Link, SYST) {
     let reset = identity::reset_cause(fatal::read_record());
     let Some(core) = cortex_m::Peripherals::take() else {
         fatal::stop("started twice")
@@ -68,8 +60,14 @@ fn bring_up() -> (link::Tasks, SYST) {
     let (sender, ring) = uart::open(p.USART3, p.PB10, p.PB11, p.DMA1_CH2, p.DMA1_CH3);
 
     let (for_tick, for_link) = link::queues();
-    tick::hand_over(tick::Rim { pins, encoders }, for_tick, &reset);
-    let tasks = link::Tasks::new(for_link, sender, ring, identity::hello(&reset), p.IWDG);
+    let rim = tick::Rim {
+        pins,
+        encoders,
+        can: can::open(p.CAN, p.PB8, p.PB9),
+        drives: DriveBus::default(),
+    };
+    tick::hand_over(rim, for_tick, &reset);
+    let link = link::Link::new(for_link, sender, ring, identity::hello(&reset), p.IWDG);
 
     let mut syst = core.SYST;
     syst.set_clock_source(SystClkSource::Core);
@@ -77,7 +75,7 @@ fn bring_up() -> (link::Tasks, SYST) {
     syst.clear_current();
     syst.enable_interrupt();
     defmt::info!("started, reset cause {=u8}", reset.cause as u8);
-    (tasks, syst)
+    (link, syst)
 }
 
 /// 72 MHz from the 8 MHz crystal; both APB within their limits; ADC at 12 MHz of at most 14.

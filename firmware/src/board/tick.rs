@@ -9,10 +9,11 @@ use crate::life::{self, Part};
 use crate::link::{self, TickEnds};
 use crate::pins::{self, CABLES, Pins};
 use crate::start::CYCLES_PER_TICK;
-use crate::{interrupts, tension};
+use crate::{can, tension};
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
 use cortex_m::peripheral::{DCB, DWT};
+use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::io::Board;
 use mcdpr_firmware::{Inputs, Outputs, Server};
 use mcdpr_protocol::message::PANIC_BYTES;
@@ -37,12 +38,16 @@ pub fn start_cycle_counter(mut dcb: DCB, mut dwt: DWT) {
     dwt.enable_cycle_counter();
 }
 
-/// The rim: pins and counters. Drives are absent until there is a bus.
+/// The rim: pins, counters and drives.
 pub struct Rim {
     /// Digital inputs and outputs.
     pub pins: Pins,
     /// Drum encoders.
     pub encoders: Encoders,
+    /// The drives' bus.
+    pub can: can::Bus,
+    /// What the drives are told and what they say.
+    pub drives: DriveBus<CABLES>,
 }
 
 impl Board<CABLES> for Rim {
@@ -58,9 +63,9 @@ impl Board<CABLES> for Rim {
             gripper_switch: self.pins.gripper_switch(),
             ..Inputs::default()
         };
-        for drive in &mut inputs.drives {
-            drive.age_ms = u16::MAX;
-        }
+        self.can.watch();
+        self.drives.listen(&mut self.can);
+        self.drives.fill(&mut inputs);
         inputs
     }
 
@@ -95,7 +100,6 @@ impl Core {
         self.execute(now);
         self.tell(now);
         life::show(Part::Tick);
-        interrupts::pend_wake();
     }
 
     /// Out of line, as are the other two: the stack of one is gone before the next one's comes.
@@ -105,6 +109,9 @@ impl Core {
         inputs.overrun = late;
         let outputs = self.server.step(now, &inputs);
         self.rim.apply(&outputs);
+        let Rim { can, drives, .. } = &mut self.rim;
+        let config = self.server.controller().config();
+        drives.tick(now, config, &outputs, can);
     }
 
     #[inline(never)]

@@ -1,40 +1,46 @@
 //! The host link: USART3 at 921600 baud, DMA in both directions.
 //!
-//! Sending is the driver's. Receiving is not: the driver's ring waits for the line to idle and
-//! then reads the data register to clear the flag, which can take a byte away from DMA. Here DMA
-//! alone ever reads that register. It fills a ring without end and without interrupts, and the
-//! link's task looks every tick how far it came: 92 bytes at most, of 512.
+//! The driver sets the line up. Its ring of received bytes is not used: that waits for the line to
+//! idle and then reads the data register to clear the flag, which can take a byte away from DMA.
+//! Here DMA alone ever reads that register. It fills a ring without end and without interrupts, and the
+//! link looks every tick how far it came: 92 bytes at most, of 512.
 
+use crate::interrupts;
 use core::mem;
-use core::sync::atomic::{AtomicU8, Ordering, fence};
+use core::sync::atomic::{AtomicBool, AtomicU8, Ordering, fence};
 use embassy_stm32::gpio::{Input, Pull};
-use embassy_stm32::mode::Async;
+use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac;
 use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
 use embassy_stm32::peripherals::{DMA1_CH2, DMA1_CH3, PB10, PB11, USART3};
 use embassy_stm32::usart::{Config, UartTx};
-use embassy_stm32::{Peri, bind_interrupts, dma};
+use embassy_stm32::{Peri, interrupt};
 use mcdpr_protocol::Tick;
+use mcdpr_protocol::frame::MAX_FRAME;
+use static_cell::StaticCell;
 
 const BAUD: u32 = 921_600;
 const RING: usize = 512;
 /// The same for the DMA's counter.
 const TRANSFERS: u16 = 512;
 const _: () = assert!(TRANSFERS as usize == RING);
-/// Channel of DMA1 that USART3's receiver is wired to, counted from 0.
+/// Channels of DMA1 that USART3's transmitter and receiver are wired to, counted from 0.
+const SEND_CHANNEL: usize = 1;
 const RECEIVE_CHANNEL: usize = 2;
 /// Ticks in which the line can not fill the ring: 5 * 92.16 bytes.
 const SAFE_TICKS: i32 = 5;
 
-bind_interrupts!(struct Irqs {
-    DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
-});
-
 /// Written by DMA.
 static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
 
+/// DMA reads the frame that is being sent.
+static SENDING: AtomicBool = AtomicBool::new(false);
+
 /// Sends frames.
-pub type Sender = UartTx<'static, Async>;
+pub struct Sender {
+    /// Read by DMA while `SENDING`.
+    frame: &'static mut [u8; MAX_FRAME],
+}
 
 /// What has arrived and was not taken yet.
 pub struct Ring {
@@ -51,14 +57,16 @@ pub fn open(
     usart: Peri<'static, USART3>,
     tx: Peri<'static, PB10>,
     rx: Peri<'static, PB11>,
-    tx_dma: Peri<'static, DMA1_CH2>,
+    _tx_dma: Peri<'static, DMA1_CH2>,
     _rx_dma: Peri<'static, DMA1_CH3>,
 ) -> (Sender, Ring) {
     let mut config = Config::default();
     config.baudrate = BAUD;
-    let Ok(sender) = UartTx::new(usart, tx, tx_dma, Irqs, config) else {
+    let Ok(driver) = UartTx::new_blocking(usart, tx, config) else {
         crate::fatal::stop("no such baud rate")
     };
+    // Dropped, it would switch the line off again.
+    mem::forget(driver);
     // Pulled up, a line that is not connected idles instead of receiving noise.
     mem::forget(Input::new(rx, Pull::Up));
 
@@ -77,7 +85,10 @@ pub fn open(
         w.set_pl(Pl::VERY_HIGH);
         w.set_en(true);
     });
-    usart.cr3().modify(|w| w.set_dmar(true));
+    usart.cr3().modify(|w| {
+        w.set_dmar(true);
+        w.set_dmat(true);
+    });
     usart.cr1().modify(|w| w.set_re(true));
     let ring = Ring {
         next: 0,
@@ -85,7 +96,56 @@ pub fn open(
         unread: 0,
         looked: Tick(0),
     };
-    (sender, ring)
+    let channel = pac::DMA1.ch(SEND_CHANNEL);
+    channel.par().write_value(usart.dr().as_ptr() as u32);
+    static FRAME: StaticCell<[u8; MAX_FRAME]> = StaticCell::new();
+    let frame = FRAME.init_with(|| [0; MAX_FRAME]);
+    interrupt::DMA1_CHANNEL2.set_priority(interrupts::LINK);
+    #[allow(unsafe_code, reason = "enabling an interrupt")]
+    // SAFETY: its handler below is in place.
+    unsafe {
+        interrupt::DMA1_CHANNEL2.enable();
+    }
+    (Sender { frame }, ring)
+}
+
+impl Sender {
+    /// Where the next frame may be put; `None` while one is being sent.
+    pub fn free(&mut self) -> Option<&mut [u8; MAX_FRAME]> {
+        let busy = SENDING.load(Ordering::Acquire);
+        (!busy).then_some(&mut *self.frame)
+    }
+
+    /// Sends this many bytes of it.
+    pub fn start(&mut self, used: usize) {
+        let count = u16::try_from(used.min(MAX_FRAME)).unwrap_or(0);
+        if count == 0 || SENDING.load(Ordering::Relaxed) {
+            return;
+        }
+        SENDING.store(true, Ordering::Relaxed);
+        // All bytes are in memory before DMA reads them.
+        fence(Ordering::SeqCst);
+        let channel = pac::DMA1.ch(SEND_CHANNEL);
+        channel.mar().write_value(self.frame.as_ptr() as u32);
+        channel.ndtr().write(|w| w.set_ndt(count));
+        channel.cr().write(|w| {
+            w.set_dir(Dir::FROM_MEMORY);
+            w.set_minc(true);
+            w.set_psize(Size::BITS8);
+            w.set_msize(Size::BITS8);
+            w.set_pl(Pl::MEDIUM);
+            w.set_tcie(true);
+            w.set_en(true);
+        });
+    }
+}
+
+#[interrupt]
+fn DMA1_CHANNEL2() {
+    pac::DMA1.ifcr().write(|w| w.set_tcif(SEND_CHANNEL, true));
+    // Off, so that address and count can be written again.
+    pac::DMA1.ch(SEND_CHANNEL).cr().write(|_| ());
+    SENDING.store(false, Ordering::Release);
 }
 
 impl Ring {

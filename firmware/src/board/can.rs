@@ -1,0 +1,305 @@
+//! The drives' bus: bxCAN on PB8 and PB9, behind [`CanPort`].
+//!
+//! The tick never touches a mailbox and takes no lock: it puts frames into a queue and takes
+//! received ones from another. The controller's interrupts, below the tick and both of one
+//! priority, move them on. Mailboxes are sent in the order of their requests, so that two frames of
+//! one identifier never overtake each other. After bus-off the controller comes back by itself
+//! (128 times 11 recessive bits); what that means for the robot is the core's to say (D1).
+
+use crate::interrupts;
+use core::mem;
+use core::ptr;
+use core::sync::atomic::{AtomicPtr, AtomicU32, AtomicUsize, Ordering};
+use cortex_m::peripheral::NVIC;
+use embassy_stm32::Peri;
+use embassy_stm32::gpio::{Input, Pull};
+use embassy_stm32::interrupt;
+use embassy_stm32::interrupt::InterruptExt;
+use embassy_stm32::pac;
+use embassy_stm32::pac::afio::vals::SwjCfg;
+use embassy_stm32::pac::can::regs::{Mcr, Rfr, Tir, Tsr};
+use embassy_stm32::pac::gpio::vals::{CnfOut, Mode};
+use embassy_stm32::peripherals::{CAN, PB8, PB9};
+use heapless::spsc::{Consumer, Producer, Queue};
+use mcdpr_firmware::drives::{BusState, CanFrame, CanPort, Full};
+use static_cell::StaticCell;
+
+/// Bit rate times its prescaler: 36 MHz in bits of 18 quanta.
+const QUANTA_HZ: u32 = 36_000_000 / 18;
+/// Of the 18 quanta one synchronises; the sample is taken after 14 more, at 83 %.
+const BEFORE_SAMPLE: u8 = 14;
+const AFTER_SAMPLE: u8 = 3;
+/// Quanta by which an edge may shift a bit.
+const JUMP: u8 = 2;
+/// Field of AFIO_MAPR: receive on PB8, transmit on PB9.
+const ON_B8_B9: u8 = 2;
+/// Loops until the controller is ready to be set up: it ends the frame under way, 0.3 ms at most.
+const PATIENCE: u32 = 5000;
+/// Ticks without a single frame that got through, while some wait: then they are void. A drive
+/// that comes back must not obey what was meant for long ago.
+const STALE_TICKS: u32 = 10;
+
+/// Frames on their way out, one place always empty: one per drive and three that all are meant for.
+type Outgoing = Queue<CanFrame, 8>;
+/// Frames that came, for one tick: 1 Mbit/s brings 8 of eight bytes, and more of shorter ones.
+type Incoming = Queue<CanFrame, 16>;
+
+/// Bit rate to be taken up; 0 for none.
+static BITRATE: AtomicU32 = AtomicU32::new(0);
+/// Oldest frames of the queue to be dropped.
+static DROP: AtomicUsize = AtomicUsize::new(0);
+/// Frames that got through.
+static DELIVERED: AtomicU32 = AtomicU32::new(0);
+
+/// The tick's end.
+pub struct Bus {
+    outgoing: Producer<'static, CanFrame>,
+    incoming: Consumer<'static, CanFrame>,
+    delivered: u32,
+    stale: u32,
+}
+
+/// The interrupts' end.
+struct Controller {
+    outgoing: Consumer<'static, CanFrame>,
+    incoming: Producer<'static, CanFrame>,
+}
+
+static CONTROLLER: AtomicPtr<Controller> = AtomicPtr::new(ptr::null_mut());
+
+/// Gives the controller clock and pins; it joins the bus when it is given a bit rate.
+pub fn open(_can: Peri<'static, CAN>, rx: Peri<'static, PB8>, tx: Peri<'static, PB9>) -> Bus {
+    static OUTGOING: StaticCell<Outgoing> = StaticCell::new();
+    static INCOMING: StaticCell<Incoming> = StaticCell::new();
+    static PLACE: StaticCell<Controller> = StaticCell::new();
+    let (outgoing, to_send) = OUTGOING.init_with(Queue::new).split();
+    let (received, incoming) = INCOMING.init_with(Queue::new).split();
+    let controller = PLACE.init(Controller {
+        outgoing: to_send,
+        incoming: received,
+    });
+    CONTROLLER.store(controller, Ordering::Release);
+
+    pac::RCC.apb1enr().modify(|w| w.set_canen(true));
+    pac::AFIO.mapr().modify(|w| {
+        w.set_can1_remap(ON_B8_B9);
+        // This field can not be read back; all ones leave it as it is.
+        w.set_swj_cfg(SwjCfg::from_bits(7));
+    });
+    // Pulled up, a bus without transceiver idles.
+    mem::forget(Input::new(rx, Pull::Up));
+    mem::forget(tx);
+    pac::GPIOB.cr(1).modify(|w| {
+        w.set_mode(1, Mode::OUTPUT50MHZ);
+        w.set_cnf_out(1, CnfOut::ALT_PUSH_PULL);
+    });
+    for line in [interrupt::USB_HP_CAN1_TX, interrupt::USB_LP_CAN1_RX0] {
+        line.set_priority(interrupts::LINK);
+        #[allow(unsafe_code, reason = "enabling an interrupt")]
+        // SAFETY: its handler below is in place and all that it uses was just stored.
+        unsafe {
+            line.enable();
+        }
+    }
+    Bus {
+        outgoing,
+        incoming,
+        delivered: 0,
+        stale: 0,
+    }
+}
+
+impl Bus {
+    /// Once per tick: what nobody hears for too long is dropped.
+    pub fn watch(&mut self) {
+        let delivered = DELIVERED.load(Ordering::Relaxed);
+        let tsr = pac::CAN.tsr().read();
+        let waits = !(tsr.tme(0) && tsr.tme(1) && tsr.tme(2));
+        self.stale = if waits && delivered == self.delivered {
+            self.stale + 1
+        } else {
+            0
+        };
+        self.delivered = delivered;
+        if self.stale >= STALE_TICKS {
+            self.stale = 0;
+            DROP.store(self.outgoing.len() + 1, Ordering::Relaxed);
+            ring();
+        }
+    }
+}
+
+/// Lets the transmit interrupt look.
+fn ring() {
+    NVIC::pend(interrupt::USB_HP_CAN1_TX);
+}
+
+impl CanPort for Bus {
+    fn set_bitrate(&mut self, bits_per_s: u32) {
+        while self.incoming.dequeue().is_some() {}
+        DROP.store(self.outgoing.len() + 1, Ordering::Relaxed);
+        BITRATE.store(bits_per_s, Ordering::Relaxed);
+        ring();
+    }
+
+    fn send(&mut self, frame: &CanFrame) -> Result<(), Full> {
+        self.outgoing.enqueue(*frame).map_err(|_| Full)?;
+        ring();
+        Ok(())
+    }
+
+    fn receive(&mut self) -> Option<CanFrame> {
+        self.incoming.dequeue()
+    }
+
+    fn state(&self) -> BusState {
+        let esr = pac::CAN.esr().read();
+        if esr.boff() {
+            BusState::Off
+        } else if esr.epvf() {
+            BusState::Passive
+        } else {
+            BusState::Active
+        }
+    }
+}
+
+impl Controller {
+    fn send(&mut self) {
+        // One more than were queued: the mailboxes are void, too.
+        let drop = DROP.swap(0, Ordering::Relaxed);
+        for _ in 1..drop {
+            self.outgoing.dequeue();
+        }
+        let bits_per_s = BITRATE.swap(0, Ordering::Relaxed);
+        if bits_per_s != 0 && !set_up(bits_per_s) {
+            // Once more in a tick, unless another one is asked for.
+            BITRATE.store(bits_per_s, Ordering::Relaxed);
+            return;
+        }
+        if drop > 0 {
+            let mut give_up = Tsr(0);
+            (0..3).for_each(|mailbox| give_up.set_abrq(mailbox, true));
+            pac::CAN.tsr().write_value(give_up);
+        }
+        let tsr = pac::CAN.tsr().read();
+        let mut done = Tsr(0);
+        for mailbox in 0..3 {
+            done.set_rqcp(mailbox, tsr.rqcp(mailbox));
+            if tsr.txok(mailbox) {
+                DELIVERED.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        pac::CAN.tsr().write_value(done);
+        if pac::CAN.msr().read().slak() {
+            return;
+        }
+        for mailbox in (0..3).filter(|&mailbox| tsr.tme(mailbox)) {
+            let Some(frame) = self.outgoing.dequeue() else {
+                break;
+            };
+            let [low, high] = halves(&frame.data);
+            let to = pac::CAN.tx(mailbox);
+            to.tdtr().write(|w| w.set_dlc(frame.len.min(8)));
+            to.tdlr().write(|w| w.0 = low);
+            to.tdhr().write(|w| w.0 = high);
+            let mut id = Tir(0);
+            id.set_stid(frame.id);
+            id.set_txrq(true);
+            to.tir().write_value(id);
+        }
+    }
+
+    fn receive(&mut self) {
+        let fifo = pac::CAN.rfr(0);
+        let mut release = Rfr(0);
+        release.set_rfom(true);
+        while fifo.read().fmp() > 0 {
+            let from = pac::CAN.rx(0);
+            let mut frame = CanFrame {
+                id: from.rir().read().stid(),
+                len: from.rdtr().read().dlc().min(8),
+                data: [0; 8],
+            };
+            let words = [from.rdlr().read().0, from.rdhr().read().0];
+            let bytes = words.into_iter().flat_map(u32::to_le_bytes);
+            for (slot, byte) in frame.data.iter_mut().zip(bytes).take(frame.len.into()) {
+                *slot = byte;
+            }
+            // What finds no room is lost, as on the wire: drives say all they say again.
+            let _ = self.incoming.enqueue(frame);
+            fifo.write_value(release);
+            while fifo.read().rfom() {}
+        }
+    }
+}
+
+fn halves(data: &[u8; 8]) -> [u32; 2] {
+    let [a, b, c, d, e, f, g, h] = *data;
+    [[a, b, c, d], [e, f, g, h]].map(u32::from_le_bytes)
+}
+
+/// Starts the controller anew at a bit rate; `false` if it did not get ready in time.
+fn set_up(bits_per_s: u32) -> bool {
+    let can = pac::CAN;
+    let mut mode = Mcr(0);
+    mode.set_reset(true);
+    can.mcr().write_value(mode);
+    let mut mode = Mcr(0);
+    mode.set_abom(true);
+    mode.set_txfp(true);
+    mode.set_inrq(true);
+    can.mcr().write_value(mode);
+    let ready = |_| can.msr().read().inak() && !can.msr().read().slak();
+    if !(0..PATIENCE).any(ready) {
+        return false;
+    }
+    // The configuration lets only such bit rates through that this divides.
+    let prescaler = u16::try_from(QUANTA_HZ / bits_per_s.max(1)).unwrap_or(1);
+    can.btr().write(|w| {
+        w.set_brp(prescaler.saturating_sub(1));
+        w.set_ts(0, BEFORE_SAMPLE - 1);
+        w.set_ts(1, AFTER_SAMPLE - 1);
+        w.set_sjw(JUMP - 1);
+    });
+    // One mask of 32 bits: data frames with 11 bits of identifier, whatever they are.
+    can.fmr().modify(|w| w.set_finit(true));
+    can.fs1r().write(|w| w.0 = 1);
+    can.fm1r().write(|w| w.0 = 0);
+    can.ffa1r().write(|w| w.0 = 0);
+    can.fb(0).fr1().write(|w| w.0 = 0);
+    can.fb(0).fr2().write(|w| w.0 = 0b110);
+    can.fa1r().write(|w| w.0 = 1);
+    can.fmr().modify(|w| w.set_finit(false));
+    can.ier().write(|w| {
+        w.set_tmeie(true);
+        w.set_fmpie(0, true);
+    });
+    mode.set_inrq(false);
+    can.mcr().write_value(mode);
+    true
+}
+
+/// The controller, from `open` on.
+fn controller() -> Option<&'static mut Controller> {
+    #[allow(unsafe_code, reason = "one owner, two interrupts of one priority")]
+    // SAFETY: null, or the one reference that `open` made and gave up. Only the two handlers below
+    // load it; they have the same priority, so neither runs while the other does.
+    unsafe {
+        CONTROLLER.load(Ordering::Acquire).as_mut()
+    }
+}
+
+#[interrupt]
+fn USB_HP_CAN1_TX() {
+    if let Some(controller) = controller() {
+        controller.send();
+    }
+}
+
+#[interrupt]
+fn USB_LP_CAN1_RX0() {
+    if let Some(controller) = controller() {
+        controller.receive();
+    }
+}
