@@ -193,13 +193,13 @@ fn each_situation_costs_what_it_did() {
     bench.prepare();
     check("taking a configuration", &mut bench, 1900, TICK_CONFIGURING);
     bench.run_ms(300);
-    check("configured", &mut bench, 2100, 3000);
+    check("configured", &mut bench, 2300, 3200);
     for host_time_us in 0..20 {
         bench.done(Request::Heartbeat { host_time_us });
     }
-    check("with heartbeats", &mut bench, 2100, 3300);
+    check("with heartbeats", &mut bench, 2300, 3500);
     bench.status();
-    check("asked for its status", &mut bench, 2100, 4600);
+    check("asked for its status", &mut bench, 2300, 4600);
     bench.done(Request::Samples { enabled: true });
     bench.run_ms(300);
     check("with samples", &mut bench, TICK_MEDIAN + 100, 4000);
