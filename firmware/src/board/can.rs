@@ -68,7 +68,7 @@ struct Controller {
 static CONTROLLER: AtomicPtr<Controller> = AtomicPtr::new(ptr::null_mut());
 
 /// Gives the controller clock and pins; it joins the bus when it is given a bit rate.
-pub fn open(_can: Peri<'static, CAN>, rx: Peri<'static, PB8>, tx: Peri<'static, PB9>) -> Bus {
+pub fn open(_can: Peri<'static, CAN>, rx: Peri<'static, PB8>, _tx: Peri<'static, PB9>) -> Bus {
     static OUTGOING: StaticCell<Outgoing> = StaticCell::new();
     static INCOMING: StaticCell<Incoming> = StaticCell::new();
     static PLACE: StaticCell<Controller> = StaticCell::new();
@@ -88,7 +88,6 @@ pub fn open(_can: Peri<'static, CAN>, rx: Peri<'static, PB8>, tx: Peri<'static, 
     });
     // Pulled up, a bus without transceiver idles.
     mem::forget(Input::new(rx, Pull::Up));
-    mem::forget(tx);
     pac::GPIOB.cr(1).modify(|w| {
         w.set_mode(1, Mode::OUTPUT50MHZ);
         w.set_cnf_out(1, CnfOut::ALT_PUSH_PULL);
