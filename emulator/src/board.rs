@@ -9,7 +9,7 @@ use crate::device::gpio::Drive;
 use crate::error::{LoadError, Stop};
 use mcdpr_firmware::State;
 use mcdpr_protocol::message::decode;
-use mcdpr_protocol::{Channel, Deframer, SampleBlock, Status, Tick};
+use mcdpr_protocol::{Channel, Deframer, FaultRecord, SampleBlock, Status, Tick};
 use mcdpr_simulator::VirtualBoard;
 use mcdpr_simulator::plant::{Plant, PlantError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -46,6 +46,8 @@ pub struct ChipBoard {
     chip: SharedChip,
     deframer: Deframer,
     state: State,
+    fault: Option<FaultRecord>,
+    torque_on: bool,
     path_times: Vec<(Tick, u32)>,
     now: Tick,
     counters: Option<[u16; CABLES]>,
@@ -66,6 +68,8 @@ impl ChipBoard {
             chip: SharedChip(Arc::new(Mutex::new(chip))),
             deframer: Deframer::new(),
             state: State::Boot,
+            fault: None,
+            torque_on: false,
             path_times: Vec::new(),
             now: Tick(0),
             counters: None,
@@ -116,6 +120,8 @@ impl ChipBoard {
                 Some(Ok((Channel::Status, body))) => {
                     if let Some(status) = decode::<Status>(body) {
                         self.state = status.state;
+                        self.fault = status.fault;
+                        self.torque_on = status.torque_on != 0;
                     }
                 }
                 Some(Ok((Channel::Samples, body))) => {
@@ -165,6 +171,7 @@ impl VirtualBoard for ChipBoard {
             };
             chip.restart(by);
             self.state = State::Boot;
+            (self.fault, self.torque_on) = (None, false);
         }
         Self::act(plant, &chip)?;
         let begin = send.len();
@@ -189,5 +196,13 @@ impl VirtualBoard for ChipBoard {
 
     fn now(&self) -> Tick {
         self.now
+    }
+
+    fn fault(&self) -> Option<FaultRecord> {
+        self.fault
+    }
+
+    fn torque_on(&self) -> bool {
+        self.torque_on
     }
 }
