@@ -11,6 +11,7 @@ use mcdpr_firmware::State;
 use mcdpr_protocol::message::decode;
 use mcdpr_protocol::{Channel, Deframer, FaultRecord, SampleBlock, Status, Tick};
 use mcdpr_simulator::VirtualBoard;
+use mcdpr_simulator::can::DriveLine;
 use mcdpr_simulator::plant::{Plant, PlantError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -148,6 +149,7 @@ impl VirtualBoard for ChipBoard {
     fn tick(
         &mut self,
         plant: &mut Plant,
+        _line: &mut DriveLine,
         received: &[u8],
         _backlog: usize,
         send: &mut Vec<u8>,

@@ -1,9 +1,10 @@
 //! The virtual board: the real control core on simulated pins.
 
-use crate::plant::{DriveCommand, Mode, Plant, PlantError};
-use mcdpr_firmware::drives::{BusCommand, Mode as CoreMode, Sequencer};
+use crate::can::DriveLine;
+use crate::plant::{Plant, PlantError};
+use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::server::{Incoming, Receiver, Server};
-use mcdpr_firmware::{Brake, DriveInput, Inputs, Outputs};
+use mcdpr_firmware::{Brake, Inputs, Outputs};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
 use mcdpr_protocol::{
     Channel, FaultRecord, Hello, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick,
@@ -23,7 +24,20 @@ pub trait VirtualBoard {
     fn take_path_times(&mut self) -> Vec<(Tick, u32)> {
         Vec::new()
     }
-    /// One slice of time, for which the plant has just been advanced: takes the bytes that have
+    /// Lets plant and drives work until `until_us`, a slice from now. A board with a bus of its own
+    /// does that itself, with the drives' electronics of `line` alone.
+    ///
+    /// # Errors
+    /// The plant's.
+    fn advance(
+        &mut self,
+        plant: &mut Plant,
+        line: &mut DriveLine,
+        until_us: u64,
+    ) -> Result<(), PlantError> {
+        line.advance(plant, until_us)
+    }
+    /// One slice of time, for which [`Self::advance`] was just called: takes the bytes that have
     /// arrived, leaves the bytes to send. `backlog` is what the line has not sent yet.
     ///
     /// # Errors
@@ -31,6 +45,7 @@ pub trait VirtualBoard {
     fn tick(
         &mut self,
         plant: &mut Plant,
+        line: &mut DriveLine,
         received: &[u8],
         backlog: usize,
         send: &mut Vec<u8>,
@@ -51,8 +66,7 @@ pub trait VirtualBoard {
 pub(crate) struct Board<const N: usize> {
     server: Server<N>,
     receiver: Receiver,
-    sequencers: [Sequencer; N],
-    last_feedback: [(u32, u16); N],
+    drives: DriveBus<N>,
     outputs: Outputs<N>,
     now: Tick,
     version: (u16, u16),
@@ -63,8 +77,7 @@ impl<const N: usize> Board<N> {
         Self {
             server: Server::new(true),
             receiver: Receiver::default(),
-            sequencers: [Sequencer::default(); N],
-            last_feedback: [(0, u16::MAX); N],
+            drives: DriveBus::default(),
             outputs: Outputs::default(),
             now: first_tick,
             version: version.unwrap_or((PROTOCOL_MAJOR, PROTOCOL_MINOR)),
@@ -81,60 +94,27 @@ impl<const N: usize> Board<N> {
         }
     }
 
-    fn read(&mut self, plant: &mut Plant) -> Inputs<N> {
+    fn read(&mut self, plant: &mut Plant, line: &mut DriveLine) -> Inputs<N> {
         let sensors = plant.read_sensors();
         let mut inputs = Inputs {
             e_stop: sensors.e_stop,
             ..Inputs::default()
         };
-        for i in 0..N {
-            inputs.encoders[i] = sensors.encoder_counts[i];
-            inputs.tension_adc[i] = sensors.adc[i];
-            let (sequence, age) = &mut self.last_feedback[i];
-            *age = age.saturating_add(1);
-            if let Some(feedback) = &sensors.feedback[i] {
-                if feedback.sequence != *sequence {
-                    (*sequence, *age) = (feedback.sequence, 0);
-                }
-                inputs.drives[i] = DriveInput {
-                    ready: self.sequencers[i].is_ready(self.outputs.drives[i]),
-                    fault: false,
-                    age_ms: *age,
-                    counts: feedback.counts,
-                    rpm: feedback.rpm,
-                    current_ma: feedback.current_ma,
-                    ..DriveInput::default()
-                };
-            } else {
-                inputs.drives[i].age_ms = u16::MAX;
-            }
-        }
+        inputs
+            .encoders
+            .copy_from_slice(&sensors.encoder_counts[..N]);
+        inputs.tension_adc.copy_from_slice(&sensors.adc[..N]);
+        self.drives.listen(&mut line.port());
+        self.drives.fill(&mut inputs);
         inputs
     }
 
-    fn apply(&mut self, plant: &mut Plant, inputs: &Inputs<N>) -> Result<(), PlantError> {
-        for i in 0..N {
-            let answers = inputs.drives[i].age_ms < 20;
-            let command = match self.sequencers[i].tick(self.outputs.drives[i], answers) {
-                BusCommand::Nothing => None,
-                BusCommand::Off => Some(DriveCommand::Off),
-                BusCommand::Reset => Some(DriveCommand::Reset),
-                BusCommand::Select(CoreMode::Position) => {
-                    Some(DriveCommand::SelectMode(Mode::Position))
-                }
-                BusCommand::Select(CoreMode::Current) => {
-                    Some(DriveCommand::SelectMode(Mode::Current))
-                }
-                BusCommand::Position { counts, rpm } => Some(DriveCommand::Position {
-                    counts: i64::from(counts),
-                    rpm_limit: rpm,
-                }),
-                BusCommand::Current { ma } => Some(DriveCommand::Current { milliamps: ma }),
-            };
-            if let Some(command) = command {
-                plant.command(i, command)?;
-            }
-            plant.set_brake(i, self.outputs.brakes[i] == Brake::Closed)?;
+    fn apply(&mut self, plant: &mut Plant, line: &mut DriveLine) -> Result<(), PlantError> {
+        let config = self.server.controller().config();
+        let mut port = line.port();
+        self.drives.tick(self.now, config, &self.outputs, &mut port);
+        for (i, brake) in self.outputs.brakes.iter().enumerate() {
+            plant.set_brake(i, *brake == Brake::Closed)?;
         }
         Ok(())
     }
@@ -187,16 +167,17 @@ impl<const N: usize> VirtualBoard for Board<N> {
     fn tick(
         &mut self,
         plant: &mut Plant,
+        line: &mut DriveLine,
         received: &[u8],
         backlog: usize,
         send: &mut Vec<u8>,
     ) -> Result<(), PlantError> {
         self.now = self.now.after(1);
         self.answer(received, send);
-        let inputs = self.read(plant);
+        let inputs = self.read(plant, line);
         self.outputs = self.server.step(self.now, &inputs);
         self.tell(backlog, send);
-        self.apply(plant, &inputs)
+        self.apply(plant, line)
     }
 
     fn state(&self) -> mcdpr_firmware::State {

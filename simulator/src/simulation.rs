@@ -1,6 +1,7 @@
 //! The whole simulated robot behind a serial line, in virtual time.
 
 use crate::board::{Board, VirtualBoard};
+use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError, Truth};
 use crate::wire::{Wire, WireFaults};
 use mcdpr_firmware::State;
@@ -56,6 +57,7 @@ pub struct TracePoint {
 /// A robot, its board and the line to it, advanced by whoever holds it.
 pub struct Simulation {
     plant: Plant,
+    drives: DriveLine,
     board: Box<dyn VirtualBoard + Send>,
     to_board: Wire,
     to_host: Wire,
@@ -100,6 +102,7 @@ impl Simulation {
         let wire = |faults, salt| Wire::new(link.baud, link.latency_us, faults, seed ^ salt);
         Self {
             next_tick_us: board.slice_us(),
+            drives: DriveLine::new(&plant),
             plant,
             board,
             to_board: wire(link.to_board, 0x746F_5F62),
@@ -146,14 +149,20 @@ impl Simulation {
 
     fn tick(&mut self) -> Result<(), PlantError> {
         let slice_us = self.board.slice_us();
-        self.plant.advance(1e-6 * slice_us as f64)?;
+        self.board
+            .advance(&mut self.plant, &mut self.drives, self.now_us)?;
         let before = self.board.now();
         self.received.clear();
         self.send.clear();
         self.to_board.receive(self.now_us, &mut self.received);
         let backlog = self.to_host.backlog(self.now_us);
-        self.board
-            .tick(&mut self.plant, &self.received, backlog, &mut self.send)?;
+        self.board.tick(
+            &mut self.plant,
+            &mut self.drives,
+            &self.received,
+            backlog,
+            &mut self.send,
+        )?;
         self.to_host.send(self.now_us, &self.send);
         self.next_tick_us += slice_us;
         let Some(trace) = &mut self.trace else {
@@ -197,6 +206,17 @@ impl Simulation {
     /// The plant, to disturb: faults, loads, the e-stop button.
     pub const fn plant_mut(&mut self) -> &mut Plant {
         &mut self.plant
+    }
+
+    /// The drives' bus, to look at.
+    #[must_use]
+    pub const fn drives(&self) -> &DriveLine {
+        &self.drives
+    }
+
+    /// The drives' bus, to disturb: wires and electronics.
+    pub const fn drives_mut(&mut self) -> &mut DriveLine {
+        &mut self.drives
     }
 
     /// What the board does; for tests, a host asks over the line.

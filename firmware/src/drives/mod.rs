@@ -20,13 +20,11 @@ pub mod cia402;
 mod drive;
 pub mod rmds;
 pub mod schedule;
-mod sequencer;
 #[cfg(test)]
 mod tests;
 
 pub use can::{BusState, CanFrame, CanPort, Full};
 pub use drive::{Mode, Phase};
-pub use sequencer::{BusCommand, Sequencer};
 
 use crate::config::{Active, DriveKind};
 use crate::io::{DriveDemand, DriveInput, Inputs, Outputs};

@@ -61,8 +61,10 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
         // change of mind.
         Phase::Enabling if wanted != Some(Mode::of(cable)) => Some(reset),
         Phase::Idle => {
-            // Torque that is asked of a drive that was not enabled never comes by itself.
-            let asked = !demand.gives_torque() && wanted == Some(Mode::of(cable));
+            // Torque that is asked of a drive that was not enabled never comes by itself; and a
+            // drive that does not answer is not enabled.
+            let answers = drive.input.age_ms <= LOST_MS;
+            let asked = !demand.gives_torque() && wanted == Some(Mode::of(cable)) && answers;
             let mode = match wanted? {
                 Mode::Position => 5,
                 Mode::Current => 2,

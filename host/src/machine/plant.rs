@@ -1,9 +1,9 @@
 //! The robot description as physics for the simulator, exact or off by a stated mismatch.
 
-use crate::robot::Robot;
+use crate::robot::{DriveKind, Robot};
 use mcdpr_simulator::plant::{
     BrakeParams, BusParams, CableParams, DriveParams, Plant, PlantError, PlantParams,
-    PlatformParams, Pose, TensionSensorParams, WinchParams,
+    PlatformParams, Pose, Protocol, TensionSensorParams, WinchParams,
 };
 use mcdpr_simulator::{LinkOptions, Simulation};
 use rand_chacha::ChaCha8Rng;
@@ -50,6 +50,9 @@ impl Mismatch {
     }
 }
 
+/// Time that drives take to enter a mode, s.
+const RMDS_MODE_S: f64 = 0.5;
+const CIA402_MODE_S: f64 = 0.02;
 /// Viscous friction is not a key of the robot file: Coulomb friction dominates these drums.
 const VISCOUS_FRICTION_NS_PER_M: f64 = 0.0;
 /// A brake that is too weak is a fault to be injected, not a property of a robot file, N.
@@ -128,6 +131,15 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
                 current_lag_s: winch.current_lag_s,
                 // What the motor can give limits it, not the drive's profile.
                 max_acceleration_mps2: MAX_ACCELERATION_MPS2,
+                protocol: match winch.drive {
+                    DriveKind::Rmds => Protocol::Rmds,
+                    DriveKind::Cia402 => Protocol::Cia402,
+                },
+                node: Some(winch.node),
+                mode_time_s: match winch.drive {
+                    DriveKind::Rmds => RMDS_MODE_S,
+                    DriveKind::Cia402 => CIA402_MODE_S,
+                },
                 ..WinchParams::default().drive
             },
             sensor: TensionSensorParams {
@@ -159,6 +171,7 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
         bus: BusParams {
             period_s: f64::from(robot.bus.period_us) * 1e-6,
             latency_s: 0.000_25,
+            bitrate: robot.bus.bitrate,
         },
         gravity_mps2: [0.0, 0.0, -mcdpr_kinematics::GRAVITY_MPS2],
         step_s: 1e-4,

@@ -1,6 +1,7 @@
 //! What acts on the plant from outside: the board's outputs, the operator's hand, mishaps.
 
 use super::Plant;
+use super::bus::Feedback;
 use super::cable::Tension;
 use super::drive::DriveCommand;
 use super::error::PlantError;
@@ -16,6 +17,43 @@ impl Plant {
         self.known(cable)?;
         self.ports[cable].submit(command);
         Ok(())
+    }
+
+    /// A command reaches a drive now: for who has a bus of his own. A drive without power, or one
+    /// that ignores commands by a fault, takes none.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn command_drive(&mut self, cable: usize, command: DriveCommand) -> Result<(), PlantError> {
+        self.known(cable)?;
+        if self.powered && !self.faults.cables[cable].drive.ignores_commands {
+            let now_s = self.time_s();
+            let winch = &mut self.winches[cable];
+            winch.drive.receive(command, now_s, winch.drum_rate);
+        }
+        Ok(())
+    }
+
+    /// What a drive measures now: for who has a bus of his own.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`].
+    pub fn drive_feedback(&self, cable: usize) -> Result<Feedback, PlantError> {
+        self.known(cable)?;
+        let winch = &self.winches[cable];
+        let (drum_m, drum_rate) = (winch.drum_m, winch.drum_rate);
+        Ok(Feedback::measure(
+            &winch.drive,
+            drum_m,
+            drum_rate,
+            self.time_s(),
+        ))
+    }
+
+    /// Whether drives and brakes have their supply.
+    #[must_use]
+    pub const fn is_powered(&self) -> bool {
+        self.powered
     }
 
     /// Switches a brake's output pin; the brake follows after its delay.

@@ -48,7 +48,7 @@ pub use error::PlantError;
 pub use faults::{BrakeFault, CableFaults, DriveFault, EncoderFault, Faults, TensionFault};
 pub use params::{
     BrakeParams, BusParams, CableParams, DriveParams, MAX_CABLES, PlantParams, PlatformParams,
-    TensionSensorParams, WinchParams, box_inertia_kg_m2,
+    Protocol, TensionSensorParams, WinchParams, box_inertia_kg_m2,
 };
 pub use platform::Pose;
 pub use sensors::{ADC_FULL_SCALE, ADC_REFERENCE_V, ADC_STEPS_PER_REFERENCE, Sensors};

@@ -94,6 +94,29 @@ pub struct DriveParams {
     pub reset_time_s: f64,
     /// From the choice of a mode until it is obeyed (s).
     pub mode_time_s: f64,
+    /// What its electronics speak.
+    pub protocol: Protocol,
+    /// Its number on the bus; none: the winch's own number, from 1.
+    pub node: Option<u8>,
+}
+
+/// What a drive's electronics speak.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Protocol {
+    /// RoboModule RMDS.
+    #[default]
+    Rmds,
+    /// CiA 402 over CANopen.
+    Cia402,
+}
+
+impl DriveParams {
+    /// Its number on the bus, for the winch with this index (from 0).
+    #[must_use]
+    pub fn node_of(&self, index: usize) -> u8 {
+        let own = u8::try_from(index + 1).unwrap_or(u8::MAX);
+        self.node.unwrap_or(own)
+    }
 }
 
 /// A tension sensor at the winch, `tension = gain (voltage - zero)`, and its converter.
@@ -137,6 +160,8 @@ pub struct BusParams {
     pub period_s: f64,
     /// Transport time of a command or a feedback (s), less than the period.
     pub latency_s: f64,
+    /// Bit rate that the drives are set to (bit/s).
+    pub bitrate: u32,
 }
 
 /// Everything the plant needs to know. All fields SI, world frame with z up.
@@ -189,6 +214,8 @@ impl Default for WinchParams {
                 current_quantum_a: 0.001,
                 reset_time_s: 0.5,
                 mode_time_s: 0.5,
+                protocol: Protocol::Rmds,
+                node: None,
             },
             sensor: TensionSensorParams {
                 gain_n_per_v: 12.77,
@@ -254,6 +281,7 @@ impl PlantParams {
             bus: BusParams {
                 period_s: 0.002,
                 latency_s: 0.000_25,
+                bitrate: 1_000_000,
             },
             gravity_mps2: [0.0, 0.0, -9.81],
             step_s: 1e-4,

@@ -13,7 +13,7 @@ fn feed(bench: &mut Bench) {
 fn enabled() -> Bench {
     let mut bench = Bench::new(DriveKind::Rmds);
     for tick in 0..1100 {
-        if tick > 520 {
+        if tick >= 515 {
             feed(&mut bench);
         }
         bench.tick(if tick < 520 { OFF } else { ENABLE });
