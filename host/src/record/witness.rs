@@ -81,6 +81,22 @@ impl PlanNote {
         }
     }
 
+    /// Where the tool shall be at a path time, m, between the points.
+    #[must_use]
+    pub fn tool_at(&self, time_s: f64) -> Option<[f64; 3]> {
+        let after = self.points.partition_point(|point| point.time_s <= time_s);
+        let from = self.points.get(after.checked_sub(1)?)?;
+        let Some(to) = self.points.get(after) else {
+            return Some(from.tool_m);
+        };
+        let share = (time_s - from.time_s) / (to.time_s - from.time_s).max(1e-9);
+        let mut at = from.tool_m;
+        for (value, end) in at.iter_mut().zip(to.tool_m) {
+            *value += (end - *value) * share;
+        }
+        Some(at)
+    }
+
     /// The point nearest to a path time.
     #[must_use]
     pub fn at(&self, time_s: f64) -> Option<&PlanPoint> {

@@ -1,0 +1,346 @@
+//! What viewers are shown.
+
+use crate::link::{advice, describe_fault, describe_reject};
+use crate::motion::Model;
+use crate::record::decode::{Decoder, Seen};
+use crate::record::witness::Watcher;
+use crate::record::{Happening, PlanNote, words};
+use crate::robot::{Control, Robot};
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Where a pose comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Source {
+    /// The simulated robot's true pose.
+    #[serde(rename = "simulated truth")]
+    Truth,
+    /// Estimated from lengths and tensions at rest.
+    #[serde(rename = "estimated from cables")]
+    Estimated,
+}
+
+/// Where platform and tool are; world frame, SI.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ShownPose {
+    /// Origin of the platform, m.
+    pub position_m: [f64; 3],
+    /// Attitude, quaternion [x, y, z, w].
+    pub rotation_xyzw: [f64; 4],
+    /// The tool, m.
+    pub tool_m: [f64; 3],
+    /// Where this comes from.
+    pub source: Source,
+}
+
+/// The robot now; SI.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Live {
+    /// Grows with every change.
+    pub revision: u64,
+    /// The link's time, s.
+    pub time_s: f64,
+    /// State of the board, and what it means.
+    pub state: String,
+    /// The state in words.
+    pub words: &'static str,
+    /// Path time reached, s.
+    pub path_s: f64,
+    /// Duration of the motion, s.
+    pub duration_s: f64,
+    /// Paid-out lengths, m.
+    pub lengths_m: Vec<f64>,
+    /// Measured minus commanded lengths, m; empty without a motion.
+    pub length_errors_m: Vec<f64>,
+    /// Tensions at the winches, N.
+    pub tensions_n: Vec<f64>,
+    /// Expected tensions or set-points, N; empty without a motion.
+    pub expected_n: Vec<f64>,
+    /// Motor currents, A.
+    pub currents_a: Vec<f64>,
+    /// Where the robot is.
+    pub pose: Option<ShownPose>,
+    /// Distance of the tool from where it shall be now, m; only of a simulated robot.
+    pub path_error_m: Option<f64>,
+    /// The latched fault in words.
+    pub fault: Option<String>,
+    /// What to do about it.
+    pub advice: Option<&'static str>,
+    /// What works at its edge.
+    pub limits: Vec<&'static str>,
+    /// Bit set of open brakes.
+    pub brakes_open: u8,
+    /// Bit set of drives that give torque.
+    pub torque_on: u8,
+    /// Frames that arrived damaged.
+    pub frames_bad: u64,
+    /// What goes on, as the program says.
+    pub task: String,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    live: Live,
+    heard: Option<Instant>,
+    plan: Option<Arc<PlanNote>>,
+    plans: u64,
+    log: VecDeque<(u64, f64, String)>,
+    logged: u64,
+}
+
+/// The state that viewers share. Clones show the same.
+#[derive(Debug, Clone, Default)]
+pub struct Feed {
+    shared: Arc<(Mutex<Inner>, Condvar)>,
+}
+
+/// Lines of the log that a new viewer gets.
+const LOG: usize = 60;
+
+impl Feed {
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        // A viewer that panicked must not blind the others.
+        self.shared.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn change(&self, heard: bool, change: impl FnOnce(&mut Inner)) {
+        let mut inner = self.lock();
+        change(&mut inner);
+        if heard {
+            inner.heard = Some(Instant::now());
+        }
+        inner.live.revision += 1;
+        self.shared.1.notify_all();
+    }
+
+    /// Says what the program is doing.
+    pub fn set_task(&self, task: &str) {
+        self.change(false, |inner| task.clone_into(&mut inner.live.task));
+    }
+
+    /// Adds a line to the log that viewers see.
+    pub fn say(&self, text: &str) {
+        self.change(false, |inner| push(inner, text));
+    }
+
+    /// The robot now, and the age of what the board last said, s.
+    #[must_use]
+    pub fn now(&self) -> (Live, Option<f64>) {
+        let inner = self.lock();
+        let age = inner.heard.map(|heard| heard.elapsed().as_secs_f64());
+        (inner.live.clone(), age)
+    }
+
+    /// Waits until something is newer than a revision, at most this long.
+    #[must_use]
+    pub fn wait_newer(&self, revision: u64, timeout: Duration) -> bool {
+        let inner = self.lock();
+        let waited = self.shared.1.wait_timeout_while(inner, timeout, |inner| {
+            inner.live.revision <= revision
+        });
+        waited.is_ok_and(|(_, result)| !result.timed_out())
+    }
+
+    /// The plan, if it is another than the one of this number.
+    #[must_use]
+    pub fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
+        let inner = self.lock();
+        let plan = inner.plan.as_ref().filter(|_| inner.plans != number)?;
+        Some((inner.plans, Arc::clone(plan)))
+    }
+
+    /// Lines of the log after this number: number, link time (s), text.
+    #[must_use]
+    pub fn log_after(&self, number: u64) -> Vec<(u64, f64, String)> {
+        let inner = self.lock();
+        let new = inner.log.iter().filter(|(index, ..)| *index > number);
+        new.cloned().collect()
+    }
+}
+
+fn push(inner: &mut Inner, text: &str) {
+    inner.logged += 1;
+    let entry = (inner.logged, inner.live.time_s, text.to_owned());
+    inner.log.push_back(entry);
+    if inner.log.len() > LOG {
+        inner.log.pop_front();
+    }
+}
+
+/// Gathers what viewers are shown from what passes over the line.
+pub struct FeedWatcher {
+    feed: Feed,
+    model: Model,
+    decoder: Decoder,
+    truth_known: bool,
+}
+
+impl FeedWatcher {
+    /// For a robot.
+    #[must_use]
+    pub fn new(feed: Feed, model: Model) -> Self {
+        Self {
+            feed,
+            model,
+            decoder: Decoder::default(),
+            truth_known: false,
+        }
+    }
+
+    fn seen(&self, seen: Seen, time_s: f64) {
+        match seen {
+            Seen::Ticks(ticks) => {
+                let Some(tick) = ticks.into_iter().next_back() else {
+                    return;
+                };
+                self.feed.change(true, |inner| {
+                    let live = &mut inner.live;
+                    live.time_s = time_s;
+                    let pairs = tick.lengths_m.iter().zip(&tick.planned);
+                    live.length_errors_m = pairs.map(|(l, p)| l - p.length_m).collect();
+                    live.expected_n = tick.planned.iter().map(|p| p.tension_n).collect();
+                    live.lengths_m = tick.lengths_m;
+                    live.tensions_n = tick.tensions_n;
+                    live.currents_a = tick.currents_a;
+                    live.path_s = tick.path_s.unwrap_or(live.path_s);
+                });
+            }
+            Seen::Status(status) => {
+                let metres = status.lengths.iter().map(|l| f64::from(l.0) * 1e-7);
+                let metres: Vec<_> = metres.collect();
+                let newtons = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3);
+                let newtons: Vec<_> = newtons.collect();
+                let estimate = (!self.truth_known && status.referenced)
+                    .then(|| self.estimate(&metres, &newtons))
+                    .flatten();
+                self.feed.change(true, |inner| {
+                    let state = format!("{:?}", status.state);
+                    let fault = status.fault.as_ref().map(describe_fault);
+                    if inner.live.state != state {
+                        push(inner, &format!("{state}: {}", words::state(status.state)));
+                    }
+                    if inner.live.fault != fault
+                        && let Some(fault) = &fault
+                    {
+                        push(inner, &format!("fault {fault}"));
+                    }
+                    let live = &mut inner.live;
+                    live.time_s = time_s;
+                    live.state = state;
+                    live.words = words::state(status.state);
+                    live.fault = fault;
+                    live.advice = status.fault.map(|record| advice(record.fault));
+                    live.limits = words::LIMITS
+                        .into_iter()
+                        .filter(|limit| status.limits.contains(*limit))
+                        .map(words::limit)
+                        .collect();
+                    live.brakes_open = status.brakes_open;
+                    live.torque_on = status.torque_on;
+                    live.path_s = f64::from(status.path_ms) * 1e-3;
+                    live.lengths_m = metres;
+                    live.tensions_n = newtons;
+                    if estimate.is_some() {
+                        live.pose = estimate;
+                    }
+                });
+            }
+            Seen::Beat { path_ms, state } => self.feed.change(true, |inner| {
+                inner.live.time_s = time_s;
+                inner.live.path_s = f64::from(path_ms) * 1e-3;
+                let name = format!("{state:?}");
+                if inner.live.state != name {
+                    push(inner, &format!("{name}: {}", words::state(state)));
+                    inner.live.state = name;
+                    inner.live.words = words::state(state);
+                }
+            }),
+            Seen::Refused(reject) => self
+                .feed
+                .say(&format!("the board refused: {}", describe_reject(&reject))),
+            Seen::Hello(_) | Seen::Asked(_) | Seen::Knot(_) => {}
+        }
+    }
+
+    fn estimate(&self, lengths_m: &[f64], tensions_n: &[f64]) -> Option<ShownPose> {
+        let rest = self.model.rest_from_lengths(lengths_m, tensions_n).ok()?;
+        let pose = &rest.equilibrium.pose;
+        let turn = pose.quaternion();
+        Some(ShownPose {
+            position_m: pose.position_m.into(),
+            rotation_xyzw: [turn.i, turn.j, turn.k, turn.w],
+            tool_m: self.model.tool_m(&rest).into(),
+            source: Source::Estimated,
+        })
+    }
+}
+
+impl Watcher for FeedWatcher {
+    fn see(&mut self, happening: &Happening) {
+        match happening {
+            Happening::Wire { frame, .. } => {
+                let time_s = frame.time_us as f64 * 1e-6;
+                for seen in self.decoder.take(frame) {
+                    self.seen(seen, time_s);
+                }
+                let damaged = self.decoder.damaged();
+                if self.feed.lock().live.frames_bad != damaged {
+                    self.feed.lock().live.frames_bad = damaged;
+                }
+            }
+            Happening::Plan { plan, .. } => {
+                let plan = Arc::new(plan.clone());
+                self.feed.change(false, |inner| {
+                    inner.live.duration_s = plan.duration_s;
+                    inner.plan = Some(plan);
+                    inner.plans += 1;
+                });
+            }
+            Happening::Truth { truth, .. } => {
+                self.truth_known = true;
+                self.feed.change(false, |inner| {
+                    let planned = inner.plan.as_ref().filter(|_| truth.path_s > 0.0);
+                    let shall = planned.and_then(|plan| plan.tool_at(truth.path_s));
+                    inner.live.path_error_m = shall.map(|shall| {
+                        let gaps = shall.iter().zip(&truth.tool_m).map(|(a, b)| (a - b).powi(2));
+                        gaps.sum::<f64>().sqrt()
+                    });
+                    inner.live.pose = Some(ShownPose {
+                        position_m: truth.position_m,
+                        rotation_xyzw: truth.rotation_xyzw,
+                        tool_m: truth.tool_m,
+                        source: Source::Truth,
+                    });
+                });
+            }
+            Happening::Remark { text, .. } => self.feed.say(text),
+        }
+    }
+}
+
+/// What of a robot does not change, for the drawing.
+#[must_use]
+pub fn describe(robot: &Robot) -> serde_json::Value {
+    let cables = robot.cables.iter().enumerate().map(|(index, cable)| {
+        let most = robot.winch_of(index).map(|winch| winch.tension_max_n);
+        serde_json::json!({
+            "anchor_m": cable.anchor_in_world_m.as_slice(),
+            "axis": cable.swivel_axis_in_world.as_slice(),
+            "pulley_radius_m": cable.pulley_radius_m,
+            "attachment_m": cable.attachment_in_platform_m.as_slice(),
+            "tension_held": cable.control == Control::Tension,
+            "tension_max_n": most,
+        })
+    });
+    serde_json::json!({
+        "name": robot.name,
+        "cables": cables.collect::<Vec<_>>(),
+        "tcp_m": robot.tool.tcp_in_platform_m.as_slice(),
+        "tension_min_n": robot.limits.tension_min_n,
+        "tension_max_n": robot.limits.tension_max_n,
+        "setpoint_n": robot.tension.setpoint_n,
+        "speed_mps": robot.limits.speed_mps,
+    })
+}

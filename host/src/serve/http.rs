@@ -1,0 +1,118 @@
+//! As much HTTP as one page and a WebSocket need.
+
+use std::io::{self, Read, Write};
+
+/// Most bytes of a request's head.
+const MOST: usize = 16 * 1024;
+
+/// A request without a body.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Request {
+    pub(super) method: String,
+    pub(super) path: String,
+    headers: Vec<(String, String)>,
+}
+
+impl Request {
+    /// Reads a request's head.
+    pub(super) fn read(from: &mut impl Read) -> io::Result<Self> {
+        let mut head = Vec::new();
+        let mut byte = [0];
+        while !head.ends_with(b"\r\n\r\n") {
+            if head.len() >= MOST || from.read(&mut byte)? == 0 {
+                return Err(io::ErrorKind::InvalidData.into());
+            }
+            head.extend_from_slice(&byte);
+        }
+        Self::parse(&head).ok_or_else(|| io::ErrorKind::InvalidData.into())
+    }
+
+    fn parse(head: &[u8]) -> Option<Self> {
+        let text = std::str::from_utf8(head).ok()?;
+        let mut lines = text.split("\r\n");
+        let mut first = lines.next()?.split(' ');
+        let (method, target) = (first.next()?, first.next()?);
+        first.next().filter(|version| version.starts_with("HTTP/1."))?;
+        let headers = lines
+            .filter_map(|line| line.split_once(':'))
+            .map(|(name, value)| (name.trim().to_ascii_lowercase(), value.trim().to_owned()));
+        Some(Self {
+            method: method.to_owned(),
+            path: target.split('?').next()?.to_owned(),
+            headers: headers.collect(),
+        })
+    }
+
+    /// A header's value; `name` in small letters.
+    pub(super) fn header(&self, name: &str) -> Option<&str> {
+        let found = self.headers.iter().find(|(known, _)| known == name);
+        found.map(|(_, value)| value.as_str())
+    }
+
+    /// Whether the browser means this server: a page of another site, or a name that was bent to
+    /// this address, is refused.
+    pub(super) fn is_for(&self, port: u16) -> bool {
+        let own = |authority: &str| {
+            ["127.0.0.1", "localhost", "[::1]"]
+                .iter()
+                .any(|host| authority == format!("{host}:{port}"))
+        };
+        let origin = self.header("origin").map(|origin| {
+            let bare = origin.strip_prefix("http://");
+            bare.is_some_and(own)
+        });
+        self.header("host").is_some_and(own) && origin.unwrap_or(true)
+    }
+}
+
+/// Answers with a body and closes.
+pub(super) fn answer(
+    to: &mut impl Write,
+    status: &str,
+    media_type: &str,
+    body: &str,
+) -> io::Result<()> {
+    write!(
+        to,
+        "HTTP/1.1 {status}\r\nContent-Type: {media_type}; charset=utf-8\r\nContent-Length: {}\r\n\
+         Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
+         Content-Security-Policy: default-src 'none'; style-src 'unsafe-inline'; script-src \
+         'unsafe-inline'; img-src data: blob:; connect-src 'self' ws:; frame-ancestors 'none'\r\n\
+         Connection: close\r\n\r\n{body}",
+        body.len()
+    )?;
+    to.flush()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request(text: &str) -> Option<Request> {
+        Request::read(&mut text.as_bytes()).ok()
+    }
+
+    #[test]
+    fn a_request_is_read_and_rubbish_is_refused() {
+        let read = request("GET /ws?x=1 HTTP/1.1\r\nHost: localhost:80\r\nUpgrade: websocket\r\n\r\n");
+        let read = read.unwrap();
+        assert_eq!((read.method.as_str(), read.path.as_str()), ("GET", "/ws"));
+        assert_eq!(read.header("upgrade"), Some("websocket"));
+        assert!(request("GET /\r\n\r\n").is_none());
+        assert!(request("hello").is_none());
+        assert!(request(&"x".repeat(MOST + 10)).is_none());
+    }
+
+    #[test]
+    fn other_sites_are_refused() {
+        let ask = |host: &str, origin: &str| {
+            let text = format!("GET / HTTP/1.1\r\nHost: {host}\r\n{origin}\r\n");
+            request(&text).unwrap().is_for(8650)
+        };
+        assert!(ask("127.0.0.1:8650", ""));
+        assert!(ask("localhost:8650", "Origin: http://localhost:8650\r\n"));
+        assert!(!ask("evil.example:8650", ""));
+        assert!(!ask("127.0.0.1:8650", "Origin: http://evil.example\r\n"));
+        assert!(!ask("127.0.0.1:9999", ""));
+    }
+}

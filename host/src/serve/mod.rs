@@ -1,0 +1,27 @@
+//! The live page: one embedded page on loopback, fed over a WebSocket, with buttons that give
+//! orders to whoever moves the robot.
+//!
+//! | module | what it is for |
+//! |---|---|
+//! | [`feed`] | what viewers are shown, gathered from the line on a thread of its own |
+//! | [`server`] | the listener: the page, and a WebSocket for each viewer |
+//!
+//! Viewers can not slow the robot: they read a snapshot. Orders need the token that the program
+//! prints; without it a viewer only looks. Pages of other sites can not connect: the host and
+//! origin that a browser names must be this server's.
+
+pub mod feed;
+mod http;
+pub mod server;
+
+pub use feed::{Feed, FeedWatcher};
+pub use server::{Desk, ServeError, Server};
+
+/// The page, whole: no other file and no network is needed.
+#[must_use]
+pub fn page() -> String {
+    include_str!("page.html")
+        .replace("/*STYLE*/", include_str!("page.css"))
+        .replace("/*SCENE*/", include_str!("scene.js"))
+        .replace("/*SCRIPT*/", include_str!("page.js"))
+}

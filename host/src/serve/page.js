@@ -1,0 +1,197 @@
+// Connection, words, charts and orders.
+(() => {
+  const $ = id => document.getElementById(id);
+  const token = new URLSearchParams(location.hash.slice(1)).get('token');
+  let socket = null, robot = null, live = null, heardAt = 0, may = false, orders = [], sent = 0, wait = 250;
+  const history = { t: [], tensions: [], errors: [] };
+  const SPAN = 20;
+  const COLORS = ['--c1', '--c2', '--c3', '--c4', '--accent', '--good', '--warn', '--bad'];
+  const color = i => getComputedStyle(document.documentElement).getPropertyValue(COLORS[i % COLORS.length]).trim();
+  const mm = (v, d) => (v * 1e3).toFixed(d);
+  const text = (id, value) => { const e = $(id); if (e.textContent !== value) e.textContent = value; };
+  window.mcdpr = { get live() { return live; }, get may() { return may; }, get connected() { return !!socket && socket.readyState === 1; }, answers: [] };
+
+  function connect() {
+    socket = new WebSocket(`ws://${location.host}/ws`);
+    socket.onopen = () => { wait = 250; pill('link', 'connected', 'good'); if (token) send({ order: 'may' }); };
+    socket.onmessage = event => take(JSON.parse(event.data));
+    socket.onclose = () => {
+      pill('link', 'no connection, trying again', 'bad');
+      may = false; buttons();
+      setTimeout(connect, wait); wait = Math.min(2000, wait * 1.5);
+    };
+  }
+
+  function send(message) {
+    if (!socket || socket.readyState !== 1) { text('answer', 'not sent: no connection'); return; }
+    message.id = ++sent; message.token = token;
+    socket.send(JSON.stringify(message));
+  }
+
+  function take(m) {
+    if (m.type === 'hello') {
+      robot = m.robot; orders = m.orders;
+      text('name', robot.name); document.title = robot.name + ' - MCDPR';
+      text('most', robot.tension_max_n.toFixed(0) + ' N');
+      Scene.setRobot(robot); rows(); buttons();
+    } else if (m.type === 'plan') Scene.setPlan(m.tool_m);
+    else if (m.type === 'log') m.lines.forEach(log);
+    else if (m.type === 'answer') answer(m);
+    else if (m.type === 'live') show(m);
+  }
+
+  function answer(m) {
+    window.mcdpr.answers.push(m);
+    if (m.order === 'may') {
+      may = m.ok; buttons();
+      return;
+    }
+    text('answer', m.ok ? '' : `${m.order}: ${m.reason}`);
+  }
+
+  function show(m) {
+    live = m; heardAt = performance.now() - (m.age_s || 0) * 1e3;
+    const kind = { Moving: 'move', Pausing: 'warn', Stopping: 'warn', Arming: 'warn', Holding: 'good', Fault: 'bad', EStop: 'bad' }[m.state] || '';
+    pill('state', m.state || 'waiting', kind);
+    text('words', m.words);
+    $('alarm').hidden = !m.fault;
+    if (m.fault) text('alarm', `Fault ${m.fault}. ${m.advice || ''}`);
+    text('task', m.task || 'nothing under way');
+    text('time', m.duration_s > 0 ? `${m.path_s.toFixed(1)} of ${m.duration_s.toFixed(1)} s` : '');
+    $('progress').value = m.duration_s > 0 ? m.path_s / m.duration_s : 0;
+    if (m.pose) {
+      const p = m.pose, [x, y, z, w] = p.rotation_xyzw;
+      text('tool', p.tool_m.map(v => mm(v, 1)).join(', ') + ' mm');
+      const up = 1 - 2 * (x * x + y * y);
+      text('tilt', (Math.acos(Math.max(-1, Math.min(1, up))) * 180 / Math.PI).toFixed(1) + '\u00b0');
+      text('source', p.source);
+    }
+    text('error', m.path_error_m === null || m.path_error_m === undefined ? '\u2013' : mm(m.path_error_m, 2) + ' mm');
+    const count = robot ? robot.cables.length : 4, open = bits(m.brakes_open);
+    text('brakes', open === 0 ? 'closed' : open === count ? 'open' : `${open} of ${count} open`);
+    const limits = $('limits'), list = m.limits.join('\n');
+    if (limits.dataset.list !== list) {
+      limits.dataset.list = list;
+      limits.replaceChildren(...m.limits.map(l => Object.assign(document.createElement('li'), { textContent: l })));
+    }
+    cables(m);
+    history.t.push(m.time_s); history.tensions.push(m.tensions_n); history.errors.push(m.length_errors_m.map(e => e * 1e3));
+    if (history.t.length > 1 && history.t[history.t.length - 1] < history.t[history.t.length - 2]) for (const k in history) history[k] = history[k].slice(-1);
+    while (history.t[0] < m.time_s - SPAN) for (const k in history) history[k].shift();
+    Scene.setLive(m);
+  }
+
+  const bits = n => { let c = 0; for (; n; n >>= 1) c += n & 1; return c; };
+
+  function rows() {
+    $('cables').replaceChildren(...robot.cables.map((c, i) => {
+      const row = document.createElement('tr');
+      row.innerHTML = `<td><i class="line" style="background:${color(i)}"></i>${i + 1}${c.tension_held ? ' T' : ''}</td><td></td><td></td><td></td><td class="bar"><div class="meter"><i></i></div></td>`;
+      if (c.tension_held) row.title = 'held at a tension; the others are held at a length';
+      return row;
+    }));
+  }
+
+  function cables(m) {
+    [...$('cables').children].forEach((row, i) => {
+      const cells = row.children, most = robot.cables[i].tension_max_n || robot.tension_max_n;
+      const set = (cell, value) => { if (cell.textContent !== value) cell.textContent = value; };
+      const n = m.tensions_n[i], l = m.lengths_m[i], e = m.length_errors_m[i];
+      set(cells[1], l === undefined ? '\u2013' : mm(l, 1));
+      set(cells[2], e === undefined ? '\u2013' : mm(e, 2));
+      set(cells[3], n === undefined ? '\u2013' : n.toFixed(1));
+      const bar = cells[4].firstChild.firstChild;
+      bar.style.width = `${Math.max(0, Math.min(100, 100 * (n || 0) / most))}%`;
+      bar.style.background = Scene.heat(n || 0, most);
+    });
+  }
+
+  function log([, time, words]) {
+    const item = document.createElement('li'), at = document.createElement('time');
+    at.textContent = time.toFixed(2) + ' s'; item.append(at, words);
+    $('log').prepend(item);
+    while ($('log').children.length > 60) $('log').lastChild.remove();
+  }
+
+  function pill(id, words, kind) { text(id, words); $(id).className = 'pill ' + (kind || 'quiet'); }
+
+  function buttons() {
+    document.querySelectorAll('[data-order]').forEach(b => { b.disabled = !may || !orders.includes(b.dataset.order); });
+    $('jog').disabled = !may || !orders.includes('jog');
+    text('may', may ? 'Esc stops, Space holds, R resumes.' : token ? 'The token is not that of this server: view only.' : 'View only: orders need the address with the token that the program printed.');
+  }
+
+  document.querySelectorAll('[data-order]').forEach(b => b.addEventListener('click', () => send({ order: b.dataset.order })));
+  // A jog order is valid for a fifth of a second and repeated while the button is held.
+  let jogging = null;
+  const jog = v => send({ order: 'jog', velocity_mps: v.map(c => c * 0.01) });
+  const endJog = () => { if (jogging) { clearInterval(jogging.timer); jogging = null; jog([0, 0, 0]); } };
+  document.querySelectorAll('[data-jog]').forEach(b => {
+    const v = b.dataset.jog.split(',').map(Number);
+    const begin = () => { if (b.matches(':disabled') || jogging) return; jog(v); jogging = { timer: setInterval(() => jog(v), 80) }; };
+    b.addEventListener('pointerdown', begin);
+    b.addEventListener('keydown', e => { if ((e.key === 'Enter' || e.key === ' ') && !e.repeat) { begin(); e.preventDefault(); } });
+    for (const end of ['pointerup', 'pointerleave', 'pointercancel', 'keyup', 'blur']) b.addEventListener(end, endJog);
+  });
+  window.addEventListener('blur', endJog);
+  document.addEventListener('visibilitychange', () => { if (document.hidden) endJog(); });
+  document.addEventListener('keydown', e => {
+    if (e.ctrlKey || e.metaKey || e.altKey) return;
+    if (e.key === 'Escape') send({ order: 'stop' });
+    else if (e.target.closest('button')) return;
+    else if (e.key === ' ') { send({ order: 'hold' }); e.preventDefault(); }
+    else if (e.key === 'r') send({ order: 'resume' });
+    else if (e.key === 'g') send({ order: 'start' });
+  });
+
+  function chart(canvas, rows, floor, band) {
+    const scale = window.devicePixelRatio || 1, w = Math.round(canvas.clientWidth * scale), h = Math.round(canvas.clientHeight * scale);
+    if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
+    const pen = canvas.getContext('2d'), style = getComputedStyle(document.documentElement);
+    const left = 44 * scale, bottom = 18 * scale;
+    pen.clearRect(0, 0, w, h);
+    const values = rows.flat().filter(Number.isFinite);
+    let lo = Math.min(floor[0], ...values), hi = Math.max(floor[1], ...values);
+    const pad = (hi - lo) * 0.08; lo -= pad; hi += pad;
+    const now = history.t[history.t.length - 1] || 0;
+    const x = t => left + (w - left) * (1 - (now - t) / SPAN), y = v => (h - bottom) * (1 - (v - lo) / (hi - lo));
+    pen.font = `${11 * scale}px system-ui, sans-serif`; pen.fillStyle = style.getPropertyValue('--dim'); pen.textAlign = 'right';
+    pen.strokeStyle = style.getPropertyValue('--edge'); pen.lineWidth = scale;
+    const step = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find(s => (hi - lo) / s <= 6) || 100;
+    for (let v = Math.ceil(lo / step) * step; v <= hi; v += step) {
+      pen.beginPath(); pen.moveTo(left, y(v)); pen.lineTo(w, y(v)); pen.stroke();
+      pen.fillText(step < 1 ? v.toFixed(step < 0.1 ? 2 : 1) : v.toFixed(0), left - 5 * scale, y(v) + 4 * scale);
+    }
+    pen.textAlign = 'center';
+    for (let s = 0; s <= SPAN; s += 5) pen.fillText(s === 0 ? 'now' : `-${s} s`, Math.min(w - 14 * scale, Math.max(left, x(now - s))), h - 4 * scale);
+    if (band) {
+      pen.fillStyle = color(3); pen.globalAlpha = 0.12; pen.fillRect(left, y(band[1]), w - left, y(band[0]) - y(band[1])); pen.globalAlpha = 1;
+    }
+    const count = Math.max(0, ...rows.map(r => r.length));
+    for (let i = 0; i < count; i++) {
+      pen.beginPath(); let on = false;
+      rows.forEach((r, k) => {
+        if (r[i] === undefined) { on = false; return; }
+        on ? pen.lineTo(x(history.t[k]), y(r[i])) : pen.moveTo(x(history.t[k]), y(r[i])); on = true;
+      });
+      pen.strokeStyle = color(i); pen.lineWidth = 1.6 * scale; pen.stroke();
+    }
+  }
+
+  function frame() {
+    const age = live ? (performance.now() - heardAt) / 1e3 : Infinity, old = age > 0.5;
+    document.body.classList.toggle('old', old);
+    $('stale').hidden = !old;
+    if (old) text('stale', live && Number.isFinite(age) && live.age_s !== null ? `old data: ${age.toFixed(1)} s` : 'no data yet');
+    Scene.draw();
+    if (robot) {
+      chart($('tensions'), history.tensions, [0, 15], [robot.setpoint_n - 0.5, robot.setpoint_n + 0.5]);
+      chart($('errors'), history.errors, [-0.1, 0.1]);
+    }
+    requestAnimationFrame(frame);
+  }
+
+  Scene.bind($('scene')); Scene.theme();
+  window.matchMedia('(prefers-color-scheme: light)').addEventListener('change', Scene.theme);
+  buttons(); connect(); requestAnimationFrame(frame);
+})();
