@@ -10,6 +10,7 @@
 //! | [`link`] | byte streams to a board and the host's half of the protocol |
 //! | [`record`] | runs kept in MCAP files, read back, replayed |
 //! | [`report`] | figures, plots and files of a run |
+//! | [`serve`] | the live page |
 //! | [`run`] | running a plan on a board |
 //! | [`scenario`] | faults on purpose, and what came of them |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
@@ -29,5 +30,6 @@ pub mod report;
 pub mod robot;
 pub mod run;
 pub mod scenario;
+pub mod serve;
 pub mod sight;
 pub mod units;

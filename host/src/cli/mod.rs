@@ -24,6 +24,7 @@ mod reaction;
 mod recorded;
 mod replay;
 mod run;
+mod serve;
 mod sim;
 mod states;
 mod table;
@@ -104,6 +105,7 @@ enum Command {
     #[cfg(unix)]
     Resume(orders::Resume),
     Clear(clear::Cmd),
+    Serve(serve::Cmd),
     Replay(replay::Cmd),
     Export(export::Cmd),
     Ik(compute::ik::Cmd),
@@ -137,6 +139,7 @@ pub fn main() -> ExitCode {
         #[cfg(unix)]
         Command::Resume(cmd) => cmd.run(common),
         Command::Clear(cmd) => cmd.run(common),
+        Command::Serve(cmd) => cmd.run(common),
         Command::Replay(cmd) => cmd.run(common),
         Command::Export(cmd) => cmd.run(common),
         Command::Ik(cmd) => cmd.run(common),

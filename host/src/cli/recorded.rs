@@ -54,7 +54,7 @@ impl Recorded {
             lost: None,
         };
         // A robot that moves must not wait for a disk; virtual time may.
-        let in_virtual_time = simulated;
+        let in_virtual_time = simulated && common.time_scale.is_none();
         let patience = if in_virtual_time {
             Patience::Wait
         } else {
@@ -74,9 +74,34 @@ impl Recorded {
         Ok(recorded)
     }
 
+    /// The witness by itself, for more watchers; [`Rest::finish`] after it has finished.
+    pub(crate) fn split(self) -> (Witness, Rest) {
+        let rest = Rest {
+            folder: self.folder,
+            summary: self.summary,
+            lost: self.lost,
+        };
+        (self.witness, rest)
+    }
+
     /// Ends the record and tells what it lacks.
     pub(crate) fn finish(self) -> RunFolder {
-        self.witness.finish();
+        let (witness, rest) = self.split();
+        witness.finish();
+        rest.finish()
+    }
+}
+
+/// What is left of a record when its witness has finished.
+pub(crate) struct Rest {
+    folder: RunFolder,
+    summary: Option<Arc<Mutex<Summary>>>,
+    lost: Option<Arc<AtomicU64>>,
+}
+
+impl Rest {
+    /// Tells what the record lacks.
+    pub(crate) fn finish(self) -> RunFolder {
         let summary = self
             .summary
             .as_ref()

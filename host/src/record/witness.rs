@@ -294,7 +294,7 @@ fn watch(mut watcher: impl Watcher, receiver: &Receiver<Arc<Happening>>) {
 pub struct TruthTap {
     link: SimulatedLink,
     cables: usize,
-    kept: Rc<RefCell<Vec<TracePoint>>>,
+    kept: Option<Rc<RefCell<Vec<TracePoint>>>>,
 }
 
 impl TruthTap {
@@ -308,7 +308,16 @@ impl TruthTap {
         Self {
             link,
             cables,
-            kept: Rc::default(),
+            kept: Some(Rc::default()),
+        }
+    }
+
+    /// Starts to follow for those who watch, and keeps nothing: for a robot that runs for days.
+    #[must_use]
+    pub fn forgetful(link: SimulatedLink, cables: usize) -> Self {
+        Self {
+            kept: None,
+            ..Self::new(link, cables)
         }
     }
 
@@ -324,16 +333,19 @@ impl TruthTap {
                 });
             }
         }
-        self.kept.borrow_mut().extend(new);
+        if let Some(kept) = &self.kept {
+            kept.borrow_mut().extend(new);
+        }
     }
 
-    /// Everything that was true so far, tick by tick.
+    /// Everything that was kept so far, tick by tick.
     #[must_use]
     pub fn take(&self) -> Vec<TracePoint> {
-        self.kept
-            .borrow_mut()
-            .extend(self.link.with(mcdpr_simulator::Simulation::take_trace));
-        self.kept.take()
+        let new = self.link.with(mcdpr_simulator::Simulation::take_trace);
+        let kept = self.kept.as_ref();
+        let mut all = kept.map_or_else(Vec::new, |kept| kept.take());
+        all.extend(new);
+        all
     }
 }
 

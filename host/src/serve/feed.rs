@@ -137,9 +137,10 @@ impl Feed {
     #[must_use]
     pub fn wait_newer(&self, revision: u64, timeout: Duration) -> bool {
         let inner = self.lock();
-        let waited = self.shared.1.wait_timeout_while(inner, timeout, |inner| {
-            inner.live.revision <= revision
-        });
+        let waited = self
+            .shared
+            .1
+            .wait_timeout_while(inner, timeout, |inner| inner.live.revision <= revision);
         waited.is_ok_and(|(_, result)| !result.timed_out())
     }
 
@@ -304,7 +305,10 @@ impl Watcher for FeedWatcher {
                     let planned = inner.plan.as_ref().filter(|_| truth.path_s > 0.0);
                     let shall = planned.and_then(|plan| plan.tool_at(truth.path_s));
                     inner.live.path_error_m = shall.map(|shall| {
-                        let gaps = shall.iter().zip(&truth.tool_m).map(|(a, b)| (a - b).powi(2));
+                        let gaps = shall
+                            .iter()
+                            .zip(&truth.tool_m)
+                            .map(|(a, b)| (a - b).powi(2));
                         gaps.sum::<f64>().sqrt()
                     });
                     inner.live.pose = Some(ShownPose {

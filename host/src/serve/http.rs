@@ -32,7 +32,9 @@ impl Request {
         let mut lines = text.split("\r\n");
         let mut first = lines.next()?.split(' ');
         let (method, target) = (first.next()?, first.next()?);
-        first.next().filter(|version| version.starts_with("HTTP/1."))?;
+        first
+            .next()
+            .filter(|version| version.starts_with("HTTP/1."))?;
         let headers = lines
             .filter_map(|line| line.split_once(':'))
             .map(|(name, value)| (name.trim().to_ascii_lowercase(), value.trim().to_owned()));
@@ -94,7 +96,8 @@ mod tests {
 
     #[test]
     fn a_request_is_read_and_rubbish_is_refused() {
-        let read = request("GET /ws?x=1 HTTP/1.1\r\nHost: localhost:80\r\nUpgrade: websocket\r\n\r\n");
+        let read =
+            request("GET /ws?x=1 HTTP/1.1\r\nHost: localhost:80\r\nUpgrade: websocket\r\n\r\n");
         let read = read.unwrap();
         assert_eq!((read.method.as_str(), read.path.as_str()), ("GET", "/ws"));
         assert_eq!(read.header("upgrade"), Some("websocket"));

@@ -1,7 +1,7 @@
 'use strict';
 // The robot in three dimensions on a 2-D canvas: few lines, drawn back to front.
 const Scene = (() => {
-  const home = { yaw: -0.9, pitch: 0.42, zoom: 1 };
+  const home = { yaw: 0.55, pitch: 0.4, zoom: 1.12 };
   let eye = { ...home }, robot = null, plan = [], trace = [], pose = null, live = null, dirty = true;
   let canvas, pen, colors = {};
   let middle = [0, 0, 0], size = 1, low = 0;
@@ -114,7 +114,7 @@ const Scene = (() => {
     };
     tip([1, 0, 0], colors.bad, 'x'); tip([0, 1, 0], colors.good, 'y'); tip([0, 0, 1], colors.accent, 'z');
     line(plan, colors.plan, 2, [5 * scale, 4 * scale]);
-    line(trace, colors.trace, 2);
+    line(trace, colors.trace, 2.5);
     if (!pose) { anchors.forEach(a => dotAt(a, 0.01, colors.dim)); return; }
     const at = m => add(pose.position_m, turn(pose.rotation_xyzw, m));
     // Shadow of the tool on the floor.

@@ -31,7 +31,9 @@ pub enum ServeError {
     #[error("port {port} is in use by another program")]
     #[diagnostic(
         code(mcdpr::serve::port),
-        help("is another `mcdpr serve` running? Choose another port with --port, or 0 for any free one")
+        help(
+            "is another `mcdpr serve` running? Choose another port with --port, or 0 for any free one"
+        )
     )]
     Taken {
         /// The port.
@@ -198,7 +200,12 @@ fn receive(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
         return answer(&mut stream, "403 Forbidden", "text/plain", text);
     }
     if request.method != "GET" {
-        return answer(&mut stream, "405 Method Not Allowed", "text/plain", "only GET");
+        return answer(
+            &mut stream,
+            "405 Method Not Allowed",
+            "text/plain",
+            "only GET",
+        );
     }
     match (request.path.as_str(), request.header("sec-websocket-key")) {
         ("/", _) => answer(&mut stream, "200 OK", "text/html", &super::page()),
@@ -211,7 +218,12 @@ fn receive(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
             )?;
             view(stream, shared)
         }
-        _ => answer(&mut stream, "404 Not Found", "text/plain", "there is only /"),
+        _ => answer(
+            &mut stream,
+            "404 Not Found",
+            "text/plain",
+            "there is only /",
+        ),
     }
 }
 
@@ -222,7 +234,7 @@ fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
         .max_message_size(Some(MOST))
         .max_frame_size(Some(MOST));
     let mut socket = WebSocket::from_raw_socket(stream, Role::Server, Some(config));
-    let mut send = |socket: &mut WebSocket<TcpStream>, value: &Value| {
+    let send = |socket: &mut WebSocket<TcpStream>, value: &Value| {
         socket
             .send(Message::text(value.to_string()))
             .map_err(io::Error::other)
@@ -315,6 +327,9 @@ fn obey(shared: &Shared, text: &str) -> Value {
 
 /// Compares in a time that tells nothing about where they differ.
 fn same(a: &str, b: &str) -> bool {
-    let differ = a.bytes().zip(b.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
+    let differ = a
+        .bytes()
+        .zip(b.bytes())
+        .fold(0, |sum, (a, b)| sum | (a ^ b));
     a.len() == b.len() && differ == 0
 }

@@ -1,0 +1,228 @@
+//! A headless Chromium, driven over its own protocol, and the program that serves the page.
+
+use mcdpr_tests::mcdpr;
+use serde_json::{Value, json};
+use std::io::{BufRead as _, BufReader};
+use std::net::TcpStream;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+use tungstenite::{Message, WebSocket};
+
+/// `mcdpr serve` in a process of its own.
+pub struct Serve {
+    child: Child,
+    address: String,
+    with_token: String,
+}
+
+impl Serve {
+    pub fn start(arguments: &[&str]) -> Self {
+        let port: &[&str] = if arguments.contains(&"--port") {
+            &[]
+        } else {
+            &["--port", "0"]
+        };
+        let mut child = mcdpr()
+            .args(["serve", "--json", "--token", "letmein"])
+            .args(port)
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stdin(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        let stdout = child.stdout.take().unwrap();
+        BufReader::new(stdout).read_line(&mut line).unwrap();
+        let said: Value = serde_json::from_str(&line).unwrap();
+        let text = |key: &str| said[key].as_str().unwrap().to_owned();
+        Self {
+            address: text("address"),
+            with_token: text("address_with_token"),
+            child,
+        }
+    }
+
+    pub fn address(&self) -> String {
+        self.address.clone()
+    }
+
+    pub fn with_token(&self) -> String {
+        self.with_token.clone()
+    }
+
+    pub fn port(&self) -> String {
+        let rest = self.address.rsplit(':').next().unwrap();
+        rest.trim_end_matches('/').to_owned()
+    }
+}
+
+impl Drop for Serve {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A browser.
+pub struct Browser {
+    child: Child,
+    endpoint: String,
+    profile: PathBuf,
+}
+
+impl Browser {
+    pub fn start() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let name = format!("mcdpr-browser-{}-{number}", std::process::id());
+        let profile = std::env::temp_dir().join(name);
+        let program = ["chromium", "chromium-browser", "google-chrome"]
+            .into_iter()
+            .find(|name| Command::new(name).arg("--version").output().is_ok())
+            .expect("Chromium is not there: run `cargo xtask test`, which installs it");
+        let mut child = Command::new(program)
+            .args([
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--no-first-run",
+                "--disable-extensions",
+                "--disable-background-timer-throttling",
+                "--disable-renderer-backgrounding",
+                "--disable-backgrounding-occluded-windows",
+                "--remote-debugging-port=0",
+                "--window-size=1360,900",
+            ])
+            .arg(format!("--user-data-dir={}", profile.display()))
+            .arg("about:blank")
+            .stderr(Stdio::piped())
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let endpoint = lines
+            .find_map(|line| {
+                line.unwrap()
+                    .strip_prefix("DevTools listening on ")
+                    .map(str::to_owned)
+            })
+            .expect("Chromium did not start");
+        // Whatever it says later must not fill the pipe.
+        std::thread::spawn(move || lines.for_each(drop));
+        Self {
+            child,
+            endpoint,
+            profile,
+        }
+    }
+
+    /// A page of its own.
+    pub fn open(&mut self, address: &str) -> Page {
+        let authority = self.endpoint.trim_start_matches("ws://");
+        let host = authority.split('/').next().unwrap();
+        let stream = TcpStream::connect(host).unwrap();
+        stream
+            .set_read_timeout(Some(Duration::from_secs(30)))
+            .unwrap();
+        let (socket, _) = tungstenite::client(self.endpoint.as_str(), stream).unwrap();
+        let mut page = Page {
+            socket,
+            session: None,
+            next: 0,
+        };
+        let target = page.call("Target.createTarget", json!({ "url": address }));
+        let attach = json!({ "targetId": target["targetId"], "flatten": true });
+        let attached = page.call("Target.attachToTarget", attach);
+        page.session = attached["sessionId"].as_str().map(str::to_owned);
+        page
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_dir_all(&self.profile);
+    }
+}
+
+/// A page in a browser.
+pub struct Page {
+    socket: WebSocket<TcpStream>,
+    session: Option<String>,
+    next: u64,
+}
+
+impl Page {
+    fn call(&mut self, method: &str, params: Value) -> Value {
+        self.next += 1;
+        let mut message = json!({ "id": self.next, "method": method, "params": params });
+        if let Some(session) = &self.session {
+            message["sessionId"] = json!(session);
+        }
+        self.socket
+            .send(Message::text(message.to_string()))
+            .unwrap();
+        loop {
+            let Message::Text(text) = self.socket.read().unwrap() else {
+                continue;
+            };
+            let mut answer: Value = serde_json::from_str(text.as_str()).unwrap();
+            if answer["id"] == self.next {
+                assert!(answer["error"].is_null(), "{method}: {}", answer["error"]);
+                return answer["result"].take();
+            }
+        }
+    }
+
+    /// Evaluates an expression of JavaScript.
+    pub fn run(&mut self, expression: &str) -> Value {
+        let params = json!({ "expression": expression, "returnByValue": true });
+        let mut result = self.call("Runtime.evaluate", params);
+        assert!(
+            result["exceptionDetails"].is_null(),
+            "{expression}: {result}"
+        );
+        result["result"]["value"].take()
+    }
+
+    pub fn truth(&mut self, expression: &str) -> bool {
+        self.run(&format!("!!({expression})")).as_bool().unwrap()
+    }
+
+    pub fn number(&mut self, expression: &str) -> f64 {
+        self.run(expression).as_f64().unwrap()
+    }
+
+    pub fn text(&mut self, id: &str) -> String {
+        let value = self.run(&format!("document.getElementById('{id}').textContent"));
+        value.as_str().unwrap().to_owned()
+    }
+
+    /// Waits until an expression is true.
+    pub fn wait(&mut self, expression: &str, patience: Duration) {
+        let give_up = Instant::now() + patience;
+        let guarded = format!("typeof mcdpr !== 'undefined' && !!({expression})");
+        while self.run(&guarded) != json!(true) {
+            if Instant::now() > give_up {
+                let live = self.run("JSON.stringify(window.mcdpr && mcdpr.live)");
+                panic!("not true within {patience:?}: {expression}\nthe page knows {live}");
+            }
+            std::thread::yield_now();
+        }
+    }
+
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let params =
+            json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": true });
+        self.call("Emulation.setDeviceMetricsOverride", params);
+    }
+
+    /// A picture of the page, PNG in base64.
+    pub fn screenshot(&mut self) -> String {
+        let answer = self.call("Page.captureScreenshot", json!({ "format": "png" }));
+        answer["data"].as_str().unwrap().to_owned()
+    }
+}
