@@ -282,3 +282,116 @@ fn a_watcher_that_does_not_keep_up_loses_entries_and_nothing_else() {
     assert!(*seen.lock().unwrap() > 1000);
     assert_eq!(with.run.samples, run(&Witness::default()).run.samples);
 }
+
+/// Reads a record as another program would and prints what it found.
+const READER: &str = r#"
+import json, sys
+from mcap.reader import make_reader, NonSeekingReader
+whole, cut = sys.argv[1:3]
+found = {"topics": {}, "schemas": [], "bad": 0}
+with open(whole, "rb") as file:
+    reader = make_reader(file)
+    summary = reader.get_summary()
+    found["profile"] = reader.get_header().profile
+    found["counted"] = summary.statistics.message_count
+    found["chunks"] = len(summary.chunk_indexes)
+    found["attachments"] = [a.name for a in reader.iter_attachments()]
+    found["metadata"] = {m.name: m.metadata for m in reader.iter_metadata()}
+    for schema, channel, message in reader.iter_messages():
+        found["topics"][channel.topic] = found["topics"].get(channel.topic, 0) + 1
+        if channel.message_encoding == "json":
+            body = json.loads(message.data)
+            wanted = json.loads(schema.data)["properties"]
+            found["bad"] += set(body) != set(wanted)
+            found["schemas"].append(schema.name)
+found["schemas"] = sorted(set(found["schemas"]))
+found["before_the_cut"] = 0
+try:
+    with open(cut, "rb") as file:
+        for _ in NonSeekingReader(file).iter_messages(log_time_order=False):
+            found["before_the_cut"] += 1
+except Exception as error:
+    found["cut"] = type(error).__name__
+print(json.dumps(found))
+"#;
+
+#[test]
+fn the_reference_reader_for_python_reads_it_whole_and_cut() {
+    let folder = Folder::new("python");
+    let bytes = recorded();
+    let (whole, cut) = (folder.0.join("whole.mcap"), folder.0.join("cut.mcap"));
+    std::fs::write(&whole, bytes).unwrap();
+    std::fs::write(&cut, &bytes[..bytes.len() * 3 / 4]).unwrap();
+    // target/PROFILE/deps/TEST
+    let target = std::env::current_exe().unwrap();
+    let python = target.ancestors().nth(3).unwrap().join("python/bin/python");
+    assert!(
+        python.is_file(),
+        "{} is not there: `cargo xtask test` installs Python's mcap there",
+        python.display()
+    );
+    let output = std::process::Command::new(python)
+        .args(["-c", READER])
+        .args([&whole, &cut])
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{message}");
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let ours = mcap::read(bytes).unwrap();
+    assert_eq!(found["counted"], ours.messages.len(), "{found}");
+    assert_eq!(
+        found["bad"], 0,
+        "messages that do not fit their schema: {found}"
+    );
+    assert_eq!(found["profile"], "mcdpr");
+    for topic in ours.topics.values() {
+        let count = ours
+            .messages
+            .iter()
+            .filter(|m| ours.topic(m.channel) == Some(topic))
+            .count();
+        assert_eq!(
+            found["topics"][topic].as_u64().unwrap_or(0),
+            count as u64,
+            "{topic}"
+        );
+    }
+    for topic in [
+        "/cables",
+        "/status",
+        "/pose/true",
+        "/pose/estimated",
+        "/pose/planned",
+        "/log",
+    ] {
+        assert!(
+            found["topics"][topic]
+                .as_u64()
+                .is_some_and(|count| count > 3),
+            "{topic}: {found}"
+        );
+    }
+    for schema in [
+        "foxglove.PoseInFrame",
+        "foxglove.Log",
+        "foxglove.FrameTransform",
+    ] {
+        assert!(
+            found["schemas"]
+                .as_array()
+                .unwrap()
+                .contains(&schema.into()),
+            "{found}"
+        );
+    }
+    assert!(
+        found["attachments"]
+            .as_array()
+            .unwrap()
+            .contains(&"scenario.json".into())
+    );
+    assert_eq!(found["metadata"]["mcdpr"]["task"], "short.toml");
+    assert!(found["chunks"].as_u64().unwrap() > 1, "{found}");
+    assert!(found["before_the_cut"].as_u64().unwrap() > 100, "{found}");
+}

@@ -1,6 +1,7 @@
 //! Chores of the project: `cargo xtask test`, `cargo xtask lint`, `cargo xtask firmware`.
 
 mod firmware;
+mod tools;
 
 use std::process::{Command, ExitCode};
 
@@ -35,6 +36,8 @@ fn test() -> Result<(), String> {
     // file: both must be there before the tests run.
     cargo(&["build", "--release", "--locked", "-p", "mcdpr"])?;
     firmware::build_and_check()?;
+    tools::ensure_browser()?;
+    tools::ensure_mcap_reader()?;
     let arguments = [
         "test",
         "--release",

@@ -1,0 +1,81 @@
+//! Programs of others that tests need: a browser, and the reference reader for MCAP files.
+
+use crate::run;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Version of the reference reader.
+const MCAP_READER: &str = "mcap>=1.2,<2";
+
+/// Makes sure that there is a Chromium for the tests of the live page.
+pub(crate) fn ensure_browser() -> Result<(), String> {
+    let found = || {
+        ["chromium", "chromium-browser", "google-chrome"]
+            .iter()
+            .any(|name| starts(name, "--version"))
+    };
+    if found() {
+        return Ok(());
+    }
+    install(&["chromium"]);
+    if found() {
+        return Ok(());
+    }
+    Err(
+        "xtask: Chromium is not there and apt-get did not bring it; install it, the tests of the \
+         live page need it"
+            .to_owned(),
+    )
+}
+
+/// Makes sure that Python's `mcap` is there, below the target folder.
+pub(crate) fn ensure_mcap_reader() -> Result<(), String> {
+    let folder = target().join("python");
+    let python = folder.join("bin").join("python");
+    let check = || {
+        Command::new(&python)
+            .args(["-c", "import mcap"])
+            .stderr(Stdio::null())
+            .status()
+            .is_ok_and(|status| status.success())
+    };
+    if check() {
+        return Ok(());
+    }
+    if make_venv(&folder).is_err() {
+        install(&["python3-venv"]);
+        make_venv(&folder)?;
+    }
+    run(Command::new(&python).args(["-m", "pip", "install", "--quiet", MCAP_READER]))?;
+    if check() {
+        return Ok(());
+    }
+    Err("xtask: Python's mcap can not be imported after its installation".to_owned())
+}
+
+fn make_venv(folder: &Path) -> Result<(), String> {
+    run(Command::new("python3").args(["-m", "venv"]).arg(folder))
+}
+
+fn install(packages: &[&str]) {
+    // What failed shows when the program is looked for again.
+    let _ = run(Command::new("apt-get").args(["update", "-qq"]));
+    let mut command = Command::new("apt-get");
+    command.args(["install", "-y", "-qq", "--no-install-recommends"]);
+    let _ = run(command
+        .args(packages)
+        .env("DEBIAN_FRONTEND", "noninteractive"));
+}
+
+fn starts(program: &str, argument: &str) -> bool {
+    Command::new(program)
+        .arg(argument)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success())
+}
+
+fn target() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| "target".into(), PathBuf::from)
+}
