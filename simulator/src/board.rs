@@ -98,6 +98,7 @@ impl<const N: usize> Board<N> {
         let sensors = plant.read_sensors();
         let mut inputs = Inputs {
             e_stop: sensors.e_stop,
+            gripper_switch: plant.gripper_switch(),
             ..Inputs::default()
         };
         inputs
@@ -110,6 +111,7 @@ impl<const N: usize> Board<N> {
     }
 
     fn apply(&mut self, plant: &mut Plant, line: &mut DriveLine) -> Result<(), PlantError> {
+        plant.set_gripper(self.outputs.gripper_closed);
         let config = self.server.controller().config();
         let mut port = line.port();
         self.drives.tick(self.now, config, &self.outputs, &mut port);

@@ -1,6 +1,7 @@
 //! The whole simulated robot behind a serial line, in virtual time.
 
 use crate::board::{Board, VirtualBoard};
+use crate::camera::Cell;
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError, Truth};
 use crate::wire::{Wire, WireFaults};
@@ -66,6 +67,7 @@ pub struct Simulation {
     received: Vec<u8>,
     send: Vec<u8>,
     trace: Option<Vec<TracePoint>>,
+    cell: Option<Cell>,
 }
 
 impl Simulation {
@@ -111,6 +113,7 @@ impl Simulation {
             received: Vec::new(),
             send: Vec::new(),
             trace: None,
+            cell: None,
         }
     }
 
@@ -151,6 +154,9 @@ impl Simulation {
         let slice_us = self.board.slice_us();
         self.board
             .advance(&mut self.plant, &mut self.drives, self.now_us)?;
+        if let Some(cell) = &mut self.cell {
+            cell.step(&mut self.plant)?;
+        }
         let before = self.board.now();
         self.received.clear();
         self.send.clear();
@@ -195,6 +201,22 @@ impl Simulation {
     /// What was true since the last call, tick by tick.
     pub fn take_trace(&mut self) -> Vec<TracePoint> {
         self.trace.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// Puts the robot into a workcell: from now on its gripper moves what is there.
+    pub fn set_cell(&mut self, cell: Cell) {
+        self.cell = Some(cell);
+    }
+
+    /// The workcell, where there is one.
+    #[must_use]
+    pub const fn cell(&self) -> Option<&Cell> {
+        self.cell.as_ref()
+    }
+
+    /// The workcell, to change it or to take pictures in it.
+    pub const fn cell_mut(&mut self) -> Option<&mut Cell> {
+        self.cell.as_mut()
     }
 
     /// The plant, to look at.

@@ -4,9 +4,17 @@
 //! counted from the top left corner of the picture, so that the first pixel's centre lies at
 //! (0.5, 0.5). A camera's frame has x to the right, y down and z ahead.
 
+pub mod align;
 pub mod camera;
+pub mod frame;
+pub mod grasp;
 pub mod image;
+pub mod recorded;
+pub mod source;
 pub mod tag;
 
+pub use align::{Aligned, align};
 pub use camera::Camera;
+pub use frame::{Cameras, Frame, FrameError};
 pub use image::{DepthImage, GrayImage, Image, RgbImage};
+pub use source::{Source, SourceError};

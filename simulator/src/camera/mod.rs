@@ -7,6 +7,9 @@
 //! imagers sees, drop-outs on shiny parts). All of it follows from the scene, the cameras' places
 //! and a seed.
 //!
+//! A [`Cell`] is a [`Tray`] with objects that the gripper of a plant moves: [`Gripper::close`]
+//! judges what the jaws get.
+//!
 //! SI units. A camera's frame has x to the right, y down, z ahead; pixels are counted from the
 //! top left corner, the first pixel's centre at (0.5, 0.5). Nothing here is shared with the crate
 //! that reads the pictures.
@@ -23,18 +26,26 @@
 //! assert!(grey(80 - 24, 60) < 60 && grey(80 - 27, 60) > 150); // black frame, white rim: 50 px wide
 //! ```
 
+mod arrange;
+mod cell;
 mod codes;
 mod color;
 mod depth;
 mod frame;
+mod grasp;
 mod lens;
 mod noise;
+mod objects;
 mod scene;
 mod shape;
 
+pub use arrange::{Order, Tray};
+pub use cell::{Cell, Happening, Rgbd};
 pub use color::{ColorPicture, Optics, render_color};
 pub use depth::{DepthPicture, Stereo, render_depth};
 pub use frame::Frame;
+pub use grasp::{Grip, Gripper};
 pub use lens::Lens;
+pub use objects::{Kind, kinds, too_wide};
 pub use scene::{Body, Hit, Light, Part, Scene};
 pub use shape::{Shape, Surface};

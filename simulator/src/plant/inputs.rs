@@ -181,4 +181,26 @@ impl Plant {
         self.sensors[cable].slip(i64::from(counts));
         Ok(())
     }
+
+    /// Switches the gripper's output pin. What the jaws get is the surroundings' affair.
+    pub const fn set_gripper(&mut self, closed: bool) {
+        self.gripper_closed = closed;
+    }
+
+    /// Whether the gripper is commanded closed.
+    #[must_use]
+    pub const fn gripper_closed(&self) -> bool {
+        self.gripper_closed
+    }
+
+    /// Presses or releases the gripper's switch, which tells that the jaws closed on nothing.
+    pub const fn set_gripper_switch(&mut self, pressed: bool) {
+        self.gripper_switch = pressed;
+    }
+
+    /// Whether the gripper's switch is pressed.
+    #[must_use]
+    pub const fn gripper_switch(&self) -> bool {
+        self.gripper_switch
+    }
 }

@@ -1,0 +1,275 @@
+//! Recorded folders: pictures as PNG files beside their cameras' numbers.
+//!
+//! ```text
+//! intrinsics.json     the two cameras, color_from_depth, depth_unit_m
+//! color_0001.png      8-bit RGB
+//! depth_0001.png      16-bit grey: distance along z in depth units, 0 where nothing was measured
+//! color_0002.png ...
+//! ```
+
+use crate::frame::{Cameras, CamerasFile, Frame};
+use crate::image::{DepthImage, Image, RgbImage};
+use crate::source::{Source, SourceError};
+use std::fs::File;
+use std::io::{BufReader, BufWriter};
+use std::path::{Path, PathBuf};
+
+const INTRINSICS: &str = "intrinsics.json";
+
+/// A folder that is read picture by picture.
+#[derive(Debug)]
+pub struct Recorded {
+    folder: PathBuf,
+    cameras: Cameras,
+    depth_unit_m: f64,
+    read: usize,
+}
+
+impl Recorded {
+    /// Opens a folder.
+    ///
+    /// # Errors
+    /// Missing or malformed intrinsics.
+    pub fn open(folder: &Path) -> Result<Self, SourceError> {
+        let path = folder.join(INTRINSICS);
+        let text = std::fs::read_to_string(&path).map_err(|error| SourceError::Unreadable {
+            path: path.clone(),
+            reason: format!("{error}; a recorded folder needs it, `mcdpr camera record` writes it"),
+        })?;
+        let malformed = |what: String| SourceError::Malformed {
+            path: path.clone(),
+            what,
+        };
+        let file: CamerasFile =
+            serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?;
+        Ok(Self {
+            folder: folder.to_owned(),
+            cameras: file.cameras().map_err(malformed)?,
+            depth_unit_m: file.depth_unit_m,
+            read: 0,
+        })
+    }
+
+    /// Number of pictures in the folder.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        (1..)
+            .take_while(|number| picture_path(&self.folder, "color", *number).is_file())
+            .count()
+    }
+}
+
+impl Source for Recorded {
+    fn name(&self) -> String {
+        format!("folder {}", self.folder.display())
+    }
+
+    fn cameras(&self) -> Cameras {
+        self.cameras
+    }
+
+    fn frame(&mut self) -> Result<Frame, SourceError> {
+        let number = self.read + 1;
+        let color_path = picture_path(&self.folder, "color", number);
+        if !color_path.is_file() {
+            return Err(SourceError::End {
+                path: self.folder.clone(),
+                count: self.read,
+            });
+        }
+        let color = read_color(&color_path)?;
+        let steps = read_depth(&picture_path(&self.folder, "depth", number))?;
+        let frame = Frame {
+            color,
+            depth: DepthImage {
+                steps,
+                unit_m: self.depth_unit_m,
+            },
+            cameras: self.cameras,
+        };
+        self.read = number;
+        frame.checked().map_err(|source| SourceError::Frame {
+            name: self.name(),
+            number,
+            source,
+        })
+    }
+}
+
+/// A folder that is being written.
+#[derive(Debug)]
+pub struct Recording {
+    folder: PathBuf,
+    written: usize,
+}
+
+impl Recording {
+    /// Makes the folder and writes the cameras.
+    ///
+    /// # Errors
+    /// Where it can not be written.
+    pub fn create(
+        folder: &Path,
+        cameras: &Cameras,
+        depth_unit_m: f64,
+    ) -> Result<Self, SourceError> {
+        let path = folder.join(INTRINSICS);
+        let text = serde_json::to_string_pretty(&CamerasFile::new(cameras, depth_unit_m))
+            .map_err(|error| unwritable(&path, error))?;
+        std::fs::create_dir_all(folder)
+            .and_then(|()| std::fs::write(&path, text + "\n"))
+            .map_err(|error| unwritable(&path, error))?;
+        Ok(Self {
+            folder: folder.to_owned(),
+            written: 0,
+        })
+    }
+
+    /// Adds a pair of pictures.
+    ///
+    /// # Errors
+    /// Where it can not be written.
+    pub fn add(&mut self, frame: &Frame) -> Result<(), SourceError> {
+        let number = self.written + 1;
+        write_color(&picture_path(&self.folder, "color", number), &frame.color)?;
+        write_depth(
+            &picture_path(&self.folder, "depth", number),
+            &frame.depth.steps,
+        )?;
+        self.written = number;
+        Ok(())
+    }
+}
+
+fn picture_path(folder: &Path, kind: &str, number: usize) -> PathBuf {
+    folder.join(format!("{kind}_{number:04}.png"))
+}
+
+fn unwritable(path: &Path, error: impl std::fmt::Display) -> SourceError {
+    SourceError::Unwritable {
+        path: path.to_owned(),
+        reason: error.to_string(),
+    }
+}
+
+/// Pixels of a PNG file with its width, height and form.
+fn read_png(path: &Path) -> Result<(Vec<u8>, png::OutputInfo), SourceError> {
+    let unreadable = |reason: String| SourceError::Unreadable {
+        path: path.to_owned(),
+        reason,
+    };
+    let file = File::open(path).map_err(|error| unreadable(error.to_string()))?;
+    let decoder = png::Decoder::new(BufReader::new(file));
+    let mut reader = decoder
+        .read_info()
+        .map_err(|error| unreadable(error.to_string()))?;
+    let size = reader
+        .output_buffer_size()
+        .ok_or_else(|| unreadable("it is too large".to_owned()))?;
+    let mut bytes = vec![0; size];
+    let info = reader
+        .next_frame(&mut bytes)
+        .map_err(|error| unreadable(error.to_string()))?;
+    bytes.truncate(info.buffer_size());
+    Ok((bytes, info))
+}
+
+/// Reads an 8-bit RGB or RGBA picture.
+///
+/// # Errors
+/// [`SourceError::Unreadable`], [`SourceError::Malformed`] for another form.
+pub fn read_color(path: &Path) -> Result<RgbImage, SourceError> {
+    let (bytes, info) = read_png(path)?;
+    let step = match (info.color_type, info.bit_depth) {
+        (png::ColorType::Rgb, png::BitDepth::Eight) => 3,
+        (png::ColorType::Rgba, png::BitDepth::Eight) => 4,
+        (color, depth) => {
+            return Err(SourceError::Malformed {
+                path: path.to_owned(),
+                what: format!(
+                    "colour pictures must be 8-bit RGB, this one is {color:?} with {depth:?} bits"
+                ),
+            });
+        }
+    };
+    let pixels = bytes.chunks_exact(step).map(|c| [c[0], c[1], c[2]]);
+    sized(path, &info, pixels.collect())
+}
+
+/// Reads a 16-bit grey picture.
+///
+/// # Errors
+/// [`SourceError::Unreadable`], [`SourceError::Malformed`] for another form.
+pub fn read_depth(path: &Path) -> Result<Image<u16>, SourceError> {
+    let (bytes, info) = read_png(path)?;
+    if (info.color_type, info.bit_depth) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {
+        return Err(SourceError::Malformed {
+            path: path.to_owned(),
+            what: format!(
+                "depth pictures must be 16-bit grey, this one is {:?} with {:?} bits",
+                info.color_type, info.bit_depth
+            ),
+        });
+    }
+    let pixels = bytes
+        .chunks_exact(2)
+        .map(|c| u16::from_be_bytes([c[0], c[1]]));
+    sized(path, &info, pixels.collect())
+}
+
+fn sized<T: Copy>(
+    path: &Path,
+    info: &png::OutputInfo,
+    pixels: Vec<T>,
+) -> Result<Image<T>, SourceError> {
+    Image::new(info.width as usize, info.height as usize, pixels).map_err(|error| {
+        SourceError::Malformed {
+            path: path.to_owned(),
+            what: error.to_string(),
+        }
+    })
+}
+
+fn write_png(
+    path: &Path,
+    size: [usize; 2],
+    form: (png::ColorType, png::BitDepth),
+    bytes: &[u8],
+) -> Result<(), SourceError> {
+    let [width, height] = size.map(|value| u32::try_from(value).unwrap_or(u32::MAX));
+    let file = File::create(path).map_err(|error| unwritable(path, error))?;
+    let mut encoder = png::Encoder::new(BufWriter::new(file), width, height);
+    encoder.set_color(form.0);
+    encoder.set_depth(form.1);
+    encoder
+        .write_header()
+        .and_then(|mut writer| {
+            writer.write_image_data(bytes)?;
+            writer.finish()
+        })
+        .map_err(|error| unwritable(path, error))
+}
+
+/// Writes an 8-bit RGB picture.
+///
+/// # Errors
+/// [`SourceError::Unwritable`].
+pub fn write_color(path: &Path, picture: &RgbImage) -> Result<(), SourceError> {
+    let form = (png::ColorType::Rgb, png::BitDepth::Eight);
+    let size = [picture.width(), picture.height()];
+    write_png(path, size, form, picture.pixels().as_flattened())
+}
+
+/// Writes a 16-bit grey picture.
+///
+/// # Errors
+/// [`SourceError::Unwritable`].
+pub fn write_depth(path: &Path, picture: &Image<u16>) -> Result<(), SourceError> {
+    let form = (png::ColorType::Grayscale, png::BitDepth::Sixteen);
+    let bytes: Vec<u8> = picture
+        .pixels()
+        .iter()
+        .flat_map(|v| v.to_be_bytes())
+        .collect();
+    write_png(path, [picture.width(), picture.height()], form, &bytes)
+}

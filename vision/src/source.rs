@@ -1,0 +1,75 @@
+//! Where pictures come from: one trait, one file per kind of camera.
+
+use crate::frame::{Cameras, Frame, FrameError};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A camera, or something that stands for one.
+pub trait Source {
+    /// What it is, for people.
+    fn name(&self) -> String;
+
+    /// Its cameras.
+    fn cameras(&self) -> Cameras;
+
+    /// The next pair of pictures, checked ([`Frame::checked`]).
+    ///
+    /// # Errors
+    /// [`SourceError`] says what is missing or wrong.
+    fn frame(&mut self) -> Result<Frame, SourceError>;
+}
+
+/// Why there is no picture.
+#[derive(Debug, Error)]
+pub enum SourceError {
+    /// A file is not there or can not be read.
+    #[error("{path} can not be read: {reason}")]
+    Unreadable {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// A file can not be written.
+    #[error("{path} can not be written: {reason}")]
+    Unwritable {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// A file holds something else than it should.
+    #[error("{path}: {what}")]
+    Malformed {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong, and what it should be.
+        what: String,
+    },
+    /// No more pictures.
+    #[error("{path} has no more pictures: {count} were read")]
+    End {
+        /// Which folder.
+        path: PathBuf,
+        /// Pictures so far.
+        count: usize,
+    },
+    /// The pictures are there but can not be used.
+    #[error("picture {number} of {name}: {source}")]
+    Frame {
+        /// Which source.
+        name: String,
+        /// Which picture, 1 for the first.
+        number: usize,
+        /// Why.
+        source: FrameError,
+    },
+    /// The camera does not answer as it should.
+    #[error("camera {name}: {reason}")]
+    Device {
+        /// Which.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+}
