@@ -104,13 +104,16 @@ impl ChipBoard {
         }
         self.slices = self.slices.wrapping_add(1);
         chip.set_input(Port::B, 5, Some(sensors.e_stop));
+        // The gripper's switch closes to ground.
+        chip.set_input(Port::A, 3, Some(!plant.gripper_switch()));
     }
 
-    /// The chip's pins to the plant's brakes.
+    /// The chip's pins to the plant's brakes and gripper.
     fn act(plant: &mut Plant, chip: &Chip) -> Result<(), PlantError> {
         for (cable, drive) in chip.pins().brakes.into_iter().enumerate() {
             plant.set_brake(cable, drive != Drive::High)?;
         }
+        plant.set_gripper(chip.pins().gripper == Drive::High);
         Ok(())
     }
 
