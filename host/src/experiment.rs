@@ -124,6 +124,8 @@ pub fn simulate_with(
     };
     let mut run = on_link_with(model, task, paced, Some(session), &orders.handle, progress)?;
     let trace = link.with(mcdpr_simulator::Simulation::take_trace);
+    // A chip's firmware does not know that its robot is simulated.
+    run.simulated = true;
     run.true_path = Some(report::true_path(&trace));
     Ok(SimulatedRun {
         run,
@@ -154,6 +156,8 @@ pub fn simulate_seen(
         None => Box::new(watched),
     };
     let mut run = on_link_with(model, task, paced, Some(session), &orders.handle, progress)?;
+    // A chip's firmware does not know that its robot is simulated.
+    run.simulated = true;
     run.true_path = Some(report::true_path(&tap.take()));
     Ok(SimulatedRun {
         run,
@@ -162,7 +166,8 @@ pub fn simulate_seen(
     })
 }
 
-/// A simulated robot at home behind a line.
+/// A simulated robot at home behind a line, controlled by the firmware that this program has
+/// chosen ([`machine::choose_firmware`]), or by the control core in this process.
 ///
 /// # Errors
 /// Where it can not hang there.
@@ -171,6 +176,21 @@ pub fn simulated_robot(
     mismatch: &Mismatch,
     seed: u64,
     link: &LinkOptions,
+) -> Result<SimulatedLink, RunError> {
+    simulated_robot_on(model, mismatch, seed, link, machine::chosen_firmware())
+}
+
+/// As [`simulated_robot`], controlled by this firmware on an emulated chip, or by the control core
+/// in this process.
+///
+/// # Errors
+/// Where it can not hang there.
+pub fn simulated_robot_on(
+    model: &Model,
+    mismatch: &Mismatch,
+    seed: u64,
+    link: &LinkOptions,
+    firmware: Option<&machine::Firmware>,
 ) -> Result<SimulatedLink, RunError> {
     let home = home(model)?;
     let params = machine::plant_params(model.robot(), mismatch, seed);
@@ -181,6 +201,7 @@ pub fn simulated_robot(
         model.tension_held(),
         link,
         seed,
+        firmware,
     )
     .map_err(|error| RunError::Client(crate::link::LinkError::from(error).into()))?;
     Ok(SimulatedLink::new(simulation))

@@ -14,6 +14,7 @@ mod calibrate;
 mod clear;
 mod compute;
 mod demo;
+mod emulate;
 mod export;
 mod faults;
 #[cfg(unix)]
@@ -29,6 +30,7 @@ mod sim;
 mod states;
 mod table;
 
+use crate::machine::{self, Firmware};
 use crate::run::RunError;
 use clap::{Args, Parser, Subcommand};
 use miette::Diagnostic;
@@ -57,9 +59,18 @@ pub struct Common {
         value_name = "FILE"
     )]
     pub robot: String,
-    /// Where the robot is: `sim` (in this process) or a serial port
-    #[arg(long, global = true, default_value = "sim", value_name = "sim|PORT")]
+    /// Where the robot is: `sim` (in this process), `chip` (simulated, controlled by the firmware's
+    /// own file on an emulated chip) or a serial port
+    #[arg(
+        long,
+        global = true,
+        default_value = "sim",
+        value_name = "sim|chip|PORT"
+    )]
     pub on: String,
+    /// The firmware's file for `--on chip`; else MCDPR_FIRMWARE, else what `cargo fw` built
+    #[arg(long, global = true, value_name = "FILE")]
+    pub firmware: Option<PathBuf>,
     /// One JSON document on standard output, SI units
     #[arg(long, global = true)]
     pub json: bool,
@@ -79,6 +90,16 @@ pub struct Common {
 }
 
 impl Common {
+    /// Puts the emulated chip in front of every simulated robot, where `--on chip` asks for it.
+    /// From there on the robot is a simulated one for every command.
+    fn take_up_chip(&mut self) -> Outcome {
+        if self.on == "chip" {
+            machine::choose_firmware(Firmware::find(self.firmware.as_deref())?);
+            "sim".clone_into(&mut self.on);
+        }
+        Ok(())
+    }
+
     /// The time scale, if one was given.
     ///
     /// # Errors
@@ -114,6 +135,7 @@ enum Command {
     Workspace(compute::workspace::Cmd),
     Calibrate(calibrate::Cmd),
     Sim(sim::Cmd),
+    Emulate(emulate::Cmd),
     Ports(ports::Cmd),
     States(states::Cmd),
     Faults(faults::Cmd),
@@ -124,10 +146,14 @@ pub type Outcome = miette::Result<()>;
 
 /// Reads the command line, does what it says, and gives the exit code.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let mut cli = Cli::parse();
     let _ = miette::set_hook(Box::new(|_| {
         Box::new(miette::MietteHandlerOpts::new().width(100).build())
     }));
+    if let Err(report) = cli.common.take_up_chip() {
+        eprintln!("{report:?}");
+        return ExitCode::FAILURE;
+    }
     let common = &cli.common;
     let outcome = match cli.command.unwrap_or(Command::Demo(demo::Cmd::default())) {
         Command::Demo(cmd) => cmd.run(common),
@@ -148,6 +174,7 @@ pub fn main() -> ExitCode {
         Command::Workspace(cmd) => cmd.run(common),
         Command::Calibrate(cmd) => cmd.run(common),
         Command::Sim(cmd) => cmd.run(common),
+        Command::Emulate(cmd) => cmd.run(common),
         Command::Ports(cmd) => cmd.run(common),
         Command::States(cmd) => cmd.run(common),
         Command::Faults(cmd) => cmd.run(common),

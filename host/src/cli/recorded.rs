@@ -36,7 +36,12 @@ impl Recorded {
         let failed = || Failed::from_error("making the run's folder");
         let folder = RunFolder::create(common.record.as_deref(), &task.name).map_err(failed())?;
         let simulated = common.on == "sim";
-        let machine = if simulated {
+        let machine = if crate::machine::chosen_firmware().is_some() {
+            // What the chip's firmware does can not be done again by the core in this process.
+            Machine::Port {
+                name: "chip".to_owned(),
+            }
+        } else if simulated {
             Machine::Simulated {
                 mismatch: *mismatch,
                 seed: common.seed,

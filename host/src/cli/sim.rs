@@ -41,8 +41,9 @@ impl Cmd {
     }
 }
 
+/// Serves a robot behind a pseudo-terminal, at `scale` simulated seconds per second.
 #[cfg(unix)]
-fn serve(robot: crate::link::SimulatedLink, common: &Common, scale: f64) -> Outcome {
+pub(super) fn serve(robot: crate::link::SimulatedLink, common: &Common, scale: f64) -> Outcome {
     use crate::link::Link;
     use serialport::{SerialPort, TTYPort};
     use std::io::{ErrorKind, Read};
@@ -97,7 +98,7 @@ fn serve(robot: crate::link::SimulatedLink, common: &Common, scale: f64) -> Outc
 }
 
 #[cfg(not(unix))]
-fn serve(_robot: crate::link::SimulatedLink, _common: &Common, _scale: f64) -> Outcome {
+pub(super) fn serve(_robot: crate::link::SimulatedLink, _common: &Common, _scale: f64) -> Outcome {
     let reason = "this system has no pseudo-terminals; use `--on sim`";
     Err(Failed::from_error("sim --pty")(reason).into())
 }

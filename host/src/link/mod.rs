@@ -151,5 +151,26 @@ pub enum LinkError {
         code(mcdpr::link::plant),
         help("the platform was driven into a pulley or its cables tangled; check the task")
     )]
-    Plant(#[from] mcdpr_simulator::plant::PlantError),
+    Plant(#[source] mcdpr_simulator::plant::PlantError),
+    /// The board in front of the simulated robot can not go on.
+    #[error("the board of the simulated robot stopped: {reason}")]
+    #[diagnostic(
+        code(mcdpr::link::board),
+        help(
+            "the emulated chip drives robots of four winches; what its firmware did wrong is named with its address"
+        )
+    )]
+    Board {
+        /// Why.
+        reason: String,
+    },
+}
+
+impl From<mcdpr_simulator::plant::PlantError> for LinkError {
+    fn from(error: mcdpr_simulator::plant::PlantError) -> Self {
+        match error {
+            mcdpr_simulator::plant::PlantError::Board { reason } => Self::Board { reason },
+            other => Self::Plant(other),
+        }
+    }
 }

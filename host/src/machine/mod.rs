@@ -2,9 +2,11 @@
 //! integers for the board, physics for the simulator.
 
 mod board;
+mod firmware;
 mod plant;
 
 pub use board::{OutOfRange, configuration, hash_of, reference};
+pub use firmware::{Firmware, FirmwareError, choose_firmware, chosen_firmware};
 pub use plant::{Mismatch, plant_params, simulate};
 
 use crate::robot::Robot;

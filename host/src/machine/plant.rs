@@ -180,7 +180,8 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
 }
 
 /// A simulated robot that hangs at rest near a pose (position m, rotation world_from_platform),
-/// brakes closed, its tension-held cable at its tension, behind a line.
+/// brakes closed, its tension-held cable at its tension, behind a line. `firmware` controls it on an
+/// emulated chip; without it, the control core in this process does.
 ///
 /// # Errors
 /// Where the plant finds no equilibrium near the pose.
@@ -191,11 +192,18 @@ pub fn simulate(
     held: Option<usize>,
     link: &LinkOptions,
     seed: u64,
+    firmware: Option<&super::Firmware>,
 ) -> Result<Simulation, PlantError> {
     let mut plant = Plant::new(params, seed)?;
     let matrix = pose.rotation.matrix();
     let rotation = [0, 1, 2].map(|row| [0, 1, 2].map(|column| matrix[(row, column)]));
     let start = Pose::from_matrix(pose.position_m.into(), &rotation)?;
     plant.settle_at(&start, tensions_n, held)?;
-    Simulation::new(plant, link, seed)
+    let Some(firmware) = firmware else {
+        return Simulation::new(plant, link, seed);
+    };
+    let board = firmware.board().ok_or_else(|| PlantError::Board {
+        reason: "there is no emulated chip in this program".to_owned(),
+    })?;
+    Ok(Simulation::with_board(plant, Box::new(board), link, seed))
 }

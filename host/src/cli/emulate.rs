@@ -1,0 +1,49 @@
+//! `mcdpr emulate FIRMWARE --pty`: the firmware's own file on an emulated chip, with the simulated
+//! robot around it, as a serial device for another program.
+
+use super::{Common, Failed, Outcome, sim};
+use crate::experiment;
+use crate::machine::{Firmware, Mismatch};
+use crate::motion::Model;
+use crate::robot::Robot;
+use crate::run::watch_for_interrupts;
+use mcdpr_simulator::LinkOptions;
+use std::path::PathBuf;
+
+/// Execute the board's firmware on an emulated chip behind a serial device
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// The firmware's file (ELF), as `cargo fw` builds it
+    #[arg(value_name = "FIRMWARE")]
+    file: PathBuf,
+    /// Make a pseudo-terminal and print its name
+    #[arg(long, required = true)]
+    pty: bool,
+    /// Simulate the machine exactly as described: no mismatch, no pulley loss
+    #[arg(long)]
+    ideal: bool,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let scale = common.checked_time_scale()?.unwrap_or(1.0);
+        let firmware = Firmware::find(Some(&self.file))?;
+        let robot = Robot::find(&common.robot)?;
+        let model = Model::new(&robot)?;
+        let mismatch = if self.ideal {
+            Mismatch::default()
+        } else {
+            Mismatch::realistic()
+        };
+        // The pseudo-terminal is the line; the chip's own UART has its real speed.
+        let options = LinkOptions {
+            latency_us: 0,
+            ..LinkOptions::default()
+        };
+        let firmware = Some(&firmware);
+        let robot =
+            experiment::simulated_robot_on(&model, &mismatch, common.seed, &options, firmware)?;
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        sim::serve(robot, common, scale)
+    }
+}

@@ -1,0 +1,137 @@
+//! The firmware's own file, and the emulated chip that executes it in front of the simulated robot.
+
+use miette::Diagnostic;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+use thiserror::Error;
+
+/// Where `cargo fw` leaves the file.
+const BUILT: &str = "target/thumbv7m-none-eabi/firmware/mcdpr-firmware";
+/// Names the file where the command line does not.
+const VARIABLE: &str = "MCDPR_FIRMWARE";
+
+/// Why there is no firmware to execute.
+#[derive(Debug, Error, Diagnostic)]
+pub enum FirmwareError {
+    /// The file can not be read.
+    #[error("the firmware {path} can not be read: {reason}")]
+    #[diagnostic(
+        code(mcdpr::firmware::missing),
+        help(
+            "build it with `cargo fw`, or say where it is with --firmware FILE (or in the environment, MCDPR_FIRMWARE=FILE)"
+        )
+    )]
+    Missing {
+        /// The file that was looked for.
+        path: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// The file is no firmware for the board's chip.
+    #[error("{path} is not the board's firmware: {reason}")]
+    #[diagnostic(
+        code(mcdpr::firmware::unsuitable),
+        help("the board is an STM32F103C8; `cargo fw` builds its file")
+    )]
+    Unsuitable {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// This program can not execute it.
+    #[error("this mcdpr was built without the emulated chip")]
+    #[diagnostic(
+        code(mcdpr::firmware::no_emulator),
+        help("build it with the feature `emulator`, which is on by default")
+    )]
+    NoEmulator,
+}
+
+/// A firmware file that the emulated chip accepts.
+#[derive(Clone)]
+pub struct Firmware {
+    bytes: Arc<[u8]>,
+}
+
+impl std::fmt::Debug for Firmware {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "Firmware of {} bytes", self.bytes.len())
+    }
+}
+
+impl Firmware {
+    /// The file at `path`; else the one that MCDPR_FIRMWARE names; else the one that `cargo fw`
+    /// built.
+    ///
+    /// # Errors
+    /// There is no such file, or it is no firmware for this chip.
+    pub fn find(path: Option<&Path>) -> Result<Self, FirmwareError> {
+        let path = path.map_or_else(
+            || std::env::var_os(VARIABLE).map_or_else(|| PathBuf::from(BUILT), PathBuf::from),
+            Path::to_path_buf,
+        );
+        let shown = path.display().to_string();
+        let bytes = std::fs::read(&path).map_err(|error| FirmwareError::Missing {
+            path: shown.clone(),
+            reason: error.to_string(),
+        })?;
+        Self::new(&shown, bytes)
+    }
+
+    /// From the bytes of a file with this name.
+    ///
+    /// # Errors
+    /// They are no firmware for this chip.
+    #[cfg(feature = "emulator")]
+    pub fn new(name: &str, bytes: Vec<u8>) -> Result<Self, FirmwareError> {
+        match mcdpr_emulator::Chip::load(&bytes) {
+            Ok(_) => Ok(Self {
+                bytes: bytes.into(),
+            }),
+            Err(error) => Err(FirmwareError::Unsuitable {
+                path: name.to_owned(),
+                reason: error.to_string(),
+            }),
+        }
+    }
+
+    /// From the bytes of a file: not in this build.
+    ///
+    /// # Errors
+    /// Always.
+    #[cfg(not(feature = "emulator"))]
+    pub fn new(_name: &str, _bytes: Vec<u8>) -> Result<Self, FirmwareError> {
+        Err(FirmwareError::NoEmulator)
+    }
+
+    /// A chip with this file that just got power, as a board for the simulated robot.
+    #[cfg(feature = "emulator")]
+    #[must_use]
+    pub fn board(&self) -> Option<mcdpr_emulator::ChipBoard> {
+        // The file was accepted before.
+        mcdpr_emulator::ChipBoard::load(&self.bytes).ok()
+    }
+
+    /// A chip with this file: not in this build.
+    #[cfg(not(feature = "emulator"))]
+    #[must_use]
+    pub fn board(&self) -> Option<Box<dyn mcdpr_simulator::VirtualBoard + Send>> {
+        None
+    }
+}
+
+/// What stands in front of every simulated robot of this program.
+static CHOSEN: OnceLock<Firmware> = OnceLock::new();
+
+/// From now on every simulated robot of this program is controlled by an emulated chip with this
+/// file, instead of the control core in this process. The first choice stays.
+pub fn choose_firmware(firmware: Firmware) {
+    let _ = CHOSEN.set(firmware);
+}
+
+/// What [`choose_firmware`] was given.
+#[must_use]
+pub fn chosen_firmware() -> Option<&'static Firmware> {
+    CHOSEN.get()
+}
