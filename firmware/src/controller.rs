@@ -110,6 +110,12 @@ impl<const N: usize> Controller<N> {
         self.state
     }
 
+    /// The last tick.
+    #[must_use]
+    pub const fn now(&self) -> Tick {
+        self.now
+    }
+
     /// Whether drives may give torque.
     #[must_use]
     pub const fn is_armed(&self) -> bool {

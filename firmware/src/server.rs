@@ -5,12 +5,12 @@
 
 use crate::controller::Controller;
 use crate::io::{Inputs, Outputs};
-use crate::sampler::Sampler;
+use crate::sampler::Row;
 use crate::supervisor::State;
 use crate::watch::LinkHealth;
 use mcdpr_protocol::{
     Answer, Channel, Command, ConfigHash, Deframer, FrameError, Reject, Reply, Request,
-    SampleBlock, SequenceNumber, SessionId, Status, Tick, WINDOW,
+    SequenceNumber, SessionId, Status, Tick, WINDOW,
 };
 
 /// Ticks between two status messages when nothing changes.
@@ -68,8 +68,8 @@ pub struct Server<const N: usize> {
     sequence_errors: u32,
     /// Tick of the last stop request: nothing may start in the same tick (K10).
     stopped_at: Option<Tick>,
-    sampler: Option<Sampler<N>>,
-    block: Option<SampleBlock>,
+    /// Samples are wanted; whether the first one was taken.
+    sampling: Option<bool>,
     status_in: u32,
     told_state: State,
     simulated: bool,
@@ -93,8 +93,7 @@ impl<const N: usize> Server<N> {
             outcomes: [None; WINDOW as usize],
             sequence_errors: 0,
             stopped_at: None,
-            sampler: None,
-            block: None,
+            sampling: None,
             status_in: 0,
             told_state: State::Boot,
             simulated,
@@ -110,19 +109,20 @@ impl<const N: usize> Server<N> {
     /// One control tick.
     pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
         let outputs = self.controller.step(now, inputs);
-        if let Some(sampler) = &mut self.sampler {
-            let rows = self.controller.measured();
-            if let Some(block) = sampler.push(now, self.controller.path_ms(), &rows) {
-                self.block = Some(block);
-            }
-        }
         self.status_in = self.status_in.saturating_sub(1);
         outputs
     }
 
-    /// A full block of samples, once.
-    pub const fn take_samples(&mut self) -> Option<SampleBlock> {
-        self.block.take()
+    /// What the tick measured, if the host wants samples. Once per tick: whatever sends telemetry
+    /// packs the rows with a [`Sampler`](crate::sampler::Sampler).
+    pub fn take_row(&mut self) -> Option<Row<N>> {
+        let taken = self.sampling.as_mut()?;
+        Some(Row {
+            tick: self.controller.now(),
+            path_ms: self.controller.path_ms(),
+            first: !core::mem::replace(taken, true),
+            cables: self.controller.measured(),
+        })
     }
 
     /// The state, when it is due: ten times a second and at every change.
@@ -210,7 +210,7 @@ impl<const N: usize> Server<N> {
         self.closed = None;
         self.expected = command.sequence.next();
         self.outcomes = [None; WINDOW as usize];
-        self.sampler = None;
+        self.sampling = None;
         Ok(reply)
     }
 
@@ -248,14 +248,14 @@ impl<const N: usize> Server<N> {
         }
         match request {
             Request::Samples { enabled } => {
-                self.sampler = enabled.then(Sampler::default);
+                self.sampling = enabled.then_some(false);
                 Ok(Reply::Done)
             }
             Request::Close => {
                 let reply = self.controller.handle(now, request)?;
                 let closed = self.session.take();
                 self.closed = closed.map(|session| (session, command.sequence));
-                self.sampler = None;
+                self.sampling = None;
                 Ok(reply)
             }
             _ => self.controller.handle(now, request),

@@ -3,6 +3,7 @@
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
 use mcdpr_firmware::drives::DriveBus;
+use mcdpr_firmware::sampler::Sampler;
 use mcdpr_firmware::server::{Incoming, Receiver, Server};
 use mcdpr_firmware::{Brake, Inputs, Outputs};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
@@ -66,6 +67,7 @@ pub trait VirtualBoard {
 pub(crate) struct Board<const N: usize> {
     server: Server<N>,
     receiver: Receiver,
+    sampler: Sampler<N>,
     drives: DriveBus<N>,
     outputs: Outputs<N>,
     now: Tick,
@@ -77,6 +79,7 @@ impl<const N: usize> Board<N> {
         Self {
             server: Server::new(true),
             receiver: Receiver::default(),
+            sampler: Sampler::default(),
             drives: DriveBus::default(),
             outputs: Outputs::default(),
             now: first_tick,
@@ -150,7 +153,8 @@ impl<const N: usize> Board<N> {
         let mut frame = [0; MAX_FRAME];
         let counters = self.receiver.counters;
         let room = backlog + send.len() < TELEMETRY_BACKLOG;
-        if let Some(block) = self.server.take_samples() {
+        let row = self.server.take_row();
+        if let Some(block) = row.and_then(|row| self.sampler.push(&row)) {
             if room {
                 let used = encode_frame(Channel::Samples, &block, &mut frame);
                 send.extend_from_slice(&frame[..used.unwrap_or(0)]);

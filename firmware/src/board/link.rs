@@ -6,11 +6,13 @@
 //! than the tick, samples are dropped and counted; the tick never waits.
 
 use crate::life::{self, Keeper, Part};
+use crate::pins::CABLES;
 use crate::uart::{self, Ring, Sender};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use embassy_stm32::Peri;
 use embassy_stm32::peripherals::IWDG;
 use heapless::spsc::{Consumer, Producer, Queue};
+use mcdpr_firmware::sampler::{Row, Sampler};
 use mcdpr_firmware::server::{Incoming, LinkCounters, Receiver};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
 use mcdpr_protocol::{Answer, Channel, Command, Hello, SampleBlock, Status, Tick, encode_frame};
@@ -24,8 +26,8 @@ pub struct TickEnds {
     pub answers: Producer<'static, Answer>,
     /// State, unasked.
     pub states: Producer<'static, Status>,
-    /// Samples, unasked.
-    pub samples: Producer<'static, SampleBlock>,
+    /// What the ticks measured, unasked.
+    pub rows: Producer<'static, Row<CABLES>>,
 }
 
 /// The link's ends of the queues.
@@ -33,7 +35,7 @@ pub struct LinkEnds {
     commands: Producer<'static, Command>,
     answers: Consumer<'static, Answer>,
     states: Consumer<'static, Status>,
-    samples: Consumer<'static, SampleBlock>,
+    rows: Consumer<'static, Row<CABLES>>,
 }
 
 /// Makes the queues, once. One place of each is always empty.
@@ -41,22 +43,22 @@ pub fn queues() -> (TickEnds, LinkEnds) {
     static COMMANDS: StaticCell<Queue<Command, 3>> = StaticCell::new();
     static ANSWERS: StaticCell<Queue<Answer, 3>> = StaticCell::new();
     static STATES: StaticCell<Queue<Status, 2>> = StaticCell::new();
-    static SAMPLES: StaticCell<Queue<SampleBlock, 2>> = StaticCell::new();
+    static ROWS: StaticCell<Queue<Row<CABLES>, 6>> = StaticCell::new();
     let (to_tick, commands) = COMMANDS.init_with(Queue::new).split();
     let (answers, from_tick) = ANSWERS.init_with(Queue::new).split();
     let (states, states_out) = STATES.init_with(Queue::new).split();
-    let (samples, samples_out) = SAMPLES.init_with(Queue::new).split();
+    let (rows, rows_out) = ROWS.init_with(Queue::new).split();
     let for_tick = TickEnds {
         commands,
         answers,
         states,
-        samples,
+        rows,
     };
     let for_link = LinkEnds {
         commands: to_tick,
         answers: from_tick,
         states: states_out,
-        samples: samples_out,
+        rows: rows_out,
     };
     (for_tick, for_link)
 }
@@ -78,7 +80,7 @@ pub fn counters() -> LinkCounters {
     }
 }
 
-/// A block of samples found no room.
+/// Samples found no room.
 pub fn drop_telemetry() {
     TELEMETRY_DROPPED.fetch_add(1, Ordering::Relaxed);
 }
@@ -116,7 +118,9 @@ impl Link {
                 hello,
                 answers: ends.answers,
                 states: ends.states,
-                samples: ends.samples,
+                rows: ends.rows,
+                sampler: Sampler::default(),
+                block: None,
             },
             sender,
             ring,
@@ -172,6 +176,7 @@ impl Link {
     #[inline(never)]
     fn send(&mut self) {
         life::show(Part::Send);
+        self.out.pack();
         if let Some(frame) = self.sender.free() {
             let used = self.out.next(frame);
             self.sender.start(used);
@@ -184,10 +189,27 @@ struct Out {
     hello: Hello,
     answers: Consumer<'static, Answer>,
     states: Consumer<'static, Status>,
-    samples: Consumer<'static, SampleBlock>,
+    rows: Consumer<'static, Row<CABLES>>,
+    sampler: Sampler<CABLES>,
+    /// Full, and not sent yet.
+    block: Option<SampleBlock>,
 }
 
 impl Out {
+    /// Packs what the ticks measured; where the line is too slow, whole blocks are dropped.
+    fn pack(&mut self) {
+        while let Some(row) = self.rows.dequeue() {
+            let Some(block) = self.sampler.push(&row) else {
+                continue;
+            };
+            if self.block.is_some() {
+                drop_telemetry();
+            } else {
+                self.block = Some(block);
+            }
+        }
+    }
+
     /// Encodes the most urgent message; its size, or 0 where nothing waits.
     fn next(&mut self, frame: &mut [u8; MAX_FRAME]) -> usize {
         let used = if HELLO_DUE.swap(false, Ordering::Relaxed) {
@@ -200,9 +222,9 @@ impl Out {
             let used = encode_frame(Channel::Status, status, frame);
             self.states.dequeue();
             used
-        } else if let Some(block) = self.samples.peek() {
+        } else if let Some(block) = &self.block {
             let used = encode_frame(Channel::Samples, block, frame);
-            self.samples.dequeue();
+            self.block = None;
             used
         } else {
             Ok(0)

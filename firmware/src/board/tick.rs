@@ -147,8 +147,8 @@ impl Core {
         {
             let _ = self.ends.states.enqueue(status);
         }
-        if let Some(block) = self.server.take_samples()
-            && self.ends.samples.enqueue(block).is_err()
+        if let Some(row) = self.server.take_row()
+            && self.ends.rows.enqueue(row).is_err()
         {
             link::drop_telemetry();
         }

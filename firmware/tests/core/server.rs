@@ -2,11 +2,11 @@
 
 use crate::support::{Bench, entries};
 use mcdpr_firmware::State;
+use mcdpr_firmware::sampler::Sampler;
 use mcdpr_firmware::server::{Incoming, LinkCounters, Receiver};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_frame};
 use mcdpr_protocol::{
-    Channel, Command, Reject, Reply, Request, Sample, SampleBlock, SequenceNumber, SessionId,
-    StopKind, Tick,
+    Channel, Command, Reject, Reply, Request, Sample, SequenceNumber, SessionId, StopKind, Tick,
 };
 
 const OTHER: SessionId = SessionId(1234);
@@ -368,6 +368,7 @@ fn samples_unpack_to_what_was_measured_tick_by_tick() {
         }
     };
     let (mut measured, mut unpacked): (Vec<(Tick, Vec<Sample>)>, Vec<_>) = (vec![], vec![]);
+    let mut sampler = Sampler::default();
     for _ in 0..200 {
         bench.step();
         let rows = bench.server.controller().measured();
@@ -377,7 +378,8 @@ fn samples_unpack_to_what_was_measured_tick_by_tick() {
             current: i32::from(current).into(),
         });
         measured.push((bench.now, samples.collect()));
-        if let Some(block) = bench.server.take_samples() {
+        let row = bench.server.take_row();
+        if let Some(block) = row.and_then(|row| sampler.push(&row)) {
             assert_eq!(block.packed.len(), 200);
             block.unpack(|tick, row| unpacked.push((tick, row.to_vec())));
         }
@@ -398,7 +400,7 @@ fn samples_unpack_to_what_was_measured_tick_by_tick() {
     }
     bench.request(Request::Samples { enabled: false }).unwrap();
     bench.run(50);
-    assert_eq!(bench.server.take_samples(), None::<SampleBlock>);
+    assert_eq!(bench.server.take_row(), None);
 }
 
 #[test]
