@@ -5,9 +5,10 @@
 //! So a reading is at most a slice old, and an output reaches the plant within one.
 
 use crate::chip::{Chip, Port};
+use crate::device::can_line::{CanFrame, CanWiring};
 use crate::device::gpio::Drive;
 use crate::error::{LoadError, Stop};
-use mcdpr_firmware::State;
+use mcdpr_firmware::{State, drives};
 use mcdpr_protocol::message::decode;
 use mcdpr_protocol::{Channel, Deframer, FaultRecord, SampleBlock, Status, Tick};
 use mcdpr_simulator::VirtualBoard;
@@ -20,6 +21,8 @@ const SLICE_US: u64 = 50;
 /// The sensor's noise is that of a reading as the firmware makes it, from all conversions of a
 /// tick: it is drawn once per tick.
 const SLICES_PER_READING: u32 = 20;
+/// Ticks after which the host, too, knows what was measured in one.
+const BEHIND_TICKS: usize = 40;
 /// Winches of the board.
 const CABLES: usize = 4;
 /// ADC channels of the tension sensors.
@@ -149,6 +152,42 @@ impl VirtualBoard for ChipBoard {
         SLICE_US
     }
 
+    /// The drives' electronics hear what the chip's CAN controller has sent, and send over its bus.
+    fn advance(
+        &mut self,
+        plant: &mut Plant,
+        line: &mut DriveLine,
+        until_us: u64,
+    ) -> Result<(), PlantError> {
+        plant.advance(1e-6 * SLICE_US as f64)?;
+        let mut chip = self.chip.lock();
+        let faults = line.bus_mut().faults_mut();
+        let destroy = std::mem::take(&mut faults.corrupt);
+        if destroy > 0 {
+            chip.destroy_can_frames(destroy);
+        }
+        chip.set_can_wiring(CanWiring {
+            bitrate: plant.params().bus.bitrate,
+            others: plant.is_powered(),
+            shorted: plant.faults().bus_off,
+        });
+        let heard = chip.can_take();
+        let mut send = |_drive, at_us, frame: drives::CanFrame| {
+            let bytes = frame.data.get(..frame.len.into()).unwrap_or(&frame.data);
+            chip.can_send(at_us, CanFrame::standard(frame.id, bytes));
+        };
+        let nodes = line.nodes_mut();
+        for (at_us, frame) in heard.into_iter().filter(|(_, frame)| !frame.extended) {
+            let frame = drives::CanFrame {
+                id: frame.id as u16,
+                len: frame.length,
+                data: frame.data,
+            };
+            nodes.hear(plant, at_us, None, &frame, &mut send)?;
+        }
+        nodes.pass(plant, until_us, &mut send)
+    }
+
     fn tick(
         &mut self,
         plant: &mut Plant,
@@ -197,6 +236,11 @@ impl VirtualBoard for ChipBoard {
 
     fn take_path_times(&mut self) -> Vec<(Tick, u32)> {
         std::mem::take(&mut self.path_times)
+    }
+
+    fn path_times_behind(&self) -> usize {
+        // A block of samples, packed, queued behind other frames, and on the wire.
+        BEHIND_TICKS
     }
 
     fn now(&self) -> Tick {

@@ -25,6 +25,10 @@ pub trait VirtualBoard {
     fn take_path_times(&mut self) -> Vec<(Tick, u32)> {
         Vec::new()
     }
+    /// Ticks after which [`Self::take_path_times`] has told of a tick, if it ever does.
+    fn path_times_behind(&self) -> usize {
+        0
+    }
     /// Lets plant and drives work until `until_us`, a slice from now. A board with a bus of its own
     /// does that itself, with the drives' electronics of `line` alone.
     ///

@@ -198,9 +198,15 @@ impl Simulation {
         self.trace.get_or_insert_default();
     }
 
-    /// What was true since the last call, tick by tick.
+    /// What was true since the last call, tick by tick: up to now, or to the last tick whose path
+    /// time is known by now.
     pub fn take_trace(&mut self) -> Vec<TracePoint> {
-        self.trace.as_mut().map(std::mem::take).unwrap_or_default()
+        let behind = self.board.path_times_behind();
+        let Some(trace) = &mut self.trace else {
+            return Vec::new();
+        };
+        let known = trace.len().saturating_sub(behind);
+        trace.drain(..known).collect()
     }
 
     /// Puts the robot into a workcell: from now on its gripper moves what is there.
