@@ -13,10 +13,13 @@ macro_rules! say {
 mod calibrate;
 mod clear;
 mod compute;
+mod config;
 mod demo;
 mod emulate;
 mod export;
 mod faults;
+#[cfg(unix)]
+mod monitor;
 #[cfg(unix)]
 mod orders;
 mod ports;
@@ -24,8 +27,10 @@ mod progress;
 mod reaction;
 mod recorded;
 mod replay;
+mod report;
 mod run;
 mod serve;
+mod shell;
 mod sim;
 mod states;
 mod table;
@@ -127,7 +132,11 @@ enum Command {
     Resume(orders::Resume),
     Clear(clear::Cmd),
     Serve(serve::Cmd),
+    #[cfg(unix)]
+    Monitor(monitor::Cmd),
     Replay(replay::Cmd),
+    Report(report::Report),
+    Compare(report::Compare),
     Export(export::Cmd),
     Ik(compute::ik::Cmd),
     Fk(compute::fk::Cmd),
@@ -139,6 +148,9 @@ enum Command {
     Ports(ports::Cmd),
     States(states::Cmd),
     Faults(faults::Cmd),
+    Config(config::Cmd),
+    Completions(shell::Completions),
+    Man(shell::Man),
 }
 
 /// A command's outcome: what went wrong, or nothing.
@@ -166,7 +178,11 @@ pub fn main() -> ExitCode {
         Command::Resume(cmd) => cmd.run(common),
         Command::Clear(cmd) => cmd.run(common),
         Command::Serve(cmd) => cmd.run(common),
+        #[cfg(unix)]
+        Command::Monitor(cmd) => cmd.run(common),
         Command::Replay(cmd) => cmd.run(common),
+        Command::Report(cmd) => cmd.run(common),
+        Command::Compare(cmd) => cmd.run(common),
         Command::Export(cmd) => cmd.run(common),
         Command::Ik(cmd) => cmd.run(common),
         Command::Fk(cmd) => cmd.run(common),
@@ -178,6 +194,9 @@ pub fn main() -> ExitCode {
         Command::Ports(cmd) => cmd.run(common),
         Command::States(cmd) => cmd.run(common),
         Command::Faults(cmd) => cmd.run(common),
+        Command::Config(cmd) => cmd.run(common),
+        Command::Completions(cmd) => cmd.run(common),
+        Command::Man(cmd) => cmd.run(common),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

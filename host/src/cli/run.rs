@@ -4,17 +4,21 @@
 use super::orders::listen;
 use super::progress::Bar;
 use super::recorded::Recorded;
+use super::serve::{PageDesk, announce};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment::{self, Orders, Run};
 use crate::link::SerialLink;
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
+use crate::record::witness::Patience;
 use crate::record::{TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::{new_session, watch_for_interrupts};
+use crate::serve::{Feed, FeedWatcher, Server};
 use serde::Serialize;
+use std::sync::Arc;
 
 /// Run a task: a built-in one (paper:table7, paper:table8) or a task file
 #[derive(Debug, clap::Args)]
@@ -27,6 +31,9 @@ pub(crate) struct Cmd {
     /// Simulate the machine exactly as described: no mismatch, no pulley loss
     #[arg(long)]
     ideal: bool,
+    /// Show the run in a browser on this machine, in real time; 8650 where no port is given
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650")]
+    serve: Option<u16>,
 }
 
 /// One JSON document of a run.
@@ -51,7 +58,8 @@ impl Cmd {
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = Bar::new("running");
         let orders = Orders {
-            time_scale: common.checked_time_scale()?,
+            // What people watch keeps real time.
+            time_scale: common.checked_time_scale()?.or(self.serve.map(|_| 1.0)),
             ..Orders::default()
         };
         #[cfg(unix)]
@@ -66,7 +74,11 @@ impl Cmd {
         experiment::plan_from_home(&model, task.clone())?;
         let source = TaskSource::of(&self.task, tool_height_m(&robot, self.z_mm));
         let session = new_session();
-        let recorded = Recorded::start(common, &model, source, session, &mismatch)?;
+        let mut recorded = Recorded::start(common, &model, source, session, &mismatch)?;
+        let _page = self
+            .serve
+            .map(|port| page(port, &model, &orders, &mut recorded, common))
+            .transpose()?;
         let witness = &recorded.witness;
         let outcome = if common.on == "sim" {
             let seen = (witness, session);
@@ -122,6 +134,29 @@ impl Cmd {
         say!("run folder: {}", folder.path().display());
         Ok(())
     }
+}
+
+/// Shows a run in a browser.
+fn page(
+    port: u16,
+    model: &Model,
+    orders: &Orders,
+    recorded: &mut Recorded,
+    common: &Common,
+) -> miette::Result<Server> {
+    let feed = Feed::default();
+    let watcher = FeedWatcher::new(feed.clone(), model.clone());
+    let added = recorded.witness.add(watcher, Patience::Drop);
+    added.map_err(Failed::from_error("starting the viewers' thread"))?;
+    let desk = Arc::new(PageDesk {
+        handle: orders.handle.clone(),
+        start: None,
+    });
+    let server = Server::start(port, None, model.robot(), feed, desk)?;
+    if !common.json {
+        announce(&server, common)?;
+    }
+    Ok(server)
 }
 
 /// Height of the tool when a level platform's origin is at `z_mm`, m.

@@ -102,13 +102,13 @@ pub fn measure(
 }
 
 #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 samples")]
-fn mean(values: &[f64]) -> f64 {
+pub(super) fn mean(values: &[f64]) -> f64 {
     if values.is_empty() {
         return f64::NAN;
     }
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-fn greatest(values: &[f64]) -> f64 {
+pub(super) fn greatest(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::NAN, f64::max)
 }

@@ -1,12 +1,16 @@
 //! What a run was: figures, plots, files.
 
+pub mod chart;
 mod figures;
 mod folder;
+pub mod html;
+mod judge;
 mod plot;
 pub mod tables;
 
 pub use figures::{Figures, MeanMax, MeanSdMax, TensionError, measure};
 pub use folder::{RunFolder, write_samples};
+pub use judge::{CableFigures, Judgement, Verdict, judge, path_errors};
 pub use plot::{PathTrace, draw_path};
 
 use mcdpr_simulator::TracePoint;

@@ -16,6 +16,7 @@
 
 mod build;
 mod error;
+mod json_schema;
 mod keys;
 mod model;
 mod modules;
@@ -29,6 +30,7 @@ mod winches;
 use std::path::{Path, PathBuf};
 
 pub use error::{Invalid, Problem, RobotError};
+pub use json_schema::json_schema;
 pub use model::{
     Bus, Cable, Camera, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
     Tag, TensionLaw, Tool, Transform, Winch,

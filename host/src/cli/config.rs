@@ -1,0 +1,119 @@
+//! `mcdpr config`: the robot file.
+
+use super::{Common, Failed, Outcome, print_json, write_out};
+use crate::machine;
+use crate::robot::{Robot, json_schema};
+use clap::Subcommand;
+use std::path::PathBuf;
+
+/// Begin, check and show a robot file, and give its schema to an editor
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Write a commented robot file to begin with (that of --robot)
+    Init {
+        /// The new file; one that exists is not touched
+        file: PathBuf,
+    },
+    /// Check a robot file: keys, ranges, geometry, what a board can hold
+    Check {
+        /// The file, or the name of a built-in robot; --robot without it
+        file: Option<String>,
+    },
+    /// Print the JSON schema of robot files
+    Schema,
+    /// Show every value that a robot file amounts to, defaults included, in SI units
+    Show {
+        /// The file, or the name of a built-in robot; --robot without it
+        file: Option<String>,
+    },
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let named = |file: &Option<String>| file.clone().unwrap_or_else(|| common.robot.clone());
+        match &self.what {
+            What::Init { file } => init(file, common),
+            What::Check { file } => check(&named(file), common),
+            What::Schema => {
+                let text = serde_json::to_string_pretty(&json_schema());
+                write_out(&(text.map_err(Failed::from_error("the schema"))? + "\n"));
+                Ok(())
+            }
+            What::Show { file } => {
+                let robot = Robot::find(&named(file))?;
+                if common.json {
+                    return print_json(&robot);
+                }
+                let text = serde_json::to_string_pretty(&robot);
+                write_out(&(text.map_err(Failed::from_error("the robot"))? + "\n"));
+                Ok(())
+            }
+        }
+    }
+}
+
+fn init(file: &std::path::Path, common: &Common) -> Outcome {
+    Robot::find(&common.robot)?;
+    let folder = file.parent().map(PathBuf::from).unwrap_or_default();
+    let failed = || Failed::from_error("writing the robot file");
+    let mut written = Vec::new();
+    for (index, (name, text)) in crate::robot::sources(&common.robot).into_iter().enumerate() {
+        let path = if index == 0 {
+            file.to_owned()
+        } else {
+            folder.join(name)
+        };
+        if path.exists() {
+            if index == 0 {
+                let reason = format!("{} is there already; it was not touched", path.display());
+                return Err(Failed::from_error("writing the robot file")(reason).into());
+            }
+            // A module file that is there already is the user's.
+            continue;
+        }
+        if let Some(parent) = path
+            .parent()
+            .filter(|parent| !parent.as_os_str().is_empty())
+        {
+            std::fs::create_dir_all(parent).map_err(failed())?;
+        }
+        std::fs::write(&path, text).map_err(failed())?;
+        written.push(path.display().to_string());
+    }
+    if common.json {
+        return print_json(&serde_json::json!({ "written": written }));
+    }
+    for path in written {
+        say!("wrote {path}");
+    }
+    Ok(())
+}
+
+fn check(name: &str, common: &Common) -> Outcome {
+    let robot = Robot::find(name)?;
+    machine::geometry(&robot).map_err(Failed::from_error("the robot's geometry"))?;
+    let entries = machine::configuration(&robot)?;
+    let hash = machine::hash_of(&entries);
+    if common.json {
+        return print_json(&serde_json::json!({
+            "name": robot.name,
+            "cables": robot.cables.len(),
+            "board_entries": entries.len(),
+            "board_hash": format!("{:08x}", hash.0),
+        }));
+    }
+    say!(
+        "{}: {} cables; {} values for the board, hash {:08x}",
+        robot.name,
+        robot.cables.len(),
+        entries.len(),
+        hash.0
+    );
+    Ok(())
+}

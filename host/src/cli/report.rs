@@ -1,0 +1,101 @@
+//! `mcdpr report RUN` and `mcdpr compare RUN RUN`: recorded runs as pages to read.
+
+use super::table::lay_out;
+use super::{Common, Failed, Outcome, print_json};
+use crate::record::RecordedRun;
+use crate::record::replay::recorded_robot;
+use crate::report::{Judgement, html, judge};
+use crate::robot::Robot;
+use std::path::PathBuf;
+
+/// Write a run as one HTML page: plots, figures, verdicts, what happened when
+#[derive(Debug, clap::Args)]
+pub(crate) struct Report {
+    /// The run's folder, or its run.mcap
+    run: PathBuf,
+    /// The page, in place of report.html in the run's folder
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// Compare two runs: figures beside each other, plots over each other
+#[derive(Debug, clap::Args)]
+pub(crate) struct Compare {
+    /// The first run's folder, or its run.mcap
+    first: PathBuf,
+    /// The second run
+    second: PathBuf,
+    /// The page, in place of compare.html in the first run's folder
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+fn load(path: &std::path::Path) -> miette::Result<(RecordedRun, Robot, Judgement)> {
+    let run = RecordedRun::load(path)?;
+    if let Some(damage) = &run.damage {
+        eprintln!("{}", super::replay::describe(damage));
+    }
+    let robot = recorded_robot(&run)?;
+    let judgement = judge(&run, &robot);
+    Ok((run, robot, judgement))
+}
+
+fn write(
+    out: Option<&PathBuf>,
+    run: &RecordedRun,
+    name: &str,
+    page: &str,
+) -> miette::Result<PathBuf> {
+    let path = out.cloned().unwrap_or_else(|| {
+        let folder = run.path.parent().map(PathBuf::from).unwrap_or_default();
+        folder.join(name)
+    });
+    std::fs::write(&path, page).map_err(Failed::from_error("writing the page"))?;
+    Ok(path)
+}
+
+impl Report {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let (run, robot, judgement) = load(&self.run)?;
+        let page = html::report(&run, &robot, &judgement);
+        let path = write(self.out.as_ref(), &run, "report.html", &page)?;
+        if common.json {
+            return print_json(&serde_json::json!({
+                "page": path.display().to_string(), "judgement": judgement,
+            }));
+        }
+        let rows = judgement.verdicts.iter().map(|verdict| {
+            let word = if verdict.pass { "pass" } else { "FAIL" };
+            vec![
+                verdict.what.clone(),
+                word.to_owned(),
+                verdict.numbers.clone(),
+            ]
+        });
+        super::write_out(&lay_out(&rows.collect::<Vec<_>>()));
+        say!("{}", path.display());
+        Ok(())
+    }
+}
+
+impl Compare {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let (first, _, one) = load(&self.first)?;
+        let (second, _, two) = load(&self.second)?;
+        let both = [(&first, &one), (&second, &two)];
+        let path = write(
+            self.out.as_ref(),
+            &first,
+            "compare.html",
+            &html::compare(both),
+        )?;
+        if common.json {
+            return print_json(&serde_json::json!({
+                "page": path.display().to_string(), "first": one, "second": two,
+            }));
+        }
+        super::write_out(&lay_out(&html::compare_rows(both)));
+        say!("{}", path.display());
+        Ok(())
+    }
+}

@@ -1,0 +1,46 @@
+//! `mcdpr completions` and `mcdpr man`: what a shell wants to know.
+
+use super::{Cli, Common, Failed, Outcome, write_out};
+use clap::CommandFactory;
+use std::path::PathBuf;
+
+/// Print a shell's completion script
+#[derive(Debug, clap::Args)]
+pub(crate) struct Completions {
+    /// bash, zsh, fish, elvish or powershell
+    shell: clap_complete::Shell,
+}
+
+/// Print the manual page, or write one for every command
+#[derive(Debug, clap::Args)]
+pub(crate) struct Man {
+    /// Folder for mcdpr.1 and a page for every command, in place of printing
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+impl Completions {
+    pub(crate) fn run(&self, _common: &Common) -> Outcome {
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut Cli::command(), "mcdpr", &mut script);
+        write_out(&String::from_utf8_lossy(&script));
+        Ok(())
+    }
+}
+
+impl Man {
+    pub(crate) fn run(&self, _common: &Common) -> Outcome {
+        let failed = || Failed::from_error("writing the manual pages");
+        if let Some(folder) = &self.out {
+            std::fs::create_dir_all(folder).map_err(failed())?;
+            clap_mangen::generate_to(Cli::command(), folder).map_err(failed())?;
+            return Ok(());
+        }
+        let mut page = Vec::new();
+        clap_mangen::Man::new(Cli::command())
+            .render(&mut page)
+            .map_err(failed())?;
+        write_out(&String::from_utf8_lossy(&page));
+        Ok(())
+    }
+}
