@@ -150,7 +150,9 @@ pub fn simulate_seen(
     let began = Instant::now();
     let link = simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
     let tap = TruthTap::new(link.clone(), model.robot().cables.len());
-    let watched = Watched::new(link.clone(), witness).with_truth(tap.clone());
+    let watched = Watched::new(link.clone(), witness)
+        .with_truth(tap.clone())
+        .with_orders(&orders.handle);
     let paced: Box<dyn Link> = match orders.time_scale {
         Some(scale) => Box::new(Paced::new(watched, scale)),
         None => Box::new(watched),

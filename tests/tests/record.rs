@@ -40,7 +40,11 @@ fn model() -> Model {
 
 fn scenario() -> Scenario {
     let mismatch = Mismatch::realistic();
-    let machine = Machine::Simulated { mismatch, seed: 3 };
+    let machine = Machine::Simulated {
+        mismatch,
+        seed: 3,
+        firmware: None,
+    };
     let task = TaskSource {
         name: "short.toml".to_owned(),
         text: Some(TASK.to_owned()),
@@ -126,6 +130,7 @@ fn a_changed_byte_in_either_direction_is_found() {
     run.scenario.machine = Machine::Simulated {
         mismatch: Mismatch::default(),
         seed: 3,
+        firmware: None,
     };
     let error = replay(&run).unwrap_err();
     assert!(

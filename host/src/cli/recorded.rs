@@ -45,6 +45,7 @@ impl Recorded {
             Machine::Simulated {
                 mismatch: *mismatch,
                 seed: common.seed,
+                firmware: crate::record::scenario::chosen_firmware(),
             }
         } else {
             Machine::Port {

@@ -44,7 +44,8 @@ impl Cmd {
         match proof.core_bytes {
             Some(bytes) => say!("core and plant: answered the same {bytes} bytes again"),
             None => say!(
-                "core: not run again; the record is of a board, whose pins are not on the line"
+                "core: not run again; the record is of a board, whose pins are not on the line, or \
+                 of a chip's firmware that was not named (--on chip --firmware FILE)"
             ),
         }
         if !proof.whole {

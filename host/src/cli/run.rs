@@ -94,7 +94,7 @@ impl Cmd {
             SerialLink::open(&common.on)
                 .map_err(|error| crate::link::ClientError::from(error).into())
                 .and_then(|link| {
-                    let link = Watched::new(link, witness);
+                    let link = Watched::new(link, witness).with_orders(&orders.handle);
                     let handle = &orders.handle;
                     experiment::on_link_with(&model, task, link, Some(session), handle, |p| {
                         bar.update(p);

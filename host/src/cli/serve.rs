@@ -193,7 +193,7 @@ impl Show<'_> {
             };
             witness.add(watcher(), Patience::Drop).map_err(failed())?;
             self.feed.set_task(&self.task.name);
-            let line = watched(&mut *link, &witness, tap);
+            let line = watched(&mut *link, &witness, tap).with_orders(&self.handle);
             let (task, handle) = (self.task.clone(), &self.handle);
             let outcome =
                 experiment::on_link_with(self.model, task, line, Some(session), handle, |_| {});

@@ -79,6 +79,8 @@ pub type Outcome = Result<(), String>;
 const OUTCOMES: usize = 64;
 /// More orders than this can not wait: whoever sends them faster than 8 ms each is broken.
 const WAITING: usize = 64;
+/// Orders that are kept for a record until it takes them.
+const ARRIVED: usize = 1000;
 
 #[derive(Debug, Default)]
 struct Inner {
@@ -88,6 +90,31 @@ struct Inner {
     /// A stop was ordered and nobody has started anew since.
     stop: Option<Order>,
     view: View,
+    /// How often the thread that feeds the board has looked for orders.
+    looks: u64,
+    /// Orders with the number of looks before them, for a record.
+    arrived: Vec<(u64, Order)>,
+    /// Recorded orders that come again after as many looks.
+    script: VecDeque<(u64, Order)>,
+}
+
+impl Inner {
+    /// The thread that feeds the board looks for orders: what a record says was there by now, is.
+    fn look(&mut self) {
+        while let Some((_, order)) = self.due() {
+            place(self, order);
+        }
+        self.looks += 1;
+    }
+
+    fn due(&mut self) -> Option<(u64, Order)> {
+        let (looks, _) = self.script.front()?;
+        if *looks <= self.looks {
+            self.script.pop_front()
+        } else {
+            None
+        }
+    }
 }
 
 #[derive(Debug, Default)]
@@ -157,32 +184,13 @@ impl Handle {
     /// replaces a jog that waits.
     pub fn order(&self, order: Order) -> Ticket {
         let mut inner = self.shared.lock();
-        inner.next += 1;
-        let ticket = Ticket(inner.next);
-        if order.is_stop() {
-            let late: Vec<_> = inner.waiting.drain(..).collect();
-            for (old, _) in late {
-                finish(&mut inner, old, Err("a stop came first".to_owned()));
-            }
-            // An emergency is never weakened by a later stop.
-            if inner.stop != Some(Order::Emergency) {
-                inner.stop = Some(order);
-            }
+        let looks = inner.looks;
+        // Nobody may be recording; a flood is refused anyway.
+        if inner.arrived.len() < ARRIVED {
+            inner.arrived.push((looks, order));
         }
-        if let (Order::Jog { .. }, Some(&(old, Order::Jog { .. }))) = (order, inner.waiting.back())
-        {
-            inner.waiting.pop_back();
-            finish(&mut inner, old, Ok(()));
-        }
-        if inner.waiting.len() >= WAITING {
-            finish(
-                &mut inner,
-                ticket,
-                Err(format!("{WAITING} orders wait already: nobody takes them")),
-            );
-        } else {
-            inner.waiting.push_back((ticket, order));
-        }
+        let ticket = place(&mut inner, order);
+        drop(inner);
         self.shared.changed.notify_all();
         ticket
     }
@@ -235,7 +243,41 @@ impl Handle {
     /// The next order, for the thread that feeds the board.
     #[must_use]
     pub fn take(&self) -> Option<(Ticket, Order)> {
-        self.shared.lock().waiting.pop_front()
+        let mut inner = self.shared.lock();
+        inner.look();
+        inner.waiting.pop_front()
+    }
+
+    /// A handle that gives recorded orders again, each when the thread that feeds the board has
+    /// looked as often as it had when the order came: so a run with orders replays exactly.
+    #[must_use]
+    pub fn scripted(orders: impl IntoIterator<Item = (u64, Order)>) -> Self {
+        let handle = Self::new();
+        handle.shared.lock().script.extend(orders);
+        handle
+    }
+
+    /// Orders that came since the last call, each with the number of looks before it.
+    #[must_use]
+    pub fn arrived(&self) -> Vec<(u64, Order)> {
+        std::mem::take(&mut self.shared.lock().arrived)
+    }
+
+    /// Counts looks from zero again: a new run begins.
+    pub fn count_anew(&self) {
+        let mut inner = self.shared.lock();
+        inner.looks = 0;
+        inner.arrived.clear();
+    }
+
+    /// [`Order::Stop`] by the user's interrupt, which the feeding thread has seen at its last look.
+    pub fn interrupt(&self) {
+        let mut inner = self.shared.lock();
+        let looks = inner.looks.saturating_sub(1);
+        if inner.stop.is_none() && inner.arrived.len() < ARRIVED {
+            inner.arrived.push((looks, Order::Stop));
+            place(&mut inner, Order::Stop);
+        }
     }
 
     /// Says what became of an order.
@@ -247,7 +289,9 @@ impl Handle {
     /// The stop that was ordered, if one was; it stays until [`Handle::start_anew`].
     #[must_use]
     pub fn stop_ordered(&self) -> Option<Order> {
-        self.shared.lock().stop
+        let mut inner = self.shared.lock();
+        inner.look();
+        inner.stop
     }
 
     /// Forgets an old stop: somebody starts a new piece of work on purpose.
@@ -306,6 +350,36 @@ impl Observer {
             (inner.view.revision > revision).then(|| inner.view.clone())
         })
     }
+}
+
+/// Puts an order in line.
+fn place(inner: &mut Inner, order: Order) -> Ticket {
+    inner.next += 1;
+    let ticket = Ticket(inner.next);
+    if order.is_stop() {
+        let late: Vec<_> = inner.waiting.drain(..).collect();
+        for (old, _) in late {
+            finish(inner, old, Err("a stop came first".to_owned()));
+        }
+        // An emergency is never weakened by a later stop.
+        if inner.stop != Some(Order::Emergency) {
+            inner.stop = Some(order);
+        }
+    }
+    if let (Order::Jog { .. }, Some(&(old, Order::Jog { .. }))) = (order, inner.waiting.back()) {
+        inner.waiting.pop_back();
+        finish(inner, old, Ok(()));
+    }
+    if inner.waiting.len() >= WAITING {
+        finish(
+            inner,
+            ticket,
+            Err(format!("{WAITING} orders wait already: nobody takes them")),
+        );
+    } else {
+        inner.waiting.push_back((ticket, order));
+    }
+    ticket
 }
 
 fn finish(inner: &mut Inner, ticket: Ticket, outcome: Outcome) {
@@ -370,6 +444,24 @@ mod tests {
         handle.publish(|view| view.path_s = 1.5);
         let newer = observer.newer_than(seen, Duration::ZERO);
         assert_eq!(newer.map(|view| view.path_s), Some(1.5));
+    }
+
+    #[test]
+    fn a_script_gives_orders_at_the_look_at_which_they_came() {
+        let handle = Handle::new();
+        assert_eq!(handle.take(), None);
+        assert_eq!(handle.stop_ordered(), None);
+        handle.pause();
+        assert!(matches!(handle.take(), Some((_, Order::Pause))));
+        handle.stop();
+        assert_eq!(handle.stop_ordered(), Some(Order::Stop));
+        let script = handle.arrived();
+        assert_eq!(script, [(2, Order::Pause), (3, Order::Stop)]);
+        let again = Handle::scripted(script);
+        assert_eq!(again.take(), None);
+        assert_eq!(again.stop_ordered(), None);
+        assert!(matches!(again.take(), Some((_, Order::Pause))));
+        assert_eq!(again.stop_ordered(), Some(Order::Stop));
     }
 
     #[test]

@@ -61,6 +61,12 @@ impl std::fmt::Debug for Firmware {
 }
 
 impl Firmware {
+    /// The file's bytes.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
     /// The file at `path`; else the one that MCDPR_FIRMWARE names; else the one that `cargo fw`
     /// built.
     ///

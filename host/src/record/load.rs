@@ -5,6 +5,7 @@ use super::mcap::{self, Damage, ReadError};
 use super::pack::unpack;
 use super::recording::WIRE;
 use super::{FILE_NAME, PlanNote, Scenario, TruthPoint};
+use crate::control::Order;
 use crate::link::{RawFrame, describe_fault};
 use mcdpr_protocol::Status;
 use miette::Diagnostic;
@@ -95,6 +96,8 @@ pub struct RecordedRun {
     pub plan: Option<PlanNote>,
     /// True states of a simulated robot.
     pub truth: Vec<TruthPoint>,
+    /// Orders that came while it ran, with the looks for orders before them.
+    pub orders: Vec<(u64, Order)>,
     /// The log.
     pub log: Vec<LogLine>,
     /// Whether the file ends as it should.
@@ -153,6 +156,7 @@ impl RecordedRun {
             frames: Vec::new(),
             plan: None,
             truth: Vec::new(),
+            orders: Vec::new(),
             log: Vec::new(),
             damage: contents.damage.clone(),
             gaps: 0,
@@ -174,6 +178,12 @@ impl RecordedRun {
                 }
                 Some("/plan") => run.plan = serde_json::from_slice(&message.data).ok(),
                 Some("/truth") => run.truth.extend(serde_json::from_slice(&message.data).ok()),
+                Some("/order") => {
+                    let line: serde_json::Value =
+                        serde_json::from_slice(&message.data).unwrap_or_default();
+                    let order = serde_json::from_value(line["order"].clone()).ok();
+                    run.orders.extend(line["looks"].as_u64().zip(order));
+                }
                 Some("/log") => {
                     let line: serde_json::Value =
                         serde_json::from_slice(&message.data).unwrap_or_default();

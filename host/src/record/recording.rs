@@ -434,6 +434,18 @@ impl<W: Write + Send + 'static> Watcher for Recording<W> {
                 self.wire(*call, frame, at(frame.time_us, start_ns));
             }
             Happening::Truth { time_us, truth } => self.truth(truth, at(*time_us, start_ns)),
+            Happening::Order {
+                time_us,
+                looks,
+                order,
+            } => {
+                let time_ns = at(*time_us, start_ns);
+                let body = serde_json::json!({
+                    "timestamp": Stamp::of(time_ns), "looks": looks, "order": order,
+                });
+                self.write(schemas::ORDER, time_ns, &body);
+                self.log(time_ns, Level::Info, &format!("order: {}", order.name()));
+            }
             Happening::Remark {
                 time_us,
                 level,

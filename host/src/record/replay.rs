@@ -1,6 +1,8 @@
 //! The host and the core run again on recorded bytes, and must do the same to the last bit.
 
+use super::scenario::chosen_firmware;
 use super::{LoadError, Machine, RecordedRun};
+use crate::control::Handle;
 use crate::experiment;
 use crate::link::{Direction, Link, LinkError, RawFrame};
 use crate::motion::{Model, PlanError, Task, TaskError};
@@ -198,7 +200,11 @@ pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
     let task = recorded_task(run)?;
     let (host_bytes, whole) = host(run, &model, task)?;
     let core_bytes = match &run.scenario.machine {
-        Machine::Simulated { mismatch, seed } => {
+        Machine::Simulated {
+            mismatch,
+            seed,
+            firmware,
+        } if *firmware == chosen_firmware() => {
             let robot =
                 experiment::simulated_robot(&model, mismatch, *seed, &LinkOptions::default());
             let robot = robot.map_err(|error| ReplayError::Simulator {
@@ -206,7 +212,7 @@ pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
             })?;
             Some(core(run, robot)?)
         }
-        Machine::Port { .. } => None,
+        Machine::Simulated { .. } | Machine::Port { .. } => None,
     };
     Ok(Proof {
         host_bytes,
@@ -226,7 +232,8 @@ fn host(run: &RecordedRun, model: &Model, task: Task) -> Result<(u64, bool), Rep
         ran_out: false,
     };
     let session = Some(SessionId(run.scenario.session));
-    let outcome = experiment::on_link(model, task, &mut line, session, |_| {});
+    let handle = Handle::scripted(run.orders.iter().copied());
+    let outcome = experiment::on_link_with(model, task, &mut line, session, &handle, |_| {});
     if let Some(what) = line.differs {
         return Err(differs("host", run, line.next, what));
     }

@@ -42,6 +42,9 @@ pub enum Machine {
         mismatch: Mismatch,
         /// Seed of everything random.
         seed: u64,
+        /// CRC-32 of the firmware's file, where an emulated chip executed it; `None` for the
+        /// control core in the program itself.
+        firmware: Option<u32>,
     },
     /// Something behind a port.
     Port {
@@ -123,6 +126,13 @@ impl Scenario {
         }
         first.ok_or_else(|| std::io::Error::other("the record holds no robot file"))
     }
+}
+
+/// CRC-32 of the firmware that an emulated chip executes in this program, if one does.
+#[must_use]
+pub fn chosen_firmware() -> Option<u32> {
+    let firmware = crate::machine::chosen_firmware()?;
+    Some(mcdpr_protocol::frame::crc32(firmware.bytes()))
 }
 
 /// Version of the wire format that this program speaks.

@@ -20,9 +20,10 @@ pub(super) const POSE_ESTIMATED: usize = 7;
 pub(super) const POSE_TRUE: usize = 8;
 pub(super) const TRANSFORM: usize = 9;
 pub(super) const TRUTH: usize = 10;
+pub(super) const ORDER: usize = 11;
 
 /// The topics in the order of the numbers above.
-pub(super) const TOPICS: [Topic; 11] = [
+pub(super) const TOPICS: [Topic; 12] = [
     topic("/cables", "mcdpr.Cables", cables),
     topic("/status", "mcdpr.Status", status),
     topic("/knot", "mcdpr.Knot", knot),
@@ -34,6 +35,7 @@ pub(super) const TOPICS: [Topic; 11] = [
     topic("/pose/true", "foxglove.PoseInFrame", pose),
     topic("/tf", "foxglove.FrameTransform", transform),
     topic("/truth", "mcdpr.Truth", truth),
+    topic("/order", "mcdpr.Order", order),
 ];
 
 const fn topic(topic: &'static str, schema: &'static str, body: fn() -> Value) -> Topic {
@@ -173,6 +175,17 @@ fn truth() -> Value {
             "position_m": numbers("platform, world, m"),
             "rotation_xyzw": numbers("attitude of the platform"),
             "tensions_n": numbers("tensions at the platform, N"),
+        }),
+    )
+}
+
+fn order() -> Value {
+    object(
+        "mcdpr.Order",
+        json!({
+            "timestamp": time(),
+            "looks": { "type": "integer", "description": "how often the feeding thread had looked for orders before" },
+            "order": { "type": "object", "description": "the order and its numbers" },
         }),
     )
 }

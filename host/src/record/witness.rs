@@ -1,5 +1,6 @@
 //! Hands what happens on a line to watchers, each on a thread of its own.
 
+use crate::control::{Handle, Order};
 use crate::link::{Direction, Link, LinkError, Note, RawFrame, SimulatedLink};
 use crate::motion::Plan;
 use mcdpr_simulator::TracePoint;
@@ -167,6 +168,15 @@ pub enum Happening {
         time_us: u64,
         /// The truth.
         truth: TruthPoint,
+    },
+    /// An order came to the thread that feeds the board.
+    Order {
+        /// The link's time, µs.
+        time_us: u64,
+        /// How often that thread had looked for orders before.
+        looks: u64,
+        /// What.
+        order: Order,
     },
     /// Words of the host.
     Remark {
@@ -355,6 +365,7 @@ pub struct Watched<'a, L> {
     witness: &'a Witness,
     truth: Option<TruthTap>,
     calls: u32,
+    orders: Option<Handle>,
 }
 
 impl<'a, L: Link> Watched<'a, L> {
@@ -365,6 +376,7 @@ impl<'a, L: Link> Watched<'a, L> {
             witness,
             truth: None,
             calls: 0,
+            orders: None,
         }
     }
 
@@ -373,6 +385,25 @@ impl<'a, L: Link> Watched<'a, L> {
     pub fn with_truth(mut self, tap: TruthTap) -> Self {
         self.truth = Some(tap);
         self
+    }
+
+    /// Shows the orders that come to this handle as well; a new run begins.
+    #[must_use]
+    pub fn with_orders(mut self, handle: &Handle) -> Self {
+        handle.count_anew();
+        self.orders = Some(handle.clone());
+        self
+    }
+
+    fn show_orders(&self) {
+        let new = self.orders.as_ref().map(Handle::arrived);
+        for (looks, order) in new.unwrap_or_default() {
+            self.witness.tell(Happening::Order {
+                time_us: self.inner.now_us(),
+                looks,
+                order,
+            });
+        }
     }
 
     fn wire(&mut self, direction: Direction, bytes: &[u8]) {
@@ -407,6 +438,7 @@ impl<L: Link> Link for Watched<'_, L> {
         if let Some(tap) = &self.truth {
             tap.show(self.witness);
         }
+        self.show_orders();
         Ok(time_us)
     }
 

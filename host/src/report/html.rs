@@ -69,13 +69,21 @@ pub fn table(rows: &[Vec<String>]) -> String {
 /// What answered, in words.
 fn machine(run: &RecordedRun) -> String {
     match &run.scenario.machine {
-        Machine::Simulated { seed, mismatch } => {
+        Machine::Simulated {
+            seed,
+            mismatch,
+            firmware,
+        } => {
             let how = if *mismatch == crate::machine::Mismatch::default() {
                 "exactly as described"
             } else {
                 "with mismatch and pulley loss"
             };
-            format!("simulation {how}, seed {seed}")
+            let core = match firmware {
+                Some(_) => ", the firmware's own file on an emulated chip",
+                None => "",
+            };
+            format!("simulation {how}, seed {seed}{core}")
         }
         Machine::Port { name } => format!("board on {name}"),
     }

@@ -10,7 +10,11 @@ pub(crate) fn stop_wanted<L: Link>(client: &Client<L>) -> Option<StopKind> {
     match client.handle().stop_ordered() {
         Some(Order::Emergency) => Some(StopKind::Emergency),
         Some(_) => Some(StopKind::Stop),
-        None => interrupted().then_some(StopKind::Stop),
+        None => interrupted().then(|| {
+            // A record shall hold it as it holds every order.
+            client.handle().interrupt();
+            StopKind::Stop
+        }),
     }
 }
 

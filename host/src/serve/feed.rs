@@ -319,6 +319,7 @@ impl Watcher for FeedWatcher {
                     });
                 });
             }
+            Happening::Order { .. } => {}
             Happening::Remark { text, .. } => self.feed.say(text),
         }
     }
