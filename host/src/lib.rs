@@ -11,6 +11,7 @@
 //! | [`record`] | runs kept in MCAP files, read back, replayed |
 //! | [`report`] | figures, plots and files of a run |
 //! | [`serve`] | the live page |
+//! | [`reproduce`] | the paper's experiments, its numbers beside ours |
 //! | [`run`] | running a plan on a board |
 //! | [`scenario`] | faults on purpose, and what came of them |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
@@ -27,6 +28,7 @@ pub mod machine;
 pub mod motion;
 pub mod record;
 pub mod report;
+pub mod reproduce;
 pub mod robot;
 pub mod run;
 pub mod scenario;

@@ -8,10 +8,20 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 /// Commands that a document shows and this test does not run, with the reason.
-const NOT_RUN: &[(&str, &str)] = &[(
-    "mcdpr sim --pty",
-    "serves until it is interrupted; tests/tests/program.rs runs it with a client",
-)];
+const NOT_RUN: &[(&str, &str)] = &[
+    (
+        "mcdpr sim --pty",
+        "serves until it is interrupted; tests/tests/program.rs runs it with a client",
+    ),
+    (
+        "mcdpr serve",
+        "serves until it is interrupted; tests/tests/page.rs looks at it in a browser",
+    ),
+    (
+        "mcdpr run paper:table7 --serve",
+        "keeps real time and a port; tests/tests/page.rs does it with a port of its own",
+    ),
+];
 
 /// A folder that goes with the test.
 struct Folder(PathBuf);

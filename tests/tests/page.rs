@@ -178,3 +178,67 @@ fn the_page_marks_old_data_and_comes_back_after_a_restart() {
     );
     drop(serve);
 }
+
+#[test]
+fn a_single_run_is_shown_too_and_its_record_replays_with_the_orders_from_the_page() {
+    use std::io::{BufRead as _, BufReader};
+    let _alone = alone();
+    let folder = std::env::temp_dir().join(format!("mcdpr-page-{}", std::process::id()));
+    let mut run = mcdpr_tests::mcdpr()
+        .args(["run", "paper:table7", "--serve", "0", "--record"])
+        .arg(&folder)
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(run.stdout.take().unwrap()).lines();
+    let address = lines
+        .find_map(|line| {
+            line.unwrap()
+                .strip_prefix("to give orders:")
+                .map(|a| a.trim().to_owned())
+        })
+        .unwrap();
+    let mut browser = Browser::start();
+    let mut page = browser.open(&address);
+    wait(&mut page, MOVING);
+    page.run("document.querySelector('[data-order=hold]').click()");
+    wait(&mut page, "mcdpr.live.state === 'Holding'");
+    page.run("document.querySelector('[data-order=resume]').click()");
+    wait(
+        &mut page,
+        "mcdpr.live.state === 'Moving' && mcdpr.live.path_s > 2",
+    );
+    page.run("document.getElementById('stop').click()");
+    assert_eq!(run.wait().unwrap().code(), Some(130));
+    let replay = |arguments: &[&str]| {
+        let output = mcdpr_tests::mcdpr()
+            .args(arguments)
+            .arg(&folder)
+            .output()
+            .unwrap();
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{message}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let proof: serde_json::Value = serde_json::from_str(&replay(&["--json", "replay"])).unwrap();
+    assert_eq!(proof["equal"], true);
+    assert!(
+        proof["core_bytes"]
+            .as_u64()
+            .is_some_and(|bytes| bytes > 50_000),
+        "{proof}"
+    );
+    assert_eq!(proof["whole"], true, "{proof}");
+    replay(&["report"]);
+    let report = std::fs::read_to_string(folder.join("report.html")).unwrap();
+    for what in [
+        "order: pause",
+        "order: resume",
+        "order: stop",
+        "state Disarmed",
+        "<svg",
+    ] {
+        assert!(report.contains(what), "{what}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}

@@ -28,6 +28,7 @@ mod reaction;
 mod recorded;
 mod replay;
 mod report;
+mod reproduce;
 mod run;
 mod serve;
 mod shell;
@@ -138,6 +139,7 @@ enum Command {
     Report(report::Report),
     Compare(report::Compare),
     Export(export::Cmd),
+    Reproduce(reproduce::Cmd),
     Ik(compute::ik::Cmd),
     Fk(compute::fk::Cmd),
     Statics(compute::statics::Cmd),
@@ -183,6 +185,7 @@ pub fn main() -> ExitCode {
         Command::Replay(cmd) => cmd.run(common),
         Command::Report(cmd) => cmd.run(common),
         Command::Compare(cmd) => cmd.run(common),
+        Command::Reproduce(cmd) => cmd.run(common),
         Command::Export(cmd) => cmd.run(common),
         Command::Ik(cmd) => cmd.run(common),
         Command::Fk(cmd) => cmd.run(common),
