@@ -194,11 +194,7 @@ pub fn simulate(
     seed: u64,
     firmware: Option<&super::Firmware>,
 ) -> Result<Simulation, PlantError> {
-    let mut plant = Plant::new(params, seed)?;
-    let matrix = pose.rotation.matrix();
-    let rotation = [0, 1, 2].map(|row| [0, 1, 2].map(|column| matrix[(row, column)]));
-    let start = Pose::from_matrix(pose.position_m.into(), &rotation)?;
-    plant.settle_at(&start, tensions_n, held)?;
+    let plant = hang(params, pose, tensions_n, held, seed)?;
     let Some(firmware) = firmware else {
         return Simulation::new(plant, link, seed);
     };
@@ -206,4 +202,24 @@ pub fn simulate(
         reason: "there is no emulated chip in this program".to_owned(),
     })?;
     Ok(Simulation::with_board(plant, Box::new(board), link, seed))
+}
+
+/// The plant of a robot that hangs at rest near a pose, brakes closed, its tension-held cable at
+/// its tension (N).
+///
+/// # Errors
+/// Where it finds no equilibrium near the pose.
+pub fn hang(
+    params: PlantParams,
+    pose: &mcdpr_kinematics::Pose,
+    tensions_n: &[f64],
+    held: Option<usize>,
+    seed: u64,
+) -> Result<Plant, PlantError> {
+    let mut plant = Plant::new(params, seed)?;
+    let matrix = pose.rotation.matrix();
+    let rotation = [0, 1, 2].map(|row| [0, 1, 2].map(|column| matrix[(row, column)]));
+    let start = Pose::from_matrix(pose.position_m.into(), &rotation)?;
+    plant.settle_at(&start, tensions_n, held)?;
+    Ok(plant)
 }

@@ -1,0 +1,177 @@
+//! The firmware's own file, on an emulated chip, controls the simulated robot: what it tracks, what
+//! it costs, and how it reacts to faults at its pins, its bus, its line and its plant.
+//!
+//! `cargo xtask test` builds the file and says where it is.
+
+use mcdpr::experiment;
+use mcdpr::link::SimulatedLink;
+use mcdpr::machine::{self, Firmware, Mismatch};
+use mcdpr::motion::{Model, Task};
+use mcdpr::robot::Robot;
+use mcdpr::scenario::{self, Aftermath, Injection, Scenario};
+use mcdpr_emulator::SharedChip;
+use mcdpr_firmware::State;
+use mcdpr_protocol::{FaultId, SessionId};
+use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_tests::mcdpr;
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// A line of some three seconds on the paper's robot.
+const LINE: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
+/// Top of the stack (memory.x).
+const STACK_TOP: u32 = 0x2000_1800;
+
+fn path() -> PathBuf {
+    let built = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../target/thumbv7m-none-eabi/firmware/mcdpr-firmware"
+    );
+    std::env::var_os("MCDPR_FIRMWARE").map_or_else(|| built.into(), PathBuf::from)
+}
+
+fn firmware() -> Firmware {
+    Firmware::find(Some(&path())).expect("build the firmware with `cargo fw`")
+}
+
+fn model() -> Model {
+    Model::new(&Robot::find("paper-table5").unwrap()).unwrap()
+}
+
+fn line() -> Task {
+    Task::parse(LINE, "line.toml".into()).unwrap()
+}
+
+/// The paper's robot at home in front of a chip, and the chip.
+fn robot(model: &Model) -> (SimulatedLink, SharedChip) {
+    let home = experiment::home(model).unwrap();
+    let params = machine::plant_params(model.robot(), &Mismatch::realistic(), 3);
+    let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
+    let plant = machine::hang(params, pose, tensions, model.tension_held(), 3).unwrap();
+    let board = firmware().board().unwrap();
+    let chip = board.chip();
+    let options = LinkOptions::default();
+    let simulation = Simulation::with_board(plant, Box::new(board), &options, 3);
+    (SimulatedLink::new(simulation), chip)
+}
+
+/// Runs the line with these faults.
+fn run(words: &[&str]) -> Aftermath {
+    machine::choose_firmware(firmware());
+    let injections = words.iter().map(|word| Injection::parse(word, 4).unwrap());
+    let scenario = Scenario {
+        name: words.join(" "),
+        injections: injections.collect(),
+    };
+    scenario::run(&model(), line(), &Mismatch::realistic(), 3, &scenario).unwrap()
+}
+
+/// Runs the line with a fault, which must be latched within so many ms (the board tells its state
+/// over the line: some ms are the telling), and leave the robot braked, without torque.
+fn stops(word: &str, fault: FaultId, within_ms: usize) {
+    let after = run(&[word]);
+    let record = after.record().unwrap_or_else(|| panic!("{word}: no fault"));
+    assert_eq!(record.fault, fault, "{word}: {record:?}");
+    let detected = after.detected_after_ms().unwrap();
+    assert!(detected <= within_ms, "{word}: told after {detected} ms");
+    let end = after.end();
+    assert!(
+        matches!(end, Some(State::Fault | State::EStop)),
+        "{word}: {end:?}"
+    );
+    let last = after.after().last().unwrap();
+    assert!(!last.torque_on, "{word}");
+    assert_eq!(last.truth.brakes_closed[..4], [true; 4], "{word}");
+    assert!(after.is_safe(), "{word}");
+}
+
+fn document(arguments: &[&str]) -> Value {
+    let folder = std::env::temp_dir().join(format!("mcdpr-chip-{}", std::process::id()));
+    let output = mcdpr()
+        .args(arguments)
+        .arg("--json")
+        .arg("--record")
+        .arg(&folder)
+        .env("MCDPR_FIRMWARE", path())
+        .output()
+        .unwrap();
+    let _ = std::fs::remove_dir_all(&folder);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {said}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn the_demo_on_the_chip_tracks_as_the_core_in_this_process() {
+    let (core, chip) = (document(&["demo"]), document(&["demo", "--on", "chip"]));
+    assert_eq!(chip["simulated"], true);
+    for (group, names) in [
+        ("path_error_m", ["mean", "max"]),
+        ("cable_length_error_m", ["mean", "max"]),
+        ("tension_error_n", ["mean_abs", "max_abs"]),
+    ] {
+        for name in names {
+            let (core, chip) = (core[group][name].as_f64(), chip[group][name].as_f64());
+            let (core, chip) = (core.unwrap(), chip.unwrap());
+            println!("{group}.{name}: {core:.3e} in this process, {chip:.3e} on the chip");
+            assert!(core > 0.0 && chip > 0.0, "{group}.{name}");
+            assert!((chip - core).abs() < 0.05 * core, "{group}.{name}");
+        }
+    }
+}
+
+#[test]
+fn a_motion_costs_no_more_than_it_may() {
+    let model = model();
+    let (link, chip) = robot(&model);
+    let profile = std::env::var_os("MCDPR_PROFILE");
+    if profile.is_some() {
+        chip.with(mcdpr_emulator::Chip::profile_ticks);
+    }
+    let run = experiment::on_link(&model, line(), link, Some(SessionId(1)), |_| {}).unwrap();
+    if let Some(file) = profile {
+        let rows = chip.with(|chip| chip.tick_profile());
+        let rows = rows
+            .iter()
+            .map(|(at, all, longest)| format!("{at:#x} {all} {longest}\n"));
+        std::fs::write(file, rows.collect::<String>()).unwrap();
+    }
+    assert!(!run.samples.is_empty());
+    let (stats, stack, errors, resets) = chip.with(|chip| {
+        let stack = STACK_TOP - chip.stack_low_water();
+        let stats = chip.tick_stats();
+        (stats, stack, chip.can_errors(), chip.resets().len())
+    });
+    println!(
+        "armed and moving: tick median {} instructions, most {}; latest start {} cycles; stack \
+         {stack} bytes",
+        stats.median, stats.max, stats.latency_max
+    );
+    assert_eq!((stats.lost, resets), (0, 0));
+    assert_eq!((errors.transmit, errors.receive), (0, 0));
+    // 2 us at 72 MHz, entry included, under full link, CAN and log load.
+    assert!(stats.latency_max <= 144, "{} cycles", stats.latency_max);
+}
+
+#[test]
+fn two_runs_on_the_chip_are_equal() {
+    let model = model();
+    let one = || {
+        let (link, chip) = robot(&model);
+        let run = experiment::on_link(&model, line(), link, Some(SessionId(1)), |_| {}).unwrap();
+        (run.samples, chip.with(|chip| chip.instructions()))
+    };
+    assert_eq!(one(), one());
+}
+
+#[test]
+fn s7_s8_s2_s6_d1_d3_d7_p7_stop_the_robot_of_the_chip() {
+    for (word, fault, within_ms) in [
+        ("S7:2@0.5s", FaultId::S7, 12),
+        ("S8:2@0.5s", FaultId::S8, 12),
+        ("D3:2@0.5s", FaultId::D3, 20),
+        ("P7@0.5s", FaultId::P7, 8),
+    ] {
+        stops(word, fault, within_ms);
+    }
+}
