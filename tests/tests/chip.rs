@@ -165,7 +165,7 @@ fn two_runs_on_the_chip_are_equal() {
 }
 
 #[test]
-fn s7_s8_s2_s6_d1_d3_d7_p7_stop_the_robot_of_the_chip() {
+fn s7_s8_d3_p7_stop_the_robot_of_the_chip() {
     for (word, fault, within_ms) in [
         ("S7:2@0.5s", FaultId::S7, 12),
         ("S8:2@0.5s", FaultId::S8, 12),
