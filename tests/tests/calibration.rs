@@ -242,6 +242,7 @@ fn poses_of_one_tilt_are_refused() {
                 .collect(),
             tension_n: None,
             views,
+            noise_factor: 1.0,
         });
     }
     assert!(

@@ -31,6 +31,21 @@ pub struct Data {
     pub at_rest: bool,
     /// Poses body0_from_platform for which predicted lengths are wanted.
     pub holdout: Vec<Pose>,
+    /// The robot that they were collected on; `None` for data from elsewhere.
+    pub origin: Option<Origin>,
+}
+
+/// Where collected data come from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Origin {
+    /// Name of the robot.
+    pub robot: String,
+    /// Hash of its description without calibration ([`crate::robot::Robot::content_hash`]).
+    pub robot_hash: u32,
+    /// Seed of the simulated machine; `None` for data of a real one.
+    pub simulated_seed: Option<u64>,
+    /// When, UTC, as in 2026-03-01T12:00:00Z.
+    pub date: String,
 }
 
 /// The nominal robot and how far it can be from the truth.
@@ -46,6 +61,10 @@ pub struct NominalRobot {
     pub center_of_mass_m: Vector3<f64>,
     /// Index of the pose at which the encoders were zeroed.
     pub home: usize,
+    /// Cable between each drum and its anchor, which stretches as well, m; zeros where not known.
+    pub routing_m: Vec<f64>,
+    /// 1/EA of the cables as specified, 1/N; 0 where not known.
+    pub compliance_per_n: f64,
 }
 
 /// A pinhole camera: pixel = f X/Z + c, with radial and tangential distortion (Brown, 1971).
@@ -94,6 +113,9 @@ pub struct Observation {
     pub tension_n: Option<Vec<f64>>,
     /// The tags seen.
     pub views: Vec<View>,
+    /// Factor on the standard deviations of tensions, corners and equilibrium: above 1 where the
+    /// platform still swung.
+    pub noise_factor: f64,
 }
 
 /// One tag in one picture.
@@ -147,10 +169,14 @@ impl Data {
                     })
                     .collect();
                 let lengths: Vec<_> = pose.encoder_m.iter().map(|l| l.map(|l| l * 1e3)).collect();
-                json!({"encoder_dl_mm": lengths, "tension_N": pose.tension_n, "corners_px": corners})
+                let mut out = json!({"encoder_dl_mm": lengths, "tension_N": pose.tension_n, "corners_px": corners});
+                if pose.noise_factor > 1.0 {
+                    out["noise_factor"] = json!(pose.noise_factor);
+                }
+                out
             })
             .collect();
-        json!({
+        let mut out = json!({
             "schema": SCHEMA, "id": self.id,
             "units": "mm, N, px; H_a_b maps coordinates of frame b into frame a",
             "robot": {
@@ -181,7 +207,21 @@ impl Data {
             "poses": poses,
             "poses_at_rest": self.at_rest,
             "holdout_H_tag_platform": self.holdout.iter().map(matrix_mm).collect::<Vec<_>>(),
-        })
+        });
+        if self.robot.routing_m.iter().any(|l| *l > 0.0) {
+            let routing: Vec<_> = self.robot.routing_m.iter().map(|l| l * 1e3).collect();
+            out["robot"]["routing_lengths_mm"] = json!(routing);
+        }
+        if self.robot.compliance_per_n > 0.0 {
+            out["robot"]["cable_ea_N"] = json!(1.0 / self.robot.compliance_per_n);
+        }
+        if let Some(origin) = &self.origin {
+            out["origin"] = json!({
+                "robot": origin.robot, "robot_hash": format!("{:08x}", origin.robot_hash),
+                "simulated_seed": origin.simulated_seed, "date": origin.date,
+            });
+        }
+        out
     }
 }
 

@@ -106,13 +106,18 @@ pub(crate) fn start(usable: &Usable, layout: &Layout) -> State {
     State {
         cables: data.robot.cables.clone(),
         initial_length_m: vec![0.0; layout.cables],
+        routing_m: data.robot.routing_m.clone(),
         camera_from_platform: data.camera_from_platform,
         world_from_body: data.world_from_body.clone(),
         drum_scale: 1.0,
         camera: data.camera,
         focal_scale: 0.0,
         tag_scale: 1.0,
-        compliance_per_n: 0.0,
+        compliance_per_n: if layout.statics {
+            data.robot.compliance_per_n
+        } else {
+            0.0
+        },
         mass_kg: data.robot.mass_kg,
         center_of_mass_m: data.robot.center_of_mass_m,
         loss: vec![0.0; layout.cables],

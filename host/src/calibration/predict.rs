@@ -45,7 +45,8 @@ pub fn predict(
         let (t, u) = (inverse.direction(0), inverse.arm_m(0));
         let length = inverse.lengths_m[0];
         let taut = 1.0 - state.compliance_per_n * mean_tension_n[i];
-        let reading = (length * taut - state.initial_length_m[i]) / state.drum_scale;
+        let stretch = state.compliance_per_n * mean_tension_n[i] * state.routing_m[i];
+        let reading = (length * taut - stretch - state.initial_length_m[i]) / state.drum_scale;
         encoder_m.push(reading);
         let scale = taut / state.drum_scale;
         let in_platform = pose.rotation.inverse_transform_vector(&t);
@@ -62,7 +63,8 @@ pub fn predict(
         by[(i, layout.initial_length(i))] = -1.0 / state.drum_scale;
         by[(i, layout.scales())] = -reading / state.drum_scale;
         if layout.statics {
-            by[(i, layout.statics())] = -length * mean_tension_n[i] / state.drum_scale;
+            by[(i, layout.statics())] =
+                -(length + state.routing_m[i]) * mean_tension_n[i] / state.drum_scale;
         }
     }
     let slopes = (motion_from_lengths(&motion) * &by).rows(0, 3).into_owned();

@@ -1,6 +1,6 @@
 //! Reads calibration data, and says where in the document something is wrong.
 
-use super::data::{Camera, Data, Noise, NominalRobot, Observation, SCHEMA, Tag, View};
+use super::data::{Camera, Data, Noise, NominalRobot, Observation, Origin, SCHEMA, Tag, View};
 use super::error::Refusal;
 use mcdpr_kinematics::{Cable, MAX_CABLES, Pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -98,8 +98,27 @@ impl Data {
             robot,
             tags,
             poses,
+            origin: root
+                .optional("origin")
+                .map(|node| origin(&node))
+                .transpose()?,
         })
     }
+}
+
+fn origin(node: &Node<'_>) -> Read<Origin> {
+    let hash = node.get("robot_hash")?;
+    let robot_hash = u32::from_str_radix(hash.text()?, 16)
+        .map_err(|_| hash.wrong("must be eight hexadecimal digits"))?;
+    Ok(Origin {
+        robot: node.get("robot")?.text()?.to_owned(),
+        robot_hash,
+        simulated_seed: match node.optional("simulated_seed") {
+            None => None,
+            Some(seed) => Some(seed.index()? as u64),
+        },
+        date: node.get("date")?.text()?.to_owned(),
+    })
 }
 
 fn robot(node: &Node<'_>) -> Read<NominalRobot> {
@@ -153,8 +172,18 @@ fn robot(node: &Node<'_>) -> Read<NominalRobot> {
             attachment_m,
         });
     }
+    let routing_m = match node.optional("routing_lengths_mm") {
+        None => vec![0.0; count],
+        Some(list) => list.each(|node| Ok(node.not_negative()? * 1e-3))?,
+    };
+    sized("routing_lengths_mm", routing_m.len())?;
     Ok(NominalRobot {
         cables,
+        routing_m,
+        compliance_per_n: match node.optional("cable_ea_N") {
+            None => 0.0,
+            Some(node) => 1.0 / node.positive()?,
+        },
         anchor_half_tolerance_m: node.get("anchor_half_tolerance_mm")?.positive()? * 1e-3,
         mass_kg: match node.optional("platform_mass_kg") {
             Some(node) => node.positive()?,
@@ -272,6 +301,16 @@ fn observation(node: &Node<'_>, count: usize, tags: &[Tag]) -> Read<Observation>
         encoder_m,
         tension_n,
         views,
+        noise_factor: match node.optional("noise_factor") {
+            None => 1.0,
+            Some(node) => {
+                let factor = node.number()?;
+                if factor < 1.0 {
+                    return Err(node.wrong("must be 1 or more"));
+                }
+                factor
+            }
+        },
     })
 }
 
@@ -329,6 +368,11 @@ impl<'a> Node<'a> {
             )),
             other => Err(self.wrong(&format!("must be a number, not {other}"))),
         }
+    }
+
+    fn text(&self) -> Read<&'a str> {
+        let word = self.value.as_str();
+        word.ok_or_else(|| self.wrong(&format!("must be a word, not {}", self.value)))
     }
 
     fn positive(&self) -> Read<f64> {

@@ -171,9 +171,12 @@ impl Model<'_> {
             shared.push((self.layout.initial_length(i), -weight));
             shared.push((s, -reading * weight));
             if self.layout.statics {
-                shared.push((self.layout.statics(), -path.length_m * tension * weight));
+                let stretching = path.length_m + state.routing_m[i];
+                shared.push((self.layout.statics(), -stretching * tension * weight));
             }
-            let predicted = path.length_m * taut - state.initial_length_m[i];
+            // What is off the drum, less the routing's nominal length: (L + r)(1 - c T) - r.
+            let stretch = state.compliance_per_n * tension * state.routing_m[i];
+            let predicted = path.length_m * taut - stretch - state.initial_length_m[i];
             take(&Row {
                 source: Source::Encoder(i),
                 residual: (predicted - state.drum_scale * reading) * weight,
@@ -185,7 +188,8 @@ impl Model<'_> {
             (statics, &seen.tension_n, self.data.noise.tension_n)
         {
             for (i, reading) in tension_n.iter().enumerate() {
-                let weight = 1.0 / sigma.hypot(self.scatter.tension_relative * reading);
+                let weight = 1.0
+                    / (sigma.hypot(self.scatter.tension_relative * reading) * seen.noise_factor);
                 own.fill(0.0);
                 own[6 + i] = weight;
                 shared.clear();
@@ -213,7 +217,11 @@ impl Model<'_> {
     ) {
         let (layout, pose) = (&self.layout, &state.poses[k]);
         let r = pose.rotation.matrix();
-        let weight = [1.0 / self.scatter.force_n, 1.0 / self.scatter.moment_nm];
+        let factor = self.data.poses[k].noise_factor;
+        let weight = [
+            1.0 / (self.scatter.force_n * factor),
+            1.0 / (self.scatter.moment_nm * factor),
+        ];
         let down = Vector3::z() * -GRAVITY_MPS2;
         let arm = r * state.center_of_mass_m;
         let load = down * state.mass_kg;
@@ -299,7 +307,7 @@ impl Model<'_> {
         take: &mut impl FnMut(&Row<'_>),
     ) -> Result<(), Error> {
         let (layout, pose) = (&self.layout, &state.poses[k]);
-        let weight = 1.0 / self.data.noise.corner_px;
+        let weight = 1.0 / (self.data.noise.corner_px * self.data.poses[k].noise_factor);
         let s = layout.scales();
         let camera_r = *state.camera_from_platform.rotation.matrix();
         let camera_from_world = camera_r * pose.rotation.matrix().transpose();

@@ -146,6 +146,8 @@ pub fn nominal_robot() -> NominalRobot {
         mass_kg: 1.0,
         center_of_mass_m: Vector3::new(0.0, 0.0, -0.03),
         home: 0,
+        routing_m: vec![0.0; 4],
+        compliance_per_n: 0.0,
     }
 }
 
@@ -346,12 +348,14 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         poses: Vec::new(),
         at_rest: !setup.free_poses,
         holdout: Vec::new(),
+        origin: None,
     };
     // Poses chosen for the nominal robot, driven to with the true one: it hangs a little elsewhere.
     let mut planned = Vec::new();
     if setup.chosen_from > 0 {
         let all = plan::candidates(&data, setup.chosen_from, setup.seed.wrapping_add(7))?;
-        planned = plan::choose(&data, &all, setup.poses, &Options::default())?.chosen;
+        let work = plan::work_poses(&data, 100, setup.seed)?;
+        planned = plan::choose(&data, &all, &work, setup.poses, &Options::default())?.chosen;
         planned.reverse();
     }
     let mut taken = Vec::new();
@@ -457,6 +461,7 @@ fn observe(
             encoder_m,
             tension_n: (!setup.free_poses).then_some(tension_n),
             views,
+            noise_factor: 1.0,
         });
     }
     Some((poses, initial))

@@ -94,6 +94,8 @@ pub struct State {
     pub cables: Vec<Cable>,
     /// Length of each cable when its encoder reads zero, m.
     pub initial_length_m: Vec<f64>,
+    /// Cable between each drum and its anchor, m: given, not estimated.
+    pub routing_m: Vec<f64>,
     /// camera_from_platform.
     pub camera_from_platform: Pose,
     /// world_from_body.
@@ -137,7 +139,9 @@ pub struct Priors {
     pub k1: f64,
     /// Tag size, relative.
     pub tag: f64,
-    /// 1/EA about zero, 1/N.
+    /// 1/EA about what is specified, relative.
+    pub compliance: f64,
+    /// 1/EA about zero where nothing is specified, 1/N.
     pub compliance_per_n: f64,
     /// Mass, relative.
     pub mass: f64,
@@ -157,6 +161,7 @@ impl Default for Priors {
             center_px: 1.0,
             k1: 5e-4,
             tag: 1e-3,
+            compliance: 0.3,
             compliance_per_n: 1.5e-5,
             mass: 0.02,
             center_of_mass_m: 1e-3,
@@ -224,7 +229,13 @@ impl State {
         add(s + 5, self.tag_scale - 1.0, priors.tag);
         if layout.statics {
             let s = layout.statics();
-            add(s, self.compliance_per_n, priors.compliance_per_n);
+            let nominal = data.robot.compliance_per_n;
+            let sigma = if nominal > 0.0 {
+                priors.compliance * nominal
+            } else {
+                priors.compliance_per_n
+            };
+            add(s, self.compliance_per_n - nominal, sigma);
             let mass = data.robot.mass_kg;
             add(s + 1, self.mass_kg - mass, priors.mass * mass);
             let off = self.center_of_mass_m - data.robot.center_of_mass_m;

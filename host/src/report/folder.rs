@@ -137,7 +137,9 @@ fn cell(value: Option<f64>, digits: usize) -> String {
 }
 
 /// The present time in UTC, such as `20260405-071530`.
-fn utc_stamp() -> String {
+/// Date and time now, UTC, as in 20260301-120000.
+#[must_use]
+pub fn utc_stamp() -> String {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     stamp(since.map_or(0, |since| since.as_secs()))
 }

@@ -142,12 +142,11 @@ mod tests {
         for _ in 0..n {
             let view = tags.look().unwrap()[0];
             assert!((view.sigma_px() - 0.1).abs() < 1e-12);
-            for c in 0..4 {
-                for k in 0..2 {
-                    let off = view.corners_px[c][k] - exact[0].corners_px[c][k];
-                    sum[c][k] += off;
-                    square += off * off;
-                }
+            let seen = view.corners_px.iter().flatten();
+            let exact = exact[0].corners_px.iter().flatten();
+            for (slot, (seen, exact)) in sum.iter_mut().flatten().zip(seen.zip(exact)) {
+                *slot += seen - exact;
+                square += (seen - exact).powi(2);
             }
         }
         let sigma = (square / f64::from(n * 8)).sqrt();

@@ -1,6 +1,6 @@
 //! `mcdpr calibrate plan`: which poses to measure.
 
-use crate::calibration::plan::{candidates, choose};
+use crate::calibration::plan::{candidates, choose, work_poses};
 use crate::calibration::{Data, Options, Refusal};
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
@@ -93,7 +93,8 @@ impl Cmd {
             path: "robot".to_owned(),
             what: "poses can be planned for four cables only".to_owned(),
         })?;
-        let plan = choose(&data, &all, self.poses, &Options::default());
+        let work = work_poses(&data, 100, seed).unwrap_or_default();
+        let plan = choose(&data, &all, &work, self.poses, &Options::default());
         let plan = plan.ok_or_else(|| Refusal::TooFewPoses {
             got: all.len(),
             total: self.candidates,
