@@ -11,12 +11,13 @@
 //! | [`observability`], [`predict`] | what the data fix, and how far off the platform would be |
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
 //! | [`mod@paper`], [`hand_eye`] | the paper's method, for comparison |
-//! | [`plan`] | choice of poses |
+//! | [`plan`], [`collect`] | choice of poses; measuring them on a robot |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
 
 pub mod answer;
 pub mod camera;
 pub mod check;
+pub mod collect;
 pub mod data;
 pub mod error;
 pub mod hand_eye;

@@ -192,6 +192,13 @@ impl Design {
         self.taken.push(k);
     }
 
+    /// Forgets all that was taken but the first `keep`.
+    pub fn release(&mut self, keep: usize) {
+        for k in self.taken.split_off(keep.min(self.taken.len())) {
+            self.sum -= &self.informations[k];
+        }
+    }
+
     /// The best addition for which `allowed` holds, with the expected error after it, m.
     #[must_use]
     pub fn best(&self, allowed: impl Fn(usize) -> bool) -> Option<(usize, f64)> {

@@ -33,6 +33,16 @@ pub struct Mismatch {
 }
 
 impl Mismatch {
+    /// The machine as it was built, before any calibration: anchors off by 5 mm, and every other
+    /// error that the field knows.
+    #[must_use]
+    pub const fn as_built() -> Self {
+        Self {
+            anchors_m: 5e-3,
+            ..Self::realistic()
+        }
+    }
+
     /// The machine that a report's second column uses: calibrated anchors off by 0.3 mm and every
     /// other error that the field knows.
     #[must_use]

@@ -136,7 +136,8 @@ impl Model {
         rest.equilibrium.pose.transform(tool)
     }
 
-    fn with_lengths(&self, equilibrium: Equilibrium) -> Rest {
+    /// A resting state with the lengths that the drums have paid out for it.
+    pub(crate) fn with_lengths(&self, equilibrium: Equilibrium) -> Rest {
         let pairs = equilibrium.lengths_m.iter().zip(&equilibrium.tensions_n);
         let paid_out_m = pairs
             .enumerate()

@@ -1,0 +1,421 @@
+//! Collecting calibration data on a robot: which poses, the way there, waiting for rest, measuring.
+
+mod reach;
+mod skeleton;
+mod still;
+mod travel;
+
+pub use reach::Reach;
+pub use skeleton::Sketch;
+pub use still::{AT_REST_M, Still};
+pub use travel::{Way, way};
+
+use super::Options as Estimator;
+use super::data::{Data, Observation, View};
+use super::error::Refusal;
+use super::plan::{Candidate, Design};
+use crate::experiment;
+use crate::link::{Client, Link};
+use crate::machine;
+use crate::motion::{Model, PlanError, Rest};
+use crate::robot::Control;
+use crate::run::{self, Recorder, RunError};
+use crate::sight::{SightError, TagSource};
+use mcdpr_protocol::SessionId;
+use miette::Diagnostic;
+
+/// What to collect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Number of poses, home included.
+    pub poses: usize,
+    /// Number of reachable poses to choose from.
+    pub candidates: usize,
+    /// Stop when the expected error is below this, m; then each next pose is chosen on the way.
+    pub target_error_m: Option<f64>,
+    /// Seed of the candidates.
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            poses: 20,
+            candidates: 300,
+            target_error_m: None,
+            seed: 1,
+        }
+    }
+}
+
+/// What happens while collecting.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Step {
+    /// The robot goes to a pose: how many are done, and how many are wanted.
+    Going {
+        /// Poses done.
+        done: usize,
+        /// Poses wanted.
+        wanted: usize,
+    },
+    /// A pose is measured.
+    Measured {
+        /// Poses done.
+        done: usize,
+        /// Poses wanted.
+        wanted: usize,
+        /// Swing of the platform, m.
+        swing_m: f64,
+        /// Whether whole periods were averaged.
+        averaged: bool,
+        /// Tags in view.
+        tags: usize,
+        /// Expected root mean square position error with the poses so far, m.
+        expected_error_m: f64,
+    },
+    /// A pose gave nothing.
+    Skipped {
+        /// Why.
+        reason: String,
+    },
+}
+
+/// Why collecting ended early. What was measured before has been kept.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum CollectError {
+    /// The robot or the line to it.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Run(#[from] RunError),
+    /// The camera.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Sight(#[from] SightError),
+    /// Nothing can be collected like this.
+    #[error("{what}")]
+    #[diagnostic(code(mcdpr::calibration::collect), help("{help}"))]
+    Impossible {
+        /// What is wrong.
+        what: String,
+        /// What to do.
+        help: String,
+    },
+    /// The data make no calibration.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Refused(#[from] Refusal),
+}
+
+impl From<PlanError> for CollectError {
+    fn from(error: PlanError) -> Self {
+        Self::Run(error.into())
+    }
+}
+
+impl From<crate::link::ClientError> for CollectError {
+    fn from(error: crate::link::ClientError) -> Self {
+        Self::Run(error.into())
+    }
+}
+
+impl CollectError {
+    pub(crate) fn impossible(what: impl Into<String>, help: impl Into<String>) -> Self {
+        Self::Impossible {
+            what: what.into(),
+            help: help.into(),
+        }
+    }
+}
+
+/// Collects data: drives to chosen poses, waits for rest, measures, and drives home. `before` is
+/// what was collected earlier; `keep` gets everything after every pose; `tell` hears what happens.
+///
+/// # Errors
+/// [`CollectError`]; the robot then stands with its brakes closed, or stops by itself.
+pub fn collect<L: Link, S: TagSource>(
+    model: &Model,
+    link: L,
+    session: Option<SessionId>,
+    source: &mut S,
+    options: &Options,
+    before: Option<Data>,
+    mut keep: impl FnMut(&Data) -> Result<(), CollectError>,
+    mut tell: impl FnMut(Step),
+) -> Result<Data, CollectError> {
+    let reach = Reach::new(model).ok_or_else(|| {
+        CollectError::impossible(
+            "no cable of this robot is held by tension, so it can hang in one way only",
+            "set control = \"tension\" for one cable",
+        )
+    })?;
+    let mut client = Client::connect(link, session.unwrap_or_else(run::new_session))?;
+    let hash = run::configure(&mut client, model.robot())?;
+    let status = run::status(&mut client)?;
+    if let Some(record) = status.fault {
+        return Err(RunError::Latched { record }.into());
+    }
+    let simulated = client.info().simulated;
+    if before.is_some() && !status.referenced && !simulated {
+        return Err(CollectError::impossible(
+            "the board has lost its lengths since the data were begun, so new poses do not fit them",
+            "start again without --resume",
+        ));
+    }
+    let home = experiment::home(model)?;
+    let start = if status.referenced {
+        let metres: Vec<_> = status
+            .lengths
+            .iter()
+            .map(|l| f64::from(l.0) * 1e-7)
+            .collect();
+        let newtons: Vec<_> = status
+            .tensions
+            .iter()
+            .map(|t| f64::from(t.0) * 1e-3)
+            .collect();
+        let there = model.rest_from_lengths(&metres, &newtons)?;
+        client.request(machine::reference(&metres, there.tensions_n()))?;
+        there
+    } else {
+        client.request(machine::reference(&home.paid_out_m, home.tensions_n()))?;
+        home.clone()
+    };
+    run::arm(&mut client, hash)?;
+    let mut session = Session {
+        model,
+        reach,
+        client,
+        here: start,
+        home,
+        offsets_m: Vec::new(),
+    };
+    let outcome = session.work(source, options, before, &mut keep, &mut tell);
+    match outcome {
+        Ok(data) => {
+            session.go_home()?;
+            run::disarm(&mut session.client)?;
+            Ok(data)
+        }
+        Err(error @ CollectError::Run(_)) => Err(error),
+        Err(error) => {
+            // The robot is well: put it away before saying what was wrong.
+            session.go_home()?;
+            run::disarm(&mut session.client)?;
+            Err(error)
+        }
+    }
+}
+
+struct Session<'a, L: Link> {
+    model: &'a Model,
+    reach: Reach<'a>,
+    client: Client<L>,
+    here: Rest,
+    home: Rest,
+    offsets_m: Vec<f64>,
+}
+
+impl<L: Link> Session<'_, L> {
+    fn work<S: TagSource>(
+        &mut self,
+        source: &mut S,
+        options: &Options,
+        before: Option<Data>,
+        keep: &mut impl FnMut(&Data) -> Result<(), CollectError>,
+        tell: &mut impl FnMut(Step),
+    ) -> Result<Data, CollectError> {
+        let robot = self.model.robot().clone();
+        let status = run::status(&mut self.client)?;
+        let pairs = status.setpoints.iter().zip(&self.here.paid_out_m);
+        self.offsets_m = pairs
+            .zip(&robot.cables)
+            .map(|((setpoint, planned), cable)| match cable.control {
+                Control::Position => f64::from(setpoint.0) * 1e-7 - planned,
+                Control::Tension => 0.0,
+            })
+            .collect();
+        let simulated = self.client.info().simulated;
+        let mut sketch = match before {
+            Some(data) => Sketch::resumed(&robot, data)?,
+            None => Sketch::new(&robot, &self.home, simulated.then_some(options.seed)),
+        };
+        if sketch.data.poses.is_empty() {
+            let here = self.here.clone();
+            match self.measure(source, &sketch)? {
+                Ok(still) => sketch.add(&here.equilibrium.pose, &still),
+                Err(reason) => {
+                    return Err(CollectError::impossible(
+                        format!("where the robot hangs now, {reason}"),
+                        "lay the target so that the camera sees it from home, with the tags of the \
+                         robot file facing up",
+                    ));
+                }
+            }
+            keep(&sketch.data)?;
+        }
+        let candidates = self
+            .reach
+            .candidates(&sketch.data, options.candidates, options.seed);
+        let missing = options.poses.saturating_sub(sketch.data.poses.len());
+        if candidates.len() < missing {
+            return Err(CollectError::impossible(
+                format!(
+                    "only {} reachable poses have a tag wholly in view, {missing} are wanted",
+                    candidates.len()
+                ),
+                "lay the target nearer to the middle of the work space, or use smaller tags",
+            ));
+        }
+        let work = self.reach.work(100, options.seed);
+        let done = sketch.candidates(self.reach.held());
+        let (places, rests): (Vec<Candidate>, Vec<Rest>) = candidates.into_iter().unzip();
+        let all: Vec<Candidate> = done.iter().chain(&places).cloned().collect();
+        let design = Design::new(&sketch.data, &all, &work, &Estimator::default());
+        let mut design = design.ok_or_else(|| {
+            CollectError::impossible(
+                "the worth of poses can not be computed",
+                "check the robot file's camera and anchors",
+            )
+        })?;
+        for k in 0..done.len() {
+            design.take(k);
+        }
+        let mut route: Vec<usize> = Vec::new();
+        if options.target_error_m.is_none() {
+            for _ in 0..missing {
+                let Some((k, _)) = design.best(|_| true) else {
+                    break;
+                };
+                design.take(k);
+            }
+            design.exchange(done.len());
+            route = design.taken()[done.len()..].to_vec();
+        }
+        let mut given_up: Vec<usize> = Vec::new();
+        let mut open = design.clone();
+        open.release(done.len());
+        loop {
+            let count = sketch.data.poses.len();
+            let expected_error_m = open.expected_error_m().unwrap_or(f64::NAN);
+            let reached = options.target_error_m.is_some_and(|target| {
+                expected_error_m < target && count >= super::check::POSES_MIN
+            });
+            if reached || count >= options.poses {
+                break;
+            }
+            // The nearest of the planned ones; without a plan, or past it, the one worth most now.
+            let next = if route.is_empty() {
+                open.best(|k| k >= done.len() && !given_up.contains(&k))
+                    .map(|(k, _)| k)
+            } else {
+                nearest(&self.here, &route, &rests, done.len()).map(|at| route.swap_remove(at))
+            };
+            let Some(k) = next else { break };
+            tell(Step::Going {
+                done: count,
+                wanted: options.poses,
+            });
+            let goal = rests[k - done.len()].clone();
+            let tried = match self.go(&goal)? {
+                Ok(()) => self.measure(source, &sketch)?,
+                Err(reason) => Err(reason),
+            };
+            match tried {
+                Ok(still) => {
+                    sketch.add(&goal.equilibrium.pose, &still);
+                    open.take(k);
+                    keep(&sketch.data)?;
+                    tell(Step::Measured {
+                        done: count + 1,
+                        wanted: options.poses,
+                        swing_m: still.swing_m,
+                        averaged: still.averaged,
+                        tags: still.tags.len(),
+                        expected_error_m: open.expected_error_m().unwrap_or(f64::NAN),
+                    });
+                }
+                Err(reason) => {
+                    given_up.push(k);
+                    tell(Step::Skipped { reason });
+                }
+            }
+        }
+        Ok(sketch.data)
+    }
+
+    fn measure<S: TagSource>(
+        &mut self,
+        source: &mut S,
+        sketch: &Sketch,
+    ) -> Result<Result<Still, String>, CollectError> {
+        let slowest_s = self.slowest_s(&self.here);
+        still::measure(&mut self.client, source, |id| sketch.size_m(id), slowest_s)
+    }
+
+    /// Period of the slowest swing there, s.
+    fn slowest_s(&self, rest: &Rest) -> f64 {
+        let found = self.model.geometry().stability(&rest.equilibrium).ok();
+        let slowest = found.and_then(|s| s.modes_hz.iter().copied().next());
+        1.0 / slowest.filter(|hz| *hz > 0.2).unwrap_or(1.0)
+    }
+
+    /// Drives to a resting place, over home where the straight way leaves the robot's reach.
+    fn go(&mut self, goal: &Rest) -> Result<Result<(), String>, CollectError> {
+        let slowest_s = self.slowest_s(goal).max(self.slowest_s(&self.here));
+        let robot = self.model.robot();
+        let straight = |from: &Rest, to: &Rest| {
+            travel::way(&self.reach, robot, from, to, slowest_s, &self.offsets_m)
+        };
+        let ways = match straight(&self.here, goal) {
+            Some(way) => vec![way],
+            None => match (straight(&self.here, &self.home), straight(&self.home, goal)) {
+                (Some(a), Some(b)) => vec![a, b],
+                _ => {
+                    return Ok(Err(
+                        "no way there keeps every cable within its limits".into()
+                    ));
+                }
+            },
+        };
+        for way in ways {
+            let mut recorder = Recorder::default();
+            run::follow(&mut self.client, &way.knots, &mut recorder, |_| {})?;
+        }
+        self.here = goal.clone();
+        Ok(Ok(()))
+    }
+
+    fn go_home(&mut self) -> Result<(), CollectError> {
+        let home = self.home.clone();
+        // Where there is no straight way home, the brakes hold it where it is.
+        let _ = self.go(&home)?;
+        Ok(())
+    }
+}
+
+/// Which place of the route is reached soonest.
+fn nearest(here: &Rest, route: &[usize], rests: &[Rest], first: usize) -> Option<usize> {
+    let far = |rest: &Rest| {
+        let pairs = rest.paid_out_m.iter().zip(&here.paid_out_m);
+        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    let places = route.iter().enumerate();
+    let distances = places.filter_map(|(at, k)| Some((at, far(rests.get(k - first)?))));
+    let least = distances.min_by(|a, b| a.1.total_cmp(&b.1));
+    least.map(|(at, _)| at)
+}
+
+/// What one place adds to the data.
+fn observation(home_m: &[f64], still: &Still, views: Vec<View>, factor: f64) -> Observation {
+    Observation {
+        encoder_m: still
+            .lengths_m
+            .iter()
+            .zip(home_m)
+            .map(|(length, home)| Some(length - home))
+            .collect(),
+        tension_n: Some(still.tensions_n.clone()),
+        views,
+        noise_factor: factor,
+    }
+}

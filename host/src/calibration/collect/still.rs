@@ -1,0 +1,296 @@
+//! Waiting until the platform hangs still, and averaging what is measured then.
+//!
+//! Its swing is hardly damped, and drum encoders do not see it: the pictures tell. Where it does not
+//! die within the patience, whole periods are averaged under a window that suppresses what swings
+//! (Hann, 1901; see Harris, 1978), and the noise is stated higher.
+
+use super::CollectError;
+use crate::link::{Client, Event, Link};
+use crate::run::{Recorder, RunError, interrupted, stop_now};
+use crate::sight::{TagSource, TagView};
+
+/// Swing below which the platform is at rest, m.
+pub const AT_REST_M: f64 = 5e-5;
+/// Time between pictures, us.
+const FRAME_US: u64 = 33_333;
+/// Shortest window, s.
+const WINDOW_MIN_S: f64 = 0.6;
+/// After this time whole periods are averaged instead of waiting on, s.
+const PATIENCE_S: f64 = 4.0;
+/// Swing over which averaging makes no sense, m.
+const SWING_MAX_M: f64 = 2e-3;
+/// Time after which a pose is given up, s.
+const GIVE_UP_S: f64 = 25.0;
+/// Whole slowest periods that are averaged over.
+const PERIODS: f64 = 5.0;
+/// What the window leaves of a swing at twice its own frequency and above.
+const LEAK: f64 = 0.027;
+/// What no averaging removes (lens, print, detector), px.
+pub const CORNER_FLOOR_PX: f64 = 0.03;
+
+/// What was measured at one place.
+#[derive(Debug, Clone)]
+pub struct Still {
+    /// Paid-out lengths, m.
+    pub lengths_m: Vec<f64>,
+    /// Tensions at the winches, N.
+    pub tensions_n: Vec<f64>,
+    /// Mean corners of the tags that were in every picture: id and corners, px.
+    pub tags: Vec<(u32, [[f64; 2]; 4])>,
+    /// Standard deviation of each mean coordinate, px.
+    pub sigma_px: f64,
+    /// Amplitude of the swing, m.
+    pub swing_m: f64,
+    /// Whether whole periods had to be averaged.
+    pub averaged: bool,
+    /// Number of pictures.
+    pub frames: usize,
+}
+
+struct Window {
+    frames: Vec<Vec<TagView>>,
+    recorder: Recorder,
+}
+
+/// Waits for rest and measures. The inner error is why this place gave nothing.
+///
+/// # Errors
+/// The link's, the camera's, an interruption.
+pub fn measure<L: Link, S: TagSource>(
+    client: &mut Client<L>,
+    source: &mut S,
+    size_m: impl Fn(u32) -> Option<f64>,
+    slowest_s: f64,
+) -> Result<Result<Still, String>, CollectError> {
+    let begun_us = client.now_us();
+    let window_s = slowest_s.max(WINDOW_MIN_S);
+    loop {
+        let seen = look(client, source, window_s)?;
+        let waited_s = (client.now_us() - begun_us) as f64 * 1e-6;
+        let ids = common(&seen.frames);
+        if ids.is_empty() {
+            return Ok(Err(nothing(&seen.frames)));
+        }
+        let swing_m = swing(&seen.frames, &ids, &size_m);
+        if swing_m < AT_REST_M {
+            return Ok(Ok(mean(&seen, &ids, swing_m, false)));
+        }
+        if waited_s > PATIENCE_S && swing_m < SWING_MAX_M {
+            let long = look(client, source, PERIODS * slowest_s)?;
+            let ids = common(&long.frames);
+            if ids.is_empty() {
+                return Ok(Err(nothing(&long.frames)));
+            }
+            let swing_m = swing(&long.frames, &ids, &size_m);
+            return Ok(Ok(mean(&long, &ids, swing_m, true)));
+        }
+        if waited_s > GIVE_UP_S {
+            return Ok(Err(format!(
+                "the platform still swings by {:.2} mm after {waited_s:.0} s, at most {:.0} mm can be \
+                 averaged: look for draught, a loose cable or a tension loop that oscillates",
+                swing_m * 1e3,
+                SWING_MAX_M * 1e3
+            )));
+        }
+    }
+}
+
+fn nothing(frames: &[Vec<TagView>]) -> String {
+    let seen = frames.iter().filter(|views| !views.is_empty()).count();
+    if seen == 0 {
+        "no known tag is in view: the robot or its tags are not where they were thought to be"
+            .into()
+    } else {
+        format!(
+            "no tag was in all {} pictures, only in {seen}",
+            frames.len()
+        )
+    }
+}
+
+/// Takes pictures and samples for some seconds.
+fn look<L: Link, S: TagSource>(
+    client: &mut Client<L>,
+    source: &mut S,
+    seconds: f64,
+) -> Result<Window, CollectError> {
+    let mut out = Window {
+        frames: Vec::new(),
+        recorder: Recorder::default(),
+    };
+    while client.next_event().is_some() {}
+    let end_us = client.now_us() + (seconds * 1e6) as u64;
+    while client.now_us() < end_us {
+        let next_us = client.now_us() + FRAME_US;
+        client.pump(next_us).map_err(RunError::from)?;
+        if interrupted() {
+            return Err(stop_now(client).into());
+        }
+        while let Some(event) = client.next_event() {
+            if let Event::Samples(block) = event {
+                out.recorder.take(&block, 0.0);
+            }
+        }
+        if let Some(record) = client.status().and_then(|status| status.fault) {
+            return Err(RunError::Fault { record }.into());
+        }
+        out.frames.push(source.look()?);
+    }
+    Ok(out)
+}
+
+/// Tags in every picture.
+fn common(frames: &[Vec<TagView>]) -> Vec<u32> {
+    let Some(first) = frames.first() else {
+        return Vec::new();
+    };
+    let all = |id: &u32| frames.iter().all(|views| views.iter().any(|v| v.id == *id));
+    first.iter().map(|view| view.id).filter(all).collect()
+}
+
+fn of(views: &[TagView], id: u32) -> Option<&TagView> {
+    views.iter().find(|view| view.id == id)
+}
+
+/// Amplitude of the motion in the pictures beyond their noise, m at the tags.
+fn swing(frames: &[Vec<TagView>], ids: &[u32], size_m: &impl Fn(u32) -> Option<f64>) -> f64 {
+    let n = frames.len() as f64;
+    let (mut sum, mut count) = (0.0, 0.0);
+    for &id in ids {
+        let views: Vec<&TagView> = frames.iter().filter_map(|views| of(views, id)).collect();
+        let (Some(first), Some(size_m)) = (views.first(), size_m(id)) else {
+            continue;
+        };
+        let [a, b, ..] = first.corners_px;
+        let px_per_m = (b[0] - a[0]).hypot(b[1] - a[1]) / size_m;
+        let noise: f64 = views.iter().map(|v| v.sigma_px().powi(2)).sum::<f64>() / n;
+        for corner in 0..4 {
+            for axis in 0..2 {
+                let values = views.iter().map(|v| v.corners_px[corner][axis]);
+                let mean = values.clone().sum::<f64>() / n;
+                let variance = values.map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+                sum += 2.0 * (variance - noise) / (px_per_m * px_per_m);
+                count += 1.0;
+            }
+        }
+    }
+    // Both axes of a corner move: the amplitude is that of the motion's length.
+    (2.0 * sum / f64::max(count, 1.0)).max(0.0).sqrt()
+}
+
+/// Weights of `n` equally spaced values, sum 1: equal, or a Hann window.
+fn weights(n: usize, window: bool) -> Vec<f64> {
+    let raw: Vec<f64> = (0..n)
+        .map(|k| {
+            if window {
+                let phase = std::f64::consts::TAU * (k as f64 + 0.5) / n as f64;
+                1.0 - phase.cos()
+            } else {
+                1.0
+            }
+        })
+        .collect();
+    let sum: f64 = raw.iter().sum();
+    raw.iter().map(|w| w / sum).collect()
+}
+
+fn mean(seen: &Window, ids: &[u32], swing_m: f64, window: bool) -> Still {
+    let frame_weights = weights(seen.frames.len(), window);
+    let (mut tags, mut variance, mut leak_px) = (Vec::new(), 0.0, 0.0_f64);
+    for &id in ids {
+        let mut corners = [[0.0; 2]; 4];
+        let (mut noise, mut edge_px) = (0.0, 0.0);
+        for (views, weight) in seen.frames.iter().zip(&frame_weights) {
+            let Some(view) = of(views, id) else { continue };
+            for (slot, value) in corners
+                .iter_mut()
+                .flatten()
+                .zip(view.corners_px.iter().flatten())
+            {
+                *slot += weight * value;
+            }
+            noise += (weight * view.sigma_px()).powi(2);
+            let [a, b, ..] = view.corners_px;
+            edge_px = (b[0] - a[0]).hypot(b[1] - a[1]);
+        }
+        variance += noise / ids.len() as f64;
+        leak_px = leak_px.max(edge_px);
+        tags.push((id, corners));
+    }
+    let samples = &seen.recorder.samples;
+    let sample_weights = weights(samples.len(), window);
+    let cables = samples.first().map_or(0, |s| s.lengths_m.len());
+    let averaged = |get: &dyn Fn(usize) -> f64| {
+        let terms = sample_weights.iter().enumerate();
+        terms.map(|(k, w)| w * get(k)).sum::<f64>()
+    };
+    let sum = |i: usize| averaged(&|k| samples[k].lengths_m[i]);
+    let pull = |i: usize| averaged(&|k| samples[k].tensions_n[i]);
+    // What is left of the swing: in the pictures about as much as on the tag's edge of 0.1 m.
+    let left_px = if window {
+        LEAK * swing_m * leak_px / 0.1
+    } else {
+        0.0
+    };
+    Still {
+        lengths_m: (0..cables).map(sum).collect(),
+        tensions_n: (0..cables).map(pull).collect(),
+        tags,
+        sigma_px: (variance + CORNER_FLOOR_PX.powi(2) + left_px * left_px).sqrt(),
+        swing_m,
+        averaged: window,
+        frames: seen.frames.len(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames(n: usize, swing_px: f64, hz: f64) -> Vec<Vec<TagView>> {
+        let corners = [[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]];
+        (0..n)
+            .map(|k| {
+                let t = k as f64 * FRAME_US as f64 * 1e-6;
+                let off = swing_px * (std::f64::consts::TAU * hz * t + 0.4).sin();
+                vec![TagView {
+                    id: 7,
+                    corners_px: corners.map(|[u, v]| [u + off, v]),
+                    covariance_px2: [[[1e-12, 0.0], [0.0, 1e-12]]; 4],
+                    image_time_us: 0,
+                }]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_swing_is_measured_in_metres() {
+        // 1 px of 1000 px/m, over two periods.
+        let found = swing(&frames(60, 1.0, 1.0), &[7], &|_| Some(0.1));
+        assert!((found - 1e-3).abs() < 2e-5, "{found}");
+        assert!(swing(&frames(60, 0.0, 1.0), &[7], &|_| Some(0.1)) < 1e-8);
+    }
+
+    #[test]
+    fn whole_periods_under_a_window_leave_less_than_stated() {
+        // Five periods of the slowest swing, which here is 0.83 of the one present.
+        for hz in [1.2, 1.7, 2.9] {
+            let seen = Window {
+                frames: frames(150, 1.0, hz),
+                recorder: Recorder::default(),
+            };
+            let found = mean(&seen, &[7], 1e-3, true);
+            let off = found.tags[0].1[0][0].abs();
+            assert!(off < LEAK, "{hz} Hz: {off}");
+            assert!(found.sigma_px > CORNER_FLOOR_PX);
+        }
+    }
+
+    #[test]
+    fn only_tags_in_every_picture_count() {
+        let mut frames = frames(5, 0.0, 1.0);
+        frames[3].clear();
+        assert!(common(&frames).is_empty());
+        assert!(nothing(&frames).contains("only in 4"));
+    }
+}

@@ -1,0 +1,157 @@
+//! From one resting place to another: knots for a board, without haste, every state on the way
+//! within the robot's limits.
+
+use super::reach::Reach;
+use crate::motion::Rest;
+use crate::motion::spline::{Ends, Spline};
+use crate::robot::Robot;
+use mcdpr_protocol::{
+    CableKnot, Knot, List, MicrometresPerSecond, Millinewtons, PerCable, TenthMicrometres,
+};
+
+/// Share of the drives' speed that is used.
+const SPEED_SHARE: f64 = 0.7;
+/// Greatest acceleration of a cable, m/s2: the platform shall not be set swinging.
+const ACCELERATION_MPS2: f64 = 0.1;
+/// Shortest way, in periods of the slowest swing.
+const PERIODS: f64 = 3.0;
+/// Distance between knots, s.
+const KNOT_S: f64 = 0.05;
+/// States at which a way is tried.
+const TRIES: usize = 24;
+
+/// Share of the way at a share of the time: a polynomial with no velocity, acceleration and jerk
+/// at its ends, so that the slow swings are hardly set off.
+fn share(t: f64) -> f64 {
+    let t = t.clamp(0.0, 1.0);
+    t.powi(4) * (35.0 - 84.0 * t + 70.0 * t * t - 20.0 * t * t * t)
+}
+/// Greatest first and second derivative of [`share`].
+const SHARE_SPEED: f64 = 2.1875;
+const SHARE_ACCELERATION: f64 = 7.52;
+
+/// A motion from rest to rest.
+#[derive(Debug, Clone)]
+pub struct Way {
+    /// What goes to the board.
+    pub knots: Vec<Knot>,
+    /// How long it takes, s.
+    pub duration_s: f64,
+}
+
+/// States along the straight line of the platform's origin, the held tension changing in
+/// proportion; `None` where one is out of reach.
+fn states(reach: &Reach<'_>, from: &Rest, to: &Rest, shares: &[f64]) -> Option<Vec<Rest>> {
+    let held = reach.held();
+    let (a, b) = (
+        from.equilibrium.pose.position_m,
+        to.equilibrium.pose.position_m,
+    );
+    let (t, u) = (*from.tensions_n().get(held)?, *to.tensions_n().get(held)?);
+    let mut out: Vec<Rest> = Vec::with_capacity(shares.len());
+    for &s in shares {
+        let tension_n = t * (u / t).powf(s);
+        let near = out.last().unwrap_or(from);
+        out.push(reach.rest(&(a + (b - a) * s), tension_n, Some(near))?);
+    }
+    Some(out)
+}
+
+/// The way between two resting places, or `None` where the straight line leaves the robot's reach.
+/// `offsets_m` are added to the lengths: what the board holds, less what the model says.
+#[must_use]
+pub fn way(
+    reach: &Reach<'_>,
+    robot: &Robot,
+    from: &Rest,
+    to: &Rest,
+    slowest_s: f64,
+    offsets_m: &[f64],
+) -> Option<Way> {
+    let even: Vec<f64> = (0..=TRIES).map(|k| k as f64 / TRIES as f64).collect();
+    let tried = states(reach, from, to, &even)?;
+    let mut duration_s = PERIODS * slowest_s;
+    for pair in tried.windows(2) {
+        let [a, b] = pair else { continue };
+        for (i, (x, y)) in a.paid_out_m.iter().zip(&b.paid_out_m).enumerate() {
+            let slope = (y - x).abs() * TRIES as f64;
+            let fastest = robot.winch_of(i)?.max_cable_speed_mps() * SPEED_SHARE;
+            duration_s = duration_s
+                .max(slope * SHARE_SPEED / fastest)
+                .max((slope * SHARE_ACCELERATION / ACCELERATION_MPS2).sqrt());
+        }
+    }
+    let segments = (duration_s / KNOT_S).ceil().max(8.0) as usize;
+    let ms: Vec<u32> = (0..=segments)
+        .map(|k| (k as f64 * duration_s / segments as f64 * 1e3).round() as u32)
+        .collect();
+    let end_ms = f64::from(*ms.last()?);
+    let times: Vec<f64> = ms.iter().map(|ms| f64::from(*ms) * 1e-3).collect();
+    let shares: Vec<f64> = ms.iter().map(|ms| share(f64::from(*ms) / end_ms)).collect();
+    let states = states(reach, from, to, &shares)?;
+    let still = Ends::Clamped {
+        start: 0.0,
+        end: 0.0,
+    };
+    let splines: Vec<Spline> = (0..robot.cables.len())
+        .map(|i| {
+            let offset = offsets_m.get(i).copied().unwrap_or(0.0);
+            let lengths: Vec<f64> = states.iter().map(|s| s.paid_out_m[i] + offset).collect();
+            Spline::interpolate(&times, &lengths, still).ok()
+        })
+        .collect::<Option<_>>()?;
+    let mut knots = Vec::with_capacity(states.len());
+    for (k, state) in states.iter().enumerate() {
+        let cables = splines
+            .iter()
+            .zip(state.tensions_n())
+            .map(|(spline, tension)| {
+                let knot = spline.knots().get(k);
+                CableKnot {
+                    length: TenthMicrometres(rounded(knot.map_or(0.0, |k| k.value) * 1e7)),
+                    velocity: MicrometresPerSecond(rounded(knot.map_or(0.0, |k| k.velocity) * 1e6)),
+                    tension: Millinewtons(rounded(tension * 1e3)),
+                }
+            });
+        knots.push(Knot {
+            index: u16::try_from(k).ok()?,
+            time_ms: ms[k],
+            last: k + 1 == states.len(),
+            cables: PerCable::collect(cables),
+            // How lengths and tensions must fit together is what is to be found out.
+            rows: List::default(),
+        });
+    }
+    Some(Way {
+        knots,
+        duration_s: end_ms * 1e-3,
+    })
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "saturates beyond any robot"
+)]
+fn rounded(value: f64) -> i32 {
+    value.round() as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_share_of_the_way_has_the_stated_derivatives() {
+        let n = 4000;
+        let at = |k: i32| share(f64::from(k) / f64::from(n));
+        let (mut fastest, mut hardest) = (0.0_f64, 0.0_f64);
+        for k in 1..n {
+            let step = 1.0 / f64::from(n);
+            fastest = fastest.max((at(k + 1) - at(k - 1)) / (2.0 * step));
+            hardest = hardest.max(((at(k + 1) - 2.0 * at(k) + at(k - 1)) / (step * step)).abs());
+        }
+        assert_eq!((at(0), at(n)), (0.0, 1.0));
+        assert!((fastest - SHARE_SPEED).abs() < 1e-3, "{fastest}");
+        assert!((hardest - SHARE_ACCELERATION).abs() < 0.01, "{hardest}");
+    }
+}
