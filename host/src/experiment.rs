@@ -7,6 +7,7 @@ use crate::motion::{Model, Plan, PlanError, Rest, Task};
 use crate::record::witness::{TruthTap, Watched, Witness};
 use crate::report::{self, Figures};
 use crate::run::{self, Measured, Progress, Recorder, RunError};
+use crate::sight::Scene;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
 use std::time::{Duration, Instant};
@@ -126,7 +127,7 @@ pub fn simulate_with(
     let trace = link.with(mcdpr_simulator::Simulation::take_trace);
     // A chip's firmware does not know that its robot is simulated.
     run.simulated = true;
-    run.true_path = Some(report::true_path(&trace));
+    run.true_path = Some(in_calibrated_frame(model, report::true_path(&trace)));
     Ok(SimulatedRun {
         run,
         simulated_s: link.with(|simulation| simulation.now_us() as f64 * 1e-6),
@@ -160,12 +161,24 @@ pub fn simulate_seen(
     let mut run = on_link_with(model, task, paced, Some(session), &orders.handle, progress)?;
     // A chip's firmware does not know that its robot is simulated.
     run.simulated = true;
-    run.true_path = Some(report::true_path(&tap.take()));
+    run.true_path = Some(in_calibrated_frame(model, report::true_path(&tap.take())));
     Ok(SimulatedRun {
         run,
         simulated_s: link.with(|simulation| simulation.now_us() as f64 * 1e-6),
         took: began.elapsed(),
     })
+}
+
+/// A true path in the world frame that the robot knows. A calibration can not tell where the world
+/// frame is, only where things are to each other: of a robot that was calibrated on the simulator,
+/// the tags that it was calibrated by tie both frames together.
+fn in_calibrated_frame(model: &Model, path: Vec<(f64, [f64; 3])>) -> Vec<(f64, [f64; 3])> {
+    let Some(known_from_true) = Scene::known_from_true(model.robot()) else {
+        return path;
+    };
+    let moved =
+        |(time_s, at): (f64, [f64; 3])| (time_s, known_from_true.transform(&at.into()).into());
+    path.into_iter().map(moved).collect()
 }
 
 /// A simulated robot at home behind a line, controlled by the firmware that this program has
@@ -194,8 +207,16 @@ pub fn simulated_robot_on(
     link: &LinkOptions,
     firmware: Option<&machine::Firmware>,
 ) -> Result<SimulatedLink, RunError> {
-    let home = home(model)?;
-    let params = machine::plant_params(model.robot(), mismatch, seed);
+    // A robot that was calibrated on the simulator is that machine, whatever is asked for.
+    let (machine, mismatch, seed) = match &model.robot().calibrated {
+        Some(calibrated) => match calibrated.simulated_seed {
+            Some(seed) => (&calibrated.designed, &Mismatch::as_built(), seed),
+            None => (model.robot(), mismatch, seed),
+        },
+        None => (model.robot(), mismatch, seed),
+    };
+    let home = home(&Model::new(machine)?)?;
+    let params = machine::plant_params(machine, mismatch, seed);
     let simulation = machine::simulate(
         params,
         &home.equilibrium.pose,

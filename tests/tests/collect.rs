@@ -18,7 +18,7 @@ fn data_are_collected_and_solved() {
     let link =
         experiment::simulated_robot(&model, &Mismatch::as_built(), seed, &LinkOptions::default())
             .unwrap();
-    let scene = Scene::on_floor(&robot, 5e-3, 0.02, seed);
+    let scene = Scene::of(&robot, seed);
     let mut tags = SimulatedTags::new(link.clone(), scene, 0.1, seed);
     let options = Options {
         poses: 12,
@@ -42,6 +42,10 @@ fn data_are_collected_and_solved() {
     let measured = |step: &&Step| matches!(step, Step::Measured { .. });
     assert_eq!(steps.iter().filter(measured).count(), 11);
     let answer = joint(&data, &Estimator::default()).unwrap();
-    assert!(answer.predicted_error_m < 2e-3, "{}", answer.predicted_error_m);
+    assert!(
+        answer.predicted_error_m < 2e-3,
+        "{}",
+        answer.predicted_error_m
+    );
     assert!(answer.rejected.len() < 4, "{:?}", answer.rejected);
 }

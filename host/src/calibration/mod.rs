@@ -12,6 +12,7 @@
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
 //! | [`mod@paper`], [`hand_eye`] | the paper's method, for comparison |
 //! | [`plan`], [`collect`] | choice of poses; measuring them on a robot |
+//! | [`result`] | the calibration as a file beside the robot file |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
 
 pub mod answer;
@@ -29,6 +30,7 @@ pub mod plan;
 pub mod pnp;
 pub mod predict;
 mod read;
+pub mod result;
 pub mod rows;
 pub mod simulate;
 pub mod solve;

@@ -65,6 +65,9 @@ pub struct Common {
         value_name = "FILE"
     )]
     pub robot: String,
+    /// Calibration file to apply, or `none`; by default the one beside the robot file
+    #[arg(long, global = true, value_name = "FILE|none")]
+    pub calibration: Option<String>,
     /// Where the robot is: `sim` (in this process), `chip` (simulated, controlled by the firmware's
     /// own file on an emulated chip) or a serial port
     #[arg(
@@ -153,6 +156,39 @@ enum Command {
     Config(config::Cmd),
     Completions(shell::Completions),
     Man(shell::Man),
+}
+
+impl Common {
+    /// The robot with its calibration, if there is one.
+    ///
+    /// # Errors
+    /// Where either file is unusable, or a calibration of the simulator is meant for a board.
+    pub(crate) fn robot(&self) -> miette::Result<crate::robot::Robot> {
+        use crate::calibration::result;
+        let designed = crate::robot::Robot::find(&self.robot)?;
+        let path = match self.calibration.as_deref() {
+            Some("none") => return Ok(designed),
+            Some(file) => PathBuf::from(file),
+            None => {
+                let beside = result::path_for(&self.robot);
+                if !beside.is_file() {
+                    return Ok(designed);
+                }
+                beside
+            }
+        };
+        let robot = result::apply(&designed, &path)?;
+        let simulated = robot.calibrated.as_ref().and_then(|c| c.simulated_seed);
+        if self.on != "sim" && simulated.is_some() {
+            let what = format!("calibration {}", path.display());
+            return Err(Failed::from_error(&what)(
+                "it was made on the simulator; calibrate this machine, or add --calibration none",
+            )
+            .into());
+        }
+        eprintln!("calibration {} applied", path.display());
+        Ok(robot)
+    }
 }
 
 /// A command's outcome: what went wrong, or nothing.

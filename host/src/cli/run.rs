@@ -49,7 +49,7 @@ struct Document {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let robot = Robot::find(&common.robot)?;
+        let robot = common.robot()?;
         let model = Model::new(&robot)?;
         let task = Task::find(&self.task, tool_height_m(&robot, self.z_mm))?;
         if common.dry_run {

@@ -91,6 +91,7 @@ pub(super) fn build(reader: &mut Reader, mut file: Values, modules: &Modules) ->
         camera,
         tags,
         limits,
+        calibrated: None,
     })
 }
 

@@ -32,8 +32,8 @@ use std::path::{Path, PathBuf};
 pub use error::{Invalid, Problem, RobotError};
 pub use json_schema::json_schema;
 pub use model::{
-    Bus, Cable, Camera, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
-    Tag, TensionLaw, Tool, Transform, Winch,
+    Bus, Cable, Calibrated, Camera, Control, DriveKind, Gripper, GripperKind, LawKind, Limits,
+    Platform, Robot, Tag, TensionLaw, Tool, Transform, Winch,
 };
 
 use modules::Modules;

@@ -33,6 +33,26 @@ pub struct Robot {
     pub tags: Vec<Tag>,
     /// What a motion may not exceed.
     pub limits: Limits,
+    /// Where these values come from, if not from the robot file alone. No part of the description.
+    #[serde(skip)]
+    pub calibrated: Option<Box<Calibrated>>,
+}
+
+/// The origin of a calibrated robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibrated {
+    /// The robot as its file describes it, with the tags that it was calibrated by.
+    pub designed: Robot,
+    /// Where each body of tags was found: its number and world_from_body.
+    pub world_from_body: Vec<(u32, Transform)>,
+    /// Seed of the simulated machine that was calibrated; `None` for a real one.
+    pub simulated_seed: Option<u64>,
+    /// When, UTC, as in 20260301-120000.
+    pub date: String,
+    /// Predicted root mean square position error, m.
+    pub predicted_error_m: Option<f64>,
+    /// The calibration file.
+    pub file: std::path::PathBuf,
 }
 
 /// The moving platform; vectors in its own frame.

@@ -1,7 +1,7 @@
 //! Where the tags of a simulated robot truly lie, and how its camera is truly mounted.
 
 use super::{lens_of, pose_of};
-use crate::calibration::data::Camera;
+use crate::calibration::data::{Camera, compose, inverse};
 use crate::calibration::simulate::Dice;
 use crate::robot::{Robot, Tag};
 use mcdpr_kinematics::Pose;
@@ -73,6 +73,28 @@ impl Scene {
             tags: robot.tags.clone(),
             world_from_body,
         }
+    }
+
+    /// The scene of a robot on the simulator. A robot that was calibrated there has the scene that
+    /// it was calibrated in; `seed` decides for any other, whose camera is off by up to 5 mm and
+    /// 0.02 rad per axis.
+    #[must_use]
+    pub fn of(robot: &Robot, seed: u64) -> Self {
+        let calibrated = robot.calibrated.as_ref();
+        let known = calibrated.and_then(|c| Some((&c.designed, c.simulated_seed?)));
+        let (machine, seed) = known.unwrap_or((robot, seed));
+        Self::on_floor(machine, 5e-3, 0.02, seed)
+    }
+
+    /// Where the simulator's world frame is in the world frame that a calibrated robot knows: they
+    /// agree at the first body of tags. `None` for a robot that was not calibrated on the simulator.
+    #[must_use]
+    pub fn known_from_true(robot: &Robot) -> Option<Pose> {
+        let calibrated = robot.calibrated.as_ref()?;
+        let scene = Self::of(robot, calibrated.simulated_seed?);
+        let (number, place) = calibrated.world_from_body.first()?;
+        let true_place = scene.body(*number)?;
+        Some(compose(&pose_of(place), &inverse(true_place)))
     }
 
     /// The true place of a body of tags.

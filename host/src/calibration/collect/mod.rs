@@ -6,7 +6,7 @@ mod still;
 mod travel;
 
 pub use reach::Reach;
-pub use skeleton::Sketch;
+pub use skeleton::{Sketch, of_this_robot};
 pub use still::{AT_REST_M, Still};
 pub use travel::{Way, way};
 
@@ -33,8 +33,10 @@ pub struct Options {
     pub candidates: usize,
     /// Stop when the expected error is below this, m; then each next pose is chosen on the way.
     pub target_error_m: Option<f64>,
-    /// Seed of the candidates.
+    /// Seed of the candidates, and of the simulated machine if it is one.
     pub seed: u64,
+    /// Hash of the robot's description, where the tags in use are not the description's own.
+    pub described: Option<u32>,
 }
 
 impl Default for Options {
@@ -44,6 +46,7 @@ impl Default for Options {
             candidates: 300,
             target_error_m: None,
             seed: 1,
+            described: None,
         }
     }
 }
@@ -235,9 +238,11 @@ impl<L: Link> Session<'_, L> {
             })
             .collect();
         let simulated = self.client.info().simulated;
+        let seed = simulated.then_some(options.seed);
+        let hash = options.described.unwrap_or_else(|| robot.content_hash());
         let mut sketch = match before {
-            Some(data) => Sketch::resumed(&robot, data)?,
-            None => Sketch::new(&robot, &self.home, simulated.then_some(options.seed)),
+            Some(data) => Sketch::resumed(&robot, hash, data, seed)?,
+            None => Sketch::new(&robot, hash, &self.home, seed),
         };
         if sketch.data.poses.is_empty() {
             let here = self.here.clone();

@@ -29,11 +29,11 @@ pub struct Sketch {
 }
 
 impl Sketch {
-    /// Data without poses.
+    /// Data without poses; `hash` is that of the robot's description.
     #[must_use]
-    pub fn new(robot: &Robot, home: &Rest, simulated_seed: Option<u64>) -> Self {
+    pub fn new(robot: &Robot, hash: u32, home: &Rest, simulated_seed: Option<u64>) -> Self {
         Self {
-            data: empty(robot, simulated_seed),
+            data: empty(robot, hash, simulated_seed),
             robot: robot.clone(),
             bodies: Vec::new(),
             home_m: home.paid_out_m.clone(),
@@ -44,8 +44,33 @@ impl Sketch {
     ///
     /// # Errors
     /// Where they are of another robot.
-    pub fn resumed(robot: &Robot, data: Data) -> Result<Self, CollectError> {
-        of_this_robot(robot, &data)?;
+    pub fn resumed(
+        robot: &Robot,
+        hash: u32,
+        data: Data,
+        simulated_seed: Option<u64>,
+    ) -> Result<Self, CollectError> {
+        of_this_robot(robot, hash, &data)?;
+        let seed = data.origin.as_ref().and_then(|origin| origin.simulated_seed);
+        if seed != simulated_seed {
+            let name = |seed: Option<u64>| {
+                seed.map_or("a real machine".to_owned(), |n| format!("the simulated machine of seed {n}"))
+            };
+            return Err(CollectError::impossible(
+                format!("the data were begun on {}, this is {}", name(seed), name(simulated_seed)),
+                "resume on the same machine (--on, --seed), or start again without --resume",
+            ));
+        }
+        let unknown = data
+            .tags
+            .iter()
+            .find(|tag| robot.tags.iter().all(|known| known.id != tag.id));
+        if let Some(tag) = unknown {
+            return Err(CollectError::impossible(
+                format!("the data were begun with tag {}, which the target has not", tag.id),
+                "resume with the same --target",
+            ));
+        }
         let bodies = (0..data.world_from_body.len())
             .filter_map(|index| {
                 let tag = data.tags.iter().find(|tag| tag.body == index)?;
@@ -163,12 +188,11 @@ impl Sketch {
     }
 }
 
-/// Refuses data of another robot.
+/// Refuses data of another robot than the one whose description has this hash.
 ///
 /// # Errors
 /// [`CollectError::Impossible`] that names both.
-pub fn of_this_robot(robot: &Robot, data: &Data) -> Result<(), CollectError> {
-    let hash = robot.content_hash();
+pub fn of_this_robot(robot: &Robot, hash: u32, data: &Data) -> Result<(), CollectError> {
     match &data.origin {
         Some(origin) if origin.robot_hash == hash => Ok(()),
         Some(origin) => Err(CollectError::impossible(
@@ -186,12 +210,12 @@ pub fn of_this_robot(robot: &Robot, data: &Data) -> Result<(), CollectError> {
     }
 }
 
-fn empty(robot: &Robot, simulated_seed: Option<u64>) -> Data {
+fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
     let camera: Camera = lens_of(&robot.camera);
     let ea: Vec<f64> = robot.cables.iter().map(|cable| cable.ea_n).collect();
     let origin = Origin {
         robot: robot.name.clone(),
-        robot_hash: robot.content_hash(),
+        robot_hash: hash,
         simulated_seed,
         date: utc_stamp(),
     };
