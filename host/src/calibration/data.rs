@@ -143,6 +143,18 @@ impl Data {
             && self.poses.iter().any(|pose| pose.tension_n.is_some())
     }
 
+    /// Takes a calibrated robot's frame as known to half a millimetre.
+    pub fn keep_frame_of(&mut self, robot: &crate::robot::Robot) {
+        for (cable, known) in self.robot.cables.iter_mut().zip(&robot.cables) {
+            cable.anchor_m = known.anchor_in_world_m;
+            cable.attachment_m = known.attachment_in_platform_m;
+            cable.pulley_radius_m = known.pulley_radius_m;
+        }
+        self.robot.anchor_half_tolerance_m = 5e-4;
+        self.robot.mass_kg = robot.platform.mass_kg;
+        self.robot.center_of_mass_m = robot.platform.center_of_mass_m;
+    }
+
     /// The file form.
     #[must_use]
     pub fn to_json(&self) -> Value {

@@ -22,6 +22,36 @@ pub struct Options {
     pub without_statics: bool,
 }
 
+impl Options {
+    /// For a robot whose winch modules, platform and lens are known: what they keep is held to what
+    /// is known of them, ten times as closely.
+    #[must_use]
+    pub fn frame_only() -> Self {
+        let mut out = Self::default();
+        let priors = &mut out.priors;
+        for sigma in [
+            &mut priors.radius_m,
+            &mut priors.drum,
+            &mut priors.focal,
+            &mut priors.center_px,
+            &mut priors.k1,
+        ] {
+            *sigma *= 0.1;
+        }
+        out
+    }
+
+    /// For a robot whose frame is calibrated; see [`Data::keep_frame_of`].
+    #[must_use]
+    pub fn camera_only() -> Self {
+        let mut out = Self::default();
+        out.priors.drum *= 0.1;
+        out.priors.radius_m *= 0.1;
+        out.priors.attachment_m *= 0.1;
+        out
+    }
+}
+
 /// Calibrates with one weighted problem over anchors, initial lengths, camera, bodies of tags, the
 /// platform's pose at every measurement, and, with priors, everything that is never exactly known;
 /// where the platform hung at rest and tensions are given, also over those and the equations of

@@ -13,6 +13,7 @@
 //! | [`mod@paper`], [`hand_eye`] | the paper's method, for comparison |
 //! | [`plan`], [`collect`] | choice of poses; measuring them on a robot |
 //! | [`result`] | the calibration as a file beside the robot file |
+//! | [`target`] | tags to print |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
 
 pub mod answer;
@@ -35,6 +36,7 @@ pub mod rows;
 pub mod simulate;
 pub mod solve;
 pub mod study;
+pub mod target;
 pub mod unknowns;
 
 pub use answer::Answer;

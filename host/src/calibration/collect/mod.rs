@@ -103,6 +103,10 @@ pub enum CollectError {
         /// What to do.
         help: String,
     },
+    /// The data can not be kept.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    File(#[from] super::result::FileError),
     /// The data make no calibration.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -137,8 +141,7 @@ impl CollectError {
 /// [`CollectError`]; the robot then stands with its brakes closed, or stops by itself.
 pub fn collect<L: Link, S: TagSource>(
     model: &Model,
-    link: L,
-    session: Option<SessionId>,
+    (link, session): (L, Option<SessionId>),
     source: &mut S,
     options: &Options,
     before: Option<Data>,

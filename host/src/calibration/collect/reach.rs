@@ -3,12 +3,16 @@
 use super::super::plan::Candidate;
 use super::super::simulate::{Dice, views_at};
 use super::super::{Data, data::View};
+use super::skeleton::ANCHOR_TOLERANCE_M;
 use crate::motion::{Model, Rest};
-use mcdpr_kinematics::{EquilibriumGuess, Pose, StaticOptions};
+use mcdpr_kinematics::{AnyRobot, Cable, EquilibriumGuess, Held, Pose, Start, StaticOptions};
 use nalgebra::Vector3;
 
-/// Shares of the tension limits that are kept clear: the robot is not yet known exactly.
-const TENSION_ROOM: f64 = 0.15;
+/// Room to the tension limits for what sensors and pulleys hide, N, and as a share of the limit.
+const TENSION_ROOM_N: f64 = 0.3;
+const TENSION_ROOM: f64 = 0.05;
+/// Robots as they may have been built that must stay within the limits as well.
+const BUILDS: usize = 8;
 /// Share of the tilt limit that is used.
 const TILT_SHARE: f64 = 0.9;
 
@@ -19,6 +23,48 @@ pub struct Reach<'a> {
     held: usize,
     least_n: f64,
     most_n: f64,
+    builds: Vec<Build>,
+}
+
+/// The robot as it may have been built: every anchor off by the tolerance in some direction.
+#[derive(Debug, Clone)]
+struct Build {
+    geometry: AnyRobot,
+    /// Its lengths at home, less those of the robot as described, m.
+    offsets_m: Vec<f64>,
+}
+
+fn builds(model: &Model) -> Vec<Build> {
+    let mut dice = Dice::new(0x0062_7569_6C64);
+    let Ok(home) = crate::experiment::home(model) else {
+        return Vec::new();
+    };
+    let pose = home.equilibrium.pose;
+    // A calibrated robot is known; what is checked is then its own model.
+    let calibrated = model.robot().calibrated.is_some();
+    let count = if calibrated { 0 } else { BUILDS };
+    let build = |_| {
+        let shifted: Vec<Cable> = model
+            .geometry()
+            .cables()
+            .iter()
+            .map(|cable| {
+                let off = Vector3::from_fn(|_, _| ANCHOR_TOLERANCE_M.copysign(dice.within(1.0)));
+                Cable {
+                    anchor_m: cable.anchor_m + off,
+                    ..*cable
+                }
+            })
+            .collect();
+        let geometry = AnyRobot::new(&shifted, *model.geometry().platform()).ok()?;
+        let lengths = geometry.lengths_m(&pose).ok()?;
+        let pairs = lengths.iter().zip(home.equilibrium.lengths_m.iter());
+        Some(Build {
+            offsets_m: pairs.map(|(a, b)| a - b).collect(),
+            geometry,
+        })
+    };
+    (0..count).filter_map(build).collect()
 }
 
 impl<'a> Reach<'a> {
@@ -35,6 +81,7 @@ impl<'a> Reach<'a> {
             held,
             least_n: robot.tension.floor_n.max(limits.tension_min_n),
             most_n: robot.tension.ceiling_n.min(most),
+            builds: builds(model),
         })
     }
 
@@ -80,14 +127,49 @@ impl<'a> Reach<'a> {
             };
             let most = limits.tension_max_n.min(winch.tension_max_n);
             let on_drum = winch.turns_max * std::f64::consts::TAU * winch.drum_radius_m;
-            tension >= limits.tension_min_n * (1.0 + TENSION_ROOM)
-                && tension <= most * (1.0 - TENSION_ROOM)
-                && paid_out <= on_drum
+            self.bearable(tension, most) && paid_out <= on_drum
         });
         rest.equilibrium.stable
             && inside
             && tilt <= limits.tilt_max_rad * TILT_SHARE
             && cables.all(|ok| ok)
+    }
+
+    fn bearable(&self, tension_n: f64, most_n: f64) -> bool {
+        let least_n = self.model.robot().limits.tension_min_n + TENSION_ROOM_N;
+        (least_n..=most_n * (1.0 - TENSION_ROOM)).contains(&tension_n)
+    }
+
+    /// Whether robots as they may have been built keep within their tensions too, when their drums
+    /// pay out what this resting state says.
+    #[must_use]
+    pub fn robust(&self, rest: &Rest) -> bool {
+        let robot = self.model.robot();
+        self.builds.iter().all(|build| {
+            let taut = rest.equilibrium.lengths_m.iter().zip(&build.offsets_m);
+            let held: Vec<Held> = taut
+                .zip(rest.tensions_n())
+                .enumerate()
+                .map(|(i, ((length, offset), tension))| {
+                    if i == self.held {
+                        Held::Tension(*tension)
+                    } else {
+                        Held::Length(length + offset)
+                    }
+                })
+                .collect();
+            let start = Start::Pose(&rest.equilibrium.pose);
+            let options = StaticOptions::default();
+            let found = build.geometry.geometrico_static(&held, start, &options);
+            found.is_ok_and(|found| {
+                let pairs = found.tensions_n.iter().enumerate();
+                let mut fine = pairs.map(|(i, tension)| {
+                    let winch = robot.winch_of(i).map_or(f64::MAX, |w| w.tension_max_n);
+                    self.bearable(*tension, robot.limits.tension_max_n.min(winch))
+                });
+                fine.all(|ok| ok)
+            })
+        })
     }
 
     /// A resting place at random: anywhere in the robot's box, any tension in its range.
@@ -114,7 +196,7 @@ impl<'a> Reach<'a> {
             };
             let pose = rest.equilibrium.pose;
             let views = views(data, &pose);
-            if !views.is_empty() {
+            if !views.is_empty() && self.robust(&rest) {
                 let candidate = Candidate {
                     pose,
                     tensions_n: rest.tensions_n().to_vec(),

@@ -51,13 +51,22 @@ impl Sketch {
         simulated_seed: Option<u64>,
     ) -> Result<Self, CollectError> {
         of_this_robot(robot, hash, &data)?;
-        let seed = data.origin.as_ref().and_then(|origin| origin.simulated_seed);
+        let seed = data
+            .origin
+            .as_ref()
+            .and_then(|origin| origin.simulated_seed);
         if seed != simulated_seed {
             let name = |seed: Option<u64>| {
-                seed.map_or("a real machine".to_owned(), |n| format!("the simulated machine of seed {n}"))
+                seed.map_or("a real machine".to_owned(), |n| {
+                    format!("the simulated machine of seed {n}")
+                })
             };
             return Err(CollectError::impossible(
-                format!("the data were begun on {}, this is {}", name(seed), name(simulated_seed)),
+                format!(
+                    "the data were begun on {}, this is {}",
+                    name(seed),
+                    name(simulated_seed)
+                ),
                 "resume on the same machine (--on, --seed), or start again without --resume",
             ));
         }
@@ -67,7 +76,10 @@ impl Sketch {
             .find(|tag| robot.tags.iter().all(|known| known.id != tag.id));
         if let Some(tag) = unknown {
             return Err(CollectError::impossible(
-                format!("the data were begun with tag {}, which the target has not", tag.id),
+                format!(
+                    "the data were begun with tag {}, which the target has not",
+                    tag.id
+                ),
                 "resume with the same --target",
             ));
         }

@@ -8,6 +8,7 @@ use super::CollectError;
 use crate::link::{Client, Event, Link};
 use crate::run::{Recorder, RunError, interrupted, stop_now};
 use crate::sight::{TagSource, TagView};
+use mcdpr_protocol::StopKind;
 
 /// Swing below which the platform is at rest, m.
 pub const AT_REST_M: f64 = 5e-5;
@@ -124,7 +125,7 @@ fn look<L: Link, S: TagSource>(
         let next_us = client.now_us() + FRAME_US;
         client.pump(next_us).map_err(RunError::from)?;
         if interrupted() {
-            return Err(stop_now(client).into());
+            return Err(stop_now(client, StopKind::Stop).into());
         }
         while let Some(event) = client.next_event() {
             if let Event::Samples(block) = event {

@@ -70,6 +70,9 @@ pub fn way(
 ) -> Option<Way> {
     let even: Vec<f64> = (0..=TRIES).map(|k| k as f64 / TRIES as f64).collect();
     let tried = states(reach, from, to, &even)?;
+    if !tried.iter().all(|state| reach.robust(state)) {
+        return None;
+    }
     let mut duration_s = PERIODS * slowest_s;
     for pair in tried.windows(2) {
         let [a, b] = pair else { continue };

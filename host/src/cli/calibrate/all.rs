@@ -1,18 +1,19 @@
 //! `mcdpr calibrate all`: solves recorded data.
 
 use super::Method;
+use super::collect::{How, data_path};
 use crate::calibration::paper::{AnchorTerm, Weights, paper};
-use crate::calibration::{Answer, Data, Options, Refusal, joint};
+use crate::calibration::{Answer, Data, Options, Refusal, joint, result};
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
+use crate::robot::Robot;
 use std::path::PathBuf;
 
-/// Find anchors, initial lengths, camera and tags from recorded data
+/// Find anchors, initial lengths, camera and tags: from recorded data, or collecting them first
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Calibration data (format mcdpr-calibration-data-1)
-    #[arg(long, value_name = "FILE")]
-    data: PathBuf,
+    #[command(flatten)]
+    what: Solve,
     /// Estimator
     #[arg(long, value_enum, default_value_t = Method::Joint)]
     method: Method,
@@ -24,41 +25,46 @@ pub(crate) struct Cmd {
     literal: bool,
 }
 
+/// Find the frame of a robot that was reassembled from known winch modules, platform and camera
+#[derive(Debug, clap::Args)]
+pub(crate) struct FrameCmd {
+    #[command(flatten)]
+    what: Solve,
+}
+
+/// Find where the camera sits, of a robot whose frame is calibrated
+#[derive(Debug, clap::Args)]
+pub(crate) struct CameraCmd {
+    #[command(flatten)]
+    what: Solve,
+}
+
+/// Which data, and where the result goes.
+#[derive(Debug, clap::Args)]
+struct Solve {
+    /// Calibration data (format mcdpr-calibration-data-1); without, they are collected first
+    #[arg(long, value_name = "FILE")]
+    data: Option<PathBuf>,
+    /// File for the result, by default NAME.calibration.json beside the robot file. Data that do not
+    /// say which robot they are of give an answer, but no result to keep
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    how: How,
+}
+
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let what = format!("calibration data {}", self.data.display());
-        let text = std::fs::read_to_string(&self.data).map_err(Failed::from_error(&what))?;
-        let answer = self.solve(&text);
-        match answer {
-            Ok((data, answer)) => {
-                if common.json {
-                    print_json(&answer.to_json())
-                } else {
-                    show(&data, &answer);
-                    Ok(())
-                }
-            }
-            Err(refusal) => {
-                if common.json {
-                    print_json(&serde_json::json!({ "refused": refusal.to_string() }))?;
-                }
-                Err(refusal.into())
-            }
-        }
-    }
-
-    fn solve(&self, text: &str) -> Result<(Data, Answer), Refusal> {
-        let data = Data::from_json(text)?;
-        let answer = match self.method {
+        self.what.run(common, |data| match self.method {
             Method::Joint => joint(
-                &data,
+                data,
                 &Options {
                     without_statics: self.no_statics,
                     ..Options::default()
                 },
             ),
             Method::Paper => paper(
-                &data,
+                data,
                 &Weights {
                     term: if self.literal {
                         AnchorTerm::SquaredMetres
@@ -68,8 +74,94 @@ impl Cmd {
                     ..Weights::default()
                 },
             ),
-        }?;
-        Ok((data, answer))
+        })
+    }
+}
+
+impl FrameCmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        self.what
+            .run(common, |data| joint(data, &Options::frame_only()))
+    }
+}
+
+impl CameraCmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let robot = common.robot()?;
+        if robot.calibrated.is_none() {
+            return Err(Failed::from_error("calibrate camera")(
+                "the frame is not calibrated yet; `mcdpr calibrate all` finds both",
+            )
+            .into());
+        }
+        self.what.run(common, |data| {
+            let mut data = data.clone();
+            data.keep_frame_of(&robot);
+            joint(&data, &Options::camera_only())
+        })
+    }
+}
+
+impl Solve {
+    fn run(&self, common: &Common, solve: impl Fn(&Data) -> Result<Answer, Refusal>) -> Outcome {
+        let (data, designed) = match &self.data {
+            Some(file) => {
+                let what = format!("calibration data {}", file.display());
+                let text = std::fs::read_to_string(file).map_err(Failed::from_error(&what))?;
+                let data = refusable(common, Data::from_json(&text))?;
+                // Data from elsewhere stand for themselves.
+                let wanted = data.origin.is_some() || self.out.is_some();
+                (
+                    data,
+                    wanted.then(|| Robot::find(&common.robot)).transpose()?,
+                )
+            }
+            None => {
+                let robot = Robot::find(&common.robot)?;
+                let data = self.how.run(&robot, &data_path(&common.robot), common)?;
+                (data, Some(robot))
+            }
+        };
+        let answer = refusable(common, solve(&data))?;
+        let kept = match designed {
+            Some(robot) => {
+                let document = refusable(common, result::document(&robot, &data, &answer))?;
+                let out = self.out.clone();
+                let path = out.unwrap_or_else(|| result::path_for(&common.robot));
+                if !common.dry_run {
+                    let text = serde_json::to_string_pretty(&document);
+                    let text = text.map_err(Failed::from_error("the calibration"))?;
+                    result::write_whole(&path, &format!("{text}\n"))?;
+                }
+                Some(path)
+            }
+            None => None,
+        };
+        if common.json {
+            return print_json(&answer.to_json());
+        }
+        show(&data, &answer);
+        match kept {
+            Some(path) if !common.dry_run => say!("written to {}", path.display()),
+            _ => say!("nothing was written"),
+        }
+        Ok(())
+    }
+}
+
+/// With `--json` a refusal is the document.
+fn refusable<T, E: std::fmt::Display + Into<miette::Report>>(
+    common: &Common,
+    result: Result<T, E>,
+) -> miette::Result<T> {
+    match result {
+        Ok(value) => Ok(value),
+        Err(refusal) => {
+            if common.json {
+                print_json(&serde_json::json!({ "refused": refusal.to_string() }))?;
+            }
+            Err(refusal.into())
+        }
     }
 }
 

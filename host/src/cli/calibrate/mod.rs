@@ -1,8 +1,10 @@
 //! `mcdpr calibrate`: the robot's parameters from measurements.
 
 mod all;
+mod collect;
 mod plan;
 mod study;
+mod target;
 
 use super::{Common, Outcome};
 use clap::Subcommand;
@@ -16,16 +18,24 @@ pub(crate) struct Cmd {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    Collect(collect::Cmd),
     All(all::Cmd),
+    Frame(all::FrameCmd),
+    Camera(all::CameraCmd),
     Plan(plan::Cmd),
+    Target(target::Cmd),
     Study(study::Cmd),
 }
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         match &self.what {
+            What::Collect(cmd) => cmd.run(common),
             What::All(cmd) => cmd.run(common),
+            What::Frame(cmd) => cmd.run(common),
+            What::Camera(cmd) => cmd.run(common),
             What::Plan(cmd) => cmd.run(common),
+            What::Target(cmd) => cmd.run(common),
             What::Study(cmd) => cmd.run(common),
         }
     }

@@ -1,0 +1,190 @@
+//! `mcdpr calibrate collect`: measures poses on the robot.
+
+use crate::calibration::collect::{CollectError, Options, Step, collect};
+use crate::calibration::result::write_whole;
+use crate::calibration::simulate::Target;
+use crate::calibration::{Data, target};
+use crate::cli::{Common, Failed, Outcome, print_json};
+use crate::experiment;
+use crate::machine::Mismatch;
+use crate::motion::Model;
+use crate::robot::Robot;
+use crate::run::watch_for_interrupts;
+use crate::sight::{Scene, SimulatedTags};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::LinkOptions;
+use std::path::{Path, PathBuf};
+
+/// Drive to well-chosen poses, wait for rest, and measure lengths, tensions and tags
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    #[command(flatten)]
+    pub(crate) how: How,
+    /// File to write, by default NAME.calibration-data.json beside the robot file
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// How data are collected.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct How {
+    /// Number of poses, home included
+    #[arg(long, default_value_t = 20)]
+    poses: usize,
+    /// Stop once the expected position error is below this; the next pose is then chosen on the way
+    #[arg(long, value_name = "MM")]
+    target_error_mm: Option<f64>,
+    /// Which tags are on the floor
+    #[arg(long, value_enum, default_value_t = On::Robot)]
+    target: On,
+    /// Continue with the poses that the file has already
+    #[arg(long)]
+    resume: bool,
+    /// Number of reachable poses to choose from
+    #[arg(long, default_value_t = 300)]
+    candidates: usize,
+    /// Simulator: noise of a corner in one picture, px
+    #[arg(long, default_value_t = 0.1, value_name = "PX")]
+    corner_px: f64,
+}
+
+/// Which tags are used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum On {
+    /// Those of the robot file
+    Robot,
+    /// One tag of 100 mm, as `mcdpr calibrate target` prints it
+    Tag,
+    /// The board of 3 x 3 tags of 80 mm, as `mcdpr calibrate target` prints it (recommended)
+    Board,
+    /// Three loose tags of 80 mm
+    Loose,
+}
+
+impl On {
+    /// The tags, if they are not the robot's own.
+    pub(crate) const fn target(self) -> Option<Target> {
+        match self {
+            Self::Robot => None,
+            Self::Tag => Some(Target::Tag),
+            Self::Board => Some(Target::Board),
+            Self::Loose => Some(Target::Loose),
+        }
+    }
+}
+
+/// Where the data of a robot are kept by default.
+pub(crate) fn data_path(robot: &str) -> PathBuf {
+    let given = PathBuf::from(robot);
+    if given.is_file() {
+        return given.with_extension("calibration-data.json");
+    }
+    PathBuf::from(format!("{robot}.calibration-data.json"))
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let path = self.out.clone().unwrap_or_else(|| data_path(&common.robot));
+        let data = self.how.run(&Robot::find(&common.robot)?, &path, common)?;
+        if common.json {
+            return print_json(&serde_json::json!({
+                "data": path.display().to_string(), "poses": data.poses.len(),
+            }));
+        }
+        say!(
+            "{} poses in {}; `mcdpr calibrate all --data {}` solves them",
+            data.poses.len(),
+            path.display(),
+            path.display()
+        );
+        Ok(())
+    }
+}
+
+impl How {
+    /// Collects into a file, and gives the data.
+    pub(crate) fn run(
+        &self,
+        designed: &Robot,
+        path: &Path,
+        common: &Common,
+    ) -> miette::Result<Data> {
+        if common.on != "sim" {
+            return Err(Failed::from_error("calibrate collect")(format!(
+                "no camera is known beside {}: data can be collected on the simulator, and data from \
+                 elsewhere are solved by `mcdpr calibrate all --data FILE`",
+                common.on
+            ))
+            .into());
+        }
+        let mut robot = designed.clone();
+        if let Some(target) = self.target.target() {
+            robot.tags = target::tags(target);
+        }
+        let before = self.before(path)?;
+        let model = Model::new(&robot)?;
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let link = experiment::simulated_robot(
+            &model,
+            &Mismatch::as_built(),
+            common.seed,
+            &LinkOptions::default(),
+        )?;
+        let scene = Scene::of(&robot, common.seed);
+        let mut tags = SimulatedTags::new(link.clone(), scene, self.corner_px, common.seed);
+        let options = Options {
+            poses: self.poses,
+            candidates: self.candidates,
+            target_error_m: self.target_error_mm.map(|mm| mm * 1e-3),
+            seed: common.seed,
+            described: Some(designed.content_hash()),
+        };
+        let keep = |data: &Data| {
+            let text = serde_json::to_string(&data.to_json()).unwrap_or_default();
+            write_whole(path, &text).map_err(CollectError::from)
+        };
+        let data = collect(
+            &model,
+            (link, Some(SessionId(1))),
+            &mut tags,
+            &options,
+            before,
+            keep,
+            |step| tell(&step),
+        )?;
+        Ok(data)
+    }
+
+    fn before(&self, path: &Path) -> miette::Result<Option<Data>> {
+        if !self.resume {
+            return Ok(None);
+        }
+        let what = format!("calibration data {}", path.display());
+        let text = std::fs::read_to_string(path).map_err(Failed::from_error(&what))?;
+        Ok(Some(Data::from_json(&text)?))
+    }
+}
+
+fn tell(step: &Step) {
+    match step {
+        Step::Going { .. } => {}
+        Step::Measured {
+            done,
+            wanted,
+            swing_m,
+            averaged,
+            tags,
+            expected_error_m,
+        } => eprintln!(
+            "pose {done} of {wanted}: {tags} tags, swing {:.3} mm{}, expected error {:.2} mm",
+            swing_m * 1e3,
+            if *averaged {
+                " (whole periods averaged)"
+            } else {
+                ""
+            },
+            expected_error_m * 1e3
+        ),
+        Step::Skipped { reason } => eprintln!("pose left out: {reason}"),
+    }
+}
