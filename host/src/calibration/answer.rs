@@ -1,7 +1,8 @@
 //! What a calibration found, and its file form.
 
+use super::assay::{MapPoint, Split};
 use super::data::{Camera, matrix_mm};
-use super::unknowns::State;
+use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Cable, Pose};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde_json::{Value, json};
@@ -81,6 +82,28 @@ pub struct Answer {
     pub iterations: usize,
     /// Covariance of all shared unknowns, in the order of `Layout`.
     pub covariance: Option<DMatrix<f64>>,
+    /// The estimate itself, of the joint method.
+    pub solved: Option<Solved>,
+    /// Expected error over the work space, where closer looks were asked for.
+    pub map: Vec<MapPoint>,
+    /// The pose that would help most: the pose, the cable whose tension to hold (from 0), its
+    /// tension (N), the expected error without and with it (m).
+    pub next: Option<(Pose, usize, f64, [f64; 2])>,
+    /// The test of the lower poses by the upper ones.
+    pub split: Option<Split>,
+}
+
+/// An estimate of the joint method.
+#[derive(Debug, Clone)]
+pub struct Solved {
+    /// All values.
+    pub state: State,
+    /// Their order in the covariance.
+    pub layout: Layout,
+    /// Number (from 0) in the data of each of its poses.
+    pub numbers: Vec<usize>,
+    /// Mean measured tension of each cable, N.
+    pub mean_tension_n: Vec<f64>,
 }
 
 impl Answer {
@@ -121,6 +144,10 @@ impl Answer {
             worst_predicted_error_m: f64::NAN,
             iterations: 0,
             covariance: None,
+            solved: None,
+            map: Vec::new(),
+            next: None,
+            split: None,
         }
     }
 
@@ -178,6 +205,28 @@ impl Answer {
                 "differenced_start",
                 json!({"rank": rank, "unknowns": unknowns}),
             );
+        }
+        if let Some(split) = &self.split {
+            set(
+                "upper_lower_split",
+                json!({"upper": split.upper, "lower": split.lower, "error_mm": split.error_m * 1e3,
+                       "expected_mm": split.expected_m * 1e3, "ratio": split.ratio}),
+            );
+        }
+        if let Some((pose, cable, tension, [before, after])) = &self.next {
+            set(
+                "next_pose",
+                json!({"position_mm": mm(&pose.position_m), "tension_cable": cable + 1,
+                       "tension_N": tension, "expected_error_mm": before * 1e3,
+                       "expected_error_then_mm": after * 1e3}),
+            );
+        }
+        if !self.map.is_empty() {
+            let points = self
+                .map
+                .iter()
+                .map(|p| json!({"at_mm": mm(&p.at_m), "rms_mm": p.rms_m * 1e3}));
+            set("error_map", points.collect());
         }
         if let Some(further) = &self.further {
             let radii: Vec<_> = self

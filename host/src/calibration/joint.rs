@@ -1,6 +1,7 @@
 //! The joint estimate: one weighted problem over everything that the measurements depend on.
 
-use super::answer::{Answer, RejectedRow};
+use super::answer::{Answer, RejectedRow, Solved};
+use super::assay;
 use super::check::{Usable, usable};
 use super::data::{Data, compose, inverse};
 use super::error::Refusal;
@@ -20,6 +21,9 @@ pub struct Options {
     pub scatter: Scatter,
     /// Leave the equations of equilibrium out even where they could be used.
     pub without_statics: bool,
+    /// Also test the lower poses by the upper ones, map the expected error, and say what to measure
+    /// next: as much work again.
+    pub closer_looks: bool,
 }
 
 impl Options {
@@ -61,12 +65,24 @@ impl Options {
 /// [`Refusal`] with the reason.
 pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     let usable = usable(data)?;
-    match attempt(data, &usable, options) {
+    let mut answer = match attempt(data, &usable, options) {
         Err(refusal @ (Refusal::Contradiction { .. } | Refusal::NotConverged { .. })) => {
             Err(diagnosis(data, &usable, options).unwrap_or(refusal))
         }
         other => other,
+    }?;
+    if options.closer_looks {
+        answer.split = assay::split(data, options, &answer);
+        let warning = answer.split.as_ref().and_then(assay::Split::warning);
+        answer.warnings.extend(warning);
+        answer.map = assay::error_map(&answer);
+        let more = assay::next_pose(data, &answer, options);
+        answer.next = more.and_then(|(candidate, before, after)| {
+            let tension = *candidate.tensions_n.get(candidate.held)?;
+            Some((candidate.pose, candidate.held, tension, [before, after]))
+        });
     }
+    Ok(answer)
 }
 
 fn attempt(data: &Data, usable: &Usable, options: &Options) -> Result<Answer, Refusal> {
@@ -241,6 +257,12 @@ fn answer(
     out.warnings = warnings;
     out.iterations = minimum.iterations;
     out.covariance = Some(minimum.covariance.clone());
+    out.solved = Some(Solved {
+        state: state.clone(),
+        layout: *layout,
+        numbers: usable.number.clone(),
+        mean_tension_n: mean,
+    });
     Ok(out)
 }
 

@@ -10,6 +10,7 @@
 //! | [`normal`], [`mod@solve`] | elimination of the poses; Levenberg-Marquardt; outliers |
 //! | [`observability`], [`predict`] | what the data fix, and how far off the platform would be |
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
+//! | [`assay`] | upper poses against lower ones, the map of the expected error, what to measure next |
 //! | [`mod@paper`], [`hand_eye`] | the paper's method, for comparison |
 //! | [`plan`], [`collect`] | choice of poses; measuring them on a robot |
 //! | [`result`] | the calibration as a file beside the robot file |
@@ -17,6 +18,7 @@
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
 
 pub mod answer;
+pub mod assay;
 pub mod camera;
 pub mod check;
 pub mod collect;

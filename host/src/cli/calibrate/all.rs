@@ -60,6 +60,7 @@ impl Cmd {
                 data,
                 &Options {
                     without_statics: self.no_statics,
+                    closer_looks: true,
                     ..Options::default()
                 },
             ),
@@ -245,6 +246,20 @@ fn show(data: &Data, answer: &Answer) {
     for words in &answer.unobservable {
         say!("not observable: {words}");
     }
+    show_map(answer);
+    if let Some((pose, cable, tension, [before, after])) = &answer.next {
+        let p = pose.position_m * 1e3;
+        say!(
+            "one more pose at {:.0} {:.0} {:.0} mm with cable {} at {tension:.1} N would take the expected \
+             error over the reachable poses from {:.2} to {:.2} mm",
+            p.x,
+            p.y,
+            p.z,
+            cable + 1,
+            before * 1e3,
+            after * 1e3
+        );
+    }
     const SHOWN: usize = 20;
     for row in answer.rejected.iter().take(SHOWN) {
         let mut who = format!("pose {} {}", row.pose, row.kind);
@@ -273,4 +288,24 @@ fn show(data: &Data, answer: &Answer) {
             " with warnings"
         }
     );
+}
+
+/// The map of the expected error, a line a height.
+fn show_map(answer: &Answer) {
+    let mut heights: Vec<f64> = answer.map.iter().map(|p| p.at_m.z).collect();
+    heights.dedup();
+    for z in heights {
+        let on = answer
+            .map
+            .iter()
+            .filter(|p| p.at_m.z == z)
+            .map(|p| p.rms_m * 1e3);
+        let all: Vec<f64> = on.collect();
+        let worst = all.iter().copied().fold(0.0, f64::max);
+        let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
+        say!(
+            "expected error at z = {:6.0} mm: mean {mean:.2} mm, at the worst place {worst:.2} mm",
+            z * 1e3
+        );
+    }
 }
