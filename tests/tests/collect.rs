@@ -28,6 +28,7 @@ fn options(poses: usize, seed: u64) -> Options {
         poses,
         candidates: 120,
         seed,
+        simulated_seed: Some(seed),
         ..Options::default()
     }
 }

@@ -402,6 +402,10 @@ fn answer(
         worst_predicted_error_m: f64::NAN,
         iterations,
         covariance: None,
+        solved: None,
+        map: Vec::new(),
+        next: None,
+        split: None,
     })
 }
 

@@ -33,8 +33,10 @@ pub struct Options {
     pub candidates: usize,
     /// Stop when the expected error is below this, m; then each next pose is chosen on the way.
     pub target_error_m: Option<f64>,
-    /// Seed of the candidates, and of the simulated machine if it is one.
+    /// Seed of the candidates.
     pub seed: u64,
+    /// Seed of the simulated machine, if it is one.
+    pub simulated_seed: Option<u64>,
     /// Hash of the robot's description, where the tags in use are not the description's own.
     pub described: Option<u32>,
 }
@@ -46,6 +48,7 @@ impl Default for Options {
             candidates: 300,
             target_error_m: None,
             seed: 1,
+            simulated_seed: None,
             described: None,
         }
     }
@@ -160,8 +163,8 @@ pub fn collect<L: Link, S: TagSource>(
     if let Some(record) = status.fault {
         return Err(RunError::Latched { record }.into());
     }
-    let simulated = client.info().simulated;
-    if before.is_some() && !status.referenced && !simulated {
+    // A simulated machine is the same whenever it is switched on.
+    if before.is_some() && !status.referenced && options.simulated_seed.is_none() {
         return Err(CollectError::impossible(
             "the board has lost its lengths since the data were begun, so new poses do not fit them",
             "start again without --resume",
@@ -240,8 +243,7 @@ impl<L: Link> Session<'_, L> {
                 Control::Tension => 0.0,
             })
             .collect();
-        let simulated = self.client.info().simulated;
-        let seed = simulated.then_some(options.seed);
+        let seed = options.simulated_seed;
         let hash = options.described.unwrap_or_else(|| robot.content_hash());
         let mut sketch = match before {
             Some(data) => Sketch::resumed(&robot, hash, data, seed)?,

@@ -137,6 +137,7 @@ impl How {
             candidates: self.candidates,
             target_error_m: self.target_error_mm.map(|mm| mm * 1e-3),
             seed: common.seed,
+            simulated_seed: Some(common.seed),
             described: Some(designed.content_hash()),
         };
         let keep = |data: &Data| {
