@@ -20,6 +20,7 @@ mod export;
 mod faults;
 #[cfg(unix)]
 mod monitor;
+mod order;
 #[cfg(unix)]
 mod orders;
 mod ports;
@@ -196,7 +197,7 @@ pub type Outcome = miette::Result<()>;
 
 /// Reads the command line, does what it says, and gives the exit code.
 pub fn main() -> ExitCode {
-    let mut cli = Cli::parse();
+    let mut cli = order::parse();
     let _ = miette::set_hook(Box::new(|_| {
         Box::new(miette::MietteHandlerOpts::new().width(100).build())
     }));

@@ -1,7 +1,7 @@
 //! `mcdpr completions` and `mcdpr man`: what a shell wants to know.
 
-use super::{Cli, Common, Failed, Outcome, write_out};
-use clap::CommandFactory;
+use super::order::command;
+use super::{Common, Failed, Outcome, write_out};
 use std::path::PathBuf;
 
 /// Print a shell's completion script
@@ -22,7 +22,7 @@ pub(crate) struct Man {
 impl Completions {
     pub(crate) fn run(&self, _common: &Common) -> Outcome {
         let mut script = Vec::new();
-        clap_complete::generate(self.shell, &mut Cli::command(), "mcdpr", &mut script);
+        clap_complete::generate(self.shell, &mut command(), "mcdpr", &mut script);
         write_out(&String::from_utf8_lossy(&script));
         Ok(())
     }
@@ -33,11 +33,11 @@ impl Man {
         let failed = || Failed::from_error("writing the manual pages");
         if let Some(folder) = &self.out {
             std::fs::create_dir_all(folder).map_err(failed())?;
-            clap_mangen::generate_to(Cli::command(), folder).map_err(failed())?;
+            clap_mangen::generate_to(command(), folder).map_err(failed())?;
             return Ok(());
         }
         let mut page = Vec::new();
-        clap_mangen::Man::new(Cli::command())
+        clap_mangen::Man::new(command())
             .render(&mut page)
             .map_err(failed())?;
         write_out(&String::from_utf8_lossy(&page));

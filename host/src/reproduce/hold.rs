@@ -164,7 +164,11 @@ fn conditions(
     let cells = [
         text(&of(&ideal, setpoint_n)),
         text(&medians),
-        chip.transpose()?.map_or_else(none, |values| text(&values)),
+        match chip {
+            None => none(),
+            Some(Ok(values)) => text(&values),
+            Some(Err(error)) => format!("failed: {error}"),
+        },
     ];
     Ok((ideal, setpoint_n, cells))
 }

@@ -40,12 +40,15 @@ fn run(
     Ok((run, figures))
 }
 
+/// The emulated chip's figures, or why there are none; `None` without a firmware file.
+type Chip = Option<Result<Figures, String>>;
+
 /// Runs a task under all conditions.
 fn conditions(
     bench: &Bench,
     model: &Model,
     name: &str,
-) -> Result<(Run, Figures, Vec<Figures>, Option<Figures>), ReproduceError> {
+) -> Result<(Run, Figures, Vec<Figures>, Chip), ReproduceError> {
     let (ideal, as_described) = run(model, name, &Mismatch::default(), bench.seed, None)?;
     let realistic: Result<Vec<_>, _> = (0..bench.seeds)
         .into_par_iter()
@@ -54,18 +57,22 @@ fn conditions(
             run(model, name, &Mismatch::realistic(), seed, None).map(|(_, figures)| figures)
         })
         .collect();
+    // What the chip's firmware does not do is a result, and no reason to lose the others.
     let chip = bench.firmware.as_ref().map(|firmware| {
         let mismatch = Mismatch::realistic();
-        run(model, name, &mismatch, bench.seed, Some(firmware)).map(|(_, figures)| figures)
+        let outcome = run(model, name, &mismatch, bench.seed, Some(firmware));
+        outcome
+            .map(|(_, figures)| figures)
+            .map_err(|error| format!("failed: {error}"))
     });
-    Ok((ideal, as_described, realistic?, chip.transpose()?))
+    Ok((ideal, as_described, realistic?, chip))
 }
 
 /// One row: a list of figures, joined by slashes, in every column.
 fn row(
     quantity: &str,
     paper: &str,
-    (as_described, realistic, chip): (&Figures, &[Figures], Option<&Figures>),
+    (as_described, realistic, chip): (&Figures, &[Figures], &Chip),
     of: &dyn Fn(&Figures) -> Vec<f64>,
 ) -> Row {
     let text = |values: &[f64]| {
@@ -83,7 +90,11 @@ fn row(
         origin: Origin::Hardware,
         as_described: text(&of(as_described)),
         realistic: text(&medians),
-        chip: chip.map_or_else(none, |figures| text(&of(figures))),
+        chip: match chip {
+            None => none(),
+            Some(Ok(figures)) => text(&of(figures)),
+            Some(Err(reason)) => reason.clone(),
+        },
     }
 }
 
@@ -172,7 +183,7 @@ fn charts(model: &Model, run: &Run, figures: [&str; 4]) -> Vec<Chart> {
 pub(super) fn circle(bench: &Bench) -> Result<Outcome, ReproduceError> {
     let model = Model::new(&paper_robot()?)?;
     let (ideal, as_described, realistic, chip) = conditions(bench, &model, "paper:table7")?;
-    let all = (&as_described, realistic.as_slice(), chip.as_ref());
+    let all = (&as_described, realistic.as_slice(), &chip);
     Ok(Outcome {
         id: "circle",
         title: "The circle (Table 7, Figures 19 to 22)",
@@ -214,7 +225,7 @@ pub(super) fn circle(bench: &Bench) -> Result<Outcome, ReproduceError> {
 pub(super) fn line(bench: &Bench) -> Result<Outcome, ReproduceError> {
     let model = Model::new(&paper_robot()?)?;
     let (ideal, as_described, realistic, chip) = conditions(bench, &model, "paper:table8")?;
-    let all = (&as_described, realistic.as_slice(), chip.as_ref());
+    let all = (&as_described, realistic.as_slice(), &chip);
     Ok(Outcome {
         id: "line",
         title: "The line (Table 8, Figures 28 to 30)",

@@ -117,7 +117,7 @@
 
   function buttons() {
     document.querySelectorAll('[data-order]').forEach(b => { b.disabled = !may || !orders.includes(b.dataset.order); });
-    $('jog').disabled = !may || !orders.includes('jog');
+    $('jog').disabled = !may; $('jog').hidden = !orders.includes('jog');
     text('may', may ? 'Esc stops, Space holds, R resumes.' : token ? 'The token is not that of this server: view only.' : 'View only: orders need the address with the token that the program printed.');
   }
 

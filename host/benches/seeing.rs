@@ -1,0 +1,211 @@
+//! What seeing costs: `cargo bench -p mcdpr --bench seeing`. Prints each figure with its bound and
+//! fails where a bound is broken.
+//!
+//! - recording: time that the recording thread needs for a second of a run at full rate;
+//! - page: processor time of the whole program while it serves one viewer at 60 Hz, feed included;
+//! - replay: how much faster than real time a record is replayed, loading included.
+
+use mcdpr::experiment::{self, Orders};
+use mcdpr::machine::Mismatch;
+use mcdpr::motion::{Model, Task};
+use mcdpr::record::replay::replay;
+use mcdpr::record::witness::{Patience, Watcher};
+use mcdpr::record::{
+    FILE_NAME, Happening, Machine, RecordedRun, Recording, Scenario, TaskSource, Witness,
+};
+use mcdpr::robot::Robot;
+use mcdpr::serve::{Desk, Feed, FeedWatcher, Server};
+use mcdpr_protocol::SessionId;
+use std::io::Write as _;
+use std::net::TcpStream;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Repetitions; the best counts, because other programs only ever add.
+const TIMES: usize = 3;
+
+struct Keep(Arc<Mutex<Vec<Happening>>>);
+
+impl Watcher for Keep {
+    fn see(&mut self, happening: &Happening) {
+        if let Ok(mut kept) = self.0.lock() {
+            kept.push(happening.clone());
+        }
+    }
+}
+
+struct NoOrders;
+
+impl Desk for NoOrders {
+    fn order(&self, _: &str, _: &serde_json::Value) -> Result<(), String> {
+        Err("a benchmark obeys nobody".to_owned())
+    }
+
+    fn orders(&self) -> Vec<&'static str> {
+        Vec::new()
+    }
+}
+
+fn scenario(model: &Model) -> Scenario {
+    let mismatch = Mismatch::realistic();
+    let machine = Machine::Simulated {
+        mismatch,
+        seed: 1,
+        firmware: None,
+    };
+    let height_m = -0.1 + model.robot().tool.tcp_in_platform_m.z;
+    let task = TaskSource::of("paper:table7", height_m);
+    Scenario::new("paper-table5", task, 1, machine)
+}
+
+/// Everything that is seen of the paper's circle, and how long it lasts, s.
+fn happenings(model: &Model) -> (Vec<Happening>, f64) {
+    let scenario = scenario(model);
+    let kept = Arc::new(Mutex::new(Vec::new()));
+    let mut witness = Witness::default();
+    witness
+        .add(Keep(Arc::clone(&kept)), Patience::Wait)
+        .unwrap();
+    let task = Task::find("paper:table7", scenario.task.tool_z_m).unwrap();
+    let seen = (&witness, SessionId(1));
+    let orders = Orders::default();
+    let mismatch = Mismatch::realistic();
+    experiment::simulate_seen(model, task, &mismatch, 1, seen, &orders, |_| {}).unwrap();
+    witness.finish();
+    let all = std::mem::take(&mut *kept.lock().unwrap());
+    let last = all.iter().rev().find_map(|happening| match happening {
+        Happening::Wire { frame, .. } => Some(frame.time_us as f64 * 1e-6),
+        _ => None,
+    });
+    (all, last.unwrap())
+}
+
+fn recording(model: &Model, all: &[Happening], lasts_s: f64, path: &std::path::Path) -> f64 {
+    let mut best = f64::MAX;
+    for _ in 0..TIMES {
+        let mut watcher = Recording::create(path, &scenario(model), Some(model.clone())).unwrap();
+        let began = Instant::now();
+        for happening in all {
+            watcher.see(happening);
+        }
+        watcher.end();
+        best = best.min(began.elapsed().as_secs_f64());
+    }
+    best / lasts_s
+}
+
+/// Processor time of this process, s.
+fn processor_s() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after = text.rsplit(')').next().unwrap_or_default();
+    let fields: Vec<_> = after.split_whitespace().collect();
+    // utime and stime, in hundredths of a second.
+    let ticks = |index: usize| fields.get(index).and_then(|f| f.parse::<f64>().ok());
+    (ticks(11).unwrap_or(f64::NAN) + ticks(12).unwrap_or(f64::NAN)) * 0.01
+}
+
+/// Share of a core while one viewer looks on for some seconds, and pictures a second.
+fn page(model: &Model, all: &[Happening]) -> (f64, f64) {
+    let feed = Feed::default();
+    let server = Server::start(0, None, model.robot(), feed.clone(), Arc::new(NoOrders)).unwrap();
+    let stream = TcpStream::connect(("127.0.0.1", server.port())).unwrap();
+    let address = format!("ws://127.0.0.1:{}/ws", server.port());
+    let (mut socket, _) = tungstenite::client(address.as_str(), stream).unwrap();
+    let viewer = std::thread::spawn(move || {
+        let mut count = 0_u32;
+        while let Ok(message) = socket.read() {
+            count += u32::from(message.is_text());
+        }
+        count
+    });
+    let mut watcher = FeedWatcher::new(feed, model.clone());
+    let (before, began) = (processor_s(), Instant::now());
+    let lasts = Duration::from_secs(8);
+    for happening in all {
+        let time_us = match happening {
+            Happening::Wire { frame, .. } => frame.time_us,
+            Happening::Plan { time_us, .. }
+            | Happening::Truth { time_us, .. }
+            | Happening::Order { time_us, .. }
+            | Happening::Remark { time_us, .. } => *time_us,
+        };
+        let due = Duration::from_micros(time_us);
+        if due > lasts {
+            break;
+        }
+        if let Some(ahead) = due.checked_sub(began.elapsed())
+            && ahead > Duration::from_millis(1)
+        {
+            std::thread::sleep(ahead);
+        }
+        watcher.see(happening);
+    }
+    let took_s = began.elapsed().as_secs_f64();
+    let share = (processor_s() - before) / took_s;
+    drop(server);
+    let pictures = f64::from(viewer.join().unwrap_or(0)) / took_s;
+    (share, pictures)
+}
+
+fn main() -> std::process::ExitCode {
+    let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+    let folder = std::env::temp_dir().join(format!("mcdpr-bench-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join(FILE_NAME);
+    let (all, lasts_s) = happenings(&model);
+    let record = recording(&model, &all, lasts_s, &path) * 100.0;
+    let mut factor: f64 = 0.0;
+    for _ in 0..TIMES {
+        let began = Instant::now();
+        let run = RecordedRun::load(&folder).unwrap();
+        let proof = replay(&run).unwrap();
+        assert!(proof.whole && proof.core_bytes.is_some());
+        factor = factor.max(lasts_s / began.elapsed().as_secs_f64());
+    }
+    let (share, pictures) = page(&model, &all);
+    let share = share * 100.0;
+    let _ = std::fs::remove_dir_all(&folder);
+    let mut out = std::io::stdout();
+    let mut good = true;
+    let mut tell = |what: &str, value: f64, unit: &str, bound: &str, holds: bool| {
+        good &= holds;
+        let word = if holds { "holds" } else { "BROKEN" };
+        let _ = writeln!(
+            out,
+            "{what:<42}{value:>8.2} {unit:<18} bound {bound:<8} {word}"
+        );
+    };
+    tell(
+        "recording a run at full rate",
+        record,
+        "% of a core",
+        "2 %",
+        record < 2.0,
+    );
+    tell(
+        "page: one viewer, feed included",
+        share,
+        "% of a core",
+        "10 %",
+        share < 10.0,
+    );
+    tell(
+        "page: messages to the viewer",
+        pictures,
+        "a second",
+        "50",
+        pictures > 50.0,
+    );
+    tell(
+        "replay, host, core and plant",
+        factor,
+        "times real time",
+        "50",
+        factor > 50.0,
+    );
+    if good {
+        std::process::ExitCode::SUCCESS
+    } else {
+        std::process::ExitCode::FAILURE
+    }
+}

@@ -1,0 +1,100 @@
+//! The order of the commands in `--help`: the way a lab goes with a robot.
+
+use super::Cli;
+use clap::{Command, CommandFactory, FromArgMatches};
+
+/// Names of commands in their order; a command that is not here stands behind them.
+const ORDER: &[&str] = &[
+    // Look around.
+    "ports",
+    "doctor",
+    "config",
+    "camera",
+    "states",
+    "faults",
+    // First day.
+    "flash",
+    "commission",
+    "rig",
+    "calibrate",
+    "tune",
+    "home",
+    // Move.
+    "demo",
+    "plan",
+    "run",
+    "move",
+    "jog",
+    "pick",
+    "gripper",
+    "arm",
+    "pause",
+    "resume",
+    "stop",
+    "park",
+    "disarm",
+    "clear",
+    // Understand.
+    "serve",
+    "monitor",
+    "replay",
+    "report",
+    "compare",
+    "export",
+    "estimate",
+    "reproduce",
+    // Compute.
+    "ik",
+    "fk",
+    "statics",
+    "workspace",
+    // Simulate.
+    "sim",
+    "emulate",
+    // Shell.
+    "completions",
+    "man",
+];
+
+const AFTER: &str = "\
+Exit codes: 0 done, 1 refused or failed with a reason, 2 wrong usage, 3 stopped by a fault,
+130 interrupted after a safe stop. Results go to standard output, everything else to standard
+error. Colours are used on a terminal only, and not where NO_COLOR is set.";
+
+/// The command line with its commands in order.
+pub(super) fn command() -> Command {
+    let mut command = Cli::command().after_help(AFTER);
+    let names: Vec<_> = command
+        .get_subcommands()
+        .map(|sub| sub.get_name().to_owned())
+        .collect();
+    for name in names {
+        let place = ORDER.iter().position(|known| *known == name);
+        let place = place.unwrap_or(ORDER.len());
+        command = command.mut_subcommand(name, |sub| sub.display_order(place));
+    }
+    command
+}
+
+/// Reads the program's command line; wrong usage ends the program with code 2.
+pub(super) fn parse() -> Cli {
+    let matches = command().get_matches();
+    // What clap has accepted has the form of `Cli`.
+    Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_command_line_is_sound_and_every_command_says_what_it_does() {
+        let command = super::command();
+        command.clone().debug_assert();
+        for sub in command.get_subcommands() {
+            let name = sub.get_name();
+            assert!(
+                sub.get_about().is_some(),
+                "{name} says nothing about itself"
+            );
+        }
+    }
+}
