@@ -206,7 +206,7 @@ impl Show<'_> {
                 // The simulated robot goes around again; a real one waits to be asked.
                 Ok(_) => {
                     self.feed.say("the task is done");
-                    if tap.is_some() && !self.handle.stop_ordered().is_some() {
+                    if tap.is_some() && self.handle.stop_ordered().is_none() {
                         self.start.store(true, Ordering::SeqCst);
                     }
                 }

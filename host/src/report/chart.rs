@@ -161,7 +161,7 @@ impl Chart {
         }
         for (at, what, fault) in &self.marks {
             let (place, class) = (px(*at), if *fault { "fault" } else { "mark" });
-            if place < LEFT - 0.5 || place > WIDTH - RIGHT + 0.5 {
+            if !(LEFT - 0.5..=WIDTH - RIGHT + 0.5).contains(&place) {
                 continue;
             }
             let bottom = height - BOTTOM;

@@ -12,10 +12,7 @@ fn trials(bench: &Bench, setup: &Setup) -> Result<Vec<Trial>, ReproduceError> {
         .into_par_iter()
         .map(|number| {
             let seed = bench.seed + number;
-            let setup = Setup {
-                seed,
-                ..setup.clone()
-            };
+            let setup = Setup { seed, ..*setup };
             let outcome = trial(&setup, &Options::default());
             outcome.map_err(|reason| ReproduceError::Calibration { seed, reason })
         })
