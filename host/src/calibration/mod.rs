@@ -15,6 +15,7 @@
 //! | [`plan`], [`collect`] | choice of poses; measuring them on a robot |
 //! | [`result`] | the calibration as a file beside the robot file |
 //! | [`target`] | tags to print |
+//! | [`verify`] | against poses measured by other means |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
 
 pub mod answer;
@@ -40,6 +41,7 @@ pub mod solve;
 pub mod study;
 pub mod target;
 pub mod unknowns;
+pub mod verify;
 
 pub use answer::Answer;
 pub use data::Data;

@@ -260,6 +260,8 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
         predicted_error_m: answer["predicted_tcp_error_mm"]
             .as_f64()
             .map(|mm| mm * 1e-3),
+        home_lengths_m: home_m,
+        drum_scale: drum,
         file: path.to_owned(),
     }));
     Ok(robot)

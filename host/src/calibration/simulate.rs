@@ -51,6 +51,10 @@ pub struct Setup {
     pub poses: usize,
     /// Noise of each corner coordinate, px.
     pub corner_px: f64,
+    /// Anchors lie within +- this of nominal per coordinate, m.
+    pub anchor_m: f64,
+    /// Noise of each encoder length, m.
+    pub encoder_m: f64,
     /// Poses as the paper's simulation has them: any position and attitude, held by nothing.
     pub free_poses: bool,
     /// Choose the poses out of this many reachable ones (I-optimal); 0 takes them at random.
@@ -67,6 +71,8 @@ impl Default for Setup {
             target: Target::Board,
             poses: 20,
             corner_px: 0.1,
+            anchor_m: 5e-3,
+            encoder_m: 5e-5,
             free_poses: false,
             chosen_from: 0,
             silent: Silent::default(),
@@ -283,7 +289,8 @@ fn hang(
 #[must_use]
 pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     let mut dice = Dice::new(setup.seed);
-    let nominal = nominal_robot();
+    let mut nominal = nominal_robot();
+    nominal.anchor_half_tolerance_m = setup.anchor_m;
     let half = nominal.anchor_half_tolerance_m;
     let off: Vec<_> = (0..4).map(|_| dice.point(half)).collect();
     let robot = robot_of(&nominal, &off)?;
@@ -322,7 +329,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         .collect();
     let camera_from_platform = dice.turned(&nominal_camera, 5e-3, 0.02);
     let noise = Noise {
-        encoder_m: 5e-5,
+        encoder_m: setup.encoder_m,
         corner_px: setup.corner_px,
         tension_n: Some(0.1),
     };

@@ -51,6 +51,10 @@ pub struct Calibrated {
     pub date: String,
     /// Predicted root mean square position error, m.
     pub predicted_error_m: Option<f64>,
+    /// Paid-out length of each cable where the encoders were zeroed, m.
+    pub home_lengths_m: Vec<f64>,
+    /// True length per length that the encoders reported while the data were taken.
+    pub drum_scale: f64,
     /// The calibration file.
     pub file: std::path::PathBuf,
 }

@@ -5,6 +5,7 @@ mod collect;
 mod plan;
 mod study;
 mod target;
+mod verify;
 
 use super::{Common, Outcome};
 use clap::Subcommand;
@@ -24,6 +25,7 @@ enum What {
     Camera(all::CameraCmd),
     Plan(plan::Cmd),
     Target(target::Cmd),
+    Verify(verify::Cmd),
     Study(study::Cmd),
 }
 
@@ -36,6 +38,7 @@ impl Cmd {
             What::Camera(cmd) => cmd.run(common),
             What::Plan(cmd) => cmd.run(common),
             What::Target(cmd) => cmd.run(common),
+            What::Verify(cmd) => cmd.run(common),
             What::Study(cmd) => cmd.run(common),
         }
     }

@@ -23,6 +23,12 @@ pub(crate) struct Cmd {
     /// Corner noise, px
     #[arg(long, default_value_t = 0.1)]
     corner_px: f64,
+    /// Anchors are off by up to this per coordinate, mm
+    #[arg(long, default_value_t = 5.0)]
+    anchor_mm: f64,
+    /// Encoder noise, mm
+    #[arg(long, default_value_t = 0.05)]
+    encoder_mm: f64,
     /// Poses anywhere and at any attitude, as in the paper's simulation (no statics)
     #[arg(long)]
     free_poses: bool,
@@ -75,6 +81,8 @@ impl Cmd {
             },
             poses: self.poses,
             corner_px: self.corner_px,
+            anchor_m: self.anchor_mm * 1e-3,
+            encoder_m: self.encoder_mm * 1e-3,
             free_poses: self.free_poses,
             chosen_from: self.chosen,
             silent: Silent {
