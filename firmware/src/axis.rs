@@ -2,7 +2,7 @@
 //! (Eqs. 50 and 54 with the units of `docs/paper-notes.md`).
 
 use crate::config::CableConfig;
-use crate::fixed::{mul_shift, saturate};
+use crate::fixed::{mul_shift, quotient, saturate};
 use crate::io::DriveInput;
 
 /// A gap between motor and drum encoder is closed within about this many milliseconds.
@@ -90,7 +90,8 @@ impl Axis {
         let counts = i64::from(drive.counts.wrapping_sub(self.zero_counts));
         let moved = (counts.saturating_mul(config.length_per_motor_q32)) >> 32;
         // µm/s times ms is 1e-3 µm, that is 1/100 of 0.1 µm.
-        let since = i64::from(motor_speed_umps(config, drive)) * i64::from(drive.age_ms) / 100;
+        let since =
+            quotient::<100>(i64::from(motor_speed_umps(config, drive)) * i64::from(drive.age_ms));
         i64::from(self.zero_length) + moved + since
     }
 
@@ -105,9 +106,10 @@ impl Axis {
     pub fn counts(&self, config: &CableConfig, target: &Target) -> i32 {
         let lead = i64::from(config.lead_us);
         // µm/s times µs is 1e-6 µm; 1e5 of them are 0.1 µm. The square term carries another 2e6.
-        let by_speed = i64::from(target.speed_umps) * lead / 100_000;
-        let by_acceleration =
-            i64::from(target.acceleration_umps2) * (lead * lead / 1000) / 200_000_000;
+        let by_speed = quotient::<100_000>(i64::from(target.speed_umps) * lead);
+        let by_acceleration = quotient::<200_000_000>(
+            i64::from(target.acceleration_umps2) * quotient::<1000>(lead * lead),
+        );
         let ahead = by_speed + by_acceleration + ((self.lag_q16 - self.trim_q16) >> 16);
         let change = i64::from(target.length) - i64::from(self.zero_length) + ahead;
         let counts = mul_shift(saturate(change), config.motor_per_length_q32, 32);

@@ -302,16 +302,18 @@ impl<const N: usize> Controller<N> {
         let ticks = self.active.as_ref()?.residual_ms;
         let mut found = None;
         for (row, persist) in self.rows.iter().zip(self.residuals.iter_mut()) {
-            let mut sum_q8 = 0_i64;
+            let (mut by_lengths, mut by_tensions) = (0_i64, 0_i64);
             let coefficients = row.lengths.iter().zip(&row.tensions);
             for (cable, (&by_length, &by_tension)) in self.cables.iter().zip(coefficients) {
                 let length = i64::from(cable.length.saturating_sub(cable.target.length));
                 let tension = i64::from(cable.tension_mn.saturating_sub(cable.setpoint_mn));
-                // 0.1 µm and 1/4096 against µm and 1/256.
-                sum_q8 += length * i64::from(by_length) * 256
-                    / i64::from(10 * ResidualRow::LENGTH_SCALE)
-                    + tension * i64::from(by_tension) * 256 / i64::from(ResidualRow::TENSION_SCALE);
+                by_lengths += length * i64::from(by_length);
+                by_tensions += tension * i64::from(by_tension);
             }
+            // 0.1 µm and 1/4096 against µm and 1/256, which is what tensions have.
+            const { assert!(ResidualRow::TENSION_SCALE == 256) };
+            const RATIO: i32 = 10 * ResidualRow::LENGTH_SCALE / 256;
+            let sum_q8 = crate::fixed::quotient::<RATIO>(by_lengths) + by_tensions;
             let residual_um = crate::fixed::saturate(sum_q8 >> 8);
             let active = moving && row.limit_um > 0;
             let limit = row.limit_um.unsigned_abs();

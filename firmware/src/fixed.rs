@@ -29,6 +29,22 @@ pub const fn scale_down(value: i64, factor: i64, bits: u32) -> i64 {
     (value >> bits) * factor + ((low * factor) >> bits)
 }
 
+/// `value / DIVISOR`, rounded towards zero. Most values fit 32 bits, and the chip divides those in
+/// a few instructions; 64 bits take it a hundred and more.
+///
+/// ```
+/// use mcdpr_firmware::fixed::quotient;
+/// assert_eq!((quotient::<100>(-250), quotient::<100>(1 << 40)), (-2, (1 << 40) / 100));
+/// ```
+#[must_use]
+#[inline]
+pub fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
+    match i32::try_from(value) {
+        Ok(value) => i64::from(value / DIVISOR),
+        Err(_) => value / i64::from(DIVISOR),
+    }
+}
+
 /// The nearest `i32`.
 #[must_use]
 pub fn saturate(value: i64) -> i32 {
