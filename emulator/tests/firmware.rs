@@ -18,6 +18,23 @@ const TICK_MAX: u32 = 5000;
 /// fifths of a tick's 72000 cycles.
 const TICK_CONFIGURING: u32 = 36_000;
 
+/// Static RAM and the deepest stack together, bytes.
+const RAM_AND_STACK: u64 = 12 * 1024;
+
+/// Bytes of RAM that the file takes for good.
+fn static_ram() -> u64 {
+    use object::{Object, ObjectSection, SectionFlags};
+    let bytes = support::firmware();
+    let file = object::File::parse(&*bytes).expect("an ELF file");
+    let in_ram = file.sections().filter(|section| {
+        let SectionFlags::Elf { sh_flags } = section.flags() else {
+            return false;
+        };
+        sh_flags & u64::from(object::elf::SHF_ALLOC) != 0 && section.address() >= 0x2000_0000
+    });
+    in_ram.map(|section| section.size()).sum()
+}
+
 #[test]
 fn boots_and_says_who_it_is() {
     let mut bench = Bench::new();
@@ -160,6 +177,12 @@ fn full_telemetry_loses_no_tick_and_stays_in_budget() {
         stats.latency_max,
         (bench.chip.instructions() - instructions) / ms,
     );
+    let ram = static_ram();
+    println!(
+        "{ram} bytes of static RAM, {} with the stack",
+        ram + u64::from(stack)
+    );
+    assert!(ram > 4096 && ram + u64::from(stack) <= RAM_AND_STACK);
     assert_eq!(stats.lost, 0);
     assert!(stats.count.abs_diff(ms as usize) <= 1);
     assert!(status.referenced);

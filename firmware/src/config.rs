@@ -9,8 +9,8 @@ use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Key
 /// Collects entries and builds [`Active`] from them.
 #[derive(Debug, Clone)]
 pub struct ConfigStore<const N: usize> {
-    board: [Option<i32>; BoardKey::ALL.len()],
-    cables: [[Option<i32>; CableKey::ALL.len()]; N],
+    board: Slots<{ BoardKey::ALL.len() }>,
+    cables: [Slots<{ CableKey::ALL.len() }>; N],
     announced: u16,
     received: u16,
     last_key: Option<ConfigKey>,
@@ -19,12 +19,46 @@ pub struct ConfigStore<const N: usize> {
 impl<const N: usize> Default for ConfigStore<N> {
     fn default() -> Self {
         Self {
-            board: [None; BoardKey::ALL.len()],
-            cables: [[None; CableKey::ALL.len()]; N],
+            board: Slots::EMPTY,
+            cables: [Slots::EMPTY; N],
             announced: 0,
             received: 0,
             last_key: None,
         }
+    }
+}
+
+/// Values that may be missing. An array of options would take the board twice the memory.
+#[derive(Debug, Clone, Copy)]
+struct Slots<const K: usize> {
+    values: [i32; K],
+    /// Bit n: value n is there.
+    present: u32,
+}
+
+impl<const K: usize> Slots<K> {
+    const EMPTY: Self = {
+        assert!(K <= 32);
+        Self {
+            values: [0; K],
+            present: 0,
+        }
+    };
+
+    fn get(&self, index: usize) -> Option<i32> {
+        let value = self.values.get(index)?;
+        (self.present & (1 << index) != 0).then_some(*value)
+    }
+
+    fn put(&mut self, index: usize, value: i32) {
+        if let Some(slot) = self.values.get_mut(index) {
+            *slot = value;
+            self.present |= 1 << index;
+        }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = Option<i32>> + '_ {
+        (0..K).map(|index| self.get(index))
     }
 }
 
@@ -174,9 +208,9 @@ impl<const N: usize> ConfigStore<N> {
 
     /// Forgets everything, in place: a fresh store would pass over the stack of the board.
     pub fn clear(&mut self) {
-        self.board.fill(None);
+        self.board.present = 0;
         for fields in &mut self.cables {
-            fields.fill(None);
+            fields.present = 0;
         }
         self.announced = 0;
         self.received = 0;
@@ -194,7 +228,7 @@ impl<const N: usize> ConfigStore<N> {
             if last_key.is_some_and(|last| last >= entry.key) || received >= self.announced {
                 return Err(Reject::ConfigSequence);
             }
-            if self.slot(entry.key).is_none() {
+            if !Self::knows(entry.key) {
                 return Err(Reject::ConfigUnknownKey { key: entry.key.0 });
             }
             last_key = Some(entry.key);
@@ -202,21 +236,25 @@ impl<const N: usize> ConfigStore<N> {
         }
         // All are good: only now is anything taken.
         for entry in entries {
-            if let Some(slot) = self.slot(entry.key) {
-                *slot = Some(entry.value);
+            match entry.key.meaning() {
+                Some(KeyMeaning::Board(key)) => self.board.put(key as usize - 1, entry.value),
+                Some(KeyMeaning::Cable(index, key)) => {
+                    if let Some(fields) = self.cables.get_mut(usize::from(index)) {
+                        fields.put(key as usize - 1, entry.value);
+                    }
+                }
+                None => {}
             }
         }
         (self.last_key, self.received) = (last_key, received);
         Ok(())
     }
 
-    fn slot(&mut self, key: ConfigKey) -> Option<&mut Option<i32>> {
-        match key.meaning()? {
-            KeyMeaning::Board(key) => self.board.get_mut(key as usize - 1),
-            KeyMeaning::Cable(index, key) => self
-                .cables
-                .get_mut(usize::from(index))
-                .and_then(|fields| fields.get_mut(key as usize - 1)),
+    fn knows(key: ConfigKey) -> bool {
+        match key.meaning() {
+            Some(KeyMeaning::Board(_)) => true,
+            Some(KeyMeaning::Cable(index, _)) => usize::from(index) < N,
+            None => false,
         }
     }
 
@@ -240,7 +278,7 @@ impl<const N: usize> ConfigStore<N> {
             return Err(Reject::ConfigHash { board, host });
         }
         let key = |key: BoardKey, low: i32, high: i32| {
-            let value = self.board.get(key as usize - 1).copied().flatten();
+            let value = self.board.get(key as usize - 1);
             checked(ConfigKey::board(key), value, low, high)
         };
         let cables = key(BoardKey::Cables, 1, 8)?;
@@ -317,7 +355,7 @@ impl<const N: usize> ConfigStore<N> {
     fn build_cable(&self, index: u8) -> Result<CableConfig, Reject> {
         let fields = self.cables.get(usize::from(index));
         let key = |key: CableKey, low: i32, high: i32| {
-            let value = fields.and_then(|fields| fields.get(key as usize - 1).copied().flatten());
+            let value = fields.and_then(|fields| fields.get(key as usize - 1));
             checked(ConfigKey::cable(index, key), value, low, high)
         };
         let refuse = |key: CableKey| Reject::ConfigValue {

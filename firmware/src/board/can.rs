@@ -41,8 +41,9 @@ const STALE_TICKS: u32 = 10;
 
 /// Frames on their way out, one place always empty: one per drive and three that all are meant for.
 type Outgoing = Queue<CanFrame, 8>;
-/// Frames that came, for one tick: 1 Mbit/s brings 8 of eight bytes, and more of shorter ones.
-type Incoming = Queue<CanFrame, 16>;
+/// Frames that came, for one tick: 1 Mbit/s brings 8 of eight bytes, one place
+/// always empty.
+type Incoming = Queue<CanFrame, 12>;
 
 /// Bit rate to be taken up; 0 for none.
 static BITRATE: AtomicU32 = AtomicU32::new(0);

@@ -43,7 +43,7 @@ pub fn queues() -> (TickEnds, LinkEnds) {
     static COMMANDS: StaticCell<Queue<Command, 3>> = StaticCell::new();
     static ANSWERS: StaticCell<Queue<Answer, 3>> = StaticCell::new();
     static STATES: StaticCell<Queue<Status, 2>> = StaticCell::new();
-    static ROWS: StaticCell<Queue<Row<CABLES>, 6>> = StaticCell::new();
+    static ROWS: StaticCell<Queue<Row<CABLES>, 5>> = StaticCell::new();
     let (to_tick, commands) = COMMANDS.init_with(Queue::new).split();
     let (answers, from_tick) = ANSWERS.init_with(Queue::new).split();
     let (states, states_out) = STATES.init_with(Queue::new).split();
