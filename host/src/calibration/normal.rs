@@ -1,7 +1,7 @@
 //! Normal equations in arrow form: unknowns of each pose, and unknowns shared by all. The former are
 //! eliminated pose by pose (Schur complement; Triggs et al., 2000), which leaves a small dense system.
 
-use super::rows::{Model, Row, singles};
+use super::rows::{Model, Row, Source, singles};
 use super::unknowns::{Priors, State};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -32,7 +32,6 @@ pub struct Normal {
 #[derive(Debug, Clone)]
 pub struct Reduced {
     own: usize,
-    shared: usize,
     /// Per pose: Cholesky factor of the own block, row-major.
     factors: Vec<Vec<f64>>,
     /// `shared` x (poses * own): columns are the rows of L^-1 cross.
@@ -68,15 +67,25 @@ impl Normal {
             residuals: vec![Vec::new(); poses],
         };
         let cables = singles(state).ok()?;
+        let mut corners = CornerSums::new();
         for k in 0..poses {
             let mut list = Vec::with_capacity(weights.get(k).map_or(0, Vec::len));
             model
                 .rows(state, &cables, k, |row| {
                     let weight = weights.get(k).and_then(|w| w.get(list.len()));
                     list.push(row.residual);
-                    out.add(k, row, weight.copied().unwrap_or(1.0));
+                    let weight = weight.copied().unwrap_or(1.0);
+                    if let Source::Corner(_, _, axis) = row.source {
+                        if corners.body != row.shared.get(6).map(|(at, _)| *at) {
+                            corners.flush(k, &mut out);
+                        }
+                        corners.add(row, weight, axis);
+                    } else {
+                        out.add(k, row, weight);
+                    }
                 })
                 .ok()?;
+            corners.flush(k, &mut out);
             out.residuals[k] = list;
         }
         for prior in state.priors(model.data, &model.layout, priors) {
@@ -171,22 +180,123 @@ impl Normal {
         let mut information = self.shared_h.clone();
         for j in 0..shared {
             information[(j, j)] *= 1.0 + damping;
+        }
+        // Only the lower triangle, in strips.
+        let turned = coupling.transpose();
+        const STRIP: usize = 16;
+        for first in (0..shared).step_by(STRIP) {
+            let width = STRIP.min(shared - first);
+            let rows = shared - first;
+            information.view_mut((first, first), (rows, width)).gemm(
+                -1.0,
+                &coupling.rows(first, rows),
+                &turned.columns(first, width),
+                1.0,
+            );
+        }
+        for j in 0..shared {
             for i in 0..j {
                 information[(i, j)] = information[(j, i)];
             }
         }
-        information.gemm(-1.0, &coupling, &coupling.transpose(), 1.0);
         let mut gradient = self.shared_g.clone();
         gradient.gemv(-1.0, &coupling, &own_g, 1.0);
         Some(Reduced {
             own,
-            shared,
             factors,
             coupling,
             own_g,
             information,
             gradient,
         })
+    }
+}
+
+/// Unknowns that a corner depends on, and its residual: 6 of the pose, 6 of the camera, 6 of the
+/// body, focal length, principal point (2), k1, tag scale, residual.
+const CORNER: usize = 24;
+/// Of these, those of the pose.
+const OWN: usize = 6;
+
+/// Sums of products over the corners of one body in one picture: many rows on few unknowns, so that
+/// they are summed densely and go to the normal equations once.
+struct CornerSums {
+    /// First unknown of the body; `None` while empty.
+    body: Option<usize>,
+    /// Place of each shared unknown in the normal equations.
+    places: [usize; CORNER - 1 - OWN],
+    sums: Box<[[f64; CORNER]; CORNER]>,
+}
+
+impl CornerSums {
+    fn new() -> Self {
+        Self {
+            body: None,
+            places: [0; CORNER - 1 - OWN],
+            sums: Box::new([[0.0; CORNER]; CORNER]),
+        }
+    }
+
+    /// Adds a row in the order in which `Model::rows` gives the unknowns of a corner.
+    fn add(&mut self, row: &Row<'_>, weight: f64, axis: usize) {
+        if self.body.is_none() {
+            self.body = row.shared.get(6).map(|(at, _)| *at);
+            for (slot, (at, _)) in self.places.iter_mut().zip(&row.shared[..13]) {
+                *slot = *at;
+            }
+            let center = row.shared[13].0 - axis;
+            self.places[13] = center;
+            self.places[14] = center + 1;
+            self.places[15] = row.shared[14].0;
+            self.places[16] = row.shared[15].0;
+        }
+        if weight == 0.0 {
+            return;
+        }
+        let mut x = [0.0; CORNER];
+        x[..OWN].copy_from_slice(&row.own[..OWN]);
+        for (slot, (_, value)) in x[OWN..].iter_mut().zip(&row.shared[..13]) {
+            *slot = *value;
+        }
+        x[19 + axis] = row.shared[13].1;
+        x[21] = row.shared[14].1;
+        x[22] = row.shared[15].1;
+        x[23] = row.residual;
+        for (i, line) in self.sums.iter_mut().enumerate() {
+            let value = x[i] * weight;
+            // A multiple of four keeps the loop in whole vector registers; the rest is not read.
+            let upto = (i / 4 + 1) * 4;
+            for (slot, other) in line[..upto].iter_mut().zip(&x[..upto]) {
+                *slot += value * other;
+            }
+        }
+    }
+
+    fn flush(&mut self, k: usize, out: &mut Normal) {
+        if self.body.take().is_none() {
+            return;
+        }
+        let last = CORNER - 1;
+        let (own, shared) = (out.own, out.shared);
+        out.chi_square += self.sums[last][last];
+        for a in 0..OWN {
+            out.own_g[k][a] += self.sums[last][a];
+            for b in 0..=a {
+                out.own_h[k][a * own + b] += self.sums[a][b];
+            }
+        }
+        for c in OWN..last {
+            let at = self.places[c - OWN];
+            for a in 0..OWN {
+                out.cross[k][a * shared + at] += self.sums[c][a];
+            }
+            out.shared_g[at] += self.sums[last][c];
+            for d in OWN..=c {
+                let other = self.places[d - OWN];
+                out.shared_h[(at.max(other), at.min(other))] += self.sums[c][d];
+            }
+        }
+        *self.sums = [[0.0; CORNER]; CORNER];
     }
 }
 
@@ -284,12 +394,34 @@ impl Reduced {
         Some(Scaled::new(&self.information)?.inverse())
     }
 
+    /// What [`Reduced::leverage`] needs of a covariance, once for all rows.
+    #[must_use]
+    pub fn leverages(&self, covariance: &DMatrix<f64>) -> Leverages {
+        let spread = covariance * &self.coupling;
+        let poses = self.factors.len();
+        let own = (0..poses)
+            .map(|k| {
+                let columns = self.coupling.columns(k * self.own, self.own);
+                columns.tr_mul(&spread.columns(k * self.own, self.own))
+            })
+            .collect();
+        Leverages { spread, own }
+    }
+
     /// Variance of a row's prediction, in the row's variances: 1 means that the estimate follows the
     /// measurement wholly, 0 that it does not depend on it.
     #[must_use]
-    pub fn leverage(&self, covariance: &DMatrix<f64>, k: usize, row: &Row<'_>) -> f64 {
+    pub fn leverage(
+        &self,
+        covariance: &DMatrix<f64>,
+        leverages: &Leverages,
+        k: usize,
+        row: &Row<'_>,
+    ) -> f64 {
         let l = &self.factors[k];
-        let mut a = row.own.to_vec();
+        let mut a = [0.0; OWN_MAX];
+        let a = &mut a[..self.own];
+        a.copy_from_slice(row.own);
         for i in 0..self.own {
             let mut sum = a[i];
             for j in 0..i {
@@ -297,15 +429,39 @@ impl Reduced {
             }
             a[i] = sum / l[i * self.own + i];
         }
-        let mut b = DVector::zeros(self.shared);
-        for &(j, value) in row.shared {
-            b[j] += value;
-        }
-        for (i, &value) in a.iter().enumerate() {
-            if value != 0.0 {
-                b.axpy(-value, &self.coupling.column(k * self.own + i), 1.0);
+        // With b = J - C a over the shared unknowns: b' V b, term by term, since J is sparse.
+        let mut sum = 0.0;
+        for &(i, x) in row.shared {
+            let mut inner = 0.0;
+            for &(j, y) in row.shared {
+                inner += covariance[(j, i)] * y;
             }
+            let mut across = 0.0;
+            for (c, value) in a.iter().enumerate() {
+                across += leverages.spread[(i, k * self.own + c)] * value;
+            }
+            sum += x * (inner - 2.0 * across);
         }
-        a.iter().map(|x| x * x).sum::<f64>() + (covariance * &b).dot(&b)
+        let own = &leverages.own[k];
+        for (i, x) in a.iter().enumerate() {
+            let mut inner = *x;
+            for (j, y) in a.iter().enumerate() {
+                inner += own[(j, i)] * y;
+            }
+            sum += x * inner;
+        }
+        sum
     }
+}
+
+/// Most unknowns of one pose.
+const OWN_MAX: usize = 6 + mcdpr_kinematics::MAX_CABLES;
+
+/// Products of a covariance with the coupling between poses and shared unknowns.
+#[derive(Debug, Clone)]
+pub struct Leverages {
+    /// Covariance times coupling.
+    spread: DMatrix<f64>,
+    /// Per pose: coupling' x covariance x coupling.
+    own: Vec<DMatrix<f64>>,
 }

@@ -127,16 +127,32 @@ fn examine(
         leverage: Vec::new(),
         sources: Vec::new(),
     };
+    let products = reduced.leverages(covariance);
     for k in 0..state.poses.len() {
         let (mut leverage, mut sources) = (Vec::new(), Vec::new());
         model
             .rows(state, &cables, k, |row| {
-                leverage.push(reduced.leverage(covariance, k, row).clamp(0.0, 1.0));
+                let found = reduced.leverage(covariance, &products, k, row);
+                leverage.push(found.clamp(0.0, 1.0));
                 sources.push(row.source);
             })
             .ok()?;
         out.leverage.push(leverage);
         out.sources.push(sources);
+    }
+    Some(out)
+}
+
+/// What each row comes from.
+fn sources_of(model: &Model<'_>, state: &State) -> Option<Vec<Vec<Source>>> {
+    let cables = singles(state).ok()?;
+    let mut out = Vec::with_capacity(state.poses.len());
+    for k in 0..state.poses.len() {
+        let mut sources = Vec::new();
+        model
+            .rows(state, &cables, k, |row| sources.push(row.source))
+            .ok()?;
+        out.push(sources);
     }
     Some(out)
 }
@@ -186,18 +202,9 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
         let all = normal.residuals.iter().flatten();
         all.fold(0.0_f64, |a, r| a.max(r.abs()))
     };
-    let sources = examine(
-        &model,
-        &descent.state,
-        &descent
-            .normal
-            .reduced(0.0)
-            .ok_or_else(|| unsolved("the normal equations are singular"))?,
-        &DMatrix::zeros(model.layout.len(), model.layout.len()),
-    )
-    .ok_or_else(|| unsolved("the estimate left the robot's domain"))?
-    .sources;
     if worst(&descent.normal) > REJECT {
+        let sources = sources_of(&model, &descent.state)
+            .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
         // Outliers bend the fit: weigh them down from a wide loss to a narrow one.
         let mut scale = spread(&descent.normal) * 4.0;
         for _ in 0..14 {
