@@ -1,12 +1,12 @@
 //! A task on a robot, from connecting to disarming, and what came of it.
 
 use crate::control::Handle;
-use crate::link::{Client, Link, Note, Paced, SimulatedLink};
+use crate::link::{Link, Paced, SimulatedLink};
 use crate::machine::{self, Mismatch};
 use crate::motion::{Model, Plan, PlanError, Rest, Task};
 use crate::record::witness::{TruthTap, Watched, Witness};
 use crate::report::{self, Figures};
-use crate::run::{self, Measured, Progress, Recorder, RunError};
+use crate::run::{self, Homing, Measured, Progress, Recorder, RunError, Session};
 use crate::sight::Scene;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
@@ -68,16 +68,7 @@ pub fn home(model: &Model) -> Result<Rest, PlanError> {
 /// The first limit that would be broken.
 pub fn plan_from_home(model: &Model, task: Task) -> Result<Plan, RunError> {
     let start = model.robot().tool.home_in_world_m;
-    plan_from(model, task, &start)
-}
-
-fn plan_from(model: &Model, task: Task, start: &nalgebra::Vector3<f64>) -> Result<Plan, RunError> {
-    let task = task.approached_from(start).map_err(|error| match error {
-        crate::motion::TaskError::Path(error) => PlanError::from(error),
-        // Joining a way to a task that exists can fail only in the path.
-        _ => PlanError::from(crate::motion::path::PathError::Empty),
-    })?;
-    Ok(Plan::new(model, task.legs)?)
+    run::plan_from(model, task, &start, None)
 }
 
 /// Runs a task on a simulated robot that hangs at home, `mismatch` away from its description.
@@ -273,34 +264,14 @@ fn commanded<L: Link>(
     handle: &Handle,
     progress: impl FnMut(Progress),
 ) -> Result<Run, RunError> {
-    let mut client = Client::connect(link, session.unwrap_or_else(run::new_session))?;
-    client.obey(handle.clone());
-    let hash = run::configure(&mut client, model.robot())?;
-    let status = run::status(&mut client)?;
-    if let Some(record) = status.fault {
-        return Err(RunError::Latched { record });
-    }
-    let (start, lengths_m) = if status.referenced {
-        let metres = status.lengths.iter().map(|l| f64::from(l.0) * 1e-7);
-        let metres: Vec<_> = metres.collect();
-        let newtons = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3);
-        let newtons: Vec<_> = newtons.collect();
-        (model.rest_from_lengths(&metres, &newtons)?, metres)
-    } else {
-        let home = home(model)?;
-        let lengths_m = home.paid_out_m.clone();
-        (home, lengths_m)
-    };
-    // A board that knows its lengths keeps them; the tensions to expect are those of this place.
-    client.request(machine::reference(&lengths_m, start.tensions_n()))?;
-    let plan = plan_from(model, task, &model.tool_m(&start))?;
-    client.note(Note::Plan(&plan));
-    run::arm(&mut client, hash)?;
-    let knots = run::joined_to(&plan, &run::status(&mut client)?, model)?;
+    let number = session.unwrap_or_else(run::new_session);
+    let mut session = Session::open(model, link, number, handle, Homing::Known)?;
+    let plan = session.plan(task, None)?;
+    session.arm()?;
     let mut recorder = Recorder::default();
-    run::follow(&mut client, &knots, &mut recorder, progress)?;
-    let simulated = client.info().simulated;
-    run::disarm(&mut client)?;
+    session.follow(&plan, &mut recorder, progress)?;
+    let simulated = session.client().info().simulated;
+    session.disarm()?;
     Ok(Run {
         plan,
         samples: recorder.samples,

@@ -5,6 +5,7 @@
 //! | [`robot`] | the robot description file |
 //! | [`calibration`] | the robot's parameters from lengths, tensions and pictures of tags |
 //! | [`control`] | orders to a robot that is being moved, from this process or another |
+//! | [`estimate`] | where the platform is, from lengths, tensions and tags, and which cable slipped |
 //! | [`machine`] | the description as geometry, as a board's configuration, as physics |
 //! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
 //! | [`link`] | byte streams to a board and the host's half of the protocol |
@@ -22,6 +23,7 @@
 pub mod calibration;
 pub mod cli;
 pub mod control;
+pub mod estimate;
 pub mod experiment;
 pub mod link;
 pub mod machine;

@@ -167,9 +167,10 @@ pub(crate) fn tool_height_m(robot: &Robot, z_mm: f64) -> f64 {
 fn dry_run(model: &Model, task: Task, common: &Common) -> Outcome {
     let name = task.name.clone();
     let plan = experiment::plan_from_home(model, task)?;
-    let tilt = plan.states.iter().map(|s| s.equilibrium.pose.tilt_rad());
+    let states: Vec<_> = plan.states(0.01).collect();
+    let tilt = states.iter().map(|(_, s)| s.equilibrium.pose.tilt_rad());
     let tilt_deg = tilt.fold(0.0, f64::max).to_degrees();
-    let tensions = || plan.states.iter().flat_map(|state| state.tensions_n());
+    let tensions = || states.iter().flat_map(|(_, state)| state.tensions_n());
     let low = tensions().copied().fold(f64::MAX, f64::min);
     let high = tensions().copied().fold(0.0, f64::max);
     let duration_s = plan.timed.duration_s();

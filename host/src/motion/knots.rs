@@ -118,6 +118,8 @@ pub struct FitOptions {
     pub spacing: Spacing,
     /// Greatest error of any channel, in the unit of the values.
     pub tolerance: f64,
+    /// Segments to start with.
+    pub least_segments: usize,
     /// Most segments to use.
     pub most_segments: usize,
 }
@@ -136,7 +138,7 @@ pub struct Fit {
 /// Fits splines to functions of time, with as many knots as the tolerance takes.
 ///
 /// `function(t, values)` writes the value of every channel at `t` seconds. The number of segments
-/// starts at 4 and grows by the fourth root of what is missing, so it ends close to the least one.
+/// starts at the least one and grows by the fourth root of what is missing, so it ends close to the least one.
 ///
 /// # Errors
 /// What the function returns; [`SplineError::Tolerance`] if `most_segments` do not suffice, and
@@ -147,7 +149,7 @@ pub fn fit<E: From<SplineError>>(
     options: FitOptions,
     mut function: impl FnMut(f64, &mut [f64]) -> Result<(), E>,
 ) -> Result<Fit, E> {
-    let mut segments = options.most_segments.min(4);
+    let mut segments = options.most_segments.min(options.least_segments);
     loop {
         let times_s = knot_times(start_s, end_s, segments, options.spacing);
         let mut columns = vec![Vec::with_capacity(times_s.len()); channels];

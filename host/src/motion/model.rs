@@ -1,16 +1,22 @@
 //! Where the tool is, and what the cables must be for it: the planner's view of the robot.
 
+use super::options::{PlanOptions, Planner, Tensioning};
 use super::plan::PlanError;
+use super::schedule;
 use crate::machine;
 use crate::robot::{Control, Robot};
-use mcdpr_kinematics::{AnyRobot, Equilibrium, EquilibriumGuess, Held, Start, StaticOptions};
-use nalgebra::Vector3;
+use mcdpr_kinematics::{AnyRobot, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions};
+use nalgebra::{Rotation3, Vector3};
+
+/// Below this measured tension a cable tells nothing about how the platform hangs, N.
+const TAUT_N: f64 = 0.5;
 
 /// A robot with its geometry.
 #[derive(Debug, Clone)]
 pub struct Model {
     robot: Robot,
     geometry: AnyRobot,
+    options: PlanOptions,
 }
 
 /// The robot at rest with its tool at one place.
@@ -45,6 +51,7 @@ impl Model {
         Ok(Self {
             robot: robot.clone(),
             geometry: machine::geometry(robot)?,
+            options: PlanOptions::default(),
         })
     }
 
@@ -67,18 +74,48 @@ impl Model {
         cables.position(|cable| cable.control == Control::Tension)
     }
 
+    /// The same robot, planned in another way.
+    #[must_use]
+    pub fn with_options(mut self, options: PlanOptions) -> Self {
+        self.options = options;
+        self
+    }
+
+    /// How plans are made.
+    #[must_use]
+    pub const fn options(&self) -> PlanOptions {
+        self.options
+    }
+
     /// How the robot hangs with its tool at `tool_m` (world, m) and its tension-held cables at
-    /// their set-point; `near` is a state close by.
+    /// the tension that the options ask for; `near` is a state close by.
     ///
     /// # Errors
     /// [`PlanError::NoEquilibrium`] says why there is none.
     pub fn rest(&self, tool_m: &Vector3<f64>, near: Option<&Rest>) -> Result<Rest, PlanError> {
-        let tensions: Vec<_> = self
-            .robot
-            .cables
-            .iter()
-            .map(|c| (c.control == Control::Tension).then_some(self.robot.tension.setpoint_n))
-            .collect();
+        let tension_n = match self.options.tensioning {
+            Tensioning::MaxMin => schedule::best_n(self, tool_m, near)?,
+            Tensioning::Setpoint => self.robot.tension.setpoint_n,
+        };
+        self.rest_with(tool_m, tension_n, near)
+    }
+
+    /// How the robot hangs with its tool at `tool_m` (world, m) and its tension-held cables at
+    /// `tension_n`; `near` is a state close by.
+    ///
+    /// # Errors
+    /// [`PlanError::NoEquilibrium`] says why there is none.
+    pub fn rest_with(
+        &self,
+        tool_m: &Vector3<f64>,
+        tension_n: f64,
+        near: Option<&Rest>,
+    ) -> Result<Rest, PlanError> {
+        let mut tensions = [None; mcdpr_kinematics::MAX_CABLES];
+        let count = self.robot.cables.len();
+        for (slot, cable) in tensions.iter_mut().zip(&self.robot.cables) {
+            *slot = (cable.control == Control::Tension).then_some(tension_n);
+        }
         let guess = near.map_or(EquilibriumGuess::Cold, |rest| {
             EquilibriumGuess::Attitude(rest.equilibrium.pose.rotation)
         });
@@ -87,7 +124,7 @@ impl Model {
             .equilibrium_at(
                 &self.robot.tool.tcp_in_platform_m,
                 tool_m,
-                &tensions,
+                tensions.get(..count).unwrap_or_default(),
                 guess,
                 &StaticOptions::default(),
             )
@@ -100,8 +137,33 @@ impl Model {
         Ok(self.with_lengths(equilibrium))
     }
 
-    /// How the robot hangs when its drums have paid out `paid_out_m` and its tension-held cables
-    /// are at `tensions_n`.
+    /// The state that a plan commands: at equilibrium, or with the lengths of a level platform.
+    pub(super) fn rest_planned(
+        &self,
+        tool_m: &Vector3<f64>,
+        tension_n: f64,
+        near: Option<&Rest>,
+    ) -> Result<Rest, PlanError> {
+        let hanging = self.rest_with(tool_m, tension_n, near)?;
+        match self.options.planner {
+            Planner::Equilibrium => Ok(hanging),
+            Planner::Level => self.level(tool_m, hanging),
+        }
+    }
+
+    /// The lengths of a level platform (Eqs. 2 to 11), rigid cables; tensions as it really hangs.
+    fn level(&self, tool_m: &Vector3<f64>, mut hanging: Rest) -> Result<Rest, PlanError> {
+        let tool = &self.robot.tool.tcp_in_platform_m;
+        let pose = Pose::new(tool_m - tool, Rotation3::identity());
+        let lengths_m = self.geometry.lengths_m(&pose)?;
+        hanging.paid_out_m = lengths_m.iter().copied().collect();
+        hanging.equilibrium.pose = pose;
+        hanging.equilibrium.lengths_m = lengths_m;
+        Ok(hanging)
+    }
+
+    /// How the robot hangs when its drums have paid out `paid_out_m` under `tensions_n`, as
+    /// measured. A tension-held cable that measures none is taken to be at its set-point.
     ///
     /// # Errors
     /// [`PlanError::Lengths`] where no resting pose fits these lengths.
@@ -114,6 +176,7 @@ impl Model {
         let held: Vec<_> = cables
             .zip(paid_out_m.iter().zip(tensions_n))
             .map(|(cable, (&paid_out, &tension))| match cable.control {
+                Control::Tension if tension > TAUT_N => Held::Tension(tension),
                 Control::Tension => Held::Tension(self.robot.tension.setpoint_n),
                 Control::Position => {
                     let total = paid_out + cable.routing_length_m;

@@ -1,7 +1,9 @@
 //! Geometric paths of the tool: straight lines and arcs, joined, measured by arc length.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
+use super::curve::Curve;
 use nalgebra::Vector3;
 
 /// Two pieces join if the end of one and the start of the next are nearer than this, m.
@@ -24,6 +26,12 @@ pub enum PathError {
     NoLength {
         /// Its length, m.
         length_m: f64,
+    },
+    /// Two points of a curve in a row are the same.
+    #[error("point {point} of the curve is the one before it: leave it out")]
+    Repeated {
+        /// The later point, from 1.
+        point: usize,
     },
     /// The start of an arc is not on its circle.
     #[error(
@@ -74,14 +82,14 @@ pub struct PathPoint {
     pub curvature_per_m: Vector3<f64>,
 }
 
-/// A piece of a path: straight, or an arc in a horizontal plane.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A piece of a path: straight, an arc in a horizontal plane, or a curve through points.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Piece {
     shape: Shape,
     length_m: f64,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 enum Shape {
     Line {
         from_m: Vector3<f64>,
@@ -94,6 +102,7 @@ enum Shape {
         /// 1 counter-clockwise seen from above, -1 clockwise.
         sense: f64,
     },
+    Curve(Arc<Curve>),
 }
 
 impl Piece {
@@ -152,16 +161,37 @@ impl Piece {
         })
     }
 
+    /// The smooth curve through points of the world frame, m: its tangent and curvature have no
+    /// jumps. With two points it is the straight line between them.
+    ///
+    /// # Errors
+    /// [`PathError::Empty`] for fewer than two points, [`PathError::Repeated`],
+    /// [`PathError::NotFinite`].
+    pub fn curve(points_m: &[Vector3<f64>]) -> Result<Self, PathError> {
+        match points_m {
+            [] | [_] => Err(PathError::Empty),
+            [from, to] => Self::line(*from, *to),
+            _ => {
+                let curve = Curve::through(points_m)?;
+                Ok(Self {
+                    length_m: finite("a point", curve.length_m())?,
+                    shape: Shape::Curve(Arc::new(curve)),
+                })
+            }
+        }
+    }
+
     /// Arc length of the piece, m; greater than 0.
     pub fn length_m(&self) -> f64 {
         self.length_m
     }
 
-    /// Radius of curvature, m; `None` for a straight piece.
+    /// Least radius of curvature, m; `None` for a straight piece.
     pub fn radius_m(&self) -> Option<f64> {
-        match self.shape {
+        match &self.shape {
             Shape::Line { .. } => None,
-            Shape::Arc { radius_m, .. } => Some(radius_m),
+            Shape::Arc { radius_m, .. } => Some(*radius_m),
+            Shape::Curve(curve) => Some(curve.least_radius_m()),
         }
     }
 
@@ -184,10 +214,11 @@ impl Piece {
     }
 
     fn evaluate(&self, s_m: f64) -> PathPoint {
-        match self.shape {
+        match &self.shape {
+            Shape::Curve(curve) => curve.at(s_m),
             Shape::Line { from_m, direction } => PathPoint {
                 position_m: from_m + direction * s_m,
-                tangent: direction,
+                tangent: *direction,
                 curvature_per_m: Vector3::zeros(),
             },
             Shape::Arc {
@@ -197,6 +228,7 @@ impl Piece {
                 sense,
             } => {
                 let (sin, cos) = (start_rad + sense * s_m / radius_m).sin_cos();
+                let (radius_m, sense) = (*radius_m, *sense);
                 let outward = Vector3::new(cos, sin, 0.0);
                 PathPoint {
                     position_m: center_m + outward * radius_m,
@@ -467,7 +499,7 @@ mod tests {
         assert!(Piece::arc(a, 0.0, a, 1.0).is_err());
         let line = Piece::line(a, b).unwrap();
         assert_eq!(
-            Path::new(vec![line, line]),
+            Path::new(vec![line.clone(), line]),
             Err(PathError::Gap {
                 next: 2,
                 gap_m: 1.0

@@ -207,7 +207,7 @@ fn circle_lengths(motion: &Motion) -> impl Fn(f64, &mut [f64]) -> Result<(), Spl
 }
 
 fn circle_fit(tolerance: f64, most_segments: usize) -> (Motion, Result<Fit, SplineError>) {
-    let circle = Path::paper_circle(-0.1).unwrap().pieces()[1];
+    let circle = Path::paper_circle(-0.1).unwrap().pieces()[1].clone();
     let bounds = Bounds {
         speed_mps: 0.045,
         acceleration_mps2: 0.2,
@@ -216,6 +216,7 @@ fn circle_fit(tolerance: f64, most_segments: usize) -> (Motion, Result<Fit, Spli
     let law = TimeLaw::fit_duration(circle.length_m(), bounds, 10.0).unwrap();
     let motion = (circle, law);
     let options = FitOptions {
+        least_segments: 4,
         ends: Ends::Clamped {
             start: 0.0,
             end: 0.0,
@@ -392,6 +393,7 @@ fn bad_knots_are_refused_by_number() {
 #[test]
 fn a_fit_of_a_function_that_fails_or_is_no_number_ends_with_an_error() {
     let options = FitOptions {
+        least_segments: 4,
         ends: Ends::NotAKnot,
         spacing: Spacing::Equal,
         tolerance: 1e-6,

@@ -1,7 +1,8 @@
 //! Tasks: what the tool shall do, by name or from a file.
 
+use super::gcode;
 use super::path::{Path, PathError, Piece};
-use super::plan::Leg;
+use super::timed::Step;
 use miette::Diagnostic;
 use nalgebra::Vector3;
 use serde::Deserialize;
@@ -20,13 +21,18 @@ pub const BUILT_IN: &[(&str, &str)] = &[
 /// Time for the paper's circle: what its geared drives allow, s.
 const CIRCLE_S: f64 = 10.0;
 
+/// Places closer than this are the same, m.
+const NEAR_M: f64 = 5e-7;
+
 /// A motion of the tool.
 #[derive(Debug, Clone)]
 pub struct Task {
     /// Its name.
     pub name: String,
-    /// Pieces from rest to rest, each starting where the one before ends.
-    pub legs: Vec<Leg>,
+    /// Where it starts, world, m; `None`: wherever the tool is.
+    start_m: Option<Vector3<f64>>,
+    /// Steps from rest to rest, each starting where the one before ends.
+    pub steps: Vec<Step>,
 }
 
 /// Why there is no such task.
@@ -58,14 +64,30 @@ pub enum TaskError {
     #[error("task file {path} is malformed: {message}")]
     #[diagnostic(
         code(mcdpr::task::malformed),
-        help(
-            "a task has start_mm and [[leg]] tables with to_mm or circle_center_mm; see docs/tasks.md"
-        )
+        help("a task has start_mm and [[leg]] tables; see docs/tasks.md")
     )]
     Malformed {
         /// Which.
         path: PathBuf,
         /// What is wrong and where.
+        message: String,
+    },
+    /// The G-code can not be followed.
+    #[error("{path}:{line}:{column}: {message}")]
+    #[diagnostic(
+        code(mcdpr::task::gcode),
+        help(
+            "G0 G1 G2 G3 G4 G17 G21 G90 G91 M3 M5 M2 M30 with X Y Z I J F P are understood; see docs/tasks.md"
+        )
+    )]
+    GCode {
+        /// Which file.
+        path: PathBuf,
+        /// Line, 1 for the first.
+        line: usize,
+        /// Column, 1 for the first.
+        column: usize,
+        /// What is wrong.
         message: String,
     },
     /// A leg of the file is no path.
@@ -98,6 +120,7 @@ fn names() -> String {
 struct TaskFile {
     name: Option<String>,
     start_mm: [f64; 3],
+    speed_mm_s: Option<f64>,
     #[serde(default)]
     leg: Vec<LegFile>,
 }
@@ -106,9 +129,73 @@ struct TaskFile {
 #[serde(deny_unknown_fields)]
 struct LegFile {
     to_mm: Option<[f64; 3]>,
+    points_mm: Option<Vec<[f64; 3]>>,
+    through_mm: Option<Vec<[f64; 3]>>,
     circle_center_mm: Option<[f64; 3]>,
+    dwell_s: Option<f64>,
+    gripper: Option<GripperFile>,
     sweep_deg: Option<f64>,
     duration_s: Option<f64>,
+    speed_mm_s: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum GripperFile {
+    Open,
+    Close,
+}
+
+/// A step along a path as fast as the limits allow, or in a given time.
+fn moved(path: Path, duration_s: Option<f64>) -> Step {
+    Step::Move {
+        path,
+        duration_s,
+        speed_mps: None,
+    }
+}
+
+impl LegFile {
+    /// The keys of which exactly one says what the leg is.
+    fn kinds(&self) -> Vec<&'static str> {
+        let all = [
+            ("to_mm", self.to_mm.is_some()),
+            ("points_mm", self.points_mm.is_some()),
+            ("through_mm", self.through_mm.is_some()),
+            ("circle_center_mm", self.circle_center_mm.is_some()),
+            ("dwell_s", self.dwell_s.is_some()),
+            ("gripper", self.gripper.is_some()),
+        ];
+        let given = all.into_iter().filter(|(_, given)| *given);
+        given.map(|(name, _)| name).collect()
+    }
+
+    /// The pieces of path from `at_m` on: several where the tool rests between them.
+    fn pieces(&self, at_m: Vector3<f64>) -> Result<Vec<Piece>, PathError> {
+        if let Some(to) = self.to_mm {
+            return Ok(vec![Piece::line(at_m, point(to))?]);
+        }
+        if let Some(points) = &self.points_mm {
+            let mut from_m = at_m;
+            return points
+                .iter()
+                .map(|to| Piece::line(std::mem::replace(&mut from_m, point(*to)), point(*to)))
+                .collect();
+        }
+        if let Some(points) = &self.through_mm {
+            let all: Vec<_> = std::iter::once(at_m)
+                .chain(points.iter().map(|p| point(*p)))
+                .collect();
+            return Ok(vec![Piece::curve(&all)?]);
+        }
+        let Some(center) = self.circle_center_mm else {
+            return Ok(Vec::new());
+        };
+        let center_m = point(center);
+        let radius_m = (at_m - center_m).xy().norm();
+        let sweep_rad = self.sweep_deg.unwrap_or(360.0).to_radians();
+        Ok(vec![Piece::arc(center_m, radius_m, at_m, sweep_rad)?])
+    }
 }
 
 impl Task {
@@ -122,10 +209,8 @@ impl Task {
             "paper:table7" => Self::table7(z_m),
             "paper:table8" => Ok(Self {
                 name: name.to_owned(),
-                legs: vec![Leg {
-                    path: Path::paper_line(z_m)?,
-                    duration_s: None,
-                }],
+                start_m: Some(start_of(&Path::paper_line(z_m)?)),
+                steps: vec![moved(Path::paper_line(z_m)?, None)],
             }),
             _ => Self::load(name),
         }
@@ -134,15 +219,14 @@ impl Task {
     /// Table 7: the approach as fast as the limits allow, then the circle in ten seconds.
     fn table7(z_m: f64) -> Result<Self, TaskError> {
         let whole = Path::paper_circle(z_m)?;
-        let legs = whole.pieces().iter().map(|piece| {
-            Ok(Leg {
-                path: Path::new(vec![*piece])?,
-                duration_s: piece.radius_m().map(|_| CIRCLE_S),
-            })
+        let steps = whole.pieces().iter().map(|piece| {
+            let duration_s = piece.radius_m().map(|_| CIRCLE_S);
+            Ok(moved(Path::new(vec![piece.clone()])?, duration_s))
         });
         Ok(Self {
             name: "paper:table7".to_owned(),
-            legs: legs.collect::<Result<_, PathError>>()?,
+            start_m: Some(start_of(&whole)),
+            steps: steps.collect::<Result<_, PathError>>()?,
         })
     }
 
@@ -157,7 +241,34 @@ impl Task {
             }
             Err(source) => return Err(TaskError::Unreadable { path, source }),
         };
+        let kind = path.extension().and_then(|kind| kind.to_str());
+        let kind = kind.map(str::to_ascii_lowercase);
+        if matches!(kind.as_deref(), Some("gcode" | "nc" | "ngc" | "g")) {
+            return Self::parse_gcode(&text, path);
+        }
         Self::parse(&text, path)
+    }
+
+    /// Reads a task from the text of a G-code file; `path` names it in messages. `docs/tasks.md`
+    /// says which words are understood.
+    ///
+    /// # Errors
+    /// [`TaskError::GCode`] with line and column.
+    pub fn parse_gcode(text: &str, path: PathBuf) -> Result<Self, TaskError> {
+        let name = path.display().to_string();
+        match gcode::read(text) {
+            Ok((start_m, steps)) => Ok(Self {
+                name,
+                start_m,
+                steps,
+            }),
+            Err(error) => Err(TaskError::GCode {
+                path,
+                line: error.line,
+                column: error.column,
+                message: error.message,
+            }),
+        }
     }
 
     /// Reads a task from the text of a file; `path` names it in messages.
@@ -173,69 +284,126 @@ impl Task {
         if file.leg.is_empty() {
             return Err(malformed("there is no [[leg]]".to_owned()));
         }
-        let mut at_m = point(file.start_mm);
-        let mut legs = Vec::new();
-        for (index, leg) in file.leg.iter().enumerate() {
+        let start_m = point(file.start_mm);
+        let mut at_m = start_m;
+        let mut steps = Vec::new();
+        for (number, leg) in (1..).zip(&file.leg) {
+            let wrong = |what: String| malformed(format!("leg {number}: {what}"));
+            let kind = match leg.kinds()[..] {
+                [kind] => kind,
+                _ => {
+                    return Err(wrong(
+                        "it needs exactly one of to_mm, points_mm, through_mm, circle_center_mm, \
+                         dwell_s, gripper"
+                            .to_owned(),
+                    ));
+                }
+            };
+            let moves = !matches!(kind, "dwell_s" | "gripper");
+            for (key, value, fits) in [
+                ("duration_s", leg.duration_s, moves && kind != "points_mm"),
+                ("speed_mm_s", leg.speed_mm_s, moves),
+                ("sweep_deg", leg.sweep_deg, kind == "circle_center_mm"),
+            ] {
+                if value.is_some() && !fits {
+                    return Err(wrong(format!("{key} does not go with {kind}")));
+                }
+                let positive = key == "sweep_deg" || value.is_none_or(|v| v > 0.0);
+                if !positive || value.is_some_and(|v| !v.is_finite()) {
+                    return Err(wrong(format!("{key} must be over 0")));
+                }
+            }
+            if leg.duration_s.is_some() && leg.speed_mm_s.is_some() {
+                return Err(wrong("give duration_s or speed_mm_s, not both".to_owned()));
+            }
+            if let Some(duration_s) = leg.dwell_s {
+                if !(duration_s.is_finite() && duration_s >= 0.0) {
+                    return Err(wrong("dwell_s must be 0 or more".to_owned()));
+                }
+                steps.push(Step::Dwell { duration_s });
+            }
+            if let Some(gripper) = leg.gripper {
+                steps.push(Step::Gripper {
+                    closed: gripper == GripperFile::Close,
+                });
+            }
             let bad = |source| TaskError::BadLeg {
                 path: path.clone(),
-                leg: index + 1,
+                leg: number,
                 source,
             };
-            let piece = match (leg.to_mm, leg.circle_center_mm) {
-                (Some(to), None) => Piece::line(at_m, point(to)).map_err(bad)?,
-                (None, Some(center)) => {
-                    let center_m = point(center);
-                    let radius_m = (at_m - center_m).xy().norm();
-                    let sweep_rad = leg.sweep_deg.unwrap_or(360.0).to_radians();
-                    Piece::arc(center_m, radius_m, at_m, sweep_rad).map_err(bad)?
-                }
-                _ => {
-                    let number = index + 1;
-                    return Err(malformed(format!(
-                        "leg {number} needs either to_mm or circle_center_mm"
-                    )));
-                }
-            };
-            if leg.duration_s.is_some_and(|s| !s.is_finite() || s <= 0.0) {
-                let number = index + 1;
-                return Err(malformed(format!(
-                    "leg {number}: duration_s must be over 0"
-                )));
+            let pieces = leg.pieces(at_m).map_err(bad)?;
+            if moves && pieces.is_empty() {
+                return Err(wrong(format!("{kind} has no points")));
             }
-            at_m = piece.end().position_m;
-            legs.push(Leg {
-                path: Path::new(vec![piece]).map_err(bad)?,
-                duration_s: leg.duration_s,
-            });
+            // A leg with a time of its own is not held to the file's general speed.
+            let general = file.speed_mm_s.filter(|_| leg.duration_s.is_none());
+            for piece in pieces {
+                at_m = piece.end().position_m;
+                steps.push(Step::Move {
+                    path: Path::new(vec![piece]).map_err(bad)?,
+                    duration_s: leg.duration_s,
+                    speed_mps: leg.speed_mm_s.or(general).map(|mm_s| mm_s * 1e-3),
+                });
+            }
         }
         let name = file.name.unwrap_or_else(|| path.display().to_string());
-        Ok(Self { name, legs })
+        Ok(Self {
+            name,
+            start_m: Some(start_m),
+            steps,
+        })
     }
 
-    /// Where the task starts, world, m.
+    /// The task of the tool going straight to a place (world, m) from wherever it is.
+    ///
+    /// # Errors
+    /// [`TaskError::Path`] for a place that is no number.
+    pub fn go_to(name: &str, place_m: Vector3<f64>) -> Result<Self, TaskError> {
+        if place_m.iter().any(|value| !value.is_finite()) {
+            return Err(PathError::NotFinite { what: "the place" }.into());
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            start_m: Some(place_m),
+            steps: Vec::new(),
+        })
+    }
+
+    /// Where the task starts, world, m; `None`: wherever the tool is.
     #[must_use]
     pub fn start_m(&self) -> Option<Vector3<f64>> {
-        let first = self.legs.first()?.path.pieces().first()?;
-        Some(first.start().position_m)
+        self.start_m
     }
 
     /// The same task with a straight way to its start from `from_m`, where that is further than
-    /// half a micrometre.
+    /// half a micrometre; that way keeps `speed_mps` if one is given.
     ///
     /// # Errors
     /// [`TaskError::Path`].
-    pub fn approached_from(mut self, from_m: &Vector3<f64>) -> Result<Self, TaskError> {
-        if let Some(start_m) = self.start_m()
-            && (start_m - from_m).norm() > 5e-7
+    pub fn approached_from(
+        mut self,
+        from_m: &Vector3<f64>,
+        speed_mps: Option<f64>,
+    ) -> Result<Self, TaskError> {
+        if let Some(start_m) = self.start_m
+            && (start_m - from_m).norm() > NEAR_M
         {
-            let way = Leg {
+            let way = Step::Move {
                 path: Path::through(&[*from_m, start_m])?,
                 duration_s: None,
+                speed_mps,
             };
-            self.legs.insert(0, way);
+            self.steps.insert(0, way);
+            self.start_m = Some(*from_m);
         }
         Ok(self)
     }
+}
+
+fn start_of(path: &Path) -> Vector3<f64> {
+    let first = path.pieces().first().map(|piece| piece.start().position_m);
+    first.unwrap_or_default()
 }
 
 fn point([x, y, z]: [f64; 3]) -> Vector3<f64> {

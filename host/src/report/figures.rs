@@ -42,7 +42,7 @@ pub struct Figures {
     pub path_error_m: Option<MeanMax>,
     /// Absolute difference of measured (drum encoder) and planned lengths, all cables.
     pub cable_length_error_m: MeanSdMax,
-    /// Tension-held cables: measured minus set-point.
+    /// Tension-held cables: measured minus planned.
     pub tension_error_n: TensionError,
 }
 
@@ -72,7 +72,6 @@ pub fn measure(
     };
     let mut lengths = Vec::new();
     let mut tensions = Vec::new();
-    let setpoint_n = model.robot().tension.setpoint_n;
     for sample in samples {
         let Some(state) = sample.path_s.and_then(|time_s| plan.state(time_s)) else {
             continue;
@@ -81,8 +80,9 @@ pub fn measure(
         lengths.extend(pairs.map(|(measured, planned)| (measured - planned).abs()));
         if let Some(held) = model.tension_held()
             && let Some(tension) = sample.tensions_n.get(held)
+            && let Some(planned) = state.tensions_n().get(held)
         {
-            tensions.push((tension - setpoint_n).abs());
+            tensions.push((tension - planned).abs());
         }
     }
     let length_mean = mean(&lengths);

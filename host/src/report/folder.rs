@@ -107,7 +107,7 @@ pub fn write_samples(
             let _ = write!(text, ",{value:.7}");
         }
         for cable in 0..cables {
-            let planned = state.and_then(|state| state.paid_out_m.get(cable));
+            let planned = state.as_ref().and_then(|state| state.paid_out_m.get(cable));
             let _ = write!(text, ",{}", cell(planned.copied(), 7));
         }
         for value in &sample.tensions_n {

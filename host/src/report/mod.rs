@@ -18,8 +18,13 @@ use mcdpr_simulator::TracePoint;
 /// True tool positions of a simulated run along its motion: path time (s) and place (m).
 #[must_use]
 pub fn true_path(trace: &[TracePoint]) -> Vec<(f64, [f64; 3])> {
+    // A path clock that runs back is that of another motion.
+    let begun = trace
+        .windows(2)
+        .rposition(|pair| matches!(pair, [a, b] if b.path_ms > 0 && a.path_ms > b.path_ms));
     trace
         .iter()
+        .skip(begun.map_or(0, |index| index + 1))
         .filter(|point| point.path_ms > 0)
         .map(|point| (f64::from(point.path_ms) * 1e-3, point.truth.tool_position_m))
         .collect()

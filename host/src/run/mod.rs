@@ -3,21 +3,24 @@
 mod interrupt;
 mod orders;
 mod record;
+pub mod saved;
+mod session;
 mod stream;
 
 pub use interrupt::{interrupted, watch_for_interrupts};
 pub use record::{Measured, Recorder};
-pub use stream::{Progress, follow};
+pub use session::{Homing, Session, plan_from};
+pub use stream::{Progress, follow, follow_plan};
 
 use crate::control::Order;
 use crate::link::{Client, ClientError, Link, advice, describe_fault};
 use crate::machine::{self, OutOfRange};
-use crate::motion::{Model, Plan, PlanError};
+use crate::motion::{Model, Plan, PlanError, Planner};
 use crate::robot::{Control, Robot};
 use mcdpr_protocol::message::CONFIG_CHUNK;
 use mcdpr_protocol::{
-    BoardState, ConfigEntry, ConfigHash, FaultRecord, List, Reply, Request, SessionId, Status,
-    StopKind,
+    BoardState, ConfigEntry, ConfigHash, FaultRecord, Knot, List, Reply, Request, SessionId,
+    Status, StopKind,
 };
 use miette::Diagnostic;
 use thiserror::Error;
@@ -84,6 +87,33 @@ pub enum RunError {
         /// How long was waited.
         seconds: f64,
     },
+    /// Nobody knows where the robot is.
+    #[error("the board does not know its cable lengths, and {reason}")]
+    #[diagnostic(
+        code(mcdpr::run::not_homed),
+        help(
+            "home the robot: `mcdpr home --at X Y Z` with its tool at a known place, or with a tag in view"
+        )
+    )]
+    NotHomed {
+        /// Why what was saved does not help.
+        reason: saved::Implausible,
+    },
+    /// The camera sees no tag whose place is known.
+    #[error("the camera sees no tag whose place is known")]
+    #[diagnostic(
+        code(mcdpr::run::no_tag),
+        help("light the tag, or home at a taught place: `mcdpr home --at X Y Z`")
+    )]
+    NoTag,
+    /// The camera gives nothing.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Sight(crate::sight::SightError),
+    /// What was measured fits nothing.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Estimate(crate::estimate::EstimateError),
     /// The plan can not be made from where the robot is.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -258,6 +288,51 @@ fn torque_off<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
 /// A plan's start may differ from the board's set-points by this, m: elasticity at a tension that
 /// is not quite the expected one.
 const START_GAP_M: f64 = 1e-3;
+
+/// A level plan may start this far from where the robot really hangs, m.
+const LEVEL_GAP_M: f64 = 0.08;
+/// Mean cable speed of the way to a level plan's start, m/s.
+const LEAD_IN_MPS: f64 = 0.01;
+
+/// The way from where the board holds the cables to where a plan for a level platform starts,
+/// which is elsewhere: the platform does not hang level. `None` where there is no way to go.
+pub(crate) fn lead_in(plan: &Plan, status: &Status, model: &Model) -> Option<Vec<Knot>> {
+    let wanted = plan
+        .knots
+        .first()
+        .filter(|_| model.options().planner == Planner::Level)?;
+    let mut far_m: f64 = 0.0;
+    let mut from = wanted.clone();
+    let mut to = wanted.clone();
+    for (index, setpoint) in status.setpoints.iter().enumerate() {
+        let (Some(start), Some(end)) = (from.cables.get_mut(index), to.cables.get_mut(index))
+        else {
+            continue;
+        };
+        start.length = *setpoint;
+        let held = model.robot().cables.get(index)?.control == Control::Tension;
+        if !held {
+            far_m = far_m.max(f64::from(end.length.0 - setpoint.0).abs() * 1e-7);
+        }
+        start.velocity.0 = 0;
+        end.velocity.0 = 0;
+    }
+    if far_m <= START_GAP_M || far_m > LEVEL_GAP_M {
+        return None;
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "at most some seconds"
+    )]
+    let time_ms = ((far_m / LEAD_IN_MPS * 1e3) as u32).clamp(500, 3900);
+    from.time_ms = 0;
+    from.last = false;
+    to.index = 1;
+    to.time_ms = time_ms;
+    to.last = true;
+    Some(vec![from, to])
+}
 
 /// The plan's knots, moved so that each length-held cable starts exactly where the board holds it:
 /// what the model and the machine differ by at rest stays a constant offset.

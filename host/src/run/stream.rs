@@ -2,6 +2,7 @@
 
 use super::{Recorder, RunError, orders, stop_now};
 use crate::link::{Client, ClientError, Event, Link};
+use crate::motion::{Action, Plan};
 use mcdpr_protocol::{BoardState, Knot, Reject, Request, StopKind};
 
 /// How far a motion is.
@@ -24,8 +25,34 @@ pub fn follow<L: Link>(
     client: &mut Client<L>,
     knots: &[Knot],
     recorder: &mut Recorder,
+    progress: impl FnMut(Progress),
+) -> Result<(), RunError> {
+    feed(client, knots, &[], recorder, progress)
+}
+
+/// As [`follow`], for a plan: what else it does is done when the path's time has come for it.
+/// `knots` are the plan's, joined to where the robot is.
+///
+/// # Errors
+/// As [`follow`].
+pub fn follow_plan<L: Link>(
+    client: &mut Client<L>,
+    plan: &Plan,
+    knots: &[Knot],
+    recorder: &mut Recorder,
+    progress: impl FnMut(Progress),
+) -> Result<(), RunError> {
+    feed(client, knots, plan.timed.actions(), recorder, progress)
+}
+
+fn feed<L: Link>(
+    client: &mut Client<L>,
+    knots: &[Knot],
+    actions: &[(f64, Action)],
+    recorder: &mut Recorder,
     mut progress: impl FnMut(Progress),
 ) -> Result<(), RunError> {
+    let mut actions = actions.iter().peekable();
     let duration_s = knots
         .last()
         .map_or(0.0, |knot| f64::from(knot.time_ms) * 1e-3);
@@ -57,14 +84,26 @@ pub fn follow<L: Link>(
         let Some(beat) = client.beat().filter(|beat| beat.sent_us >= started_us) else {
             continue;
         };
-        let accepted = usize::from(beat.next_knot);
+        while let Some((_, action)) =
+            actions.next_if(|(time_s, _)| *time_s <= f64::from(beat.path_ms) * 1e-3)
+        {
+            act(client, *action)?;
+        }
         if beat.state == BoardState::Moving {
-            let sent_since = feeder.next.saturating_sub(accepted);
+            let sent_since = feeder.since(beat.next_knot);
             let credit = usize::from(beat.knots_free).saturating_sub(sent_since);
             feeder.feed(client, credit)?;
         } else if let Some(fault) = client.status().and_then(|status| status.fault) {
             return Err(RunError::Fault { record: fault });
-        } else if beat.state == BoardState::Holding && feeder.next == knots.len() && accepted == 0 {
+        } else if beat.state == BoardState::Holding
+            && feeder.next == knots.len()
+            && beat.next_knot == 0
+            && !client.handle().view().paused
+        {
+            // A motion's end is a time like any other: what is to be done there is done.
+            for (_, action) in actions {
+                act(client, *action)?;
+            }
             progress(Progress {
                 path_s: duration_s,
                 duration_s,
@@ -87,7 +126,22 @@ struct Feeder<'a> {
     next: usize,
 }
 
+/// Does what a plan does besides moving.
+fn act<L: Link>(client: &mut Client<L>, action: Action) -> Result<(), RunError> {
+    match action {
+        Action::Gripper { closed } => client.request(Request::Gripper { closed })?,
+    };
+    Ok(())
+}
+
 impl Feeder<'_> {
+    /// Knots that were sent after the one that the board waits for; their numbers wrap.
+    fn since(&self, waits_for: u16) -> usize {
+        let next = self.next & usize::from(u16::MAX);
+        let next = u16::try_from(next).unwrap_or(0);
+        usize::from(next.wrapping_sub(waits_for))
+    }
+
     /// Sends at most `credit` knots, as many as the window takes.
     fn feed<L: Link>(&mut self, client: &mut Client<L>, credit: usize) -> Result<(), ClientError> {
         for _ in 0..credit {

@@ -1,0 +1,203 @@
+//! The least squares.
+
+use super::rows::{self, Measurements, Sigmas};
+use crate::motion::{Model, PlanError, Rest};
+use miette::Diagnostic;
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Vector3, Vector4};
+use thiserror::Error;
+
+/// Steps at the most; it takes four or five.
+const MOST_STEPS: usize = 40;
+/// Small changes for derivatives: of a place (m) and of a tension (N).
+const CHANGES: [f64; 4] = [1e-5, 1e-5, 1e-5, 1e-3];
+
+/// Why nothing can be said about where the platform is.
+#[derive(Debug, Error, Diagnostic)]
+pub enum EstimateError {
+    /// Fewer rows than unknowns.
+    #[error("{rows} measured values do not determine where the platform is: 4 are needed")]
+    #[diagnostic(
+        code(mcdpr::estimate::few),
+        help("give the lengths of all cables, or a view of a tag whose place is known")
+    )]
+    Few {
+        /// Values.
+        rows: usize,
+    },
+    /// A value is no number.
+    #[error("a measured value is not a finite number")]
+    #[diagnostic(code(mcdpr::estimate::finite))]
+    NotFinite,
+    /// The rows do not determine every unknown.
+    #[error("what was measured leaves a direction of the platform open")]
+    #[diagnostic(
+        code(mcdpr::estimate::rank),
+        help("give more lengths, or a view of a tag")
+    )]
+    Rank,
+    /// No resting pose fits.
+    #[error("no resting pose fits what was measured")]
+    #[diagnostic(
+        code(mcdpr::estimate::fit),
+        help("check that the platform hangs at rest, and that the robot file is this robot's")
+    )]
+    NoFit {
+        /// Why not.
+        source: Box<PlanError>,
+    },
+}
+
+/// Where the platform is.
+#[derive(Debug, Clone)]
+pub struct Estimate {
+    /// How it hangs.
+    pub rest: Rest,
+    /// Tool, world, m.
+    pub tool_m: Vector3<f64>,
+    /// Covariance of the tool's place, m^2, world.
+    pub covariance_m2: Matrix3<f64>,
+    /// Covariance of the attitude as a rotation vector, rad^2, world.
+    pub rotation_covariance_rad2: Matrix3<f64>,
+    /// Rows over their standard deviation, in the order: lengths, tensions, tag corners (u, v).
+    pub residuals: Vec<f64>,
+    /// Sum of the squares of the residuals.
+    pub chi2: f64,
+    /// Rows minus unknowns.
+    pub freedoms: usize,
+}
+
+impl Estimate {
+    /// The redundancy residual: what the rows disagree by, over what their standard deviations
+    /// explain. About 1 where all is well; `None` without redundancy.
+    #[must_use]
+    pub fn redundancy(&self) -> Option<f64> {
+        (self.freedoms > 0).then(|| (self.chi2 / self.freedoms as f64).sqrt())
+    }
+}
+
+/// Estimates the resting state from what was measured, starting near `start_m` (tool, world, m).
+///
+/// # Errors
+/// [`EstimateError`].
+pub fn estimate(
+    model: &Model,
+    measured: &Measurements,
+    sigmas: &Sigmas,
+    start_m: &Vector3<f64>,
+) -> Result<Estimate, EstimateError> {
+    let tension_n = rows::held_tension_n(model, measured);
+    let start = Vector4::new(start_m.x, start_m.y, start_m.z, tension_n);
+    solve(model, measured, sigmas, start, None)
+}
+
+pub(super) fn solve(
+    model: &Model,
+    measured: &Measurements,
+    sigmas: &Sigmas,
+    start: Vector4<f64>,
+    skip: Option<usize>,
+) -> Result<Estimate, EstimateError> {
+    let no_fit = |source| EstimateError::NoFit {
+        source: Box::new(source),
+    };
+    let at = |x: &Vector4<f64>, near: Option<&Rest>| model.rest_with(&x.xyz(), x.w.max(0.05), near);
+    let mut x = start;
+    let mut rest = at(&x, None).map_err(no_fit)?;
+    let mut residuals = Vec::new();
+    let mut next_residuals = Vec::new();
+    rows::residuals(model, measured, sigmas, (&rest, skip), &mut residuals)
+        .ok_or(EstimateError::Rank)?;
+    if residuals.iter().any(|r| !r.is_finite()) {
+        return Err(EstimateError::NotFinite);
+    }
+    // Without a measured tension the tension-held cable's is a weak guess, not an unknown.
+    let prior = measured.tensions_n.is_empty();
+    if residuals.len() + usize::from(prior) < 4 {
+        return Err(EstimateError::Few {
+            rows: residuals.len(),
+        });
+    }
+    let cost = |list: &[f64], x: &Vector4<f64>| {
+        let sum: f64 = list.iter().map(|r| r * r).sum();
+        let off = (x.w - start.w) / PRIOR_N;
+        sum + if prior { off * off } else { 0.0 }
+    };
+    let mut damping = 1e-6;
+    let mut normal = Matrix4::zeros();
+    for _ in 0..MOST_STEPS {
+        let mut jacobian = DMatrix::zeros(residuals.len(), 4);
+        for (column, change) in CHANGES.into_iter().enumerate() {
+            let mut moved = x;
+            moved[column] += change;
+            let near = at(&moved, Some(&rest)).map_err(no_fit)?;
+            rows::residuals(model, measured, sigmas, (&near, skip), &mut next_residuals)
+                .ok_or(EstimateError::Rank)?;
+            for (row, (new, old)) in next_residuals.iter().zip(&residuals).enumerate() {
+                jacobian[(row, column)] = (new - old) / change;
+            }
+        }
+        let right = DVector::from_column_slice(&residuals);
+        normal = (jacobian.transpose() * &jacobian)
+            .fixed_view::<4, 4>(0, 0)
+            .into_owned();
+        let mut gradient: Vector4<f64> = (jacobian.transpose() * right).fixed_rows::<4>(0).into();
+        if prior {
+            normal[(3, 3)] += 1.0 / (PRIOR_N * PRIOR_N);
+            gradient[3] += (x.w - start.w) / (PRIOR_N * PRIOR_N);
+        }
+        let mut damped = normal;
+        for i in 0..4 {
+            damped[(i, i)] *= 1.0 + damping;
+        }
+        let Some(step) = damped.cholesky().map(|c| c.solve(&-gradient)) else {
+            return Err(EstimateError::Rank);
+        };
+        // A step of more than a hand's width is no step of this problem.
+        let step = step * (0.05 / step.xyz().norm().max(0.05));
+        let tried = x + step;
+        let better = at(&tried, Some(&rest)).ok().filter(|near| {
+            rows::residuals(model, measured, sigmas, (near, skip), &mut next_residuals).is_some()
+                && cost(&next_residuals, &tried) <= cost(&residuals, &x)
+        });
+        match better {
+            Some(near) => {
+                x = tried;
+                rest = near;
+                std::mem::swap(&mut residuals, &mut next_residuals);
+                damping = (damping * 0.1).max(1e-12);
+                if step.xyz().norm() < 1e-9 {
+                    break;
+                }
+            }
+            None if damping > 1e6 || step.xyz().norm() < 1e-10 => break,
+            None => damping = (damping * 10.0).max(1e-3),
+        }
+    }
+    let covariance = normal.try_inverse().ok_or(EstimateError::Rank)?;
+    let tool = &model.robot().tool.tcp_in_platform_m;
+    let slopes = model
+        .geometry()
+        .tool_sensitivity(&rest.equilibrium, tool)
+        .map_err(|source| no_fit(source.into()))?;
+    let per_tension = model
+        .tension_held()
+        .map_or([0.0; 3], |held| slopes.rotation_per_tension[held]);
+    let mut turning = nalgebra::Matrix3x4::zeros();
+    turning
+        .fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&slopes.rotation_per_position);
+    turning.set_column(3, &Vector3::from(per_tension));
+    let chi2 = residuals.iter().map(|r| r * r).sum();
+    Ok(Estimate {
+        tool_m: x.xyz(),
+        covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+        rotation_covariance_rad2: turning * covariance * turning.transpose(),
+        chi2,
+        freedoms: (residuals.len() + usize::from(prior)).saturating_sub(4),
+        residuals,
+        rest,
+    })
+}
+
+/// Standard deviation of a tension that was not measured, N.
+const PRIOR_N: f64 = 2.0;

@@ -1,0 +1,18 @@
+//! Where the platform is and how it hangs, from everything that was measured: lengths of the drum
+//! encoders, tensions at the winches, tags in pictures.
+//!
+//! Unknown are the tool's place and the tension of the tension-held cable, four numbers: at rest
+//! statics give the attitude, every length and every tension from them. Four lengths and four
+//! tensions are eight rows for these four unknowns, a tag adds eight more. What the rows disagree
+//! by is the redundancy residual: a cable that slipped on its drum shows in it.
+//!
+//! Weighted least squares (Gauss, 1809; steps after Levenberg, 1944, and Marquardt, 1963) with the
+//! rows' standard deviations, which are assumptions that a user can change.
+
+mod fix;
+mod rows;
+mod slip;
+
+pub use fix::{Estimate, EstimateError, estimate};
+pub use rows::{Measurements, Sigmas, TagPlace};
+pub use slip::{Slip, find_slip};

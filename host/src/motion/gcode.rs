@@ -1,0 +1,378 @@
+//! A subset of G-code (ISO 6983, as RS274/NGC reads it), since users of cable machines bring it.
+//!
+//! Understood: `G0` `G1` `G2` `G3` (arcs in the horizontal plane by `I` `J`, no change of height),
+//! `G4 P` (seconds), `G17`, `G21`, `G90` `G91`, `M3` (close the gripper), `M5` (open it), `M2`
+//! `M30` (end), `F` (mm/min), `N` numbers, comments in parentheses or after a semicolon. Anything
+//! else is refused with its line and column: a word that is skipped could be the one that mattered.
+
+use super::path::{Path, Piece};
+use super::timed::Step;
+use nalgebra::Vector3;
+
+/// What can not be followed, and where.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct GCodeError {
+    /// Line, from 1.
+    pub line: usize,
+    /// Column, from 1.
+    pub column: usize,
+    /// What is wrong.
+    pub message: String,
+}
+
+/// One letter with its number.
+#[derive(Debug, Clone, Copy)]
+struct Word {
+    letter: char,
+    value: f64,
+    column: usize,
+}
+
+/// What stays from line to line.
+struct Machine {
+    /// Where the tool is, mm; unknown until all of X, Y and Z were said.
+    at_mm: [Option<f64>; 3],
+    absolute: bool,
+    /// G0 to G3.
+    motion: Option<u8>,
+    feed_mm_min: Option<f64>,
+    start_m: Option<Vector3<f64>>,
+    steps: Vec<Step>,
+}
+
+/// Start (the first complete place) and steps of a program.
+pub(super) fn read(text: &str) -> Result<(Option<Vector3<f64>>, Vec<Step>), GCodeError> {
+    let mut machine = Machine {
+        at_mm: [None; 3],
+        absolute: true,
+        motion: None,
+        feed_mm_min: None,
+        start_m: None,
+        steps: Vec::new(),
+    };
+    let mut last = 1;
+    for (index, line) in text.lines().enumerate() {
+        last = index + 1;
+        let at = |column: usize, message: String| GCodeError {
+            line: index + 1,
+            column,
+            message,
+        };
+        let words = words(line).map_err(|(column, message)| at(column, message))?;
+        let ended = machine
+            .block(&words)
+            .map_err(|(column, message)| at(column, message))?;
+        if ended {
+            break;
+        }
+    }
+    if machine.start_m.is_none() {
+        return Err(GCodeError {
+            line: last,
+            column: 1,
+            message: "the program never says a whole place: give X, Y and Z once".to_owned(),
+        });
+    }
+    Ok((machine.start_m, machine.steps))
+}
+
+type Wrong = (usize, String);
+
+fn words(line: &str) -> Result<Vec<Word>, Wrong> {
+    let letters: Vec<char> = line.chars().collect();
+    let mut words = Vec::new();
+    let mut at = 0;
+    while let Some(&letter) = letters.get(at) {
+        let column = at + 1;
+        at += 1;
+        match letter {
+            ';' => break,
+            '%' if words.is_empty() => break,
+            '(' => {
+                let end = letters.iter().skip(at).position(|&c| c == ')');
+                let end = end.ok_or((column, "this comment has no end".to_owned()))?;
+                at += end + 1;
+            }
+            c if c.is_whitespace() => {}
+            c if c.is_ascii_alphabetic() => {
+                while letters.get(at).is_some_and(|c| c.is_whitespace()) {
+                    at += 1;
+                }
+                let number: String = letters
+                    .iter()
+                    .skip(at)
+                    .take_while(|c| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
+                    .collect();
+                let value: f64 = number.parse().map_err(|_| {
+                    let shown = if number.is_empty() {
+                        "nothing"
+                    } else {
+                        &number
+                    };
+                    (at + 1, format!("{c} needs a number, there is {shown}"))
+                })?;
+                if !value.is_finite() {
+                    return Err((at + 1, format!("{c}{number} is no finite number")));
+                }
+                words.push(Word {
+                    letter: c.to_ascii_uppercase(),
+                    value,
+                    column,
+                });
+                at += number.chars().count();
+            }
+            other => return Err((column, format!("{other:?} has no meaning here"))),
+        }
+    }
+    Ok(words)
+}
+
+impl Machine {
+    /// One line; whether the program ends with it.
+    fn block(&mut self, words: &[Word]) -> Result<bool, Wrong> {
+        let mut axes: [Option<Word>; 3] = [None; 3];
+        let (mut offset_i, mut offset_j, mut wait) = (None, None, None);
+        let (mut dwell, mut ended) = (None, false);
+        let mut gripper = None;
+        for word in words {
+            let Word {
+                letter,
+                value,
+                column,
+            } = *word;
+            let tenths = (value * 10.0).round();
+            let whole = |known: &[f64]| known.iter().any(|k| (tenths - k * 10.0).abs() < 0.5);
+            match letter {
+                'N' | 'O' => {}
+                'G' if whole(&[0.0, 1.0, 2.0, 3.0]) => {
+                    // One of four small whole numbers.
+                    self.motion = [0_u8, 1, 2, 3]
+                        .into_iter()
+                        .find(|n| (f64::from(*n) - value).abs() < 0.05);
+                }
+                'G' if whole(&[4.0]) => dwell = Some(column),
+                'G' if whole(&[17.0, 21.0]) => {}
+                'G' if whole(&[90.0]) => self.absolute = true,
+                'G' if whole(&[91.0]) => self.absolute = false,
+                'G' if whole(&[20.0]) => {
+                    return Err((column, "inches (G20): give millimetres (G21)".to_owned()));
+                }
+                'M' if whole(&[3.0]) => gripper = Some(true),
+                'M' if whole(&[5.0]) => gripper = Some(false),
+                'M' if whole(&[2.0, 30.0]) => ended = true,
+                'F' if value > 0.0 => self.feed_mm_min = Some(value),
+                'F' => return Err((column, format!("F{value}: a speed is over 0"))),
+                'X' => axes[0] = Some(*word),
+                'Y' => axes[1] = Some(*word),
+                'Z' => axes[2] = Some(*word),
+                'I' => offset_i = Some(*word),
+                'J' => offset_j = Some(*word),
+                'P' => wait = Some(*word),
+                _ => return Err((column, format!("{letter}{value} is not understood"))),
+            }
+        }
+        if let Some(column) = dwell {
+            let seconds = wait.ok_or((column, "G4 needs P, the seconds to wait".to_owned()))?;
+            if seconds.value < 0.0 {
+                return Err((seconds.column, "a wait is 0 or more seconds".to_owned()));
+            }
+            if let Some(word) = axes.iter().flatten().next() {
+                return Err((word.column, "G4 does not move".to_owned()));
+            }
+            self.steps.push(Step::Dwell {
+                duration_s: seconds.value,
+            });
+        } else if let Some(word) = wait {
+            return Err((word.column, "P belongs to G4".to_owned()));
+        } else if axes.iter().any(Option::is_some) || offset_i.is_some() || offset_j.is_some() {
+            let column = words.first().map_or(1, |word| word.column);
+            self.travel(column, axes, offset_i, offset_j)?;
+        }
+        if let Some(closed) = gripper {
+            self.steps.push(Step::Gripper { closed });
+        }
+        Ok(ended)
+    }
+
+    fn travel(
+        &mut self,
+        column: usize,
+        axes: [Option<Word>; 3],
+        offset_i: Option<Word>,
+        offset_j: Option<Word>,
+    ) -> Result<(), Wrong> {
+        let motion = self.motion.ok_or((
+            column,
+            "a place without G0, G1, G2 or G3 before it".to_owned(),
+        ))?;
+        let mut to_mm = self.at_mm;
+        for (slot, word) in to_mm.iter_mut().zip(axes) {
+            let Some(word) = word else { continue };
+            *slot = if self.absolute {
+                Some(word.value)
+            } else {
+                let from = slot.ok_or((
+                    word.column,
+                    "G91 before any whole place: where the tool is, is not known".to_owned(),
+                ))?;
+                Some(from + word.value)
+            };
+        }
+        let from_mm = std::mem::replace(&mut self.at_mm, to_mm);
+        let whole = |place: [Option<f64>; 3]| match place {
+            [Some(x), Some(y), Some(z)] => Some(Vector3::new(x, y, z) / 1e3),
+            _ => None,
+        };
+        let Some(to_m) = whole(to_mm) else {
+            return Ok(());
+        };
+        let Some(from_m) = whole(from_mm) else {
+            // The first place is where the task starts; the way there is the planner's.
+            if motion > 1 {
+                return Err((column, "the first move must be G0 or G1".to_owned()));
+            }
+            self.start_m = Some(to_m);
+            return Ok(());
+        };
+        let wrong = |error: super::path::PathError| (column, error.to_string());
+        let piece = if motion < 2 {
+            if let Some(word) = offset_i.or(offset_j) {
+                return Err((word.column, format!("{} belongs to G2 and G3", word.letter)));
+            }
+            // Programs repeat places; standing still is no path.
+            if (to_m - from_m).norm() < 1e-6 {
+                return Err((column, "this move has no length: leave it out".to_owned()));
+            }
+            Piece::line(from_m, to_m).map_err(wrong)?
+        } else {
+            arc(column, motion, from_m, to_m, offset_i, offset_j)?
+        };
+        let speed_mps = match (motion, self.feed_mm_min) {
+            (0, _) => None,
+            (_, Some(feed)) => Some(feed / 60e3),
+            (_, None) => return Err((column, "no speed yet: give F, mm/min".to_owned())),
+        };
+        // The end is where the piece ends: rounding must not add up over a program.
+        self.steps.push(Step::Move {
+            path: Path::new(vec![piece]).map_err(wrong)?,
+            duration_s: None,
+            speed_mps,
+        });
+        Ok(())
+    }
+}
+
+/// An arc of G2 or G3: from here about (I, J) to there.
+fn arc(
+    column: usize,
+    motion: u8,
+    from_m: Vector3<f64>,
+    to_m: Vector3<f64>,
+    offset_i: Option<Word>,
+    offset_j: Option<Word>,
+) -> Result<Piece, Wrong> {
+    if offset_i.is_none() && offset_j.is_none() {
+        return Err((column, "an arc needs its centre: I, J".to_owned()));
+    }
+    let offset = |word: Option<Word>| word.map_or(0.0, |word| word.value / 1e3);
+    let center_m = from_m + Vector3::new(offset(offset_i), offset(offset_j), 0.0);
+    if (to_m.z - from_m.z).abs() > 1e-6 {
+        return Err((
+            column,
+            "an arc that changes height is not understood".to_owned(),
+        ));
+    }
+    let (start, end) = ((from_m - center_m).xy(), (to_m - center_m).xy());
+    let gap_m = (start.norm() - end.norm()).abs();
+    if gap_m > 1e-5 {
+        let message = format!(
+            "the arc's ends are {:.4} and {:.4} mm from its centre",
+            start.norm() * 1e3,
+            end.norm() * 1e3
+        );
+        return Err((column, message));
+    }
+    let turn = std::f64::consts::TAU;
+    let mut sweep = end.y.atan2(end.x) - start.y.atan2(start.x);
+    if (to_m - from_m).norm() < 1e-7 {
+        sweep = 0.0;
+    }
+    // G2 clockwise, G3 counter-clockwise; to the same place is a whole circle.
+    sweep = if motion == 3 {
+        (sweep - 1e-9).rem_euclid(turn) + 1e-9
+    } else {
+        -((-sweep - 1e-9).rem_euclid(turn) + 1e-9)
+    };
+    Piece::arc(center_m, start.norm(), from_m, sweep).map_err(|error| (column, error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn length_mm(step: &Step) -> f64 {
+        match step {
+            Step::Move { path, .. } => path.length_m() * 1e3,
+            _ => 0.0,
+        }
+    }
+
+    #[test]
+    fn a_program_of_every_word_is_understood() {
+        let text = "%\n(a square with a round corner) G21 G90 G17\n\
+            N10 G0 X300 Y0 Z-180 ; start\nG1 X340 F600\nG3 X360 Y20 I0 J20\nG2 X360 Y20 I-10 J0\n\
+            G4 P0.5\nM3\nG91\ng1 y 20\nG90 G0 Z-190\nM5\nM30\nnot read any more";
+        let (start, steps) = read(text).unwrap();
+        assert_eq!(start, Some(Vector3::new(0.3, 0.0, -0.18)));
+        let lengths: Vec<_> = steps.iter().map(length_mm).collect();
+        let quarter = std::f64::consts::PI * 10.0;
+        let wanted = [40.0, quarter, 2.0 * quarter, 0.0, 0.0, 20.0, 10.0, 0.0];
+        assert_eq!(lengths.len(), wanted.len(), "{steps:?}");
+        for (length, wanted) in lengths.iter().zip(wanted) {
+            assert!((length - wanted).abs() < 1e-9, "{length} {wanted}");
+        }
+        assert!(
+            matches!(steps[0], Step::Move { speed_mps: Some(v), .. } if (v - 0.01).abs() < 1e-12)
+        );
+        assert!(matches!(steps[3], Step::Dwell { duration_s } if (duration_s - 0.5).abs() < 1e-12));
+        assert!(matches!(steps[4], Step::Gripper { closed: true }));
+        assert!(matches!(
+            steps[6],
+            Step::Move {
+                speed_mps: None,
+                ..
+            }
+        ));
+    }
+
+    #[test]
+    fn malformed_programs_are_refused_with_line_and_column() {
+        for (text, line, column, words) in [
+            ("G0 X300 Y0 Z-180\nG1 X", 2, 5, "X needs a number"),
+            ("G0 X300 Y0 Z-180\n  G1 X1..2 F5", 2, 7, "X needs a number"),
+            ("G0 X300 Y0 Z-180\nG1 X310", 2, 1, "no speed"),
+            ("X300", 1, 1, "without G0"),
+            ("G0 X300 Y0 Z-180\nG1 X300 F10", 2, 1, "no length"),
+            ("G0 X300 Y0 Z-180\nG5 X1", 2, 1, "G5 is not understood"),
+            ("G20", 1, 1, "inches"),
+            ("G0 X300 Y0 Z-180\nG2 X310 F10", 2, 1, "centre"),
+            ("G0 X300 Y0 Z-180\nG2 X310 I3 F10", 2, 1, "from its centre"),
+            ("G0 X300 Y0 Z-180\nG3 X310 Z-170 I5 F10", 2, 1, "height"),
+            ("G0 X300 Y0 Z-180\nG4", 2, 1, "P"),
+            ("G91 G1 X3 F1", 1, 8, "G91 before"),
+            ("G0 X300 (never ends", 1, 9, "no end"),
+            ("G0 X300 Y0 Z#1", 1, 14, "needs a number"),
+            ("G1 F-3", 1, 4, "over 0"),
+            ("G0 X300", 1, 1, "whole place"),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(error.message.contains(words), "{text:?}: {}", error.message);
+            assert_eq!(
+                (error.line, error.column),
+                (line, column),
+                "{text:?}: {}",
+                error.message
+            );
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! A plan as the integers that a board follows.
+
+use super::knots::{self, FitOptions, Spacing};
+use super::model::{Model, Rest};
+use super::options::Planner;
+use super::plan::{PlanError, TOLERANCE_M};
+use super::spline::{Ends, Spline};
+use super::timed::Timed;
+use mcdpr_protocol::{
+    CableKnot, Coefficient, Knot, List, Micrometres, MicrometresPerSecond, Millinewtons, PerCable,
+    ResidualRow, TenthMicrometres,
+};
+
+/// Knots are at least this far apart, ms: the board's buffer of 16 then holds over 300 ms.
+const LEAST_SPACING_MS: usize = 21;
+/// Knots are at most this far apart, ms: tensions and residual rows go straight between them.
+const MOST_SPACING_MS: usize = 1000;
+/// A cable that slips shows as a closure error; this much is no slip, m. Swing, friction and a
+/// machine that is not quite as described stay below it.
+const CLOSURE_LIMIT_M: f64 = 0.004;
+
+/// Knots of the whole motion: clamped cubic splines from rest to rest (Eq. 53), as many knots as
+/// the tolerance needs, rounded to the wire's units. Numbers wrap after 65,536 knots.
+pub(super) fn knots(model: &Model, timed: &Timed) -> Result<Vec<Knot>, PlanError> {
+    let mut knots: Vec<Knot> = Vec::new();
+    let rests: Vec<_> = timed.rests_s().into_iter().map(milliseconds).collect();
+    for pair in rests.windows(2) {
+        let &[from, to] = pair else { continue };
+        let splines = fit(model, timed, (from, to))?;
+        let count = splines.first().map_or(0, |spline| spline.knots().len());
+        // A step's first knot is the last one of the step before.
+        for index in usize::from(!knots.is_empty())..count {
+            let at_s = splines
+                .first()
+                .and_then(|s| s.knots().get(index))
+                .map_or(0.0, |k| k.time_s);
+            let state = timed.rest(model, at_s)?;
+            let cables = splines
+                .iter()
+                .zip(state.tensions_n())
+                .map(|(spline, &tension)| {
+                    let knot = spline.knots().get(index);
+                    CableKnot {
+                        length: TenthMicrometres(rounded(knot.map_or(0.0, |k| k.value) * 1e7)),
+                        velocity: MicrometresPerSecond(rounded(
+                            knot.map_or(0.0, |k| k.velocity) * 1e6,
+                        )),
+                        tension: Millinewtons(rounded(tension * 1e3)),
+                    }
+                });
+            let cables = PerCable::collect(cables);
+            let row = (model.options().planner == Planner::Equilibrium)
+                .then(|| closure_row(model, &state))
+                .flatten();
+            knots.push(Knot {
+                index: u16::try_from(knots.len() & usize::from(u16::MAX)).unwrap_or(0),
+                time_ms: u32::try_from(milliseconds(at_s)).unwrap_or(u32::MAX),
+                last: false,
+                cables,
+                rows: List::collect(row),
+            });
+        }
+    }
+    if let Some(last) = knots.last_mut() {
+        last.last = true;
+    }
+    Ok(knots)
+}
+
+/// Splines of all cables over one step, with common knots at whole milliseconds.
+fn fit(model: &Model, timed: &Timed, (from, to): (usize, usize)) -> Result<Vec<Spline>, PlanError> {
+    let seconds = |time: usize| time as f64 * 1e-3;
+    let most_segments = ((to - from) / LEAST_SPACING_MS).max(1);
+    let options = FitOptions {
+        ends: Ends::Clamped {
+            start: 0.0,
+            end: 0.0,
+        },
+        spacing: Spacing::Ticks,
+        tolerance: TOLERANCE_M,
+        least_segments: (to - from)
+            .div_ceil(MOST_SPACING_MS)
+            .max(4)
+            .min(most_segments),
+        most_segments,
+    };
+    let cables = model.robot().cables.len();
+    let fit = knots::fit(
+        cables,
+        (seconds(from), seconds(to)),
+        options,
+        |time_s, values| {
+            values.copy_from_slice(&timed.lengths_m(time_s)?);
+            Ok::<(), PlanError>(())
+        },
+    )?;
+    Ok(fit.splines)
+}
+
+/// How measured lengths and tensions must fit together here: at equilibrium the length of the
+/// tension-held cable follows from the other lengths and its tension.
+fn closure_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
+    let held = model.tension_held()?;
+    let response = model.geometry().linearise(&rest.equilibrium).ok()?.response;
+    let row = response.row(held)?;
+    let mut lengths = PerCable::new();
+    let mut tensions = PerCable::new();
+    for (cable, &by_input) in row.iter().enumerate() {
+        let (length, tension) = if cable == held {
+            // m/N is 1000 µm/mN.
+            (1.0, -by_input * 1e3)
+        } else {
+            (-by_input, 0.0)
+        };
+        let scaled = |value: f64, scale: i32| {
+            i16::try_from(rounded(value * f64::from(scale)))
+                .ok()
+                .map(Coefficient)
+        };
+        lengths
+            .push(scaled(length, ResidualRow::LENGTH_SCALE)?)
+            .ok()?;
+        tensions
+            .push(scaled(tension, ResidualRow::TENSION_SCALE)?)
+            .ok()?;
+    }
+    Some(ResidualRow {
+        lengths,
+        tensions,
+        limit: Micrometres(rounded(CLOSURE_LIMIT_M * 1e6)),
+    })
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "saturates"
+)]
+fn milliseconds(time_s: f64) -> usize {
+    (time_s * 1e3).round() as usize
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "saturates beyond any robot"
+)]
+fn rounded(value: f64) -> i32 {
+    value.round() as i32
+}
