@@ -114,7 +114,9 @@ pub fn simulate_with(
         Some(scale) => Box::new(Paced::new(link.clone(), scale)),
         None => Box::new(link.clone()),
     };
-    let mut run = on_link_with(model, task, paced, Some(session), &orders.handle, progress)?;
+    let homing = Homing::Place(model.robot().tool.home_in_world_m);
+    let (session, handle) = (Some(session), &orders.handle);
+    let mut run = on_link_homed(model, task, paced, session, handle, homing, progress)?;
     let trace = link.with(mcdpr_simulator::Simulation::take_trace);
     // A chip's firmware does not know that its robot is simulated.
     run.simulated = true;
@@ -149,7 +151,9 @@ pub fn simulate_seen(
         Some(scale) => Box::new(Paced::new(watched, scale)),
         None => Box::new(watched),
     };
-    let mut run = on_link_with(model, task, paced, Some(session), &orders.handle, progress)?;
+    let homing = Homing::Place(model.robot().tool.home_in_world_m);
+    let (session, handle) = (Some(session), &orders.handle);
+    let mut run = on_link_homed(model, task, paced, session, handle, homing, progress)?;
     // A chip's firmware does not know that its robot is simulated.
     run.simulated = true;
     run.true_path = Some(in_calibrated_frame(model, report::true_path(&tap.take())));
@@ -249,8 +253,24 @@ pub fn on_link_with<L: Link>(
     handle: &Handle,
     progress: impl FnMut(Progress),
 ) -> Result<Run, RunError> {
+    on_link_homed(model, task, link, session, handle, Homing::Known, progress)
+}
+
+/// As [`on_link_with`], for a robot that learns where it is in a given way.
+///
+/// # Errors
+/// As [`on_link_with`].
+pub fn on_link_homed<L: Link>(
+    model: &Model,
+    task: Task,
+    link: L,
+    session: Option<SessionId>,
+    handle: &Handle,
+    homing: Homing<'_>,
+    progress: impl FnMut(Progress),
+) -> Result<Run, RunError> {
     handle.publish(|view| view.task = Some(task.name.clone()));
-    let run = commanded(model, task, link, session, handle, progress);
+    let run = commanded(model, task, link, session, handle, homing, progress);
     handle.close("the run has ended");
     handle.publish(|view| view.task = None);
     run
@@ -262,10 +282,11 @@ fn commanded<L: Link>(
     link: L,
     session: Option<SessionId>,
     handle: &Handle,
+    homing: Homing<'_>,
     progress: impl FnMut(Progress),
 ) -> Result<Run, RunError> {
     let number = session.unwrap_or_else(run::new_session);
-    let mut session = Session::open(model, link, number, handle, Homing::Known)?;
+    let mut session = Session::open(model, link, number, handle, homing)?;
     let plan = session.plan(task, None)?;
     session.arm()?;
     let mut recorder = Recorder::default();

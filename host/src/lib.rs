@@ -17,6 +17,7 @@
 //! | [`scenario`] | faults on purpose, and what came of them |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
 //! | [`sight`] | tags in the camera's pictures |
+//! | [`study`] | studies in the simulator that the documents quote |
 //! | [`units`] | numbers with units as people type them |
 //! | [`cli`] | the command line |
 
@@ -36,4 +37,5 @@ pub mod run;
 pub mod scenario;
 pub mod serve;
 pub mod sight;
+pub mod study;
 pub mod units;

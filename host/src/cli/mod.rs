@@ -18,6 +18,7 @@ mod demo;
 mod emulate;
 mod export;
 mod faults;
+mod movement;
 #[cfg(unix)]
 mod monitor;
 mod order;
@@ -25,6 +26,7 @@ mod order;
 mod orders;
 mod ports;
 mod progress;
+mod reach;
 mod reaction;
 mod recorded;
 mod replay;
@@ -35,6 +37,7 @@ mod serve;
 mod shell;
 mod sim;
 mod states;
+mod study;
 mod table;
 
 use crate::machine::{self, Firmware};
@@ -135,6 +138,13 @@ enum Command {
     Pause(orders::Pause),
     #[cfg(unix)]
     Resume(orders::Resume),
+    Move(movement::Move),
+    Jog(movement::Jog),
+    Park(movement::Park),
+    Home(movement::Home),
+    Arm(movement::Arm),
+    Disarm(movement::Disarm),
+    Gripper(movement::Gripper),
     Clear(clear::Cmd),
     Serve(serve::Cmd),
     #[cfg(unix)]
@@ -153,6 +163,7 @@ enum Command {
     Emulate(emulate::Cmd),
     Ports(ports::Cmd),
     States(states::Cmd),
+    Study(study::Cmd),
     Faults(faults::Cmd),
     Config(config::Cmd),
     Completions(shell::Completions),
@@ -215,6 +226,13 @@ pub fn main() -> ExitCode {
         Command::Pause(cmd) => cmd.run(common),
         #[cfg(unix)]
         Command::Resume(cmd) => cmd.run(common),
+        Command::Move(cmd) => cmd.run(common),
+        Command::Jog(cmd) => cmd.run(common),
+        Command::Park(cmd) => cmd.run(common),
+        Command::Home(cmd) => cmd.run(common),
+        Command::Arm(cmd) => cmd.run(common),
+        Command::Disarm(cmd) => cmd.run(common),
+        Command::Gripper(cmd) => cmd.run(common),
         Command::Clear(cmd) => cmd.run(common),
         Command::Serve(cmd) => cmd.run(common),
         #[cfg(unix)]
@@ -233,6 +251,7 @@ pub fn main() -> ExitCode {
         Command::Emulate(cmd) => cmd.run(common),
         Command::Ports(cmd) => cmd.run(common),
         Command::States(cmd) => cmd.run(common),
+        Command::Study(cmd) => cmd.run(common),
         Command::Faults(cmd) => cmd.run(common),
         Command::Config(cmd) => cmd.run(common),
         Command::Completions(cmd) => cmd.run(common),

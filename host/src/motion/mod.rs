@@ -27,4 +27,4 @@ pub use shaper::Shaper;
 pub use task::{BUILT_IN, Task, TaskError};
 pub use timed::{Action, Step, Timed};
 pub use track::Track;
-pub use verdict::{Extremes, Watch};
+pub use verdict::{Extremes, Watch, judge_place};

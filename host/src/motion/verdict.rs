@@ -52,6 +52,26 @@ pub struct Extremes {
     pub broken: Option<String>,
 }
 
+/// Judges one resting place of the tool (world, m) against every limit that needs no speed.
+///
+/// # Errors
+/// [`PlanError::Limit`].
+pub fn judge_place(model: &Model, tool_m: &Vector3<f64>, rest: &Rest) -> Result<(), PlanError> {
+    match judge_state(model, tool_m, rest, &Watch::default()) {
+        None => Ok(()),
+        Some((what, value, limit, unit)) => Err(PlanError::Limit {
+            time_s: 0.0,
+            x_mm: tool_m.x * 1e3,
+            y_mm: tool_m.y * 1e3,
+            z_mm: tool_m.z * 1e3,
+            what,
+            value,
+            limit,
+            unit,
+        }),
+    }
+}
+
 /// What is broken: what, value, limit, unit.
 type Broken = (String, f64, f64, &'static str);
 

@@ -1,6 +1,7 @@
 //! Running a plan on a board: bring it up, stream the motion, keep what was measured, shut down.
 
 mod interrupt;
+pub mod jog;
 mod orders;
 mod record;
 pub mod saved;
@@ -114,6 +115,10 @@ pub enum RunError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Estimate(crate::estimate::EstimateError),
+    /// The task is none.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Task(#[from] crate::motion::TaskError),
     /// The plan can not be made from where the robot is.
     #[error(transparent)]
     #[diagnostic(transparent)]

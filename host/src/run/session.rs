@@ -21,6 +21,8 @@ pub enum Homing<'a> {
     Known,
     /// The tool hangs here, world, m: a taught place, home for one.
     Place(Vector3<f64>),
+    /// The drums have paid out these lengths, m.
+    Lengths(Vec<f64>),
     /// What the camera sees of tags whose places are known.
     Tags(&'a mut dyn TagSource, Vec<TagPlace>),
 }
@@ -79,6 +81,9 @@ impl<'m, L: Link> Session<'m, L> {
                 let lengths_m = rest.paid_out_m.clone();
                 (rest, lengths_m)
             }
+            Homing::Lengths(lengths_m) => {
+                (model.rest_from_lengths(&lengths_m, &tensions_n)?, lengths_m)
+            }
             Homing::Known if status.referenced => {
                 (model.rest_from_lengths(&known, &tensions_n)?, known)
             }
@@ -107,6 +112,17 @@ impl<'m, L: Link> Session<'m, L> {
     /// The line to the board.
     pub const fn client(&mut self) -> &mut Client<L> {
         &mut self.client
+    }
+
+    /// The model of the robot.
+    #[must_use]
+    pub const fn model(&self) -> &'m Model {
+        self.model
+    }
+
+    /// A motion that was made while it ran has ended here.
+    pub(super) fn set_at(&mut self, at: Rest) {
+        self.at = at;
     }
 
     /// How the robot hangs now.

@@ -1,0 +1,349 @@
+//! `mcdpr move`, `jog`, `park`, `home`, `arm`, `disarm`, `gripper`: one thing at a time.
+
+use super::progress::Bar;
+use super::reach::with_session;
+use super::{Common, Failed, Outcome, print_json};
+use crate::link::{Link, describe_fault};
+use crate::motion::{Model, Plan, PlanOptions, Shaping, Task};
+use crate::robot::Robot;
+use crate::run::{Homing, Recorder, RunError, Session, jog};
+use nalgebra::Vector3;
+
+/// Move the tool straight to a place, then close the brakes
+#[derive(Debug, clap::Args)]
+pub(crate) struct Move {
+    /// Place of the tool in the world, mm
+    #[arg(num_args = 3, required = true, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
+    place_mm: Vec<f64>,
+    /// Greatest speed, mm/s; the robot file's limit if left out
+    #[arg(long, value_name = "MM_S")]
+    speed: Option<f64>,
+    /// Take the swing out of the motion
+    #[arg(long, value_enum, default_value_t = Shaping::None)]
+    shaping: Shaping,
+}
+
+/// Move the tool at a velocity for a while, within the limits; it stops by itself
+#[derive(Debug, clap::Args)]
+pub(crate) struct Jog {
+    /// Velocity of the tool in the world, mm/s
+    #[arg(num_args = 3, required = true, value_names = ["VX", "VY", "VZ"], allow_negative_numbers = true)]
+    velocity_mm_s: Vec<f64>,
+    /// For how long, s
+    #[arg(long = "for", value_name = "S", default_value_t = 1.0)]
+    seconds: f64,
+}
+
+/// Move the tool home, then close the brakes
+#[derive(Debug, clap::Args)]
+pub(crate) struct Park {}
+
+/// Tell the board where the robot hangs: its cable lengths follow; nothing moves
+#[derive(Debug, clap::Args)]
+pub(crate) struct Home {
+    /// The tool hangs here, world, mm; the robot file's home if left out
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
+    at: Option<Vec<f64>>,
+    /// Look at a tag whose place is known (on the simulator, which knows it)
+    #[arg(long, conflicts_with = "at")]
+    tag: bool,
+}
+
+/// Enable drives, check, open brakes and hold until Ctrl-C or `mcdpr stop`
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arm {
+    /// Disarm again after this long, s
+    #[arg(long = "for", value_name = "S")]
+    seconds: Option<f64>,
+}
+
+/// Close brakes and switch torque off, whoever armed the robot
+#[derive(Debug, clap::Args)]
+pub(crate) struct Disarm {}
+
+/// Open or close the gripper
+#[derive(Debug, clap::Args)]
+pub(crate) struct Gripper {
+    /// What to do
+    #[arg(value_enum)]
+    what: Fingers,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Fingers {
+    /// Let go
+    Open,
+    /// Grip
+    Close,
+}
+
+fn place_m(values: &[f64]) -> Vector3<f64> {
+    Vector3::from_iterator(values.iter().copied().chain([f64::NAN; 3]).take(3)) * 1e-3
+}
+
+impl Move {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let options = PlanOptions {
+            shaping: self.shaping,
+            ..PlanOptions::default()
+        };
+        go(
+            common,
+            "move",
+            place_m(&self.place_mm),
+            self.speed.map(|v| v * 1e-3),
+            options,
+        )
+    }
+}
+
+impl Park {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let home = Robot::find(&common.robot)?.tool.home_in_world_m;
+        go(common, "park", home, None, PlanOptions::default())
+    }
+}
+
+fn go(
+    common: &Common,
+    name: &'static str,
+    to_m: Vector3<f64>,
+    speed_mps: Option<f64>,
+    options: PlanOptions,
+) -> Outcome {
+    let model = Model::new(&Robot::find(&common.robot)?)?.with_options(options);
+    let task = Task::go_to(name, to_m)?;
+    if common.dry_run {
+        let home = model.robot().tool.home_in_world_m;
+        let plan = crate::run::plan_from(&model, task, &home, speed_mps);
+        return match plan {
+            Ok(plan) => told(common, name, &plan, "nothing was moved"),
+            Err(RunError::Plan(error)) if is_there(&error) => there(common, name),
+            Err(error) => Err(error.into()),
+        };
+    }
+    let bar = Bar::new(name);
+    let plan = with_session(common, &model, None, |mut session| {
+        let plan = match session.plan(task, speed_mps) {
+            Err(RunError::Plan(error)) if is_there(&error) => {
+                session.close()?;
+                return Ok(None);
+            }
+            plan => plan?,
+        };
+        session.arm()?;
+        session.follow(&plan, &mut Recorder::default(), |p| bar.update(p))?;
+        session.disarm()?;
+        Ok(Some(plan))
+    })?;
+    bar.finish();
+    match plan {
+        Some(plan) => told(common, name, &plan, "brakes closed"),
+        None => there(common, name),
+    }
+}
+
+/// A way of no length: the tool is there.
+fn is_there(error: &crate::motion::PlanError) -> bool {
+    use crate::motion::{PlanError, path::PathError};
+    matches!(error, PlanError::Path(PathError::Empty))
+}
+
+fn there(common: &Common, name: &str) -> Outcome {
+    if common.json {
+        return print_json(&serde_json::json!({ "done": name, "duration_s": 0.0 }));
+    }
+    say!("{name}: the tool is there already");
+    Ok(())
+}
+
+fn told(common: &Common, name: &str, plan: &Plan, end: &str) -> Outcome {
+    let duration_s = plan.timed.duration_s();
+    let at = plan.timed.tool_m(duration_s)?;
+    if common.json {
+        let tool: [f64; 3] = at.into();
+        return print_json(
+            &serde_json::json!({ "done": name, "duration_s": duration_s, "tool_m": tool }),
+        );
+    }
+    let at = at * 1e3;
+    say!(
+        "{name}: tool at ({:.1}, {:.1}, {:.1}) mm after {duration_s:.2} s; {end}",
+        at.x,
+        at.y,
+        at.z
+    );
+    Ok(())
+}
+
+impl Jog {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let model = Model::new(&Robot::find(&common.robot)?)?;
+        let velocity_mps = place_m(&self.velocity_mm_s);
+        jog::check(&model, &velocity_mps, self.seconds)?;
+        if common.dry_run {
+            say!(
+                "jog: {:.0} mm/s for {} s is allowed; nothing was moved",
+                velocity_mps.norm() * 1e3,
+                self.seconds
+            );
+            return Ok(());
+        }
+        let (from, to, why) = with_session(common, &model, None, |mut session| {
+            session.arm()?;
+            let from = session.tool_m();
+            let why = session.jog(velocity_mps, self.seconds)?;
+            let to = session.tool_m();
+            session.disarm()?;
+            Ok((from, to, why))
+        })?;
+        let way_mm = (to - from).norm() * 1e3;
+        if common.json {
+            let tool: [f64; 3] = to.into();
+            return print_json(&serde_json::json!({
+                "done": "jog", "way_m": way_mm * 1e-3, "tool_m": tool, "ended_by": why,
+            }));
+        }
+        let at = to * 1e3;
+        let why = why.map_or(String::new(), |why| format!(", stopped short: {why}"));
+        say!(
+            "jog: {way_mm:.1} mm, tool at ({:.1}, {:.1}, {:.1}) mm{why}; brakes closed",
+            at.x,
+            at.y,
+            at.z
+        );
+        Ok(())
+    }
+}
+
+impl Home {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let robot = Robot::find(&common.robot)?;
+        let model = Model::new(&robot)?;
+        let place = self
+            .at
+            .as_deref()
+            .map_or(robot.tool.home_in_world_m, place_m);
+        // A place where the robot can not hang is refused before a board is even opened.
+        model.rest(&place, None)?;
+        let session = if self.tag {
+            if common.on != "sim" {
+                let reason = "no camera stands behind this port; give the place with --at X Y Z";
+                return Err(Failed::from_error("--tag")(reason).into());
+            }
+            return home_by_tag(common, &model);
+        } else {
+            with_session(common, &model, Some(Homing::Place(place)), ended)?
+        };
+        homed(common, session)
+    }
+}
+
+/// Where the robot is, and nothing moved.
+fn ended(session: Session<'_, Box<dyn Link>>) -> Result<(Vector3<f64>, Vec<f64>), RunError> {
+    let found = (session.tool_m(), session.at().paid_out_m.clone());
+    session.close()?;
+    Ok(found)
+}
+
+fn home_by_tag(common: &Common, model: &Model) -> Outcome {
+    use crate::estimate::TagPlace;
+    use crate::sight::{Scene, SimulatedTags};
+    let options = mcdpr_simulator::LinkOptions::default();
+    let mismatch = crate::machine::Mismatch::realistic();
+    let link = crate::experiment::simulated_robot(model, &mismatch, common.seed, &options)?;
+    let scene = Scene::on_floor(model.robot(), 0.0, 0.0, common.seed);
+    let places = scene.world_from_body.iter().map(|(body, pose)| TagPlace {
+        body: *body,
+        world_from_body: *pose,
+    });
+    let places = places.collect();
+    let mut camera = SimulatedTags::new(link.clone(), scene, 0.1, common.seed);
+    let boxed: Box<dyn Link> = Box::new(link.clone());
+    let session = Session::open(
+        model,
+        boxed,
+        crate::run::new_session(),
+        &crate::control::Handle::new(),
+        Homing::Tags(&mut camera, places),
+    )?;
+    homed(common, ended(session)?)
+}
+
+fn homed(common: &Common, (at_m, lengths_m): (Vector3<f64>, Vec<f64>)) -> Outcome {
+    if common.json {
+        let tool: [f64; 3] = at_m.into();
+        return print_json(&serde_json::json!({ "tool_m": tool, "lengths_m": lengths_m }));
+    }
+    let at = at_m * 1e3;
+    let lengths: Vec<_> = lengths_m
+        .iter()
+        .map(|l| format!("{:.2}", l * 1e3))
+        .collect();
+    say!(
+        "homed: tool at ({:.2}, {:.2}, {:.2}) mm, cables {} mm",
+        at.x,
+        at.y,
+        at.z,
+        lengths.join(", ")
+    );
+    Ok(())
+}
+
+impl Arm {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let model = Model::new(&Robot::find(&common.robot)?)?;
+        if let Some(seconds) = self.seconds.filter(|s| !(s.is_finite() && *s >= 0.0)) {
+            return Err(Failed::from_error("--for")(format!("{seconds} is no time")).into());
+        }
+        // A simulated robot in this process has no other terminal's work to wait for.
+        let seconds = self.seconds.or((common.on == "sim").then_some(1.0));
+        with_session(common, &model, None, |mut session| {
+            session.arm()?;
+            if !common.json {
+                eprintln!("armed: it holds under tension; Ctrl-C or `mcdpr stop` ends it");
+            }
+            session.hold(seconds)?;
+            session.disarm()
+        })?;
+        done(common, "disarmed", "armed, held, disarmed: brakes closed")
+    }
+}
+
+impl Disarm {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let model = Model::new(&Robot::find(&common.robot)?)?;
+        with_session(common, &model, None, |mut session| {
+            session.client().stop(mcdpr_protocol::StopKind::Stop)?;
+            crate::run::wait_for(session.client(), mcdpr_protocol::BoardState::Disarmed, 3.0)?;
+            session.close()
+        })?;
+        done(common, "disarmed", "disarmed: brakes closed, torque off")
+    }
+}
+
+impl Gripper {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let model = Model::new(&Robot::find(&common.robot)?)?;
+        let closed = self.what == Fingers::Close;
+        let fault = with_session(common, &model, None, |mut session| {
+            session.gripper(closed)?;
+            let status = crate::run::status(session.client())?;
+            session.close()?;
+            Ok(status.fault)
+        })?;
+        if let Some(record) = fault {
+            return Err(Failed::from_error("the gripper")(describe_fault(&record)).into());
+        }
+        let what = if closed { "closed" } else { "open" };
+        done(common, what, &format!("gripper {what}"))
+    }
+}
+
+fn done(common: &Common, json: &str, words: &str) -> Outcome {
+    if common.json {
+        return print_json(&serde_json::json!({ "done": json }));
+    }
+    say!("{words}");
+    Ok(())
+}

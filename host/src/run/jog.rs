@@ -1,0 +1,300 @@
+//! Jogging: a motion that is made while it runs, a third of a second ahead of the board.
+//!
+//! Each knot is a resting state at the tool's next place, so the board always has a path that it
+//! can brake on. The velocity changes no faster than the robot's acceleration; where the next
+//! place would break a limit, the velocity goes to zero instead.
+
+use super::{RunError, Session, orders, stop_now};
+use crate::control::Order;
+use crate::link::{ClientError, Link};
+use crate::motion::{Model, PlanError, Rest, judge_place};
+use crate::robot::Control;
+use mcdpr_protocol::{
+    BoardState, CableKnot, Knot, List, MicrometresPerSecond, Millinewtons, PerCable, Request,
+    StopKind, TenthMicrometres,
+};
+use nalgebra::Vector3;
+
+/// Time between knots, s.
+const STEP_S: f64 = 0.04;
+/// How far ahead of the board's path clock knots are sent, s.
+const AHEAD_S: f64 = 0.32;
+/// The longest jog, s: somebody has to be there.
+const LONGEST_S: f64 = 60.0;
+
+/// Whether a jog may be asked for.
+///
+/// # Errors
+/// [`PlanError::Step`] names what is too much.
+pub fn check(model: &Model, velocity_mps: &Vector3<f64>, seconds: f64) -> Result<(), PlanError> {
+    let limit = model.robot().limits.speed_mps;
+    let asked = velocity_mps.norm();
+    let wrong = |what: &str, asked, limit, unit| PlanError::Step {
+        what: what.to_owned(),
+        asked,
+        limit,
+        unit,
+    };
+    // The negation also refuses what is no number.
+    if !(asked <= limit) {
+        return Err(wrong(
+            "a jog's speed (limits.speed_mps)",
+            asked,
+            limit,
+            "m/s",
+        ));
+    }
+    if !(seconds > 0.0 && seconds <= LONGEST_S) {
+        return Err(wrong("a jog's time", seconds, LONGEST_S, "s"));
+    }
+    Ok(())
+}
+
+/// The motion as far as it was made.
+struct Ahead<'m> {
+    model: &'m Model,
+    at_m: Vector3<f64>,
+    velocity_mps: Vector3<f64>,
+    rest: Rest,
+    /// What the lengths of the model are less than the board's, m: joins the motion to where the
+    /// board holds.
+    offsets_m: Vec<f64>,
+    time_s: f64,
+    index: u16,
+    limit: Option<String>,
+}
+
+impl Ahead<'_> {
+    /// The next knot towards a wanted velocity; the last one where the tool has come to rest.
+    fn next(&mut self, wanted_mps: Vector3<f64>) -> Result<Knot, PlanError> {
+        let limits = &self.model.robot().limits;
+        let most = limits.acceleration_mps2 * STEP_S;
+        // The way to rest must stay inside: look where the tool would stop.
+        let stop_s = wanted_mps.norm() / limits.acceleration_mps2 + 2.0 * STEP_S;
+        let stop_m = self.at_m + wanted_mps * stop_s;
+        let mut wanted = wanted_mps;
+        if wanted.norm() > 0.0
+            && let Err(error) = self.place(&stop_m)
+        {
+            self.limit = Some(error.to_string());
+            wanted = Vector3::zeros();
+        }
+        let change = wanted - self.velocity_mps;
+        let share = (most / change.norm().max(1e-12)).min(1.0);
+        let mut velocity = self.velocity_mps + change * share;
+        if velocity.norm() < 1e-6 {
+            velocity = Vector3::zeros();
+        }
+        let to_m = self.at_m + (self.velocity_mps + velocity) * (0.5 * STEP_S);
+        let rest = self.place(&to_m)?;
+        let ahead = self.place(&(to_m + velocity * 1e-3))?;
+        let speeds: Vec<f64> = ahead
+            .paid_out_m
+            .iter()
+            .zip(&rest.paid_out_m)
+            .map(|(b, a)| (b - a) / 1e-3)
+            .collect();
+        self.time_s += STEP_S;
+        self.at_m = to_m;
+        self.velocity_mps = velocity;
+        self.rest = rest;
+        Ok(self.knot(&speeds, velocity.norm() == 0.0 && wanted.norm() == 0.0))
+    }
+
+    fn place(&self, at_m: &Vector3<f64>) -> Result<Rest, PlanError> {
+        let rest = self.model.rest(at_m, Some(&self.rest))?;
+        judge_place(self.model, at_m, &rest)?;
+        Ok(rest)
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates beyond any robot"
+    )]
+    fn knot(&mut self, speeds: &[f64], last: bool) -> Knot {
+        let lengths = self.rest.paid_out_m.iter().zip(&self.offsets_m);
+        let rows = lengths.zip(speeds).zip(self.rest.tensions_n());
+        let cables = rows.map(|(((length, offset), speed), tension)| CableKnot {
+            length: TenthMicrometres(((length + offset) * 1e7).round() as i32),
+            velocity: MicrometresPerSecond((speed * 1e6).round() as i32),
+            tension: Millinewtons((tension * 1e3).round() as i32),
+        });
+        let knot = Knot {
+            index: self.index,
+            time_ms: (self.time_s * 1e3).round() as u32,
+            last,
+            cables: PerCable::collect(cables),
+            rows: List::new(),
+        };
+        self.index = self.index.wrapping_add(1);
+        knot
+    }
+}
+
+impl<L: Link> Session<'_, L> {
+    /// Moves the tool at a velocity (world, m/s) for some seconds, or until an order of the handle
+    /// says otherwise: a jog replaces this one, a pause ends it. Returns at rest; gives the limit
+    /// that ended it early, if one did.
+    ///
+    /// # Errors
+    /// [`RunError::Interrupted`] after a stop, [`RunError::Fault`], or the client's errors.
+    pub fn jog(
+        &mut self,
+        velocity_mps: Vector3<f64>,
+        seconds: f64,
+    ) -> Result<Option<String>, RunError> {
+        check(self.model(), &velocity_mps, seconds)?;
+        let status = super::status(self.client())?;
+        let model = self.model();
+        let (at_m, rest) = (self.tool_m(), self.at().clone());
+        let cables = model.robot().cables.iter();
+        let offsets_m = cables
+            .zip(status.setpoints.iter().zip(&rest.paid_out_m))
+            .map(|(cable, (setpoint, length))| match cable.control {
+                Control::Tension => 0.0,
+                Control::Position => f64::from(setpoint.0) * 1e-7 - length,
+            })
+            .collect();
+        let mut ahead = Ahead {
+            model,
+            at_m,
+            velocity_mps: Vector3::zeros(),
+            rest,
+            offsets_m,
+            time_s: 0.0,
+            index: 0,
+            limit: None,
+        };
+        let still = vec![0.0; ahead.rest.paid_out_m.len()];
+        let first = ahead.knot(&still, false);
+        let client = self.client();
+        client.enqueue(Request::Knot(first))?;
+        let mut wanted = velocity_mps;
+        let mut until_us = client.now_us() + micros(seconds + AHEAD_S);
+        let (mut started, mut ended) = (false, false);
+        let outcome = loop {
+            if let Some(kind) = orders::stop_wanted(client) {
+                break Err(stop_now(client, kind));
+            }
+            if client.now_us() >= until_us {
+                wanted = Vector3::zeros();
+            }
+            while let Some((ticket, order)) = client.handle().take() {
+                let done = match order {
+                    Order::Jog {
+                        velocity_mps,
+                        valid_s,
+                    } => match check(model, &velocity_mps.into(), valid_s) {
+                        Ok(()) if !ended => {
+                            wanted = velocity_mps.into();
+                            until_us = client.now_us() + micros(valid_s);
+                            Ok(())
+                        }
+                        Ok(()) => Err("the jog has ended".to_owned()),
+                        Err(error) => Err(error.to_string()),
+                    },
+                    Order::Pause => {
+                        wanted = Vector3::zeros();
+                        until_us = 0;
+                        Ok(())
+                    }
+                    Order::Gripper { closed } => {
+                        orders::refusable(client, Request::Gripper { closed })?
+                    }
+                    other => Err(format!("{} is not possible while jogging", other.name())),
+                };
+                client.handle().done(ticket, done);
+            }
+            let path_s = client
+                .beat()
+                .filter(|_| started)
+                .map_or(0.0, |beat| f64::from(beat.path_ms) * 1e-3);
+            while !ended && ahead.time_s < path_s + AHEAD_S && client.has_room() {
+                let knot = ahead.next(wanted)?;
+                ended = knot.last;
+                client.enqueue(Request::Knot(knot))?;
+            }
+            client.step()?;
+            while let Some((request, result)) = client.next_outcome() {
+                if let Err(reject) = result {
+                    client.stop(StopKind::Stop)?;
+                    return Err(ClientError::Refused {
+                        request: format!("{request:?}"),
+                        reject,
+                    }
+                    .into());
+                }
+            }
+            if !started && client.in_flight() == 0 && ahead.time_s >= AHEAD_S.min(2.0 * STEP_S) {
+                client.request(Request::Start)?;
+                started = true;
+                continue;
+            }
+            while client.next_event().is_some() {}
+            if let Some(record) = client.status().and_then(|status| status.fault) {
+                break Err(RunError::Fault { record });
+            }
+            let resting = client.beat().is_some_and(|beat| {
+                beat.state == BoardState::Holding && beat.next_knot == 0 && ended
+            });
+            if started && resting && client.in_flight() == 0 {
+                break Ok(ahead.limit.clone());
+            }
+        };
+        let rest = ahead.rest;
+        self.set_at(rest);
+        outcome
+    }
+
+    /// Holds under tension for some seconds, or until a stop; jogs that are ordered meanwhile are
+    /// done.
+    ///
+    /// # Errors
+    /// [`RunError::Interrupted`] after a stop, [`RunError::Fault`], or the client's errors.
+    pub fn hold(&mut self, seconds: Option<f64>) -> Result<(), RunError> {
+        let until_us = seconds.map(|s| self.client().now_us() + micros(s));
+        loop {
+            let client = self.client();
+            if let Some(kind) = orders::stop_wanted(client) {
+                return Err(stop_now(client, kind));
+            }
+            if until_us.is_some_and(|until| client.now_us() >= until) {
+                return Ok(());
+            }
+            client.step()?;
+            while client.next_event().is_some() {}
+            if let Some(record) = client.status().and_then(|status| status.fault) {
+                return Err(RunError::Fault { record });
+            }
+            let Some((ticket, order)) = client.handle().take() else {
+                continue;
+            };
+            let done = match order {
+                Order::Jog {
+                    velocity_mps,
+                    valid_s,
+                } => {
+                    client.handle().done(ticket, Ok(()));
+                    self.jog(velocity_mps.into(), valid_s)?;
+                    continue;
+                }
+                Order::Gripper { closed } => {
+                    orders::refusable(client, Request::Gripper { closed })?
+                }
+                Order::Stop | Order::Emergency => continue,
+                other => Err(format!("{} is not possible: nothing moves", other.name())),
+            };
+            client.handle().done(ticket, done);
+        }
+    }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "checked times of some seconds"
+)]
+fn micros(seconds: f64) -> u64 {
+    (seconds * 1e6) as u64
+}

@@ -1,0 +1,3 @@
+//! Studies in the simulator: many seeds, medians, kept with seed and hash.
+
+pub mod motion;

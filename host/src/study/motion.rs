@@ -1,0 +1,401 @@
+//! How exactly the tool goes where it should, and how much it swings, in the simulator.
+//!
+//! Every case is run on machines that differ from their description, drawn by seed; the planner
+//! knows the description only. Homed: one look at a tag (ten pictures, 0.1 px) at home, tag and
+//! camera mounting known, re-references the lengths. Absolute: the encoders know the true lengths.
+
+use crate::control::Handle;
+use crate::estimate::TagPlace;
+use crate::experiment;
+use crate::link::SimulatedLink;
+use crate::machine::Mismatch;
+use crate::motion::path::Path;
+use crate::motion::{Model, PlanError, PlanOptions, Planner, Shaping, Step, Task};
+use crate::report;
+use crate::robot::Robot;
+use crate::run::{Homing, Recorder, RunError, Session};
+use crate::sight::{Scene, SimulatedTags};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// Noise of a tag's corners, px.
+const CORNER_PX: f64 = 0.1;
+/// Time that the robot rests after a motion, s: several periods of the slowest mode.
+const REST_S: f64 = 3.0;
+/// Swing is looked at from this long after a motion's end, s.
+const AFTER_S: f64 = 0.5;
+
+/// What the tool does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Job {
+    /// Circle of 65 mm at z = -100 mm in 8 s.
+    Circle8s,
+    /// Circle of 65 mm at z = -100 mm in 10 s.
+    Circle10s,
+    /// Line of 500 mm at z = -100 mm, at 100 mm/s.
+    Line,
+    /// Line of 500 mm at z = -100 mm, as fast as the drives can.
+    LineAtLimit,
+    /// At rest at the grasp point (252, -39, -517) mm.
+    Grasp,
+    /// At rest at the release point (335, 100, -510) mm.
+    Release,
+    /// 300 mm at 0.5 m/s at z = -100 mm.
+    FastMove,
+}
+
+/// How the robot knows its lengths.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Known {
+    /// By one look at a tag, at home.
+    Homed,
+    /// By encoders that know the true lengths.
+    Absolute,
+}
+
+/// One case.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Case {
+    /// What the tool does.
+    pub job: Job,
+    /// Robot file.
+    pub robot: &'static str,
+    /// Whether every error is drawn, or that of the anchors only.
+    pub every_error: bool,
+    /// How the lengths are known.
+    pub known: Known,
+    /// Tension lost at each pulley, as a share.
+    pub pulley_loss: f64,
+    /// Shaping of the motion.
+    pub shaping: Shaping,
+    /// Whether drums are without friction.
+    pub frictionless: bool,
+    /// The planner.
+    pub planner: Planner,
+}
+
+/// What came of one case with one seed, SI.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Distance of the tool from where it should be, mean along the motion, m.
+    pub path_mean_m: f64,
+    /// The same, greatest, m.
+    pub path_max_m: f64,
+    /// Distance of the tool's mean place from its target while it rests, m.
+    pub rest_m: f64,
+    /// Greatest distance from the mean place, from half a second after the motion, m.
+    pub swing_m: f64,
+    /// Measured minus planned tension of the tension-held cable, mean of the absolute, N.
+    pub tension_n: f64,
+    /// Least tension of any cable at the platform, N.
+    pub least_tension_n: f64,
+    /// Duration of the motion, s.
+    pub duration_s: f64,
+}
+
+impl Job {
+    /// Steps from the start of the job on, and where it starts (tool, world, m).
+    fn steps(self, tool_offset_z_m: f64) -> Result<(Vector3<f64>, Vec<Step>), PlanError> {
+        let z = -0.1 + tool_offset_z_m;
+        let go = |path: Path, duration_s, speed_mps| {
+            vec![Step::Move {
+                path,
+                duration_s,
+                speed_mps,
+            }]
+        };
+        let line = |speed| -> Result<_, PlanError> {
+            let from = Vector3::new(0.5, 0.2, z);
+            let to = Vector3::new(0.2, -0.2, z);
+            Ok((from, go(Path::through(&[from, to])?, None, speed)))
+        };
+        let circle = |seconds| -> Result<_, PlanError> {
+            let center = Vector3::new(0.335, 0.0, z);
+            let start = center + Vector3::new(-0.065, 0.0, 0.0);
+            let piece = crate::motion::path::Piece::arc(center, 0.065, start, TAU)?;
+            Ok((start, go(Path::new(vec![piece])?, Some(seconds), None)))
+        };
+        match self {
+            Self::Circle8s => circle(8.0),
+            Self::Circle10s => circle(10.0),
+            Self::Line => line(Some(0.1)),
+            Self::LineAtLimit => line(None),
+            Self::Grasp => Ok((Vector3::new(0.252, -0.039, -0.517), Vec::new())),
+            Self::Release => Ok((Vector3::new(0.335, 0.1, -0.51), Vec::new())),
+            Self::FastMove => {
+                let from = Vector3::new(0.185, 0.0, z);
+                let to = Vector3::new(0.485, 0.0, z);
+                Ok((from, go(Path::through(&[from, to])?, None, None)))
+            }
+        }
+    }
+}
+
+/// Runs a case with a seed.
+///
+/// # Errors
+/// As a run on the simulator.
+pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
+    let mut robot = Robot::find(case.robot).map_err(|_| RunError::NoTag)?;
+    if case.job == Job::FastMove {
+        // As measured beforehand: 0.5 m/s with 2 m/s^2.
+        robot.limits.speed_mps = 0.5;
+        robot.limits.acceleration_mps2 = 2.0;
+        robot.limits.jerk_mps3 = 40.0;
+    }
+    if case.frictionless {
+        for winch in &mut robot.winches {
+            winch.friction_n = 0.0;
+        }
+    }
+    let model = Model::new(&robot).map_err(RunError::Plan)?;
+    let everything = Mismatch {
+        pulley_loss: case.pulley_loss,
+        ..Mismatch::realistic()
+    };
+    let mismatch = if case.every_error {
+        everything
+    } else {
+        Mismatch {
+            anchors_m: everything.anchors_m,
+            pulley_loss: case.pulley_loss,
+            ..Mismatch::default()
+        }
+    };
+    let options = LinkOptions::default();
+    let link = experiment::simulated_robot(&model, &mismatch, seed, &options)?;
+    let planned = model.clone().with_options(PlanOptions {
+        planner: case.planner,
+        shaping: case.shaping,
+        ..PlanOptions::default()
+    });
+    let scene = Scene::on_floor(&robot, 0.0, 0.0, seed);
+    let places = scene
+        .world_from_body
+        .iter()
+        .map(|(body, pose)| TagPlace {
+            body: *body,
+            world_from_body: *pose,
+        })
+        .collect();
+    let mut camera = SimulatedTags::new(link.clone(), scene, CORNER_PX, seed);
+    let homing = match case.known {
+        Known::Homed => Homing::Tags(&mut camera, places),
+        Known::Absolute => Homing::Lengths(true_lengths_m(&link, robot.cables.len())?),
+    };
+    let handle = Handle::new();
+    let mut session = Session::open(&planned, link.clone(), SessionId(1), &handle, homing)?;
+    session.arm()?;
+    let (start_m, steps) = case.job.steps(robot.tool.tcp_in_platform_m.z)?;
+    let approach = session.plan(
+        Task::go_to("approach", start_m)?,
+        Some(0.15_f64.min(robot.limits.speed_mps)),
+    )?;
+    let mut recorder = Recorder::default();
+    session.follow(&approach, &mut recorder, |_| {})?;
+    rest(&mut session, 1.0)?;
+    link.with(Simulation::record_truth);
+    link.with(Simulation::take_trace);
+    let mut recorder = Recorder::default();
+    let (plan, path) = if steps.is_empty() {
+        (approach, Vec::new())
+    } else {
+        let plan = crate::motion::Plan::new(&planned, &session.tool_m(), &steps)?;
+        session.follow(&plan, &mut recorder, |_| {})?;
+        let path = report::true_path(&link.with(Simulation::take_trace));
+        (plan, path)
+    };
+    rest(&mut session, REST_S)?;
+    let resting = link.with(Simulation::take_trace);
+    session.disarm()?;
+    let target_m = plan.timed.tool_m(plan.timed.duration_s())?;
+    let figures = report::measure(&planned, &plan, &recorder.samples, Some(&path))?;
+    let (rest_m, swing_m) = rested(&resting, &target_m);
+    let cables = robot.cables.len();
+    let tensions = resting
+        .iter()
+        .filter_map(|point| point.truth.tensions_platform_n.get(..cables));
+    let least = tensions.flatten().copied().fold(f64::MAX, f64::min);
+    Ok(Outcome {
+        path_mean_m: figures.path_error_m.map_or(f64::NAN, |e| e.mean),
+        path_max_m: figures.path_error_m.map_or(f64::NAN, |e| e.max),
+        rest_m,
+        swing_m,
+        tension_n: figures.tension_error_n.mean_abs,
+        least_tension_n: least,
+        duration_s: plan.timed.duration_s(),
+    })
+}
+
+/// Lets the robot hold for a while.
+fn rest<L: crate::link::Link>(session: &mut Session<'_, L>, seconds: f64) -> Result<(), RunError> {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "some seconds"
+    )]
+    let until_us = session.client().now_us() + (seconds * 1e6) as u64;
+    Ok(session.client().pump(until_us)?)
+}
+
+fn true_lengths_m(link: &SimulatedLink, cables: usize) -> Result<Vec<f64>, RunError> {
+    let truth = link.with(|simulation| simulation.plant().truth());
+    let truth =
+        truth.map_err(|error| RunError::Client(crate::link::LinkError::from(error).into()))?;
+    Ok(truth
+        .unstretched_lengths_m
+        .iter()
+        .take(cables)
+        .copied()
+        .collect())
+}
+
+/// Distance of the mean place from the target, and the greatest distance from the mean place.
+fn rested(trace: &[TracePoint], target_m: &Vector3<f64>) -> (f64, f64) {
+    let skip = (AFTER_S * 1e3) as usize;
+    let places: Vec<Vector3<f64>> = trace
+        .iter()
+        .skip(skip)
+        .map(|point| Vector3::from(point.truth.tool_position_m))
+        .collect();
+    let mean = places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64;
+    let swing = places
+        .iter()
+        .map(|at| (at - mean).norm())
+        .fold(0.0, f64::max);
+    ((mean - target_m).norm(), swing)
+}
+
+/// Every case of the table, for one planner and one pulley loss.
+#[must_use]
+pub fn cases(planner: Planner, pulley_loss: f64) -> Vec<Case> {
+    let base = Case {
+        job: Job::Circle8s,
+        robot: "lab-fast",
+        every_error: false,
+        known: Known::Homed,
+        pulley_loss,
+        shaping: Shaping::None,
+        frictionless: false,
+        planner,
+    };
+    let mut cases = Vec::new();
+    for (every_error, known) in [
+        (false, Known::Homed),
+        (true, Known::Homed),
+        (false, Known::Absolute),
+    ] {
+        for (job, robot) in [
+            (Job::Circle8s, "lab-fast"),
+            (Job::Line, "lab-fast"),
+            (Job::Circle10s, "paper-table5"),
+            (Job::LineAtLimit, "paper-table5"),
+        ] {
+            cases.push(Case {
+                job,
+                robot,
+                every_error,
+                known,
+                ..base
+            });
+        }
+    }
+    for known in [Known::Homed, Known::Absolute] {
+        for job in [Job::Grasp, Job::Release] {
+            cases.push(Case {
+                job,
+                known,
+                every_error: known == Known::Homed,
+                ..base
+            });
+        }
+    }
+    if planner == Planner::Equilibrium {
+        for frictionless in [false, true] {
+            for shaping in [Shaping::None, Shaping::Zv] {
+                cases.push(Case {
+                    job: Job::FastMove,
+                    every_error: true,
+                    shaping,
+                    frictionless,
+                    ..base
+                });
+            }
+        }
+    }
+    cases
+}
+
+/// One row of the table.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// The case.
+    pub case: Case,
+    /// Runs that ended.
+    pub runs: usize,
+    /// Why the first that did not end failed.
+    pub failed: Option<String>,
+    /// Medians over the seeds.
+    pub median: Option<Outcome>,
+    /// 95th percentile of the resting error, m.
+    pub rest_p95_m: Option<f64>,
+    /// Greatest of the greatest path errors, m.
+    pub worst_max_m: Option<f64>,
+}
+
+/// Runs a case for seeds 1 to `seeds`.
+#[must_use]
+pub fn row(case: &Case, seeds: u64) -> Row {
+    let outcomes: Vec<_> = (1..=seeds)
+        .into_par_iter()
+        .map(|seed| run(case, seed))
+        .collect();
+    let mut good = Vec::new();
+    let mut failed = None;
+    for (seed, outcome) in (1..).zip(outcomes) {
+        match outcome {
+            Ok(outcome) => good.push(outcome),
+            Err(error) => {
+                failed.get_or_insert_with(|| format!("seed {seed}: {error}"));
+            }
+        }
+    }
+    let column = |pick: fn(&Outcome) -> f64| {
+        let mut values: Vec<f64> = good.iter().map(pick).collect();
+        values.sort_by(f64::total_cmp);
+        values
+    };
+    let at = |pick: fn(&Outcome) -> f64, share: f64| {
+        let values = column(pick);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a small count"
+        )]
+        let index = (share * values.len().saturating_sub(1) as f64).round() as usize;
+        values.get(index).copied().unwrap_or(f64::NAN)
+    };
+    let median = (!good.is_empty()).then(|| Outcome {
+        path_mean_m: at(|o| o.path_mean_m, 0.5),
+        path_max_m: at(|o| o.path_max_m, 0.5),
+        rest_m: at(|o| o.rest_m, 0.5),
+        swing_m: at(|o| o.swing_m, 0.5),
+        tension_n: at(|o| o.tension_n, 0.5),
+        least_tension_n: at(|o| o.least_tension_n, 0.5),
+        duration_s: at(|o| o.duration_s, 0.5),
+    });
+    Row {
+        case: *case,
+        runs: good.len(),
+        failed,
+        rest_p95_m: median.map(|_| at(|o| o.rest_m, 0.95)),
+        worst_max_m: median.map(|_| at(|o| o.path_max_m, 1.0)),
+        median,
+    }
+}
