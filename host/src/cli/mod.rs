@@ -16,14 +16,16 @@ mod compute;
 mod config;
 mod demo;
 mod emulate;
+mod estimate;
 mod export;
 mod faults;
-mod movement;
 #[cfg(unix)]
 mod monitor;
+mod movement;
 mod order;
 #[cfg(unix)]
 mod orders;
+mod plan;
 mod ports;
 mod progress;
 mod reach;
@@ -131,6 +133,7 @@ impl Common {
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::Cmd),
+    Plan(plan::Cmd),
     Run(run::Cmd),
     #[cfg(unix)]
     Stop(orders::Stop),
@@ -154,6 +157,7 @@ enum Command {
     Compare(report::Compare),
     Export(export::Cmd),
     Reproduce(reproduce::Cmd),
+    Estimate(estimate::Cmd),
     Ik(compute::ik::Cmd),
     Fk(compute::fk::Cmd),
     Statics(compute::statics::Cmd),
@@ -219,6 +223,7 @@ pub fn main() -> ExitCode {
     let common = &cli.common;
     let outcome = match cli.command.unwrap_or(Command::Demo(demo::Cmd::default())) {
         Command::Demo(cmd) => cmd.run(common),
+        Command::Plan(cmd) => cmd.run(common),
         Command::Run(cmd) => cmd.run(common),
         #[cfg(unix)]
         Command::Stop(cmd) => cmd.run(common),
@@ -242,6 +247,7 @@ pub fn main() -> ExitCode {
         Command::Compare(cmd) => cmd.run(common),
         Command::Reproduce(cmd) => cmd.run(common),
         Command::Export(cmd) => cmd.run(common),
+        Command::Estimate(cmd) => cmd.run(common),
         Command::Ik(cmd) => cmd.run(common),
         Command::Fk(cmd) => cmd.run(common),
         Command::Statics(cmd) => cmd.run(common),

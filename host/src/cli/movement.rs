@@ -5,7 +5,6 @@ use super::reach::with_session;
 use super::{Common, Failed, Outcome, print_json};
 use crate::link::{Link, describe_fault};
 use crate::motion::{Model, Plan, PlanOptions, Shaping, Task};
-use crate::robot::Robot;
 use crate::run::{Homing, Recorder, RunError, Session, jog};
 use nalgebra::Vector3;
 
@@ -99,7 +98,7 @@ impl Move {
 
 impl Park {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let home = Robot::find(&common.robot)?.tool.home_in_world_m;
+        let home = common.robot()?.tool.home_in_world_m;
         go(common, "park", home, None, PlanOptions::default())
     }
 }
@@ -111,7 +110,7 @@ fn go(
     speed_mps: Option<f64>,
     options: PlanOptions,
 ) -> Outcome {
-    let model = Model::new(&Robot::find(&common.robot)?)?.with_options(options);
+    let model = Model::new(&common.robot()?)?.with_options(options);
     let task = Task::go_to(name, to_m)?;
     if common.dry_run {
         let home = model.robot().tool.home_in_world_m;
@@ -178,7 +177,7 @@ fn told(common: &Common, name: &str, plan: &Plan, end: &str) -> Outcome {
 
 impl Jog {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let model = Model::new(&Robot::find(&common.robot)?)?;
+        let model = Model::new(&common.robot()?)?;
         let velocity_mps = place_m(&self.velocity_mm_s);
         jog::check(&model, &velocity_mps, self.seconds)?;
         if common.dry_run {
@@ -218,7 +217,7 @@ impl Jog {
 
 impl Home {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let robot = Robot::find(&common.robot)?;
+        let robot = common.robot()?;
         let model = Model::new(&robot)?;
         let place = self
             .at
@@ -292,7 +291,7 @@ fn homed(common: &Common, (at_m, lengths_m): (Vector3<f64>, Vec<f64>)) -> Outcom
 
 impl Arm {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let model = Model::new(&Robot::find(&common.robot)?)?;
+        let model = Model::new(&common.robot()?)?;
         if let Some(seconds) = self.seconds.filter(|s| !(s.is_finite() && *s >= 0.0)) {
             return Err(Failed::from_error("--for")(format!("{seconds} is no time")).into());
         }
@@ -312,7 +311,7 @@ impl Arm {
 
 impl Disarm {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let model = Model::new(&Robot::find(&common.robot)?)?;
+        let model = Model::new(&common.robot()?)?;
         with_session(common, &model, None, |mut session| {
             session.client().stop(mcdpr_protocol::StopKind::Stop)?;
             crate::run::wait_for(session.client(), mcdpr_protocol::BoardState::Disarmed, 3.0)?;
@@ -324,7 +323,7 @@ impl Disarm {
 
 impl Gripper {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let model = Model::new(&Robot::find(&common.robot)?)?;
+        let model = Model::new(&common.robot()?)?;
         let closed = self.what == Fingers::Close;
         let fault = with_session(common, &model, None, |mut session| {
             session.gripper(closed)?;

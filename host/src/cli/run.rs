@@ -2,6 +2,7 @@
 
 #[cfg(unix)]
 use super::orders::listen;
+use super::plan::Options;
 use super::progress::Bar;
 use super::recorded::Recorded;
 use super::serve::{PageDesk, announce};
@@ -10,12 +11,12 @@ use super::{Common, Failed, Outcome, print_json};
 use crate::experiment::{self, Orders, Run};
 use crate::link::SerialLink;
 use crate::machine::Mismatch;
-use crate::motion::{Model, Task};
+use crate::motion::{Model, Task, Watch};
 use crate::record::witness::Patience;
 use crate::record::{TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
-use crate::run::{new_session, watch_for_interrupts};
+use crate::run::{Homing, new_session, watch_for_interrupts};
 use crate::serve::{Feed, FeedWatcher, Server};
 use serde::Serialize;
 use std::sync::Arc;
@@ -34,6 +35,11 @@ pub(crate) struct Cmd {
     /// Show the run in a browser on this machine, in real time; 8650 where no port is given
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650")]
     serve: Option<u16>,
+    /// The robot hangs at its home now: for a board that does not know its lengths
+    #[arg(long)]
+    at_home: bool,
+    #[command(flatten)]
+    options: Options,
 }
 
 /// One JSON document of a run.
@@ -50,10 +56,10 @@ struct Document {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = common.robot()?;
-        let model = Model::new(&robot)?;
+        let model = Model::new(&robot)?.with_options(self.options.chosen());
         let task = Task::find(&self.task, tool_height_m(&robot, self.z_mm))?;
         if common.dry_run {
-            return dry_run(&model, task, common);
+            return super::plan::show(common, &model, task, &Watch::default());
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = Bar::new("running");
@@ -96,7 +102,13 @@ impl Cmd {
                 .and_then(|link| {
                     let link = Watched::new(link, witness).with_orders(&orders.handle);
                     let handle = &orders.handle;
-                    experiment::on_link_with(&model, task, link, Some(session), handle, |p| {
+                    let homing = if self.at_home {
+                        Homing::Place(robot.tool.home_in_world_m)
+                    } else {
+                        Homing::Known
+                    };
+                    let number = Some(session);
+                    experiment::on_link_homed(&model, task, link, number, handle, homing, |p| {
                         bar.update(p);
                     })
                 })
@@ -162,34 +174,6 @@ fn page(
 /// Height of the tool when a level platform's origin is at `z_mm`, m.
 pub(crate) fn tool_height_m(robot: &Robot, z_mm: f64) -> f64 {
     z_mm * 1e-3 + robot.tool.tcp_in_platform_m.z
-}
-
-fn dry_run(model: &Model, task: Task, common: &Common) -> Outcome {
-    let name = task.name.clone();
-    let plan = experiment::plan_from_home(model, task)?;
-    let states: Vec<_> = plan.states(0.01).collect();
-    let tilt = states.iter().map(|(_, s)| s.equilibrium.pose.tilt_rad());
-    let tilt_deg = tilt.fold(0.0, f64::max).to_degrees();
-    let tensions = || states.iter().flat_map(|(_, state)| state.tensions_n());
-    let low = tensions().copied().fold(f64::MAX, f64::min);
-    let high = tensions().copied().fold(0.0, f64::max);
-    let duration_s = plan.timed.duration_s();
-    if common.json {
-        return print_json(&serde_json::json!({
-            "task": name,
-            "duration_s": duration_s,
-            "knots": plan.knots.len(),
-            "tilt_max_rad": tilt_deg.to_radians(),
-            "tension_min_n": low,
-            "tension_max_n": high,
-        }));
-    }
-    say!(
-        "{name}: {duration_s:.2} s, {} knots, tensions {low:.1} to {high:.1} N, tilt up to \
-         {tilt_deg:.1} deg; within every limit, nothing was moved",
-        plan.knots.len()
-    );
-    Ok(())
 }
 
 /// Writes samples and plot of a run.

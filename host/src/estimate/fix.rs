@@ -3,13 +3,27 @@
 use super::rows::{self, Measurements, Sigmas};
 use crate::motion::{Model, PlanError, Rest};
 use miette::Diagnostic;
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Vector3, Vector4};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3, Vector4};
 use thiserror::Error;
 
 /// Steps at the most; it takes four or five.
 const MOST_STEPS: usize = 40;
-/// Small changes for derivatives: of a place (m) and of a tension (N).
-const CHANGES: [f64; 4] = [1e-5, 1e-5, 1e-5, 1e-3];
+/// Unknowns: the tool's place (m), the held tension (N), the attitude off statics (rad).
+const UNKNOWNS: usize = 7;
+/// Rows that are no measurement: the attitude's three.
+const PRIORS: usize = 3;
+/// Small changes for derivatives.
+const CHANGES: [f64; UNKNOWNS] = [1e-5, 1e-5, 1e-5, 1e-3, 1e-5, 1e-5, 1e-5];
+
+type Unknowns = SVector<f64, UNKNOWNS>;
+
+fn place(x: &Unknowns) -> Vector3<f64> {
+    x.fixed_rows::<3>(0).into_owned()
+}
+
+fn turned(x: &Unknowns) -> Vector3<f64> {
+    x.fixed_rows::<3>(4).into_owned()
+}
 
 /// Why nothing can be said about where the platform is.
 #[derive(Debug, Error, Diagnostic)]
@@ -58,7 +72,11 @@ pub struct Estimate {
     pub covariance_m2: Matrix3<f64>,
     /// Covariance of the attitude as a rotation vector, rad^2, world.
     pub rotation_covariance_rad2: Matrix3<f64>,
-    /// Rows over their standard deviation, in the order: lengths, tensions, tag corners (u, v).
+    /// How far the attitude is from that of statics, as far as pictures show it: rotation vector,
+    /// rad, world. `rest` keeps the attitude of statics.
+    pub off_statics_rad: Vector3<f64>,
+    /// Rows over their standard deviation, in the order: lengths, tensions, tag corners (u, v),
+    /// attitude.
     pub residuals: Vec<f64>,
     /// Sum of the squares of the residuals.
     pub chi2: f64,
@@ -100,63 +118,85 @@ pub(super) fn solve(
     let no_fit = |source| EstimateError::NoFit {
         source: Box::new(source),
     };
-    let at = |x: &Vector4<f64>, near: Option<&Rest>| model.rest_with(&x.xyz(), x.w.max(0.05), near);
-    let mut x = start;
+    let at = |x: &Unknowns, near: Option<&Rest>| model.rest_with(&place(x), x[3].max(0.05), near);
+    let mut x = Unknowns::zeros();
+    x.fixed_rows_mut::<4>(0).copy_from(&start);
     let mut rest = at(&x, None).map_err(no_fit)?;
     let mut residuals = Vec::new();
     let mut next_residuals = Vec::new();
-    rows::residuals(model, measured, sigmas, (&rest, skip), &mut residuals)
-        .ok_or(EstimateError::Rank)?;
+    rows::residuals(
+        model,
+        measured,
+        sigmas,
+        (&rest, &turned(&x), skip),
+        &mut residuals,
+    )
+    .ok_or(EstimateError::Rank)?;
     if residuals.iter().any(|r| !r.is_finite()) {
         return Err(EstimateError::NotFinite);
     }
     // Without a measured tension the tension-held cable's is a weak guess, not an unknown.
     let prior = measured.tensions_n.is_empty();
-    if residuals.len() + usize::from(prior) < 4 {
+    if residuals.len() + usize::from(prior) < UNKNOWNS {
         return Err(EstimateError::Few {
-            rows: residuals.len(),
+            rows: residuals.len().saturating_sub(PRIORS),
         });
     }
-    let cost = |list: &[f64], x: &Vector4<f64>| {
+    let cost = |list: &[f64], x: &Unknowns| {
         let sum: f64 = list.iter().map(|r| r * r).sum();
-        let off = (x.w - start.w) / PRIOR_N;
+        let off = (x[3] - start.w) / PRIOR_N;
         sum + if prior { off * off } else { 0.0 }
     };
     let mut damping = 1e-6;
-    let mut normal = Matrix4::zeros();
+    let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
     for _ in 0..MOST_STEPS {
-        let mut jacobian = DMatrix::zeros(residuals.len(), 4);
+        let mut jacobian = DMatrix::zeros(residuals.len(), UNKNOWNS);
         for (column, change) in CHANGES.into_iter().enumerate() {
             let mut moved = x;
             moved[column] += change;
             let near = at(&moved, Some(&rest)).map_err(no_fit)?;
-            rows::residuals(model, measured, sigmas, (&near, skip), &mut next_residuals)
-                .ok_or(EstimateError::Rank)?;
+            rows::residuals(
+                model,
+                measured,
+                sigmas,
+                (&near, &turned(&moved), skip),
+                &mut next_residuals,
+            )
+            .ok_or(EstimateError::Rank)?;
             for (row, (new, old)) in next_residuals.iter().zip(&residuals).enumerate() {
                 jacobian[(row, column)] = (new - old) / change;
             }
         }
         let right = DVector::from_column_slice(&residuals);
         normal = (jacobian.transpose() * &jacobian)
-            .fixed_view::<4, 4>(0, 0)
+            .fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0)
             .into_owned();
-        let mut gradient: Vector4<f64> = (jacobian.transpose() * right).fixed_rows::<4>(0).into();
+        let mut gradient: Unknowns = (jacobian.transpose() * right)
+            .fixed_rows::<UNKNOWNS>(0)
+            .into_owned();
         if prior {
             normal[(3, 3)] += 1.0 / (PRIOR_N * PRIOR_N);
-            gradient[3] += (x.w - start.w) / (PRIOR_N * PRIOR_N);
+            gradient[3] += (x[3] - start.w) / (PRIOR_N * PRIOR_N);
         }
         let mut damped = normal;
-        for i in 0..4 {
+        for i in 0..UNKNOWNS {
             damped[(i, i)] *= 1.0 + damping;
         }
         let Some(step) = damped.cholesky().map(|c| c.solve(&-gradient)) else {
             return Err(EstimateError::Rank);
         };
         // A step of more than a hand's width is no step of this problem.
-        let step = step * (0.05 / step.xyz().norm().max(0.05));
+        let step = step * (0.05 / place(&step).norm().max(0.05));
         let tried = x + step;
         let better = at(&tried, Some(&rest)).ok().filter(|near| {
-            rows::residuals(model, measured, sigmas, (near, skip), &mut next_residuals).is_some()
+            rows::residuals(
+                model,
+                measured,
+                sigmas,
+                (near, &turned(&tried), skip),
+                &mut next_residuals,
+            )
+            .is_some()
                 && cost(&next_residuals, &tried) <= cost(&residuals, &x)
         });
         match better {
@@ -165,11 +205,11 @@ pub(super) fn solve(
                 rest = near;
                 std::mem::swap(&mut residuals, &mut next_residuals);
                 damping = (damping * 0.1).max(1e-12);
-                if step.xyz().norm() < 1e-9 {
+                if place(&step).norm() < 1e-9 {
                     break;
                 }
             }
-            None if damping > 1e6 || step.xyz().norm() < 1e-10 => break,
+            None if damping > 1e6 || place(&step).norm() < 1e-10 => break,
             None => damping = (damping * 10.0).max(1e-3),
         }
     }
@@ -182,18 +222,22 @@ pub(super) fn solve(
     let per_tension = model
         .tension_held()
         .map_or([0.0; 3], |held| slopes.rotation_per_tension[held]);
-    let mut turning = nalgebra::Matrix3x4::zeros();
+    let mut turning = SMatrix::<f64, 3, UNKNOWNS>::zeros();
     turning
         .fixed_view_mut::<3, 3>(0, 0)
         .copy_from(&slopes.rotation_per_position);
     turning.set_column(3, &Vector3::from(per_tension));
+    turning
+        .fixed_view_mut::<3, 3>(0, 4)
+        .copy_from(&Matrix3::identity());
     let chi2 = residuals.iter().map(|r| r * r).sum();
     Ok(Estimate {
-        tool_m: x.xyz(),
+        tool_m: place(&x),
+        off_statics_rad: turned(&x),
         covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         rotation_covariance_rad2: turning * covariance * turning.transpose(),
         chi2,
-        freedoms: (residuals.len() + usize::from(prior)).saturating_sub(4),
+        freedoms: (residuals.len() + usize::from(prior)).saturating_sub(UNKNOWNS),
         residuals,
         rest,
     })

@@ -2,7 +2,9 @@
 //! encoders, tensions at the winches, tags in pictures.
 //!
 //! Unknown are the tool's place and the tension of the tension-held cable, four numbers: at rest
-//! statics give the attitude, every length and every tension from them. Four lengths and four
+//! statics give the attitude, every length and every tension from them. Three more say how far the
+//! attitude is from that of statics (a centre of mass a millimetre off tilts the platform by a
+//! milliradian or two), held near zero by their own standard deviation; only pictures see them. Four lengths and four
 //! tensions are eight rows for these four unknowns, a tag adds eight more. What the rows disagree
 //! by is the redundancy residual: a cable that slipped on its drum shows in it.
 //!

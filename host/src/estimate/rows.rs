@@ -5,6 +5,7 @@ use crate::motion::{Model, Rest};
 use crate::robot::Control;
 use crate::sight::{TagView, lens_of, pose_of};
 use mcdpr_kinematics::Pose;
+use nalgebra::{Rotation3, Vector3};
 
 /// Standard deviations of what is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,6 +14,8 @@ pub struct Sigmas {
     pub length_m: f64,
     /// A tension, N: the sensor, and what a pulley's friction hides.
     pub tension_n: f64,
+    /// How far the attitude is from that of statics, per axis, rad: the centre of mass.
+    pub attitude_rad: f64,
 }
 
 impl Default for Sigmas {
@@ -20,6 +23,7 @@ impl Default for Sigmas {
         Self {
             length_m: 3e-4,
             tension_n: 0.3,
+            attitude_rad: 3e-3,
         }
     }
 }
@@ -48,12 +52,12 @@ pub struct Measurements {
 
 /// One row: the measured minus the predicted value over its standard deviation. `None` where the
 /// state predicts nothing (a tag behind the camera). The length of the cable `skip` (from 0) counts as
-/// not measured.
+/// not measured. The last three rows hold the attitude near that of statics.
 pub(super) fn residuals(
     model: &Model,
     measured: &Measurements,
     sigmas: &Sigmas,
-    (rest, skip): (&Rest, Option<usize>),
+    (rest, turned, skip): (&Rest, &Vector3<f64>, Option<usize>),
     out: &mut Vec<f64>,
 ) -> Option<()> {
     out.clear();
@@ -67,7 +71,12 @@ pub(super) fn residuals(
     let camera = &model.robot().camera;
     let lens = lens_of(camera);
     let camera_from_platform = pose_of(&camera.camera_from_platform);
-    let camera_from_world = compose(&camera_from_platform, &inverse(&rest.equilibrium.pose));
+    // Turned about the tool, whose place is an unknown of its own.
+    let tool = &model.robot().tool.tcp_in_platform_m;
+    let pose = &rest.equilibrium.pose;
+    let rotation = Rotation3::new(*turned) * pose.rotation;
+    let seen_pose = Pose::new(pose.transform(tool) - rotation * tool, rotation);
+    let camera_from_world = compose(&camera_from_platform, &inverse(&seen_pose));
     for view in &measured.views {
         let Some(tag) = model.robot().tags.iter().find(|tag| tag.id == view.id) else {
             continue;
@@ -87,6 +96,7 @@ pub(super) fn residuals(
             }
         }
     }
+    out.extend(turned.iter().map(|angle| -angle / sigmas.attitude_rad));
     Some(())
 }
 

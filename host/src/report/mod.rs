@@ -5,12 +5,14 @@ mod figures;
 mod folder;
 pub mod html;
 mod judge;
+mod plan_plot;
 mod plot;
 pub mod tables;
 
 pub use figures::{Figures, MeanMax, MeanSdMax, TensionError, measure};
 pub use folder::{RunFolder, utc_stamp, write_samples};
 pub use judge::{CableFigures, Judgement, Verdict, judge, path_errors};
+pub use plan_plot::draw_plan;
 pub use plot::{PathTrace, draw_path};
 
 use mcdpr_simulator::TracePoint;

@@ -12,7 +12,7 @@ use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
 use nalgebra::Vector3;
 
 /// Pictures that one look at a tag takes the mean of.
-const PICTURES: usize = 10;
+const PICTURES: usize = 30;
 
 /// How the robot learns where it is.
 pub enum Homing<'a> {
@@ -264,8 +264,10 @@ fn seen(
         views,
         places,
     };
-    let found = estimate(model, &measured, &Sigmas::default(), start_m);
-    Ok(found.map_err(RunError::Estimate)?.rest)
+    let found = estimate(model, &measured, &Sigmas::default(), start_m)?;
+    // What the platform's attitude is off by is not the lengths' to make up for: the tool's place
+    // is what counts, and the model's lengths for it.
+    Ok(found.rest)
 }
 
 impl From<EstimateError> for RunError {

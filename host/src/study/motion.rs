@@ -1,7 +1,7 @@
 //! How exactly the tool goes where it should, and how much it swings, in the simulator.
 //!
 //! Every case is run on machines that differ from their description, drawn by seed; the planner
-//! knows the description only. Homed: one look at a tag (ten pictures, 0.1 px) at home, tag and
+//! knows the description only. Homed: one look at a tag (thirty pictures, 0.1 px) at home, tag and
 //! camera mounting known, re-references the lengths. Absolute: the encoders know the true lengths.
 
 use crate::control::Handle;
@@ -281,7 +281,11 @@ pub fn cases(planner: Planner, pulley_loss: f64) -> Vec<Case> {
         every_error: false,
         known: Known::Homed,
         pulley_loss,
-        shaping: Shaping::None,
+        shaping: if planner == Planner::Equilibrium {
+            Shaping::Zv
+        } else {
+            Shaping::None
+        },
         frictionless: false,
         planner,
     };

@@ -1,0 +1,139 @@
+//! `mcdpr plan TASK`: what a task would be, judged and drawn; nothing is connected.
+
+use super::run::tool_height_m;
+use super::table::lay_out;
+use super::{Common, Failed, Outcome, print_json};
+use crate::motion::{Model, Plan, PlanOptions, Planner, Shaping, Task, Tensioning, Watch};
+use crate::report::{RunFolder, draw_plan};
+use nalgebra::Vector3;
+
+/// Plan a task, say how close it comes to every limit, and draw it; nothing moves
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Name of a built-in task, or a task file (TOML or G-code)
+    task: String,
+    /// Height of a built-in task: that of a level platform's origin; the tool is below it
+    #[arg(long, value_name = "MM", default_value_t = -100.0, allow_negative_numbers = true)]
+    z_mm: f64,
+    #[command(flatten)]
+    options: Options,
+    /// A place in the world, mm, that the platform's camera must keep in its picture
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
+    keep_in_view: Option<Vec<f64>>,
+}
+
+/// How to plan.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub(crate) struct Options {
+    /// What the platform is taken to do
+    #[arg(long, value_enum, default_value_t = Planner::Equilibrium)]
+    planner: Planner,
+    /// Take the swing out of the motion
+    #[arg(long, value_enum, default_value_t = Shaping::None)]
+    shaping: Shaping,
+    /// Tension of the tension-held cable
+    #[arg(long, value_enum, default_value_t = Tensioning::MaxMin)]
+    tensioning: Tensioning,
+}
+
+impl Options {
+    pub(crate) const fn chosen(self) -> PlanOptions {
+        PlanOptions {
+            planner: self.planner,
+            tensioning: self.tensioning,
+            shaping: self.shaping,
+        }
+    }
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let robot = common.robot()?;
+        let model = Model::new(&robot)?.with_options(self.options.chosen());
+        let task = Task::find(&self.task, tool_height_m(&robot, self.z_mm))?;
+        let watch = Watch {
+            in_view_m: self.keep_in_view.as_deref().map(|mm| {
+                Vector3::from_iterator(mm.iter().copied().chain([f64::NAN; 3]).take(3)) * 1e-3
+            }),
+        };
+        show(common, &model, task, &watch)
+    }
+}
+
+/// Plans, judges, draws and tells; fails where a limit would be broken.
+pub(crate) fn show(common: &Common, model: &Model, task: Task, watch: &Watch) -> Outcome {
+    let name = task.name.clone();
+    let start = model.robot().tool.home_in_world_m;
+    let task = task.approached_from(&start, None)?;
+    let plan = Plan::unjudged(model, &start, &task.steps)?;
+    let seen = plan.extremes(watch)?;
+    let folder = match &common.record {
+        Some(_) => {
+            let folder = RunFolder::create(common.record.as_deref(), &name)
+                .map_err(Failed::from_error("writing the plan's folder"))?;
+            folder
+                .write("plan.svg", &draw_plan(&name, &plan))
+                .map_err(Failed::from_error("writing the plan's folder"))?;
+            folder
+                .write_json("plan.json", &seen)
+                .map_err(Failed::from_error("writing the plan's folder"))?;
+            Some(folder.path().display().to_string())
+        }
+        None => None,
+    };
+    // The refusal itself, with its code and help.
+    let plan = plan.judged()?.watched(watch)?;
+    if common.json {
+        return print_json(&serde_json::json!({
+            "task": name,
+            "duration_s": seen.duration_s,
+            "knots": plan.knots.len(),
+            "tilt_max_rad": seen.tilt_rad,
+            "tension_min_n": seen.tension_min_n.iter().copied().fold(f64::MAX, f64::min),
+            "tension_max_n": seen.tension_max_n.iter().copied().fold(0.0, f64::max),
+            "verdict": seen,
+            "folder": folder,
+        }));
+    }
+    say!(
+        "{name}: {:.2} s, tool up to {:.1} mm/s, tilt up to {:.1} deg; within \
+         every limit, nothing was moved",
+        seen.duration_s,
+        seen.speed_mps * 1e3,
+        seen.tilt_rad.to_degrees()
+    );
+    let head = [
+        "cable",
+        "tension, N",
+        "motor rpm",
+        "current, A",
+        "drum turns",
+    ];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    for (index, (low, high)) in seen
+        .tension_min_n
+        .iter()
+        .zip(&seen.tension_max_n)
+        .enumerate()
+    {
+        let cell = |list: &[f64], digits: usize| {
+            list.get(index)
+                .map_or(String::new(), |v| format!("{v:.digits$}"))
+        };
+        rows.push(vec![
+            (index + 1).to_string(),
+            format!("{low:.1} to {high:.1}"),
+            cell(&seen.motor_rpm, 0),
+            cell(&seen.motor_current_a, 3),
+            cell(&seen.drum_turns, 2),
+        ]);
+    }
+    super::write_out(&lay_out(&rows));
+    if let Some(near) = seen.cable_distance_m {
+        say!("cables come as close as {:.0} mm to each other", near * 1e3);
+    }
+    if let Some(folder) = folder {
+        say!("drawn in {folder}/plan.svg: path, lengths, tensions, tilt");
+    }
+    Ok(())
+}
