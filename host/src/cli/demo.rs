@@ -2,16 +2,19 @@
 
 use super::progress::Bar;
 use super::reaction;
+use super::recorded::Recorded;
 use super::run::{figure_rows, tool_height_m};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
-use crate::experiment::{self, SimulatedRun};
+use crate::experiment::{self, Orders, SimulatedRun};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
+use crate::record::TaskSource;
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
 use crate::scenario::Scenario;
+use mcdpr_protocol::SessionId;
 use serde::Serialize;
 
 /// Show the simulated robot following the paper's circle (the default)
@@ -81,13 +84,41 @@ impl Cmd {
             run
         };
         let ideal = one("machine as described", &Mismatch::default())?;
-        let real = one("realistic machine", &Mismatch::realistic())?;
-        report(&model, &ideal, &real, common)
+        let (real, folder) = recorded(&model, task.clone(), common)?;
+        report(&model, &ideal, &real, &folder, common)
     }
 }
 
-fn report(model: &Model, ideal: &SimulatedRun, real: &SimulatedRun, common: &Common) -> Outcome {
-    let folder = save(model, ideal, real, common)?;
+/// The run on the realistic machine, with its record.
+fn recorded(
+    model: &Model,
+    task: Task,
+    common: &Common,
+) -> miette::Result<(SimulatedRun, RunFolder)> {
+    let mismatch = Mismatch::realistic();
+    let source = TaskSource::of("paper:table7", tool_height_m(model.robot(), HEIGHT_MM));
+    // The same seed shall give the same run, bytes on the wire included.
+    let session = SessionId(1);
+    let recorded = Recorded::start_named("demo", common, model, source, session, &mismatch)?;
+    let bar = Bar::new("realistic machine");
+    let seen = (&recorded.witness, session);
+    let orders = Orders::default();
+    let run = experiment::simulate_seen(model, task, &mismatch, common.seed, seen, &orders, |p| {
+        bar.update(p);
+    });
+    bar.finish();
+    let folder = recorded.finish();
+    Ok((run?, folder))
+}
+
+fn report(
+    model: &Model,
+    ideal: &SimulatedRun,
+    real: &SimulatedRun,
+    folder: &RunFolder,
+    common: &Common,
+) -> Outcome {
+    save(model, ideal, real, folder)?;
     let (as_described, realistic) = (ideal.run.figures(model)?, real.run.figures(model)?);
     let simulated_s = ideal.simulated_s + real.simulated_s;
     let took_s = (ideal.took + real.took).as_secs_f64();
@@ -140,14 +171,8 @@ fn report(model: &Model, ideal: &SimulatedRun, real: &SimulatedRun, common: &Com
     Ok(())
 }
 
-fn save(
-    model: &Model,
-    ideal: &SimulatedRun,
-    real: &SimulatedRun,
-    common: &Common,
-) -> miette::Result<RunFolder> {
+fn save(model: &Model, ideal: &SimulatedRun, real: &SimulatedRun, folder: &RunFolder) -> Outcome {
     let failed = || Failed::from_error("writing the run folder");
-    let folder = RunFolder::create(common.record.as_deref(), "demo").map_err(failed())?;
     let plan = &real.run.plan;
     for (name, run) in [
         ("samples.csv", &real.run),
@@ -174,5 +199,5 @@ fn save(
     folder
         .write_json("robot.json", model.robot())
         .map_err(failed())?;
-    Ok(folder)
+    Ok(())
 }

@@ -33,8 +33,24 @@ impl Recorded {
         session: SessionId,
         mismatch: &Mismatch,
     ) -> Result<Self, Failed> {
+        let name = task.name.clone();
+        Self::start_named(&name, common, model, task, session, mismatch)
+    }
+
+    /// As [`Recorded::start`], with another name for the folder than the task's.
+    ///
+    /// # Errors
+    /// A folder that can not be made.
+    pub(crate) fn start_named(
+        name: &str,
+        common: &Common,
+        model: &Model,
+        task: TaskSource,
+        session: SessionId,
+        mismatch: &Mismatch,
+    ) -> Result<Self, Failed> {
         let failed = || Failed::from_error("making the run's folder");
-        let folder = RunFolder::create(common.record.as_deref(), &task.name).map_err(failed())?;
+        let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
         let simulated = common.on == "sim";
         let machine = if crate::machine::chosen_firmware().is_some() {
             // What the chip's firmware does can not be done again by the core in this process.

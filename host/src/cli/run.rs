@@ -18,6 +18,7 @@ use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::{Homing, new_session, watch_for_interrupts};
 use crate::serve::{Feed, FeedWatcher, Server};
+use mcdpr_protocol::SessionId;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -79,7 +80,12 @@ impl Cmd {
         // Judge before a robot is even simulated: nothing may move for a task that is refused.
         experiment::plan_from_home(&model, task.clone())?;
         let source = TaskSource::of(&self.task, tool_height_m(&robot, self.z_mm));
-        let session = new_session();
+        // The same seed shall give the same run, bytes on the wire included.
+        let session = if common.on == "sim" {
+            SessionId(1)
+        } else {
+            new_session()
+        };
         let mut recorded = Recorded::start(common, &model, source, session, &mismatch)?;
         let _page = self
             .serve
