@@ -39,6 +39,24 @@ pub struct Arming {
     ticks: u32,
 }
 
+/// Whether this build can work on one bare winch.
+pub const HAS_SERVICE: bool = cfg!(feature = "service");
+
+/// Work on one winch alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Service {
+    /// Which, 1 for the first.
+    pub cable: u8,
+    /// Whether its brake opens.
+    pub open: bool,
+}
+
+/// Whether a winch (1 for the first) is enabled.
+#[must_use]
+pub fn concerns(service: Option<Service>, cable: u8) -> bool {
+    !HAS_SERVICE || service.is_none_or(|service| service.cable == cable)
+}
+
 /// Why arming is aborted: fault, cable (1 for the first), value, limit.
 pub type Abort = (FaultId, u8, i32, i32);
 
@@ -58,20 +76,23 @@ impl Arming {
         config: &Active<N>,
         inputs: &Inputs<N>,
         expected_mn: &[i32; N],
+        service: Option<Service>,
     ) -> Result<Phase, Abort> {
         self.ticks += 1;
         if self.phase != Phase::Enabling {
-            check_drives(config, inputs)?;
+            check_drives(config, inputs, service)?;
         }
         match self.phase {
             Phase::Enabling => {
                 let pending = (1_u8..)
                     .zip(&inputs.drives)
-                    .find(|(_, d)| !alive(config, d));
+                    .find(|(cable, d)| concerns(service, *cable) && !alive(config, d));
                 let limit = config.enable_ms + ENABLE_GRACE_MS;
                 match pending {
                     None => {
-                        check_tensions(config, inputs, expected_mn)?;
+                        if !HAS_SERVICE || service.is_none() {
+                            check_tensions(config, inputs, expected_mn)?;
+                        }
                         self.enter(Phase::Preload);
                     }
                     Some((cable, _)) if self.ticks >= limit => {
@@ -81,6 +102,8 @@ impl Arming {
                     Some(_) => {}
                 }
             }
+            // A closed brake is what shall be tried: until somebody ends it.
+            Phase::Preload if HAS_SERVICE && service.is_some_and(|service| !service.open) => {}
             Phase::Preload if self.ticks >= PRELOAD_MS => self.enter(Phase::Opening),
             Phase::Opening if self.ticks >= OPEN_MS => self.enter(Phase::Settling),
             Phase::Settling if self.ticks >= SETTLE_MS => self.enter(Phase::Done),
@@ -100,8 +123,15 @@ fn alive<const N: usize>(config: &Active<N>, drive: &DriveInput) -> bool {
 }
 
 /// A drive or a sensor that came up can still go: no brake may open on it, or stay open.
-fn check_drives<const N: usize>(config: &Active<N>, inputs: &Inputs<N>) -> Result<(), Abort> {
+fn check_drives<const N: usize>(
+    config: &Active<N>,
+    inputs: &Inputs<N>,
+    service: Option<Service>,
+) -> Result<(), Abort> {
     for (cable, (drive, &adc)) in (1_u8..).zip(inputs.drives.iter().zip(&inputs.tension_adc)) {
+        if !concerns(service, cable) {
+            continue;
+        }
         check_rails(cable, adc)?;
         if drive.fault {
             return Err((FaultId::D2, cable, 1, 0));

@@ -450,27 +450,14 @@ impl<const N: usize> ConfigStore<N> {
     }
 }
 
-/// Gives every drive its slot: those of each period evenly over it.
-fn spread(cables: &mut [CableConfig], by_length: u8, by_tension: u8) {
-    for control in [Control::Length, Control::Tension] {
-        let (period, syncs) = match control {
+/// Gives every drive its slot, evenly over its period.
+fn spread<const N: usize>(cables: &mut [CableConfig; N], by_length: u8, by_tension: u8) {
+    for (index, cable) in (0_u8..).zip(cables) {
+        (cable.period_ticks, cable.syncs) = match cable.control {
             Control::Length => (by_length, by_length / by_tension),
             Control::Tension => (by_tension, 1),
         };
-        let alike = |cable: &&mut CableConfig| cable.control == control;
-        let count = cables.iter_mut().filter(alike).count();
-        let count = u8::try_from(count).unwrap_or(u8::MAX);
-        // Those held by tension come last, where the others are fewest.
-        let first = if control == Control::Tension {
-            period - 1
-        } else {
-            0
-        };
-        for (rank, cable) in (0_u8..).zip(cables.iter_mut().filter(alike)) {
-            cable.period_ticks = period;
-            cable.syncs = syncs;
-            cable.slot = (first + rank * period / count) % period;
-        }
+        cable.slot = index * cable.period_ticks / N.to_le_bytes()[0];
     }
 }
 

@@ -1,18 +1,18 @@
 //! One tick of the board: measure, watch, move, command; and the requests in between.
 
-use crate::arming::{Arming, Phase};
+use crate::arming::{Arming, HAS_SERVICE, Phase, Service, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
 use crate::config::{Active, ConfigStore, Control};
 use crate::encoder::{Encoder, LengthScale, Sampled};
-use crate::io::{Brake, DriveDemand, Inputs, Outputs};
+use crate::io::{Brake, DriveDemand, DriveInput, Inputs, Outputs, Scan};
 use crate::motion::{CAPACITY, Motion, Progress};
 use crate::segment::{Point, StoredKnot, StoredRow};
 use crate::supervisor::{self, Event, State, transition};
 use crate::tension::{Demand, TensionLoop, is_plausible, measured_mn};
 use crate::watch::{CableView, CableWatch, Heartbeat, Latch, LinkHealth, Persist};
 use mcdpr_protocol::{
-    FaultId, FaultRecord, Info, Knot, Limit, Limits, List, Millinewtons, PerCable, Reject, Reply,
-    Request, ResidualRow, Status, StopKind, TenthMicrometres, Tick,
+    ConfigHash, FaultId, FaultRecord, Info, Knot, Limit, Limits, List, Millinewtons, PerCable,
+    Reject, Reply, Request, ResidualRow, Status, StopKind, TenthMicrometres, Tick, Winch,
 };
 
 mod requests;
@@ -72,7 +72,13 @@ pub struct Controller<const N: usize> {
     gripper_switch: bool,
     e_stop: bool,
     outputs: Outputs<N>,
-    currents_ma: [i16; N],
+    /// What the drives last said, and the tension channels.
+    drives: [DriveInput; N],
+    adc: [u16; N],
+    /// One winch alone is enabled.
+    service: Option<Service>,
+    scan: Scan,
+    scan_asked: bool,
 }
 
 impl<const N: usize> Default for Controller<N> {
@@ -98,7 +104,11 @@ impl<const N: usize> Default for Controller<N> {
             gripper_switch: false,
             e_stop: false,
             outputs: Outputs::default(),
-            currents_ma: [0; N],
+            drives: [DriveInput::default(); N],
+            adc: [0; N],
+            service: None,
+            scan: Scan::default(),
+            scan_asked: false,
         }
     }
 }
@@ -219,12 +229,14 @@ impl<const N: usize> Controller<N> {
     }
 
     fn measure(&mut self, inputs: &Inputs<N>) {
+        self.drives = inputs.drives;
+        if HAS_SERVICE {
+            self.scan = inputs.scan;
+            self.adc = inputs.tension_adc;
+        }
         let configs = self.active.as_ref().map(|active| &active.cables);
         let readings = inputs.encoders.iter().zip(&inputs.tension_adc);
-        let readings = readings.zip(&inputs.drives);
-        for (index, (cable, ((&encoder, &adc), drive))) in
-            self.cables.iter_mut().zip(readings).enumerate()
-        {
+        for (index, (cable, (&encoder, &adc))) in self.cables.iter_mut().zip(readings).enumerate() {
             let config = configs.and_then(|configs| configs.get(index));
             let max_step = config.map_or(u16::MAX / 2, |config| config.max_encoder_step);
             cable.lost = cable.encoder.sample(encoder, max_step) == Sampled::Lost;
@@ -234,15 +246,15 @@ impl<const N: usize> Controller<N> {
                 cable.length = cable.scale.length(cable.encoder.counts()).0;
                 cable.tension_mn = measured_mn(config, adc);
             }
-            if let Some(slot) = self.currents_ma.get_mut(index) {
-                *slot = drive.current_ma;
-            }
         }
     }
 
     fn watch(&mut self, inputs: &Inputs<N>) {
         if self.late_ticks.update(inputs.overrun, 2) {
             self.trip(FaultId::P5, 0, 2, 1);
+        }
+        if inputs.drives.iter().any(|drive| drive.bus_off) {
+            self.trip(FaultId::D1, 0, 1, 0);
         }
         let Some(active) = &self.active else { return };
         // By what was decided, not by the pins: one axis that is braked because its drive is gone
@@ -256,7 +268,7 @@ impl<const N: usize> Controller<N> {
         for (number, (cable, (config, (drive, &adc)))) in
             (1_u8..).zip(self.cables.iter_mut().zip(configs))
         {
-            if !moving {
+            if !moving || !concerns(self.service, number) {
                 continue;
             }
             let held_by_length = config.control == Control::Length;
@@ -264,7 +276,11 @@ impl<const N: usize> Controller<N> {
             let view = CableView {
                 adc,
                 tension_mn: cable.tension_mn,
-                floor_mn: config.floor_mn,
+                // No cable need be attached to a winch that is worked on.
+                floor_mn: match self.service {
+                    Some(_) if HAS_SERVICE => i32::MIN,
+                    _ => config.floor_mn,
+                },
                 ceiling_mn: config.ceiling_mn,
                 length_error: if held_by_length { error } else { 0 },
                 length_error_max: config.following_error,
@@ -273,6 +289,7 @@ impl<const N: usize> Controller<N> {
                 feedback_age_ms: drive.age_ms,
                 feedback_timeout_ms: active.feedback_timeout_ms,
                 drive_fault: drive.fault,
+                drive_hot: drive.over_temperature,
             };
             let fault = cable.watch.update(&view);
             if cable.watch.slackens() {
@@ -369,7 +386,7 @@ impl<const N: usize> Controller<N> {
         let expected = self.cables.map(|cable| cable.reference_mn);
         let Some(active) = &self.active else { return };
         let before = self.arming.phase();
-        match self.arming.tick(active, inputs, &expected) {
+        match self.arming.tick(active, inputs, &expected, self.service) {
             Err((fault, cable, value, limit)) => self.trip(fault, cable, value, limit),
             Ok(Phase::Preload) if before == Phase::Enabling => self.take_up(inputs),
             Ok(Phase::Done) => {
@@ -450,6 +467,7 @@ impl<const N: usize> Controller<N> {
     fn command(&mut self, inputs: &Inputs<N>) -> Outputs<N> {
         let mut outputs = Outputs {
             gripper_closed: self.gripper_closed,
+            scan: HAS_SERVICE && core::mem::take(&mut self.scan_asked),
             ..Outputs::default()
         };
         let Some(active) = self.active.as_ref().filter(|_| self.is_armed()) else {
@@ -465,7 +483,12 @@ impl<const N: usize> Controller<N> {
         let slots = outputs.drives.iter_mut().zip(&mut outputs.brakes);
         let slots = slots.zip(active.cables.iter().zip(&inputs.drives));
         let cables = self.cables.iter_mut().zip(&inputs.tension_adc);
-        for ((cable, &adc), ((demand, brake_slot), (config, drive))) in cables.zip(slots) {
+        for (number, ((cable, &adc), ((demand, brake_slot), (config, drive)))) in
+            (1_u8..).zip(cables.zip(slots))
+        {
+            if !concerns(self.service, number) {
+                continue;
+            }
             // A drive that is gone holds nothing: its brake does, now, whatever the others do.
             let gone = drive.fault || drive.age_ms >= active.feedback_timeout_ms;
             cable.abandoned |= torque && gone;
@@ -478,7 +501,8 @@ impl<const N: usize> Controller<N> {
                 (Control::Length, false) => DriveDemand::EnablePosition,
                 (Control::Tension, false) => DriveDemand::EnableCurrent,
                 (Control::Length, true) => {
-                    if brake == Brake::Open {
+                    // Sign and scale of the encoder may be what is looked for: it corrects nothing.
+                    if brake == Brake::Open && !(HAS_SERVICE && self.service.is_some()) {
                         cable.axis.learn(config, &cable.target, drive, cable.length);
                     }
                     DriveDemand::Position {
@@ -512,9 +536,9 @@ impl<const N: usize> Controller<N> {
     #[must_use]
     pub fn measured(&self) -> [(i32, i32, i16); N] {
         let mut rows = [(0, 0, 0); N];
-        let values = self.cables.iter().zip(self.currents_ma);
-        for (row, (cable, current)) in rows.iter_mut().zip(values) {
-            *row = (cable.length, cable.tension_mn, current);
+        let values = self.cables.iter().zip(&self.drives);
+        for (row, (cable, drive)) in rows.iter_mut().zip(values) {
+            *row = (cable.length, cable.tension_mn, drive.current_ma);
         }
         rows
     }

@@ -25,6 +25,15 @@ pub struct DriveInput {
     pub over_temperature: bool,
 }
 
+/// Which drives answer on the bus.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct Scan {
+    /// Every number has been asked.
+    pub done: bool,
+    /// Bit n of word m: drive 32 m + n answers.
+    pub nodes: [u32; 4],
+}
+
 /// What a board measured for this tick. `N` cables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Inputs<const N: usize> {
@@ -34,6 +43,8 @@ pub struct Inputs<const N: usize> {
     pub tension_adc: [u16; N],
     /// Drives.
     pub drives: [DriveInput; N],
+    /// Drives that were found on the bus.
+    pub scan: Scan,
     /// The emergency stop is pressed.
     pub e_stop: bool,
     /// The gripper's switch is closed.
@@ -48,6 +59,7 @@ impl<const N: usize> Default for Inputs<N> {
             encoders: [0; N],
             tension_adc: [0; N],
             drives: [DriveInput::default(); N],
+            scan: Scan::default(),
             e_stop: false,
             gripper_switch: false,
             overrun: false,
@@ -106,6 +118,8 @@ pub struct Outputs<const N: usize> {
     pub brakes: [Brake; N],
     /// Close the gripper.
     pub gripper_closed: bool,
+    /// Begin to ask which drives are on the bus.
+    pub scan: bool,
 }
 
 impl<const N: usize> Default for Outputs<N> {
@@ -114,6 +128,7 @@ impl<const N: usize> Default for Outputs<N> {
             drives: [DriveDemand::Off; N],
             brakes: [Brake::Closed; N],
             gripper_closed: false,
+            scan: false,
         }
     }
 }

@@ -177,7 +177,9 @@ impl<const N: usize> Server<N> {
 
     fn dispatch(&mut self, now: Tick, command: &Command) -> Result<Reply, Reject> {
         match &command.request {
-            Request::Info | Request::Status => self.controller.handle(now, &command.request),
+            Request::Info | Request::Status | Request::Winch { .. } => {
+                self.controller.handle(now, &command.request)
+            }
             Request::Stop(_) => {
                 self.stopped_at = Some(now);
                 self.controller.handle(now, &command.request)

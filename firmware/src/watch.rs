@@ -36,6 +36,7 @@ pub struct CableWatch {
     frozen: Persist,
     following: Persist,
     saturated: Persist,
+    hot: Persist,
     last_adc: u16,
 }
 
@@ -64,6 +65,8 @@ pub struct CableView {
     pub feedback_timeout_ms: u16,
     /// The drive reports a fault.
     pub drive_fault: bool,
+    /// The drive is too hot.
+    pub drive_hot: bool,
 }
 
 /// Times of `docs/faults.md`, ticks.
@@ -73,6 +76,7 @@ const RAIL_TICKS: u16 = 5;
 const FROZEN_TICKS: u16 = 10;
 const FOLLOWING_TICKS: u16 = 20;
 const SATURATED_TICKS: u16 = 100;
+const HOT_TICKS: u16 = 1000;
 
 impl CableWatch {
     /// Looks at one tick under torque; gives the first fault found, with value and limit.
@@ -142,6 +146,12 @@ impl CableWatch {
                 FaultId::D4,
                 i32::from(self.saturated.ticks()),
                 i32::from(SATURATED_TICKS),
+            ),
+            (
+                self.hot.update(view.drive_hot, HOT_TICKS),
+                FaultId::D6,
+                i32::from(self.hot.ticks()),
+                i32::from(HOT_TICKS),
             ),
         ];
         let (_, fault, value, limit) = found.into_iter().find(|(is, ..)| *is)?;

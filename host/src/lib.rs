@@ -18,6 +18,7 @@
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
 //! | [`sight`] | tags in the camera's pictures |
 //! | [`study`] | studies in the simulator that the documents quote |
+//! | [`service`] | work on one unloaded winch |
 //! | [`units`] | numbers with units as people type them |
 //! | [`cli`] | the command line |
 
@@ -36,6 +37,7 @@ pub mod robot;
 pub mod run;
 pub mod scenario;
 pub mod serve;
+pub mod service;
 pub mod sight;
 pub mod study;
 pub mod units;

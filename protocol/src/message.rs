@@ -110,6 +110,27 @@ pub enum Request {
         /// Whether to close it.
         closed: bool,
     },
+    /// Enables one drive alone, for work on one winch: every other drive stays off and every other
+    /// brake closed, a slack cable is no fault, and tensions need not be what a model expects.
+    /// Everything else holds: heartbeat, stops, limits, the configuration's hash.
+    Service {
+        /// The configuration that the host believes in.
+        config_hash: ConfigHash,
+        /// The winch, 1 for the first.
+        cable: u8,
+        /// Whether its brake opens; else the drive pulls against it until the board is disarmed.
+        open: bool,
+    },
+    /// One winch, unfiltered: answered with [`Reply::Winch`].
+    Winch {
+        /// Which, 1 for the first.
+        cable: u8,
+    },
+    /// Which drives are on the bus: answered with [`Reply::Drives`].
+    Scan {
+        /// Begins to ask anew; else tells what has been found so far.
+        restart: bool,
+    },
 }
 
 impl Request {
@@ -118,7 +139,12 @@ impl Request {
     pub const fn is_sequenced(&self) -> bool {
         !matches!(
             self,
-            Self::Info | Self::Status | Self::Open | Self::Heartbeat { .. } | Self::Stop(_)
+            Self::Info
+                | Self::Status
+                | Self::Open
+                | Self::Heartbeat { .. }
+                | Self::Stop(_)
+                | Self::Winch { .. }
         )
     }
 }
@@ -177,6 +203,38 @@ pub enum Reply {
         /// The hash now in use.
         hash: ConfigHash,
     },
+    /// To [`Request::Winch`].
+    Winch(Winch),
+    /// To [`Request::Scan`].
+    Drives {
+        /// Whether every number has been asked.
+        done: bool,
+        /// Bit n of word m: drive 32 m + n answers.
+        nodes: [u32; 4],
+    },
+}
+
+/// One winch as its board sees it in a tick.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct Winch {
+    /// The drive obeys.
+    pub ready: bool,
+    /// The drive reports a fault.
+    pub fault: bool,
+    /// The drive is too hot.
+    pub hot: bool,
+    /// The drives' bus is off.
+    pub bus_off: bool,
+    /// Milliseconds since the drive's last feedback; 65535 if there was none.
+    pub age_ms: u16,
+    /// Motor position, counts since the drive was reset.
+    pub motor_counts: i32,
+    /// Motor current, mA.
+    pub current_ma: i16,
+    /// Drum encoder, counts since the board started, as the pins count: without any sign.
+    pub drum_counts: i32,
+    /// Tension channel: 0 to 65520 for 0 V to 3.3 V.
+    pub tension_adc: u16,
 }
 
 /// Bytes of a panic message that survive a reset.

@@ -8,7 +8,7 @@ use mcdpr_firmware::server::{Incoming, Receiver, Server};
 use mcdpr_firmware::{Brake, Inputs, Outputs};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
 use mcdpr_protocol::{
-    Channel, FaultRecord, Hello, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick,
+    Channel, FaultRecord, Hello, PROTOCOL_MAJOR, PROTOCOL_MINOR, Reply, ResetCause, Tick,
 };
 
 /// Telemetry is dropped while this many bytes wait for the line: an answer must not queue behind.
@@ -140,7 +140,11 @@ impl<const N: usize> Board<N> {
                 }
                 Incoming::Command(command) => {
                     let counters = self.receiver.counters;
-                    let answer = self.server.receive(self.now, &command, &counters);
+                    let mut answer = self.server.receive(self.now, &command, &counters);
+                    if let Ok(Reply::Info(info)) = &mut answer.result {
+                        // RMDS and CiA 402, as the board of the same core.
+                        info.drive_kinds = 0b110;
+                    }
                     encode_frame(Channel::Answer, &answer, &mut frame)
                 }
                 Incoming::Damaged(_) => match self.server.complain() {

@@ -31,6 +31,7 @@ pub(crate) fn lint() -> Result<(), String> {
         "mcdpr-firmware",
         "--bin",
         "mcdpr-firmware",
+        "--no-default-features",
         "--features",
         "board",
         "--target",

@@ -1,8 +1,9 @@
 //! What a host may ask, and when: every refusal leaves everything as it was.
 
 use super::{
-    CAPACITY, Control, Controller, Event, FaultId, Info, Knot, List, PerCable, Reject, Reply,
-    Request, START_TOLERANCE, State, StopKind, StoredKnot, TICKS_PER_SECOND, Tick,
+    CAPACITY, ConfigHash, Control, Controller, Event, FaultId, HAS_SERVICE, Info, Knot, List,
+    PerCable, Reject, Reply, Request, START_TOLERANCE, Service, State, StopKind, StoredKnot,
+    TICKS_PER_SECOND, Tick, Winch,
 };
 use crate::watch::LinkHealth;
 use mcdpr_protocol::{CableKnot, Millinewtons, TenthMicrometres};
@@ -48,22 +49,35 @@ impl<const N: usize> Controller<N> {
                 Ok(Reply::Configured { hash: *hash })
             }
             Request::Reference { lengths, tensions } => self.handle_reference(lengths, tensions),
-            Request::Arm { config_hash } => {
-                self.possible(Event::Arm)?;
-                let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
-                if active.hash != *config_hash {
-                    return Err(Reject::ConfigHash {
-                        board: active.hash,
-                        host: *config_hash,
-                    });
+            Request::Arm { config_hash } => self.handle_arm(now, *config_hash, None),
+            Request::Service { .. } | Request::Winch { .. } | Request::Scan { .. }
+                if !HAS_SERVICE =>
+            {
+                Err(Reject::Unsupported)
+            }
+            Request::Service {
+                config_hash,
+                cable,
+                open,
+            } => {
+                self.winch(*cable)?;
+                let service = Service {
+                    cable: *cable,
+                    open: *open,
+                };
+                self.handle_arm(now, *config_hash, Some(service))
+            }
+            Request::Winch { cable } => self.winch(*cable).map(Reply::Winch),
+            Request::Scan { restart } => {
+                self.only_in(&[State::Disarmed, State::Fault])?;
+                if self.active.is_none() {
+                    return Err(Reject::NotConfigured);
                 }
-                if !self.referenced {
-                    return Err(Reject::NotReferenced);
-                }
-                self.no_fault()?;
-                self.heartbeat.beat(now);
-                self.raise(Event::Arm);
-                Ok(Reply::Done)
+                self.scan_asked |= *restart;
+                Ok(Reply::Drives {
+                    done: self.scan.done && !self.scan_asked,
+                    nodes: self.scan.nodes,
+                })
             }
             Request::Disarm => {
                 self.only_in(&[State::Arming, State::Holding, State::Disarmed])?;
@@ -103,12 +117,60 @@ impl<const N: usize> Controller<N> {
         }
     }
 
+    /// Arms every winch, or one alone.
+    fn handle_arm(
+        &mut self,
+        now: Tick,
+        host: ConfigHash,
+        service: Option<Service>,
+    ) -> Result<Reply, Reject> {
+        self.possible(Event::Arm)?;
+        let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
+        let board = active.hash;
+        if board != host {
+            return Err(Reject::ConfigHash { board, host });
+        }
+        if !self.referenced {
+            return Err(Reject::NotReferenced);
+        }
+        self.no_fault()?;
+        self.service = service;
+        self.heartbeat.beat(now);
+        self.raise(Event::Arm);
+        Ok(Reply::Done)
+    }
+
+    /// One winch; refuses a number that no winch has.
+    fn winch(&self, number: u8) -> Result<Winch, Reject> {
+        let index = usize::from(number).wrapping_sub(1);
+        let cable = self.cables.get(index);
+        let pins = self.drives.get(index).zip(self.adc.get(index));
+        let Some((cable, (drive, &tension_adc))) = cable.zip(pins) else {
+            return Err(Reject::CableCount {
+                expected: u8::try_from(N).unwrap_or(u8::MAX),
+                got: number,
+            });
+        };
+        Ok(Winch {
+            ready: drive.ready,
+            fault: drive.fault,
+            hot: drive.over_temperature,
+            bus_off: drive.bus_off,
+            age_ms: drive.age_ms,
+            motor_counts: drive.counts,
+            current_ma: drive.current_ma,
+            drum_counts: crate::fixed::saturate(cable.encoder.counts()),
+            tension_adc,
+        })
+    }
+
     fn info() -> Info {
         Info {
             cables: u8::try_from(N).unwrap_or(u8::MAX),
             knot_capacity: u8::try_from(CAPACITY).unwrap_or(u8::MAX),
             ticks_per_second: TICKS_PER_SECOND,
-            drive_kinds: 0b10,
+            // The board says which it speaks.
+            drive_kinds: 0,
             simulated: false,
             last_panic: List::new(),
         }

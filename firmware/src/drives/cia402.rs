@@ -77,38 +77,49 @@ enum From {
     Drive,
 }
 
+/// An object of the set-up, in eight bytes: there are thirty of them, and little flash.
 struct Object {
     index: u16,
-    sub: u8,
-    /// Bytes.
-    size: u8,
+    /// Sub-index in bits 0 to 3, bytes in bits 4 to 6, bit 7: a drive without it is no worse.
+    shape: u8,
     from: From,
-    /// A drive without it is no worse.
-    optional: bool,
     value: u32,
+}
+
+impl Object {
+    const fn sub(&self) -> u8 {
+        self.shape & 0xF
+    }
+
+    const fn size(&self) -> u8 {
+        (self.shape >> 4) & 7
+    }
+
+    const fn is_optional(&self) -> bool {
+        self.shape & 0x80 != 0
+    }
 }
 
 const fn object(index: u16, sub: u8, size: u8, from: From, value: u32) -> Object {
     Object {
         index,
-        sub,
-        size,
+        shape: sub | (size << 4),
         from,
-        optional: false,
         value,
     }
 }
 
 const fn optional(index: u16, sub: u8, size: u8, from: From, value: u32) -> Object {
+    let object = object(index, sub, size, from, value);
     Object {
-        optional: true,
-        ..object(index, sub, size, from, value)
+        shape: object.shape | 0x80,
+        ..object
     }
 }
 
 /// What a drive is told before it starts, in this order. A PDO is switched off while its content
 /// changes. Bit 31: off; bit 30: not to be asked for.
-const SETUP: [Object; 29] = [
+static SETUP: [Object; 30] = [
     // Feedback: status word, position, torque, at SYNC.
     object(0x1800, 1, 4, From::Node, 0xC000_0000 | FEEDBACK as u32),
     object(0x1800, 2, 1, From::Syncs, 0),
@@ -149,15 +160,12 @@ const SETUP: [Object; 29] = [
     object(0x6075, 0, 4, From::Drive, 0),
     optional(0x6072, 0, 2, From::Torque, 0),
     optional(0x6080, 0, 4, From::Speed, 0),
+    // Commands come in equal steps of time: the drive fills in between.
+    optional(0x60C2, 1, 1, From::Period, 0),
 ];
-/// Commands come in equal steps of time: the drive fills in between.
-const INTERPOLATION: Object = optional(0x60C2, 1, 1, From::Period, 0);
 
 fn setup(step: u8) -> Option<&'static Object> {
-    match usize::from(step) {
-        29 => Some(&INTERPOLATION),
-        step => SETUP.get(step),
-    }
+    SETUP.get(usize::from(step))
 }
 
 /// The number of a mode: cyclic synchronous position, cyclic synchronous torque.
@@ -197,6 +205,20 @@ fn sdo(node: u8, command: u8, index: u16, sub: u8, value: u32) -> CanFrame {
     frame(SDO_REQUEST | u16::from(node), &bytes)
 }
 
+/// Asks whether a drive is there: for its device type.
+pub(super) fn probe(node: u8) -> CanFrame {
+    sdo(node, 0x40, 0x1000, 0, 0)
+}
+
+/// The node that answers a probe.
+pub(super) fn probed(received: &CanFrame) -> Option<u8> {
+    let node = u8::try_from(received.id & 0x7F).ok()?;
+    // A device type of profile 402: the lower half.
+    let [_, low, high, _, profile_low, profile_high, ..] = received.data;
+    let is_drive = [low, high] == [0x00, 0x10] && [profile_low, profile_high] == [0x92, 0x01];
+    (received.id & 0x780 == SDO_ANSWER && is_drive).then_some(node)
+}
+
 fn set_up(drive: &Drive, cable: &CableConfig, object: &Object) -> CanFrame {
     let value = match object.from {
         From::Number => object.value,
@@ -212,12 +234,12 @@ fn set_up(drive: &Drive, cable: &CableConfig, object: &Object) -> CanFrame {
         From::Speed => u32::from(cable.max_rpm),
         From::Drive => 0,
     };
-    let command = match (object.from, object.size) {
+    let command = match (object.from, object.size()) {
         (From::Drive, _) => 0x40,
         // Expedited, size given: 0x23 for four bytes, four more for each byte less.
         (_, size) => 0x23 | ((4 - size) << 2),
     };
-    sdo(cable.node, command, object.index, object.sub, value)
+    sdo(cable.node, command, object.index, object.sub(), value)
 }
 
 /// A current in thousandths of the drive's rated one, which CiA 402 takes for torque.
@@ -355,11 +377,11 @@ fn answered(drive: &mut Drive, received: &CanFrame) {
         return;
     };
     let [command, low, high, sub, a, b, c, d] = received.data;
-    if u16::from_le_bytes([low, high]) != object.index || sub != object.sub {
+    if u16::from_le_bytes([low, high]) != object.index || sub != object.sub() {
         return;
     }
     let refused = command == 0x80;
-    if refused && !object.optional {
+    if refused && !object.is_optional() {
         drive.phase = Phase::Waiting;
         drive.timer = BOOT_MS;
         return;

@@ -26,13 +26,18 @@ mod tests;
 pub use can::{BusState, CanFrame, CanPort, Full};
 pub use drive::{Mode, Phase};
 
+use crate::arming::HAS_SERVICE;
 use crate::config::{Active, DriveKind};
-use crate::io::{DriveDemand, DriveInput, Inputs, Outputs};
+use crate::io::{DriveDemand, DriveInput, Inputs, Outputs, Scan};
 use drive::{Drive, Step};
 use mcdpr_protocol::{ConfigHash, Tick};
 
 /// Frames taken in per tick, at most: more than a bus of 1 Mbit/s brings in a millisecond.
 const FRAMES_PER_TICK: usize = 24;
+/// The last drive that can be on a bus: 127 is the board.
+const LAST_NODE: u8 = 126;
+/// A scan is over 50 ms after the last drive was asked.
+const SCANNED: u8 = LAST_NODE + 50;
 
 /// Every drive of a board.
 #[derive(Debug, Clone)]
@@ -45,6 +50,10 @@ pub struct DriveBus<const N: usize> {
     late: u8,
     sync_late: bool,
     bus: BusState,
+    /// The drive that is asked next whether it is there, from 1; beyond the last, what is waited
+    /// for late answers.
+    asking: u8,
+    found: [u32; 4],
 }
 
 impl<const N: usize> Default for DriveBus<N> {
@@ -63,6 +72,8 @@ impl<const N: usize> Default for DriveBus<N> {
             late: 0,
             sync_late: false,
             bus: BusState::Active,
+            asking: SCANNED,
+            found: [0; 4],
         }
     }
 }
@@ -79,6 +90,9 @@ impl<const N: usize> DriveBus<N> {
         }
         for _ in 0..FRAMES_PER_TICK {
             let Some(frame) = port.receive() else { break };
+            if HAS_SERVICE && self.asking < SCANNED {
+                self.note_answer(&frame);
+            }
             for drive in &mut self.drives {
                 let fed = match self.kind {
                     DriveKind::None => false,
@@ -95,6 +109,12 @@ impl<const N: usize> DriveBus<N> {
 
     /// Puts in what the drives last said, as the control core takes it.
     pub fn fill(&self, inputs: &mut Inputs<N>) {
+        if HAS_SERVICE {
+            inputs.scan = Scan {
+                done: self.asking >= SCANNED,
+                nodes: self.found,
+            };
+        }
         for (input, drive) in inputs.drives.iter_mut().zip(&self.drives) {
             *input = drive.input;
             input.bus_off = self.bus == BusState::Off;
@@ -129,6 +149,12 @@ impl<const N: usize> DriveBus<N> {
         }
         if self.kind == DriveKind::Cia402 {
             self.beat_and_sync(now, active, port);
+        }
+        if HAS_SERVICE && outputs.scan {
+            (self.asking, self.found) = (1, [0; 4]);
+        }
+        if HAS_SERVICE && self.asking < SCANNED {
+            self.ask(port);
         }
         let slots = outputs.drives.iter().zip(&active.cables);
         for (bit, (drive, (&demand, cable))) in (0_u8..8).zip(self.drives.iter_mut().zip(slots)) {
@@ -169,6 +195,28 @@ impl<const N: usize> DriveBus<N> {
             drive.wanted_mode = cia402::mode_number(Mode::of(cable));
             drive.period_ms = u16::from(cable.period_ticks);
             drive.rpm_per_count_q16 = cable.rpm_per_count_q16;
+        }
+    }
+
+    /// One number per tick is asked, so that drives have the bus to themselves nearly as ever.
+    fn ask(&mut self, port: &mut impl CanPort) {
+        let frame = match self.kind {
+            DriveKind::Cia402 => cia402::probe(self.asking),
+            _ => rmds::probe(self.asking),
+        };
+        if self.asking > LAST_NODE || port.send(&frame).is_ok() {
+            self.asking += 1;
+        }
+    }
+
+    fn note_answer(&mut self, frame: &CanFrame) {
+        let node = match self.kind {
+            DriveKind::Cia402 => cia402::probed(frame),
+            _ => rmds::probed(frame),
+        };
+        let word = node.and_then(|node| self.found.get_mut(usize::from(node >> 5)));
+        if let (Some(node), Some(word)) = (node, word) {
+            *word |= 1 << (node & 31);
         }
     }
 

@@ -26,6 +26,7 @@ const CURRENT: u16 = 0x3;
 const SPEED_AND_POSITION: u16 = 0x6;
 const CONFIGURE: u16 = 0xA;
 const FEEDBACK: u16 = 0xB;
+const ONLINE: u16 = 0xF;
 /// The whole supply voltage.
 const PWM: [u8; 2] = 5000_u16.to_be_bytes();
 
@@ -39,6 +40,18 @@ fn frame(node: u8, function: u16, start: &[u8]) -> CanFrame {
         len: 8,
         data,
     }
+}
+
+/// Asks whether a drive is there.
+pub(super) fn probe(node: u8) -> CanFrame {
+    frame(node, ONLINE, &[])
+}
+
+/// The node that answers a probe.
+pub(super) fn probed(received: &CanFrame) -> Option<u8> {
+    // Number 0 is nobody's own.
+    let is_answer = received.id & 0xF == ONLINE && received.id & 0xF0 != 0;
+    is_answer.then(|| (received.id >> 4).to_le_bytes()[0])
 }
 
 /// What goes to the drive in its slot, and what it makes of the drive once it is on its way.

@@ -46,7 +46,7 @@ pub const fn overhead_bits_per_s(kind: DriveKind, drives: u32, shortest_us: u32)
 }
 
 /// Share of the bus that the drives take, thousandths, rounded up. `cycles` gives each drive's
-/// period (µs) and whether it is held by tension.
+/// period (µs, 500 at least) and whether it is held by tension; `bits_per_s` is 1000 at least.
 ///
 /// ```
 /// use mcdpr_firmware::config::DriveKind;
@@ -61,18 +61,14 @@ pub fn load_permille(
     bits_per_s: u32,
     cycles: impl IntoIterator<Item = (u32, bool)>,
 ) -> u32 {
-    let (mut bits, mut drives, mut shortest_us) = (0_u32, 0, u32::MAX);
+    let (mut bits, mut drives, mut shortest_us) = (0, 0, u32::MAX);
     for (period_us, by_tension) in cycles {
-        let period_us = period_us.max(1);
-        let cycles_per_s = 1_000_000_u32.div_ceil(period_us);
-        bits = bits.saturating_add(cycles_per_s.saturating_mul(bits_per_cycle(kind, by_tension)));
+        bits += 1_000_000_u32.div_ceil(period_us) * bits_per_cycle(kind, by_tension);
         drives += 1;
         shortest_us = shortest_us.min(period_us);
     }
-    if drives > 0 {
-        bits = bits.saturating_add(overhead_bits_per_s(kind, drives, shortest_us));
-    }
-    bits.div_ceil((bits_per_s / 1000).max(1))
+    bits += overhead_bits_per_s(kind, drives, shortest_us);
+    bits.div_ceil(bits_per_s / 1000)
 }
 
 #[cfg(test)]

@@ -111,6 +111,16 @@ fn requests(bench: &Bench) -> Vec<(Request, &'static [State])> {
         ),
         (Bench::reference_request(), unarmed),
         (Bench::arm_request(), &[Disarmed]),
+        (
+            Request::Service {
+                config_hash: crate::support::hash_of(&entries()),
+                cable: 1,
+                open: true,
+            },
+            &[Disarmed],
+        ),
+        (Request::Winch { cable: 1 }, &STATES),
+        (Request::Scan { restart: true }, unarmed),
         (Request::Disarm, &[Arming, Holding, Disarmed]),
         (Request::Knot(next), &[Holding, Moving, Pausing]),
         (Request::Start, &[Holding]),

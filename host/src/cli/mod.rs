@@ -12,6 +12,7 @@ macro_rules! say {
 
 mod calibrate;
 mod clear;
+mod commission;
 mod compute;
 mod config;
 mod demo;
@@ -36,6 +37,7 @@ mod report;
 mod reproduce;
 mod run;
 mod serve;
+mod service;
 mod shell;
 mod sim;
 mod states;
@@ -149,6 +151,7 @@ enum Command {
     Disarm(movement::Disarm),
     Gripper(movement::Gripper),
     Clear(clear::Cmd),
+    Commission(commission::Cmd),
     Serve(serve::Cmd),
     #[cfg(unix)]
     Monitor(monitor::Cmd),
@@ -239,6 +242,7 @@ pub fn main() -> ExitCode {
         Command::Disarm(cmd) => cmd.run(common),
         Command::Gripper(cmd) => cmd.run(common),
         Command::Clear(cmd) => cmd.run(common),
+        Command::Commission(cmd) => cmd.run(common),
         Command::Serve(cmd) => cmd.run(common),
         #[cfg(unix)]
         Command::Monitor(cmd) => cmd.run(common),

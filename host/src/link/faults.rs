@@ -170,6 +170,9 @@ pub(super) fn request_name(request: &Request) -> String {
         Request::ClearFault => "to clear the fault",
         Request::Samples { .. } => "the samples",
         Request::Gripper { .. } => "the gripper command",
+        Request::Service { cable, .. } => return format!("to enable winch {cable} alone"),
+        Request::Winch { cable } => return format!("to tell how winch {cable} is"),
+        Request::Scan { .. } => "to look for drives",
     };
     text.to_owned()
 }

@@ -185,8 +185,26 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
         },
         gravity_mps2: [0.0, 0.0, -mcdpr_kinematics::GRAVITY_MPS2],
         step_s: 1e-4,
+        cables_attached: true,
         e_stop_cuts_power: true,
     }
+}
+
+/// A simulated machine whose winches are built in, with no cable on them yet, behind a line.
+///
+/// # Errors
+/// Where the description is no machine.
+pub fn simulate_unloaded(
+    robot: &Robot,
+    mismatch: &Mismatch,
+    link: &LinkOptions,
+    seed: u64,
+) -> Result<Simulation, PlantError> {
+    let params = PlantParams {
+        cables_attached: false,
+        ..plant_params(robot, mismatch, seed)
+    };
+    Simulation::new(Plant::new(params, seed)?, link, seed)
 }
 
 /// A simulated robot that hangs at rest near a pose (position m, rotation world_from_platform),

@@ -238,9 +238,9 @@ pub static WINCH: Section = Section {
         ),
         key(
             "motor_counts_per_turn",
-            Kind::Number(Positive),
+            Kind::Number(Finite),
             Follows("gear_ratio x 4096, rounded"),
-            "motor encoder counts per DRUM turn",
+            "motor encoder counts per DRUM turn; negative where they fall as cable is paid out",
         ),
         positive("gear_ratio", 371.13, "motor turns per drum turn"),
         positive(

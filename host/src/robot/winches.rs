@@ -45,6 +45,14 @@ pub(super) fn winches(
                 Some("`mcdpr commission` finds the sign of an unloaded winch".into()),
             );
         }
+        if table.number_given("motor_counts_per_turn") == Some(0.0) {
+            reader.problem(
+                &table.at("motor_counts_per_turn"),
+                &place,
+                "`motor_counts_per_turn` must not be 0".into(),
+                Some("`mcdpr commission` finds it, with its sign".into()),
+            );
+        }
         let winch = winch(&table, index as i64 + 1);
         check_sensor(reader, &table, &winch);
         if let Some(other) = ids.insert(winch.id, place.clone()) {

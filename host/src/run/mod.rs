@@ -182,7 +182,11 @@ pub fn configure<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<Confi
     Ok(hash)
 }
 
-fn send_configuration<L: Link>(
+/// Sends a configuration and has the board take it into use.
+///
+/// # Errors
+/// The client's, where the board refuses it.
+pub(crate) fn send_configuration<L: Link>(
     client: &mut Client<L>,
     entries: &[ConfigEntry],
     hash: ConfigHash,

@@ -187,6 +187,16 @@ pub fn requests() -> Vec<(&'static str, Request)> {
         ("ClearFault", Request::ClearFault),
         ("Samples", Request::Samples { enabled: true }),
         ("Gripper", Request::Gripper { closed: true }),
+        (
+            "Service",
+            Request::Service {
+                config_hash: ConfigHash(0xDEAD_BEEF),
+                cable: 2,
+                open: true,
+            },
+        ),
+        ("Winch", Request::Winch { cable: 4 }),
+        ("Scan", Request::Scan { restart: true }),
     ]
 }
 
@@ -221,6 +231,25 @@ pub fn replies() -> Vec<(&'static str, Reply)> {
             "Configured",
             Reply::Configured {
                 hash: ConfigHash(0xDEAD_BEEF),
+            },
+        ),
+        (
+            "Winch",
+            Reply::Winch(Winch {
+                ready: true,
+                age_ms: 1,
+                motor_counts: -1_520_148,
+                current_ma: -250,
+                drum_counts: 4096,
+                tension_adc: 4677,
+                ..Winch::default()
+            }),
+        ),
+        (
+            "Drives",
+            Reply::Drives {
+                done: true,
+                nodes: [0b11110, 0, 0, 1],
             },
         ),
     ]

@@ -139,6 +139,9 @@ impl Plant {
         let start = plant.pose_below_anchors();
         // Some robots have no cable path there: such a plant waits to be placed.
         plant.failed = plant.place_at(&start, &[0.0; MAX_CABLES][..count]).err();
+        if !plant.params.cables_attached {
+            plant.failed = None;
+        }
         Ok(plant)
     }
 
@@ -286,6 +289,15 @@ impl Plant {
         }
 
         let half = 0.5 * h;
+        if !self.params.cables_attached {
+            for (i, winch) in self.winches.iter_mut().enumerate() {
+                winch.drum_m += half * winch.drum_rate;
+                winch.kick(0.0, now_s, h, &self.faults.cables[i].brake);
+                winch.drum_m += half * winch.drum_rate;
+            }
+            self.steps += 1;
+            return Ok(());
+        }
         self.motion.drift(&self.body, half);
         let rotation = q_matrix(self.motion.attitude);
         let spin = self.motion.spin(&self.body);

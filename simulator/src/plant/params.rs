@@ -179,6 +179,9 @@ pub struct PlantParams {
     pub gravity_mps2: [f64; 3],
     /// Length of one integration step (s).
     pub step_s: f64,
+    /// Whether cables run from the drums to the platform. Without, the platform lies on the floor and
+    /// every drum turns for itself: the first day of a winch.
+    pub cables_attached: bool,
     /// Whether the e-stop button cuts drive power and brake current by wire (as it must).
     pub e_stop_cuts_power: bool,
 }
@@ -285,6 +288,7 @@ impl PlantParams {
             },
             gravity_mps2: [0.0, 0.0, -9.81],
             step_s: 1e-4,
+            cables_attached: true,
             e_stop_cuts_power: true,
         }
     }

@@ -6,6 +6,7 @@ mod plan;
 mod study;
 mod target;
 mod verify;
+mod winch;
 
 use super::{Common, Outcome};
 use clap::Subcommand;
@@ -27,6 +28,7 @@ enum What {
     Target(target::Cmd),
     Verify(verify::Cmd),
     Study(study::Cmd),
+    Winch(winch::Cmd),
 }
 
 impl Cmd {
@@ -40,6 +42,7 @@ impl Cmd {
             What::Target(cmd) => cmd.run(common),
             What::Verify(cmd) => cmd.run(common),
             What::Study(cmd) => cmd.run(common),
+            What::Winch(cmd) => cmd.run(common),
         }
     }
 }

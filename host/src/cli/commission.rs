@@ -1,0 +1,198 @@
+//! `mcdpr commission WINCH`: the first day of one bare winch.
+
+use super::service::{Machine, connected};
+use super::{Common, Failed, Outcome, print_json};
+use crate::link::SimulatedLink;
+use crate::robot::Robot;
+use crate::service::{Commissioned, Operator, commission};
+use std::io::{BufRead, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+/// Bring up one bare winch: find its drive, directions, brake and sensor zero; write its module file
+///
+/// No cable may be on the drum. Only this winch moves: slowly, a sixteenth of a turn, with a fifth of
+/// its motor's current.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Number of the winch, as its cable in the robot file, from 1
+    winch: usize,
+    /// Number of its drive, where several answer that the robot file does not know
+    #[arg(long, value_name = "N")]
+    node: Option<u8>,
+    /// Module file to write
+    #[arg(long, value_name = "FILE", default_value = "winch-module.toml")]
+    out: PathBuf,
+    /// Answer in advance: whether the drum pays out cable when it is turned
+    #[arg(long, value_name = "yes|no")]
+    paid_out: Option<YesNo>,
+    #[command(flatten)]
+    machine: Machine,
+}
+
+/// An answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum YesNo {
+    Yes,
+    No,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let robot = Robot::find(&common.robot)?;
+        let (mut client, simulated) = connected(common, &robot, &self.machine)?;
+        let mut eyes = Eyes::new(self.paid_out, simulated, self.winch);
+        let found = commission(&mut client, &robot, self.winch, self.node, &mut eyes)?;
+        write_atomically(&self.out, &module_text(&found, &robot))
+            .map_err(Failed::from_error(&self.out.display().to_string()))?;
+        if common.json {
+            return print_json(&found);
+        }
+        say!(
+            "winch {}: drive {} ({} answer), brake held {:.2} A, opens and closes",
+            found.winch,
+            found.node,
+            found.nodes_found.len(),
+            found.brake_held_a
+        );
+        say!(
+            "motor_counts_per_turn {}, encoder_sign {}, tension_zero_v {:.4} (one reading varies by {:.1} mV)",
+            found.motor_counts_per_turn,
+            found.encoder_sign,
+            found.tension_zero_v,
+            found.tension_noise_v * 1e3
+        );
+        for line in &found.differs {
+            say!("differs: {line}");
+        }
+        say!(
+            "written to {}: name it as `module` in the [[winch]] table, with `node = {}`",
+            self.out.display(),
+            found.node
+        );
+        Ok(())
+    }
+}
+
+/// Who watches the drum: an answer given in advance, the simulated drum itself, or a person.
+struct Eyes {
+    given: Option<YesNo>,
+    simulated: Option<(SimulatedLink, usize)>,
+    before_m: f64,
+}
+
+impl Eyes {
+    fn new(given: Option<YesNo>, simulated: Option<SimulatedLink>, winch: usize) -> Self {
+        let mut eyes = Self {
+            given,
+            simulated: simulated.map(|link| (link, winch.wrapping_sub(1))),
+            before_m: 0.0,
+        };
+        eyes.before_m = eyes.drum_m().unwrap_or(0.0);
+        eyes
+    }
+
+    /// What somebody beside the simulated machine would see.
+    fn drum_m(&self) -> Option<f64> {
+        let (link, index) = self.simulated.as_ref()?;
+        let truth = link.with(|simulation| simulation.plant().truth()).ok()?;
+        truth.drum_positions_m.get(*index).copied()
+    }
+}
+
+impl Operator for Eyes {
+    fn paid_out(&mut self) -> Option<bool> {
+        if let Some(given) = self.given {
+            return Some(given == YesNo::Yes);
+        }
+        if let Some(now_m) = self.drum_m() {
+            return Some(now_m > self.before_m);
+        }
+        let mut input = std::io::stdin().lock();
+        if !std::io::stdin().is_terminal() {
+            return None;
+        }
+        eprint!("The drum has just turned. Would that have paid out cable? [y/n] ");
+        std::io::stderr().flush().ok()?;
+        let mut line = String::new();
+        input.read_line(&mut line).ok()?;
+        match line.trim() {
+            "y" | "yes" => Some(true),
+            "n" | "no" => Some(false),
+            _ => None,
+        }
+    }
+}
+
+/// The whole module file: what was found, and what the robot file says of the rest.
+fn module_text(found: &Commissioned, robot: &Robot) -> String {
+    let Some(w) = robot.winch_of(found.winch.wrapping_sub(1)) else {
+        return String::new();
+    };
+    let drive = match w.drive {
+        crate::robot::DriveKind::Rmds => "rmds",
+        crate::robot::DriveKind::Cia402 => "cia402",
+    };
+    format!(
+        "# Winch module, found by `mcdpr commission {winch}` on the bare winch, drive number {node}.\n\
+         encoder_sign = {sign}\n\
+         motor_counts_per_turn = {counts}\n\
+         tension_zero_v = {zero:.4}\n\
+         drive = \"{drive}\"\n\n\
+         # As the robot file described it; `mcdpr calibrate winch {winch}` measures the ratio.\n\
+         encoder_counts_per_turn = {encoder}\n\
+         tension_gain_n_per_v = {gain}\n\
+         tension_max_n = {most}\n\
+         gear_ratio = {gear}\n\
+         drum_radius_mm = {radius}\n\
+         cable_diameter_mm = {diameter}\n\
+         turns_max = {turns}\n\
+         drum_inertia_kg_m2 = {inertia}\n\
+         max_motor_rpm = {rpm}\n\
+         max_current_a = {current}\n\
+         torque_constant_nm_per_a = {torque}\n\
+         rotor_inertia_kg_m2 = {rotor}\n\
+         friction_n = {friction}\n\
+         brake_close_ms = {brake}\n\
+         drive_bandwidth_rad_s = {bandwidth}\n\
+         current_lag_ms = {lag}\n",
+        winch = found.winch,
+        node = found.node,
+        sign = found.encoder_sign,
+        counts = found.motor_counts_per_turn,
+        zero = found.tension_zero_v,
+        encoder = w.encoder_counts_per_turn,
+        gain = w.tension_gain_n_per_v,
+        most = w.tension_max_n,
+        gear = w.gear_ratio,
+        radius = milli(w.drum_radius_m),
+        diameter = milli(w.cable_diameter_m),
+        turns = w.turns_max,
+        inertia = w.drum_inertia_kg_m2,
+        rpm = w.max_motor_rpm,
+        current = w.max_current_a,
+        torque = w.torque_constant_nm_per_a,
+        rotor = w.rotor_inertia_kg_m2,
+        friction = w.friction_n,
+        brake = milli(w.brake_close_s),
+        bandwidth = w.drive_bandwidth_rad_s,
+        lag = milli(w.current_lag_s),
+    )
+}
+
+/// Thousandths, without the noise of a binary fraction.
+fn milli(value: f64) -> f64 {
+    (value * 1e9).round() / 1e6
+}
+
+/// Writes a file whole or not at all.
+pub(super) fn write_atomically(path: &Path, text: &str) -> std::io::Result<()> {
+    let mut part = path.as_os_str().to_owned();
+    part.push(".part");
+    let part = PathBuf::from(part);
+    let mut file = std::fs::File::create(&part)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()?;
+    std::fs::rename(&part, path).inspect_err(|_| {
+        let _ = std::fs::remove_file(&part);
+    })
+}

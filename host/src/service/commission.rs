@@ -1,0 +1,283 @@
+//! A winch's first day: which drive it is, which way it turns, whether its brake holds and opens,
+//! what its sensor reads without load.
+
+use super::ratio::check;
+use super::{Bench, CEILING_N, Purpose, ServiceError, volts};
+use crate::link::{Client, Link};
+use crate::robot::{DriveKind, Robot};
+use mcdpr_protocol::{Reply, Request};
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// Drum counts that a closed brake may give under load: the play of its disc.
+const BRAKE_PLAY: i64 = 4;
+/// Time that the drive pushes against the closed brake, ms.
+const PUSH_MS: u64 = 1500;
+/// Readings of the tension sensor for its zero.
+const READINGS: u32 = 50;
+
+/// Who watches the drum.
+pub trait Operator {
+    /// Whether the drum has just turned so that it pays out cable; nothing where nobody knows.
+    fn paid_out(&mut self) -> Option<bool>;
+}
+
+/// What was found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Commissioned {
+    /// Winch, 1 for the first.
+    pub winch: usize,
+    /// Number of its drive on the bus.
+    pub node: u8,
+    /// Every drive that answers.
+    pub nodes_found: Vec<u8>,
+    /// Motor counts per drum turn, with the sign that belongs to paying out.
+    pub motor_counts_per_turn: f64,
+    /// Sign of the drum encoder's count when cable is paid out.
+    pub encoder_sign: i8,
+    /// Voltage of the tension sensor without load, V.
+    pub tension_zero_v: f64,
+    /// Spread of one reading of it, V.
+    pub tension_noise_v: f64,
+    /// Current at which the closed brake held, A.
+    pub brake_held_a: f64,
+    /// What differs from the robot file, in words.
+    pub differs: Vec<String>,
+}
+
+/// Brings up one bare winch; `node` says which drive it is where more than one could be.
+///
+/// # Errors
+/// The first thing that is not as it must be; the brake is closed and torque is off then.
+pub fn commission<L: Link>(
+    client: &mut Client<L>,
+    robot: &Robot,
+    winch: usize,
+    node: Option<u8>,
+    operator: &mut impl Operator,
+) -> Result<Commissioned, ServiceError> {
+    let mut bench = Bench::new(client, robot, winch)?;
+    let nodes_found = bench.scan()?;
+    bench.node = bench.choose(&nodes_found, node)?;
+    let noise_v = bench.find_zero()?;
+    let held_a = bench.push_against_brake()?;
+    bench.enable(Purpose::Turn)?;
+    let turned = bench.turn_and_ask(operator);
+    let closed = bench.disable();
+    let (motor, drum, paid_out) = turned?;
+    closed?;
+    let described = bench.described();
+    let out = if paid_out { 1 } else { -1 };
+    // By the motor's own counts: what the file says of its sign has no part in it.
+    let motor_sign = if motor * out > 0 { 1.0 } else { -1.0 };
+    let encoder_sign = if drum * out > 0 { 1 } else { -1 };
+    let rho = (motor as f64 / drum as f64).abs();
+    let measured = rho * f64::from(described.encoder_counts_per_turn);
+    // A sixteenth of a turn tells the ratio to a percent; `calibrate winch` tells it better.
+    let near = (measured / described.motor_counts_per_turn.abs() - 1.0).abs() < 0.02;
+    let size = if near {
+        described.motor_counts_per_turn.abs()
+    } else {
+        measured.round()
+    };
+    let mut found = Commissioned {
+        winch,
+        node: bench.node,
+        nodes_found,
+        motor_counts_per_turn: size * motor_sign,
+        encoder_sign,
+        tension_zero_v: (bench.zero_v * 1e4).round() / 1e4,
+        tension_noise_v: noise_v,
+        brake_held_a: held_a,
+        differs: Vec::new(),
+    };
+    found.differs = differences(&found, described);
+    Ok(found)
+}
+
+fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<String> {
+    let mut words = Vec::new();
+    let mut tell = |is: bool, name: &str, file: String, here: String| {
+        if is {
+            words.push(format!("{name}: the robot file says {file}, it is {here}"));
+        }
+    };
+    tell(
+        found.node != described.node,
+        "node",
+        described.node.to_string(),
+        found.node.to_string(),
+    );
+    tell(
+        found.encoder_sign != described.encoder_sign,
+        "encoder_sign",
+        described.encoder_sign.to_string(),
+        found.encoder_sign.to_string(),
+    );
+    tell(
+        (found.motor_counts_per_turn - described.motor_counts_per_turn).abs() > 0.5,
+        "motor_counts_per_turn",
+        described.motor_counts_per_turn.to_string(),
+        found.motor_counts_per_turn.to_string(),
+    );
+    tell(
+        (found.tension_zero_v - described.tension_zero_v).abs() > 0.002,
+        "tension_zero_v",
+        described.tension_zero_v.to_string(),
+        found.tension_zero_v.to_string(),
+    );
+    words
+}
+
+impl<L: Link> Bench<'_, L> {
+    /// Every drive that answers.
+    fn scan(&mut self) -> Result<Vec<u8>, ServiceError> {
+        self.configure(Purpose::Turn)?;
+        // Drives that were just reset do not answer.
+        self.pause(700)?;
+        self.client.request(Request::Scan { restart: true })?;
+        loop {
+            self.pause(50)?;
+            let Reply::Drives { done, nodes } =
+                self.client.request(Request::Scan { restart: false })?
+            else {
+                continue;
+            };
+            if done {
+                let all = (1..=126_u8).filter(|node| {
+                    let word = nodes.get(usize::from(*node >> 5));
+                    word.is_some_and(|word| word & (1 << (node & 31)) != 0)
+                });
+                return Ok(all.collect());
+            }
+        }
+    }
+
+    fn choose(&self, found: &[u8], asked: Option<u8>) -> Result<u8, ServiceError> {
+        let described = self.described();
+        let wanted = asked.unwrap_or(described.node);
+        if found.is_empty() {
+            let bitrate = self.robot.bus.bitrate;
+            return Err(ServiceError::NoDrive { bitrate });
+        }
+        if found.contains(&wanted) {
+            return Ok(wanted);
+        }
+        let claimed = |node: u8| {
+            let mut others = (0..self.robot.cables.len()).filter(|index| *index != self.index);
+            others.any(|index| self.robot.winch_of(index).is_some_and(|w| w.node == node))
+        };
+        let mut free = found.iter().copied().filter(|node| !claimed(*node));
+        match (free.next(), free.next(), asked) {
+            (Some(node), None, None) => Ok(node),
+            _ => {
+                let names: Vec<_> = found.iter().map(u8::to_string).collect();
+                Err(ServiceError::Ambiguous {
+                    winch: self.index + 1,
+                    expected: wanted,
+                    found: names.join(", "),
+                })
+            }
+        }
+    }
+
+    /// Zero of the tension sensor; gives the spread of one reading, V.
+    pub(super) fn find_zero(&mut self) -> Result<f64, ServiceError> {
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for _ in 0..READINGS {
+            self.pause(10)?;
+            let reading = f64::from(self.look()?.tension_adc);
+            sum += reading;
+            squares += reading * reading;
+        }
+        let count = f64::from(READINGS);
+        let mean = sum / count;
+        let spread = (squares / count - mean * mean).max(0.0).sqrt();
+        let described = self.described();
+        let read_v = volts(mean);
+        let newtons = (read_v - described.tension_zero_v) * described.tension_gain_n_per_v;
+        // An amplifier's zero may be off by much; its rails are no zero, and weight is none.
+        let plausible = (0.02..2.0).contains(&read_v) && newtons.abs() < 2.0 * CEILING_N;
+        if !plausible {
+            return Err(ServiceError::Loaded {
+                winch: self.index + 1,
+                volts: read_v,
+                newtons,
+            });
+        }
+        self.zero_v = read_v;
+        Ok(volts(spread))
+    }
+
+    /// Lets the drive push against the closed brake; gives the current at which it held, A.
+    fn push_against_brake(&mut self) -> Result<f64, ServiceError> {
+        let before = self.look()?.drum_counts;
+        self.enable(Purpose::Press)?;
+        let enable_ms = match self.described().drive {
+            DriveKind::Rmds => 2200,
+            DriveKind::Cia402 => 1500,
+        };
+        let outcome = self.watch_brake(before, enable_ms + PUSH_MS);
+        let closed = self.disable();
+        let held_a = outcome?;
+        closed?;
+        Ok(held_a)
+    }
+
+    fn watch_brake(&mut self, before: i32, most_ms: u64) -> Result<f64, ServiceError> {
+        let asked_a = self.current_a();
+        let give_up = self.client.now_us() + most_ms * 1000;
+        let (mut held_since, mut most_a) = (None, 0.0_f64);
+        while self.client.now_us() < give_up {
+            self.pause(20)?;
+            if let Some(record) = crate::run::status(self.client)?.fault {
+                return Err(crate::run::RunError::Fault { record }.into());
+            }
+            let winch = self.look()?;
+            let current_a = f64::from(winch.current_ma).abs() * 1e-3;
+            most_a = most_a.max(current_a);
+            let counted = i64::from(winch.drum_counts) - i64::from(before);
+            if counted.abs() > BRAKE_PLAY {
+                return Err(ServiceError::BrakeSlips {
+                    winch: self.index + 1,
+                    counted,
+                    current_a,
+                });
+            }
+            if current_a > 0.5 * asked_a {
+                let since = *held_since.get_or_insert(self.client.now_us());
+                if self.client.now_us() - since > 300_000 {
+                    return Ok(most_a);
+                }
+            }
+        }
+        Err(ServiceError::NoCurrent {
+            winch: self.index + 1,
+            current_a: most_a,
+            asked_a,
+        })
+    }
+
+    /// Turns a sixteenth of a turn and back: motor counts, drum counts, and whether that paid out.
+    fn turn_and_ask(
+        &mut self,
+        operator: &mut impl Operator,
+    ) -> Result<(i64, i64, bool), ServiceError> {
+        let way = TAU / 16.0;
+        let start = self.at_rest()?;
+        self.turn(0.0, way)?;
+        let end = self.at_rest()?;
+        check(self, start, end, way)?;
+        // The answer may take its time: the board's heartbeat comes from this loop, so the drum is
+        // braked before anybody is asked.
+        self.turn(way, 0.0)?;
+        let back = self.at_rest()?;
+        check(self, end, back, way)?;
+        self.turn(0.0, way)?;
+        let winch = self.index + 1;
+        let paid_out = operator
+            .paid_out()
+            .ok_or(ServiceError::NoAnswer { winch })?;
+        Ok((end.0 - start.0, end.1 - start.1, paid_out))
+    }
+}

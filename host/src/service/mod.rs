@@ -1,0 +1,424 @@
+//! Work on one unloaded winch: its drive's number, directions, brake, sensor zero, motor ratio.
+//!
+//! Nothing here assumes that a cable is attached, and nothing moves another winch: the board
+//! enables one drive alone ([`Request::Service`]), slowly, with little current, under the same
+//! supervision as ever (session, heartbeat, stops, limits).
+
+mod commission;
+mod ratio;
+
+pub use commission::{Commissioned, Operator, commission};
+pub use ratio::{Ratio, measure_ratio};
+
+use crate::link::{Client, ClientError, Link};
+use crate::machine::{self, OutOfRange};
+use crate::robot::Robot;
+use crate::run::{RunError, interrupted, send_configuration, status, wait_for};
+use mcdpr_protocol::{
+    BoardState, CableKey, CableKnot, ConfigEntry, ConfigHash, ConfigKey, Knot, List,
+    MicrometresPerSecond, Millinewtons, PerCable, Reply, Request, TenthMicrometres, Winch,
+};
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// In service a drum's radius is taken for 1 mm, so that a "length" of 1 mm is one radian, and every
+/// limit of length has room for hundreds of turns.
+const RADIUS_UM: f64 = 1000.0;
+/// Share of the motor's largest speed that service uses.
+const SPEED_SHARE: f64 = 0.5;
+/// Most current of service, as a share of the motor's largest.
+const CURRENT_SHARE: f64 = 0.2;
+/// Over this tension a cable is attached after all, N: the board stops.
+const CEILING_N: f64 = 5.0;
+/// Knots of one move; the board's buffer holds 16.
+const KNOTS: u32 = 12;
+/// Shortest time between two knots, ms: the board takes 4.
+const SPACING_MS: u32 = 20;
+/// 65,536 steps of the converter are this many volts.
+const REFERENCE_V: f64 = 3.3;
+
+/// Why work on a winch ended.
+#[derive(Debug, Error, Diagnostic)]
+pub enum ServiceError {
+    /// The board, a fault, an interrupt.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Run(#[from] RunError),
+    /// The robot has no such winch.
+    #[error("the robot has no winch {winch}: it has 1 to {count}")]
+    #[diagnostic(
+        code(mcdpr::service::winch),
+        help("winches are numbered as the cables of the robot file, from 1")
+    )]
+    NoWinch {
+        /// Asked for.
+        winch: usize,
+        /// There are.
+        count: usize,
+    },
+    /// No drive answers on the bus.
+    #[error("no drive answers on the bus at {bitrate} bit/s")]
+    #[diagnostic(
+        code(mcdpr::service::silent),
+        help(
+            "check the drive's supply, CAN-H and CAN-L (not swapped), 120 ohm at both ends, and `bitrate` in [bus]; docs/wiring.md shows the bus"
+        )
+    )]
+    NoDrive {
+        /// The bus's.
+        bitrate: u32,
+    },
+    /// More than one drive could be meant.
+    #[error(
+        "drives {found} answer, and none of them is number {expected}, which the robot file gives winch {winch}"
+    )]
+    #[diagnostic(
+        code(mcdpr::service::ambiguous),
+        help("connect this winch's drive alone, or say which it is with `--node N`")
+    )]
+    Ambiguous {
+        /// The winch.
+        winch: usize,
+        /// The file's number.
+        expected: u8,
+        /// Those that answer and that no other winch claims.
+        found: String,
+    },
+    /// The tension sensor does not read a bare winch.
+    #[error(
+        "the tension sensor of winch {winch} reads {volts:.3} V, {newtons:.1} N by the robot file: not a bare winch"
+    )]
+    #[diagnostic(
+        code(mcdpr::service::loaded),
+        help(
+            "take the cable off the sensor; a reading near 0 V or 3.3 V is a broken wire or a missing supply of the amplifier (docs/wiring.md)"
+        )
+    )]
+    Loaded {
+        /// The winch.
+        winch: usize,
+        /// Read.
+        volts: f64,
+        /// By the file's gain and zero.
+        newtons: f64,
+    },
+    /// The motor did not turn.
+    #[error("the motor of winch {winch} turned {moved} counts of {asked}")]
+    #[diagnostic(
+        code(mcdpr::service::motor),
+        help(
+            "the brake did not open, or something blocks the drum: listen for the brake's click and check its 24 V driver (docs/wiring.md)"
+        )
+    )]
+    MotorStuck {
+        /// The winch.
+        winch: usize,
+        /// Counts that it turned.
+        moved: i64,
+        /// Counts that it should have turned.
+        asked: i64,
+    },
+    /// The drum encoder did not count.
+    #[error(
+        "the drum encoder of winch {winch} counted {counted} while its motor turned {motor} counts"
+    )]
+    #[diagnostic(
+        code(mcdpr::service::encoder),
+        help(
+            "check the encoder's 5 V, its A and B wires and the coupling to the drum (docs/wiring.md); nothing was written"
+        )
+    )]
+    EncoderStuck {
+        /// The winch.
+        winch: usize,
+        /// Drum encoder counts.
+        counted: i64,
+        /// Motor counts.
+        motor: i64,
+    },
+    /// The brake slipped.
+    #[error(
+        "the closed brake of winch {winch} let the drum turn by {counted} encoder counts at {current_a:.2} A"
+    )]
+    #[diagnostic(
+        code(mcdpr::service::brake),
+        help(
+            "a brake must hold without current: check that its coil is wired to open it, its spring, and its air gap"
+        )
+    )]
+    BrakeSlips {
+        /// The winch.
+        winch: usize,
+        /// Drum encoder counts.
+        counted: i64,
+        /// Current at which it did, A.
+        current_a: f64,
+    },
+    /// The drive gave no current against the brake, so that the brake is not proven.
+    #[error(
+        "the drive of winch {winch} gave {current_a:.3} A of {asked_a:.3} A against the closed brake"
+    )]
+    #[diagnostic(
+        code(mcdpr::service::current),
+        help("check the motor's three phases and the drive's supply")
+    )]
+    NoCurrent {
+        /// The winch.
+        winch: usize,
+        /// Measured, A.
+        current_a: f64,
+        /// Asked for, A.
+        asked_a: f64,
+    },
+    /// The operator's answer did not come.
+    #[error("nobody said which way the drum of winch {winch} turned")]
+    #[diagnostic(
+        code(mcdpr::service::nobody),
+        help("watch the drum and answer, or run again with `--paid-out yes` or `--paid-out no`")
+    )]
+    NoAnswer {
+        /// The winch.
+        winch: usize,
+    },
+}
+
+impl From<ClientError> for ServiceError {
+    fn from(error: ClientError) -> Self {
+        Self::Run(error.into())
+    }
+}
+
+impl From<OutOfRange> for ServiceError {
+    fn from(error: OutOfRange) -> Self {
+        Self::Run(error.into())
+    }
+}
+
+/// What the board shall do with the winch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Purpose {
+    /// Turn it by positions, brake open.
+    Turn,
+    /// Pull with little current against its closed brake.
+    Press,
+}
+
+/// One winch of a connected board.
+struct Bench<'a, L: Link> {
+    client: &'a mut Client<L>,
+    robot: &'a Robot,
+    /// From 0.
+    index: usize,
+    node: u8,
+    /// Measured zero of the tension sensor, V.
+    zero_v: f64,
+}
+
+impl<'a, L: Link> Bench<'a, L> {
+    fn new(
+        client: &'a mut Client<L>,
+        robot: &'a Robot,
+        winch: usize,
+    ) -> Result<Self, ServiceError> {
+        let count = robot.cables.len();
+        let board = client.info().cables;
+        if usize::from(board) != count {
+            let robot = count;
+            return Err(RunError::Cables { board, robot }.into());
+        }
+        let index = winch.wrapping_sub(1);
+        let Some(described) = robot.winch_of(index) else {
+            return Err(ServiceError::NoWinch { winch, count });
+        };
+        Ok(Self {
+            client,
+            index,
+            node: described.node,
+            zero_v: described.tension_zero_v,
+            robot,
+        })
+    }
+
+    fn number(&self) -> u8 {
+        u8::try_from(self.index + 1).unwrap_or(u8::MAX)
+    }
+
+    fn described(&self) -> &crate::robot::Winch {
+        // Checked when the bench was made.
+        self.robot
+            .winch_of(self.index)
+            .unwrap_or(&self.robot.winches[0])
+    }
+
+    /// Motor current of service, A.
+    fn current_a(&self) -> f64 {
+        self.described().max_current_a * CURRENT_SHARE
+    }
+
+    /// The robot's configuration, made harmless for this winch.
+    fn configuration(&self, purpose: Purpose) -> Result<Vec<ConfigEntry>, OutOfRange> {
+        let winch = self.described();
+        let rad_per_s = winch.max_motor_rpm / winch.gear_ratio * std::f64::consts::TAU / 60.0;
+        let mut entries = machine::configuration(self.robot)?;
+        let changed = |key: CableKey| {
+            let value = match key {
+                CableKey::Control => f64::from(u8::from(purpose == Purpose::Press)),
+                CableKey::DrumRadius => RADIUS_UM * 10.0,
+                CableKey::MaxCurrentMa => self.current_a() * 1e3,
+                CableKey::ForcePerCurrent => 1e3,
+                CableKey::TensionZeroUv => self.zero_v * 1e6,
+                CableKey::TensionMax => winch.tension_max_n * 1e3,
+                CableKey::TensionFloor | CableKey::TensionKd | CableKey::TensionKi => 0.0,
+                CableKey::TensionCeiling => CEILING_N.min(winch.tension_max_n) * 1e3,
+                CableKey::TensionLaw => 0.0,
+                CableKey::TensionKp => 100e3,
+                CableKey::LeadUs => 0.0,
+                CableKey::FollowingError => 1e6,
+                // Its encoder may count far more than the file says.
+                CableKey::MaxSpeed => rad_per_s * RADIUS_UM * 4.0,
+                CableKey::LengthMin => -2e9,
+                CableKey::LengthMax => 2e9,
+                CableKey::Node => f64::from(self.node),
+                _ => return None,
+            };
+            #[expect(clippy::cast_possible_truncation, reason = "all are small")]
+            Some(value.round() as i32)
+        };
+        for key in CableKey::ALL {
+            let wanted = ConfigKey::cable(self.number() - 1, *key);
+            let entry = entries.iter_mut().find(|entry| entry.key == wanted);
+            if let (Some(entry), Some(value)) = (entry, changed(*key)) {
+                entry.value = value;
+            }
+        }
+        // Two drives of one number are none: another winch that claims it is not here today.
+        for index in 0..self.robot.cables.len() {
+            let claims = self.robot.winch_of(index).map(|winch| winch.node);
+            if index != self.index && claims == Some(self.node) {
+                let index = u8::try_from(index).unwrap_or(u8::MAX);
+                let key = ConfigKey::cable(index, CableKey::Node);
+                if let Some(entry) = entries.iter_mut().find(|entry| entry.key == key) {
+                    entry.value = i32::from(self.described().node);
+                }
+            }
+        }
+        Ok(entries)
+    }
+
+    fn configure(&mut self, purpose: Purpose) -> Result<ConfigHash, ServiceError> {
+        if let Some(record) = status(self.client)?.fault {
+            return Err(RunError::Latched { record }.into());
+        }
+        let entries = self.configuration(purpose)?;
+        let hash = machine::hash_of(&entries);
+        send_configuration(self.client, &entries, hash)?;
+        Ok(hash)
+    }
+
+    /// Gives the winch (and nothing else) torque; with its brake open it holds when this returns.
+    fn enable(&mut self, purpose: Purpose) -> Result<(), ServiceError> {
+        let config_hash = self.configure(purpose)?;
+        let count = self.robot.cables.len();
+        let pull = Millinewtons(match purpose {
+            Purpose::Turn => 0,
+            Purpose::Press => 10_000,
+        });
+        self.client.request(Request::Reference {
+            lengths: PerCable::collect((0..count).map(|_| TenthMicrometres(0))),
+            tensions: PerCable::collect((0..count).map(|_| pull)),
+        })?;
+        let open = purpose == Purpose::Turn;
+        let cable = self.number();
+        self.client.request(Request::Service {
+            config_hash,
+            cable,
+            open,
+        })?;
+        if open {
+            wait_for(self.client, BoardState::Holding, 6.0)?;
+        }
+        Ok(())
+    }
+
+    fn disable(&mut self) -> Result<(), ServiceError> {
+        self.client.request(Request::Disarm)?;
+        Ok(wait_for(self.client, BoardState::Disarmed, 3.0)?)
+    }
+
+    fn look(&mut self) -> Result<Winch, ServiceError> {
+        let cable = self.number();
+        match self.client.request(Request::Winch { cable })? {
+            Reply::Winch(winch) => Ok(winch),
+            _ => Ok(Winch::default()),
+        }
+    }
+
+    fn pause(&mut self, ms: u64) -> Result<(), ServiceError> {
+        let until = self.client.now_us() + ms * 1000;
+        self.client.pump(until)?;
+        if interrupted() {
+            // The brake closes and torque goes, whatever was under way.
+            self.client.stop(mcdpr_protocol::StopKind::Stop)?;
+            return Err(RunError::Interrupted.into());
+        }
+        Ok(())
+    }
+
+    /// Motor and drum, at rest.
+    fn at_rest(&mut self) -> Result<(i64, i64), ServiceError> {
+        self.pause(100)?;
+        let winch = self.look()?;
+        Ok((winch.motor_counts.into(), winch.drum_counts.into()))
+    }
+
+    /// Turns the drum by the file's ratio from where it is (`from` rad since it was enabled) to `to`
+    /// rad, by the motor alone, and waits until it rests.
+    fn turn(&mut self, from_rad: f64, to_rad: f64) -> Result<(), ServiceError> {
+        let winch = self.described();
+        let top =
+            winch.max_motor_rpm * SPEED_SHARE / winch.gear_ratio * std::f64::consts::TAU / 60.0;
+        let way = to_rad - from_rad;
+        // A quintic from rest to rest peaks at 15/8 of its mean speed.
+        let time_ms = (way.abs() / top * 1.875 * 1e3).ceil();
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "some seconds"
+        )]
+        let spacing_ms = ((time_ms / f64::from(KNOTS)) as u32 + 1).clamp(SPACING_MS, 4000);
+        let time_s = f64::from(spacing_ms * KNOTS) * 1e-3;
+        self.client.request(Request::Discard)?;
+        for number in 0..=KNOTS {
+            let share = f64::from(number) / f64::from(KNOTS);
+            let done = share.powi(3) * (10.0 - 15.0 * share + 6.0 * share * share);
+            let rate = 30.0 * share * share * (1.0 - share).powi(2) / time_s;
+            let at = (from_rad + way * done) * RADIUS_UM * 10.0;
+            let speed = way * rate * RADIUS_UM;
+            #[expect(clippy::cast_possible_truncation, reason = "checked by the board")]
+            let (at, speed) = (at.round() as i32, speed.round() as i32);
+            let cables = (0..self.robot.cables.len()).map(|index| {
+                let mine = index == self.index;
+                CableKnot {
+                    length: TenthMicrometres(if mine { at } else { 0 }),
+                    velocity: MicrometresPerSecond(if mine { speed } else { 0 }),
+                    tension: Millinewtons(0),
+                }
+            });
+            let knot = Knot {
+                index: u16::try_from(number).unwrap_or(u16::MAX),
+                time_ms: number * spacing_ms,
+                last: number == KNOTS,
+                cables: PerCable::collect(cables),
+                rows: List::new(),
+            };
+            self.client.request(Request::Knot(knot))?;
+        }
+        self.client.request(Request::Start)?;
+        Ok(wait_for(self.client, BoardState::Holding, time_s + 2.0)?)
+    }
+}
+
+/// Volts at the converter for a reading of it.
+fn volts(reading: f64) -> f64 {
+    reading / 65_536.0 * REFERENCE_V
+}

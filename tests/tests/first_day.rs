@@ -1,0 +1,248 @@
+//! The first day of a bare winch, by the real program: the simulated machine is not what the robot
+//! file says, and the commands find out.
+
+use mcdpr_tests::mcdpr;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Output, Stdio};
+
+/// A folder that goes with the test.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("mcdpr-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn robot(name: &str) -> String {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let path = root.join("robots").join(name);
+    std::fs::read_to_string(path).unwrap()
+}
+
+fn run(folder: &Folder, arguments: &[&str]) -> Output {
+    mcdpr()
+        .args(arguments)
+        .current_dir(&folder.0)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+fn document(output: &Output) -> Value {
+    let text = String::from_utf8_lossy(&output.stdout);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text}{errors}"))
+}
+
+/// A robot file whose four drives speak `drive`: once for the program, once for the machine as it
+/// was really built.
+fn really(drive: &str) -> (String, String) {
+    let mut says = robot("lab-fast.toml");
+    for winch in 1..=4 {
+        says = with(&says, winch, "drive", &format!("\"{drive}\""));
+    }
+    (says.clone(), says)
+}
+
+/// Replaces a key in the `number`th `[[winch]]` table, or adds it.
+fn with(text: &str, number: usize, key: &str, value: &str) -> String {
+    let mut out = String::new();
+    let mut winch = 0;
+    for line in text.lines() {
+        if line.trim_start().starts_with('[') && winch == number && line.trim() != "[[winch]]" {
+            winch = usize::MAX;
+        }
+        if line.trim() == "[[winch]]" {
+            winch = winch.wrapping_add(1);
+            out.push_str(line);
+            out.push('\n');
+            if winch == number {
+                out.push_str(&format!("{key} = {value}\n"));
+            }
+            continue;
+        }
+        let own = line
+            .split('=')
+            .next()
+            .is_some_and(|name| name.trim() == key);
+        if winch == number && own {
+            continue;
+        }
+        out.push_str(line);
+        out.push('\n');
+    }
+    out
+}
+
+/// Takes a key out of the `number`th `[[winch]]` table.
+fn without(text: &str, number: usize, key: &str) -> String {
+    let marked = with(text, number, key, "0");
+    marked.replacen(&format!("{key} = 0\n"), "", 1)
+}
+
+fn number(text: &str, key: &str) -> f64 {
+    let mut lines = text.lines();
+    let line = lines.find(|line| line.split('=').next().is_some_and(|k| k.trim() == key));
+    let value = line.and_then(|line| line.split('=').nth(1)).unwrap();
+    value.split('#').next().unwrap().trim().parse().unwrap()
+}
+
+#[test]
+fn commissioning_finds_what_the_robot_file_does_not_know() {
+    for drive in ["rmds", "cia402"] {
+        let folder = Folder::new(&format!("commission-{drive}"));
+        let (says, built) = really(drive);
+        let counts = number(&says, "motor_counts_per_turn");
+        let built = with(&built, 2, "node", "9");
+        let built = with(&built, 2, "encoder_sign", "-1");
+        let built = with(&built, 2, "motor_counts_per_turn", &format!("{}", -counts));
+        let built = with(&built, 2, "tension_zero_v", "0.2");
+        std::fs::write(folder.0.join("says.toml"), &says).unwrap();
+        std::fs::write(folder.0.join("built.toml"), built).unwrap();
+        let arguments = [
+            "commission",
+            "2",
+            "--robot",
+            "says.toml",
+            "--machine",
+            "built.toml",
+        ];
+        let output = run(
+            &folder,
+            &[&arguments[..], &["--json", "--out", "two.toml"]].concat(),
+        );
+        let found = document(&output);
+        assert_eq!(found["node"], 9, "{found}");
+        assert_eq!(found["encoder_sign"], -1, "{found}");
+        assert_eq!(
+            found["motor_counts_per_turn"].as_f64(),
+            Some(-counts),
+            "{found}"
+        );
+        let zero_v = found["tension_zero_v"].as_f64().unwrap();
+        assert!((zero_v - 0.2).abs() < 0.003, "{found}");
+        assert_eq!(
+            found["differs"].as_array().map(Vec::len),
+            Some(4),
+            "{found}"
+        );
+        // What was written is a module file that a robot file can name, whole.
+        let module = std::fs::read_to_string(folder.0.join("two.toml")).unwrap();
+        assert!(module.contains("encoder_sign = -1\n"), "{module}");
+        assert!(!folder.0.join("two.toml.part").exists());
+        let mut named = says.clone();
+        named = with(&named, 2, "module", "\"two.toml\"");
+        named = with(&named, 2, "node", "9");
+        for key in ["motor_counts_per_turn", "tension_zero_v", "encoder_sign"] {
+            named = without(&named, 2, key);
+        }
+        std::fs::write(folder.0.join("named.toml"), named).unwrap();
+        let arguments = [
+            "commission",
+            "2",
+            "--robot",
+            "named.toml",
+            "--machine",
+            "built.toml",
+        ];
+        let output = run(
+            &folder,
+            &[&arguments[..], &["--json", "--out", "again.toml"]].concat(),
+        );
+        let again = document(&output);
+        assert_eq!(
+            again["differs"].as_array().map(Vec::len),
+            Some(0),
+            "{again}"
+        );
+    }
+}
+
+#[test]
+fn a_drive_that_nobody_named_and_several_that_could_be_meant_are_refused() {
+    let folder = Folder::new("ambiguous");
+    let (says, built) = really("rmds");
+    let built = with(&built, 2, "node", "9");
+    let built = with(&built, 3, "node", "10");
+    std::fs::write(folder.0.join("says.toml"), &says).unwrap();
+    std::fs::write(folder.0.join("built.toml"), built).unwrap();
+    let common = [
+        "--robot",
+        "says.toml",
+        "--machine",
+        "built.toml",
+        "--out",
+        "w.toml",
+    ];
+    let output = run(&folder, &[&["commission", "2"], &common[..]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(words.contains("--node"), "{words}");
+    assert!(!folder.0.join("w.toml").exists(), "nothing is written");
+    let output = run(
+        &folder,
+        &[&["commission", "2", "--node", "9", "--json"], &common[..]].concat(),
+    );
+    assert_eq!(document(&output)["node"], 9);
+}
+
+#[test]
+fn the_motor_ratio_is_measured_whatever_the_file_says() {
+    let folder = Folder::new("ratio");
+    let (says, built) = really("rmds");
+    let counts = number(&says, "motor_counts_per_turn");
+    let per_turn = number(&says, "encoder_counts_per_turn");
+    // Another gear than the file says, and an encoder that counts the other way.
+    let real = counts * 1.07;
+    let built = with(&built, 1, "motor_counts_per_turn", &format!("{real}"));
+    let built = with(&built, 1, "encoder_sign", "-1");
+    std::fs::write(folder.0.join("says.toml"), &says).unwrap();
+    std::fs::write(folder.0.join("built.toml"), built).unwrap();
+    let output = run(
+        &folder,
+        &[
+            "calibrate",
+            "winch",
+            "1",
+            "--robot",
+            "says.toml",
+            "--machine",
+            "built.toml",
+            "--json",
+        ],
+    );
+    let ratio = document(&output);
+    let rho = ratio["rho"].as_f64().unwrap();
+    // Three turns each way: an encoder count in 12,288.
+    assert!((rho / (-real / per_turn) - 1.0).abs() < 2e-4, "{ratio}");
+    assert_eq!(ratio["encoder_sign"], -1);
+    assert_eq!(ratio["turns"].as_array().map(Vec::len), Some(6));
+    let backlash = ratio["backlash_motor_counts"].as_f64().unwrap();
+    assert!(
+        backlash <= ratio["backlash_resolution"].as_f64().unwrap(),
+        "{ratio}"
+    );
+}
+
+#[test]
+fn a_winch_that_is_not_there_is_named() {
+    let folder = Folder::new("no-winch");
+    for arguments in [&["commission", "5"][..], &["calibrate", "winch", "0"]] {
+        let output = run(&folder, arguments);
+        assert_eq!(output.status.code(), Some(1));
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert!(words.contains("no winch"), "{words}");
+    }
+}
