@@ -63,6 +63,15 @@ pub(super) fn winches(
                 Some("give every winch its own id".into()),
             );
         }
+        if winches.first().is_some_and(|first: &Winch| first.drive != winch.drive) {
+            reader.problem(
+                &table.at("drive"),
+                &place,
+                "`drive` is not that of the first winch: the two protocols' identifiers overlap"
+                    .into(),
+                Some("give all drives of a board the same protocol".into()),
+            );
+        }
         if winch.drive == DriveKind::Rmds && winch.node > 15 {
             reader.problem(
                 &table.at("node"),
