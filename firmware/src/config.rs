@@ -151,6 +151,8 @@ pub struct CableConfig {
     pub following_error: i32,
     /// Largest speed, µm/s.
     pub max_speed_umps: i32,
+    /// Speed out of the band of floor and ceiling, µm/s.
+    pub reel_speed_umps: i32,
     /// Shortest length, 0.1 µm.
     pub length_min: i32,
     /// Longest length, 0.1 µm.
@@ -184,6 +186,8 @@ pub struct Active<const N: usize> {
     pub enable_ms: u32,
     /// Age at which feedback counts as lost, ms.
     pub feedback_timeout_ms: u16,
+    /// Whether brakes close under torque while the robot holds.
+    pub hold_braked: bool,
     /// Cable by cable.
     pub cables: [CableConfig; N],
 }
@@ -326,6 +330,7 @@ impl<const N: usize> ConfigStore<N> {
             residual_ms: small(key(BoardKey::ResidualMs, 1, 10_000)?),
             enable_ms: key(BoardKey::EnableMs, 0, 10_000)?.cast_unsigned(),
             feedback_timeout_ms,
+            hold_braked: key(BoardKey::HoldBrakes, 0, 1)? == 1,
             cables,
         };
         *active = Some(built);
@@ -438,6 +443,7 @@ impl<const N: usize> ConfigStore<N> {
             brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)?),
             following_error: key(CableKey::FollowingError, 10, 1_000_000)? * 10,
             max_speed_umps,
+            reel_speed_umps: key(CableKey::ReelSpeed, 1, 1_000_000)?,
             length_min,
             length_max: key(CableKey::LengthMax, length_min, 2_000_000_000)?,
             node: u8::try_from(node).unwrap_or(u8::MAX),

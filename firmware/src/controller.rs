@@ -2,7 +2,7 @@
 
 use crate::arming::{Arming, HAS_SERVICE, Phase, Service, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
-use crate::config::{Active, ConfigStore, Control};
+use crate::config::{Active, ConfigStore, Control, TensionLaw};
 use crate::encoder::{Encoder, LengthScale, Sampled};
 use crate::io::{Brake, DriveDemand, DriveInput, Inputs, Outputs, Scan};
 use crate::motion::{CAPACITY, Motion, Progress};
@@ -68,6 +68,8 @@ pub struct Controller<const N: usize> {
     late_ticks: Persist,
     /// Ticks since the brakes were told to close while stopping.
     closing: Option<u16>,
+    /// Ticks until the brakes that were closed while holding are open again.
+    opening: u16,
     gripper_closed: bool,
     gripper_switch: bool,
     e_stop: bool,
@@ -100,6 +102,7 @@ impl<const N: usize> Default for Controller<N> {
             overruns: 0,
             late_ticks: Persist::default(),
             closing: None,
+            opening: 0,
             gripper_closed: false,
             gripper_switch: false,
             e_stop: false,
@@ -196,7 +199,13 @@ impl<const N: usize> Controller<N> {
                     cable.abandoned = false;
                 }
             }
-            State::Moving => self.motion.run(stop_ms),
+            State::Moving => {
+                self.motion.run(stop_ms);
+                self.opening = match &self.active {
+                    Some(active) if active.hold_braked => slowest_brake_ms(active) + 1,
+                    _ => 0,
+                };
+            }
             State::Pausing => self.motion.brake(stop_ms),
             State::Stopping => {
                 self.motion.brake(stop_ms);
@@ -276,11 +285,17 @@ impl<const N: usize> Controller<N> {
             let view = CableView {
                 adc,
                 tension_mn: cable.tension_mn,
-                // No cable need be attached to a winch that is worked on.
-                floor_mn: match self.service {
-                    Some(_) if HAS_SERVICE => i32::MIN,
-                    _ => config.floor_mn,
+                // No floor; a cable that is to be slack can not be too slack; and no cable need be
+                // attached to a winch that is worked on.
+                floor_mn: if config.floor_mn == 0
+                    || (!held_by_length && cable.setpoint_mn < config.floor_mn)
+                    || (HAS_SERVICE && self.service.is_some())
+                {
+                    i32::MIN
+                } else {
+                    config.floor_mn
                 },
+                reels_in: !held_by_length && config.law == TensionLaw::Default,
                 ceiling_mn: config.ceiling_mn,
                 length_error: if held_by_length { error } else { 0 },
                 length_error_max: config.following_error,
@@ -366,6 +381,8 @@ impl<const N: usize> Controller<N> {
         };
         match self.state {
             State::Arming => self.act_arming(inputs),
+            // The path's clock stands until the brakes that held are open.
+            State::Moving if self.opening > 0 => self.opening -= 1,
             State::Moving | State::Pausing => {
                 self.follow(stop_ms);
                 if self.state == State::Moving && !self.motion.covers_a_stop(stop_ms) {
@@ -456,8 +473,7 @@ impl<const N: usize> Controller<N> {
         let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
             return;
         };
-        let slowest = active.cables.iter().map(|cable| cable.brake_close_ms).max();
-        if ticks >= slowest.unwrap_or(0).saturating_add(HOLD_TORQUE_MS) {
+        if ticks >= slowest_brake_ms(active).saturating_add(HOLD_TORQUE_MS) {
             self.raise(Event::TorqueOff);
         } else {
             self.closing = Some(ticks + 1);
@@ -477,6 +493,7 @@ impl<const N: usize> Controller<N> {
         let brake = match (self.state, self.closing, phase) {
             (State::Stopping, Some(_), _) => Brake::Closed,
             (_, _, Phase::Enabling | Phase::Preload) => Brake::Closed,
+            (State::Holding, ..) if active.hold_braked => Brake::Closed,
             _ => Brake::Open,
         };
         let torque = phase != Phase::Enabling;
@@ -518,7 +535,9 @@ impl<const N: usize> Controller<N> {
                         planned_acceleration_umps2: cable.target.acceleration_umps2,
                         measured_speed_umps: motor_speed_umps(config, drive),
                     };
-                    let ma = if is_plausible(adc) {
+                    // Against a brake a law would only wind up.
+                    let held = (brake == Brake::Closed && phase == Phase::Done) || self.opening > 0;
+                    let ma = if is_plausible(adc) && !held {
                         cable.tension_loop.update(config, &measured)
                     } else {
                         cable.tension_loop.hold()
@@ -583,6 +602,12 @@ impl<const N: usize> Controller<N> {
             ..Status::default()
         }
     }
+}
+
+/// The longest time that a brake takes, ms.
+fn slowest_brake_ms<const N: usize>(active: &Active<N>) -> u16 {
+    let cables = active.cables.iter();
+    cables.map(|cable| cable.brake_close_ms).max().unwrap_or(0)
 }
 
 fn target(point: &Point) -> Target {

@@ -42,6 +42,10 @@ pub struct Demand {
 
 /// Friction is compensated by this share: more would start stick-slip. Out of 256.
 const FRICTION_SHARE: i64 = 205;
+/// At this drum speed a drum moves for certain, µm/s; under it, friction's sign is the plan's.
+const FRICTION_SPEED_UMPS: i64 = 4000;
+/// After slack or overload the set-point comes back this fast, mN per ms (20 N/s).
+const RECOVERY_MNPMS: i32 = 20;
 /// Under this planned speed friction feed-forward fades in linearly, µm/s.
 const FRICTION_FADE_UMPS: i32 = 500;
 
@@ -57,6 +61,10 @@ pub struct TensionLoop {
     force_mn: i64,
     /// The last current, mA.
     current_ma: i32,
+    /// How far the set-point in use is from the asked one, mN: after slack it comes back slowly.
+    short_mn: i32,
+    /// The cable was out of its band in the last tick: its drum is led by speed.
+    led: bool,
 }
 
 impl TensionLoop {
@@ -69,6 +77,8 @@ impl TensionLoop {
             saturated: false,
             force_mn: 0,
             current_ma: 0,
+            short_mn: 0,
+            led: false,
         }
     }
 
@@ -86,14 +96,12 @@ impl TensionLoop {
         let after_q16 = self.filter.value_q16();
         // The derivative of the filtered tension is a filtered derivative; per ms to per s.
         let slope_mnps = saturate(((after_q16 - before_q16) * 1000) >> 16);
-        let error_q16 = (i64::from(demand.setpoint_mn) << 16) - after_q16;
         let force_mn = match config.law {
-            TensionLaw::Pd => pd(config, error_q16, slope_mnps),
-            TensionLaw::Default => {
-                let ahead = feed_forward(config, demand) + pd(config, error_q16, slope_mnps);
-                self.integrate(config, error_q16);
-                ahead + ((self.integral_q16 + half(16)) >> 16)
+            TensionLaw::Pd => {
+                let error_q16 = (i64::from(demand.setpoint_mn) << 16) - after_q16;
+                pd(config, error_q16, slope_mnps)
             }
+            TensionLaw::Default => self.default_law(config, demand, slope_mnps),
         };
         let current_q32 = force_mn.saturating_mul(config.current_per_force_q32);
         let current = saturate(current_q32.saturating_add(half(32)) >> 32);
@@ -102,6 +110,33 @@ impl TensionLoop {
         self.force_mn = force_mn;
         self.current_ma = limited;
         limited
+    }
+
+    /// Feed-forward, PI and damping about the planned motion; out of the band of floor and ceiling,
+    /// a slow law of its own.
+    fn default_law(&mut self, config: &CableConfig, demand: &Demand, slope_mnps: i32) -> i64 {
+        let tension_mn = self.filter.value();
+        let slack = tension_mn < config.floor_mn && demand.setpoint_mn >= config.floor_mn;
+        if slack || tension_mn > config.ceiling_mn {
+            // A light drum that is pulled against nothing is soon fast, and the cable's end stop is
+            // a hammer: so the speed is led, in while slack, out while too tight.
+            self.led = true;
+            return lead(config, demand, tension_mn, slack);
+        }
+        if self.led {
+            // The cable is back: from its own tension on, and without what the integral learnt.
+            self.led = false;
+            self.short_mn = demand.setpoint_mn.saturating_sub(tension_mn);
+            self.integral_q16 = 0;
+        }
+        self.short_mn -= self.short_mn.clamp(-RECOVERY_MNPMS, RECOVERY_MNPMS);
+        let setpoint_mn = demand.setpoint_mn.saturating_sub(self.short_mn);
+        let error_q16 = (i64::from(setpoint_mn) << 16) - self.filter.value_q16();
+        let ahead = i64::from(setpoint_mn)
+            + feed_forward(config, demand)
+            + pd(config, error_q16, slope_mnps);
+        self.integrate(config, error_q16);
+        ahead + ((self.integral_q16 + half(16)) >> 16)
     }
 
     /// One tick without a reading that can be true: the current stays as it was, mA. A sensor at
@@ -130,18 +165,32 @@ fn pd(config: &CableConfig, error_q16: i64, slope_mnps: i32) -> i64 {
     proportional - i64::from(slope_mnps) * i64::from(config.kd_us) / 1_000_000
 }
 
-/// What the planned motion needs without any error: tension, friction, inertia; and damping of the
-/// drum about its planned speed.
+/// Force that leads a drum at the cable's reel speed: balances tension and friction, and pulls the
+/// speed to its place.
+fn lead(config: &CableConfig, demand: &Demand, tension_mn: i32, slack: bool) -> i64 {
+    let sign = if slack { -1 } else { 1 };
+    let wanted = sign * i64::from(config.reel_speed_umps);
+    let too_fast = i64::from(demand.measured_speed_umps) - wanted;
+    i64::from(tension_mn) - sign * i64::from(config.friction_mn)
+        + i64::from(config.damping_mns_per_m) * too_fast / 1_000_000
+}
+
+/// What the planned motion needs without any error: friction, inertia; and damping of the drum
+/// about its planned speed.
 fn feed_forward(config: &CableConfig, demand: &Demand) -> i64 {
     let planned = demand.planned_speed_umps;
+    let measured = i64::from(demand.measured_speed_umps);
+    // Where the drum moves for certain, friction is against its motion; where it seems to stand,
+    // the plan says which way it is about to go. A platform that swings reverses drums that no
+    // plan moves.
+    let moves = (measured * 256 / FRICTION_SPEED_UMPS).clamp(-256, 256);
     let fade = i64::from(planned.clamp(-FRICTION_FADE_UMPS, FRICTION_FADE_UMPS));
+    let sign_q8 = moves + fade * (256 - moves.abs()) / i64::from(FRICTION_FADE_UMPS);
     // A drum that pays out is held back by friction, so the motor needs less force.
-    let friction = i64::from(config.friction_mn) * FRICTION_SHARE * fade
-        / (256 * i64::from(FRICTION_FADE_UMPS));
+    let friction = i64::from(config.friction_mn) * FRICTION_SHARE * sign_q8 / (256 * 256);
     // g times µm/s² is nN; 1e6 of them are one mN.
     let inertia =
         i64::from(config.mass_g) * i64::from(demand.planned_acceleration_umps2) / 1_000_000;
-    let too_fast = i64::from(demand.measured_speed_umps) - i64::from(planned);
-    let damping = i64::from(config.damping_mns_per_m) * too_fast / 1_000_000;
-    i64::from(demand.setpoint_mn) - friction - inertia + damping
+    let damping = i64::from(config.damping_mns_per_m) * (measured - i64::from(planned)) / 1_000_000;
+    damping - friction - inertia
 }

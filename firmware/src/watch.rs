@@ -49,6 +49,8 @@ pub struct CableView {
     pub tension_mn: i32,
     /// Floor, mN.
     pub floor_mn: i32,
+    /// The cable's own law reels it in when it is slack: that takes time.
+    pub reels_in: bool,
     /// Ceiling, mN.
     pub ceiling_mn: i32,
     /// Commanded minus measured length, 0.1 µm; zero where the cable is held by tension.
@@ -71,6 +73,8 @@ pub struct CableView {
 
 /// Times of `docs/faults.md`, ticks.
 const SLACK_TICKS: u16 = 20;
+/// What a tension-held cable has for being reeled in.
+const REEL_TICKS: u16 = 2000;
 const SNAG_TICKS: u16 = 2;
 const RAIL_TICKS: u16 = 5;
 const FROZEN_TICKS: u16 = 10;
@@ -87,6 +91,11 @@ impl CableWatch {
         let short = view.adc <= crate::tension::ADC_RAIL_LOW;
         let frozen = view.adc == self.last_adc && !open && !short;
         self.last_adc = view.adc;
+        let slack_ticks = if view.reels_in {
+            REEL_TICKS
+        } else {
+            SLACK_TICKS
+        };
         let limit = view.length_error_max.unsigned_abs();
         let astray = view.length_error.unsigned_abs() > limit;
         // A dead drive leaves the motor behind, too; a dead encoder does not.
@@ -130,7 +139,7 @@ impl CableWatch {
             ),
             (
                 self.slack
-                    .update(tension < view.floor_mn && !short, SLACK_TICKS),
+                    .update(tension < view.floor_mn && !short, slack_ticks),
                 FaultId::C1,
                 tension,
                 view.floor_mn,

@@ -86,6 +86,8 @@ keys! {
         FeedbackTimeoutMs = 8,
         /// Time between two commands to a tension-held drive, µs; divides that of the others.
         TensionPeriodUs = 9,
+        /// 1 closes the brakes under torque while the robot holds, 0 leaves them open.
+        HoldBrakes = 10,
     }
 }
 
@@ -151,6 +153,8 @@ keys! {
         Node = 28,
         /// Motor counts per turn of the motor's own shaft.
         MotorCountsPerRev = 29,
+        /// Speed at which a slack cable is reeled in, or a too tight one paid out, µm/s.
+        ReelSpeed = 30,
     }
 }
 

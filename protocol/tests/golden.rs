@@ -291,6 +291,7 @@ fn configuration_keys_keep_their_numbers() {
         "EnableMs",
         "FeedbackTimeoutMs",
         "TensionPeriodUs",
+        "HoldBrakes",
     ];
     let cable = [
         "Control",
@@ -322,6 +323,7 @@ fn configuration_keys_keep_their_numbers() {
         "LengthMax",
         "Node",
         "MotorCountsPerRev",
+        "ReelSpeed",
     ];
     let names: Vec<_> = BoardKey::ALL.iter().map(|key| key.name()).collect();
     assert_eq!(names, board);

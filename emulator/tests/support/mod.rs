@@ -184,6 +184,7 @@ fn entries() -> Vec<ConfigEntry> {
             BoardKey::ResidualMs => 100,
             BoardKey::EnableMs => 40,
             BoardKey::FeedbackTimeoutMs => 10,
+            BoardKey::HoldBrakes => 0,
         };
         (ConfigKey::board(key), value)
     });
@@ -210,6 +211,7 @@ fn entries() -> Vec<ConfigEntry> {
                 CableKey::TensionDamping => 50_000,
                 CableKey::TensionFilterMhz => 30_000,
                 CableKey::BrakeCloseMs => 30,
+                CableKey::ReelSpeed => 10_000,
                 CableKey::MaxSpeed => 46_000,
                 CableKey::LengthMin => 0,
                 CableKey::LengthMax => 200_000_000,

@@ -49,6 +49,7 @@ pub fn entries() -> Vec<ConfigEntry> {
             BoardKey::ResidualMs => 100,
             BoardKey::EnableMs => ENABLE_MS as i32,
             BoardKey::FeedbackTimeoutMs => 10,
+            BoardKey::HoldBrakes => 0,
         };
         all.push(ConfigEntry {
             key: ConfigKey::board(key),
@@ -93,6 +94,7 @@ pub fn entries() -> Vec<ConfigEntry> {
                 CableKey::LengthMax => 200_000_000,
                 CableKey::Node => i32::from(index) + 1,
                 CableKey::MotorCountsPerRev => 4096,
+                CableKey::ReelSpeed => 10_000,
             };
             all.push(ConfigEntry {
                 key: ConfigKey::cable(index, key),

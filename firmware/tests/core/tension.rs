@@ -90,9 +90,12 @@ impl Reference {
         if g.law == 1 {
             let planned = f64::from(demand.planned_speed_umps) * 1e-6;
             let fade = (planned / 500e-6).clamp(-1.0, 1.0);
-            let too_fast = f64::from(demand.measured_speed_umps) * 1e-6 - planned;
+            let drum = f64::from(demand.measured_speed_umps) * 1e-6;
+            let moves = (drum / 4e-3).clamp(-1.0, 1.0);
+            let sign = moves + fade * (1.0 - moves.abs());
+            let too_fast = drum - planned;
             force += f64::from(demand.setpoint_mn) * 1e-3
-                - self.friction_n * 205.0 / 256.0 * fade
+                - self.friction_n * 205.0 / 256.0 * sign
                 - self.mass_kg * f64::from(demand.planned_acceleration_umps2) * 1e-6
                 + f64::from(g.damping_mns_per_m) * 1e-3 * too_fast;
             self.integral_n += f64::from(g.ki_milli) * 1e-3 * error * dt;
@@ -111,7 +114,8 @@ fn recorded(rng: &mut Rng, tick: u32, last: &Demand) -> Demand {
         measured_mn: if jump {
             rng.between(4000, 16_000) as i32
         } else {
-            measured.clamp(0, 30_000)
+            // Within floor and ceiling: out of them another law leads.
+            measured.clamp(1000, 30_000)
         },
         planned_speed_umps: (last.planned_speed_umps + rng.between(-200, 200) as i32)
             .clamp(-45_000, 45_000),
@@ -156,6 +160,51 @@ fn the_default_law_is_met_within_a_milliampere() {
         println!("default law: {worst:.3} mA");
         assert!(worst <= 1.0, "{worst} mA");
     }
+}
+
+#[test]
+fn a_slack_cable_is_reeled_in_at_the_reel_speed_and_comes_back_on_a_ramp() {
+    let config = config(&DEFAULT);
+    let mut core = TensionLoop::at(10_000);
+    let demand = |measured_mn, measured_speed_umps| Demand {
+        setpoint_mn: 10_000,
+        measured_mn,
+        measured_speed_umps,
+        ..Demand::default()
+    };
+    for _ in 0..100 {
+        core.update(&config, &demand(0, 0));
+    }
+    // At the reel speed of 10 mm/s only friction is left to overcome: 0.5 N at -50 N/A.
+    assert_eq!(core.update(&config, &demand(0, -10_000)), -10);
+    // Standing still it pulls with 50 N s/m times 10 mm/s more; too fast, it brakes.
+    assert_eq!(core.update(&config, &demand(0, 0)), -20);
+    assert_eq!(core.update(&config, &demand(0, -30_000)), 10);
+    // The cable is tight again at 1 N: from there the set-point takes 0.45 s.
+    let force_mn = |ma: i32| -ma * 50;
+    let first = force_mn(core.update(&config, &demand(10_000, 0)));
+    assert!(first < 4000, "{first} mN at once");
+    for _ in 0..600 {
+        core.update(&config, &demand(10_000, 0));
+    }
+    let last = force_mn(core.update(&config, &demand(10_000, 0)));
+    // What the integral took up on the ramp is at most 2 /s times 10 N times 0.5 s / 2.
+    assert!((last - 10_000).abs() < 6000, "{last} mN at the end");
+}
+
+#[test]
+fn a_cable_over_the_ceiling_is_paid_out_at_the_reel_speed() {
+    let config = config(&DEFAULT);
+    let mut core = TensionLoop::at(36_000);
+    let over = |measured_speed_umps| Demand {
+        setpoint_mn: 10_000,
+        measured_mn: 36_000,
+        measured_speed_umps,
+        ..Demand::default()
+    };
+    // 36 N against the cable, less the friction that the drum overcomes: 35.5 N at -50 N/A.
+    assert_eq!(core.update(&config, &over(10_000)), -710);
+    assert_eq!(core.update(&config, &over(0)), -700);
 }
 
 #[test]

@@ -35,6 +35,8 @@ const FEEDBACK_MS: i32 = 10;
 const BUS_LATENCY_S: f64 = 0.000_25;
 /// Following error that is a fault, µm (S2, D7).
 const FOLLOWING_UM: i32 = 1000;
+/// A slack cable is reeled in no faster than this, m/s: slowly enough to look on.
+const MOST_REEL_MPS: f64 = 0.02;
 /// A cable may be this much faster than the motor's limit says before the board refuses, as a
 /// share: rounding must not refuse a motion at the very limit.
 const SPEED_MARGIN: f64 = 1.02;
@@ -68,7 +70,11 @@ pub fn configuration(robot: &Robot) -> Result<Vec<ConfigEntry>, OutOfRange> {
     board(BoardKey::ResidualMs, RESIDUAL_MS);
     board(BoardKey::EnableMs, enable);
     board(BoardKey::FeedbackTimeoutMs, FEEDBACK_MS);
-    board(BoardKey::TensionPeriodUs, whole(robot.bus.period_us));
+    board(
+        BoardKey::TensionPeriodUs,
+        whole(robot.bus.tension_period_us),
+    );
+    board(BoardKey::HoldBrakes, i32::from(robot.tension.hold_braked));
     for index in 0..robot.cables.len() {
         if let Some(winch) = robot.winch_of(index) {
             cable(robot, index, winch, &mut entries)?;
@@ -155,7 +161,28 @@ fn cable(
     put(
         CableKey::MotorCountsPerRev,
         winch.motor_counts_per_turn.abs() / winch.gear_ratio,
+    )?;
+    put(
+        CableKey::ReelSpeed,
+        reel_speed_mps(robot, index, winch) * 1e6,
     )
+}
+
+/// Speed at which a slack cable is reeled in, m/s. A drum that is stopped by its cable gives it a
+/// blow of `v sqrt(k m)`; it shall be no more than three tenths of the set-point.
+fn reel_speed_mps(robot: &Robot, index: usize, winch: &Winch) -> f64 {
+    let Some(cable) = robot.cables.get(index) else {
+        return MOST_REEL_MPS;
+    };
+    // The shortest cable is the stiffest: that of the routing and as much again.
+    let length_m = (2.0 * cable.routing_length_m).max(0.2);
+    let stiffness_n_per_m = cable.ea_n / length_m;
+    let blow_n = 0.3 * robot.tension.setpoint_n;
+    let speed = blow_n / (stiffness_n_per_m * winch.effective_mass_kg()).sqrt();
+    speed
+        .min(MOST_REEL_MPS)
+        .min(0.5 * winch.max_cable_speed_mps())
+        .max(1e-6)
 }
 
 /// The hash that host and board must agree on.

@@ -270,7 +270,17 @@ fn bus(reader: &mut Reader, table: &Values, winches_given: bool, winches: &[Winc
             Some("the board commands the drives on its 1 ms tick: 1000, 2000, 4000, ...".into()),
         );
     }
+    let tension_us = table.whole_given("tension_period_us").unwrap_or(period_us);
+    if tension_us % 1000 != 0 || period_us % tension_us.max(1) != 0 {
+        reader.problem(
+            &table.at("tension_period_us"),
+            &table.place,
+            format!("`tension_period_us` {tension_us} does not divide period_us {period_us}"),
+            Some("whole milliseconds that go into period_us a whole number of times".into()),
+        );
+    }
     Bus {
+        tension_period_us: u32::try_from(tension_us).unwrap_or(0),
         bitrate: u32::try_from(bitrate).unwrap_or(0),
         period_us: u32::try_from(period_us).unwrap_or(0),
     }
@@ -342,6 +352,7 @@ fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
         ki: table.number("ki"),
         damping_ns_per_m: table.number("damping_ns_per_m"),
         filter_hz: table.number("filter_hz"),
+        hold_braked: table.text("hold_brakes") == "closed",
         floor_n: table.number("floor_n"),
         ceiling_n: table
             .number_given("ceiling_n")

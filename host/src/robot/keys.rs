@@ -326,6 +326,12 @@ pub static BUS: Section = Section {
             Follows("2000 at 1000000 bit/s, 4000 at 500000 and below"),
             "time between two commands to the same drive, us, whole milliseconds",
         ),
+        key(
+            "tension_period_us",
+            Kind::Whole(1000, 20_000),
+            Follows("period_us"),
+            "the same for drives of tension-held cables, us; divides period_us",
+        ),
     ],
 };
 
@@ -360,6 +366,12 @@ pub static TENSION: Section = Section {
             "filter_hz",
             50.0,
             "corner of the low-pass on the measured tension, Hz",
+        ),
+        key(
+            "hold_brakes",
+            Kind::Word(&["open", "closed"]),
+            Word("open"),
+            "brakes while the robot holds: open, so that the law is at work, or closed under torque",
         ),
         non_negative(
             "floor_n",

@@ -51,6 +51,10 @@ pub const BUILT_IN: &[(&str, &str)] = &[
     ),
     ("lab-fast", include_str!("../../../robots/lab-fast.toml")),
     (
+        "lab-direct",
+        include_str!("../../../robots/lab-direct.toml"),
+    ),
+    (
         "eight-cable",
         include_str!("../../../robots/eight-cable.toml"),
     ),

@@ -208,6 +208,8 @@ pub struct Bus {
     pub bitrate: u32,
     /// Time between two commands to the same drive, us; whole milliseconds.
     pub period_us: u32,
+    /// The same for drives of tension-held cables, µs.
+    pub tension_period_us: u32,
 }
 
 /// Which law holds the tension of a tension-held cable.
@@ -236,6 +238,8 @@ pub struct TensionLaw {
     pub damping_ns_per_m: f64,
     /// Corner of the low-pass on the measured tension, Hz.
     pub filter_hz: f64,
+    /// Whether the brakes close under torque while the robot holds.
+    pub hold_braked: bool,
     /// Least tension that a plan may ask, N.
     pub floor_n: f64,
     /// Greatest tension that a plan may ask, N.

@@ -130,7 +130,8 @@ fn name_platform_and_cables_are_enough() {
         robot.bus,
         Bus {
             bitrate: 1_000_000,
-            period_us: 2000
+            period_us: 2000,
+            tension_period_us: 2000,
         }
     );
     close(robot.tension.ceiling_n, 0.9 * 39.13, "ceiling");
