@@ -30,6 +30,8 @@ pub(crate) struct Cable {
     /// Tensions of the latest substep (N).
     pub tension: Tension,
     pub broken: bool,
+    /// A hand that pulls sideways on the middle of the free part: force, world (N).
+    pub side_pull_n: V3,
 }
 
 /// Tension on both sides of the pulley (N), and the same without the cable's damping, which is
@@ -61,6 +63,7 @@ impl Cable {
             paid_out_m: 0.0,
             tension: Tension::default(),
             broken: false,
+            side_pull_n: [0.0; 3],
         }
     }
 
@@ -103,6 +106,9 @@ impl Cable {
     ) -> Tension {
         let unstretched = self.unstretched_m(drum_m);
         let stretch = length_m + self.routing_m - unstretched;
+        if self.side_pull_n != [0.0; 3] && !self.broken {
+            return self.plucked(length_m, stretch, unstretched);
+        }
         if stretch <= 0.0 || self.broken {
             return Tension::default();
         }
@@ -117,6 +123,52 @@ impl Cable {
             winch_n: platform_n * ratio,
             elastic_platform_n,
         }
+    }
+
+    /// Tension with a hand that pulls sideways in the middle of the free part: the cable runs in
+    /// two straight halves, and half the hand's force is each half's share across the chord. The
+    /// hand damps what the cable's own damping would, so that is left out.
+    fn plucked(&self, length_m: f64, stretch: f64, unstretched: f64) -> Tension {
+        let half_n = 0.5 * norm(self.side_pull_n);
+        let ratio = 1.0 + self.loss * self.friction_state;
+        let stiffness = self.ea_n / (unstretched + self.routing_m * (ratio - 1.0));
+        // How much longer the cable must be than its chord, less what this tension stretches it:
+        // falls as the tension rises, from infinity at half the hand's force.
+        let excess = |tension_n: f64| {
+            let across = half_n / tension_n;
+            let longer = length_m * (1.0 / (1.0 - across * across).max(1e-12).sqrt() - 1.0);
+            stiffness * (stretch + longer) - tension_n
+        };
+        let mut low = half_n * (1.0 + 1e-9);
+        let mut high = low + 1.0;
+        while excess(high) > 0.0 && high < self.ea_n {
+            high *= 2.0;
+        }
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if excess(middle) > 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        Tension {
+            platform_n: low,
+            winch_n: low * ratio,
+            elastic_platform_n: low,
+        }
+    }
+
+    /// What a sideways hand adds to the cable's pull along its chord: the force on the platform
+    /// (world, N) is `-tension * along * direction + across`.
+    #[inline(always)]
+    pub(crate) fn hand(&self) -> Option<(f64, V3)> {
+        if self.side_pull_n == [0.0; 3] {
+            return None;
+        }
+        let across = 0.5 * norm(self.side_pull_n) / self.tension.platform_n.max(1e-9);
+        let along = (1.0 - across * across).max(0.0).sqrt();
+        Some((along, scale(self.side_pull_n, 0.5)))
     }
 
     /// Cable that has passed the pulley toward the platform: what the drum has paid out and what

@@ -121,6 +121,65 @@ impl Plant {
         Ok(())
     }
 
+    /// A hand pulls on the middle of a cable's free part, across the cable, until changed:
+    /// `force_n` in the world frame; zero lets go. What of it points along the cable is ignored by
+    /// the caller's choice of direction: only its size stretches the cable.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] if not finite or over 100 N.
+    pub fn pull_cable(&mut self, cable: usize, force_n: [f64; 3]) -> Result<(), PlantError> {
+        self.known(cable)?;
+        let size = super::vec3::norm(force_n);
+        if !size.is_finite() || size > 100.0 {
+            return Err(PlantError::CableParameter {
+                cable,
+                name: "side pull",
+                value: size,
+                rule: "finite and at most 100 N",
+            });
+        }
+        self.cables[cable].side_pull_n = force_n;
+        Ok(())
+    }
+
+    /// Somebody takes a cable off the platform and hangs a weight on it, at rest over its pulley,
+    /// its drum braked: the tension sensor feels `weight_n` and what the pulley's friction adds or
+    /// takes, by whether the weight before was lighter or heavier. `None` gives the sensor the
+    /// robot's cable back. The platform is untouched: it is meant to stand on something meanwhile.
+    ///
+    /// # Errors
+    /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] unless 0 to 1000 N.
+    pub fn hang_weight(&mut self, cable: usize, weight_n: Option<f64>) -> Result<(), PlantError> {
+        self.known(cable)?;
+        let Some(weight) = weight_n else {
+            self.hung_n[cable] = None;
+            return Ok(());
+        };
+        if !(0.0..=1000.0).contains(&weight) {
+            return Err(PlantError::CableParameter {
+                cable,
+                name: "hung weight",
+                value: weight,
+                rule: "0 to 1000 N",
+            });
+        }
+        let loss = self.params.cables[cable].pulley_loss;
+        // A weight that is added sinks a little, against the friction; one that is taken rises.
+        let sinks = self.hung_n[cable].is_none_or(|before| weight >= before);
+        self.hung_n[cable] = Some(weight * if sinks { 1.0 - loss } else { 1.0 + loss });
+        Ok(())
+    }
+
+    /// Puts a stand under the platform where it is now, or takes it away. The stand carries the
+    /// platform's weight, keeps it from sliding and tilting, and lets it be lifted.
+    pub fn set_stand(&mut self, present: bool) {
+        let motion = &self.motion;
+        let weight_n = super::vec3::norm(self.weight_n);
+        let rotation = super::vec3::q_matrix(motion.attitude);
+        self.stand =
+            present.then(|| super::stand::Stand::under(motion.center_m, rotation, weight_n));
+    }
+
     /// Breaks a cable for good (until the robot is placed again).
     ///
     /// # Errors

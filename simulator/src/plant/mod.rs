@@ -35,6 +35,7 @@ mod platform;
 mod pulley;
 mod sensors;
 mod settle;
+mod stand;
 #[cfg(test)]
 mod tests;
 mod truth;
@@ -76,6 +77,8 @@ pub struct Plant {
     faults: Faults,
     weight_n: V3,
     load: Load,
+    stand: Option<stand::Stand>,
+    hung_n: [Option<f64>; MAX_CABLES],
     e_stop: bool,
     gripper_closed: bool,
     gripper_switch: bool,
@@ -127,6 +130,8 @@ impl Plant {
             noise,
             faults: Faults::default(),
             load: Load::default(),
+            stand: None,
+            hung_n: [None; MAX_CABLES],
             e_stop: false,
             gripper_closed: false,
             gripper_switch: false,
@@ -205,7 +210,7 @@ impl Plant {
         for i in 0..self.cables.len() {
             let (counts, adc) = self.sensors[i].read(
                 self.winches[i].drum_m,
-                self.cables[i].tension.winch_n,
+                self.hung_n[i].unwrap_or(self.cables[i].tension.winch_n),
                 now_s,
                 &mut self.faults.cables[i],
                 &mut self.noise,
@@ -325,12 +330,21 @@ impl Plant {
                 winch_n,
                 ..
             } = cable.tension;
-            force = axpy(force, -platform_n, path.direction);
-            let pull = scale(mul_t(&rotation, path.direction), -platform_n);
-            torque = add(torque, cross(cable.attachment, pull));
+            let mut pull = scale(path.direction, -platform_n);
+            if let Some((along, across)) = cable.hand() {
+                pull = axpy(across, along, pull);
+            }
+            force = add(force, pull);
+            torque = add(torque, cross(cable.attachment, mul_t(&rotation, pull)));
             let fault = &self.faults.cables[i].brake;
             winch.kick(cable.force_on_drum(winch_n), now_s, h, fault);
             winch.drum_m += half * winch.drum_rate;
+        }
+        if let Some(stand) = &self.stand {
+            let (center, velocity) = (self.motion.center_m, self.motion.velocity);
+            let (push, turn) = stand.push(center, velocity, &rotation, spin);
+            force = add(force, push);
+            torque = add(torque, mul_t(&rotation, turn));
         }
         self.motion.kick(&self.body, force, torque, h);
         self.motion.drift(&self.body, half);
