@@ -15,6 +15,7 @@
 //! | [`reproduce`] | the paper's experiments, its numbers beside ours |
 //! | [`run`] | running a plan on a board |
 //! | [`scenario`] | faults on purpose, and what came of them |
+//! | [`tension`] | experiments on the tension loop, tuning and calibration of tension |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
 //! | [`sight`] | tags in the camera's pictures |
 //! | [`study`] | studies in the simulator that the documents quote |
@@ -40,4 +41,5 @@ pub mod serve;
 pub mod service;
 pub mod sight;
 pub mod study;
+pub mod tension;
 pub mod units;

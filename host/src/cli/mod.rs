@@ -18,6 +18,7 @@ mod config;
 mod demo;
 mod emulate;
 mod estimate;
+mod experiment;
 mod export;
 mod faults;
 #[cfg(unix)]
@@ -35,6 +36,7 @@ mod recorded;
 mod replay;
 mod report;
 mod reproduce;
+mod rig;
 mod run;
 mod serve;
 mod service;
@@ -43,6 +45,7 @@ mod sim;
 mod states;
 mod study;
 mod table;
+mod tune;
 
 use crate::machine::{self, Firmware};
 use crate::run::RunError;
@@ -136,6 +139,9 @@ impl Common {
 enum Command {
     Demo(demo::Cmd),
     Plan(plan::Cmd),
+    Experiment(experiment::Cmd),
+    Rig(rig::Cmd),
+    Tune(tune::Cmd),
     Run(run::Cmd),
     #[cfg(unix)]
     Stop(orders::Stop),
@@ -227,6 +233,9 @@ pub fn main() -> ExitCode {
     let outcome = match cli.command.unwrap_or(Command::Demo(demo::Cmd::default())) {
         Command::Demo(cmd) => cmd.run(common),
         Command::Plan(cmd) => cmd.run(common),
+        Command::Experiment(cmd) => cmd.run(common),
+        Command::Rig(cmd) => cmd.run(common),
+        Command::Tune(cmd) => cmd.run(common),
         Command::Run(cmd) => cmd.run(common),
         #[cfg(unix)]
         Command::Stop(cmd) => cmd.run(common),

@@ -7,6 +7,7 @@ mod study;
 mod target;
 mod verify;
 mod winch;
+mod tension;
 
 use super::{Common, Outcome};
 use clap::Subcommand;
@@ -29,6 +30,7 @@ enum What {
     Verify(verify::Cmd),
     Study(study::Cmd),
     Winch(winch::Cmd),
+    Tension(tension::Cmd),
 }
 
 impl Cmd {
@@ -43,6 +45,7 @@ impl Cmd {
             What::Verify(cmd) => cmd.run(common),
             What::Study(cmd) => cmd.run(common),
             What::Winch(cmd) => cmd.run(common),
+            What::Tension(cmd) => cmd.run(common),
         }
     }
 }

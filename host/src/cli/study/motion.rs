@@ -1,31 +1,22 @@
-//! `mcdpr study`: the figures of the documents, simulated again.
+//! `mcdpr study motion`: where the tool comes to, and how it swings.
 
-use super::table::lay_out;
-use super::{Common, Failed, Outcome, print_json};
+use crate::cli::table::lay_out;
+use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::motion::{Planner, Shaping};
 use crate::study::motion::{self, Job, Known, Row};
 
-/// Simulate the studies that the documents quote, seed by seed
+/// How exactly the tool goes where it should, and how much it swings
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    #[command(subcommand)]
-    which: Which,
-}
-
-#[derive(Debug, clap::Subcommand)]
-enum Which {
-    /// How exactly the tool goes where it should, and how much it swings
-    Motion {
-        /// Seeds per case
-        #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=1000))]
-        seeds: u64,
-        /// Cases of this planner only
-        #[arg(long)]
-        planner: Option<Planner>,
-        /// Cases with this pulley loss only, %
-        #[arg(long)]
-        loss: Option<f64>,
-    },
+    /// Seeds per case
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: u64,
+    /// Cases of this planner only
+    #[arg(long)]
+    planner: Option<Planner>,
+    /// Cases with this pulley loss only, %
+    #[arg(long)]
+    loss: Option<f64>,
 }
 
 impl Cmd {
@@ -34,11 +25,11 @@ impl Cmd {
             let reason = "a study needs the truth, which only the simulator knows";
             return Err(Failed::from_error("--on")(reason).into());
         }
-        let Which::Motion {
+        let Self {
             seeds,
             planner,
             loss,
-        } = self.which;
+        } = *self;
         let planners = planner.map_or(vec![Planner::Equilibrium, Planner::Level], |p| vec![p]);
         let losses = loss.map_or(vec![0.0, 0.02], |percent| vec![percent / 100.0]);
         let mut rows = Vec::new();
@@ -79,7 +70,7 @@ impl Cmd {
         let table: Vec<_> = std::iter::once(head)
             .chain(rows.iter().map(words))
             .collect();
-        super::write_out(&lay_out(&table));
+        write_out(&lay_out(&table));
         Ok(())
     }
 }

@@ -1,0 +1,212 @@
+//! `mcdpr experiment NAME|FILE`: hold a tension while hands pull, and see what comes of it.
+
+use super::table::lay_out;
+use super::{Common, Failed, Outcome, print_json};
+use crate::link::{ClientError, SerialLink};
+use crate::motion::Model;
+use crate::report::RunFolder;
+use crate::robot::{LawKind, Robot};
+use crate::run::{RunError, watch_for_interrupts};
+use crate::tension::{
+    Bench, Change, Curve, Experiment, Recovery, Steady, Trace, at_rest, draw, hold, recovery,
+};
+use miette::{Diagnostic, IntoDiagnostic as _};
+use serde::Serialize;
+
+/// Hold a tension while hands pull: hold, platform, cable, slack, or a task file
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Built-in experiment (hold, platform, cable, slack), or a task file with [[pull]]
+    what: String,
+    /// Law in place of the robot file's
+    #[arg(long, value_enum)]
+    law: Option<Law>,
+    /// Set-point in place of the robot file's, N
+    #[arg(long, value_name = "N")]
+    setpoint_n: Option<f64>,
+    /// Tension lost at every simulated pulley, as a share
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pulley_loss: f64,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Law {
+    /// The paper's Eq. 1
+    Pd,
+    /// The default law
+    Default,
+}
+
+/// A wish that the robot's limits forbid.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{what} is {value}, it must be {rule}: nothing was moved")]
+#[diagnostic(code(mcdpr::tension::range))]
+struct OutOfRange {
+    what: &'static str,
+    value: f64,
+    rule: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Document {
+    experiment: String,
+    setpoint_n: f64,
+    simulated: bool,
+    steady: Steady,
+    recovery: Option<Recovery>,
+    fault: Option<String>,
+    run_folder: String,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let mut robot = Robot::find(&common.robot)?;
+        match self.law {
+            Some(Law::Pd) => robot.tension.law = LawKind::Pd,
+            Some(Law::Default) => robot.tension.law = LawKind::Default,
+            None => {}
+        }
+        if let Some(setpoint_n) = self.setpoint_n {
+            let (floor_n, ceiling_n) = (robot.tension.floor_n, robot.tension.ceiling_n);
+            if !(floor_n..=ceiling_n).contains(&setpoint_n) {
+                return Err(OutOfRange {
+                    what: "the set-point",
+                    value: setpoint_n,
+                    rule: format!("{floor_n} to {ceiling_n} N (floor_n and ceiling_n)"),
+                }
+                .into());
+            }
+            robot.tension.setpoint_n = setpoint_n;
+        }
+        if !(0.0..=0.1).contains(&self.pulley_loss) {
+            return Err(OutOfRange {
+                what: "the pulley loss",
+                value: self.pulley_loss,
+                rule: "0 to 0.1".to_owned(),
+            }
+            .into());
+        }
+        let model = Model::new(&robot)?;
+        let held = model.tension_held().unwrap_or(0);
+        let experiment = Experiment::find(&self.what, held, robot.cables.len())?;
+        if common.dry_run {
+            eprintln!(
+                "{} is a good experiment; nothing was moved",
+                experiment.name
+            );
+            return Ok(());
+        }
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let simulated = common.on == "sim";
+        let trace = if simulated {
+            let change = Change {
+                pulley_loss: self.pulley_loss,
+                ..Change::default()
+            };
+            Bench::start(&robot, &change, common.seed)?.run(&experiment.script)?
+        } else {
+            let link = SerialLink::open(&common.on)
+                .map_err(|error| RunError::from(ClientError::from(error)))?;
+            hold(&model, link, &experiment, |words| eprintln!("{words}"))?
+        };
+        self.report(&experiment, &trace, simulated, common)
+    }
+
+    fn report(
+        &self,
+        experiment: &Experiment,
+        trace: &Trace,
+        simulated: bool,
+        common: &Common,
+    ) -> Outcome {
+        let end_s = experiment.script.duration_s;
+        let from_s = (end_s - 2.0).max(0.0);
+        let steady = at_rest(trace, from_s, end_s);
+        let back = experiment
+            .disturbed_s
+            .map(|(on_s, off_s)| recovery(trace, on_s, off_s));
+        let name = format!("tension-{}", experiment.name);
+        let folder = RunFolder::create(common.record.as_deref(), &name).into_diagnostic()?;
+        folder.write("trace.csv", &table(trace)).into_diagnostic()?;
+        let source = if simulated { "simulated" } else { "measured" };
+        let title = format!("{}: tension of the held cable, {source}", experiment.name);
+        let pairs = |y: &[f64], x: &[f64]| -> Vec<(f64, f64)> {
+            x.iter().copied().zip(y.iter().copied()).collect()
+        };
+        let band = |n: f64| [(0.0, trace.setpoint_n + n), (end_s, trace.setpoint_n + n)];
+        let curves = [
+            Curve::line("tension", pairs(&trace.tension_n, &trace.time_s)),
+            Curve::line("set-point", band(0.0)),
+            Curve::line("+0.5 N", band(0.5)),
+            Curve::line("-0.5 N", band(-0.5)),
+        ];
+        folder
+            .write(
+                "tension.svg",
+                &draw(&title, "time, s", "tension, N", &curves),
+            )
+            .into_diagnostic()?;
+        let document = Document {
+            experiment: experiment.name.clone(),
+            setpoint_n: trace.setpoint_n,
+            simulated,
+            steady,
+            recovery: back,
+            fault: trace.fault.clone(),
+            run_folder: folder.path().display().to_string(),
+        };
+        folder
+            .write_json("summary.json", &document)
+            .into_diagnostic()?;
+        if common.json {
+            return print_json(&document);
+        }
+        let row = |name: &str, value: String| vec![name.to_owned(), value];
+        let mut rows = vec![
+            row("", source.to_owned()),
+            row(
+                "mean error over the end, N",
+                format!("{:.3}", steady.mean_error_n),
+            ),
+            row("standard deviation there, N", format!("{:.3}", steady.sd_n)),
+        ];
+        if let Some(back) = back {
+            rows.push(row("peak error, N", format!("{:.2}", back.peak_n)));
+            rows.push(row(
+                "mean of 50 ms back in 0.5 N after, s",
+                format!("{:.3}", back.mean_back_s),
+            ));
+            rows.push(row(
+                "every ms back in 0.5 N after, s",
+                format!("{:.3}", back.instant_back_s),
+            ));
+            rows.push(row(
+                "least tension of any cable, N",
+                format!("{:.2}", back.least_n),
+            ));
+        }
+        super::write_out(&lay_out(&rows));
+        say!(
+            "run folder: {} (tension.svg shows the trace)",
+            document.run_folder
+        );
+        match &trace.fault {
+            None => Ok(()),
+            Some(fault) => Err(Failed::from_error("the experiment ended early")(fault).into()),
+        }
+    }
+}
+
+fn table(trace: &Trace) -> String {
+    let mut text = String::from("time_s,tension_n,current_a,least_tension_n\n");
+    for (((t, n), a), least) in trace
+        .time_s
+        .iter()
+        .zip(&trace.tension_n)
+        .zip(&trace.current_a)
+        .zip(&trace.least_n)
+    {
+        text.push_str(&format!("{t:.3},{n:.4},{a:.4},{least:.4}\n"));
+    }
+    text
+}

@@ -1,0 +1,284 @@
+//! `mcdpr rig`: put cables on, tension them up evenly, let them down again.
+
+use super::{Common, Failed, Outcome, print_json};
+use crate::experiment;
+use crate::link::{ClientError, Link, LinkError, SerialLink, SimulatedLink};
+use crate::machine::{self, Mismatch};
+use crate::motion::Model;
+use crate::robot::Robot;
+use crate::run::{RunError, watch_for_interrupts};
+use crate::tension::rig::{Rig, TAKEN_UP_N, rigged, winding};
+use mcdpr_simulator::LinkOptions;
+use mcdpr_simulator::plant::{Plant, PlantError};
+use miette::Diagnostic;
+use std::io::{BufRead as _, IsTerminal as _, Write as _};
+
+/// Put cables on a robot: spool, tension up evenly, lower; slow, watched, each step confirmed
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    #[command(subcommand)]
+    what: What,
+    /// Do every step without asking
+    #[arg(long, global = true)]
+    yes: bool,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum What {
+    /// Wind a free cable onto its drum (negative length) or off it
+    #[command(allow_negative_numbers = true)]
+    Spool {
+        /// Number of the cable, from 1
+        cable: usize,
+        /// Length, mm, paid out positive
+        length_mm: f64,
+    },
+    /// Take up the slack of all cables evenly and tension them until the robot hangs
+    Tension,
+    /// Let a hanging robot down onto its stand, until all cables are slack
+    Lower,
+}
+
+/// What can go wrong while rigging, beyond a run's errors.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+enum RigError {
+    #[error("stopped before \"{step}\": nothing moves, the brakes are closed")]
+    #[diagnostic(
+        code(mcdpr::rig::stopped),
+        help(
+            "start again where you stopped: rig tension goes up, rig lower goes down; --yes asks nothing"
+        )
+    )]
+    NotConfirmed { step: String },
+    #[error("cable {cable} is still slack, {tension_n:.2} N")]
+    #[diagnostic(
+        code(mcdpr::rig::slack),
+        help(
+            "see that the cable is on and runs free, wind it by hand or with `mcdpr rig spool`, then start again"
+        )
+    )]
+    Slack { cable: usize, tension_n: f64 },
+    #[error("{what}")]
+    #[diagnostic(code(mcdpr::rig::range))]
+    Range { what: String },
+}
+
+/// Time for taking up slack: this many stretches of a second and a half.
+const STRETCHES: usize = 20;
+/// Speed of winding a free cable, m/s.
+const WIND_MPS: f64 = 0.02;
+/// Longest piece wound at once, mm.
+const LONGEST_MM: f64 = 1000.0;
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let robot = Robot::find(&common.robot)?;
+        let model = Model::new(&robot)?;
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        match self.what {
+            What::Spool { cable, length_mm } => {
+                if !(1..=robot.cables.len()).contains(&cable) {
+                    let what = format!("there is no cable {cable} of {}", robot.cables.len());
+                    return Err(RigError::Range { what }.into());
+                }
+                if !(length_mm.abs() <= LONGEST_MM) {
+                    let what = format!("{length_mm} mm is more than {LONGEST_MM} mm at once");
+                    return Err(RigError::Range { what }.into());
+                }
+                let slack = vec![0.0; robot.cables.len()];
+                match self.simulated(&model, common, &slack, true)? {
+                    Some(link) => self.spool(&model, link, cable - 1, length_mm, common),
+                    None => self.spool(&model, port(common)?, cable - 1, length_mm, common),
+                }
+            }
+            What::Tension => {
+                let slack = vec![0.0; robot.cables.len()];
+                match self.simulated(&model, common, &slack, true)? {
+                    Some(link) => self.tension(&model, link, common),
+                    None => self.tension(&model, port(common)?, common),
+                }
+            }
+            What::Lower => {
+                let home = experiment::home(&model)?;
+                let tensions = home.tensions_n().to_vec();
+                match self.simulated(&model, common, &tensions, false)? {
+                    Some(link) => self.lower(&model, link, &tensions, common),
+                    None => self.lower(&model, port(common)?, &tensions, common),
+                }
+            }
+        }
+    }
+
+    /// The simulated robot on a stand at home: hanging, or with its cables 15 to 30 mm too long.
+    fn simulated(
+        &self,
+        model: &Model,
+        common: &Common,
+        tensions_n: &[f64],
+        slack: bool,
+    ) -> Result<Option<SimulatedLink>, RunError> {
+        if common.on != "sim" {
+            return Ok(None);
+        }
+        let broken = |error: PlantError| RunError::Client(LinkError::from(error).into());
+        if !slack {
+            let link = experiment::simulated_robot(
+                model,
+                &Mismatch::default(),
+                common.seed,
+                &LinkOptions::default(),
+            )?;
+            link.with(|s| s.plant_mut().set_stand(true));
+            return Ok(Some(link));
+        }
+        let params = machine::plant_params(model.robot(), &Mismatch::default(), common.seed);
+        let mut plant = Plant::new(params, common.seed).map_err(broken)?;
+        let pose = experiment::home(model)?.equilibrium.pose;
+        let matrix = pose.rotation.matrix();
+        let rotation = [0, 1, 2].map(|row| [0, 1, 2].map(|column| matrix[(row, column)]));
+        let at = mcdpr_simulator::plant::Pose::from_matrix(pose.position_m.into(), &rotation)
+            .map_err(broken)?;
+        plant.place_at(&at, tensions_n).map_err(broken)?;
+        plant.set_stand(true);
+        for cable in 0..model.robot().cables.len() {
+            #[expect(clippy::cast_precision_loss, reason = "a small count")]
+            let longer_m = 0.015 + 0.005 * cable as f64;
+            plant.slip_cable(cable, longer_m).map_err(broken)?;
+        }
+        let options = LinkOptions::default();
+        let simulation =
+            mcdpr_simulator::Simulation::new(plant, &options, common.seed).map_err(broken)?;
+        Ok(Some(SimulatedLink::new(simulation)))
+    }
+
+    fn spool<L: Link>(
+        &self,
+        model: &Model,
+        link: L,
+        cable: usize,
+        length_mm: f64,
+        common: &Common,
+    ) -> Outcome {
+        let robot = winding(model.robot(), cable);
+        let speed = winch_speed(&robot, cable).min(WIND_MPS);
+        self.confirm(&format!(
+            "wind cable {} {length_mm} mm {} at {:.0} mm/s; its end is free, fingers are away",
+            cable + 1,
+            if length_mm < 0.0 { "in" } else { "out" },
+            speed * 1e3
+        ))?;
+        let count = robot.cables.len();
+        // Rough: what is on the drum is only counted from here on.
+        let lengths: Vec<f64> = experiment::home(model)?.paid_out_m;
+        let mut rig = Rig::start(&robot, link, &lengths, &vec![0.0; count])?;
+        rig.wind(cable, length_mm * 1e-3, speed)?;
+        rig.finish()?;
+        self.told(common, "wound; the brakes are closed", &[])
+    }
+
+    fn tension<L: Link>(&self, model: &Model, link: L, common: &Common) -> Outcome {
+        let home = experiment::home(model)?;
+        let goal = home.tensions_n().to_vec();
+        self.confirm(
+            "the platform stands on its stand at home, every cable is on and slack: arm and take \
+             up the slack",
+        )?;
+        let slack = vec![0.0; goal.len()];
+        let mut rig = Rig::start(&rigged(model.robot()), link, &home.paid_out_m, &slack)?;
+        let now = rig.take_up(STRETCHES, |now| eprintln!("  {}", words(now)))?;
+        if let Some((index, &tension_n)) =
+            now.iter().enumerate().find(|(_, n)| **n < 0.5 * TAKEN_UP_N)
+        {
+            rig.finish()?;
+            return Err(RigError::Slack {
+                cable: index + 1,
+                tension_n,
+            }
+            .into());
+        }
+        eprintln!("every cable is taken up: {}", words(&now));
+        let step = format!("raise all tensions together to {}", words(&goal));
+        if let Err(error) = self.confirm(&step) {
+            rig.tension(&slack)?;
+            rig.finish()?;
+            return Err(error.into());
+        }
+        let now = rig.tension(&goal)?;
+        rig.finish()?;
+        self.told(common, "the robot hangs, the brakes are closed", &now)
+    }
+
+    fn lower<L: Link>(
+        &self,
+        model: &Model,
+        link: L,
+        tensions_n: &[f64],
+        common: &Common,
+    ) -> Outcome {
+        self.confirm("the stand is under the platform, which hangs at home: arm and let it down")?;
+        let home = experiment::home(model)?;
+        let mut rig = Rig::start(&rigged(model.robot()), link, &home.paid_out_m, tensions_n)?;
+        let low = vec![TAKEN_UP_N; tensions_n.len()];
+        let now = rig.tension(&low)?;
+        eprintln!("the stand carries: {}", words(&now));
+        if let Err(error) = self.confirm("let all cables go slack") {
+            rig.finish()?;
+            return Err(error.into());
+        }
+        let now = rig.tension(&vec![0.0; tensions_n.len()])?;
+        rig.finish()?;
+        self.told(common, "the cables are slack, the brakes are closed", &now)
+    }
+
+    fn told(&self, common: &Common, what: &str, tensions_n: &[f64]) -> Outcome {
+        if common.json {
+            return print_json(&serde_json::json!({
+                "done": what,
+                "tensions_n": tensions_n,
+                "simulated": common.on == "sim",
+            }));
+        }
+        if tensions_n.is_empty() {
+            say!("{what}");
+        } else {
+            say!("{what}: {}", words(tensions_n));
+        }
+        Ok(())
+    }
+
+    /// Asks whether the next step may be done; no answer means no.
+    fn confirm(&self, step: &str) -> Result<(), RigError> {
+        if self.yes {
+            eprintln!("{step}");
+            return Ok(());
+        }
+        eprint!("{step}? [y/N] ");
+        let _ = std::io::stderr().flush();
+        let mut answer = String::new();
+        let read = std::io::stdin().lock().read_line(&mut answer);
+        if !std::io::stdin().is_terminal() {
+            eprintln!();
+        }
+        if read.is_ok() && matches!(answer.trim(), "y" | "Y" | "yes") {
+            return Ok(());
+        }
+        Err(RigError::NotConfirmed {
+            step: step.to_owned(),
+        })
+    }
+}
+
+fn winch_speed(robot: &Robot, cable: usize) -> f64 {
+    robot
+        .winch_of(cable)
+        .map_or(WIND_MPS, |winch| 0.4 * winch.max_cable_speed_mps())
+}
+
+fn words(tensions_n: &[f64]) -> String {
+    let each: Vec<_> = tensions_n.iter().map(|n| format!("{n:.1}")).collect();
+    format!("{} N", each.join(", "))
+}
+
+fn port(common: &Common) -> Result<SerialLink, RunError> {
+    SerialLink::open(&common.on).map_err(|error| RunError::from(ClientError::from(error)))
+}

@@ -1,0 +1,28 @@
+//! `mcdpr study WHAT`: the figures of the documents, simulated again over many seeds.
+
+mod motion;
+mod tension;
+
+use super::{Common, Outcome};
+
+/// Simulate the studies that the documents quote, seed by seed
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    #[command(subcommand)]
+    which: Which,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Which {
+    Motion(motion::Cmd),
+    Tension(tension::Cmd),
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        match &self.which {
+            Which::Motion(cmd) => cmd.run(common),
+            Which::Tension(cmd) => cmd.run(common),
+        }
+    }
+}

@@ -1,0 +1,39 @@
+//! `mcdpr study tension`: every figure of the tension loop.
+
+use crate::cli::table::lay_out;
+use crate::cli::{Common, Outcome, print_json, write_out};
+use crate::robot::Robot;
+use crate::tension::{columns, study};
+
+/// Every figure of the tension loop: laws side by side, light and geared winches
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Simulated runs per figure
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: u64,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let seeds = self.seeds;
+        let (light, geared) = (Robot::find("lab-direct")?, Robot::find("paper-table5")?);
+        let table = study(&light, &geared, seeds)?;
+        if common.json {
+            return print_json(&table);
+        }
+        let mut head = vec!["simulation, medians".to_owned(), String::new()];
+        head.extend(columns().iter().map(|column| column.name.to_owned()));
+        head.push("paper".to_owned());
+        let mut rows = vec![head];
+        for row in table {
+            let mut cells = vec![row.figure, row.unit.to_owned()];
+            let medians = row.medians.iter();
+            cells.extend(medians.map(|m| m.map_or("fault".to_owned(), |v| format!("{v:.3}"))));
+            cells.push(row.paper.to_owned());
+            rows.push(cells);
+        }
+        write_out(&lay_out(&rows));
+        say!("{seeds} seeds; a fault: half of the runs or more were stopped by the board");
+        Ok(())
+    }
+}

@@ -1,0 +1,231 @@
+//! `mcdpr tune tension`: gains for the tension loop of the robot at hand.
+
+use super::table::lay_out;
+use super::{Common, Failed, Outcome, print_json};
+use crate::experiment;
+use crate::link::{ClientError, Link, SerialLink};
+use crate::machine::Mismatch;
+use crate::motion::Model;
+use crate::report::RunFolder;
+use crate::robot::{Robot, TensionLaw};
+use crate::run::{RunError, watch_for_interrupts};
+use crate::tension::rig::Rig;
+use crate::tension::tune::{Answer, Identified, Margins, excitation, excite, identify};
+use crate::tension::{Curve, draw};
+use mcdpr_simulator::LinkOptions;
+use miette::IntoDiagnostic as _;
+use serde::Serialize;
+
+/// Find good gains: the robot holds, steps its set-point, and the answer is modelled
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum What {
+    /// The loop of the tension-held cable
+    Tension(Tension),
+}
+
+#[derive(Debug, clap::Args)]
+struct Tension {
+    /// Height of the steps, N
+    #[arg(long, value_name = "N", default_value_t = 2.0)]
+    step_n: f64,
+    /// Judge these gains in place of a proposal: kp,ki,damping_ns_per_m
+    #[arg(long, value_name = "KP,KI,D", value_delimiter = ',', num_args = 3)]
+    gains: Option<Vec<f64>>,
+}
+
+#[derive(Debug, Serialize)]
+struct Document {
+    identified: Identified,
+    before: TensionLaw,
+    before_margins: Option<Margins>,
+    proposed: TensionLaw,
+    margins: Margins,
+    before_rms_n: f64,
+    after_rms_n: f64,
+    simulated: bool,
+    run_folder: String,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let What::Tension(tension) = &self.what;
+        tension.run(common)
+    }
+}
+
+impl Tension {
+    fn run(&self, common: &Common) -> Outcome {
+        let robot = Robot::find(&common.robot)?;
+        let model = Model::new(&robot)?;
+        let room = robot.tension.setpoint_n - robot.tension.floor_n;
+        let room = room.min(robot.tension.ceiling_n - robot.tension.setpoint_n);
+        if !(self.step_n > 0.0 && self.step_n <= room) {
+            let why = format!(
+                "{} N; it must be over 0 and at most {room:.1} N",
+                self.step_n
+            );
+            return Err(Failed::from_error("the step is out of range")(why).into());
+        }
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let cable = model.tension_held().unwrap_or(0);
+        let missing = || Failed::from_error("the robot file")("it has no winch for this cable");
+        let winch = robot.winch_of(cable).ok_or_else(missing)?;
+        let damping_time_s = robot.cables.get(cable).map_or(0.0, |c| c.damping_time_s);
+        let stages = excitation(robot.tension.setpoint_n, self.step_n);
+        let before = self.answer(&robot, cable, &stages, common)?;
+        let identified = identify(&robot, cable, winch, &before)?;
+        let (proposed, margins) = match self.gains.as_deref() {
+            Some(&[kp, ki, damping_ns_per_m]) => {
+                let law = TensionLaw {
+                    kp,
+                    ki,
+                    damping_ns_per_m,
+                    ..robot.tension
+                };
+                (law, identified.margins(&law, damping_time_s)?)
+            }
+            _ => identified.propose(&robot.tension, damping_time_s)?,
+        };
+        let mut tuned = robot.clone();
+        tuned.tension = proposed;
+        let after = self.answer(&tuned, cable, &stages, common)?;
+        let before_margins = identified.margins(&robot.tension, damping_time_s).ok();
+        let folder =
+            RunFolder::create(common.record.as_deref(), "tune-tension").into_diagnostic()?;
+        folder
+            .write("step.svg", &picture(&robot.name, &before, &after))
+            .into_diagnostic()?;
+        let document = Document {
+            identified,
+            before: robot.tension,
+            before_margins,
+            proposed,
+            margins,
+            before_rms_n: rms(&before),
+            after_rms_n: rms(&after),
+            simulated: common.on == "sim",
+            run_folder: folder.path().display().to_string(),
+        };
+        folder
+            .write_json("tune.json", &document)
+            .into_diagnostic()?;
+        if common.json {
+            return print_json(&document);
+        }
+        document.print();
+        Ok(())
+    }
+
+    /// Brings the robot up with these gains and lets it answer.
+    fn answer(
+        &self,
+        robot: &Robot,
+        cable: usize,
+        stages: &[(f64, f64)],
+        common: &Common,
+    ) -> Result<Answer, RunError> {
+        let model = Model::new(robot)?;
+        if common.on == "sim" {
+            let mismatch = Mismatch::realistic();
+            let options = LinkOptions::default();
+            let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
+            return one(&model, link, cable, stages);
+        }
+        let link = SerialLink::open(&common.on).map_err(ClientError::from)?;
+        one(&model, link, cable, stages)
+    }
+}
+
+fn one<L: Link>(
+    model: &Model,
+    link: L,
+    cable: usize,
+    stages: &[(f64, f64)],
+) -> Result<Answer, RunError> {
+    let home = experiment::home(model)?;
+    let mut rig = Rig::start(model.robot(), link, &home.paid_out_m, home.tensions_n())?;
+    let answer = excite(&mut rig, cable, stages)?;
+    rig.finish()?;
+    Ok(answer)
+}
+
+fn rms(answer: &Answer) -> f64 {
+    let errors = answer.asked_n.iter().zip(&answer.measured_n);
+    let squares: f64 = errors.map(|(a, m)| (a - m).powi(2)).sum();
+    #[expect(clippy::cast_precision_loss, reason = "some thousand samples")]
+    let count = answer.asked_n.len().max(1) as f64;
+    (squares / count).sqrt()
+}
+
+fn picture(name: &str, before: &Answer, after: &Answer) -> String {
+    let timed = |values: &[f64]| -> Vec<(f64, f64)> {
+        (0_u32..)
+            .zip(values)
+            .map(|(tick, &n)| (f64::from(tick) * 1e-3, n))
+            .collect()
+    };
+    let title = format!("{name}: steps of the set-point before and after");
+    let curves = [
+        Curve::line("before", timed(&before.measured_n)),
+        Curve::line("after", timed(&after.measured_n)),
+        Curve::line("asked", timed(&before.asked_n)),
+    ];
+    draw(&title, "time, s", "tension, N", &curves)
+}
+
+impl Document {
+    fn print(&self) {
+        let found = &self.identified;
+        let row = |name: &str, cells: &[String]| {
+            std::iter::once(name.to_owned())
+                .chain(cells.iter().cloned())
+                .collect::<Vec<_>>()
+        };
+        super::write_out(&lay_out(&[
+            row("force over demand", &[format!("{:.2}", found.gain)]),
+            row("delay, ms", &[format!("{:.1}", found.delay_s * 1e3)]),
+            row("friction, N", &[format!("{:.2}", found.friction_n)]),
+            row(
+                "resonance of drum and cable, Hz",
+                &[format!("{:.0}", found.resonance_hz)],
+            ),
+            row(
+                "explained by the model, %",
+                &[format!("{:.1}", found.explained * 100.0)],
+            ),
+        ]));
+        let both = |a: f64, b: f64| [format!("{a:.2}"), format!("{b:.2}")];
+        let margin = |of: fn(&Margins) -> f64, unit: f64| {
+            let before = self.before_margins.as_ref();
+            let before = before.map_or("unstable".to_owned(), |m| format!("{:.1}", of(m) * unit));
+            [before, format!("{:.1}", of(&self.margins) * unit)]
+        };
+        super::write_out(&lay_out(&[
+            row("", &["before".to_owned(), "after".to_owned()]),
+            row("kp", &both(self.before.kp, self.proposed.kp)),
+            row("ki", &both(self.before.ki, self.proposed.ki)),
+            row("kd", &both(self.before.kd, self.proposed.kd)),
+            row(
+                "damping_ns_per_m",
+                &both(self.before.damping_ns_per_m, self.proposed.damping_ns_per_m),
+            ),
+            row("gain margin, factor (10: more)", &margin(|m| m.gain, 1.0)),
+            row("delay margin, ms (20: more)", &margin(|m| m.delay_s, 1e3)),
+            row(
+                "rms error over the steps, N",
+                &both(self.before_rms_n, self.after_rms_n),
+            ),
+        ]));
+        say!(
+            "nothing was changed: put the gains into [tension] of the robot file; {}/step.svg shows \
+             the steps",
+            self.run_folder
+        );
+    }
+}

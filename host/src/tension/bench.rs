@@ -1,0 +1,363 @@
+//! A simulated robot that holds a tension while hands pull on it: the real control core, behind
+//! the real client and link, in virtual time.
+
+use crate::experiment;
+use crate::link::{Client, ClientError, LinkError, SimulatedLink};
+use crate::machine::{self, Mismatch};
+use crate::motion::{Model, Task};
+use crate::robot::Robot;
+use crate::run::{self, Recorder, RunError};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::plant::{Plant, PlantError, PlantParams};
+use mcdpr_simulator::{LinkOptions, TracePoint};
+
+/// What the simulated machine differs by from its description, beyond the robot file. The
+/// default is no difference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// Factor on every cable's stiffness EA.
+    pub stiffness: f64,
+    /// Factor on the platform's mass; the controller knows nothing of it.
+    pub mass: f64,
+    /// Tension lost at every pulley, as a share.
+    pub pulley_loss: f64,
+    /// Relative error of the tension sensors' gain.
+    pub sensor_gain: f64,
+    /// Error of the tension sensors' zero, N.
+    pub sensor_zero_n: f64,
+    /// Coulomb friction of every winch, N; `None` as the robot file says.
+    pub friction_n: Option<f64>,
+}
+
+impl Default for Change {
+    fn default() -> Self {
+        Self {
+            stiffness: 1.0,
+            mass: 1.0,
+            pulley_loss: 0.0,
+            sensor_gain: 0.0,
+            sensor_zero_n: 0.0,
+            friction_n: None,
+        }
+    }
+}
+
+impl Change {
+    fn apply(&self, params: &mut PlantParams) {
+        params.platform.mass_kg *= self.mass;
+        for row in &mut params.platform.inertia_kg_m2 {
+            for entry in row {
+                *entry *= self.mass;
+            }
+        }
+        for cable in &mut params.cables {
+            cable.ea_n *= self.stiffness;
+            cable.pulley_loss = cable.pulley_loss.max(self.pulley_loss);
+        }
+        for winch in &mut params.winches {
+            // The plant's sensor is what it is; the board believes the file. A gain that is too
+            // large reads too much: the plant's k is smaller by as much.
+            winch.sensor.gain_n_per_v /= 1.0 + self.sensor_gain;
+            winch.sensor.zero_v += self.sensor_zero_n / winch.sensor.gain_n_per_v;
+            if let Some(friction_n) = self.friction_n {
+                winch.friction_n = friction_n;
+            }
+        }
+    }
+}
+
+/// What a hand does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Hand {
+    /// Pulls on the platform's origin with this force, world, N.
+    Platform {
+        /// Force, world, N.
+        force_n: [f64; 3],
+    },
+    /// Pulls across the middle of a cable's free part.
+    Cable {
+        /// Index of the cable, from 0.
+        cable: usize,
+        /// Force, world, N.
+        force_n: [f64; 3],
+    },
+    /// Lets this much cable slip off the drum, m: the cable is slack then.
+    Slip {
+        /// Index of the cable, from 0.
+        cable: usize,
+        /// Length, m.
+        longer_m: f64,
+    },
+}
+
+/// An experiment: rest, then what hands do, then watching.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Script {
+    /// What happens when, s since the robot holds, in time order.
+    pub hands: Vec<(f64, Hand)>,
+    /// Length of the experiment, s.
+    pub duration_s: f64,
+}
+
+impl Script {
+    /// A rest.
+    #[must_use]
+    pub const fn rest(duration_s: f64) -> Self {
+        Self {
+            hands: Vec::new(),
+            duration_s,
+        }
+    }
+
+    /// One pull on the platform from `from_s` to `to_s`.
+    #[must_use]
+    pub fn platform_pull(force_n: [f64; 3], from_s: f64, to_s: f64, duration_s: f64) -> Self {
+        let free = Hand::Platform { force_n: [0.0; 3] };
+        Self {
+            hands: vec![(from_s, Hand::Platform { force_n }), (to_s, free)],
+            duration_s,
+        }
+    }
+
+    /// One pull across a cable from `from_s` to `to_s`, rising and falling over 100 ms, smoothly,
+    /// as a hand's does.
+    #[must_use]
+    pub fn cable_pull(
+        cable: usize,
+        force_n: [f64; 3],
+        from_s: f64,
+        to_s: f64,
+        duration_s: f64,
+    ) -> Self {
+        let mut hands = Vec::new();
+        for (start_s, rising) in [(from_s, true), (to_s, false)] {
+            for step in 1..=100 {
+                let share = 0.5 - 0.5 * (std::f64::consts::PI * f64::from(step) / 100.0).cos();
+                let share = if rising { share } else { 1.0 - share };
+                let force_n = force_n.map(|f| f * share);
+                let at_s = start_s + f64::from(step) * 1e-3;
+                hands.push((at_s, Hand::Cable { cable, force_n }));
+            }
+        }
+        Self { hands, duration_s }
+    }
+}
+
+impl Script {
+    /// Cable that creeps off a drum between two times.
+    #[must_use]
+    pub fn slip(cable: usize, longer_m: f64, from_s: f64, to_s: f64, duration_s: f64) -> Self {
+        let steps = 200_u32;
+        let hands = (0..steps).map(|step| {
+            let at_s = from_s + (to_s - from_s) * f64::from(step) / f64::from(steps);
+            let longer_m = longer_m / f64::from(steps);
+            (at_s, Hand::Slip { cable, longer_m })
+        });
+        Self {
+            hands: hands.collect(),
+            duration_s,
+        }
+    }
+}
+
+/// What happened, tick by tick.
+#[derive(Debug, Clone, Default)]
+pub struct Trace {
+    /// Set-point of the watched cable, N.
+    pub setpoint_n: f64,
+    /// Time since the robot holds, s.
+    pub time_s: Vec<f64>,
+    /// True tension of the watched cable at its winch, N.
+    pub tension_n: Vec<f64>,
+    /// What the board measured there, N (its own times; see `measured_s`).
+    pub measured_n: Vec<f64>,
+    /// Times of `measured_n`, s.
+    pub measured_s: Vec<f64>,
+    /// Motor current of the watched winch, A.
+    pub current_a: Vec<f64>,
+    /// Tool, world, m.
+    pub tool_m: Vec<[f64; 3]>,
+    /// The least tension of any cable, N.
+    pub least_n: Vec<f64>,
+    /// All tensions at the winches, N.
+    pub all_n: Vec<Vec<f64>>,
+    /// Fault that ended it early.
+    pub fault: Option<String>,
+}
+
+/// A simulated robot at home that holds its tension, and a client that watches it.
+pub struct Bench {
+    link: SimulatedLink,
+    client: Client<SimulatedLink>,
+    model: Model,
+    watched: usize,
+    setpoint_n: f64,
+}
+
+/// Rest before an experiment begins, s: the drives' start has died out.
+const REST_S: f64 = 1.0;
+
+impl Bench {
+    /// Brings a simulated robot up until it holds.
+    ///
+    /// # Errors
+    /// As a run: the robot can not hang at home, or a check of arming failed.
+    pub fn start(robot: &Robot, change: &Change, seed: u64) -> Result<Self, RunError> {
+        let model = Model::new(robot)?;
+        let home = experiment::home(&model)?;
+        let mut params = machine::plant_params(robot, &Mismatch::default(), seed);
+        change.apply(&mut params);
+        let broken = |error: PlantError| RunError::Client(LinkError::from(error).into());
+        let simulation = machine::simulate(
+            params,
+            &home.equilibrium.pose,
+            home.tensions_n(),
+            model.tension_held(),
+            &LinkOptions::default(),
+            seed,
+        )
+        .map_err(broken)?;
+        let link = SimulatedLink::new(simulation);
+        let mut client = Client::connect(link.clone(), SessionId(1))?;
+        let hash = run::configure(&mut client, robot)?;
+        client.request(machine::reference(&home.paid_out_m, home.tensions_n()))?;
+        run::arm(&mut client, hash)?;
+        let until = client.now_us() + seconds(REST_S);
+        client.pump(until)?;
+        let watched = model.tension_held().unwrap_or(0);
+        let setpoint_n = home.tensions_n().get(watched).copied().unwrap_or(0.0);
+        link.with(mcdpr_simulator::Simulation::record_truth);
+        Ok(Self {
+            link,
+            client,
+            model,
+            watched,
+            setpoint_n,
+        })
+    }
+
+    /// Index of the cable that is watched, from 0: the first tension-held one.
+    #[must_use]
+    pub const fn watched(&self) -> usize {
+        self.watched
+    }
+
+    /// Acts on the simulated plant directly.
+    ///
+    /// # Errors
+    /// The plant's.
+    pub fn plant<R>(
+        &mut self,
+        act: impl FnOnce(&mut Plant) -> Result<R, PlantError>,
+    ) -> Result<R, RunError> {
+        self.link
+            .with(|simulation| act(simulation.plant_mut()))
+            .map_err(|error| RunError::Client(ClientError::from(LinkError::from(error))))
+    }
+
+    /// Runs a script while the robot holds.
+    ///
+    /// # Errors
+    /// The link's; a fault of the board is part of the trace.
+    pub fn run(&mut self, script: &Script) -> Result<Trace, RunError> {
+        self.clear();
+        let begin_us = self.client.now_us();
+        let mut recorder = Recorder::default();
+        for (at_s, hand) in &script.hands {
+            self.watch_until(begin_us + seconds(*at_s), &mut recorder)?;
+            self.hand(hand)?;
+        }
+        self.watch_until(begin_us + seconds(script.duration_s), &mut recorder)?;
+        let points = self.link.with(mcdpr_simulator::Simulation::take_trace);
+        Ok(self.trace(&points, &recorder))
+    }
+
+    /// Runs a task and gives the trace of its motion alone.
+    ///
+    /// # Errors
+    /// As a run.
+    pub fn follow(&mut self, task: Task) -> Result<Trace, RunError> {
+        let start = self.model.robot().tool.home_in_world_m;
+        let plan = experiment::plan_from_home(&self.model, task)?;
+        debug_assert!((self.model.tool_m(&plan.start) - start).norm() < 1e-3);
+        let status = run::status(&mut self.client)?;
+        let knots = run::joined_to(&plan, &status, &self.model)?;
+        self.clear();
+        let mut recorder = Recorder::default();
+        let done = run::follow(&mut self.client, &knots, &mut recorder, |_| {});
+        // A fault is a result: the trace tells of it.
+        let stopped = run::status(&mut self.client)?.fault.is_some();
+        if let (Err(error), false) = (done, stopped) {
+            return Err(error);
+        }
+        let points = self.link.with(mcdpr_simulator::Simulation::take_trace);
+        let moving: Vec<_> = points.into_iter().filter(|p| p.path_ms > 0).collect();
+        Ok(self.trace(&moving, &recorder))
+    }
+
+    fn clear(&mut self) {
+        self.link.with(mcdpr_simulator::Simulation::take_trace);
+        while self.client.next_event().is_some() {}
+    }
+
+    fn watch_until(&mut self, until_us: u64, recorder: &mut Recorder) -> Result<(), RunError> {
+        self.client.pump(until_us)?;
+        while let Some(event) = self.client.next_event() {
+            if let crate::link::Event::Samples(block) = event {
+                recorder.take(&block, 0.0);
+            }
+        }
+        Ok(())
+    }
+
+    fn hand(&mut self, hand: &Hand) -> Result<(), RunError> {
+        self.plant(|plant| match *hand {
+            Hand::Platform { force_n } => plant.set_load(force_n, [0.0; 3], [0.0; 3]),
+            Hand::Cable { cable, force_n } => plant.pull_cable(cable, force_n),
+            Hand::Slip { cable, longer_m } => plant.slip_cable(cable, longer_m),
+        })
+    }
+
+    fn trace(&mut self, points: &[TracePoint], recorder: &Recorder) -> Trace {
+        let mut trace = Trace {
+            setpoint_n: self.setpoint_n,
+            ..Trace::default()
+        };
+        let count = self.model.robot().cables.len();
+        let first = points.first().map_or(0, |point| point.tick.0);
+        let since = |tick: u32| f64::from(tick.wrapping_sub(first).cast_signed()) * 1e-3;
+        for point in points {
+            let truth = &point.truth;
+            let winch = truth.tensions_winch_n.get(..count).unwrap_or_default();
+            trace.time_s.push(since(point.tick.0));
+            trace
+                .tension_n
+                .push(winch.get(self.watched).copied().unwrap_or(0.0));
+            trace.all_n.push(winch.to_vec());
+            trace
+                .least_n
+                .push(winch.iter().copied().fold(f64::INFINITY, f64::min));
+            let current = truth.motor_currents_a.get(self.watched);
+            trace.current_a.push(current.copied().unwrap_or(0.0));
+            trace.tool_m.push(truth.tool_position_m);
+        }
+        for sample in &recorder.samples {
+            if let Some(&tension) = sample.tensions_n.get(self.watched) {
+                trace.measured_s.push(since(sample.tick));
+                trace.measured_n.push(tension);
+            }
+        }
+        let fault = self.client.status().and_then(|status| status.fault);
+        trace.fault = fault.map(|record| crate::link::describe_fault(&record));
+        trace
+    }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "some seconds"
+)]
+fn seconds(s: f64) -> u64 {
+    (s.max(0.0) * 1e6).round() as u64
+}

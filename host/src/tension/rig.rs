@@ -1,0 +1,260 @@
+//! Rigging: winding cable onto a drum, taking up slack evenly, tensioning, lowering. Every cable
+//! is held by its tension meanwhile, so that no drum pulls harder than it was told to; every step
+//! is slow, watched by the board, and undone by its opposite.
+
+use crate::link::{Client, Link};
+use crate::machine;
+use crate::robot::{Control, LawKind, Robot};
+use crate::run::{self, Recorder, RunError};
+use mcdpr_protocol::{
+    CableKnot, Knot, List, MicrometresPerSecond, Millinewtons, PerCable, TenthMicrometres,
+};
+
+/// Tension at which a cable counts as taken up, N: enough to lie in its pulleys.
+pub const TAKEN_UP_N: f64 = 1.0;
+/// Under this tension a cable of a robot that is being rigged is reeled in, N.
+const FLOOR_N: f64 = 0.5;
+/// Rate at which tensions rise and fall, N/s.
+const RATE_NPS: f64 = 2.0;
+/// Longest time that the board lets a slack cable be reeled in at a stretch, s (C1 after 2 s).
+const STRETCH_S: f64 = 1.5;
+/// Snag guard while a free cable is wound, N.
+const SNAG_N: f64 = 5.0;
+
+/// The robot with all cables held by their tension and slack allowed.
+#[must_use]
+pub fn rigged(robot: &Robot) -> Robot {
+    let mut robot = robot.clone();
+    for cable in &mut robot.cables {
+        cable.control = Control::Tension;
+    }
+    robot.tension.law = LawKind::Default;
+    robot.tension.hold_braked = false;
+    robot.limits.tension_min_n = FLOOR_N;
+    robot
+}
+
+/// The robot with one cable wound by length and the others left alone, a light snag guard on all.
+#[must_use]
+pub fn winding(robot: &Robot, cable: usize) -> Robot {
+    let mut robot = rigged(robot);
+    if let Some(wound) = robot.cables.get_mut(cable) {
+        wound.control = Control::Position;
+    }
+    // No floor: the cable's end is free.
+    robot.limits.tension_min_n = 0.0;
+    robot.limits.tension_max_n = robot.limits.tension_max_n.min(SNAG_N);
+    robot
+}
+
+/// A robot that is being rigged: armed, all cables under the control of their tension.
+pub struct Rig<L: Link> {
+    client: Client<L>,
+    lengths_m: Vec<f64>,
+    tensions_n: Vec<f64>,
+}
+
+impl<L: Link> Rig<L> {
+    /// Arms a robot as rigging needs it. `lengths_m` are rough; `tensions_n` are what the cables
+    /// have now: zero where they are slack. The board compares them with its sensors (S10).
+    ///
+    /// # Errors
+    /// As a run.
+    pub fn start(
+        robot: &Robot,
+        link: L,
+        lengths_m: &[f64],
+        tensions_n: &[f64],
+    ) -> Result<Self, RunError> {
+        let mut client = Client::connect(link, run::new_session())?;
+        let hash = run::configure(&mut client, robot)?;
+        if let Some(record) = run::status(&mut client)?.fault {
+            return Err(RunError::Latched { record });
+        }
+        client.request(machine::reference(lengths_m, tensions_n))?;
+        run::arm(&mut client, hash)?;
+        // Motions start where the board holds, which is what its encoders say.
+        let held = run::status(&mut client)?.setpoints;
+        Ok(Self {
+            client,
+            lengths_m: held.iter().map(|l| f64::from(l.0) * 1e-7).collect(),
+            tensions_n: tensions_n.to_vec(),
+        })
+    }
+
+    /// Measured tensions, N.
+    ///
+    /// # Errors
+    /// The client's, or the fault that the board has latched.
+    pub fn measured_n(&mut self) -> Result<Vec<f64>, RunError> {
+        let status = run::status(&mut self.client)?;
+        if let Some(record) = status.fault {
+            return Err(RunError::Fault { record });
+        }
+        let tensions = status.tensions.iter();
+        Ok(tensions.map(|t| f64::from(t.0) * 1e-3).collect())
+    }
+
+    /// Reels all cables in slowly until each has [`TAKEN_UP_N`], at most `stretches` times a
+    /// second and a half; the first ones wait for the last. `watch` sees the tensions now and then.
+    ///
+    /// # Errors
+    /// A fault; cables still slack in the end are told by their tensions, which are given back.
+    pub fn take_up(
+        &mut self,
+        stretches: usize,
+        mut watch: impl FnMut(&[f64]),
+    ) -> Result<Vec<f64>, RunError> {
+        for _ in 0..stretches {
+            let now = self.measured_n()?;
+            watch(&now);
+            if now.iter().all(|&n| n > 0.7 * TAKEN_UP_N) {
+                return Ok(now);
+            }
+            // A set-point under the floor for a moment starts the board's time for slack anew.
+            let low: Vec<f64> = now
+                .iter()
+                .map(|&n| {
+                    if n > 0.7 * TAKEN_UP_N {
+                        TAKEN_UP_N
+                    } else {
+                        0.0
+                    }
+                })
+                .collect();
+            let up = vec![TAKEN_UP_N; now.len()];
+            self.go(&[(0.05, low), (0.01, up.clone()), (STRETCH_S, up)])?;
+        }
+        let now = self.measured_n()?;
+        watch(&now);
+        Ok(now)
+    }
+
+    /// Brings all tensions to `tensions_n` together, at 2 N/s for the one with the longest way.
+    ///
+    /// # Errors
+    /// A fault.
+    pub fn tension(&mut self, tensions_n: &[f64]) -> Result<Vec<f64>, RunError> {
+        let ways = self.tensions_n.iter().zip(tensions_n);
+        let longest = ways.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let duration_s = (longest / RATE_NPS).max(0.1);
+        self.go(&[
+            (duration_s, tensions_n.to_vec()),
+            (0.5, tensions_n.to_vec()),
+        ])?;
+        self.measured_n()
+    }
+
+    /// Winds a cable that is held by its length, in for negative `by_m`, at no more than
+    /// `speed_mps`.
+    ///
+    /// # Errors
+    /// A fault: a snag stops at 5 N.
+    pub fn wind(&mut self, cable: usize, by_m: f64, speed_mps: f64) -> Result<(), RunError> {
+        // A cubic from rest to rest peaks at one and a half times its mean speed.
+        let duration_s = (1.5 * by_m.abs() / speed_mps).max(0.2);
+        if let Some(length) = self.lengths_m.get_mut(cable) {
+            *length += by_m;
+        }
+        let tensions = self.tensions_n.clone();
+        self.go(&[(duration_s, tensions)])?;
+        Ok(())
+    }
+
+    /// Closes the brakes under torque and gives the board back.
+    ///
+    /// # Errors
+    /// The client's.
+    pub fn finish(mut self) -> Result<(), RunError> {
+        run::disarm(&mut self.client)
+    }
+
+    /// Lets one cable's set-point go through stages of duration (s) and level (N); gives its
+    /// measured tension, N, a sample a millisecond.
+    ///
+    /// # Errors
+    /// A fault.
+    pub fn step(&mut self, cable: usize, stages: &[(f64, f64)]) -> Result<Vec<f64>, RunError> {
+        let with = |level: f64| {
+            let mut tensions = self.tensions_n.clone();
+            if let Some(tension) = tensions.get_mut(cable) {
+                *tension = level;
+            }
+            tensions
+        };
+        let stages: Vec<_> = stages.iter().map(|&(t, level)| (t, with(level))).collect();
+        let recorder = self.go(&stages)?;
+        let moving = recorder.samples.iter().filter(|s| s.path_s.is_some());
+        let tensions = moving.filter_map(|sample| sample.tensions_n.get(cable));
+        Ok(tensions.copied().collect())
+    }
+
+    /// Goes through tensions, each reached within its time, at rest at the end of each.
+    fn go(&mut self, stages: &[(f64, Vec<f64>)]) -> Result<Recorder, RunError> {
+        let status = run::status(&mut self.client)?;
+        let begin_m: Vec<f64> = status
+            .setpoints
+            .iter()
+            .map(|l| f64::from(l.0) * 1e-7)
+            .collect();
+        let whole_s: f64 = stages.iter().map(|(duration_s, _)| duration_s).sum();
+        let mut knots = Vec::new();
+        let mut add = |time_s: f64, tensions: &[f64]| {
+            let share = time_s / whole_s.max(1e-9);
+            let lengths = begin_m
+                .iter()
+                .zip(&self.lengths_m)
+                .map(|(a, b)| a + share * (b - a));
+            let cables = lengths.zip(tensions).map(|(length_m, &n)| CableKnot {
+                length: TenthMicrometres(rounded(length_m * 1e7)),
+                velocity: MicrometresPerSecond(0),
+                tension: Millinewtons(rounded(n.max(0.0) * 1e3)),
+            });
+            knots.push(Knot {
+                index: u16::try_from(knots.len()).unwrap_or(u16::MAX),
+                time_ms: rounded(time_s * 1e3).cast_unsigned(),
+                last: false,
+                cables: PerCable::collect(cables),
+                rows: List::new(),
+            });
+        };
+        add(0.0, &self.tensions_n);
+        let mut time_s = 0.0;
+        let mut from = &self.tensions_n;
+        for (duration_s, to) in stages {
+            // Knots may be at most four seconds apart.
+            let parts = (duration_s / 3.0).ceil().max(1.0);
+            let mut part = 1.0;
+            while part <= parts {
+                let share = part / parts;
+                let between: Vec<f64> = from
+                    .iter()
+                    .zip(to)
+                    .map(|(a, b)| a + share * (b - a))
+                    .collect();
+                add(time_s + share * duration_s, &between);
+                part += 1.0;
+            }
+            time_s += duration_s;
+            from = to;
+        }
+        if let Some(knot) = knots.last_mut() {
+            knot.last = true;
+        }
+        while self.client.next_event().is_some() {}
+        let mut recorder = Recorder::default();
+        run::follow(&mut self.client, &knots, &mut recorder, |_| {})?;
+        if let Some((_, tensions)) = stages.last() {
+            self.tensions_n.clone_from(tensions);
+        }
+        Ok(recorder)
+    }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "saturates far beyond any robot"
+)]
+fn rounded(value: f64) -> i32 {
+    value.round() as i32
+}

@@ -1,0 +1,610 @@
+//! Tuning of the tension loop: steps of the set-point, a model fitted to the answer, gains with
+//! stated margins.
+//!
+//! The model is the drum on its cable: `m x'' = T - F - friction`, `T = -k x`, with the motor's
+//! force a factor off and late. All of it is simulated in closed loop with the law that ran, and
+//! its parameters are those that meet the measured tension best.
+
+use super::rig::Rig;
+use crate::link::Link;
+use crate::robot::{Robot, TensionLaw, Winch};
+use crate::run::RunError;
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// One measured answer: asked and measured tension, a sample a millisecond, N.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
+pub struct Answer {
+    /// Asked, N.
+    pub asked_n: Vec<f64>,
+    /// Measured, N.
+    pub measured_n: Vec<f64>,
+}
+
+/// What was identified.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Identified {
+    /// Force at the cable over the force that was asked for.
+    pub gain: f64,
+    /// Time from a demand to its force, bus, drive and all, s.
+    pub delay_s: f64,
+    /// Coulomb friction, N.
+    pub friction_n: f64,
+    /// Stiffness that the drum feels, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Mass of drum and rotor at the cable, kg: the robot file's.
+    pub mass_kg: f64,
+    /// Resonance of drum and cable, Hz.
+    pub resonance_hz: f64,
+    /// Share of the answer's variance that the model explains.
+    pub explained: f64,
+}
+
+/// How far gains are from instability on the identified model, friction left out.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Margins {
+    /// Factor on all gains that the loop stands, at most 10.
+    pub gain: f64,
+    /// Delay that it stands beyond the identified one, s, at most 20 ms.
+    pub delay_s: f64,
+}
+
+/// Why there are no gains.
+#[derive(Debug, Error, Diagnostic)]
+pub enum TuneError {
+    /// The answer is no answer.
+    #[error("the step response is not credible: {what}; nothing was changed")]
+    #[diagnostic(
+        code(mcdpr::tune::response),
+        help(
+            "let the platform come to rest, see that the cable runs free and that friction_n, the motor's constants and the sensor's law in the robot file are right, then tune again"
+        )
+    )]
+    Response {
+        /// How it shows.
+        what: String,
+    },
+    /// Gains that are no gains.
+    #[error("{name} is {value}: gains are finite and not negative; nothing was changed")]
+    #[diagnostic(code(mcdpr::tune::gains))]
+    Gains {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// Gains that swing.
+    #[error(
+        "these gains are unstable on the identified model (resonance {resonance_hz:.0} Hz, delay {delay_ms:.1} ms); nothing was changed"
+    )]
+    #[diagnostic(
+        code(mcdpr::tune::unstable),
+        help("lower kp first; `mcdpr tune tension` proposes gains with margins")
+    )]
+    Unstable {
+        /// Resonance, Hz.
+        resonance_hz: f64,
+        /// Delay, ms.
+        delay_ms: f64,
+    },
+    /// No gains of the search have the margins.
+    #[error("no gains have the margins on the identified model; nothing was changed")]
+    #[diagnostic(
+        code(mcdpr::tune::none),
+        help(
+            "the delay is too long for this cable and drum: a faster bus (tension_period_us) or a lighter winch helps"
+        )
+    )]
+    None,
+}
+
+/// A model explains at least this share of a credible answer.
+const LEAST_EXPLAINED: f64 = 0.8;
+/// Margins that proposed gains have.
+pub const LEAST: Margins = Margins {
+    gain: 2.0,
+    delay_s: 0.002,
+};
+/// Steps of the model per millisecond.
+const SUBSTEPS: usize = 10;
+const TICK_S: f64 = 1e-3;
+
+/// A drum on its cable, with the law, in `f64`.
+#[derive(Debug, Clone, Copy)]
+struct Model {
+    gain: f64,
+    delay_s: f64,
+    friction_n: f64,
+    stiffness: f64,
+    mass_kg: f64,
+    damping_time_s: f64,
+}
+
+impl Model {
+    /// The tension's deviation from `start_n` while the set-point follows `asked_n`; `push_n`
+    /// acts on the drum, paying out.
+    fn run(
+        &self,
+        law: &TensionLaw,
+        declared_friction_n: f64,
+        asked_n: &[f64],
+        push_n: f64,
+    ) -> Vec<f64> {
+        let start_n = asked_n.first().copied().unwrap_or(0.0);
+        let w_dt = std::f64::consts::TAU * law.filter_hz * TICK_S;
+        let alpha = w_dt / (1.0 + w_dt);
+        let (mut x, mut v, mut filtered, mut integral) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+        // Half of the delay is dead time, half the drive's lag.
+        let dead = 0.5 * self.delay_s / TICK_S * substeps();
+        let share = 1.0 - (-TICK_S / substeps() / (0.5 * self.delay_s).max(1e-5)).exp();
+        let h = TICK_S / substeps();
+        let mut demands: Vec<f64> = Vec::with_capacity(asked_n.len() * SUBSTEPS);
+        let mut force = 0.0_f64;
+        let mut out = Vec::with_capacity(asked_n.len());
+        for &asked in asked_n {
+            let tension = -self.stiffness * (x + self.damping_time_s * v);
+            out.push(start_n + tension);
+            let before = filtered;
+            filtered += alpha * (tension - filtered);
+            let error = (asked - start_n) - filtered;
+            let moves = (v / 4e-3).clamp(-1.0, 1.0);
+            let demand = (asked - start_n) + law.kp * error - law.kd * (filtered - before) / TICK_S
+                + integral
+                + law.damping_ns_per_m * v
+                - 0.8 * declared_friction_n * moves;
+            integral += law.ki * error * TICK_S;
+            for _ in 0..SUBSTEPS {
+                demands.push(demand);
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "some hundred steps"
+                )]
+                let late = demands.len().checked_sub(1 + dead.round() as usize);
+                let due = late.and_then(|i| demands.get(i)).copied().unwrap_or(0.0);
+                force += share * (due - force);
+                let tension = -self.stiffness * (x + self.damping_time_s * v);
+                let free = v + h / self.mass_kg * (tension - self.gain * force + push_n);
+                let stopped = h / self.mass_kg * self.friction_n;
+                v = if free.abs() <= stopped {
+                    0.0
+                } else {
+                    free - stopped.copysign(free)
+                };
+                x += h * v;
+            }
+        }
+        out
+    }
+
+    /// Whether the loop without friction comes to rest after a push.
+    fn is_stable(&self, law: &TensionLaw) -> bool {
+        let smooth = Self {
+            friction_n: 0.0,
+            ..*self
+        };
+        let answer = smooth.run(law, 0.0, &[0.0; 3000], 0.5);
+        let peak = |part: &[f64]| {
+            let (low, high) = part
+                .iter()
+                .fold((f64::MAX, f64::MIN), |(a, b), &n| (a.min(n), b.max(n)));
+            high - low
+        };
+        let late = answer.get(2500..).unwrap_or_default();
+        let early = answer.get(..500).unwrap_or_default();
+        let (early, late) = (peak(early), peak(late));
+        late.is_finite() && late < 0.05 * early.max(1e-6)
+    }
+}
+
+#[expect(clippy::cast_precision_loss, reason = "ten")]
+const fn substeps() -> f64 {
+    SUBSTEPS as f64
+}
+
+/// The set-points of the excitation about `around_n`: up and down by `step_n`, N a millisecond.
+#[must_use]
+pub fn excitation(around_n: f64, step_n: f64) -> Vec<(f64, f64)> {
+    let mut stages = vec![(0.3, around_n)];
+    for (up, hold_s) in [
+        (1.0, 0.35),
+        (0.0, 0.3),
+        (-1.0, 0.35),
+        (0.5, 0.25),
+        (0.0, 0.35),
+    ] {
+        let level = around_n + up * step_n;
+        stages.push((0.005, level));
+        stages.push((hold_s, level));
+    }
+    stages
+}
+
+/// Lets the loop of one cable answer the excitation.
+///
+/// # Errors
+/// As a run.
+pub fn excite<L: Link>(
+    rig: &mut Rig<L>,
+    cable: usize,
+    stages: &[(f64, f64)],
+) -> Result<Answer, RunError> {
+    let measured_n = rig.step(cable, stages)?;
+    let mut asked_n = Vec::new();
+    let mut level = stages.first().map_or(0.0, |stage| stage.1);
+    for &(duration_s, to) in stages {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "some hundred ticks"
+        )]
+        let ticks = (duration_s / TICK_S).round() as usize;
+        for tick in 0..ticks {
+            #[expect(clippy::cast_precision_loss, reason = "some hundred ticks")]
+            let share = (tick + 1) as f64 / ticks as f64;
+            asked_n.push(level + share * (to - level));
+        }
+        level = to;
+    }
+    let length = asked_n.len().min(measured_n.len());
+    asked_n.truncate(length);
+    Ok(Answer {
+        asked_n,
+        measured_n: measured_n.into_iter().take(length).collect(),
+    })
+}
+
+/// Fits the model to an answer that was measured with the robot file's law.
+///
+/// # Errors
+/// [`TuneError::Response`] where the answer is not credible.
+pub fn identify(
+    robot: &Robot,
+    cable: usize,
+    winch: &Winch,
+    answer: &Answer,
+) -> Result<Identified, TuneError> {
+    let refuse = |what: String| Err(TuneError::Response { what });
+    if answer.measured_n.len() < 500 {
+        return refuse(format!("only {} samples came", answer.measured_n.len()));
+    }
+    if let Some(bad) = answer.measured_n.iter().find(|n| !n.is_finite()) {
+        return refuse(format!("a sample is {bad}"));
+    }
+    let mean = |values: &[f64]| {
+        #[expect(clippy::cast_precision_loss, reason = "some thousand samples")]
+        let count = values.len().max(1) as f64;
+        values.iter().sum::<f64>() / count
+    };
+    let (asked_mean, measured_mean) = (mean(&answer.asked_n), mean(&answer.measured_n));
+    let pairs = || answer.asked_n.iter().zip(&answer.measured_n);
+    let swing: f64 = answer
+        .asked_n
+        .iter()
+        .map(|a| (a - asked_mean).powi(2))
+        .sum();
+    let moved: f64 = answer
+        .measured_n
+        .iter()
+        .map(|m| (m - measured_mean).powi(2))
+        .sum();
+    let along: f64 = pairs()
+        .map(|(a, m)| (a - asked_mean) * (m - measured_mean))
+        .sum();
+    if along <= 0.3 * swing {
+        return refuse(format!(
+            "the tension follows only {:.0} % of a step",
+            100.0 * along / swing.max(1e-9)
+        ));
+    }
+    let nominal = robot
+        .cables
+        .get(cable)
+        .map_or(4e4, |c| c.ea_n / (2.0 * c.routing_length_m).max(0.2));
+    let damping_time_s = robot.cables.get(cable).map_or(0.0, |c| c.damping_time_s);
+    let model = |p: &[f64; 4]| Model {
+        gain: p[0].exp(),
+        delay_s: 5e-3 * p[1].exp(),
+        friction_n: 0.3 * p[2].exp(),
+        stiffness: nominal * p[3].exp(),
+        mass_kg: winch.effective_mass_kg(),
+        damping_time_s,
+    };
+    let cost = |p: &[f64; 4]| {
+        // Weak priors keep what the answer says nothing about near the robot file.
+        let prior = 4.0 * p[0].powi(2) + 0.5 * p[1].powi(2) + 0.2 * p[2].powi(2) + p[3].powi(2);
+        let modelled = model(p).run(&robot.tension, winch.friction_n, &answer.asked_n, 0.0);
+        let squares: f64 = modelled
+            .iter()
+            .zip(&answer.measured_n)
+            .map(|(a, b)| (a - b).powi(2))
+            .sum();
+        if squares.is_finite() {
+            squares + 0.5 * prior
+        } else {
+            f64::MAX
+        }
+    };
+    let best = nelder_mead([0.0; 4], 0.3, 160, cost);
+    let fitted = model(&best);
+    let modelled = fitted.run(&robot.tension, winch.friction_n, &answer.asked_n, 0.0);
+    let left: f64 = modelled
+        .iter()
+        .zip(&answer.measured_n)
+        .map(|(a, b)| (a - b).powi(2))
+        .sum();
+    let explained = 1.0 - left / moved.max(1e-12);
+    if !(explained >= LEAST_EXPLAINED) {
+        return refuse(format!(
+            "a drum on its cable explains only {:.0} % of it",
+            100.0 * explained.max(0.0)
+        ));
+    }
+    Ok(Identified {
+        gain: fitted.gain,
+        delay_s: fitted.delay_s,
+        friction_n: fitted.friction_n,
+        stiffness_n_per_m: fitted.stiffness,
+        mass_kg: fitted.mass_kg,
+        resonance_hz: (fitted.stiffness / fitted.mass_kg).sqrt() / std::f64::consts::TAU,
+        explained,
+    })
+}
+
+impl Identified {
+    fn model(&self, damping_time_s: f64) -> Model {
+        Model {
+            gain: self.gain,
+            delay_s: self.delay_s,
+            friction_n: self.friction_n,
+            stiffness: self.stiffness_n_per_m,
+            mass_kg: self.mass_kg,
+            damping_time_s,
+        }
+    }
+
+    /// Margins of gains on this model.
+    ///
+    /// # Errors
+    /// [`TuneError::Gains`] where a gain is not finite or negative, [`TuneError::Unstable`].
+    pub fn margins(&self, law: &TensionLaw, damping_time_s: f64) -> Result<Margins, TuneError> {
+        let gains = [
+            ("kp", law.kp),
+            ("ki", law.ki),
+            ("kd", law.kd),
+            ("damping_ns_per_m", law.damping_ns_per_m),
+            ("filter_hz", law.filter_hz),
+        ];
+        for (name, value) in gains {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(TuneError::Gains { name, value });
+            }
+        }
+        let model = self.model(damping_time_s);
+        if !model.is_stable(law) {
+            return Err(TuneError::Unstable {
+                resonance_hz: self.resonance_hz,
+                delay_ms: self.delay_s * 1e3,
+            });
+        }
+        let scaled = |factor: f64| TensionLaw {
+            kp: law.kp * factor,
+            ki: law.ki * factor,
+            kd: law.kd * factor,
+            damping_ns_per_m: law.damping_ns_per_m * factor,
+            ..*law
+        };
+        let gain = bisect(1.0, 10.0, |factor| model.is_stable(&scaled(factor)));
+        let delay_s = bisect(0.0, 0.02, |more| {
+            let late = Model {
+                delay_s: model.delay_s + more,
+                ..model
+            };
+            late.is_stable(law)
+        });
+        Ok(Margins { gain, delay_s })
+    }
+
+    /// Gains for this model: of those with [`LEAST`] margins, the ones that a push of 0.5 N on the
+    /// drum disturbs least.
+    ///
+    /// # Errors
+    /// [`TuneError::None`].
+    pub fn propose(
+        &self,
+        law: &TensionLaw,
+        damping_time_s: f64,
+    ) -> Result<(TensionLaw, Margins), TuneError> {
+        let model = Model {
+            friction_n: 0.0,
+            ..self.model(damping_time_s)
+        };
+        // What damps a drum in the time that its loop needs.
+        let unit = self.mass_kg / (10.0 * self.delay_s).max(1e-3);
+        let mut found: Vec<(f64, TensionLaw)> = Vec::new();
+        for kp in [0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 3.0] {
+            for ki in [1.0, 2.0, 5.0, 10.0, 20.0, 40.0] {
+                for share in [1.0, 3.0, 6.0] {
+                    let gains = TensionLaw {
+                        kp,
+                        ki,
+                        kd: 0.0,
+                        damping_ns_per_m: unit * share,
+                        ..*law
+                    };
+                    if !model.is_stable(&gains) {
+                        continue;
+                    }
+                    let answer = model.run(&gains, 0.0, &[0.0; 1500], 0.5);
+                    found.push((answer.iter().map(|n| n * n).sum(), gains));
+                }
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found
+            .into_iter()
+            .find_map(|(_, gains)| {
+                let margins = self.margins(&gains, damping_time_s).ok()?;
+                let enough = margins.gain >= LEAST.gain && margins.delay_s >= LEAST.delay_s;
+                enough.then_some((gains, margins))
+            })
+            .ok_or(TuneError::None)
+    }
+}
+
+/// The greatest value up to which `holds`, which holds at `low`.
+fn bisect(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    if holds(high) {
+        return high;
+    }
+    let (mut low, mut high) = (low, high);
+    for _ in 0..7 {
+        let middle = 0.5 * (low + high);
+        if holds(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
+}
+
+/// Nelder and Mead's simplex (1965) in four unknowns.
+fn nelder_mead(
+    start: [f64; 4],
+    size: f64,
+    rounds: usize,
+    cost: impl Fn(&[f64; 4]) -> f64,
+) -> [f64; 4] {
+    let mut simplex: Vec<([f64; 4], f64)> = vec![(start, cost(&start))];
+    for axis in 0..4 {
+        let mut corner = start;
+        if let Some(value) = corner.get_mut(axis) {
+            *value += size;
+        }
+        simplex.push((corner, cost(&corner)));
+    }
+    for _ in 0..rounds {
+        simplex.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((worst, rest)) = simplex.split_last() else {
+            return start;
+        };
+        let (worst, best) = (*worst, rest.first().copied().unwrap_or(*worst));
+        let second = rest.last().map_or(worst.1, |corner| corner.1);
+        let center: [f64; 4] =
+            std::array::from_fn(|i| rest.iter().filter_map(|(p, _)| p.get(i)).sum::<f64>() / 4.0);
+        let at = |t: f64| -> ([f64; 4], f64) {
+            let point: [f64; 4] = std::array::from_fn(|i| {
+                let (c, w) = (center.get(i), worst.0.get(i));
+                c.zip(w).map_or(0.0, |(c, w)| c + t * (w - c))
+            });
+            (point, cost(&point))
+        };
+        let mirrored = at(-1.0);
+        let next = if mirrored.1 < best.1 {
+            let further = at(-2.0);
+            if further.1 < mirrored.1 {
+                further
+            } else {
+                mirrored
+            }
+        } else if mirrored.1 < second {
+            mirrored
+        } else {
+            at(if mirrored.1 < worst.1 { -0.5 } else { 0.5 })
+        };
+        if next.1 < worst.1 {
+            if let Some(last) = simplex.last_mut() {
+                *last = next;
+            }
+        } else {
+            for corner in simplex.iter_mut().skip(1) {
+                let point: [f64; 4] = std::array::from_fn(|i| {
+                    let (a, b) = (best.0.get(i), corner.0.get(i));
+                    a.zip(b).map_or(0.0, |(a, b)| 0.5 * (a + b))
+                });
+                *corner = (point, cost(&point));
+            }
+        }
+    }
+    simplex.sort_by(|a, b| a.1.total_cmp(&b.1));
+    simplex.first().map_or(start, |best| best.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn truth() -> Model {
+        Model {
+            gain: 0.9,
+            delay_s: 6e-3,
+            friction_n: 0.4,
+            stiffness: 42_000.0,
+            mass_kg: 0.1,
+            damping_time_s: 2e-4,
+        }
+    }
+
+    fn answer(robot: &Robot, model: &Model) -> Answer {
+        let mut asked_n = Vec::new();
+        for (duration_s, level) in excitation(10.0, 2.0) {
+            asked_n.extend(std::iter::repeat_n(level, (duration_s / TICK_S) as usize));
+        }
+        let measured_n = model.run(&robot.tension, 0.5, &asked_n, 0.0);
+        Answer {
+            asked_n,
+            measured_n,
+        }
+    }
+
+    #[test]
+    fn gain_delay_and_friction_of_a_known_loop_are_found() {
+        let robot = Robot::find("lab-direct").unwrap();
+        let found = identify(&robot, 3, &robot.winches[3], &answer(&robot, &truth())).unwrap();
+        assert!((found.gain - 0.9).abs() < 0.1, "{found:?}");
+        assert!((found.delay_s - 6e-3).abs() < 3e-3, "{found:?}");
+        assert!((found.resonance_hz - 103.0).abs() < 40.0, "{found:?}");
+        assert!(found.explained > 0.95, "{found:?}");
+        let (gains, margins) = found.propose(&robot.tension, 2e-4).unwrap();
+        assert!(
+            margins.gain >= 2.0 && margins.delay_s >= 0.002,
+            "{margins:?}"
+        );
+        assert!(truth().is_stable(&gains), "{gains:?}");
+    }
+
+    #[test]
+    fn dead_and_wild_answers_and_gains_are_refused() {
+        let robot = Robot::find("lab-direct").unwrap();
+        let winch = &robot.winches[3];
+        let good = answer(&robot, &truth());
+        let refused = |measured_n: Vec<f64>| {
+            let answer = Answer {
+                measured_n,
+                ..good.clone()
+            };
+            let error = identify(&robot, 3, winch, &answer).unwrap_err();
+            assert!(matches!(error, TuneError::Response { .. }), "{error}");
+        };
+        refused(vec![10.0; good.asked_n.len()]);
+        refused(good.measured_n.iter().map(|n| 20.0 - n).collect());
+        refused(vec![10.0; 100]);
+        let mut spoilt = good.measured_n.clone();
+        spoilt[700] = f64::NAN;
+        refused(spoilt);
+        let found = identify(&robot, 3, winch, &good).unwrap();
+        let law = |kp: f64| TensionLaw {
+            kp,
+            ..robot.tension
+        };
+        assert!(matches!(
+            found.margins(&law(f64::NAN), 2e-4),
+            Err(TuneError::Gains { .. })
+        ));
+        assert!(matches!(
+            found.margins(&law(20.0), 2e-4),
+            Err(TuneError::Unstable { .. })
+        ));
+    }
+}

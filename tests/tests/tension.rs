@@ -1,0 +1,228 @@
+//! The tension loop in the simulator: bounds of docs/tension.md on a few seeds, through the real
+//! control core, client and link. `mcdpr study tension` measures the whole table.
+
+use mcdpr::link::{Client, SimulatedLink};
+use mcdpr::machine::{self, Mismatch};
+use mcdpr::motion::Task;
+use mcdpr::robot::{Control, Robot};
+use mcdpr::run;
+use mcdpr::tension::{Bench, Change, Script, Trace, at_rest, recovery};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::plant::{Plant, Pose};
+use mcdpr_simulator::{LinkOptions, Simulation};
+
+const SEEDS: u64 = 5;
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// A pull of half a second on the platform, in another direction with every seed.
+fn pulled(robot: &Robot, change: &Change, newtons: f64, seed: u64) -> Trace {
+    let angle = seed as f64 * 2.399_963;
+    let force = [newtons * angle.cos(), newtons * angle.sin(), 0.0];
+    let script = Script::platform_pull(force, 0.5, 1.0, 4.0);
+    let trace = Bench::start(robot, change, seed)
+        .unwrap()
+        .run(&script)
+        .unwrap();
+    assert_eq!(trace.fault, None, "seed {seed}");
+    trace
+}
+
+#[test]
+fn at_rest_and_on_the_circle_the_tension_is_what_was_asked_for() {
+    let robot = Robot::find("lab-direct").unwrap();
+    let (mut rest, mut circle) = (Vec::new(), Vec::new());
+    for seed in 1..=SEEDS {
+        let mut bench = Bench::start(&robot, &Change::default(), seed).unwrap();
+        let trace = bench.run(&Script::rest(2.0)).unwrap();
+        rest.push(at_rest(&trace, 0.0, 2.0).mean_error_n.abs());
+        let task = Task::find("paper:table7", -0.18).unwrap();
+        let trace = bench.follow(task).unwrap();
+        assert_eq!(trace.fault, None);
+        circle.push(at_rest(&trace, 0.0, f64::INFINITY).mean_abs_n);
+    }
+    let (rest, circle) = (median(rest), median(circle));
+    println!("rest {rest:.4} N, circle {circle:.4} N");
+    assert!(rest <= 0.02, "{rest} N at rest");
+    assert!(circle <= 0.05, "{circle} N on the circle");
+}
+
+#[test]
+fn a_pull_on_the_platform_is_answered_within_a_tenth_of_a_second() {
+    let robot = Robot::find("lab-direct").unwrap();
+    for (newtons, peak_n) in [(2.0, 1.0), (5.0, 1.5)] {
+        let (mut peaks, mut backs) = (Vec::new(), Vec::new());
+        for seed in 1..=SEEDS {
+            let trace = pulled(&robot, &Change::default(), newtons, seed);
+            let back = recovery(&trace, 0.5, 1.0);
+            assert!(back.least_n > 0.5, "slack: {back:?}");
+            peaks.push(back.peak_n);
+            backs.push(back.mean_back_s);
+        }
+        let (peak, back) = (median(peaks), median(backs));
+        println!("{newtons} N: peak {peak:.3} N, back after {back:.3} s");
+        assert!(peak <= peak_n, "{newtons} N: peak {peak} N");
+        assert!(back <= 0.1, "{newtons} N: {back} s");
+    }
+}
+
+#[test]
+fn other_cables_and_drums_stay_stable_with_the_same_gains() {
+    let robot = Robot::find("lab-direct").unwrap();
+    for stiffness in [0.5, 2.0] {
+        let change = Change {
+            stiffness,
+            ..Change::default()
+        };
+        let trace = pulled(&robot, &change, 2.0, 1);
+        let after = at_rest(&trace, 3.0, 4.0);
+        assert!(after.sd_n < 0.5, "stiffness {stiffness}: {after:?}");
+    }
+    for drum_kg in [0.05, 0.2] {
+        let mut robot = robot.clone();
+        let winch = robot.winches.last_mut().unwrap();
+        winch.rotor_inertia_kg_m2 = 0.0;
+        winch.drum_inertia_kg_m2 = drum_kg * winch.drum_radius_m.powi(2);
+        let trace = pulled(&robot, &Change::default(), 2.0, 1);
+        let after = at_rest(&trace, 3.0, 4.0);
+        assert!(after.sd_n < 0.5, "drum {drum_kg} kg: {after:?}");
+    }
+}
+
+#[test]
+fn a_slack_cable_comes_back_without_a_blow() {
+    let robot = Robot::find("lab-direct").unwrap();
+    let mut bench = Bench::start(&robot, &Change::default(), 1).unwrap();
+    let cable = bench.watched();
+    let trace = bench
+        .run(&Script::slip(cable, 0.01, 0.5, 0.7, 4.0))
+        .unwrap();
+    assert_eq!(trace.fault, None);
+    let least = trace
+        .tension_n
+        .iter()
+        .copied()
+        .fold(f64::INFINITY, f64::min);
+    let greatest = recovery(&trace, 0.7, 4.0).greatest_n;
+    assert!(greatest < 20.0, "{greatest} N");
+    let end = at_rest(&trace, 3.0, 4.0);
+    assert!(
+        end.mean_error_n.abs() < 0.1,
+        "least {least} N, then {end:?}"
+    );
+}
+
+#[test]
+fn brakes_closed_in_hold_hold_and_open_for_the_motion() {
+    let mut robot = Robot::find("lab-direct").unwrap();
+    robot.tension.hold_braked = true;
+    let mut bench = Bench::start(&robot, &Change::default(), 1).unwrap();
+    let closed = |bench: &mut Bench| {
+        bench
+            .plant(|plant| Ok(plant.truth()?.brakes_closed))
+            .unwrap()
+    };
+    assert!(closed(&mut bench)[..4].iter().all(|closed| *closed));
+    let before = bench.run(&Script::rest(0.5)).unwrap();
+    assert!(at_rest(&before, 0.0, 0.5).max_abs_n < 0.5);
+    let task = "start_mm = [335, 0, -180]\n[[leg]]\nto_mm = [340, 0, -180]\nduration_s = 2";
+    let task = Task::parse(task, "short.toml".into()).unwrap();
+    let trace = bench.follow(task).unwrap();
+    assert_eq!(trace.fault, None);
+    let moved = trace.tool_m.last().unwrap()[0] - trace.tool_m[0][0];
+    assert!((moved - 5e-3).abs() < 5e-4, "moved {moved} m");
+    bench.run(&Script::rest(0.2)).unwrap();
+    assert!(closed(&mut bench)[..4].iter().all(|closed| *closed));
+}
+
+/// The eight-cable robot with two of its cables held by tension: the planner has no equilibrium
+/// for it, so core and simulator are taken as they are.
+#[test]
+fn two_cables_of_eight_are_held_by_tension_at_once() {
+    let mut robot = Robot::find("eight-cable").unwrap();
+    for (index, cable) in robot.cables.iter_mut().enumerate() {
+        cable.control = if index >= 6 {
+            Control::Tension
+        } else {
+            Control::Position
+        };
+    }
+    let params = machine::plant_params(&robot, &Mismatch::default(), 1);
+    let mut plant = Plant::new(params, 1).unwrap();
+    let home = robot.tool.home_in_world_m - robot.tool.tcp_in_platform_m;
+    plant
+        .settle_at(&Pose::level(home.into()), &[12.0; 8], None)
+        .unwrap();
+    let truth = plant.truth().unwrap();
+    let tensions: Vec<f64> = truth.tensions_winch_n.to_vec();
+    let lengths: Vec<f64> = truth.unstretched_lengths_m.to_vec();
+    let link = SimulatedLink::new(Simulation::new(plant, &LinkOptions::default(), 1).unwrap());
+    let mut client = Client::connect(link.clone(), SessionId(1)).unwrap();
+    let hash = run::configure(&mut client, &robot).unwrap();
+    client
+        .request(machine::reference(&lengths, &tensions))
+        .unwrap();
+    run::arm(&mut client, hash).unwrap();
+    let mut pump = |seconds: f64| {
+        let until = client.now_us() + (seconds * 1e6) as u64;
+        client.pump(until).unwrap();
+    };
+    pump(1.0);
+    link.with(|s| s.plant_mut().set_load([1.0, 0.5, 0.0], [0.0; 3], [0.0; 3]))
+        .unwrap();
+    pump(0.5);
+    link.with(|s| s.plant_mut().set_load([0.0; 3], [0.0; 3], [0.0; 3]))
+        .unwrap();
+    pump(1.5);
+    link.with(Simulation::record_truth);
+    pump(1.0);
+    let trace = link.with(Simulation::take_trace);
+    assert_eq!(run::status(&mut client).unwrap().fault, None);
+    for cable in [6, 7] {
+        let sum: f64 = trace.iter().map(|p| p.truth.tensions_winch_n[cable]).sum();
+        let mean = sum / trace.len() as f64;
+        let error = mean - tensions[cable];
+        assert!(error.abs() < 0.1, "cable {}: {error} N", cable + 1);
+    }
+}
+
+#[test]
+fn a_robot_is_rigged_from_slack_and_let_down_again() {
+    let rig = |words: &[&str]| {
+        let output = mcdpr_tests::mcdpr().args(words).output().unwrap();
+        assert!(
+            output.status.success(),
+            "{words:?}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        document["tensions_n"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|n| n.as_f64().unwrap())
+            .collect::<Vec<_>>()
+    };
+    let up = rig(&["rig", "tension", "--yes", "--json", "--robot", "lab-fast"]);
+    // 14 N is the set-point of cable 4; the platform weighs 19.6 N.
+    assert!((up[3] - 14.0).abs() < 0.5, "{up:?}");
+    assert!(up.iter().all(|&n| n > 5.0), "{up:?}");
+    let down = rig(&["rig", "lower", "--yes", "--json", "--robot", "lab-fast"]);
+    assert!(down.iter().all(|&n| n < 0.6), "{down:?}");
+    rig(&["rig", "spool", "2", "-30", "--yes", "--json"]);
+}
+
+#[test]
+fn a_rig_step_that_is_not_confirmed_is_not_done() {
+    let output = mcdpr_tests::mcdpr()
+        .args(["rig", "tension"])
+        .stdin(std::process::Stdio::null())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(message.contains("nothing moves"), "{message}");
+}
