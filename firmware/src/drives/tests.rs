@@ -65,6 +65,7 @@ fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
         brake_close_ms: 30,
         following_error: 1000,
         max_speed_umps: 1,
+        reel_speed_umps: 10_000,
         length_min: 0,
         length_max: 1,
         node,
@@ -85,6 +86,7 @@ fn active(kind: DriveKind) -> Active<2> {
         residual_ms: 100,
         enable_ms: 1100,
         feedback_timeout_ms: 10,
+        hold_braked: false,
         cables: [cable(Control::Length, 3, 0), cable(Control::Tension, 5, 1)],
     }
 }

@@ -81,7 +81,7 @@ impl Cmd {
                     let what = format!("there is no cable {cable} of {}", robot.cables.len());
                     return Err(RigError::Range { what }.into());
                 }
-                if !(length_mm.abs() <= LONGEST_MM) {
+                if length_mm.is_nan() || length_mm.abs() > LONGEST_MM {
                     let what = format!("{length_mm} mm is more than {LONGEST_MM} mm at once");
                     return Err(RigError::Range { what }.into());
                 }
@@ -146,8 +146,8 @@ impl Cmd {
             plant.slip_cable(cable, longer_m).map_err(broken)?;
         }
         let options = LinkOptions::default();
-        let simulation =
-            mcdpr_simulator::Simulation::new(plant, &options, common.seed).map_err(broken)?;
+        let chip = machine::chosen_firmware();
+        let simulation = machine::with_board(plant, &options, common.seed, chip).map_err(broken)?;
         Ok(Some(SimulatedLink::new(simulation)))
     }
 

@@ -223,6 +223,20 @@ pub fn simulate(
     firmware: Option<&super::Firmware>,
 ) -> Result<Simulation, PlantError> {
     let plant = hang(params, pose, tensions_n, held, seed)?;
+    with_board(plant, link, seed, firmware)
+}
+
+/// A plant as it stands, behind a line, controlled by this firmware on an emulated chip, or by the
+/// control core in this process.
+///
+/// # Errors
+/// Where no board is for such a plant.
+pub fn with_board(
+    plant: Plant,
+    link: &LinkOptions,
+    seed: u64,
+    firmware: Option<&super::Firmware>,
+) -> Result<Simulation, PlantError> {
     let Some(firmware) = firmware else {
         return Simulation::new(plant, link, seed);
     };

@@ -215,6 +215,7 @@ impl Bench {
             model.tension_held(),
             &LinkOptions::default(),
             seed,
+            machine::chosen_firmware(),
         )
         .map_err(broken)?;
         let link = SimulatedLink::new(simulation);

@@ -262,7 +262,7 @@ pub fn read_voltage<L: Link>(
     let mut sum_n = 0.0;
     for _ in 0..AVERAGED {
         let status = run::status(client)?;
-        let tension = status.tensions.iter().nth(cable).map_or(0, |t| t.0);
+        let tension = status.tensions.get(cable).map_or(0, |t| t.0);
         sum_n += f64::from(tension) * 1e-3;
         let until = client.now_us() + PAUSE_US;
         client.pump(until)?;

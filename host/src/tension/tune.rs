@@ -334,7 +334,7 @@ pub fn identify(
         .map(|(a, b)| (a - b).powi(2))
         .sum();
     let explained = 1.0 - left / moved.max(1e-12);
-    if !(explained >= LEAST_EXPLAINED) {
+    if explained.is_nan() || explained < LEAST_EXPLAINED {
         return refuse(format!(
             "a drum on its cable explains only {:.0} % of it",
             100.0 * explained.max(0.0)

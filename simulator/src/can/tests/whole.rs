@@ -24,6 +24,7 @@ fn value(key: CableKey) -> i32 {
         CableKey::EncoderSign => 1,
         CableKey::MotorCountsPerTurn => 1_520_148,
         CableKey::MotorCountsPerRev => 4096,
+        CableKey::ReelSpeed => 10_000,
         CableKey::MaxMotorRpm => 8000,
         CableKey::MaxCurrentMa => 1000,
         CableKey::ForcePerCurrent => -185_000,
@@ -50,6 +51,7 @@ fn configuration(kind: i32, bitrate: i32, period_us: i32) -> Result<Active<4>, S
             BoardKey::ResidualMs => 100,
             BoardKey::EnableMs => 1100,
             BoardKey::FeedbackTimeoutMs => 10,
+            BoardKey::HoldBrakes => 0,
         };
         entries.push(ConfigEntry {
             key: ConfigKey::board(*key),
