@@ -225,6 +225,12 @@ impl VirtualBoard for ChipBoard {
         Ok(())
     }
 
+    fn line_errors(&mut self, errors: u16) {
+        if errors > 0 {
+            self.chip.lock().uart_damage(errors);
+        }
+    }
+
     fn state(&self) -> State {
         self.state
     }

@@ -412,6 +412,12 @@ impl Chip {
         self.bus.plan();
     }
 
+    /// So many of the next bytes to USART3 arrive without a stop bit.
+    pub fn uart_damage(&mut self, bytes: u16) {
+        let damaged = &mut self.bus.usart.damaged;
+        *damaged = damaged.saturating_add(bytes);
+    }
+
     /// Bytes that USART3 has sent since the last call.
     pub fn uart_take(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.bus.usart.sent)

@@ -80,9 +80,25 @@ impl Axis {
     /// How far the motor is behind the target, 0.1 µm, whatever the drum encoder says: tells a dead
     /// drive from a dead encoder.
     #[must_use]
-    pub fn motor_error(&self, config: &CableConfig, target: &Target, drive: &DriveInput) -> i32 {
-        let by_motor = self.motor_length(config, drive) + (self.trim_q16 >> 16);
+    pub fn motor_error(&self, target: &Target, by_motor: i32) -> i32 {
+        let by_motor = i64::from(by_motor) + (self.trim_q16 >> 16);
         saturate(i64::from(target.length) - by_motor)
+    }
+
+    /// Length by the motor's counts alone, since the axis was enabled, 0.1 µm.
+    #[must_use]
+    pub fn by_motor(&self, config: &CableConfig, drive: &DriveInput) -> i32 {
+        saturate(self.motor_length(config, drive))
+    }
+
+    /// How far motor and drum are apart beyond what a sixty-fourth of the way explains (a drum
+    /// that is not quite as round as described), 0.1 µm: a stuck encoder on a cable that no length
+    /// holds (S2).
+    #[must_use]
+    pub fn slipped(&self, by_motor: i32, length: i32) -> i32 {
+        let way = by_motor.saturating_sub(self.zero_length).saturating_abs();
+        let gap = by_motor.saturating_sub(length);
+        gap.signum() * (gap.saturating_abs() - way / 64).max(0)
     }
 
     /// Length by the motor's counts, 0.1 µm, carried on from the time of the feedback to now.

@@ -169,6 +169,14 @@ pub struct CableConfig {
     pub rpm_per_count_q16: i32,
 }
 
+impl CableConfig {
+    /// Motor current for a force that reels in, mA, rounded.
+    #[must_use]
+    pub fn current_ma(&self, force_mn: i32) -> i32 {
+        crate::fixed::mul_shift(force_mn, self.current_per_force_q32, 32)
+    }
+}
+
 /// A configuration in use.
 #[derive(Debug, Clone)]
 pub struct Active<const N: usize> {

@@ -1,20 +1,22 @@
 //! One tick of the board: measure, watch, move, command; and the requests in between.
 
-use crate::arming::{Arming, HAS_SERVICE, Phase, Service, concerns};
+use crate::arming::{Arming, HAS_SERVICE, Phase, Service, Stir, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
 use crate::config::{Active, ConfigStore, Control, TensionLaw};
 use crate::encoder::{Encoder, LengthScale, Sampled};
 use crate::io::{Brake, DriveDemand, DriveInput, Inputs, Outputs, Scan};
 use crate::motion::{CAPACITY, Motion, Progress};
+use crate::proof::{Proof, Verdict};
 use crate::segment::{Point, StoredKnot, StoredRow};
 use crate::supervisor::{self, Event, State, transition};
 use crate::tension::{Demand, TensionLoop, is_plausible, measured_mn};
-use crate::watch::{CableView, CableWatch, Heartbeat, Latch, LinkHealth, Persist};
+use crate::watch::{CableView, CableWatch, Heartbeat, Latch, LineNoise, LinkHealth, Persist};
 use mcdpr_protocol::{
     ConfigHash, FaultId, FaultRecord, Info, Knot, Limit, Limits, List, Millinewtons, PerCable,
     Reject, Reply, Request, ResidualRow, Status, StopKind, TenthMicrometres, Tick, Winch,
 };
 
+mod halting;
 mod requests;
 
 /// Torque is held this long after the brakes have closed, ms.
@@ -23,6 +25,8 @@ const HOLD_TORQUE_MS: u16 = 150;
 const TICKS_PER_SECOND: u16 = 1000;
 /// A motion may start this far from the set-point, 0.1 µm (K4).
 const START_TOLERANCE: i32 = 50;
+/// Time that the platform may be touched before the robot stops, ticks (C5).
+const CONTACT_TICKS: u16 = 20;
 /// Tension may leave its expected value by this before it is advice, mN.
 const TENSION_WARN_MN: i32 = 3000;
 
@@ -43,8 +47,12 @@ struct Cable {
     reference_mn: i32,
     /// The encoder can not be trusted.
     lost: bool,
-    /// The drive was lost since the board armed: its brake stays closed.
+    /// Drive or encoder were lost since the board armed: its brake stays closed.
     abandoned: bool,
+    /// How far the cable gave way while the robot stops, 0.1 µm.
+    give: i32,
+    /// The test of its brake.
+    proof: Proof,
 }
 
 /// The control core of one board with `N` winches.
@@ -66,10 +74,14 @@ pub struct Controller<const N: usize> {
     referenced: bool,
     overruns: u32,
     late_ticks: Persist,
+    line_noise: LineNoise,
     /// Ticks since the brakes were told to close while stopping.
     closing: Option<u16>,
     /// Ticks until the brakes that were closed while holding are open again.
     opening: u16,
+    /// How often a brake slipped when torque was about to go.
+    slips: u16,
+    stir: Stir,
     gripper_closed: bool,
     gripper_switch: bool,
     e_stop: bool,
@@ -101,8 +113,11 @@ impl<const N: usize> Default for Controller<N> {
             referenced: false,
             overruns: 0,
             late_ticks: Persist::default(),
+            line_noise: LineNoise::default(),
             closing: None,
             opening: 0,
+            slips: 0,
+            stir: Stir::default(),
             gripper_closed: false,
             gripper_switch: false,
             e_stop: false,
@@ -153,6 +168,12 @@ impl<const N: usize> Controller<N> {
         self.latch.get()
     }
 
+    /// The board starts after a crash, a hang or a supply that failed: the next tick goes to
+    /// `Fault` with this cause (P1, P3, P4), and a host must clear it. Before the first tick.
+    pub fn start_in_fault(&mut self, fault: FaultId) {
+        self.latch_fault(fault, 0, 0, 0);
+    }
+
     /// One control tick: what the board must do now. `now` advances by one per call.
     pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
         self.now = now;
@@ -167,7 +188,11 @@ impl<const N: usize> Controller<N> {
             self.raise(Event::EStopReleased);
         }
         self.measure(inputs);
+        let noisy = self.line_noise.update(inputs.line_errors);
         if self.is_armed() {
+            if noisy {
+                self.trip(FaultId::L18, 0, self.line_noise.errors(), 0);
+            }
             self.watch(inputs);
             self.watch_link();
             self.act(inputs);
@@ -197,6 +222,8 @@ impl<const N: usize> Controller<N> {
                 for cable in &mut self.cables {
                     cable.watch = CableWatch::default();
                     cable.abandoned = false;
+                    cable.give = 0;
+                    cable.proof = Proof::default();
                 }
             }
             State::Moving => {
@@ -210,6 +237,7 @@ impl<const N: usize> Controller<N> {
             State::Stopping => {
                 self.motion.brake(stop_ms);
                 self.closing = None;
+                self.slips = 0;
             }
             State::Disarmed | State::Fault | State::EStop => self.motion.clear(),
             State::Boot | State::Holding => {}
@@ -231,7 +259,11 @@ impl<const N: usize> Controller<N> {
         self.latch_fault(fault, cable, value, limit);
         self.raise(supervisor::reaction(fault).event());
         // The failed drum is braked at once: the others must not go on pulling against it.
-        if self.state == State::Stopping && matches!(fault, FaultId::D2 | FaultId::D3) {
+        if self.state == State::Stopping && matches!(fault, FaultId::D2 | FaultId::D3 | FaultId::S6)
+        {
+            if let Some(cable) = self.cables.get_mut(usize::from(cable).wrapping_sub(1)) {
+                cable.abandoned = true;
+            }
             let stop_ms = self.active.as_ref().map_or(1, |active| active.stop_ms);
             self.motion.brake(stop_ms / 4);
         }
@@ -270,45 +302,79 @@ impl<const N: usize> Controller<N> {
         // must not blind the watch over the others.
         let closing = self.state == State::Stopping && self.closing.is_some();
         // Brakes take their time to open; from then on the drums are the drives' alone.
-        let moving = !closing && matches!(self.arming.phase(), Phase::Settling | Phase::Done);
+        let phase = self.arming.phase();
+        let moving = !closing && phase.is_free();
+        if phase > Phase::Enabling && inputs.drives.iter().any(|drive| drive.bus_off) {
+            self.trip(FaultId::D1, 0, 1, 0);
+            return;
+        }
         let mut found = None;
         let readings = inputs.drives.iter().zip(&inputs.tension_adc);
         let configs = active.cables.iter().zip(readings);
+        // On a bare winch hangs no cable, and the sign of its encoder may be what is looked for.
+        let bare = HAS_SERVICE && self.service.is_some();
         for (number, (cable, (config, (drive, &adc)))) in
             (1_u8..).zip(self.cables.iter_mut().zip(configs))
         {
             if !moving || !concerns(self.service, number) {
                 continue;
             }
-            let held_by_length = config.control == Control::Length;
-            let error = cable.target.length.saturating_sub(cable.length);
+            let by_tension = config.control == Control::Tension;
+            let by_motor = cable.axis.by_motor(config, drive);
+            let error = if by_tension {
+                cable.axis.slipped(by_motor, cable.length)
+            } else {
+                cable.target.length.saturating_sub(cable.length)
+            };
+            let speed = motor_speed_umps(config, drive);
+            let most_ma = config.max_current_ma - config.max_current_ma / 32;
             let view = CableView {
                 adc,
                 tension_mn: cable.tension_mn,
-                // No floor; a cable that is to be slack can not be too slack; and no cable need be
-                // attached to a winch that is worked on.
+                // No floor; and a cable that is to be slack can not be too slack.
                 floor_mn: if config.floor_mn == 0
-                    || (!held_by_length && cable.setpoint_mn < config.floor_mn)
-                    || (HAS_SERVICE && self.service.is_some())
+                    || (by_tension && cable.setpoint_mn < config.floor_mn)
+                    || bare
                 {
                     i32::MIN
                 } else {
                     config.floor_mn
                 },
-                reels_in: !held_by_length && config.law == TensionLaw::Default,
+                reels_in: by_tension && config.law == TensionLaw::Default,
                 ceiling_mn: config.ceiling_mn,
-                length_error: if held_by_length { error } else { 0 },
+                length_error: error,
                 length_error_max: config.following_error,
-                motor_error: cable.axis.motor_error(config, &cable.target, drive),
-                saturated: cable.tension_loop.saturated,
+                motor_error: if by_tension {
+                    0
+                } else {
+                    cable.axis.motor_error(&cable.target, by_motor)
+                },
+                saturated: cable.tension_loop.saturated
+                    || i32::from(drive.current_ma).abs() > most_ma,
                 feedback_age_ms: drive.age_ms,
                 feedback_timeout_ms: active.feedback_timeout_ms,
                 drive_fault: drive.fault,
-                drive_hot: drive.over_temperature,
+                hot: drive.over_temperature,
+                expected_mn: cable.setpoint_mn,
+                by_tension: by_tension && !bare,
+                too_fast_umps: speed.saturating_sub(cable.target.speed_umps),
+                motor_length: by_motor,
+                drum_length: cable.length,
+                polarity_way: if bare {
+                    i32::MAX
+                } else {
+                    crate::fixed::saturate(config.scale.per_count_q24.abs() >> 22)
+                },
             };
             let fault = cable.watch.update(&view);
             if cable.watch.slackens() {
                 self.limits.insert(Limit::CableSlack);
+            }
+            if cable.watch.is_noisy() {
+                self.limits.insert(Limit::TensionNoisy);
+            }
+            if drive.warning || drive.over_temperature {
+                self.limits.insert(Limit::DriveWarns);
             }
             if view.saturated {
                 self.limits.insert(Limit::CurrentSaturated);
@@ -331,16 +397,20 @@ impl<const N: usize> Controller<N> {
     }
 
     fn watch_residuals(&mut self, moving: bool) -> Option<(FaultId, u8, i32, i32)> {
-        let ticks = self.active.as_ref()?.residual_ms;
+        let residual_ms = self.active.as_ref()?.residual_ms;
         let mut found = None;
-        for (row, persist) in self.rows.iter().zip(self.residuals.iter_mut()) {
+        // The first row joins lengths and tensions (S5); the second, of tensions alone, tells what
+        // carries or pulls the platform besides its cables (C5).
+        let kinds = [(FaultId::S5, residual_ms), (FaultId::C5, CONTACT_TICKS)];
+        let rows = self.rows.iter().zip(self.residuals.iter_mut()).zip(kinds);
+        for ((row, persist), (fault, ticks)) in rows {
             let (mut by_lengths, mut by_tensions) = (0_i64, 0_i64);
             let coefficients = row.lengths.iter().zip(&row.tensions);
             for (cable, (&by_length, &by_tension)) in self.cables.iter().zip(coefficients) {
-                let length = i64::from(cable.length.saturating_sub(cable.target.length));
-                let tension = i64::from(cable.tension_mn.saturating_sub(cable.setpoint_mn));
-                by_lengths += length * i64::from(by_length);
-                by_tensions += tension * i64::from(by_tension);
+                let length = cable.length.saturating_sub(cable.target.length);
+                let tension = cable.tension_mn.saturating_sub(cable.setpoint_mn);
+                by_lengths += i64::from(length) * i64::from(by_length);
+                by_tensions += i64::from(tension) * i64::from(by_tension);
             }
             // 0.1 µm and 1/4096 against µm and 1/256, which is what tensions have.
             const { assert!(ResidualRow::TENSION_SCALE == 256) };
@@ -353,8 +423,8 @@ impl<const N: usize> Controller<N> {
                 self.limits.insert(Limit::ResidualHigh);
             }
             let over = active && residual_um.unsigned_abs() > limit;
-            if persist.update(over, ticks) {
-                found = Some((FaultId::S5, 0, residual_um, row.limit_um));
+            if persist.update(over, ticks) && found.is_none() {
+                found = Some((fault, 0, residual_um, row.limit_um));
             }
         }
         found
@@ -390,26 +460,15 @@ impl<const N: usize> Controller<N> {
                 }
             }
             State::Stopping => {
-                if self.closing.is_none() && self.follow(stop_ms) {
-                    self.closing = Some(0);
+                if self.closing.is_none() {
+                    if self.follow(stop_ms) {
+                        self.closing = Some(0);
+                    }
+                    self.give_way(inputs);
                 }
-                self.close_brakes();
+                self.close_brakes(inputs);
             }
             _ => {}
-        }
-    }
-
-    fn act_arming(&mut self, inputs: &Inputs<N>) {
-        let expected = self.cables.map(|cable| cable.reference_mn);
-        let Some(active) = &self.active else { return };
-        let before = self.arming.phase();
-        match self.arming.tick(active, inputs, &expected, self.service) {
-            Err((fault, cable, value, limit)) => self.trip(fault, cable, value, limit),
-            Ok(Phase::Preload) if before == Phase::Enabling => self.take_up(inputs),
-            Ok(Phase::Done) => {
-                self.raise(Event::Armed);
-            }
-            Ok(_) => {}
         }
     }
 
@@ -468,18 +527,6 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Brakes close under torque, torque is held, then it goes.
-    fn close_brakes(&mut self) {
-        let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
-            return;
-        };
-        if ticks >= slowest_brake_ms(active).saturating_add(HOLD_TORQUE_MS) {
-            self.raise(Event::TorqueOff);
-        } else {
-            self.closing = Some(ticks + 1);
-        }
-    }
-
     fn command(&mut self, inputs: &Inputs<N>) -> Outputs<N> {
         let mut outputs = Outputs {
             gripper_closed: self.gripper_closed,
@@ -492,7 +539,7 @@ impl<const N: usize> Controller<N> {
         let phase = self.arming.phase();
         let brake = match (self.state, self.closing, phase) {
             (State::Stopping, Some(_), _) => Brake::Closed,
-            (_, _, Phase::Enabling | Phase::Preload) => Brake::Closed,
+            (_, _, Phase::Enabling | Phase::Preload | Phase::Proving) => Brake::Closed,
             (State::Holding, ..) if active.hold_braked => Brake::Closed,
             _ => Brake::Open,
         };
@@ -522,9 +569,11 @@ impl<const N: usize> Controller<N> {
                     if brake == Brake::Open && !(HAS_SERVICE && self.service.is_some()) {
                         cable.axis.learn(config, &cable.target, drive, cable.length);
                     }
+                    let mut target = cable.target;
+                    target.length = target.length.saturating_add(cable.proof.relief());
                     DriveDemand::Position {
-                        counts: cable.axis.counts(config, &cable.target),
-                        rpm: Axis::rpm(config, &cable.target),
+                        counts: cable.axis.counts(config, &target),
+                        rpm: Axis::rpm(config, &target),
                     }
                 }
                 (Control::Tension, true) => {
@@ -537,7 +586,10 @@ impl<const N: usize> Controller<N> {
                     };
                     // Against a brake a law would only wind up.
                     let held = (brake == Brake::Closed && phase == Phase::Done) || self.opening > 0;
-                    let ma = if is_plausible(adc) && !held {
+                    let relief = cable.proof.relief();
+                    let ma = if relief > 0 {
+                        cable.tension_loop.hold() + config.current_ma(-relief)
+                    } else if is_plausible(adc) && !held {
                         cable.tension_loop.update(config, &measured)
                     } else {
                         cable.tension_loop.hold()

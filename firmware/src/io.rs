@@ -51,6 +51,9 @@ pub struct Inputs<const N: usize> {
     pub gripper_switch: bool,
     /// The tick started late (P5).
     pub overrun: bool,
+    /// Errors that the serial line's receiver has counted since the last tick: framing, noise,
+    /// overrun (L18).
+    pub line_errors: u16,
 }
 
 impl<const N: usize> Default for Inputs<N> {
@@ -63,6 +66,7 @@ impl<const N: usize> Default for Inputs<N> {
             e_stop: false,
             gripper_switch: false,
             overrun: false,
+            line_errors: 0,
         }
     }
 }

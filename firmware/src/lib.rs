@@ -14,6 +14,7 @@
 //! | [`encoder`] | 16-bit counters to 64-bit positions, glitches rejected |
 //! | [`segment`] | motion buffer and Hermite cubics in fixed point |
 //! | [`tension`] | sensor law and tension laws (Eq. 1, Eq. 52) |
+//! | [`arming`], [`proof`] | checks before brakes open, and before torque goes |
 //! | [`watch`] | detectors: how faults are noticed |
 //! | [`server`] | sessions, sequence numbers and frames in front of the controller |
 //! | [`io`] | what goes in and out of a tick |
@@ -31,6 +32,7 @@ pub mod encoder;
 pub mod fixed;
 pub mod io;
 pub mod motion;
+pub mod proof;
 pub mod sampler;
 pub mod segment;
 pub mod server;

@@ -106,6 +106,12 @@ impl<const N: usize> Server<N> {
         &self.controller
     }
 
+    /// The board starts after a crash, a hang or a failed supply; see
+    /// [`Controller::start_in_fault`]. Before the first tick.
+    pub fn start_in_fault(&mut self, fault: mcdpr_protocol::FaultId) {
+        self.controller.start_in_fault(fault);
+    }
+
     /// One control tick.
     pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
         let outputs = self.controller.step(now, inputs);

@@ -94,7 +94,7 @@ use State::{Arming, Disarmed, EStop, Fault, Holding, Moving, Pausing, Stopping};
 #[rustfmt::skip]
 pub const TABLE: [[Cell; 14]; 9] = [
 //              Booted        Arm         Armed        Start       MotionDone   Hold         Resume      AtRest       Stop          Emergency   TorqueOff  Clear         EStopPressed EStopReleased
-/* Boot     */ [To(Disarmed), No,         No,          No,         No,          No,          No,         No,          Stay,         Stay,       No,        No,           To(EStop),   No],
+/* Boot     */ [Settle,       No,         No,          No,         No,          No,          No,         No,          Stay,         Stay,       No,        No,           To(EStop),   No],
 /* Disarmed */ [No,           To(Arming), No,          No,         No,          No,          No,         No,          Stay,         Settle,     No,        Stay,         To(EStop),   No],
 /* Arming   */ [No,           No,         To(Holding), No,         No,          To(Stopping),No,         No,          To(Stopping), To(Fault),  No,        No,           To(EStop),   No],
 /* Holding  */ [No,           No,         No,          To(Moving), No,          Stay,        To(Moving), No,          To(Stopping), To(Fault),  No,        Stay,         To(EStop),   No],
@@ -216,6 +216,15 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn p3_p4_a_board_that_starts_after_a_crash_starts_in_fault() {
+        assert_eq!(transition(State::Boot, Event::Booted, true), Some(Fault));
+        assert_eq!(
+            transition(State::Boot, Event::Booted, false),
+            Some(Disarmed)
+        );
     }
 
     #[test]

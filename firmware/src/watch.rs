@@ -37,7 +37,46 @@ pub struct CableWatch {
     following: Persist,
     saturated: Persist,
     hot: Persist,
+    runaway: Persist,
     last_adc: u16,
+    /// Tension of the last ticks, mN: a cable that breaks falls below half of it at once.
+    recent_mn: i32,
+    broke: bool,
+    /// Mean change of the tension from tick to tick, 1/64 mN.
+    noise_q6: i32,
+    polarity: Polarity,
+}
+
+/// Tells a drum that turns against its motor, every few encoder counts (S4).
+#[derive(Debug, Clone, Copy, Default)]
+struct Polarity {
+    motor: i32,
+    drum: i32,
+    against: u8,
+}
+
+impl Polarity {
+    /// Lengths by motor and drum, and the way after which they are compared, 0.1 µm; whether they
+    /// went apart twice in a row.
+    fn update(&mut self, motor: i32, drum: i32, way: i32) -> bool {
+        let by_motor = motor.wrapping_sub(self.motor);
+        if by_motor.unsigned_abs() < way.unsigned_abs() {
+            return false;
+        }
+        let by_drum = drum.wrapping_sub(self.drum);
+        (self.motor, self.drum) = (motor, drum);
+        let along = if by_motor < 0 {
+            by_drum.saturating_neg()
+        } else {
+            by_drum
+        };
+        self.against = if along < -way / 2 {
+            self.against + 1
+        } else {
+            0
+        };
+        self.against >= 2
+    }
 }
 
 /// What a cable's detectors look at in a tick.
@@ -67,8 +106,20 @@ pub struct CableView {
     pub feedback_timeout_ms: u16,
     /// The drive reports a fault.
     pub drive_fault: bool,
-    /// The drive is too hot.
-    pub drive_hot: bool,
+    /// It is too hot.
+    pub hot: bool,
+    /// Expected tension, mN.
+    pub expected_mn: i32,
+    /// The cable is held by its tension.
+    pub by_tension: bool,
+    /// How much faster than planned the drum pays out, µm/s.
+    pub too_fast_umps: i32,
+    /// Lengths by the motor and by the drum, and four encoder counts, 0.1 µm.
+    pub motor_length: i32,
+    /// By the drum.
+    pub drum_length: i32,
+    /// The way after which the two are compared.
+    pub polarity_way: i32,
 }
 
 /// Times of `docs/faults.md`, ticks.
@@ -80,7 +131,13 @@ const RAIL_TICKS: u16 = 5;
 const FROZEN_TICKS: u16 = 10;
 const FOLLOWING_TICKS: u16 = 20;
 const SATURATED_TICKS: u16 = 100;
-const HOT_TICKS: u16 = 1000;
+const BREAK_TICKS: u16 = 10;
+const HOT_TICKS: u16 = 100;
+const RUNAWAY_TICKS: u16 = 8;
+/// A tension loop that moves its drum faster than this in the wrong direction runs away, µm/s.
+const RUNAWAY_UMPS: i32 = 2000;
+/// Mean change of a tension from tick to tick that is noise, 1/64 mN.
+const NOISE_Q6: i32 = 250 * 64;
 
 impl CableWatch {
     /// Looks at one tick under torque; gives the first fault found, with value and limit.
@@ -96,6 +153,23 @@ impl CableWatch {
         } else {
             SLACK_TICKS
         };
+        // A fall to the floor from one tick to the next is a break, a slow one is slack.
+        let slack = tension < view.floor_mn && !short;
+        if self.slack.ticks() == 0 {
+            self.broke = slack && self.recent_mn > tension.saturating_add(view.expected_mn / 2);
+        }
+        let broken = self.broke && self.slack.ticks() + 1 >= BREAK_TICKS;
+        let change = tension.saturating_sub(self.recent_mn);
+        self.noise_q6 += (change.saturating_abs().min(10_000) * 64 - self.noise_q6) / 128;
+        self.recent_mn = self.recent_mn.saturating_add(change / 2);
+        // Half or twice the tension, and still the drum goes on making it worse.
+        let half = view.expected_mn / 2;
+        let runs = view.by_tension
+            && ((tension < half && view.too_fast_umps > RUNAWAY_UMPS)
+                || (tension > 3 * half && view.too_fast_umps < -RUNAWAY_UMPS));
+        let reversed = self
+            .polarity
+            .update(view.motor_length, view.drum_length, view.polarity_way);
         let limit = view.length_error_max.unsigned_abs();
         let astray = view.length_error.unsigned_abs() > limit;
         // A dead drive leaves the motor behind, too; a dead encoder does not.
@@ -105,6 +179,12 @@ impl CableWatch {
             FaultId::S2
         };
         let found = [
+            (
+                reversed || self.runaway.update(runs, RUNAWAY_TICKS),
+                FaultId::S4,
+                view.too_fast_umps,
+                RUNAWAY_UMPS,
+            ),
             (view.drive_fault, FaultId::D2, 1, 0),
             (
                 view.feedback_age_ms >= view.feedback_timeout_ms,
@@ -137,9 +217,9 @@ impl CableWatch {
                 tension,
                 view.ceiling_mn,
             ),
+            (broken && slack, FaultId::C3, tension, view.floor_mn),
             (
-                self.slack
-                    .update(tension < view.floor_mn && !short, slack_ticks),
+                self.slack.update(slack, slack_ticks),
                 FaultId::C1,
                 tension,
                 view.floor_mn,
@@ -157,7 +237,7 @@ impl CableWatch {
                 i32::from(SATURATED_TICKS),
             ),
             (
-                self.hot.update(view.drive_hot, HOT_TICKS),
+                self.hot.update(view.hot, HOT_TICKS),
                 FaultId::D6,
                 i32::from(self.hot.ticks()),
                 i32::from(HOT_TICKS),
@@ -167,10 +247,46 @@ impl CableWatch {
         Some((fault, value, limit))
     }
 
+    /// Whether the tension reading is noisy (S9).
+    #[must_use]
+    pub const fn is_noisy(&self) -> bool {
+        self.noise_q6 > NOISE_Q6
+    }
+
     /// Whether the cable has begun to be slack.
     #[must_use]
     pub const fn slackens(&self) -> bool {
         self.slack.ticks() > 0
+    }
+}
+
+/// Errors on the serial line, as a bucket that leaks one error every 20 ms (L18).
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LineNoise {
+    level: u16,
+}
+
+/// What an error fills and a tick leaks; what is too much: ten errors at once, or 150 per second
+/// over a tenth of a second.
+const ERROR_LEVEL: u16 = 20;
+const NOISE_LEVEL: u16 = 200;
+
+impl LineNoise {
+    /// One tick with so many errors; whether it is too much.
+    pub fn update(&mut self, errors: u16) -> bool {
+        let filled = errors.saturating_mul(ERROR_LEVEL);
+        self.level = self
+            .level
+            .saturating_sub(1)
+            .saturating_add(filled)
+            .min(2 * NOISE_LEVEL);
+        self.level >= NOISE_LEVEL
+    }
+
+    /// Errors in the bucket.
+    #[must_use]
+    pub fn errors(&self) -> i32 {
+        i32::from(self.level / ERROR_LEVEL)
     }
 }
 

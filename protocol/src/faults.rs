@@ -182,6 +182,12 @@ pub enum Limit {
     BufferShort = 6,
     /// The correction between motor counts and drum encoder is at its bound.
     TrimSaturated = 7,
+    /// A brake let its drum turn when torque was about to go; torque stays on.
+    BrakeSlips = 8,
+    /// A tension reading is noisy.
+    TensionNoisy = 9,
+    /// A drive warns, of heat or of something else.
+    DriveWarns = 10,
 }
 
 /// A set of [`Limit`]s, one bit each.

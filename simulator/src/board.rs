@@ -55,6 +55,8 @@ pub trait VirtualBoard {
         backlog: usize,
         send: &mut Vec<u8>,
     ) -> Result<(), PlantError>;
+    /// Errors that the line's receiver has counted since the last tick.
+    fn line_errors(&mut self, errors: u16);
     /// What the board does.
     fn state(&self) -> mcdpr_firmware::State;
     /// Path time of the motion under way, ms.
@@ -76,6 +78,7 @@ pub(crate) struct Board<const N: usize> {
     outputs: Outputs<N>,
     now: Tick,
     version: (u16, u16),
+    line_errors: u16,
 }
 
 impl<const N: usize> Board<N> {
@@ -88,6 +91,7 @@ impl<const N: usize> Board<N> {
             outputs: Outputs::default(),
             now: first_tick,
             version: version.unwrap_or((PROTOCOL_MAJOR, PROTOCOL_MINOR)),
+            line_errors: 0,
         }
     }
 
@@ -106,6 +110,7 @@ impl<const N: usize> Board<N> {
         let mut inputs = Inputs {
             e_stop: sensors.e_stop,
             gripper_switch: plant.gripper_switch(),
+            line_errors: self.line_errors,
             ..Inputs::default()
         };
         inputs
@@ -192,6 +197,10 @@ impl<const N: usize> VirtualBoard for Board<N> {
         self.outputs = self.server.step(self.now, &inputs);
         self.tell(backlog, send);
         self.apply(plant, line)
+    }
+
+    fn line_errors(&mut self, errors: u16) {
+        self.line_errors = errors;
     }
 
     fn state(&self) -> mcdpr_firmware::State {

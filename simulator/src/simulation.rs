@@ -161,6 +161,8 @@ impl Simulation {
         self.received.clear();
         self.send.clear();
         self.to_board.receive(self.now_us, &mut self.received);
+        let line_errors = self.to_board.take_framing_errors(self.now_us);
+        self.board.line_errors(line_errors);
         let backlog = self.to_host.backlog(self.now_us);
         self.board.tick(
             &mut self.plant,

@@ -29,6 +29,8 @@ pub struct Wire {
     /// Time at which the line has sent all it was given, ns.
     free_ns: u64,
     bytes: VecDeque<(u64, u8)>,
+    /// Arrival times of bytes whose start or stop bit was hit, ns.
+    framing_errors: VecDeque<u64>,
 }
 
 impl Wire {
@@ -42,6 +44,7 @@ impl Wire {
             rng: ChaCha8Rng::seed_from_u64(seed),
             free_ns: 0,
             bytes: VecDeque::new(),
+            framing_errors: VecDeque::new(),
         }
     }
 
@@ -54,10 +57,16 @@ impl Wire {
                 continue;
             }
             let mut byte = byte;
-            if self.happens(self.faults.corrupt) {
-                byte ^= 1 << (self.rng.next_u32() % 8);
-            }
             let arrival = self.free_ns + self.latency_ns;
+            if self.happens(self.faults.corrupt) {
+                // Ten bits are on the line: a start or stop bit that flips is a framing error for
+                // the receiver, and the byte is wrong all the same.
+                let bit = self.rng.next_u32() % 10;
+                if bit >= 8 {
+                    self.framing_errors.push_back(arrival);
+                }
+                byte ^= 1 << (bit % 8);
+            }
             self.bytes.push_back((arrival, byte));
             if self.happens(self.faults.duplicate) {
                 self.bytes.push_back((arrival, byte));
@@ -73,6 +82,14 @@ impl Wire {
             self.bytes.pop_front();
             into.push(byte);
         }
+    }
+
+    /// Framing errors that a receiver has seen by `now_us` since the last call.
+    pub fn take_framing_errors(&mut self, now_us: u64) -> u16 {
+        let due = |arrival: &u64| *arrival <= now_us * 1000;
+        let count = self.framing_errors.iter().take_while(|a| due(a)).count();
+        self.framing_errors.drain(..count);
+        u16::try_from(count).unwrap_or(u16::MAX)
     }
 
     /// When the next byte arrives, µs, rounded up.

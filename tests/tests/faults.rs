@@ -163,7 +163,10 @@ fn d7_a_drive_that_ignores_commands_stops_the_robot() {
 fn s5_a_cable_that_slips_on_its_drum_is_noticed() {
     let after = with_fault(0.8, |plant| plant.slip_cable(1, 0.02).unwrap());
     assert!(
-        matches!(after.record.fault, FaultId::S5 | FaultId::C1 | FaultId::C2),
+        matches!(
+            after.record.fault,
+            FaultId::S5 | FaultId::C1 | FaultId::C2 | FaultId::C3
+        ),
         "{:?}",
         after.record
     );
@@ -173,8 +176,8 @@ fn s5_a_cable_that_slips_on_its_drum_is_noticed() {
 #[test]
 fn c3_a_broken_cable_stops_the_rest() {
     let after = with_fault(0.8, |plant| plant.break_cable(0).unwrap());
-    assert_eq!((after.record.fault, after.record.cable), (FaultId::C1, 1));
-    assert!(after.detected_after() <= 25, "{}", after.detected_after());
+    assert_eq!((after.record.fault, after.record.cable), (FaultId::C3, 1));
+    assert!(after.detected_after() <= 11, "{}", after.detected_after());
     after.assert_safe();
 }
 

@@ -72,3 +72,47 @@ fn a_scenario_of_two_faults_keeps_the_first_cause() {
     let off = told.iter().rposition(|what| what == "torque off");
     assert!(stop.unwrap() < off.unwrap(), "{told:?}");
 }
+
+#[test]
+fn b1_b2_s4_arming_names_the_winch_and_lets_nothing_fall() {
+    for cable in 1..=4 {
+        let after = run(&[&format!("B1:{cable}@start")]);
+        let record = after.record().unwrap();
+        assert_eq!(
+            (record.fault, usize::from(record.cable)),
+            (FaultId::B1, cable)
+        );
+        assert!(after.is_safe());
+        assert!(after.drop_m() < 0.5e-3, "{cable}: {}", after.drop_m());
+    }
+    // A brake that holds nothing shows at once, and not only on its own cable.
+    let after = run(&["B2:2@start"]);
+    assert!(matches!(
+        after.record().unwrap().fault,
+        FaultId::B2 | FaultId::S10
+    ));
+    let after = run(&["B3:2@start"]);
+    assert_eq!(after.record().unwrap().fault, FaultId::B3);
+    assert!(after.is_safe());
+    assert!(after.drop_m() < 1e-3, "{}", after.drop_m());
+}
+
+#[test]
+fn s4_c3_c5_d1_l18_p2_are_noticed_by_their_names_and_in_their_time() {
+    for (word, fault, cable, most_ms, most_drop_m) in [
+        ("S4:2@0.9s", FaultId::S4, 2, 14, 5e-3),
+        ("C3:1@0.9s", FaultId::C3, 1, 11, 0.2),
+        ("C5@0.9s", FaultId::C5, 0, 40, 5e-3),
+        ("L18@0.9s", FaultId::L18, 0, 100, 5e-3),
+        ("P2@0.9s", FaultId::D3, 0, 12, 5e-3),
+    ] {
+        let after = run(&[word]);
+        let record = after.record().unwrap();
+        assert_eq!(record.fault, fault, "{word}");
+        assert!(cable == 0 || record.cable == cable, "{word}: {record:?}");
+        let noticed = after.detected_after_ms().unwrap();
+        assert!(noticed <= most_ms, "{word}: {noticed} ms");
+        assert!(after.is_safe(), "{word}");
+        assert!(after.drop_m() < most_drop_m, "{word}: {} m", after.drop_m());
+    }
+}

@@ -7,6 +7,7 @@ const TC: u32 = 1 << 6;
 const RXNE: u32 = 1 << 5;
 const IDLE: u32 = 1 << 4;
 const ORE: u32 = 1 << 3;
+const FE: u32 = 1 << 1;
 const ERRORS: u32 = 0xF;
 
 const UE: u32 = 1 << 13;
@@ -33,6 +34,8 @@ pub(crate) struct Usart {
     pub arrives_at: Option<u64>,
     /// On their way to the chip.
     pub line: VecDeque<u8>,
+    /// How many of the next ones arrive without a stop bit.
+    pub damaged: u16,
     /// Sent by the chip.
     pub sent: Vec<u8>,
     /// The status was read since a flag rose: reading the data clears it.
@@ -93,6 +96,11 @@ impl Usart {
             self.overruns += 1;
             self.status_read = false;
             return;
+        }
+        if self.damaged > 0 {
+            self.damaged -= 1;
+            self.sr |= FE;
+            self.status_read = false;
         }
         self.received = byte;
         self.sr |= RXNE;

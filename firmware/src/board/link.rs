@@ -66,6 +66,8 @@ pub fn queues() -> (TickEnds, LinkEnds) {
 static FRAMES_OK: AtomicU32 = AtomicU32::new(0);
 static FRAMES_BAD: AtomicU32 = AtomicU32::new(0);
 static TELEMETRY_DROPPED: AtomicU32 = AtomicU32::new(0);
+/// Damaged bytes that the tick does not know of yet.
+static LINE_ERRORS: AtomicU32 = AtomicU32::new(0);
 /// A damaged frame came: the core should say which number it waits for.
 static DAMAGED: AtomicBool = AtomicBool::new(false);
 /// Someone asked who this is.
@@ -90,6 +92,11 @@ pub fn take_damaged() -> bool {
     DAMAGED.swap(false, Ordering::Relaxed)
 }
 
+/// Bytes without a stop bit, with noise, or overrun since the last call.
+pub fn take_line_errors() -> u16 {
+    u16::try_from(LINE_ERRORS.swap(0, Ordering::Relaxed)).unwrap_or(u16::MAX)
+}
+
 /// The link with all it needs.
 pub struct Link {
     commands: Producer<'static, Command>,
@@ -99,6 +106,8 @@ pub struct Link {
     receiver: Receiver,
     keeper: Keeper,
     line_errors: u32,
+    /// Where the ring was at the last of them.
+    error_at: Option<usize>,
 }
 
 impl Link {
@@ -127,6 +136,7 @@ impl Link {
             receiver: Receiver::default(),
             keeper: Keeper::new(watchdog),
             line_errors: 0,
+            error_at: None,
         })
     }
 
@@ -145,15 +155,19 @@ impl Link {
     fn receive(&mut self) {
         life::show(Part::Receive);
         self.keeper.feed();
-        if uart::line_error() {
+        if !self.ring.look(Tick(crate::tick::now())) {
+            defmt::warn!("received faster than executed: bytes dropped");
+        }
+        // The flag falls with the next byte: until then it is the same error.
+        let at = Some(self.ring.seen());
+        if uart::line_error() && self.error_at != at {
+            self.error_at = at;
+            LINE_ERRORS.fetch_add(1, Ordering::Relaxed);
             self.line_errors = self.line_errors.wrapping_add(1);
             // One line per 256 of them: a noisy line must not fill the log, too.
             if self.line_errors % 256 == 1 {
                 defmt::warn!("line errors: {=u32}", self.line_errors);
             }
-        }
-        if !self.ring.look(Tick(crate::tick::now())) {
-            defmt::warn!("received faster than executed: bytes dropped");
         }
         // Bytes wait in the ring while the tick is behind.
         while self.commands.ready() {

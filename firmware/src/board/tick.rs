@@ -61,6 +61,7 @@ impl Board<CABLES> for Rim {
             tension_adc: tension::read(),
             e_stop: self.pins.e_stop(),
             gripper_switch: self.pins.gripper_switch(),
+            line_errors: link::take_line_errors(),
             ..Inputs::default()
         };
         self.can.watch();

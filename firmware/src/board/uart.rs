@@ -167,6 +167,11 @@ impl Ring {
         true
     }
 
+    /// Where DMA was at the last look.
+    pub const fn seen(&self) -> usize {
+        self.seen
+    }
+
     /// The next byte.
     pub fn take(&mut self) -> Option<u8> {
         self.unread = self.unread.checked_sub(1)?;

@@ -111,6 +111,14 @@ impl<const N: usize> Controller<N> {
             Request::ClearFault => self.handle_clear(now),
             Request::Samples { .. } => Err(Reject::Unsupported),
             Request::Gripper { closed } => {
+                // A stop or a fault leaves the gripper as it is: what it holds must not fall while
+                // people come to look, and nothing must snap while they reach in.
+                self.only_in(&[
+                    State::Disarmed,
+                    State::Holding,
+                    State::Moving,
+                    State::Pausing,
+                ])?;
                 self.gripper_closed = *closed;
                 Ok(Reply::Done)
             }

@@ -39,8 +39,10 @@ fn arming_enables_drives_then_gives_torque_then_opens_brakes_then_holds() {
     }
     let (torque, open, holding) = (torque.unwrap(), open.unwrap(), holding.unwrap());
     assert!(torque > 30, "not before the slowest drive");
-    assert_eq!(open - torque, 100, "torque under closed brakes");
-    assert_eq!(holding - open, 250);
+    // 30 ms of torque, then the push against the brakes: at most 0.5 s, here far less.
+    assert!((40..=150).contains(&(open - torque)), "{}", open - torque);
+    // 50 ms to open, four drums stirred for 120 ms each, 200 ms of rest.
+    assert_eq!(holding - open, 50 + 4 * 120 + 200);
 }
 
 #[test]

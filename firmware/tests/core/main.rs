@@ -17,6 +17,7 @@
 )]
 
 mod arming;
+mod brakes;
 mod config;
 mod encoder;
 mod link_loss;

@@ -97,7 +97,10 @@ fn requests(bench: &Bench) -> Vec<(Request, &'static [State])> {
         (Request::Stop(StopKind::Hold), &STATES),
         (Request::Stop(StopKind::Stop), &STATES),
         (Request::Stop(StopKind::Emergency), &STATES),
-        (Request::Gripper { closed: true }, &STATES),
+        (
+            Request::Gripper { closed: true },
+            &[Disarmed, Holding, Moving, Pausing],
+        ),
         (Request::Samples { enabled: true }, &STATES),
         (Request::Close, &[Disarmed, Fault, EStop]),
         (Request::ConfigBegin { entries: 9 }, unarmed),

@@ -32,6 +32,8 @@ pub const MOTOR_COUNTS: i32 = 1_520_148;
 pub const STOP_MS: u32 = 300;
 pub const ENABLE_MS: u32 = 40;
 pub const BRAKE_MS: u32 = 30;
+/// Until the slowest of the bench's drives has pushed against its brake: 15 N at 256 mN a tick.
+pub const PROOF_MS: u32 = 59;
 pub const TENSION_MN: i32 = 10_000;
 /// Where the reference says that every cable is, 0.1 µm.
 pub const START: i32 = 8_000_000;
@@ -165,8 +167,15 @@ pub struct Bench {
     enabling: [u32; CABLES],
     /// Motor counts.
     pub motor: [i32; CABLES],
+    /// Motor current, mA, and speed of the tension-held drum, mm/s.
+    current: [i16; CABLES],
+    speed: f64,
+    /// Brakes that never open, and brakes that do not hold.
+    pub stuck: [bool; CABLES],
+    pub weak: [bool; CABLES],
     pub tension_mn: i32,
     pub e_stop: bool,
+    pub line_errors: u16,
     /// Changes what the board reads, last.
     pub tamper: fn(&mut Inputs<CABLES>),
 }
@@ -183,8 +192,13 @@ impl Bench {
             enable_ticks: [5; CABLES],
             enabling: [0; CABLES],
             motor: [1000, -2000, 3_000_000, 0],
+            current: [0; CABLES],
+            speed: 0.0,
+            stuck: [false; CABLES],
+            weak: [false; CABLES],
             tension_mn: TENSION_MN,
             e_stop: false,
+            line_errors: 0,
             tamper: |_| {},
         }
     }
@@ -333,18 +347,52 @@ impl Bench {
             } else {
                 0
             };
-            if self.outputs.brakes[i] == Brake::Open
-                && let DriveDemand::Position { counts, .. } = self.outputs.drives[i]
-            {
-                self.motor[i] = counts;
-            }
+            self.turn(i);
         }
         self.outputs
+    }
+
+    /// A tick of one drum: a stiff drive against a brake, or obeyed at once; or a force on a drum
+    /// of 2 kg with half a newton of friction. 50 N are an ampere; a positive one pays out.
+    fn turn(&mut self, i: usize) {
+        let free = self.weak[i] || (self.outputs.brakes[i] == Brake::Open && !self.stuck[i]);
+        let load_ma = -self.tension_mn / 50;
+        match self.outputs.drives[i] {
+            DriveDemand::Position { counts, .. } if free => {
+                self.motor[i] = counts;
+                self.current[i] = load_ma as i16;
+            }
+            DriveDemand::Position { counts, .. } => {
+                let behind = counts.wrapping_sub(self.motor[i]);
+                self.current[i] = (behind * 2).clamp(-3000, 3000) as i16;
+            }
+            DriveDemand::Current { ma } => {
+                self.current[i] = ma;
+                let pull_n = f64::from(self.tension_mn) * 1e-3;
+                let force_n = pull_n + f64::from(ma) * 0.05;
+                let rubs_n = if self.speed == 0.0 {
+                    force_n.clamp(-0.5, 0.5)
+                } else {
+                    0.5_f64.copysign(self.speed)
+                };
+                // N over kg in a millisecond is mm/s.
+                let before = self.speed;
+                self.speed += (force_n - rubs_n) / 2.0;
+                if before * self.speed < 0.0 || !free {
+                    self.speed = 0.0;
+                }
+                let turn_mm = std::f64::consts::TAU * 20.0;
+                let counts = self.speed * 1e-3 / turn_mm * f64::from(MOTOR_COUNTS);
+                self.motor[i] += counts.round() as i32;
+            }
+            _ => self.current[i] = 0,
+        }
     }
 
     fn inputs(&mut self) -> Inputs<CABLES> {
         let mut inputs = Inputs {
             e_stop: self.e_stop,
+            line_errors: self.line_errors,
             ..Inputs::default()
         };
         for i in 0..CABLES {
@@ -357,6 +405,11 @@ impl Bench {
             inputs.tension_adc[i] = adc_of(self.tension_mn) + dither;
             inputs.drives[i].ready = self.enabling[i] >= self.enable_ticks[i];
             inputs.drives[i].counts = self.motor[i];
+            inputs.drives[i].current_ma = self.current[i];
+            if i == 3 {
+                // 371 motor turns are a drum turn of 125.7 mm.
+                inputs.drives[i].rpm = (self.speed * 60.0 * 371.1 / 125.66) as i16;
+            }
         }
         (self.tamper)(&mut inputs);
         inputs

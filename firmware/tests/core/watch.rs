@@ -10,6 +10,7 @@ fn healthy(tick: u32) -> CableView {
     CableView {
         adc: 20_000 + (tick % 2) as u16,
         tension_mn: 10_000,
+        expected_mn: 10_000,
         floor_mn: 500,
         ceiling_mn: 35_000,
         length_error_max: 10_000,
@@ -35,11 +36,94 @@ fn ticks_until(change: fn(&mut CableView)) -> (u32, FaultId, i32, i32) {
 }
 
 #[test]
-fn c1_slack_fires_after_20_ticks() {
+fn c1_slack_fires_after_20_ticks_and_c3_a_break_after_10() {
+    // From 10 N at 100 N/s: under its floor of 0.5 N at tick 96.
+    let mut watch = CableWatch::default();
+    for tick in 0..300 {
+        let view = CableView {
+            tension_mn: 10_000 - 100 * tick as i32,
+            ..healthy(tick)
+        };
+        if let Some(fault) = watch.update(&view) {
+            assert_eq!((tick, fault), (95 + 20, (FaultId::C1, -1500, 500)));
+            break;
+        }
+        assert!(tick < 200);
+    }
+    // From one tick to the next.
     assert_eq!(
         ticks_until(|v| v.tension_mn = 499),
-        (20, FaultId::C1, 499, 500)
+        (10, FaultId::C3, 499, 500)
     );
+}
+
+#[test]
+fn s4_a_drum_that_turns_against_its_motor_fires_at_the_second_comparison() {
+    // 30 mm/s are 300 of 0.1 µm per tick; four counts are 1227.
+    let mut watch = CableWatch::default();
+    let mut at = 0;
+    let view = |tick: u32, at: i32, sign: i32| CableView {
+        motor_length: at,
+        drum_length: sign * at,
+        polarity_way: 1227,
+        ..healthy(tick)
+    };
+    for tick in 0..100 {
+        at += 300;
+        assert_eq!(watch.update(&view(tick, at, 1)), None);
+    }
+    let (from, mut found) = (at, None);
+    for tick in 1..=20 {
+        at += 300;
+        let drum = from - (at - from);
+        let view = CableView {
+            drum_length: drum,
+            ..view(tick, at, 1)
+        };
+        if let Some((fault, ..)) = watch.update(&view) {
+            found = Some((tick, fault));
+            break;
+        }
+    }
+    let (tick, fault) = found.unwrap();
+    assert_eq!(fault, FaultId::S4);
+    assert!(tick <= 10, "{tick}");
+}
+
+#[test]
+fn s4_a_tension_loop_that_makes_it_worse_fires_after_8_ticks() {
+    let slackens = ticks_until(|v| {
+        (v.by_tension, v.expected_mn) = (true, 10_000);
+        (v.tension_mn, v.too_fast_umps) = (4900, 2001);
+    });
+    assert_eq!((slackens.0, slackens.1), (8, FaultId::S4));
+    let tightens = ticks_until(|v| {
+        (v.by_tension, v.expected_mn) = (true, 10_000);
+        (v.tension_mn, v.too_fast_umps) = (15_100, -2001);
+    });
+    assert_eq!((tightens.0, tightens.1), (8, FaultId::S4));
+}
+
+#[test]
+fn d6_a_hot_drive_fires_after_100_ticks() {
+    assert_eq!(ticks_until(|v| v.hot = true), (100, FaultId::D6, 100, 100));
+}
+
+#[test]
+fn s9_noise_is_advice() {
+    let mut watch = CableWatch::default();
+    let mut noise = |amplitude: i32| {
+        for tick in 0..1000 {
+            let view = CableView {
+                tension_mn: 10_000 + if tick % 2 == 0 { amplitude } else { -amplitude },
+                ..healthy(tick)
+            };
+            assert_eq!(watch.update(&view), None);
+        }
+        watch.is_noisy()
+    };
+    assert!(!noise(50));
+    assert!(noise(500));
 }
 
 #[test]
@@ -157,8 +241,8 @@ fn detections_reach_every_axis_in_the_tick_of_their_bound() {
     let cases: [(fn(&mut Inputs<4>), u32, FaultId, u8); 6] = [
         (
             |i| i.tension_adc[1] = adc_of(100) + i.encoders[0] % 5,
-            20,
-            FaultId::C1,
+            10,
+            FaultId::C3,
             2,
         ),
         (
@@ -357,6 +441,8 @@ fn s10_a_tension_off_its_expected_value_is_advice_in_motion_and_no_fault() {
             .limits
             .contains(mcdpr_protocol::Limit::TensionOff)
     };
+    // Its brake stays closed: this bench's cable has no elasticity to bring it back.
+    bench.stuck[3] = true;
     bench.tension_mn = 12_900;
     bench.run(50);
     assert!(!advised(&bench));

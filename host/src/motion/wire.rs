@@ -19,6 +19,10 @@ const MOST_SPACING_MS: usize = 1000;
 /// machine that is not quite as described stay below it.
 const CLOSURE_LIMIT_M: f64 = 0.004;
 
+/// What else than cables may carry or pull the platform before it is a contact, as a share of its
+/// weight: pulley losses, sensor gains and a mass that is not quite known stay below it.
+const CONTACT_SHARE: f64 = 0.2;
+
 /// Knots of the whole motion: clamped cubic splines from rest to rest (Eq. 53), as many knots as
 /// the tolerance needs, rounded to the wire's units. Numbers wrap after 65,536 knots.
 pub(super) fn knots(model: &Model, timed: &Timed) -> Result<Vec<Knot>, PlanError> {
@@ -49,15 +53,12 @@ pub(super) fn knots(model: &Model, timed: &Timed) -> Result<Vec<Knot>, PlanError
                     }
                 });
             let cables = PerCable::collect(cables);
-            let row = (model.options().planner == Planner::Equilibrium)
-                .then(|| closure_row(model, &state))
-                .flatten();
             knots.push(Knot {
                 index: u16::try_from(knots.len() & usize::from(u16::MAX)).unwrap_or(0),
                 time_ms: u32::try_from(milliseconds(at_s)).unwrap_or(u32::MAX),
                 last: false,
                 cables,
-                rows: List::collect(row),
+                rows: rows(model, &state),
             });
         }
     }
@@ -95,6 +96,48 @@ fn fit(model: &Model, timed: &Timed, (from, to): (usize, usize)) -> Result<Vec<S
         },
     )?;
     Ok(fit.splines)
+}
+
+/// The consistency checks that a knot carries: the board takes the first for S5, the second for C5.
+/// A plan that does not ask for equilibrium has none.
+fn rows(model: &Model, rest: &Rest) -> List<ResidualRow, { ResidualRow::PER_KNOT }> {
+    let closure = (model.options().planner == Planner::Equilibrium)
+        .then(|| closure_row(model, rest))
+        .flatten();
+    let Some(closure) = closure else {
+        return List::new();
+    };
+    let both = [Some(closure), contact_row(model, rest)];
+    List::collect(both.into_iter().flatten())
+}
+
+/// What the cables carry together: the sum of the tensions' vertical parts is the platform's
+/// weight. What is missing, something else carries; what is too much, something pulls. The row's
+/// µm are mN here.
+fn contact_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
+    let count = model.robot().cables.len();
+    let jacobian = model
+        .geometry()
+        .twist_jacobian(&rest.equilibrium.pose)
+        .ok()?;
+    let mut tensions = PerCable::new();
+    let mut lengths = PerCable::new();
+    for cable in 0..count {
+        // A row begins with the direction in which the cable gets longer; it pulls the other way.
+        let upward = -jacobian.get(cable)?[2];
+        let scaled = rounded(upward * f64::from(ResidualRow::TENSION_SCALE));
+        tensions
+            .push(Coefficient(i16::try_from(scaled).ok()?))
+            .ok()?;
+        lengths.push(Coefficient(0)).ok()?;
+    }
+    let platform = &model.robot().platform;
+    let weight_n = platform.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
+    Some(ResidualRow {
+        lengths,
+        tensions,
+        limit: Micrometres(rounded(CONTACT_SHARE * weight_n * 1e3)),
+    })
 }
 
 /// How measured lengths and tensions must fit together here: at equilibrium the length of the

@@ -26,6 +26,9 @@ pub const fn limit(limit: Limit) -> &'static str {
         Limit::TelemetryDropped => "telemetry was dropped: the line is full",
         Limit::BufferShort => "the motion buffer is shorter than the braking distance",
         Limit::TrimSaturated => "motor and drum encoder drift apart",
+        Limit::BrakeSlips => "a brake let its drum turn: torque stays on",
+        Limit::TensionNoisy => "a tension reading is noisy",
+        Limit::DriveWarns => "a drive warns",
     }
 }
 

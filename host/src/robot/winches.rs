@@ -63,7 +63,10 @@ pub(super) fn winches(
                 Some("give every winch its own id".into()),
             );
         }
-        if winches.first().is_some_and(|first: &Winch| first.drive != winch.drive) {
+        if winches
+            .first()
+            .is_some_and(|first: &Winch| first.drive != winch.drive)
+        {
             reader.problem(
                 &table.at("drive"),
                 &place,

@@ -51,7 +51,7 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::P2 => How::Plant("drives and brakes lose their supply"),
         FaultId::P7 => How::Plant("the emergency stop is pressed"),
         FaultId::C1 => How::Plant("5 mm of cable slip off the drum"),
-        FaultId::C2 => How::Plant("3 mm of cable are drawn in between drum and platform"),
+        FaultId::C2 => How::Plant("1 mm of cable is drawn in between drum and platform"),
         FaultId::C3 => How::Plant("the cable breaks"),
         FaultId::C4 => How::Plant("the drum winds 10 % more cable per turn"),
         FaultId::C5 => How::Plant("something carries 5 N of the platform's weight"),
@@ -130,7 +130,7 @@ fn apply_to_plant(
     match fault {
         FaultId::S5 => return plant.slip_cable(cable, 0.02 * strength),
         FaultId::C1 => return plant.slip_cable(cable, 0.005 * strength),
-        FaultId::C2 => return plant.slip_cable(cable, -0.003 * strength),
+        FaultId::C2 => return plant.slip_cable(cable, -0.001 * strength),
         FaultId::C3 => return plant.break_cable(cable),
         FaultId::C4 => {
             let gain = (1.0 + 0.1 * strength).clamp(0.5, 2.0);

@@ -5,9 +5,9 @@ mod collect;
 mod plan;
 mod study;
 mod target;
+mod tension;
 mod verify;
 mod winch;
-mod tension;
 
 use super::{Common, Outcome};
 use clap::Subcommand;

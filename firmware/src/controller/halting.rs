@@ -1,0 +1,184 @@
+//! What happens under and around closed brakes: the checks of arming, and the end of a stop.
+
+use super::{
+    Control, Controller, Event, FaultId, HOLD_TORQUE_MS, Inputs, Limit, Phase, Proof, Stir, Target,
+    Verdict, is_plausible,
+};
+use crate::config::TensionLaw;
+
+/// How fast a length-held cable gives way in a stop, 0.1 µm per tick (20 mm/s), and how far.
+const GIVE_STEP: i32 = 200;
+const GIVE_MOST: i32 = 100_000;
+/// Ticks until a brake that slipped is tried again.
+const RETRY_MS: u16 = 50;
+/// Tries after which a brake is said not to hold (B2); one that holds before was late (B3).
+const TRIES: u16 = 10;
+/// Ticks for a drive to push against a brake: one that gives no torque has none to take away.
+const PROOF_MS: u16 = 500;
+
+impl<const N: usize> Controller<N> {
+    pub(super) fn act_arming(&mut self, inputs: &Inputs<N>) {
+        let expected = self.cables.map(|cable| cable.reference_mn);
+        let before = self.arming.phase();
+        let mut proven = false;
+        match before {
+            Phase::Proving => match self.prove(inputs) {
+                (Verdict::Holds, _) => proven = true,
+                (Verdict::Pending, _) => {}
+                (Verdict::Slips(turned), cable) => {
+                    return self.trip(FaultId::B2, cable, turned / 10, 0);
+                }
+            },
+            Phase::Stirring(cable) => self.stir(usize::from(cable), inputs),
+            _ => {}
+        }
+        let Some(active) = &self.active else { return };
+        match self
+            .arming
+            .tick(active, inputs, &expected, self.service, proven)
+        {
+            Err((fault, cable, value, limit)) => self.trip(fault, cable, value, limit),
+            Ok(Phase::Preload) if before == Phase::Enabling => self.take_up(inputs),
+            Ok(Phase::Done) => {
+                self.raise(Event::Armed);
+            }
+            Ok(now) => {
+                if let (Phase::Stirring(cable), true) = (before, now != before) {
+                    self.judge_stirring(cable);
+                }
+            }
+        }
+    }
+
+    /// Tests all brakes for a tick; the first that slips, and its cable, 1 for the first.
+    fn prove(&mut self, inputs: &Inputs<N>) -> (Verdict, u8) {
+        let configs = self.active.iter().flat_map(|active| &active.cables);
+        let cables = self.cables.iter_mut().zip(configs).zip(&inputs.drives);
+        let mut all = (Verdict::Holds, 0);
+        for (number, ((cable, config), drive)) in (1_u8..).zip(cables) {
+            if cable.abandoned {
+                continue;
+            }
+            let load = cable.setpoint_mn;
+            let verdict = cable
+                .proof
+                .tick(config, cable.length, drive.current_ma, load);
+            if verdict != Verdict::Holds && !matches!(all.0, Verdict::Slips(_)) {
+                all = (verdict, number);
+            }
+        }
+        all
+    }
+
+    fn stir(&mut self, index: usize, inputs: &Inputs<N>) {
+        let Some(active) = &self.active else { return };
+        let (Some(cable), Some(config), Some(drive)) = (
+            self.cables.get_mut(index),
+            active.cables.get(index),
+            inputs.drives.get(index),
+        ) else {
+            return;
+        };
+        let by_motor = cable.axis.by_motor(config, drive);
+        let amplitude = Stir::amplitude(config.scale.per_count_q24);
+        self.stir.observe(by_motor, cable.length);
+        cable.target = self.stir.step(amplitude, cable.target.length);
+    }
+
+    fn judge_stirring(&mut self, number: u8) {
+        let stir = core::mem::take(&mut self.stir);
+        let index = usize::from(number);
+        let Some(active) = &self.active else { return };
+        let (Some(cable), Some(config)) = (self.cables.get_mut(index), active.cables.get(index))
+        else {
+            return;
+        };
+        cable.target = Target {
+            length: stir.base(cable.target.length),
+            ..Target::default()
+        };
+        // The paper's law knows no motion: it can not be asked to stir.
+        let can_stir = config.control == Control::Length || config.law == TensionLaw::Default;
+        let amplitude = Stir::amplitude(config.scale.per_count_q24);
+        if let (true, Err((fault, value, limit))) = (can_stir, stir.verdict(amplitude)) {
+            self.trip(fault, number + 1, value, limit);
+        }
+    }
+
+    /// While the robot stops, a length-held cable gives way where it is pulled too hard and takes
+    /// up where it is slack: by its measured tension, slowly, and not far (C1, C2). A reading that
+    /// can not be true moves nothing.
+    pub(super) fn give_way(&mut self, inputs: &Inputs<N>) {
+        let configs = self.active.iter().flat_map(|active| &active.cables);
+        let cables = self.cables.iter_mut().zip(configs).zip(&inputs.tension_adc);
+        for ((cable, config), &adc) in cables {
+            if config.control != Control::Length || !is_plausible(adc) {
+                continue;
+            }
+            let step = if cable.tension_mn > config.ceiling_mn {
+                GIVE_STEP
+            } else if cable.tension_mn < config.floor_mn {
+                -GIVE_STEP
+            } else {
+                0
+            };
+            cable.give = (cable.give + step).clamp(-GIVE_MOST, GIVE_MOST);
+            cable.target.length = cable.target.length.saturating_add(cable.give);
+            // 0.1 µm per ms is 100 µm/s.
+            cable.target.speed_umps = cable.target.speed_umps.saturating_add(100 * step);
+        }
+    }
+
+    /// Brakes close under torque, torque is held, each brake must prove that it holds, then torque
+    /// goes. Where one does not, torque stays (B2, B3).
+    pub(super) fn close_brakes(&mut self, inputs: &Inputs<N>) {
+        let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
+            return;
+        };
+        let slowest = active.cables.iter().map(|cable| cable.brake_close_ms).max();
+        let held = slowest.unwrap_or(0).saturating_add(HOLD_TORQUE_MS);
+        self.closing = Some(ticks.saturating_add(1));
+        // Brakes that never opened hold what they held before.
+        if self.arming.phase() < Phase::Opening {
+            if ticks >= held {
+                self.raise(Event::TorqueOff);
+            }
+            return;
+        }
+        if ticks == held {
+            for cable in &mut self.cables {
+                cable.proof = Proof::default();
+            }
+        }
+        if ticks < held {
+            return;
+        }
+        let (verdict, cable) = self.prove(inputs);
+        match verdict {
+            Verdict::Slips(turned) => {
+                self.slips = self.slips.saturating_add(1);
+                self.limits.insert(Limit::BrakeSlips);
+                if self.slips == TRIES {
+                    self.latch_fault(FaultId::B2, cable, turned / 10, 0);
+                }
+                for cable in &mut self.cables {
+                    cable.proof = Proof::default();
+                    // What it gave is given: the drum is held where it is now.
+                    cable.target.length = cable.length;
+                }
+                self.closing = Some(held - RETRY_MS);
+            }
+            Verdict::Holds => {
+                if self.slips > 0 {
+                    let late = i32::from(self.slips.saturating_mul(RETRY_MS));
+                    self.latch_fault(FaultId::B3, 0, late, i32::from(held));
+                }
+                self.raise(Event::TorqueOff);
+            }
+            Verdict::Pending if ticks >= held + PROOF_MS => {
+                self.raise(Event::TorqueOff);
+            }
+            Verdict::Pending => {}
+        }
+    }
+}
