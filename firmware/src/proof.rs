@@ -73,7 +73,8 @@ impl Proof {
         self.relief = match config.control {
             // Slowly at first: a stiff drive has all its force within micrometres.
             Control::Length => (self.relief + 1 + self.relief / 32).min(RELIEF_MOST),
-            Control::Tension => (self.relief + RELEASE_MN).min(load_mn + push_mn + RELEASE_MN),
+            // What the drive gave before is not quite the load.
+            Control::Tension => (self.relief + RELEASE_MN).min(2 * (load_mn + push_mn)),
         };
         Verdict::Pending
     }

@@ -55,8 +55,11 @@ pub trait VirtualBoard {
         backlog: usize,
         send: &mut Vec<u8>,
     ) -> Result<(), PlantError>;
-    /// Errors that the line's receiver has counted since the last tick.
-    fn line_errors(&mut self, errors: u16);
+    /// Errors that the line's receiver has counted since the last tick. A board that has a receiver
+    /// of its own counts for itself.
+    fn line_errors(&mut self, errors: u16) {
+        let _ = errors;
+    }
     /// What the board does.
     fn state(&self) -> mcdpr_firmware::State;
     /// Path time of the motion under way, ms.

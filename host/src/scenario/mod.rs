@@ -4,6 +4,7 @@
 //! the controller: what reacts is the same core that runs on a board.
 
 mod aftermath;
+pub mod campaign;
 mod inject;
 mod link;
 mod parse;
