@@ -9,6 +9,7 @@ const USAGE: &str = "usage: cargo xtask COMMAND
 
 test        every test: host crates, system tests with the real program, the firmware's contracts
 firmware    build the firmware and check its size and that it needs no floating point
+study faults  ten thousand runs with random faults (--runs N, --seed N)
 lint        formatting, lints and documentation, warnings denied";
 
 fn main() -> ExitCode {
@@ -16,6 +17,7 @@ fn main() -> ExitCode {
         Some("test") => test(),
         Some("firmware") => firmware::build_and_check(),
         Some("lint") => lint(),
+        Some("study") => study(),
         Some("help" | "--help" | "-h") => {
             println!("{USAGE}");
             Ok(())
@@ -29,6 +31,18 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Long studies; what they print is their result.
+fn study() -> Result<(), String> {
+    let arguments: Vec<String> = std::env::args().skip(2).collect();
+    let Some(("faults", options)) = arguments.split_first().map(|(a, b)| (a.as_str(), b)) else {
+        return Err(USAGE.to_owned());
+    };
+    let mut command = vec!["run", "--release", "--locked", "-q", "-p", "mcdpr"];
+    command.extend(["--example", "fault_study", "--"]);
+    command.extend(options.iter().map(String::as_str));
+    cargo(&command)
 }
 
 fn test() -> Result<(), String> {
