@@ -159,6 +159,9 @@ fn channels_states_stops_and_advice_are_described() {
         Limit::TelemetryDropped,
         Limit::BufferShort,
         Limit::TrimSaturated,
+        Limit::BrakeSlips,
+        Limit::TensionNoisy,
+        Limit::DriveWarns,
     ]
     .map(|limit| ((limit as u8).to_string(), format!("`{limit:?}`")));
     assert_rows(by_bit, &limits);

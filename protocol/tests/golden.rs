@@ -373,6 +373,9 @@ fn limits_keep_their_bits() {
         Limit::TelemetryDropped,
         Limit::BufferShort,
         Limit::TrimSaturated,
+        Limit::BrakeSlips,
+        Limit::TensionNoisy,
+        Limit::DriveWarns,
     ];
     for (bit, limit) in (0..).zip(bits) {
         let mut limits = Limits::default();
