@@ -31,6 +31,7 @@ pub mod experiment;
 pub mod link;
 pub mod machine;
 pub mod motion;
+pub mod pick;
 pub mod record;
 pub mod report;
 pub mod reproduce;

@@ -11,6 +11,7 @@ macro_rules! say {
 }
 
 mod calibrate;
+mod camera;
 mod clear;
 mod commission;
 mod compute;
@@ -28,6 +29,7 @@ mod order;
 #[cfg(unix)]
 mod orders;
 mod plan;
+mod pick;
 mod ports;
 mod progress;
 mod reach;
@@ -172,6 +174,8 @@ enum Command {
     Statics(compute::statics::Cmd),
     Workspace(compute::workspace::Cmd),
     Calibrate(calibrate::Cmd),
+    Pick(pick::Cmd),
+    Camera(camera::Cmd),
     Sim(sim::Cmd),
     Emulate(emulate::Cmd),
     Ports(ports::Cmd),
@@ -266,6 +270,8 @@ pub fn main() -> ExitCode {
         Command::Statics(cmd) => cmd.run(common),
         Command::Workspace(cmd) => cmd.run(common),
         Command::Calibrate(cmd) => cmd.run(common),
+        Command::Pick(cmd) => cmd.run(common),
+        Command::Camera(cmd) => cmd.run(common),
         Command::Sim(cmd) => cmd.run(common),
         Command::Emulate(cmd) => cmd.run(common),
         Command::Ports(cmd) => cmd.run(common),
@@ -282,7 +288,9 @@ pub fn main() -> ExitCode {
             eprintln!("{report:?}");
             let code = report
                 .downcast_ref::<RunError>()
-                .map_or(1, RunError::exit_code);
+                .map(RunError::exit_code)
+                .or_else(|| report.downcast_ref().map(crate::pick::PickError::exit_code))
+                .unwrap_or(1);
             ExitCode::from(u8::try_from(code).unwrap_or(1))
         }
     }

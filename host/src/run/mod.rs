@@ -9,6 +9,7 @@ mod session;
 mod stream;
 
 pub use interrupt::{interrupted, watch_for_interrupts};
+pub(crate) use orders::stop_wanted;
 pub use record::{Measured, Recorder};
 pub use session::{Homing, Session, plan_from};
 pub use stream::{Progress, follow, follow_plan};

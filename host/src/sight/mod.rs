@@ -5,10 +5,12 @@
 //! pictures, [`SimulatedTags`] that projects the simulated robot's tags) stands behind this trait.
 
 mod lens;
+mod pictures;
 mod scene;
 mod simulated;
 
 pub use lens::{lens_of, pose_of};
+pub use pictures::PictureTags;
 pub use scene::Scene;
 pub use simulated::SimulatedTags;
 

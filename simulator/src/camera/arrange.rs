@@ -27,7 +27,7 @@ impl Default for Tray {
     /// release.
     fn default() -> Self {
         Self {
-            center_m: [0.305, -0.05, -0.545],
+            center_m: [0.315, -0.03, -0.545],
             half_m: [0.115, 0.105],
             wall_m: 0.015,
         }

@@ -7,7 +7,8 @@ use super::depth::{DepthPicture, Stereo, render_depth};
 use super::frame::Frame;
 use super::grasp::{Grip, Gripper};
 use super::lens::Lens;
-use super::scene::Scene;
+use super::scene::{Scene, Tracer};
+use crate::plant::vec3::axpy;
 use crate::plant::{Plant, PlantError};
 
 /// An RGB-D camera on the platform.
@@ -26,6 +27,9 @@ pub struct Rgbd {
     /// The depth camera's faults.
     pub stereo: Stereo,
 }
+
+/// Where carried-off bodies go: out of sight, m.
+const FAR_BELOW_M: f64 = 10.0;
 
 /// One thing that happened in the cell.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,6 +59,7 @@ pub struct Cell {
     closed_since_s: Option<f64>,
     judged: bool,
     held: Option<(usize, Frame)>,
+    carried_off: Vec<String>,
     log: Vec<Happening>,
 }
 
@@ -72,6 +77,7 @@ impl Cell {
             closed_since_s: None,
             judged: false,
             held: None,
+            carried_off: Vec::new(),
             log: Vec::new(),
         }
     }
@@ -169,9 +175,35 @@ impl Cell {
         let mut body = self.scene.bodies[index].clone();
         body.world_from_body = tool.then(&tool_from_body);
         let others: Vec<_> = self.others(index);
-        fall(&others, &mut body, self.tray.center_m[2]);
+        if self.tray.holds(body.world_from_body.position_m) {
+            fall(&others, &mut body, self.tray.center_m[2]);
+        } else {
+            // What is put down beside the tray is carried off.
+            self.carried_off.push(body.name.clone());
+            body.world_from_body.position_m[2] -= FAR_BELOW_M;
+        }
         self.scene.bodies[index] = body;
         Ok(())
+    }
+
+    /// Names of the objects that were put down beside the tray.
+    #[must_use]
+    pub fn carried_off(&self) -> &[String] {
+        &self.carried_off
+    }
+
+    /// The point of the scene that a colour camera sees at a pixel, world, m.
+    #[must_use]
+    pub fn seen_at(
+        &self,
+        camera: &Rgbd,
+        world_from_platform: &Frame,
+        pixel: [f64; 2],
+    ) -> Option<[f64; 3]> {
+        let color = world_from_platform.then(&camera.platform_from_color);
+        let along = color.direction(camera.color.ray(pixel));
+        let hit = Tracer::new(&self.scene).cast(color.position_m, along, 0.0)?;
+        Some(axpy(color.position_m, hit.way, along))
     }
 
     fn others(&self, index: usize) -> Vec<super::scene::Body> {

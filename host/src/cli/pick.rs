@@ -1,0 +1,203 @@
+//! `mcdpr pick`: empty a tray.
+
+use super::table::lay_out;
+use super::{Common, Failed, Outcome, print_json};
+use crate::pick::study::{self, Knowledge, SceneReport, picking_robot};
+use crate::pick::{End, Outcome as Came, PickError};
+use crate::robot::Robot;
+use crate::run::watch_for_interrupts;
+use mcdpr_simulator::camera::Order;
+
+/// Pick objects from a tray until it is empty: look, choose, take, verify, carry, release
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Objects in the simulated tray
+    #[arg(long, default_value_t = 6)]
+    objects: usize,
+    /// Objects touch and lie on each other
+    #[arg(long)]
+    clutter: bool,
+    /// Give up after this many attempts
+    #[arg(long, value_name = "N")]
+    attempts: Option<usize>,
+    /// The program knows the machine only as it was assembled, not as calibrated
+    #[arg(long, conflicts_with = "ideal")]
+    nominal: bool,
+    /// Simulate the machine exactly as described
+    #[arg(long)]
+    ideal: bool,
+    /// The jaws can not turn about the tool's axis
+    #[arg(long)]
+    fixed_jaws: bool,
+    /// Study: pick this many seeded scenes, 2/3 separate and 1/3 cluttered, with calibrated and
+    /// with nominal parameters
+    #[arg(long, value_name = "N", conflicts_with_all = ["objects", "clutter", "attempts"])]
+    scenes: Option<usize>,
+    /// Tension of cable 4; 0.37 of the platform's weight where none is given
+    #[arg(long, value_name = "N")]
+    tension_n: Option<f64>,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        if common.on != "sim" {
+            let on = common.on.clone();
+            return Err(PickError::NoCamera { on }.into());
+        }
+        if let Some(tension_n) = self.tension_n
+            && !(tension_n.is_finite() && tension_n > 0.0)
+        {
+            let why = format!("--tension-n is {tension_n}, it must be over 0");
+            return Err(Failed::from_error("picking")(why).into());
+        }
+        let robot = picking_robot(&Robot::find(&common.robot)?, self.tension_n);
+        let knowledge = match (self.nominal, self.ideal) {
+            (true, _) => Knowledge::Nominal,
+            (_, true) => Knowledge::Exact,
+            _ => Knowledge::Calibrated,
+        };
+        let order = if self.clutter {
+            Order::Cluttered
+        } else {
+            Order::Separate
+        };
+        if let Some(scenes) = self.scenes {
+            return self.study(common, &robot, scenes, knowledge);
+        }
+        if common.dry_run {
+            return Err(Failed::from_error("picking")(
+                "what to pick is known only after a look, so there is nothing to judge beforehand",
+            )
+            .into());
+        }
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let handle = crate::control::Handle::new();
+        #[cfg(unix)]
+        let _listening = super::orders::listen(common, &handle)?;
+        let wanted = study::Wanted {
+            order,
+            count: self.objects,
+            knowledge,
+            seed: common.seed,
+            turns: !self.fixed_jaws,
+            attempts_max: self.attempts,
+        };
+        let scene = study::scene_with(&robot, &wanted, &handle)?;
+        if common.json {
+            return print_json(&scene);
+        }
+        tell(&scene);
+        Ok(())
+    }
+}
+
+impl Cmd {
+    fn study(&self, common: &Common, robot: &Robot, scenes: usize, known: Knowledge) -> Outcome {
+        let both = [Knowledge::Calibrated, Knowledge::Nominal];
+        let knowledges = if self.ideal {
+            vec![known]
+        } else {
+            both.to_vec()
+        };
+        let lines = study::study(robot, scenes, &knowledges, common.seed, !self.fixed_jaws);
+        if common.json {
+            return print_json(&lines);
+        }
+        let words = [
+            "objects",
+            "parameters",
+            "scenes",
+            "attempts",
+            "picked",
+            "picks per attempt",
+            "cleared",
+            "error median",
+            "error p95",
+            "stopped",
+        ];
+        let mut rows = vec![words.map(str::to_owned).to_vec()];
+        for line in &lines {
+            let f = &line.figures;
+            let known = match line.knowledge {
+                Knowledge::Calibrated => "calibrated",
+                Knowledge::Nominal => "nominal",
+                Knowledge::Exact => "exact",
+            };
+            let order = if line.cluttered {
+                "cluttered"
+            } else {
+                "separate"
+            };
+            rows.push(vec![
+                order.to_owned(),
+                known.to_owned(),
+                f.scenes.to_string(),
+                f.attempts.to_string(),
+                f.picked.to_string(),
+                format!("{:.1} %", 100.0 * f.rate),
+                format!("{:.1} %", 100.0 * f.cleared),
+                format!("{:.2} mm", 1e3 * f.error_median_m),
+                format!("{:.2} mm", 1e3 * f.error_p95_m),
+                f.stopped.to_string(),
+            ]);
+        }
+        super::write_out(&lay_out(&rows));
+        say!("simulation, {}, seeds from {}", robot.name, common.seed);
+        for failure in lines.iter().flat_map(|line| &line.failures) {
+            eprintln!("{failure}");
+        }
+        Ok(())
+    }
+}
+
+fn tell(scene: &SceneReport) {
+    let words = [
+        "", "pixel", "tool, mm", "tilt", "width", "weight", "outcome", "the jaws",
+    ];
+    let mut rows = vec![words.map(str::to_owned).to_vec()];
+    for (index, attempt) in scene.report.attempts.iter().enumerate() {
+        let [x, y, z] = attempt.tool_m.map(|value| value * 1e3);
+        rows.push(vec![
+            (index + 1).to_string(),
+            format!("{:.0}, {:.0}", attempt.pixel[0], attempt.pixel[1]),
+            format!("{x:.1}, {y:.1}, {z:.1}"),
+            format!("{:.1} deg", attempt.tilt_rad.to_degrees()),
+            format!("{:.1} mm", attempt.width_m * 1e3),
+            attempt
+                .lifted_n
+                .map_or("-".to_owned(), |n| format!("{n:.2} N")),
+            match attempt.outcome {
+                Came::Delivered => "delivered",
+                Came::Missed => "missed",
+                Came::Lost => "lost",
+            }
+            .to_owned(),
+            scene.grips.get(index).cloned().unwrap_or_default(),
+        ]);
+    }
+    super::write_out(&lay_out(&rows));
+    if let Some(attempt) = scene.report.attempts.first() {
+        let budget = &attempt.budget;
+        say!(
+            "error budget of a grasp point (1 sd): depth {:.2} mm, hand-eye {:.2} mm, geometry \
+             {:.2} mm, together {:.2} mm",
+            budget.depth_m * 1e3,
+            budget.hand_eye_m * 1e3,
+            budget.geometry_m * 1e3,
+            budget.total_m * 1e3
+        );
+    }
+    let end = match &scene.report.end {
+        End::Empty => "the tray is empty".to_owned(),
+        End::Unreachable { reason } => format!("stopped: {reason}"),
+        End::Failures { count } => format!("stopped after {count} failures in a row"),
+        End::Enough => "as many attempts as were asked for".to_owned(),
+    };
+    say!(
+        "{} of {} objects picked in {} attempts and {:.0} s (simulation); {end}",
+        scene.carried_off,
+        scene.objects,
+        scene.report.attempts.len(),
+        scene.report.duration_s
+    );
+}

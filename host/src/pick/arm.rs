@@ -1,0 +1,349 @@
+//! The robot as picking uses it: go there, close, weigh.
+
+use super::PickError;
+use crate::control::Handle;
+use crate::link::{Client, Link};
+use crate::machine;
+use crate::motion::path::Path;
+use crate::motion::{Leg, Model, Plan, Rest};
+use crate::robot::Robot;
+use crate::run::{self, Measured, Recorder, RunError};
+use mcdpr_protocol::{ConfigHash, Request, SessionId, Status};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// An armed robot on a line.
+pub struct Arm<L: Link> {
+    client: Client<L>,
+    model: Model,
+    hash: ConfigHash,
+    tool_m: Vector3<f64>,
+    carried_kg: f64,
+    keep: bool,
+    samples: Vec<Measured>,
+    planned: Vec<(f64, [f64; 3])>,
+    began_us: u64,
+}
+
+/// Tensions are averaged over this time, s.
+const WEIGH_S: f64 = 0.6;
+/// Readings in that time.
+const WEIGH_READINGS: u32 = 12;
+/// Swing and friction take this much of a tension that was planned, N.
+const SPARE_N: f64 = 0.8;
+/// Ways shorter than this are none, m.
+const NO_WAY_M: f64 = 1e-6;
+
+impl<L: Link> Arm<L> {
+    /// Connects, configures, references (the robot hangs at home unless the board knows better)
+    /// and arms.
+    ///
+    /// # Errors
+    /// As any run.
+    pub fn start(
+        model: Model,
+        link: L,
+        session: SessionId,
+        handle: &Handle,
+    ) -> Result<Self, PickError> {
+        let mut client = Client::connect(link, session).map_err(RunError::from)?;
+        client.obey(handle.clone());
+        let hash = run::configure(&mut client, model.robot())?;
+        let status = run::status(&mut client)?;
+        if let Some(record) = status.fault {
+            return Err(RunError::Latched { record }.into());
+        }
+        let (start, lengths_m) = if status.referenced {
+            let lengths_m = lengths(&status);
+            (
+                model.rest_from_lengths(&lengths_m, &tensions(&status))?,
+                lengths_m,
+            )
+        } else {
+            let home = crate::experiment::home(&model)?;
+            let lengths_m = home.paid_out_m.clone();
+            (home, lengths_m)
+        };
+        client
+            .request(machine::reference(&lengths_m, start.tensions_n()))
+            .map_err(RunError::from)?;
+        run::arm(&mut client, hash)?;
+        let tool_m = model.tool_m(&start);
+        let began_us = client.now_us();
+        Ok(Self {
+            client,
+            model,
+            hash,
+            tool_m,
+            carried_kg: 0.0,
+            keep: false,
+            samples: Vec::new(),
+            planned: Vec::new(),
+            began_us,
+        })
+    }
+
+    /// From now on keeps what the board measures and where the tool was to be.
+    pub const fn keep_samples(&mut self) {
+        self.keep = true;
+    }
+
+    /// What the board measured since [`Arm::keep_samples`], times from the start.
+    #[must_use]
+    pub fn samples(&self) -> &[Measured] {
+        &self.samples
+    }
+
+    /// Where the tool was to be since [`Arm::keep_samples`], s and m.
+    #[must_use]
+    pub fn planned(&self) -> &[(f64, [f64; 3])] {
+        &self.planned
+    }
+
+    /// The robot as planned with.
+    #[must_use]
+    pub const fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Where the tool was sent last, world, m.
+    #[must_use]
+    pub const fn tool_m(&self) -> Vector3<f64> {
+        self.tool_m
+    }
+
+    /// Time on the link's clock since it was armed, s.
+    #[must_use]
+    pub fn time_s(&self) -> f64 {
+        (self.client.now_us() - self.began_us) as f64 * 1e-6
+    }
+
+    /// How the robot hangs now, from what the board measures.
+    ///
+    /// # Errors
+    /// The line's; where no pose fits.
+    pub fn state(&mut self) -> Result<Rest, PickError> {
+        let status = run::status(&mut self.client)?;
+        Ok(self
+            .model
+            .rest_from_lengths(&lengths(&status), &tensions(&status))?)
+    }
+
+    /// The platform's pose now, world_from_platform.
+    ///
+    /// # Errors
+    /// As [`Arm::state`].
+    pub fn world_from_platform(&mut self) -> Result<Isometry3<f64>, PickError> {
+        Ok(isometry(&self.state()?))
+    }
+
+    /// Whether the robot can go along these points from where it is, with every tension clear of
+    /// its limit: judged, not done.
+    ///
+    /// # Errors
+    /// The first limit that would be broken.
+    pub fn judge(&self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
+        let mut robot = self.model.robot().clone();
+        robot.limits.tension_min_n += SPARE_N;
+        robot.limits.tension_max_n -= SPARE_N;
+        self.plan(&Model::new(&robot)?, points_m).map(|_| ())
+    }
+
+    fn plan(&self, model: &Model, points_m: &[Vector3<f64>]) -> Result<Option<Plan>, PickError> {
+        let mut at = self.tool_m;
+        let mut legs = Vec::new();
+        for point in points_m {
+            if (point - at).norm() < NO_WAY_M {
+                continue;
+            }
+            let path = Path::through(&[at, *point]).map_err(crate::motion::PlanError::from)?;
+            legs.push(Leg {
+                path,
+                duration_s: None,
+            });
+            at = *point;
+        }
+        if legs.is_empty() {
+            return Ok(None);
+        }
+        Ok(Some(Plan::new(model, legs)?))
+    }
+
+    /// Moves the tool straight from point to point (world, m), with a rest at each.
+    ///
+    /// # Errors
+    /// Before anything moves, the first limit that would be broken; then those of a run.
+    pub fn go(&mut self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
+        let Some(plan) = self.plan(&self.model, points_m)? else {
+            return Ok(());
+        };
+        let status = run::status(&mut self.client)?;
+        let knots = run::joined_to(&plan, &status, &self.model)?;
+        let mut recorder = Recorder::default();
+        let from_s = self.time_s();
+        run::follow(&mut self.client, &knots, &mut recorder, |_| {})?;
+        if let Some(last) = points_m.last() {
+            self.tool_m = *last;
+        }
+        if self.keep {
+            let duration_s = plan.timed.duration_s();
+            let mut t = 0.0;
+            while t <= duration_s {
+                self.planned
+                    .push((from_s + t, plan.timed.tool_m(t)?.into()));
+                t += 0.01;
+            }
+            self.samples
+                .extend(recorder.samples.into_iter().map(|sample| Measured {
+                    path_s: sample.path_s.map(|path_s| path_s + from_s),
+                    ..sample
+                }));
+        }
+        Ok(())
+    }
+
+    /// Waits, s.
+    ///
+    /// # Errors
+    /// The line's; a fault that the board latches meanwhile.
+    pub fn wait(&mut self, seconds: f64) -> Result<(), PickError> {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "some seconds"
+        )]
+        let until = self.client.now_us() + (seconds.max(0.0) * 1e6) as u64;
+        while self.client.now_us() < until {
+            if let Some(kind) = run::stop_wanted(&self.client) {
+                return Err(run::stop_now(&mut self.client, kind).into());
+            }
+            let next = until.min(self.client.now_us() + 50_000);
+            self.client.pump(next).map_err(RunError::from)?;
+        }
+        if let Some(record) = run::status(&mut self.client)?.fault {
+            return Err(RunError::Fault { record }.into());
+        }
+        Ok(())
+    }
+
+    /// Opens or closes the gripper and waits until it has; tells whether its switch reports that
+    /// the jaws met.
+    ///
+    /// # Errors
+    /// The line's.
+    pub fn grip(&mut self, closed: bool) -> Result<bool, PickError> {
+        self.client
+            .request(Request::Gripper { closed })
+            .map_err(RunError::from)?;
+        let close_s = self.model.robot().gripper.close_s;
+        self.wait(close_s + 0.15)?;
+        Ok(run::status(&mut self.client)?.gripper_switch)
+    }
+
+    /// Tensions averaged while the robot stands, N.
+    ///
+    /// # Errors
+    /// The line's.
+    pub fn mean_tensions_n(&mut self) -> Result<Vec<f64>, PickError> {
+        let mut sum = vec![0.0; self.model.robot().cables.len()];
+        for _ in 0..WEIGH_READINGS {
+            self.wait(WEIGH_S / f64::from(WEIGH_READINGS))?;
+            let status = run::status(&mut self.client)?;
+            for (sum, tension) in sum.iter_mut().zip(tensions(&status)) {
+                *sum += tension / f64::from(WEIGH_READINGS);
+            }
+        }
+        Ok(sum)
+    }
+
+    /// The vertical force of a change of tensions at the place where the tool is, N: what hangs
+    /// on the robot now and did not before. Pulleys' radius is left out.
+    ///
+    /// # Errors
+    /// Where the robot can not hang there.
+    pub fn lift_n(&self, before_n: &[f64], now_n: &[f64]) -> Result<f64, PickError> {
+        let rest = self.model.rest(&self.tool_m, None)?;
+        let pose = &rest.equilibrium.pose;
+        let cables = self.model.robot().cables.iter();
+        Ok(cables
+            .zip(before_n.iter().zip(now_n))
+            .map(|(cable, (before, now))| {
+                let at = pose.transform(&cable.attachment_in_platform_m);
+                let way = cable.anchor_in_world_m - at;
+                (now - before) * way.z / way.norm().max(1e-9)
+            })
+            .sum())
+    }
+
+    /// Plans from now on with this mass at the tool, kg.
+    ///
+    /// # Errors
+    /// Where the robot can not hang with it as it is.
+    pub fn carry(&mut self, mass_kg: f64) -> Result<(), PickError> {
+        let mut robot: Robot = self.model.robot().clone();
+        let bare_kg = robot.platform.mass_kg - self.carried_kg;
+        let tcp = robot.tool.tcp_in_platform_m;
+        // The mass at the tool moves the centre of mass.
+        let bare_center = (robot.platform.center_of_mass_m * robot.platform.mass_kg
+            - tcp * self.carried_kg)
+            / bare_kg;
+        let mass_kg = mass_kg.max(0.0);
+        robot.platform.mass_kg = bare_kg + mass_kg;
+        robot.platform.center_of_mass_m =
+            (bare_center * bare_kg + tcp * mass_kg) / robot.platform.mass_kg;
+        self.carried_kg = mass_kg;
+        self.model = Model::new(&robot)?;
+        // Where the tool is with that load at the lengths that the board holds.
+        let status = run::status(&mut self.client)?;
+        let held: Vec<f64> = status
+            .setpoints
+            .iter()
+            .map(|length| f64::from(length.0) * 1e-7)
+            .collect();
+        let rest = self.model.rest_from_lengths(&held, &tensions(&status))?;
+        self.tool_m = self.model.tool_m(&rest);
+        Ok(())
+    }
+
+    /// Closes brakes, switches off, gives the line back.
+    ///
+    /// # Errors
+    /// The line's.
+    pub fn finish(mut self) -> Result<L, PickError> {
+        run::disarm(&mut self.client)?;
+        Ok(self.client.into_link())
+    }
+
+    /// Hash of the configuration in use.
+    #[must_use]
+    pub const fn config_hash(&self) -> ConfigHash {
+        self.hash
+    }
+
+    /// Whether a simulator answers.
+    #[must_use]
+    pub fn simulated(&self) -> bool {
+        self.client.info().simulated
+    }
+}
+
+fn lengths(status: &Status) -> Vec<f64> {
+    status
+        .lengths
+        .iter()
+        .map(|l| f64::from(l.0) * 1e-7)
+        .collect()
+}
+
+fn tensions(status: &Status) -> Vec<f64> {
+    let newtons = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3);
+    newtons.collect()
+}
+
+/// world_from_platform of a resting state.
+pub(super) fn isometry(rest: &Rest) -> Isometry3<f64> {
+    let pose = &rest.equilibrium.pose;
+    Isometry3::from_parts(
+        Translation3::from(pose.position_m),
+        UnitQuaternion::from_rotation_matrix(&pose.rotation),
+    )
+}

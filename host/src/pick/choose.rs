@@ -1,0 +1,203 @@
+//! From grasps in a picture to places of the tool.
+
+use super::arm::isometry;
+use crate::motion::Model;
+use crate::robot::Transform;
+use mcdpr_vision::grasp::{Grasp, Hand, HeightMap};
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+/// A grasp that the robot can do.
+#[derive(Debug, Clone)]
+pub struct Choice {
+    /// The grasp as detected.
+    pub grasp: Grasp,
+    /// The tool point of the grasp as seen, world, m (Eqs. 45 and 48).
+    pub seen_m: Vector3<f64>,
+    /// Where the tool goes, world, m: as low as its fingers find room there.
+    pub tool_m: Vector3<f64>,
+    /// The platform's origin then, world, m (Eq. 49 with the rotation).
+    pub platform_m: Vector3<f64>,
+    /// Turn of the jaws about the tool's axis, rad.
+    pub wrist_rad: f64,
+    /// Tilt of the tool there, rad.
+    pub tilt_rad: f64,
+    /// Height of contact on the pads, m.
+    pub engaged_m: f64,
+}
+
+/// What came of all grasps of a picture.
+#[derive(Debug, Clone, Default)]
+pub struct Choices {
+    /// Those that can be done, best first.
+    pub good: Vec<Choice>,
+    /// Grasps out of the robot's reach.
+    pub unreachable: usize,
+    /// Grasps for which the tilted fingers find no room or no hold.
+    pub no_room: usize,
+}
+
+/// How far a grasp point may be off, one standard deviation of its distance, m.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Budget {
+    /// From the depth camera's noise.
+    pub depth_m: f64,
+    /// From the place of the camera on the platform.
+    pub hand_eye_m: f64,
+    /// From the robot's geometry: the platform's pose at the look and at the grasp.
+    pub geometry_m: f64,
+    /// All together.
+    pub total_m: f64,
+}
+
+/// What is known about the errors of a calibrated robot, one standard deviation per axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Uncertainty {
+    /// Camera on the platform, m.
+    pub hand_eye_m: f64,
+    /// Camera on the platform, rad.
+    pub hand_eye_rad: f64,
+    /// Anchors, m.
+    pub anchors_m: f64,
+    /// Disparity noise of the depth camera, px.
+    pub disparity_px: f64,
+    /// Focal length times baseline of the depth camera, px m.
+    pub focal_baseline_px_m: f64,
+}
+
+impl Uncertainty {
+    /// The budget of a grasp point at a distance from the camera. Depth: z^2 / (f b) per pixel of
+    /// disparity, averaged over a patch of four noise cells. Hand-eye: shift and lever. Geometry:
+    /// a shift of the anchors that all share moves camera and tool alike; what differs between the
+    /// places of look and grasp is about the anchors' error over the square root of the cables.
+    #[must_use]
+    pub fn budget(&self, distance_m: f64, cables: usize) -> Budget {
+        let axes = 3.0_f64.sqrt();
+        let depth_m = 0.5 * distance_m * distance_m / self.focal_baseline_px_m * self.disparity_px;
+        let lever_m = 2.0_f64.sqrt() * self.hand_eye_rad * distance_m;
+        let hand_eye_m = (axes * self.hand_eye_m).hypot(lever_m);
+        let geometry_m = axes * self.anchors_m * (2.0 / cables.max(1) as f64).sqrt();
+        Budget {
+            depth_m,
+            hand_eye_m,
+            geometry_m,
+            total_m: (depth_m * depth_m + hand_eye_m * hand_eye_m + geometry_m * geometry_m).sqrt(),
+        }
+    }
+}
+
+/// Least contact height on the pads, m: one that is lost to errors of a millimetre or two.
+const ENGAGED_MIN_M: f64 = 0.005;
+/// Grasps whose middle lies further from the tool than this are moved there once.
+const OFF_M: f64 = 0.0005;
+/// Room between jaws and object that must be left on both sides, m.
+const SIDE_M: f64 = 0.0025;
+/// Jaws that can not turn take grasps within this of their direction, rad.
+const FIXED_TOLERANCE_RAD: f64 = 0.2;
+
+/// Takes an attitude transform of the robot file as an isometry.
+pub(super) fn of_transform(transform: &Transform) -> Isometry3<f64> {
+    let rotation = Rotation3::from_matrix_unchecked(transform.rotation);
+    Isometry3::from_parts(
+        Translation3::from(transform.translation_m),
+        UnitQuaternion::from_rotation_matrix(&rotation),
+    )
+}
+
+/// Chooses among the grasps of one picture. `world_from_camera` is the colour camera's place when
+/// the picture was taken; `turns`: whether the gripper turns about its axis.
+pub(super) fn choose(
+    model: &Model,
+    map: &HeightMap,
+    grasps: &[Grasp],
+    world_from_camera: &Isometry3<f64>,
+    hand: &Hand,
+    turns: bool,
+) -> Choices {
+    let mut choices = Choices::default();
+    for grasp in grasps {
+        match one(model, map, grasp, world_from_camera, hand, turns) {
+            Ok(choice) => choices.good.push(choice),
+            Err(Refused::Unreachable) => choices.unreachable += 1,
+            Err(Refused::NoRoom) => choices.no_room += 1,
+        }
+    }
+    choices
+}
+
+enum Refused {
+    Unreachable,
+    NoRoom,
+}
+
+fn one(
+    model: &Model,
+    map: &HeightMap,
+    grasp: &Grasp,
+    world_from_camera: &Isometry3<f64>,
+    hand: &Hand,
+    turns: bool,
+) -> Result<Choice, Refused> {
+    let seen_m = (world_from_camera * grasp.point_m).coords;
+    let closing = world_from_camera.rotation * grasp.closing;
+    let map_from_world = (world_from_camera * map.camera_from_map).inverse();
+    let mut tool_m = seen_m;
+    let mut result = None;
+    // The attitude depends on the place and the place on the attitude: twice is enough.
+    for _ in 0..3 {
+        let rest = model
+            .rest(&tool_m, None)
+            .map_err(|_| Refused::Unreachable)?;
+        let world_from_platform = isometry(&rest);
+        let wrist_rad = wrist(&world_from_platform, &closing, turns).ok_or(Refused::NoRoom)?;
+        let spin = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), wrist_rad);
+        let world_from_tool = Isometry3::from_parts(
+            Translation3::from(tool_m),
+            world_from_platform.rotation * spin,
+        );
+        let map_from_tool = map_from_world * world_from_tool;
+        let fit = map.fit(hand, &map_from_tool).ok_or(Refused::NoRoom)?;
+        let room_m = 0.5 * (hand.opening_m - fit.width_m);
+        if fit.engaged_m < ENGAGED_MIN_M || room_m < SIDE_M {
+            return Err(Refused::NoRoom);
+        }
+        let mut place = map_from_tool.translation.vector;
+        let jaw = map_from_tool.rotation * Vector3::y();
+        let flat = Vector3::new(jaw.x, jaw.y, 0.0).normalize();
+        place += flat * fit.off_m;
+        place.z = fit.height_m;
+        let next = map_from_world.inverse_transform_point(&place.into()).coords;
+        let moved = (next - tool_m).norm();
+        tool_m = next;
+        result = Some(Choice {
+            grasp: grasp.clone(),
+            seen_m,
+            tool_m,
+            platform_m: tool_m
+                - world_from_platform.rotation * model.robot().tool.tcp_in_platform_m,
+            wrist_rad,
+            tilt_rad: rest.equilibrium.pose.tilt_rad(),
+            engaged_m: fit.engaged_m,
+        });
+        if moved < OFF_M {
+            break;
+        }
+    }
+    result.ok_or(Refused::NoRoom)
+}
+
+/// Turn of the jaws (tool's y) about the tool's axis towards a direction of the world.
+fn wrist(world_from_platform: &Isometry3<f64>, closing: &Vector3<f64>, turns: bool) -> Option<f64> {
+    let on_tool = world_from_platform.rotation.inverse() * closing;
+    // tool y after a turn by a is (-sin a, cos a).
+    let mut angle = (-on_tool.x).atan2(on_tool.y);
+    let half = std::f64::consts::FRAC_PI_2;
+    if angle > half {
+        angle -= 2.0 * half;
+    } else if angle < -half {
+        angle += 2.0 * half;
+    }
+    if turns {
+        return Some(angle);
+    }
+    (angle.abs() < FIXED_TOLERANCE_RAD).then_some(0.0)
+}

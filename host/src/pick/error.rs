@@ -1,0 +1,67 @@
+//! Why picking ended.
+
+use crate::motion::PlanError;
+use crate::run::RunError;
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// Why the program can not pick. An empty tray is no error.
+#[derive(Debug, Error, Diagnostic)]
+pub enum PickError {
+    /// The board, the line, a fault, a stop.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Run(#[from] RunError),
+    /// The robot can not go there.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Plan(#[from] PlanError),
+    /// No usable picture. Nothing was moved for it.
+    #[error("no usable picture: {0}")]
+    #[diagnostic(
+        code(mcdpr::pick::picture),
+        help("see docs/vision.md for what a picture must have")
+    )]
+    Picture(#[from] mcdpr_vision::SourceError),
+    /// The robot file has no gripper.
+    #[error("the robot {robot} has no gripper")]
+    #[diagnostic(
+        code(mcdpr::pick::no_gripper),
+        help("add [gripper] kind = \"digital\" with its stroke_mm to the robot file")
+    )]
+    NoGripper {
+        /// Which robot.
+        robot: String,
+    },
+    /// The robot file has no depth camera.
+    #[error("the robot {robot} has no depth camera")]
+    #[diagnostic(
+        code(mcdpr::pick::no_depth),
+        help("picking needs distances: set depth = true in [camera] if the camera gives them")
+    )]
+    NoDepth {
+        /// Which robot.
+        robot: String,
+    },
+    /// The camera is elsewhere.
+    #[error("on {on} the pictures must come from a camera, and this build has no driver for one")]
+    #[diagnostic(
+        code(mcdpr::pick::no_camera),
+        help("pick on the simulator (--on sim), or build with --features realsense")
+    )]
+    NoCamera {
+        /// Where the robot is.
+        on: String,
+    },
+}
+
+impl PickError {
+    /// The program's exit code for this error.
+    #[must_use]
+    pub const fn exit_code(&self) -> i32 {
+        match self {
+            Self::Run(error) => error.exit_code(),
+            _ => 1,
+        }
+    }
+}

@@ -1,0 +1,21 @@
+//! Bin picking: look, choose, take, carry, release, again.
+//!
+//! The [`Picker`] works on any board behind a [`Link`](crate::link::Link) and any camera behind
+//! [`Source`](mcdpr_vision::Source). Where the camera is follows from the state of the robot:
+//! measured lengths and tensions give the platform's pose with its tilt, and the robot file has
+//! the camera on it. A grasp is a point and a closing direction in the picture; the tool gets there
+//! with the attitude that the robot has when it hangs there, and goes as low as its fingers find
+//! room for at that attitude.
+
+mod arm;
+mod choose;
+mod error;
+pub mod study;
+mod task;
+pub mod workcell;
+
+pub use arm::Arm;
+pub use choose::{Budget, Choice, Choices};
+pub use error::PickError;
+pub use task::{Attempt, End, Options, Outcome, Picker, Report};
+pub use workcell::SimulatedEye;

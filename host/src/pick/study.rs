@@ -1,0 +1,345 @@
+//! Many seeded scenes, with calibrated and with nominal parameters.
+
+use super::task::{End, Outcome, Picker, Report};
+use super::workcell::{self, Mounting, SimulatedEye, Witness};
+use super::{Arm, PickError};
+use crate::control::Handle;
+use crate::experiment;
+use crate::machine::Mismatch;
+use crate::motion::Model;
+use crate::robot::Robot;
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::LinkOptions;
+use mcdpr_simulator::camera::Order;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// How well the program knows the machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Knowledge {
+    /// As after a calibration: anchors within 0.3 mm, the camera within 0.2 mm and 0.03 degrees.
+    Calibrated,
+    /// As assembled: anchors within 5 mm, the camera within 3 mm and 0.5 degrees.
+    Nominal,
+    /// Exactly.
+    Exact,
+}
+
+impl Knowledge {
+    /// What the simulated machine differs by.
+    #[must_use]
+    pub const fn mismatch(self) -> (Mismatch, Mounting) {
+        match self {
+            Self::Calibrated => (
+                Mismatch::realistic(),
+                Mounting {
+                    shift_m: 2e-4,
+                    turn_rad: 5e-4,
+                },
+            ),
+            Self::Nominal => (
+                Mismatch {
+                    anchors_m: 5e-3,
+                    ..Mismatch::realistic()
+                },
+                Mounting {
+                    shift_m: 3e-3,
+                    turn_rad: 9e-3,
+                },
+            ),
+            Self::Exact => (
+                Mismatch {
+                    anchors_m: 0.0,
+                    attachments_m: 0.0,
+                    center_of_mass_m: 0.0,
+                    mass: 0.0,
+                    ea: 0.0,
+                    sensor_gain: 0.0,
+                    bandwidth: 0.0,
+                    pulley_loss: 0.0,
+                },
+                Mounting {
+                    shift_m: 0.0,
+                    turn_rad: 0.0,
+                },
+            ),
+        }
+    }
+}
+
+/// One scene, picked.
+#[derive(Debug, Clone, Serialize)]
+pub struct SceneReport {
+    /// The scene's seed.
+    pub seed: u64,
+    /// Objects at first.
+    pub objects: usize,
+    /// Objects in the tray at the end.
+    pub left: usize,
+    /// Objects that were truly put down beside the tray.
+    pub carried_off: usize,
+    /// What the program believes.
+    pub report: Report,
+    /// True errors of the grasp point, m.
+    pub errors_m: Vec<f64>,
+    /// What the jaws got at each closing, in words.
+    pub grips: Vec<String>,
+}
+
+/// Cable 4's tension over the platform's weight.
+const TENSION_SHARE: f64 = 0.37;
+/// Greatest acceleration, m/s^2, and jerk, m/s^3.
+const GENTLE_MPS2: f64 = 0.5;
+const GENTLE_MPS3: f64 = 4.0;
+
+/// The robot as picking plans with it: cable 4 at a tension that lets the tool reach the tray.
+///
+/// The tension is given, or 0.37 of the platform's weight, at which all cables stay taut from the
+/// look down to the tray (the paper's 10 N leave no equilibrium down there). Acceleration and jerk
+/// are held low: swing hardly dies out, and a swinging tool misses.
+#[must_use]
+pub fn picking_robot(robot: &Robot, tension_n: Option<f64>) -> Robot {
+    let mut robot = robot.clone();
+    let weight_n = robot.platform.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
+    robot.tension.setpoint_n = tension_n.unwrap_or(TENSION_SHARE * weight_n);
+    let limits = &mut robot.limits;
+    limits.acceleration_mps2 = limits.acceleration_mps2.min(GENTLE_MPS2);
+    limits.jerk_mps3 = limits.jerk_mps3.min(GENTLE_MPS3);
+    robot
+}
+
+/// One scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wanted {
+    /// How objects lie.
+    pub order: Order,
+    /// How many.
+    pub count: usize,
+    /// How well the program knows the machine.
+    pub knowledge: Knowledge,
+    /// Of scene, machine and noise.
+    pub seed: u64,
+    /// Whether the jaws turn about the tool's axis.
+    pub turns: bool,
+    /// Most attempts.
+    pub attempts_max: Option<usize>,
+}
+
+/// Picks one scene on the simulator.
+///
+/// # Errors
+/// What stops the robot.
+pub fn scene(robot: &Robot, wanted: &Wanted) -> Result<SceneReport, PickError> {
+    scene_with(robot, wanted, &Handle::new())
+}
+
+/// As [`scene`], with orders from a handle.
+///
+/// # Errors
+/// What stops the robot; [`RunError::Interrupted`](crate::run::RunError) where the handle does.
+pub fn scene_with(
+    robot: &Robot,
+    wanted: &Wanted,
+    handle: &Handle,
+) -> Result<SceneReport, PickError> {
+    let Wanted {
+        order,
+        count,
+        knowledge,
+        seed,
+        turns,
+        attempts_max,
+    } = *wanted;
+    let (mismatch, mounting) = knowledge.mismatch();
+    let model = Model::new(robot)?;
+    let link = experiment::simulated_robot(&model, &mismatch, seed, &LinkOptions::default())?;
+    let cell = workcell::cell(robot, order, count, seed)?;
+    let objects = cell.objects().len();
+    link.with(|simulation| simulation.set_cell(cell));
+    let mut eye = SimulatedEye::new(link.clone(), robot, &mounting, seed);
+    let mut witness = Witness::new(link.clone(), *eye.camera());
+    let mut options = workcell::options(robot)?;
+    options.turns = turns;
+    if let Some(most) = attempts_max {
+        options.attempts_max = most;
+    }
+    let mut arm = Arm::start(model, link.clone(), SessionId(1), handle)?;
+    let report = Picker {
+        arm: &mut arm,
+        eye: &mut eye,
+        options: &options,
+    }
+    .run(&mut witness)?;
+    arm.finish()?;
+    let (left, carried_off, grips) = link.with(|simulation| {
+        simulation.cell().map_or((0, 0, Vec::new()), |cell| {
+            let words = cell.log().iter().map(|happening| match &happening.grip {
+                mcdpr_simulator::camera::Grip::Held { width_m, .. } => {
+                    format!("holds {}, {:.1} mm", happening.object, width_m * 1e3)
+                }
+                mcdpr_simulator::camera::Grip::Missed(reason) => reason.clone(),
+            });
+            (
+                cell.left_in_tray(),
+                cell.carried_off().len(),
+                words.collect(),
+            )
+        })
+    });
+    Ok(SceneReport {
+        seed,
+        objects,
+        left,
+        carried_off,
+        report,
+        errors_m: witness.errors_m,
+        grips,
+    })
+}
+
+/// Figures over many scenes.
+#[derive(Debug, Clone, Serialize)]
+pub struct Figures {
+    /// Scenes.
+    pub scenes: usize,
+    /// Objects.
+    pub objects: usize,
+    /// Attempts.
+    pub attempts: usize,
+    /// Objects truly put down beside the tray.
+    pub picked: usize,
+    /// Picks per attempt.
+    pub rate: f64,
+    /// Share of the objects that left the tray.
+    pub cleared: f64,
+    /// Scenes that ended with an empty tray.
+    pub emptied: usize,
+    /// Grasp point error, median, m.
+    pub error_median_m: f64,
+    /// Grasp point error, 95th percentile, m.
+    pub error_p95_m: f64,
+    /// Scenes that a stop of the robot ended.
+    pub stopped: usize,
+}
+
+/// Sums up.
+#[must_use]
+pub fn figures(scenes: &[Result<SceneReport, PickError>]) -> Figures {
+    let done: Vec<&SceneReport> = scenes
+        .iter()
+        .filter_map(|scene| scene.as_ref().ok())
+        .collect();
+    let sum = |value: &dyn Fn(&SceneReport) -> usize| done.iter().map(|s| value(s)).sum::<usize>();
+    let attempts = sum(&|s| s.report.attempts.len());
+    let picked = sum(&|s| s.carried_off);
+    let objects = sum(&|s| s.objects);
+    let mut errors: Vec<f64> = done.iter().flat_map(|s| s.errors_m.clone()).collect();
+    errors.sort_by(f64::total_cmp);
+    let quantile = |share: f64| {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "an index"
+        )]
+        let at = (errors.len().saturating_sub(1) as f64 * share).round() as usize;
+        errors.get(at).copied().unwrap_or(f64::NAN)
+    };
+    Figures {
+        scenes: scenes.len(),
+        objects,
+        attempts,
+        picked,
+        rate: picked as f64 / attempts.max(1) as f64,
+        cleared: picked as f64 / objects.max(1) as f64,
+        emptied: sum(&|s| usize::from(s.report.end == End::Empty)),
+        error_median_m: quantile(0.5),
+        error_p95_m: quantile(0.95),
+        stopped: scenes.len() - done.len(),
+    }
+}
+
+impl SceneReport {
+    /// Attempts that the program believes to have succeeded and that did not, or the other way
+    /// round.
+    #[must_use]
+    pub fn misjudged(&self) -> usize {
+        let believed = self
+            .report
+            .attempts
+            .iter()
+            .filter(|attempt| attempt.outcome == Outcome::Delivered)
+            .count();
+        believed.abs_diff(self.carried_off)
+    }
+}
+
+/// One line of a study: scenes of one order with one knowledge of the machine.
+#[derive(Debug, Clone, Serialize)]
+pub struct Line {
+    /// How objects lie.
+    pub cluttered: bool,
+    /// What the program knows.
+    pub knowledge: Knowledge,
+    /// What came of it.
+    pub figures: Figures,
+    /// Every failed closing with its scene's seed, in words, and every stop.
+    pub failures: Vec<String>,
+}
+
+/// Picks `scenes` scenes, two thirds of separate objects and one third of cluttered ones, 5 to 8
+/// objects each, with each knowledge of the machine. Scene `n` has seed `first_seed + n`.
+#[must_use]
+pub fn study(
+    robot: &Robot,
+    scenes: usize,
+    knowledges: &[Knowledge],
+    first_seed: u64,
+    turns: bool,
+) -> Vec<Line> {
+    let cluttered = scenes / 3;
+    let parts = [
+        (Order::Separate, 0, scenes - cluttered),
+        (Order::Cluttered, scenes - cluttered, scenes),
+    ];
+    let mut lines = Vec::new();
+    for &knowledge in knowledges {
+        for (order, from, to) in parts {
+            let done: Vec<_> = (from..to)
+                .into_par_iter()
+                .map(|number| {
+                    let wanted = Wanted {
+                        order,
+                        count: 5 + number % 4,
+                        knowledge,
+                        seed: first_seed + number as u64,
+                        turns,
+                        attempts_max: None,
+                    };
+                    (wanted.seed, scene(robot, &wanted))
+                })
+                .collect();
+            let mut failures = Vec::new();
+            for (seed, scene) in &done {
+                match scene {
+                    Ok(scene) => failures.extend(
+                        scene
+                            .grips
+                            .iter()
+                            .filter(|words| !words.starts_with("holds"))
+                            .map(|words| format!("scene {seed}: {words}")),
+                    ),
+                    Err(error) => failures.push(format!("scene {seed} stopped: {error}")),
+                }
+            }
+            let reports: Vec<_> = done.into_iter().map(|(_, scene)| scene).collect();
+            lines.push(Line {
+                cluttered: order == Order::Cluttered,
+                knowledge,
+                figures: figures(&reports),
+                failures,
+            });
+        }
+    }
+    lines
+}

@@ -1,0 +1,318 @@
+//! The simulated workcell: a tray of objects under the simulated robot, and its camera.
+
+use super::choose::{Choice, Uncertainty};
+use super::task::{Options, Watcher};
+use crate::link::SimulatedLink;
+use crate::robot::{GripperKind, Robot};
+use mcdpr_simulator::camera::{Cell, Frame as Place, Gripper, Lens, Order, Rgbd, Tray};
+use mcdpr_vision::grasp::Hand;
+use mcdpr_vision::{Camera, Cameras, DepthImage, Frame, Image, RgbImage, Source, SourceError};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, Vector3};
+
+use super::PickError;
+use super::choose::of_transform;
+
+/// Size of the pictures that picking uses, px.
+const PICTURE_PX: [usize; 2] = [640, 480];
+
+/// How far the simulated camera is from its nominal place, half widths per axis.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Mounting {
+    /// Shift, m.
+    pub shift_m: f64,
+    /// Turn, rad.
+    pub turn_rad: f64,
+}
+
+/// The simulated camera on the platform, as a source of pictures.
+pub struct SimulatedEye {
+    link: SimulatedLink,
+    camera: Rgbd,
+    seed: u64,
+    taken: u64,
+}
+
+impl SimulatedEye {
+    /// A D415 where the robot file has the camera, off by `mounting` drawn with `seed`.
+    #[must_use]
+    pub fn new(link: SimulatedLink, robot: &Robot, mounting: &Mounting, seed: u64) -> Self {
+        let mut dice = crate::calibration::simulate::Dice::new(seed ^ 0x6579_6500);
+        let shift = Vector3::from_fn(|_, _| dice.within(mounting.shift_m));
+        let turn = Vector3::from_fn(|_, _| dice.within(mounting.turn_rad));
+        let off = Isometry3::new(shift, turn);
+        let platform_from_color = of_transform(&robot.camera.camera_from_platform).inverse() * off;
+        let color = lens(&color_camera(robot));
+        Self {
+            link,
+            camera: Rgbd::d415(color, place(&platform_from_color)),
+            seed,
+            taken: 0,
+        }
+    }
+
+    /// The simulated camera's truth.
+    #[must_use]
+    pub const fn camera(&self) -> &Rgbd {
+        &self.camera
+    }
+
+    /// Puts the colour lens and the depth lens at the same sizes, focal lengths and places, as
+    /// recorded sets with depth already aligned have them.
+    pub const fn set_camera(&mut self, camera: Rgbd) {
+        self.camera = camera;
+    }
+}
+
+/// The colour camera of a robot file in the mode that picking uses.
+#[must_use]
+pub fn color_camera(robot: &Robot) -> Camera {
+    let camera = &robot.camera;
+    Camera {
+        size_px: [camera.width_px as usize, camera.height_px as usize],
+        focal_px: [camera.fx_px, camera.fy_px],
+        center_px: [camera.cx_px, camera.cy_px],
+        distortion: camera.distortion,
+    }
+    .mode(PICTURE_PX)
+}
+
+impl Source for SimulatedEye {
+    fn name(&self) -> String {
+        "simulated D415 on the platform".to_owned()
+    }
+
+    fn cameras(&self) -> Cameras {
+        Cameras {
+            color: camera(&self.camera.color),
+            depth: camera(&self.camera.depth),
+            color_from_depth: isometry_of(&self.camera.color_from_depth),
+        }
+    }
+
+    fn frame(&mut self) -> Result<Frame, SourceError> {
+        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(self.taken);
+        self.taken += 1;
+        let failed = |reason: String| SourceError::Device {
+            name: "simulated D415".to_owned(),
+            reason,
+        };
+        let rgbd = self.camera;
+        let (color, depth) = self.link.with(|simulation| {
+            let pose = simulation
+                .plant()
+                .truth()
+                .map_err(|e| failed(e.to_string()))?;
+            let cell = simulation
+                .cell()
+                .ok_or_else(|| failed("there is no workcell to be seen".to_owned()))?;
+            Ok::<_, SourceError>(cell.look(&rgbd, &pose.pose.into(), seed))
+        })?;
+        let sized = |error: mcdpr_vision::image::SizeError| failed(error.to_string());
+        let frame = Frame {
+            color: RgbImage::new(color.width, color.height, color.pixels).map_err(sized)?,
+            depth: DepthImage {
+                steps: Image::new(depth.width, depth.height, depth.steps).map_err(sized)?,
+                unit_m: depth.unit_m,
+            },
+            cameras: self.cameras(),
+        };
+        let number = usize::try_from(self.taken).unwrap_or(usize::MAX);
+        frame.checked().map_err(|source| SourceError::Frame {
+            name: self.name(),
+            number,
+            source,
+        })
+    }
+}
+
+fn camera(lens: &Lens) -> Camera {
+    Camera {
+        size_px: lens.size_px,
+        focal_px: lens.focal_px,
+        center_px: lens.center_px,
+        distortion: lens.distortion,
+    }
+}
+
+fn lens(camera: &Camera) -> Lens {
+    Lens {
+        size_px: camera.size_px,
+        focal_px: camera.focal_px,
+        center_px: camera.center_px,
+        distortion: camera.distortion,
+    }
+}
+
+/// A frame of the simulator as an isometry.
+#[must_use]
+pub fn isometry_of(place: &Place) -> Isometry3<f64> {
+    let rotation = Matrix3::from_fn(|i, j| place.rotation[i][j]);
+    Isometry3::from_parts(
+        Translation3::from(Vector3::from(place.position_m)),
+        Rotation3::from_matrix_unchecked(rotation).into(),
+    )
+}
+
+/// An isometry as a frame of the simulator.
+#[must_use]
+pub fn place(pose: &Isometry3<f64>) -> Place {
+    let m = pose.rotation.to_rotation_matrix();
+    Place {
+        rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)])),
+        position_m: pose.translation.vector.into(),
+    }
+}
+
+/// The gripper of a robot file with the sizes that are assumed for its jaws.
+///
+/// # Errors
+/// [`PickError::NoGripper`], [`PickError::NoDepth`].
+pub fn gripper_of(robot: &Robot) -> Result<(Gripper, Hand), PickError> {
+    let name = || robot.name.clone();
+    if robot.gripper.kind == GripperKind::None {
+        return Err(PickError::NoGripper { robot: name() });
+    }
+    if !robot.camera.depth {
+        return Err(PickError::NoDepth { robot: name() });
+    }
+    let gripper = Gripper {
+        opening_m: robot.gripper.stroke_m,
+        close_s: robot.gripper.close_s,
+        ..Gripper::default()
+    };
+    let hand = Hand {
+        opening_m: gripper.opening_m,
+        pad_half_width_m: gripper.pad_half_width_m,
+        below_m: gripper.below_m,
+        above_m: gripper.above_m,
+        finger_m: gripper.finger_m,
+        ..Hand::default()
+    };
+    Ok((gripper, hand))
+}
+
+/// A tray with objects under a simulated robot.
+///
+/// # Errors
+/// As [`gripper_of`].
+pub fn cell(robot: &Robot, order: Order, count: usize, seed: u64) -> Result<Cell, PickError> {
+    let (gripper, _) = gripper_of(robot)?;
+    let tray = Tray::default();
+    let tcp_m = robot.tool.tcp_in_platform_m.into();
+    Ok(Cell::new(
+        tray,
+        tray.scene(order, count, seed),
+        gripper,
+        tcp_m,
+    ))
+}
+
+/// The picking task of the simulated workcell: the paper's place of release beside the tray.
+///
+/// # Errors
+/// As [`gripper_of`].
+pub fn options(robot: &Robot) -> Result<Options, PickError> {
+    let (_, hand) = gripper_of(robot)?;
+    let tray = Tray::default();
+    let tray_m = Vector3::from(tray.center_m);
+    // The camera looks down beside the tool: it is to see the tray's middle.
+    let to_camera = of_transform(&robot.camera.camera_from_platform)
+        .inverse()
+        .translation
+        .vector;
+    let tool = robot.tool.tcp_in_platform_m;
+    let look_m = Vector3::new(
+        tray_m.x - to_camera.x,
+        tray_m.y - to_camera.y,
+        tray_m.z + LOOK_HEIGHT_M - to_camera.z + tool.z,
+    );
+    Ok(Options {
+        look_m,
+        release_m: Vector3::new(0.335, 0.1, -0.51),
+        return_m: None,
+        tray_m,
+        tray_half_m: tray.half_m.map(|half| half - 0.006),
+        above_m: 0.08,
+        hand,
+        turns: true,
+        failures_max: 3,
+        attempts_max: 40,
+        uncertainty: Uncertainty {
+            hand_eye_m: 1e-4,
+            hand_eye_rad: 5e-4,
+            anchors_m: 2e-4,
+            disparity_px: 0.064,
+            focal_baseline_px_m: 607.0 * 0.055,
+        },
+    })
+}
+
+/// Height of the camera over the tray when it looks, m.
+const LOOK_HEIGHT_M: f64 = 0.4;
+
+/// The watcher of a simulated cell: turns the wrist, keeps what was true.
+pub struct Witness {
+    link: SimulatedLink,
+    camera: Rgbd,
+    looked_from: Option<Place>,
+    ideal_m: Option<Vector3<f64>>,
+    /// Distance of the true tool from where the true grasp point is, at each closing, m.
+    pub errors_m: Vec<f64>,
+}
+
+impl Witness {
+    /// Watches the cell behind a link.
+    #[must_use]
+    pub const fn new(link: SimulatedLink, camera: Rgbd) -> Self {
+        Self {
+            link,
+            camera,
+            looked_from: None,
+            ideal_m: None,
+            errors_m: Vec::new(),
+        }
+    }
+
+    fn pose(&self) -> Option<Place> {
+        self.link
+            .with(|simulation| simulation.plant().truth().ok())
+            .map(|truth| truth.pose.into())
+    }
+}
+
+impl Watcher for Witness {
+    fn chosen(&mut self, choice: &Choice) {
+        self.looked_from = self.pose();
+        let pixel = choice.grasp.pixel.into();
+        let camera = self.camera;
+        let looked_from = self.looked_from;
+        let seen = self.link.with(|simulation| {
+            let cell = simulation.cell_mut()?;
+            cell.wrist_rad = choice.wrist_rad;
+            cell.seen_at(&camera, &looked_from?, pixel)
+        });
+        // From the top of the object at the grasp's pixel to where the tool shall be.
+        let down = Vector3::new(0.0, 0.0, choice.grasp.top_m - choice.grasp.height_m);
+        let moved = choice.tool_m - choice.seen_m;
+        self.ideal_m = seen.map(|top| Vector3::from(top) - down + moved);
+    }
+
+    fn closing(&mut self, _: &Choice) {
+        let tool = self
+            .link
+            .with(|simulation| simulation.plant().truth().ok())
+            .map(|truth| Vector3::from(truth.tool_position_m));
+        if let (Some(tool), Some(ideal)) = (tool, self.ideal_m) {
+            self.errors_m.push((tool - ideal).norm());
+        }
+    }
+
+    fn lifted(&mut self) {
+        let Some(pose) = self.pose() else { return };
+        self.link.with(|simulation| {
+            if let Some(cell) = simulation.cell_mut() {
+                cell.update(&pose);
+            }
+        });
+    }
+}

@@ -1,0 +1,183 @@
+//! Tags of the simulated robot through pictures: rendered, then detected as a real camera's are.
+
+use super::{Scene, SightError, TagSource, TagView};
+use crate::link::{Link, SimulatedLink};
+use mcdpr_simulator::camera::{
+    Body, Frame as Place, Lens, Optics, Scene as Surroundings, render_color,
+};
+use mcdpr_vision::tag::{Options, detect};
+use mcdpr_vision::{Camera, RgbImage};
+use nalgebra::Matrix3;
+
+/// Takes pictures of a [`Scene`] with the simulated robot's true camera and finds the tags in
+/// them. Slower than corners by projection ([`super::SimulatedTags`]), and with nothing left out:
+/// blur, noise, shadows, a tag that is cut by the picture's side.
+pub struct PictureTags {
+    link: SimulatedLink,
+    scene: Scene,
+    seed: u64,
+    taken: u64,
+}
+
+/// The floor that tags lie on.
+const FLOOR: [f64; 3] = [0.4, 0.38, 0.35];
+
+impl PictureTags {
+    /// A view of the robot behind `link`.
+    #[must_use]
+    pub const fn new(link: SimulatedLink, scene: Scene, seed: u64) -> Self {
+        Self {
+            link,
+            scene,
+            seed,
+            taken: 0,
+        }
+    }
+
+    /// What is truly there.
+    #[must_use]
+    pub const fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// A picture with the platform where it truly is, and its time on the link's clock, us.
+    ///
+    /// # Errors
+    /// [`SightError::Simulation`].
+    pub fn picture(&mut self) -> Result<(RgbImage, u64), SightError> {
+        let failed = |what: String| SightError::Simulation { what };
+        let truth = self.link.with(|simulation| simulation.plant().truth());
+        let truth = truth.map_err(|error| failed(error.to_string()))?;
+        let camera_from_platform = place(&self.scene.camera_from_platform);
+        let world_from_camera = Place::from(truth.pose).then(&camera_from_platform.inverse());
+        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(self.taken);
+        self.taken += 1;
+        let seen = render_color(
+            &self.surroundings(),
+            &self.lens(),
+            &world_from_camera,
+            &Optics::default(),
+            seed,
+        );
+        let picture = RgbImage::new(seen.width, seen.height, seen.pixels)
+            .map_err(|error| failed(error.to_string()))?;
+        Ok((picture, self.link.now_us()))
+    }
+
+    fn lens(&self) -> Lens {
+        let lens = &self.scene.lens;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a picture's size"
+        )]
+        let size_px = lens.size_px.map(|value| value.round() as usize);
+        Lens {
+            size_px,
+            focal_px: lens.focal_px,
+            center_px: lens.center_px,
+            distortion: lens.distortion,
+        }
+    }
+
+    /// Tags on sheets of paper that lie on a floor.
+    fn surroundings(&self) -> Surroundings {
+        let mut bodies = Vec::new();
+        let mut lowest_m = f64::INFINITY;
+        for (number, pose) in &self.scene.world_from_body {
+            let on_body = self.scene.tags.iter().filter(|tag| tag.body == *number);
+            let tags: Vec<_> = on_body
+                .map(|tag| {
+                    let [a, b, c, d] = tag.corners_in_body_m;
+                    let (x, y) = ((b - a).normalize(), (d - a).normalize());
+                    let middle = (a + b + c + d) / 4.0;
+                    let rotation = Matrix3::from_columns(&[x, y, x.cross(&y)]);
+                    let frame = Place {
+                        rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[(i, j)])),
+                        position_m: middle.into(),
+                    };
+                    for corner in tag.corners_in_body_m {
+                        lowest_m = lowest_m.min(pose.transform(&corner).z);
+                    }
+                    (tag.id as usize, tag.size_m, frame)
+                })
+                .collect();
+            bodies.push(Body::tags(&tags, place(pose)));
+        }
+        let floor = Place::at([0.3, 0.0, lowest_m.min(0.0) - 0.025]);
+        bodies.push(Body::fixed_box("floor", [2.0, 2.0, 0.01], floor, FLOOR));
+        Surroundings {
+            bodies,
+            ..Surroundings::default()
+        }
+    }
+}
+
+fn place(pose: &mcdpr_kinematics::Pose) -> Place {
+    let m = pose.rotation.matrix();
+    Place {
+        rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)])),
+        position_m: pose.position_m.into(),
+    }
+}
+
+impl TagSource for PictureTags {
+    fn look(&mut self) -> Result<Vec<TagView>, SightError> {
+        let (picture, image_time_us) = self.picture()?;
+        let lens = self.lens();
+        let camera = Camera {
+            size_px: lens.size_px,
+            focal_px: lens.focal_px,
+            center_px: lens.center_px,
+            distortion: lens.distortion,
+        };
+        let mut views: Vec<TagView> =
+            detect(&picture.to_gray(), Some(&camera), &Options::default())
+                .into_iter()
+                .filter(|found| self.scene.tags.iter().any(|tag| tag.id == found.id))
+                .map(|found| TagView {
+                    id: found.id,
+                    corners_px: found.corners_px.map(Into::into),
+                    covariance_px2: found
+                        .covariance_px2
+                        .map(|c| [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]]),
+                    image_time_us,
+                })
+                .collect();
+        views.sort_by_key(|view| view.id);
+        Ok(views)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::SimulatedTags;
+    use super::*;
+    use crate::experiment;
+    use crate::machine::Mismatch;
+    use crate::motion::Model;
+    use crate::robot::Robot;
+    use mcdpr_simulator::LinkOptions;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn pictures_show_the_tags_where_projection_has_them() {
+        let robot = Robot::find("paper-table5").unwrap();
+        let model = Model::new(&robot).unwrap();
+        let options = LinkOptions::default();
+        let link = experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
+        let scene = Scene::on_floor(&robot, 1e-3, 1e-3, 3);
+        let mut exact = SimulatedTags::new(link.clone(), scene.clone(), 0.0, 1);
+        let mut pictures = PictureTags::new(link, scene, 1);
+        let (wanted, seen) = (exact.look().unwrap(), pictures.look().unwrap());
+        assert!(!wanted.is_empty() && wanted.len() == seen.len());
+        for (wanted, seen) in wanted.iter().zip(&seen) {
+            assert_eq!(wanted.id, seen.id);
+            for (a, b) in wanted.corners_px.iter().zip(&seen.corners_px) {
+                let off = Vector3::new(a[0] - b[0], a[1] - b[1], 0.0).norm();
+                assert!(off < 0.05, "{off} px");
+            }
+            assert!(seen.sigma_px() < 0.05);
+        }
+    }
+}
