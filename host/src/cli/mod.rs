@@ -28,8 +28,8 @@ mod movement;
 mod order;
 #[cfg(unix)]
 mod orders;
-mod plan;
 mod pick;
+mod plan;
 mod ports;
 mod progress;
 mod reach;

@@ -5,7 +5,7 @@ use crate::control::Handle;
 use crate::link::{Client, Link};
 use crate::machine;
 use crate::motion::path::Path;
-use crate::motion::{Leg, Model, Plan, Rest};
+use crate::motion::{Model, Plan, Rest, Step};
 use crate::robot::Robot;
 use crate::run::{self, Measured, Recorder, RunError};
 use mcdpr_protocol::{ConfigHash, Request, SessionId, Status};
@@ -150,22 +150,23 @@ impl<L: Link> Arm<L> {
 
     fn plan(&self, model: &Model, points_m: &[Vector3<f64>]) -> Result<Option<Plan>, PickError> {
         let mut at = self.tool_m;
-        let mut legs = Vec::new();
+        let mut steps = Vec::new();
         for point in points_m {
             if (point - at).norm() < NO_WAY_M {
                 continue;
             }
             let path = Path::through(&[at, *point]).map_err(crate::motion::PlanError::from)?;
-            legs.push(Leg {
+            steps.push(Step::Move {
                 path,
                 duration_s: None,
+                speed_mps: None,
             });
             at = *point;
         }
-        if legs.is_empty() {
+        if steps.is_empty() {
             return Ok(None);
         }
-        Ok(Some(Plan::new(model, legs)?))
+        Ok(Some(Plan::new(model, &self.tool_m, &steps)?))
     }
 
     /// Moves the tool straight from point to point (world, m), with a rest at each.
