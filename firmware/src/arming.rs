@@ -123,12 +123,13 @@ impl Arming {
             // A closed brake is what shall be tried: until somebody ends it.
             Phase::Preload if HAS_SERVICE && service.is_some_and(|service| !service.open) => {}
             // Nothing hangs on a bare winch: there is no load that its brake must prove to hold.
-            Phase::Preload if HAS_SERVICE && service.is_some() => {
-                if self.ticks >= PRELOAD_MS {
-                    self.enter(Phase::Opening);
-                }
+            Phase::Preload if self.ticks >= PRELOAD_MS => {
+                self.enter(if HAS_SERVICE && service.is_some() {
+                    Phase::Opening
+                } else {
+                    Phase::Proving
+                });
             }
-            Phase::Preload if self.ticks >= PRELOAD_MS => self.enter(Phase::Proving),
             Phase::Proving if proven => self.enter(Phase::Opening),
             // Neither does a drum move nor does a drive push: it obeys nothing.
             Phase::Proving if self.ticks >= PROOF_MS => return Err((FaultId::D7, 0, 0, 0)),

@@ -35,8 +35,7 @@ pub fn check(model: &Model, velocity_mps: &Vector3<f64>, seconds: f64) -> Result
         limit,
         unit,
     };
-    // The negation also refuses what is no number.
-    if !(asked <= limit) {
+    if asked.is_nan() || asked > limit {
         return Err(wrong(
             "a jog's speed (limits.speed_mps)",
             asked,

@@ -108,7 +108,8 @@ impl Saved {
         let pairs = tensions_n.iter().zip(&self.tensions_n);
         for (cable, (&now_n, &then_n)) in (1..).zip(pairs) {
             let band = TENSION_BAND_N.max(then_n / 5.0);
-            if !((now_n - then_n).abs() <= band) {
+            let off_n = (now_n - then_n).abs();
+            if off_n.is_nan() || off_n > band {
                 return Err(Implausible::Tension {
                     cable,
                     now_n,

@@ -47,7 +47,7 @@ pub struct Happening {
 pub struct Cell {
     /// The tray.
     pub tray: Tray,
-    /// Everything to be seen; the first [`Cell::fixed`] bodies stand fast.
+    /// Everything to be seen; the first `fixed` bodies stand fast.
     pub scene: Scene,
     /// The gripper.
     pub gripper: Gripper,

@@ -1,8 +1,8 @@
 //! AprilTags of the family 36h11: where their corners are in a picture, and where the tag is.
 //!
-//! The way: a threshold that follows the light ([`threshold`]), outlines of dark regions and
-//! the quadrangles among them ([`quad`]), the code inside ([`decode`]), the edges' places to
-//! hundredths of a pixel ([`refine`]), the pose with covariance and its mirror twin ([`pose`]).
+//! The way: a threshold that follows the light (`threshold`), outlines of dark regions and
+//! the quadrangles among them (`quad`), the code inside (`decode`), the edges' places to
+//! hundredths of a pixel (`refine`), the pose with covariance and its mirror twin (`pose`).
 //!
 //! A tag's frame has its origin in the middle, x to the right, y down and z into the tag as one
 //! looks at it. Corners go top left, top right, bottom right, bottom left. The tag's edge is that of
