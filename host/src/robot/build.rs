@@ -270,8 +270,10 @@ fn bus(reader: &mut Reader, table: &Values, winches_given: bool, winches: &[Winc
             Some("the board commands the drives on its 1 ms tick: 1000, 2000, 4000, ...".into()),
         );
     }
-    let tension_us = table.whole_given("tension_period_us").unwrap_or(period_us);
-    if tension_us % 1000 != 0 || period_us % tension_us.max(1) != 0 {
+    let given = table.whole_given("tension_period_us");
+    let tension_us = given.unwrap_or(period_us);
+    // What follows from a wrong period_us is one mistake, not two.
+    if given.is_some() && (tension_us % 1000 != 0 || period_us % tension_us.max(1) != 0) {
         reader.problem(
             &table.at("tension_period_us"),
             &table.place,
