@@ -18,6 +18,7 @@
 //! | [`tension`] | experiments on the tension loop, tuning and calibration of tension |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
 //! | [`sight`] | tags in the camera's pictures |
+//! | [`pick`] | bin picking: look, choose, take, carry, release |
 //! | [`study`] | studies in the simulator that the documents quote |
 //! | [`service`] | work on one unloaded winch |
 //! | [`units`] | numbers with units as people type them |
