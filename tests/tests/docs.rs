@@ -184,6 +184,7 @@ fn copy(from: &Path, to: &Path) {
 #[test]
 fn every_command_of_the_documentation_does_what_it_says() {
     let mut ran = 0;
+    let mut wrong = Vec::new();
     for (name, text) in documents() {
         let folder = reader_folder(&name, &text);
         for line in commands(&text) {
@@ -191,10 +192,13 @@ fn every_command_of_the_documentation_does_what_it_says() {
             let expected = i32::from(line.ends_with("# refused"));
             let message = String::from_utf8_lossy(&output.stderr);
             let code = output.status.code();
-            assert_eq!(code, Some(expected), "{name}: {line}\n{message}");
+            if code != Some(expected) {
+                wrong.push(format!("{name}: {line} ({code:?})\n{message}"));
+            }
             ran += 1;
         }
     }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(ran >= 8, "only {ran} commands were found");
 }
 
@@ -216,7 +220,7 @@ fn the_task_document_has_every_built_in_task_and_its_examples() {
     // It is wrapped for reading.
     let message = String::from_utf8_lossy(&output.stderr).replace('│', " ");
     let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(message.contains("no less than 5.91"), "{message}");
+    assert!(message.contains("no less than 5.97"), "{message}");
 }
 
 #[test]
@@ -238,6 +242,7 @@ fn files_that_the_documentation_names_are_there() {
             let is_file = [".rs", ".toml", ".md"]
                 .iter()
                 .any(|end| word.ends_with(end));
+            let is_file = is_file && !has_placeholder(word);
             if is_file && folders.iter().any(|folder| word.starts_with(folder)) {
                 assert!(root().join(word).is_file(), "{name}: {word} is not there");
                 seen.insert(word.to_owned());
