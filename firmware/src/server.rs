@@ -296,7 +296,7 @@ impl Receiver {
     pub fn push(&mut self, byte: u8) -> Option<Incoming> {
         let incoming = match self.deframer.push(byte)? {
             Ok((Channel::HelloQuery, _)) => Incoming::HelloQuery,
-            Ok((Channel::Command, body)) => match mcdpr_protocol::message::decode(body) {
+            Ok((Channel::Command, body)) => match mcdpr_protocol::message::decode_command(body) {
                 Some(command) => Incoming::Command(command),
                 None => Incoming::Damaged(FrameError::Malformed),
             },

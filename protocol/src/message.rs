@@ -1,5 +1,6 @@
 //! Requests, and what becomes of them.
 
+use crate::frame::{Channel, FrameError, MAX_FRAME, encode_frame};
 use crate::{
     BoardState, ConfigEntry, ConfigHash, FaultId, FaultRecord, Knot, List, Millinewtons, PerCable,
     Status, TenthMicrometres, Tick,
@@ -366,6 +367,30 @@ const _: () = {
     // maxima says nothing; the worst block has five cables.
     assert!(crate::telemetry::SAMPLE_BYTES + 2 + 5 + 5 + 1 + 5 * 5 <= MAX_BODY);
 };
+
+/// Decodes a request; `None` where the body is none, or has bytes to spare. A board's only decoder:
+/// compiled here, for size, and not where it is used, for speed.
+#[must_use]
+pub fn decode_command(body: &[u8]) -> Option<Command> {
+    decode(body)
+}
+
+/// Encodes an answer into a frame, as [`encode_frame`](crate::encode_frame) does; see
+/// [`decode_command`].
+///
+/// # Errors
+/// None: every answer fits.
+pub fn encode_answer(answer: &Answer, out: &mut [u8; MAX_FRAME]) -> Result<usize, FrameError> {
+    encode_frame(Channel::Answer, answer, out)
+}
+
+/// Encodes a state, as [`encode_answer`] does an answer.
+///
+/// # Errors
+/// None: every state fits.
+pub fn encode_status(status: &Status, out: &mut [u8; MAX_FRAME]) -> Result<usize, FrameError> {
+    encode_frame(Channel::Status, status, out)
+}
 
 /// Decodes a body that a frame carried; `None` where it is no such message, or has bytes to spare.
 #[must_use]

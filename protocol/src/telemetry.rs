@@ -1,5 +1,6 @@
 //! What the board tells without being asked: samples of every tick, and its state.
 
+use crate::frame::{Channel, FrameError, MAX_FRAME, encode_frame};
 use crate::{
     ConfigHash, FaultRecord, Limits, List, Milliamps, Millinewtons, PerCable, TenthMicrometres,
     Tick,
@@ -158,6 +159,15 @@ impl SampleBlock {
 
     fn put(&mut self, bytes: [u8; 2]) -> bool {
         bytes.into_iter().all(|byte| self.packed.push(byte).is_ok())
+    }
+
+    /// Encodes the block into a frame, as [`encode_answer`](crate::message::encode_answer) does an
+    /// answer.
+    ///
+    /// # Errors
+    /// None: every block fits.
+    pub fn encode(&self, out: &mut [u8; MAX_FRAME]) -> Result<usize, FrameError> {
+        encode_frame(Channel::Samples, self, out)
     }
 
     /// Unpacks: calls `each` with the tick and one sample per cable, in time order.

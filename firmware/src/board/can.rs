@@ -7,22 +7,16 @@
 //! (128 times 11 recessive bits); what that means for the robot is the core's to say (D1).
 
 use crate::interrupts;
-use core::mem;
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, AtomicU32, AtomicUsize, Ordering};
 use cortex_m::peripheral::NVIC;
-use embassy_stm32::Peri;
-use embassy_stm32::gpio::{Input, Pull};
-use embassy_stm32::interrupt;
-use embassy_stm32::interrupt::InterruptExt;
-use embassy_stm32::pac;
-use embassy_stm32::pac::afio::vals::SwjCfg;
-use embassy_stm32::pac::can::regs::{Mcr, Rfr, Tir, Tsr};
-use embassy_stm32::pac::gpio::vals::{CnfOut, Mode};
-use embassy_stm32::peripherals::{CAN, PB8, PB9};
 use heapless::spsc::{Consumer, Producer, Queue};
 use mcdpr_firmware::drives::{BusState, CanFrame, CanPort, Full};
 use static_cell::StaticCell;
+use stm32_metapac as pac;
+use stm32_metapac::can::regs::{Mcr, Rfr, Tir, Tsr};
+use stm32_metapac::gpio::vals::{CnfOut, Mode};
+use stm32_metapac::interrupt;
 
 /// Bit rate times its prescaler: 36 MHz in bits of 18 quanta.
 const QUANTA_HZ: u32 = 36_000_000 / 18;
@@ -31,8 +25,6 @@ const BEFORE_SAMPLE: u8 = 14;
 const AFTER_SAMPLE: u8 = 3;
 /// Quanta by which an edge may shift a bit.
 const JUMP: u8 = 2;
-/// Field of AFIO_MAPR: receive on PB8, transmit on PB9.
-const ON_B8_B9: u8 = 2;
 /// Loops until the controller is ready to be set up: it ends the frame under way, 0.3 ms at most.
 const PATIENCE: u32 = 5000;
 /// Ticks without a single frame that got through, while some wait: then they are void. A drive
@@ -68,8 +60,9 @@ struct Controller {
 
 static CONTROLLER: AtomicPtr<Controller> = AtomicPtr::new(ptr::null_mut());
 
-/// Gives the controller clock and pins; it joins the bus when it is given a bit rate.
-pub fn open(_can: Peri<'static, CAN>, rx: Peri<'static, PB8>, _tx: Peri<'static, PB9>) -> Bus {
+/// Gives the controller its pins, to which it was mapped, and its interrupts; its clock runs. It
+/// joins the bus when it is given a bit rate.
+pub fn open() -> Bus {
     static OUTGOING: StaticCell<Outgoing> = StaticCell::new();
     static INCOMING: StaticCell<Incoming> = StaticCell::new();
     static PLACE: StaticCell<Controller> = StaticCell::new();
@@ -81,25 +74,13 @@ pub fn open(_can: Peri<'static, CAN>, rx: Peri<'static, PB8>, _tx: Peri<'static,
     });
     CONTROLLER.store(controller, Ordering::Release);
 
-    pac::RCC.apb1enr().modify(|w| w.set_canen(true));
-    pac::AFIO.mapr().modify(|w| {
-        w.set_can1_remap(ON_B8_B9);
-        // This field can not be read back; all ones leave it as it is.
-        w.set_swj_cfg(SwjCfg::from_bits(7));
-    });
-    // Pulled up, a bus without transceiver idles.
-    mem::forget(Input::new(rx, Pull::Up));
+    // The receiving pin is pulled up: a bus without transceiver idles.
     pac::GPIOB.cr(1).modify(|w| {
         w.set_mode(1, Mode::OUTPUT50MHZ);
         w.set_cnf_out(1, CnfOut::ALT_PUSH_PULL);
     });
     for line in [interrupt::USB_HP_CAN1_TX, interrupt::USB_LP_CAN1_RX0] {
-        line.set_priority(interrupts::LINK);
-        #[allow(unsafe_code, reason = "enabling an interrupt")]
-        // SAFETY: its handler below is in place and all that it uses was just stored.
-        unsafe {
-            line.enable();
-        }
+        interrupts::enable_link(line);
     }
     Bus {
         outgoing,

@@ -18,14 +18,16 @@ use core::sync::atomic::{Ordering, compiler_fence};
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::register::{basepri, basepri_max};
-use embassy_stm32::interrupt::Priority;
+use stm32_metapac::Interrupt;
 
-/// Links.
-pub const LINK: Priority = Priority::P4;
-/// Whatever was not set.
-const OTHER: Priority = Priority::P8;
+/// Priorities as the registers hold them: the upper four bits of a byte.
+const TICK: u8 = 0;
 /// Of `BASEPRI`: masks priority 1 and below it.
-const BELOW_TICK: u8 = Priority::P1 as u8;
+const BELOW_TICK: u8 = 1 << 4;
+/// Links.
+const LINK: u8 = 4 << 4;
+/// Whatever was not set.
+const OTHER: u8 = 8 << 4;
 
 struct BelowTick;
 critical_section::set_impl!(BelowTick);
@@ -54,14 +56,26 @@ unsafe impl critical_section::Impl for BelowTick {
 pub fn lower_all(nvic: NVIC, mut scb: SCB) {
     for priority in &nvic.ipr {
         // SAFETY: no interrupt is enabled yet, so no priority changes under a running handler.
-        unsafe { priority.write(OTHER as u8) }
+        unsafe { priority.write(OTHER) }
     }
     for (handler, priority) in [
-        (SystemHandler::SysTick, Priority::P0),
+        (SystemHandler::SysTick, TICK),
         (SystemHandler::PendSV, OTHER),
         (SystemHandler::SVCall, OTHER),
     ] {
         // SAFETY: as above; SysTick is not yet counting.
-        unsafe { scb.set_priority(handler, priority as u8) }
+        unsafe { scb.set_priority(handler, priority) }
+    }
+}
+
+/// Enables the interrupt of a link. All that its handler uses is in place.
+pub fn enable_link(line: Interrupt) {
+    // SAFETY: the line is not enabled yet, so that its priority changes under no handler; its
+    // handler uses no critical section and shares nothing but atomics and its end of queues.
+    unsafe {
+        if let Some(priority) = (*NVIC::PTR).ipr.get(line as usize) {
+            priority.write(LINK);
+        }
+        NVIC::unmask(line);
     }
 }

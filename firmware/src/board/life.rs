@@ -1,12 +1,12 @@
 //! The watchdog: fed only when the tick and both halves of the link have shown life since.
 
 use core::sync::atomic::{AtomicU8, Ordering};
-use embassy_stm32::Peri;
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::wdg::IndependentWatchdog;
+use stm32_metapac as pac;
+use stm32_metapac::iwdg::vals::{Key, Pr};
 
-/// Its clock is 40 kHz, but a chip's may be 30 to 60 kHz: this nominal time is 25 to 50 ms.
-const TIMEOUT_US: u32 = 37_500;
+/// Its clock is 40 kHz divided by four, but a chip's may be 30 to 60 kHz: these 37.5 ms are 25 to
+/// 50 ms.
+const RELOAD: u16 = 375 - 1;
 
 /// Who must live.
 #[derive(Debug, Clone, Copy)]
@@ -30,21 +30,24 @@ pub fn show(part: Part) {
 }
 
 /// Feeds the watchdog.
-pub struct Keeper(IndependentWatchdog<'static, IWDG>);
+pub struct Keeper(());
 
 impl Keeper {
     /// Starts the watchdog; it can not be stopped again.
-    pub fn new(watchdog: Peri<'static, IWDG>) -> Self {
-        let mut watchdog = IndependentWatchdog::new(watchdog, TIMEOUT_US);
-        watchdog.unleash();
-        Self(watchdog)
+    pub fn new() -> Self {
+        let watchdog = pac::IWDG;
+        watchdog.kr().write(|w| w.set_key(Key::ENABLE));
+        watchdog.pr().write(|w| w.set_pr(Pr::DIVIDE_BY4));
+        watchdog.rlr().write(|w| w.set_rl(RELOAD));
+        watchdog.kr().write(|w| w.set_key(Key::START));
+        Self(())
     }
 
     /// Feeds it if every part has lived since it was last fed.
     pub fn feed(&mut self) {
         if SEEN.load(Ordering::Relaxed) == ALL {
             SEEN.store(0, Ordering::Relaxed);
-            self.0.pet();
+            pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
         }
     }
 }

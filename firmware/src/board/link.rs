@@ -9,13 +9,12 @@ use crate::life::{self, Keeper, Part};
 use crate::pins::CABLES;
 use crate::uart::{self, Ring, Sender};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use embassy_stm32::Peri;
-use embassy_stm32::peripherals::IWDG;
 use heapless::spsc::{Consumer, Producer, Queue};
 use mcdpr_firmware::sampler::{Row, Sampler};
 use mcdpr_firmware::server::{Incoming, LinkCounters, Receiver};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
-use mcdpr_protocol::{Answer, Channel, Command, Hello, SampleBlock, Status, Tick, encode_frame};
+use mcdpr_protocol::message::{encode_answer, encode_status};
+use mcdpr_protocol::{Answer, Channel, Command, Hello, SampleBlock, Status, Tick};
 use static_cell::StaticCell;
 
 /// The tick's ends of the queues.
@@ -112,13 +111,7 @@ pub struct Link {
 
 impl Link {
     /// From its parts; starts the watchdog.
-    pub fn new(
-        ends: LinkEnds,
-        sender: Sender,
-        ring: Ring,
-        hello: Hello,
-        watchdog: Peri<'static, IWDG>,
-    ) -> &'static mut Self {
+    pub fn new(ends: LinkEnds, sender: Sender, ring: Ring, hello: Hello) -> &'static mut Self {
         // Not on the stack: it lives for good.
         static PLACE: StaticCell<Link> = StaticCell::new();
         PLACE.init_with(|| Self {
@@ -134,7 +127,7 @@ impl Link {
             sender,
             ring,
             receiver: Receiver::default(),
-            keeper: Keeper::new(watchdog),
+            keeper: Keeper::new(),
             line_errors: 0,
             error_at: None,
         })
@@ -229,15 +222,15 @@ impl Out {
         let used = if HELLO_DUE.swap(false, Ordering::Relaxed) {
             encode_bytes(Channel::Hello, &self.hello.to_bytes(), frame)
         } else if let Some(answer) = self.answers.peek() {
-            let used = encode_frame(Channel::Answer, answer, frame);
+            let used = encode_answer(answer, frame);
             self.answers.dequeue();
             used
         } else if let Some(status) = self.states.peek() {
-            let used = encode_frame(Channel::Status, status, frame);
+            let used = encode_status(status, frame);
             self.states.dequeue();
             used
         } else if let Some(block) = &self.block {
-            let used = encode_frame(Channel::Samples, block, frame);
+            let used = block.encode(frame);
             self.block = None;
             used
         } else {

@@ -22,85 +22,93 @@
 //! | PC13 | status LED | input | low lights |
 //! | PD0, PD1 | 8 MHz crystal | oscillator | |
 //!
-//! Every output floats from reset until `Pins::new`: the brakes' pull-downs (10 kOhm) keep the
+//! Every output floats from reset until `set_up`: the brakes' pull-downs (10 kOhm) keep the
 //! drivers off meanwhile. An emergency stop that is not wired reads as pressed.
 //!
-//! LED: on while armed; one second on, one off when disarmed; 4 Hz at a fault or emergency stop.
+//! LED: on while armed; a second on, a second off when disarmed; 4 Hz at a fault or emergency stop.
 
-use embassy_stm32::Peri;
-use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
-use embassy_stm32::pac;
-use embassy_stm32::peripherals::{PA3, PA10, PB5, PC13};
 use mcdpr_firmware::{Brake, Outputs, State};
 use mcdpr_protocol::Tick;
+use stm32_metapac as pac;
+use stm32_metapac::gpio::Gpio;
+use stm32_metapac::gpio::regs::{Bsrr, Cr};
 
 /// First of the four brake pins, in port B.
-const FIRST_BRAKE: usize = 12;
+const FIRST_BRAKE: u32 = 12;
+/// All four.
+const BRAKES: u32 = 0xF << FIRST_BRAKE;
 /// Winches of this board.
 pub const CABLES: usize = 4;
 
-/// Digital inputs and outputs.
-pub struct Pins {
-    brakes: [Output<'static>; CABLES],
-    gripper: Output<'static>,
-    gripper_switch: Input<'static>,
-    e_stop: Input<'static>,
-    led: Output<'static>,
+/// Pin 3 of port A, and so on: bits of their ports.
+const GRIPPER_SWITCH: u32 = 1 << 3;
+const GRIPPER: u32 = 1 << 10;
+const E_STOP: u32 = 1 << 5;
+const LED: u32 = 1 << 13;
+const CAN_RX: u32 = 1 << 8;
+const LINK_RX: u32 = 1 << 11;
+
+/// Configures every pin but the two that CAN and link take over once they drive them: brakes
+/// closed, gripper open, LED dark. The ports' clocks run.
+pub fn set_up() {
+    // Levels first: pull-ups, and what outputs start with.
+    set(pac::GPIOA, GRIPPER_SWITCH, GRIPPER);
+    set(pac::GPIOB, E_STOP | CAN_RX | LINK_RX, 0);
+    close_brakes();
+    set(pac::GPIOC, LED, 0);
+    // Four bits a pin, pin 0 last: 0 analog, 2 output of 2 MHz, 4 floating input, 8 input with pull.
+    pac::GPIOA.cr(0).write_value(Cr(0x4400_8444));
+    pac::GPIOA.cr(1).write_value(Cr(0x4444_4244));
+    pac::GPIOB.cr(0).write_value(Cr(0x4484_4400));
+    pac::GPIOB.cr(1).write_value(Cr(0x2222_8448));
+    pac::GPIOC.cr(1).write_value(Cr(0x4424_4444));
 }
 
-impl Pins {
-    /// Brakes closed, gripper open, LED dark.
-    pub fn new(
-        brakes: [Peri<'static, AnyPin>; CABLES],
-        gripper: Peri<'static, PA10>,
-        gripper_switch: Peri<'static, PA3>,
-        e_stop: Peri<'static, PB5>,
-        led: Peri<'static, PC13>,
-    ) -> Self {
-        Self {
-            brakes: brakes.map(|pin| Output::new(pin, Level::Low, Speed::Low)),
-            gripper: Output::new(gripper, Level::Low, Speed::Low),
-            gripper_switch: Input::new(gripper_switch, Pull::Up),
-            e_stop: Input::new(e_stop, Pull::Up),
-            led: Output::new(led, Level::High, Speed::Low),
-        }
-    }
+/// Raises some pins of a port and lowers others, at once.
+fn set(port: Gpio, high: u32, low: u32) {
+    port.bsrr().write_value(Bsrr(high | (low << 16)));
+}
 
-    /// Whether the emergency stop is pressed, or its wire is broken.
-    pub fn e_stop(&self) -> bool {
-        self.e_stop.is_high()
-    }
+fn is_high(port: Gpio, pin: u32) -> bool {
+    port.idr().read().0 & pin != 0
+}
 
-    /// Whether the gripper's switch is closed.
-    pub fn gripper_switch(&self) -> bool {
-        self.gripper_switch.is_low()
-    }
+/// Whether the emergency stop is pressed, or its wire is broken.
+pub fn e_stop() -> bool {
+    is_high(pac::GPIOB, E_STOP)
+}
 
-    /// Sets brakes and gripper.
-    pub fn apply(&mut self, outputs: &Outputs<CABLES>) {
-        for (pin, brake) in self.brakes.iter_mut().zip(outputs.brakes) {
-            pin.set_level(Level::from(brake == Brake::Open));
-        }
-        self.gripper.set_level(Level::from(outputs.gripper_closed));
-    }
+/// Whether the gripper's switch is closed.
+pub fn gripper_switch() -> bool {
+    !is_high(pac::GPIOA, GRIPPER_SWITCH)
+}
 
-    /// Shows the state.
-    pub fn show(&mut self, state: State, now: Tick) {
-        let lit = match state {
-            State::Boot => false,
-            State::Disarmed => now.0 % 2000 < 1000,
-            State::Fault | State::EStop => now.0 % 250 < 125,
-            _ => true,
-        };
-        self.led.set_level(Level::from(!lit));
+/// Sets brakes and gripper.
+pub fn apply(outputs: &Outputs<CABLES>) {
+    let mut open = 0;
+    for brake in outputs.brakes.iter().rev() {
+        open = (open << 1) | u32::from(*brake == Brake::Open);
     }
+    let open = open << FIRST_BRAKE;
+    set(pac::GPIOB, open, BRAKES & !open);
+    let gripper = u32::from(outputs.gripper_closed) * GRIPPER;
+    set(pac::GPIOA, gripper, GRIPPER & !gripper);
+}
+
+/// Shows the state.
+pub fn show(state: State, now: Tick) {
+    let lit = match state {
+        State::Boot => false,
+        // About a second, and an eighth of one.
+        State::Disarmed => now.0 & 1024 != 0,
+        State::Fault | State::EStop => now.0 & 128 != 0,
+        _ => true,
+    };
+    let low = u32::from(lit) * LED;
+    set(pac::GPIOC, LED & !low, low);
 }
 
 /// Closes every brake, in one write and without any state: for handlers of fatal errors.
 pub fn close_brakes() {
-    pac::GPIOB.bsrr().write(|w| {
-        for pin in FIRST_BRAKE..FIRST_BRAKE + CABLES {
-            w.set_br(pin, true);
-        }
-    });
+    set(pac::GPIOB, 0, BRAKES);
 }

@@ -5,19 +5,21 @@ use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 // The log's transport registers itself.
 use defmt_rtt as _;
-use embassy_stm32::Config;
-use embassy_stm32::gpio::SwjCfg;
-use embassy_stm32::rcc::{
-    ADCPrescaler, AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPreDiv, PllSource,
-    Sysclk,
-};
-use embassy_stm32::time::Hertz;
 use mcdpr_firmware::drives::DriveBus;
+use stm32_metapac as pac;
+use stm32_metapac::afio::vals::SwjCfg;
+use stm32_metapac::flash::vals::Latency;
+use stm32_metapac::rcc::vals::{Adcpre, Pllmul, Pllsrc, Ppre, Sw};
 
 /// Core clock, Hz.
 pub const CORE_HZ: u32 = 72_000_000;
+/// Clock of the slower half of the peripherals, Hz.
+pub const APB1_HZ: u32 = CORE_HZ / 2;
 /// Core clock cycles of one control tick.
 pub const CYCLES_PER_TICK: u32 = CORE_HZ / 1000;
+
+/// Field of AFIO_MAPR: receive on PB8, transmit on PB9.
+const CAN_ON_B8_B9: u8 = 2;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
@@ -37,37 +39,19 @@ fn bring_up() -> (&'static mut link::Link, SYST) {
     interrupts::lower_all(core.NVIC, core.SCB);
     tick::start_cycle_counter(core.DCB, core.DWT);
 
-    let p = embassy_stm32::init(clocks());
-    watch_clock();
-    let pins = pins::Pins::new(
-        [p.PB12.into(), p.PB13.into(), p.PB14.into(), p.PB15.into()],
-        p.PA10,
-        p.PA3,
-        p.PB5,
-        p.PC13,
-    );
-    let encoders = encoders::Encoders::new(
-        (p.TIM1, p.PA8, p.PA9),
-        (p.TIM2, p.PA0, p.PA1),
-        (p.TIM3, p.PA6, p.PA7),
-        (p.TIM4, p.PB6, p.PB7),
-    );
-    tension::start(
-        p.ADC1,
-        p.DMA1_CH1,
-        [p.PA4.into(), p.PA5.into(), p.PB0.into(), p.PB1.into()],
-    );
-    let (sender, ring) = uart::open(p.USART3, p.PB10, p.PB11, p.DMA1_CH2, p.DMA1_CH3);
+    clocks();
+    pins::set_up();
+    encoders::start();
+    tension::start();
+    let (sender, ring) = uart::open();
 
     let (for_tick, for_link) = link::queues();
     let rim = tick::Rim {
-        pins,
-        encoders,
-        can: can::open(p.CAN, p.PB8, p.PB9),
+        can: can::open(),
         drives: DriveBus::default(),
     };
     tick::hand_over(rim, for_tick, &reset);
-    let link = link::Link::new(for_link, sender, ring, identity::hello(&reset), p.IWDG);
+    let link = link::Link::new(for_link, sender, ring, identity::hello(&reset));
 
     let mut syst = core.SYST;
     syst.set_clock_source(SystClkSource::Core);
@@ -78,29 +62,51 @@ fn bring_up() -> (&'static mut link::Link, SYST) {
     (link, syst)
 }
 
-/// 72 MHz from the 8 MHz crystal; both APB within their limits; ADC at 12 MHz of at most 14.
-fn clocks() -> Config {
-    let mut config = Config::default();
-    config.rcc.hse = Some(Hse {
-        freq: Hertz(8_000_000),
-        mode: HseMode::Oscillator,
+/// 72 MHz from the 8 MHz crystal; both APB within their limits; ADC at 12 MHz of at most 14. Then
+/// clocks for all that is used, and CAN on PB8 and PB9. After a reset the chip runs from its own
+/// oscillator of 8 MHz.
+fn clocks() {
+    let rcc = pac::RCC;
+    pac::FLASH.acr().write(|w| {
+        w.set_latency(Latency::WS2);
+        w.set_prftbe(true);
     });
-    config.rcc.pll = Some(Pll {
-        src: PllSource::HSE,
-        prediv: PllPreDiv::DIV1,
-        mul: PllMul::MUL9,
+    rcc.cr().modify(|w| w.set_hseon(true));
+    while !rcc.cr().read().hserdy() {}
+    rcc.cfgr().write(|w| {
+        w.set_pllmul(Pllmul::MUL9);
+        w.set_pllsrc(Pllsrc::HSE_DIV_PREDIV);
+        w.set_ppre1(Ppre::DIV2);
+        w.set_adcpre(Adcpre::DIV6);
     });
-    config.rcc.sys = Sysclk::PLL1_P;
-    config.rcc.ahb_pre = AHBPrescaler::DIV1;
-    config.rcc.apb1_pre = APBPrescaler::DIV2;
-    config.rcc.apb2_pre = APBPrescaler::DIV1;
-    config.rcc.adc_pre = ADCPrescaler::DIV6;
-    config.swj = SwjCfg::SwdOnly;
-    config.bdma_interrupt_priority = interrupts::LINK;
-    config
-}
-
-/// A crystal that stops raises an NMI, which closes the brakes (P6).
-fn watch_clock() {
-    embassy_stm32::pac::RCC.cr().modify(|w| w.set_csson(true));
+    // A crystal that stops raises an NMI, which closes the brakes (P6).
+    rcc.cr().modify(|w| {
+        w.set_pllon(true);
+        w.set_csson(true);
+    });
+    while !rcc.cr().read().pllrdy() {}
+    rcc.cfgr().modify(|w| w.set_sw(Sw::PLL1_P));
+    while rcc.cfgr().read().sws() != Sw::PLL1_P {}
+    rcc.ahbenr().modify(|w| w.set_dma1en(true));
+    rcc.apb1enr().write(|w| {
+        w.set_tim2en(true);
+        w.set_tim3en(true);
+        w.set_tim4en(true);
+        w.set_usart3en(true);
+        w.set_canen(true);
+    });
+    rcc.apb2enr().write(|w| {
+        w.set_afioen(true);
+        w.set_gpioaen(true);
+        w.set_gpioben(true);
+        w.set_gpiocen(true);
+        w.set_adc1en(true);
+        w.set_tim1en(true);
+    });
+    pac::AFIO.mapr().write(|w| {
+        w.set_can1_remap(CAN_ON_B8_B9);
+        w.set_swj_cfg(SwjCfg::JTAG_DISABLE);
+    });
+    // A probe can read the log while the processor sleeps.
+    pac::DBGMCU.cr().modify(|w| w.set_dbg_sleep(true));
 }

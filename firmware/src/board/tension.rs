@@ -8,15 +8,11 @@
 //! halves of a word: the lower one can not carry into the upper one.
 
 use crate::pins::CABLES;
-use core::mem;
+use crate::start::CORE_HZ;
 use core::sync::atomic::{AtomicU32, Ordering, fence};
-use embassy_stm32::Peri;
-use embassy_stm32::adc::Adc;
-use embassy_stm32::gpio::{AnyPin, Flex};
-use embassy_stm32::pac;
-use embassy_stm32::pac::adc::vals::SampleTime;
-use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
-use embassy_stm32::peripherals::{ADC1, DMA1_CH1};
+use stm32_metapac as pac;
+use stm32_metapac::adc::vals::SampleTime;
+use stm32_metapac::bdma::vals::{Dir, Pl, Size};
 
 /// ADC channels of PA4, PA5, PB0, PB1.
 const CHANNELS: [u8; CABLES] = [4, 5, 8, 9];
@@ -35,21 +31,17 @@ const _: () = assert!(TRANSFERS as usize == SAMPLES);
 /// Written by DMA, cable 1 first (in the lower half of its word), scan after scan.
 static RING: [AtomicU32; SAMPLES / 2] = [const { AtomicU32::new(0) }; SAMPLES / 2];
 
-/// Calibrates, then starts scanning for good.
-pub fn start(
-    adc: Peri<'static, ADC1>,
-    _dma: Peri<'static, DMA1_CH1>,
-    pins: [Peri<'static, AnyPin>; CABLES],
-) {
-    for pin in pins {
-        let mut pin = Flex::new(pin);
-        pin.set_as_analog();
-        mem::forget(pin);
-    }
-    // The driver powers up and calibrates; dropped, it would switch off again.
-    mem::forget(Adc::new(adc));
-
+/// Calibrates, then starts scanning for good. The clocks of ADC and DMA run.
+pub fn start() {
     let adc = pac::ADC1;
+    adc.cr2().modify(|w| w.set_adon(true));
+    // Two cycles of its clock at least (RM0008, 11.4); it takes a microsecond to power up.
+    cortex_m::asm::delay(CORE_HZ / 500_000);
+    adc.cr2().modify(|w| w.set_rstcal(true));
+    while adc.cr2().read().rstcal() {}
+    adc.cr2().modify(|w| w.set_cal(true));
+    while adc.cr2().read().cal() {}
+
     let channel = pac::DMA1.ch(0);
     channel.par().write_value(adc.dr().as_ptr() as u32);
     channel.mar().write_value(RING.as_ptr() as u32);

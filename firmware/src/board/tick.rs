@@ -3,13 +3,12 @@
 //! Order within a tick: read, step, apply, so that outputs follow inputs at a constant distance;
 //! then requests, which act from the next tick on; then what there is to tell.
 
-use crate::encoders::Encoders;
 use crate::identity::{self, Reset};
 use crate::life::{self, Part};
 use crate::link::{self, TickEnds};
-use crate::pins::{self, CABLES, Pins};
+use crate::pins::{self, CABLES};
 use crate::start::CYCLES_PER_TICK;
-use crate::{can, tension};
+use crate::{can, encoders, tension};
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
 use cortex_m::peripheral::{DCB, DWT};
@@ -40,10 +39,6 @@ pub fn start_cycle_counter(mut dcb: DCB, mut dwt: DWT) {
 
 /// The rim: pins, counters and drives.
 pub struct Rim {
-    /// Digital inputs and outputs.
-    pub pins: Pins,
-    /// Drum encoders.
-    pub encoders: Encoders,
     /// The drives' bus.
     pub can: can::Bus,
     /// What the drives are told and what they say.
@@ -57,10 +52,10 @@ impl Board<CABLES> for Rim {
 
     fn read(&mut self) -> Inputs<CABLES> {
         let mut inputs = Inputs {
-            encoders: self.encoders.read(),
+            encoders: encoders::read(),
             tension_adc: tension::read(),
-            e_stop: self.pins.e_stop(),
-            gripper_switch: self.pins.gripper_switch(),
+            e_stop: pins::e_stop(),
+            gripper_switch: pins::gripper_switch(),
             line_errors: link::take_line_errors(),
             ..Inputs::default()
         };
@@ -71,7 +66,7 @@ impl Board<CABLES> for Rim {
     }
 
     fn apply(&mut self, outputs: &Outputs<CABLES>) {
-        self.pins.apply(outputs);
+        pins::apply(outputs);
     }
 
     fn safe_off(&mut self) {
@@ -154,7 +149,7 @@ impl Core {
             link::drop_telemetry();
         }
         let state = self.server.controller().state();
-        self.rim.pins.show(state, now);
+        pins::show(state, now);
     }
 }
 

@@ -1,25 +1,24 @@
 //! The host link: USART3 at 921600 baud, DMA in both directions.
 //!
-//! The driver sets the line up. Its ring of received bytes is not used: that waits for the line to
-//! idle and then reads the data register to clear the flag, which can take a byte away from DMA.
-//! Here DMA alone ever reads that register. It fills a ring without end and without interrupts, and the
-//! link looks every tick how far it came: 92 bytes at most, of 512.
+//! DMA alone ever reads the data register: to read it for a flag's sake could take a byte away from
+//! DMA. It fills a ring without end and without interrupts, and the link looks every tick how far
+//! it came: 92 bytes at most, of 512.
 
 use crate::interrupts;
-use core::mem;
+use crate::start::APB1_HZ;
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering, fence};
-use embassy_stm32::gpio::{Input, Pull};
-use embassy_stm32::interrupt::InterruptExt;
-use embassy_stm32::pac;
-use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
-use embassy_stm32::peripherals::{DMA1_CH2, DMA1_CH3, PB10, PB11, USART3};
-use embassy_stm32::usart::{Config, UartTx};
-use embassy_stm32::{Peri, interrupt};
 use mcdpr_protocol::Tick;
 use mcdpr_protocol::frame::MAX_FRAME;
 use static_cell::StaticCell;
+use stm32_metapac as pac;
+use stm32_metapac::bdma::vals::{Dir, Pl, Size};
+use stm32_metapac::gpio::vals::{CnfOut, Mode};
+use stm32_metapac::interrupt;
 
 const BAUD: u32 = 921_600;
+/// The line's clock per bit: 39.06, so the line is 0.16 % fast.
+const DIVISOR: u16 = 39;
+const _: () = assert!(APB1_HZ / BAUD == DIVISOR as u32 && APB1_HZ % BAUD < BAUD / 10);
 const RING: usize = 512;
 /// The same for the DMA's counter.
 const TRANSFERS: u16 = 512;
@@ -52,25 +51,21 @@ pub struct Ring {
     looked: Tick,
 }
 
-/// Opens the line and starts receiving.
-pub fn open(
-    usart: Peri<'static, USART3>,
-    tx: Peri<'static, PB10>,
-    rx: Peri<'static, PB11>,
-    _tx_dma: Peri<'static, DMA1_CH2>,
-    _rx_dma: Peri<'static, DMA1_CH3>,
-) -> (Sender, Ring) {
-    let mut config = Config::default();
-    config.baudrate = BAUD;
-    let Ok(driver) = UartTx::new_blocking(usart, tx, config) else {
-        crate::fatal::stop("no such baud rate")
-    };
-    // Dropped, it would switch the line off again.
-    mem::forget(driver);
-    // Pulled up, a line that is not connected idles instead of receiving noise.
-    mem::forget(Input::new(rx, Pull::Up));
-
+/// Opens the line and starts receiving. The clocks of USART and DMA run.
+pub fn open() -> (Sender, Ring) {
     let usart = pac::USART3;
+    usart.brr().write(|w| w.set_brr(DIVISOR));
+    usart.cr1().write(|w| {
+        w.set_ue(true);
+        w.set_te(true);
+    });
+    // The transmitter idles high by now. The receiving pin is pulled up: a line that is not
+    // connected idles instead of receiving noise.
+    pac::GPIOB.cr(1).modify(|w| {
+        w.set_mode(2, Mode::OUTPUT10MHZ);
+        w.set_cnf_out(2, CnfOut::ALT_PUSH_PULL);
+    });
+
     let channel = pac::DMA1.ch(RECEIVE_CHANNEL);
     channel.par().write_value(usart.dr().as_ptr() as u32);
     channel.mar().write_value(BYTES.as_ptr() as u32);
@@ -100,12 +95,7 @@ pub fn open(
     channel.par().write_value(usart.dr().as_ptr() as u32);
     static FRAME: StaticCell<[u8; MAX_FRAME]> = StaticCell::new();
     let frame = FRAME.init_with(|| [0; MAX_FRAME]);
-    interrupt::DMA1_CHANNEL2.set_priority(interrupts::LINK);
-    #[allow(unsafe_code, reason = "enabling an interrupt")]
-    // SAFETY: its handler below is in place.
-    unsafe {
-        interrupt::DMA1_CHANNEL2.enable();
-    }
+    interrupts::enable_link(interrupt::DMA1_CHANNEL2);
     (Sender { frame }, ring)
 }
 
