@@ -13,8 +13,9 @@ const ENABLE_GRACE_MS: u32 = 500;
 const PRELOAD_MS: u32 = 30;
 /// Milliseconds for the test of the brakes, at most.
 const PROOF_MS: u32 = 500;
-/// Milliseconds for the platform to come to rest after the drums were stirred.
-const SETTLE_MS: u32 = 200;
+/// Milliseconds for the platform to come to rest after the drums were stirred: some of its stiff
+/// modes, near 10 Hz, ring on for half a second.
+const SETTLE_MS: u32 = 500;
 /// Milliseconds over which brakes are given to open.
 const OPEN_MS: u32 = 50;
 /// Tension may differ from what the static model expects by this, mN, or by a fifth of it (S10).
@@ -164,7 +165,7 @@ impl Arming {
 /// A quarter of a lobe of the stirring motion, ticks.
 const QUARTER: u32 = 10;
 /// Encoder counts that a drum is stirred by.
-const STIR_COUNTS: i64 = 3;
+const STIR_COUNTS: i64 = 2;
 /// Most that a drum is stirred by, 0.1 µm, however coarse its encoder.
 const STIR_MOST: i64 = 20_000;
 

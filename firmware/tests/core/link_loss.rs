@@ -134,7 +134,7 @@ fn l9_a_gap_under_100_ms_leaves_the_motion_alone() {
 fn l10_a_host_that_returns_while_the_robot_holds_clears_and_goes_on_along_the_path() {
     let mut bench = Bench::moving(4000, 500);
     bench.beats = false;
-    bench.until(State::Holding, 1000);
+    bench.until(State::Holding, 1500);
     assert_eq!(
         bench.request(Request::ClearFault),
         Err(Reject::CauseRemains {

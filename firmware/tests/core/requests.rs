@@ -35,7 +35,7 @@ fn bench_in(state: State) -> Bench {
         }
         State::Holding | State::Moving | State::Pausing | State::Stopping => {
             bench.arm().unwrap();
-            bench.until(State::Holding, 1000);
+            bench.until(State::Holding, 1500);
             bench.buffer(4000, false);
             if state != State::Holding {
                 bench.request(Request::Start).unwrap();
@@ -50,7 +50,7 @@ fn bench_in(state: State) -> Bench {
         }
         State::Fault => {
             bench.arm().unwrap();
-            bench.until(State::Holding, 1000);
+            bench.until(State::Holding, 1500);
             bench.tamper = |i| i.drives[0].fault = true;
             bench.until(State::Fault, 1000);
             bench.tamper = |_| {};
@@ -305,7 +305,7 @@ fn k4_a_start_400_m_away_is_not_taken_for_a_small_gap() {
         .unwrap();
     let config_hash = crate::support::hash_of(&all);
     bench.request(Request::Arm { config_hash }).unwrap();
-    bench.until(State::Holding, 1000);
+    bench.until(State::Holding, 1500);
     let away = Request::Knot(knot(0, 0, false, &[(-far, 0); CABLES]));
     assert!(matches!(
         bench.request(away),

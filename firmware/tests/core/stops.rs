@@ -114,7 +114,7 @@ fn p7_the_emergency_stop_acts_in_its_tick_in_every_phase_and_needs_a_release_and
         assert_eq!(bench.request(Request::ClearFault), Ok(Reply::Done));
         assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));
         bench.arm().unwrap();
-        bench.until(State::Holding, 1000);
+        bench.until(State::Holding, 1500);
     }
 }
 
@@ -124,7 +124,7 @@ fn a_hold_rests_on_the_path_and_a_resume_ends_where_the_motion_ends() {
     straight.until(State::Holding, 4000);
     let mut bench = Bench::moving(2000, 700);
     bench.stop(StopKind::Hold);
-    let ticks = bench.until(State::Holding, 1000);
+    let ticks = bench.until(State::Holding, 1500);
     assert!(ticks <= STOP_MS, "{ticks}");
     let rest = bench.status().setpoints;
     bench.run(500);
@@ -147,7 +147,7 @@ fn k6_a_buffer_that_runs_empty_holds_with_its_fault_and_takes_a_new_motion_after
         (bench.state(), bench.fault()),
         (State::Pausing, Some(FaultId::K6))
     );
-    let ticks = bench.until(State::Holding, 1000);
+    let ticks = bench.until(State::Holding, 1500);
     assert!(ticks <= STOP_MS + 1, "{ticks}");
     assert!(
         bench.all_brakes(Brake::Open) && bench.any_torque(),

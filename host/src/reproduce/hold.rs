@@ -5,7 +5,7 @@ use crate::calibration::study::median;
 use crate::experiment;
 use crate::link::{Client, Event, SimulatedLink};
 use crate::machine::{self, Firmware, Mismatch};
-use crate::motion::Model;
+use crate::motion::{Model, PlanOptions, Tensioning};
 use crate::report::chart::{Chart, Curve};
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::{Request, SessionId};
@@ -131,7 +131,12 @@ fn conditions(
     push: bool,
     of: fn(&Trace, f64) -> Vec<f64>,
 ) -> Result<(Trace, f64, [String; 3]), ReproduceError> {
-    let model = Model::new(&paper_robot()?)?;
+    // The paper holds 10 N, wherever the robot hangs.
+    let options = PlanOptions {
+        tensioning: Tensioning::Setpoint,
+        ..PlanOptions::default()
+    };
+    let model = Model::new(&paper_robot()?)?.with_options(options);
     let setpoint_n = model.robot().tension.setpoint_n;
     let ideal = hold(&model, &Mismatch::default(), bench.seed, push, None)?;
     let real: Result<Vec<_>, ReproduceError> = (0..bench.seeds)
