@@ -88,6 +88,19 @@ pub(crate) fn load(bytes: &[u8]) -> Result<Image, LoadError> {
     Ok(Image { flash, rtt })
 }
 
+/// What a firmware file (ELF) puts into flash, from 0x08000000 on, without the erased rest: what a
+/// debug probe has to write.
+///
+/// # Errors
+/// The file is no firmware for this chip.
+pub fn flash_image(elf: &[u8]) -> Result<Vec<u8>, LoadError> {
+    let mut flash = load(elf)?.flash;
+    let used = flash.iter().rposition(|byte| *byte != 0xFF);
+    // Flash is written by half-words.
+    flash.truncate(used.map_or(0, |last| (last + 2) & !1));
+    Ok(flash)
+}
+
 /// Value of a symbol.
 fn symbol(file: &File<'_>, name: &[u8]) -> Result<Option<u32>, LoadError> {
     let sections = file.word(32)? as usize;

@@ -32,4 +32,5 @@ pub use board::{ChipBoard, SharedChip};
 pub use chip::{CanErrors, Chip, Pins, Port, TickStats};
 pub use device::can_line::{CanFrame, CanWiring};
 pub use device::gpio::Drive;
+pub use elf::flash_image;
 pub use error::{LoadError, ResetBy, Stop};

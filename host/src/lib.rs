@@ -20,6 +20,8 @@
 //! | [`sight`] | tags in the camera's pictures |
 //! | [`pick`] | bin picking: look, choose, take, carry, release |
 //! | [`study`] | studies in the simulator that the documents quote |
+//! | [`doctor`] | what is there, part by part, and what to do where it is not |
+//! | [`flash`] | the board's firmware: checked, then written through a debug probe |
 //! | [`service`] | work on one unloaded winch |
 //! | [`units`] | numbers with units as people type them |
 //! | [`cli`] | the command line |
@@ -27,8 +29,10 @@
 pub mod calibration;
 pub mod cli;
 pub mod control;
+pub mod doctor;
 pub mod estimate;
 pub mod experiment;
+pub mod flash;
 pub mod link;
 pub mod machine;
 pub mod motion;

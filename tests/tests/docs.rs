@@ -14,6 +14,14 @@ const NOT_RUN: &[(&str, &str)] = &[
         "serves until it is interrupted; tests/tests/program.rs runs it with a client",
     ),
     (
+        "mcdpr flash --list",
+        "needs the feature `flash` and a probe; tests/tests/doctor.rs runs what needs none",
+    ),
+    (
+        "mcdpr flash target/",
+        "needs a probe; tests/tests/doctor.rs runs what needs none",
+    ),
+    (
         "mcdpr serve",
         "serves until it is interrupted; tests/tests/page.rs looks at it in a browser",
     ),

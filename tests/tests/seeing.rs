@@ -190,6 +190,7 @@ fn help_completions_and_manual_name_every_command() {
     };
     let way = [
         "ports",
+        "doctor",
         "config",
         "calibrate",
         "run",

@@ -17,11 +17,13 @@ mod commission;
 mod compute;
 mod config;
 mod demo;
+mod doctor;
 mod emulate;
 mod estimate;
 mod experiment;
 mod export;
 mod faults;
+mod flash;
 #[cfg(unix)]
 mod monitor;
 mod movement;
@@ -179,6 +181,9 @@ enum Command {
     Sim(sim::Cmd),
     Emulate(emulate::Cmd),
     Ports(ports::Cmd),
+    Doctor(doctor::Cmd),
+    #[cfg_attr(not(feature = "flash"), command(hide = true))]
+    Flash(flash::Cmd),
     States(states::Cmd),
     Study(study::Cmd),
     Faults(faults::Cmd),
@@ -275,6 +280,8 @@ pub fn main() -> ExitCode {
         Command::Sim(cmd) => cmd.run(common),
         Command::Emulate(cmd) => cmd.run(common),
         Command::Ports(cmd) => cmd.run(common),
+        Command::Doctor(cmd) => cmd.run(common),
+        Command::Flash(cmd) => cmd.run(common),
         Command::States(cmd) => cmd.run(common),
         Command::Study(cmd) => cmd.run(common),
         Command::Faults(cmd) => cmd.run(common),

@@ -16,6 +16,17 @@ pub(crate) struct Machine {
     machine: Option<String>,
 }
 
+impl Machine {
+    /// The machine as it was really built: another one than the robot file says, where that was
+    /// asked for.
+    pub(crate) fn really(&self, robot: &Robot) -> miette::Result<Robot> {
+        match &self.machine {
+            Some(name) => Ok(Robot::find(name)?),
+            None => Ok(robot.clone()),
+        }
+    }
+}
+
 /// A connected board and, where it is simulated in this process, the simulation behind it.
 pub(crate) type Connected = (Client<Box<dyn Link>>, Option<SimulatedLink>);
 
@@ -31,10 +42,7 @@ pub(crate) fn connected(
             Box::new(SerialLink::open(&common.on).map_err(crate::link::ClientError::from)?);
         return Ok((Client::connect(link, new_session())?, None));
     }
-    let real = match &machine.machine {
-        Some(name) => Robot::find(name)?,
-        None => robot.clone(),
-    };
+    let real = machine.really(robot)?;
     let options = LinkOptions::default();
     let simulation =
         machine::simulate_unloaded(&real, &Mismatch::realistic(), &options, common.seed)

@@ -67,6 +67,16 @@ impl Firmware {
         &self.bytes
     }
 
+    /// What the file puts into flash, from flash's start, without the erased rest.
+    #[must_use]
+    pub fn flash(&self) -> Vec<u8> {
+        #[cfg(feature = "emulator")]
+        let flash = mcdpr_emulator::flash_image(&self.bytes).unwrap_or_default();
+        #[cfg(not(feature = "emulator"))]
+        let flash = Vec::new();
+        flash
+    }
+
     /// The file at `path`; else the one that MCDPR_FIRMWARE names; else the one that `cargo fw`
     /// built.
     ///

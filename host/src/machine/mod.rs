@@ -7,7 +7,9 @@ mod plant;
 
 pub use board::{OutOfRange, configuration, hash_of, reference};
 pub use firmware::{Firmware, FirmwareError, choose_firmware, chosen_firmware};
-pub use plant::{Mismatch, hang, plant_params, simulate, simulate_unloaded, with_board};
+pub use plant::{
+    Mismatch, hang, plant_params, simulate, simulate_unloaded, simulate_unloaded_on, with_board,
+};
 
 use crate::robot::Robot;
 use mcdpr_kinematics::{AnyRobot, Cable, Error, Platform};

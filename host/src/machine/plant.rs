@@ -200,11 +200,26 @@ pub fn simulate_unloaded(
     link: &LinkOptions,
     seed: u64,
 ) -> Result<Simulation, PlantError> {
+    simulate_unloaded_on(robot, mismatch, link, seed, super::chosen_firmware())
+}
+
+/// As [`simulate_unloaded`], controlled by this firmware on an emulated chip, or by the control core
+/// in this process.
+///
+/// # Errors
+/// Where the description is no machine.
+pub fn simulate_unloaded_on(
+    robot: &Robot,
+    mismatch: &Mismatch,
+    link: &LinkOptions,
+    seed: u64,
+    firmware: Option<&super::Firmware>,
+) -> Result<Simulation, PlantError> {
     let params = PlantParams {
         cables_attached: false,
         ..plant_params(robot, mismatch, seed)
     };
-    Simulation::new(Plant::new(params, seed)?, link, seed)
+    with_board(Plant::new(params, seed)?, link, seed, firmware)
 }
 
 /// A simulated robot that hangs at rest near a pose (position m, rotation world_from_platform),

@@ -5,7 +5,6 @@ use super::ratio::check;
 use super::{Bench, CEILING_N, Purpose, ServiceError, volts};
 use crate::link::{Client, Link};
 use crate::robot::{DriveKind, Robot};
-use mcdpr_protocol::{Reply, Request};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
@@ -133,24 +132,8 @@ impl<L: Link> Bench<'_, L> {
     /// Every drive that answers.
     fn scan(&mut self) -> Result<Vec<u8>, ServiceError> {
         self.configure(Purpose::Turn)?;
-        // Drives that were just reset do not answer.
-        self.pause(700)?;
-        self.client.request(Request::Scan { restart: true })?;
-        loop {
-            self.pause(50)?;
-            let Reply::Drives { done, nodes } =
-                self.client.request(Request::Scan { restart: false })?
-            else {
-                continue;
-            };
-            if done {
-                let all = (1..=126_u8).filter(|node| {
-                    let word = nodes.get(usize::from(*node >> 5));
-                    word.is_some_and(|word| word & (1 << (node & 31)) != 0)
-                });
-                return Ok(all.collect());
-            }
-        }
+        // A bus on which nothing can be sent comes to no end: then nobody answers.
+        Ok(crate::doctor::parts::scan(self.client)?.unwrap_or_default())
     }
 
     fn choose(&self, found: &[u8], asked: Option<u8>) -> Result<u8, ServiceError> {

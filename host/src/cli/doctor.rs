@@ -1,0 +1,175 @@
+//! `mcdpr doctor`: is everything there, and what to do where it is not.
+
+use super::service::Machine;
+use super::{Common, Failed, Outcome, print_json};
+use crate::doctor::{self, Finding, Verdict};
+use crate::experiment;
+use crate::link::{Client, ClientError, Link, SerialLink, SimulatedLink};
+use crate::machine::Mismatch;
+use crate::motion::Model;
+use crate::robot::Robot;
+use crate::run::{Homing, RunError, Session, new_session, watch_for_interrupts};
+use mcdpr_protocol::Request;
+use mcdpr_simulator::LinkOptions;
+
+/// Check port, board, firmware, drives, encoders, tensions and brakes; say what to do
+///
+/// Nothing moves and nothing gets torque, unless --arm is given.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Then arm the hanging robot and disarm it again: the board tries every drive, brake and
+    /// encoder by itself
+    #[arg(long)]
+    arm: bool,
+    #[command(flatten)]
+    machine: Machine,
+}
+
+/// The simulated robot behind the line, where there is one.
+type Opened = (Box<dyn Link>, Option<SimulatedLink>);
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let robot = common.robot()?;
+        let mut findings = vec![Finding::good(
+            "program",
+            format!(
+                "mcdpr {}, robot {} with {} cables",
+                env!("CARGO_PKG_VERSION"),
+                robot.name,
+                robot.cables.len()
+            ),
+        )];
+        self.look(common, &robot, &mut findings)?;
+        if common.json {
+            print_json(&serde_json::json!({
+                "healthy": doctor::is_healthy(&findings),
+                "simulated": common.on == "sim",
+                "findings": findings,
+            }))?;
+        } else {
+            for finding in &findings {
+                tell(finding);
+            }
+        }
+        let bad = findings
+            .iter()
+            .filter(|f| f.verdict == Verdict::Bad)
+            .count();
+        match bad {
+            0 => Ok(()),
+            1 => Err(Failed::from_error("doctor")("one part must be mended first").into()),
+            _ => Err(
+                Failed::from_error("doctor")(format!("{bad} parts must be mended first")).into(),
+            ),
+        }
+    }
+
+    /// Port, then board, then everything behind it; what can not be reached ends it.
+    fn look(&self, common: &Common, robot: &Robot, findings: &mut Vec<Finding>) -> Outcome {
+        let (link, simulated) = match self.open(common, robot)? {
+            Ok(opened) => opened,
+            Err(error) => {
+                findings.push(doctor::refused("port", &error));
+                return Ok(());
+            }
+        };
+        findings.push(Finding::good(
+            "port",
+            match (&simulated, crate::machine::chosen_firmware()) {
+                (Some(_), Some(_)) => {
+                    "a simulated robot with the firmware on an emulated chip".into()
+                }
+                (Some(_), None) => "a simulated robot in this process".into(),
+                (None, _) => format!("{} opened, for this program alone", common.on),
+            },
+        ));
+        let mut client = match Client::connect(link, new_session()) {
+            Ok(client) => client,
+            Err(error) => {
+                findings.push(doctor::refused("board", &error));
+                return Ok(());
+            }
+        };
+        match doctor::examine(&mut client, robot) {
+            Ok(found) => findings.extend(found),
+            Err(error) => findings.push(doctor::refused("line", &error)),
+        }
+        if client.request(Request::Close).is_err() || !self.arm {
+            return Ok(());
+        }
+        if !doctor::is_healthy(findings) {
+            findings.push(Finding::with(
+                Verdict::Unseen,
+                "arming",
+                "not tried",
+                "mend what is named above first",
+            ));
+            return Ok(());
+        }
+        let model = Model::new(robot)?;
+        // The program has placed the simulated robot itself; of a board, what was saved tells.
+        let homing = match simulated {
+            Some(_) => Homing::Place(robot.tool.home_in_world_m),
+            None => Homing::Known,
+        };
+        findings.push(arm(client.into_link(), &model, homing));
+        Ok(())
+    }
+
+    fn open(&self, common: &Common, robot: &Robot) -> miette::Result<Result<Opened, ClientError>> {
+        if common.on != "sim" {
+            let link = SerialLink::open(&common.on).map_err(ClientError::from);
+            return Ok(link.map(|link| -> Opened { (Box::new(link), None) }));
+        }
+        let real = self.machine.really(robot)?;
+        let link = experiment::simulated_robot(
+            &Model::new(&real)?,
+            &Mismatch::realistic(),
+            common.seed,
+            &LinkOptions::default(),
+        )?;
+        Ok(Ok((Box::new(link.clone()), Some(link))))
+    }
+}
+
+/// Lets the board arm, which tries every part, and disarms it.
+fn arm(link: Box<dyn Link>, model: &Model, homing: Homing<'_>) -> Finding {
+    let handle = crate::control::Handle::new();
+    let armed =
+        Session::open(model, link, new_session(), &handle, homing).and_then(|mut session| {
+            session.arm()?;
+            session.disarm()
+        });
+    handle.close("the command has ended");
+    match armed {
+        Ok(()) => Finding::good(
+            "arming",
+            "every drive came up, every brake held its drive and opened, every drum turned as its motor did; brakes closed again",
+        ),
+        Err(RunError::Fault { record }) => doctor::arming_fault(&record),
+        Err(error @ RunError::NotHomed { .. }) => Finding {
+            verdict: Verdict::Unseen,
+            ..doctor::refused("arming", &error)
+        },
+        Err(error) => doctor::refused("arming", &error),
+    }
+}
+
+fn tell(finding: &Finding) {
+    let mark = match finding.verdict {
+        Verdict::Good => "ok  ",
+        Verdict::Note => "note",
+        Verdict::Bad => "BAD ",
+        Verdict::Unseen => "-   ",
+    };
+    let part = match finding.cable {
+        Some(cable) => format!("{} {cable}", finding.part),
+        None => finding.part.to_owned(),
+    };
+    say!("{mark}  {part:<14} {}", finding.found);
+    if let Some(remedy) = &finding.remedy {
+        say!("                     -> {remedy}");
+    }
+}

@@ -1,0 +1,214 @@
+//! The board's firmware: its file is checked and tried on the emulated chip, then written through a
+//! debug probe (feature `flash`).
+//!
+//! A file that is no firmware for this board is refused before any probe is looked for: no ELF file,
+//! one for another machine or chip, a truncated one, and one that does not say hello when an
+//! emulated chip executes it.
+
+#[cfg(feature = "flash")]
+mod probe;
+
+#[cfg(feature = "flash")]
+pub use probe::{Probe, probes, write};
+
+use crate::experiment;
+use crate::link::{Client, ClientError, LinkError};
+use crate::machine::{Firmware, Mismatch};
+use crate::motion::Model;
+use crate::robot::Robot;
+use crate::run::RunError;
+use mcdpr_protocol::{Hello, SessionId};
+use mcdpr_simulator::LinkOptions;
+use miette::Diagnostic;
+use thiserror::Error;
+
+/// The chip's name, as debug tools call it.
+pub const CHIP: &str = "STM32F103C8";
+
+/// Why nothing was written, or nothing answers.
+#[derive(Debug, Error, Diagnostic)]
+pub enum FlashError {
+    /// It is a program for such a chip, but not this board's.
+    #[error("{path} is no firmware of this board: on an emulated chip {reason}")]
+    #[diagnostic(
+        code(mcdpr::flash::stranger),
+        help(
+            "`cargo fw` builds the image for motion, `cargo fw-service` the one for a winch's first day; nothing was written"
+        )
+    )]
+    Stranger {
+        /// The file.
+        path: String,
+        /// What it did there.
+        reason: String,
+    },
+    /// It speaks another protocol than this program.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Version(ClientError),
+    /// This program can not write a chip.
+    #[error("the file is good, but this mcdpr was built without `flash`")]
+    #[diagnostic(
+        code(mcdpr::flash::feature),
+        help(
+            "build it with `cargo build --release -p mcdpr --features flash`, or use `cargo flash-fw` (which needs probe-rs: https://probe.rs)"
+        )
+    )]
+    NoFeature,
+    /// No probe is plugged in.
+    #[error("the file is good, but no debug probe is connected")]
+    #[diagnostic(
+        code(mcdpr::flash::no_probe),
+        help(
+            "plug an ST-Link/V2, a J-Link or a CMSIS-DAP v2 probe into USB, and wire SWDIO to PA13, SWCLK to PA14, GND to GND, 3.3 V to its reference (docs/wiring.md); the serial port of the board is no probe"
+        )
+    )]
+    NoProbe,
+    /// Probes are there, but this user may not use them.
+    #[error("no permission to use the probe {probe}")]
+    #[diagnostic(
+        code(mcdpr::flash::permission),
+        help(
+            "copy docs/99-mcdpr.rules to /etc/udev/rules.d/, reload udev, join the group plugdev, plug the probe in again"
+        )
+    )]
+    Permission {
+        /// The probe.
+        probe: String,
+    },
+    /// More than one could be meant.
+    #[error("there are several probes: {found}")]
+    #[diagnostic(
+        code(mcdpr::flash::several),
+        help("say which with `--probe SERIAL`, or unplug the others")
+    )]
+    Several {
+        /// Those that are there.
+        found: String,
+    },
+    /// The probe that was asked for is not there.
+    #[error("no probe has the serial number {asked}; there are: {found}")]
+    #[diagnostic(
+        code(mcdpr::flash::unknown_probe),
+        help("`mcdpr flash --list` lists them")
+    )]
+    UnknownProbe {
+        /// Asked for.
+        asked: String,
+        /// Those that are there.
+        found: String,
+    },
+    /// The chip behind the probe is another one.
+    #[error("the chip behind the probe is {found}, not an {CHIP}: nothing was written")]
+    #[diagnostic(
+        code(mcdpr::flash::chip),
+        help(
+            "use a board with an STM32F103C8 (\"blue pill\"); clones with other identities are not supported"
+        )
+    )]
+    OtherChip {
+        /// What it says it is.
+        found: String,
+    },
+    /// Probe or chip failed.
+    #[error("{step}: {reason}")]
+    #[diagnostic(
+        code(mcdpr::flash::failed),
+        help(
+            "check SWDIO, SWCLK, GND and the board's 3.3 V, hold the wires short, press reset and try again; brakes stay closed meanwhile"
+        )
+    )]
+    Failed {
+        /// What was being done.
+        step: &'static str,
+        /// What the probe said.
+        reason: String,
+    },
+    /// What answers after flashing is not what was written.
+    #[error("the board that answers runs {board}, not the {file} that was written")]
+    #[diagnostic(
+        code(mcdpr::flash::another_board),
+        help(
+            "another board is on this port (`mcdpr ports`), or BOOT0 is set: the chip then does not start from flash"
+        )
+    )]
+    NotStarted {
+        /// The answering firmware's commit.
+        board: String,
+        /// The file's.
+        file: String,
+    },
+}
+
+/// What a file turned out to be.
+#[derive(Debug, Clone)]
+pub struct Image {
+    /// Bytes of flash from its start, without what stays erased.
+    pub flash: Vec<u8>,
+    /// What it says of itself on the emulated chip.
+    pub hello: Hello,
+    /// Whether it can work on single winches.
+    pub has_service: bool,
+}
+
+impl Image {
+    /// Executes the file on an emulated chip with a robot around it, until it says who it is.
+    ///
+    /// # Errors
+    /// [`FlashError::Stranger`], [`FlashError::Version`].
+    pub fn examine(path: &str, firmware: &Firmware) -> Result<Self, FlashError> {
+        let stranger = |reason: String| FlashError::Stranger {
+            path: path.to_owned(),
+            reason,
+        };
+        let robot = Robot::find("paper-table5").map_err(|error| stranger(error.to_string()))?;
+        let model = Model::new(&robot).map_err(|error| stranger(error.to_string()))?;
+        let link = experiment::simulated_robot_on(
+            &model,
+            &Mismatch::default(),
+            1,
+            &LinkOptions::default(),
+            Some(firmware),
+        )
+        .map_err(|error| stranger(error.to_string()))?;
+        let mut client = match Client::connect(link, SessionId(1)) {
+            Ok(client) => client,
+            Err(error @ ClientError::Version { .. }) => return Err(FlashError::Version(error)),
+            Err(ClientError::Silent) => {
+                return Err(stranger(
+                    "it says no hello on the board's serial port".into(),
+                ));
+            }
+            Err(ClientError::Link(LinkError::Broken { reason })) => return Err(stranger(reason)),
+            Err(error) => return Err(stranger(error.to_string())),
+        };
+        let has_service = crate::doctor::has_service(&mut client)
+            .map_err(|error: RunError| stranger(error.to_string()))?;
+        Ok(Self {
+            flash: firmware.flash(),
+            hello: *client.hello(),
+            has_service,
+        })
+    }
+
+    /// The commit that it was built from, in words.
+    #[must_use]
+    pub fn commit(&self) -> String {
+        crate::doctor::hash_of(&self.hello.git_hash).unwrap_or_else(|| "an unknown commit".into())
+    }
+
+    /// Whether this is what a board says that it runs.
+    ///
+    /// # Errors
+    /// [`FlashError::NotStarted`].
+    pub fn is_what_answers(&self, hello: &Hello) -> Result<(), FlashError> {
+        if hello.git_hash == self.hello.git_hash {
+            return Ok(());
+        }
+        let board = crate::doctor::hash_of(&hello.git_hash);
+        Err(FlashError::NotStarted {
+            board: board.unwrap_or_else(|| "an unknown commit".into()),
+            file: self.commit(),
+        })
+    }
+}
