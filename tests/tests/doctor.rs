@@ -223,11 +223,6 @@ fn broken_sensors_and_a_silent_bus_are_each_named() {
     assert_eq!(bad(&findings), all, "{findings:?}");
     let findings = examined(|faults| faults.cables[3].drive.silent = true);
     assert_eq!(bad(&findings), [("drive", Some(4))], "{findings:?}");
-    let findings = examined(|faults| faults.cables[0].brake.holding_factor = 0.0);
-    assert!(
-        bad(&findings).contains(&("encoder", Some(1))),
-        "{findings:?}"
-    );
 }
 
 /// Nobody watches the drum.

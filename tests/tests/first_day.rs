@@ -237,6 +237,33 @@ fn the_motor_ratio_is_measured_whatever_the_file_says() {
 }
 
 #[test]
+fn the_papers_geared_winch_is_brought_up_whatever_the_machine_is_off_by() {
+    // Each seed is another machine: its drives faster or slower, its sensors off.
+    let folder = Folder::new("geared");
+    for seed in ["1", "2", "3", "4"] {
+        let output = run(&folder, &["commission", "1", "--seed", seed, "--json"]);
+        document(&output);
+        let turn = [
+            "calibrate",
+            "winch",
+            "1",
+            "--turns",
+            "1",
+            "--seed",
+            seed,
+            "--json",
+        ];
+        let ratio = document(&run(&folder, &turn));
+        let rho = ratio["rho"].as_f64().unwrap();
+        // One turn: an encoder count in 4096.
+        assert!(
+            (rho.abs() / 371.13 - 1.0).abs() < 1.0 / 4096.0,
+            "seed {seed}: {ratio}"
+        );
+    }
+}
+
+#[test]
 fn a_winch_that_is_not_there_is_named() {
     let folder = Folder::new("no-winch");
     for arguments in [&["commission", "5"][..], &["calibrate", "winch", "0"]] {

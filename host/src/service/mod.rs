@@ -24,8 +24,10 @@ use thiserror::Error;
 /// In service a drum's radius is taken for 1 mm, so that a "length" of 1 mm is one radian, and every
 /// limit of length has room for hundreds of turns.
 const RADIUS_UM: f64 = 1000.0;
-/// Share of the motor's largest speed that service uses.
-const SPEED_SHARE: f64 = 0.5;
+/// Share of the motor's largest speed that service uses. Starts and stops grow with its square, and
+/// must be far from what [`CURRENT_SHARE`] can accelerate: a geared rotor is heavy (34 kg at the
+/// paper's cable), and at half the speed the drive of most simulated machines saturated (D4).
+const SPEED_SHARE: f64 = 0.25;
 /// Most current of service, as a share of the motor's largest.
 const CURRENT_SHARE: f64 = 0.2;
 /// Over this tension a cable is attached after all, N: the board stops.
