@@ -356,7 +356,8 @@ impl<const N: usize> Controller<N> {
                 drive_fault: drive.fault,
                 hot: drive.over_temperature,
                 expected_mn: cable.setpoint_mn,
-                by_tension: by_tension && !bare,
+                // A drum that is being stirred pulls at a stiff cable on purpose.
+                by_tension: by_tension && !bare && phase != Phase::Stirring(number - 1),
                 too_fast_umps: speed.saturating_sub(cable.target.speed_umps),
                 motor_length: by_motor,
                 drum_length: cable.length,

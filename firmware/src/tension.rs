@@ -116,7 +116,11 @@ impl TensionLoop {
     /// a slow law of its own.
     fn default_law(&mut self, config: &CableConfig, demand: &Demand, slope_mnps: i32) -> i64 {
         let tension_mn = self.filter.value();
-        let slack = tension_mn < config.floor_mn && demand.setpoint_mn >= config.floor_mn;
+        // Without a floor nothing is slack: a free end must not be reeled in because a sensor's
+        // noise is below zero.
+        let slack = config.floor_mn > 0
+            && tension_mn < config.floor_mn
+            && demand.setpoint_mn >= config.floor_mn;
         if slack || tension_mn > config.ceiling_mn {
             // A light drum that is pulled against nothing is soon fast, and the cable's end stop is
             // a hammer: so the speed is led, in while slack, out while too tight.

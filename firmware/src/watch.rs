@@ -136,6 +136,9 @@ const HOT_TICKS: u16 = 100;
 const RUNAWAY_TICKS: u16 = 8;
 /// A tension loop that moves its drum faster than this in the wrong direction runs away, µm/s.
 const RUNAWAY_UMPS: i32 = 2000;
+/// A tension that is this close to what is expected neither runs away nor breaks, mN: a cable that
+/// is being taken up bounces by more than half of its small tension.
+const LEAST_OFF_MN: i32 = 2000;
 /// Mean change of a tension from tick to tick that is noise, 1/64 mN.
 const NOISE_Q6: i32 = 250 * 64;
 
@@ -153,20 +156,21 @@ impl CableWatch {
         } else {
             SLACK_TICKS
         };
+        let most = (view.expected_mn / 2).max(LEAST_OFF_MN);
         // A fall to the floor from one tick to the next is a break, a slow one is slack.
         let slack = tension < view.floor_mn && !short;
         if self.slack.ticks() == 0 {
-            self.broke = slack && self.recent_mn > tension.saturating_add(view.expected_mn / 2);
+            self.broke = slack && self.recent_mn > tension.saturating_add(most);
         }
         let broken = self.broke && self.slack.ticks() + 1 >= BREAK_TICKS;
         let change = tension.saturating_sub(self.recent_mn);
         self.noise_q6 += (change.saturating_abs().min(10_000) * 64 - self.noise_q6) / 128;
         self.recent_mn = self.recent_mn.saturating_add(change / 2);
-        // Half or twice the tension, and still the drum goes on making it worse.
-        let half = view.expected_mn / 2;
+        // Half or one and a half times the tension, and still the drum goes on making it worse.
+        let off = tension.saturating_sub(view.expected_mn);
         let runs = view.by_tension
-            && ((tension < half && view.too_fast_umps > RUNAWAY_UMPS)
-                || (tension > 3 * half && view.too_fast_umps < -RUNAWAY_UMPS));
+            && ((off < -most && view.too_fast_umps > RUNAWAY_UMPS)
+                || (off > most && view.too_fast_umps < -RUNAWAY_UMPS));
         let reversed = self
             .polarity
             .update(view.motor_length, view.drum_length, view.polarity_way);

@@ -63,6 +63,15 @@ enum RigError {
     Range { what: String },
 }
 
+/// How the cables of a simulated robot are slack.
+#[derive(Debug, Clone, Copy)]
+enum Slack {
+    /// On, and too long.
+    Long,
+    /// The same, and the end of one (from 0) is free.
+    Free(usize),
+}
+
 /// Time for taking up slack: this many stretches of a second and a half.
 const STRETCHES: usize = 20;
 /// Speed of winding a free cable, m/s.
@@ -86,14 +95,14 @@ impl Cmd {
                     return Err(RigError::Range { what }.into());
                 }
                 let slack = vec![0.0; robot.cables.len()];
-                match self.simulated(&model, common, &slack, true)? {
+                match self.simulated(&model, common, &slack, Some(Slack::Free(cable - 1)))? {
                     Some(link) => self.spool(&model, link, cable - 1, length_mm, common),
                     None => self.spool(&model, port(common)?, cable - 1, length_mm, common),
                 }
             }
             What::Tension => {
                 let slack = vec![0.0; robot.cables.len()];
-                match self.simulated(&model, common, &slack, true)? {
+                match self.simulated(&model, common, &slack, Some(Slack::Long))? {
                     Some(link) => self.tension(&model, link, common),
                     None => self.tension(&model, port(common)?, common),
                 }
@@ -101,7 +110,7 @@ impl Cmd {
             What::Lower => {
                 let home = experiment::home(&model)?;
                 let tensions = home.tensions_n().to_vec();
-                match self.simulated(&model, common, &tensions, false)? {
+                match self.simulated(&model, common, &tensions, None)? {
                     Some(link) => self.lower(&model, link, &tensions, common),
                     None => self.lower(&model, port(common)?, &tensions, common),
                 }
@@ -115,22 +124,22 @@ impl Cmd {
         model: &Model,
         common: &Common,
         tensions_n: &[f64],
-        slack: bool,
+        slack: Option<Slack>,
     ) -> Result<Option<SimulatedLink>, RunError> {
         if common.on != "sim" {
             return Ok(None);
         }
         let broken = |error: PlantError| RunError::Client(LinkError::from(error).into());
-        if !slack {
+        let Some(slack) = slack else {
             let link = experiment::simulated_robot(
                 model,
                 &Mismatch::default(),
                 common.seed,
                 &LinkOptions::default(),
             )?;
-            link.with(|s| s.plant_mut().set_stand(true));
+            link.with(|s| s.plant_mut().touch_stand());
             return Ok(Some(link));
-        }
+        };
         let params = machine::plant_params(model.robot(), &Mismatch::default(), common.seed);
         let mut plant = Plant::new(params, common.seed).map_err(broken)?;
         let pose = experiment::home(model)?.equilibrium.pose;
@@ -144,6 +153,9 @@ impl Cmd {
             #[expect(clippy::cast_precision_loss, reason = "a small count")]
             let longer_m = 0.015 + 0.005 * cable as f64;
             plant.slip_cable(cable, longer_m).map_err(broken)?;
+        }
+        if let Slack::Free(cable) = slack {
+            plant.break_cable(cable).map_err(broken)?;
         }
         let options = LinkOptions::default();
         let chip = machine::chosen_firmware();

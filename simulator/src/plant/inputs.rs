@@ -180,6 +180,17 @@ impl Plant {
             present.then(|| super::stand::Stand::under(motion.center_m, rotation, weight_n));
     }
 
+    /// Puts a stand under the platform that just touches it and carries nothing yet: for a platform
+    /// that hangs and is going to be let down.
+    pub fn touch_stand(&mut self) {
+        let rotation = super::vec3::q_matrix(self.motion.attitude);
+        self.stand = Some(super::stand::Stand::under(
+            self.motion.center_m,
+            rotation,
+            0.0,
+        ));
+    }
+
     /// Breaks a cable for good (until the robot is placed again).
     ///
     /// # Errors
