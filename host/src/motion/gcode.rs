@@ -104,11 +104,9 @@ fn words(line: &str) -> Result<Vec<Word>, Wrong> {
                     .take_while(|c| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
                     .collect();
                 let value: f64 = number.parse().map_err(|_| {
-                    let shown = if number.is_empty() {
-                        "nothing"
-                    } else {
-                        &number
-                    };
+                    let there = letters.iter().skip(at).take_while(|c| !c.is_whitespace());
+                    let there: String = there.take(12).collect();
+                    let shown = if there.is_empty() { "nothing" } else { &there };
                     (at + 1, format!("{c} needs a number, there is {shown}"))
                 })?;
                 if !value.is_finite() {
@@ -361,7 +359,7 @@ mod tests {
             ("G0 X300 Y0 Z-180\nG4", 2, 1, "P"),
             ("G91 G1 X3 F1", 1, 8, "G91 before"),
             ("G0 X300 (never ends", 1, 9, "no end"),
-            ("G0 X300 Y0 Z#1", 1, 14, "needs a number"),
+            ("G0 X300 Y0 Z#1", 1, 13, "needs a number, there is #1"),
             ("G1 F-3", 1, 4, "over 0"),
             ("G0 X300", 1, 1, "whole place"),
         ] {
