@@ -4,7 +4,8 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use mcdpr::experiment;
 use mcdpr::machine::Mismatch;
-use mcdpr::motion::{Model, Task};
+use mcdpr::motion::path::Path;
+use mcdpr::motion::{Model, Plan, Step, Task};
 use mcdpr::robot::Robot;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -42,6 +43,37 @@ fn circle(criterion: &mut Criterion) {
         simulated_s / simulating.as_secs_f64(),
         fastest.as_secs_f64(),
         planning.unwrap_or_default().as_secs_f64(),
+    );
+    // A minute of lines: what a task of 60 s takes to plan.
+    let minute = || {
+        let z_m = -0.18;
+        let corner = |x: f64, y: f64| nalgebra::Vector3::new(x, y, z_m);
+        let corners = [
+            corner(0.255, -0.105),
+            corner(0.415, -0.105),
+            corner(0.415, 0.105),
+            corner(0.255, 0.105),
+            corner(0.255, -0.105),
+        ];
+        let mut points = vec![corners[0]];
+        for _ in 0..3 {
+            points.extend(corners.iter().skip(1));
+        }
+        let steps: Vec<_> = points
+            .windows(2)
+            .map(|pair| Step::Move {
+                path: Path::through(pair).expect("two places"),
+                duration_s: Some(5.0),
+                speed_mps: None,
+            })
+            .collect();
+        Plan::new(&model, &corners[0], &steps).expect("it is feasible")
+    };
+    let took = (0..5).map(|_| timed(&|| drop(black_box(minute())))).min();
+    println!(
+        "planning {:.0} s of lines takes {:.3} s",
+        minute().timed.duration_s(),
+        took.unwrap_or_default().as_secs_f64()
     );
     let mut group = criterion.benchmark_group("table 7");
     group.sample_size(10);

@@ -3,6 +3,7 @@
 //! One thread, one loop: [`Client::pump`] feeds the board, so the heartbeat stops when the feeding
 //! stops, which is what it is for. The loop reads no clock but the link's.
 
+use super::clock::BoardClock;
 use super::faults::request_name;
 use super::{Link, LinkError, describe_reject};
 use crate::control::Handle;
@@ -56,6 +57,16 @@ pub enum ClientError {
     Lost {
         /// The request that waits longest.
         waiting: String,
+    },
+    /// The board's clock ran backwards.
+    #[error("the board's clock ran back by {by_ms:.0} ms: it is not the board that it was")]
+    #[diagnostic(
+        code(mcdpr::board::clock),
+        help("it may have restarted: it stands with closed brakes then; connect again")
+    )]
+    ClockRanBack {
+        /// By how much, ms.
+        by_ms: f64,
     },
     /// The board speaks another version of the wire format.
     #[error(
@@ -132,6 +143,7 @@ pub struct Client<L: Link> {
     receiver: Receiver,
     heartbeat_us: Option<u64>,
     beat: Option<Beat>,
+    clock: BoardClock,
     status: Option<Status>,
     events: VecDeque<Event>,
     resent_us: u64,
@@ -231,6 +243,7 @@ impl<L: Link> Client<L> {
             receiver,
             heartbeat_us: None,
             beat: None,
+            clock: BoardClock::default(),
             status: None,
             events: VecDeque::new(),
             resent_us: 0,
@@ -294,6 +307,22 @@ impl<L: Link> Client<L> {
     /// What the last heartbeat brought back.
     pub const fn beat(&self) -> Option<Beat> {
         self.beat
+    }
+
+    /// The board's clock, as its answers to heartbeats tell it.
+    pub const fn clock(&self) -> &BoardClock {
+        &self.clock
+    }
+
+    /// Path time of the motion under way by the board's clock now, s: what the last heartbeat
+    /// brought, and what has passed on the board since. `None` before the first answer.
+    pub fn path_s(&self) -> Option<f64> {
+        let beat = self.beat?;
+        let since_ms = match beat.state {
+            BoardState::Moving => self.clock.ticks_since(beat.tick, self.link.now_us()),
+            _ => 0.0,
+        };
+        Some((f64::from(beat.path_ms) + since_ms) * 1e-3)
     }
 
     /// The link's time, µs.
@@ -566,13 +595,25 @@ impl<L: Link> Client<L> {
                 view.path_s = f64::from(path_ms) * 1e-3;
                 view.round_trip_s = round_trip_us as f64 * 1e-6;
             });
+            let sent_us = now.saturating_sub(round_trip_us);
+            match self.clock.observe(tick.0, sent_us, now) {
+                Ok(()) => {}
+                Err(jump) if jump.by_ms < 0.0 => {
+                    return Err(ClientError::ClockRanBack { by_ms: -jump.by_ms });
+                }
+                // This machine slept, or its clock stood: the estimate starts anew.
+                Err(_) => {
+                    self.clock = BoardClock::default();
+                    let _ = self.clock.observe(tick.0, sent_us, now);
+                }
+            }
             self.beat = Some(Beat {
                 tick: tick.0,
                 state,
                 path_ms,
                 knots_free,
                 next_knot,
-                sent_us: now.saturating_sub(round_trip_us),
+                sent_us,
                 round_trip_us,
             });
             return Ok(());

@@ -5,6 +5,7 @@
 //! host code runs on all of them, and a run can be repeated bit by bit from its bytes and times.
 
 pub mod client;
+pub mod clock;
 mod faults;
 mod paced;
 mod serial;
@@ -12,6 +13,7 @@ mod simulated;
 mod tee;
 
 pub use client::{Client, ClientError, Event};
+pub use clock::BoardClock;
 pub use faults::{advice, describe_fault, describe_reject};
 pub use paced::Paced;
 pub use serial::{BAUD, PortInfo, SerialLink, list_ports};

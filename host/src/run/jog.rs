@@ -170,14 +170,12 @@ impl<L: Link> Session<'_, L> {
         let client = self.client();
         client.enqueue(Request::Knot(first))?;
         let mut wanted = velocity_mps;
-        let mut until_us = client.now_us() + micros(seconds + AHEAD_S);
+        // By the path's time: what is made ahead of the board counts.
+        let mut until_s = seconds;
         let (mut started, mut ended) = (false, false);
         let outcome = loop {
             if let Some(kind) = orders::stop_wanted(client) {
                 break Err(stop_now(client, kind));
-            }
-            if client.now_us() >= until_us {
-                wanted = Vector3::zeros();
             }
             while let Some((ticket, order)) = client.handle().take() {
                 let done = match order {
@@ -187,15 +185,14 @@ impl<L: Link> Session<'_, L> {
                     } => match check(model, &velocity_mps.into(), valid_s) {
                         Ok(()) if !ended => {
                             wanted = velocity_mps.into();
-                            until_us = client.now_us() + micros(valid_s);
+                            until_s = ahead.time_s + valid_s;
                             Ok(())
                         }
                         Ok(()) => Err("the jog has ended".to_owned()),
                         Err(error) => Err(error.to_string()),
                     },
                     Order::Pause => {
-                        wanted = Vector3::zeros();
-                        until_us = 0;
+                        until_s = 0.0;
                         Ok(())
                     }
                     Order::Gripper { closed } => {
@@ -205,11 +202,11 @@ impl<L: Link> Session<'_, L> {
                 };
                 client.handle().done(ticket, done);
             }
-            let path_s = client
-                .beat()
-                .filter(|_| started)
-                .map_or(0.0, |beat| f64::from(beat.path_ms) * 1e-3);
+            let path_s = client.path_s().filter(|_| started).unwrap_or(0.0);
             while !ended && ahead.time_s < path_s + AHEAD_S && client.has_room() {
+                if ahead.time_s >= until_s - 0.5 * STEP_S {
+                    wanted = Vector3::zeros();
+                }
                 let knot = ahead.next(wanted)?;
                 ended = knot.last;
                 client.enqueue(Request::Knot(knot))?;

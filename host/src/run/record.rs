@@ -22,9 +22,18 @@ pub struct Measured {
 pub struct Recorder {
     /// Everything measured, in time order.
     pub samples: Vec<Measured>,
+    /// The least motion that a board had in its buffer while more was to come, s: by its clock and
+    /// what it had last confirmed. `None` where a motion was sent whole before it started.
+    pub least_buffered_s: Option<f64>,
 }
 
 impl Recorder {
+    /// The board has this much motion left, s, and more is to come.
+    pub(super) fn buffered(&mut self, seconds: f64) {
+        let least = self.least_buffered_s.get_or_insert(seconds);
+        *least = least.min(seconds);
+    }
+
     /// Takes a block; `duration_s` is that of the motion: past its end no path time is given.
     pub fn take(&mut self, block: &SampleBlock, duration_s: f64) {
         let first = block.tick;

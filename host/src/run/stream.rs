@@ -84,12 +84,14 @@ fn feed<L: Link>(
         let Some(beat) = client.beat().filter(|beat| beat.sent_us >= started_us) else {
             continue;
         };
-        while let Some((_, action)) =
-            actions.next_if(|(time_s, _)| *time_s <= f64::from(beat.path_ms) * 1e-3)
-        {
+        let path_s = client.path_s().unwrap_or(0.0);
+        while let Some((_, action)) = actions.next_if(|(time_s, _)| *time_s <= path_s) {
             act(client, *action)?;
         }
         if beat.state == BoardState::Moving {
+            if let Some(until_s) = feeder.confirmed_s(beat.next_knot) {
+                recorder.buffered(until_s - path_s);
+            }
             let sent_since = feeder.since(beat.next_knot);
             let credit = usize::from(beat.knots_free).saturating_sub(sent_since);
             feeder.feed(client, credit)?;
@@ -140,6 +142,14 @@ impl Feeder<'_> {
         let next = self.next & usize::from(u16::MAX);
         let next = u16::try_from(next).unwrap_or(0);
         usize::from(next.wrapping_sub(waits_for))
+    }
+
+    /// Path time of the last knot that the board is known to have, s; `None` where it has all.
+    fn confirmed_s(&self, waits_for: u16) -> Option<f64> {
+        let has = self.next.saturating_sub(self.since(waits_for));
+        self.knots.get(has)?;
+        let last = self.knots.get(has.checked_sub(1)?)?;
+        Some(f64::from(last.time_ms) * 1e-3)
     }
 
     /// Sends at most `credit` knots, as many as the window takes.
