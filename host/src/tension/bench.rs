@@ -7,7 +7,7 @@ use crate::machine::{self, Mismatch};
 use crate::motion::{Model, Task};
 use crate::robot::Robot;
 use crate::run::{self, Recorder, RunError};
-use mcdpr_protocol::SessionId;
+use mcdpr_protocol::{Knot, SessionId};
 use mcdpr_simulator::plant::{Plant, PlantError, PlantParams};
 use mcdpr_simulator::{LinkOptions, TracePoint};
 
@@ -163,8 +163,10 @@ impl Script {
 /// What happened, tick by tick.
 #[derive(Debug, Clone, Default)]
 pub struct Trace {
-    /// Set-point of the watched cable, N.
+    /// Set-point of the watched cable at rest, N.
     pub setpoint_n: f64,
+    /// Its set-point at each time, N: a plan schedules it along its path.
+    pub setpoints_n: Vec<f64>,
     /// Time since the robot holds, s.
     pub time_s: Vec<f64>,
     /// True tension of the watched cable at its winch, N.
@@ -270,7 +272,7 @@ impl Bench {
         }
         self.watch_until(begin_us + seconds(script.duration_s), &mut recorder)?;
         let points = self.link.with(mcdpr_simulator::Simulation::take_trace);
-        Ok(self.trace(&points, &recorder))
+        Ok(self.trace(&points, &recorder, &[]))
     }
 
     /// Runs a task and gives the trace of its motion alone.
@@ -293,7 +295,7 @@ impl Bench {
         }
         let points = self.link.with(mcdpr_simulator::Simulation::take_trace);
         let moving: Vec<_> = points.into_iter().filter(|p| p.path_ms > 0).collect();
-        Ok(self.trace(&moving, &recorder))
+        Ok(self.trace(&moving, &recorder, &knots))
     }
 
     fn clear(&mut self) {
@@ -319,7 +321,25 @@ impl Bench {
         })
     }
 
-    fn trace(&mut self, points: &[TracePoint], recorder: &Recorder) -> Trace {
+    /// What a motion's knots ask of the watched cable at a time of the path, N: straight between
+    /// them, as the board does it. At rest, the set-point.
+    fn planned_n(&self, knots: &[Knot], path_ms: u32) -> f64 {
+        let at = knots.partition_point(|knot| knot.time_ms <= path_ms);
+        let tension_n = |knot: &Knot| {
+            let cable = knot.cables.get(self.watched);
+            cable.map_or(self.setpoint_n, |cable| f64::from(cable.tension.0) * 1e-3)
+        };
+        match (at.checked_sub(1).and_then(|i| knots.get(i)), knots.get(at)) {
+            (Some(a), Some(b)) => {
+                let share = f64::from(path_ms - a.time_ms) / f64::from(b.time_ms - a.time_ms);
+                tension_n(a) + share * (tension_n(b) - tension_n(a))
+            }
+            (Some(end), None) | (None, Some(end)) => tension_n(end),
+            (None, None) => self.setpoint_n,
+        }
+    }
+
+    fn trace(&mut self, points: &[TracePoint], recorder: &Recorder, knots: &[Knot]) -> Trace {
         let mut trace = Trace {
             setpoint_n: self.setpoint_n,
             ..Trace::default()
@@ -331,6 +351,8 @@ impl Bench {
             let truth = &point.truth;
             let winch = truth.tensions_winch_n.get(..count).unwrap_or_default();
             trace.time_s.push(since(point.tick.0));
+            let planned = self.planned_n(knots, point.path_ms);
+            trace.setpoints_n.push(planned);
             trace
                 .tension_n
                 .push(winch.get(self.watched).copied().unwrap_or(0.0));

@@ -70,6 +70,7 @@ pub fn hold<L: Link>(
         let at_s = f64::from(sample.tick.wrapping_sub(first)) * 1e-3;
         trace.time_s.push(at_s);
         trace.measured_s.push(at_s);
+        trace.setpoints_n.push(trace.setpoint_n);
         trace.tension_n.push(tension);
         trace.measured_n.push(tension);
         let least = sample.tensions_n.iter().copied();

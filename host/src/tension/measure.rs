@@ -104,5 +104,6 @@ fn back(values: &[(f64, f64)], from_s: f64, to_s: f64) -> f64 {
 
 fn errors(trace: &Trace) -> impl Iterator<Item = (f64, f64)> + '_ {
     let pairs = trace.time_s.iter().zip(&trace.tension_n);
-    pairs.map(|(&t, &tension)| (t, tension - trace.setpoint_n))
+    let rows = pairs.zip(&trace.setpoints_n);
+    rows.map(|((&t, &tension), &setpoint)| (t, tension - setpoint))
 }

@@ -30,6 +30,8 @@ pub struct Row {
     pub unit: &'static str,
     /// Medians.
     pub medians: Vec<Option<f64>>,
+    /// Runs of each column that no fault ended.
+    pub ended: Vec<usize>,
 }
 
 /// The columns: the default law, the same with 2 % pulley loss, the paper's law.
@@ -97,6 +99,7 @@ pub fn study(light: &Robot, geared: &Robot, seeds: u64) -> Result<Vec<Row>, RunE
     let mut rows = Vec::new();
     for entry in entries(light, geared) {
         let mut medians: Vec<Vec<Option<f64>>> = Vec::new();
+        let mut ended = Vec::new();
         for column in &columns {
             let mut robot = entry.robot.clone();
             robot.tension.law = column.law;
@@ -111,6 +114,7 @@ pub fn study(light: &Robot, geared: &Robot, seeds: u64) -> Result<Vec<Row>, RunE
                 .into_par_iter()
                 .map(|seed| perform(&robot, &change, entry.act, seed))
                 .collect();
+            ended.push(runs.iter().flatten().count());
             medians.push(median(&runs, figures_of(entry.act).len()));
         }
         for (index, (name, unit, paper)) in figures_of(entry.act).iter().enumerate() {
@@ -122,6 +126,7 @@ pub fn study(light: &Robot, geared: &Robot, seeds: u64) -> Result<Vec<Row>, RunE
                     .iter()
                     .map(|column| column.get(index).copied().flatten())
                     .collect(),
+                ended: ended.clone(),
             });
         }
     }

@@ -405,8 +405,8 @@ impl Identified {
         Ok(Margins { gain, delay_s })
     }
 
-    /// Gains for this model: of those with [`LEAST`] margins, the ones that a push of 0.5 N on the
-    /// drum disturbs least.
+    /// Gains for this model: of those with at least these margins, the ones that a push of 0.5 N on
+    /// the drum disturbs least.
     ///
     /// # Errors
     /// [`TuneError::None`].
@@ -414,6 +414,7 @@ impl Identified {
         &self,
         law: &TensionLaw,
         damping_time_s: f64,
+        least: &Margins,
     ) -> Result<(TensionLaw, Margins), TuneError> {
         let model = Model {
             friction_n: 0.0,
@@ -445,7 +446,7 @@ impl Identified {
             .into_iter()
             .find_map(|(_, gains)| {
                 let margins = self.margins(&gains, damping_time_s).ok()?;
-                let enough = margins.gain >= LEAST.gain && margins.delay_s >= LEAST.delay_s;
+                let enough = margins.gain >= least.gain && margins.delay_s >= least.delay_s;
                 enough.then_some((gains, margins))
             })
             .ok_or(TuneError::None)
@@ -566,7 +567,7 @@ mod tests {
         assert!((found.delay_s - 6e-3).abs() < 3e-3, "{found:?}");
         assert!((found.resonance_hz - 103.0).abs() < 40.0, "{found:?}");
         assert!(found.explained > 0.95, "{found:?}");
-        let (gains, margins) = found.propose(&robot.tension, 2e-4).unwrap();
+        let (gains, margins) = found.propose(&robot.tension, 2e-4, &LEAST).unwrap();
         assert!(
             margins.gain >= 2.0 && margins.delay_s >= 0.002,
             "{margins:?}"
