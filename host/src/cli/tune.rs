@@ -10,7 +10,9 @@ use crate::report::RunFolder;
 use crate::robot::{Robot, TensionLaw};
 use crate::run::{RunError, watch_for_interrupts};
 use crate::tension::rig::Rig;
-use crate::tension::tune::{Answer, Identified, Margins, excitation, excite, identify};
+use crate::tension::tune::{
+    Answer, Identified, LEAST, Margins, TuneError, excitation, excite, identify,
+};
 use crate::tension::{Curve, draw};
 use mcdpr_simulator::LinkOptions;
 use miette::IntoDiagnostic as _;
@@ -35,7 +37,12 @@ struct Tension {
     #[arg(long, value_name = "N", default_value_t = 2.0)]
     step_n: f64,
     /// Judge these gains in place of a proposal: kp,ki,damping_ns_per_m
-    #[arg(long, value_name = "KP,KI,D", value_delimiter = ',', num_args = 3)]
+    #[arg(
+        long,
+        value_name = "KP,KI,D",
+        value_delimiter = ',',
+        allow_hyphen_values = true
+    )]
     gains: Option<Vec<f64>>,
 }
 
@@ -48,6 +55,8 @@ struct Document {
     margins: Margins,
     before_rms_n: f64,
     after_rms_n: f64,
+    /// Whether the gains of the file do no worse on the machine.
+    keep: bool,
     simulated: bool,
     run_folder: String,
 }
@@ -80,7 +89,7 @@ impl Tension {
         let stages = excitation(robot.tension.setpoint_n, self.step_n);
         let before = self.answer(&robot, cable, &stages, common)?;
         let identified = identify(&robot, cable, winch, &before)?;
-        let (proposed, margins) = match self.gains.as_deref() {
+        let (proposed, margins, after) = match self.gains.as_deref() {
             Some(&[kp, ki, damping_ns_per_m]) => {
                 let law = TensionLaw {
                     kp,
@@ -88,13 +97,16 @@ impl Tension {
                     damping_ns_per_m,
                     ..robot.tension
                 };
-                (law, identified.margins(&law, damping_time_s)?)
+                let margins = identified.margins(&law, damping_time_s)?;
+                let after = self.answer_with(&robot, law, cable, &stages, common)?;
+                (law, margins, after)
             }
-            _ => identified.propose(&robot.tension, damping_time_s)?,
+            Some(other) => {
+                let why = format!("{} values; give three: kp,ki,damping_ns_per_m", other.len());
+                return Err(Failed::from_error("--gains")(why).into());
+            }
+            None => self.best(&robot, cable, &stages, &identified, damping_time_s, common)?,
         };
-        let mut tuned = robot.clone();
-        tuned.tension = proposed;
-        let after = self.answer(&tuned, cable, &stages, common)?;
         let before_margins = identified.margins(&robot.tension, damping_time_s).ok();
         let folder =
             RunFolder::create(common.record.as_deref(), "tune-tension").into_diagnostic()?;
@@ -109,6 +121,7 @@ impl Tension {
             margins,
             before_rms_n: rms(&before),
             after_rms_n: rms(&after),
+            keep: rms(&before) <= rms(&after),
             simulated: common.on == "sim",
             run_folder: folder.path().display().to_string(),
         };
@@ -120,6 +133,59 @@ impl Tension {
         }
         document.print();
         Ok(())
+    }
+
+    /// Gains with margins that grow, each tried on the robot: the model is never the machine. The
+    /// ones that follow the steps best.
+    fn best(
+        &self,
+        robot: &Robot,
+        cable: usize,
+        stages: &[(f64, f64)],
+        identified: &Identified,
+        damping_time_s: f64,
+        common: &Common,
+    ) -> Result<(TensionLaw, Margins, Answer), miette::Report> {
+        let mut best: Option<(TensionLaw, Margins, Answer)> = None;
+        let mut failed = None;
+        for factor in [1.0, 1.6, 2.5] {
+            let least = Margins {
+                gain: LEAST.gain * factor,
+                delay_s: LEAST.delay_s * factor,
+            };
+            let (law, margins) = match identified.propose(&robot.tension, damping_time_s, &least) {
+                Ok(proposed) => proposed,
+                Err(error) => {
+                    failed.get_or_insert_with(|| miette::Report::from(error));
+                    break;
+                }
+            };
+            match self.answer_with(robot, law, cable, stages, common) {
+                Ok(after) if best.as_ref().is_none_or(|(.., b)| rms(&after) < rms(b)) => {
+                    best = Some((law, margins, after));
+                }
+                Ok(_) => {}
+                Err(error @ RunError::Fault { .. }) => {
+                    failed.get_or_insert_with(|| miette::Report::from(error));
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        best.ok_or_else(|| failed.unwrap_or_else(|| TuneError::None.into()))
+    }
+
+    /// As [`Self::answer`], with other gains.
+    fn answer_with(
+        &self,
+        robot: &Robot,
+        law: TensionLaw,
+        cable: usize,
+        stages: &[(f64, f64)],
+        common: &Common,
+    ) -> Result<Answer, RunError> {
+        let mut tuned = robot.clone();
+        tuned.tension = law;
+        self.answer(&tuned, cable, stages, common)
     }
 
     /// Brings the robot up with these gains and lets it answer.
@@ -222,6 +288,14 @@ impl Document {
                 &both(self.before_rms_n, self.after_rms_n),
             ),
         ]));
+        if self.keep {
+            say!(
+                "nothing was changed: the gains of the robot file follow the steps better, keep \
+                 them; {}/step.svg shows both",
+                self.run_folder
+            );
+            return;
+        }
         say!(
             "nothing was changed: put the gains into [tension] of the robot file; {}/step.svg shows \
              the steps",
