@@ -116,6 +116,8 @@ impl Model {
         for (slot, cable) in tensions.iter_mut().zip(&self.robot.cables) {
             *slot = (cable.control == Control::Tension).then_some(tension_n);
         }
+        // The pose of a level plan is where nothing hangs.
+        let near = near.filter(|_| self.options.planner == Planner::Equilibrium);
         let guess = near.map_or(EquilibriumGuess::Cold, |rest| {
             EquilibriumGuess::Attitude(rest.equilibrium.pose.rotation)
         });

@@ -92,10 +92,10 @@ fn words(row: &Row) -> Vec<String> {
     } else {
         ", anchors"
     });
-    name.push_str(if case.known == Known::Homed {
-        ", homed"
-    } else {
-        ", absolute"
+    name.push_str(match case.known {
+        Known::Homed => ", homed",
+        Known::HomedByOne => ", homed by one tag",
+        Known::Absolute => ", absolute",
     });
     if case.job == Job::FastMove {
         name.push_str(if case.shaping == Shaping::None {
