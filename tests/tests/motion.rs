@@ -8,7 +8,7 @@ use mcdpr::machine::Mismatch;
 use mcdpr::motion::path::{Path, Piece};
 use mcdpr::motion::{Model, Plan, PlanError, PlanOptions, Shaping, Step, Task};
 use mcdpr::robot::Robot;
-use mcdpr::run::{Homing, Session};
+use mcdpr::run::{Homing, Recorder, Session};
 use mcdpr::study::motion::{Job, cases, run};
 use mcdpr_firmware::State;
 use mcdpr_protocol::SessionId;
@@ -223,6 +223,84 @@ fn stalls_of_200_ms_never_starve_the_stream() {
         .rposition(|p| p.state == State::Moving)
         .unwrap();
     assert_eq!(moving, last - first + 1);
+}
+
+/// What is in the board's buffer while a motion is streamed, by the board's own words.
+fn least_buffered_s<L: Link>(model: &Model, link: L) -> f64 {
+    let handle = Handle::new();
+    let home = model.robot().tool.home_in_world_m;
+    let mut session =
+        Session::open(model, link, SessionId(1), &handle, Homing::Place(home)).unwrap();
+    session.arm().unwrap();
+    let task = Task::find("paper:table7", -0.18).unwrap();
+    let plan = session.plan(task, None).unwrap();
+    let mut recorder = Recorder::default();
+    session.follow(&plan, &mut recorder, |_| {}).unwrap();
+    session.disarm().unwrap();
+    recorder.least_buffered_s.unwrap()
+}
+
+#[test]
+fn a_quarter_of_a_second_of_motion_is_always_ahead() {
+    let model = model("lab-fast");
+    let robot = || {
+        let options = LinkOptions::default();
+        experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap()
+    };
+    let free = least_buffered_s(&model, robot());
+    assert!(free >= 0.25, "{free} s");
+    let stalling = Stalling {
+        inner: robot(),
+        lost: std::rc::Rc::default(),
+    };
+    let stalled = least_buffered_s(&model, stalling);
+    assert!((0.02..0.25).contains(&stalled), "{stalled} s");
+}
+
+/// A host whose clock is slower than the board's by `share`.
+struct Drifting {
+    inner: SimulatedLink,
+    share: f64,
+}
+
+impl Link for Drifting {
+    fn now_us(&self) -> u64 {
+        (self.inner.now_us() as f64 * (1.0 - self.share)) as u64
+    }
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.inner.send(bytes)
+    }
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        let until = (until_us as f64 / (1.0 - self.share)).ceil() as u64;
+        self.inner.receive(until, into)?;
+        Ok(self.now_us())
+    }
+}
+
+#[test]
+fn the_boards_clock_is_known_by_offset_and_drift() {
+    let model = model("lab-fast");
+    for share in [0.0, 90e-6, -140e-6] {
+        let options = LinkOptions::default();
+        let inner = experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
+        let link = Drifting {
+            inner: inner.clone(),
+            share,
+        };
+        let handle = Handle::new();
+        let home = model.robot().tool.home_in_world_m;
+        let mut session =
+            Session::open(&model, link, SessionId(1), &handle, Homing::Place(home)).unwrap();
+        let client = session.client();
+        client.pump(30_000_000).unwrap();
+        let drift = client.clock().drift();
+        assert!((drift - share).abs() < 20e-6, "{drift} {share}");
+        let now_us = client.now_us();
+        let tick = client.clock().tick_at(now_us).unwrap();
+        let truth = f64::from(mcdpr::run::status(client).unwrap().tick.0);
+        // The question took its way, a few milliseconds.
+        assert!((0.0..10.0).contains(&(truth - tick)), "{truth} {tick}");
+    }
 }
 
 #[test]
