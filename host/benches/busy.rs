@@ -72,7 +72,7 @@ mod unix {
         let home = Homing::Place(model.robot().tool.home_in_world_m);
         let handle = Handle::new();
         let mut recorder = Recorder::default();
-        let mut run = || {
+        let run = || {
             let mut session = Session::open(model, link, new_session(), &handle, home)?;
             session.arm()?;
             session.follow(plan, &mut recorder, |_| {})?;
