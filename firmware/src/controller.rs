@@ -269,6 +269,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
+    #[inline(never)]
     fn measure(&mut self, inputs: &Inputs<N>) {
         self.drives = inputs.drives;
         if HAS_SERVICE {
@@ -290,6 +291,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
+    #[inline(never)]
     fn watch(&mut self, inputs: &Inputs<N>) {
         if self.late_ticks.update(inputs.overrun, 2) {
             self.trip(FaultId::P5, 0, 2, 1);
@@ -446,6 +448,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
+    #[inline(never)]
     fn act(&mut self, inputs: &Inputs<N>) {
         let Some(stop_ms) = self.active.as_ref().map(|active| active.stop_ms) else {
             return;
@@ -528,6 +531,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
+    #[inline(never)]
     fn command(&mut self, inputs: &Inputs<N>) -> Outputs<N> {
         let mut outputs = Outputs {
             gripper_closed: self.gripper_closed,

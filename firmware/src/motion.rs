@@ -257,6 +257,8 @@ impl<const N: usize> Motion<N> {
 
     /// The stop segment: the tangent of the path, run with a braking clock, so that a buffer that
     /// ran empty decelerates as any stop does, and a stop under way goes on as it began.
+    // Out of line: rare, and its temporaries would be on the stack of every tick.
+    #[inline(never)]
     fn append_stop(&mut self, from: &StoredKnot<N>, stop_ms: u32) {
         let mut end = *from;
         let stop_ms = stop_ms.max(1);

@@ -241,6 +241,22 @@ pub fn on_link<L: Link>(
     on_link_with(model, task, link, session, &Handle::new(), progress)
 }
 
+/// As [`on_link`], for a simulated robot that hangs at home, whichever board stands in front of it:
+/// a chip's firmware does not know that its robot is simulated, and no lengths of an earlier run
+/// are its own.
+///
+/// # Errors
+/// As [`on_link`].
+pub fn on_link_at_home<L: Link>(
+    model: &Model,
+    task: Task,
+    link: L,
+    session: Option<SessionId>,
+) -> Result<Run, RunError> {
+    let homing = Homing::Place(model.robot().tool.home_in_world_m);
+    on_link_homed(model, task, link, session, &Handle::new(), homing, |_| {})
+}
+
 /// As [`on_link`], with orders from a handle.
 ///
 /// # Errors

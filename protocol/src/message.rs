@@ -371,6 +371,7 @@ const _: () = {
 /// Decodes a request; `None` where the body is none, or has bytes to spare. A board's only decoder:
 /// compiled here, for size, and not where it is used, for speed.
 #[must_use]
+#[inline(never)]
 pub fn decode_command(body: &[u8]) -> Option<Command> {
     decode(body)
 }

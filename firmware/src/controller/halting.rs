@@ -17,8 +17,13 @@ const TRIES: u16 = 10;
 const PROOF_MS: u16 = 500;
 
 impl<const N: usize> Controller<N> {
+    #[inline(never)]
     pub(super) fn act_arming(&mut self, inputs: &Inputs<N>) {
-        let expected = self.cables.map(|cable| cable.reference_mn);
+        // Not by `map`: that takes all cables by value, on the stack.
+        let mut expected = [0; N];
+        for (expected, cable) in expected.iter_mut().zip(&self.cables) {
+            *expected = cable.reference_mn;
+        }
         let before = self.arming.phase();
         let mut proven = false;
         match before {
@@ -131,6 +136,7 @@ impl<const N: usize> Controller<N> {
 
     /// Brakes close under torque, torque is held, each brake must prove that it holds, then torque
     /// goes. Where one does not, torque stays (B2, B3).
+    #[inline(never)]
     pub(super) fn close_brakes(&mut self, inputs: &Inputs<N>) {
         let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
             return;

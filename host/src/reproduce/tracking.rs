@@ -34,7 +34,7 @@ fn run(
     let options = LinkOptions::default();
     let link = experiment::simulated_robot_on(model, mismatch, seed, &options, firmware)?;
     link.with(Simulation::record_truth);
-    let mut run = experiment::on_link(model, task, link.clone(), Some(SessionId(1)), |_| {})?;
+    let mut run = experiment::on_link_at_home(model, task, link.clone(), Some(SessionId(1)))?;
     run.true_path = Some(true_path(&link.with(Simulation::take_trace)));
     let figures = run.figures(model)?;
     Ok((run, figures))

@@ -77,7 +77,7 @@ pub fn run(
     let simulated = experiment::simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
     simulated.with(Simulation::record_truth);
     let link = FaultyLink::new(simulated.clone(), &scenario.injections);
-    let outcome = experiment::on_link(model, task, link.clone(), Some(SessionId(1)), |_| {});
+    let outcome = experiment::on_link_at_home(model, task, link.clone(), Some(SessionId(1)));
     link.settle(SETTLE_US)
         .map_err(crate::link::ClientError::from)?;
     let error = match outcome {
