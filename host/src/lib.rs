@@ -17,6 +17,7 @@
 //! | [`scenario`] | faults on purpose, and what came of them |
 //! | [`tension`] | experiments on the tension loop, tuning and calibration of tension |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
+//! | [`files`] | files from outside: read to a bound, written whole or not at all |
 //! | [`sight`] | tags in the camera's pictures |
 //! | [`pick`] | bin picking: look, choose, take, carry, release |
 //! | [`study`] | studies in the simulator that the documents quote |
@@ -32,6 +33,7 @@ pub mod control;
 pub mod doctor;
 pub mod estimate;
 pub mod experiment;
+pub mod files;
 pub mod flash;
 pub mod link;
 pub mod machine;

@@ -142,7 +142,7 @@ pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
 /// # Errors
 /// [`FileError`] where the file is unreadable, of another format, or of another description.
 pub fn apply(robot: &Robot, path: &Path) -> Result<Robot, FileError> {
-    let text = std::fs::read_to_string(path).map_err(|source| FileError::Io {
+    let text = crate::files::read_text(path).map_err(|source| FileError::Io {
         path: path.to_owned(),
         source,
     })?;

@@ -83,7 +83,7 @@ fn init(file: &std::path::Path, common: &Common) -> Outcome {
         {
             std::fs::create_dir_all(parent).map_err(failed())?;
         }
-        std::fs::write(&path, text).map_err(failed())?;
+        crate::files::write_atomically(&path, text).map_err(failed())?;
         written.push(path.display().to_string());
     }
     if common.json {

@@ -33,7 +33,7 @@ impl Cmd {
         let mut written = Vec::new();
         for (name, text) in tables::all(&run) {
             let path = folder.join(name);
-            std::fs::write(&path, &text).map_err(failed())?;
+            crate::files::write_atomically(&path, &text).map_err(failed())?;
             written.push((path.display().to_string(), text.lines().count() - 1));
         }
         if common.json {

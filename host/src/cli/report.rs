@@ -50,7 +50,7 @@ fn write(
         let folder = run.path.parent().map(PathBuf::from).unwrap_or_default();
         folder.join(name)
     });
-    std::fs::write(&path, page).map_err(Failed::from_error("writing the page"))?;
+    crate::files::write_atomically(&path, page).map_err(Failed::from_error("writing the page"))?;
     Ok(path)
 }
 

@@ -10,6 +10,9 @@ const BUILT: &str = "target/thumbv7m-none-eabi/firmware/mcdpr-firmware";
 /// Names the file where the command line does not.
 const VARIABLE: &str = "MCDPR_FIRMWARE";
 
+/// Most bytes of a firmware file, its debug information included.
+const MOST_BYTES: u64 = 256 << 20;
+
 /// Why there is no firmware to execute.
 #[derive(Debug, Error, Diagnostic)]
 pub enum FirmwareError {
@@ -88,9 +91,11 @@ impl Firmware {
             Path::to_path_buf,
         );
         let shown = path.display().to_string();
-        let bytes = std::fs::read(&path).map_err(|error| FirmwareError::Missing {
-            path: shown.clone(),
-            reason: error.to_string(),
+        let bytes = crate::files::read_bytes(&path, MOST_BYTES).map_err(|error| {
+            FirmwareError::Missing {
+                path: shown.clone(),
+                reason: error.to_string(),
+            }
         })?;
         Self::new(&shown, bytes)
     }

@@ -232,7 +232,7 @@ impl Task {
 
     fn load(name: &str) -> Result<Self, TaskError> {
         let path = PathBuf::from(name);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match crate::files::read_text(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Err(TaskError::Unknown {

@@ -107,6 +107,9 @@ pub struct RecordedRun {
     pub gaps: u64,
 }
 
+/// Most bytes of a record: days of a robot.
+const MOST_BYTES: u64 = 4 << 30;
+
 impl RecordedRun {
     /// Reads a run's folder or file.
     ///
@@ -118,10 +121,11 @@ impl RecordedRun {
         } else {
             run.to_owned()
         };
-        let bytes = std::fs::read(&path).map_err(|error| LoadError::Missing {
-            path: path.clone(),
-            reason: error.to_string(),
-        })?;
+        let bytes =
+            crate::files::read_bytes(&path, MOST_BYTES).map_err(|error| LoadError::Missing {
+                path: path.clone(),
+                reason: error.to_string(),
+            })?;
         Self::parse(&bytes, path)
     }
 

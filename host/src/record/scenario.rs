@@ -23,7 +23,7 @@ impl TaskSource {
             .iter()
             .any(|(known, _)| *known == name);
         let text = (!built_in)
-            .then(|| std::fs::read_to_string(name).ok())
+            .then(|| crate::files::read_text(name).ok())
             .flatten();
         Self {
             name: name.to_owned(),

@@ -60,9 +60,7 @@ impl RunFolder {
     /// # Errors
     /// The file system's.
     pub fn write(&self, name: &str, contents: &str) -> io::Result<()> {
-        let part = self.path.join(format!("{name}.part"));
-        std::fs::write(&part, contents)?;
-        std::fs::rename(part, self.path.join(name))
+        crate::files::write_atomically(&self.path.join(name), contents)
     }
 
     /// Writes a value as JSON.

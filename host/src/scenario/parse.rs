@@ -198,13 +198,9 @@ impl Scenario {
             path: shown.clone(),
             reason,
         };
-        let size = std::fs::metadata(path).map_err(|error| unreadable(error.to_string()))?;
-        if !size.is_file() || size.len() > MOST_BYTES {
-            return Err(unreadable(format!(
-                "it is no file of at most {MOST_BYTES} bytes"
-            )));
-        }
-        let text = std::fs::read_to_string(path).map_err(|error| unreadable(error.to_string()))?;
+        let text = crate::files::read_bytes(path, MOST_BYTES)
+            .and_then(|bytes| String::from_utf8(bytes).map_err(std::io::Error::other))
+            .map_err(|error| unreadable(error.to_string()))?;
         Self::parse(&text, &shown, cables)
     }
 

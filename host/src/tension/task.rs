@@ -134,7 +134,7 @@ impl Experiment {
         if let Some((_, _, text)) = BUILT_IN.iter().find(|(known, ..)| *known == name) {
             return Self::parse(text, name, held, cables);
         }
-        match std::fs::read_to_string(Path::new(name)) {
+        match crate::files::read_text(Path::new(name)) {
             Ok(text) => Self::parse(&text, name, held, cables),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 Err(ExperimentError::Unknown {

@@ -108,7 +108,7 @@ impl Solve {
         let (data, designed) = match &self.data {
             Some(file) => {
                 let what = format!("calibration data {}", file.display());
-                let text = std::fs::read_to_string(file).map_err(Failed::from_error(&what))?;
+                let text = crate::files::read_text(file).map_err(Failed::from_error(&what))?;
                 let data = refusable(common, Data::from_json(&text))?;
                 // Data from elsewhere stand for themselves.
                 let wanted = data.origin.is_some() || self.out.is_some();

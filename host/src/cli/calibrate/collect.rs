@@ -161,7 +161,7 @@ impl How {
             return Ok(None);
         }
         let what = format!("calibration data {}", path.display());
-        let text = std::fs::read_to_string(path).map_err(Failed::from_error(&what))?;
+        let text = crate::files::read_text(path).map_err(Failed::from_error(&what))?;
         Ok(Some(Data::from_json(&text)?))
     }
 }

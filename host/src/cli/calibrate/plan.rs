@@ -23,7 +23,7 @@ pub(crate) struct Cmd {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let what = format!("calibration data {}", self.data.display());
-        let text = std::fs::read_to_string(&self.data).map_err(Failed::from_error(&what))?;
+        let text = crate::files::read_text(&self.data).map_err(Failed::from_error(&what))?;
         let outcome = self.plan(&text, common.seed);
         let (found, plan) = match outcome {
             Ok(done) => done,

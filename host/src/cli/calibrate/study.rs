@@ -108,7 +108,7 @@ impl Cmd {
                 .ok_or("no robot")
                 .map_err(Failed::from_error(&what))?;
             let text = data.to_json().to_string();
-            std::fs::write(file, text).map_err(Failed::from_error(&what))?;
+            crate::files::write_atomically(file, text).map_err(Failed::from_error(&what))?;
             return Ok(());
         }
         let options = Options {

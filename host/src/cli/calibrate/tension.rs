@@ -64,7 +64,7 @@ impl Cmd {
         let readings = match &self.data {
             Some(path) => {
                 let what = format!("reading {}", path.display());
-                let text = std::fs::read_to_string(path).map_err(Failed::from_error(&what))?;
+                let text = crate::files::read_text(path).map_err(Failed::from_error(&what))?;
                 parse(&text)?
             }
             None if common.on == "sim" => {
@@ -156,7 +156,7 @@ impl Cmd {
             .write("winch.toml", &written_into("", fit, &note))
             .into_diagnostic()?;
         if let Some(path) = &self.module {
-            let old = match std::fs::read_to_string(path) {
+            let old = match crate::files::read_text(path) {
                 Ok(text) => text,
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
                 Err(error) => {

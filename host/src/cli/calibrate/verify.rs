@@ -17,7 +17,7 @@ pub(crate) struct Cmd {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let what = format!("measured poses {}", self.poses.display());
-        let text = std::fs::read_to_string(&self.poses).map_err(Failed::from_error(&what))?;
+        let text = crate::files::read_text(&self.poses).map_err(Failed::from_error(&what))?;
         let designed = Robot::find(&common.robot)?;
         let rows = rows(&text, designed.cables.len())?;
         let calibrated = common.robot()?;
