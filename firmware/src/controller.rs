@@ -342,7 +342,10 @@ impl<const N: usize> Controller<N> {
                 } else {
                     config.floor_mn
                 },
-                reels_in: by_tension && config.law == TensionLaw::Default,
+                // On its way a robot does not wait for that.
+                reels_in: by_tension
+                    && config.law == TensionLaw::Default
+                    && cable.target.speed_umps == 0,
                 ceiling_mn: config.ceiling_mn,
                 length_error: error,
                 length_error_max: config.following_error,

@@ -88,7 +88,7 @@ pub struct CableView {
     pub tension_mn: i32,
     /// Floor, mN.
     pub floor_mn: i32,
-    /// The cable's own law reels it in when it is slack: that takes time.
+    /// The cable's own law reels it in when it is slack, and there is time for it.
     pub reels_in: bool,
     /// Ceiling, mN.
     pub ceiling_mn: i32,
@@ -124,7 +124,7 @@ pub struct CableView {
 
 /// Times of `docs/faults.md`, ticks.
 const SLACK_TICKS: u16 = 20;
-/// What a tension-held cable has for being reeled in.
+/// What a tension-held cable of a robot that stands has for being reeled in.
 const REEL_TICKS: u16 = 2000;
 const SNAG_TICKS: u16 = 2;
 const RAIL_TICKS: u16 = 5;

@@ -451,3 +451,26 @@ fn s10_a_tension_off_its_expected_value_is_advice_in_motion_and_no_fault() {
     assert!(advised(&bench));
     assert_eq!(bench.fault(), None);
 }
+
+/// Cable 4, held by its tension, at 0.3 N; it went slack slowly enough to be no break.
+fn slacken(bench: &mut Bench) -> Option<u32> {
+    // The bench's cable does not stretch: its drum stands.
+    bench.stuck[3] = true;
+    bench.tension_mn = 5200;
+    bench.run(50);
+    assert_eq!(bench.fault(), None);
+    bench.tamper = |i| i.tension_adc[3] = adc_of(300) + i.encoders[0] % 5 + i.tension_adc[0] % 3;
+    (1..=2500).find(|_| {
+        bench.step();
+        bench.fault() == Some(FaultId::C1)
+    })
+}
+
+#[test]
+fn c1_a_slack_tension_held_cable_stops_a_motion_after_20_ticks_and_is_reeled_in_for_2_s_at_rest() {
+    let mut bench = Bench::moving(4000, 500);
+    assert_eq!(slacken(&mut bench), Some(20));
+    assert_eq!(bench.state(), State::Stopping);
+    let mut bench = Bench::holding();
+    assert_eq!(slacken(&mut bench), Some(2000));
+}
