@@ -276,6 +276,7 @@ impl<L: Link> Client<L> {
             }
         }
         self.heartbeat_us = Some(0);
+        self.heard_us = self.link.now_us();
         Ok(())
     }
 
@@ -493,7 +494,8 @@ impl<L: Link> Client<L> {
     fn upkeep(&mut self) -> Result<(), ClientError> {
         let now = self.link.now_us();
         self.wake(now);
-        // While nothing else is under way, the heartbeat's answers are all there is to miss.
+        // Whatever else arrives: only answers to heartbeats show that this side is heard, and that
+        // the board still knows this session.
         if self.heartbeat_us.is_some() && now >= self.heard_us + GIVE_UP_US {
             return Err(ClientError::Lost {
                 waiting: request_name(&Request::Heartbeat { host_time_us: 0 }),
@@ -561,7 +563,6 @@ impl<L: Link> Client<L> {
     }
 
     fn accept(&mut self, message: Message) -> Result<(), ClientError> {
-        self.heard_us = self.link.now_us();
         match message {
             // A restarted board says hello only when asked; an old answer may still be under way.
             Message::Hello(_) => {}
@@ -588,6 +589,7 @@ impl<L: Link> Client<L> {
         }) = answer.result
         {
             let now = self.link.now_us();
+            self.heard_us = now;
             let round_trip_us = u64::from(wrapping_us(now).wrapping_sub(host_time_us));
             self.handle.publish(|view| {
                 view.tick = tick.0;

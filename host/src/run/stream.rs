@@ -66,7 +66,7 @@ fn feed<L: Link>(
         view.paused = false;
     });
     let started_us = client.now_us();
-    let mut told_us = 0;
+    let (mut told_us, mut asked_us) = (0, started_us);
     loop {
         client.step()?;
         if let Some(kind) = orders::stop_wanted(client) {
@@ -111,6 +111,22 @@ fn feed<L: Link>(
                 duration_s,
             });
             return Ok(());
+        } else if client.now_us() >= asked_us + 100_000 {
+            // What the board says by itself may be lost on a bad line: ask until it is known why
+            // the robot does not move.
+            asked_us = client.now_us();
+            let status = super::status(client)?;
+            if let Some(record) = status.fault {
+                return Err(RunError::Fault { record });
+            }
+            let may_go_on = matches!(
+                status.state,
+                BoardState::Moving | BoardState::Pausing | BoardState::Holding
+            );
+            if !may_go_on {
+                // Somebody else stopped it.
+                return Err(RunError::Interrupted);
+            }
         }
         let now = client.now_us();
         if now >= told_us + 100_000 {
