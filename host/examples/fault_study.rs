@@ -14,28 +14,24 @@ fn main() -> ExitCode {
             .unwrap_or(default)
     };
     let (first, runs) = (option("--seed", 1), option("--runs", 10_000));
-    let mut verdicts = Vec::new();
-    let mut without = 0_u64;
-    let mut hash = 0xCBF2_9CE4_8422_2325_u64;
-    for seed in first..first.saturating_add(runs) {
-        let Some(verdict) = campaign::run(seed) else {
-            without += 1;
-            continue;
-        };
-        // FNV-1a (Fowler, Noll, Vo) over all that was measured: two runs agree, or they do not.
-        for byte in format!("{verdict:?}").bytes() {
-            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3);
-        }
-        if !verdict.violations.is_empty() {
+    let end = first.saturating_add(runs);
+    let all = campaign::run_all(first..end, |_, verdict| {
+        if let Some(verdict) = verdict.filter(|verdict| !verdict.violations.is_empty()) {
             eprintln!("{}", verdict.line());
         }
-        verdicts.push(verdict);
+    });
+    let without = all.iter().filter(|verdict| verdict.is_none()).count();
+    let verdicts: Vec<_> = all.into_iter().flatten().collect();
+    // FNV-1a (Fowler, Noll, Vo) over all that was measured: two runs agree, or they do not.
+    let mut hash = 0xCBF2_9CE4_8422_2325_u64;
+    for byte in verdicts.iter().flat_map(|v| format!("{v:?}").into_bytes()) {
+        hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3);
     }
     let failed = verdicts.iter().filter(|v| !v.violations.is_empty()).count();
     println!(
         "{} runs, seeds {first} to {}, {without} without a motion; {failed} broke an invariant; hash {hash:016x}\n",
         verdicts.len(),
-        first.saturating_add(runs).saturating_sub(1)
+        end.saturating_sub(1)
     );
     println!("Runs with one fault; the worst of each column.\n");
     println!(

@@ -7,18 +7,12 @@ const RUNS: u64 = 200;
 
 #[test]
 fn random_faults_at_random_times_on_random_robots_break_no_invariant() {
-    let mut broken = Vec::new();
-    let (mut ran, mut noticed) = (0, 0);
-    for seed in 1..=RUNS {
-        let Some(verdict) = campaign::run(seed) else {
-            continue;
-        };
-        ran += 1;
-        noticed += u64::from(verdict.noticed.is_some());
-        if !verdict.violations.is_empty() {
-            broken.push(verdict.line());
-        }
-    }
+    let verdicts = campaign::run_all(1..RUNS + 1, |_, _| {});
+    let verdicts: Vec<_> = verdicts.into_iter().flatten().collect();
+    let ran = verdicts.len() as u64;
+    let noticed = verdicts.iter().filter(|v| v.noticed.is_some()).count() as u64;
+    let broken = verdicts.iter().filter(|v| !v.violations.is_empty());
+    let broken: Vec<_> = broken.map(campaign::Verdict::line).collect();
     assert!(ran > RUNS * 9 / 10, "{ran} runs");
     assert!(noticed > ran / 2, "{noticed} of {ran} noticed");
     assert!(broken.is_empty(), "{}", broken.join("\n"));

@@ -55,6 +55,8 @@ pub struct Aftermath {
     pub error: Option<RunError>,
     /// What the robot can bear.
     pub limits: Limits,
+    /// Planned height of the tool at each millisecond of path time, m.
+    pub planned_height_m: Vec<f64>,
 }
 
 impl Aftermath {
@@ -63,12 +65,14 @@ impl Aftermath {
         injected_ms: Vec<u64>,
         error: Option<RunError>,
         limits: Limits,
+        planned_height_m: Vec<f64>,
     ) -> Self {
         Self {
             trace,
             injected_ms,
             error,
             limits,
+            planned_height_m,
         }
     }
 
@@ -94,20 +98,32 @@ impl Aftermath {
         self.after().iter().position(|point| point.fault.is_some())
     }
 
-    /// From the first fault on, up to the tick in which torque went; then it hangs on brakes.
+    /// How far the tool fell from the first fault on, m: below the lowest that it had come to when
+    /// the fault was noticed, and below where its path leads while it decelerates along it.
     #[must_use]
     pub fn drop_m(&self) -> f64 {
         let after = self.after();
-        // On a path that goes down by itself, only what lies below its lowest is a drop.
         let noticed = after.iter().position(|point| point.fault.is_some());
-        let before = after
-            .get(..noticed.unwrap_or(after.len()))
-            .unwrap_or_default();
+        let (before, rest) = after.split_at(noticed.unwrap_or(after.len()));
         let height = |point: &TracePoint| point.truth.tool_position_m[2];
         let level = before.iter().map(height).fold(f64::INFINITY, f64::min);
         let level = level.min(after.first().map_or(0.0, height));
-        let rest = after.get(before.len()..).unwrap_or_default();
-        rest.iter().map(|p| level - height(p)).fold(0.0, f64::max)
+        let planned = |path_ms: u32| {
+            let at = usize::try_from(path_ms).unwrap_or(usize::MAX);
+            let last = self.planned_height_m.last();
+            self.planned_height_m.get(at).or(last).copied()
+        };
+        let path_ms = rest.first().map_or(0, |point| point.path_ms);
+        let from_m = planned(path_ms).unwrap_or(0.0);
+        let (mut way_m, mut drop_m) = (0.0_f64, 0.0_f64);
+        for point in rest {
+            // The path's clock is set back when the motion is thrown away.
+            if let Some(now_m) = planned(point.path_ms).filter(|_| point.path_ms > path_ms) {
+                way_m = way_m.min(now_m - from_m);
+            }
+            drop_m = drop_m.max(level + way_m - height(point));
+        }
+        drop_m
     }
 
     /// The largest tension over its cable's limit, as a share of it, and the longest time in ms

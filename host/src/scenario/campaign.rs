@@ -10,6 +10,7 @@ use mcdpr_protocol::FaultId;
 use mcdpr_simulator::TracePoint;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Faults that are drawn, each as often as the others.
 pub const DRAWN: &[FaultId] = &[
@@ -253,6 +254,38 @@ pub fn run(seed: u64) -> Option<Verdict> {
         Err(error) => verdict.violations.push(format!("no run: {error}")),
     }
     Some(verdict)
+}
+
+/// Runs these seeds on all processors; verdicts in the order of the seeds, `None` where there was no
+/// motion. `seen` is told of each as it is done, in any order.
+pub fn run_all(
+    seeds: std::ops::Range<u64>,
+    seen: impl Fn(u64, Option<&Verdict>) + Sync,
+) -> Vec<Option<Verdict>> {
+    let next = AtomicU64::new(seeds.start);
+    let work = || {
+        let mut done = Vec::new();
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed >= seeds.end {
+                return done;
+            }
+            let verdict = run(seed);
+            seen(seed, verdict.as_ref());
+            done.push((seed, verdict));
+        }
+    };
+    let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let mut all: Vec<_> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, _>| match worker.join() {
+            Ok(done) => done,
+            Err(panic) => std::panic::resume_unwind(panic),
+        };
+        workers.into_iter().flat_map(join).collect()
+    });
+    all.sort_unstable_by_key(|(seed, _)| *seed);
+    all.into_iter().map(|(_, verdict)| verdict).collect()
 }
 
 fn judge(verdict: &mut Verdict, model: &Model, after: &Aftermath) {

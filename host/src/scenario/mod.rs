@@ -76,6 +76,7 @@ pub fn run(
 ) -> Result<Aftermath, RunError> {
     let simulated = experiment::simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
     simulated.with(Simulation::record_truth);
+    let planned_height_m = planned_heights(model, task.clone())?;
     let link = FaultyLink::new(simulated.clone(), &scenario.injections);
     let outcome = experiment::on_link_at_home(model, task, link.clone(), Some(SessionId(1)));
     link.settle(SETTLE_US)
@@ -92,5 +93,16 @@ pub fn run(
         link.injected_ms(),
         error,
         Limits::of(model),
+        planned_height_m,
     ))
+}
+
+/// Height of the tool at each millisecond of the task's path time, m.
+fn planned_heights(model: &Model, task: Task) -> Result<Vec<f64>, RunError> {
+    let plan = experiment::plan_from_home(model, task)?;
+    let mut heights = Vec::new();
+    while heights.len() as f64 * 1e-3 <= plan.timed.duration_s() {
+        heights.push(plan.timed.tool_m(heights.len() as f64 * 1e-3)?.z);
+    }
+    Ok(heights)
 }
