@@ -15,6 +15,7 @@
 //! | [`plan`], [`collect`] | choice of poses; measuring them on a robot |
 //! | [`result`] | the calibration as a file beside the robot file |
 //! | [`target`] | tags to print |
+//! | [`slip`] | is the calibration of the running robot still true, and which cable slipped |
 //! | [`verify`] | against poses measured by other means |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
 
@@ -37,6 +38,7 @@ mod read;
 pub mod result;
 pub mod rows;
 pub mod simulate;
+pub mod slip;
 pub mod solve;
 pub mod study;
 pub mod target;

@@ -33,6 +33,9 @@ pub struct Plan {
     pub chosen: Vec<Candidate>,
     /// Expected root mean square position error after each of them, m.
     pub expected_error_m: Vec<f64>,
+    /// What would be worth most after them, for poses that turn out not to be reached or to see no
+    /// tag.
+    pub spare: Vec<Candidate>,
 }
 
 /// Reachable poses of the nominal robot with tags in view, at random.
@@ -276,12 +279,20 @@ pub fn choose(
     let mut out = Plan {
         chosen: Vec::new(),
         expected_error_m: Vec::new(),
+        spare: Vec::new(),
     };
     for _ in 0..count {
         let (k, expected) = design.best(|k| chosen.contains(&k))?;
         design.take(k);
         out.chosen.push(all[k].clone());
         out.expected_error_m.push(expected);
+    }
+    for _ in 0..count.div_ceil(2) {
+        let Some((k, _)) = design.best(|k| !chosen.contains(&k)) else {
+            break;
+        };
+        design.take(k);
+        out.spare.push(all[k].clone());
     }
     Some(out)
 }

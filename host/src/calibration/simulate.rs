@@ -7,6 +7,7 @@
 use super::data::{Camera, Data, Noise, NominalRobot, Observation, Tag, View, compose, inverse};
 use super::joint::Options;
 use super::plan;
+use super::unknowns::Priors;
 use mcdpr_kinematics::{
     Cable, EquilibriumGuess, Platform, Pose, Robot, StaticOptions, four_cables,
 };
@@ -59,6 +60,9 @@ pub struct Setup {
     pub free_poses: bool,
     /// Choose the poses out of this many reachable ones (I-optimal); 0 takes them at random.
     pub chosen_from: usize,
+    /// Draw what the estimators hold by priors from these priors (pulley radii, attachments, drums,
+    /// lens, tag size, mass, centre of mass), rather than leave it as stated.
+    pub drawn: bool,
     /// Effects that the data do not tell.
     pub silent: Silent,
     /// Seed of everything random.
@@ -75,6 +79,7 @@ impl Default for Setup {
             encoder_m: 5e-5,
             free_poses: false,
             chosen_from: 0,
+            drawn: false,
             silent: Silent::default(),
             seed: 1,
         }
@@ -209,10 +214,13 @@ pub fn tags_of(target: Target) -> (Vec<Tag>, usize) {
     }
 }
 
-/// Margin that a tag keeps from the picture's edge, px.
+/// Margin that a tag keeps from the picture's edge where poses are planned, px.
 const MARGIN_PX: f64 = 40.0;
+/// The same where a picture is looked at: a detector needs some paper around the tag. The rest of
+/// the planned margin is what the robot hangs elsewhere than planned.
+const SEEN_PX: f64 = 10.0;
 
-/// The tags wholly in the picture at a platform pose, with their corners.
+/// The tags wholly in the picture at a platform pose, 40 px from its edge, with their corners.
 #[must_use]
 pub fn views_at(
     camera: &Camera,
@@ -222,6 +230,18 @@ pub fn views_at(
     world_from_platform: &Pose,
     tag_scale: f64,
 ) -> Vec<View> {
+    let poses = (world_from_body, camera_from_platform, world_from_platform);
+    views_within(camera, tags, poses, tag_scale, MARGIN_PX)
+}
+
+/// The tags that keep `margin_px` from the picture's edge; negative: that may lie outside of it.
+fn views_within(
+    camera: &Camera,
+    tags: &[Tag],
+    (world_from_body, camera_from_platform, world_from_platform): (&[Pose], &Pose, &Pose),
+    tag_scale: f64,
+    margin_px: f64,
+) -> Vec<View> {
     let camera_from_world = compose(camera_from_platform, &inverse(world_from_platform));
     let see = |(index, tag): (usize, &Tag)| {
         let camera_from_body = compose(&camera_from_world, &world_from_body[tag.body]);
@@ -229,7 +249,7 @@ pub fn views_at(
         for (slot, corner) in corners_px.iter_mut().zip(&tag.corners_in_body_m) {
             let seen = camera.project(&camera_from_body.transform(&(corner * tag_scale)))?;
             for (k, value) in slot.iter_mut().enumerate() {
-                let inside = MARGIN_PX..camera.size_px[k] - MARGIN_PX;
+                let inside = margin_px..camera.size_px[k] - margin_px;
                 if !inside.contains(&seen.pixel[k]) {
                     return None;
                 }
@@ -293,7 +313,23 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     nominal.anchor_half_tolerance_m = setup.anchor_m;
     let half = nominal.anchor_half_tolerance_m;
     let off: Vec<_> = (0..4).map(|_| dice.point(half)).collect();
-    let robot = robot_of(&nominal, &off)?;
+    let mut made = nominal.clone();
+    let mut silent = setup.silent;
+    // Dice of their own: the rest of the data stays what it is without.
+    let mut own = Dice::new(setup.seed ^ 0x6472_6177);
+    let priors = Priors::default();
+    if setup.drawn {
+        for cable in &mut made.cables {
+            cable.pulley_radius_m += priors.radius_m * own.normal();
+            cable.attachment_m += Vector3::from_fn(|_, _| priors.attachment_m * own.normal());
+        }
+        made.mass_kg *= 1.0 + priors.mass * own.normal();
+        made.center_of_mass_m += Vector3::from_fn(|_, _| priors.center_of_mass_m * own.normal());
+        silent.drum += priors.drum * own.normal();
+        silent.tag += priors.tag * own.normal();
+        silent.k1 += priors.k1 * own.normal();
+    }
+    let robot = robot_of(&made, &off)?;
     let camera = Camera {
         focal_px: [920.0; 2],
         center_px: [640.0, 360.0],
@@ -301,7 +337,14 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         distortion: [0.0; 5],
     };
     let mut true_camera = camera;
-    true_camera.distortion[0] = setup.silent.k1;
+    true_camera.distortion[0] = silent.k1;
+    if setup.drawn {
+        let focal = 1.0 + priors.focal * own.normal();
+        true_camera.focal_px = true_camera.focal_px.map(|f| f * focal);
+        true_camera.center_px = true_camera
+            .center_px
+            .map(|c| c + priors.center_px * own.normal());
+    }
     // Tags lie face up: AprilTag's z axis points into the floor.
     let down = |x: f64, y: f64, yaw: f64| {
         Pose::new(
@@ -333,16 +376,16 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         corner_px: setup.corner_px,
         tension_n: Some(0.1),
     };
-    let tag_scale = 1.0 + setup.silent.tag;
+    let tag_scale = 1.0 + silent.tag;
+    // The paper's simulation has the tag in view wherever the camera is.
+    let margin_px = if setup.free_poses {
+        f64::NEG_INFINITY
+    } else {
+        SEEN_PX
+    };
     let look = |pose: &Pose| {
-        views_at(
-            &true_camera,
-            &tags,
-            &world_from_body,
-            &camera_from_platform,
-            pose,
-            tag_scale,
-        )
+        let poses = (&world_from_body[..], &camera_from_platform, pose);
+        views_within(&true_camera, &tags, poses, tag_scale, margin_px)
     };
     let mut data = Data {
         id: format!("simulated-{}", setup.seed),
@@ -362,8 +405,10 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     if setup.chosen_from > 0 {
         let all = plan::candidates(&data, setup.chosen_from, setup.seed.wrapping_add(7))?;
         let work = plan::work_poses(&data, 100, setup.seed)?;
-        planned = plan::choose(&data, &all, &work, setup.poses, &Options::default())?.chosen;
+        let plan = plan::choose(&data, &all, &work, setup.poses, &Options::default())?;
+        planned = plan.spare;
         planned.reverse();
+        planned.extend(plan.chosen.into_iter().rev());
     }
     let mut taken = Vec::new();
     while taken.len() < setup.poses {
@@ -395,7 +440,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     while holdout.len() < 120 {
         holdout.extend(random_equilibrium(&robot, &mut dice).map(|(pose, ..)| pose));
     }
-    let observed = observe(setup, &robot, &noise, taken, &mut dice)?;
+    let observed = observe(setup, &silent, &robot, &noise, taken, &mut dice)?;
     data.poses = observed.0;
     data.holdout = holdout
         .iter()
@@ -407,7 +452,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         world_from_body,
         camera_from_platform,
         holdout,
-        drum_scale: 1.0 + setup.silent.drum,
+        drum_scale: 1.0 + silent.drum,
     };
     Some((data, truth))
 }
@@ -417,12 +462,12 @@ type Taken = (Pose, [f64; 4], Vec<View>);
 /// Readings with noise, silent effects and outliers; and the initial lengths.
 fn observe(
     setup: &Setup,
+    silent: &Silent,
     robot: &Robot<4>,
     noise: &Noise,
     taken: Vec<Taken>,
     dice: &mut Dice,
 ) -> Option<(Vec<Observation>, [f64; 4])> {
-    let silent = &setup.silent;
     let drum = 1.0 + silent.drum;
     let paid_out = |pose: &Pose, tensions: &[f64; 4]| {
         let lengths = robot.lengths_m(pose).ok()?;

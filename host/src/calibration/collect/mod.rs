@@ -1,11 +1,13 @@
 //! Collecting calibration data on a robot: which poses, the way there, waiting for rest, measuring.
 
 mod reach;
+mod recheck;
 mod skeleton;
 mod still;
 mod travel;
 
 pub use reach::Reach;
+pub use recheck::recheck;
 pub use skeleton::{Sketch, of_this_robot};
 pub use still::{AT_REST_M, Still};
 pub use travel::{Way, way};

@@ -1,6 +1,7 @@
 //! `mcdpr calibrate`: the robot's parameters from measurements.
 
 mod all;
+mod check;
 mod collect;
 mod plan;
 mod study;
@@ -28,6 +29,7 @@ enum What {
     Plan(plan::Cmd),
     Target(target::Cmd),
     Verify(verify::Cmd),
+    Check(check::Cmd),
     Study(study::Cmd),
     Winch(winch::Cmd),
     Tension(tension::Cmd),
@@ -42,6 +44,7 @@ impl Cmd {
             What::Camera(cmd) => cmd.run(common),
             What::Plan(cmd) => cmd.run(common),
             What::Target(cmd) => cmd.run(common),
+            What::Check(cmd) => cmd.run(common),
             What::Verify(cmd) => cmd.run(common),
             What::Study(cmd) => cmd.run(common),
             What::Winch(cmd) => cmd.run(common),

@@ -35,6 +35,10 @@ pub(crate) struct Cmd {
     /// Choose the poses out of this many reachable ones (0: take them at random)
     #[arg(long, default_value_t = 0, value_name = "CANDIDATES")]
     chosen: usize,
+    /// Draw pulley radii, attachments, drums, lens, tag size and mass from the priors that the joint
+    /// method holds them by, rather than leave them as stated: for the stated covariance
+    #[arg(long)]
+    drawn: bool,
     /// joint: leave the equations of equilibrium out
     #[arg(long)]
     no_statics: bool,
@@ -85,6 +89,7 @@ impl Cmd {
             encoder_m: self.encoder_mm * 1e-3,
             free_poses: self.free_poses,
             chosen_from: self.chosen,
+            drawn: self.drawn,
             silent: Silent {
                 tag: self.tag_error,
                 k1: self.k1,

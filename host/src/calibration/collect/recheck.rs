@@ -1,0 +1,146 @@
+//! The self-check on a running robot: a few places, waiting for rest at each, lengths and tensions
+//! and, where there is a camera, a look at the tags; [`slip`](crate::calibration::slip) says what
+//! they mean.
+
+use super::CollectError;
+use super::still::{self, Still};
+use crate::calibration::slip::{Reading, SelfCheck, Sigmas};
+use crate::estimate::{self, Measurements, TagPlace};
+use crate::link::Link;
+use crate::motion::{Model, Task};
+use crate::run::{Recorder, Session};
+use crate::sight::{TagSource, TagView};
+use mcdpr_kinematics::Pose;
+use nalgebra::Vector3;
+
+/// Where the tool goes after home, m from home; what a robot can not reach is passed over.
+const PLACES: [[f64; 3]; 8] = [
+    [0.07, 0.08, -0.09],
+    [0.14, -0.05, -0.05],
+    [0.03, 0.16, -0.16],
+    [0.16, 0.10, -0.20],
+    [-0.05, 0.06, -0.06],
+    [0.05, -0.06, -0.10],
+    [-0.06, -0.07, -0.12],
+    [0.0, 0.0, -0.08],
+];
+
+/// Measures where the tool hangs and at up to `places - 1` more places, tells `judge` after each, and
+/// goes back. Ends early where `judge` has heard enough (`false`). The robot must be armed.
+///
+/// # Errors
+/// The link's, the camera's, a fault; [`CollectError::Impossible`] for a reading that fits no resting
+/// pose.
+pub fn recheck<L: Link>(
+    model: &Model,
+    session: &mut Session<'_, L>,
+    source: Option<&mut dyn TagSource>,
+    (places, sigmas): (usize, Sigmas),
+    mut judge: impl FnMut(&SelfCheck<'_>, &Reading) -> bool,
+) -> Result<(), CollectError> {
+    let mut check = SelfCheck::new(model, sigmas);
+    let mut source = source;
+    let home = session.tool_m();
+    let mut ways = PLACES.iter().map(|by| home + Vector3::from(*by));
+    loop {
+        let still = match &mut source {
+            Some(source) => measure(model, session, *source)?,
+            None => {
+                let slowest_s = slowest_s(model, session);
+                still::blind(session.client(), slowest_s)?
+            }
+        };
+        let reading = reading_of(model, session, &still);
+        let fits = check.add(&reading);
+        fits.map_err(|error| CollectError::Impossible {
+            what: format!("what was measured fits no resting pose: {error}"),
+            help: "home the robot again and calibrate it".into(),
+        })?;
+        if !judge(&check, &reading) || check.readings() >= places {
+            break;
+        }
+        // The first of the places left that the robot can reach.
+        let gone = ways.find_map(|to| go(session, to).transpose());
+        match gone {
+            Some(done) => done?,
+            None => break,
+        }
+    }
+    if let Some(done) = go(session, home).transpose() {
+        done?;
+    }
+    Ok(())
+}
+
+/// Drives there; `None` where the way would break a limit.
+fn go<L: Link>(session: &mut Session<'_, L>, to: Vector3<f64>) -> Result<Option<()>, CollectError> {
+    let task = Task::go_to("check", to).map_err(crate::run::RunError::from)?;
+    let Ok(plan) = session.plan(task, None) else {
+        return Ok(None);
+    };
+    session.follow(&plan, &mut Recorder::default(), |_| {})?;
+    Ok(Some(()))
+}
+
+fn slowest_s<L: Link>(model: &Model, session: &Session<'_, L>) -> f64 {
+    let found = model.geometry().stability(&session.at().equilibrium).ok();
+    let slowest = found.and_then(|s| s.modes_hz.iter().copied().next());
+    1.0 / slowest.filter(|hz| *hz > 0.2).unwrap_or(1.0)
+}
+
+fn measure<L: Link>(
+    model: &Model,
+    session: &mut Session<'_, L>,
+    mut source: &mut dyn TagSource,
+) -> Result<Still, CollectError> {
+    let slowest_s = slowest_s(model, session);
+    let tags = &model.robot().tags;
+    let size_m = |id: u32| {
+        let tag = tags.iter().find(|tag| tag.id == id)?;
+        let [a, b, ..] = tag.corners_in_body_m;
+        Some((b - a).norm())
+    };
+    match still::measure(session.client(), &mut source, size_m, slowest_s)? {
+        Ok(still) => Ok(still),
+        // Without a tag in view lengths and tensions still tell.
+        Err(_) => still::blind(session.client(), slowest_s),
+    }
+}
+
+fn reading_of<L: Link>(model: &Model, session: &Session<'_, L>, still: &Still) -> Reading {
+    Reading {
+        lengths_m: still.lengths_m.clone(),
+        tensions_n: still.tensions_n.clone(),
+        seen: seen(model, still, &session.tool_m()),
+    }
+}
+
+/// Where the platform is by the tags alone, statics giving its attitude.
+fn seen(model: &Model, still: &Still, near: &Vector3<f64>) -> Option<Pose> {
+    let calibrated = model.robot().calibrated.as_ref()?;
+    let places = calibrated.world_from_body.iter();
+    let variance = still.sigma_px * still.sigma_px;
+    let views = still.tags.iter().map(|(id, corners_px)| TagView {
+        id: *id,
+        corners_px: *corners_px,
+        covariance_px2: [[[variance, 0.0], [0.0, variance]]; 4],
+        image_time_us: 0,
+    });
+    let views: Vec<_> = views.collect();
+    if views.is_empty() {
+        return None;
+    }
+    let measured = Measurements {
+        lengths_m: Vec::new(),
+        tensions_n: still.tensions_n.clone(),
+        views,
+        places: places
+            .map(|(body, pose)| TagPlace {
+                body: *body,
+                world_from_body: crate::sight::pose_of(pose),
+            })
+            .collect(),
+    };
+    let found = estimate::estimate(model, &measured, &estimate::Sigmas::default(), near).ok()?;
+    Some(found.rest.equilibrium.pose)
+}

@@ -1,0 +1,170 @@
+//! `mcdpr calibrate check`: whether the calibration of a running robot still holds.
+
+use crate::calibration::collect::{CollectError, recheck};
+use crate::calibration::slip::{Finding, Sigmas};
+use crate::cli::{Common, Failed, Outcome, print_json};
+use crate::control::Handle;
+use crate::experiment;
+use crate::link::{ClientError, Link, SerialLink};
+use crate::machine::Mismatch;
+use crate::motion::Model;
+use crate::run::{Homing, Session, new_session, watch_for_interrupts};
+use crate::sight::{Scene, SimulatedTags, TagSource};
+use mcdpr_simulator::LinkOptions;
+
+/// Part of a tension that pulleys hide from the sensor at the winch.
+const PULLEYS: f64 = 0.02;
+
+/// Check on the running robot that its calibration still holds; names a cable that slipped
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Measure at up to this many places, the present one included
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=9))]
+    places: u8,
+    /// Do not look at the tags, even where there is a camera
+    #[arg(long)]
+    no_tags: bool,
+    /// Part of a tension that the pulleys hide from its sensor
+    #[arg(long, default_value_t = PULLEYS, value_name = "PART")]
+    friction: f64,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        let robot = common.robot()?;
+        let Some(calibrated) = robot.calibrated.clone() else {
+            return Err(Failed::from_error("calibrate check")(
+                "this robot has no calibration to check; `mcdpr calibrate all` makes one",
+            )
+            .into());
+        };
+        if !(0.0..=0.5).contains(&self.friction) {
+            return Err(Failed::from_error("--friction")(format!(
+                "{} is no part of a tension: give 0 to 0.5",
+                self.friction
+            ))
+            .into());
+        }
+        let model = Model::new(&robot)?;
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let handle = Handle::new();
+        let mut tags = None;
+        let (link, homing): (Box<dyn Link>, _) = if common.on == "sim" {
+            let link = experiment::simulated_robot(
+                &model,
+                &Mismatch::as_built(),
+                common.seed,
+                &LinkOptions::default(),
+            )?;
+            let scene = Scene::of(&robot, common.seed);
+            tags = Some(SimulatedTags::new(link.clone(), scene, 0.1, common.seed));
+            let home = Homing::Lengths(calibrated.home_lengths_m.clone());
+            (Box::new(link), home)
+        } else {
+            let link = SerialLink::open(&common.on).map_err(ClientError::from)?;
+            (Box::new(link), Homing::Known)
+        };
+        let mut session = Session::open(&model, link, new_session(), &handle, homing)?;
+        let error_m = calibrated.predicted_error_m.unwrap_or(1e-3);
+        let sigmas = Sigmas::calibrated(error_m, self.friction);
+        let mut source = tags.as_mut().map(|source| source as &mut dyn TagSource);
+        if self.no_tags {
+            source = None;
+        }
+        let mut all = Vec::new();
+        session.arm()?;
+        let done = recheck(
+            &model,
+            &mut session,
+            source,
+            (usize::from(self.places), sigmas),
+            |check, reading| {
+                let found = check.finding();
+                if !common.json {
+                    say!(
+                        "place {}, {}: {}",
+                        check.readings(),
+                        if reading.seen.is_some() {
+                            "with tags"
+                        } else {
+                            "without tags"
+                        },
+                        words(&found)
+                    );
+                }
+                all.push(found);
+                true
+            },
+        );
+        match done {
+            // A link or a fault that ended it has stopped the robot already.
+            Err(error @ CollectError::Run(_)) => return Err(error.into()),
+            done => {
+                session.disarm()?;
+                done?;
+            }
+        }
+        let last = all.last().copied().unwrap_or(Finding::Holds);
+        if common.json {
+            print_json(&serde_json::json!({
+                "holds": last == Finding::Holds,
+                "finding": document(&last),
+                "places": all.iter().map(document).collect::<Vec<_>>(),
+            }))?;
+        }
+        match last {
+            Finding::Holds => Ok(()),
+            other => Err(Failed::from_error("calibrate check")(format!(
+                "{}; {}",
+                words(&other),
+                match other {
+                    Finding::Cable { .. } =>
+                        "look at that drum, then home the robot at a tag (`mcdpr home`)",
+                    _ => "look over frame and drums, then calibrate again (`mcdpr calibrate all`)",
+                }
+            ))
+            .into()),
+        }
+    }
+}
+
+fn words(finding: &Finding) -> String {
+    match finding {
+        Finding::Holds => "the calibration holds".into(),
+        Finding::Slip { about_m } => format!(
+            "something slipped, by about {:.1} mm; more places or a tag will name the cable",
+            about_m.abs() * 1e3
+        ),
+        Finding::Cable {
+            cable,
+            slip_m,
+            sigma_m,
+        } => format!(
+            "cable {cable} is {:.2} mm {} than its encoder says (standard deviation {:.2} mm)",
+            slip_m.abs() * 1e3,
+            if *slip_m > 0.0 { "longer" } else { "shorter" },
+            sigma_m * 1e3
+        ),
+        Finding::NoLongerHolds { ratio } => format!(
+            "the calibration no longer holds: no single cable explains the readings (chi-square {ratio:.1} \
+             per degree of freedom)"
+        ),
+    }
+}
+
+fn document(finding: &Finding) -> serde_json::Value {
+    match finding {
+        Finding::Holds => serde_json::json!({ "is": "holds" }),
+        Finding::Slip { about_m } => serde_json::json!({ "is": "slip", "about_m": about_m }),
+        Finding::Cable {
+            cable,
+            slip_m,
+            sigma_m,
+        } => serde_json::json!({
+            "is": "cable", "cable": cable, "slip_m": slip_m, "sigma_m": sigma_m,
+        }),
+        Finding::NoLongerHolds { ratio } => {
+            serde_json::json!({ "is": "no longer holds", "chi_square_per_dof": ratio })
+        }
+    }
+}
