@@ -362,7 +362,11 @@ impl<const N: usize> Controller<N> {
                 hot: drive.over_temperature,
                 expected_mn: cable.setpoint_mn,
                 // A drum that is being stirred pulls at a stiff cable on purpose.
-                by_tension: by_tension && !bare && phase != Phase::Stirring(number - 1),
+                // The paper's law leaves half of the set-point to its error: that is no runaway.
+                by_tension: by_tension
+                    && !bare
+                    && config.law == TensionLaw::Default
+                    && phase != Phase::Stirring(number - 1),
                 too_fast_umps: speed.saturating_sub(cable.target.speed_umps),
                 motor_length: by_motor,
                 drum_length: cable.length,

@@ -133,7 +133,7 @@ const FOLLOWING_TICKS: u16 = 20;
 const SATURATED_TICKS: u16 = 100;
 const BREAK_TICKS: u16 = 10;
 const HOT_TICKS: u16 = 100;
-const RUNAWAY_TICKS: u16 = 8;
+const RUNAWAY_TICKS: u16 = 10;
 /// A tension loop that moves its drum faster than this in the wrong direction runs away, µm/s.
 const RUNAWAY_UMPS: i32 = 2000;
 /// A tension that is this close to what is expected neither runs away nor breaks, mN: a cable that

@@ -200,7 +200,7 @@ fn a_silent_line_is_told_from_a_board() {
 #[test]
 fn a_motion_runs_across_the_wrap_of_the_tick_counter_k9() {
     let model = model();
-    for before_wrap in [2000, 2500, 4000] {
+    for before_wrap in [2400, 2800, 4000] {
         let options = LinkOptions {
             first_tick: u32::MAX - before_wrap,
             ..LinkOptions::default()

@@ -91,17 +91,17 @@ fn s4_a_drum_that_turns_against_its_motor_fires_at_the_second_comparison() {
 }
 
 #[test]
-fn s4_a_tension_loop_that_makes_it_worse_fires_after_8_ticks() {
+fn s4_a_tension_loop_that_makes_it_worse_fires_after_10_ticks() {
     let slackens = ticks_until(|v| {
         (v.by_tension, v.expected_mn) = (true, 10_000);
         (v.tension_mn, v.too_fast_umps) = (4900, 2001);
     });
-    assert_eq!((slackens.0, slackens.1), (8, FaultId::S4));
+    assert_eq!((slackens.0, slackens.1), (10, FaultId::S4));
     let tightens = ticks_until(|v| {
         (v.by_tension, v.expected_mn) = (true, 10_000);
         (v.tension_mn, v.too_fast_umps) = (15_100, -2001);
     });
-    assert_eq!((tightens.0, tightens.1), (8, FaultId::S4));
+    assert_eq!((tightens.0, tightens.1), (10, FaultId::S4));
 }
 
 #[test]

@@ -267,17 +267,24 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
     Ok(robot)
 }
 
+/// Times that place and tensions at home are found from each other.
+const HOME_PASSES: usize = 4;
+
 /// Where the tool truly hangs at the lengths at which the encoders were zeroed.
 fn home_of(robot: &Robot, home_m: &[f64]) -> Result<Vector3<f64>, PlanError> {
     let model = Model::new(robot)?;
-    // The stretch depends on the tensions, which follow from the pose: twice is enough.
-    let mut tensions = vec![robot.tension.setpoint_n; home_m.len()];
-    let mut rest = model.rest_from_lengths(home_m, &tensions)?;
-    for _ in 0..2 {
-        tensions = rest.tensions_n().to_vec();
-        rest = model.rest_from_lengths(home_m, &tensions)?;
+    // The tensions follow from the place, by the rule that set-points follow there, and the place
+    // from the lengths under these tensions: each pass leaves a hundredth of the error.
+    let mut place = robot.tool.home_in_world_m;
+    for _ in 0..HOME_PASSES {
+        let tensions = match model.rest(&place, None) {
+            Ok(rest) => rest.tensions_n().to_vec(),
+            // The place that the description says may be none to hang at.
+            Err(_) => vec![robot.tension.setpoint_n; home_m.len()],
+        };
+        place = model.tool_m(&model.rest_from_lengths(home_m, &tensions)?);
     }
-    Ok(model.tool_m(&rest))
+    Ok(place)
 }
 
 fn list<'a>(value: &'a Value, name: &str) -> Result<&'a Vec<Value>, String> {

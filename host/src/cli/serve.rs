@@ -232,14 +232,6 @@ impl Show<'_> {
             if interrupted() {
                 break false;
             }
-            let status = run::status(&mut client)?;
-            if self.start.swap(false, Ordering::SeqCst) {
-                if status.fault.is_none() {
-                    break true;
-                }
-                self.feed
-                    .say("start: a fault is latched; mend its cause, then clear it");
-            }
             while let Some((ticket, order)) = self.handle.take() {
                 let outcome = match order {
                     Order::Clear => match client.request(Request::ClearFault) {
@@ -252,8 +244,16 @@ impl Show<'_> {
                 };
                 self.handle.done(ticket, outcome);
             }
-            // Whoever stopped the last task has been obeyed.
+            // Whoever stopped the last task has been obeyed, also where Start came at once.
             self.handle.start_anew();
+            let status = run::status(&mut client)?;
+            if self.start.swap(false, Ordering::SeqCst) {
+                if status.fault.is_none() {
+                    break true;
+                }
+                self.feed
+                    .say("start: a fault is latched; mend its cause, then clear it");
+            }
             let look = client.now_us() + LOOK_US;
             client.pump(look)?;
         };

@@ -267,9 +267,21 @@ fn charts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Chart>
         });
         let curve = Curve::new("measured", index, points.collect());
         let title = format!("Tension of cable {}, set-point and +-0.5 N", index + 1);
-        let mut held = chart(&title, "N", vec![curve]);
-        let setpoint = robot.tension.setpoint_n;
-        held.band = Some((setpoint - 0.5, setpoint + 0.5));
+        let planned = ticks.iter().filter_map(|t| {
+            let planned = t.planned.get(index)?;
+            Some((time_of(t, first), planned.tension_n))
+        });
+        let planned: Vec<_> = planned.collect();
+        let least = planned.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
+        let most = planned
+            .iter()
+            .map(|p| p.1)
+            .fold(f64::NEG_INFINITY, f64::max);
+        let asked = Curve::new("set-point", index + 1, planned);
+        let mut held = chart(&title, "N", vec![curve, asked]);
+        if least.is_finite() && most - least < 1e-6 {
+            held.band = Some((least - 0.5, most + 0.5));
+        }
         all.push(held);
     }
     all.push(chart(

@@ -85,9 +85,11 @@ pub fn judge(run: &RecordedRun, robot: &Robot) -> Judgement {
             .filter_map(|tick| tick.tensions_n.get(index).copied())
             .collect();
         if cable.control == Control::Tension {
-            let off = tensions
-                .iter()
-                .map(|t| (t - robot.tension.setpoint_n).abs());
+            // The set-point is the plan's: it changes along the way.
+            let off = motion.iter().filter_map(|tick| {
+                let planned = tick.planned.get(index)?;
+                Some((tick.tensions_n.get(index)? - planned.tension_n).abs())
+            });
             held.extend(off);
         }
         if !errors.is_empty() {
