@@ -13,8 +13,10 @@ const WINDOW_US: u64 = 250_000;
 const KEPT: usize = 120;
 /// Crystals differ by this much before anything was measured, as a share (standard deviation).
 const DRIFT_PRIOR: f64 = 100e-6;
-/// The board's clock jumped where it is this far from the estimate beyond the round trip, µs.
-const JUMP_US: f64 = 100_000.0;
+/// The board's clock jumped where it is this far from the estimate beyond the round trip, µs. A
+/// restarted board is told by ticks that run backwards, whatever this is; a simulator on a busy
+/// machine, which falls behind and catches up, is none.
+const JUMP_US: f64 = 700_000.0;
 
 /// One answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,8 +78,8 @@ impl BoardClock {
     /// time, µs.
     ///
     /// # Errors
-    /// [`Jump`] where the board's clock ran backwards, or is a tenth of a second from where it was
-    /// to be; the estimate stays as it was.
+    /// [`Jump`] where the board's clock ran backwards, or is 0.7 s from where it was to be; the
+    /// estimate stays as it was.
     pub fn observe(&mut self, tick: u32, sent_us: u64, received_us: u64) -> Result<(), Jump> {
         #[expect(
             clippy::cast_precision_loss,
