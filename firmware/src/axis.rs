@@ -2,18 +2,20 @@
 //! (Eqs. 50 and 54 with the units of `docs/paper-notes.md`).
 
 use crate::config::CableConfig;
-use crate::fixed::{mul_shift, quotient, saturate};
+use crate::fixed::{floor_q32, mul_q32, quotient, saturate};
 use crate::io::DriveInput;
 
 /// A gap between motor and drum encoder is closed within about this many milliseconds.
-const TRIM_TIME_MS: i64 = 512;
+const TRIM_TIME_MS: i32 = 1 << TRIM_BITS;
+const TRIM_BITS: u32 = 9;
 /// Most trim, 0.1 µm: more is not backlash or a wrong ratio, but a fault.
-const TRIM_MAX: i64 = 50_000;
+const TRIM_MAX: i32 = 50_000;
 /// What the drive lags beyond its stated lead is made up within about this many milliseconds:
 /// slow against any drive's position loop, fast against any path.
-const LAG_TIME_MS: i64 = 64;
+const LAG_TIME_MS: i32 = 1 << LAG_BITS;
+const LAG_BITS: u32 = 6;
 /// Most lag that is made up, 0.1 µm.
-const LAG_MAX: i64 = 20_000;
+const LAG_MAX: i32 = 20_000;
 /// Speed that a position command may exceed the plan by, as a share of the largest, in percent.
 const CATCH_UP_PERCENT: i32 = 20;
 
@@ -31,7 +33,7 @@ pub struct Target {
 /// State of one cable's position command.
 ///
 /// The motor's counts are fine but know nothing of the drum; the drum's are true but coarse. So the
-/// difference of the two is learnt slowly (`trim_q16`), and with it the motor tells how far
+/// difference of the two is learnt slowly (`trim_q9`), and with it the motor tells how far
 /// the drum lags its set-point.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Axis {
@@ -39,10 +41,11 @@ pub struct Axis {
     zero_counts: i32,
     /// Length when the axis was enabled, 0.1 µm.
     zero_length: i32,
-    /// Length by the drum encoder minus length by the motor, 1/2^16 of 0.1 µm.
-    trim_q16: i64,
-    /// Lead that makes up for the drive's lag, 1/2^16 of 0.1 µm.
-    lag_q16: i64,
+    /// Length by the drum encoder minus length by the motor, in shares of 0.1 µm that a tick can
+    /// close: 1/512.
+    trim_q9: i32,
+    /// Lead that makes up for the drive's lag, likewise: 1/64 of 0.1 µm.
+    lag_q6: i32,
 }
 
 impl Axis {
@@ -52,43 +55,33 @@ impl Axis {
         Self {
             zero_counts: counts,
             zero_length: length,
-            trim_q16: 0,
-            lag_q16: 0,
+            trim_q9: 0,
+            lag_q6: 0,
         }
     }
 
-    /// Learns from one tick under torque: the drive's feedback and the drum encoder's length.
-    pub fn learn(
-        &mut self,
-        config: &CableConfig,
-        target: &Target,
-        drive: &DriveInput,
-        length: i32,
-    ) {
-        let by_motor = self.motor_length(config, drive);
-        let most = TRIM_MAX << 16;
+    /// Learns from one tick under torque: lengths by the motor and by the drum encoder, 0.1 µm.
+    #[inline]
+    pub fn learn(&mut self, config: &CableConfig, target: &Target, by_motor: i32, length: i32) {
         // Within half an encoder count the difference is quantisation and teaches nothing.
-        let half_count = config.scale.per_count_q24.abs() >> 25;
-        let gap = i64::from(length) - by_motor - (self.trim_q16 >> 16);
+        let half_count = config.half_count;
+        let with_trim = by_motor.saturating_add(self.trim_q9 >> TRIM_BITS);
+        let gap = length.saturating_sub(with_trim);
         let beyond = gap - gap.clamp(-half_count, half_count);
-        self.trim_q16 = (self.trim_q16 + (beyond << 16) / TRIM_TIME_MS).clamp(-most, most);
-        let behind = i64::from(target.length) - by_motor - (self.trim_q16 >> 16);
-        let most = LAG_MAX << 16;
-        self.lag_q16 = (self.lag_q16 + (behind << 16) / LAG_TIME_MS).clamp(-most, most);
+        let most = const { TRIM_MAX * TRIM_TIME_MS };
+        self.trim_q9 = self.trim_q9.saturating_add(beyond).clamp(-most, most);
+        let with_trim = by_motor.saturating_add(self.trim_q9 >> TRIM_BITS);
+        let behind = target.length.saturating_sub(with_trim);
+        let most = const { LAG_MAX * LAG_TIME_MS };
+        self.lag_q6 = self.lag_q6.saturating_add(behind).clamp(-most, most);
     }
 
     /// How far the motor is behind the target, 0.1 µm, whatever the drum encoder says: tells a dead
     /// drive from a dead encoder.
     #[must_use]
     pub fn motor_error(&self, target: &Target, by_motor: i32) -> i32 {
-        let by_motor = i64::from(by_motor) + (self.trim_q16 >> 16);
+        let by_motor = i64::from(by_motor) + i64::from(self.trim_q9 >> TRIM_BITS);
         saturate(i64::from(target.length) - by_motor)
-    }
-
-    /// Length by the motor's counts alone, since the axis was enabled, 0.1 µm.
-    #[must_use]
-    pub fn by_motor(&self, config: &CableConfig, drive: &DriveInput) -> i32 {
-        saturate(self.motor_length(config, drive))
     }
 
     /// How far motor and drum are apart beyond what a sixty-fourth of the way explains (a drum
@@ -101,45 +94,46 @@ impl Axis {
         gap.signum() * (gap.saturating_abs() - way / 64).max(0)
     }
 
-    /// Length by the motor's counts, 0.1 µm, carried on from the time of the feedback to now.
-    fn motor_length(&self, config: &CableConfig, drive: &DriveInput) -> i64 {
-        let counts = i64::from(drive.counts.wrapping_sub(self.zero_counts));
-        let moved = (counts.saturating_mul(config.length_per_motor_q32)) >> 32;
+    /// Length by the motor's counts alone, since the axis was enabled, 0.1 µm, carried on from the
+    /// time of the feedback to now by its speed (µm/s).
+    #[must_use]
+    #[inline]
+    pub fn by_motor(&self, config: &CableConfig, drive: &DriveInput, speed_umps: i32) -> i32 {
+        let counts = drive.counts.wrapping_sub(self.zero_counts);
+        let moved = floor_q32(counts, config.length_per_motor_q32);
         // µm/s times ms is 1e-3 µm, that is 1/100 of 0.1 µm.
-        let since =
-            quotient::<100>(i64::from(motor_speed_umps(config, drive)) * i64::from(drive.age_ms));
-        i64::from(self.zero_length) + moved + since
+        let since = quotient::<100>(i64::from(speed_umps) * i64::from(drive.age_ms));
+        saturate(i64::from(self.zero_length) + moved + since)
     }
 
     /// Whether the trim is at its bound.
     #[must_use]
-    pub fn trim_saturated(&self) -> bool {
-        self.trim_q16.abs() >= TRIM_MAX << 16
+    pub const fn trim_saturated(&self) -> bool {
+        self.trim_q9.abs() >= TRIM_MAX * TRIM_TIME_MS
     }
 
     /// Motor counts for the target, led by the drive's lag.
     #[must_use]
     pub fn counts(&self, config: &CableConfig, target: &Target) -> i32 {
-        let lead = i64::from(config.lead_us);
-        // µm/s times µs is 1e-6 µm; 1e5 of them are 0.1 µm. The square term carries another 2e6.
-        let by_speed = quotient::<100_000>(i64::from(target.speed_umps) * lead);
-        let by_acceleration = quotient::<200_000_000>(
-            i64::from(target.acceleration_umps2) * quotient::<1000>(lead * lead),
-        );
-        let ahead = by_speed + by_acceleration + ((self.lag_q16 - self.trim_q16) >> 16);
+        // µm/s times µs is 1e-6 µm; 1e5 of them are 0.1 µm. The square term carries another 2e6,
+        // of which 1e3 went off in the configuration.
+        let by_speed =
+            quotient::<100_000>(i64::from(target.speed_umps) * i64::from(config.lead_us));
+        let by_acceleration = quotient::<200>(quotient::<1_000_000>(
+            i64::from(target.acceleration_umps2) * i64::from(config.lead_square),
+        ));
+        let trims = ((self.lag_q6 << (TRIM_BITS - LAG_BITS)) - self.trim_q9) >> TRIM_BITS;
+        let ahead = by_speed + by_acceleration + i64::from(trims);
         let change = i64::from(target.length) - i64::from(self.zero_length) + ahead;
-        let counts = mul_shift(saturate(change), config.motor_per_length_q32, 32);
+        let counts = mul_q32(saturate(change), config.motor_per_length_q32);
         self.zero_counts.wrapping_add(counts)
     }
 
     /// Speed limit for the drive: what the plan needs and some to catch up.
     #[must_use]
     pub fn rpm(config: &CableConfig, target: &Target) -> u16 {
-        let planned = mul_shift(
-            saturate(i64::from(target.speed_umps).abs()),
-            config.rpm_per_speed_q32,
-            32,
-        );
+        let speed = target.speed_umps.saturating_abs();
+        let planned = mul_q32(speed, config.rpm_per_speed_q32);
         let catch_up = i32::from(config.max_rpm) * CATCH_UP_PERCENT / 100;
         let wanted = planned.saturating_add(catch_up.max(1));
         u16::try_from(wanted).map_or(config.max_rpm, |rpm| rpm.min(config.max_rpm))

@@ -1,8 +1,7 @@
 //! Configuration: physical units from the wire, checked and turned into machine units once.
 
 use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
-use crate::encoder::LengthScale;
-use crate::fixed::half;
+use crate::fixed::{half, quotient, saturate};
 use mcdpr_protocol::config::config_hash;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, KeyMeaning, Reject};
 
@@ -96,8 +95,12 @@ pub enum Control {
 pub struct CableConfig {
     /// How it is held.
     pub control: Control,
-    /// Counts to length, without the reference.
-    pub scale: LengthScale,
+    /// Length per encoder count, 0.1 µm with 24 fractional bits; carries the encoder's sign.
+    pub per_count_q24: i64,
+    /// Length of half an encoder count, and of four, 0.1 µm.
+    pub half_count: i32,
+    /// Of four.
+    pub four_counts: i32,
     /// Largest believable change of the encoder in a tick, counts.
     pub max_encoder_step: u16,
     /// Motor counts per 0.1 µm of length, 32 fractional bits, signed.
@@ -145,6 +148,8 @@ pub struct CableConfig {
     pub mass_g: i32,
     /// Lead of position commands, µs.
     pub lead_us: i32,
+    /// Its square, 1000 µs².
+    pub lead_square: i32,
     /// Time the brake takes to close, ms.
     pub brake_close_ms: u16,
     /// Largest following error, 0.1 µm.
@@ -173,7 +178,7 @@ impl CableConfig {
     /// Motor current for a force that reels in, mA, rounded.
     #[must_use]
     pub fn current_ma(&self, force_mn: i32) -> i32 {
-        crate::fixed::mul_shift(force_mn, self.current_per_force_q32, 32)
+        crate::fixed::mul_q32(force_mn, self.current_per_force_q32)
     }
 }
 
@@ -409,6 +414,7 @@ impl<const N: usize> ConfigStore<N> {
         let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
         // One millisecond at one and a half times the largest speed, and a count of rounding.
         let step = i64::from(max_speed_umps) * 15 * (1 << 24) / 1000 / per_count_q24.abs() + 2;
+        let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
         // A bus has no drive 0: that number calls all of them. 127 is the board itself.
         let node = key(CableKey::Node, 1, 126)?;
         Ok(CableConfig {
@@ -416,10 +422,9 @@ impl<const N: usize> ConfigStore<N> {
                 0 => Control::Length,
                 _ => Control::Tension,
             },
-            scale: LengthScale {
-                per_count_q24,
-                ..LengthScale::default()
-            },
+            per_count_q24,
+            half_count: saturate(per_count_q24.abs() >> 25),
+            four_counts: saturate(per_count_q24.abs() >> 22),
             max_encoder_step: u16::try_from(step.min(16_000)).unwrap_or(16_000),
             motor_per_length_q32,
             length_per_motor_q32: (circumference_q8 << 24) / i64::from(motor_counts),
@@ -444,10 +449,11 @@ impl<const N: usize> ConfigStore<N> {
             kd_us: key(CableKey::TensionKd, 0, 10_000_000)?,
             ki_milli: key(CableKey::TensionKi, 0, 10_000_000)?,
             damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000)?,
-            filter_alpha_q16: crate::fixed::saturate(alpha_q16),
+            filter_alpha_q16: saturate(alpha_q16),
             friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
             mass_g: key(CableKey::DrumMass, 0, 100_000_000)?,
-            lead_us: key(CableKey::LeadUs, 0, 100_000)?,
+            lead_us,
+            lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
             brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)?),
             following_error: key(CableKey::FollowingError, 10, 1_000_000)? * 10,
             max_speed_umps,
@@ -459,7 +465,7 @@ impl<const N: usize> ConfigStore<N> {
             slot: 0,
             syncs: 1,
             // Counts per ms, times 60,000 ms per minute.
-            rpm_per_count_q16: crate::fixed::saturate((60_000 << 16) / i64::from(per_rev)),
+            rpm_per_count_q16: saturate((60_000 << 16) / i64::from(per_rev)),
         })
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::arming::{Arming, HAS_SERVICE, Phase, Service, Stir, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
-use crate::config::{Active, ConfigStore, Control, TensionLaw};
+use crate::config::{Active, CableConfig, ConfigStore, Control, TensionLaw};
 use crate::encoder::{Encoder, LengthScale, Sampled};
 use crate::io::{Brake, DriveDemand, DriveInput, Inputs, Outputs, Scan};
 use crate::motion::{CAPACITY, Motion, Progress};
@@ -37,6 +37,11 @@ struct Cable {
     scale: LengthScale,
     length: i32,
     tension_mn: i32,
+    /// Length by the motor, 0.1 µm, and its rate, µm/s; while armed.
+    by_motor: i32,
+    speed_umps: i32,
+    /// Current of the motor, mA.
+    current_ma: i16,
     axis: Axis,
     tension_loop: TensionLoop,
     watch: CableWatch,
@@ -53,6 +58,15 @@ struct Cable {
     give: i32,
     /// The test of its brake.
     proof: Proof,
+}
+
+impl Cable {
+    /// Length and rate by the motor.
+    #[inline]
+    fn sense_motor(&mut self, config: &CableConfig, drive: &DriveInput) {
+        self.speed_umps = motor_speed_umps(config, drive);
+        self.by_motor = self.axis.by_motor(config, drive, self.speed_umps);
+    }
 }
 
 /// The control core of one board with `N` winches.
@@ -176,16 +190,28 @@ impl<const N: usize> Controller<N> {
 
     /// One control tick: what the board must do now. `now` advances by one per call.
     pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
+        self.tick(now, inputs);
+        self.outputs
+    }
+
+    /// As [`Self::step`], without a copy: [`Self::outputs`] tells what the board must do.
+    pub fn tick(&mut self, now: Tick, inputs: &Inputs<N>) {
         self.now = now;
         self.e_stop = inputs.e_stop;
         self.gripper_switch = inputs.gripper_switch;
         self.overruns = self.overruns.wrapping_add(u32::from(inputs.overrun));
-        self.raise(Event::Booted);
-        if inputs.e_stop && self.state != State::EStop {
-            self.latch_fault(FaultId::P7, 0, 0, 0);
-            self.raise(Event::EStopPressed);
-        } else if !inputs.e_stop {
-            self.raise(Event::EStopReleased);
+        if self.state == State::Boot {
+            self.raise(Event::Booted);
+        }
+        match (inputs.e_stop, self.state == State::EStop) {
+            (true, false) => {
+                self.latch_fault(FaultId::P7, 0, 0, 0);
+                self.raise(Event::EStopPressed);
+            }
+            (false, true) => {
+                self.raise(Event::EStopReleased);
+            }
+            _ => {}
         }
         self.measure(inputs);
         let noisy = self.line_noise.update(inputs.line_errors);
@@ -198,8 +224,13 @@ impl<const N: usize> Controller<N> {
             self.act(inputs);
         }
         self.heartbeat.forget_expired(now);
-        self.outputs = self.command(inputs);
-        self.outputs
+        self.command(inputs);
+    }
+
+    /// What the board must do after the last tick.
+    #[must_use]
+    pub const fn outputs(&self) -> &Outputs<N> {
+        &self.outputs
     }
 
     fn raise(&mut self, event: Event) -> bool {
@@ -271,22 +302,32 @@ impl<const N: usize> Controller<N> {
 
     #[inline(never)]
     fn measure(&mut self, inputs: &Inputs<N>) {
-        self.drives = inputs.drives;
         if HAS_SERVICE {
             self.scan = inputs.scan;
             self.adc = inputs.tension_adc;
+            self.drives = inputs.drives;
         }
-        let configs = self.active.as_ref().map(|active| &active.cables);
+        let armed = self.is_armed();
         let readings = inputs.encoders.iter().zip(&inputs.tension_adc);
-        for (index, (cable, (&encoder, &adc))) in self.cables.iter_mut().zip(readings).enumerate() {
-            let config = configs.and_then(|configs| configs.get(index));
-            let max_step = config.map_or(u16::MAX / 2, |config| config.max_encoder_step);
-            cable.lost = cable.encoder.sample(encoder, max_step) == Sampled::Lost;
+        let readings = readings.zip(&inputs.drives);
+        let cables = self.cables.iter_mut().zip(readings);
+        let Some(active) = &self.active else {
+            for (cable, ((&encoder, _), drive)) in cables {
+                cable.current_ma = drive.current_ma;
+                cable.lost = cable.encoder.sample(encoder, u16::MAX / 2) == Sampled::Lost;
+                self.referenced &= !cable.lost;
+            }
+            return;
+        };
+        for ((cable, ((&encoder, &adc), drive)), config) in cables.zip(&active.cables) {
+            cable.current_ma = drive.current_ma;
+            cable.lost = cable.encoder.sample(encoder, config.max_encoder_step) == Sampled::Lost;
             // Whatever the state: these lengths are guesses from here on.
             self.referenced &= !cable.lost;
-            if let Some(config) = config {
-                cable.length = cable.scale.length(cable.encoder.counts()).0;
-                cable.tension_mn = measured_mn(config, adc);
+            cable.length = cable.scale.length(cable.encoder.counts()).0;
+            cable.tension_mn = measured_mn(config, adc);
+            if armed {
+                cable.sense_motor(config, drive);
             }
         }
     }
@@ -322,13 +363,12 @@ impl<const N: usize> Controller<N> {
                 continue;
             }
             let by_tension = config.control == Control::Tension;
-            let by_motor = cable.axis.by_motor(config, drive);
+            let by_motor = cable.by_motor;
             let error = if by_tension {
                 cable.axis.slipped(by_motor, cable.length)
             } else {
                 cable.target.length.saturating_sub(cable.length)
             };
-            let speed = motor_speed_umps(config, drive);
             let most_ma = config.max_current_ma - config.max_current_ma / 32;
             let view = CableView {
                 adc,
@@ -367,14 +407,10 @@ impl<const N: usize> Controller<N> {
                     && !bare
                     && config.law == TensionLaw::Default
                     && phase != Phase::Stirring(number - 1),
-                too_fast_umps: speed.saturating_sub(cable.target.speed_umps),
+                too_fast_umps: cable.speed_umps.saturating_sub(cable.target.speed_umps),
                 motor_length: by_motor,
                 drum_length: cable.length,
-                polarity_way: if bare {
-                    i32::MAX
-                } else {
-                    crate::fixed::saturate(config.scale.per_count_q24.abs() >> 22)
-                },
+                polarity_way: if bare { i32::MAX } else { config.four_counts },
             };
             let fault = cable.watch.update(&view);
             if cable.watch.slackens() {
@@ -414,6 +450,10 @@ impl<const N: usize> Controller<N> {
         let kinds = [(FaultId::S5, residual_ms), (FaultId::C5, CONTACT_TICKS)];
         let rows = self.rows.iter().zip(self.residuals.iter_mut()).zip(kinds);
         for ((row, persist), (fault, ticks)) in rows {
+            if !moving || row.limit_um <= 0 {
+                *persist = Persist::default();
+                continue;
+            }
             let (mut by_lengths, mut by_tensions) = (0_i64, 0_i64);
             let coefficients = row.lengths.iter().zip(&row.tensions);
             for (cable, (&by_length, &by_tension)) in self.cables.iter().zip(coefficients) {
@@ -427,12 +467,11 @@ impl<const N: usize> Controller<N> {
             const RATIO: i32 = 10 * ResidualRow::LENGTH_SCALE / 256;
             let sum_q8 = crate::fixed::quotient::<RATIO>(by_lengths) + by_tensions;
             let residual_um = crate::fixed::saturate(sum_q8 >> 8);
-            let active = moving && row.limit_um > 0;
             let limit = row.limit_um.unsigned_abs();
-            if active && residual_um.unsigned_abs() > limit / 2 {
+            if residual_um.unsigned_abs() > limit / 2 {
                 self.limits.insert(Limit::ResidualHigh);
             }
-            let over = active && residual_um.unsigned_abs() > limit;
+            let over = residual_um.unsigned_abs() > limit;
             if persist.update(over, ticks) && found.is_none() {
                 found = Some((fault, 0, residual_um, row.limit_um));
             }
@@ -485,12 +524,15 @@ impl<const N: usize> Controller<N> {
 
     /// Torque comes on where the robot is: nothing jumps.
     fn take_up(&mut self, inputs: &Inputs<N>) {
-        for (cable, drive) in self.cables.iter_mut().zip(&inputs.drives) {
+        let configs = self.active.iter().flat_map(|active| &active.cables);
+        let cables = self.cables.iter_mut().zip(configs);
+        for ((cable, config), drive) in cables.zip(&inputs.drives) {
             cable.target = Target {
                 length: cable.length,
                 ..Target::default()
             };
             cable.axis = Axis::zeroed(drive.counts, cable.length);
+            cable.sense_motor(config, drive);
             cable.tension_loop = TensionLoop::at(cable.tension_mn);
             cable.setpoint_mn = cable.reference_mn;
         }
@@ -498,17 +540,21 @@ impl<const N: usize> Controller<N> {
 
     /// Follows the motion for a tick; whether it is at rest.
     fn follow(&mut self, stop_ms: u32) -> bool {
-        let Some(sample) = self.motion.tick(stop_ms) else {
+        let Some(progress) = self.motion.tick(stop_ms) else {
             self.rest();
             return true;
         };
-        let planned = sample.points.iter().zip(&sample.tensions);
-        for (cable, (point, &tension)) in self.cables.iter_mut().zip(planned) {
-            cable.target = target(point);
-            cable.setpoint_mn = tension;
+        let cables = &mut self.cables;
+        self.motion.evaluate(|index, point, tension_mn| {
+            if let Some(cable) = cables.get_mut(index) {
+                cable.target = target(point);
+                cable.setpoint_mn = tension_mn;
+            }
+        });
+        if let Some(rows) = self.motion.take_rows() {
+            self.rows = *rows;
         }
-        self.rows = sample.rows;
-        match sample.progress {
+        match progress {
             Progress::Under => return false,
             Progress::Done => {
                 self.motion.clear();
@@ -539,14 +585,16 @@ impl<const N: usize> Controller<N> {
     }
 
     #[inline(never)]
-    fn command(&mut self, inputs: &Inputs<N>) -> Outputs<N> {
-        let mut outputs = Outputs {
-            gripper_closed: self.gripper_closed,
-            scan: HAS_SERVICE && core::mem::take(&mut self.scan_asked),
-            ..Outputs::default()
-        };
-        let Some(active) = self.active.as_ref().filter(|_| self.is_armed()) else {
-            return outputs;
+    fn command(&mut self, inputs: &Inputs<N>) {
+        let armed = self.is_armed();
+        let outputs = &mut self.outputs;
+        outputs.gripper_closed = self.gripper_closed;
+        outputs.scan = HAS_SERVICE && core::mem::take(&mut self.scan_asked);
+        let Some(active) = self.active.as_ref().filter(|_| armed) else {
+            for (demand, brake) in outputs.drives.iter_mut().zip(&mut outputs.brakes) {
+                (*demand, *brake) = (DriveDemand::Off, Brake::Closed);
+            }
+            return;
         };
         let phase = self.arming.phase();
         let brake = match (self.state, self.closing, phase) {
@@ -563,6 +611,7 @@ impl<const N: usize> Controller<N> {
             (1_u8..).zip(cables.zip(slots))
         {
             if !concerns(self.service, number) {
+                (*demand, *brake_slot) = (DriveDemand::Off, Brake::Closed);
                 continue;
             }
             // A drive that is gone holds nothing: its brake does, now, whatever the others do.
@@ -579,7 +628,9 @@ impl<const N: usize> Controller<N> {
                 (Control::Length, true) => {
                     // Sign and scale of the encoder may be what is looked for: it corrects nothing.
                     if brake == Brake::Open && !(HAS_SERVICE && self.service.is_some()) {
-                        cable.axis.learn(config, &cable.target, drive, cable.length);
+                        cable
+                            .axis
+                            .learn(config, &cable.target, cable.by_motor, cable.length);
                     }
                     let mut target = cable.target;
                     target.length = target.length.saturating_add(cable.proof.relief());
@@ -594,7 +645,7 @@ impl<const N: usize> Controller<N> {
                         measured_mn: cable.tension_mn,
                         planned_speed_umps: cable.target.speed_umps,
                         planned_acceleration_umps2: cable.target.acceleration_umps2,
-                        measured_speed_umps: motor_speed_umps(config, drive),
+                        measured_speed_umps: cable.speed_umps,
                     };
                     // Against a brake a law would only wind up.
                     let held = (brake == Brake::Closed && phase == Phase::Done) || self.opening > 0;
@@ -612,16 +663,14 @@ impl<const N: usize> Controller<N> {
                 }
             };
         }
-        outputs
     }
 
     /// Lengths (0.1 µm), tensions (mN) and motor currents (mA) of this tick.
     #[must_use]
     pub fn measured(&self) -> [(i32, i32, i16); N] {
         let mut rows = [(0, 0, 0); N];
-        let values = self.cables.iter().zip(&self.drives);
-        for (row, (cable, drive)) in rows.iter_mut().zip(values) {
-            *row = (cable.length, cable.tension_mn, drive.current_ma);
+        for (row, cable) in rows.iter_mut().zip(&self.cables) {
+            *row = (cable.length, cable.tension_mn, cable.current_ma);
         }
         rows
     }

@@ -1,6 +1,6 @@
 //! Drum encoders: 16-bit hardware counters to 64-bit positions and lengths.
 
-use crate::fixed::half;
+use crate::fixed::{half, narrow, products, saturate};
 use mcdpr_protocol::TenthMicrometres;
 
 /// Samples that may be rejected in a row before a jump is believed to be a dead encoder.
@@ -44,12 +44,24 @@ impl Encoder {
             return Sampled::Good;
         };
         let step = counter.wrapping_sub(last).cast_signed();
+        // Nearly every sample.
+        if self.rejected == 0 && step.unsigned_abs() <= max_step {
+            self.counts += i64::from(step);
+            self.step = step;
+            self.last = Some(counter);
+            return Sampled::Good;
+        }
+        self.doubt(counter, step, max_step)
+    }
+
+    /// A sample that is no plain step from the last one.
+    #[inline(never)]
+    fn doubt(&mut self, counter: u16, step: i16, max_step: u16) -> Sampled {
         // After rejected samples the drum may have moved on for several ticks.
         let allowed = u32::from(max_step) * (u32::from(self.rejected) + 1);
         if u32::from(step.unsigned_abs()) <= allowed {
             let predicted = i64::from(self.step) * i64::from(self.rejected);
             self.counts += i64::from(step) - predicted;
-            self.step = if self.rejected == 0 { step } else { self.step };
             self.last = Some(counter);
             self.rejected = 0;
             return Sampled::Good;
@@ -88,12 +100,19 @@ impl LengthScale {
     #[must_use]
     pub fn length(&self, counts: i64) -> TenthMicrometres {
         let moved = counts.saturating_sub(self.reference_counts);
-        let length = (moved
-            .saturating_mul(self.per_count_q24)
-            .saturating_add(half(24)))
-            >> 24;
-        TenthMicrometres(crate::fixed::saturate(
-            length.saturating_add(i64::from(self.reference)),
-        ))
+        // Drums make less than 2^31 counts: the product is formed of two that fit 64 bits.
+        let length = match narrow(moved) {
+            Some(moved) => {
+                let (high, low) = products(moved, self.per_count_q24);
+                (high << 8) + ((low + half(24)) >> 24)
+            }
+            None => {
+                (moved
+                    .saturating_mul(self.per_count_q24)
+                    .saturating_add(half(24)))
+                    >> 24
+            }
+        };
+        TenthMicrometres(saturate(length.saturating_add(i64::from(self.reference))))
     }
 }

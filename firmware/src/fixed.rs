@@ -1,14 +1,44 @@
 //! Fixed-point helpers. `q` in a name is the number of fractional bits.
 
-/// `a * b / 2^bits`, rounded to nearest, saturated to `i32`.
+/// `a * b / 2^32`, rounded to nearest, saturated to `i32`. `b` is under 2^62 in size.
+///
+/// The chip multiplies 32 by 32 bits to 64 in one instruction: `b` is taken in two halves, so that
+/// no product is wider.
 ///
 /// ```
-/// assert_eq!(mcdpr_firmware::fixed::mul_shift(3, 5 << 16, 16), 15);
-/// assert_eq!(mcdpr_firmware::fixed::mul_shift(i32::MAX, 1 << 30, 1), i32::MAX);
+/// assert_eq!(mcdpr_firmware::fixed::mul_q32(3, 5 << 32), 15);
+/// assert_eq!(mcdpr_firmware::fixed::mul_q32(-3, 1 << 31), -1);
+/// assert_eq!(mcdpr_firmware::fixed::mul_q32(i32::MAX, 1 << 33), i32::MAX);
 /// ```
 #[must_use]
-pub fn mul_shift(a: i32, b: i64, bits: u32) -> i32 {
-    saturate(i64::from(a).saturating_mul(b).saturating_add(half(bits)) >> bits)
+#[inline]
+pub const fn mul_q32(a: i32, b: i64) -> i32 {
+    let (high, low) = products(a, b);
+    saturate(high + ((low + half(32)) >> 32))
+}
+
+/// `a * b / 2^32`, rounded down. `b` is under 2^62 in size.
+///
+/// ```
+/// assert_eq!(mcdpr_firmware::fixed::floor_q32(-3, 1 << 31), -2);
+/// ```
+#[must_use]
+#[inline]
+pub const fn floor_q32(a: i32, b: i64) -> i64 {
+    let (high, low) = products(a, b);
+    high + (low >> 32)
+}
+
+/// `a` times the upper and the lower half of `b`: the product is `high * 2^32 + low`.
+#[inline]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "halves of a number are meant"
+)]
+pub(crate) const fn products(a: i32, b: i64) -> (i64, i64) {
+    let a = a as i64;
+    (a * ((b >> 32) as i32 as i64), a * (b as u32 as i64))
 }
 
 /// One half in a number with `bits` fractional bits.
@@ -29,26 +59,82 @@ pub const fn scale_down(value: i64, factor: i64, bits: u32) -> i64 {
     (value >> bits) * factor + ((low * factor) >> bits)
 }
 
-/// `value / DIVISOR`, rounded towards zero. Most values fit 32 bits, and the chip divides those in
-/// a few instructions; 64 bits take it a hundred and more.
+/// `value / DIVISOR`, rounded towards zero; `DIVISOR` is positive and, without its factors of two,
+/// under 2^15. Most values fit 32 bits, and the chip divides those in one instruction; the library's
+/// division of 64 bits takes it a hundred and more.
 ///
 /// ```
 /// use mcdpr_firmware::fixed::quotient;
 /// assert_eq!((quotient::<100>(-250), quotient::<100>(1 << 40)), (-2, (1 << 40) / 100));
+/// assert_eq!(quotient::<1_000_000>(i64::MIN), i64::MIN / 1_000_000);
 /// ```
 #[must_use]
 #[inline]
-pub fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
-    match i32::try_from(value) {
-        Ok(value) => i64::from(value / DIVISOR),
-        Err(_) => value / i64::from(DIVISOR),
+pub const fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
+    const { assert!(DIVISOR > 0 && DIVISOR >> DIVISOR.trailing_zeros() < 1 << 15) };
+    match narrow(value) {
+        Some(value) => (value / DIVISOR) as i64,
+        None => long_division(
+            value,
+            const { (DIVISOR >> DIVISOR.trailing_zeros()).cast_unsigned() },
+            DIVISOR.trailing_zeros(),
+        ),
+    }
+}
+
+/// `value / (divisor * 2^twos)`, rounded towards zero, digit by digit of 16 bits, as on paper.
+/// `divisor` is under 2^15.
+#[inline(never)]
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "parts of a number are meant"
+)]
+const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
+    let size = value.unsigned_abs() >> twos;
+    let (high, low) = ((size >> 32) as u32, size as u32);
+    // The rest is under the divisor: a digit below it, it fits 31 bits.
+    let top = high / divisor;
+    let rest = ((high % divisor) << 16) | (low >> 16);
+    let middle = rest / divisor;
+    let rest = ((rest % divisor) << 16) | (low & 0xFFFF);
+    let bottom = rest / divisor;
+    let found = ((top as u64) << 32) + ((middle as u64) << 16) + bottom as u64;
+    if value < 0 {
+        found.wrapping_neg().cast_signed()
+    } else {
+        found.cast_signed()
+    }
+}
+
+/// The value as 32 bits, if it fits.
+#[inline]
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "what is cut off is looked at"
+)]
+pub(crate) const fn narrow(value: i64) -> Option<i32> {
+    let low = value as i32;
+    if (value >> 32) as i32 == low >> 31 {
+        Some(low)
+    } else {
+        None
     }
 }
 
 /// The nearest `i32`.
+///
+/// ```
+/// use mcdpr_firmware::fixed::saturate;
+/// assert_eq!((saturate(-7), saturate(1 << 31), saturate(-1 << 40)), (-7, i32::MAX, i32::MIN));
+/// ```
 #[must_use]
-pub fn saturate(value: i64) -> i32 {
-    i32::try_from(value).unwrap_or(if value < 0 { i32::MIN } else { i32::MAX })
+#[inline]
+pub const fn saturate(value: i64) -> i32 {
+    match narrow(value) {
+        Some(value) => value,
+        None if value < 0 => i32::MIN,
+        None => i32::MAX,
+    }
 }
 
 /// The nearest `i16`.

@@ -11,19 +11,6 @@ pub const CAPACITY: usize = 16;
 /// Full speed of the path clock, ms per tick with 16 fractional bits.
 const FULL_RATE_Q16: u32 = 1 << 16;
 
-/// What the motion is at a tick.
-#[derive(Debug, Clone, Copy)]
-pub struct Sample<const N: usize> {
-    /// Cable by cable; velocities in real time, the clock's rate included.
-    pub points: [Point; N],
-    /// Expected tensions, mN.
-    pub tensions: [i32; N],
-    /// Consistency checks that hold now.
-    pub rows: [StoredRow<N>; ResidualRow::PER_KNOT],
-    /// What this tick brought.
-    pub progress: Progress,
-}
-
 /// What a tick of motion brought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
@@ -55,6 +42,10 @@ pub struct Motion<const N: usize> {
     stop_segment: bool,
     next_index: u16,
     newest: Option<StoredKnot<N>>,
+    /// Change of the clock's rate in the last tick.
+    change_q16: i32,
+    /// The segment's checks were not taken yet.
+    new_rows: bool,
 }
 
 impl<const N: usize> Default for Motion<N> {
@@ -70,6 +61,8 @@ impl<const N: usize> Default for Motion<N> {
             stop_segment: false,
             next_index: 0,
             newest: None,
+            change_q16: 0,
+            new_rows: false,
         }
     }
 }
@@ -87,6 +80,7 @@ impl<const N: usize> Motion<N> {
         self.stop_segment = false;
         self.next_index = 0;
         self.newest = None;
+        self.new_rows = false;
     }
 
     /// Number that the next knot must have.
@@ -177,8 +171,9 @@ impl<const N: usize> Motion<N> {
         self.rate_step_q16 = rate_step_q16(stop_ms);
     }
 
-    /// Moves the clock on by one tick and evaluates; `None` without a path.
-    pub fn tick(&mut self, stop_ms: u32) -> Option<Sample<N>> {
+    /// Moves the clock on by one tick; `None` without a path. Where the path is then,
+    /// [`Self::evaluate`] tells.
+    pub fn tick(&mut self, stop_ms: u32) -> Option<Progress> {
         self.segment.as_ref()?;
         let before_q16 = self.rate_q16;
         self.rate_q16 = if self.braking {
@@ -211,35 +206,50 @@ impl<const N: usize> Motion<N> {
                 Progress::Paused
             };
         }
-        // The clock's own acceleration, per second; at rest on the path nothing accelerates.
-        let change_q16 = if self.rate_q16 == 0 {
+        // At rest on the path nothing accelerates.
+        self.change_q16 = if self.rate_q16 == 0 {
             0
         } else {
-            (i64::from(self.rate_q16) - i64::from(before_q16)) * 1000
+            self.rate_q16.cast_signed() - before_q16.cast_signed()
         };
-        self.evaluate(progress, change_q16)
+        Some(progress)
     }
 
-    fn evaluate(&self, progress: Progress, change_q16: i64) -> Option<Sample<N>> {
-        let segment = self.segment.as_ref()?;
-        let elapsed = self.elapsed_q16()?;
-        let mut points = segment.at(elapsed);
+    /// Gives point and expected tension (mN) of one cable after the other: velocities and
+    /// accelerations in real time, the clock's rate included.
+    #[inline]
+    pub fn evaluate(&self, mut take: impl FnMut(usize, &Point, i32)) {
+        let (Some(segment), Some(elapsed)) = (&self.segment, self.elapsed_q16()) else {
+            return;
+        };
+        let slows = self.rate_q16 != FULL_RATE_Q16 || self.change_q16 != 0;
+        segment.evaluate(elapsed, |index, mut point, tension| {
+            if slows {
+                self.slow(&mut point);
+            }
+            take(index, &point, tension);
+        });
+    }
+
+    /// Chain rule: real time runs faster than the path clock while it brakes, and the clock's own
+    /// change, per second, accelerates along the path.
+    // Out of line, as a motion is at full speed nearly always.
+    #[inline(never)]
+    fn slow(&self, point: &mut Point) {
         let rate = i64::from(self.rate_q16);
-        for point in &mut points {
-            // Chain rule: real time runs faster than the path clock while it brakes, and the
-            // clock's own change accelerates along the path.
-            let slowed = |value: i32| (i64::from(value) * rate) >> 16;
-            let twice = (slowed(point.acceleration_umps2) * rate) >> 16;
-            let along = (i64::from(point.velocity_umps) * change_q16) >> 16;
-            point.velocity_umps = crate::fixed::saturate(slowed(point.velocity_umps));
-            point.acceleration_umps2 = crate::fixed::saturate(twice + along);
-        }
-        Some(Sample {
-            points,
-            tensions: segment.tensions(elapsed),
-            rows: segment.rows,
-            progress,
-        })
+        let slowed = |value: i32| (i64::from(value) * rate) >> 16;
+        let twice = (slowed(point.acceleration_umps2) * rate) >> 16;
+        let change_q16 = i64::from(self.change_q16) * 1000;
+        let along = (i64::from(point.velocity_umps) * change_q16) >> 16;
+        point.velocity_umps = crate::fixed::saturate(slowed(point.velocity_umps));
+        point.acceleration_umps2 = crate::fixed::saturate(twice + along);
+    }
+
+    /// The checks of the segment under way, once for each segment.
+    pub fn take_rows(&mut self) -> Option<&[StoredRow<N>; ResidualRow::PER_KNOT]> {
+        let is_new = core::mem::take(&mut self.new_rows);
+        let knot = self.start.as_ref().filter(|_| is_new);
+        knot.map(|knot| &knot.rows)
     }
 
     fn elapsed_q16(&self) -> Option<u64> {
@@ -252,6 +262,7 @@ impl<const N: usize> Motion<N> {
             return false;
         };
         self.segment = Some(Segment::between(start, end));
+        self.new_rows = true;
         true
     }
 
@@ -271,6 +282,7 @@ impl<const N: usize> Motion<N> {
         }
         self.segment = Some(Segment::between(from, &end));
         self.start = Some(*from);
+        self.new_rows = true;
         self.stop_segment = true;
         self.brake(stop_ms);
     }

@@ -6,8 +6,6 @@ use crate::config::{CableConfig, Control};
 
 /// The push beyond the load is half of the load, or at least this, mN.
 const LEAST_PUSH_MN: i32 = 1000;
-/// A drum under a closed brake may turn by this many encoder counts.
-const GIVE_COUNTS: i64 = 4;
 /// Farthest that a position-held drive lets go, 0.1 µm.
 const RELIEF_MOST: i32 = 5000;
 /// Force that a tension-held drive lets go per tick, mN.
@@ -55,8 +53,8 @@ impl Proof {
         }
         let from = *self.from.get_or_insert(length);
         let turned = length.saturating_sub(from);
-        let give = (config.scale.per_count_q24.abs() * GIVE_COUNTS) >> 24;
-        if i64::from(turned.unsigned_abs()) > give {
+        // A drum under a closed brake may turn by four encoder counts.
+        if turned.unsigned_abs() > config.four_counts.unsigned_abs() {
             return Verdict::Slips(turned);
         }
         // The push pays out: it adds to the load on the brake.

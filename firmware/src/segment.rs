@@ -4,7 +4,7 @@
 //! coefficients are integers of 1/256 of 0.1 µm, formed so that their sum is the next knot exactly:
 //! segments join without a step, whatever the rounding.
 
-use crate::fixed::{half, saturate, scale_down};
+use crate::fixed::{half, quotient, saturate, scale_down};
 use mcdpr_protocol::{CableKnot, Coefficient, Knot, MicrometresPerSecond, ResidualRow};
 
 /// Shortest time between two knots, ms.
@@ -44,7 +44,10 @@ impl Point {
 /// One cable's cubic over one segment.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Cubic {
-    c: [i64; 4],
+    /// 0.1 µm.
+    start: i32,
+    /// 1/256 of 0.1 µm.
+    c: [i64; 3],
 }
 
 impl Cubic {
@@ -54,41 +57,83 @@ impl Cubic {
         let delta = (i64::from(end.length.0) - i64::from(start.length.0)) << VALUE_Q;
         let rise = |velocity: MicrometresPerSecond| {
             // µm/s times ms is 1e-3 µm, that is 1/100 of 0.1 µm.
-            ((i64::from(velocity.0) * i64::from(spacing_ms)) << VALUE_Q) / 100
+            quotient::<100>((i64::from(velocity.0) * i64::from(spacing_ms)) << VALUE_Q)
         };
         let (m0, m1) = (rise(start.velocity), rise(end.velocity));
         Self {
-            c: [
-                i64::from(start.length.0) << VALUE_Q,
-                m0,
-                3 * delta - 2 * m0 - m1,
-                m0 + m1 - 2 * delta,
-            ],
+            start: start.length.0,
+            c: [m0, 3 * delta - 2 * m0 - m1, m0 + m1 - 2 * delta],
         }
     }
 
-    fn at(&self, phase: Phase) -> Point {
-        let [c0, c1, c2, c3] = self.c;
-        let s = phase.s_q24;
-        let times_s = |value: i64| scale_down(value, s, S_Q);
-        let per_ms = |value: i64| scale_down(value, phase.inverse_q30, INVERSE_Q);
-        let length_q8 = c0 + times_s(c1 + times_s(c2 + times_s(c3)));
-        // d/ds in 1/256 of 0.1 µm; per ms that is 100 µm/s.
-        let slope = per_ms(c1 + times_s(2 * c2 + times_s(3 * c3)));
-        let bend = per_ms(per_ms((2 * c2 + times_s(6 * c3)) * 1000));
+    /// Whether all that is formed of the coefficients fits 32 bits, and 64 where it is multiplied:
+    /// then products of 32 bits give the same values.
+    fn is_narrow(&self, spacing_ms: u32) -> bool {
+        // No value or derivative in `s` is larger, but for what is rounded down; times 1000 and the
+        // square of 2^30 / spacing, of which 30 bits go off in between, it must stay under 2^63.
+        let [c1, c2, c3] = self.c.map(i64::unsigned_abs);
+        let largest = c1 + 2 * c2 + 6 * c3 + 8;
+        largest < (1 << 31).min(u64::from(spacing_ms) << 23)
+    }
+
+    fn at(&self, phase: &Phase) -> Point {
+        let [c1, c2, c3] = self.c;
+        // In both: d/ds in 1/256 of 0.1 µm; per ms that is 100 µm/s.
+        let (way, slope, bend) = if phase.narrow {
+            let s = phase.s_q24;
+            let times_s = |value: i32| product(value, s, S_Q);
+            let [c1, c2, c3] = [c1, c2, c3].map(low);
+            let inverse = i64::from(phase.inverse_q30);
+            let per_ms = |value: i64| (value * inverse) >> INVERSE_Q;
+            (
+                i64::from(times_s(c1 + times_s(c2 + times_s(c3)))),
+                per_ms(i64::from(c1 + times_s(2 * c2 + times_s(3 * c3)))),
+                per_ms(per_ms(i64::from(2 * c2 + times_s(6 * c3)) * 1000)),
+            )
+        } else {
+            wide(c1, c2, c3, phase)
+        };
         Point {
-            length_q8,
+            length_q8: (i64::from(self.start) << VALUE_Q) + way,
             velocity_umps: saturate((slope * 100) >> VALUE_Q),
             acceleration_umps2: saturate((bend * 100) >> VALUE_Q),
         }
     }
 }
 
+/// The same in 64 bits: for motions that no winch of this project makes.
+#[inline(never)]
+fn wide(c1: i64, c2: i64, c3: i64, phase: &Phase) -> (i64, i64, i64) {
+    let s = i64::from(phase.s_q24);
+    let times_s = |value: i64| scale_down(value, s, S_Q);
+    let per_ms = |value: i64| scale_down(value, i64::from(phase.inverse_q30), INVERSE_Q);
+    (
+        times_s(c1 + times_s(c2 + times_s(c3))),
+        per_ms(c1 + times_s(2 * c2 + times_s(3 * c3))),
+        per_ms(per_ms((2 * c2 + times_s(6 * c3)) * 1000)),
+    )
+}
+
+/// `value * factor / 2^bits`, rounded down; the factor is 2^bits at most.
+#[inline]
+fn product(value: i32, factor: i32, bits: u32) -> i32 {
+    low((i64::from(value) * i64::from(factor)) >> bits)
+}
+
+/// What is known to fit.
+#[inline]
+#[expect(clippy::cast_possible_truncation, reason = "the caller knows its size")]
+const fn low(value: i64) -> i32 {
+    value as i32
+}
+
 /// Where in a segment a time lies.
 #[derive(Debug, Clone, Copy)]
 struct Phase {
-    s_q24: i64,
-    inverse_q30: i64,
+    s_q24: i32,
+    inverse_q30: u32,
+    /// Every cubic is narrow.
+    narrow: bool,
 }
 
 /// A knot as the board keeps it.
@@ -167,8 +212,7 @@ pub struct Segment<const N: usize> {
     tension_start: [i32; N],
     tension_end: [i32; N],
     inverse_q44: i64,
-    /// Checks that hold here.
-    pub rows: [StoredRow<N>; ResidualRow::PER_KNOT],
+    narrow: bool,
 }
 
 impl<const N: usize> Segment<N> {
@@ -193,47 +237,65 @@ impl<const N: usize> Segment<N> {
         Self {
             start_ms: start.time_ms,
             spacing_ms,
-            cubics,
             tension_start: tensions(start),
             tension_end: tensions(end),
             inverse_q44: (1 << FINE_INVERSE_Q) / i64::from(spacing_ms),
-            rows: start.rows,
+            narrow: cubics.iter().all(|cubic| cubic.is_narrow(spacing_ms)),
+            cubics,
         }
     }
 
     /// Evaluates every cable at `elapsed_q16` ms (16 fractional bits) after the segment's start.
     #[must_use]
     pub fn at(&self, elapsed_q16: u64) -> [Point; N] {
-        let phase = self.phase(elapsed_q16);
         let mut points = [Point::default(); N];
-        for (point, cubic) in points.iter_mut().zip(self.cubics.iter()) {
-            *point = cubic.at(phase);
-        }
+        self.evaluate(elapsed_q16, |index, point, _| {
+            if let Some(slot) = points.get_mut(index) {
+                *slot = point;
+            }
+        });
         points
     }
 
     /// Expected tensions at that time, mN: linear between the knots.
     #[must_use]
     pub fn tensions(&self, elapsed_q16: u64) -> [i32; N] {
-        let s = self.phase(elapsed_q16).s_q24;
-        let mut values = self.tension_start;
-        for (value, end) in values.iter_mut().zip(self.tension_end) {
-            *value += saturate(((i64::from(end) - i64::from(*value)) * s + half(S_Q)) >> S_Q);
+        let mut tensions = [0; N];
+        self.evaluate(elapsed_q16, |index, _, tension| {
+            if let Some(slot) = tensions.get_mut(index) {
+                *slot = tension;
+            }
+        });
+        tensions
+    }
+
+    /// Gives point and expected tension (mN) of one cable after the other.
+    #[inline]
+    pub fn evaluate(&self, elapsed_q16: u64, mut take: impl FnMut(usize, Point, i32)) {
+        let phase = self.phase(elapsed_q16);
+        let ends = self.tension_start.iter().zip(&self.tension_end);
+        for (index, (cubic, (&start, &end))) in self.cubics.iter().zip(ends).enumerate() {
+            let change = i64::from(end.saturating_sub(start));
+            let change = (change * i64::from(phase.s_q24) + half(S_Q)) >> S_Q;
+            take(index, cubic.at(&phase), start + low(change));
         }
-        values
     }
 
     fn phase(&self, elapsed_q16: u64) -> Phase {
-        let elapsed = elapsed_q16.min(u64::from(self.spacing_ms) << 16);
+        let inverse_q30 = low(self.inverse_q44 >> (FINE_INVERSE_Q - INVERSE_Q)).cast_unsigned();
+        if elapsed_q16 >> 16 >= u64::from(self.spacing_ms) {
+            return Phase {
+                s_q24: 1 << S_Q,
+                inverse_q30,
+                narrow: self.narrow,
+            };
+        }
         // 16 + 44 fractional bits down to 24; the product stays under 2^60.
-        let s = (elapsed.cast_signed() * self.inverse_q44 + half(36)) >> 36;
+        let s = (elapsed_q16.cast_signed() * self.inverse_q44 + half(36)) >> 36;
         Phase {
-            s_q24: if elapsed >> 16 == u64::from(self.spacing_ms) {
-                1 << S_Q
-            } else {
-                s
-            },
-            inverse_q30: self.inverse_q44 >> (FINE_INVERSE_Q - INVERSE_Q),
+            s_q24: low(s),
+            inverse_q30,
+            narrow: self.narrow,
         }
     }
 }

@@ -5,7 +5,7 @@
 //! damping force.
 
 use crate::config::{CableConfig, TensionLaw};
-use crate::fixed::{LowPass, half, saturate};
+use crate::fixed::{LowPass, half, mul_q32, quotient, saturate};
 
 /// Steps of the tension channels that mean an open sensor: within 1 % of the rail (S7).
 pub const ADC_RAIL_HIGH: u16 = 64_900;
@@ -41,13 +41,17 @@ pub struct Demand {
 }
 
 /// Friction is compensated by this share: more would start stick-slip. Out of 256.
-const FRICTION_SHARE: i64 = 205;
+const FRICTION_SHARE: i32 = 205;
 /// At this drum speed a drum moves for certain, µm/s; under it, friction's sign is the plan's.
-const FRICTION_SPEED_UMPS: i64 = 4000;
+const FRICTION_SPEED_UMPS: i32 = 4000;
 /// After slack or overload the set-point comes back this fast, mN per ms (20 N/s).
 const RECOVERY_MNPMS: i32 = 20;
 /// Under this planned speed friction feed-forward fades in linearly, µm/s.
 const FRICTION_FADE_UMPS: i32 = 500;
+
+/// Largest error that is integrated as it is, mN with 16 fractional bits (8 kN): its product with
+/// the largest gain fits 64 bits.
+const MOST_ERROR_Q16: i64 = 1 << 39;
 
 /// State of one cable's tension law.
 #[derive(Debug, Clone, Copy, Default)]
@@ -58,7 +62,7 @@ pub struct TensionLoop {
     /// Whether the last current was cut at its limit.
     pub saturated: bool,
     /// The force that asked for the last current, mN.
-    force_mn: i64,
+    force_mn: i32,
     /// The last current, mA.
     current_ma: i32,
     /// How far the set-point in use is from the asked one, mN: after slack it comes back slowly.
@@ -103,8 +107,8 @@ impl TensionLoop {
             }
             TensionLaw::Default => self.default_law(config, demand, slope_mnps),
         };
-        let current_q32 = force_mn.saturating_mul(config.current_per_force_q32);
-        let current = saturate(current_q32.saturating_add(half(32)) >> 32);
+        let force_mn = saturate(force_mn);
+        let current = mul_q32(force_mn, config.current_per_force_q32);
         let limited = current.clamp(-config.max_current_ma, config.max_current_ma);
         self.saturated = limited != current;
         self.force_mn = force_mn;
@@ -156,7 +160,8 @@ impl TensionLoop {
             return;
         }
         // ki is in thousandths per second and a tick is a millisecond.
-        self.integral_q16 += error_q16.saturating_mul(i64::from(config.ki_milli)) / 1_000_000;
+        let error_q16 = error_q16.clamp(-MOST_ERROR_Q16, MOST_ERROR_Q16);
+        self.integral_q16 += quotient::<1_000_000>(error_q16 * i64::from(config.ki_milli));
         let most = i64::from(config.ceiling_mn) << 16;
         self.integral_q16 = self.integral_q16.clamp(-most, most);
     }
@@ -165,8 +170,9 @@ impl TensionLoop {
 /// Eq. 1: `Kp e + Kd de/dt`, as a drum force in mN. The set-point is constant between knots to
 /// within their slope, so `de/dt` is minus the slope of the measured tension.
 fn pd(config: &CableConfig, error_q16: i64, slope_mnps: i32) -> i64 {
-    let proportional = (error_q16 * i64::from(config.kp_milli) / 1000 + half(16)) >> 16;
-    proportional - i64::from(slope_mnps) * i64::from(config.kd_us) / 1_000_000
+    let proportional = quotient::<1000>(error_q16 * i64::from(config.kp_milli));
+    let derivative = quotient::<1_000_000>(i64::from(slope_mnps) * i64::from(config.kd_us));
+    ((proportional + half(16)) >> 16) - derivative
 }
 
 /// Force that leads a drum at the cable's reel speed: balances tension and friction, and pulls the
@@ -176,7 +182,7 @@ fn lead(config: &CableConfig, demand: &Demand, tension_mn: i32, slack: bool) -> 
     let wanted = sign * i64::from(config.reel_speed_umps);
     let too_fast = i64::from(demand.measured_speed_umps) - wanted;
     i64::from(tension_mn) - sign * i64::from(config.friction_mn)
-        + i64::from(config.damping_mns_per_m) * too_fast / 1_000_000
+        + quotient::<1_000_000>(i64::from(config.damping_mns_per_m) * too_fast)
 }
 
 /// What the planned motion needs without any error: friction, inertia; and damping of the drum
@@ -187,14 +193,20 @@ fn feed_forward(config: &CableConfig, demand: &Demand) -> i64 {
     // Where the drum moves for certain, friction is against its motion; where it seems to stand,
     // the plan says which way it is about to go. A platform that swings reverses drums that no
     // plan moves.
-    let moves = (measured * 256 / FRICTION_SPEED_UMPS).clamp(-256, 256);
-    let fade = i64::from(planned.clamp(-FRICTION_FADE_UMPS, FRICTION_FADE_UMPS));
-    let sign_q8 = moves + fade * (256 - moves.abs()) / i64::from(FRICTION_FADE_UMPS);
+    let moves = demand
+        .measured_speed_umps
+        .clamp(-FRICTION_SPEED_UMPS, FRICTION_SPEED_UMPS)
+        * 256
+        / FRICTION_SPEED_UMPS;
+    let fade = planned.clamp(-FRICTION_FADE_UMPS, FRICTION_FADE_UMPS);
+    let sign_q8 = moves + fade * (256 - moves.abs()) / FRICTION_FADE_UMPS;
     // A drum that pays out is held back by friction, so the motor needs less force.
-    let friction = i64::from(config.friction_mn) * FRICTION_SHARE * sign_q8 / (256 * 256);
+    let friction =
+        i64::from(config.friction_mn) * i64::from(FRICTION_SHARE * sign_q8) / (256 * 256);
     // g times µm/s² is nN; 1e6 of them are one mN.
-    let inertia =
-        i64::from(config.mass_g) * i64::from(demand.planned_acceleration_umps2) / 1_000_000;
-    let damping = i64::from(config.damping_mns_per_m) * (measured - i64::from(planned)) / 1_000_000;
+    let acceleration = i64::from(demand.planned_acceleration_umps2);
+    let inertia = quotient::<1_000_000>(i64::from(config.mass_g) * acceleration);
+    let too_fast = measured - i64::from(planned);
+    let damping = quotient::<1_000_000>(i64::from(config.damping_mns_per_m) * too_fast);
     damping - friction - inertia
 }

@@ -10,6 +10,7 @@ pub struct Persist {
 
 impl Persist {
     /// Whether the condition has now held for `limit` ticks or more.
+    #[inline]
     pub fn update(&mut self, condition: bool, limit: u16) -> bool {
         self.ticks = if condition {
             self.ticks.saturating_add(1)
@@ -45,6 +46,36 @@ pub struct CableWatch {
     /// Mean change of the tension from tick to tick, 1/64 mN.
     noise_q6: i32,
     polarity: Polarity,
+    /// A condition held in the last tick: some count is not zero.
+    counting: bool,
+}
+
+/// What is seen in a tick; each becomes a fault when it lasts.
+struct Conditions {
+    runs: bool,
+    open: bool,
+    short: bool,
+    frozen: bool,
+    snag: bool,
+    slack: bool,
+    astray: bool,
+    saturated: bool,
+    hot: bool,
+}
+
+impl Conditions {
+    // Without branches.
+    const fn any(&self) -> bool {
+        self.runs
+            | self.open
+            | self.short
+            | self.frozen
+            | self.snag
+            | self.slack
+            | self.astray
+            | self.saturated
+            | self.hot
+    }
 }
 
 /// Tells a drum that turns against its motor, every few encoder counts (S4).
@@ -144,26 +175,22 @@ const NOISE_Q6: i32 = 250 * 64;
 
 impl CableWatch {
     /// Looks at one tick under torque; gives the first fault found, with value and limit.
+    ///
+    /// Nearly always no condition holds, and none held a tick before: then no count changes.
+    #[inline]
     pub fn update(&mut self, view: &CableView) -> Option<(FaultId, i32, i32)> {
         let tension = view.tension_mn;
-        let adc = i32::from(view.adc);
         let open = view.adc >= crate::tension::ADC_RAIL_HIGH;
         let short = view.adc <= crate::tension::ADC_RAIL_LOW;
         let frozen = view.adc == self.last_adc && !open && !short;
         self.last_adc = view.adc;
-        let slack_ticks = if view.reels_in {
-            REEL_TICKS
-        } else {
-            SLACK_TICKS
-        };
         let most = (view.expected_mn / 2).max(LEAST_OFF_MN);
         // A fall to the floor from one tick to the next is a break, a slow one is slack.
         let slack = tension < view.floor_mn && !short;
+        let change = tension.saturating_sub(self.recent_mn);
         if self.slack.ticks() == 0 {
             self.broke = slack && self.recent_mn > tension.saturating_add(most);
         }
-        let broken = self.broke && self.slack.ticks() + 1 >= BREAK_TICKS;
-        let change = tension.saturating_sub(self.recent_mn);
         self.noise_q6 += (change.saturating_abs().min(10_000) * 64 - self.noise_q6) / 128;
         self.recent_mn = self.recent_mn.saturating_add(change / 2);
         // Half or one and a half times the tension, and still the drum goes on making it worse.
@@ -174,80 +201,87 @@ impl CableWatch {
         let reversed = self
             .polarity
             .update(view.motor_length, view.drum_length, view.polarity_way);
-        let limit = view.length_error_max.unsigned_abs();
-        let astray = view.length_error.unsigned_abs() > limit;
+        let now = Conditions {
+            runs,
+            open,
+            short,
+            frozen,
+            snag: tension > view.ceiling_mn && !open,
+            slack,
+            astray: view.length_error.unsigned_abs() > view.length_error_max.unsigned_abs(),
+            saturated: view.saturated,
+            hot: view.hot,
+        };
+        let any = now.any();
+        let lost = view.feedback_age_ms >= view.feedback_timeout_ms;
+        if !(any | self.counting | reversed | view.drive_fault | lost) {
+            return None;
+        }
+        self.counting = any;
+        self.judge(view, &now, reversed)
+    }
+
+    /// Counts how long conditions have held.
+    #[inline(never)]
+    fn judge(
+        &mut self,
+        view: &CableView,
+        now: &Conditions,
+        reversed: bool,
+    ) -> Option<(FaultId, i32, i32)> {
+        let adc = i32::from(view.adc);
+        let tension = view.tension_mn;
+        let slack_ticks = if view.reels_in {
+            REEL_TICKS
+        } else {
+            SLACK_TICKS
+        };
+        let broken = self.broke && self.slack.ticks() + 1 >= BREAK_TICKS;
         // A dead drive leaves the motor behind, too; a dead encoder does not.
-        let dead = if view.motor_error.unsigned_abs() > limit / 2 {
+        let dead = if view.motor_error.unsigned_abs() > view.length_error_max.unsigned_abs() / 2 {
             FaultId::D7
         } else {
             FaultId::S2
         };
-        let found = [
-            (
-                reversed || self.runaway.update(runs, RUNAWAY_TICKS),
-                FaultId::S4,
-                view.too_fast_umps,
-                RUNAWAY_UMPS,
-            ),
-            (view.drive_fault, FaultId::D2, 1, 0),
-            (
-                view.feedback_age_ms >= view.feedback_timeout_ms,
-                FaultId::D3,
-                i32::from(view.feedback_age_ms),
-                i32::from(view.feedback_timeout_ms),
-            ),
-            (
-                self.open.update(open, RAIL_TICKS),
-                FaultId::S7,
-                adc,
-                i32::from(crate::tension::ADC_RAIL_HIGH),
-            ),
-            (
-                self.short.update(short, RAIL_TICKS),
-                FaultId::S8,
-                adc,
-                i32::from(crate::tension::ADC_RAIL_LOW),
-            ),
-            (
-                self.frozen.update(frozen, FROZEN_TICKS),
-                FaultId::S11,
-                adc,
-                i32::from(FROZEN_TICKS),
-            ),
-            (
-                self.snag
-                    .update(tension > view.ceiling_mn && !open, SNAG_TICKS),
-                FaultId::C2,
-                tension,
-                view.ceiling_mn,
-            ),
-            (broken && slack, FaultId::C3, tension, view.floor_mn),
-            (
-                self.slack.update(slack, slack_ticks),
-                FaultId::C1,
-                tension,
-                view.floor_mn,
-            ),
-            (
-                self.following.update(astray, FOLLOWING_TICKS),
-                dead,
-                view.length_error / 10,
-                view.length_error_max / 10,
-            ),
-            (
-                self.saturated.update(view.saturated, SATURATED_TICKS),
-                FaultId::D4,
-                i32::from(self.saturated.ticks()),
-                i32::from(SATURATED_TICKS),
-            ),
-            (
-                self.hot.update(view.hot, HOT_TICKS),
-                FaultId::D6,
-                i32::from(self.hot.ticks()),
-                i32::from(HOT_TICKS),
-            ),
-        ];
-        let (_, fault, value, limit) = found.into_iter().find(|(is, ..)| *is)?;
+        // All count, whichever is told: no way around the later ones.
+        let runs = self.runaway.update(now.runs, RUNAWAY_TICKS);
+        let open = self.open.update(now.open, RAIL_TICKS);
+        let short = self.short.update(now.short, RAIL_TICKS);
+        let frozen = self.frozen.update(now.frozen, FROZEN_TICKS);
+        let snag = self.snag.update(now.snag, SNAG_TICKS);
+        let slack = self.slack.update(now.slack, slack_ticks);
+        let astray = self.following.update(now.astray, FOLLOWING_TICKS);
+        let saturated = self.saturated.update(now.saturated, SATURATED_TICKS);
+        let hot = self.hot.update(now.hot, HOT_TICKS);
+        let ticks = |count: &Persist, limit: u16| (i32::from(count.ticks()), i32::from(limit));
+        let (age, timeout) = (view.feedback_age_ms, view.feedback_timeout_ms);
+        let (fault, (value, limit)) = if reversed || runs {
+            (FaultId::S4, (view.too_fast_umps, RUNAWAY_UMPS))
+        } else if view.drive_fault {
+            (FaultId::D2, (1, 0))
+        } else if age >= timeout {
+            (FaultId::D3, (i32::from(age), i32::from(timeout)))
+        } else if open {
+            (FaultId::S7, (adc, i32::from(crate::tension::ADC_RAIL_HIGH)))
+        } else if short {
+            (FaultId::S8, (adc, i32::from(crate::tension::ADC_RAIL_LOW)))
+        } else if frozen {
+            (FaultId::S11, (adc, i32::from(FROZEN_TICKS)))
+        } else if snag {
+            (FaultId::C2, (tension, view.ceiling_mn))
+        } else if broken && now.slack {
+            (FaultId::C3, (tension, view.floor_mn))
+        } else if slack {
+            (FaultId::C1, (tension, view.floor_mn))
+        } else if astray {
+            (dead, (view.length_error / 10, view.length_error_max / 10))
+        } else if saturated {
+            (FaultId::D4, ticks(&self.saturated, SATURATED_TICKS))
+        } else if hot {
+            (FaultId::D6, ticks(&self.hot, HOT_TICKS))
+        } else {
+            return None;
+        };
         Some((fault, value, limit))
     }
 

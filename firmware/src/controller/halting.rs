@@ -34,7 +34,7 @@ impl<const N: usize> Controller<N> {
                     return self.trip(FaultId::B2, cable, turned / 10, 0);
                 }
             },
-            Phase::Stirring(cable) => self.stir(usize::from(cable), inputs),
+            Phase::Stirring(cable) => self.stir(usize::from(cable)),
             _ => {}
         }
         let Some(active) = &self.active else { return };
@@ -75,18 +75,14 @@ impl<const N: usize> Controller<N> {
         all
     }
 
-    fn stir(&mut self, index: usize, inputs: &Inputs<N>) {
+    fn stir(&mut self, index: usize) {
         let Some(active) = &self.active else { return };
-        let (Some(cable), Some(config), Some(drive)) = (
-            self.cables.get_mut(index),
-            active.cables.get(index),
-            inputs.drives.get(index),
-        ) else {
+        let (Some(cable), Some(config)) = (self.cables.get_mut(index), active.cables.get(index))
+        else {
             return;
         };
-        let by_motor = cable.axis.by_motor(config, drive);
-        let amplitude = Stir::amplitude(config.scale.per_count_q24);
-        self.stir.observe(by_motor, cable.length);
+        let amplitude = Stir::amplitude(config.per_count_q24);
+        self.stir.observe(cable.by_motor, cable.length);
         cable.target = self.stir.step(amplitude, cable.target.length);
     }
 
@@ -104,7 +100,7 @@ impl<const N: usize> Controller<N> {
         };
         // The paper's law knows no motion: it can not be asked to stir.
         let can_stir = config.control == Control::Length || config.law == TensionLaw::Default;
-        let amplitude = Stir::amplitude(config.scale.per_count_q24);
+        let amplitude = Stir::amplitude(config.per_count_q24);
         if let (true, Err((fault, value, limit))) = (can_stir, stir.verdict(amplitude)) {
             self.trip(fault, number + 1, value, limit);
         }

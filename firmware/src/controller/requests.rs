@@ -229,8 +229,8 @@ impl<const N: usize> Controller<N> {
         let configs = self.active.iter().flat_map(|active| &active.cables);
         for (cable, config) in self.cables.iter_mut().zip(configs) {
             // Lengths counted with another scale are worth nothing; other gains cost none.
-            self.referenced &= cable.scale.per_count_q24 == config.scale.per_count_q24;
-            cable.scale.per_count_q24 = config.scale.per_count_q24;
+            self.referenced &= cable.scale.per_count_q24 == config.per_count_q24;
+            cable.scale.per_count_q24 = config.per_count_q24;
         }
     }
 

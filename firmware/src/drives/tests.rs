@@ -2,7 +2,6 @@
 
 use super::{BusState, CanFrame, CanPort, DriveBus, Full};
 use crate::config::{Active, CableConfig, Control, DriveKind, TensionLaw};
-use crate::encoder::LengthScale;
 use crate::io::{DriveDemand, DriveInput, Inputs, Outputs};
 use heapless::{Deque, Vec};
 use mcdpr_protocol::{ConfigHash, Tick};
@@ -38,7 +37,9 @@ impl CanPort for Port {
 fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
     CableConfig {
         control,
-        scale: LengthScale::default(),
+        per_count_q24: 1 << 24,
+        half_count: 0,
+        four_counts: 4,
         max_encoder_step: 100,
         motor_per_length_q32: 1 << 32,
         length_per_motor_q32: 1 << 32,
@@ -62,6 +63,7 @@ fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
         friction_mn: 0,
         mass_g: 0,
         lead_us: 0,
+        lead_square: 0,
         brake_close_ms: 30,
         following_error: 1000,
         max_speed_umps: 1,

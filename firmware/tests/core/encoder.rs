@@ -123,7 +123,7 @@ fn lengths_are_true_to_a_tenth_of_a_micrometre_over_twenty_metres() {
             let scale = LengthScale {
                 reference_counts: 12_345,
                 reference: 1_000_000,
-                ..build(&all).unwrap().cables[0].scale
+                per_count_q24: build(&all).unwrap().cables[0].per_count_q24,
             };
             let per_count = std::f64::consts::TAU * f64::from(radius) / f64::from(per_turn);
             // Twenty metres either way.

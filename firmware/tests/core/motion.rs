@@ -1,11 +1,25 @@
 use crate::segment::{hermite, rest};
-use mcdpr_firmware::motion::{CAPACITY, Motion, Progress, Sample};
-use mcdpr_firmware::segment::StoredKnot;
+use mcdpr_firmware::motion::{CAPACITY, Motion, Progress};
+use mcdpr_firmware::segment::{Point, StoredKnot};
 use mcdpr_protocol::{MicrometresPerSecond, TenthMicrometres};
 
 const STOP_MS: u32 = 300;
 /// Cable 1 runs at 0.2 m/s throughout: its length tells the path time exactly.
 const STEADY_UMPS: i32 = 200_000;
+
+/// Where the path is after a tick, and what that tick brought.
+#[derive(Clone, Copy)]
+struct Sample<const N: usize> {
+    points: [Point; N],
+    progress: Progress,
+}
+
+fn advance(motion: &mut Motion<2>) -> Option<Sample<2>> {
+    let progress = motion.tick(STOP_MS)?;
+    let mut points = [Point::default(); 2];
+    motion.evaluate(|cable, point, _| points[cable] = *point);
+    Some(Sample { points, progress })
+}
 
 /// Cable 2 swings about while cable 1 marks the time.
 fn knots(count: u32, ends: bool) -> Vec<StoredKnot<2>> {
@@ -50,12 +64,12 @@ fn at_full_speed_a_tick_is_a_millisecond_and_the_last_knot_is_met_exactly() {
     let path = knots(10, true);
     let mut motion = started(&path);
     for tick in 1..450 {
-        let sample = motion.tick(STOP_MS).unwrap();
+        let sample = advance(&mut motion).unwrap();
         assert_eq!(sample.progress, Progress::Under, "tick {tick}");
         assert_eq!(motion.path_ms(), tick);
         assert_eq!(sample.points[0].length(), tick as i32 * STEADY_UMPS / 100);
     }
-    let end = motion.tick(STOP_MS).unwrap();
+    let end = advance(&mut motion).unwrap();
     assert_eq!(end.progress, Progress::Done);
     for i in 0..2 {
         assert_eq!(
@@ -72,13 +86,13 @@ fn braking_runs_along_the_path_rests_within_the_stop_time_and_resumes_to_the_sam
         let mut motion = started(&path);
         let mut last = None;
         for _ in 0..brake_at {
-            last = motion.tick(STOP_MS);
+            last = advance(&mut motion);
         }
         let mut before = last.unwrap();
         motion.brake(STOP_MS);
         let mut ticks = 0;
         loop {
-            let sample = motion.tick(STOP_MS).unwrap();
+            let sample = advance(&mut motion).unwrap();
             ticks += 1;
             assert!((length(&sample, 1) - on_path(&path, &sample)).abs() <= 2.0);
             assert!(length(&sample, 0) >= length(&before, 0), "never backwards");
@@ -90,13 +104,13 @@ fn braking_runs_along_the_path_rests_within_the_stop_time_and_resumes_to_the_sam
         assert!(ticks <= STOP_MS, "{ticks}");
         assert_eq!(before.points[1].velocity_umps, 0);
         // At rest it stays, to the last bit.
-        let still = motion.tick(STOP_MS).unwrap();
+        let still = advance(&mut motion).unwrap();
         assert_eq!(still.points[1].length_q8, before.points[1].length_q8);
         assert!(motion.is_paused());
         motion.run(STOP_MS);
         let mut ticks = 0;
         let end = loop {
-            let sample = motion.tick(STOP_MS).unwrap();
+            let sample = advance(&mut motion).unwrap();
             ticks += 1;
             if sample.progress == Progress::Done {
                 break sample;
@@ -120,7 +134,7 @@ fn while_braking_velocity_and_acceleration_are_those_of_real_time() {
         if tick == 120 {
             motion.brake(STOP_MS);
         }
-        let sample = motion.tick(STOP_MS).unwrap();
+        let sample = advance(&mut motion).unwrap();
         samples.push(sample);
         if sample.progress == Progress::Paused {
             break;
@@ -147,14 +161,14 @@ fn k6_an_empty_buffer_appends_a_stop_along_the_tangent_and_ends_at_rest() {
     let path = knots(3, false);
     let mut motion = started(&path);
     for _ in 1..100 {
-        assert_eq!(motion.tick(STOP_MS).unwrap().progress, Progress::Under);
+        assert_eq!(advance(&mut motion).unwrap().progress, Progress::Under);
     }
     // The very tick at which the last knot is reached.
-    assert_eq!(motion.tick(STOP_MS).unwrap().progress, Progress::RanEmpty);
+    assert_eq!(advance(&mut motion).unwrap().progress, Progress::RanEmpty);
     let from = path[2].cables;
     let mut ticks = 1;
     let end = loop {
-        let sample = motion.tick(STOP_MS).unwrap();
+        let sample = advance(&mut motion).unwrap();
         ticks += 1;
         // Both cables go on in the ratio of their speeds: along the tangent.
         let along = length(&sample, 0) - f64::from(from[0].length.0);
@@ -193,7 +207,7 @@ fn k6_a_stop_and_an_empty_buffer_together_do_not_brake_twice() {
                 motion.brake(STOP_MS);
             }
             let before = length_of(&motion);
-            let sample = motion.tick(STOP_MS).unwrap();
+            let sample = advance(&mut motion).unwrap();
             speeds.push((length(&sample, 0) - before) * 100.0);
             if matches!(sample.progress, Progress::Stopped | Progress::Paused) {
                 stopped = true;
@@ -222,7 +236,7 @@ fn length_of(motion: &Motion<2>) -> f64 {
     let mut copy = motion.clone();
     // A clock at rest evaluates where it is: brake at once, tick, look.
     copy.brake(1);
-    copy.tick(STOP_MS).map_or(0.0, |sample| length(&sample, 0))
+    advance(&mut copy).map_or(0.0, |sample| length(&sample, 0))
 }
 
 #[test]
@@ -246,7 +260,7 @@ fn k7_a_full_buffer_takes_nothing_and_loses_nothing() {
         "the first knot is the start of the segment"
     );
     let mut tick = 0;
-    while motion.tick(STOP_MS).unwrap().progress == Progress::Under {
+    while advance(&mut motion).unwrap().progress == Progress::Under {
         tick += 1;
     }
     assert_eq!(tick, 50 * (CAPACITY as u32 - 1) - 1);
@@ -257,7 +271,7 @@ fn k5_the_window_for_the_next_knot_never_lies_in_the_past() {
     let mut motion = started(&knots(3, false));
     assert_eq!(motion.time_window_ms(), (104, 4100));
     for _ in 0..99 {
-        motion.tick(STOP_MS);
+        advance(&mut motion);
     }
     assert_eq!(motion.time_window_ms(), (104, 4100));
     let mut fresh = Motion::<2>::default();
@@ -273,7 +287,7 @@ fn the_buffer_says_whether_it_covers_a_stop() {
     let mut motion = started(&knots(6, false));
     // 250 ms are buffered and a stop takes 150 ms of path.
     for tick in 1..=249_u32 {
-        motion.tick(STOP_MS).unwrap();
+        advance(&mut motion).unwrap();
         assert_eq!(motion.covers_a_stop(STOP_MS), tick <= 100, "tick {tick}");
     }
 }
