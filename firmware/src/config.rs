@@ -118,6 +118,8 @@ pub struct CableConfig {
     pub max_rpm: u16,
     /// Largest motor current, mA.
     pub max_current_ma: i32,
+    /// What comes near to it, mA.
+    pub most_ma: i32,
     /// mA per mN of force that reels in, 32 fractional bits, signed.
     pub current_per_force_q32: i64,
     /// mN per ADC step, 24 fractional bits.
@@ -414,6 +416,7 @@ impl<const N: usize> ConfigStore<N> {
         let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
         // One millisecond at one and a half times the largest speed, and a count of rounding.
         let step = i64::from(max_speed_umps) * 15 * (1 << 24) / 1000 / per_count_q24.abs() + 2;
+        let max_current_ma = key(CableKey::MaxCurrentMa, 1, 32_000)?;
         let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
         // A bus has no drive 0: that number calls all of them. 127 is the board itself.
         let node = key(CableKey::Node, 1, 126)?;
@@ -432,7 +435,8 @@ impl<const N: usize> ConfigStore<N> {
             speed_per_rpm_q16: (1 << 48) / rpm_per_speed_q32.max(1),
             motor_reversed: motor_counts < 0,
             max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
-            max_current_ma: key(CableKey::MaxCurrentMa, 1, 32_000)?,
+            max_current_ma,
+            most_ma: max_current_ma - max_current_ma / 32,
             current_per_force_q32: (1000 << 32) / i64::from(force),
             // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
             // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.

@@ -2,7 +2,7 @@
 
 use crate::arming::{Arming, HAS_SERVICE, Phase, Service, Stir, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
-use crate::config::{Active, CableConfig, ConfigStore, Control, TensionLaw};
+use crate::config::{Active, CableConfig, ConfigStore, Control};
 use crate::encoder::{Encoder, LengthScale, Sampled};
 use crate::io::{Brake, DriveDemand, DriveInput, Inputs, Outputs, Scan};
 use crate::motion::{CAPACITY, Motion, Progress};
@@ -10,7 +10,7 @@ use crate::proof::{Proof, Verdict};
 use crate::segment::{Point, StoredKnot, StoredRow};
 use crate::supervisor::{self, Event, State, transition};
 use crate::tension::{Demand, TensionLoop, is_plausible, measured_mn};
-use crate::watch::{CableView, CableWatch, Heartbeat, Latch, LineNoise, LinkHealth, Persist};
+use crate::watch::{CableWatch, Heartbeat, Latch, LineNoise, LinkHealth, Persist};
 use mcdpr_protocol::{
     ConfigHash, FaultId, FaultRecord, Info, Knot, Limit, Limits, List, Millinewtons, PerCable,
     Reject, Reply, Request, ResidualRow, Status, StopKind, TenthMicrometres, Tick, Winch,
@@ -18,6 +18,7 @@ use mcdpr_protocol::{
 
 mod halting;
 mod requests;
+mod watching;
 
 /// Torque is held this long after the brakes have closed, ms.
 const HOLD_TORQUE_MS: u16 = 150;
@@ -25,10 +26,6 @@ const HOLD_TORQUE_MS: u16 = 150;
 const TICKS_PER_SECOND: u16 = 1000;
 /// A motion may start this far from the set-point, 0.1 µm (K4).
 const START_TOLERANCE: i32 = 50;
-/// Time that the platform may be touched before the robot stops, ticks (C5).
-const CONTACT_TICKS: u16 = 20;
-/// Tension may leave its expected value by this before it is advice, mN.
-const TENSION_WARN_MN: i32 = 3000;
 
 /// What the controller knows of one cable.
 #[derive(Debug, Clone, Copy, Default)]
@@ -328,168 +325,6 @@ impl<const N: usize> Controller<N> {
             cable.tension_mn = measured_mn(config, adc);
             if armed {
                 cable.sense_motor(config, drive);
-            }
-        }
-    }
-
-    #[inline(never)]
-    fn watch(&mut self, inputs: &Inputs<N>) {
-        if self.late_ticks.update(inputs.overrun, 2) {
-            self.trip(FaultId::P5, 0, 2, 1);
-        }
-        if inputs.drives.iter().any(|drive| drive.bus_off) {
-            self.trip(FaultId::D1, 0, 1, 0);
-        }
-        let Some(active) = &self.active else { return };
-        // By what was decided, not by the pins: one axis that is braked because its drive is gone
-        // must not blind the watch over the others.
-        let closing = self.state == State::Stopping && self.closing.is_some();
-        // Brakes take their time to open; from then on the drums are the drives' alone.
-        let phase = self.arming.phase();
-        let moving = !closing && phase.is_free();
-        if phase > Phase::Enabling && inputs.drives.iter().any(|drive| drive.bus_off) {
-            self.trip(FaultId::D1, 0, 1, 0);
-            return;
-        }
-        let mut found = None;
-        let readings = inputs.drives.iter().zip(&inputs.tension_adc);
-        let configs = active.cables.iter().zip(readings);
-        // On a bare winch hangs no cable, and the sign of its encoder may be what is looked for.
-        let bare = HAS_SERVICE && self.service.is_some();
-        for (number, (cable, (config, (drive, &adc)))) in
-            (1_u8..).zip(self.cables.iter_mut().zip(configs))
-        {
-            if !moving || !concerns(self.service, number) {
-                continue;
-            }
-            let by_tension = config.control == Control::Tension;
-            let by_motor = cable.by_motor;
-            let error = if by_tension {
-                cable.axis.slipped(by_motor, cable.length)
-            } else {
-                cable.target.length.saturating_sub(cable.length)
-            };
-            let most_ma = config.max_current_ma - config.max_current_ma / 32;
-            let view = CableView {
-                adc,
-                tension_mn: cable.tension_mn,
-                // No floor; and a cable that is to be slack can not be too slack.
-                floor_mn: if config.floor_mn == 0
-                    || (by_tension && cable.setpoint_mn < config.floor_mn)
-                    || bare
-                {
-                    i32::MIN
-                } else {
-                    config.floor_mn
-                },
-                // On its way a robot does not wait for that.
-                reels_in: by_tension
-                    && config.law == TensionLaw::Default
-                    && cable.target.speed_umps == 0,
-                ceiling_mn: config.ceiling_mn,
-                length_error: error,
-                length_error_max: config.following_error,
-                motor_error: if by_tension {
-                    0
-                } else {
-                    cable.axis.motor_error(&cable.target, by_motor)
-                },
-                saturated: cable.tension_loop.saturated
-                    || i32::from(drive.current_ma).abs() > most_ma,
-                feedback_age_ms: drive.age_ms,
-                feedback_timeout_ms: active.feedback_timeout_ms,
-                drive_fault: drive.fault,
-                hot: drive.over_temperature,
-                expected_mn: cable.setpoint_mn,
-                // A drum that is being stirred pulls at a stiff cable on purpose.
-                // The paper's law leaves half of the set-point to its error: that is no runaway.
-                by_tension: by_tension
-                    && !bare
-                    && config.law == TensionLaw::Default
-                    && phase != Phase::Stirring(number - 1),
-                too_fast_umps: cable.speed_umps.saturating_sub(cable.target.speed_umps),
-                motor_length: by_motor,
-                drum_length: cable.length,
-                polarity_way: if bare { i32::MAX } else { config.four_counts },
-            };
-            let fault = cable.watch.update(&view);
-            if cable.watch.slackens() {
-                self.limits.insert(Limit::CableSlack);
-            }
-            if cable.watch.is_noisy() {
-                self.limits.insert(Limit::TensionNoisy);
-            }
-            if drive.warning || drive.over_temperature {
-                self.limits.insert(Limit::DriveWarns);
-            }
-            if view.saturated {
-                self.limits.insert(Limit::CurrentSaturated);
-            }
-            if cable.axis.trim_saturated() {
-                self.limits.insert(Limit::TrimSaturated);
-            }
-            if (cable.tension_mn - cable.setpoint_mn).abs() > TENSION_WARN_MN {
-                self.limits.insert(Limit::TensionOff);
-            }
-            let fault = fault.or_else(|| cable.lost.then_some((FaultId::S6, 0, 0)));
-            if found.is_none() {
-                found = fault.map(|(fault, value, limit)| (fault, number, value, limit));
-            }
-        }
-        let residual = self.watch_residuals(moving);
-        if let Some((fault, cable, value, limit)) = found.or(residual) {
-            self.trip(fault, cable, value, limit);
-        }
-    }
-
-    fn watch_residuals(&mut self, moving: bool) -> Option<(FaultId, u8, i32, i32)> {
-        let residual_ms = self.active.as_ref()?.residual_ms;
-        let mut found = None;
-        // The first row joins lengths and tensions (S5); the second, of tensions alone, tells what
-        // carries or pulls the platform besides its cables (C5).
-        let kinds = [(FaultId::S5, residual_ms), (FaultId::C5, CONTACT_TICKS)];
-        let rows = self.rows.iter().zip(self.residuals.iter_mut()).zip(kinds);
-        for ((row, persist), (fault, ticks)) in rows {
-            if !moving || row.limit_um <= 0 {
-                *persist = Persist::default();
-                continue;
-            }
-            let (mut by_lengths, mut by_tensions) = (0_i64, 0_i64);
-            let coefficients = row.lengths.iter().zip(&row.tensions);
-            for (cable, (&by_length, &by_tension)) in self.cables.iter().zip(coefficients) {
-                let length = cable.length.saturating_sub(cable.target.length);
-                let tension = cable.tension_mn.saturating_sub(cable.setpoint_mn);
-                by_lengths += i64::from(length) * i64::from(by_length);
-                by_tensions += i64::from(tension) * i64::from(by_tension);
-            }
-            // 0.1 µm and 1/4096 against µm and 1/256, which is what tensions have.
-            const { assert!(ResidualRow::TENSION_SCALE == 256) };
-            const RATIO: i32 = 10 * ResidualRow::LENGTH_SCALE / 256;
-            let sum_q8 = crate::fixed::quotient::<RATIO>(by_lengths) + by_tensions;
-            let residual_um = crate::fixed::saturate(sum_q8 >> 8);
-            let limit = row.limit_um.unsigned_abs();
-            if residual_um.unsigned_abs() > limit / 2 {
-                self.limits.insert(Limit::ResidualHigh);
-            }
-            let over = residual_um.unsigned_abs() > limit;
-            if persist.update(over, ticks) && found.is_none() {
-                found = Some((fault, 0, residual_um, row.limit_um));
-            }
-        }
-        found
-    }
-
-    fn watch_link(&mut self) {
-        match self.heartbeat.health(self.now) {
-            LinkHealth::Good => {}
-            LinkHealth::Late => self.limits.insert(Limit::HeartbeatLate),
-            LinkHealth::Lost => {
-                self.limits.insert(Limit::HeartbeatLate);
-                self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
-            }
-            LinkHealth::Expired => {
-                self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
-                self.raise(Event::Stop);
             }
         }
     }

@@ -38,6 +38,7 @@ impl Encoder {
     /// encoder.sample(4, 40);
     /// assert_eq!(encoder.counts(), 10);
     /// ```
+    #[inline]
     pub fn sample(&mut self, counter: u16, max_step: u16) -> Sampled {
         let Some(last) = self.last else {
             self.last = Some(counter);
@@ -98,21 +99,24 @@ pub struct LengthScale {
 impl LengthScale {
     /// The length at these counts, rounded to the nearest 0.1 µm.
     #[must_use]
+    #[inline]
     pub fn length(&self, counts: i64) -> TenthMicrometres {
-        let moved = counts.saturating_sub(self.reference_counts);
+        let moved = counts.wrapping_sub(self.reference_counts);
         // Drums make less than 2^31 counts: the product is formed of two that fit 64 bits.
         let length = match narrow(moved) {
             Some(moved) => {
                 let (high, low) = products(moved, self.per_count_q24);
                 (high << 8) + ((low + half(24)) >> 24)
             }
-            None => {
-                (moved
-                    .saturating_mul(self.per_count_q24)
-                    .saturating_add(half(24)))
-                    >> 24
-            }
+            None => self.far(moved),
         };
-        TenthMicrometres(saturate(length.saturating_add(i64::from(self.reference))))
+        TenthMicrometres(saturate(length + i64::from(self.reference)))
+    }
+
+    /// Of more counts than drums make.
+    #[inline(never)]
+    const fn far(&self, moved: i64) -> i64 {
+        let length = moved.saturating_mul(self.per_count_q24);
+        length.saturating_add(half(24)) >> 24
     }
 }

@@ -141,8 +141,8 @@ impl<const N: usize> Default for Outputs<N> {
 pub trait Board<const N: usize> {
     /// The present tick.
     fn now(&self) -> Tick;
-    /// Reads everything once.
-    fn read(&mut self) -> Inputs<N>;
+    /// Reads everything once, in place.
+    fn read(&mut self, inputs: &mut Inputs<N>);
     /// Applies everything.
     fn apply(&mut self, outputs: &Outputs<N>);
     /// Brakes closed and torque off, whatever else is broken.

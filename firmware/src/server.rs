@@ -114,9 +114,14 @@ impl<const N: usize> Server<N> {
 
     /// One control tick.
     pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
-        let outputs = self.controller.step(now, inputs);
+        self.tick(now, inputs);
+        *self.controller.outputs()
+    }
+
+    /// As [`Self::step`], without a copy: [`Controller::outputs`] tells what the board must do.
+    pub fn tick(&mut self, now: Tick, inputs: &Inputs<N>) {
+        self.controller.tick(now, inputs);
         self.status_in = self.status_in.saturating_sub(1);
-        outputs
     }
 
     /// What the tick measured, if the host wants samples. Once per tick: whatever sends telemetry
@@ -131,14 +136,19 @@ impl<const N: usize> Server<N> {
         })
     }
 
-    /// The state, when it is due: ten times a second and at every change.
+    /// Whether the state is due: ten times a second and at every change.
+    #[must_use]
+    pub fn status_is_due(&self) -> bool {
+        self.status_in == 0 || self.controller.state() != self.told_state
+    }
+
+    /// The state, when it is due.
     pub fn take_status(&mut self, counters: &LinkCounters) -> Option<Status> {
-        let state = self.controller.state();
-        if self.status_in > 0 && state == self.told_state {
+        if !self.status_is_due() {
             return None;
         }
         self.status_in = STATUS_TICKS;
-        self.told_state = state;
+        self.told_state = self.controller.state();
         let status = self.status(counters);
         self.controller.forget_limits();
         Some(status)

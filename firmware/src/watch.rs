@@ -169,15 +169,41 @@ const RUNAWAY_TICKS: u16 = 10;
 const RUNAWAY_UMPS: i32 = 2000;
 /// A tension that is this close to what is expected neither runs away nor breaks, mN: a cable that
 /// is being taken up bounces by more than half of its small tension.
-const LEAST_OFF_MN: i32 = 2000;
+pub(crate) const LEAST_OFF_MN: i32 = 2000;
 /// Mean change of a tension from tick to tick that is noise, 1/64 mN.
 const NOISE_Q6: i32 = 250 * 64;
 
 impl CableWatch {
-    /// Looks at one tick under torque; gives the first fault found, with value and limit.
-    ///
-    /// Nearly always no condition holds, and none held a tick before: then no count changes.
+    /// A quick look at a tick under torque in which the caller saw nothing wrong: whether nothing
+    /// is to be counted here either. If so, the tick is over for this cable; if not, nothing was
+    /// done, and [`Self::update`] has to look. `way` is that of [`CableView::polarity_way`].
     #[inline]
+    pub fn is_quiet(&mut self, adc: u16, tension_mn: i32, motor_length: i32, way: i32) -> bool {
+        let turned = motor_length.wrapping_sub(self.polarity.motor);
+        let change = tension_mn.saturating_sub(self.recent_mn);
+        let noise_q6 = self.noise_after(change);
+        if self.counting
+            | !crate::tension::is_plausible(adc)
+            | (adc == self.last_adc)
+            | (turned.unsigned_abs() >= way.unsigned_abs())
+            | (noise_q6 > NOISE_Q6)
+        {
+            return false;
+        }
+        self.last_adc = adc;
+        self.broke = false;
+        self.noise_q6 = noise_q6;
+        self.recent_mn = self.recent_mn.saturating_add(change / 2);
+        true
+    }
+
+    /// Mean change of the tension with one more.
+    #[inline]
+    fn noise_after(&self, change_mn: i32) -> i32 {
+        self.noise_q6 + (change_mn.saturating_abs().min(10_000) * 64 - self.noise_q6) / 128
+    }
+
+    /// Looks at one tick under torque; gives the first fault found, with value and limit.
     pub fn update(&mut self, view: &CableView) -> Option<(FaultId, i32, i32)> {
         let tension = view.tension_mn;
         let open = view.adc >= crate::tension::ADC_RAIL_HIGH;
@@ -191,7 +217,7 @@ impl CableWatch {
         if self.slack.ticks() == 0 {
             self.broke = slack && self.recent_mn > tension.saturating_add(most);
         }
-        self.noise_q6 += (change.saturating_abs().min(10_000) * 64 - self.noise_q6) / 128;
+        self.noise_q6 = self.noise_after(change);
         self.recent_mn = self.recent_mn.saturating_add(change / 2);
         // Half or one and a half times the tension, and still the drum goes on making it worse.
         let off = tension.saturating_sub(view.expected_mn);

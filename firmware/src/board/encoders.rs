@@ -33,5 +33,8 @@ pub fn start() {
 
 /// The counters.
 pub fn read() -> [u16; CABLES] {
-    timers().map(|timer| timer.cnt().read().cnt())
+    // One by one: a loop over them would first lay out their addresses.
+    let [a, b, c, d] = timers();
+    let count = |timer: TimGp16| timer.cnt().read().cnt();
+    [count(a), count(b), count(c), count(d)]
 }

@@ -86,6 +86,11 @@ pub fn drop_telemetry() {
     TELEMETRY_DROPPED.fetch_add(1, Ordering::Relaxed);
 }
 
+/// Whether a damaged frame came that was not told of.
+pub fn is_damaged() -> bool {
+    DAMAGED.load(Ordering::Relaxed)
+}
+
 /// Whether a damaged frame came since the last call.
 pub fn take_damaged() -> bool {
     DAMAGED.swap(false, Ordering::Relaxed)

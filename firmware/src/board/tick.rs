@@ -50,19 +50,15 @@ impl Board<CABLES> for Rim {
         Tick(now())
     }
 
-    fn read(&mut self) -> Inputs<CABLES> {
-        let mut inputs = Inputs {
-            encoders: encoders::read(),
-            tension_adc: tension::read(),
-            e_stop: pins::e_stop(),
-            gripper_switch: pins::gripper_switch(),
-            line_errors: link::take_line_errors(),
-            ..Inputs::default()
-        };
+    fn read(&mut self, inputs: &mut Inputs<CABLES>) {
+        inputs.encoders = encoders::read();
+        inputs.tension_adc = tension::read();
+        inputs.e_stop = pins::e_stop();
+        inputs.gripper_switch = pins::gripper_switch();
+        inputs.line_errors = link::take_line_errors();
         self.can.watch();
         self.drives.listen(&mut self.can);
-        self.drives.fill(&mut inputs);
-        inputs
+        self.drives.fill(inputs);
     }
 
     fn apply(&mut self, outputs: &Outputs<CABLES>) {
@@ -78,6 +74,8 @@ impl Board<CABLES> for Rim {
 struct Core {
     server: &'static mut Server<CABLES>,
     rim: Rim,
+    /// What was read in this tick; here, so that it is not made anew in each.
+    inputs: Inputs<CABLES>,
     ends: TickEnds,
     last_panic: List<u8, PANIC_BYTES>,
     /// Cycle counter at the last tick's start; `None` before the first.
@@ -101,26 +99,26 @@ impl Core {
     /// Out of line, as are the other two: the stack of one is gone before the next one's comes.
     #[inline(never)]
     fn control(&mut self, now: Tick, late: bool) {
-        let mut inputs = self.rim.read();
-        inputs.overrun = late;
-        let outputs = self.server.step(now, &inputs);
-        self.rim.apply(&outputs);
+        self.rim.read(&mut self.inputs);
+        self.inputs.overrun = late;
+        self.server.tick(now, &self.inputs);
+        let controller = self.server.controller();
+        let outputs = controller.outputs();
+        self.rim.apply(outputs);
         let Rim { can, drives, .. } = &mut self.rim;
-        let config = self.server.controller().config();
-        drives.tick(now, config, &outputs, can);
+        drives.tick(now, controller.config(), outputs, can);
     }
 
     #[inline(never)]
     fn execute(&mut self, now: Tick) {
-        let counters = link::counters();
         for _ in 0..COMMANDS_PER_TICK {
-            if !self.ends.answers.ready() {
-                return;
-            }
             let Some(command) = self.ends.commands.peek() else {
                 break;
             };
-            let mut answer = self.server.receive(now, command, &counters);
+            if !self.ends.answers.ready() {
+                return;
+            }
+            let mut answer = self.server.receive(now, command, &link::counters());
             self.ends.commands.dequeue();
             if let Ok(Reply::Info(info)) = &mut answer.result {
                 identity::complete(info, &self.last_panic);
@@ -128,7 +126,8 @@ impl Core {
             // There is room: it was just seen, and nobody else fills it.
             let _ = self.ends.answers.enqueue(answer);
         }
-        if self.ends.answers.ready()
+        if link::is_damaged()
+            && self.ends.answers.ready()
             && link::take_damaged()
             && let Some(answer) = self.server.complain()
         {
@@ -138,7 +137,8 @@ impl Core {
 
     #[inline(never)]
     fn tell(&mut self, now: Tick) {
-        if self.ends.states.ready()
+        if self.server.status_is_due()
+            && self.ends.states.ready()
             && let Some(status) = self.server.take_status(&link::counters())
         {
             let _ = self.ends.states.enqueue(status);
@@ -163,6 +163,7 @@ pub fn hand_over(rim: Rim, ends: TickEnds, reset: &Reset) {
     let core = PLACE.init(Core {
         server: SERVER.init_with(|| Server::new(false)),
         rim,
+        inputs: Inputs::default(),
         ends,
         last_panic: reset.last_panic.clone(),
         started: None,

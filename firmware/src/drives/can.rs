@@ -1,14 +1,16 @@
 //! Frames and the port that carries them: all that the drives need of a CAN controller.
 
 /// A data frame with an 11-bit identifier.
+// Aligned so that it is copied by words.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+#[repr(C, align(4))]
 pub struct CanFrame {
+    /// The bytes; those beyond `len` are 0.
+    pub data: [u8; 8],
     /// Identifier, 11 bits; the lowest wins the bus.
     pub id: u16,
     /// Bytes that count, 0 to 8.
     pub len: u8,
-    /// The bytes; those beyond `len` are 0.
-    pub data: [u8; 8],
 }
 
 /// There is no room for another frame: offer it again in the next tick.

@@ -82,25 +82,35 @@ impl<const N: usize> DriveBus<N> {
     /// Takes in what has arrived. Once per tick, before [`Self::fill`].
     pub fn listen(&mut self, port: &mut impl CanPort) {
         for drive in &mut self.drives {
-            let DriveInput { age_ms, .. } = &mut drive.input;
-            *age_ms = age_ms.saturating_add(1);
-            drive.quiet_ms = drive.quiet_ms.saturating_add(1);
-            drive.since_ms = drive.since_ms.saturating_add(1);
+            drive.input.age_ms = drive.input.age_ms.saturating_add(1);
             drive.timer = drive.timer.saturating_sub(1);
+        }
+        if self.kind == DriveKind::Cia402 {
+            for drive in &mut self.drives {
+                drive.quiet_ms = drive.quiet_ms.saturating_add(1);
+                drive.since_ms = drive.since_ms.saturating_add(1);
+            }
         }
         for _ in 0..FRAMES_PER_TICK {
             let Some(frame) = port.receive() else { break };
             if HAS_SERVICE && self.asking < SCANNED {
                 self.note_answer(&frame);
             }
-            for drive in &mut self.drives {
-                let fed = match self.kind {
-                    DriveKind::None => false,
-                    DriveKind::Rmds => rmds::take(drive, &frame),
-                    DriveKind::Cia402 => cia402::take(drive, &frame),
-                };
-                if fed {
-                    drive.input.age_ms = 0;
+            match self.kind {
+                DriveKind::None => {}
+                DriveKind::Rmds => {
+                    if let Some(feedback) = rmds::feedback(&frame) {
+                        for drive in &mut self.drives {
+                            rmds::take(drive, &feedback);
+                        }
+                    }
+                }
+                DriveKind::Cia402 => {
+                    for drive in &mut self.drives {
+                        if cia402::take(drive, &frame) {
+                            drive.input.age_ms = 0;
+                        }
+                    }
                 }
             }
         }

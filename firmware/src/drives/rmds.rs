@@ -116,14 +116,32 @@ pub(super) fn is_ready(drive: &Drive) -> bool {
     drive.phase == Phase::Enabling && drive.timer == 0
 }
 
-/// Takes a frame in; whether it was this drive's feedback.
-pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
-    if received.id != (u16::from(drive.node) << 4) | FEEDBACK || received.len != 8 {
-        return false;
-    }
+/// What a drive has fed back.
+pub(super) struct Feedback {
+    node: u16,
+    current_ma: i16,
+    rpm: i16,
+    counts: i32,
+}
+
+/// The feedback that a frame is.
+pub(super) fn feedback(received: &CanFrame) -> Option<Feedback> {
     let [a, b, c, d, e, f, g, h] = received.data;
-    drive.input.current_ma = i16::from_be_bytes([a, b]);
-    drive.input.rpm = i16::from_be_bytes([c, d]);
-    drive.input.counts = i32::from_be_bytes([e, f, g, h]);
-    true
+    let is_feedback = received.id & 0xF == FEEDBACK && received.len == 8;
+    is_feedback.then(|| Feedback {
+        node: received.id >> 4,
+        current_ma: i16::from_be_bytes([a, b]),
+        rpm: i16::from_be_bytes([c, d]),
+        counts: i32::from_be_bytes([e, f, g, h]),
+    })
+}
+
+/// Takes feedback in, if it is this drive's.
+pub(super) fn take(drive: &mut Drive, feedback: &Feedback) {
+    if feedback.node == u16::from(drive.node) {
+        let input = &mut drive.input;
+        (input.current_ma, input.rpm) = (feedback.current_ma, feedback.rpm);
+        input.counts = feedback.counts;
+        input.age_ms = 0;
+    }
 }

@@ -48,6 +48,7 @@ fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
         motor_reversed: false,
         max_rpm: 8000,
         max_current_ma: 3000,
+        most_ma: 2900,
         current_per_force_q32: 1 << 32,
         tension_per_adc_q24: 1,
         tension_zero_q24: 0,

@@ -1,0 +1,248 @@
+//! What is watched in every tick under torque: each cable, and what joins them.
+
+use super::{
+    Cable, Control, Controller, Event, FaultId, HAS_SERVICE, Inputs, Limit, Limits, LinkHealth,
+    Phase, State, concerns,
+};
+use crate::config::{CableConfig, TensionLaw};
+use crate::io::DriveInput;
+use crate::watch::{CableView, Persist};
+use mcdpr_protocol::ResidualRow;
+
+/// Time that the platform may be touched before the robot stops, ticks (C5).
+const CONTACT_TICKS: u16 = 20;
+/// Tension may leave its expected value by this before it is advice, mN.
+const TENSION_WARN_MN: i32 = 3000;
+/// Where it leaves it by less, nothing has to be asked about it, mN.
+const TENSION_CALM_MN: i32 = 2000;
+const _: () = assert!(TENSION_CALM_MN <= TENSION_WARN_MN);
+const _: () = assert!(TENSION_CALM_MN <= crate::watch::LEAST_OFF_MN);
+
+/// What a look at a cable depends on besides the cable.
+struct Around {
+    /// The drum that is being stirred, 1 for the first; none is 0.
+    stirred: u8,
+    /// On a bare winch hangs no cable, and the sign of its encoder may be what is looked for.
+    bare: bool,
+    feedback_timeout_ms: u16,
+}
+
+impl Cable {
+    /// Whether all is as it should be; then this was the whole look. Else nothing was done, and
+    /// [`Self::examine`] looks closely.
+    #[inline]
+    fn is_well(
+        &mut self,
+        config: &CableConfig,
+        drive: &DriveInput,
+        adc: u16,
+        timeout_ms: u16,
+    ) -> bool {
+        let off = self.tension_mn.saturating_sub(self.setpoint_mn);
+        let error = self.length_error(config);
+        let odd = (drive.fault | drive.over_temperature | drive.warning)
+            | (self.lost | self.tension_loop.saturated | self.axis.trim_saturated())
+            | (drive.age_ms >= timeout_ms)
+            | (i32::from(drive.current_ma).abs() > config.most_ma)
+            | (self.tension_mn < config.floor_mn)
+            | (self.tension_mn > config.ceiling_mn)
+            | (off.unsigned_abs() > TENSION_CALM_MN.unsigned_abs())
+            | (error.unsigned_abs() > config.following_error.unsigned_abs());
+        !odd && self
+            .watch
+            .is_quiet(adc, self.tension_mn, self.by_motor, config.four_counts)
+    }
+
+    /// Commanded less measured length, 0.1 µm; of a cable that is held by tension, how far motor
+    /// and drum are apart.
+    #[inline]
+    fn length_error(&self, config: &CableConfig) -> i32 {
+        if config.control == Control::Tension {
+            self.axis.slipped(self.by_motor, self.length)
+        } else {
+            self.target.length.saturating_sub(self.length)
+        }
+    }
+
+    /// Every detector; the first fault with its value and limit. Advice goes into `limits`.
+    #[inline(never)]
+    fn examine(
+        &mut self,
+        config: &CableConfig,
+        (number, drive, adc): (u8, &DriveInput, u16),
+        around: &Around,
+        limits: &mut Limits,
+    ) -> Option<(FaultId, i32, i32)> {
+        let by_tension = config.control == Control::Tension;
+        let view = CableView {
+            adc,
+            tension_mn: self.tension_mn,
+            // No floor; and a cable that is to be slack can not be too slack.
+            floor_mn: if config.floor_mn == 0
+                || (by_tension && self.setpoint_mn < config.floor_mn)
+                || around.bare
+            {
+                i32::MIN
+            } else {
+                config.floor_mn
+            },
+            // On its way a robot does not wait for that.
+            reels_in: by_tension
+                && config.law == TensionLaw::Default
+                && self.target.speed_umps == 0,
+            ceiling_mn: config.ceiling_mn,
+            length_error: self.length_error(config),
+            length_error_max: config.following_error,
+            motor_error: if by_tension {
+                0
+            } else {
+                self.axis.motor_error(&self.target, self.by_motor)
+            },
+            saturated: self.tension_loop.saturated
+                || i32::from(drive.current_ma).abs() > config.most_ma,
+            feedback_age_ms: drive.age_ms,
+            feedback_timeout_ms: around.feedback_timeout_ms,
+            drive_fault: drive.fault,
+            hot: drive.over_temperature,
+            expected_mn: self.setpoint_mn,
+            // A drum that is being stirred pulls at a stiff cable on purpose.
+            // The paper's law leaves half of the set-point to its error: that is no runaway.
+            by_tension: by_tension
+                && !around.bare
+                && config.law == TensionLaw::Default
+                && around.stirred != number,
+            too_fast_umps: self.speed_umps.saturating_sub(self.target.speed_umps),
+            motor_length: self.by_motor,
+            drum_length: self.length,
+            polarity_way: if around.bare {
+                i32::MAX
+            } else {
+                config.four_counts
+            },
+        };
+        let fault = self.watch.update(&view);
+        let off = self.tension_mn.saturating_sub(self.setpoint_mn);
+        for (is, limit) in [
+            (self.watch.slackens(), Limit::CableSlack),
+            (self.watch.is_noisy(), Limit::TensionNoisy),
+            (drive.warning || drive.over_temperature, Limit::DriveWarns),
+            (view.saturated, Limit::CurrentSaturated),
+            (self.axis.trim_saturated(), Limit::TrimSaturated),
+            (off.saturating_abs() > TENSION_WARN_MN, Limit::TensionOff),
+        ] {
+            if is {
+                limits.insert(limit);
+            }
+        }
+        fault.or_else(|| self.lost.then_some((FaultId::S6, 0, 0)))
+    }
+}
+
+impl<const N: usize> Controller<N> {
+    #[inline(never)]
+    pub(super) fn watch(&mut self, inputs: &Inputs<N>) {
+        if inputs.overrun || self.late_ticks.ticks() > 0 {
+            let late = self.late_ticks.update(inputs.overrun, 2);
+            if late {
+                self.trip(FaultId::P5, 0, 2, 1);
+            }
+        }
+        // Brakes take their time to open; from then on the drums are the drives' alone.
+        let phase = self.arming.phase();
+        if inputs.drives.iter().any(|drive| drive.bus_off) {
+            self.trip(FaultId::D1, 0, 1, 0);
+            if phase > Phase::Enabling {
+                return;
+            }
+        }
+        let Some(active) = &self.active else { return };
+        // By what was decided, not by the pins: one axis that is braked because its drive is gone
+        // must not blind the watch over the others.
+        let closing = self.state == State::Stopping && self.closing.is_some();
+        if closing || !phase.is_free() {
+            self.residuals = Default::default();
+            return;
+        }
+        let around = Around {
+            stirred: match phase {
+                Phase::Stirring(cable) => cable + 1,
+                _ => 0,
+            },
+            bare: HAS_SERVICE && self.service.is_some(),
+            feedback_timeout_ms: active.feedback_timeout_ms,
+        };
+        let mut found = None;
+        let readings = inputs.drives.iter().zip(&inputs.tension_adc);
+        let configs = active.cables.iter().zip(readings);
+        for (number, (cable, (config, (drive, &adc)))) in
+            (1_u8..).zip(self.cables.iter_mut().zip(configs))
+        {
+            if !concerns(self.service, number)
+                || cable.is_well(config, drive, adc, around.feedback_timeout_ms)
+            {
+                continue;
+            }
+            let pins = (number, drive, adc);
+            let fault = cable.examine(config, pins, &around, &mut self.limits);
+            if found.is_none() {
+                found = fault.map(|(fault, value, limit)| (fault, number, value, limit));
+            }
+        }
+        let residual = self.watch_residuals();
+        if let Some((fault, cable, value, limit)) = found.or(residual) {
+            self.trip(fault, cable, value, limit);
+        }
+    }
+
+    fn watch_residuals(&mut self) -> Option<(FaultId, u8, i32, i32)> {
+        let residual_ms = self.active.as_ref()?.residual_ms;
+        let mut found = None;
+        // The first row joins lengths and tensions (S5); the second, of tensions alone, tells what
+        // carries or pulls the platform besides its cables (C5).
+        let kinds = [(FaultId::S5, residual_ms), (FaultId::C5, CONTACT_TICKS)];
+        let rows = self.rows.iter().zip(self.residuals.iter_mut()).zip(kinds);
+        for ((row, persist), (fault, ticks)) in rows {
+            if row.limit_um <= 0 {
+                *persist = Persist::default();
+                continue;
+            }
+            let (mut by_lengths, mut by_tensions) = (0_i64, 0_i64);
+            let coefficients = row.lengths.iter().zip(&row.tensions);
+            for (cable, (&by_length, &by_tension)) in self.cables.iter().zip(coefficients) {
+                let length = cable.length.saturating_sub(cable.target.length);
+                let tension = cable.tension_mn.saturating_sub(cable.setpoint_mn);
+                by_lengths += i64::from(length) * i64::from(by_length);
+                by_tensions += i64::from(tension) * i64::from(by_tension);
+            }
+            // 0.1 µm and 1/4096 against µm and 1/256, which is what tensions have.
+            const { assert!(ResidualRow::TENSION_SCALE == 256) };
+            const RATIO: i32 = 10 * ResidualRow::LENGTH_SCALE / 256;
+            let sum_q8 = crate::fixed::quotient::<RATIO>(by_lengths) + by_tensions;
+            let residual_um = crate::fixed::saturate(sum_q8 >> 8);
+            let limit = row.limit_um.unsigned_abs();
+            if residual_um.unsigned_abs() > limit / 2 {
+                self.limits.insert(Limit::ResidualHigh);
+            }
+            let over = residual_um.unsigned_abs() > limit;
+            if persist.update(over, ticks) && found.is_none() {
+                found = Some((fault, 0, residual_um, row.limit_um));
+            }
+        }
+        found
+    }
+
+    pub(super) fn watch_link(&mut self) {
+        match self.heartbeat.health(self.now) {
+            LinkHealth::Good => {}
+            LinkHealth::Late => self.limits.insert(Limit::HeartbeatLate),
+            LinkHealth::Lost => {
+                self.limits.insert(Limit::HeartbeatLate);
+                self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
+            }
+            LinkHealth::Expired => {
+                self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
+                self.raise(Event::Stop);
+            }
+        }
+    }
+}
