@@ -232,3 +232,62 @@ fn a_rig_step_that_is_not_confirmed_is_not_done() {
     let message = String::from_utf8_lossy(&output.stderr);
     assert!(message.contains("nothing moves"), "{message}");
 }
+
+fn json(words: &[&str], folder: &std::path::Path) -> serde_json::Value {
+    let output = mcdpr_tests::mcdpr()
+        .args(words)
+        .args(["--json", "--record"])
+        .arg(folder)
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{words:?}: {message}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// The loop is identified as what the robot files say it is, light drum or geared.
+#[test]
+fn tuning_finds_delay_resonance_and_swing_and_never_proposes_worse() {
+    let folder = std::env::temp_dir().join(format!("mcdpr-tune-{}", std::process::id()));
+    for (robot, resonance_hz) in [("lab-direct", 100.0..180.0), ("lab-fast", 15.0..40.0)] {
+        let found = json(&["tune", "tension", "--robot", robot], &folder.join(robot));
+        let number = |key: &str| found["identified"][key].as_f64().unwrap();
+        assert!(number("explained") > 0.8, "{found}");
+        assert!(resonance_hz.contains(&number("resonance_hz")), "{found}");
+        assert!((1.0..8.0).contains(&number("swing_hz")), "{found}");
+        assert!(number("delay_s") < 0.01, "{found}");
+        let better = found["after_rms_n"].as_f64() < found["before_rms_n"].as_f64();
+        assert_eq!(found["keep"].as_bool().unwrap(), !better, "{found}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// The firmware's own file, on the emulated chip, meets the bounds of the core in this process.
+#[test]
+fn on_the_chip_the_experiments_keep_the_same_bounds() {
+    let folder = std::env::temp_dir().join(format!("mcdpr-tension-{}", std::process::id()));
+    let experiment = |name: &str| {
+        let words = ["experiment", name, "--robot", "lab-direct", "--on", "chip"];
+        let found = json(&words, &folder.join(name));
+        assert!(found["fault"].is_null(), "{found}");
+        found
+    };
+    let hold = experiment("hold");
+    assert!(
+        hold["steady"]["mean_error_n"].as_f64().unwrap().abs() < 0.02,
+        "{hold}"
+    );
+    assert!(hold["steady"]["sd_n"].as_f64().unwrap() < 0.1, "{hold}");
+    let pulled = experiment("platform");
+    let number = |key: &str| pulled["recovery"][key].as_f64().unwrap();
+    // One seed; the bound of 1.0 N is the median's.
+    assert!(number("peak_n") < 1.2, "{pulled}");
+    assert!(number("mean_back_s") <= 0.1, "{pulled}");
+    assert!(number("least_n") > 0.5, "slack: {pulled}");
+    let slack = experiment("slack");
+    assert!(
+        slack["recovery"]["greatest_n"].as_f64().unwrap() < 20.0,
+        "{slack}"
+    );
+    std::fs::remove_dir_all(folder).unwrap();
+}

@@ -10,9 +10,7 @@ use crate::report::RunFolder;
 use crate::robot::{Robot, TensionLaw};
 use crate::run::{RunError, watch_for_interrupts};
 use crate::tension::rig::Rig;
-use crate::tension::tune::{
-    Answer, Identified, LEAST, Margins, TuneError, excitation, excite, identify,
-};
+use crate::tension::tune::{Answer, Identified, LEAST, Margins, excitation, excite, identify};
 use crate::tension::{Curve, draw};
 use mcdpr_simulator::LinkOptions;
 use miette::IntoDiagnostic as _;
@@ -171,7 +169,8 @@ impl Tension {
                 Err(error) => return Err(error.into()),
             }
         }
-        best.ok_or_else(|| failed.unwrap_or_else(|| TuneError::None.into()))
+        // The least margins give gains or an error.
+        best.ok_or_else(|| failed.unwrap_or_else(|| miette::miette!("no gains were tried")))
     }
 
     /// As [`Self::answer`], with other gains.
@@ -260,6 +259,10 @@ impl Document {
             row(
                 "resonance of drum and cable, Hz",
                 &[format!("{:.0}", found.resonance_hz)],
+            ),
+            row(
+                "platform there, kg and Hz",
+                &[format!("{:.1}, {:.1}", found.far_mass_kg, found.swing_hz)],
             ),
             row(
                 "explained by the model, %",

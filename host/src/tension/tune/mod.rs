@@ -1,10 +1,15 @@
 //! Tuning of the tension loop: steps of the set-point, a model fitted to the answer, gains with
 //! stated margins.
 //!
-//! The model is the drum on its cable: `m x'' = T - F - friction`, `T = -k x`, with the motor's
-//! force a factor off and late. All of it is simulated in closed loop with the law that ran, and
-//! its parameters are those that meet the measured tension best.
+//! The model is the drum on its cable to a platform that swings, with the motor's force a factor
+//! off and late. All of it is simulated in closed loop with the law that ran, and its parameters
+//! are those that meet the measured tension best.
 
+mod model;
+mod simplex;
+
+use self::model::{Model, TICK_S};
+use self::simplex::nelder_mead;
 use super::rig::Rig;
 use crate::link::Link;
 use crate::robot::{Robot, TensionLaw, Winch};
@@ -30,10 +35,14 @@ pub struct Identified {
     pub delay_s: f64,
     /// Coulomb friction, N.
     pub friction_n: f64,
-    /// Stiffness that the drum feels, N/m.
+    /// Stiffness of the cable, N/m.
     pub stiffness_n_per_m: f64,
     /// Mass of drum and rotor at the cable, kg: the robot file's.
     pub mass_kg: f64,
+    /// What the platform weighs at the cable's far end, along it, kg.
+    pub far_mass_kg: f64,
+    /// How fast the platform swings there, Hz.
+    pub swing_hz: f64,
     /// Resonance of drum and cable, Hz.
     pub resonance_hz: f64,
     /// Share of the answer's variance that the model explains.
@@ -88,16 +97,23 @@ pub enum TuneError {
         delay_ms: f64,
     },
     /// No gains of the search have the margins.
-    #[error("no gains have the margins on the identified model; nothing was changed")]
+    #[error("no gains have the margins on the identified model ({what}); nothing was changed")]
     #[diagnostic(
         code(mcdpr::tune::none),
         help(
             "the delay is too long for this cable and drum: a faster bus (tension_period_us) or a lighter winch helps"
         )
     )]
-    None,
+    None {
+        /// The model.
+        what: String,
+    },
 }
 
+/// What is identified: gain, delay, friction, stiffness, the far end's mass and swing.
+const UNKNOWNS: usize = 6;
+/// A platform swings about this fast, Hz; the fit starts there.
+const SWING_HZ: f64 = 4.0;
 /// A model explains at least this share of a credible answer.
 const LEAST_EXPLAINED: f64 = 0.8;
 /// Margins that proposed gains have.
@@ -105,103 +121,6 @@ pub const LEAST: Margins = Margins {
     gain: 2.0,
     delay_s: 0.002,
 };
-/// Steps of the model per millisecond.
-const SUBSTEPS: usize = 10;
-const TICK_S: f64 = 1e-3;
-
-/// A drum on its cable, with the law, in `f64`.
-#[derive(Debug, Clone, Copy)]
-struct Model {
-    gain: f64,
-    delay_s: f64,
-    friction_n: f64,
-    stiffness: f64,
-    mass_kg: f64,
-    damping_time_s: f64,
-}
-
-impl Model {
-    /// The tension's deviation from `start_n` while the set-point follows `asked_n`; `push_n`
-    /// acts on the drum, paying out.
-    fn run(
-        &self,
-        law: &TensionLaw,
-        declared_friction_n: f64,
-        asked_n: &[f64],
-        push_n: f64,
-    ) -> Vec<f64> {
-        let start_n = asked_n.first().copied().unwrap_or(0.0);
-        let w_dt = std::f64::consts::TAU * law.filter_hz * TICK_S;
-        let alpha = w_dt / (1.0 + w_dt);
-        let (mut x, mut v, mut filtered, mut integral) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
-        // Half of the delay is dead time, half the drive's lag.
-        let dead = 0.5 * self.delay_s / TICK_S * substeps();
-        let share = 1.0 - (-TICK_S / substeps() / (0.5 * self.delay_s).max(1e-5)).exp();
-        let h = TICK_S / substeps();
-        let mut demands: Vec<f64> = Vec::with_capacity(asked_n.len() * SUBSTEPS);
-        let mut force = 0.0_f64;
-        let mut out = Vec::with_capacity(asked_n.len());
-        for &asked in asked_n {
-            let tension = -self.stiffness * (x + self.damping_time_s * v);
-            out.push(start_n + tension);
-            let before = filtered;
-            filtered += alpha * (tension - filtered);
-            let error = (asked - start_n) - filtered;
-            let moves = (v / 4e-3).clamp(-1.0, 1.0);
-            let demand = (asked - start_n) + law.kp * error - law.kd * (filtered - before) / TICK_S
-                + integral
-                + law.damping_ns_per_m * v
-                - 0.8 * declared_friction_n * moves;
-            integral += law.ki * error * TICK_S;
-            for _ in 0..SUBSTEPS {
-                demands.push(demand);
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "some hundred steps"
-                )]
-                let late = demands.len().checked_sub(1 + dead.round() as usize);
-                let due = late.and_then(|i| demands.get(i)).copied().unwrap_or(0.0);
-                force += share * (due - force);
-                let tension = -self.stiffness * (x + self.damping_time_s * v);
-                let free = v + h / self.mass_kg * (tension - self.gain * force + push_n);
-                let stopped = h / self.mass_kg * self.friction_n;
-                v = if free.abs() <= stopped {
-                    0.0
-                } else {
-                    free - stopped.copysign(free)
-                };
-                x += h * v;
-            }
-        }
-        out
-    }
-
-    /// Whether the loop without friction comes to rest after a push.
-    fn is_stable(&self, law: &TensionLaw) -> bool {
-        let smooth = Self {
-            friction_n: 0.0,
-            ..*self
-        };
-        let answer = smooth.run(law, 0.0, &[0.0; 3000], 0.5);
-        let peak = |part: &[f64]| {
-            let (low, high) = part
-                .iter()
-                .fold((f64::MAX, f64::MIN), |(a, b), &n| (a.min(n), b.max(n)));
-            high - low
-        };
-        let late = answer.get(2500..).unwrap_or_default();
-        let early = answer.get(..500).unwrap_or_default();
-        let (early, late) = (peak(early), peak(late));
-        late.is_finite() && late < 0.05 * early.max(1e-6)
-    }
-}
-
-#[expect(clippy::cast_precision_loss, reason = "ten")]
-const fn substeps() -> f64 {
-    SUBSTEPS as f64
-}
-
 /// The set-points of the excitation about `around_n`: up and down by `step_n`, N a millisecond.
 #[must_use]
 pub fn excitation(around_n: f64, step_n: f64) -> Vec<(f64, f64)> {
@@ -302,17 +221,20 @@ pub fn identify(
         .get(cable)
         .map_or(4e4, |c| c.ea_n / (2.0 * c.routing_length_m).max(0.2));
     let damping_time_s = robot.cables.get(cable).map_or(0.0, |c| c.damping_time_s);
-    let model = |p: &[f64; 4]| Model {
+    let model = |p: &[f64; UNKNOWNS]| Model {
         gain: p[0].exp(),
         delay_s: 5e-3 * p[1].exp(),
         friction_n: 0.3 * p[2].exp(),
         stiffness: nominal * p[3].exp(),
         mass_kg: winch.effective_mass_kg(),
         damping_time_s,
+        far_kg: robot.platform.mass_kg * p[4].exp(),
+        far_hz: SWING_HZ * p[5].exp(),
     };
-    let cost = |p: &[f64; 4]| {
+    let cost = |p: &[f64; UNKNOWNS]| {
         // Weak priors keep what the answer says nothing about near the robot file.
-        let prior = 4.0 * p[0].powi(2) + 0.5 * p[1].powi(2) + 0.2 * p[2].powi(2) + p[3].powi(2);
+        let weights = [4.0, 0.5, 0.2, 1.0, 0.5, 0.5];
+        let prior: f64 = weights.iter().zip(p).map(|(w, p)| w * p * p).sum();
         let modelled = model(p).run(&robot.tension, winch.friction_n, &answer.asked_n, 0.0);
         let squares: f64 = modelled
             .iter()
@@ -325,7 +247,7 @@ pub fn identify(
             f64::MAX
         }
     };
-    let best = nelder_mead([0.0; 4], 0.3, 160, cost);
+    let best = nelder_mead([0.0; UNKNOWNS], 0.3, 500, cost);
     let fitted = model(&best);
     let modelled = fitted.run(&robot.tension, winch.friction_n, &answer.asked_n, 0.0);
     let left: f64 = modelled
@@ -346,7 +268,9 @@ pub fn identify(
         friction_n: fitted.friction_n,
         stiffness_n_per_m: fitted.stiffness,
         mass_kg: fitted.mass_kg,
-        resonance_hz: (fitted.stiffness / fitted.mass_kg).sqrt() / std::f64::consts::TAU,
+        far_mass_kg: fitted.far_kg,
+        swing_hz: fitted.far_hz,
+        resonance_hz: fitted.resonance_hz(),
         explained,
     })
 }
@@ -360,6 +284,8 @@ impl Identified {
             stiffness: self.stiffness_n_per_m,
             mass_kg: self.mass_kg,
             damping_time_s,
+            far_kg: self.far_mass_kg,
+            far_hz: self.swing_hz,
         }
     }
 
@@ -422,23 +348,42 @@ impl Identified {
         };
         // What damps a drum in the time that its loop needs.
         let unit = self.mass_kg / (10.0 * self.delay_s).max(1e-3);
-        let mut found: Vec<(f64, TensionLaw)> = Vec::new();
-        for kp in [0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 3.0] {
-            for ki in [1.0, 2.0, 5.0, 10.0, 20.0, 40.0] {
-                for share in [1.0, 3.0, 6.0] {
-                    let gains = TensionLaw {
-                        kp,
-                        ki,
-                        kd: 0.0,
-                        damping_ns_per_m: unit * share,
-                        ..*law
-                    };
-                    if !model.is_stable(&gains) {
-                        continue;
-                    }
-                    let answer = model.run(&gains, 0.0, &[0.0; 1500], 0.5);
-                    found.push((answer.iter().map(|n| n * n).sum(), gains));
+        let mut candidates: Vec<[f64; 3]> = Vec::new();
+        let mut all = |kps: &[f64], kis: &[f64], dampings: [f64; 3]| {
+            for &kp in kps {
+                for &ki in kis {
+                    candidates.extend(dampings.map(|damping| [kp, ki, damping]));
                 }
+            }
+        };
+        all(
+            &[0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 3.0],
+            &[1.0, 2.0, 5.0, 10.0, 20.0, 40.0],
+            [unit, 3.0 * unit, 6.0 * unit],
+        );
+        let around = |value: f64| [0.5 * value, value, 2.0 * value];
+        all(
+            &around(law.kp),
+            &around(law.ki),
+            around(law.damping_ns_per_m),
+        );
+        let mut found: Vec<(f64, TensionLaw)> = Vec::new();
+        for [kp, ki, damping_ns_per_m] in candidates {
+            let gains = TensionLaw {
+                kp,
+                ki,
+                kd: 0.0,
+                damping_ns_per_m,
+                ..*law
+            };
+            // A platform has more modes than the one that was seen best.
+            let swings = [0.5, 1.0, 1.7].map(|factor| Model {
+                far_hz: model.far_hz * factor,
+                ..model
+            });
+            if swings.iter().all(|model| model.is_stable(&gains)) {
+                let answer = model.run(&gains, 0.0, &[0.0; 1500], 0.5);
+                found.push((answer.iter().map(|n| n * n).sum(), gains));
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -449,7 +394,17 @@ impl Identified {
                 let enough = margins.gain >= least.gain && margins.delay_s >= least.delay_s;
                 enough.then_some((gains, margins))
             })
-            .ok_or(TuneError::None)
+            .ok_or_else(|| TuneError::None {
+                what: format!(
+                    "drum {:.2} kg, cable {:.0} N/m, {:.1} ms late, platform {:.1} kg swinging at \
+                     {:.1} Hz",
+                    self.mass_kg,
+                    self.stiffness_n_per_m,
+                    self.delay_s * 1e3,
+                    self.far_mass_kg,
+                    self.swing_hz
+                ),
+            })
     }
 }
 
@@ -469,69 +424,6 @@ fn bisect(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
     }
     low
 }
-
-/// Nelder and Mead's simplex (1965) in four unknowns.
-fn nelder_mead(
-    start: [f64; 4],
-    size: f64,
-    rounds: usize,
-    cost: impl Fn(&[f64; 4]) -> f64,
-) -> [f64; 4] {
-    let mut simplex: Vec<([f64; 4], f64)> = vec![(start, cost(&start))];
-    for axis in 0..4 {
-        let mut corner = start;
-        if let Some(value) = corner.get_mut(axis) {
-            *value += size;
-        }
-        simplex.push((corner, cost(&corner)));
-    }
-    for _ in 0..rounds {
-        simplex.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let Some((worst, rest)) = simplex.split_last() else {
-            return start;
-        };
-        let (worst, best) = (*worst, rest.first().copied().unwrap_or(*worst));
-        let second = rest.last().map_or(worst.1, |corner| corner.1);
-        let center: [f64; 4] =
-            std::array::from_fn(|i| rest.iter().filter_map(|(p, _)| p.get(i)).sum::<f64>() / 4.0);
-        let at = |t: f64| -> ([f64; 4], f64) {
-            let point: [f64; 4] = std::array::from_fn(|i| {
-                let (c, w) = (center.get(i), worst.0.get(i));
-                c.zip(w).map_or(0.0, |(c, w)| c + t * (w - c))
-            });
-            (point, cost(&point))
-        };
-        let mirrored = at(-1.0);
-        let next = if mirrored.1 < best.1 {
-            let further = at(-2.0);
-            if further.1 < mirrored.1 {
-                further
-            } else {
-                mirrored
-            }
-        } else if mirrored.1 < second {
-            mirrored
-        } else {
-            at(if mirrored.1 < worst.1 { -0.5 } else { 0.5 })
-        };
-        if next.1 < worst.1 {
-            if let Some(last) = simplex.last_mut() {
-                *last = next;
-            }
-        } else {
-            for corner in simplex.iter_mut().skip(1) {
-                let point: [f64; 4] = std::array::from_fn(|i| {
-                    let (a, b) = (best.0.get(i), corner.0.get(i));
-                    a.zip(b).map_or(0.0, |(a, b)| 0.5 * (a + b))
-                });
-                *corner = (point, cost(&point));
-            }
-        }
-    }
-    simplex.sort_by(|a, b| a.1.total_cmp(&b.1));
-    simplex.first().map_or(start, |best| best.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -544,6 +436,8 @@ mod tests {
             stiffness: 42_000.0,
             mass_kg: 0.1,
             damping_time_s: 2e-4,
+            far_kg: 1.2,
+            far_hz: 4.5,
         }
     }
 
@@ -565,7 +459,8 @@ mod tests {
         let found = identify(&robot, 3, &robot.winches[3], &answer(&robot, &truth())).unwrap();
         assert!((found.gain - 0.9).abs() < 0.1, "{found:?}");
         assert!((found.delay_s - 6e-3).abs() < 3e-3, "{found:?}");
-        assert!((found.resonance_hz - 103.0).abs() < 40.0, "{found:?}");
+        assert!((found.resonance_hz - 107.0).abs() < 40.0, "{found:?}");
+        assert!((found.swing_hz - 4.5).abs() < 1.5, "{found:?}");
         assert!(found.explained > 0.95, "{found:?}");
         let (gains, margins) = found.propose(&robot.tension, 2e-4, &LEAST).unwrap();
         assert!(
