@@ -219,6 +219,9 @@ fn a_robot_is_rigged_from_slack_and_let_down_again() {
     let down = rig(&["rig", "lower", "--yes", "--json", "--robot", "lab-fast"]);
     assert!(down.iter().all(|&n| n < 0.6), "{down:?}");
     rig(&["rig", "spool", "2", "-30", "--yes", "--json"]);
+    let on = rig(&["rig", "attach", "3", "--yes", "--json"]);
+    assert!(on[2] > 0.7 && on[2] < 2.0, "{on:?}");
+    assert!([0, 1, 3].iter().all(|&other| on[other] < 0.3), "{on:?}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! `mcdpr rig`: put cables on, tension them up evenly, let them down again.
+//! `mcdpr rig`: spool and attach cables, tension them up evenly, let them down again.
 
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment;
@@ -13,7 +13,7 @@ use mcdpr_simulator::plant::{Plant, PlantError};
 use miette::Diagnostic;
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 
-/// Put cables on a robot: spool, tension up evenly, lower; slow, watched, each step confirmed
+/// Put cables on a robot: spool, attach, tension up evenly, lower; slow, watched, each step confirmed
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     #[command(subcommand)]
@@ -32,6 +32,12 @@ enum What {
         cable: usize,
         /// Length, mm, paid out positive
         length_mm: f64,
+    },
+    /// Take up the slack of a cable that was just hooked into the platform, see that its own sensor
+    /// feels it, and let it go slack again
+    Attach {
+        /// Number of the cable, from 1
+        cable: usize,
     },
     /// Take up the slack of all cables evenly and tension them until the robot hangs
     Tension,
@@ -58,6 +64,18 @@ enum RigError {
         )
     )]
     Slack { cable: usize, tension_n: f64 },
+    #[error("cable {cable} was pulled and channel {other} felt it, {tension_n:.2} N")]
+    #[diagnostic(
+        code(mcdpr::rig::crossed),
+        help(
+            "the wires of two tension sensors are swapped, or another winch turns: see docs/wiring.md"
+        )
+    )]
+    Crossed {
+        cable: usize,
+        other: usize,
+        tension_n: f64,
+    },
     #[error("{what}")]
     #[diagnostic(code(mcdpr::rig::range))]
     Range { what: String },
@@ -86,10 +104,7 @@ impl Cmd {
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         match self.what {
             What::Spool { cable, length_mm } => {
-                if !(1..=robot.cables.len()).contains(&cable) {
-                    let what = format!("there is no cable {cable} of {}", robot.cables.len());
-                    return Err(RigError::Range { what }.into());
-                }
+                known(&robot, cable)?;
                 if length_mm.is_nan() || length_mm.abs() > LONGEST_MM {
                     let what = format!("{length_mm} mm is more than {LONGEST_MM} mm at once");
                     return Err(RigError::Range { what }.into());
@@ -98,6 +113,14 @@ impl Cmd {
                 match self.simulated(&model, common, &slack, Some(Slack::Free(cable - 1)))? {
                     Some(link) => self.spool(&model, link, cable - 1, length_mm, common),
                     None => self.spool(&model, port(common)?, cable - 1, length_mm, common),
+                }
+            }
+            What::Attach { cable } => {
+                known(&robot, cable)?;
+                let slack = vec![0.0; robot.cables.len()];
+                match self.simulated(&model, common, &slack, Some(Slack::Long))? {
+                    Some(link) => self.attach(&model, link, cable - 1, common),
+                    None => self.attach(&model, port(common)?, cable - 1, common),
                 }
             }
             What::Tension => {
@@ -188,6 +211,45 @@ impl Cmd {
         self.told(common, "wound; the brakes are closed", &[])
     }
 
+    fn attach<L: Link>(&self, model: &Model, link: L, cable: usize, common: &Common) -> Outcome {
+        self.confirm(&format!(
+            "the platform stands on its stand at home, cable {} runs over its pulleys and is hooked \
+             in, slack: arm and take it up",
+            cable + 1
+        ))?;
+        let lengths: Vec<f64> = experiment::home(model)?.paid_out_m;
+        let slack = vec![0.0; lengths.len()];
+        let mut rig = Rig::start(&rigged(model.robot()), link, &lengths, &slack)?;
+        let now = rig.take_up(Some(cable), STRETCHES, |now| eprintln!("  {}", words(now)))?;
+        rig.tension(&slack)?;
+        rig.finish()?;
+        let felt = |index: usize| now.get(index).copied().unwrap_or(0.0);
+        let others = (0..now.len()).filter(|&other| other != cable);
+        if let Some(other) = others
+            .into_iter()
+            .find(|&other| felt(other) > 0.5 * TAKEN_UP_N)
+        {
+            return Err(RigError::Crossed {
+                cable: cable + 1,
+                other: other + 1,
+                tension_n: felt(other),
+            }
+            .into());
+        }
+        if felt(cable) < 0.5 * TAKEN_UP_N {
+            return Err(RigError::Slack {
+                cable: cable + 1,
+                tension_n: felt(cable),
+            }
+            .into());
+        }
+        let what = format!(
+            "cable {} is on, its own sensor felt it; it is slack again, the brakes are closed",
+            cable + 1
+        );
+        self.told(common, &what, &now)
+    }
+
     fn tension<L: Link>(&self, model: &Model, link: L, common: &Common) -> Outcome {
         let home = experiment::home(model)?;
         let goal = home.tensions_n().to_vec();
@@ -197,7 +259,7 @@ impl Cmd {
         )?;
         let slack = vec![0.0; goal.len()];
         let mut rig = Rig::start(&rigged(model.robot()), link, &home.paid_out_m, &slack)?;
-        let now = rig.take_up(STRETCHES, |now| eprintln!("  {}", words(now)))?;
+        let now = rig.take_up(None, STRETCHES, |now| eprintln!("  {}", words(now)))?;
         if let Some((index, &tension_n)) =
             now.iter().enumerate().find(|(_, n)| **n < 0.5 * TAKEN_UP_N)
         {
@@ -278,6 +340,14 @@ impl Cmd {
             step: step.to_owned(),
         })
     }
+}
+
+fn known(robot: &Robot, cable: usize) -> Result<(), RigError> {
+    if (1..=robot.cables.len()).contains(&cable) {
+        return Ok(());
+    }
+    let what = format!("there is no cable {cable} of {}", robot.cables.len());
+    Err(RigError::Range { what })
 }
 
 fn winch_speed(robot: &Robot, cable: usize) -> f64 {

@@ -100,35 +100,35 @@ impl<L: Link> Rig<L> {
         Ok(tensions.map(|t| f64::from(t.0) * 1e-3).collect())
     }
 
-    /// Reels all cables in slowly until each has [`TAKEN_UP_N`], at most `stretches` times a
-    /// second and a half; the first ones wait for the last. `watch` sees the tensions now and then.
+    /// Reels cables in slowly until each has [`TAKEN_UP_N`], at most `stretches` times a second and
+    /// a half; the first ones wait for the last. All cables, or `only` one (from 0) while the others
+    /// stay slack. `watch` sees the tensions now and then.
     ///
     /// # Errors
     /// A fault; cables still slack in the end are told by their tensions, which are given back.
     pub fn take_up(
         &mut self,
+        only: Option<usize>,
         stretches: usize,
         mut watch: impl FnMut(&[f64]),
     ) -> Result<Vec<f64>, RunError> {
+        let wanted = |cable: usize| only.is_none_or(|only| only == cable);
+        let up: Vec<f64> = (0..self.tensions_n.len())
+            .map(|cable| if wanted(cable) { TAKEN_UP_N } else { 0.0 })
+            .collect();
         for _ in 0..stretches {
             let now = self.measured_n()?;
             watch(&now);
-            if now.iter().all(|&n| n > 0.7 * TAKEN_UP_N) {
+            let taken = |(cable, &n): (usize, &f64)| !wanted(cable) || n > 0.7 * TAKEN_UP_N;
+            if now.iter().enumerate().all(taken) {
                 return Ok(now);
             }
             // A set-point under the floor for a moment starts the board's time for slack anew.
-            let low: Vec<f64> = now
-                .iter()
-                .map(|&n| {
-                    if n > 0.7 * TAKEN_UP_N {
-                        TAKEN_UP_N
-                    } else {
-                        0.0
-                    }
-                })
+            let each = now.iter().enumerate().zip(&up);
+            let low: Vec<f64> = each
+                .map(|(now, &up)| if taken(now) { up } else { 0.0 })
                 .collect();
-            let up = vec![TAKEN_UP_N; now.len()];
-            self.go(&[(0.05, low), (0.01, up.clone()), (STRETCH_S, up)])?;
+            self.go(&[(0.05, low), (0.01, up.clone()), (STRETCH_S, up.clone())])?;
         }
         let now = self.measured_n()?;
         watch(&now);
