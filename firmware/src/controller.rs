@@ -49,6 +49,8 @@ struct Cable {
     reference_mn: i32,
     /// The encoder can not be trusted.
     lost: bool,
+    /// A quick look found nothing wrong in this tick.
+    well: bool,
     /// Drive or encoder were lost since the board armed: its brake stays closed.
     abandoned: bool,
     /// How far the cable gave way while the robot stops, 0.1 µm.
@@ -58,6 +60,13 @@ struct Cable {
 }
 
 impl Cable {
+    /// Counts the encoder's steps; whether it can not be trusted.
+    #[inline]
+    fn count(&mut self, encoder: u16, max_step: u16) -> bool {
+        self.lost = self.encoder.sample(encoder, max_step) == Sampled::Lost;
+        self.lost
+    }
+
     /// Length and rate by the motor.
     #[inline]
     fn sense_motor(&mut self, config: &CableConfig, drive: &DriveInput) {
@@ -305,28 +314,33 @@ impl<const N: usize> Controller<N> {
             self.drives = inputs.drives;
         }
         let armed = self.is_armed();
+        let watched = armed && self.watches_cables();
         let readings = inputs.encoders.iter().zip(&inputs.tension_adc);
         let readings = readings.zip(&inputs.drives);
         let cables = self.cables.iter_mut().zip(readings);
+        let mut lost = false;
         let Some(active) = &self.active else {
             for (cable, ((&encoder, _), drive)) in cables {
                 cable.current_ma = drive.current_ma;
-                cable.lost = cable.encoder.sample(encoder, u16::MAX / 2) == Sampled::Lost;
-                self.referenced &= !cable.lost;
+                lost |= cable.count(encoder, u16::MAX / 2);
             }
+            self.referenced &= !lost;
             return;
         };
+        let timeout_ms = active.feedback_timeout_ms;
         for ((cable, ((&encoder, &adc), drive)), config) in cables.zip(&active.cables) {
             cable.current_ma = drive.current_ma;
-            cable.lost = cable.encoder.sample(encoder, config.max_encoder_step) == Sampled::Lost;
-            // Whatever the state: these lengths are guesses from here on.
-            self.referenced &= !cable.lost;
+            lost |= cable.count(encoder, config.max_encoder_step);
             cable.length = cable.scale.length(cable.encoder.counts()).0;
             cable.tension_mn = measured_mn(config, adc);
             if armed {
                 cable.sense_motor(config, drive);
             }
+            // Here, where all that it compares is at hand.
+            cable.well = watched && cable.is_well(config, drive, adc, timeout_ms);
         }
+        // Whatever the state: these lengths are guesses from here on.
+        self.referenced &= !lost;
     }
 
     #[inline(never)]

@@ -87,6 +87,17 @@ struct Polarity {
 }
 
 impl Polarity {
+    /// As [`Self::update`], where they did not go apart; else nothing is done.
+    #[inline(never)]
+    fn agrees(&mut self, motor: i32, drum: i32, way: i32) -> bool {
+        let mut next = *self;
+        let agrees = !next.update(motor, drum, way);
+        if agrees {
+            *self = next;
+        }
+        agrees
+    }
+
     /// Lengths by motor and drum, and the way after which they are compared, 0.1 µm; whether they
     /// went apart twice in a row.
     fn update(&mut self, motor: i32, drum: i32, way: i32) -> bool {
@@ -176,23 +187,27 @@ const NOISE_Q6: i32 = 250 * 64;
 impl CableWatch {
     /// A quick look at a tick under torque in which the caller saw nothing wrong: whether nothing
     /// is to be counted here either. If so, the tick is over for this cable; if not, nothing was
-    /// done, and [`Self::update`] has to look. `way` is that of [`CableView::polarity_way`].
+    /// done, and [`Self::update`] has to look. Lengths are by motor and drum, `way` is that of
+    /// [`CableView::polarity_way`].
     #[inline]
-    pub fn is_quiet(&mut self, adc: u16, tension_mn: i32, motor_length: i32, way: i32) -> bool {
-        let turned = motor_length.wrapping_sub(self.polarity.motor);
-        let change = tension_mn.saturating_sub(self.recent_mn);
-        let noise_q6 = self.noise_after(change);
-        if self.counting
-            | !crate::tension::is_plausible(adc)
-            | (adc == self.last_adc)
-            | (turned.unsigned_abs() >= way.unsigned_abs())
-            | (noise_q6 > NOISE_Q6)
-        {
+    pub fn is_quiet(
+        &mut self,
+        adc: u16,
+        tension_mn: i32,
+        (motor, drum): (i32, i32),
+        way: i32,
+    ) -> bool {
+        if self.counting | !crate::tension::is_plausible(adc) | (adc == self.last_adc) {
             return false;
         }
+        let turned = motor.wrapping_sub(self.polarity.motor).unsigned_abs();
+        if turned >= way.cast_unsigned() && !self.polarity.agrees(motor, drum, way) {
+            return false;
+        }
+        let change = tension_mn.saturating_sub(self.recent_mn);
         self.last_adc = adc;
         self.broke = false;
-        self.noise_q6 = noise_q6;
+        self.noise_q6 = self.noise_after(change);
         self.recent_mn = self.recent_mn.saturating_add(change / 2);
         true
     }
@@ -200,7 +215,8 @@ impl CableWatch {
     /// Mean change of the tension with one more.
     #[inline]
     fn noise_after(&self, change_mn: i32) -> i32 {
-        self.noise_q6 + (change_mn.saturating_abs().min(10_000) * 64 - self.noise_q6) / 128
+        self.noise_q6
+            + ((change_mn.unsigned_abs().min(10_000) * 64).cast_signed() - self.noise_q6) / 128
     }
 
     /// Looks at one tick under torque; gives the first fault found, with value and limit.

@@ -28,10 +28,10 @@ struct Around {
 }
 
 impl Cable {
-    /// Whether all is as it should be; then this was the whole look. Else nothing was done, and
-    /// [`Self::examine`] looks closely.
+    /// Whether all is as it should be; then this was the whole look of a tick under torque. Else
+    /// nothing was done, and [`Self::examine`] looks closely.
     #[inline]
-    fn is_well(
+    pub(super) fn is_well(
         &mut self,
         config: &CableConfig,
         drive: &DriveInput,
@@ -39,7 +39,11 @@ impl Cable {
         timeout_ms: u16,
     ) -> bool {
         let off = self.tension_mn.saturating_sub(self.setpoint_mn);
-        let error = self.length_error(config);
+        // Of a cable that is held by tension, more than the error that counts.
+        let error = match config.control {
+            Control::Length => self.target.length.saturating_sub(self.length),
+            Control::Tension => self.by_motor.saturating_sub(self.length),
+        };
         let odd = (drive.fault | drive.over_temperature | drive.warning)
             | (self.lost | self.tension_loop.saturated | self.axis.trim_saturated())
             | (drive.age_ms >= timeout_ms)
@@ -47,10 +51,13 @@ impl Cable {
             | (self.tension_mn < config.floor_mn)
             | (self.tension_mn > config.ceiling_mn)
             | (off.unsigned_abs() > TENSION_CALM_MN.unsigned_abs())
-            | (error.unsigned_abs() > config.following_error.unsigned_abs());
-        !odd && self
-            .watch
-            .is_quiet(adc, self.tension_mn, self.by_motor, config.four_counts)
+            | (error.unsigned_abs() > config.following_error.cast_unsigned());
+        !odd && self.watch.is_quiet(
+            adc,
+            self.tension_mn,
+            (self.by_motor, self.length),
+            config.four_counts,
+        )
     }
 
     /// Commanded less measured length, 0.1 µm; of a cable that is held by tension, how far motor
@@ -139,6 +146,14 @@ impl Cable {
 }
 
 impl<const N: usize> Controller<N> {
+    /// Whether the drums are the drives' alone: brakes take their time to open.
+    pub(super) fn watches_cables(&self) -> bool {
+        // By what was decided, not by the pins: one axis that is braked because its drive is gone
+        // must not blind the watch over the others.
+        let closing = self.state == State::Stopping && self.closing.is_some();
+        !closing && self.arming.phase().is_free()
+    }
+
     #[inline(never)]
     pub(super) fn watch(&mut self, inputs: &Inputs<N>) {
         if inputs.overrun || self.late_ticks.ticks() > 0 {
@@ -147,7 +162,6 @@ impl<const N: usize> Controller<N> {
                 self.trip(FaultId::P5, 0, 2, 1);
             }
         }
-        // Brakes take their time to open; from then on the drums are the drives' alone.
         let phase = self.arming.phase();
         if inputs.drives.iter().any(|drive| drive.bus_off) {
             self.trip(FaultId::D1, 0, 1, 0);
@@ -156,10 +170,7 @@ impl<const N: usize> Controller<N> {
             }
         }
         let Some(active) = &self.active else { return };
-        // By what was decided, not by the pins: one axis that is braked because its drive is gone
-        // must not blind the watch over the others.
-        let closing = self.state == State::Stopping && self.closing.is_some();
-        if closing || !phase.is_free() {
+        if !self.watches_cables() {
             self.residuals = Default::default();
             return;
         }
@@ -177,9 +188,13 @@ impl<const N: usize> Controller<N> {
         for (number, (cable, (config, (drive, &adc)))) in
             (1_u8..).zip(self.cables.iter_mut().zip(configs))
         {
-            if !concerns(self.service, number)
-                || cable.is_well(config, drive, adc, around.feedback_timeout_ms)
-            {
+            if cable.well {
+                if cable.watch.is_noisy() {
+                    self.limits.insert(Limit::TensionNoisy);
+                }
+                continue;
+            }
+            if !concerns(self.service, number) {
                 continue;
             }
             let pins = (number, drive, adc);
