@@ -1,9 +1,9 @@
 //! Configuration: physical units from the wire, checked and turned into machine units once.
 
-use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
-use crate::fixed::{half, quotient, saturate};
-use mcdpr_protocol::config::config_hash;
+use mcdpr_protocol::config::ConfigDigest;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, KeyMeaning, Reject};
+
+mod building;
 
 /// Collects entries and builds [`Active`] from them.
 #[derive(Debug, Clone)]
@@ -13,6 +13,9 @@ pub struct ConfigStore<const N: usize> {
     announced: u16,
     received: u16,
     last_key: Option<ConfigKey>,
+    /// Slices of the building that are done, and the hash so far.
+    done: u8,
+    digest: ConfigDigest,
 }
 
 impl<const N: usize> Default for ConfigStore<N> {
@@ -23,6 +26,8 @@ impl<const N: usize> Default for ConfigStore<N> {
             announced: 0,
             received: 0,
             last_key: None,
+            done: 0,
+            digest: ConfigDigest::default(),
         }
     }
 }
@@ -54,10 +59,6 @@ impl<const K: usize> Slots<K> {
             *slot = value;
             self.present |= 1 << index;
         }
-    }
-
-    fn iter(&self) -> impl Iterator<Item = Option<i32>> + '_ {
-        (0..K).map(|index| self.get(index))
     }
 }
 
@@ -177,6 +178,50 @@ pub struct CableConfig {
 }
 
 impl CableConfig {
+    /// Before anything is known: zeros, which take the board no memory to copy them from.
+    const NOTHING: Self = Self {
+        control: Control::Length,
+        per_count_q24: 0,
+        half_count: 0,
+        four_counts: 0,
+        max_encoder_step: 0,
+        motor_per_length_q32: 0,
+        length_per_motor_q32: 0,
+        rpm_per_speed_q32: 0,
+        speed_per_rpm_q16: 0,
+        motor_reversed: false,
+        max_rpm: 0,
+        max_current_ma: 0,
+        most_ma: 0,
+        current_per_force_q32: 0,
+        tension_per_adc_q24: 0,
+        tension_zero_q24: 0,
+        tension_max_mn: 0,
+        floor_mn: 0,
+        ceiling_mn: 0,
+        law: TensionLaw::Pd,
+        kp_milli: 0,
+        kd_us: 0,
+        ki_milli: 0,
+        damping_mns_per_m: 0,
+        filter_alpha_q16: 0,
+        friction_mn: 0,
+        mass_g: 0,
+        lead_us: 0,
+        lead_square: 0,
+        brake_close_ms: 0,
+        following_error: 0,
+        max_speed_umps: 0,
+        reel_speed_umps: 0,
+        length_min: 0,
+        length_max: 0,
+        node: 0,
+        period_ticks: 0,
+        slot: 0,
+        syncs: 0,
+        rpm_per_count_q16: 0,
+    };
+
     /// Motor current for a force that reels in, mA, rounded.
     #[must_use]
     pub fn current_ma(&self, force_mn: i32) -> i32 {
@@ -207,8 +252,19 @@ pub struct Active<const N: usize> {
     pub cables: [CableConfig; N],
 }
 
-/// Longest coordinated stop, ms.
-const MAX_STOP_MS: i32 = 300;
+impl<const N: usize> Active<N> {
+    const NOTHING: Self = Self {
+        hash: ConfigHash(0),
+        drive_kind: DriveKind::None,
+        bus_bitrate: 0,
+        stop_ms: 0,
+        residual_ms: 0,
+        enable_ms: 0,
+        feedback_timeout_ms: 0,
+        hold_braked: false,
+        cables: [CableConfig::NOTHING; N],
+    };
+}
 
 impl<const N: usize> ConfigStore<N> {
     /// Forgets everything and expects `entries` entries.
@@ -234,6 +290,7 @@ impl<const N: usize> ConfigStore<N> {
         self.announced = 0;
         self.received = 0;
         self.last_key = None;
+        self.done = 0;
     }
 
     /// Takes some entries, in ascending order of keys.
@@ -266,6 +323,7 @@ impl<const N: usize> ConfigStore<N> {
             }
         }
         (self.last_key, self.received) = (last_key, received);
+        self.done = 0;
         Ok(())
     }
 
@@ -276,237 +334,4 @@ impl<const N: usize> ConfigStore<N> {
             None => false,
         }
     }
-
-    /// Checks, builds and takes into use; `active` is left alone where it fails. Out of line, so
-    /// that its temporaries are on the board's stack only while it runs.
-    ///
-    /// # Errors
-    /// [`Reject::ConfigSequence`] where entries are missing, [`Reject::ConfigHash`] where the
-    /// hashes differ, [`Reject::ConfigValue`] naming the first key that is missing or senseless.
-    #[inline(never)]
-    pub fn build_into(
-        &self,
-        host: ConfigHash,
-        active: &mut Option<Active<N>>,
-    ) -> Result<(), Reject> {
-        if self.announced == 0 || self.received != self.announced {
-            return Err(Reject::ConfigSequence);
-        }
-        let board = config_hash(self.entries());
-        if board != host {
-            return Err(Reject::ConfigHash { board, host });
-        }
-        let key = |key: BoardKey, low: i32, high: i32| {
-            let value = self.board.get(key as usize - 1);
-            checked(ConfigKey::board(key), value, low, high)
-        };
-        let cables = key(BoardKey::Cables, 1, 8)?;
-        let expected = u8::try_from(N).unwrap_or(u8::MAX);
-        if cables != i32::from(expected) {
-            let got = u8::try_from(cables).unwrap_or(u8::MAX);
-            return Err(Reject::CableCount { expected, got });
-        }
-        let drive_kind = match key(BoardKey::DriveKind, 0, 2)? {
-            1 => DriveKind::Rmds,
-            2 => DriveKind::Cia402,
-            _ => DriveKind::None,
-        };
-        let bus_bitrate = key(BoardKey::BusBitrate, 125_000, 1_000_000)?.cast_unsigned();
-        let by_length = ticks(
-            BoardKey::BusPeriodUs,
-            key(BoardKey::BusPeriodUs, 1000, 20_000)?,
-        )?;
-        let by_tension = key(BoardKey::TensionPeriodUs, 1000, 20_000)?;
-        let by_tension = ticks(BoardKey::TensionPeriodUs, by_tension)?;
-        let feedback_timeout_ms = small(key(BoardKey::FeedbackTimeoutMs, 2, 1000)?);
-        // Feedback that comes more rarely would look lost between two of them. Who is asked less
-        // often is asked in whole numbers of the other's periods.
-        if by_length % by_tension != 0 || u16::from(by_length) * 2 >= feedback_timeout_ms {
-            return refused(ConfigKey::board(BoardKey::BusPeriodUs));
-        }
-        // The first one is a placeholder for the others until they are built.
-        let mut cables = [self.build_cable(0)?; N];
-        for (index, slot) in (0_u8..).zip(cables.iter_mut()).skip(1) {
-            *slot = self.build_cable(index)?;
-        }
-        spread(&mut cables, by_length, by_tension);
-        let cycles = cables.iter().map(|cable| {
-            let period_us = u32::from(cable.period_ticks) * 1000;
-            (period_us, cable.control == Control::Tension)
-        });
-        if load_permille(drive_kind, bus_bitrate, cycles) > MOST_LOAD_PERMILLE {
-            return refused(ConfigKey::board(BoardKey::BusPeriodUs));
-        }
-        let built = Active {
-            hash: board,
-            drive_kind,
-            bus_bitrate,
-            stop_ms: key(BoardKey::StopMs, 20, MAX_STOP_MS)?.cast_unsigned(),
-            residual_ms: small(key(BoardKey::ResidualMs, 1, 10_000)?),
-            enable_ms: key(BoardKey::EnableMs, 0, 10_000)?.cast_unsigned(),
-            feedback_timeout_ms,
-            hold_braked: key(BoardKey::HoldBrakes, 0, 1)? == 1,
-            cables,
-        };
-        *active = Some(built);
-        Ok(())
-    }
-
-    fn entries(&self) -> impl Iterator<Item = ConfigEntry> + '_ {
-        let board = BoardKey::ALL.iter().zip(self.board.iter());
-        let board = board.filter_map(|(key, value)| {
-            value.map(|value| ConfigEntry {
-                key: ConfigKey::board(*key),
-                value,
-            })
-        });
-        let cables = (0_u8..).zip(self.cables.iter());
-        board.chain(cables.flat_map(|(index, fields)| {
-            let fields = CableKey::ALL.iter().zip(fields.iter());
-            fields.filter_map(move |(key, value)| {
-                value.map(|value| ConfigEntry {
-                    key: ConfigKey::cable(index, *key),
-                    value,
-                })
-            })
-        }))
-    }
-
-    fn build_cable(&self, index: u8) -> Result<CableConfig, Reject> {
-        let fields = self.cables.get(usize::from(index));
-        let key = |key: CableKey, low: i32, high: i32| {
-            let value = fields.and_then(|fields| fields.get(key as usize - 1));
-            checked(ConfigKey::cable(index, key), value, low, high)
-        };
-        let refuse = |key: CableKey| Reject::ConfigValue {
-            key: ConfigKey::cable(index, key).0,
-        };
-        // 1 mm to 500 mm keeps every product below in 64 bits; 312689/49766 is 2 pi to 1e-11.
-        let radius = key(CableKey::DrumRadius, 10_000, 5_000_000)?;
-        let circumference_q20 = ((i64::from(radius) * 312_689) << 20) / 49_766;
-        let circumference_q8 = (circumference_q20 + half(12)) >> 12;
-        let counts = key(CableKey::EncoderCountsPerTurn, 16, 1_000_000)?;
-        let sign = key(CableKey::EncoderSign, -1, 1)?;
-        if sign == 0 {
-            return Err(refuse(CableKey::EncoderSign));
-        }
-        let per_count_q24 = i64::from(sign) * rounded(circumference_q20 << 4, i64::from(counts));
-        let motor_counts = key(CableKey::MotorCountsPerTurn, -8_000_000, 8_000_000)?;
-        if motor_counts == 0 {
-            return Err(refuse(CableKey::MotorCountsPerTurn));
-        }
-        let per_rev = key(CableKey::MotorCountsPerRev, 4, 1_000_000)?;
-        let motor_per_length_q32 = (i64::from(motor_counts) << 40) / circumference_q8;
-        // µm/s to rpm: ten 0.1 µm per µm, 60 s per minute.
-        let rpm_per_speed_q32 = motor_per_length_q32.abs() * 600 / i64::from(per_rev);
-        let force = key(CableKey::ForcePerCurrent, -100_000_000, 100_000_000)?;
-        if force == 0 {
-            return Err(refuse(CableKey::ForcePerCurrent));
-        }
-        let gain = i64::from(key(CableKey::TensionGain, 1, 10_000_000)?);
-        let zero_uv = i64::from(key(CableKey::TensionZeroUv, -3_300_000, 3_300_000)?);
-        let tension_max_mn = key(CableKey::TensionMax, 1, 10_000_000)?;
-        let floor_mn = key(CableKey::TensionFloor, 0, tension_max_mn)?;
-        let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, tension_max_mn)?;
-        let max_speed_umps = key(CableKey::MaxSpeed, 1, 20_000_000)?;
-        let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
-        // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
-        let w_dt_q24 = filter_mhz * 105_414_357 / 1_000_000;
-        let alpha_q16 = rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24);
-        let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
-        // One millisecond at one and a half times the largest speed, and a count of rounding.
-        let step = i64::from(max_speed_umps) * 15 * (1 << 24) / 1000 / per_count_q24.abs() + 2;
-        let max_current_ma = key(CableKey::MaxCurrentMa, 1, 32_000)?;
-        let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
-        // A bus has no drive 0: that number calls all of them. 127 is the board itself.
-        let node = key(CableKey::Node, 1, 126)?;
-        Ok(CableConfig {
-            control: match key(CableKey::Control, 0, 1)? {
-                0 => Control::Length,
-                _ => Control::Tension,
-            },
-            per_count_q24,
-            half_count: saturate(per_count_q24.abs() >> 25),
-            four_counts: saturate(per_count_q24.abs() >> 22),
-            max_encoder_step: u16::try_from(step.min(16_000)).unwrap_or(16_000),
-            motor_per_length_q32,
-            length_per_motor_q32: (circumference_q8 << 24) / i64::from(motor_counts),
-            rpm_per_speed_q32,
-            speed_per_rpm_q16: (1 << 48) / rpm_per_speed_q32.max(1),
-            motor_reversed: motor_counts < 0,
-            max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
-            max_current_ma,
-            most_ma: max_current_ma - max_current_ma / 32,
-            current_per_force_q32: (1000 << 32) / i64::from(force),
-            // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
-            // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
-            tension_per_adc_q24: gain * 8448 / 10,
-            tension_zero_q24: ((gain * zero_uv / 1000) << 24) / 1000,
-            tension_max_mn,
-            floor_mn,
-            ceiling_mn,
-            law: match key(CableKey::TensionLaw, 0, 1)? {
-                0 => TensionLaw::Pd,
-                _ => TensionLaw::Default,
-            },
-            kp_milli: key(CableKey::TensionKp, 0, 1_000_000)?,
-            kd_us: key(CableKey::TensionKd, 0, 10_000_000)?,
-            ki_milli: key(CableKey::TensionKi, 0, 10_000_000)?,
-            damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000)?,
-            filter_alpha_q16: saturate(alpha_q16),
-            friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
-            mass_g: key(CableKey::DrumMass, 0, 100_000_000)?,
-            lead_us,
-            lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
-            brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)?),
-            following_error: key(CableKey::FollowingError, 10, 1_000_000)? * 10,
-            max_speed_umps,
-            reel_speed_umps: key(CableKey::ReelSpeed, 1, 1_000_000)?,
-            length_min,
-            length_max: key(CableKey::LengthMax, length_min, 2_000_000_000)?,
-            node: u8::try_from(node).unwrap_or(u8::MAX),
-            period_ticks: 1,
-            slot: 0,
-            syncs: 1,
-            // Counts per ms, times 60,000 ms per minute.
-            rpm_per_count_q16: saturate((60_000 << 16) / i64::from(per_rev)),
-        })
-    }
-}
-
-/// Gives every drive its slot, evenly over its period.
-fn spread<const N: usize>(cables: &mut [CableConfig; N], by_length: u8, by_tension: u8) {
-    for (index, cable) in (0_u8..).zip(cables) {
-        (cable.period_ticks, cable.syncs) = match cable.control {
-            Control::Length => (by_length, by_length / by_tension),
-            Control::Tension => (by_tension, 1),
-        };
-        cable.slot = index * cable.period_ticks / N.to_le_bytes()[0];
-    }
-}
-
-fn refused<T>(key: ConfigKey) -> Result<T, Reject> {
-    Err(Reject::ConfigValue { key: key.0 })
-}
-
-/// Whole ticks of a period.
-fn ticks(key: BoardKey, us: i32) -> Result<u8, Reject> {
-    let ticks = u8::try_from(us / 1000).ok().filter(|_| us % 1000 == 0);
-    ticks.map_or(refused(ConfigKey::board(key)), Ok)
-}
-
-/// The quotient of two positive numbers, rounded to nearest.
-const fn rounded(dividend: i64, divisor: i64) -> i64 {
-    (dividend + divisor / 2) / divisor
-}
-
-fn checked(key: ConfigKey, value: Option<i32>, low: i32, high: i32) -> Result<i32, Reject> {
-    value
-        .filter(|value| (low..=high).contains(value))
-        .ok_or(Reject::ConfigValue { key: key.0 })
-}
-
-/// A value that was just checked to be small.
-fn small(value: i32) -> u16 {
-    u16::try_from(value).unwrap_or(u16::MAX)
 }

@@ -82,6 +82,8 @@ pub struct Controller<const N: usize> {
     now: Tick,
     store: ConfigStore<N>,
     active: Option<Active<N>>,
+    /// What became of building it, until it is told.
+    built: Option<Result<(), Reject>>,
     cables: [Cable; N],
     motion: Motion<N>,
     rows: [StoredRow<N>; ResidualRow::PER_KNOT],
@@ -122,6 +124,7 @@ impl<const N: usize> Default for Controller<N> {
             now: Tick(0),
             store: ConfigStore::default(),
             active: None,
+            built: None,
             cables: [Cable::default(); N],
             motion: Motion::default(),
             rows: [StoredRow::default(); ResidualRow::PER_KNOT],
@@ -176,10 +179,10 @@ impl<const N: usize> Controller<N> {
         self.heartbeat.health(now)
     }
 
-    /// The configuration in use.
+    /// The configuration in use; none while it is being exchanged.
     #[must_use]
-    pub const fn config(&self) -> Option<&Active<N>> {
-        self.active.as_ref()
+    pub fn config(&self) -> Option<&Active<N>> {
+        self.active.as_ref().filter(|_| !self.store.is_taking())
     }
 
     /// The latched fault.
@@ -319,7 +322,8 @@ impl<const N: usize> Controller<N> {
         let readings = readings.zip(&inputs.drives);
         let cables = self.cables.iter_mut().zip(readings);
         let mut lost = false;
-        let Some(active) = &self.active else {
+        let taking = self.store.is_taking();
+        let Some(active) = self.active.as_ref().filter(|_| !taking) else {
             for (cable, ((&encoder, _), drive)) in cables {
                 cable.current_ma = drive.current_ma;
                 lost |= cable.count(encoder, u16::MAX / 2);

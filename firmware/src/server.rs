@@ -191,6 +191,20 @@ impl<const N: usize> Server<N> {
         }
     }
 
+    /// Does what a control tick has time for of a command that takes longer; whether
+    /// [`Self::receive`] can execute it now. Until then the same command has to be given again in
+    /// the next tick, before any other.
+    pub fn prepare(&mut self, command: &Command) -> bool {
+        match command.request {
+            Request::ConfigCommit { hash }
+                if self.session == Some(command.session) && command.sequence == self.expected =>
+            {
+                self.controller.prepare(hash)
+            }
+            _ => true,
+        }
+    }
+
     fn dispatch(&mut self, now: Tick, command: &Command) -> Result<Reply, Reject> {
         match &command.request {
             Request::Info | Request::Status | Request::Winch { .. } => {
@@ -293,6 +307,17 @@ pub enum Incoming {
     Damaged(FrameError),
 }
 
+/// As [`Incoming`], where a command went elsewhere.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arrived {
+    /// Someone asks who this is.
+    HelloQuery,
+    /// A command.
+    Command,
+    /// A frame was damaged.
+    Damaged(FrameError),
+}
+
 /// Turns bytes into commands.
 #[derive(Debug, Default)]
 pub struct Receiver {
@@ -304,21 +329,37 @@ pub struct Receiver {
 impl Receiver {
     /// Takes one byte.
     pub fn push(&mut self, byte: u8) -> Option<Incoming> {
-        let incoming = match self.deframer.push(byte)? {
-            Ok((Channel::HelloQuery, _)) => Incoming::HelloQuery,
+        let mut command = None;
+        let arrived = self.push_into(byte, |whole| command = Some(whole))?;
+        Some(match arrived {
+            Arrived::HelloQuery => Incoming::HelloQuery,
+            Arrived::Command => Incoming::Command(command?),
+            Arrived::Damaged(error) => Incoming::Damaged(error),
+        })
+    }
+
+    /// Takes one byte; hands a command straight to `take`. A command is large: it should not lie
+    /// on the stack once for everybody who passes it on.
+    #[inline]
+    pub fn push_into(&mut self, byte: u8, take: impl FnOnce(Command)) -> Option<Arrived> {
+        let arrived = match self.deframer.push(byte)? {
+            Ok((Channel::HelloQuery, _)) => Arrived::HelloQuery,
             Ok((Channel::Command, body)) => match mcdpr_protocol::message::decode_command(body) {
-                Some(command) => Incoming::Command(command),
-                None => Incoming::Damaged(FrameError::Malformed),
+                Some(command) => {
+                    take(command);
+                    Arrived::Command
+                }
+                None => Arrived::Damaged(FrameError::Malformed),
             },
             // Frames of the other direction: an echo, or a crossed cable.
-            Ok(_) => Incoming::Damaged(FrameError::UnknownChannel),
-            Err(error) => Incoming::Damaged(error),
+            Ok(_) => Arrived::Damaged(FrameError::UnknownChannel),
+            Err(error) => Arrived::Damaged(error),
         };
-        let counter = match incoming {
-            Incoming::Damaged(_) => &mut self.counters.frames_bad,
+        let counter = match arrived {
+            Arrived::Damaged(_) => &mut self.counters.frames_bad,
             _ => &mut self.counters.frames_ok,
         };
         *counter = counter.wrapping_add(1);
-        Some(incoming)
+        Some(arrived)
     }
 }

@@ -203,10 +203,33 @@ pub const MAX_ENTRIES: usize = BoardKey::ALL.len() + MAX_CABLES * CableKey::ALL.
 /// The entries must be sorted; two hosts that send the same settings in another order agree.
 #[must_use]
 pub fn config_hash(sorted: impl IntoIterator<Item = ConfigEntry>) -> ConfigHash {
-    let mut digest = frame::digest();
+    let mut digest = ConfigDigest::default();
     for entry in sorted {
-        digest.update(&entry.key.0.to_le_bytes());
-        digest.update(&entry.value.to_le_bytes());
+        digest.add(entry);
     }
-    ConfigHash(digest.finalize())
+    digest.finish()
+}
+
+/// [`config_hash`] entry by entry, for who has no time for all of them at once.
+#[derive(Debug, Clone)]
+pub struct ConfigDigest(frame::Digest);
+
+impl Default for ConfigDigest {
+    fn default() -> Self {
+        Self(frame::digest())
+    }
+}
+
+impl ConfigDigest {
+    /// Takes the next entry, in ascending order of keys.
+    pub fn add(&mut self, entry: ConfigEntry) {
+        self.0.update(&entry.key.0.to_le_bytes());
+        self.0.update(&entry.value.to_le_bytes());
+    }
+
+    /// The hash of all that was taken.
+    #[must_use]
+    pub fn finish(self) -> ConfigHash {
+        ConfigHash(self.0.finalize())
+    }
 }

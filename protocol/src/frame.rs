@@ -51,6 +51,7 @@ pub(crate) const fn digest() -> Digest {
 }
 
 /// See [`digest`].
+#[derive(Debug, Clone)]
 pub(crate) struct Digest(u32);
 
 impl Digest {

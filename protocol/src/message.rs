@@ -376,7 +376,7 @@ pub fn decode_command(body: &[u8]) -> Option<Command> {
     decode(body)
 }
 
-/// Encodes an answer into a frame, as [`encode_frame`](crate::encode_frame) does; see
+/// Encodes an answer into a frame, as [`encode_frame`] does; see
 /// [`decode_command`].
 ///
 /// # Errors

@@ -11,7 +11,7 @@ use crate::uart::{self, Ring, Sender};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use heapless::spsc::{Consumer, Producer, Queue};
 use mcdpr_firmware::sampler::{Row, Sampler};
-use mcdpr_firmware::server::{Incoming, LinkCounters, Receiver};
+use mcdpr_firmware::server::{Arrived, LinkCounters, Receiver};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
 use mcdpr_protocol::message::{encode_answer, encode_status};
 use mcdpr_protocol::{Answer, Channel, Command, Hello, SampleBlock, Status, Tick};
@@ -170,14 +170,16 @@ impl Link {
         // Bytes wait in the ring while the tick is behind.
         while self.commands.ready() {
             let Some(byte) = self.ring.take() else { break };
-            match self.receiver.push(byte) {
+            let commands = &mut self.commands;
+            // Room was just seen, and nobody else fills it.
+            let arrived = self.receiver.push_into(byte, |command| {
+                let _ = commands.enqueue(command);
+            });
+            match arrived {
                 None => continue,
-                Some(Incoming::HelloQuery) => HELLO_DUE.store(true, Ordering::Relaxed),
-                Some(Incoming::Damaged(_)) => DAMAGED.store(true, Ordering::Relaxed),
-                Some(Incoming::Command(command)) => {
-                    // Room was just seen, and nobody else fills it.
-                    let _ = self.commands.enqueue(command);
-                }
+                Some(Arrived::HelloQuery) => HELLO_DUE.store(true, Ordering::Relaxed),
+                Some(Arrived::Damaged(_)) => DAMAGED.store(true, Ordering::Relaxed),
+                Some(Arrived::Command) => {}
             }
             let counters = &self.receiver.counters;
             FRAMES_OK.store(counters.frames_ok, Ordering::Relaxed);

@@ -118,6 +118,9 @@ impl Core {
             if !self.ends.answers.ready() {
                 return;
             }
+            if !self.server.prepare(command) {
+                return;
+            }
             let mut answer = self.server.receive(now, command, &link::counters());
             self.ends.commands.dequeue();
             if let Ok(Reply::Info(info)) = &mut answer.result {

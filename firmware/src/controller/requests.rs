@@ -42,8 +42,9 @@ impl<const N: usize> Controller<N> {
                 self.store.put(entries).map(|()| Reply::Done)
             }
             Request::ConfigCommit { hash } => {
-                self.only_in(&[State::Disarmed, State::Fault])?;
-                self.store.build_into(*hash, &mut self.active)?;
+                self.may_configure()?;
+                while !self.prepare(*hash) {}
+                self.built.take().unwrap_or(Ok(()))?;
                 self.store.clear();
                 self.config_taken();
                 Ok(Reply::Configured { hash: *hash })
@@ -123,6 +124,27 @@ impl<const N: usize> Controller<N> {
                 Ok(Reply::Done)
             }
         }
+    }
+
+    /// Does a slice of the work that a commit of a configuration takes; whether it is done, and
+    /// [`Self::handle`] has little left to do. A control tick has no time for all at once.
+    pub fn prepare(&mut self, hash: ConfigHash) -> bool {
+        if self.may_configure().is_err() {
+            return true;
+        }
+        if self.built.is_none() {
+            self.built = self.store.build_slice(hash, &mut self.active);
+        }
+        self.built.is_some()
+    }
+
+    /// Whether a configuration may be exchanged. An exchange that has begun is ended, though the
+    /// emergency stop is pressed in between: no torque can come on before it is.
+    fn may_configure(&self) -> Result<(), Reject> {
+        if self.built.is_some() || self.store.is_taking() {
+            return Ok(());
+        }
+        self.only_in(&[State::Disarmed, State::Fault])
     }
 
     /// Arms every winch, or one alone.

@@ -98,7 +98,7 @@ fn none_too_many_and_too_few_entries_are_refused() {
     let mut store = ConfigStore::<CABLES>::default();
     let all = entries();
     let hash = hash_of(&all);
-    assert_eq!(commit(&store, hash).err(), Some(Reject::ConfigSequence));
+    assert_eq!(commit(&mut store, hash).err(), Some(Reject::ConfigSequence));
     assert_eq!(store.begin(0), Err(Reject::ConfigSequence));
     assert_eq!(
         store.begin(all.len() as u16 + 1),
@@ -106,7 +106,7 @@ fn none_too_many_and_too_few_entries_are_refused() {
     );
     store.begin(all.len() as u16).unwrap();
     store.put(&all[..all.len() - 1]).unwrap();
-    assert_eq!(commit(&store, hash).err(), Some(Reject::ConfigSequence));
+    assert_eq!(commit(&mut store, hash).err(), Some(Reject::ConfigSequence));
     store.begin(3).unwrap();
     assert_eq!(store.put(&all[..4]), Err(Reject::ConfigSequence));
 }
@@ -120,11 +120,11 @@ fn f9_another_hash_is_refused_with_both() {
     let host = ConfigHash(1);
     let board = hash_of(&all);
     assert_eq!(
-        commit(&store, host).err(),
+        commit(&mut store, host).err(),
         Some(Reject::ConfigHash { board, host })
     );
     // The refusal changed nothing.
-    assert!(commit(&store, board).is_ok());
+    assert!(commit(&mut store, board).is_ok());
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn l2_one_value_changed_on_the_way_is_found_by_the_hash() {
         store.put(&all).unwrap();
         let board = hash_of(&all);
         assert_eq!(
-            commit(&store, host).err(),
+            commit(&mut store, host).err(),
             Some(Reject::ConfigHash { board, host })
         );
     }
@@ -159,6 +159,39 @@ fn a_refused_chunk_takes_none_of_its_entries() {
         assert!(store.put(&[all[3], all[4], bad]).is_err());
         // The host corrects the chunk and goes on.
         store.put(&all[3..]).unwrap();
-        assert!(commit(&store, hash_of(&all)).is_ok());
+        assert!(commit(&mut store, hash_of(&all)).is_ok());
+    }
+}
+
+#[test]
+fn slices_leave_what_is_in_use_alone_until_all_is_good_and_end_where_the_whole_does() {
+    let mut active = Some(build(&entries()).unwrap());
+    let other = entries_with(ConfigKey::cable(3, CableKey::MaxCurrentMa), 2000);
+    // The last cable's last key is senseless.
+    let bad = entries_with(ConfigKey::cable(3, CableKey::ReelSpeed), 0);
+    for (all, good) in [(bad, false), (other, true)] {
+        let mut store = ConfigStore::<CABLES>::default();
+        store.begin(all.len() as u16).unwrap();
+        store.put(&all).unwrap();
+        let before = format!("{active:?}");
+        let mut slices = 0;
+        let result = loop {
+            assert!(store.is_taking() || format!("{active:?}") == before);
+            slices += 1;
+            if let Some(result) = store.build_slice(hash_of(&all), &mut active) {
+                break result;
+            }
+            assert!(slices < 100);
+        };
+        assert_eq!(result.is_ok(), good);
+        assert!(!store.is_taking());
+        if good {
+            // Nine for the hash, six for the checks, five to take it.
+            assert_eq!(slices, 20);
+            let whole = build(&all).unwrap();
+            assert_eq!(format!("{active:?}"), format!("{:?}", Some(whole)));
+        } else {
+            assert_eq!(format!("{active:?}"), before);
+        }
     }
 }

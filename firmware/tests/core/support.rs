@@ -123,10 +123,10 @@ pub fn build(entries: &[ConfigEntry]) -> Result<Active<CABLES>, Reject> {
     let mut store = ConfigStore::<CABLES>::default();
     store.begin(entries.len() as u16)?;
     store.put(entries)?;
-    commit(&store, hash_of(entries))
+    commit(&mut store, hash_of(entries))
 }
 
-pub fn commit(store: &ConfigStore<CABLES>, hash: ConfigHash) -> Result<Active<CABLES>, Reject> {
+pub fn commit(store: &mut ConfigStore<CABLES>, hash: ConfigHash) -> Result<Active<CABLES>, Reject> {
     let mut active = None;
     store.build_into(hash, &mut active)?;
     Ok(active.unwrap())

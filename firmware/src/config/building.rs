@@ -1,0 +1,413 @@
+//! From entries to machine units, in slices: a control tick has no time for all at once.
+//!
+//! The hash is formed of one cable's entries after the other, then the board's values are checked,
+//! then each cable is built and thrown away. Only when all is good, what is in use is overwritten,
+//! cable by cable: a refusal leaves it alone.
+
+use super::{Active, CableConfig, ConfigStore, Control, DriveKind, Slots, TensionLaw};
+use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
+use crate::fixed::{half, quotient, saturate};
+use core::ops::Range;
+use mcdpr_protocol::config::ConfigDigest;
+use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Reject};
+
+/// Longest coordinated stop, ms.
+const MAX_STOP_MS: i32 = 300;
+
+/// Ticks between two commands to a drive, by what holds its cable.
+#[derive(Clone, Copy)]
+struct Periods {
+    by_length: u8,
+    by_tension: u8,
+}
+
+/// Work of one slice.
+#[derive(Clone, Copy)]
+enum Slice {
+    /// Hashes the board's entries.
+    HashBoard,
+    /// Hashes half of a cable's.
+    HashCable { index: u8, second: bool },
+    /// Compares the hashes, checks the board's values.
+    CheckBoard,
+    /// Checks a cable.
+    CheckCable(u8),
+    /// Checks what the drives take of their bus, and takes the board's values into use.
+    TakeBoard,
+    /// Takes a cable into use.
+    TakeCable(u8),
+    /// The hash of what is in use now.
+    TakeHash,
+}
+
+impl<const N: usize> ConfigStore<N> {
+    const CABLES: u8 = N.to_le_bytes()[0];
+
+    fn slice(&self) -> Slice {
+        let mut at = self.done;
+        let mut within = |count: u8| {
+            let place = at;
+            at = at.saturating_sub(count);
+            (place < count).then_some(place)
+        };
+        if within(1).is_some() {
+            Slice::HashBoard
+        } else if let Some(place) = within(2 * Self::CABLES) {
+            Slice::HashCable {
+                index: place / 2,
+                second: place % 2 == 1,
+            }
+        } else if within(1).is_some() {
+            Slice::CheckBoard
+        } else if let Some(index) = within(Self::CABLES) {
+            Slice::CheckCable(index)
+        } else if within(1).is_some() {
+            Slice::TakeBoard
+        } else if let Some(index) = within(Self::CABLES) {
+            Slice::TakeCable(index)
+        } else {
+            Slice::TakeHash
+        }
+    }
+
+    /// Whether what is in use is being overwritten: it is nobody's to follow then.
+    #[must_use]
+    pub const fn is_taking(&self) -> bool {
+        // Hashes, checks and the board's values are done.
+        self.done >= 3 + 3 * Self::CABLES
+    }
+
+    /// Checks, builds and takes into use, all at once; see [`Self::build_slice`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn build_into(
+        &mut self,
+        host: ConfigHash,
+        active: &mut Option<Active<N>>,
+    ) -> Result<(), Reject> {
+        loop {
+            if let Some(result) = self.build_slice(host, active) {
+                return result;
+            }
+        }
+    }
+
+    /// Does one slice of the work of taking into use what was put; `None` as long as there is more.
+    /// `active` is left alone where it fails.
+    ///
+    /// # Errors
+    /// [`Reject::ConfigSequence`] where entries are missing, [`Reject::ConfigHash`] where the
+    /// hashes differ, [`Reject::ConfigValue`] naming the first key that is missing or senseless.
+    pub fn build_slice(
+        &mut self,
+        host: ConfigHash,
+        active: &mut Option<Active<N>>,
+    ) -> Option<Result<(), Reject>> {
+        let slice = self.slice();
+        let result = self.work(slice, host, active);
+        self.done = match (slice, &result) {
+            (Slice::TakeHash, _) | (_, Err(_)) => 0,
+            _ => self.done + 1,
+        };
+        (self.done == 0).then_some(result)
+    }
+
+    #[inline(never)]
+    fn work(
+        &mut self,
+        slice: Slice,
+        host: ConfigHash,
+        active: &mut Option<Active<N>>,
+    ) -> Result<(), Reject> {
+        match slice {
+            Slice::HashBoard => {
+                if self.announced == 0 || self.received != self.announced {
+                    return Err(Reject::ConfigSequence);
+                }
+                self.digest = ConfigDigest::default();
+                let all = (BoardKey::ALL, 0..BoardKey::ALL.len());
+                hash(&mut self.digest, &self.board, all, ConfigKey::board);
+            }
+            Slice::HashCable { index, second } => {
+                let (half, all) = (CableKey::ALL.len() / 2, CableKey::ALL.len());
+                let places = if second { half..all } else { 0..half };
+                if let Some(values) = self.cables.get(usize::from(index)) {
+                    let keys = (CableKey::ALL, places);
+                    hash(&mut self.digest, values, keys, |key| {
+                        ConfigKey::cable(index, key)
+                    });
+                }
+            }
+            Slice::CheckBoard => {
+                let board = self.digest.clone().finish();
+                if board != host {
+                    return Err(Reject::ConfigHash { board, host });
+                }
+                let cables = self.board_key(BoardKey::Cables, 1, 8)?;
+                if cables != i32::from(Self::CABLES) {
+                    return Err(Reject::CableCount {
+                        expected: Self::CABLES,
+                        got: u8::try_from(cables).unwrap_or(u8::MAX),
+                    });
+                }
+                self.drive_kind()?;
+                self.bus_bitrate()?;
+                self.periods()?;
+            }
+            Slice::CheckCable(index) | Slice::TakeCable(index) => {
+                let takes = matches!(slice, Slice::TakeCable(_));
+                let active = active.as_mut().filter(|_| takes);
+                let slot = active.and_then(|active| active.cables.get_mut(usize::from(index)));
+                self.build_cable(index, self.periods()?, slot)?;
+            }
+            Slice::TakeBoard => self.take_board(active)?,
+            Slice::TakeHash => {
+                if let Some(active) = active {
+                    active.hash = host;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn board_key(&self, key: BoardKey, low: i32, high: i32) -> Result<i32, Reject> {
+        let value = self.board.get(key as usize - 1);
+        checked(ConfigKey::board(key), value, low, high)
+    }
+
+    fn drive_kind(&self) -> Result<DriveKind, Reject> {
+        Ok(match self.board_key(BoardKey::DriveKind, 0, 2)? {
+            1 => DriveKind::Rmds,
+            2 => DriveKind::Cia402,
+            _ => DriveKind::None,
+        })
+    }
+
+    fn bus_bitrate(&self) -> Result<u32, Reject> {
+        let bits_per_s = self.board_key(BoardKey::BusBitrate, 125_000, 1_000_000)?;
+        Ok(bits_per_s.cast_unsigned())
+    }
+
+    fn feedback_timeout_ms(&self) -> Result<u16, Reject> {
+        Ok(small(self.board_key(
+            BoardKey::FeedbackTimeoutMs,
+            2,
+            1000,
+        )?))
+    }
+
+    fn periods(&self) -> Result<Periods, Reject> {
+        let period = |key| ticks(key, self.board_key(key, 1000, 20_000)?);
+        let by_length = period(BoardKey::BusPeriodUs)?;
+        let by_tension = period(BoardKey::TensionPeriodUs)?;
+        // Feedback that comes more rarely would look lost between two of them. Who is asked less
+        // often is asked in whole numbers of the other's periods.
+        let timeout_ms = self.feedback_timeout_ms()?;
+        if by_length % by_tension != 0 || u16::from(by_length) * 2 >= timeout_ms {
+            return refused(ConfigKey::board(BoardKey::BusPeriodUs));
+        }
+        Ok(Periods {
+            by_length,
+            by_tension,
+        })
+    }
+
+    /// The board's values, into what is in use; its cables stay what they were, or nothing.
+    #[inline(never)]
+    fn take_board(&self, active: &mut Option<Active<N>>) -> Result<(), Reject> {
+        let (drive_kind, bus_bitrate) = (self.drive_kind()?, self.bus_bitrate()?);
+        let periods = self.periods()?;
+        let cycles = self.cables.iter().map(|values| {
+            let by_tension = values.get(CableKey::Control as usize - 1) != Some(0);
+            let ticks = if by_tension {
+                periods.by_tension
+            } else {
+                periods.by_length
+            };
+            (u32::from(ticks) * 1000, by_tension)
+        });
+        if load_permille(drive_kind, bus_bitrate, cycles) > MOST_LOAD_PERMILLE {
+            return refused(ConfigKey::board(BoardKey::BusPeriodUs));
+        }
+        let stop_ms = self.board_key(BoardKey::StopMs, 20, MAX_STOP_MS)?;
+        let residual_ms = self.board_key(BoardKey::ResidualMs, 1, 10_000)?;
+        let enable_ms = self.board_key(BoardKey::EnableMs, 0, 10_000)?;
+        let hold_braked = self.board_key(BoardKey::HoldBrakes, 0, 1)? == 1;
+        let feedback_timeout_ms = self.feedback_timeout_ms()?;
+        if active.is_none() {
+            *active = const { Some(Active::NOTHING) };
+        }
+        let Some(active) = active else {
+            return Ok(());
+        };
+        active.drive_kind = drive_kind;
+        active.bus_bitrate = bus_bitrate;
+        active.stop_ms = stop_ms.cast_unsigned();
+        active.residual_ms = small(residual_ms);
+        active.enable_ms = enable_ms.cast_unsigned();
+        active.feedback_timeout_ms = feedback_timeout_ms;
+        active.hold_braked = hold_braked;
+        Ok(())
+    }
+
+    /// One cable in machine units, into a slot if there is one. Out of line: its temporaries leave
+    /// the stack again.
+    #[inline(never)]
+    fn build_cable(
+        &self,
+        index: u8,
+        periods: Periods,
+        slot: Option<&mut CableConfig>,
+    ) -> Result<(), Reject> {
+        let fields = self.cables.get(usize::from(index));
+        let key = |key: CableKey, low: i32, high: i32| {
+            let value = fields.and_then(|fields| fields.get(key as usize - 1));
+            checked(ConfigKey::cable(index, key), value, low, high)
+        };
+        let refuse = |key: CableKey| Reject::ConfigValue {
+            key: ConfigKey::cable(index, key).0,
+        };
+        // 1 mm to 500 mm keeps every product below in 64 bits; 312689/49766 is 2 pi to 1e-11.
+        let radius = key(CableKey::DrumRadius, 10_000, 5_000_000)?;
+        let circumference_q20 = ((i64::from(radius) * 312_689) << 20) / 49_766;
+        let circumference_q8 = (circumference_q20 + half(12)) >> 12;
+        let counts = key(CableKey::EncoderCountsPerTurn, 16, 1_000_000)?;
+        let sign = key(CableKey::EncoderSign, -1, 1)?;
+        if sign == 0 {
+            return Err(refuse(CableKey::EncoderSign));
+        }
+        let per_count_q24 = i64::from(sign) * rounded(circumference_q20 << 4, i64::from(counts));
+        let motor_counts = key(CableKey::MotorCountsPerTurn, -8_000_000, 8_000_000)?;
+        if motor_counts == 0 {
+            return Err(refuse(CableKey::MotorCountsPerTurn));
+        }
+        let per_rev = key(CableKey::MotorCountsPerRev, 4, 1_000_000)?;
+        let motor_per_length_q32 = (i64::from(motor_counts) << 40) / circumference_q8;
+        // µm/s to rpm: ten 0.1 µm per µm, 60 s per minute.
+        let rpm_per_speed_q32 = motor_per_length_q32.abs() * 600 / i64::from(per_rev);
+        let force = key(CableKey::ForcePerCurrent, -100_000_000, 100_000_000)?;
+        if force == 0 {
+            return Err(refuse(CableKey::ForcePerCurrent));
+        }
+        let gain = i64::from(key(CableKey::TensionGain, 1, 10_000_000)?);
+        let zero_uv = i64::from(key(CableKey::TensionZeroUv, -3_300_000, 3_300_000)?);
+        let tension_max_mn = key(CableKey::TensionMax, 1, 10_000_000)?;
+        let floor_mn = key(CableKey::TensionFloor, 0, tension_max_mn)?;
+        let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, tension_max_mn)?;
+        let max_speed_umps = key(CableKey::MaxSpeed, 1, 20_000_000)?;
+        let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
+        // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
+        let w_dt_q24 = filter_mhz * 105_414_357 / 1_000_000;
+        let alpha_q16 = rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24);
+        let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
+        // One millisecond at one and a half times the largest speed, and a count of rounding.
+        let step = i64::from(max_speed_umps) * 15 * (1 << 24) / 1000 / per_count_q24.abs() + 2;
+        let max_current_ma = key(CableKey::MaxCurrentMa, 1, 32_000)?;
+        let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
+        // A bus has no drive 0: that number calls all of them. 127 is the board itself.
+        let node = key(CableKey::Node, 1, 126)?;
+        let control = match key(CableKey::Control, 0, 1)? {
+            0 => Control::Length,
+            _ => Control::Tension,
+        };
+        // Every drive has its slot, evenly over its period.
+        let (period, syncs) = match control {
+            Control::Length => (periods.by_length, periods.by_length / periods.by_tension),
+            Control::Tension => (periods.by_tension, 1),
+        };
+        let built = CableConfig {
+            control,
+            per_count_q24,
+            half_count: saturate(per_count_q24.abs() >> 25),
+            four_counts: saturate(per_count_q24.abs() >> 22),
+            max_encoder_step: u16::try_from(step.min(16_000)).unwrap_or(16_000),
+            motor_per_length_q32,
+            length_per_motor_q32: (circumference_q8 << 24) / i64::from(motor_counts),
+            rpm_per_speed_q32,
+            speed_per_rpm_q16: (1 << 48) / rpm_per_speed_q32.max(1),
+            motor_reversed: motor_counts < 0,
+            max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
+            max_current_ma,
+            most_ma: max_current_ma - max_current_ma / 32,
+            current_per_force_q32: (1000 << 32) / i64::from(force),
+            // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
+            // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
+            tension_per_adc_q24: gain * 8448 / 10,
+            tension_zero_q24: ((gain * zero_uv / 1000) << 24) / 1000,
+            tension_max_mn,
+            floor_mn,
+            ceiling_mn,
+            law: match key(CableKey::TensionLaw, 0, 1)? {
+                0 => TensionLaw::Pd,
+                _ => TensionLaw::Default,
+            },
+            kp_milli: key(CableKey::TensionKp, 0, 1_000_000)?,
+            kd_us: key(CableKey::TensionKd, 0, 10_000_000)?,
+            ki_milli: key(CableKey::TensionKi, 0, 10_000_000)?,
+            damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000)?,
+            filter_alpha_q16: saturate(alpha_q16),
+            friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
+            mass_g: key(CableKey::DrumMass, 0, 100_000_000)?,
+            lead_us,
+            lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
+            brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)?),
+            following_error: key(CableKey::FollowingError, 10, 1_000_000)? * 10,
+            max_speed_umps,
+            reel_speed_umps: key(CableKey::ReelSpeed, 1, 1_000_000)?,
+            length_min,
+            length_max: key(CableKey::LengthMax, length_min, 2_000_000_000)?,
+            node: u8::try_from(node).unwrap_or(u8::MAX),
+            period_ticks: period,
+            slot: index * period / N.to_le_bytes()[0],
+            syncs,
+            // Counts per ms, times 60,000 ms per minute.
+            rpm_per_count_q16: saturate((60_000 << 16) / i64::from(per_rev)),
+        };
+        if let Some(slot) = slot {
+            *slot = built;
+        }
+        Ok(())
+    }
+}
+
+/// Adds the values that are there, of keys at these places.
+fn hash<K: Copy, const M: usize>(
+    digest: &mut ConfigDigest,
+    values: &Slots<M>,
+    (keys, places): (&[K], Range<usize>),
+    key: impl Fn(K) -> ConfigKey,
+) {
+    for place in places {
+        if let (Some(&each), Some(value)) = (keys.get(place), values.get(place)) {
+            let key = key(each);
+            digest.add(ConfigEntry { key, value });
+        }
+    }
+}
+
+fn refused<T>(key: ConfigKey) -> Result<T, Reject> {
+    Err(Reject::ConfigValue { key: key.0 })
+}
+
+/// Whole ticks of a period.
+fn ticks(key: BoardKey, us: i32) -> Result<u8, Reject> {
+    let ticks = u8::try_from(us / 1000).ok().filter(|_| us % 1000 == 0);
+    ticks.map_or(refused(ConfigKey::board(key)), Ok)
+}
+
+/// The quotient of two positive numbers, rounded to nearest.
+const fn rounded(dividend: i64, divisor: i64) -> i64 {
+    (dividend + divisor / 2) / divisor
+}
+
+fn checked(key: ConfigKey, value: Option<i32>, low: i32, high: i32) -> Result<i32, Reject> {
+    value
+        .filter(|value| (low..=high).contains(value))
+        .ok_or(Reject::ConfigValue { key: key.0 })
+}
+
+/// A value that was just checked to be small.
+fn small(value: i32) -> u16 {
+    u16::try_from(value).unwrap_or(u16::MAX)
+}
