@@ -89,7 +89,7 @@ pub const fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
     clippy::cast_possible_truncation,
     reason = "parts of a number are meant"
 )]
-const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
+pub(crate) const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
     let size = value.unsigned_abs() >> twos;
     let (high, low) = ((size >> 32) as u32, size as u32);
     // The rest is under the divisor: a digit below it, it fits 31 bits.

@@ -41,7 +41,6 @@ pub struct Motion<const N: usize> {
     braking: bool,
     stop_segment: bool,
     next_index: u16,
-    newest: Option<StoredKnot<N>>,
     /// Change of the clock's rate in the last tick.
     change_q16: i32,
     /// The segment's checks were not taken yet.
@@ -51,7 +50,8 @@ pub struct Motion<const N: usize> {
 impl<const N: usize> Default for Motion<N> {
     fn default() -> Self {
         Self {
-            knots: Deque::new(),
+            // A constant: else the board makes it on its stack first.
+            knots: const { Deque::new() },
             start: None,
             segment: None,
             clock_q16: 0,
@@ -60,7 +60,6 @@ impl<const N: usize> Default for Motion<N> {
             braking: false,
             stop_segment: false,
             next_index: 0,
-            newest: None,
             change_q16: 0,
             new_rows: false,
         }
@@ -79,7 +78,6 @@ impl<const N: usize> Motion<N> {
         self.braking = false;
         self.stop_segment = false;
         self.next_index = 0;
-        self.newest = None;
         self.new_rows = false;
     }
 
@@ -103,8 +101,9 @@ impl<const N: usize> Motion<N> {
 
     /// The knot that was appended last.
     #[must_use]
-    pub const fn newest(&self) -> Option<&StoredKnot<N>> {
-        self.newest.as_ref()
+    pub fn newest(&self) -> Option<&StoredKnot<N>> {
+        // Where the buffer is empty, it was taken out last.
+        self.knots.back().or(self.start.as_ref())
     }
 
     /// Whether a motion is buffered that has not begun.
@@ -122,7 +121,7 @@ impl<const N: usize> Motion<N> {
     /// Whether knots reach further than the clock can run while it brakes over `stop_ms`.
     #[must_use]
     pub fn covers_a_stop(&self, stop_ms: u32) -> bool {
-        self.newest.as_ref().is_some_and(|newest| {
+        self.newest().is_some_and(|newest| {
             newest.last || newest.time_ms.saturating_sub(self.path_ms()) >= stop_ms / 2
         })
     }
@@ -130,7 +129,7 @@ impl<const N: usize> Motion<N> {
     /// Times that a next knot may have, ms: from, to.
     #[must_use]
     pub fn time_window_ms(&self) -> (u32, u32) {
-        let Some(newest) = &self.newest else {
+        let Some(newest) = self.newest() else {
             return (0, 0);
         };
         let now = if self.segment.is_some() {
@@ -145,12 +144,17 @@ impl<const N: usize> Motion<N> {
 
     /// Appends a knot that the caller has checked; `false` when full (K7).
     pub fn push(&mut self, knot: StoredKnot<N>) -> bool {
-        if self.stop_segment || self.knots.push_back(knot).is_err() {
-            return false;
+        let slot = self.append();
+        slot.map(|slot| *slot = knot).is_some()
+    }
+
+    /// A new place at the buffer's end, to be filled; `None` when full (K7).
+    pub fn append(&mut self) -> Option<&mut StoredKnot<N>> {
+        if self.stop_segment || self.knots.push_back(StoredKnot::EMPTY).is_err() {
+            return None;
         }
-        self.newest = Some(knot);
         self.next_index = self.next_index.wrapping_add(1);
-        true
+        self.knots.back_mut()
     }
 
     /// Sets the clock running: at once at a motion's start, where the path is at rest, and over

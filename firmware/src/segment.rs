@@ -5,7 +5,9 @@
 //! segments join without a step, whatever the rounding.
 
 use crate::fixed::{half, quotient, saturate, scale_down};
-use mcdpr_protocol::{CableKnot, Coefficient, Knot, MicrometresPerSecond, ResidualRow};
+use mcdpr_protocol::{
+    CableKnot, Coefficient, Knot, MicrometresPerSecond, Millinewtons, ResidualRow, TenthMicrometres,
+};
 
 /// Shortest time between two knots, ms.
 pub const MIN_SPACING_MS: u32 = 4;
@@ -162,42 +164,51 @@ pub struct StoredRow<const N: usize> {
 
 impl<const N: usize> Default for StoredRow<N> {
     fn default() -> Self {
-        Self {
-            lengths: [0; N],
-            tensions: [0; N],
-            limit_um: 0,
-        }
+        Self::NONE
     }
+}
+
+impl<const N: usize> StoredRow<N> {
+    const NONE: Self = Self {
+        lengths: [0; N],
+        tensions: [0; N],
+        limit_um: 0,
+    };
 }
 
 impl<const N: usize> StoredKnot<N> {
-    /// Copies a knot from the wire; missing cables stay zero (the caller has checked the count).
-    #[must_use]
-    pub fn from_wire(knot: &Knot) -> Self {
-        let mut stored = Self {
-            time_ms: knot.time_ms,
-            last: knot.last,
-            cables: [CableKnot::default(); N],
-            rows: [StoredRow::default(); ResidualRow::PER_KNOT],
-        };
-        copy(&mut stored.cables, &knot.cables);
-        for (row, wire) in stored.rows.iter_mut().zip(knot.rows.iter()) {
-            let plain = |value: &Coefficient| value.0;
-            for (slot, value) in row.lengths.iter_mut().zip(wire.lengths.iter().map(plain)) {
-                *slot = value;
-            }
-            for (slot, value) in row.tensions.iter_mut().zip(wire.tensions.iter().map(plain)) {
-                *slot = value;
-            }
+    /// A knot to be filled.
+    pub const EMPTY: Self = Self {
+        time_ms: 0,
+        last: false,
+        cables: [CableKnot {
+            length: TenthMicrometres(0),
+            velocity: MicrometresPerSecond(0),
+            tension: Millinewtons(0),
+        }; N],
+        rows: [StoredRow::NONE; ResidualRow::PER_KNOT],
+    };
+
+    /// Fills an empty knot with one from the wire; missing cables stay zero (the caller has checked
+    /// the count).
+    pub fn fill(&mut self, knot: &Knot) {
+        self.time_ms = knot.time_ms;
+        self.last = knot.last;
+        for (slot, value) in self.cables.iter_mut().zip(knot.cables.iter()) {
+            *slot = *value;
+        }
+        let plain = |(slot, value): (&mut i16, &Coefficient)| *slot = value.0;
+        for (row, wire) in self.rows.iter_mut().zip(knot.rows.iter()) {
+            row.lengths
+                .iter_mut()
+                .zip(wire.lengths.iter())
+                .for_each(plain);
+            row.tensions
+                .iter_mut()
+                .zip(wire.tensions.iter())
+                .for_each(plain);
             row.limit_um = wire.limit.0;
         }
-        stored
-    }
-}
-
-fn copy<T: Copy>(slots: &mut [T], values: &[T]) {
-    for (slot, value) in slots.iter_mut().zip(values) {
-        *slot = *value;
     }
 }
 

@@ -19,12 +19,12 @@ use std::path::PathBuf;
 
 /// A line of some three seconds on the paper's robot.
 const LINE: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
-/// Instructions of a tick while armed and moving, median: what the firmware takes today. The goal
-/// of 1500 is of this very tick, and far (docs/chip.md).
-const ARMED_MEDIAN: u32 = 11_500;
-/// Deepest stack over a motion, bytes, with what the firmware takes today: 9312 bytes of static RAM
-/// and these are 0.4 KB over the goal of 12 KB.
-const ARMED_STACK: u32 = 3400;
+/// Instructions of a tick over a motion, median and most: what the firmware takes today. The goals
+/// of 1500 and 2500 are of this very tick, and missed (docs/chip.md).
+const ARMED_MEDIAN: u32 = 5000;
+const ARMED_MOST: u32 = 8200;
+/// Static RAM and the deepest stack together, bytes.
+const RAM_AND_STACK: u64 = 12 * 1024;
 /// Top of the stack (memory.x).
 const STACK_TOP: u32 = 0x2000_1800;
 
@@ -38,6 +38,20 @@ fn path() -> PathBuf {
 
 fn firmware() -> Firmware {
     Firmware::find(Some(&path())).expect("build the firmware with `cargo fw`")
+}
+
+/// Bytes of RAM that the file takes for good.
+fn static_ram() -> u64 {
+    use object::{Object, ObjectSection, SectionFlags};
+    let bytes = std::fs::read(path()).expect("the firmware's file");
+    let file = object::File::parse(&*bytes).expect("an ELF file");
+    let in_ram = file.sections().filter(|section| {
+        let SectionFlags::Elf { sh_flags } = section.flags() else {
+            return false;
+        };
+        sh_flags & u64::from(object::elf::SHF_ALLOC) != 0 && section.address() >= 0x2000_0000
+    });
+    in_ram.map(|section| section.size()).sum()
 }
 
 fn model() -> Model {
@@ -161,7 +175,13 @@ fn a_motion_costs_no_more_than_it_may() {
     );
     assert_eq!((stats.lost, resets), (0, 0));
     assert!(stats.median <= ARMED_MEDIAN, "median {}", stats.median);
-    assert!(stack <= ARMED_STACK, "{stack} bytes of stack");
+    assert!(stats.max <= ARMED_MOST, "most {}", stats.max);
+    let ram = static_ram();
+    println!(
+        "{ram} bytes of static RAM, {} with the stack",
+        ram + u64::from(stack)
+    );
+    assert!(ram > 4096 && ram + u64::from(stack) <= RAM_AND_STACK);
     assert_eq!((errors.transmit, errors.receive), (0, 0));
     // 2 us at 72 MHz, entry included, under full link, CAN and log load.
     assert!(stats.latency_max <= 144, "{} cycles", stats.latency_max);

@@ -19,8 +19,6 @@ use mcdpr_protocol::message::PANIC_BYTES;
 use mcdpr_protocol::{List, Reply, Tick};
 use static_cell::StaticCell;
 
-/// Commands executed in one tick, at most. The line could bring six; they wait in its ring.
-const COMMANDS_PER_TICK: usize = 2;
 /// From one tick's start to the next, at most: a tenth late is an overrun (P5).
 const LATE_CYCLES: u32 = CYCLES_PER_TICK + CYCLES_PER_TICK / 10;
 
@@ -78,6 +76,8 @@ struct Core {
     inputs: Inputs<CABLES>,
     ends: TickEnds,
     last_panic: List<u8, PANIC_BYTES>,
+    /// The last tick executed a command.
+    executed_before: bool,
     /// Cycle counter at the last tick's start; `None` before the first.
     started: Option<u32>,
 }
@@ -91,8 +91,12 @@ impl Core {
 
         let late = last.is_some_and(|last| cycles.wrapping_sub(last) > LATE_CYCLES);
         self.control(now, late);
-        self.execute(now);
-        self.tell(now);
+        let executed = self.execute(now);
+        // A command and the state each take their time: not both in one tick, unless one command
+        // follows the other.
+        let tells_state = !executed || self.executed_before;
+        self.executed_before = executed;
+        self.tell(now, tells_state);
         life::show(Part::Tick);
     }
 
@@ -109,17 +113,18 @@ impl Core {
         drives.tick(now, controller.config(), outputs, can);
     }
 
+    /// Executes a command, if one waits; whether it did.
     #[inline(never)]
-    fn execute(&mut self, now: Tick) {
-        for _ in 0..COMMANDS_PER_TICK {
-            let Some(command) = self.ends.commands.peek() else {
-                break;
-            };
+    fn execute(&mut self, now: Tick) -> bool {
+        let mut executed = false;
+        // One at most: the line could bring six, which wait in its ring.
+        if let Some(command) = self.ends.commands.peek() {
             if !self.ends.answers.ready() {
-                return;
+                return false;
             }
+            executed = true;
             if !self.server.prepare(command) {
-                return;
+                return executed;
             }
             let mut answer = self.server.receive(now, command, &link::counters());
             self.ends.commands.dequeue();
@@ -136,11 +141,13 @@ impl Core {
         {
             let _ = self.ends.answers.enqueue(answer);
         }
+        executed
     }
 
     #[inline(never)]
-    fn tell(&mut self, now: Tick) {
-        if self.server.status_is_due()
+    fn tell(&mut self, now: Tick, tells_state: bool) {
+        if tells_state
+            && self.server.status_is_due()
             && self.ends.states.ready()
             && let Some(status) = self.server.take_status(&link::counters())
         {
@@ -169,6 +176,7 @@ pub fn hand_over(rim: Rim, ends: TickEnds, reset: &Reset) {
         inputs: Inputs::default(),
         ends,
         last_panic: reset.last_panic.clone(),
+        executed_before: false,
         started: None,
     });
     CORE.store(core, Ordering::Release);

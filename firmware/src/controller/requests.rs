@@ -5,6 +5,7 @@ use super::{
     PerCable, Reject, Reply, Request, START_TOLERANCE, Service, State, StopKind, StoredKnot,
     TICKS_PER_SECOND, Tick, Winch,
 };
+use crate::fixed::long_division;
 use crate::watch::LinkHealth;
 use mcdpr_protocol::{CableKnot, Millinewtons, TenthMicrometres};
 
@@ -338,13 +339,11 @@ impl<const N: usize> Controller<N> {
         if knot.last && knot.cables.iter().any(|cable| cable.velocity.0 != 0) {
             return Err(Reject::KnotEnd);
         }
-        if self.motion.push(StoredKnot::from_wire(knot)) {
-            Ok(Reply::Queued {
-                free: self.motion.free(),
-            })
-        } else {
-            Err(Reject::BufferFull)
-        }
+        let slot = self.motion.append().ok_or(Reject::BufferFull)?;
+        slot.fill(knot);
+        Ok(Reply::Queued {
+            free: self.motion.free(),
+        })
     }
 
     fn check_ranges(&self, knot: &Knot) -> Result<(), Reject> {
@@ -392,11 +391,11 @@ impl<const N: usize> Controller<N> {
         if !later || knot.time_ms < earliest_ms || knot.time_ms > latest_ms {
             return Err(Reject::KnotTime { earliest_ms });
         }
-        let spacing = i64::from(knot.time_ms - newest.time_ms);
+        let spacing = knot.time_ms - newest.time_ms;
         let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
         let pairs = newest.cables.iter().zip(knot.cables.iter());
         for (cable, ((from, to), config)) in (1_u8..).zip(pairs.zip(&active.cables)) {
-            if peak_speed(from, to, spacing) > i64::from(config.max_speed_umps) {
+            if is_faster(from, to, spacing, config.max_speed_umps) {
                 return Err(Reject::KnotSpeed { cable });
             }
         }
@@ -404,25 +403,32 @@ impl<const N: usize> Controller<N> {
     }
 }
 
-/// Largest speed within a segment, µm/s. The derivative is the quadratic with the Bézier values
-/// `start, middle, end`; its extremum, where it lies inside, is exact.
-fn peak_speed(from: &CableKnot, to: &CableKnot, spacing_ms: i64) -> i64 {
+/// Whether a segment is anywhere faster than a limit, µm/s. The derivative is the quadratic with the
+/// Bézier values `start, middle, end`; its extremum, where it lies inside, is exact. `spacing_ms` is
+/// at most [`MAX_SPACING_MS`](crate::segment::MAX_SPACING_MS).
+fn is_faster(from: &CableKnot, to: &CableKnot, spacing_ms: u32, limit_umps: i32) -> bool {
+    let limit = i64::from(limit_umps);
     // 0.1 µm per ms is 100 µm/s.
-    let mean = (i64::from(to.length.0) - i64::from(from.length.0)) * 100 / spacing_ms;
+    let way = (i64::from(to.length.0) - i64::from(from.length.0)) * 100;
+    let mean = long_division(way, spacing_ms, 0);
     // Far over any limit; keeps the squares below in range.
     if mean.abs() > 100_000_000 {
-        return mean.abs();
+        return true;
     }
     let (start, end) = (i64::from(from.velocity.0), i64::from(to.velocity.0));
+    if start.abs() > limit || end.abs() > limit {
+        return true;
+    }
     let middle = 3 * mean - start - end;
     let bend = start - 2 * middle + end;
     let along = (start - middle) * bend.signum();
-    let inner = if bend != 0 && along > 0 && along < bend.abs() {
-        (start * end - middle * middle) / bend
-    } else {
-        0
-    };
-    start.abs().max(end.abs()).max(inner.abs())
+    // The extremum is (start * end - middle²) / bend; where the middle is within the limit, too, it
+    // can not be over it.
+    bend != 0
+        && middle.abs() > limit
+        && along > 0
+        && along < bend.abs()
+        && (start * end - middle * middle).abs() >= (limit + 1) * bend.abs()
 }
 
 #[cfg(test)]
@@ -438,24 +444,43 @@ mod tests {
         }
     }
 
+    /// Asserts the largest speed, µm/s, over 1 s.
+    fn peaks_at(from: &CableKnot, to: &CableKnot, speed: i32) {
+        assert!(!is_faster(from, to, 1000, speed), "more than {speed} µm/s");
+        assert!(is_faster(from, to, 1000, speed - 1), "under {speed} µm/s");
+    }
+
     #[test]
     fn a_rest_to_rest_cubic_peaks_at_one_and_a_half_times_its_mean() {
         // 10 mm in 1 s: mean 10 mm/s.
-        let peak = peak_speed(&knot(0, 0), &knot(100_000, 0), 1000);
-        assert_eq!(peak, 15_000);
-        let back = peak_speed(&knot(100_000, 0), &knot(0, 0), 1000);
-        assert_eq!(back, 15_000);
+        peaks_at(&knot(0, 0), &knot(100_000, 0), 15_000);
+        peaks_at(&knot(100_000, 0), &knot(0, 0), 15_000);
     }
 
     #[test]
     fn constant_speed_and_out_and_back_are_exact() {
-        assert_eq!(
-            peak_speed(&knot(0, 10_000), &knot(100_000, 10_000), 1000),
-            10_000
-        );
+        peaks_at(&knot(0, 10_000), &knot(100_000, 10_000), 10_000);
         // Out and back over 1 s: D = v (1 - 2 s), largest at the ends.
-        assert_eq!(peak_speed(&knot(0, 8000), &knot(0, -8000), 1000), 8000);
+        peaks_at(&knot(0, 8000), &knot(0, -8000), 8000);
         // Same ends, no way: D = v (1 - 6 s (1 - s)), -v/2 in the middle.
-        assert_eq!(peak_speed(&knot(0, 8000), &knot(0, 8000), 1000), 8000);
+        peaks_at(&knot(0, 8000), &knot(0, 8000), 8000);
+    }
+
+    #[test]
+    fn a_speed_that_only_the_inside_of_a_segment_has_is_found_over_any_time() {
+        // From rest to rest the peak is one and a half times the mean, whatever the time.
+        for spacing_ms in [4_u32, 7, 100, 999, 4000] {
+            let way = 30 * spacing_ms.cast_signed();
+            let (from, to) = (knot(0, 0), knot(way, 0));
+            assert!(!is_faster(&from, &to, spacing_ms, 4500), "{spacing_ms}");
+            assert!(is_faster(&from, &to, spacing_ms, 4499), "{spacing_ms}");
+        }
+        // 2^31 of 0.1 µm in 4 ms.
+        assert!(is_faster(
+            &knot(i32::MIN, 0),
+            &knot(i32::MAX, 0),
+            4,
+            i32::MAX
+        ));
     }
 }
