@@ -97,7 +97,7 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
         let recorded = Recorded::open(Path::new(&from.from)).into_diagnostic()?;
         return Ok(Box::new(recorded));
     }
-    let mut robot = picking_robot(&Robot::find(&common.robot)?, None);
+    let mut robot = picking_robot(&Robot::find(&common.robot)?);
     robot.tool.home_in_world_m = workcell::options(&robot)?.look_m;
     let model = Model::new(&robot)?;
     let options = LinkOptions::default();

@@ -29,13 +29,19 @@ pub(crate) struct Cmd {
     /// The jaws can not turn about the tool's axis
     #[arg(long)]
     fixed_jaws: bool,
+    /// Look from this many places before each choice
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=3))]
+    views: u8,
+    /// Take what was chosen without a second look from nearby
+    #[arg(long)]
+    far_only: bool,
+    /// What to pick: `tray`, or `paper` for the paper's one object at (252, -39, -517) mm
+    #[arg(long, default_value = "tray", value_name = "tray|paper", value_parser = ["tray", "paper"])]
+    task: String,
     /// Study: pick this many seeded scenes, 2/3 separate and 1/3 cluttered, with calibrated and
     /// with nominal parameters
     #[arg(long, value_name = "N", conflicts_with_all = ["objects", "clutter", "attempts"])]
     scenes: Option<usize>,
-    /// Tension of cable 4; 0.37 of the platform's weight where none is given
-    #[arg(long, value_name = "N")]
-    tension_n: Option<f64>,
 }
 
 impl Cmd {
@@ -44,13 +50,7 @@ impl Cmd {
             let on = common.on.clone();
             return Err(PickError::NoCamera { on }.into());
         }
-        if let Some(tension_n) = self.tension_n
-            && !(tension_n.is_finite() && tension_n > 0.0)
-        {
-            let why = format!("--tension-n is {tension_n}, it must be over 0");
-            return Err(Failed::from_error("picking")(why).into());
-        }
-        let robot = picking_robot(&Robot::find(&common.robot)?, self.tension_n);
+        let robot = picking_robot(&Robot::find(&common.robot)?);
         let knowledge = match (self.nominal, self.ideal) {
             (true, _) => Knowledge::Nominal,
             (_, true) => Knowledge::Exact,
@@ -81,6 +81,9 @@ impl Cmd {
             seed: common.seed,
             turns: !self.fixed_jaws,
             attempts_max: self.attempts,
+            views: usize::from(self.views),
+            near: !self.far_only,
+            paper: self.task == "paper",
         };
         let scene = study::scene_with(&robot, &wanted, &handle)?;
         if common.json {
@@ -99,7 +102,14 @@ impl Cmd {
         } else {
             both.to_vec()
         };
-        let lines = study::study(robot, scenes, &knowledges, common.seed, !self.fixed_jaws);
+        let lines = study::study(
+            robot,
+            scenes,
+            &knowledges,
+            common.seed,
+            !self.fixed_jaws,
+            !self.far_only,
+        );
         if common.json {
             return print_json(&lines);
         }
@@ -185,6 +195,24 @@ fn tell(scene: &SceneReport) {
             budget.hand_eye_m * 1e3,
             budget.geometry_m * 1e3,
             budget.total_m * 1e3
+        );
+    }
+    if let Some(seen) = scene.report.probe_m {
+        let [x, y, z] = seen.map(|value| value * 1e3);
+        say!("pixel (360, 285) is ({x:.1}, {y:.1}, {z:.1}) mm; the paper has (252, -39, -517) mm");
+    }
+    if let Some(place) = scene.report.returned_m {
+        let [x, y, z] = place.map(|value| value * 1e3);
+        say!("returned to ({x:.0}, {y:.0}, {z:.0}) mm; the paper returns to (335, 0, -9) mm");
+    }
+    if let (Some(least), Some(most)) = (
+        scene.errors_m.iter().copied().reduce(f64::min),
+        scene.errors_m.iter().copied().reduce(f64::max),
+    ) {
+        say!(
+            "the tool closed {:.2} to {:.2} mm from where it should (the simulator's truth)",
+            least * 1e3,
+            most * 1e3
         );
     }
     let end = match &scene.report.end {

@@ -17,6 +17,7 @@ pub struct Arm<L: Link> {
     model: Model,
     hash: ConfigHash,
     tool_m: Vector3<f64>,
+    bias_m: Vector3<f64>,
     carried_kg: f64,
     keep: bool,
     samples: Vec<Measured>,
@@ -30,6 +31,14 @@ const WEIGH_S: f64 = 0.6;
 const WEIGH_READINGS: u32 = 12;
 /// Swing and friction take this much of a tension that was planned, N.
 const SPARE_N: f64 = 0.8;
+/// Lengths are averaged over this time, s.
+const SWING_S: f64 = 0.6;
+/// Readings in that time.
+const SWING_READINGS: u32 = 15;
+/// Closer than this is there, m.
+const REACHED_M: f64 = 2e-4;
+/// What is off by more is not corrected, m.
+const CORRECTED_MAX_M: f64 = 0.025;
 /// Ways shorter than this are none, m.
 const NO_WAY_M: f64 = 1e-6;
 
@@ -74,6 +83,7 @@ impl<L: Link> Arm<L> {
             model,
             hash,
             tool_m,
+            bias_m: Vector3::zeros(),
             carried_kg: 0.0,
             keep: false,
             samples: Vec::new(),
@@ -117,15 +127,54 @@ impl<L: Link> Arm<L> {
         (self.client.now_us() - self.began_us) as f64 * 1e-6
     }
 
-    /// How the robot hangs now, from what the board measures.
+    /// How the robot hangs, from what the board measures over [`SWING_S`]: about a period of its
+    /// slowest swing. Every cable's length counts, so that the friction of pulleys does not.
     ///
     /// # Errors
     /// The line's; where no pose fits.
     pub fn state(&mut self) -> Result<Rest, PickError> {
-        let status = run::status(&mut self.client)?;
-        Ok(self
-            .model
-            .rest_from_lengths(&lengths(&status), &tensions(&status))?)
+        let count = self.model.robot().cables.len();
+        let (mut lengths_m, mut tensions_n) = (vec![0.0; count], vec![0.0; count]);
+        let share = 1.0 / f64::from(SWING_READINGS);
+        for _ in 0..SWING_READINGS {
+            self.wait(SWING_S * share)?;
+            let status = run::status(&mut self.client)?;
+            for (sum, length_m) in lengths_m.iter_mut().zip(lengths(&status)) {
+                *sum += length_m * share;
+            }
+            for (sum, tension_n) in tensions_n.iter_mut().zip(tensions(&status)) {
+                *sum += tension_n * share;
+            }
+        }
+        Ok(self.model.rest_from_all_lengths(&lengths_m, &tensions_n)?)
+    }
+
+    /// Moves the tool to a place and then, by what lengths say of where it hangs, until it is
+    /// there within a tolerance or `tries` corrections are made. What a correction has learned
+    /// holds for the places after it, up to [`Arm::forget`]. Gives what is left, m.
+    ///
+    /// # Errors
+    /// As [`Arm::go`] and [`Arm::state`].
+    pub fn reach(&mut self, place_m: &Vector3<f64>, tries: usize) -> Result<f64, PickError> {
+        self.go(&[place_m + self.bias_m])?;
+        let mut left_m = f64::INFINITY;
+        for _ in 0..tries {
+            let rest = self.state()?;
+            let off = place_m - self.model.tool_m(&rest);
+            left_m = off.norm();
+            // A way that long is no friction: something else is wrong, and not made up for.
+            if !(REACHED_M..CORRECTED_MAX_M).contains(&left_m) {
+                break;
+            }
+            self.bias_m += off;
+            self.go(&[place_m + self.bias_m])?;
+        }
+        Ok(left_m)
+    }
+
+    /// Forgets what [`Arm::reach`] has learned: for places far from it.
+    pub fn forget(&mut self) {
+        self.bias_m = Vector3::zeros();
     }
 
     /// The platform's pose now, world_from_platform.
@@ -145,7 +194,8 @@ impl<L: Link> Arm<L> {
         let mut robot = self.model.robot().clone();
         robot.limits.tension_min_n += SPARE_N;
         robot.limits.tension_max_n -= SPARE_N;
-        self.plan(&Model::new(&robot)?, points_m).map(|_| ())
+        let model = Model::new(&robot)?.with_options(self.model.options());
+        self.plan(&model, points_m).map(|_| ())
     }
 
     fn plan(&self, model: &Model, points_m: &[Vector3<f64>]) -> Result<Option<Plan>, PickError> {
@@ -292,7 +342,7 @@ impl<L: Link> Arm<L> {
         robot.platform.center_of_mass_m =
             (bare_center * bare_kg + tcp * mass_kg) / robot.platform.mass_kg;
         self.carried_kg = mass_kg;
-        self.model = Model::new(&robot)?;
+        self.model = Model::new(&robot)?.with_options(self.model.options());
         // Where the tool is with that load at the lengths that the board holds.
         let status = run::status(&mut self.client)?;
         let held: Vec<f64> = status

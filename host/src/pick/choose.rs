@@ -23,6 +23,19 @@ pub struct Choice {
     pub tilt_rad: f64,
     /// Height of contact on the pads, m.
     pub engaged_m: f64,
+    /// Room between each open pad and the object, m.
+    pub room_m: f64,
+}
+
+impl Choice {
+    /// Rank with the tilt of the tool: of the grasp, of the height on the pads and of the room
+    /// beside it.
+    #[must_use]
+    pub fn rank(&self) -> f64 {
+        let engaged = (self.engaged_m / 0.012).min(1.0);
+        let room = (self.room_m / 0.006).min(1.0);
+        self.grasp.quality * engaged * room
+    }
 }
 
 /// What came of all grasps of a picture.
@@ -121,6 +134,8 @@ pub(super) fn choose(
             Err(Refused::NoRoom) => choices.no_room += 1,
         }
     }
+    // The rank was given to upright fingers: what leaning ones keep of hold and room counts too.
+    choices.good.sort_by(|a, b| b.rank().total_cmp(&a.rank()));
     choices
 }
 
@@ -177,6 +192,7 @@ fn one(
             wrist_rad,
             tilt_rad: rest.equilibrium.pose.tilt_rad(),
             engaged_m: fit.engaged_m,
+            room_m,
         });
         if moved < OFF_M {
             break;

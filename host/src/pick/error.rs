@@ -47,7 +47,9 @@ pub enum PickError {
     #[error("on {on} the pictures must come from a camera, and this build has no driver for one")]
     #[diagnostic(
         code(mcdpr::pick::no_camera),
-        help("pick on the simulator (--on sim), or build with --features realsense")
+        help(
+            "pick on the simulator (--on sim) or on the emulated chip (--on chip); docs/vision.md says what a driver needs"
+        )
     )]
     NoCamera {
         /// Where the robot is.

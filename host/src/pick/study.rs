@@ -6,11 +6,12 @@ use super::{Arm, PickError};
 use crate::control::Handle;
 use crate::experiment;
 use crate::machine::Mismatch;
-use crate::motion::Model;
+use crate::motion::{Model, PlanOptions, Shaping, Tensioning};
 use crate::robot::Robot;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::camera::Order;
+use mcdpr_vision::grasp::{Antipodal, Detector};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -87,26 +88,30 @@ pub struct SceneReport {
     pub grips: Vec<String>,
 }
 
-/// Cable 4's tension over the platform's weight.
-const TENSION_SHARE: f64 = 0.37;
 /// Greatest acceleration, m/s^2, and jerk, m/s^3.
 const GENTLE_MPS2: f64 = 0.5;
 const GENTLE_MPS3: f64 = 4.0;
 
-/// The robot as picking plans with it: cable 4 at a tension that lets the tool reach the tray.
-///
-/// The tension is given, or 0.37 of the platform's weight, at which all cables stay taut from the
-/// look down to the tray (the paper's 10 N leave no equilibrium down there). Acceleration and jerk
-/// are held low: swing hardly dies out, and a swinging tool misses.
+/// The robot as picking plans with it: acceleration and jerk are held low, for a swinging tool
+/// misses.
 #[must_use]
-pub fn picking_robot(robot: &Robot, tension_n: Option<f64>) -> Robot {
+pub fn picking_robot(robot: &Robot) -> Robot {
     let mut robot = robot.clone();
-    let weight_n = robot.platform.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
-    robot.tension.setpoint_n = tension_n.unwrap_or(TENSION_SHARE * weight_n);
     let limits = &mut robot.limits;
     limits.acceleration_mps2 = limits.acceleration_mps2.min(GENTLE_MPS2);
     limits.jerk_mps3 = limits.jerk_mps3.min(GENTLE_MPS3);
     robot
+}
+
+/// How picking plans: swing is taken out of every way, and cable 4 gets the tension that keeps all
+/// cables tautest (the paper's 10 N leave no equilibrium down at its own grasp point).
+#[must_use]
+pub fn planning() -> PlanOptions {
+    PlanOptions {
+        tensioning: Tensioning::MaxMin,
+        shaping: Shaping::Zvd,
+        ..PlanOptions::default()
+    }
 }
 
 /// One scene.
@@ -124,6 +129,12 @@ pub struct Wanted {
     pub turns: bool,
     /// Most attempts.
     pub attempts_max: Option<usize>,
+    /// Views of the tray before each choice.
+    pub views: usize,
+    /// Whether a choice is looked at again from nearby.
+    pub near: bool,
+    /// The paper's single object instead of a tray of them.
+    pub paper: bool,
 }
 
 /// Picks one scene on the simulator.
@@ -143,6 +154,19 @@ pub fn scene_with(
     wanted: &Wanted,
     handle: &Handle,
 ) -> Result<SceneReport, PickError> {
+    scene_by(robot, wanted, handle, &mut Antipodal::default())
+}
+
+/// As [`scene_with`], with another detector.
+///
+/// # Errors
+/// As [`scene_with`].
+pub fn scene_by(
+    robot: &Robot,
+    wanted: &Wanted,
+    handle: &Handle,
+    detector: &mut dyn Detector,
+) -> Result<SceneReport, PickError> {
     let Wanted {
         order,
         count,
@@ -150,16 +174,27 @@ pub fn scene_with(
         seed,
         turns,
         attempts_max,
+        views,
+        near,
+        paper,
     } = *wanted;
     let (mismatch, mounting) = knowledge.mismatch();
-    let model = Model::new(robot)?;
+    let model = Model::new(robot)?.with_options(planning());
     let link = experiment::simulated_robot(&model, &mismatch, seed, &LinkOptions::default())?;
-    let cell = workcell::cell(robot, order, count, seed)?;
+    let (cell, mut options) = if paper {
+        workcell::paper(&model)?
+    } else {
+        let cell = workcell::cell(robot, order, count, seed)?;
+        (cell, workcell::options(robot)?)
+    };
+    workcell::look_from(&mut options, views);
+    if !near {
+        options.near_m = None;
+    }
     let objects = cell.objects().len();
     link.with(|simulation| simulation.set_cell(cell));
     let mut eye = SimulatedEye::new(link.clone(), robot, &mounting, seed);
     let mut witness = Witness::new(link.clone(), *eye.camera());
-    let mut options = workcell::options(robot)?;
     options.turns = turns;
     if let Some(most) = attempts_max {
         options.attempts_max = most;
@@ -168,6 +203,7 @@ pub fn scene_with(
     let report = Picker {
         arm: &mut arm,
         eye: &mut eye,
+        detector,
         options: &options,
     }
     .run(&mut witness)?;
@@ -288,7 +324,7 @@ pub struct Line {
 }
 
 /// Picks `scenes` scenes, two thirds of separate objects and one third of cluttered ones, 5 to 8
-/// objects each, with each knowledge of the machine. Scene `n` has seed `first_seed + n`.
+/// objects each, with each knowledge of the machine, looking again from nearby or not. Scene `n` has seed `first_seed + n`.
 #[must_use]
 pub fn study(
     robot: &Robot,
@@ -296,6 +332,7 @@ pub fn study(
     knowledges: &[Knowledge],
     first_seed: u64,
     turns: bool,
+    near: bool,
 ) -> Vec<Line> {
     let cluttered = scenes / 3;
     let parts = [
@@ -315,6 +352,9 @@ pub fn study(
                         seed: first_seed + number as u64,
                         turns,
                         attempts_max: None,
+                        views: 1,
+                        near,
+                        paper: false,
                     };
                     (wanted.seed, scene(robot, &wanted))
                 })

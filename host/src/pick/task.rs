@@ -1,11 +1,11 @@
 //! The task: look, choose, approach from above, descend, close, verify, lift, carry, release.
 
-use super::choose::{Budget, Choice, Uncertainty, choose, of_transform};
+use super::choose::{Budget, Choice, Choices, Uncertainty, choose, of_transform};
 use super::{Arm, PickError};
 use crate::link::Link;
-use mcdpr_vision::grasp::{Antipodal, Area, Closing, Detector, Hand, HeightMap, NoGrasp, Wanted};
-use mcdpr_vision::{Source, align};
-use nalgebra::{Isometry3, Vector3};
+use mcdpr_vision::grasp::{Area, Closing, Detector, Hand, HeightMap, NoGrasp, Wanted};
+use mcdpr_vision::{Aligned, Source, align};
+use nalgebra::{Isometry3, Vector2, Vector3};
 use serde::Serialize;
 
 /// How to pick.
@@ -13,9 +13,17 @@ use serde::Serialize;
 pub struct Options {
     /// Where the tool hangs to look at the tray, world, m.
     pub look_m: Vector3<f64>,
+    /// Further places to look from: grasps of all views compete.
+    pub more_views_m: Vec<Vector3<f64>>,
+    /// Height over a chosen grasp from which it is looked at again before it is taken, m: what the
+    /// robot's geometry is off by between there and the grasp is less than from further away.
+    pub near_m: Option<f64>,
+    /// A pixel of the first picture whose place in the world is wanted, px.
+    pub probe_px: Option<[f64; 2]>,
     /// Where it releases, world, m.
     pub release_m: Vector3<f64>,
-    /// Where it returns to in the end, world, m; `None`: where it looks.
+    /// Where it returns to in the end, world, m, or as far below as its limits ask for; `None`:
+    /// it stays where it was last.
     pub return_m: Option<Vector3<f64>>,
     /// Middle of the tray's floor, world, m.
     pub tray_m: Vector3<f64>,
@@ -70,6 +78,11 @@ pub struct Attempt {
     pub quality: f64,
     /// Weight by the difference of tensions, N; `None` where nothing was lifted.
     pub lifted_n: Option<f64>,
+    /// Whether that weight says the same as the gripper's switch about what was held.
+    pub weight_agrees: Option<bool>,
+    /// How far the tool was from its place before the jaws closed and the last correction was
+    /// made, by lengths, m.
+    pub left_m: f64,
     /// Error budget of the grasp point.
     pub budget: Budget,
 }
@@ -101,6 +114,10 @@ pub struct Report {
     pub attempts: Vec<Attempt>,
     /// Why it ended.
     pub end: End,
+    /// Place of [`Options::probe_px`] in the world as seen, m.
+    pub probe_m: Option<[f64; 3]>,
+    /// Where it returned to, world, m.
+    pub returned_m: Option<[f64; 3]>,
     /// Time on the link's clock, s.
     pub duration_s: f64,
 }
@@ -130,6 +147,8 @@ pub struct Picker<'a, L: Link> {
     pub arm: &'a mut Arm<L>,
     /// The camera.
     pub eye: &'a mut dyn Source,
+    /// Finds grasps.
+    pub detector: &'a mut dyn Detector,
     /// How.
     pub options: &'a Options,
 }
@@ -140,6 +159,15 @@ const AGAIN_M: f64 = 0.012;
 const WEIGHT_MIN_N: f64 = 0.05;
 /// A lifted weight beyond this is not believed, N.
 const WEIGHT_MAX_N: f64 = 8.0;
+/// Up and down again by this before a weight is taken, m: over the pulleys' presliding.
+const OVERSHOOT_M: f64 = 0.01;
+/// A place of return that can not be reached is tried this much lower, m.
+const LOWER_M: f64 = 0.02;
+/// Corrections by lengths above a grasp, and again at it.
+const TRIES: usize = 2;
+/// A grasp that is seen again within this is the same, m, and sine of an angle.
+const SAME_M: f64 = 0.02;
+const SAME_TURN: f64 = 0.4;
 /// Time for the swing to fade into the average, s.
 const CALM_S: f64 = 0.3;
 
@@ -152,6 +180,7 @@ impl<L: Link> Picker<'_, L> {
     pub fn run(&mut self, watcher: &mut dyn Watcher) -> Result<Report, PickError> {
         let mut attempts: Vec<Attempt> = Vec::new();
         let mut failed: Vec<Vector3<f64>> = Vec::new();
+        let mut probe = None;
         let end = loop {
             if attempts.len() >= self.options.attempts_max {
                 break End::Enough;
@@ -160,9 +189,8 @@ impl<L: Link> Picker<'_, L> {
                 let count = failed.len();
                 break End::Failures { count };
             }
-            self.arm.go(&[self.options.look_m])?;
-            let choice = match self.look(&failed)? {
-                Ok(choice) => choice,
+            let choice = match self.look(&failed, &mut probe)? {
+                Ok(choice) => self.look_again(choice)?,
                 Err(end) => break end,
             };
             let attempt = self.attempt(&choice, watcher)?;
@@ -173,18 +201,122 @@ impl<L: Link> Picker<'_, L> {
             }
             attempts.push(attempt);
         };
-        if let Some(place) = self.options.return_m {
-            self.arm.go(&[place])?;
-        }
+        let returned_m = match self.options.return_m {
+            Some(place) => Some(self.go_back(place)?.into()),
+            None => None,
+        };
         Ok(Report {
             attempts,
             end,
+            probe_m: probe,
+            returned_m,
             duration_s: self.arm.time_s(),
         })
     }
 
-    /// Takes a picture and chooses; the reason where there is nothing to choose.
-    fn look(&mut self, failed: &[Vector3<f64>]) -> Result<Result<Choice, End>, PickError> {
+    /// Goes to a place, or as little below it as its limits ask for.
+    fn go_back(&mut self, mut place: Vector3<f64>) -> Result<Vector3<f64>, PickError> {
+        let mut first = None;
+        while place.z > self.options.look_m.z {
+            match self.arm.judge(&[place]) {
+                Ok(()) => {
+                    self.arm.go(&[place])?;
+                    return Ok(place);
+                }
+                Err(error) => first = first.or(Some(error)),
+            }
+            place.z -= LOWER_M;
+        }
+        match first {
+            Some(error) => Err(error),
+            None => Ok(self.arm.tool_m()),
+        }
+    }
+
+    /// Looks from every view and chooses; the reason where there is nothing to choose.
+    fn look(
+        &mut self,
+        failed: &[Vector3<f64>],
+        probe: &mut Option<[f64; 3]>,
+    ) -> Result<Result<Choice, End>, PickError> {
+        let options = self.options;
+        let mut all = Choices::default();
+        let mut reason: Option<NoGrasp> = None;
+        let (mut count, mut empty) = (0, true);
+        for view in std::iter::once(&options.look_m).chain(&options.more_views_m) {
+            self.arm.go(&[*view])?;
+            match self.view(probe)? {
+                Ok((grasps, choices)) => {
+                    count += grasps;
+                    empty = false;
+                    all.good.extend(choices.good);
+                    all.unreachable += choices.unreachable;
+                    all.no_room += choices.no_room;
+                }
+                Err(NoGrasp::Empty) => {}
+                Err(other) => {
+                    empty = false;
+                    reason = Some(other);
+                }
+            }
+        }
+        if empty {
+            return Ok(Err(End::Empty));
+        }
+        all.good.sort_by(|a, b| b.rank().total_cmp(&a.rank()));
+        let fresh = |choice: &Choice| {
+            let near = |place: &Vector3<f64>| (place - choice.tool_m).norm() < AGAIN_M;
+            !failed.iter().any(near)
+        };
+        for choice in all.good {
+            if fresh(&choice) && self.arm.judge(&self.way_there(&choice)).is_ok() {
+                return Ok(Ok(choice));
+            }
+        }
+        let reason = match reason {
+            Some(reason) if count == 0 => reason.to_string(),
+            _ => format!(
+                "of {count} grasps the robot reaches none that has not failed already: {} out of \
+                 reach, {} without room for the tilted fingers",
+                all.unreachable, all.no_room
+            ),
+        };
+        Ok(Err(End::Unreachable { reason }))
+    }
+
+    /// Looks at a chosen grasp from nearby; the same grasp as seen from there, or the first where it
+    /// is not found again.
+    fn look_again(&mut self, choice: Choice) -> Result<Choice, PickError> {
+        let Some(near_m) = self.options.near_m else {
+            return Ok(choice);
+        };
+        let place = choice.tool_m + Vector3::new(0.0, 0.0, near_m);
+        if self.arm.judge(&[place]).is_err() {
+            return Ok(choice);
+        }
+        self.arm.go(&[place])?;
+        let Ok((_, choices)) = self.view(&mut None)? else {
+            return Ok(choice);
+        };
+        let off = |other: &Choice| (other.tool_m - choice.tool_m).norm();
+        // Jaws that are half a turn further are the same.
+        let turned = |other: &Choice| (other.wrist_rad - choice.wrist_rad).sin().abs();
+        let again = choices
+            .good
+            .into_iter()
+            .filter(|other| off(other) < SAME_M && turned(other) < SAME_TURN)
+            .max_by(|a, b| a.rank().total_cmp(&b.rank()));
+        match again {
+            Some(again) if self.arm.judge(&self.way_there(&again)).is_ok() => Ok(again),
+            _ => Ok(choice),
+        }
+    }
+
+    /// Takes one picture: how many grasps are in it, and those that the robot can do.
+    fn view(
+        &mut self,
+        probe: &mut Option<[f64; 3]>,
+    ) -> Result<Result<(usize, Choices), NoGrasp>, PickError> {
         self.arm.wait(CALM_S)?;
         let world_from_platform = self.arm.world_from_platform()?;
         let frame = self.eye.frame()?;
@@ -193,6 +325,9 @@ impl<L: Link> Picker<'_, L> {
         let platform_from_camera = of_transform(&robot.camera.camera_from_platform).inverse();
         let world_from_camera = world_from_platform * platform_from_camera;
         let options = self.options;
+        if let (None, Some(pixel)) = (&probe, options.probe_px) {
+            *probe = seen_at(&picture, &world_from_camera, pixel);
+        }
         let tray = Isometry3::translation(options.tray_m.x, options.tray_m.y, options.tray_m.z);
         let closing = if options.turns {
             Closing::Any
@@ -208,18 +343,14 @@ impl<L: Link> Picker<'_, L> {
                 half_m: options.tray_half_m,
             }),
         };
-        let unreachable = |reason: String| Ok(Err(End::Unreachable { reason }));
         let map = match HeightMap::new(&picture) {
             Ok(map) => map,
-            Err(reason) => return unreachable(reason.to_string()),
+            Err(reason) => return Ok(Err(reason)),
         };
-        let mut detector = Antipodal::default();
-        let grasps = match detector.detect(&picture, &wanted) {
+        let grasps = match self.detector.detect(&picture, &wanted) {
             Ok(grasps) => grasps,
-            Err(NoGrasp::Empty) => return Ok(Err(End::Empty)),
-            Err(reason) => return unreachable(reason.to_string()),
+            Err(reason) => return Ok(Err(reason)),
         };
-        let count = grasps.len();
         let choices = choose(
             self.arm.model(),
             &map,
@@ -228,20 +359,7 @@ impl<L: Link> Picker<'_, L> {
             &options.hand,
             options.turns,
         );
-        let fresh = |choice: &Choice| {
-            let near = |place: &Vector3<f64>| (place - choice.tool_m).norm() < AGAIN_M;
-            !failed.iter().any(near)
-        };
-        for choice in choices.good {
-            if fresh(&choice) && self.arm.judge(&self.way_there(&choice)).is_ok() {
-                return Ok(Ok(choice));
-            }
-        }
-        unreachable(format!(
-            "of {count} grasps the robot reaches none that has not failed already: {} out of \
-             reach, {} without room for the tilted fingers",
-            choices.unreachable, choices.no_room
-        ))
+        Ok(Ok((grasps.len(), choices)))
     }
 
     fn way_there(&self, choice: &Choice) -> [Vector3<f64>; 2] {
@@ -256,27 +374,29 @@ impl<L: Link> Picker<'_, L> {
     ) -> Result<Attempt, PickError> {
         watcher.chosen(choice);
         let [above, at] = self.way_there(choice);
+        self.arm.forget();
         self.arm.go(&[above])?;
         let before_n = self.arm.mean_tensions_n()?;
-        self.arm.go(&[at])?;
+        self.arm.reach(&above, TRIES)?;
+        let left_m = self.arm.reach(&at, TRIES)?;
         watcher.closing(choice);
         let met = self.arm.grip(true)?;
         let has_switch = self.arm.model().robot().gripper.switch;
+        let up = Vector3::new(0.0, 0.0, OVERSHOOT_M);
         let mut lifted_n = None;
         let outcome = if has_switch && met {
             Outcome::Missed
         } else {
-            self.arm.go(&[above])?;
+            // Down to the height of the first weighing, as then: friction is the same and cancels.
+            self.arm.go(&[above + up, above])?;
             let now_n = self.arm.mean_tensions_n()?;
             let weight_n = self.arm.lift_n(&before_n, &now_n)?;
             lifted_n = Some(weight_n);
-            // The switch is sure; the weight is what there is without one, and tells a loss later.
-            let held = if has_switch {
-                true
-            } else {
-                weight_n > WEIGHT_MIN_N
-            };
-            if held {
+            // A switch tells when the jaws meet, also on the way up; the weight tells without one.
+            let slipped = has_switch && self.arm.grip(true)?;
+            if slipped {
+                Outcome::Lost
+            } else if has_switch || weight_n > WEIGHT_MIN_N {
                 Outcome::Delivered
             } else {
                 Outcome::Missed
@@ -303,6 +423,9 @@ impl<L: Link> Picker<'_, L> {
             width_m: choice.grasp.width_m,
             quality: choice.grasp.quality,
             lifted_n,
+            weight_agrees: lifted_n
+                .map(|weight_n| (weight_n > WEIGHT_MIN_N) == (outcome != Outcome::Missed)),
+            left_m,
             budget: self
                 .options
                 .uncertainty
@@ -331,4 +454,24 @@ impl<L: Link> Picker<'_, L> {
             Outcome::Delivered
         })
     }
+}
+
+/// Place of a pixel in the world (Eqs. 45 and 48): its direction times its distance, through the
+/// camera's place. `None` where it has no distance.
+fn seen_at(
+    picture: &Aligned,
+    world_from_camera: &Isometry3<f64>,
+    pixel: [f64; 2],
+) -> Option<[f64; 3]> {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a pixel of the picture"
+    )]
+    let depth_m = picture
+        .depth
+        .depth_m(pixel[0] as usize, pixel[1] as usize)?;
+    let along = picture.camera.direction(&Vector2::from(pixel));
+    let point = nalgebra::Point3::new(along.x * depth_m, along.y * depth_m, depth_m);
+    Some((world_from_camera * point).coords.into())
 }

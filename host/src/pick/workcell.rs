@@ -3,11 +3,12 @@
 use super::choose::{Choice, Uncertainty};
 use super::task::{Options, Watcher};
 use crate::link::SimulatedLink;
+use crate::motion::Model;
 use crate::robot::{GripperKind, Robot};
 use mcdpr_simulator::camera::{Cell, Frame as Place, Gripper, Lens, Order, Rgbd, Tray};
 use mcdpr_vision::grasp::Hand;
 use mcdpr_vision::{Camera, Cameras, DepthImage, Frame, Image, RgbImage, Source, SourceError};
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix3, Rotation3, Translation3, Vector2, Vector3};
 
 use super::PickError;
 use super::choose::of_transform;
@@ -228,6 +229,9 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
     );
     Ok(Options {
         look_m,
+        more_views_m: Vec::new(),
+        near_m: Some(NEAR_M),
+        probe_px: None,
         release_m: Vector3::new(0.335, 0.1, -0.51),
         return_m: None,
         tray_m,
@@ -245,6 +249,79 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
             focal_baseline_px_m: 607.0 * 0.055,
         },
     })
+}
+
+/// Places around the first view from which a tray is seen too, m.
+const VIEWS_M: [[f64; 2]; 2] = [[0.0, 0.04], [-0.03, -0.03]];
+
+/// More views for a task: `count` in all, three at most.
+pub fn look_from(options: &mut Options, count: usize) {
+    let more = VIEWS_M.iter().take(count.saturating_sub(1));
+    options.more_views_m = more
+        .map(|[x, y]| options.look_m + Vector3::new(*x, *y, 0.0))
+        .collect();
+}
+
+/// Height of the tool over a grasp that is looked at again, m: the camera is then 0.32 m over it,
+/// about the nearest at which a D415 measures at 640 x 480.
+const NEAR_M: f64 = 0.25;
+
+/// The paper's grasp point, world, m.
+pub const PAPER_GRASP_M: [f64; 3] = [0.252, -0.039, -0.517];
+/// Its pixel, px.
+pub const PAPER_PIXEL: [f64; 2] = [360.0, 285.0];
+/// Where the paper's robot returns to, world, m.
+pub const PAPER_RETURN_M: [f64; 3] = [0.335, 0.0, -0.009];
+
+/// The paper's task: one box of 28 mm whose top's middle is the paper's grasp point, seen from where
+/// that point lies at the paper's pixel, released and returned where the paper does.
+///
+/// # Errors
+/// As [`options`]; where the robot can not hang there.
+pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
+    let robot = model.robot();
+    let (gripper, _) = gripper_of(robot)?;
+    let tray = Tray::default();
+    let kinds = mcdpr_simulator::camera::kinds();
+    let mut scene = mcdpr_simulator::camera::Scene {
+        bodies: tray.bodies(),
+        ..Default::default()
+    };
+    if let Some(kind) = kinds.iter().find(|kind| kind.body.name == "small box") {
+        let mut body = kind.body.clone();
+        let [x, y, z] = PAPER_GRASP_M;
+        let middle_m = 0.5 * (z + tray.center_m[2]);
+        body.world_from_body = Place::from_rpy([x, y, middle_m], [0.0, 0.0, 0.3]);
+        scene.bodies.push(body);
+    }
+    let tcp_m = robot.tool.tcp_in_platform_m.into();
+    let mut options = options(robot)?;
+    options.probe_px = Some(PAPER_PIXEL);
+    options.return_m = Some(PAPER_RETURN_M.into());
+    options.attempts_max = 3;
+    // Where to look from: Newton's method on the two coordinates that move the pixel.
+    let camera = color_camera(robot);
+    let platform_from_camera = of_transform(&robot.camera.camera_from_platform).inverse();
+    let pixel = |tool_m: &Vector3<f64>| -> Result<Vector2<f64>, PickError> {
+        let rest = model.rest(tool_m, None)?;
+        let world_from_camera = super::arm::isometry(&rest) * platform_from_camera;
+        let point = world_from_camera.inverse_transform_point(&PAPER_GRASP_M.into());
+        Ok(camera
+            .project(&point)
+            .unwrap_or_else(|| Vector2::from(camera.center_px)))
+    };
+    let step_m = 1e-3;
+    for _ in 0..6 {
+        let here = pixel(&options.look_m)?;
+        let right = pixel(&(options.look_m + Vector3::x() * step_m))? - here;
+        let up = pixel(&(options.look_m + Vector3::y() * step_m))? - here;
+        let slope = Matrix2::from_columns(&[right, up]) / step_m;
+        if let Some(inverse) = slope.try_inverse() {
+            let way = inverse * (Vector2::from(PAPER_PIXEL) - here);
+            options.look_m += Vector3::new(way.x, way.y, 0.0);
+        }
+    }
+    Ok((Cell::new(tray, scene, gripper, tcp_m), options))
 }
 
 /// Height of the camera over the tray when it looks, m.

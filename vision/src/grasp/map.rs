@@ -255,7 +255,7 @@ impl HeightMap {
         Some([walk(-1.0), walk(1.0)])
     }
 
-    /// Lowers a tool straight down at a place until its open fingers are `hand.margin_m` over
+    /// Lowers a tool straight down at a place until its open fingers, with their shafts, are `hand.margin_m` over
     /// what is below, and closes it. `map_from_tool` has the tool's attitude (z up along the
     /// fingers, jaws along y) and place; only its height is not used. `None` where the pads then
     /// hold nothing.
@@ -265,15 +265,22 @@ impl HeightMap {
         let half = hand.opening_m / 2.0;
         let mut height_m = hand.below_m + hand.margin_m;
         let tip = |x: f64, y: f64| map_from_tool.rotation * Vector3::new(x, y, -hand.below_m);
+        // Fingers lean with the tool: higher up they stand elsewhere than their tips.
+        let finger = |x: f64, y: f64, z: f64| map_from_tool.rotation * Vector3::new(x, y, z);
+        let long_m = hand.below_m + hand.shaft_m;
         for side in [-1.0, 1.0] {
             for i in 0..5 {
-                let reach = hand.pad_half_width_m + 0.001;
+                let reach = hand.pad_half_width_m + SIDEWAYS_M;
                 let x = reach * (f64::from(i) / 2.0 - 1.0);
                 for j in 0..6 {
-                    let y = half - 0.001 + (hand.finger_m + 0.002) * f64::from(j) / 5.0;
-                    let arm = tip(x, side * y);
-                    let ground = self.height_m(place.x + arm.x, place.y + arm.y);
-                    height_m = height_m.max(ground + hand.margin_m - arm.z);
+                    let wide_m = hand.finger_m + 2.0 * SIDEWAYS_M;
+                    let y = half - SIDEWAYS_M + wide_m * f64::from(j) / 5.0;
+                    for k in 0..6 {
+                        let z = long_m * f64::from(k) / 5.0 - hand.below_m;
+                        let arm = finger(x, side * y, z);
+                        let ground = self.height_m(place.x + arm.x, place.y + arm.y);
+                        height_m = height_m.max(ground + hand.margin_m - arm.z);
+                    }
                 }
             }
         }
@@ -301,6 +308,9 @@ impl HeightMap {
         })
     }
 }
+
+/// Room beside a finger for what the tool is off, m.
+const SIDEWAYS_M: f64 = 0.0015;
 
 fn median_of_5(mut values: [f32; 5]) -> f32 {
     let mut order = |a: usize, b: usize| {

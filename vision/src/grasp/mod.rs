@@ -2,7 +2,7 @@
 //!
 //! A [`Detector`] gives grasps in the colour camera's frame, best first. [`Antipodal`] needs no
 //! weights: it finds the ground plane, makes a map of heights over it and looks for opposite
-//! edges with room for fingers. Networks bring their own (`network`).
+//! edges with room for fingers. Others come behind the trait.
 
 mod antipodal;
 mod map;
@@ -25,6 +25,8 @@ pub struct Hand {
     pub below_m: f64,
     /// How far the pads reach above the tool point, m.
     pub above_m: f64,
+    /// How far a finger reaches above the tool point before it meets the gripper's body, m.
+    pub shaft_m: f64,
     /// Thickness of a finger, m.
     pub finger_m: f64,
     /// Room that is kept between a finger and everything else, m.
@@ -40,6 +42,7 @@ impl Default for Hand {
             pad_half_width_m: 0.006,
             below_m: 0.005,
             above_m: 0.02,
+            shaft_m: 0.05,
             finger_m: 0.006,
             margin_m: 0.003,
             slope_max_rad: 0.22,
