@@ -194,34 +194,6 @@ impl Model {
         Ok(self.with_lengths(equilibrium))
     }
 
-    /// As [`Model::rest_from_lengths`], with the length of every cable taken as measured, the
-    /// tension-held one's too. How the platform hangs then follows from lengths and gravity alone:
-    /// what pulleys hide of a tension does not matter, where it moves a pose that was found from a
-    /// tension by millimetres.
-    ///
-    /// # Errors
-    /// [`PlanError::Lengths`] where no resting pose fits these lengths.
-    pub fn rest_from_all_lengths(
-        &self,
-        paid_out_m: &[f64],
-        tensions_n: &[f64],
-    ) -> Result<Rest, PlanError> {
-        let cables = self.robot.cables.iter();
-        let held: Vec<_> = cables
-            .zip(paid_out_m.iter().zip(tensions_n))
-            .map(|(cable, (&paid_out, &tension))| {
-                let total = paid_out + cable.routing_length_m;
-                let stretched = total * (1.0 + tension.max(0.0) / cable.ea_n);
-                Held::Length(stretched - cable.routing_length_m)
-            })
-            .collect();
-        let equilibrium = self
-            .geometry
-            .geometrico_static(&held, Start::Cold, &StaticOptions::default())
-            .map_err(|source| PlanError::Lengths { source })?;
-        Ok(self.with_lengths(equilibrium))
-    }
-
     /// Where the tool is in a resting state, world, m.
     #[must_use]
     pub fn tool_m(&self, rest: &Rest) -> Vector3<f64> {

@@ -2,6 +2,7 @@
 
 use super::PickError;
 use crate::control::Handle;
+use crate::estimate::{Measurements, Sigmas, estimate};
 use crate::link::{Client, Link};
 use crate::machine;
 use crate::motion::path::Path;
@@ -128,7 +129,8 @@ impl<L: Link> Arm<L> {
     }
 
     /// How the robot hangs, from what the board measures over [`SWING_S`]: about a period of its
-    /// slowest swing. Every cable's length counts, so that the friction of pulleys does not.
+    /// slowest swing. All lengths and all tensions count, each by its standard deviation: what pulleys
+    /// hide of one tension moves a pose that is found from it alone by millimetres.
     ///
     /// # Errors
     /// The line's; where no pose fits.
@@ -146,7 +148,13 @@ impl<L: Link> Arm<L> {
                 *sum += tension_n * share;
             }
         }
-        Ok(self.model.rest_from_all_lengths(&lengths_m, &tensions_n)?)
+        let measured = Measurements {
+            lengths_m,
+            tensions_n,
+            ..Measurements::default()
+        };
+        let found = estimate(&self.model, &measured, &Sigmas::default(), &self.tool_m);
+        Ok(found.map_err(RunError::from)?.rest)
     }
 
     /// Moves the tool to a place and then, by what lengths say of where it hangs, until it is
