@@ -1,5 +1,7 @@
 //! An ARMv7-M integer core (Cortex-M3): registers, and one instruction at a time.
 
+#[cfg(test)]
+mod coverage;
 pub(crate) mod decode;
 mod decode32;
 mod exception;

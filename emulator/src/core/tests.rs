@@ -89,6 +89,67 @@ fn calls_keep_the_way_back() {
 }
 
 #[test]
+fn jumps_go_where_they_say() {
+    // b .+6; b.w .+12; blx r3; bx lr comes back behind it.
+    let (mut cpu, mut bus) = machine(&[0xE001]);
+    steps(&mut cpu, &mut bus, 1);
+    assert_eq!(cpu.pc, CODE + 6);
+    let (mut cpu, mut bus) = machine(&[0xF000, 0xB804]);
+    steps(&mut cpu, &mut bus, 1);
+    assert_eq!(cpu.pc, CODE + 12);
+    let (mut cpu, mut bus) = machine(&[0x4798]);
+    place(&mut bus, CODE + 0x40, &[0x4770]);
+    cpu.regs[3] = CODE + 0x41;
+    steps(&mut cpu, &mut bus, 1);
+    assert_eq!((cpu.pc, cpu.regs[14]), (CODE + 0x40, CODE + 3));
+    steps(&mut cpu, &mut bus, 1);
+    assert_eq!(cpu.pc, CODE + 2);
+}
+
+#[test]
+fn shifts_that_leave_the_flags() {
+    // lsr.w r0, r1, #4; rrx r2, r3; sub sp, #8; nop.w.
+    let (mut cpu, mut bus) = machine(&[0xEA4F, 0x1011, 0xEA4F, 0x0233, 0xB082, 0xF3AF, 0x8000]);
+    cpu.set_apsr(1 << 29);
+    (cpu.regs[1], cpu.regs[3]) = (0x8000_0010, 2);
+    steps(&mut cpu, &mut bus, 4);
+    assert_eq!((cpu.regs[0], cpu.regs[2]), (0x0800_0001, 0x8000_0001));
+    assert_eq!((cpu.regs[13], cpu.pc), (STACK - 8, CODE + 14));
+    assert_eq!(cpu.apsr(), 1 << 29);
+}
+
+#[test]
+fn loads_and_stores_move_their_base_before_or_after() {
+    // ldrh r4, [r5], #2; strb r4, [r5], #1; str r4, [r5, #4]!; ldr r0, [r1, r2].
+    let code = [0xF835, 0x4B02, 0xF805, 0x4B01, 0xF845, 0x4F04, 0x5888];
+    let (mut cpu, mut bus) = machine(&code);
+    assert_eq!(bus.write(RAM, 4, 0x1234_5678), Ok(()));
+    cpu.regs[5] = RAM;
+    (cpu.regs[1], cpu.regs[2]) = (RAM - 8, 8);
+    steps(&mut cpu, &mut bus, 1);
+    assert_eq!((cpu.regs[4], cpu.regs[5]), (0x5678, RAM + 2));
+    steps(&mut cpu, &mut bus, 1);
+    assert_eq!(cpu.regs[5], RAM + 3);
+    steps(&mut cpu, &mut bus, 1);
+    assert_eq!(cpu.regs[5], RAM + 7);
+    assert_eq!(bus.read(RAM + 7, 4), Ok(0x5678));
+    steps(&mut cpu, &mut bus, 1);
+    // The byte went into the third place, the word from the eighth on.
+    assert_eq!(cpu.regs[0], 0x1278_5678);
+}
+
+#[test]
+fn literals_are_counted_from_the_next_word() {
+    // ldr r0, [pc, #4] at a multiple of four, and ldr.w r1, [pc, #8] behind it.
+    let code = [
+        0x4801, 0xF8DF, 0x1008, 0xBF00, 0x3344, 0x1122, 0x7788, 0x5566,
+    ];
+    let (mut cpu, mut bus) = machine(&code);
+    steps(&mut cpu, &mut bus, 2);
+    assert_eq!((cpu.regs[0], cpu.regs[1]), (0x1122_3344, 0x5566_7788));
+}
+
+#[test]
 fn a_branch_without_the_thumb_bit_is_refused() {
     let (mut cpu, mut bus) = machine(&[0x4718]);
     cpu.regs[3] = HANDLER;
