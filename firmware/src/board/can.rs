@@ -10,13 +10,13 @@ use crate::interrupts;
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, AtomicU32, AtomicUsize, Ordering};
 use cortex_m::peripheral::NVIC;
+use embassy_stm32::pac;
+use embassy_stm32::pac::can::regs::{Mcr, Rfr, Tir, Tsr};
+use embassy_stm32::pac::gpio::vals::{CnfOut, Mode};
+use embassy_stm32::pac::interrupt;
 use heapless::spsc::{Consumer, Producer, Queue};
 use mcdpr_firmware::drives::{BusState, CanFrame, CanPort, Full};
 use static_cell::StaticCell;
-use stm32_metapac as pac;
-use stm32_metapac::can::regs::{Mcr, Rfr, Tir, Tsr};
-use stm32_metapac::gpio::vals::{CnfOut, Mode};
-use stm32_metapac::interrupt;
 
 /// Bit rate times its prescaler: 36 MHz in bits of 18 quanta.
 const QUANTA_HZ: u32 = 36_000_000 / 18;

@@ -1,9 +1,9 @@
 //! Drum encoders: the four timers as quadrature decoders, every edge counted.
 
 use crate::pins::CABLES;
-use stm32_metapac as pac;
-use stm32_metapac::timer::TimGp16;
-use stm32_metapac::timer::vals::{CcmrInputCcs, FilterValue, Sms};
+use embassy_stm32::pac;
+use embassy_stm32::pac::timer::TimGp16;
+use embassy_stm32::pac::timer::vals::{CcmrInputCcs, FilterValue, Sms};
 
 /// Eight equal samples at 72 MHz / 16: shorter pulses than 1.8 us are noise. Edges may follow each
 /// other at 560 kHz, far over any drum: 1024 lines at 10 turns per second give 41 kHz.

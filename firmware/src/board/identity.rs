@@ -1,9 +1,9 @@
 //! Who this board is, and why it started.
 
 use crate::fatal::Record;
+use embassy_stm32::pac;
 use mcdpr_protocol::message::PANIC_BYTES;
 use mcdpr_protocol::{Hello, Info, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause};
-use stm32_metapac as pac;
 
 /// First characters of the git hash, from the build script; empty outside of git.
 const GIT_HASH: &[u8] = env!("MCDPR_GIT_HASH").as_bytes();

@@ -18,7 +18,7 @@ use core::sync::atomic::{Ordering, compiler_fence};
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::register::{basepri, basepri_max};
-use stm32_metapac::Interrupt;
+use embassy_stm32::pac::Interrupt;
 
 /// Priorities as the registers hold them: the upper four bits of a byte.
 const TICK: u8 = 0;

@@ -1,8 +1,8 @@
 //! The watchdog: fed only when the tick and both halves of the link have shown life since.
 
 use core::sync::atomic::{AtomicU8, Ordering};
-use stm32_metapac as pac;
-use stm32_metapac::iwdg::vals::{Key, Pr};
+use embassy_stm32::pac;
+use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 
 /// Its clock is 40 kHz divided by four, but a chip's may be 30 to 60 kHz: these 37.5 ms are 25 to
 /// 50 ms.

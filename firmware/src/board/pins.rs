@@ -27,11 +27,11 @@
 //!
 //! LED: on while armed; a second on, a second off when disarmed; 4 Hz at a fault or emergency stop.
 
+use embassy_stm32::pac;
+use embassy_stm32::pac::gpio::Gpio;
+use embassy_stm32::pac::gpio::regs::{Bsrr, Cr};
 use mcdpr_firmware::{Brake, Outputs, State};
 use mcdpr_protocol::Tick;
-use stm32_metapac as pac;
-use stm32_metapac::gpio::Gpio;
-use stm32_metapac::gpio::regs::{Bsrr, Cr};
 
 /// First of the four brake pins, in port B.
 const FIRST_BRAKE: u32 = 12;

@@ -5,11 +5,11 @@ use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 // The log's transport registers itself.
 use defmt_rtt as _;
+use embassy_stm32::pac;
+use embassy_stm32::pac::afio::vals::SwjCfg;
+use embassy_stm32::pac::flash::vals::Latency;
+use embassy_stm32::pac::rcc::vals::{Adcpre, Pllmul, Pllsrc, Ppre, Sw};
 use mcdpr_firmware::drives::DriveBus;
-use stm32_metapac as pac;
-use stm32_metapac::afio::vals::SwjCfg;
-use stm32_metapac::flash::vals::Latency;
-use stm32_metapac::rcc::vals::{Adcpre, Pllmul, Pllsrc, Ppre, Sw};
 
 /// Core clock, Hz.
 pub const CORE_HZ: u32 = 72_000_000;

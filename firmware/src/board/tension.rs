@@ -10,9 +10,9 @@
 use crate::pins::CABLES;
 use crate::start::CORE_HZ;
 use core::sync::atomic::{AtomicU32, Ordering, fence};
-use stm32_metapac as pac;
-use stm32_metapac::adc::vals::SampleTime;
-use stm32_metapac::bdma::vals::{Dir, Pl, Size};
+use embassy_stm32::pac;
+use embassy_stm32::pac::adc::vals::SampleTime;
+use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
 
 /// ADC channels of PA4, PA5, PB0, PB1.
 const CHANNELS: [u8; CABLES] = [4, 5, 8, 9];

@@ -7,13 +7,13 @@
 use crate::interrupts;
 use crate::start::APB1_HZ;
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering, fence};
+use embassy_stm32::pac;
+use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
+use embassy_stm32::pac::gpio::vals::{CnfOut, Mode};
+use embassy_stm32::pac::interrupt;
 use mcdpr_protocol::Tick;
 use mcdpr_protocol::frame::MAX_FRAME;
 use static_cell::StaticCell;
-use stm32_metapac as pac;
-use stm32_metapac::bdma::vals::{Dir, Pl, Size};
-use stm32_metapac::gpio::vals::{CnfOut, Mode};
-use stm32_metapac::interrupt;
 
 const BAUD: u32 = 921_600;
 /// The line's clock per bit: 39.06, so the line is 0.16 % fast.
