@@ -8,14 +8,16 @@ use mcdpr::link::SimulatedLink;
 use mcdpr::machine::{self, Firmware, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;
+use mcdpr::run::RunError;
 use mcdpr::scenario::{self, Aftermath, Injection, Scenario};
 use mcdpr_emulator::SharedChip;
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultId, SessionId};
+use mcdpr_simulator::can::DriveNodes;
 use mcdpr_simulator::{LinkOptions, Simulation};
 use mcdpr_tests::mcdpr;
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A line of some three seconds on the paper's robot.
 const LINE: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
@@ -208,4 +210,50 @@ fn s7_s8_d3_p7_stop_the_robot_of_the_chip() {
     ] {
         stops(word, fault, within_ms);
     }
+}
+
+/// Tries to arm the paper's robot with these drives after something was done to their electronics;
+/// the fault that the chip names, with its cable. Nothing may have moved, and no brake opened.
+fn arming_fails(protocol: &str, spoil: impl FnOnce(&mut DriveNodes)) -> (FaultId, u8) {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/paper-table5.toml");
+    let text = std::fs::read_to_string(file).unwrap();
+    let text = text.replace("drive = \"rmds\"", &format!("drive = \"{protocol}\""));
+    let model = Model::new(&Robot::parse(&text, Path::new(file)).unwrap()).unwrap();
+    let (link, chip) = robot(&model);
+    link.with(|simulation| spoil(simulation.drives_mut().nodes_mut()));
+    let run = experiment::on_link_at_home(&model, line(), link, Some(SessionId(1)));
+    let Err(RunError::Fault { record, .. }) = run else {
+        panic!("{protocol}: {:?}", run.map(|run| run.samples.len()));
+    };
+    assert!(!chip.with(|chip| chip.brakes_ever_opened()), "{protocol}");
+    (record.fault, record.cable)
+}
+
+#[test]
+fn d5_a_drive_that_is_silent_has_another_number_or_another_mode_is_named_and_does_not_arm() {
+    for protocol in ["rmds", "cia402"] {
+        let silent = |nodes: &mut DriveNodes| {
+            for drive in 0..4 {
+                nodes.fault_mut(drive).expect("a drive").silent = true;
+            }
+        };
+        assert_eq!(
+            arming_fails(protocol, silent),
+            (FaultId::D5, 1),
+            "{protocol}"
+        );
+        let elsewhere = |nodes: &mut DriveNodes| {
+            nodes.fault_mut(1).expect("a drive").node = Some(14);
+        };
+        assert_eq!(
+            arming_fails(protocol, elsewhere),
+            (FaultId::D5, 2),
+            "{protocol}"
+        );
+    }
+    // Profile position, where cyclic synchronous position was asked for; an RMDS tells no mode.
+    let wrong_mode = |nodes: &mut DriveNodes| {
+        nodes.fault_mut(2).expect("a drive").mode = Some(1);
+    };
+    assert_eq!(arming_fails("cia402", wrong_mode), (FaultId::D5, 3));
 }
