@@ -3,7 +3,7 @@
 use crate::control::Handle;
 use crate::link::{Link, Paced, SimulatedLink};
 use crate::machine::{self, Mismatch};
-use crate::motion::{Model, Plan, PlanError, Rest, Task};
+use crate::motion::{Model, Plan, PlanError, PlanOptions, Rest, Task};
 use crate::record::witness::{TruthTap, Watched, Witness};
 use crate::report::{self, Figures};
 use crate::run::{self, Homing, Measured, Progress, Recorder, RunError, Session};
@@ -176,7 +176,8 @@ fn in_calibrated_frame(model: &Model, path: Vec<(f64, [f64; 3])>) -> Vec<(f64, [
     path.into_iter().map(moved).collect()
 }
 
-/// A simulated robot at home behind a line, controlled by the firmware that this program has
+/// A simulated robot at home behind a line, with the tensions that the model's options have there,
+/// controlled by the firmware that this program has
 /// chosen ([`machine::choose_firmware`]), or by the control core in this process.
 ///
 /// # Errors
@@ -210,7 +211,12 @@ pub fn simulated_robot_on(
         },
         None => (model.robot(), mismatch, seed),
     };
-    let home = home(&Model::new(machine)?)?;
+    // A planner that takes the platform for level knows no other way to hang than the others.
+    let hanging = PlanOptions {
+        tensioning: model.options().tensioning,
+        ..PlanOptions::default()
+    };
+    let home = home(&Model::new(machine)?.with_options(hanging))?;
     let params = machine::plant_params(machine, mismatch, seed);
     let simulation = machine::simulate(
         params,

@@ -66,6 +66,21 @@ fn the_page_shows_the_moving_robot() {
         &mut page,
         "mcdpr.live.path_error_m !== null && mcdpr.live.path_error_m < 2e-3",
     );
+    // The camera's picture is there, not blank, with the tag where it is.
+    wait(
+        &mut page,
+        "mcdpr.pictures > 1 && mcdpr.camera.tags.length > 0 && !document.getElementById('camera').hidden",
+    );
+    assert!(page.text("seen").contains("tag 0"), "{}", page.text("seen"));
+    wait(
+        &mut page,
+        "(() => { const c = document.getElementById('picture'); \
+         const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; \
+         const seen = new Set(); let marked = 0; \
+         for (let i = 0; i < d.length; i += 4) { seen.add(d[i] << 16 | d[i + 1] << 8 | d[i + 2]); \
+         if (d[i] === 63 && d[i + 1] === 224 && d[i + 2] === 122) marked++; } \
+         return c.width > 100 && seen.size > 100 && marked > 20; })()",
+    );
     // On a phone nothing sticks out to the side, and the stop button can be seen.
     page.resize(375, 740);
     wait(&mut page, "document.documentElement.scrollWidth <= 376");
@@ -121,7 +136,8 @@ fn hold_and_resume_work_and_those_without_the_token_only_look() {
     guest.run(
         "window.said = null; (() => { const s = new WebSocket(`ws://${location.host}/ws`); \
          s.onopen = () => s.send(JSON.stringify({ id: 7, order: 'stop', token: 'guess' })); \
-         s.onmessage = e => { const m = JSON.parse(e.data); if (m.type === 'answer') window.said = m; }; })()",
+         s.onmessage = e => { if (typeof e.data !== 'string') return; const m = JSON.parse(e.data); \
+         if (m.type === 'answer') window.said = m; }; })()",
     );
     wait(
         &mut guest,
@@ -142,6 +158,115 @@ fn hold_and_resume_work_and_those_without_the_token_only_look() {
     let mut other = Browser::start();
     let mut page = other.open(&serve.address());
     wait(&mut page, "mcdpr.live && mcdpr.live.age_s < 0.5");
+}
+
+#[test]
+fn a_held_jog_button_moves_the_tool_and_letting_go_stops_it() {
+    let _alone = alone();
+    let serve = Serve::start(&["--idle"]);
+    let mut browser = Browser::start();
+    let mut page = browser.open(&serve.with_token());
+    wait(&mut page, "mcdpr.may && mcdpr.live.state === 'Disarmed'");
+    let press = |page: &mut Page, what: &str| {
+        let act = format!(
+            "document.querySelector('[data-jog=\"1,0,0\"]').dispatchEvent(new PointerEvent('{what}'))"
+        );
+        page.run(&act);
+    };
+    // The robot arms while the button is held, and then goes.
+    press(&mut page, "pointerdown");
+    wait(
+        &mut page,
+        "mcdpr.live.state === 'Holding' && mcdpr.live.pose",
+    );
+    let from = page.number("mcdpr.live.pose.tool_m[0]");
+    wait(
+        &mut page,
+        &format!("mcdpr.live.pose.tool_m[0] > {from} + 0.01"),
+    );
+    press(&mut page, "pointerup");
+    wait(&mut page, "mcdpr.live.state === 'Holding'");
+    let at = page.number("mcdpr.live.pose.tool_m[0]");
+    assert!(at < from + 0.1, "it went on: from {from} to {at}");
+    // Nobody jogs any more: the brakes close by themselves.
+    wait(
+        &mut page,
+        "mcdpr.live.state === 'Disarmed' && mcdpr.live.brakes_open === 0",
+    );
+    // A jog that is too fast is refused in words, and nothing moves.
+    page.run(
+        "window.fast = null; (() => { const s = new WebSocket(`ws://${location.host}/ws`); \
+         s.onopen = () => s.send(JSON.stringify({ id: 9, order: 'jog', token: 'letmein', velocity_mps: [9, 0, 0] })); \
+         s.onmessage = e => { if (typeof e.data !== 'string') return; const m = JSON.parse(e.data); \
+         if (m.type === 'answer') window.fast = m; }; })()",
+    );
+    wait(
+        &mut page,
+        "window.fast && !window.fast.ok && window.fast.reason.includes('9000 mm/s')",
+    );
+    assert!(page.truth("mcdpr.live.state === 'Disarmed'"));
+}
+
+#[test]
+fn picking_is_shown_with_the_grasp_in_the_picture() {
+    use std::io::{BufRead as _, BufReader};
+    let _alone = alone();
+    let folder = std::env::temp_dir().join(format!("mcdpr-page-pick-{}", std::process::id()));
+    let mut pick = mcdpr_tests::mcdpr()
+        .args([
+            "pick",
+            "--objects",
+            "1",
+            "--attempts",
+            "1",
+            "--serve",
+            "0",
+            "--record",
+        ])
+        .arg(&folder)
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(pick.stdout.take().unwrap()).lines();
+    let address = lines
+        .find_map(|line| {
+            line.unwrap()
+                .strip_prefix("to give orders:")
+                .map(|a| a.trim().to_owned())
+        })
+        .unwrap();
+    let mut browser = Browser::start();
+    let mut page = browser.open(&address);
+    wait(&mut page, "mcdpr.camera && mcdpr.camera.grasp");
+    let seen = page.text("seen");
+    assert!(seen.contains("grasp") && seen.contains("mm wide"), "{seen}");
+    page.run("document.getElementById('stop').click()");
+    assert_eq!(pick.wait().unwrap().code(), Some(130));
+    // The picture with its marks is in the record, which says why it can not be replayed.
+    let bytes = std::fs::read(folder.join("run.mcap")).unwrap();
+    let record = mcdpr::record::mcap::read(&bytes).unwrap();
+    for topic in ["/camera/image", "/camera/marks"] {
+        let found = record
+            .messages
+            .iter()
+            .find(|message| record.topic(message.channel) == Some(topic));
+        let value: serde_json::Value = serde_json::from_slice(&found.unwrap().data).unwrap();
+        if topic == "/camera/image" {
+            let data = value["data"].as_str().unwrap();
+            assert!(data.starts_with("iVBORw0KGgo") && data.len() > 20_000);
+        } else {
+            assert_eq!(value["points"][0]["points"].as_array().unwrap().len(), 4);
+        }
+    }
+    let replay = mcdpr_tests::mcdpr()
+        .arg("replay")
+        .arg(&folder)
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&replay.stderr);
+    assert_eq!(replay.status.code(), Some(1), "{message}");
+    assert!(message.contains("it went by pictures"), "{message}");
+    std::fs::remove_dir_all(folder).unwrap();
 }
 
 #[test]

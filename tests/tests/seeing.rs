@@ -112,6 +112,90 @@ fn a_run_is_reported_compared_and_exported() {
 }
 
 #[test]
+fn what_a_run_was_planned_with_and_single_orders_replay_too() {
+    let folder = Folder::new("options");
+    let at = folder.0.as_path();
+    std::fs::write(at.join("short.toml"), TASK).unwrap();
+    let proof = |name: &str| -> Value {
+        serde_json::from_str(&good(at, &["replay", name, "--json"])).unwrap()
+    };
+    // Shaper and tension rule are part of what was run.
+    let options = ["--shaping", "zv", "--tensioning", "setpoint"];
+    let mut shaped = vec!["run", "short.toml", "--record", "shaped"];
+    shaped.extend(options);
+    good(at, &shaped);
+    let shaped = proof("shaped");
+    assert!(shaped["host_bytes"].as_u64().unwrap() > 1000, "{shaped}");
+    assert!(shaped["core_bytes"].as_u64().unwrap() > 10_000, "{shaped}");
+    // Of single orders the core is run again; who gave them is not.
+    good(at, &["move", "275", "-85", "-180", "--record", "moved"]);
+    let moved = proof("moved");
+    assert!(moved["host_bytes"].is_null(), "{moved}");
+    assert!(moved["core_bytes"].as_u64().unwrap() > 10_000, "{moved}");
+    let text = good(at, &["report", "moved"]);
+    assert!(!text.contains("FAIL"), "{text}");
+}
+
+#[test]
+#[cfg(unix)]
+fn a_killed_run_is_readable_up_to_the_last_second_and_a_size_limit_ends_only_the_record() {
+    use std::time::{Duration, Instant};
+    let folder = Folder::new("killed");
+    let at = folder.0.as_path();
+    let mut run = mcdpr()
+        .args([
+            "run",
+            "paper:table7",
+            "--time-scale",
+            "1",
+            "--record",
+            "killed",
+        ])
+        .current_dir(at)
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    // The record exists once the run has begun, in simulated time that keeps the wall's.
+    let file = at.join("killed/run.mcap");
+    let give_up = Instant::now() + Duration::from_secs(60);
+    while !file.is_file() {
+        assert!(Instant::now() < give_up, "no record was begun");
+        std::thread::yield_now();
+    }
+    let began = Instant::now();
+    while began.elapsed() < Duration::from_secs(4) {
+        std::thread::yield_now();
+    }
+    let ran_s = began.elapsed().as_secs_f64();
+    run.kill().unwrap();
+    run.wait().unwrap();
+    let report: Value = serde_json::from_str(&good(at, &["report", "killed", "--json"])).unwrap();
+    let recorded_s = report["judgement"]["duration_s"].as_f64().unwrap();
+    // A second may be missing at the end; a slow start of the program, too.
+    assert!(
+        recorded_s > ran_s - 2.0,
+        "{recorded_s} s of {ran_s} s are there"
+    );
+    good(at, &["replay", "killed"]);
+    // A limit on the size of files is met in the middle of the motion, which goes on.
+    std::fs::write(at.join("short.toml"), TASK).unwrap();
+    let output = std::process::Command::new("sh")
+        .args([
+            "-c",
+            "ulimit -f 300; exec \"$MCDPR\" run short.toml --record limited",
+        ])
+        .env("MCDPR", mcdpr().get_program())
+        .current_dir(at)
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{message}");
+    assert!(message.contains("it ends early"), "{message}");
+    assert!(String::from_utf8_lossy(&output.stdout).contains("path error"));
+}
+
+#[test]
 fn a_robot_file_is_begun_checked_and_shown() {
     let folder = Folder::new("config");
     let at = folder.0.as_path();
@@ -269,4 +353,38 @@ fn reproduce_prints_the_papers_numbers_beside_ours() {
         message.contains("table9") && message.contains("circle"),
         "{message}"
     );
+}
+
+#[test]
+fn a_grasp_cycle_is_where_it_should_be_and_a_knock_is_answered_as_fast_as_the_papers() {
+    use mcdpr::reproduce::{Bench, reproduce};
+    let bench = Bench {
+        seed: 1,
+        seeds: 1,
+        firmware: None,
+    };
+    let only = ["grasp-cycle", "tension-disturbed"].map(str::to_owned);
+    let outcomes = reproduce(&bench, &only, |_, _, _| {}).unwrap();
+    let [cycle, knock] = outcomes.as_slice() else {
+        panic!("two experiments");
+    };
+    let numbers = |cell: &str| -> Vec<f64> {
+        cell.split(" / ")
+            .filter_map(|n| n.split(' ').next()?.parse().ok())
+            .collect()
+    };
+    // The tool is where the grasp is, and further off without a calibration.
+    let calibrated = numbers(&cycle.rows[0].realistic);
+    assert!(calibrated.iter().all(|off| *off < 1.5), "{calibrated:?}");
+    let assembled = &cycle.rows[1].realistic;
+    assert!(
+        assembled.starts_with("all of") || numbers(assembled)[0] > calibrated[0],
+        "{assembled}"
+    );
+    assert!(cycle.charts.len() == 5 && cycle.charts.iter().all(|c| !c.curves.is_empty()));
+    // Back in the band of 0.5 N within a second, with the geared winch, too.
+    for row in [&knock.rows[0], &knock.rows[2]] {
+        let back = numbers(&row.realistic);
+        assert!(back.len() == 2 && back[1] < 1.0, "{row:?}");
+    }
 }

@@ -236,18 +236,36 @@ fn write_png(
     form: (png::ColorType, png::BitDepth),
     bytes: &[u8],
 ) -> Result<(), SourceError> {
-    let [width, height] = size.map(|value| u32::try_from(value).unwrap_or(u32::MAX));
     let file = File::create(path).map_err(|error| unwritable(path, error))?;
-    let mut encoder = png::Encoder::new(BufWriter::new(file), width, height);
+    encode(BufWriter::new(file), size, form, bytes).map_err(|error| unwritable(path, error))
+}
+
+fn encode(
+    to: impl std::io::Write,
+    size: [usize; 2],
+    form: (png::ColorType, png::BitDepth),
+    bytes: &[u8],
+) -> Result<(), png::EncodingError> {
+    let [width, height] = size.map(|value| u32::try_from(value).unwrap_or(u32::MAX));
+    let mut encoder = png::Encoder::new(to, width, height);
     encoder.set_color(form.0);
     encoder.set_depth(form.1);
-    encoder
-        .write_header()
-        .and_then(|mut writer| {
-            writer.write_image_data(bytes)?;
-            writer.finish()
-        })
-        .map_err(|error| unwritable(path, error))
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(bytes)?;
+    writer.finish()
+}
+
+/// An 8-bit RGB picture as the bytes of a PNG file; empty for a picture without pixels.
+#[must_use]
+pub fn color_as_png(picture: &RgbImage) -> Vec<u8> {
+    let form = (png::ColorType::Rgb, png::BitDepth::Eight);
+    let size = [picture.width(), picture.height()];
+    let mut bytes = Vec::new();
+    // Writing to memory can not fail; a picture of no size can not be encoded.
+    if encode(&mut bytes, size, form, picture.pixels().as_flattened()).is_err() {
+        bytes.clear();
+    }
+    bytes
 }
 
 /// Writes an 8-bit RGB picture.

@@ -97,6 +97,8 @@ pub struct Truth {
     pub world_from_body: Vec<Pose>,
     /// camera_from_platform.
     pub camera_from_platform: Pose,
+    /// True poses of the data, world_from_platform.
+    pub poses: Vec<Pose>,
     /// True poses of the held-out set, world_from_platform.
     pub holdout: Vec<Pose>,
     /// Length per reading.
@@ -305,6 +307,18 @@ fn hang(
         .then(|| (hang.pose, std::array::from_fn(|i| hang.tensions_n[i])))
 }
 
+impl Truth {
+    /// Has the methods judged at these poses (world_from_platform) in place of random ones.
+    pub fn judge_at(&mut self, data: &mut Data, poses: &[Pose]) {
+        let Some(body) = self.world_from_body.first() else {
+            return;
+        };
+        let from_body = inverse(body);
+        data.holdout = poses.iter().map(|pose| compose(&from_body, pose)).collect();
+        self.holdout = poses.to_vec();
+    }
+}
+
 /// Simulates data; `None` if no robot could be made of the numbers (never with the built-in ones).
 #[must_use]
 pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
@@ -440,6 +454,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     while holdout.len() < 120 {
         holdout.extend(random_equilibrium(&robot, &mut dice).map(|(pose, ..)| pose));
     }
+    let poses = taken.iter().map(|(pose, ..)| *pose).collect();
     let observed = observe(setup, &silent, &robot, &noise, taken, &mut dice)?;
     data.poses = observed.0;
     data.holdout = holdout
@@ -451,6 +466,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         initial_length_m: observed.1,
         world_from_body,
         camera_from_platform,
+        poses,
         holdout,
         drum_scale: 1.0 + silent.drum,
     };

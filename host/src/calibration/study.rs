@@ -17,6 +17,10 @@ pub struct Errors {
     pub rms_m: f64,
     /// Root mean square of the yaw error, rad.
     pub yaw_rms_rad: f64,
+    /// Yaw error at each pose, rad.
+    pub yaw_rad: Vec<f64>,
+    /// Mean absolute error of the predicted lengths (since the first pose), m.
+    pub length_mean_m: f64,
     /// Share of the poses whose error lies in the 95 % region of the stated covariance.
     pub inside_95: f64,
 }
@@ -38,15 +42,16 @@ pub fn errors(truth: &Truth, predicted_m: &[Vec<f64>], answer: Option<&Answer>) 
         .iter()
         .filter_map(|cable| Robot::new([*cable], platform).ok())
         .collect();
-    let (mut position_m, mut squares, mut yaws, mut inside) = (Vec::new(), 0.0, 0.0, 0usize);
+    let (mut position_m, mut yaw_rad, mut lengths_m) = (Vec::new(), Vec::new(), Vec::new());
+    let mut inside = 0usize;
     for (k, (pose, predicted)) in truth.holdout.iter().zip(predicted_m).enumerate() {
         let lengths = truth.robot.lengths_m(pose).ok()?;
         let wrong: Vec<f64> = (0..4)
             .map(|i| predicted[i] * truth.drum_scale - (lengths[i] - truth.initial_length_m[i]))
             .collect();
         let (moved, yaw) = displacement(&singles, pose, &wrong).ok()?;
-        squares += moved.norm_squared();
-        yaws += yaw * yaw;
+        yaw_rad.push(yaw);
+        lengths_m.extend(wrong.iter().map(|w| w.abs()));
         if let Some(covariance) = answer.and_then(|a| a.holdout_covariance_m2.get(k)) {
             let distance = covariance.cholesky().map(|c| moved.dot(&c.solve(&moved)));
             inside += usize::from(distance.is_some_and(|d| d <= CHI2_3_95));
@@ -54,10 +59,14 @@ pub fn errors(truth: &Truth, predicted_m: &[Vec<f64>], answer: Option<&Answer>) 
         position_m.push(moved);
     }
     let n = position_m.len().max(1) as f64;
+    let squares: f64 = position_m.iter().map(Vector3::norm_squared).sum();
+    let yaws: f64 = yaw_rad.iter().map(|yaw| yaw * yaw).sum();
     Some(Errors {
         position_m,
         rms_m: (squares / n).sqrt(),
         yaw_rms_rad: (yaws / n).sqrt(),
+        yaw_rad,
+        length_mean_m: lengths_m.iter().sum::<f64>() / lengths_m.len().max(1) as f64,
         inside_95: inside as f64 / n,
     })
 }

@@ -2,14 +2,14 @@
 
 use super::progress::Bar;
 use super::reaction;
-use super::recorded::Recorded;
+use super::recorded::{About, Recorded};
 use super::run::{figure_rows, tool_height_m};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment::{self, Orders, SimulatedRun};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
-use crate::record::TaskSource;
+use crate::record::{Doing, TaskSource};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
@@ -99,7 +99,15 @@ fn recorded(
     let source = TaskSource::of("paper:table7", tool_height_m(model.robot(), HEIGHT_MM));
     // The same seed shall give the same run, bytes on the wire included.
     let session = SessionId(1);
-    let recorded = Recorded::start_named("demo", common, model, source, session, &mismatch)?;
+    let about = About {
+        name: "demo",
+        task: source,
+        session,
+        mismatch: &mismatch,
+        doing: Doing::Task,
+        at_home: true,
+    };
+    let recorded = Recorded::start(common, model, about)?;
     let bar = Bar::new("realistic machine");
     let seen = (&recorded.witness, session);
     let orders = Orders::default();

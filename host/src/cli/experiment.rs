@@ -3,7 +3,7 @@
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::link::{ClientError, SerialLink};
-use crate::motion::Model;
+use crate::motion::{Model, PlanOptions, Tensioning};
 use crate::report::RunFolder;
 use crate::robot::{LawKind, Robot};
 use crate::run::{RunError, watch_for_interrupts};
@@ -86,7 +86,14 @@ impl Cmd {
             }
             .into());
         }
-        let model = Model::new(&robot)?;
+        let mut model = Model::new(&robot)?;
+        if self.setpoint_n.is_some() {
+            // The tension that was asked for, and not the one that suits the place best.
+            model = model.with_options(PlanOptions {
+                tensioning: Tensioning::Setpoint,
+                ..PlanOptions::default()
+            });
+        }
         let held = model.tension_held().unwrap_or(0);
         let experiment = Experiment::find(&self.what, held, robot.cables.len())?;
         if common.dry_run {
@@ -103,7 +110,7 @@ impl Cmd {
                 pulley_loss: self.pulley_loss,
                 ..Change::default()
             };
-            Bench::start(&robot, &change, common.seed)?.run(&experiment.script)?
+            Bench::start_with(model.clone(), &change, common.seed)?.run(&experiment.script)?
         } else {
             let link = SerialLink::open(&common.on)
                 .map_err(|error| RunError::from(ClientError::from(error)))?;

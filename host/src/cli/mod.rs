@@ -193,6 +193,18 @@ enum Command {
 }
 
 impl Common {
+    /// The calibration to apply: the one that was asked for, or the one beside the robot file.
+    pub(crate) fn calibration_file(&self) -> Option<PathBuf> {
+        match self.calibration.as_deref() {
+            Some("none") => None,
+            Some(file) => Some(PathBuf::from(file)),
+            None => {
+                let beside = crate::calibration::result::path_for(&self.robot);
+                beside.is_file().then_some(beside)
+            }
+        }
+    }
+
     /// The robot with its calibration, if there is one.
     ///
     /// # Errors
@@ -200,16 +212,8 @@ impl Common {
     pub(crate) fn robot(&self) -> miette::Result<crate::robot::Robot> {
         use crate::calibration::result;
         let designed = crate::robot::Robot::find(&self.robot)?;
-        let path = match self.calibration.as_deref() {
-            Some("none") => return Ok(designed),
-            Some(file) => PathBuf::from(file),
-            None => {
-                let beside = result::path_for(&self.robot);
-                if !beside.is_file() {
-                    return Ok(designed);
-                }
-                beside
-            }
+        let Some(path) = self.calibration_file() else {
+            return Ok(designed);
         };
         let robot = result::apply(&designed, &path)?;
         let simulated = robot.calibrated.as_ref().and_then(|c| c.simulated_seed);
@@ -230,6 +234,8 @@ pub type Outcome = miette::Result<()>;
 
 /// Reads the command line, does what it says, and gives the exit code.
 pub fn main() -> ExitCode {
+    #[cfg(unix)]
+    take_file_size_limit_as_an_error();
     let mut cli = order::parse();
     let _ = miette::set_hook(Box::new(|_| {
         Box::new(miette::MietteHandlerOpts::new().width(100).build())
@@ -301,6 +307,17 @@ pub fn main() -> ExitCode {
             ExitCode::from(u8::try_from(code).unwrap_or(1))
         }
     }
+}
+
+/// A file that meets its size limit (`ulimit -f`) is a write that fails, like one on a full disk,
+/// and not the end of the program in the middle of a motion.
+#[cfg(unix)]
+fn take_file_size_limit_as_an_error() {
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicBool;
+    let seen = Arc::new(AtomicBool::new(false));
+    // Where the system has no room for a handler there is none for a robot either.
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, seen);
 }
 
 /// Prints one JSON document.

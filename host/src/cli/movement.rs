@@ -122,7 +122,7 @@ fn go(
         };
     }
     let bar = Bar::new(name);
-    let plan = with_session(common, &model, None, |mut session| {
+    let plan = with_session(common, &model, Some(name), None, |mut session| {
         let plan = match session.plan(task, speed_mps) {
             Err(RunError::Plan(error)) if is_there(&error) => {
                 session.close()?;
@@ -181,6 +181,9 @@ impl Jog {
         let velocity_mps = place_m(&self.velocity_mm_s);
         jog::check(&model, &velocity_mps, self.seconds)?;
         if common.dry_run {
+            if common.json {
+                return print_json(&serde_json::json!({ "allowed": "jog" }));
+            }
             say!(
                 "jog: {:.0} mm/s for {} s is allowed; nothing was moved",
                 velocity_mps.norm() * 1e3,
@@ -188,7 +191,7 @@ impl Jog {
             );
             return Ok(());
         }
-        let (from, to, why) = with_session(common, &model, None, |mut session| {
+        let (from, to, why) = with_session(common, &model, Some("jog"), None, |mut session| {
             session.arm()?;
             let from = session.tool_m();
             let why = session.jog(velocity_mps, self.seconds)?;
@@ -232,14 +235,16 @@ impl Home {
             }
             return home_by_tag(common, &model);
         } else {
-            with_session(common, &model, Some(Homing::Place(place)), ended)?
+            with_session(common, &model, None, Some(Homing::Place(place)), ended)?
         };
         homed(common, session)
     }
 }
 
 /// Where the robot is, and nothing moved.
-fn ended(session: Session<'_, Box<dyn Link>>) -> Result<(Vector3<f64>, Vec<f64>), RunError> {
+fn ended<'a>(
+    session: Session<'a, Box<dyn Link + 'a>>,
+) -> Result<(Vector3<f64>, Vec<f64>), RunError> {
     let found = (session.tool_m(), session.at().paid_out_m.clone());
     session.close()?;
     Ok(found)
@@ -297,7 +302,7 @@ impl Arm {
         }
         // A simulated robot in this process has no other terminal's work to wait for.
         let seconds = self.seconds.or((common.on == "sim").then_some(1.0));
-        with_session(common, &model, None, |mut session| {
+        with_session(common, &model, Some("arm"), None, |mut session| {
             session.arm()?;
             if !common.json {
                 eprintln!("armed: it holds under tension; Ctrl-C or `mcdpr stop` ends it");
@@ -312,7 +317,7 @@ impl Arm {
 impl Disarm {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let model = Model::new(&common.robot()?)?;
-        with_session(common, &model, None, |mut session| {
+        with_session(common, &model, None, None, |mut session| {
             session.client().stop(mcdpr_protocol::StopKind::Stop)?;
             crate::run::wait_for(session.client(), mcdpr_protocol::BoardState::Disarmed, 3.0)?;
             session.close()
@@ -325,7 +330,7 @@ impl Gripper {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let model = Model::new(&common.robot()?)?;
         let closed = self.what == Fingers::Close;
-        let fault = with_session(common, &model, None, |mut session| {
+        let fault = with_session(common, &model, None, None, |mut session| {
             session.gripper(closed)?;
             let status = crate::run::status(session.client())?;
             session.close()?;

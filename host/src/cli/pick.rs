@@ -1,11 +1,16 @@
 //! `mcdpr pick`: empty a tray.
 
+use super::recorded::{About, Recorded};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
+use crate::control::Handle;
+use crate::motion::Model;
 use crate::pick::study::{self, Knowledge, SceneReport, picking_robot};
 use crate::pick::{End, Outcome as Came, PickError};
+use crate::record::{Doing, TaskSource};
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
+use mcdpr_protocol::SessionId;
 use mcdpr_simulator::camera::Order;
 
 /// Pick objects from a tray until it is empty: look, choose, take, verify, carry, release
@@ -42,6 +47,10 @@ pub(crate) struct Cmd {
     /// with nominal parameters
     #[arg(long, value_name = "N", conflicts_with_all = ["objects", "clutter", "attempts"])]
     scenes: Option<usize>,
+    /// Show it in a browser on this machine, in real time, with the camera's pictures; 8650 where
+    /// no port is given
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650", conflicts_with = "scenes")]
+    serve: Option<u16>,
 }
 
 impl Cmd {
@@ -71,7 +80,7 @@ impl Cmd {
             .into());
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        let handle = crate::control::Handle::new();
+        let handle = Handle::new();
         #[cfg(unix)]
         let _listening = super::orders::listen(common, &handle)?;
         let wanted = study::Wanted {
@@ -85,7 +94,7 @@ impl Cmd {
             near: !self.far_only,
             paper: self.task == "paper",
         };
-        let scene = study::scene_with(&robot, &wanted, &handle)?;
+        let scene = self.watched(common, &robot, &wanted, &handle)?;
         if common.json {
             return print_json(&scene);
         }
@@ -95,6 +104,51 @@ impl Cmd {
 }
 
 impl Cmd {
+    /// Picks one scene, recorded, and in a browser where that is wanted.
+    fn watched(
+        &self,
+        common: &Common,
+        robot: &Robot,
+        wanted: &study::Wanted,
+        handle: &Handle,
+    ) -> miette::Result<SceneReport> {
+        let model = Model::new(robot)?;
+        let task = TaskSource {
+            name: "pick".to_owned(),
+            text: None,
+            tool_z_m: 0.0,
+        };
+        let (mismatch, _) = wanted.knowledge.mismatch();
+        let about = About {
+            name: "pick",
+            task,
+            session: SessionId(1),
+            mismatch: &mismatch,
+            doing: Doing::Pictures,
+            at_home: true,
+        };
+        let mut recorded = Recorded::start(common, &model, about)?;
+        let page = self
+            .serve
+            .map(|port| super::run::page(port, &model, handle, &mut recorded, common))
+            .transpose()?;
+        let watching = study::Watching {
+            witness: Some(&recorded.witness),
+            time_scale: common.checked_time_scale()?.or(self.serve.map(|_| 1.0)),
+            keep: false,
+        };
+        let outcome = study::scene_with(robot, wanted, handle, &watching);
+        drop(page);
+        let folder = recorded.finish();
+        if let Ok(scene) = &outcome
+            && let Err(error) = folder.write_json("summary.json", scene)
+        {
+            super::run::incomplete(&error);
+        }
+        eprintln!("run folder: {}", folder.path().display());
+        Ok(outcome?)
+    }
+
     fn study(&self, common: &Common, robot: &Robot, scenes: usize, known: Knowledge) -> Outcome {
         let both = [Knowledge::Calibrated, Knowledge::Nominal];
         let knowledges = if self.ideal {

@@ -4,11 +4,29 @@ use super::{Common, Failed};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::witness::Patience;
-use crate::record::{FILE_NAME, Machine, Recording, Scenario, Summary, TaskSource, Witness};
+use crate::record::{
+    Doing, FILE_NAME, Machine, Recording, RobotText, Scenario, Summary, TaskSource, Witness,
+};
 use crate::report::RunFolder;
 use mcdpr_protocol::SessionId;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+
+/// What a record is of.
+pub(crate) struct About<'a> {
+    /// Name of the folder.
+    pub(crate) name: &'a str,
+    /// The task.
+    pub(crate) task: TaskSource,
+    /// Number of the session on the wire.
+    pub(crate) session: SessionId,
+    /// How far the simulated machine is from its description.
+    pub(crate) mismatch: &'a Mismatch,
+    /// What the host does.
+    pub(crate) doing: Doing,
+    /// Whether the host takes the robot to hang at home.
+    pub(crate) at_home: bool,
+}
 
 /// A run's folder, and those who watch the run.
 pub(crate) struct Recorded {
@@ -16,48 +34,35 @@ pub(crate) struct Recorded {
     pub(crate) folder: RunFolder,
     /// Whom the run is shown to.
     pub(crate) witness: Witness,
+    doing: Doing,
     summary: Option<Arc<Mutex<Summary>>>,
     lost: Option<Arc<AtomicU64>>,
 }
 
 impl Recorded {
+    /// Whether it is the record of a task.
+    pub(crate) fn is_of_task(&self) -> bool {
+        self.doing == Doing::Task
+    }
+
     /// Makes the folder and starts the record. A record that can not be started is told, and the
     /// run goes on without: only a folder that the user asked for must be there.
     ///
     /// # Errors
     /// A folder that can not be made.
-    pub(crate) fn start(
-        common: &Common,
-        model: &Model,
-        task: TaskSource,
-        session: SessionId,
-        mismatch: &Mismatch,
-    ) -> Result<Self, Failed> {
-        let name = task.name.clone();
-        Self::start_named(&name, common, model, task, session, mismatch)
-    }
-
-    /// As [`Recorded::start`], with another name for the folder than the task's.
-    ///
-    /// # Errors
-    /// A folder that can not be made.
-    pub(crate) fn start_named(
-        name: &str,
-        common: &Common,
-        model: &Model,
-        task: TaskSource,
-        session: SessionId,
-        mismatch: &Mismatch,
-    ) -> Result<Self, Failed> {
+    pub(crate) fn start(common: &Common, model: &Model, about: About<'_>) -> Result<Self, Failed> {
+        let About {
+            name,
+            task,
+            session,
+            mismatch,
+            doing,
+            at_home,
+        } = about;
         let failed = || Failed::from_error("making the run's folder");
         let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
         let simulated = common.on == "sim";
-        let machine = if crate::machine::chosen_firmware().is_some() {
-            // What the chip's firmware does can not be done again by the core in this process.
-            Machine::Port {
-                name: "chip".to_owned(),
-            }
-        } else if simulated {
+        let machine = if simulated {
             Machine::Simulated {
                 mismatch: *mismatch,
                 seed: common.seed,
@@ -68,10 +73,21 @@ impl Recorded {
                 name: common.on.clone(),
             }
         };
-        let scenario = Scenario::new(&common.robot, task, session.0, machine);
+        let mut scenario = Scenario::new(&common.robot, task, session.0, machine);
+        scenario.options = model.options();
+        scenario.doing = doing;
+        scenario.at_home = at_home;
+        if model.robot().calibrated.is_some() {
+            scenario.calibration = common.calibration_file().and_then(|path| {
+                let text = crate::files::read_text(&path).ok()?;
+                let name = path.file_name()?.to_string_lossy().into_owned();
+                Some(RobotText { name, text })
+            });
+        }
         let mut recorded = Self {
             folder,
             witness: Witness::default(),
+            doing,
             summary: None,
             lost: None,
         };

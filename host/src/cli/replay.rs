@@ -36,11 +36,16 @@ impl Cmd {
                 "realtime_factor": factor,
             }));
         }
-        say!(
-            "host: sent the same {} bytes again in {} calls of the line",
-            proof.host_bytes,
-            proof.calls
-        );
+        let calls = proof.calls;
+        match proof.host_bytes {
+            Some(bytes) => {
+                say!("host: sent the same {bytes} bytes again in {calls} calls of the line")
+            }
+            None => say!(
+                "host: not run again; people or pictures told it what to do ({calls} calls of the \
+                 line)"
+            ),
+        }
         match proof.core_bytes {
             Some(bytes) => say!("core and plant: answered the same {bytes} bytes again"),
             None => say!(

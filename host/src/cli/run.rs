@@ -4,20 +4,21 @@
 use super::orders::listen;
 use super::plan::Options;
 use super::progress::Bar;
-use super::recorded::Recorded;
+use super::recorded::{About, Recorded};
 use super::serve::{PageDesk, announce};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
+use crate::control::Handle;
 use crate::experiment::{self, Orders, Run};
 use crate::link::SerialLink;
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task, Watch};
 use crate::record::witness::Patience;
-use crate::record::{TaskSource, Watched};
+use crate::record::{Doing, TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::{Homing, new_session, watch_for_interrupts};
-use crate::serve::{Feed, FeedWatcher, Server};
+use crate::serve::{CameraWatcher, Feed, FeedWatcher, Server};
 use mcdpr_protocol::SessionId;
 use serde::Serialize;
 use std::sync::Arc;
@@ -86,10 +87,19 @@ impl Cmd {
         } else {
             new_session()
         };
-        let mut recorded = Recorded::start(common, &model, source, session, &mismatch)?;
+        let folder_name = source.name.clone();
+        let about = About {
+            name: &folder_name,
+            task: source,
+            session,
+            mismatch: &mismatch,
+            doing: Doing::Task,
+            at_home: common.on == "sim" || self.at_home,
+        };
+        let mut recorded = Recorded::start(common, &model, about)?;
         let _page = self
             .serve
-            .map(|port| page(port, &model, &orders, &mut recorded, common))
+            .map(|port| page(port, &model, &orders.handle, &mut recorded, common))
             .transpose()?;
         let witness = &recorded.witness;
         let outcome = if common.on == "sim" {
@@ -126,7 +136,9 @@ impl Cmd {
         let (run, realtime_factor) = outcome.inspect_err(|_| {
             eprintln!("what happened is recorded in {}", folder.path().display());
         })?;
-        save(&model, &name, &run, &folder)?;
+        if let Err(error) = save(&model, &name, &run, &folder) {
+            incomplete(&error);
+        }
         let figures = run.figures(&model)?;
         let document = Document {
             figures,
@@ -135,9 +147,9 @@ impl Cmd {
             realtime_factor,
             run_folder: Some(folder.path().display().to_string()),
         };
-        folder
-            .write_json("summary.json", &document)
-            .map_err(Failed::from_error("writing the run folder"))?;
+        if let Err(error) = folder.write_json("summary.json", &document) {
+            incomplete(&error);
+        }
         if common.json {
             return print_json(&document);
         }
@@ -155,10 +167,10 @@ impl Cmd {
 }
 
 /// Shows a run in a browser.
-fn page(
+pub(crate) fn page(
     port: u16,
     model: &Model,
-    orders: &Orders,
+    handle: &Handle,
     recorded: &mut Recorded,
     common: &Common,
 ) -> miette::Result<Server> {
@@ -166,9 +178,16 @@ fn page(
     let watcher = FeedWatcher::new(feed.clone(), model.clone());
     let added = recorded.witness.add(watcher, Patience::Drop);
     added.map_err(Failed::from_error("starting the viewers' thread"))?;
+    // Who picks shows the pictures that he goes by.
+    if common.on == "sim" && recorded.is_of_task() {
+        let camera = CameraWatcher::new(feed.clone(), model.robot(), common.seed);
+        let added = recorded.witness.add(camera, Patience::Drop);
+        added.map_err(Failed::from_error("starting the camera's thread"))?;
+    }
     let desk = Arc::new(PageDesk {
-        handle: orders.handle.clone(),
+        handle: handle.clone(),
         start: None,
+        most_mps: model.robot().limits.speed_mps,
     });
     let server = Server::start(port, None, model.robot(), feed, desk)?;
     if !common.json {
@@ -180,6 +199,11 @@ fn page(
 /// Height of the tool when a level platform's origin is at `z_mm`, m.
 pub(crate) fn tool_height_m(robot: &Robot, z_mm: f64) -> f64 {
     z_mm * 1e-3 + robot.tool.tcp_in_platform_m.z
+}
+
+/// A disk that is full now does not undo a motion that was made.
+pub(crate) fn incomplete(error: &dyn std::fmt::Display) {
+    eprintln!("warning: the run's folder is incomplete: {error}");
 }
 
 /// Writes samples and plot of a run.

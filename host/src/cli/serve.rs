@@ -1,6 +1,6 @@
 //! `mcdpr serve`: the live page, and a robot behind it.
 
-use super::recorded::Recorded;
+use super::recorded::{About, Recorded};
 use super::run::tool_height_m;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::{Handle, Order};
@@ -9,11 +9,10 @@ use crate::link::{Client, ClientError, Link, Paced, SerialLink};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
 use crate::record::witness::{Patience, TruthTap, Watched};
-use crate::record::{TaskSource, Witness};
-use crate::robot::Robot;
-use crate::run::{self, RunError, interrupted, new_session, watch_for_interrupts};
-use crate::serve::{Desk, Feed, FeedWatcher, Server};
-use mcdpr_protocol::Request;
+use crate::record::{Doing, TaskSource, Witness};
+use crate::run::{self, Homing, RunError, Session, interrupted, new_session, watch_for_interrupts};
+use crate::serve::{CameraWatcher, Desk, Feed, FeedWatcher, Server};
+use mcdpr_protocol::{Request, SessionId};
 use mcdpr_simulator::LinkOptions;
 use std::io::Write as _;
 use std::sync::Arc;
@@ -22,8 +21,13 @@ use std::time::Duration;
 
 /// The port that the page has, unless another is asked for.
 pub(crate) const PORT: u16 = 8650;
-/// Time that an order may take before the page is told that it is under way.
-const ANSWER: Duration = Duration::from_millis(400);
+/// Time that an order may take before the page is told that it is under way: a stop that follows
+/// on the same connection waits no longer.
+const ANSWER: Duration = Duration::from_millis(50);
+/// A robot that was armed for jogging holds this long after the last jog, s.
+const JOG_HOLD_S: f64 = 3.0;
+/// How long a jog order is valid without another one, s.
+const JOG_VALID_S: f64 = 0.2;
 /// Time between looks at an idle board, µs.
 const LOOK_US: u64 = 40_000;
 
@@ -52,10 +56,40 @@ pub(crate) struct PageDesk {
     pub(crate) handle: Handle,
     /// Whether Start was pressed; `None` where a page can not start anything.
     pub(crate) start: Option<Arc<AtomicBool>>,
+    /// Greatest speed of a jog, m/s.
+    pub(crate) most_mps: f64,
+}
+
+impl PageDesk {
+    /// A jog is not waited for either: it is repeated as long as its button is held.
+    fn jog(&self, message: &serde_json::Value) -> Result<(), String> {
+        if self.start.is_none() {
+            return Err("a task is under way: stop it first".to_owned());
+        }
+        let velocity = message["velocity_mps"].as_array();
+        let axes = velocity.into_iter().flatten();
+        let axes: Vec<_> = axes.filter_map(serde_json::Value::as_f64).collect();
+        let velocity_mps: [f64; 3] = axes
+            .try_into()
+            .map_err(|_| "a jog needs velocity_mps, three numbers in m/s".to_owned())?;
+        let speed = velocity_mps.iter().map(|v| v * v).sum::<f64>().sqrt();
+        if speed.is_nan() || speed > self.most_mps {
+            let most = self.most_mps * 1e3;
+            return Err(format!(
+                "a jog of {:.0} mm/s is asked for, the robot's limit is {most:.0} mm/s",
+                speed * 1e3
+            ));
+        }
+        self.handle.order(Order::Jog {
+            velocity_mps,
+            valid_s: JOG_VALID_S,
+        });
+        Ok(())
+    }
 }
 
 impl Desk for PageDesk {
-    fn order(&self, name: &str, _message: &serde_json::Value) -> Result<(), String> {
+    fn order(&self, name: &str, message: &serde_json::Value) -> Result<(), String> {
         let ticket = match name {
             "stop" => {
                 if let Some(start) = &self.start {
@@ -68,6 +102,7 @@ impl Desk for PageDesk {
             "hold" => self.handle.pause(),
             "resume" => self.handle.resume(),
             "clear" => self.handle.clear(),
+            "jog" => return self.jog(message),
             "start" => {
                 let start = self.start.as_ref();
                 let start = start.ok_or("this page can not start a task")?;
@@ -82,7 +117,7 @@ impl Desk for PageDesk {
     fn orders(&self) -> Vec<&'static str> {
         let mut orders = vec!["stop", "hold", "resume", "clear"];
         if self.start.is_some() {
-            orders.push("start");
+            orders.extend(["start", "jog"]);
         }
         orders
     }
@@ -90,7 +125,7 @@ impl Desk for PageDesk {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let robot = Robot::find(&common.robot)?;
+        let robot = common.robot()?;
         let model = Model::new(&robot)?;
         let height_m = tool_height_m(&robot, self.z_mm);
         let task = Task::find(&self.task, height_m)?;
@@ -98,6 +133,9 @@ impl Cmd {
         experiment::plan_from_home(&model, task.clone())?;
         if common.dry_run {
             eprintln!("the task is within every limit; nothing was started");
+            if common.json {
+                return print_json(&serde_json::json!({ "allowed": task.name }));
+            }
             return Ok(());
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
@@ -108,6 +146,7 @@ impl Cmd {
         let desk = PageDesk {
             handle: handle.clone(),
             start: Some(Arc::clone(&start)),
+            most_mps: robot.limits.speed_mps,
         };
         let token = self.token.clone();
         let server = Server::start(self.port, token, &robot, feed.clone(), Arc::new(desk))?;
@@ -154,6 +193,16 @@ pub(crate) fn announce(server: &Server, common: &Common) -> Outcome {
     Ok(())
 }
 
+/// What somebody wants of an idle robot, and whether its lengths are known.
+enum Wanted {
+    /// The program shall end.
+    Nothing,
+    /// The task.
+    Task { referenced: bool },
+    /// Jogs.
+    Jogs { referenced: bool },
+}
+
 struct Show<'a> {
     common: &'a Common,
     model: &'a Model,
@@ -174,17 +223,33 @@ impl Show<'_> {
             let mut idle = Witness::default();
             let failed = || Failed::from_error("starting the viewers' thread");
             idle.add(watcher(), Patience::Drop).map_err(failed())?;
-            let more = self.wait(watched(&mut *link, &idle, tap));
-            idle.finish();
-            if !more? {
-                return Ok(());
+            if tap.is_some() {
+                idle.add(self.camera(), Patience::Drop).map_err(failed())?;
             }
+            let wanted = self.wait(watched(&mut *link, &idle, tap));
+            idle.finish();
+            let (jogs, referenced) = match wanted? {
+                Wanted::Nothing => return Ok(()),
+                Wanted::Task { referenced } => (false, referenced),
+                Wanted::Jogs { referenced } => (true, referenced),
+            };
             let session = new_session();
+            // A chip's firmware does not know that its robot is simulated.
+            let at_home = tap.is_some() && !referenced;
             let recorded = record
                 .then(|| {
                     let source = self.source.clone();
                     let mismatch = Mismatch::realistic();
-                    Recorded::start(self.common, self.model, source, session, &mismatch)
+                    let name = if jogs { "jog" } else { &self.source.name };
+                    let about = About {
+                        name,
+                        task: source,
+                        session,
+                        mismatch: &mismatch,
+                        doing: if jogs { Doing::Orders } else { Doing::Task },
+                        at_home,
+                    };
+                    Recorded::start(self.common, self.model, about)
                 })
                 .transpose()?;
             let (mut witness, rest) = match recorded.map(Recorded::split) {
@@ -192,11 +257,27 @@ impl Show<'_> {
                 None => (Witness::default(), None),
             };
             witness.add(watcher(), Patience::Drop).map_err(failed())?;
-            self.feed.set_task(&self.task.name);
+            if tap.is_some() {
+                witness
+                    .add(self.camera(), Patience::Drop)
+                    .map_err(failed())?;
+            }
+            let name = if jogs { "jogging" } else { &self.task.name };
+            self.feed.set_task(name);
+            let homing = if at_home {
+                Homing::Place(self.model.robot().tool.home_in_world_m)
+            } else {
+                Homing::Known
+            };
             let line = watched(&mut *link, &witness, tap).with_orders(&self.handle);
             let (task, handle) = (self.task.clone(), &self.handle);
-            let outcome =
-                experiment::on_link_with(self.model, task, line, Some(session), handle, |_| {});
+            let outcome = if jogs {
+                self.jog(line, session, homing)
+            } else {
+                let number = Some(session);
+                experiment::on_link_homed(self.model, task, line, number, handle, homing, |_| {})
+                    .map(|_| ())
+            };
             self.feed.set_task("");
             witness.finish();
             if let Some(rest) = rest {
@@ -204,7 +285,8 @@ impl Show<'_> {
             }
             match outcome {
                 // The simulated robot goes around again; a real one waits to be asked.
-                Ok(_) => {
+                Ok(()) if jogs => self.feed.say("jogging is over: brakes closed"),
+                Ok(()) => {
                     self.feed.say("the task is done");
                     if tap.is_some() && self.handle.stop_ordered().is_none() {
                         self.start.store(true, Ordering::SeqCst);
@@ -225,13 +307,33 @@ impl Show<'_> {
         }
     }
 
-    /// Looks at the idle robot until a task is wanted; `false` where the program shall end.
-    fn wait(&self, link: impl Link) -> Result<bool, RunError> {
+    fn camera(&self) -> CameraWatcher {
+        CameraWatcher::new(self.feed.clone(), self.model.robot(), self.common.seed)
+    }
+
+    /// Arms, and does the jogs that come until none has come for a while.
+    fn jog(&self, link: impl Link, session: SessionId, homing: Homing<'_>) -> Result<(), RunError> {
+        let mut session = Session::open(self.model, link, session, &self.handle, homing)?;
+        session.arm()?;
+        self.feed.say("armed: hold a jog button to move the tool");
+        loop {
+            let before_m = session.tool_m();
+            session.hold(Some(JOG_HOLD_S))?;
+            if session.tool_m() == before_m {
+                break;
+            }
+        }
+        session.disarm()
+    }
+
+    /// Looks at the idle robot until something is wanted.
+    fn wait(&self, link: impl Link) -> Result<Wanted, RunError> {
         let mut client = Client::connect(link, new_session())?;
         let outcome = loop {
             if interrupted() {
-                break false;
+                break Wanted::Nothing;
             }
+            let mut jogs = false;
             while let Some((ticket, order)) = self.handle.take() {
                 let outcome = match order {
                     Order::Clear => match client.request(Request::ClearFault) {
@@ -239,7 +341,15 @@ impl Show<'_> {
                         Err(refused @ ClientError::Refused { .. }) => Err(refused.to_string()),
                         Err(error) => return Err(error.into()),
                     },
-                    Order::Stop | Order::Emergency => Ok(()),
+                    Order::Stop | Order::Emergency => {
+                        jogs = false;
+                        Ok(())
+                    }
+                    // Those that come when the robot is armed are done.
+                    Order::Jog { velocity_mps, .. } => {
+                        jogs |= velocity_mps != [0.0; 3];
+                        Ok(())
+                    }
                     other => Err(format!("{} is not possible: nothing moves", other.name())),
                 };
                 self.handle.done(ticket, outcome);
@@ -247,12 +357,16 @@ impl Show<'_> {
             // Whoever stopped the last task has been obeyed, also where Start came at once.
             self.handle.start_anew();
             let status = run::status(&mut client)?;
-            if self.start.swap(false, Ordering::SeqCst) {
-                if status.fault.is_none() {
-                    break true;
+            let referenced = status.referenced;
+            let starts = self.start.swap(false, Ordering::SeqCst);
+            if starts || jogs {
+                match status.fault {
+                    None if starts => break Wanted::Task { referenced },
+                    None => break Wanted::Jogs { referenced },
+                    Some(_) => self
+                        .feed
+                        .say("a fault is latched; mend its cause, then clear it"),
                 }
-                self.feed
-                    .say("start: a fault is latched; mend its cause, then clear it");
             }
             let look = client.now_us() + LOOK_US;
             client.pump(look)?;

@@ -52,6 +52,8 @@ pub enum Note<'a> {
     Plan(&'a crate::motion::Plan),
     /// Words for the record.
     Remark(&'a str),
+    /// A picture that was taken, with what was found in it.
+    Picture(&'a crate::sight::Shown),
 }
 
 impl<L: Link + ?Sized> Link for &mut L {

@@ -3,12 +3,13 @@
 use super::PickError;
 use crate::control::Handle;
 use crate::estimate::{Measurements, Sigmas, estimate};
-use crate::link::{Client, Link};
+use crate::link::{Client, Link, Note};
 use crate::machine;
 use crate::motion::path::Path;
 use crate::motion::{Model, Plan, Rest, Step};
 use crate::robot::Robot;
 use crate::run::{self, Measured, Recorder, RunError};
+use crate::sight::Shown;
 use mcdpr_protocol::{ConfigHash, Request, SessionId, Status};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
@@ -108,6 +109,11 @@ impl<L: Link> Arm<L> {
     #[must_use]
     pub fn planned(&self) -> &[(f64, [f64; 3])] {
         &self.planned
+    }
+
+    /// Shows a picture to those who watch the line.
+    pub fn show(&mut self, picture: &Shown) {
+        self.client.note(Note::Picture(picture));
     }
 
     /// The robot as planned with.
@@ -237,6 +243,7 @@ impl<L: Link> Arm<L> {
         };
         let status = run::status(&mut self.client)?;
         let knots = run::joined_to(&plan, &status, &self.model)?;
+        self.client.note(Note::Plan(&plan));
         let mut recorder = Recorder::default();
         let from_s = self.time_s();
         run::follow(&mut self.client, &knots, &mut recorder, |_| {})?;

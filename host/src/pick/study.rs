@@ -5,9 +5,13 @@ use super::workcell::{self, Mounting, SimulatedEye, Witness};
 use super::{Arm, PickError};
 use crate::control::Handle;
 use crate::experiment;
+use crate::link::{Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::{Model, PlanOptions, Shaping, Tensioning};
+use crate::record::witness::{TruthTap, Watched};
 use crate::robot::Robot;
+use crate::run::Measured;
+use crate::sight::Shown;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::camera::Order;
@@ -86,6 +90,33 @@ pub struct SceneReport {
     pub errors_m: Vec<f64>,
     /// What the jaws got at each closing, in words.
     pub grips: Vec<String>,
+    /// How it went, where that was wanted.
+    #[serde(skip)]
+    pub kept: Option<Kept>,
+}
+
+/// How a scene went. Times from the start of picking, s.
+#[derive(Debug, Clone, Default)]
+pub struct Kept {
+    /// What the board measured.
+    pub samples: Vec<Measured>,
+    /// Where the tool was to be, m.
+    pub planned: Vec<(f64, [f64; 3])>,
+    /// What was true, every 10 ms.
+    pub truth: Vec<(f64, mcdpr_simulator::plant::Truth)>,
+    /// The first picture in which a grasp was chosen.
+    pub first_look: Option<Shown>,
+}
+
+/// Who watches a scene, and how fast it goes.
+#[derive(Default)]
+pub struct Watching<'a> {
+    /// Shown what passes on the line.
+    pub witness: Option<&'a crate::record::Witness>,
+    /// Simulated seconds per second; as fast as it goes where none is given.
+    pub time_scale: Option<f64>,
+    /// Whether to keep how it went.
+    pub keep: bool,
 }
 
 /// Greatest acceleration, m/s^2, and jerk, m/s^3.
@@ -142,10 +173,10 @@ pub struct Wanted {
 /// # Errors
 /// What stops the robot.
 pub fn scene(robot: &Robot, wanted: &Wanted) -> Result<SceneReport, PickError> {
-    scene_with(robot, wanted, &Handle::new())
+    scene_with(robot, wanted, &Handle::new(), &Watching::default())
 }
 
-/// As [`scene`], with orders from a handle.
+/// As [`scene`], with orders from a handle, and watched.
 ///
 /// # Errors
 /// What stops the robot; [`RunError::Interrupted`](crate::run::RunError) where the handle does.
@@ -153,8 +184,9 @@ pub fn scene_with(
     robot: &Robot,
     wanted: &Wanted,
     handle: &Handle,
+    watching: &Watching<'_>,
 ) -> Result<SceneReport, PickError> {
-    scene_by(robot, wanted, handle, &mut Antipodal::default())
+    pick(robot, wanted, handle, &mut Antipodal::default(), watching)
 }
 
 /// As [`scene_with`], with another detector.
@@ -166,6 +198,16 @@ pub fn scene_by(
     wanted: &Wanted,
     handle: &Handle,
     detector: &mut dyn Detector,
+) -> Result<SceneReport, PickError> {
+    pick(robot, wanted, handle, detector, &Watching::default())
+}
+
+fn pick(
+    robot: &Robot,
+    wanted: &Wanted,
+    handle: &Handle,
+    detector: &mut dyn Detector,
+    watching: &Watching<'_>,
 ) -> Result<SceneReport, PickError> {
     let Wanted {
         order,
@@ -199,7 +241,24 @@ pub fn scene_by(
     if let Some(most) = attempts_max {
         options.attempts_max = most;
     }
-    let mut arm = Arm::start(model, link.clone(), SessionId(1), handle)?;
+    let mut line: Box<dyn Link + '_> = Box::new(link.clone());
+    if let Some(seen_by) = watching.witness {
+        let tap = TruthTap::forgetful(link.clone(), robot.cables.len());
+        line = Box::new(
+            Watched::new(line, seen_by)
+                .with_truth(tap)
+                .with_orders(handle),
+        );
+    }
+    if let Some(scale) = watching.time_scale {
+        line = Box::new(Paced::new(line, scale));
+    }
+    let mut arm = Arm::start(model, line, SessionId(1), handle)?;
+    let began_us = link.now_us();
+    if watching.keep {
+        arm.keep_samples();
+        link.with(mcdpr_simulator::Simulation::record_truth);
+    }
     let report = Picker {
         arm: &mut arm,
         eye: &mut eye,
@@ -207,6 +266,23 @@ pub fn scene_by(
         options: &options,
     }
     .run(&mut witness)?;
+    let kept = watching.keep.then(|| {
+        let end_us = link.now_us();
+        let trace = link.with(mcdpr_simulator::Simulation::take_trace);
+        // The trace ends now, a millisecond a point.
+        let count = trace.len() as u64;
+        let at_s = |index: usize| {
+            let before_ms = count.saturating_sub(index as u64 + 1);
+            ((end_us - began_us) as f64 * 1e-6) - before_ms as f64 * 1e-3
+        };
+        let points = trace.iter().enumerate().step_by(10);
+        Kept {
+            samples: arm.samples().to_vec(),
+            planned: arm.planned().to_vec(),
+            truth: points.map(|(i, point)| (at_s(i), point.truth)).collect(),
+            first_look: witness.first_look.take(),
+        }
+    });
     arm.finish()?;
     let (left, carried_off, grips) = link.with(|simulation| {
         simulation.cell().map_or((0, 0, Vec::new()), |cell| {
@@ -231,6 +307,7 @@ pub fn scene_by(
         report,
         errors_m: witness.errors_m,
         grips,
+        kept,
     })
 }
 

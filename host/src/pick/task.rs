@@ -3,10 +3,12 @@
 use super::choose::{Budget, Choice, Choices, Uncertainty, choose, of_transform};
 use super::{Arm, PickError};
 use crate::link::Link;
+use crate::sight::{GraspMark, Shown};
 use mcdpr_vision::grasp::{Area, Closing, Detector, Hand, HeightMap, NoGrasp, Wanted};
 use mcdpr_vision::{Aligned, Source, align};
 use nalgebra::{Isometry3, Vector2, Vector3};
 use serde::Serialize;
+use std::sync::Arc;
 
 /// How to pick.
 #[derive(Debug, Clone, PartialEq)]
@@ -133,6 +135,8 @@ impl Report {
 
 /// Told while picking goes on: for surroundings that must know, and for progress.
 pub trait Watcher {
+    /// A picture was taken, and a grasp chosen in it.
+    fn looked(&mut self, _picture: &Shown) {}
     /// A grasp was chosen; the tool has not moved yet. The jaws are to turn to `choice.wrist_rad`.
     fn chosen(&mut self, choice: &Choice);
     /// The jaws are about to close.
@@ -189,8 +193,8 @@ impl<L: Link> Picker<'_, L> {
                 let count = failed.len();
                 break End::Failures { count };
             }
-            let choice = match self.look(&failed, &mut probe)? {
-                Ok(choice) => self.look_again(choice)?,
+            let choice = match self.look(&failed, &mut probe, watcher)? {
+                Ok(choice) => self.look_again(choice, watcher)?,
                 Err(end) => break end,
             };
             let attempt = self.attempt(&choice, watcher)?;
@@ -238,6 +242,7 @@ impl<L: Link> Picker<'_, L> {
         &mut self,
         failed: &[Vector3<f64>],
         probe: &mut Option<[f64; 3]>,
+        watcher: &mut dyn Watcher,
     ) -> Result<Result<Choice, End>, PickError> {
         let options = self.options;
         let mut all = Choices::default();
@@ -245,7 +250,7 @@ impl<L: Link> Picker<'_, L> {
         let (mut count, mut empty) = (0, true);
         for view in std::iter::once(&options.look_m).chain(&options.more_views_m) {
             self.arm.go(&[*view])?;
-            match self.view(probe)? {
+            match self.view(probe, watcher)? {
                 Ok((grasps, choices)) => {
                     count += grasps;
                     empty = false;
@@ -286,7 +291,11 @@ impl<L: Link> Picker<'_, L> {
 
     /// Looks at a chosen grasp from nearby; the same grasp as seen from there, or the first where it
     /// is not found again.
-    fn look_again(&mut self, choice: Choice) -> Result<Choice, PickError> {
+    fn look_again(
+        &mut self,
+        choice: Choice,
+        watcher: &mut dyn Watcher,
+    ) -> Result<Choice, PickError> {
         let Some(near_m) = self.options.near_m else {
             return Ok(choice);
         };
@@ -295,7 +304,7 @@ impl<L: Link> Picker<'_, L> {
             return Ok(choice);
         }
         self.arm.go(&[place])?;
-        let Ok((_, choices)) = self.view(&mut None)? else {
+        let Ok((_, choices)) = self.view(&mut None, watcher)? else {
             return Ok(choice);
         };
         let off = |other: &Choice| (other.tool_m - choice.tool_m).norm();
@@ -316,6 +325,7 @@ impl<L: Link> Picker<'_, L> {
     fn view(
         &mut self,
         probe: &mut Option<[f64; 3]>,
+        watcher: &mut dyn Watcher,
     ) -> Result<Result<(usize, Choices), NoGrasp>, PickError> {
         self.arm.wait(CALM_S)?;
         let world_from_platform = self.arm.world_from_platform()?;
@@ -359,6 +369,23 @@ impl<L: Link> Picker<'_, L> {
             &options.hand,
             options.turns,
         );
+        let best = choices.good.iter();
+        let best = best.max_by(|a, b| a.rank().total_cmp(&b.rank()));
+        let shown = Shown {
+            picture: Arc::new(frame.color.clone()),
+            source: "what the tool's camera sees",
+            tags: Vec::new(),
+            grasp: best.and_then(|choice| {
+                let grasp = &choice.grasp;
+                let (middle, at) = (grasp.pixel.into(), &grasp.point_m);
+                let color = &frame.cameras.color;
+                GraspMark::new(color, middle, at, &grasp.closing, grasp.width_m)
+            }),
+        };
+        self.arm.show(&shown);
+        if shown.grasp.is_some() {
+            watcher.looked(&shown);
+        }
         Ok(Ok((grasps.len(), choices)))
     }
 

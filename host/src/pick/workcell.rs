@@ -5,6 +5,7 @@ use super::task::{Options, Watcher};
 use crate::link::SimulatedLink;
 use crate::motion::Model;
 use crate::robot::{GripperKind, Robot};
+use crate::sight::Shown;
 use mcdpr_simulator::camera::{Cell, Frame as Place, Gripper, Lens, Order, Rgbd, Tray};
 use mcdpr_vision::grasp::Hand;
 use mcdpr_vision::{Camera, Cameras, DepthImage, Frame, Image, RgbImage, Source, SourceError};
@@ -335,6 +336,8 @@ pub struct Witness {
     ideal_m: Option<Vector3<f64>>,
     /// Distance of the true tool from where the true grasp point is, at each closing, m.
     pub errors_m: Vec<f64>,
+    /// The first picture in which a grasp was chosen.
+    pub first_look: Option<Shown>,
 }
 
 impl Witness {
@@ -347,6 +350,7 @@ impl Witness {
             looked_from: None,
             ideal_m: None,
             errors_m: Vec::new(),
+            first_look: None,
         }
     }
 
@@ -358,6 +362,10 @@ impl Witness {
 }
 
 impl Watcher for Witness {
+    fn looked(&mut self, picture: &Shown) {
+        self.first_look.get_or_insert_with(|| picture.clone());
+    }
+
     fn chosen(&mut self, choice: &Choice) {
         self.looked_from = self.pose();
         let pixel = choice.grasp.pixel.into();

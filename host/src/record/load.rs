@@ -92,7 +92,7 @@ pub struct RecordedRun {
     pub scenario: Scenario,
     /// Calls of the line in order, with the link's times.
     pub frames: Vec<RawFrame>,
-    /// The plan, if one was made.
+    /// The plan, if one was made; several motions one after another in path time.
     pub plan: Option<PlanNote>,
     /// True states of a simulated robot.
     pub truth: Vec<TruthPoint>,
@@ -168,6 +168,8 @@ impl RecordedRun {
         };
         let start_ns = run.scenario.started_unix_us.saturating_mul(1000);
         let mut next_call = 0_u32;
+        // Of several motions one after another, each goes on in path time where the last ended.
+        let mut before_s = 0.0;
         for message in &contents.messages {
             let time_ns = message.log_time_ns.saturating_sub(start_ns);
             match contents.topic(message.channel) {
@@ -180,8 +182,21 @@ impl RecordedRun {
                     next_call = first.wrapping_add(u32::try_from(frames.len()).unwrap_or(0));
                     run.frames.extend(frames);
                 }
-                Some("/plan") => run.plan = serde_json::from_slice(&message.data).ok(),
-                Some("/truth") => run.truth.extend(serde_json::from_slice(&message.data).ok()),
+                Some("/plan") => {
+                    if let Ok(plan) = serde_json::from_slice(&message.data) {
+                        before_s = run.plan.as_ref().map_or(0.0, |plan| plan.duration_s);
+                        run.add_plan(plan);
+                    }
+                }
+                Some("/truth") => {
+                    let truth: Option<TruthPoint> = serde_json::from_slice(&message.data).ok();
+                    run.truth.extend(truth.map(|mut truth| {
+                        if truth.path_s > 0.0 {
+                            truth.path_s += before_s;
+                        }
+                        truth
+                    }));
+                }
                 Some("/order") => {
                     let line: serde_json::Value =
                         serde_json::from_slice(&message.data).unwrap_or_default();
@@ -201,6 +216,19 @@ impl RecordedRun {
             }
         }
         Ok(run)
+    }
+
+    fn add_plan(&mut self, plan: PlanNote) {
+        let Some(all) = &mut self.plan else {
+            self.plan = Some(plan);
+            return;
+        };
+        let before_s = all.duration_s;
+        all.duration_s += plan.duration_s;
+        all.points.extend(plan.points.into_iter().map(|mut point| {
+            point.time_s += before_s;
+            point
+        }));
     }
 
     /// Everything that the board measured and said: link time (s) with what it was.

@@ -28,7 +28,7 @@ pub mod words;
 
 pub use load::{LoadError, RecordedRun};
 pub use recording::{Recording, Summary};
-pub use scenario::{Machine, Scenario, TaskSource};
+pub use scenario::{Doing, Machine, RobotText, Scenario, TaskSource};
 pub use witness::{Happening, Level, PlanNote, PlanPoint, TruthPoint, Watched, Witness};
 
 /// Name of the record in a run's folder.

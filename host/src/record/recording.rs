@@ -9,6 +9,7 @@ use super::words::{LIMITS, limit};
 use super::{PlanNote, Scenario, TruthPoint};
 use crate::link::{RawFrame, describe_fault, describe_reject};
 use crate::motion::Model;
+use crate::sight::{Shown, base64};
 use mcdpr_protocol::{BoardState, FaultRecord, Knot, Status};
 use serde::Serialize;
 use std::fs::File;
@@ -400,6 +401,47 @@ impl<W: Write + Send + 'static> Recording<W> {
         );
     }
 
+    fn picture(&mut self, picture: &Shown, time_ns: u64) {
+        let stamp = || Stamp::of(time_ns);
+        let image = serde_json::json!({
+            "timestamp": stamp(),
+            "frame_id": "camera",
+            "data": base64(&picture.png()),
+            "format": "png",
+        });
+        self.write(schemas::IMAGE, time_ns, &image);
+        let (tags, grasps) = (picture.tags.iter(), picture.grasp.iter());
+        let color = |[r, g, b]: [f64; 3]| serde_json::json!({ "r": r, "g": g, "b": b, "a": 1.0 });
+        let outline = |corners: &[[f64; 2]; 4], rgb: [f64; 3]| {
+            let points = corners.map(|[x, y]| serde_json::json!({ "x": x, "y": y }));
+            serde_json::json!({
+                "timestamp": stamp(), "type": 2, "points": points, "outline_color": color(rgb),
+                "outline_colors": [], "fill_color": { "r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0 },
+                "thickness": 2.0,
+            })
+        };
+        let (tag_rgb, grasp_rgb) = ([0.2, 0.9, 0.3], [1.0, 0.7, 0.1]);
+        let outlines = tags
+            .clone()
+            .map(|tag| outline(&tag.corners_px, tag_rgb))
+            .chain(grasps.map(|grasp| outline(&grasp.corners_px(), grasp_rgb)));
+        let texts = tags.map(|tag| {
+            let [x, y] = tag.corners_px[0];
+            serde_json::json!({
+                "timestamp": stamp(), "position": { "x": x, "y": y },
+                "text": format!("tag {}", tag.id), "font_size": 14.0,
+                "text_color": color(tag_rgb),
+                "background_color": { "r": 0.0, "g": 0.0, "b": 0.0, "a": 0.5 },
+            })
+        });
+        let marks = serde_json::json!({
+            "circles": [],
+            "points": outlines.collect::<Vec<_>>(),
+            "texts": texts.collect::<Vec<_>>(),
+        });
+        self.write(schemas::MARKS, time_ns, &marks);
+    }
+
     fn flush(&mut self) {
         if self.flushed.elapsed() >= FLUSH_EVERY {
             self.flushed = Instant::now();
@@ -451,6 +493,9 @@ impl<W: Write + Send + 'static> Watcher for Recording<W> {
                 level,
                 text,
             } => self.log(at(*time_us, start_ns), *level, text),
+            Happening::Picture { time_us, picture } => {
+                self.picture(picture, at(*time_us, start_ns));
+            }
             Happening::Plan { time_us, plan } => {
                 let time_ns = at(*time_us, start_ns);
                 let timestamp = Stamp::of(time_ns);

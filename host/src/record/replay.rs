@@ -1,13 +1,13 @@
 //! The host and the core run again on recorded bytes, and must do the same to the last bit.
 
 use super::scenario::chosen_firmware;
-use super::{LoadError, Machine, RecordedRun};
+use super::{Doing, LoadError, Machine, RecordedRun};
 use crate::control::Handle;
 use crate::experiment;
 use crate::link::{Direction, Link, LinkError, RawFrame};
 use crate::motion::{Model, PlanError, Task, TaskError};
 use crate::robot::{Robot, RobotError};
-use crate::run::RunError;
+use crate::run::{Homing, RunError};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
 use miette::Diagnostic;
@@ -35,6 +35,20 @@ pub enum ReplayError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Robot(#[from] RobotError),
+    /// The recorded calibration is not accepted.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Calibration(#[from] crate::calibration::result::FileError),
+    /// Nothing of it can be done again.
+    #[error("nothing of this run can be done again: {reason}")]
+    #[diagnostic(
+        code(mcdpr::replay::nothing),
+        help("`mcdpr report` and `mcdpr export` show what is in it")
+    )]
+    Nothing {
+        /// Why.
+        reason: String,
+    },
     /// The recorded task is not accepted.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -82,8 +96,9 @@ pub enum ReplayError {
 /// What a replay proved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Proof {
-    /// Bytes that the host sent again, all equal.
-    pub host_bytes: u64,
+    /// Bytes that the host sent again, all equal; `None` where what it did depended on more than
+    /// the record.
+    pub host_bytes: Option<u64>,
     /// Bytes that the core sent again, all equal; `None` where no simulator answered.
     pub core_bytes: Option<u64>,
     /// Calls of the line.
@@ -170,10 +185,16 @@ pub fn recorded_robot(run: &RecordedRun) -> Result<Robot, ReplayError> {
     );
     let folder = Folder(std::env::temp_dir().join(name));
     let laid_out = run.scenario.lay_out_robot(&folder.0);
-    let path = laid_out.map_err(|error| ReplayError::Files {
+    let failed = |error: std::io::Error| ReplayError::Files {
         reason: error.to_string(),
-    })?;
-    Ok(Robot::load(&path)?)
+    };
+    let path = laid_out.map_err(failed)?;
+    let designed = Robot::load(&path)?;
+    let calibration = run.scenario.lay_out_calibration(&folder.0);
+    Ok(match calibration.map_err(failed)? {
+        Some(path) => crate::calibration::result::apply(&designed, &path)?,
+        None => designed,
+    })
 }
 
 /// The task as it was recorded.
@@ -196,10 +217,18 @@ pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
     if run.gaps > 0 {
         return Err(ReplayError::Gaps { missing: run.gaps });
     }
-    let model = Model::new(&recorded_robot(run)?)?;
-    let task = recorded_task(run)?;
-    let (host_bytes, whole) = host(run, &model, task)?;
+    let scenario = &run.scenario;
+    let model = Model::new(&recorded_robot(run)?)?.with_options(scenario.options);
+    let (host_bytes, whole) = match scenario.doing {
+        Doing::Task => {
+            let (bytes, whole) = host(run, &model, recorded_task(run)?)?;
+            (Some(bytes), whole)
+        }
+        Doing::Orders | Doing::Pictures => (None, run.damage.is_none()),
+    };
     let core_bytes = match &run.scenario.machine {
+        // What stood in the workcell is not in the record.
+        _ if scenario.doing == Doing::Pictures => None,
         Machine::Simulated {
             mismatch,
             seed,
@@ -214,6 +243,18 @@ pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
         }
         Machine::Simulated { .. } | Machine::Port { .. } => None,
     };
+    if host_bytes.is_none() && core_bytes.is_none() {
+        let reason = match (scenario.doing, &scenario.machine) {
+            (Doing::Pictures, _) => {
+                "it went by pictures, and what it met was no part of the robot".to_owned()
+            }
+            (_, Machine::Simulated { .. }) => {
+                "another firmware answered; name it with --on chip --firmware FILE".to_owned()
+            }
+            (_, Machine::Port { name }) => format!("a person gave the orders, and {name} answered"),
+        };
+        return Err(ReplayError::Nothing { reason });
+    }
     Ok(Proof {
         host_bytes,
         core_bytes,
@@ -233,7 +274,13 @@ fn host(run: &RecordedRun, model: &Model, task: Task) -> Result<(u64, bool), Rep
     };
     let session = Some(SessionId(run.scenario.session));
     let handle = Handle::scripted(run.orders.iter().copied());
-    let outcome = experiment::on_link_with(model, task, &mut line, session, &handle, |_| {});
+    let homing = if run.scenario.at_home {
+        Homing::Place(model.robot().tool.home_in_world_m)
+    } else {
+        Homing::Known
+    };
+    let outcome =
+        experiment::on_link_homed(model, task, &mut line, session, &handle, homing, |_| {});
     if let Some(what) = line.differs {
         return Err(differs("host", run, line.next, what));
     }

@@ -1,6 +1,7 @@
 //! What was run: all that it takes to run it again.
 
 use crate::machine::Mismatch;
+use crate::motion::PlanOptions;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -53,6 +54,19 @@ pub enum Machine {
     },
 }
 
+/// What the host did with the robot.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Doing {
+    /// It ran a task: the record alone says all that it depended on.
+    #[default]
+    Task,
+    /// It did single orders, such as moves and jogs: what it sends depends on who gave them.
+    Orders,
+    /// It went where pictures told it to.
+    Pictures,
+}
+
 /// One text file of the robot's description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RobotText {
@@ -75,8 +89,20 @@ pub struct Scenario {
     pub arguments: Vec<String>,
     /// The robot's files, the robot file first.
     pub robot: Vec<RobotText>,
+    /// The calibration that was applied to it, if one was.
+    #[serde(default)]
+    pub calibration: Option<RobotText>,
     /// The task.
     pub task: TaskSource,
+    /// How it was planned.
+    #[serde(default)]
+    pub options: PlanOptions,
+    /// What the host did.
+    #[serde(default)]
+    pub doing: Doing,
+    /// Whether the host was told that the robot hangs at home.
+    #[serde(default)]
+    pub at_home: bool,
     /// Number of the session on the wire.
     pub session: u32,
     /// What answered.
@@ -95,7 +121,11 @@ impl Scenario {
             started_unix_us: u64::try_from(started).unwrap_or(0),
             arguments: std::env::args().skip(1).collect(),
             robot: robot_files(robot),
+            calibration: None,
             task,
+            options: PlanOptions::default(),
+            doing: Doing::Task,
+            at_home: false,
             session,
             machine,
         }
@@ -125,6 +155,19 @@ impl Scenario {
             first.get_or_insert(path);
         }
         first.ok_or_else(|| std::io::Error::other("the record holds no robot file"))
+    }
+
+    /// Writes the calibration below a folder and gives its path, where one was applied.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn lay_out_calibration(&self, folder: &Path) -> std::io::Result<Option<PathBuf>> {
+        let Some(file) = &self.calibration else {
+            return Ok(None);
+        };
+        let path = folder.join("recorded.calibration.json");
+        std::fs::write(&path, &file.text)?;
+        Ok(Some(path))
     }
 }
 

@@ -21,9 +21,11 @@ pub(super) const POSE_TRUE: usize = 8;
 pub(super) const TRANSFORM: usize = 9;
 pub(super) const TRUTH: usize = 10;
 pub(super) const ORDER: usize = 11;
+pub(super) const IMAGE: usize = 12;
+pub(super) const MARKS: usize = 13;
 
 /// The topics in the order of the numbers above.
-pub(super) const TOPICS: [Topic; 12] = [
+pub(super) const TOPICS: [Topic; 14] = [
     topic("/cables", "mcdpr.Cables", cables),
     topic("/status", "mcdpr.Status", status),
     topic("/knot", "mcdpr.Knot", knot),
@@ -36,6 +38,8 @@ pub(super) const TOPICS: [Topic; 12] = [
     topic("/tf", "foxglove.FrameTransform", transform),
     topic("/truth", "mcdpr.Truth", truth),
     topic("/order", "mcdpr.Order", order),
+    topic("/camera/image", "foxglove.CompressedImage", image),
+    topic("/camera/marks", "foxglove.ImageAnnotations", marks),
 ];
 
 const fn topic(topic: &'static str, schema: &'static str, body: fn() -> Value) -> Topic {
@@ -96,6 +100,66 @@ fn cables() -> Value {
             "current_a": numbers("motor currents, A"),
             "planned_length_m": numbers("set-points of the lengths, m; empty without a motion"),
             "planned_tension_n": numbers("expected tensions or set-points, N; empty without a motion"),
+        }),
+    )
+}
+
+fn image() -> Value {
+    object(
+        "foxglove.CompressedImage",
+        json!({
+            "timestamp": time(),
+            "frame_id": { "type": "string" },
+            "data": { "type": "string", "contentEncoding": "base64" },
+            "format": { "type": "string" },
+        }),
+    )
+}
+
+fn marks() -> Value {
+    let point = || {
+        json!({
+            "type": "object",
+            "properties": { "x": { "type": "number" }, "y": { "type": "number" } },
+        })
+    };
+    let color = || {
+        json!({
+            "type": "object",
+            "properties": {
+                "r": { "type": "number" }, "g": { "type": "number" },
+                "b": { "type": "number" }, "a": { "type": "number" },
+            },
+        })
+    };
+    let list = |items: Value| json!({ "type": "array", "items": items });
+    object(
+        "foxglove.ImageAnnotations",
+        json!({
+            "circles": list(json!({ "type": "object" })),
+            "points": list(json!({
+                "type": "object",
+                "properties": {
+                    "timestamp": time(),
+                    "type": { "type": "integer", "description": "2: closed line through the points" },
+                    "points": list(point()),
+                    "outline_color": color(),
+                    "outline_colors": list(color()),
+                    "fill_color": color(),
+                    "thickness": { "type": "number" },
+                },
+            })),
+            "texts": list(json!({
+                "type": "object",
+                "properties": {
+                    "timestamp": time(),
+                    "position": point(),
+                    "text": { "type": "string" },
+                    "font_size": { "type": "number" },
+                    "text_color": color(),
+                    "background_color": color(),
+                },
+            })),
         }),
     )
 }

@@ -3,6 +3,7 @@
 use crate::control::{Handle, Order};
 use crate::link::{Direction, Link, LinkError, Note, RawFrame, SimulatedLink};
 use crate::motion::Plan;
+use crate::sight::Shown;
 use mcdpr_simulator::TracePoint;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
@@ -177,6 +178,13 @@ pub enum Happening {
         looks: u64,
         /// What.
         order: Order,
+    },
+    /// A picture was taken.
+    Picture {
+        /// The link's time, µs.
+        time_us: u64,
+        /// The picture, with what was found in it.
+        picture: Shown,
     },
     /// Words of the host.
     Remark {
@@ -456,6 +464,10 @@ impl<L: Link> Link for Watched<'_, L> {
                 time_us,
                 level: Level::Info,
                 text: text.to_owned(),
+            }),
+            Note::Picture(picture) => self.witness.tell(Happening::Picture {
+                time_us,
+                picture: picture.clone(),
             }),
         }
         self.inner.note(note);

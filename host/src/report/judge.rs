@@ -3,6 +3,7 @@
 use super::figures::{MeanMax, MeanSdMax, TensionError, greatest, mean};
 use crate::record::RecordedRun;
 use crate::record::decode::{Seen, Tick};
+use crate::record::mcap::Damage;
 use crate::robot::{Control, Robot};
 use serde::Serialize;
 
@@ -239,7 +240,8 @@ fn verdicts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Verd
         run.damage.is_none() && run.gaps == 0,
         match (&run.damage, run.gaps) {
             (None, 0) => format!("{} calls of the line", run.frames.len()),
-            (Some(damage), _) => format!("{damage:?}"),
+            (Some(Damage::Truncated { at }), _) => format!("cut short at byte {at}"),
+            (Some(Damage::Corrupt { at }), _) => format!("corrupt at byte {at}"),
             (None, gaps) => format!("{gaps} calls are missing"),
         },
     );

@@ -138,5 +138,6 @@ pub(super) fn at_24_mm(_bench: &Bench) -> Result<Outcome, ReproduceError> {
              planner takes as many knots as that needs. {verdict} So the same paths are run at z = -100 mm."
         )],
         charts: Vec::new(),
+        pictures: Vec::new(),
     })
 }

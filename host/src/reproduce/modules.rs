@@ -122,6 +122,7 @@ pub(super) fn motor(bench: &Bench) -> Result<Outcome, ReproduceError> {
                 .to_owned(),
         ],
         charts: Vec::new(),
+        pictures: Vec::new(),
     })
 }
 
@@ -207,5 +208,6 @@ pub(super) fn sensor(bench: &Bench) -> Result<Outcome, ReproduceError> {
             ],
             ..Chart::default()
         }],
+        pictures: Vec::new(),
     })
 }

@@ -222,7 +222,9 @@ impl<L: Link> Session<'_, L> {
                     .into());
                 }
             }
-            if !started && client.in_flight() == 0 && ahead.time_s >= AHEAD_S.min(2.0 * STEP_S) {
+            // A jog that ends at once is all there is to start.
+            let enough = ended || ahead.time_s >= AHEAD_S.min(2.0 * STEP_S);
+            if !started && client.in_flight() == 0 && enough {
                 client.request(Request::Start)?;
                 started = true;
                 continue;
@@ -271,8 +273,15 @@ impl<L: Link> Session<'_, L> {
                     velocity_mps,
                     valid_s,
                 } => {
-                    client.handle().done(ticket, Ok(()));
-                    self.jog(velocity_mps.into(), valid_s)?;
+                    let wanted = velocity_mps.into();
+                    let may = check(self.model(), &wanted, valid_s);
+                    let refused = may.map_err(|error| error.to_string());
+                    let good = refused.is_ok();
+                    self.client().handle().done(ticket, refused);
+                    // Letting go of a button where nothing moves any more is no motion.
+                    if good && wanted != Vector3::zeros() {
+                        self.jog(wanted, valid_s)?;
+                    }
                     continue;
                 }
                 Order::Gripper { closed } => {

@@ -6,6 +6,7 @@ use crate::record::decode::{Decoder, Seen};
 use crate::record::witness::Watcher;
 use crate::record::{Happening, PlanNote, words};
 use crate::robot::{Control, Robot};
+use crate::sight::Shown;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -88,6 +89,18 @@ struct Inner {
     plans: u64,
     log: VecDeque<(u64, f64, String)>,
     logged: u64,
+    picture: Option<Arc<Picture>>,
+    pictures: u64,
+    viewers: usize,
+}
+
+/// A picture as viewers get it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// What was found in it, and its size.
+    pub about: serde_json::Value,
+    /// The bytes of a PNG file.
+    pub png: Vec<u8>,
 }
 
 /// The state that viewers share. Clones show the same.
@@ -150,6 +163,59 @@ impl Feed {
         let inner = self.lock();
         let plan = inner.plan.as_ref().filter(|_| inner.plans != number)?;
         Some((inner.plans, Arc::clone(plan)))
+    }
+
+    /// Shows a picture in place of the last.
+    pub fn show(&self, picture: &Shown) {
+        let [width, height] = picture.size_px();
+        let grasp = picture.grasp.as_ref().map(|grasp| {
+            serde_json::json!({
+                "middle_px": grasp.middle_px,
+                "pads_px": grasp.pads_px,
+                "corners_px": grasp.corners_px(),
+                "width_m": grasp.width_m,
+            })
+        });
+        let about = serde_json::json!({
+            "type": "camera",
+            "width": width,
+            "height": height,
+            "source": picture.source,
+            "tags": picture.tags,
+            "grasp": grasp,
+        });
+        let png = picture.png();
+        self.change(false, |inner| {
+            inner.picture = Some(Arc::new(Picture { about, png }));
+            inner.pictures += 1;
+        });
+    }
+
+    /// The picture, if it is another than the one of this number.
+    #[must_use]
+    pub fn picture_after(&self, number: u64) -> Option<(u64, Arc<Picture>)> {
+        let inner = self.lock();
+        let picture = inner
+            .picture
+            .as_ref()
+            .filter(|_| inner.pictures != number)?;
+        Some((inner.pictures, Arc::clone(picture)))
+    }
+
+    /// A viewer has come (`true`) or gone.
+    pub(super) fn viewer(&self, came: bool) {
+        let mut inner = self.lock();
+        inner.viewers = if came {
+            inner.viewers + 1
+        } else {
+            inner.viewers.saturating_sub(1)
+        };
+    }
+
+    /// Whether anybody looks.
+    #[must_use]
+    pub fn is_watched(&self) -> bool {
+        self.lock().viewers > 0
     }
 
     /// Lines of the log after this number: number, link time (s), text.
@@ -320,6 +386,7 @@ impl Watcher for FeedWatcher {
                 });
             }
             Happening::Order { .. } => {}
+            Happening::Picture { picture, .. } => self.feed.show(picture),
             Happening::Remark { text, .. } => self.feed.say(text),
         }
     }

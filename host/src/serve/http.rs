@@ -1,6 +1,7 @@
 //! As much HTTP as one page and a WebSocket need.
 
 use std::io::{self, Read, Write};
+use std::time::{Duration, Instant};
 
 /// Most bytes of a request's head.
 const MOST: usize = 16 * 1024;
@@ -14,12 +15,15 @@ pub(super) struct Request {
 }
 
 impl Request {
-    /// Reads a request's head.
-    pub(super) fn read(from: &mut impl Read) -> io::Result<Self> {
+    /// Reads a request's head, which must be there within a time: who dawdles would keep a viewer's
+    /// place.
+    pub(super) fn read(from: &mut impl Read, patience: Duration) -> io::Result<Self> {
+        let began = Instant::now();
         let mut head = Vec::new();
         let mut byte = [0];
         while !head.ends_with(b"\r\n\r\n") {
-            if head.len() >= MOST || from.read(&mut byte)? == 0 {
+            let late = began.elapsed() > patience;
+            if late || head.len() >= MOST || from.read(&mut byte)? == 0 {
                 return Err(io::ErrorKind::InvalidData.into());
             }
             head.extend_from_slice(&byte);
@@ -91,7 +95,7 @@ mod tests {
     use super::*;
 
     fn request(text: &str) -> Option<Request> {
-        Request::read(&mut text.as_bytes()).ok()
+        Request::read(&mut text.as_bytes(), Duration::from_secs(60)).ok()
     }
 
     #[test]

@@ -10,11 +10,13 @@
 //! prints; without it a viewer only looks. Pages of other sites can not connect: the host and
 //! origin that a browser names must be this server's.
 
-pub mod feed;
+mod camera;
+mod feed;
 mod http;
 pub mod server;
 
-pub use feed::{Feed, FeedWatcher};
+pub use camera::CameraWatcher;
+pub use feed::{Feed, FeedWatcher, Picture};
 pub use server::{Desk, ServeError, Server};
 
 /// The page, whole: no other file and no network is needed.

@@ -14,7 +14,8 @@
   function connect() {
     socket = new WebSocket(`ws://${location.host}/ws`);
     socket.onopen = () => { wait = 250; pill('link', 'connected', 'good'); if (token) send({ order: 'may' }); };
-    socket.onmessage = event => take(JSON.parse(event.data));
+    socket.binaryType = 'blob';
+    socket.onmessage = event => event.data instanceof Blob ? picture(event.data) : take(JSON.parse(event.data));
     socket.onclose = () => {
       pill('link', 'no connection, trying again', 'bad');
       may = false; buttons();
@@ -38,6 +39,38 @@
     else if (m.type === 'log') m.lines.forEach(log);
     else if (m.type === 'answer') answer(m);
     else if (m.type === 'live') show(m);
+    else if (m.type === 'camera') camera = m;
+  }
+
+  // The picture follows the message that tells what was found in it.
+  let camera = null;
+  async function picture(blob) {
+    const m = camera;
+    if (!m) return;
+    const image = await createImageBitmap(blob);
+    const canvas = $('picture'), pen = canvas.getContext('2d');
+    canvas.width = m.width; canvas.height = m.height;
+    pen.drawImage(image, 0, 0);
+    const outline = (points, colour) => {
+      pen.strokeStyle = colour; pen.lineWidth = Math.max(1.5, m.width / 240);
+      pen.beginPath(); points.forEach(([x, y], i) => i ? pen.lineTo(x, y) : pen.moveTo(x, y)); pen.closePath(); pen.stroke();
+    };
+    pen.font = `bold ${Math.max(9, m.width / 28)}px system-ui, sans-serif`;
+    for (const tag of m.tags) {
+      outline(tag.corners_px, '#3fe07a');
+      const [x, y] = tag.corners_px.reduce((a, b) => a[1] < b[1] ? a : b);
+      pen.fillStyle = '#3fe07a'; pen.fillText(`tag ${tag.id}`, x, y - 4);
+    }
+    if (m.grasp) {
+      outline(m.grasp.corners_px, '#ffb020');
+      outline(m.grasp.pads_px, '#ffb020');
+    }
+    const found = m.tags.map(t => `tag ${t.id}`);
+    if (m.grasp) found.push(`grasp, ${mm(m.grasp.width_m, 1)} mm wide`);
+    text('seen', `${m.source}: ${found.length ? found.join(', ') : 'nothing found'}`);
+    $('camera').hidden = false;
+    window.mcdpr.pictures = (window.mcdpr.pictures || 0) + 1;
+    window.mcdpr.camera = m;
   }
 
   function answer(m) {

@@ -194,7 +194,7 @@ fn receive(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
     stream.set_nodelay(true)?;
     stream.set_read_timeout(Some(STUCK))?;
     stream.set_write_timeout(Some(STUCK))?;
-    let request = Request::read(&mut stream)?;
+    let request = Request::read(&mut stream, STUCK)?;
     if !request.is_for(shared.port) {
         let text = "this page is only for browsers on this machine, by its own address";
         return answer(&mut stream, "403 Forbidden", "text/plain", text);
@@ -246,14 +246,29 @@ fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
         "version": env!("CARGO_PKG_VERSION"),
     });
     send(&mut socket, &hello)?;
-    let (mut revision, mut plan, mut logged) = (0, 0, 0);
+    shared.feed.viewer(true);
+    let outcome = keep_showing(&mut socket, shared, &send);
+    shared.feed.viewer(false);
+    outcome?;
+    let _ = socket.close(None);
+    let _ = socket.flush();
+    Ok(())
+}
+
+/// Sends what is new, and takes orders, until either side goes.
+fn keep_showing(
+    socket: &mut WebSocket<TcpStream>,
+    shared: &Shared,
+    send: &impl Fn(&mut WebSocket<TcpStream>, &Value) -> io::Result<()>,
+) -> io::Result<()> {
+    let (mut revision, mut plan, mut logged, mut pictures) = (0, 0, 0, 0);
     let mut sent = Instant::now();
     while !shared.ended.load(Ordering::SeqCst) {
         // An order is answered as soon as it comes, a picture when it is due.
         match socket.read() {
             Ok(Message::Text(text)) => {
                 let reply = obey(shared, text.as_str());
-                send(&mut socket, &reply)?;
+                send(socket, &reply)?;
             }
             Ok(Message::Close(_)) => return Ok(()),
             Ok(_) => {}
@@ -271,12 +286,18 @@ fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
             plan = number;
             let points: Vec<_> = new.points.iter().step_by(5).map(|p| p.tool_m).collect();
             let message = json!({ "type": "plan", "duration_s": new.duration_s, "tool_m": points });
-            send(&mut socket, &message)?;
+            send(socket, &message)?;
+        }
+        if let Some((number, new)) = shared.feed.picture_after(pictures) {
+            pictures = number;
+            send(socket, &new.about)?;
+            let bytes = Message::binary(new.png.clone());
+            socket.send(bytes).map_err(io::Error::other)?;
         }
         let lines = shared.feed.log_after(logged);
         if let Some((last, ..)) = lines.last() {
             logged = *last;
-            send(&mut socket, &json!({ "type": "log", "lines": lines }))?;
+            send(socket, &json!({ "type": "log", "lines": lines }))?;
         }
         let (live, age_s) = shared.feed.now();
         let new = live.revision != revision;
@@ -287,11 +308,9 @@ fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
             let mut message = serde_json::to_value(&live)?;
             message["type"] = json!("live");
             message["age_s"] = json!(age_s);
-            send(&mut socket, &message)?;
+            send(socket, &message)?;
         }
     }
-    let _ = socket.close(None);
-    let _ = socket.flush();
     Ok(())
 }
 

@@ -7,11 +7,13 @@
 mod lens;
 mod pictures;
 mod scene;
+mod shown;
 mod simulated;
 
 pub use lens::{lens_of, pose_of};
-pub use pictures::PictureTags;
+pub use pictures::{PictureTags, SceneCamera};
 pub use scene::Scene;
+pub use shown::{GraspMark, Shown, TagMark, base64};
 pub use simulated::SimulatedTags;
 
 use miette::Diagnostic;

@@ -9,14 +9,20 @@ use mcdpr_vision::tag::{Options, detect};
 use mcdpr_vision::{Camera, RgbImage};
 use nalgebra::Matrix3;
 
+/// The simulated camera on the platform: pictures of a [`Scene`] from wherever the platform is.
+#[derive(Debug, Clone)]
+pub struct SceneCamera {
+    scene: Scene,
+    seed: u64,
+    taken: u64,
+}
+
 /// Takes pictures of a [`Scene`] with the simulated robot's true camera and finds the tags in
 /// them. Slower than corners by projection ([`super::SimulatedTags`]), and with nothing left out:
 /// blur, noise, shadows, a tag that is cut by the picture's side.
 pub struct PictureTags {
     link: SimulatedLink,
-    scene: Scene,
-    seed: u64,
-    taken: u64,
+    camera: SceneCamera,
 }
 
 /// The floor that tags lie on.
@@ -28,16 +34,14 @@ impl PictureTags {
     pub const fn new(link: SimulatedLink, scene: Scene, seed: u64) -> Self {
         Self {
             link,
-            scene,
-            seed,
-            taken: 0,
+            camera: SceneCamera::new(scene, seed),
         }
     }
 
     /// What is truly there.
     #[must_use]
     pub const fn scene(&self) -> &Scene {
-        &self.scene
+        &self.camera.scene
     }
 
     /// A picture with the platform where it truly is, and its time on the link's clock, us.
@@ -48,8 +52,40 @@ impl PictureTags {
         let failed = |what: String| SightError::Simulation { what };
         let truth = self.link.with(|simulation| simulation.plant().truth());
         let truth = truth.map_err(|error| failed(error.to_string()))?;
+        let picture = self.camera.picture(&Place::from(truth.pose))?;
+        Ok((picture, self.link.now_us()))
+    }
+}
+
+impl SceneCamera {
+    /// The camera of a scene.
+    #[must_use]
+    pub const fn new(scene: Scene, seed: u64) -> Self {
+        Self {
+            scene,
+            seed,
+            taken: 0,
+        }
+    }
+
+    /// The same camera with pictures of a share of its size: for people, who need no more.
+    #[must_use]
+    pub fn smaller(mut self, share: f64) -> Self {
+        let lens = &mut self.scene.lens;
+        for values in [&mut lens.size_px, &mut lens.focal_px, &mut lens.center_px] {
+            *values = values.map(|value| value * share);
+        }
+        lens.size_px = lens.size_px.map(f64::round);
+        self
+    }
+
+    /// A picture with the platform at a pose, world_from_platform.
+    ///
+    /// # Errors
+    /// [`SightError::Simulation`].
+    pub fn picture(&mut self, world_from_platform: &Place) -> Result<RgbImage, SightError> {
         let camera_from_platform = place(&self.scene.camera_from_platform);
-        let world_from_camera = Place::from(truth.pose).then(&camera_from_platform.inverse());
+        let world_from_camera = world_from_platform.then(&camera_from_platform.inverse());
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(self.taken);
         self.taken += 1;
         let seen = render_color(
@@ -59,9 +95,38 @@ impl PictureTags {
             &Optics::default(),
             seed,
         );
-        let picture = RgbImage::new(seen.width, seen.height, seen.pixels)
-            .map_err(|error| failed(error.to_string()))?;
-        Ok((picture, self.link.now_us()))
+        RgbImage::new(seen.width, seen.height, seen.pixels).map_err(|error| {
+            SightError::Simulation {
+                what: error.to_string(),
+            }
+        })
+    }
+
+    /// The tags of the scene in a picture of this camera, in the order of their numbers.
+    #[must_use]
+    pub fn tags(&self, picture: &RgbImage, image_time_us: u64) -> Vec<TagView> {
+        let lens = self.lens();
+        let camera = Camera {
+            size_px: lens.size_px,
+            focal_px: lens.focal_px,
+            center_px: lens.center_px,
+            distortion: lens.distortion,
+        };
+        let mut views: Vec<TagView> =
+            detect(&picture.to_gray(), Some(&camera), &Options::default())
+                .into_iter()
+                .filter(|found| self.scene.tags.iter().any(|tag| tag.id == found.id))
+                .map(|found| TagView {
+                    id: found.id,
+                    corners_px: found.corners_px.map(Into::into),
+                    covariance_px2: found
+                        .covariance_px2
+                        .map(|c| [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]]),
+                    image_time_us,
+                })
+                .collect();
+        views.sort_by_key(|view| view.id);
+        views
     }
 
     fn lens(&self) -> Lens {
@@ -124,28 +189,7 @@ fn place(pose: &mcdpr_kinematics::Pose) -> Place {
 impl TagSource for PictureTags {
     fn look(&mut self) -> Result<Vec<TagView>, SightError> {
         let (picture, image_time_us) = self.picture()?;
-        let lens = self.lens();
-        let camera = Camera {
-            size_px: lens.size_px,
-            focal_px: lens.focal_px,
-            center_px: lens.center_px,
-            distortion: lens.distortion,
-        };
-        let mut views: Vec<TagView> =
-            detect(&picture.to_gray(), Some(&camera), &Options::default())
-                .into_iter()
-                .filter(|found| self.scene.tags.iter().any(|tag| tag.id == found.id))
-                .map(|found| TagView {
-                    id: found.id,
-                    corners_px: found.corners_px.map(Into::into),
-                    covariance_px2: found
-                        .covariance_px2
-                        .map(|c| [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]]),
-                    image_time_us,
-                })
-                .collect();
-        views.sort_by_key(|view| view.id);
-        Ok(views)
+        Ok(self.camera.tags(&picture, image_time_us))
     }
 }
 

@@ -205,7 +205,15 @@ impl Bench {
     /// # Errors
     /// As a run: the robot can not hang at home, or a check of arming failed.
     pub fn start(robot: &Robot, change: &Change, seed: u64) -> Result<Self, RunError> {
-        let model = Model::new(robot)?;
+        Self::start_with(Model::new(robot)?, change, seed)
+    }
+
+    /// As [`Bench::start`], with the tension that the model's options ask for at home.
+    ///
+    /// # Errors
+    /// As [`Bench::start`].
+    pub fn start_with(model: Model, change: &Change, seed: u64) -> Result<Self, RunError> {
+        let robot = &model.robot().clone();
         let home = experiment::home(&model)?;
         let mut params = machine::plant_params(robot, &Mismatch::default(), seed);
         change.apply(&mut params);

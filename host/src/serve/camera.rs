@@ -1,0 +1,69 @@
+//! What the simulated robot's camera sees, for viewers.
+
+use super::Feed;
+use crate::record::Happening;
+use crate::record::witness::Watcher;
+use crate::robot::Robot;
+use crate::sight::{Scene, SceneCamera, Shown, TagMark};
+use mcdpr_simulator::plant::Pose;
+use std::sync::Arc;
+
+/// Time between two pictures, µs: four a second are enough to look at.
+const EVERY_US: u64 = 250_000;
+/// Pictures are this much smaller than the camera's own.
+const SHARE: f64 = 0.25;
+
+/// Renders what the camera of a simulated robot sees while somebody looks, and finds the tags in
+/// it. It has a thread of its own and works on nothing but the truth that it is told.
+pub struct CameraWatcher {
+    feed: Feed,
+    camera: SceneCamera,
+    due_us: u64,
+}
+
+impl CameraWatcher {
+    /// The camera of this robot, mounted and aimed as `seed` has it.
+    #[must_use]
+    pub fn new(feed: Feed, robot: &Robot, seed: u64) -> Self {
+        let camera = SceneCamera::new(Scene::of(robot, seed), seed).smaller(SHARE);
+        Self {
+            feed,
+            camera,
+            due_us: 0,
+        }
+    }
+}
+
+impl Watcher for CameraWatcher {
+    fn see(&mut self, happening: &Happening) {
+        let Happening::Truth { time_us, truth } = happening else {
+            return;
+        };
+        // The clock of another session may begin anew.
+        let waiting = self.due_us.saturating_sub(*time_us);
+        if (1..=EVERY_US).contains(&waiting) || !self.feed.is_watched() {
+            return;
+        }
+        self.due_us = time_us + EVERY_US;
+        let [x, y, z, w] = truth.rotation_xyzw;
+        let pose = Pose {
+            position_m: truth.position_m,
+            rotation_wxyz: [w, x, y, z],
+        };
+        // A picture that can not be made is not shown; the robot goes on.
+        let Ok(picture) = self.camera.picture(&pose.into()) else {
+            return;
+        };
+        let tags = self.camera.tags(&picture, *time_us);
+        let marks = tags.iter().map(|tag| TagMark {
+            id: tag.id,
+            corners_px: tag.corners_px,
+        });
+        self.feed.show(&Shown {
+            source: "simulated camera on the platform",
+            tags: marks.collect(),
+            grasp: None,
+            picture: Arc::new(picture),
+        });
+    }
+}
