@@ -4,9 +4,10 @@ use super::{Bench, Origin, Outcome, ReproduceError, Row, none, paper_robot};
 use crate::calibration::study::median;
 use crate::experiment::{self, Run};
 use crate::machine::{Firmware, Mismatch};
-use crate::motion::{Model, PlanOptions, Task, Tensioning};
+use crate::motion::{Model, PlanOptions, Rest, Task, Tensioning};
 use crate::report::chart::{Chart, Curve};
 use crate::report::{Figures, true_path};
+use crate::run::Measured;
 use mcdpr_kinematics::Pose;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{LinkOptions, Simulation};
@@ -16,14 +17,17 @@ use rayon::prelude::*;
 /// Height of a level platform's origin, m: the paper's 24 mm is out of the sensors' range.
 const HEIGHT_M: f64 = -0.1;
 
+/// Path time (s), place (m) and attitude (rad) of the true platform.
+type TruePose = (f64, [f64; 3], [f64; 3]);
+
 /// What came of one run.
 pub(super) struct Ran {
     pub(super) run: Run,
     pub(super) figures: Figures,
     /// Absolute length error of each cable: mean and greatest, m.
     by_cable_m: Vec<(f64, f64)>,
-    /// Path time (s), place (m) and attitude (rad) of the true platform.
-    poses: Vec<(f64, [f64; 3], [f64; 3])>,
+    /// How the true platform went.
+    poses: Vec<TruePose>,
 }
 
 /// A task at the height of the report, or one from a text.
@@ -192,12 +196,11 @@ pub(super) fn tension_error(ran: &Ran) -> Vec<f64> {
     vec![e.mean_abs, e.max_abs]
 }
 
+/// What was measured and what was planned of a cable (from 0).
+type OfCable<'a> = dyn Fn(&Measured, &Rest, usize) -> [Option<f64>; 2] + 'a;
+
 /// Curves over path time, one a cable; `of` gives measured values and planned ones of a cable.
-fn by_time(
-    ran: &Ran,
-    cables: &[usize],
-    of: &dyn Fn(&crate::run::Measured, &crate::motion::Rest, usize) -> [Option<f64>; 2],
-) -> Vec<Curve> {
+fn by_time(ran: &Ran, cables: &[usize], of: &OfCable<'_>) -> Vec<Curve> {
     let mut curves = Vec::new();
     for &cable in cables {
         let (mut measured, mut planned) = (Vec::new(), Vec::new());
@@ -261,7 +264,7 @@ pub(super) fn pose_charts(ran: &Ran, figure: &str) -> [Chart; 2] {
     let planned = |time_s: f64| Some(ran.run.plan.state(time_s)?.equilibrium.pose);
     let axes = |names: [&str; 3],
                 shall: &dyn Fn(&Pose, usize) -> f64,
-                is: &dyn Fn(&(f64, [f64; 3], [f64; 3]), usize) -> f64| {
+                is: &dyn Fn(&TruePose, usize) -> f64| {
         let mut curves = Vec::new();
         for (axis, name) in names.iter().enumerate() {
             let plan = ran.poses.iter().filter_map(|point| {

@@ -11,7 +11,7 @@
 //! origin that a browser names must be this server's.
 
 mod camera;
-mod feed;
+pub mod feed;
 mod http;
 pub mod server;
 
