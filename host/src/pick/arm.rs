@@ -134,7 +134,7 @@ impl<L: Link> Arm<L> {
         (self.client.now_us() - self.began_us) as f64 * 1e-6
     }
 
-    /// How the robot hangs, from what the board measures over [`SWING_S`]: about a period of its
+    /// How the robot hangs, from what the board measures over `SWING_S`: about a period of its
     /// slowest swing. All lengths and all tensions count, each by its standard deviation: what pulleys
     /// hide of one tension moves a pose that is found from it alone by millimetres.
     ///
