@@ -28,6 +28,12 @@ const SEND_CHANNEL: usize = 1;
 const RECEIVE_CHANNEL: usize = 2;
 /// Interrupt of DMA1 channel 1.
 const DMA_IRQ: u8 = 11;
+/// The supply has fallen under its threshold (EXTI line 16).
+const PVD_IRQ: u8 = 1;
+const PVD_LINE: u32 = 1 << 16;
+/// PWR_CR: the supply is watched; PWR_CSR: it is low.
+const PVDE: u32 = 1 << 4;
+const PVDO: u32 = 1 << 2;
 const USART3_IRQ: u8 = 39;
 /// Transmit; FIFO 0, FIFO 1 and status follow.
 const CAN_IRQ: u8 = 19;
@@ -70,6 +76,7 @@ pub(crate) struct Bus {
     exti: [u32; 6],
     debug: u32,
     power: u32,
+    pub supply_low: bool,
     /// A DMA transfer went wrong; told at the next opportunity.
     pub dma_trap: Option<Trap>,
 }
@@ -123,6 +130,7 @@ impl Bus {
             exti: [0; 6],
             debug: 0,
             power: 0,
+            supply_low: false,
             dma_trap: None,
         }
     }
@@ -316,7 +324,10 @@ impl Bus {
             Place::Flash => {
                 (offset == 0).then_some(self.rcc.flash_acr | self.rcc.flash_acr << 1 & 32)
             }
-            Place::Power => [self.power, 0].get(index).copied(),
+            Place::Power => {
+                let low = self.supply_low && self.power & PVDE != 0;
+                [self.power, if low { PVDO } else { 0 }].get(index).copied()
+            }
             Place::Debug => match offset {
                 0 => Some(0x2003_6410),
                 4 => Some(self.debug),
@@ -364,7 +375,12 @@ impl Bus {
                 self.afio[index] = value;
                 Ok(())
             }
-            Place::Exti if index < self.exti.len() && value == 0 || index == 5 => Ok(()),
+            // Pending bits are cleared by writing them.
+            Place::Exti if index == 5 => Ok(()),
+            Place::Exti if index < self.exti.len() && value & !PVD_LINE == 0 => {
+                self.exti[index] = value;
+                Ok(())
+            }
             Place::Power if offset == 0 => {
                 self.power = value;
                 Ok(())
@@ -389,6 +405,18 @@ impl Bus {
         self.scs.attention = true;
         self.plan();
         Ok(())
+    }
+
+    /// The supply falls under every threshold, or recovers. Gives whether the chip watches it.
+    pub fn set_supply_low(&mut self, low: bool) -> bool {
+        let fell = low && !self.supply_low;
+        self.supply_low = low;
+        let watched =
+            self.power & PVDE != 0 && self.exti[0] & PVD_LINE != 0 && self.exti[2] & PVD_LINE != 0;
+        if watched && fell {
+            self.scs.pend_irq(PVD_IRQ);
+        }
+        watched
     }
 
     /// Feeds the transmitter while DMA has bytes for it.

@@ -117,6 +117,9 @@ pub struct Chip {
     brakes_opened: bool,
     profile: Option<Box<Profile>>,
     resets: Vec<ResetBy>,
+    hangs: bool,
+    /// Instructions take this many times their time.
+    slowness: u64,
 }
 
 impl Chip {
@@ -160,6 +163,8 @@ impl Chip {
             brakes_opened: false,
             profile: None,
             resets: Vec::new(),
+            hangs: false,
+            slowness: 1,
         })
     }
 
@@ -184,8 +189,10 @@ impl Chip {
         bus.can_line.cut_off();
         bus.usart.sent = std::mem::take(&mut old.usart.sent);
         bus.scs.delivers_faults = old.scs.delivers_faults;
+        bus.supply_low = old.supply_low;
         self.bus = bus;
         self.ticks_done = 0;
+        self.hangs = false;
         self.cpu = start(&mut self.bus);
     }
 
@@ -213,7 +220,7 @@ impl Chip {
             if self.bus.scs.attention {
                 self.attend()?;
             }
-            if self.cpu.sleeping {
+            if self.cpu.sleeping || self.hangs {
                 self.bus.now = self.bus.next_event.min(self.until).max(self.bus.now);
                 continue;
             }
@@ -228,7 +235,7 @@ impl Chip {
                 profile.now.push(self.cpu.pc);
             }
             match self.cpu.step(&mut self.bus, op, u32::from(length)) {
-                Ok(cycles) => self.bus.now += cycles * self.bus.clocks.core,
+                Ok(cycles) => self.bus.now += cycles * self.bus.clocks.core * self.slowness,
                 Err(trap) => self.fault(trap)?,
             }
         }
@@ -262,6 +269,9 @@ impl Chip {
                 Halt::Software => ResetBy::Software,
             };
             return Err(Stop::Reset { by, pc });
+        }
+        if self.hangs {
+            return Ok(());
         }
         if let Some(trap) = self.bus.dma_trap.take() {
             return Err(self.stop_of(trap));
@@ -337,6 +347,31 @@ impl Chip {
     /// Raises a hard fault at the present instruction, as broken hardware might.
     pub fn inject_hard_fault(&mut self) {
         self.bus.scs.pend(HARD_FAULT);
+    }
+
+    /// The processor executes nothing more until a reset: firmware that hangs with its interrupts
+    /// masked. Its peripherals go on.
+    pub fn hang(&mut self) {
+        self.hangs = true;
+    }
+
+    /// From now on every instruction takes `factor` times its time, 1 for as it should: a tick
+    /// that has too much to do.
+    pub fn slow_down(&mut self, factor: u32) {
+        self.slowness = u64::from(factor.max(1));
+    }
+
+    /// The supply falls under the threshold of the chip's voltage detector, or recovers. Gives
+    /// whether the firmware watches it.
+    pub fn set_supply_low(&mut self, low: bool) -> bool {
+        self.bus.set_supply_low(low)
+    }
+
+    /// Writes a word of RAM, as a debugger does: to begin where a run would take weeks to come to.
+    /// Gives whether there is such a word.
+    pub fn write_ram(&mut self, address: u32, value: u32) -> bool {
+        let in_ram = (RAM..=RAM + RAM_BYTES - 4).contains(&address);
+        in_ram && self.bus.write(address, 4, value).is_ok()
     }
 
     /// Stops the crystal. Where the clock security system watches it, the core gets its NMI and

@@ -105,7 +105,7 @@ fn the_input_filter_swallows_edges_that_no_drum_makes() {
 }
 
 #[test]
-fn without_drives_it_does_not_arm_and_no_brake_ever_opens() {
+fn d5_without_drives_it_does_not_arm_and_no_brake_ever_opens() {
     let mut bench = Bench::new();
     let config_hash = bench.prepare();
     assert_eq!(bench.done(Request::Arm { config_hash }), Reply::Done);
@@ -148,7 +148,7 @@ fn garbage_from_power_up_on_costs_only_itself() {
 }
 
 #[test]
-fn full_telemetry_loses_no_tick_and_stays_in_budget() {
+fn l16_full_telemetry_loses_no_tick_and_stays_in_budget() {
     // Ten seconds, or as many as asked for.
     let seconds = std::env::var("MCDPR_EMULATED_SECONDS");
     let seconds: u32 = seconds.map_or(10, |text| text.parse().expect("a number of seconds"));
@@ -255,24 +255,81 @@ fn after_reset(bench: &mut Bench) -> (ResetCause, String) {
 }
 
 #[test]
-fn a_fault_closes_the_brakes_and_is_told_after_the_reset() {
+fn p4_a_fault_closes_the_brakes_and_is_told_after_the_reset() {
     let mut bench = Bench::new();
     bench.chip.inject_hard_fault();
     let (cause, text) = after_reset(&mut bench);
     assert_eq!(cause, ResetCause::Panic);
     assert!(text.starts_with("fault at 0x0800"), "{text}");
     assert!(!bench.chip.brakes_ever_opened());
+    shows(&mut bench, FaultId::P4);
+}
+
+/// The board stands in `Fault` for this reason, until it is cleared.
+fn shows(bench: &mut Bench, fault: FaultId) {
+    let status = bench.status();
+    let why = status.fault.map(|record| record.fault);
+    assert_eq!((status.state, why), (BoardState::Fault, Some(fault)));
+    bench.open();
+    assert_eq!(bench.done(Request::ClearFault), Reply::Done);
+    assert_eq!(bench.status().state, BoardState::Disarmed);
 }
 
 #[test]
-fn a_stopped_crystal_is_told_after_the_reset() {
+fn p1_a_falling_supply_closes_the_brakes_and_keeps_the_board_down_until_it_is_back() {
+    let mut bench = Bench::new();
+    assert!(bench.chip.set_supply_low(true), "the supply is watched");
+    // It starts again and again: brakes closed, no tick.
+    for _ in 0..5 {
+        let stopped = (0..200).find_map(|_| bench.chip.run_us(SLICE_US).err());
+        assert!(matches!(
+            stopped,
+            Some(Stop::Reset {
+                by: ResetBy::Software,
+                ..
+            })
+        ));
+        bench.chip.restart(ResetBy::Software);
+    }
+    bench.chip.set_supply_low(false);
+    bench.run_ms(20);
+    assert_eq!(bench.hello().reset_cause, ResetCause::Panic);
+    shows(&mut bench, FaultId::P1);
+    assert!(!bench.chip.brakes_ever_opened());
+}
+
+#[test]
+fn p3_firmware_that_hangs_is_reset_within_50_ms_and_says_so() {
+    let mut bench = Bench::new();
+    bench.chip.hang();
+    let slices = 50_000 / SLICE_US;
+    let stopped = (0..slices).find_map(|_| bench.chip.run_us(SLICE_US).err());
+    assert!(
+        matches!(
+            stopped,
+            Some(Stop::Reset {
+                by: ResetBy::Watchdog,
+                ..
+            })
+        ),
+        "{stopped:?}"
+    );
+    bench.chip.restart(ResetBy::Watchdog);
+    bench.run_ms(20);
+    assert_eq!(bench.hello().reset_cause, ResetCause::Watchdog);
+    shows(&mut bench, FaultId::P3);
+}
+
+#[test]
+fn p6_a_stopped_crystal_is_told_after_the_reset() {
     let mut bench = Bench::new();
     assert!(bench.chip.stop_crystal(), "the clock is watched");
     let (cause, text) = after_reset(&mut bench);
     assert_eq!(
         (cause, text.as_str()),
-        (ResetCause::Panic, "crystal stopped")
+        (ResetCause::Panic, "P6: crystal stopped")
     );
+    shows(&mut bench, FaultId::P6);
 }
 
 #[test]

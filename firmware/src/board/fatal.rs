@@ -1,6 +1,6 @@
 //! Fatal errors: brakes first, then a record that survives the reset, then the reset.
 //!
-//! Panics, processor faults, a stopped crystal and interrupts without a handler all end here. The
+//! Panics, processor faults, a stopped crystal, a falling supply and interrupts without a handler all end here. The
 //! record lies in RAM that no start clears; magic number and checksum tell it from what RAM holds
 //! when power comes on.
 #![allow(
@@ -13,9 +13,13 @@ use core::arch::naked_asm;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU8, AtomicU32, AtomicUsize, Ordering, fence};
 use cortex_m::peripheral::SCB;
+use embassy_stm32::pac::interrupt;
 use mcdpr_protocol::List;
 use mcdpr_protocol::frame::crc32;
 use mcdpr_protocol::message::PANIC_BYTES;
+
+/// What the record says after the supply has fallen.
+pub const SUPPLY_LOW: &str = "P1: supply low";
 
 /// A record that no start has read yet.
 const NEW: u32 = 0x4D43_4450;
@@ -77,18 +81,11 @@ impl Message {
         Self(List::new()).text(text)
     }
 
-    /// Adds text; a character that does not fit as a whole is left out, with all that follow.
+    /// Adds text; what does not fit is left out.
     pub fn text(mut self, text: &str) -> Self {
-        for character in text.chars() {
-            let mut bytes = [0; 4];
-            let bytes = character.encode_utf8(&mut bytes).as_bytes();
-            if self.0.len() + bytes.len() > PANIC_BYTES {
-                break;
-            }
-            for &byte in bytes {
-                // There is room.
-                let _ = self.0.push(byte);
-            }
+        for &byte in text.as_bytes() {
+            // A full message stays as it is.
+            let _ = self.0.push(byte);
         }
         self
     }
@@ -207,7 +204,13 @@ extern "C" fn hard_fault(stack: usize) -> ! {
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() -> ! {
     // The clock security system is its only source here (P6).
-    stop("crystal stopped")
+    stop("P6: crystal stopped")
+}
+
+/// The supply falls (P1).
+#[interrupt]
+fn PVD() {
+    stop(SUPPLY_LOW)
 }
 
 #[cortex_m_rt::exception]

@@ -3,7 +3,7 @@
 use crate::fatal::Record;
 use embassy_stm32::pac;
 use mcdpr_protocol::message::PANIC_BYTES;
-use mcdpr_protocol::{Hello, Info, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause};
+use mcdpr_protocol::{FaultId, Hello, Info, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause};
 
 /// First characters of the git hash, from the build script; empty outside of git.
 const GIT_HASH: &[u8] = env!("MCDPR_GIT_HASH").as_bytes();
@@ -14,6 +14,23 @@ pub struct Reset {
     pub cause: ResetCause,
     /// What the last fatal error since power-on said.
     pub last_panic: List<u8, PANIC_BYTES>,
+}
+
+impl Reset {
+    /// The fault that this start has to show: the board crashed, hung, or lost its supply or its
+    /// crystal. It stays until it is cleared.
+    pub fn fault(&self) -> Option<FaultId> {
+        match self.cause {
+            ResetCause::Watchdog => Some(FaultId::P3),
+            // Two messages begin with the number of their row; no other does.
+            ResetCause::Panic => Some(match &*self.last_panic {
+                [b'P', b'1', ..] => FaultId::P1,
+                [b'P', b'6', ..] => FaultId::P6,
+                _ => FaultId::P4,
+            }),
+            _ => None,
+        }
+    }
 }
 
 /// Reads and clears the chip's reset flags. Every reset pulls the reset pin, so that one is last.

@@ -18,6 +18,10 @@ pub const APB1_HZ: u32 = CORE_HZ / 2;
 /// Core clock cycles of one control tick.
 pub const CYCLES_PER_TICK: u32 = CORE_HZ / 1000;
 
+/// The voltage detector's line of EXTI.
+const SUPPLY_LINE: usize = 16;
+/// Field of PWR_CR: 2.9 V.
+const PVD_2V9: u8 = 7;
 /// Field of AFIO_MAPR: receive on PB8, transmit on PB9.
 const CAN_ON_B8_B9: u8 = 2;
 
@@ -41,6 +45,7 @@ fn bring_up() -> (&'static mut link::Link, SYST) {
 
     clocks();
     pins::set_up();
+    watch_supply();
     encoders::start();
     tension::start();
     let (sender, ring) = uart::open();
@@ -60,6 +65,21 @@ fn bring_up() -> (&'static mut link::Link, SYST) {
     syst.enable_interrupt();
     defmt::info!("started, reset cause {=u8}", reset.cause as u8);
     (link, syst)
+}
+
+/// From here on a supply under 2.9 V, of 3.3 V, closes the brakes (P1). One that is low already
+/// gives no edge: then the board starts again until it is not.
+fn watch_supply() {
+    pac::PWR.cr().write(|w| {
+        w.set_pls(PVD_2V9);
+        w.set_pvde(true);
+    });
+    pac::EXTI.rtsr(0).write(|w| w.set_line(SUPPLY_LINE, true));
+    pac::EXTI.imr(0).write(|w| w.set_line(SUPPLY_LINE, true));
+    interrupts::enable_link(pac::Interrupt::PVD);
+    if pac::PWR.csr().read().pvdo() {
+        fatal::stop(fatal::SUPPLY_LOW)
+    }
 }
 
 /// 72 MHz from the 8 MHz crystal; both APB within their limits; ADC at 12 MHz of at most 14. Then
@@ -94,6 +114,7 @@ fn clocks() {
         w.set_tim4en(true);
         w.set_usart3en(true);
         w.set_canen(true);
+        w.set_pwren(true);
     });
     rcc.apb2enr().write(|w| {
         w.set_afioen(true);

@@ -170,8 +170,12 @@ static CORE: AtomicPtr<Core> = AtomicPtr::new(ptr::null_mut());
 pub fn hand_over(rim: Rim, ends: TickEnds, reset: &Reset) {
     static PLACE: StaticCell<Core> = StaticCell::new();
     static SERVER: StaticCell<Server<CABLES>> = StaticCell::new();
+    let server = SERVER.init_with(|| Server::new(false));
+    if let Some(fault) = reset.fault() {
+        server.start_in_fault(fault);
+    }
     let core = PLACE.init(Core {
-        server: SERVER.init_with(|| Server::new(false)),
+        server,
         rim,
         inputs: Inputs::default(),
         ends,

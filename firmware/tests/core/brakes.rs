@@ -109,7 +109,7 @@ fn b3_a_brake_that_closes_late_keeps_torque_until_it_holds_and_is_told() {
 }
 
 #[test]
-fn p3_p4_a_board_that_starts_after_a_crash_is_in_fault_until_it_is_cleared() {
+fn p1_p3_p4_a_board_that_starts_after_a_crash_is_in_fault_until_it_is_cleared() {
     for cause in [FaultId::P1, FaultId::P3, FaultId::P4] {
         let mut bench = Bench::new();
         bench.server.start_in_fault(cause);
