@@ -298,9 +298,10 @@ impl<const N: usize> Controller<N> {
     fn trip(&mut self, fault: FaultId, cable: u8, value: i32, limit: i32) {
         self.latch_fault(fault, cable, value, limit);
         self.raise(supervisor::reaction(fault).event());
-        // The failed drum is braked at once: the others must not go on pulling against it.
-        if self.state == State::Stopping && matches!(fault, FaultId::D2 | FaultId::D3 | FaultId::S6)
-        {
+        // The failed drum is braked at once: the others must not go on pulling against it. A drive
+        // that does not obey (D7) may give no torque: an RMDS has no other way to say so.
+        let failed = matches!(fault, FaultId::D2 | FaultId::D3 | FaultId::D7 | FaultId::S6);
+        if self.state == State::Stopping && failed {
             if let Some(cable) = self.cables.get_mut(usize::from(cable).wrapping_sub(1)) {
                 cable.abandoned = true;
             }

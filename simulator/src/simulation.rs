@@ -160,6 +160,7 @@ impl Simulation {
         let before = self.board.now();
         self.received.clear();
         self.send.clear();
+        self.to_board.make_noise(self.now_us);
         self.to_board.receive(self.now_us, &mut self.received);
         let line_errors = self.to_board.take_framing_errors(self.now_us);
         self.board.line_errors(line_errors);

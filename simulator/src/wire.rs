@@ -17,6 +17,9 @@ pub struct WireFaults {
     pub delay: f64,
     /// Longest pause, µs.
     pub longest_delay_us: u32,
+    /// Bytes of noise that a receiver sees per second, in between whatever is sent: random bits, half
+    /// of them without a stop bit.
+    pub noise_per_s: f64,
 }
 
 /// One direction of a line. Bytes arrive in order, each after its time on the wire.
@@ -31,6 +34,8 @@ pub struct Wire {
     bytes: VecDeque<(u64, u8)>,
     /// Arrival times of bytes whose start or stop bit was hit, ns.
     framing_errors: VecDeque<u64>,
+    /// Up to when the line has made its noise, ns.
+    noise_ns: u64,
 }
 
 impl Wire {
@@ -45,6 +50,33 @@ impl Wire {
             free_ns: 0,
             bytes: VecDeque::new(),
             framing_errors: VecDeque::new(),
+            noise_ns: 0,
+        }
+    }
+
+    /// Makes the noise of the time up to `now_us`, where the line is noisy.
+    pub fn make_noise(&mut self, now_us: u64) {
+        let now_ns = now_us * 1000;
+        let rate = self.faults.noise_per_s;
+        if rate <= 0.0 || rate.is_nan() {
+            self.noise_ns = now_ns;
+            return;
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "positive, and saturates"
+        )]
+        let step_ns = ((1e9 / rate) as u64).max(self.byte_ns);
+        while self.noise_ns + step_ns <= now_ns {
+            self.noise_ns += step_ns;
+            let last = self.bytes.back().map_or(0, |(arrival, _)| *arrival);
+            let arrival = last.max(self.noise_ns);
+            let bits = self.rng.next_u32();
+            if bits & 0x100 != 0 {
+                self.framing_errors.push_back(arrival);
+            }
+            self.bytes.push_back((arrival, bits.to_le_bytes()[0]));
         }
     }
 
@@ -144,6 +176,24 @@ mod tests {
     }
 
     #[test]
+    fn noise_fills_a_silent_line_at_its_rate_and_half_of_it_has_no_stop_bit() {
+        let mut wire = Wire::new(921_600, 0, WireFaults::default(), 5);
+        wire.make_noise(1000);
+        wire.set_faults(WireFaults {
+            noise_per_s: 20_000.0,
+            ..WireFaults::default()
+        });
+        let (mut got, mut errors) = (Vec::new(), 0);
+        for ms in 2..=101 {
+            wire.make_noise(ms * 1000);
+            wire.receive(ms * 1000, &mut got);
+            errors += wire.take_framing_errors(ms * 1000);
+        }
+        assert_eq!(got.len(), 2000);
+        assert!((900..1100).contains(&errors), "{errors}");
+    }
+
+    #[test]
     fn faults_come_as_often_as_asked_and_alike_for_a_seed() {
         let faults = WireFaults {
             drop: 0.1,
@@ -151,6 +201,7 @@ mod tests {
             duplicate: 0.02,
             delay: 0.01,
             longest_delay_us: 1000,
+            noise_per_s: 0.0,
         };
         let run = |seed| {
             let mut wire = Wire::new(921_600, 0, faults, seed);

@@ -25,7 +25,7 @@ fn short_task() -> Task {
 }
 
 #[test]
-fn a_motion_is_the_same_over_a_noisy_line_as_over_a_perfect_one() {
+fn l1_l3_l4_l9_a_motion_is_the_same_over_a_noisy_line_as_over_a_perfect_one() {
     let model = model();
     let path = |options: &LinkOptions, seed: u64| {
         let link = robot(&model, options, seed);
@@ -76,6 +76,7 @@ fn a_motion_is_the_same_over_a_noisy_line_as_over_a_perfect_one() {
                 duplicate: 0.0005,
                 delay: 0.0003,
                 longest_delay_us: 10_000,
+                noise_per_s: 0.0,
             },
         ),
     ] {
@@ -103,7 +104,7 @@ fn a_motion_is_the_same_over_a_noisy_line_as_over_a_perfect_one() {
 }
 
 #[test]
-fn a_noisy_line_costs_retransmissions_and_the_board_counts_them() {
+fn l1_l3_a_noisy_line_costs_retransmissions_and_the_board_counts_them() {
     let model = model();
     let faults = WireFaults {
         drop: 0.003,

@@ -2,7 +2,7 @@
 
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
-use mcdpr::robot::Robot;
+use mcdpr::robot::{DriveKind, Robot};
 use mcdpr::run::RunError;
 use mcdpr::scenario::{self, Aftermath, Injection, Scenario};
 use mcdpr_firmware::State;
@@ -10,7 +10,11 @@ use mcdpr_protocol::FaultId;
 
 /// A line of some three seconds on the paper's robot.
 fn run(words: &[&str]) -> Aftermath {
-    let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+    run_on(&Robot::find("paper-table5").unwrap(), words)
+}
+
+fn run_on(robot: &Robot, words: &[&str]) -> Aftermath {
+    let model = Model::new(robot).unwrap();
     let text = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
     let task = Task::parse(text, "line.toml".into()).unwrap();
     let injections = words.iter().map(|word| Injection::parse(word, 4).unwrap());
@@ -61,6 +65,71 @@ fn l1_l3_l4_l9_s1_what_passes_by_does_not_end_the_motion() {
 }
 
 #[test]
+fn d2_d6_what_a_cia402_drive_reports_stops_the_robot_and_an_rmds_can_not_report() {
+    let mut robot = Robot::find("paper-table5").unwrap();
+    let hot = Scenario::from_words(&["D6@1s".to_owned()], 4).unwrap();
+    let words = hot.suits(&robot).unwrap_err().to_string();
+    assert!(words.contains("RMDS"), "{words}");
+    for winch in &mut robot.winches {
+        winch.drive = DriveKind::Cia402;
+    }
+    hot.suits(&robot).unwrap();
+    for (word, fault, cable, most_ms) in [
+        ("D2:2@0.9s", FaultId::D2, 2, 12),
+        ("D6:3@0.9s", FaultId::D6, 3, 120),
+    ] {
+        let after = run_on(&robot, &[word]);
+        let record = after.record().unwrap();
+        assert_eq!((record.fault, record.cable), (fault, cable), "{word}");
+        let noticed = after.detected_after_ms().unwrap();
+        assert!(noticed <= most_ms, "{word}: {noticed} ms");
+        assert!(after.is_safe(), "{word}");
+        assert!(after.drop_m() < 5e-3, "{word}: {} m", after.drop_m());
+    }
+}
+
+/// A motor that gives no torque and says nothing is a drive that does not obey: its brake closes
+/// at once, the others follow their path to rest.
+#[test]
+fn d2_d7_an_rmds_without_torque_is_braked_before_the_others() {
+    for cable in [1, 2, 3] {
+        let after = run(&[&format!("D2:{cable}@0.9s")]);
+        let record = after.record().unwrap();
+        println!(
+            "D2:{cable}: {record:?} after {:?} ms, drop {:.2} mm",
+            after.detected_after_ms(),
+            after.drop_m() * 1e3
+        );
+        assert_eq!(
+            (record.fault, usize::from(record.cable)),
+            (FaultId::D7, cable)
+        );
+        let closed = |cable: usize| {
+            let mut points = after.after().iter();
+            points
+                .position(|point| point.truth.brakes_closed[cable])
+                .unwrap()
+        };
+        assert!(closed(cable - 1) + 20 < closed(3), "the failed drum first");
+        assert!(after.is_safe());
+        assert!(after.drop_m() < 5e-3, "{cable}: {} m", after.drop_m());
+    }
+}
+
+#[test]
+fn c4_a_drum_that_winds_wrongly_is_stopped_before_the_platform_is_far_off() {
+    let after = run(&["C4:1@0.5s"]);
+    let record = after.record().unwrap();
+    println!("{record:?} after {:?} ms", after.detected_after_ms());
+    assert!(
+        matches!(record.fault, FaultId::S5 | FaultId::C5 | FaultId::C1),
+        "{record:?}"
+    );
+    assert!(after.detected_after_ms().unwrap() < 1500);
+    assert!(after.is_safe());
+}
+
+#[test]
 fn a_scenario_of_two_faults_keeps_the_first_cause() {
     let after = run(&["S7:2@0.5s", "C3:3@0.51s"]);
     assert_eq!(after.injected_ms.len(), 2);
@@ -74,7 +143,7 @@ fn a_scenario_of_two_faults_keeps_the_first_cause() {
 }
 
 #[test]
-fn b1_b2_s4_arming_names_the_winch_and_lets_nothing_fall() {
+fn b1_b2_b3_arming_names_the_winch_and_lets_nothing_fall() {
     for cable in 1..=4 {
         let after = run(&[&format!("B1:{cable}@start")]);
         let record = after.record().unwrap();

@@ -63,6 +63,9 @@ impl Cmd {
             None if self.faults.is_empty() => None,
             None => Some(Scenario::from_words(&self.faults, cables)?),
         };
+        if let Some(scenario) = &scenario {
+            scenario.suits(&robot)?;
+        }
         let plan = experiment::plan_from_home(&model, task.clone())?;
         if common.dry_run {
             eprintln!(

@@ -144,8 +144,14 @@ impl Aftermath {
     /// on while the board gave torque.
     #[must_use]
     pub fn slack(&self) -> (usize, usize) {
+        self.slack_but(&[])
+    }
+
+    /// The same, but for some cables (from 0): what can be held tight without them.
+    #[must_use]
+    pub fn slack_but(&self, without: &[usize]) -> (usize, usize) {
         let mut worst = (0, 0);
-        for cable in 0..self.limits.cables {
+        for cable in (0..self.limits.cables).filter(|cable| !without.contains(cable)) {
             let pull = |point: &TracePoint| point.truth.tensions_platform_n.get(cable).copied();
             let armed = self.after().iter().filter(|point| point.torque_on);
             let ms = longest(armed.filter_map(pull).map(|n| n < self.limits.slack_n));

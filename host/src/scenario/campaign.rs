@@ -34,6 +34,7 @@ pub const DRAWN: &[FaultId] = &[
     FaultId::S10,
     FaultId::S11,
     FaultId::D1,
+    FaultId::D2,
     FaultId::D3,
     FaultId::D5,
     FaultId::D7,
@@ -296,7 +297,12 @@ fn judge(verdict: &mut Verdict, model: &Model, after: &Aftermath) {
     verdict.noticed_after_ms = after.detected_after_ms();
     verdict.drop_m = after.drop_m();
     verdict.over_ms = after.over_tension().1;
-    verdict.slack_ms = after.slack().0;
+    // Nobody takes up the slack of a drum whose drive does not obey.
+    let dead = verdict.injections.iter();
+    let dead = dead.filter(|i| matches!(i.fault, FaultId::D2 | FaultId::D7));
+    let dead: Vec<_> = dead.map(|i| i.cable).collect();
+    let (slack_ms, slack_cable) = after.slack_but(&dead);
+    verdict.slack_ms = slack_ms;
     verdict.drop_bound_m = if worst(Class::Bounded) {
         drop_bound_m(model, after, &verdict.injections)
     } else {
@@ -317,7 +323,8 @@ fn judge(verdict: &mut Verdict, model: &Model, after: &Aftermath) {
             wrong.push(format!("over its limit for {} ms", verdict.over_ms));
         }
         if verdict.slack_ms > SLACK_MS {
-            wrong.push(format!("slack for {} ms", verdict.slack_ms));
+            let cable = slack_cable + 1;
+            wrong.push(format!("cable {cable} slack for {slack_ms} ms"));
         }
     }
     verdict.violations = wrong;

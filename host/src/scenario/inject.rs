@@ -30,7 +30,7 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::L10 | FaultId::L12 | FaultId::L15 => How::Host("the host falls silent for good"),
         FaultId::L11 => How::Line("nothing arrives any more, in either direction"),
         FaultId::L16 => How::Line("nothing arrives at the host"),
-        FaultId::L18 => How::Line("a third of the bytes have a flipped bit"),
+        FaultId::L18 => How::Line("twenty bytes of noise arrive in every millisecond"),
         FaultId::S1 => How::Plant("one encoder reading is off by 500 counts"),
         FaultId::S2 => How::Plant("the encoder's count stays"),
         FaultId::S4 => How::Plant("the encoder counts backwards from now on"),
@@ -42,8 +42,12 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::S10 => How::Plant("the tension sensor is off by 5 N"),
         FaultId::S11 => How::Plant("the tension reading freezes"),
         FaultId::D1 => How::Plant("the drive bus carries nothing"),
+        FaultId::D2 => {
+            How::Plant("the drive fails: it gives no torque, and a CiA 402 drive says so")
+        }
         FaultId::D3 => How::Plant("the drive sends no feedback"),
         FaultId::D5 => How::Plant("the drive never comes up"),
+        FaultId::D6 => How::Plant("the drive says that it is too hot (CiA 402 only)"),
         FaultId::D7 => How::Plant("the drive ignores its commands"),
         FaultId::B1 => How::Plant("the brake stays closed"),
         FaultId::B2 => How::Plant("the brake holds a fiftieth of what it should"),
@@ -55,11 +59,12 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::C3 => How::Plant("the cable breaks"),
         FaultId::C4 => How::Plant("the drum winds 10 % more cable per turn"),
         FaultId::C5 => How::Plant("something carries 5 N of the platform's weight"),
-        FaultId::D2 | FaultId::D6 => How::Not("the simulated drive has no such report"),
         FaultId::P1 | FaultId::P3 | FaultId::P4 | FaultId::P5 | FaultId::P6 => {
-            How::Not("it happens to the chip, which this simulator replaces")
+            How::Not("it happens to the processor; the tests of the emulated chip show it")
         }
-        FaultId::S12 => How::Not("no run of the demo looks through the camera"),
+        FaultId::S12 => {
+            How::Not("no run of the demo looks through the camera; tests/tests/collect.rs shows it")
+        }
         _ => How::Not("it is refused before anything moves; tests show it"),
     }
 }
@@ -94,7 +99,7 @@ pub(super) fn apply(
         FaultId::L3 => to_board.drop = line(0.005),
         FaultId::L4 => to_board.duplicate = line(0.005),
         FaultId::L8 => to_board.corrupt = line(0.9),
-        FaultId::L18 => to_board.corrupt = line(0.33),
+        FaultId::L18 => to_board.noise_per_s = 20_000.0 * strength,
         FaultId::L9 => return Ok(HostSide::Silent(60_000)),
         FaultId::L10 | FaultId::L12 | FaultId::L15 => return Ok(HostSide::Silent(u64::MAX)),
         FaultId::L11 | FaultId::L16 => {
@@ -114,7 +119,11 @@ pub(super) fn apply(
             return apply_to_plant(simulation, fault, cable, strength).map(|()| HostSide::Fine);
         }
     }
-    simulation.set_link_faults(to_board, to_board);
+    let to_host = WireFaults {
+        noise_per_s: 0.0,
+        ..to_board
+    };
+    simulation.set_link_faults(to_board, to_host);
     Ok(HostSide::Fine)
 }
 
@@ -124,6 +133,16 @@ fn apply_to_plant(
     cable: usize,
     strength: f64,
 ) -> Result<(), PlantError> {
+    if matches!(fault, FaultId::D2 | FaultId::D6) {
+        if let Some(node) = simulation.drives_mut().nodes_mut().fault_mut(cable) {
+            match fault {
+                // Over-current, as CiA 301 numbers it.
+                FaultId::D2 => node.fault = Some(0x2310),
+                _ => node.hot = true,
+            }
+        }
+        return Ok(());
+    }
     let plant = simulation.plant_mut();
     #[expect(clippy::cast_possible_truncation, reason = "saturates")]
     let jump = (500.0 * strength) as i16;
@@ -183,6 +202,12 @@ pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
         FaultId::P7 => simulation.plant_mut().set_e_stop(false),
         FaultId::P2 => simulation.plant_mut().set_power(true),
         FaultId::D1 => simulation.plant_mut().faults_mut().bus_off = false,
+        FaultId::D2 | FaultId::D6 => {
+            let nodes = simulation.drives_mut().nodes_mut();
+            if let Some(node) = nodes.fault_mut(injection.cable) {
+                (node.fault, node.hot) = (None, false);
+            }
+        }
         FaultId::C5 => {
             // A load of nothing is finite.
             let _ = simulation

@@ -1,6 +1,7 @@
 //! Scenarios as people write them: `S2@3.0s` on the command line, TOML in a file.
 
 use super::{How, Injection, MOST_INJECTIONS, Scenario, When, how};
+use crate::robot::{DriveKind, Robot};
 use mcdpr_protocol::FaultId;
 use miette::Diagnostic;
 use serde::Deserialize;
@@ -38,6 +39,20 @@ pub enum ScenarioError {
     NotHere {
         /// The row.
         fault: FaultId,
+        /// Why not.
+        why: &'static str,
+    },
+    /// A row that this robot can not show.
+    #[error("{} ({}) can not be injected into winch {}: {why}", fault.name(), fault.what(), cable + 1)]
+    #[diagnostic(
+        code(mcdpr::scenario::not_this_robot),
+        help("`drive` in the robot file says what its drives are")
+    )]
+    NotThisRobot {
+        /// The row.
+        fault: FaultId,
+        /// The cable, from 0.
+        cable: usize,
         /// Why not.
         why: &'static str,
     },
@@ -176,6 +191,25 @@ fn build(id: &str, cable: Option<usize>, when: When, cables: usize) -> Result<In
 }
 
 impl Scenario {
+    /// Whether this robot can show these faults: an RMDS drive has no way to say that it is hot.
+    ///
+    /// # Errors
+    /// [`ScenarioError::NotThisRobot`] for the first that it can not.
+    pub fn suits(&self, robot: &Robot) -> Result<(), ScenarioError> {
+        for injection in &self.injections {
+            let winch = robot.winch_of(injection.cable);
+            let rmds = winch.is_some_and(|winch| winch.drive == DriveKind::Rmds);
+            if injection.fault == FaultId::D6 && rmds {
+                return Err(ScenarioError::NotThisRobot {
+                    fault: injection.fault,
+                    cable: injection.cable,
+                    why: "its drive, an RMDS, has no such report",
+                });
+            }
+        }
+        Ok(())
+    }
+
     /// Reads the faults of a command line.
     ///
     /// # Errors

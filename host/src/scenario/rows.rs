@@ -34,11 +34,9 @@ pub const fn reaction(fault: FaultId) -> &'static str {
         FaultId::S1 => "up to two samples are replaced by their prediction",
         FaultId::S3 | FaultId::K9 => "none needed",
         FaultId::S9 | FaultId::S10 => "advice in motion; out of its band at arming: refused",
-        FaultId::S12 => "vision is not used; the motion goes on from lengths",
-        FaultId::S4 | FaultId::D1 | FaultId::P1 | FaultId::P6 | FaultId::P7 => {
-            "brakes and torque off at once (STOP0)"
-        }
-        FaultId::D2 | FaultId::D3 => {
+        FaultId::S12 => "no motion follows the camera: it goes on by its lengths",
+        FaultId::S4 | FaultId::D1 | FaultId::P7 => "brakes and torque off at once (STOP0)",
+        FaultId::D2 | FaultId::D3 | FaultId::D7 | FaultId::S6 => {
             "the brake of this winch closes at once, the others stop along the path (STOP1)"
         }
         FaultId::D5 => "arming is given up, brakes stay closed",
@@ -47,7 +45,9 @@ pub const fn reaction(fault: FaultId) -> &'static str {
             "at arming: given up. After a stop: torque stays until the brake holds"
         }
         FaultId::P2 => "brakes close by their springs; nothing starts without arming",
-        FaultId::P3 | FaultId::P4 => "brakes closed, no torque; the board starts in Fault",
+        FaultId::P1 | FaultId::P3 | FaultId::P4 | FaultId::P6 => {
+            "brakes close, the board starts again, without torque, in Fault with the cause"
+        }
         FaultId::K1 | FaultId::K3 | FaultId::F1 | FaultId::F2 => "refused before anything moves",
         FaultId::K2 => "can not be sent: all numbers are integers",
         FaultId::K4 | FaultId::K5 | FaultId::K7 | FaultId::K8 => "refused, nothing changes",
