@@ -48,11 +48,37 @@ pub fn describe_fault(record: &FaultRecord) -> String {
 #[must_use]
 pub const fn advice(fault: FaultId) -> &'static str {
     match fault {
+        FaultId::L1 | FaultId::L3 | FaultId::L6 | FaultId::L7 | FaultId::L8 => {
+            "nothing, while it is rare; if the counters rise, take a shorter or shielded cable and keep it away from the motors"
+        }
+        FaultId::L2 => "use a program and a firmware of the same version; if both are, report it",
+        FaultId::L4 | FaultId::L5 => {
+            "nothing: the bridge repeats or reorders; if it goes on, take another one"
+        }
         FaultId::L9 | FaultId::L10 | FaultId::L12 | FaultId::L15 => {
             "the board held by itself; see why the host stopped (sleep, crash, cable), connect again and re-arm"
         }
+        FaultId::L11 => "plug the line in again and fix it; then clear the fault and re-arm",
+        FaultId::L13 => "clear the fault and arm again: the session of the old program is over",
+        FaultId::L14 => "end the other program, or only look on; `mcdpr stop` works from anywhere",
+        FaultId::L16 => {
+            "close what keeps this program from reading; the record shows what is missing"
+        }
+        FaultId::L17 => {
+            "`cargo flash-fw` writes this program's firmware, or take the program of the board's version"
+        }
+        FaultId::L18 => {
+            "check the serial line's ground, shield and plugs, keep it away from the motors, then clear the fault"
+        }
+        FaultId::S1 => {
+            "nothing, while it is rare; if it goes on, look at the encoder cable's shield"
+        }
         FaultId::S2 | FaultId::S6 => {
             "check the drum encoder's plug, supply and coupling; the motor turned but the encoder did not"
+        }
+        FaultId::S3 | FaultId::K9 => "nothing: it is normal",
+        FaultId::S4 => {
+            "swap the encoder's A and B or change encoder_sign; `mcdpr commission` finds out which"
         }
         FaultId::S5 | FaultId::C4 => {
             "a cable slipped or is mis-wound: look at the drums, then re-reference the lengths"
@@ -60,9 +86,13 @@ pub const fn advice(fault: FaultId) -> &'static str {
         FaultId::S7 | FaultId::S8 | FaultId::S11 => {
             "check the tension sensor's plug and amplifier; the reading can not be true"
         }
+        FaultId::S9 => {
+            "look at the sensor's shield and amplifier; `mcdpr tune tension` shows the noise"
+        }
         FaultId::S10 => {
             "check that the robot hangs where it was said to be, and the sensor's zero (tension_zero_v)"
         }
+        FaultId::S12 => "clean the lens, light the tag, look whether one hides it; then look again",
         FaultId::D1 | FaultId::D2 | FaultId::D3 => {
             "check the drive's supply, CAN plugs and termination, then clear the fault"
         }
@@ -70,12 +100,56 @@ pub const fn advice(fault: FaultId) -> &'static str {
         FaultId::D5 => {
             "the drive did not come up: check its supply, its number on the bus and the CAN wiring"
         }
-        FaultId::D7 => "the drum did not turn: check the motor's plug, the brake and for a jam",
+        FaultId::D6 => "let the drive cool; less load, slower, or more air",
+        FaultId::D7 => {
+            "the drum did not turn as told: check the motor's plug, the drive, the brake and for a jam"
+        }
+        FaultId::B1 => "check the brake's supply and coil; it must click when the robot arms",
+        FaultId::B2 => {
+            "hold the platform by other means before you switch off; clean or replace the brake"
+        }
+        FaultId::B3 => {
+            "hold the platform by other means before you switch off; check the brake's spring, its gap and its diode"
+        }
+        FaultId::P1 => {
+            "check the board's supply under load, then clear the fault, reference the lengths and re-arm"
+        }
+        FaultId::P2 => "when the supply is back: reference the lengths and arm",
+        FaultId::P3 | FaultId::P4 => {
+            "`mcdpr doctor` tells what the firmware said last; report it; then clear the fault, reference the lengths and re-arm"
+        }
+        FaultId::P5 => "report it with the record; then clear the fault and re-arm",
+        FaultId::P6 => {
+            "check the board's crystal; then clear the fault, reference the lengths and re-arm"
+        }
+        FaultId::P7 => "release the emergency stop, look around, then clear the fault",
         FaultId::C1 => "the cable is slack: check that it lies on its pulleys, then tension it up",
         FaultId::C2 => "the cable is snagged or pulled against another: free it before you clear",
+        FaultId::C3 => {
+            "keep clear of the platform, hold it up, put in a new cable (`mcdpr rig`) and reference the lengths"
+        }
+        FaultId::C5 => "see what the platform touches or carries; free it, then clear the fault",
+        FaultId::K1 => "choose a target inside: `mcdpr workspace` shows where the robot can go",
+        FaultId::K2 => "mend the number in the file that the message names",
+        FaultId::K3 => "a slower task, or speed limits in the robot file that the winches can keep",
+        FaultId::K4 => "plan again from where the robot is now",
+        FaultId::K5 | FaultId::K7 => "report it with the record: the program sends no such motion",
         FaultId::K6 => "the host could not feed the motion in time: close other programs",
-        FaultId::P7 => "release the emergency stop, look around, then clear the fault",
-        _ => "mend the cause, then clear the fault and re-arm",
+        FaultId::K8 => "do what the message says first: mostly arm, stop or clear",
+        FaultId::K10 => "nothing: the robot stood; start again if you want it to",
+        FaultId::F1 | FaultId::F2 => {
+            "mend the line of the file that the message names; `mcdpr config check` looks at all of it"
+        }
+        FaultId::F3 | FaultId::F4 => "nothing: it can not happen",
+        FaultId::F5 => {
+            "look at the named rows; a few are left out by themselves, many mean a moved camera or tag"
+        }
+        FaultId::F6 => {
+            "collect poses that differ more, or hold the parameters that the message names"
+        }
+        FaultId::F7 => "collect the named rows again, or take the repeated ones out",
+        FaultId::F8 => "make room, then start a new record; the motion was not disturbed",
+        FaultId::F9 => "use the calibration of this robot, or calibrate it again",
     }
 }
 
