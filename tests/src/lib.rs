@@ -1,6 +1,7 @@
 //! What the system tests share. The tests themselves are in `tests/tests`.
 
 pub mod fuzz;
+pub mod process;
 
 use std::path::PathBuf;
 use std::process::Command;

@@ -1,33 +1,14 @@
 //! The real program as its user runs it: output, files, exit codes, bad input, two processes.
 
 use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::{Folder, Simulator, breathe};
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// A folder that goes with the test.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("mcdpr-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    fn path(&self) -> &Path {
-        &self.0
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
+/// At this speed a busy machine has a third of a second before the board misses its host.
+const SCALE: &str = "0.3";
 
 fn run(command: &mut Command) -> Output {
     command.stdin(Stdio::null()).output().unwrap()
@@ -135,7 +116,7 @@ fn the_same_seed_gives_the_same_figures() {
 }
 
 #[test]
-fn bad_robot_files_are_refused_with_what_where_and_remedy() {
+fn f1_f2_k2_bad_robot_files_are_refused_with_what_where_and_remedy() {
     let folder = Folder::new("robots");
     let robot = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -176,7 +157,7 @@ fn bad_robot_files_are_refused_with_what_where_and_remedy() {
 }
 
 #[test]
-fn bad_ports_and_tasks_are_refused_before_anything_moves() {
+fn k1_bad_ports_and_tasks_are_refused_before_anything_moves() {
     let folder = Folder::new("tasks");
     let task = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -287,37 +268,6 @@ fn every_state_and_event_is_in_the_printed_table() {
     }
 }
 
-/// `mcdpr sim --pty` in its own process; ended with the test.
-struct Simulator {
-    child: Child,
-    port: String,
-}
-
-impl Simulator {
-    fn start(scale: &str) -> Self {
-        let mut child = mcdpr()
-            .args(["sim", "--pty", "--json", "--time-scale", scale])
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        let mut reader = BufReader::new(child.stdout.take().unwrap());
-        reader.read_line(&mut line).unwrap();
-        let document: Value = serde_json::from_str(&line).unwrap();
-        let port = document["port"].as_str().unwrap().to_owned();
-        Self { child, port }
-    }
-}
-
-impl Drop for Simulator {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
 /// A short task, so that a run in real time is short, too.
 fn short_task(folder: &Folder) -> String {
     let path = folder.path().join("short.toml");
@@ -341,15 +291,23 @@ fn has_open(process: u32, file: &str) -> bool {
 /// One test, since each step needs the state that the one before leaves.
 #[test]
 #[cfg(target_os = "linux")]
-fn two_processes_share_a_serial_device_and_a_killed_host_is_survived() {
+fn l12_l14_two_processes_share_a_serial_device_and_a_killed_host_is_survived() {
     let folder = Folder::new("pty");
     let task = short_task(&folder);
-    // At half speed a busy test machine has 200 ms before the board misses its host.
-    let simulator = Simulator::start("0.5");
+    let simulator = Simulator::start(SCALE);
     let port = simulator.port.as_str();
     let record = folder.path().join("run");
     let output = run(mcdpr()
-        .args(["run", &task, "--on", port, "--json", "--record"])
+        .args([
+            "run",
+            &task,
+            "--on",
+            port,
+            "--time-scale",
+            SCALE,
+            "--json",
+            "--record",
+        ])
         .arg(&record));
     assert!(output.status.success(), "{}", text(&output.stderr));
     let document: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -360,7 +318,15 @@ fn two_processes_share_a_serial_device_and_a_killed_host_is_survived() {
 
     // While one program has the port, another is refused; then the first is killed.
     let mut first = mcdpr()
-        .args(["run", &task, "--on", port, "--record"])
+        .args([
+            "run",
+            &task,
+            "--on",
+            port,
+            "--time-scale",
+            SCALE,
+            "--record",
+        ])
         .arg(&record)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -371,27 +337,27 @@ fn two_processes_share_a_serial_device_and_a_killed_host_is_survived() {
     while !has_open(first.id(), port) {
         assert!(Instant::now() < deadline, "the port was never opened");
         assert!(first.try_wait().unwrap().is_none(), "the run was refused");
-        std::thread::yield_now();
+        breathe();
     }
     refused(
-        mcdpr().args(["clear", "--on", port]),
+        mcdpr().args(["clear", "--on", port, "--time-scale", SCALE]),
         1,
         &["taken by another program"],
     );
-    // Drives need two seconds (at half speed) to enable; the motion is under way when the host dies.
-    let moving = Instant::now() + Duration::from_millis(5000);
+    // Arming takes two seconds (at a third of the speed); the motion is under way when the host dies.
+    let moving = Instant::now() + Duration::from_millis(8000);
     while Instant::now() < moving {
         assert!(
             first.try_wait().unwrap().is_none(),
             "the run ended too early"
         );
-        std::thread::yield_now();
+        breathe();
     }
     first.kill().unwrap();
     first.wait().unwrap();
 
     // The board stopped by itself and says why; it moves again only after a clear.
-    let refused_run = || run(mcdpr().args(["run", &task, "--on", port]));
+    let refused_run = || run(mcdpr().args(["run", &task, "--on", port, "--time-scale", SCALE]));
     let output = refused_run();
     assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
     assert!(
@@ -399,11 +365,19 @@ fn two_processes_share_a_serial_device_and_a_killed_host_is_survived() {
         "{}",
         text(&output.stderr)
     );
-    let output = run(mcdpr().args(["clear", "--on", port]));
+    let output = run(mcdpr().args(["clear", "--on", port, "--time-scale", SCALE]));
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stdout).contains("L10"));
     let output = run(mcdpr()
-        .args(["run", &task, "--on", port, "--record"])
+        .args([
+            "run",
+            &task,
+            "--on",
+            port,
+            "--time-scale",
+            SCALE,
+            "--record",
+        ])
         .arg(&record));
     assert!(output.status.success(), "{}", text(&output.stderr));
 }
@@ -411,14 +385,15 @@ fn two_processes_share_a_serial_device_and_a_killed_host_is_survived() {
 /// What `mcdpr ORDER --on PORT` says, as soon as there is somebody to say it to.
 #[cfg(target_os = "linux")]
 fn order(order: &str, port: &str) -> Value {
-    let deadline = Instant::now() + Duration::from_secs(30);
+    let deadline = Instant::now() + Duration::from_secs(60);
     loop {
-        let output = run(mcdpr().args([order, "--on", port, "--json"]));
+        let output = run(mcdpr().args([order, "--on", port, "--time-scale", SCALE, "--json"]));
         if output.status.success() {
             return serde_json::from_slice(&output.stdout).unwrap();
         }
         let why = text(&output.stderr);
         assert!(Instant::now() < deadline, "{order}: {why}");
+        breathe();
     }
 }
 
@@ -427,10 +402,18 @@ fn order(order: &str, port: &str) -> Value {
 #[cfg(target_os = "linux")]
 fn another_terminal_pauses_resumes_and_stops_a_run() {
     let folder = Folder::new("orders");
-    let simulator = Simulator::start("0.5");
+    let simulator = Simulator::start(SCALE);
     let port = simulator.port.as_str();
     let mut first = mcdpr()
-        .args(["run", "paper:table7", "--on", port, "--record"])
+        .args([
+            "run",
+            "paper:table7",
+            "--on",
+            port,
+            "--time-scale",
+            SCALE,
+            "--record",
+        ])
         .arg(folder.path().join("run"))
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -450,12 +433,12 @@ fn another_terminal_pauses_resumes_and_stops_a_run() {
             break status;
         }
         assert!(Instant::now() < deadline, "the run goes on after a stop");
-        std::thread::yield_now();
+        breathe();
     };
     assert_eq!(status.code(), Some(130));
     // Nobody moves the robot now.
     refused(
-        mcdpr().args(["pause", "--on", port]),
+        mcdpr().args(["pause", "--on", port, "--time-scale", SCALE]),
         1,
         &["no running mcdpr moves"],
     );

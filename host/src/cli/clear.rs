@@ -1,7 +1,7 @@
 //! `mcdpr clear`: acknowledge the fault that a board has latched.
 
 use super::{Common, Failed, Outcome, print_json};
-use crate::link::{Client, ClientError, SerialLink, describe_fault};
+use crate::link::{Client, ClientError, describe_fault};
 use crate::run::{self, RunError};
 use mcdpr_protocol::Request;
 
@@ -15,7 +15,7 @@ impl Cmd {
             let reason = "name the board's port with --on; the simulator in this process starts without faults";
             return Err(Failed::from_error("nothing to clear")(reason).into());
         }
-        let link = SerialLink::open(&common.on).map_err(ClientError::from)?;
+        let link = common.open_port().map_err(ClientError::from)?;
         let mut client = Client::connect(link, run::new_session()).map_err(RunError::from)?;
         let fault = run::status(&mut client)?.fault;
         if fault.is_some() && !common.dry_run {

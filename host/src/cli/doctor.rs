@@ -4,7 +4,7 @@ use super::service::Machine;
 use super::{Common, Failed, Outcome, print_json};
 use crate::doctor::{self, Finding, Verdict};
 use crate::experiment;
-use crate::link::{Client, ClientError, Link, SerialLink, SimulatedLink};
+use crate::link::{Client, ClientError, Link, SimulatedLink};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::robot::Robot;
@@ -120,7 +120,7 @@ impl Cmd {
 
     fn open(&self, common: &Common, robot: &Robot) -> miette::Result<Result<Opened, ClientError>> {
         if common.on != "sim" {
-            let link = SerialLink::open(&common.on).map_err(ClientError::from);
+            let link = common.open_port().map_err(ClientError::from);
             return Ok(link.map(|link| -> Opened { (Box::new(link), None) }));
         }
         let real = self.machine.really(robot)?;

@@ -2,7 +2,7 @@
 
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
-use crate::link::{ClientError, SerialLink};
+use crate::link::ClientError;
 use crate::motion::{Model, PlanOptions, Tensioning};
 use crate::report::RunFolder;
 use crate::robot::{LawKind, Robot};
@@ -112,7 +112,8 @@ impl Cmd {
             };
             Bench::start_with(model.clone(), &change, common.seed)?.run(&experiment.script)?
         } else {
-            let link = SerialLink::open(&common.on)
+            let link = common
+                .open_port()
                 .map_err(|error| RunError::from(ClientError::from(error)))?;
             hold(&model, link, &experiment, |words| eprintln!("{words}"))?
         };

@@ -104,7 +104,7 @@ fn write(image: &Image, probe: Option<&str>, common: &Common) -> miette::Result<
     if common.on == "sim" {
         return Ok(None);
     }
-    let link = SerialLink::open(&common.on).map_err(ClientError::from)?;
+    let link = common.open_port().map_err(ClientError::from)?;
     let mut client = Client::connect(link, new_session())?;
     let hello = *client.hello();
     client.request(mcdpr_protocol::Request::Close)?;

@@ -51,6 +51,7 @@ mod study;
 mod table;
 mod tune;
 
+use crate::link::{LinkError, SerialLink};
 use crate::machine::{self, Firmware};
 use crate::run::RunError;
 use clap::{Args, Parser, Subcommand};
@@ -108,7 +109,7 @@ pub struct Common {
     #[arg(long, global = true)]
     pub dry_run: bool,
     /// Simulated seconds per second; without it, `sim --pty` keeps real time and everything else
-    /// is simulated as fast as it goes
+    /// is simulated as fast as it goes. To a `sim --pty` with a scale talk with the same one
     #[arg(long, global = true, value_name = "X")]
     pub time_scale: Option<f64>,
 }
@@ -117,11 +118,20 @@ impl Common {
     /// Puts the emulated chip in front of every simulated robot, where `--on chip` asks for it.
     /// From there on the robot is a simulated one for every command.
     fn take_up_chip(&mut self) -> Outcome {
+        self.checked_time_scale()?;
         if self.on == "chip" {
             machine::choose_firmware(Firmware::find(self.firmware.as_deref())?);
             "sim".clone_into(&mut self.on);
         }
         Ok(())
+    }
+
+    /// Opens the serial port of `--on`, on which time goes as fast as `--time-scale` says.
+    ///
+    /// # Errors
+    /// Those of [`SerialLink::open`].
+    pub(crate) fn open_port(&self) -> Result<SerialLink, LinkError> {
+        Ok(SerialLink::open(&self.on)?.at_scale(self.time_scale.unwrap_or(1.0)))
     }
 
     /// The time scale, if one was given.

@@ -2,7 +2,7 @@
 
 use super::{Common, Outcome, print_json};
 use crate::control::{Handle, Order, Server, SocketError, View, call_all};
-use crate::link::{Client, ClientError, SerialLink};
+use crate::link::{Client, ClientError};
 use crate::run::{self, RunError};
 use mcdpr_protocol::{BoardState, StopKind};
 use std::time::{Duration, Instant};
@@ -57,7 +57,7 @@ impl Stop {
             // Nobody feeds the board, but somebody may have left it armed: it takes a stop from
             // anyone.
             Err(SocketError::Nobody { .. }) if !matches!(common.on.as_str(), "sim" | "chip") => {
-                let link = SerialLink::open(&common.on).map_err(ClientError::from)?;
+                let link = common.open_port().map_err(ClientError::from)?;
                 let mut client =
                     Client::connect(link, run::new_session()).map_err(RunError::from)?;
                 client.stop(kind).map_err(RunError::from)?;

@@ -6,7 +6,7 @@ use super::recorded::{About, Recorded};
 use super::{Common, Failed};
 use crate::control::Handle;
 use crate::experiment;
-use crate::link::{ClientError, Link, Paced, SerialLink};
+use crate::link::{ClientError, Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::witness::{TruthTap, Watched};
@@ -65,7 +65,7 @@ pub(crate) fn with_session<T>(
         };
         (link, homing.unwrap_or(home))
     } else {
-        let link = SerialLink::open(&common.on).map_err(ClientError::from)?;
+        let link = common.open_port().map_err(ClientError::from)?;
         let watched = Watched::new(link, witness).with_orders(&handle);
         (Box::new(watched), homing.unwrap_or(Homing::Known))
     };

@@ -362,5 +362,7 @@ fn words(tensions_n: &[f64]) -> String {
 }
 
 fn port(common: &Common) -> Result<SerialLink, RunError> {
-    SerialLink::open(&common.on).map_err(|error| RunError::from(ClientError::from(error)))
+    common
+        .open_port()
+        .map_err(|error| RunError::from(ClientError::from(error)))
 }

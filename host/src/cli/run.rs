@@ -10,7 +10,6 @@ use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::experiment::{self, Orders, Run};
-use crate::link::SerialLink;
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task, Watch};
 use crate::record::witness::Patience;
@@ -113,7 +112,8 @@ impl Cmd {
                 (simulated.run, Some(factor))
             })
         } else {
-            SerialLink::open(&common.on)
+            common
+                .open_port()
                 .map_err(|error| crate::link::ClientError::from(error).into())
                 .and_then(|link| {
                     let link = Watched::new(link, witness).with_orders(&orders.handle);

@@ -5,7 +5,7 @@ use super::run::tool_height_m;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::{Handle, Order};
 use crate::experiment;
-use crate::link::{Client, ClientError, Link, Paced, SerialLink};
+use crate::link::{Client, ClientError, Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
 use crate::record::witness::{Patience, TruthTap, Watched};
@@ -171,7 +171,7 @@ impl Cmd {
             let tap = TruthTap::forgetful(link.clone(), robot.cables.len());
             show.go(&mut Paced::new(link, scale), Some(&tap))
         } else {
-            let mut link = SerialLink::open(&common.on).map_err(ClientError::from)?;
+            let mut link = common.open_port().map_err(ClientError::from)?;
             show.go(&mut link, None)
         }
     }

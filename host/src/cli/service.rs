@@ -1,7 +1,7 @@
 //! What commands for a bare winch share: the board, or a simulated machine without cables.
 
 use super::{Common, Failed};
-use crate::link::{Client, Link, SerialLink, SimulatedLink};
+use crate::link::{Client, Link, SimulatedLink};
 use crate::machine::{self, Mismatch};
 use crate::robot::Robot;
 use crate::run::{new_session, watch_for_interrupts};
@@ -39,7 +39,7 @@ pub(crate) fn connected(
     watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
     if common.on != "sim" {
         let link: Box<dyn Link> =
-            Box::new(SerialLink::open(&common.on).map_err(crate::link::ClientError::from)?);
+            Box::new(common.open_port().map_err(crate::link::ClientError::from)?);
         return Ok((Client::connect(link, new_session())?, None));
     }
     let real = machine.really(robot)?;

@@ -71,15 +71,13 @@ pub(super) fn serve(robot: crate::link::SimulatedLink, common: &Common, scale: f
     let mut buffer = [0; 512];
     let mut answer = Vec::new();
     while !interrupted() {
-        match host_side.read(&mut buffer) {
-            Ok(used) => link
-                .send(buffer.get(..used).unwrap_or_default())
-                .map_err(crate::link::ClientError::from)?,
-            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
+        let used = match host_side.read(&mut buffer) {
+            Ok(used) => used,
+            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => 0,
             Err(error) => {
                 return Err(Failed::from_error("reading the pseudo-terminal")(error).into());
             }
-        }
+        };
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -93,6 +91,9 @@ pub(super) fn serve(robot: crate::link::SimulatedLink, common: &Common, scale: f
             // Nobody may be reading: a full pseudo-terminal loses bytes as a real line does.
             let _ = host_side.write(&answer);
         }
+        // Only now: no byte reaches the board before it was sent, however late this loop is.
+        link.send(buffer.get(..used).unwrap_or_default())
+            .map_err(crate::link::ClientError::from)?;
     }
     Ok(())
 }

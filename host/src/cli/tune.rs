@@ -3,7 +3,7 @@
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment;
-use crate::link::{ClientError, Link, SerialLink};
+use crate::link::{ClientError, Link};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::report::RunFolder;
@@ -202,7 +202,7 @@ impl Tension {
             let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
             return one(&model, link, cable, stages);
         }
-        let link = SerialLink::open(&common.on).map_err(ClientError::from)?;
+        let link = common.open_port().map_err(ClientError::from)?;
         one(&model, link, cable, stages)
     }
 }

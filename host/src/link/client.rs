@@ -62,7 +62,9 @@ pub enum ClientError {
     #[error("the board's clock ran back by {by_ms:.0} ms: it is not the board that it was")]
     #[diagnostic(
         code(mcdpr::board::clock),
-        help("it may have restarted: it stands with closed brakes then; connect again")
+        help(
+            "it may have restarted: it stands with closed brakes then; connect again. Of a `sim --pty --time-scale X`, give the same --time-scale"
+        )
     )]
     ClockRanBack {
         /// By how much, ms.

@@ -19,6 +19,7 @@ pub struct SerialLink {
     port: Box<dyn SerialPort>,
     opened: Instant,
     now_us: u64,
+    scale: f64,
 }
 
 impl SerialLink {
@@ -37,11 +38,25 @@ impl SerialLink {
             port,
             opened: Instant::now(),
             now_us: 0,
+            scale: 1.0,
         })
     }
 
+    /// Counts time as a simulated robot does that runs `scale` simulated seconds per second, over
+    /// 0: its ticks are milliseconds of that time. A board has scale 1.
+    #[must_use]
+    pub const fn at_scale(mut self, scale: f64) -> Self {
+        self.scale = scale;
+        self
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "positive, and saturates"
+    )]
     fn update(&mut self) -> u64 {
-        let elapsed = u64::try_from(self.opened.elapsed().as_micros()).unwrap_or(u64::MAX);
+        let elapsed = (self.opened.elapsed().as_secs_f64() * self.scale * 1e6) as u64;
         self.now_us = self.now_us.max(elapsed);
         self.now_us
     }
@@ -97,7 +112,8 @@ impl Link for SerialLink {
         let mut buffer = [0; 512];
         loop {
             let now = self.update();
-            let left = Duration::from_micros(until_us.saturating_sub(now));
+            let left_s = until_us.saturating_sub(now) as f64 * 1e-6 / self.scale;
+            let left = Duration::from_secs_f64(left_s.min(1.0));
             let wait = left.min(MAX_WAIT).max(Duration::from_millis(1));
             self.port
                 .set_timeout(wait)

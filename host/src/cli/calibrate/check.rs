@@ -5,7 +5,7 @@ use crate::calibration::slip::{Finding, Sigmas};
 use crate::cli::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::experiment;
-use crate::link::{ClientError, Link, SerialLink};
+use crate::link::{ClientError, Link};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::run::{Homing, Session, new_session, watch_for_interrupts};
@@ -61,7 +61,7 @@ impl Cmd {
             let home = Homing::Lengths(calibrated.home_lengths_m.clone());
             (Box::new(link), home)
         } else {
-            let link = SerialLink::open(&common.on).map_err(ClientError::from)?;
+            let link = common.open_port().map_err(ClientError::from)?;
             (Box::new(link), Homing::Known)
         };
         let mut session = Session::open(&model, link, new_session(), &handle, homing)?;

@@ -2,7 +2,7 @@
 
 use super::super::{Common, Failed, Outcome, print_json, table::lay_out};
 use crate::experiment;
-use crate::link::{Client, ClientError, Link, SerialLink};
+use crate::link::{Client, ClientError, Link};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::report::RunFolder;
@@ -87,7 +87,8 @@ impl Cmd {
                 })?
             }
             None => {
-                let link = SerialLink::open(&common.on)
+                let link = common
+                    .open_port()
                     .map_err(|error| RunError::from(ClientError::from(error)))?;
                 self.guide(&robot, winch, link, |mass_kg| {
                     if !self.yes {

@@ -1,0 +1,111 @@
+//! The real program in processes of its own, over a pseudo-terminal.
+
+use crate::mcdpr;
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// A folder of a test, gone with it.
+#[derive(Debug)]
+pub struct Folder(PathBuf);
+
+impl Folder {
+    /// A new, empty one.
+    ///
+    /// # Panics
+    /// Where the system refuses one.
+    #[must_use]
+    pub fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("mcdpr-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        let made = std::fs::create_dir_all(&path);
+        assert!(made.is_ok(), "{}: {made:?}", path.display());
+        Self(path)
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// `mcdpr sim --pty` in its own process; ended with the test.
+#[derive(Debug)]
+pub struct Simulator {
+    child: Child,
+    /// The serial device that it answers on.
+    pub port: String,
+}
+
+impl Simulator {
+    /// Starts one, so much faster than real time.
+    ///
+    /// # Panics
+    /// Where it does not start.
+    #[must_use]
+    pub fn start(scale: &str) -> Self {
+        let mut command = mcdpr();
+        command.args(["sim", "--pty", "--json", "--time-scale", scale]);
+        command.stdin(Stdio::null()).stdout(Stdio::piped());
+        command.stderr(Stdio::null());
+        let started = command.spawn();
+        assert!(started.is_ok(), "{started:?}");
+        let (mut line, mut port) = (String::new(), None);
+        let mut child = started.ok();
+        if let Some(output) = child.as_mut().and_then(|child| child.stdout.take()) {
+            let _ = BufReader::new(output).read_line(&mut line);
+            let document: Option<Value> = serde_json::from_str(&line).ok();
+            port = document.and_then(|document| document["port"].as_str().map(str::to_owned));
+        }
+        match (child, port) {
+            (Some(child), Some(port)) => Self { child, port },
+            _ => panic!("the simulator said: {line}"),
+        }
+    }
+}
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Sends a signal, by name, to a process of this test.
+///
+/// # Panics
+/// Where there is no such process.
+pub fn signal(name: &str, process: u32) {
+    let line = format!("kill -{name} {process}");
+    let status = Command::new("sh").args(["-c", &line]).status();
+    assert!(status.is_ok_and(|status| status.success()), "{line}");
+}
+
+/// Leaves the processor to others for a moment, between two looks at what one waits for.
+pub fn breathe() {
+    std::thread::park_timeout(Duration::from_millis(50));
+}
+
+/// Waits for a process to end.
+///
+/// # Panics
+/// Where it does not within that time.
+pub fn ends_within(child: &mut Child, most: Duration, what: &str) -> ExitStatus {
+    let deadline = Instant::now() + most;
+    loop {
+        if let Ok(Some(status)) = child.try_wait() {
+            return status;
+        }
+        assert!(Instant::now() < deadline, "{what} does not end");
+        breathe();
+    }
+}
