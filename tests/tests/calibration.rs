@@ -91,7 +91,7 @@ fn silent_errors_cost_little() {
 }
 
 #[test]
-fn outliers_are_listed_and_cost_little() {
+fn f5_outliers_are_listed_and_cost_little() {
     let clean = medians(&setup(Target::Board, 40, 0), 6)[0];
     let setup = Setup {
         silent: Silent {
@@ -129,7 +129,7 @@ fn loose_tags_and_free_poses_are_solved() {
 }
 
 #[test]
-fn rank_and_frame_are_named() {
+fn f6_rank_and_frame_are_named() {
     let (data, _) = simulate(&setup(Target::Board, 20, 5)).unwrap();
     let answer = joint(&data, &Options::default()).unwrap();
     assert_eq!((answer.rank, answer.core_unknowns), (24, 28));
@@ -166,7 +166,7 @@ fn refused(data: &Data) -> Refusal {
 }
 
 #[test]
-fn bad_data_are_refused_with_the_reason() {
+fn f7_bad_data_are_refused_with_the_reason() {
     let (good, _) = simulate(&setup(Target::Board, 20, 4)).unwrap();
     let mut data = good.clone();
     data.poses.truncate(5);
@@ -216,7 +216,7 @@ fn bad_data_are_refused_with_the_reason() {
 }
 
 #[test]
-fn poses_of_one_tilt_are_refused() {
+fn f6_poses_of_one_tilt_are_refused() {
     let (good, truth) = simulate(&setup(Target::Tag, 20, 4)).unwrap();
     let mut data = good.clone();
     data.at_rest = false;

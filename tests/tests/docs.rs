@@ -297,3 +297,101 @@ fn lines_are_told_apart_from_placeholders() {
         assert!(arguments(line).is_none(), "{line}");
     }
 }
+
+/// The folders in which a word of the fault list's fifth column has its tests.
+fn folders(word: &str) -> &'static [&'static str] {
+    match word {
+        "core" => &["firmware/tests/core"],
+        "protocol" => &["protocol/tests"],
+        "chip" => &["tests/tests/chip_faults", "tests/tests", "emulator/tests"],
+        "host" => &["tests/tests", "host/src", "host/src/robot/tests"],
+        _ => &["tests/tests"],
+    }
+}
+
+/// Names of the tests in a file.
+fn tests_in(path: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    let mut names = Vec::new();
+    let mut lines = text.lines().map(str::trim);
+    while let Some(line) = lines.next() {
+        if line != "#[test]" {
+            continue;
+        }
+        let function = lines.find_map(|line| line.strip_prefix("fn "));
+        let name = function.and_then(|rest| rest.split('(').next());
+        names.extend(name.map(str::to_owned));
+    }
+    names
+}
+
+/// Whether a name is of this form, in which `*` stands for anything.
+fn matches(form: &str, name: &str) -> bool {
+    match form.split_once('*') {
+        None => form == name,
+        Some((start, rest)) => name.strip_prefix(start).is_some_and(|left| {
+            let ends = left.char_indices().map(|(at, _)| at).chain([left.len()]);
+            ends.into_iter().any(|at| matches(rest, &left[at..]))
+        }),
+    }
+}
+
+#[test]
+fn forms_with_stars_match_as_they_look() {
+    assert!(matches("l1_*", "l1_l3_x") && matches("*_l3_*", "l1_l3_x") && matches("a", "a"));
+    assert!(!matches("l1_*", "l10_x") && !matches("*_l3", "l1_l3_x") && !matches("a", "ab"));
+}
+
+/// Each row of the fault list has tests that carry its number, and each test that it names is
+/// there; rows without a test are those that none can show.
+#[test]
+fn the_fault_list_names_tests_that_are_there() {
+    const WITHOUT: [&str; 2] = ["F3", "F4"];
+    let text = std::fs::read_to_string(root().join("docs/faults.md")).unwrap();
+    let (mut rows, mut wrong) = (BTreeSet::new(), Vec::new());
+    for line in text.lines() {
+        let cells: Vec<_> = line
+            .split(" | ")
+            .map(|cell| cell.trim_matches(['|', ' ']))
+            .collect();
+        let [id, number, _, _, _, tested, _] = cells[..] else {
+            continue;
+        };
+        if number.parse::<u8>().is_err() {
+            continue;
+        }
+        rows.insert(id.to_owned());
+        let token = id.to_lowercase();
+        let carries = |name: &String| name.split('_').any(|part| part == token);
+        let mut shown = false;
+        for part in tested.split(';') {
+            let word = part.split_whitespace().next().unwrap_or_default();
+            for item in part.split('`').skip(1).step_by(2) {
+                let Some((file, form)) = item.split_once("::") else {
+                    if !root().join(item).exists() {
+                        wrong.push(format!("{id}: {item} is not there"));
+                    }
+                    continue;
+                };
+                let files = folders(word).iter().map(|folder| root().join(folder));
+                let files = files.map(|folder| folder.join(format!("{file}.rs")));
+                let names: Vec<_> = files.flat_map(|file| tests_in(&file)).collect();
+                let found: Vec<_> = names.iter().filter(|name| matches(form, name)).collect();
+                let for_it = found.iter().any(|name| carries(name));
+                shown |= for_it;
+                if found.is_empty() || (word == "chip" && !for_it) {
+                    wrong.push(format!("{id}: there is no {word} test {item}"));
+                }
+            }
+        }
+        if !shown && !WITHOUT.contains(&id) {
+            wrong.push(format!("{id}: no test carries its number"));
+        }
+    }
+    for fault in mcdpr_protocol::FaultId::ALL {
+        if !rows.contains(fault.name()) {
+            wrong.push(format!("{} has no row", fault.name()));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}

@@ -246,7 +246,7 @@ impl std::io::Write for Disk {
 }
 
 #[test]
-fn a_full_disk_ends_the_record_and_not_the_motion() {
+fn f8_a_full_disk_ends_the_record_and_not_the_motion() {
     let disk = Disk { left: 300_000 };
     let recording = Recording::start(disk, &scenario(), None, |_| Ok(())).unwrap();
     let summary = recording.summary();

@@ -93,7 +93,7 @@ fn other_cables_and_drums_stay_stable_with_the_same_gains() {
 }
 
 #[test]
-fn a_slack_cable_comes_back_without_a_blow() {
+fn c1_a_slack_cable_comes_back_without_a_blow() {
     let robot = Robot::find("lab-direct").unwrap();
     let mut bench = Bench::start(&robot, &Change::default(), 1).unwrap();
     let cable = bench.watched();

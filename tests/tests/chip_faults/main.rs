@@ -1,0 +1,72 @@
+//! The rows of the fault list on the emulated chip, which executes the firmware's own file: faults
+//! at its pins, its bus, its line, its plant, its processor and its host, and requests that it must
+//! refuse. The ids of the rows are in the tests' names.
+//!
+//! `cargo xtask test` builds the file and says where it is. The board tells its state over the line:
+//! some ms of every time here are the telling.
+
+mod processor;
+mod reactions;
+mod refusals;
+
+use mcdpr::experiment;
+use mcdpr::link::SimulatedLink;
+use mcdpr::machine::{self, Firmware, Mismatch};
+use mcdpr::motion::{Model, Task};
+use mcdpr::robot::Robot;
+use mcdpr::scenario::{self, Aftermath, Injection, Scenario};
+use mcdpr_emulator::SharedChip;
+use mcdpr_simulator::{LinkOptions, Simulation};
+use std::path::PathBuf;
+
+/// A line of some three seconds on the paper's robot.
+const LINE: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
+
+fn path() -> PathBuf {
+    let built = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../target/thumbv7m-none-eabi/firmware/mcdpr-firmware"
+    );
+    std::env::var_os("MCDPR_FIRMWARE").map_or_else(|| built.into(), PathBuf::from)
+}
+
+fn firmware() -> Firmware {
+    Firmware::find(Some(&path())).expect("build the firmware with `cargo fw`")
+}
+
+fn model() -> Model {
+    Model::new(&Robot::find("paper-table5").unwrap()).unwrap()
+}
+
+fn line() -> Task {
+    Task::parse(LINE, "line.toml".into()).unwrap()
+}
+
+/// Runs the line on the chip with these faults.
+fn run_on(model: &Model, words: &[&str]) -> Aftermath {
+    machine::choose_firmware(firmware());
+    let injections = words.iter().map(|word| Injection::parse(word, 4).unwrap());
+    let scenario = Scenario {
+        name: words.join(" "),
+        injections: injections.collect(),
+    };
+    scenario::run(model, line(), &Mismatch::realistic(), 3, &scenario).unwrap()
+}
+
+/// The same, on the paper's robot.
+fn run_with(words: &[&str]) -> Aftermath {
+    run_on(&model(), words)
+}
+
+/// The paper's robot at home in front of a chip, and the chip.
+fn robot(model: &Model) -> (SimulatedLink, SharedChip) {
+    let home = experiment::home(model).unwrap();
+    let params = machine::plant_params(model.robot(), &Mismatch::realistic(), 3);
+    let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
+    let plant = machine::hang(params, pose, tensions, model.tension_held(), 3).unwrap();
+    let board = firmware().board().unwrap();
+    let chip = board.chip();
+    let options = LinkOptions::default();
+    let simulation = Simulation::with_board(plant, Box::new(board), &options, 3);
+    (SimulatedLink::new(simulation), chip)
+}
