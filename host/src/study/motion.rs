@@ -2,10 +2,12 @@
 //!
 //! Every case is run on machines that differ from their description, drawn by seed; the planner
 //! knows the description only. Homed: one look (thirty pictures in a second, 0.1 px) at home and
-//! one at the job (its middle, or above its place) at a board of four tags, or at a single one,
-//! board and camera mounting known, re-reference the lengths. Absolute: the encoders know the true
+//! one at the job (its middle, or just above its place) at the printed board of nine tags, or at a
+//! single one, board and camera mounting known, re-reference the lengths. Absolute: the encoders know the true
 //! lengths.
 
+use crate::calibration::simulate::Target;
+use crate::calibration::target;
 use crate::control::Handle;
 use crate::estimate::TagPlace;
 use crate::experiment;
@@ -14,7 +16,7 @@ use crate::machine::Mismatch;
 use crate::motion::path::Path;
 use crate::motion::{Model, PlanError, PlanOptions, Planner, Shaping, Step, Task};
 use crate::report;
-use crate::robot::{Robot, Tag};
+use crate::robot::Robot;
 use crate::run::{Homing, Recorder, RunError, Session};
 use crate::sight::{Scene, SimulatedTags};
 use mcdpr_protocol::SessionId;
@@ -55,7 +57,7 @@ pub enum Job {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Known {
-    /// By looks at a board of four tags, at home and at the job.
+    /// By looks at the printed board of nine tags, at home and at the job.
     Homed,
     /// By looks at a single tag, at home and at the job.
     HomedByOne,
@@ -144,36 +146,18 @@ impl Job {
 impl Job {
     /// Where the robot looks at its tags before the job: in its middle, or above its place as far
     /// down as the tags stay in the picture (tool, world, m).
-    fn look_m(self, tool_offset_z_m: f64) -> Vector3<f64> {
+    fn look_m(self, known: Known, tool_offset_z_m: f64) -> Vector3<f64> {
         let z_m = -0.1 + tool_offset_z_m;
         match self {
             Self::Circle8s | Self::Circle10s | Self::FastMove => Vector3::new(0.335, 0.0, z_m),
             Self::Line | Self::LineAtLimit => Vector3::new(0.35, 0.0, z_m),
-            Self::Grasp => Vector3::new(0.252, -0.039, -0.3),
-            Self::Release => Vector3::new(0.31, 0.0, -0.3),
+            // A single tag is soon out of the picture.
+            Self::Grasp if known == Known::HomedByOne => Vector3::new(0.252, -0.039, -0.3),
+            Self::Release if known == Known::HomedByOne => Vector3::new(0.31, 0.0, -0.3),
+            Self::Grasp => Vector3::new(0.252, -0.039, -0.45),
+            Self::Release => Vector3::new(0.335, 0.06, -0.45),
         }
     }
-}
-
-/// Distance between the middles of a board's tags, m.
-const TAGS_APART_M: f64 = 0.16;
-
-/// Four tags like the first one, two by two on one board. A single tag tells its tilt badly, and
-/// half a metre above it a milliradian is half a millimetre.
-fn board_of_tags(tags: &[Tag]) -> Vec<Tag> {
-    let Some(tag) = tags.first() else {
-        return Vec::new();
-    };
-    let places = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
-    let shifted = (0_u32..).zip(places).map(|(number, (x, y))| {
-        let by = Vector3::new(x, y, 0.0) * TAGS_APART_M;
-        Tag {
-            id: tag.id + number,
-            corners_in_body_m: tag.corners_in_body_m.map(|corner| corner + by),
-            ..tag.clone()
-        }
-    });
-    shifted.collect()
 }
 
 /// Runs a case with a seed.
@@ -194,7 +178,7 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
         }
     }
     if case.known == Known::Homed {
-        robot.tags = board_of_tags(&robot.tags);
+        robot.tags = target::tags(Target::Board);
     }
     let model = Model::new(&robot).map_err(RunError::Plan)?;
     let everything = Mismatch {
@@ -236,7 +220,7 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
     session.arm()?;
     let speed_mps = Some(0.15_f64.min(robot.limits.speed_mps));
     if case.known != Known::Absolute {
-        let there = case.job.look_m(robot.tool.tcp_in_platform_m.z);
+        let there = case.job.look_m(case.known, robot.tool.tcp_in_platform_m.z);
         let way = session.plan(Task::go_to("look", there)?, speed_mps)?;
         session.follow(&way, &mut Recorder::default(), |_| {})?;
         rest(&mut session, 1.0)?;
