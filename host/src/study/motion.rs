@@ -154,7 +154,7 @@ impl Job {
             // A single tag is soon out of the picture.
             Self::Grasp if known == Known::HomedByOne => Vector3::new(0.252, -0.039, -0.3),
             Self::Release if known == Known::HomedByOne => Vector3::new(0.31, 0.0, -0.3),
-            Self::Grasp => Vector3::new(0.252, -0.039, -0.45),
+            Self::Grasp => Vector3::new(0.252, -0.039, -0.4),
             Self::Release => Vector3::new(0.335, 0.06, -0.45),
         }
     }
