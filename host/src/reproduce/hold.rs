@@ -128,12 +128,15 @@ fn smooth(points: &[(f64, f64)], width: usize) -> Trace {
         .collect()
 }
 
-/// Steady error (mean, greatest), N, over the last second before the push.
+/// Steady error (mean, greatest), N, over the last second before the push; a mean that reaches into
+/// the push does not count.
 fn steady(trace: &Trace, setpoint_n: f64) -> Vec<f64> {
     let trace = smooth(trace, SMOOTH);
+    #[expect(clippy::cast_precision_loss, reason = "some samples")]
+    let end_s = PUSH_S - 1e-3 * SMOOTH as f64;
     let window = trace
         .iter()
-        .filter(|(t, _)| (PUSH_S - 1.0..PUSH_S).contains(t));
+        .filter(|(t, _)| (end_s - 1.0..end_s).contains(t));
     let errors: Vec<_> = window.map(|(_, n)| (n - setpoint_n).abs()).collect();
     let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
     vec![mean, errors.iter().copied().fold(0.0, f64::max)]
