@@ -90,7 +90,7 @@ fn list(common: &Common) -> Outcome {
 
 #[cfg(feature = "flash")]
 fn write(image: &Image, probe: Option<&str>, common: &Common) -> miette::Result<Option<String>> {
-    use crate::link::{Client, ClientError, SerialLink};
+    use crate::link::{Client, ClientError};
     use crate::run::new_session;
 
     let mut written = 0;
