@@ -19,6 +19,8 @@ use tungstenite::{Message, WebSocket};
 const VIEWERS: usize = 16;
 /// Time between two pictures of the robot: 60 a second.
 const FRAME: Duration = Duration::from_micros(16_600);
+/// Longest wait for an order, before the next look whether a picture is due.
+const LOOK: Duration = Duration::from_millis(4);
 /// A viewer that takes nothing for this long is gone.
 const STUCK: Duration = Duration::from_secs(2);
 /// Bytes of a message that a viewer may send.
@@ -229,7 +231,7 @@ fn receive(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
 
 /// Shows the robot to one viewer until either goes.
 fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
-    stream.set_read_timeout(Some(FRAME))?;
+    stream.set_read_timeout(Some(LOOK))?;
     let config = WebSocketConfig::default()
         .max_message_size(Some(MOST))
         .max_frame_size(Some(MOST));
@@ -263,6 +265,7 @@ fn keep_showing(
 ) -> io::Result<()> {
     let (mut revision, mut plan, mut logged, mut pictures) = (0, 0, 0, 0);
     let mut sent = Instant::now();
+    let mut due = sent;
     while !shared.ended.load(Ordering::SeqCst) {
         // An order is answered as soon as it comes, a picture when it is due.
         match socket.read() {
@@ -279,7 +282,8 @@ fn keep_showing(
                 ) => {}
             Err(error) => return Err(io::Error::other(error)),
         }
-        if sent.elapsed() + Duration::from_millis(1) < FRAME {
+        let now = Instant::now();
+        if now < due {
             continue;
         }
         if let Some((number, new)) = shared.feed.plan_after(plan) {
@@ -304,7 +308,9 @@ fn keep_showing(
         // Twice a second the age of old data is told, too.
         if new || sent.elapsed() > Duration::from_millis(400) {
             revision = live.revision;
-            sent = Instant::now();
+            sent = now;
+            // From when it was due: lateness must not add up.
+            due = (due + FRAME).max(now);
             let mut message = serde_json::to_value(&live)?;
             message["type"] = json!("live");
             message["age_s"] = json!(age_s);
