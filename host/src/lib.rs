@@ -27,6 +27,30 @@
 //! | [`units`] | numbers with units as people type them |
 //! | [`cli`] | the command line |
 
+/// As the standard library's, but a terminal that is gone does not end the program: the robot may
+/// be moving, and has to be stopped in good order.
+macro_rules! eprintln {
+    () => {
+        $crate::tell(format_args!("\n"))
+    };
+    ($($what:tt)*) => {
+        $crate::tell(format_args!("{}\n", format_args!($($what)*)))
+    };
+}
+
+/// As `eprintln`, without the end of the line.
+macro_rules! eprint {
+    ($($what:tt)*) => {
+        $crate::tell(format_args!($($what)*))
+    };
+}
+
+/// Writes to standard error, if there is one.
+fn tell(what: std::fmt::Arguments<'_>) {
+    use std::io::Write as _;
+    let _ = std::io::stderr().write_fmt(what);
+}
+
 pub mod calibration;
 pub mod cli;
 pub mod control;

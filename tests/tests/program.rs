@@ -39,6 +39,16 @@ fn refused(command: &mut Command, code: i32, words: &[&str]) {
 }
 
 #[test]
+fn a_terminal_that_is_gone_changes_no_exit_code() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut command = mcdpr();
+    command.args(["plan", "nowhere.toml"]).stdin(Stdio::null());
+    let output = command.stderr(writer).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+}
+
+#[test]
 fn without_arguments_it_shows_the_circle_and_writes_its_folder() {
     let folder = Folder::new("demo");
     let output = run(mcdpr().current_dir(folder.path()));
