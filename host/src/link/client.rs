@@ -4,18 +4,17 @@
 //! stops, which is what it is for. The loop reads no clock but the link's.
 
 use super::clock::BoardClock;
+use super::error::ClientError;
 use super::faults::request_name;
-use super::{Link, LinkError, describe_reject};
+use super::receiver::{Message, Receiver};
+use super::{Link, LinkError};
 use crate::control::Handle;
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
 use mcdpr_protocol::{
-    Answer, BoardState, Channel, Command, Compatibility, Deframer, Hello, Info, PROTOCOL_MAJOR,
-    PROTOCOL_MINOR, Reject, Reply, Request, SampleBlock, SequenceNumber, SessionId, Status,
-    StopKind, WINDOW, message,
+    Answer, BoardState, Channel, Command, Compatibility, Hello, Info, Reject, Reply, Request,
+    SampleBlock, SequenceNumber, SessionId, Status, StopKind, WINDOW,
 };
-use miette::Diagnostic;
 use std::collections::VecDeque;
-use thiserror::Error;
 
 /// Time between heartbeats, µs: a board warns at 20 ms and stops at 100 ms.
 const HEARTBEAT_US: u64 = 8_000;
@@ -31,71 +30,6 @@ const RESEND_PAUSE_US: u64 = 3_000;
 const HELLO_US: u64 = 3_000_000;
 /// Time to wait for another session to end: a board whose host died holds for two seconds, µs.
 const CLAIM_US: u64 = 6_000_000;
-
-/// Why a board did not do what was asked.
-#[derive(Debug, Error, Diagnostic)]
-pub enum ClientError {
-    /// The line is gone.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Link(#[from] LinkError),
-    /// Nobody answers.
-    #[error("no board answers on this line")]
-    #[diagnostic(
-        code(mcdpr::board::silent),
-        help(
-            "check that the board has power, that this is its port (`mcdpr ports`) and that RX and TX are not swapped; flash it with `cargo flash-fw` if it never ran"
-        )
-    )]
-    Silent,
-    /// The board stopped answering.
-    #[error("the board stopped answering ({waiting} unanswered)")]
-    #[diagnostic(
-        code(mcdpr::board::lost),
-        help("it stops and holds by itself; check cable and power, then connect again")
-    )]
-    Lost {
-        /// The request that waits longest.
-        waiting: String,
-    },
-    /// The board's clock ran backwards.
-    #[error("the board's clock ran back by {by_ms:.0} ms: it is not the board that it was")]
-    #[diagnostic(
-        code(mcdpr::board::clock),
-        help(
-            "it may have restarted: it stands with closed brakes then; connect again. Of a `sim --pty --time-scale X`, give the same --time-scale"
-        )
-    )]
-    ClockRanBack {
-        /// By how much, ms.
-        by_ms: f64,
-    },
-    /// The board speaks another version of the wire format.
-    #[error(
-        "the board speaks protocol {board_major}.{board_minor}, this program speaks {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}: nothing was moved"
-    )]
-    #[diagnostic(code(mcdpr::board::version), help("{remedy}"))]
-    Version {
-        /// The board's.
-        board_major: u16,
-        /// The board's.
-        board_minor: u16,
-        /// What to do.
-        remedy: &'static str,
-    },
-    /// The board refused a request.
-    #[error("the board refused {request}: {}", describe_reject(reject))]
-    #[diagnostic(
-        code(mcdpr::board::refused),
-        help("{}", super::faults::reject_advice(reject))
-    )]
-    Refused {
-        /// What was asked.
-        request: String,
-        /// Why not.
-        reject: Reject,
-    },
-}
 
 /// What a board said without being asked.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,48 +88,6 @@ pub struct Client<L: Link> {
     /// When the board was heard last, and when this loop ran last, µs.
     heard_us: u64,
     looped_us: u64,
-}
-
-/// Turns bytes into messages of the board.
-#[derive(Default)]
-struct Receiver {
-    deframer: Deframer,
-    bytes: Vec<u8>,
-    frames_bad: u64,
-}
-
-/// One message of the board.
-enum Message {
-    Hello(Hello),
-    Answer(Answer),
-    Event(Event),
-}
-
-impl Receiver {
-    fn take(&mut self, link: &mut impl Link, until_us: u64) -> Result<Vec<Message>, LinkError> {
-        self.bytes.clear();
-        link.receive(until_us, &mut self.bytes)?;
-        let mut messages = Vec::new();
-        for &byte in &self.bytes {
-            let Some(frame) = self.deframer.push(byte) else {
-                continue;
-            };
-            let message = frame.ok().and_then(|(channel, body)| match channel {
-                Channel::Hello => Hello::from_bytes(body).map(Message::Hello),
-                Channel::Answer => message::decode(body).map(Message::Answer),
-                Channel::Samples => message::decode(body)
-                    .map(Event::Samples)
-                    .map(Message::Event),
-                Channel::Status => message::decode(body).map(Event::Status).map(Message::Event),
-                Channel::HelloQuery | Channel::Command => None,
-            });
-            match message {
-                Some(message) => messages.push(message),
-                None => self.frames_bad += 1,
-            }
-        }
-        Ok(messages)
-    }
 }
 
 fn frame(channel: Channel, body: &[u8]) -> Vec<u8> {

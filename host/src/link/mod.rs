@@ -6,14 +6,17 @@
 
 pub mod client;
 pub mod clock;
+mod error;
 mod faults;
 mod paced;
+mod receiver;
 mod serial;
 mod simulated;
 mod tee;
 
-pub use client::{Client, ClientError, Event};
+pub use client::{Client, Event};
 pub use clock::BoardClock;
+pub use error::ClientError;
 pub use faults::{advice, describe_fault, describe_reject};
 pub use paced::Paced;
 pub use serial::{BAUD, PortInfo, SerialLink, list_ports};
