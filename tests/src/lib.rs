@@ -1,5 +1,6 @@
 //! What the system tests share. The tests themselves are in `tests/tests`.
 
+pub mod chip;
 pub mod fuzz;
 pub mod process;
 

@@ -5,7 +5,7 @@
 
 use mcdpr::experiment;
 use mcdpr::link::SimulatedLink;
-use mcdpr::machine::{self, Firmware, Mismatch};
+use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;
 use mcdpr::run::RunError;
@@ -15,12 +15,11 @@ use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultId, SessionId};
 use mcdpr_simulator::can::DriveNodes;
 use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_tests::chip::{LINE, firmware, path};
 use mcdpr_tests::mcdpr;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// A line of some three seconds on the paper's robot.
-const LINE: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
 /// Instructions of a tick over a motion, median and most: what the firmware takes today. The goals
 /// of 1500 and 2500 are of this very tick, and missed (docs/chip.md).
 const ARMED_MEDIAN: u32 = 5000;
@@ -29,18 +28,6 @@ const ARMED_MOST: u32 = 8200;
 const RAM_AND_STACK: u64 = 12 * 1024;
 /// Top of the stack (memory.x).
 const STACK_TOP: u32 = 0x2000_1800;
-
-fn path() -> PathBuf {
-    let built = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../target/thumbv7m-none-eabi/firmware/mcdpr-firmware"
-    );
-    std::env::var_os("MCDPR_FIRMWARE").map_or_else(|| built.into(), PathBuf::from)
-}
-
-fn firmware() -> Firmware {
-    Firmware::find(Some(&path())).expect("build the firmware with `cargo fw`")
-}
 
 /// Bytes of RAM that the file takes for good.
 fn static_ram() -> u64 {

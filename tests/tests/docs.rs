@@ -3,6 +3,7 @@
 #![cfg(unix)]
 
 use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::Folder;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -34,24 +35,6 @@ const NOT_RUN: &[(&str, &str)] = &[
         "keeps real time and a port; tests/tests/page.rs does it with a port of its own",
     ),
 ];
-
-/// A folder that goes with the test.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("mcdpr-docs-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -170,11 +153,11 @@ fn run(line: &str, folder: &Path) -> Output {
 /// A folder as the reader has it: `robots/`, and the example files of the document.
 fn reader_folder(name: &str, text: &str) -> Folder {
     let folder = Folder::new(&name.replace('/', "-"));
-    copy(&root().join("robots"), &folder.0.join("robots"));
+    copy(&root().join("robots"), &folder.path().join("robots"));
     for block in blocks(text).iter().filter(|b| b.language == "toml") {
         let named = quoted(&block.before).find(|word| word.ends_with(".toml"));
         if let Some(file) = named.filter(|file| !file.contains('/')) {
-            std::fs::write(folder.0.join(file), &block.content).unwrap();
+            std::fs::write(folder.path().join(file), &block.content).unwrap();
         }
     }
     folder
@@ -200,7 +183,7 @@ fn every_command_of_the_documentation_does_what_it_says() {
     for (name, text) in documents() {
         let folder = reader_folder(&name, &text);
         for line in commands(&text) {
-            let output = run(&line, &folder.0);
+            let output = run(&line, folder.path());
             let expected = i32::from(line.ends_with("# refused"));
             let message = String::from_utf8_lossy(&output.stderr);
             let code = output.status.code();
@@ -223,12 +206,12 @@ fn the_task_document_has_every_built_in_task_and_its_examples() {
     let folder = reader_folder("tasks", &text);
     let used = commands(&text);
     for file in ["circle.toml", "arch.toml", "too-fast.toml"] {
-        assert!(folder.0.join(file).is_file(), "{file} is not shown");
+        assert!(folder.path().join(file).is_file(), "{file} is not shown");
         let runs = used.iter().any(|line| line.contains(file));
         assert!(runs, "no command uses {file}");
     }
     // The document quotes the message.
-    let output = run("mcdpr run too-fast.toml", &folder.0);
+    let output = run("mcdpr run too-fast.toml", folder.path());
     // It is wrapped for reading.
     let message = String::from_utf8_lossy(&output.stderr).replace('│', " ");
     let message = message.split_whitespace().collect::<Vec<_>>().join(" ");

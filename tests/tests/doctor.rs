@@ -14,32 +14,15 @@ use mcdpr_protocol::{FaultId, SessionId};
 use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::plant::{EncoderFault, Faults, TensionFault};
 use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::Folder;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Output, Stdio};
 
-/// A folder that goes with the test.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("mcdpr-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    fn file(&self, name: &str, content: &[u8]) -> String {
-        let path = self.0.join(name);
-        std::fs::write(&path, content).unwrap();
-        path.display().to_string()
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
+fn file(folder: &Folder, name: &str, content: &[u8]) -> String {
+    let path = folder.path().join(name);
+    std::fs::write(&path, content).unwrap();
+    path.display().to_string()
 }
 
 fn call(arguments: &[&str]) -> Output {
@@ -142,7 +125,11 @@ fn a_port_that_is_not_there_is_told_with_what_to_do() {
 #[test]
 fn a_drive_of_another_number_is_named_with_the_number_that_nobody_expects() {
     let folder = Folder::new("doctor-node");
-    let built = folder.file("built.toml", built_otherwise(2, "node", "9").as_bytes());
+    let built = file(
+        &folder,
+        "built.toml",
+        built_otherwise(2, "node", "9").as_bytes(),
+    );
     let (document, code) = document(&["--robot", "lab-fast", "--machine", &built, "--arm"]);
     assert_eq!(code, 1);
     let wrong = wrong(&document);
@@ -167,7 +154,7 @@ fn a_drive_of_another_number_is_named_with_the_number_that_nobody_expects() {
 fn an_encoder_that_counts_the_other_way_shows_when_it_arms() {
     let folder = Folder::new("doctor-sign");
     let text = built_otherwise(3, "encoder_sign", "-1");
-    let built = folder.file("built.toml", text.as_bytes());
+    let built = file(&folder, "built.toml", text.as_bytes());
     let machine = ["--robot", "lab-fast", "--machine", &built];
     let (passive, code) = document(&machine);
     assert_eq!(code, 0, "at rest nobody can know: {passive}");
@@ -338,7 +325,7 @@ fn what_is_no_firmware_of_this_board_is_refused_before_a_probe_is_looked_for() {
         ("blink.elf", good, "no hello"),
     ];
     for (name, bytes, word) in cases {
-        let path = folder.file(name, &bytes);
+        let path = file(&folder, name, &bytes);
         let output = call(&["flash", &path]);
         assert_eq!(output.status.code(), Some(1), "{name}");
         let words = String::from_utf8_lossy(&output.stderr).replace('│', " ");
@@ -402,7 +389,7 @@ fn the_real_firmware_is_examined_by_doctor_and_accepted_by_flash() {
     assert_eq!(of("drive").len(), if service { 4 } else { 0 }, "{document}");
     // Work on one winch says which image it needs, where this is the other one.
     let folder = Folder::new("doctor-image");
-    let out = folder.0.join("w.toml").display().to_string();
+    let out = folder.path().join("w.toml").display().to_string();
     let output = call(&[
         "commission",
         "1",

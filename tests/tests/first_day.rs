@@ -2,27 +2,10 @@
 //! file says, and the commands find out.
 
 use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::Folder;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Output, Stdio};
-
-/// A folder that goes with the test.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("mcdpr-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 fn robot(name: &str) -> String {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
@@ -33,7 +16,7 @@ fn robot(name: &str) -> String {
 fn run(folder: &Folder, arguments: &[&str]) -> Output {
     mcdpr()
         .args(arguments)
-        .current_dir(&folder.0)
+        .current_dir(folder.path())
         .stdin(Stdio::null())
         .output()
         .unwrap()
@@ -109,8 +92,8 @@ fn commissioning_finds_what_the_robot_file_does_not_know() {
         let built = with(&built, 2, "encoder_sign", "-1");
         let built = with(&built, 2, "motor_counts_per_turn", &format!("{}", -counts));
         let built = with(&built, 2, "tension_zero_v", "0.2");
-        std::fs::write(folder.0.join("says.toml"), &says).unwrap();
-        std::fs::write(folder.0.join("built.toml"), built).unwrap();
+        std::fs::write(folder.path().join("says.toml"), &says).unwrap();
+        std::fs::write(folder.path().join("built.toml"), built).unwrap();
         let arguments = [
             "commission",
             "2",
@@ -139,16 +122,16 @@ fn commissioning_finds_what_the_robot_file_does_not_know() {
             "{found}"
         );
         // What was written is a module file that a robot file can name, whole.
-        let module = std::fs::read_to_string(folder.0.join("two.toml")).unwrap();
+        let module = std::fs::read_to_string(folder.path().join("two.toml")).unwrap();
         assert!(module.contains("encoder_sign = -1\n"), "{module}");
-        assert!(!folder.0.join("two.toml.part").exists());
+        assert!(!folder.path().join("two.toml.part").exists());
         let mut named = says.clone();
         named = with(&named, 2, "module", "\"two.toml\"");
         named = with(&named, 2, "node", "9");
         for key in ["motor_counts_per_turn", "tension_zero_v", "encoder_sign"] {
             named = without(&named, 2, key);
         }
-        std::fs::write(folder.0.join("named.toml"), named).unwrap();
+        std::fs::write(folder.path().join("named.toml"), named).unwrap();
         let arguments = [
             "commission",
             "2",
@@ -176,8 +159,8 @@ fn a_drive_that_nobody_named_and_several_that_could_be_meant_are_refused() {
     let (says, built) = really("rmds");
     let built = with(&built, 2, "node", "9");
     let built = with(&built, 3, "node", "10");
-    std::fs::write(folder.0.join("says.toml"), &says).unwrap();
-    std::fs::write(folder.0.join("built.toml"), built).unwrap();
+    std::fs::write(folder.path().join("says.toml"), &says).unwrap();
+    std::fs::write(folder.path().join("built.toml"), built).unwrap();
     let common = [
         "--robot",
         "says.toml",
@@ -190,7 +173,7 @@ fn a_drive_that_nobody_named_and_several_that_could_be_meant_are_refused() {
     assert_eq!(output.status.code(), Some(1));
     let words = String::from_utf8_lossy(&output.stderr);
     assert!(words.contains("--node"), "{words}");
-    assert!(!folder.0.join("w.toml").exists(), "nothing is written");
+    assert!(!folder.path().join("w.toml").exists(), "nothing is written");
     let output = run(
         &folder,
         &[&["commission", "2", "--node", "9", "--json"], &common[..]].concat(),
@@ -208,8 +191,8 @@ fn the_motor_ratio_is_measured_whatever_the_file_says() {
     let real = counts * 1.07;
     let built = with(&built, 1, "motor_counts_per_turn", &format!("{real}"));
     let built = with(&built, 1, "encoder_sign", "-1");
-    std::fs::write(folder.0.join("says.toml"), &says).unwrap();
-    std::fs::write(folder.0.join("built.toml"), built).unwrap();
+    std::fs::write(folder.path().join("says.toml"), &says).unwrap();
+    std::fs::write(folder.path().join("built.toml"), built).unwrap();
     let output = run(
         &folder,
         &[

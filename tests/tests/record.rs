@@ -12,27 +12,10 @@ use mcdpr::record::{
 };
 use mcdpr::robot::Robot;
 use mcdpr_protocol::SessionId;
-use std::path::PathBuf;
+use mcdpr_tests::process::Folder;
 use std::sync::{Arc, Mutex, OnceLock};
 
 const TASK: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [275, -85, -180]\n";
-
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("mcdpr-record-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 fn model() -> Model {
     Model::new(&Robot::find("paper-table5").unwrap()).unwrap()
@@ -73,8 +56,8 @@ fn run(witness: &Witness) -> experiment::SimulatedRun {
 fn recorded() -> &'static [u8] {
     static BYTES: OnceLock<Vec<u8>> = OnceLock::new();
     BYTES.get_or_init(|| {
-        let folder = Folder::new("once");
-        let path = folder.0.join(FILE_NAME);
+        let folder = Folder::new("record-once");
+        let path = folder.path().join(FILE_NAME);
         let recording = Recording::create(&path, &scenario(), Some(model())).unwrap();
         let summary = recording.summary();
         let mut witness = Witness::default();
@@ -88,8 +71,8 @@ fn recorded() -> &'static [u8] {
 
 fn load(name: &str, bytes: &[u8]) -> Result<RecordedRun, LoadError> {
     let folder = Folder::new(name);
-    std::fs::write(folder.0.join(FILE_NAME), bytes).unwrap();
-    RecordedRun::load(&folder.0)
+    std::fs::write(folder.path().join(FILE_NAME), bytes).unwrap();
+    RecordedRun::load(folder.path())
 }
 
 #[test]
@@ -325,9 +308,12 @@ print(json.dumps(found))
 
 #[test]
 fn the_reference_reader_for_python_reads_it_whole_and_cut() {
-    let folder = Folder::new("python");
+    let folder = Folder::new("record-python");
     let bytes = recorded();
-    let (whole, cut) = (folder.0.join("whole.mcap"), folder.0.join("cut.mcap"));
+    let (whole, cut) = (
+        folder.path().join("whole.mcap"),
+        folder.path().join("cut.mcap"),
+    );
     std::fs::write(&whole, bytes).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() * 3 / 4]).unwrap();
     // target/PROFILE/deps/TEST

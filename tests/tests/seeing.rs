@@ -1,26 +1,10 @@
 //! The commands that look at runs and at the robot file, as their user calls them.
 
 use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::Folder;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Output;
-
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("mcdpr-seeing-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 fn call(folder: &Path, arguments: &[&str]) -> Output {
     mcdpr()
@@ -50,8 +34,8 @@ const TASK: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [275, -85, -1
 
 #[test]
 fn a_run_is_reported_compared_and_exported() {
-    let folder = Folder::new("run");
-    let at = folder.0.as_path();
+    let folder = Folder::new("seeing-run");
+    let at = folder.path();
     std::fs::write(at.join("short.toml"), TASK).unwrap();
     good(at, &["run", "short.toml", "--record", "one"]);
     good(at, &["run", "short.toml", "--ideal", "--record", "two"]);
@@ -113,8 +97,8 @@ fn a_run_is_reported_compared_and_exported() {
 
 #[test]
 fn what_a_run_was_planned_with_and_single_orders_replay_too() {
-    let folder = Folder::new("options");
-    let at = folder.0.as_path();
+    let folder = Folder::new("seeing-options");
+    let at = folder.path();
     std::fs::write(at.join("short.toml"), TASK).unwrap();
     let proof = |name: &str| -> Value {
         serde_json::from_str(&good(at, &["replay", name, "--json"])).unwrap()
@@ -140,8 +124,8 @@ fn what_a_run_was_planned_with_and_single_orders_replay_too() {
 #[cfg(unix)]
 fn a_killed_run_is_readable_up_to_the_last_second_and_a_size_limit_ends_only_the_record() {
     use std::time::{Duration, Instant};
-    let folder = Folder::new("killed");
-    let at = folder.0.as_path();
+    let folder = Folder::new("seeing-killed");
+    let at = folder.path();
     let mut run = mcdpr()
         .args([
             "run",
@@ -197,8 +181,8 @@ fn a_killed_run_is_readable_up_to_the_last_second_and_a_size_limit_ends_only_the
 
 #[test]
 fn a_robot_file_is_begun_checked_and_shown() {
-    let folder = Folder::new("config");
-    let at = folder.0.as_path();
+    let folder = Folder::new("seeing-config");
+    let at = folder.path();
     good(at, &["config", "init", "mine.toml"]);
     let checked: Value =
         serde_json::from_str(&good(at, &["config", "check", "mine.toml", "--json"])).unwrap();
@@ -219,8 +203,8 @@ fn a_robot_file_is_begun_checked_and_shown() {
 
 #[test]
 fn the_schema_accepts_every_key_of_every_robot_and_no_other() {
-    let folder = Folder::new("schema");
-    let schema: Value = serde_json::from_str(&good(&folder.0, &["config", "schema"])).unwrap();
+    let folder = Folder::new("seeing-schema");
+    let schema: Value = serde_json::from_str(&good(folder.path(), &["config", "schema"])).unwrap();
     let keys = |value: &Value| -> Vec<String> {
         value["properties"]
             .as_object()
@@ -265,8 +249,8 @@ fn the_schema_accepts_every_key_of_every_robot_and_no_other() {
 
 #[test]
 fn help_completions_and_manual_name_every_command() {
-    let folder = Folder::new("help");
-    let help = good(&folder.0, &["--help"]);
+    let folder = Folder::new("seeing-help");
+    let help = good(folder.path(), &["--help"]);
     let place = |what: &str| {
         let line = format!("\n  {what} ");
         help.find(&line)
@@ -293,25 +277,25 @@ fn help_completions_and_manual_name_every_command() {
         );
     }
     assert!(help.contains("Exit codes"), "{help}");
-    let script = good(&folder.0, &["completions", "bash"]);
-    let manual = good(&folder.0, &["man"]);
+    let script = good(folder.path(), &["completions", "bash"]);
+    let manual = good(folder.path(), &["man"]);
     for what in way {
         assert!(script.contains(what), "{what} is not completed");
         assert!(manual.contains(what), "{what} is not in the manual");
     }
-    good(&folder.0, &["man", "--out", "man"]);
-    assert!(folder.0.join("man/mcdpr.1").is_file());
+    good(folder.path(), &["man", "--out", "man"]);
+    assert!(folder.path().join("man/mcdpr.1").is_file());
     // Without a terminal there are no colours.
-    let output = call(&folder.0, &["replay", "nowhere"]);
+    let output = call(folder.path(), &["replay", "nowhere"]);
     assert!(!output.stderr.contains(&0x1b) && !output.stdout.contains(&0x1b));
 }
 
 #[test]
 fn reproduce_prints_the_papers_numbers_beside_ours() {
-    let folder = Folder::new("reproduce");
+    let folder = Folder::new("seeing-reproduce");
     let only = "hardware-calibration,circle,tension-static";
     let text = good(
-        &folder.0,
+        folder.path(),
         &[
             "reproduce",
             "--only",
@@ -346,9 +330,9 @@ fn reproduce_prints_the_papers_numbers_beside_ours() {
         .find(|e| e["id"] == "tension-static")
         .unwrap();
     assert!(first(&hold["rows"][0]["realistic"]) < 0.2, "{hold}");
-    let page = std::fs::read_to_string(folder.0.join("out/report.html")).unwrap();
+    let page = std::fs::read_to_string(folder.path().join("out/report.html")).unwrap();
     assert!(page.contains("Figure 32") && page.contains("What is not reproduced"));
-    let (message, _) = refused(&folder.0, &["reproduce", "--only", "table9"]);
+    let (message, _) = refused(folder.path(), &["reproduce", "--only", "table9"]);
     assert!(
         message.contains("table9") && message.contains("circle"),
         "{message}"

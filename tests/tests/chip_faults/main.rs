@@ -11,28 +11,13 @@ mod refusals;
 
 use mcdpr::experiment;
 use mcdpr::link::SimulatedLink;
-use mcdpr::machine::{self, Firmware, Mismatch};
+use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;
 use mcdpr::scenario::{self, Aftermath, Injection, Scenario};
 use mcdpr_emulator::SharedChip;
 use mcdpr_simulator::{LinkOptions, Simulation};
-use std::path::PathBuf;
-
-/// A line of some three seconds on the paper's robot.
-const LINE: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
-
-fn path() -> PathBuf {
-    let built = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../target/thumbv7m-none-eabi/firmware/mcdpr-firmware"
-    );
-    std::env::var_os("MCDPR_FIRMWARE").map_or_else(|| built.into(), PathBuf::from)
-}
-
-fn firmware() -> Firmware {
-    Firmware::find(Some(&path())).expect("build the firmware with `cargo fw`")
-}
+use mcdpr_tests::chip::{LINE, firmware};
 
 fn model() -> Model {
     Model::new(&Robot::find("paper-table5").unwrap()).unwrap()

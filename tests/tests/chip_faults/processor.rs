@@ -1,7 +1,7 @@
 //! What happens to the processor itself: a hang, a crash, a failing supply or crystal, ticks that
 //! take too long, counters that wrap, a host that does not read.
 
-use super::{line, model, path, robot};
+use super::{line, model, robot};
 use mcdpr::experiment;
 use mcdpr::link::{Link, LinkError, SimulatedLink};
 use mcdpr::scenario::{FaultyLink, Injection};
@@ -9,6 +9,7 @@ use mcdpr_emulator::{Chip, SharedChip};
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultId, FaultRecord, SessionId};
 use mcdpr_simulator::{Simulation, TracePoint};
+use mcdpr_tests::chip::path;
 
 type Disturbance = (u64, fn(&mut Chip));
 
