@@ -223,26 +223,7 @@ impl Cmd {
         let now = rig.take_up(Some(cable), STRETCHES, |now| eprintln!("  {}", words(now)))?;
         rig.tension(&slack)?;
         rig.finish()?;
-        let felt = |index: usize| now.get(index).copied().unwrap_or(0.0);
-        let others = (0..now.len()).filter(|&other| other != cable);
-        if let Some(other) = others
-            .into_iter()
-            .find(|&other| felt(other) > 0.5 * TAKEN_UP_N)
-        {
-            return Err(RigError::Crossed {
-                cable: cable + 1,
-                other: other + 1,
-                tension_n: felt(other),
-            }
-            .into());
-        }
-        if felt(cable) < 0.5 * TAKEN_UP_N {
-            return Err(RigError::Slack {
-                cable: cable + 1,
-                tension_n: felt(cable),
-            }
-            .into());
-        }
+        felt(cable, &now)?;
         let what = format!(
             "cable {} is on, its own sensor felt it; it is slack again, the brakes are closed",
             cable + 1
@@ -350,6 +331,27 @@ fn known(robot: &Robot, cable: usize) -> Result<(), RigError> {
     Err(RigError::Range { what })
 }
 
+/// Whether the one cable (from 0) that was taken up is the one whose sensor felt it.
+fn felt(cable: usize, tensions_n: &[f64]) -> Result<(), RigError> {
+    let pulled = |n: f64| n > 0.5 * TAKEN_UP_N;
+    let mut others = tensions_n.iter().enumerate();
+    if let Some((other, &tension_n)) = others.find(|&(other, &n)| other != cable && pulled(n)) {
+        return Err(RigError::Crossed {
+            cable: cable + 1,
+            other: other + 1,
+            tension_n,
+        });
+    }
+    let tension_n = tensions_n.get(cable).copied().unwrap_or(0.0);
+    if pulled(tension_n) {
+        return Ok(());
+    }
+    Err(RigError::Slack {
+        cable: cable + 1,
+        tension_n,
+    })
+}
+
 fn winch_speed(robot: &Robot, cable: usize) -> f64 {
     robot
         .winch_of(cable)
@@ -365,4 +367,26 @@ fn port(common: &Common) -> Result<SerialLink, RunError> {
     common
         .open_port()
         .map_err(|error| RunError::from(ClientError::from(error)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pull_that_its_own_sensor_does_not_feel_is_named() {
+        assert!(felt(1, &[0.1, 1.0, -0.1, 0.0]).is_ok());
+        assert!(matches!(
+            felt(1, &[0.1, 0.2, 0.0, 0.0]),
+            Err(RigError::Slack { cable: 2, .. })
+        ));
+        assert!(matches!(
+            felt(1, &[0.1, 0.0, 0.9, 0.0]),
+            Err(RigError::Crossed {
+                cable: 2,
+                other: 3,
+                ..
+            })
+        ));
+    }
 }
