@@ -18,9 +18,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Slice of lockstep, us.
 const SLICE_US: u64 = 50;
-/// The sensor's noise is that of a reading as the firmware makes it, from all conversions of a
-/// tick: it is drawn once per tick.
-const SLICES_PER_READING: u32 = 20;
 /// Ticks after which the host, too, knows what was measured in one.
 const BEHIND_TICKS: usize = 40;
 /// Winches of the board.
@@ -56,7 +53,8 @@ pub struct ChipBoard {
     now: Tick,
     counters: Option<[u16; CABLES]>,
     positions: [i64; CABLES],
-    slices: u32,
+    /// Tick after which the sensors' noise was drawn.
+    read_at: Tick,
 }
 
 impl ChipBoard {
@@ -78,7 +76,7 @@ impl ChipBoard {
             now: Tick(0),
             counters: None,
             positions: [0; CABLES],
-            slices: 0,
+            read_at: Tick(0),
         })
     }
 
@@ -90,7 +88,14 @@ impl ChipBoard {
 
     /// The plant's sensors to the chip's pins.
     fn sense(&mut self, plant: &mut Plant, chip: &mut Chip) {
-        let sensors = plant.read_sensors();
+        // The sensor's noise is that of a reading as the firmware makes it, from its last sixteen
+        // conversions: it is drawn once a tick, right after one, as for a board in this process.
+        let sensors = if self.read_at == self.now {
+            plant.read_sensors_again()
+        } else {
+            plant.read_sensors()
+        };
+        self.read_at = self.now;
         let mut counters = [0; CABLES];
         counters.copy_from_slice(&sensors.encoder_counts[..CABLES]);
         // What the counters show at power-on is where the timers start.
@@ -100,12 +105,9 @@ impl ChipBoard {
             *position += i64::from(step);
             chip.set_encoder(index + 1, *position);
         }
-        if self.slices.is_multiple_of(SLICES_PER_READING) {
-            for (channel, sum) in TENSION.into_iter().zip(sensors.adc) {
-                chip.set_adc_sixteenths(channel, sum);
-            }
+        for (channel, sum) in TENSION.into_iter().zip(sensors.adc) {
+            chip.set_adc_sixteenths(channel, sum);
         }
-        self.slices = self.slices.wrapping_add(1);
         chip.set_input(Port::B, 5, Some(sensors.e_stop));
         // The gripper's switch closes to ground.
         chip.set_input(Port::A, 3, Some(!plant.gripper_switch()));

@@ -124,12 +124,8 @@ fn the_demo_on_the_chip_tracks_as_the_core_in_this_process() {
             let (core, chip) = (core.unwrap(), chip.unwrap());
             println!("{group}.{name}: {core:.3e} in this process, {chip:.3e} on the chip");
             assert!(core > 0.0 && chip > 0.0, "{group}.{name}");
-            // Tensions agree within a fifth, not within the 5 % of the others: docs/chip.md.
-            let most = if group == "tension_error_n" {
-                0.2
-            } else {
-                0.05
-            };
+            // The largest tension error is one sample among thousands: docs/chip.md.
+            let most = if name == "max_abs" { 0.2 } else { 0.05 };
             assert!((chip - core).abs() < most * core, "{group}.{name}");
         }
     }

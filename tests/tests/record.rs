@@ -389,3 +389,57 @@ fn the_reference_reader_for_python_reads_it_whole_and_cut() {
     assert!(found["chunks"].as_u64().unwrap() > 1, "{found}");
     assert!(found["before_the_cut"].as_u64().unwrap() > 100, "{found}");
 }
+
+/// Work outside of a task is on record as well: with a machine that can be simulated again, the core
+/// does the same on its bytes; where hands were a part of it, the record says so.
+#[test]
+fn every_command_that_moves_a_drum_leaves_a_record() {
+    const ORDERS: bool = true;
+    const HANDS: bool = false;
+    let few: &[&str] = &["--poses", "3", "--candidates", "30"];
+    let collect = [&["calibrate", "collect", "--target", "board"], few].concat();
+    let commands = [
+        (&collect[..], "run.mcap", ORDERS),
+        (
+            &["tune", "tension", "--robot", "lab-direct"],
+            "before",
+            ORDERS,
+        ),
+        (&["experiment", "cable"], "run.mcap", HANDS),
+        (&["rig", "attach", "2", "--yes"], "run.mcap", HANDS),
+        (&["calibrate", "tension", "4"], "run.mcap", HANDS),
+        (&["commission", "1"], "run.mcap", HANDS),
+        (&["calibrate", "winch", "1"], "run.mcap", HANDS),
+    ];
+    let folder = Folder::new("record-work");
+    for (words, what, doing) in commands {
+        let kept = folder.path().join(words.join("-"));
+        let mut command = mcdpr_tests::mcdpr();
+        command.args(words).arg("--record").arg(&kept);
+        let output = command.current_dir(folder.path()).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{words:?}: {said}");
+        let run = RecordedRun::load(&kept.join(what)).unwrap();
+        assert!(run.damage.is_none(), "{words:?}");
+        assert_eq!(run.gaps, 0, "{words:?}");
+        assert!(run.frames.len() > 100, "{words:?}");
+        match replay(&run) {
+            Ok(proof) if doing == ORDERS => {
+                assert!(proof.core_bytes.is_some_and(|bytes| bytes > 10_000));
+                assert!(proof.whole && proof.host_bytes.is_none());
+            }
+            Err(ReplayError::Nothing { reason }) if doing == HANDS => {
+                assert!(reason.contains("hands"), "{reason}");
+            }
+            other => panic!("{words:?}: {other:?}"),
+        }
+        // What was known of it can be read as tables.
+        let mut export = mcdpr_tests::mcdpr();
+        export.arg("export").arg(kept.join(what)).arg("--csv");
+        let tables = folder.path().join("tables");
+        let done = export.arg("--out").arg(&tables).output().unwrap();
+        assert!(done.status.success(), "{words:?}");
+        let lines = std::fs::read_to_string(tables.join("cables.csv")).unwrap();
+        assert!(lines.lines().count() > 10, "{words:?}");
+    }
+}

@@ -10,6 +10,7 @@ use mcdpr::tension::{Bench, Change, Script, Trace, at_rest, recovery};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::plant::{Plant, Pose};
 use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_tests::process::Folder;
 
 const SEEDS: u64 = 5;
 
@@ -194,8 +195,11 @@ fn two_cables_of_eight_are_held_by_tension_at_once() {
 
 #[test]
 fn a_robot_is_rigged_from_slack_and_let_down_again() {
+    let folder = Folder::new("rig");
     let rig = |words: &[&str]| {
-        let output = mcdpr_tests::mcdpr().args(words).output().unwrap();
+        let mut command = mcdpr_tests::mcdpr();
+        command.args(words).current_dir(folder.path());
+        let output = command.output().unwrap();
         assert!(
             output.status.success(),
             "{words:?}: {}",
@@ -226,8 +230,10 @@ fn a_robot_is_rigged_from_slack_and_let_down_again() {
 
 #[test]
 fn a_rig_step_that_is_not_confirmed_is_not_done() {
+    let folder = Folder::new("rig-unconfirmed");
     let output = mcdpr_tests::mcdpr()
         .args(["rig", "tension"])
+        .current_dir(folder.path())
         .stdin(std::process::Stdio::null())
         .output()
         .unwrap();

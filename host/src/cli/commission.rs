@@ -1,12 +1,13 @@
 //! `mcdpr commission WINCH`: the first day of one bare winch.
 
-use super::service::{Machine, connected};
+use super::service::{Connected, Machine, connected};
 use super::{Common, Failed, Outcome, print_json};
+use crate::files::write_atomically;
 use crate::link::SimulatedLink;
 use crate::robot::Robot;
 use crate::service::{Commissioned, Operator, commission};
 use std::io::{BufRead, IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Bring up one bare winch: find its drive, directions, brake and sensor zero; write its module file
 ///
@@ -39,9 +40,18 @@ enum YesNo {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = Robot::find(&common.robot)?;
-        let (mut client, simulated) = connected(common, &robot, &self.machine)?;
-        let mut eyes = Eyes::new(self.paid_out, simulated, self.winch);
-        let found = commission(&mut client, &robot, self.winch, self.node, &mut eyes)?;
+        let work = |(mut client, simulated): Connected<'_>| {
+            let mut eyes = Eyes::new(self.paid_out, simulated, self.winch);
+            Ok(commission(
+                &mut client,
+                &robot,
+                self.winch,
+                self.node,
+                &mut eyes,
+            )?)
+        };
+        let name = format!("commission-{}", self.winch);
+        let (found, folder) = connected(common, &robot, &self.machine, &name, work)?;
         write_atomically(&self.out, &module_text(&found, &robot))
             .map_err(Failed::from_error(&self.out.display().to_string()))?;
         if common.json {
@@ -69,6 +79,7 @@ impl Cmd {
             self.out.display(),
             found.node
         );
+        say!("run folder: {}", folder.path().display());
         Ok(())
     }
 }
@@ -182,17 +193,4 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
 /// Thousandths, without the noise of a binary fraction.
 fn milli(value: f64) -> f64 {
     (value * 1e9).round() / 1e6
-}
-
-/// Writes a file whole or not at all.
-pub(super) fn write_atomically(path: &Path, text: &str) -> std::io::Result<()> {
-    let mut part = path.as_os_str().to_owned();
-    part.push(".part");
-    let part = PathBuf::from(part);
-    let mut file = std::fs::File::create(&part)?;
-    file.write_all(text.as_bytes())?;
-    file.sync_all()?;
-    std::fs::rename(&part, path).inspect_err(|_| {
-        let _ = std::fs::remove_file(&part);
-    })
 }

@@ -110,7 +110,7 @@ fn recorded(
         doing: Doing::Task,
         at_home: true,
     };
-    let recorded = Recorded::start(common, model, about)?;
+    let recorded = Recorded::start(common, Some(model), about)?;
     let bar = Bar::new("realistic machine");
     let seen = (&recorded.witness, session);
     let orders = Orders::default();

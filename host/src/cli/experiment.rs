@@ -1,5 +1,6 @@
 //! `mcdpr experiment NAME|FILE`: hold a tension while hands pull, and see what comes of it.
 
+use super::recorded::{Work, on_record};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::link::ClientError;
@@ -105,36 +106,45 @@ impl Cmd {
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let simulated = common.on == "sim";
-        let trace = if simulated {
-            let change = Change {
-                pulley_loss: self.pulley_loss,
-                ..Change::default()
-            };
-            Bench::start_with(model.clone(), &change, common.seed)?.run(&experiment.script)?
-        } else {
+        let name = format!("tension-{}", experiment.name);
+        let work = Work::of_hands(&name, &model);
+        let (trace, folder) = on_record(common, &work, |record| {
+            if simulated {
+                let change = Change {
+                    pulley_loss: self.pulley_loss,
+                    ..Change::default()
+                };
+                let mut bench =
+                    Bench::start_on(model.clone(), &change, common.seed, |link, tap| {
+                        record.tapped(link, tap)
+                    })?;
+                return Ok(bench.run(&experiment.script)?);
+            }
             let link = common
                 .open_port()
                 .map_err(|error| RunError::from(ClientError::from(error)))?;
-            hold(&model, link, &experiment, |words| eprintln!("{words}"))?
-        };
-        self.report(&experiment, &trace, simulated, common)
+            let line = (record.line(link), record.session);
+            Ok(hold(&model, line, &experiment, |words| {
+                eprintln!("{words}")
+            })?)
+        })?;
+        self.report(&experiment, &trace, &folder, common)
     }
 
     fn report(
         &self,
         experiment: &Experiment,
         trace: &Trace,
-        simulated: bool,
+        folder: &RunFolder,
         common: &Common,
     ) -> Outcome {
+        let simulated = common.on == "sim";
         let end_s = experiment.script.duration_s;
         let from_s = (end_s - 2.0).max(0.0);
         let steady = at_rest(trace, from_s, end_s);
         let back = experiment
             .disturbed_s
             .map(|(on_s, off_s)| recovery(trace, on_s, off_s));
-        let name = format!("tension-{}", experiment.name);
-        let folder = RunFolder::create(common.record.as_deref(), &name).into_diagnostic()?;
         folder.write("trace.csv", &table(trace)).into_diagnostic()?;
         let source = if simulated { "simulated" } else { "measured" };
         let title = format!("{}: tension of the held cable, {source}", experiment.name);

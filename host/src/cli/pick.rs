@@ -127,7 +127,7 @@ impl Cmd {
             doing: Doing::Pictures,
             at_home: true,
         };
-        let mut recorded = Recorded::start(common, &model, about)?;
+        let mut recorded = Recorded::start(common, Some(&model), about)?;
         let page = self
             .serve
             .map(|port| super::run::page(port, &model, handle, &mut recorded, common))

@@ -44,7 +44,7 @@ pub(crate) fn with_session<T>(
                 doing: Doing::Orders,
                 at_home: common.on == "sim",
             };
-            Recorded::start(common, model, about)
+            Recorded::start(common, Some(model), about)
         })
         .transpose()?;
     let nobody = Witness::default();

@@ -1,13 +1,16 @@
 //! The record that goes with every command that moves a robot.
 
 use super::{Common, Failed};
+use crate::link::{Link, SimulatedLink};
 use crate::machine::Mismatch;
 use crate::motion::Model;
-use crate::record::witness::Patience;
+use crate::record::witness::{Patience, TruthTap};
 use crate::record::{
-    Doing, FILE_NAME, Machine, Recording, RobotText, Scenario, Summary, TaskSource, Witness,
+    Doing, FILE_NAME, Machine, Recording, RobotText, Scenario, Summary, TaskSource, Watched,
+    Witness,
 };
 use crate::report::RunFolder;
+use crate::run::new_session;
 use mcdpr_protocol::SessionId;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -46,11 +49,16 @@ impl Recorded {
     }
 
     /// Makes the folder and starts the record. A record that can not be started is told, and the
-    /// run goes on without: only a folder that the user asked for must be there.
+    /// run goes on without: only a folder that the user asked for must be there. Without a model (a
+    /// winch that holds no robot yet) no poses are recorded.
     ///
     /// # Errors
     /// A folder that can not be made.
-    pub(crate) fn start(common: &Common, model: &Model, about: About<'_>) -> Result<Self, Failed> {
+    pub(crate) fn start(
+        common: &Common,
+        model: Option<&Model>,
+        about: About<'_>,
+    ) -> Result<Self, Failed> {
         let About {
             name,
             task,
@@ -74,10 +82,10 @@ impl Recorded {
             }
         };
         let mut scenario = Scenario::new(&common.robot, task, session.0, machine);
-        scenario.options = model.options();
+        scenario.options = model.map_or_else(Default::default, Model::options);
         scenario.doing = doing;
         scenario.at_home = at_home;
-        if model.robot().calibrated.is_some() {
+        if model.is_some_and(|model| model.robot().calibrated.is_some()) {
             scenario.calibration = common.calibration_file().and_then(|path| {
                 let text = crate::files::read_text(&path).ok()?;
                 let name = path.file_name()?.to_string_lossy().into_owned();
@@ -99,7 +107,7 @@ impl Recorded {
             Patience::Drop
         };
         let path = recorded.folder.path().join(FILE_NAME);
-        match Recording::create(&path, &scenario, Some(model.clone())) {
+        match Recording::create(&path, &scenario, model.cloned()) {
             Ok(recording) => {
                 recorded.summary = Some(recording.summary());
                 match recorded.witness.add(recording, patience) {
@@ -155,6 +163,97 @@ impl Rest {
         }
         self.folder
     }
+}
+
+/// The record of work that opens its own line to the robot: experiments, rigging, service.
+pub(crate) struct OnRecord<'a> {
+    witness: &'a Witness,
+    cables: usize,
+    /// Number of the session to open.
+    pub(crate) session: SessionId,
+}
+
+impl OnRecord<'_> {
+    /// A line to a board, recorded.
+    pub(crate) fn line<'l>(&'l self, link: impl Link + 'l) -> Box<dyn Link + 'l> {
+        Box::new(Watched::new(link, self.witness))
+    }
+
+    /// A line to a simulated robot, recorded with what is true of it.
+    pub(crate) fn simulated(&self, link: SimulatedLink) -> Box<dyn Link + '_> {
+        let tap = TruthTap::forgetful(link.clone(), self.cables);
+        self.tapped(link, tap)
+    }
+
+    /// The same, for a caller who reads the truth from this tap too.
+    pub(crate) fn tapped(&self, link: SimulatedLink, tap: TruthTap) -> Box<dyn Link + '_> {
+        Box::new(Watched::new(link, self.witness).with_truth(tap))
+    }
+}
+
+/// What such a record is of.
+pub(crate) struct Work<'a> {
+    /// Name of the folder.
+    pub(crate) name: &'a str,
+    /// What is done.
+    pub(crate) doing: Doing,
+    /// How far the simulated machine is from its description.
+    pub(crate) mismatch: Mismatch,
+    /// Number of cables.
+    pub(crate) cables: usize,
+    /// The robot's model, where there is a robot already.
+    pub(crate) model: Option<&'a Model>,
+}
+
+impl<'a> Work<'a> {
+    /// Work of hands on a robot as it is described.
+    pub(crate) fn of_hands(name: &'a str, model: &'a Model) -> Self {
+        Self {
+            name,
+            doing: Doing::Hands,
+            mismatch: Mismatch::default(),
+            cables: model.robot().cables.len(),
+            model: Some(model),
+        }
+    }
+}
+
+/// Does work on record, and gives what came of it with the folder. Where it fails, the record stays.
+pub(crate) fn on_record<T>(
+    common: &Common,
+    about: &Work<'_>,
+    work: impl FnOnce(&OnRecord<'_>) -> miette::Result<T>,
+) -> miette::Result<(T, RunFolder)> {
+    // In virtual time nobody else can be on the line.
+    let session = if common.on == "sim" {
+        SessionId(1)
+    } else {
+        new_session()
+    };
+    let task = TaskSource {
+        name: about.name.to_owned(),
+        text: None,
+        tool_z_m: 0.0,
+    };
+    let start = About {
+        name: about.name,
+        task,
+        session,
+        mismatch: &about.mismatch,
+        doing: about.doing,
+        at_home: common.on == "sim",
+    };
+    let recorded = Recorded::start(common, about.model, start)?;
+    let done = work(&OnRecord {
+        witness: &recorded.witness,
+        cables: about.cables,
+        session,
+    });
+    let folder = recorded.finish();
+    if done.is_err() {
+        eprintln!("what happened is recorded in {}", folder.path().display());
+    }
+    Ok((done?, folder))
 }
 
 /// The record is not what it should be; the run is.

@@ -1,5 +1,6 @@
 //! `mcdpr rig`: spool and attach cables, tension them up evenly, let them down again.
 
+use super::recorded::{Work, on_record};
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment;
 use crate::link::{ClientError, Link, LinkError, SerialLink, SimulatedLink};
@@ -8,6 +9,7 @@ use crate::motion::Model;
 use crate::robot::Robot;
 use crate::run::{RunError, watch_for_interrupts};
 use crate::tension::rig::{Rig, TAKEN_UP_N, rigged, winding};
+use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::plant::{Plant, PlantError};
 use miette::Diagnostic;
@@ -81,6 +83,24 @@ enum RigError {
     Range { what: String },
 }
 
+/// The line to the robot, and the session to open on it.
+type Line<'l> = (Box<dyn Link + 'l>, SessionId);
+
+/// What was done, and the tensions after it, N.
+struct Done {
+    what: String,
+    tensions_n: Vec<f64>,
+}
+
+impl Done {
+    fn new(what: &str, tensions_n: Vec<f64>) -> Self {
+        Self {
+            what: what.to_owned(),
+            tensions_n,
+        }
+    }
+}
+
 /// How the cables of a simulated robot are slack.
 #[derive(Debug, Clone, Copy)]
 enum Slack {
@@ -102,6 +122,7 @@ impl Cmd {
         let robot = Robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let slack = vec![0.0; robot.cables.len()];
         match self.what {
             What::Spool { cable, length_mm } => {
                 known(&robot, cable)?;
@@ -109,36 +130,69 @@ impl Cmd {
                     let what = format!("{length_mm} mm is more than {LONGEST_MM} mm at once");
                     return Err(RigError::Range { what }.into());
                 }
-                let slack = vec![0.0; robot.cables.len()];
-                match self.simulated(&model, common, &slack, Some(Slack::Free(cable - 1)))? {
-                    Some(link) => self.spool(&model, link, cable - 1, length_mm, common),
-                    None => self.spool(&model, port(common)?, cable - 1, length_mm, common),
-                }
+                let start = (&slack[..], Some(Slack::Free(cable - 1)));
+                self.on(common, &model, "rig-spool", start, |line| {
+                    self.spool(&model, line, cable - 1, length_mm)
+                })
             }
             What::Attach { cable } => {
                 known(&robot, cable)?;
-                let slack = vec![0.0; robot.cables.len()];
-                match self.simulated(&model, common, &slack, Some(Slack::Long))? {
-                    Some(link) => self.attach(&model, link, cable - 1, common),
-                    None => self.attach(&model, port(common)?, cable - 1, common),
-                }
+                let start = (&slack[..], Some(Slack::Long));
+                self.on(common, &model, "rig-attach", start, |line| {
+                    self.attach(&model, line, cable - 1)
+                })
             }
             What::Tension => {
-                let slack = vec![0.0; robot.cables.len()];
-                match self.simulated(&model, common, &slack, Some(Slack::Long))? {
-                    Some(link) => self.tension(&model, link, common),
-                    None => self.tension(&model, port(common)?, common),
-                }
+                let start = (&slack[..], Some(Slack::Long));
+                self.on(common, &model, "rig-tension", start, |line| {
+                    self.tension(&model, line)
+                })
             }
             What::Lower => {
                 let home = experiment::home(&model)?;
-                let tensions = home.tensions_n().to_vec();
-                match self.simulated(&model, common, &tensions, None)? {
-                    Some(link) => self.lower(&model, link, &tensions, common),
-                    None => self.lower(&model, port(common)?, &tensions, common),
-                }
+                let tensions = home.tensions_n();
+                self.on(common, &model, "rig-lower", (tensions, None), |line| {
+                    self.lower(&model, line, tensions)
+                })
             }
         }
+    }
+
+    /// Does work on the robot, on record, and tells what was done. The simulated robot has these
+    /// tensions, or its cables are slack like this.
+    fn on(
+        &self,
+        common: &Common,
+        model: &Model,
+        name: &str,
+        (tensions_n, slack): (&[f64], Option<Slack>),
+        work: impl FnOnce(Line<'_>) -> miette::Result<Done>,
+    ) -> Outcome {
+        let about = Work::of_hands(name, model);
+        let (done, folder) = on_record(common, &about, |record| {
+            let line = if common.on == "sim" {
+                record.simulated(self.simulated(model, common, tensions_n, slack)?)
+            } else {
+                record.line(port(common)?)
+            };
+            work((line, record.session))
+        })?;
+        let folder = folder.path().display();
+        if common.json {
+            return print_json(&serde_json::json!({
+                "done": done.what,
+                "tensions_n": done.tensions_n,
+                "simulated": common.on == "sim",
+                "run_folder": folder.to_string(),
+            }));
+        }
+        if done.tensions_n.is_empty() {
+            say!("{}", done.what);
+        } else {
+            say!("{}: {}", done.what, words(&done.tensions_n));
+        }
+        say!("run folder: {folder}");
+        Ok(())
     }
 
     /// The simulated robot on a stand at home: hanging, or with its cables 15 to 30 mm too long.
@@ -148,10 +202,7 @@ impl Cmd {
         common: &Common,
         tensions_n: &[f64],
         slack: Option<Slack>,
-    ) -> Result<Option<SimulatedLink>, RunError> {
-        if common.on != "sim" {
-            return Ok(None);
-        }
+    ) -> Result<SimulatedLink, RunError> {
         let broken = |error: PlantError| RunError::Client(LinkError::from(error).into());
         let Some(slack) = slack else {
             let link = experiment::simulated_robot(
@@ -161,7 +212,7 @@ impl Cmd {
                 &LinkOptions::default(),
             )?;
             link.with(|s| s.plant_mut().touch_stand());
-            return Ok(Some(link));
+            return Ok(link);
         };
         let params = machine::plant_params(model.robot(), &Mismatch::default(), common.seed);
         let mut plant = Plant::new(params, common.seed).map_err(broken)?;
@@ -183,17 +234,16 @@ impl Cmd {
         let options = LinkOptions::default();
         let chip = machine::chosen_firmware();
         let simulation = machine::with_board(plant, &options, common.seed, chip).map_err(broken)?;
-        Ok(Some(SimulatedLink::new(simulation)))
+        Ok(SimulatedLink::new(simulation))
     }
 
-    fn spool<L: Link>(
+    fn spool(
         &self,
         model: &Model,
-        link: L,
+        line: Line<'_>,
         cable: usize,
         length_mm: f64,
-        common: &Common,
-    ) -> Outcome {
+    ) -> miette::Result<Done> {
         let robot = winding(model.robot(), cable);
         let speed = winch_speed(&robot, cable).min(WIND_MPS);
         self.confirm(&format!(
@@ -205,13 +255,13 @@ impl Cmd {
         let count = robot.cables.len();
         // Rough: what is on the drum is only counted from here on.
         let lengths: Vec<f64> = experiment::home(model)?.paid_out_m;
-        let mut rig = Rig::start(&robot, link, &lengths, &vec![0.0; count])?;
+        let mut rig = Rig::start(&robot, line, &lengths, &vec![0.0; count])?;
         rig.wind(cable, length_mm * 1e-3, speed)?;
         rig.finish()?;
-        self.told(common, "wound; the brakes are closed", &[])
+        Ok(Done::new("wound; the brakes are closed", Vec::new()))
     }
 
-    fn attach<L: Link>(&self, model: &Model, link: L, cable: usize, common: &Common) -> Outcome {
+    fn attach(&self, model: &Model, line: Line<'_>, cable: usize) -> miette::Result<Done> {
         self.confirm(&format!(
             "the platform stands on its stand at home, cable {} runs over its pulleys and is hooked \
              in, slack: arm and take it up",
@@ -219,7 +269,7 @@ impl Cmd {
         ))?;
         let lengths: Vec<f64> = experiment::home(model)?.paid_out_m;
         let slack = vec![0.0; lengths.len()];
-        let mut rig = Rig::start(&rigged(model.robot()), link, &lengths, &slack)?;
+        let mut rig = Rig::start(&rigged(model.robot()), line, &lengths, &slack)?;
         let now = rig.take_up(Some(cable), STRETCHES, |now| eprintln!("  {}", words(now)))?;
         rig.tension(&slack)?;
         rig.finish()?;
@@ -228,10 +278,10 @@ impl Cmd {
             "cable {} is on, its own sensor felt it; it is slack again, the brakes are closed",
             cable + 1
         );
-        self.told(common, &what, &now)
+        Ok(Done::new(&what, now))
     }
 
-    fn tension<L: Link>(&self, model: &Model, link: L, common: &Common) -> Outcome {
+    fn tension(&self, model: &Model, line: Line<'_>) -> miette::Result<Done> {
         let home = experiment::home(model)?;
         let goal = home.tensions_n().to_vec();
         self.confirm(
@@ -239,7 +289,7 @@ impl Cmd {
              up the slack",
         )?;
         let slack = vec![0.0; goal.len()];
-        let mut rig = Rig::start(&rigged(model.robot()), link, &home.paid_out_m, &slack)?;
+        let mut rig = Rig::start(&rigged(model.robot()), line, &home.paid_out_m, &slack)?;
         let now = rig.take_up(None, STRETCHES, |now| eprintln!("  {}", words(now)))?;
         if let Some((index, &tension_n)) =
             now.iter().enumerate().find(|(_, n)| **n < 0.5 * TAKEN_UP_N)
@@ -260,19 +310,13 @@ impl Cmd {
         }
         let now = rig.tension(&goal)?;
         rig.finish()?;
-        self.told(common, "the robot hangs, the brakes are closed", &now)
+        Ok(Done::new("the robot hangs, the brakes are closed", now))
     }
 
-    fn lower<L: Link>(
-        &self,
-        model: &Model,
-        link: L,
-        tensions_n: &[f64],
-        common: &Common,
-    ) -> Outcome {
+    fn lower(&self, model: &Model, line: Line<'_>, tensions_n: &[f64]) -> miette::Result<Done> {
         self.confirm("the stand is under the platform, which hangs at home: arm and let it down")?;
         let home = experiment::home(model)?;
-        let mut rig = Rig::start(&rigged(model.robot()), link, &home.paid_out_m, tensions_n)?;
+        let mut rig = Rig::start(&rigged(model.robot()), line, &home.paid_out_m, tensions_n)?;
         let low = vec![TAKEN_UP_N; tensions_n.len()];
         let now = rig.tension(&low)?;
         eprintln!("the stand carries: {}", words(&now));
@@ -282,23 +326,10 @@ impl Cmd {
         }
         let now = rig.tension(&vec![0.0; tensions_n.len()])?;
         rig.finish()?;
-        self.told(common, "the cables are slack, the brakes are closed", &now)
-    }
-
-    fn told(&self, common: &Common, what: &str, tensions_n: &[f64]) -> Outcome {
-        if common.json {
-            return print_json(&serde_json::json!({
-                "done": what,
-                "tensions_n": tensions_n,
-                "simulated": common.on == "sim",
-            }));
-        }
-        if tensions_n.is_empty() {
-            say!("{what}");
-        } else {
-            say!("{what}: {}", words(tensions_n));
-        }
-        Ok(())
+        Ok(Done::new(
+            "the cables are slack, the brakes are closed",
+            now,
+        ))
     }
 
     /// Asks whether the next step may be done; no answer means no.

@@ -95,7 +95,7 @@ impl Cmd {
             doing: Doing::Task,
             at_home: common.on == "sim" || self.at_home,
         };
-        let mut recorded = Recorded::start(common, &model, about)?;
+        let mut recorded = Recorded::start(common, Some(&model), about)?;
         let _page = self
             .serve
             .map(|port| page(port, &model, &orders.handle, &mut recorded, common))

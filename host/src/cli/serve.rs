@@ -249,7 +249,7 @@ impl Show<'_> {
                         doing: if jogs { Doing::Orders } else { Doing::Task },
                         at_home,
                     };
-                    Recorded::start(self.common, self.model, about)
+                    Recorded::start(self.common, Some(self.model), about)
                 })
                 .transpose()?;
             let (mut witness, rest) = match recorded.map(Recorded::split) {

@@ -1,11 +1,13 @@
 //! What commands for a bare winch share: the board, or a simulated machine without cables.
 
+use super::recorded::{Work, on_record};
 use super::{Common, Failed};
-use crate::link::{Client, Link, SimulatedLink};
+use crate::link::{Client, ClientError, Link, LinkError, SimulatedLink};
 use crate::machine::{self, Mismatch};
+use crate::record::Doing;
+use crate::report::RunFolder;
 use crate::robot::Robot;
-use crate::run::{new_session, watch_for_interrupts};
-use mcdpr_protocol::SessionId;
+use crate::run::watch_for_interrupts;
 use mcdpr_simulator::LinkOptions;
 
 /// Which machine is simulated.
@@ -28,27 +30,37 @@ impl Machine {
 }
 
 /// A connected board and, where it is simulated in this process, the simulation behind it.
-pub(crate) type Connected = (Client<Box<dyn Link>>, Option<SimulatedLink>);
+pub(crate) type Connected<'l> = (Client<Box<dyn Link + 'l>>, Option<SimulatedLink>);
 
-/// Connects with the board, or simulates a machine whose winches are bare.
-pub(crate) fn connected(
+/// Does work on the board, or on a simulated machine whose winches are bare; on record.
+pub(crate) fn connected<T>(
     common: &Common,
     robot: &Robot,
     machine: &Machine,
-) -> miette::Result<Connected> {
+    name: &str,
+    work: impl FnOnce(Connected<'_>) -> miette::Result<T>,
+) -> miette::Result<(T, RunFolder)> {
     watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-    if common.on != "sim" {
-        let link: Box<dyn Link> =
-            Box::new(common.open_port().map_err(crate::link::ClientError::from)?);
-        return Ok((Client::connect(link, new_session())?, None));
-    }
-    let real = machine.really(robot)?;
-    let options = LinkOptions::default();
-    let simulation =
-        machine::simulate_unloaded(&real, &Mismatch::realistic(), &options, common.seed)
-            .map_err(crate::link::LinkError::from)
-            .map_err(crate::link::ClientError::from)?;
-    let link = SimulatedLink::new(simulation);
-    let boxed: Box<dyn Link> = Box::new(link.clone());
-    Ok((Client::connect(boxed, SessionId(1))?, Some(link)))
+    let mismatch = Mismatch::realistic();
+    let about = Work {
+        name,
+        doing: Doing::Hands,
+        mismatch,
+        cables: robot.cables.len(),
+        model: None,
+    };
+    on_record(common, &about, |record| {
+        if common.on != "sim" {
+            let line = record.line(common.open_port().map_err(ClientError::from)?);
+            return work((Client::connect(line, record.session)?, None));
+        }
+        let real = machine.really(robot)?;
+        let options = LinkOptions::default();
+        let simulation = machine::simulate_unloaded(&real, &mismatch, &options, common.seed)
+            .map_err(LinkError::from)
+            .map_err(ClientError::from)?;
+        let link = SimulatedLink::new(simulation);
+        let line = record.simulated(link.clone());
+        work((Client::connect(line, record.session)?, Some(link)))
+    })
 }

@@ -1,11 +1,13 @@
 //! `mcdpr tune tension`: gains for the tension loop of the robot at hand.
 
+use super::recorded::{Work, on_record};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment;
-use crate::link::{ClientError, Link};
+use crate::link::ClientError;
 use crate::machine::Mismatch;
 use crate::motion::Model;
+use crate::record::Doing;
 use crate::report::RunFolder;
 use crate::robot::{Robot, TensionLaw};
 use crate::run::{RunError, watch_for_interrupts};
@@ -85,7 +87,16 @@ impl Tension {
         let winch = robot.winch_of(cable).ok_or_else(missing)?;
         let damping_time_s = robot.cables.get(cable).map_or(0.0, |c| c.damping_time_s);
         let stages = excitation(robot.tension.setpoint_n, self.step_n);
-        let before = self.answer(&robot, cable, &stages, common)?;
+        let folder =
+            RunFolder::create(common.record.as_deref(), "tune-tension").into_diagnostic()?;
+        let tries = Tries {
+            robot: &robot,
+            cable,
+            stages: &stages,
+            common,
+            folder: &folder,
+        };
+        let before = tries.answer(robot.tension, "before")?;
         let identified = identify(&robot, cable, winch, &before)?;
         let (proposed, margins, after) = match self.gains.as_deref() {
             Some(&[kp, ki, damping_ns_per_m]) => {
@@ -96,18 +107,16 @@ impl Tension {
                     ..robot.tension
                 };
                 let margins = identified.margins(&law, damping_time_s)?;
-                let after = self.answer_with(&robot, law, cable, &stages, common)?;
+                let after = tries.answer(law, "try-1")?;
                 (law, margins, after)
             }
             Some(other) => {
                 let why = format!("{} values; give three: kp,ki,damping_ns_per_m", other.len());
                 return Err(Failed::from_error("--gains")(why).into());
             }
-            None => self.best(&robot, cable, &stages, &identified, damping_time_s, common)?,
+            None => tries.best(&identified, damping_time_s)?,
         };
         let before_margins = identified.margins(&robot.tension, damping_time_s).ok();
-        let folder =
-            RunFolder::create(common.record.as_deref(), "tune-tension").into_diagnostic()?;
         folder
             .write("step.svg", &picture(&robot.name, &before, &after))
             .into_diagnostic()?;
@@ -132,92 +141,89 @@ impl Tension {
         document.print();
         Ok(())
     }
+}
 
+/// Answers of the robot to the same steps, each on a record of its own.
+struct Tries<'a> {
+    robot: &'a Robot,
+    cable: usize,
+    stages: &'a [(f64, f64)],
+    common: &'a Common,
+    folder: &'a RunFolder,
+}
+
+impl Tries<'_> {
     /// Gains with margins that grow, each tried on the robot: the model is never the machine. The
     /// ones that follow the steps best.
     fn best(
         &self,
-        robot: &Robot,
-        cable: usize,
-        stages: &[(f64, f64)],
         identified: &Identified,
         damping_time_s: f64,
-        common: &Common,
     ) -> Result<(TensionLaw, Margins, Answer), miette::Report> {
         let mut best: Option<(TensionLaw, Margins, Answer)> = None;
         let mut failed = None;
-        for factor in [1.0, 1.6, 2.5] {
+        for (factor, name) in [(1.0, "try-1"), (1.6, "try-2"), (2.5, "try-3")] {
             let least = Margins {
                 gain: LEAST.gain * factor,
                 delay_s: LEAST.delay_s * factor,
             };
-            let (law, margins) = match identified.propose(&robot.tension, damping_time_s, &least) {
+            let before = &self.robot.tension;
+            let (law, margins) = match identified.propose(before, damping_time_s, &least) {
                 Ok(proposed) => proposed,
                 Err(error) => {
                     failed.get_or_insert_with(|| miette::Report::from(error));
                     break;
                 }
             };
-            match self.answer_with(robot, law, cable, stages, common) {
+            match self.answer(law, name) {
                 Ok(after) if best.as_ref().is_none_or(|(.., b)| rms(&after) < rms(b)) => {
                     best = Some((law, margins, after));
                 }
                 Ok(_) => {}
-                Err(error @ RunError::Fault { .. }) => {
-                    failed.get_or_insert_with(|| miette::Report::from(error));
+                // A fault is an answer as well: these gains are no good.
+                Err(error) if matches!(error.downcast_ref(), Some(RunError::Fault { .. })) => {
+                    failed.get_or_insert(error);
                 }
-                Err(error) => return Err(error.into()),
+                Err(error) => return Err(error),
             }
         }
         // The least margins give gains or an error.
         best.ok_or_else(|| failed.unwrap_or_else(|| miette::miette!("no gains were tried")))
     }
 
-    /// As [`Self::answer`], with other gains.
-    fn answer_with(
-        &self,
-        robot: &Robot,
-        law: TensionLaw,
-        cable: usize,
-        stages: &[(f64, f64)],
-        common: &Common,
-    ) -> Result<Answer, RunError> {
-        let mut tuned = robot.clone();
+    /// Brings the robot up with these gains and lets it answer; `name` is that of the record.
+    fn answer(&self, law: TensionLaw, name: &str) -> miette::Result<Answer> {
+        let mut tuned = self.robot.clone();
         tuned.tension = law;
-        self.answer(&tuned, cable, stages, common)
+        let model = Model::new(&tuned)?;
+        let common = Common {
+            record: Some(self.folder.path().join(name)),
+            ..self.common.clone()
+        };
+        let mismatch = Mismatch::realistic();
+        let work = Work {
+            // The gains are in the recorded bytes: the board is told them.
+            doing: Doing::Orders,
+            mismatch,
+            ..Work::of_hands("tune-tension", &model)
+        };
+        let (answer, _) = on_record(&common, &work, |record| {
+            let line = if common.on == "sim" {
+                let options = LinkOptions::default();
+                let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
+                record.simulated(link)
+            } else {
+                record.line(common.open_port().map_err(ClientError::from)?)
+            };
+            let home = experiment::home(&model)?;
+            let (lengths_m, tensions_n) = (&home.paid_out_m, home.tensions_n());
+            let mut rig = Rig::start(model.robot(), (line, record.session), lengths_m, tensions_n)?;
+            let answer = excite(&mut rig, self.cable, self.stages)?;
+            rig.finish()?;
+            Ok(answer)
+        })?;
+        Ok(answer)
     }
-
-    /// Brings the robot up with these gains and lets it answer.
-    fn answer(
-        &self,
-        robot: &Robot,
-        cable: usize,
-        stages: &[(f64, f64)],
-        common: &Common,
-    ) -> Result<Answer, RunError> {
-        let model = Model::new(robot)?;
-        if common.on == "sim" {
-            let mismatch = Mismatch::realistic();
-            let options = LinkOptions::default();
-            let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
-            return one(&model, link, cable, stages);
-        }
-        let link = common.open_port().map_err(ClientError::from)?;
-        one(&model, link, cable, stages)
-    }
-}
-
-fn one<L: Link>(
-    model: &Model,
-    link: L,
-    cable: usize,
-    stages: &[(f64, f64)],
-) -> Result<Answer, RunError> {
-    let home = experiment::home(model)?;
-    let mut rig = Rig::start(model.robot(), link, &home.paid_out_m, home.tensions_n())?;
-    let answer = excite(&mut rig, cable, stages)?;
-    rig.finish()?;
-    Ok(answer)
 }
 
 fn rms(answer: &Answer) -> f64 {

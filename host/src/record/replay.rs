@@ -224,11 +224,11 @@ pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
             let (bytes, whole) = host(run, &model, recorded_task(run)?)?;
             (Some(bytes), whole)
         }
-        Doing::Orders | Doing::Pictures => (None, run.damage.is_none()),
+        Doing::Orders | Doing::Pictures | Doing::Hands => (None, run.damage.is_none()),
     };
     let core_bytes = match &run.scenario.machine {
-        // What stood in the workcell is not in the record.
-        _ if scenario.doing == Doing::Pictures => None,
+        // What stood in the workcell, and what hands did, is not in the record.
+        _ if matches!(scenario.doing, Doing::Pictures | Doing::Hands) => None,
         Machine::Simulated {
             mismatch,
             seed,
@@ -247,6 +247,9 @@ pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
         let reason = match (scenario.doing, &scenario.machine) {
             (Doing::Pictures, _) => {
                 "it went by pictures, and what it met was no part of the robot".to_owned()
+            }
+            (Doing::Hands, _) => {
+                "hands were a part of it (pulls, weights, rigging, a bare winch)".to_owned()
             }
             (_, Machine::Simulated { .. }) => {
                 "another firmware answered; name it with --on chip --firmware FILE".to_owned()

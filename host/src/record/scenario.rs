@@ -65,6 +65,8 @@ pub enum Doing {
     Orders,
     /// It went where pictures told it to.
     Pictures,
+    /// People did a part of it: they pulled, rigged, hung weights, or turned a bare winch.
+    Hands,
 }
 
 /// One text file of the robot's description.

@@ -2,9 +2,10 @@
 //! the real client and link, in virtual time.
 
 use crate::experiment;
-use crate::link::{Client, ClientError, LinkError, SimulatedLink};
+use crate::link::{Client, ClientError, Link, LinkError, SimulatedLink};
 use crate::machine::{self, Mismatch};
 use crate::motion::{Model, Task};
+use crate::record::witness::TruthTap;
 use crate::robot::Robot;
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::{Knot, SessionId};
@@ -188,9 +189,10 @@ pub struct Trace {
 }
 
 /// A simulated robot at home that holds its tension, and a client that watches it.
-pub struct Bench {
+pub struct Bench<'l> {
     link: SimulatedLink,
-    client: Client<SimulatedLink>,
+    truth: TruthTap,
+    client: Client<Box<dyn Link + 'l>>,
     model: Model,
     watched: usize,
     setpoint_n: f64,
@@ -199,20 +201,26 @@ pub struct Bench {
 /// Rest before an experiment begins, s: the drives' start has died out.
 const REST_S: f64 = 1.0;
 
-impl Bench {
+impl<'l> Bench<'l> {
     /// Brings a simulated robot up until it holds.
     ///
     /// # Errors
     /// As a run: the robot can not hang at home, or a check of arming failed.
     pub fn start(robot: &Robot, change: &Change, seed: u64) -> Result<Self, RunError> {
-        Self::start_with(Model::new(robot)?, change, seed)
+        Self::start_on(Model::new(robot)?, change, seed, |link, _| Box::new(link))
     }
 
-    /// As [`Bench::start`], with the tension that the model's options ask for at home.
+    /// As [`Bench::start`], with the tension that the model's options ask for at home, on the line
+    /// that `watch` makes of the simulated one (a recorded one).
     ///
     /// # Errors
     /// As [`Bench::start`].
-    pub fn start_with(model: Model, change: &Change, seed: u64) -> Result<Self, RunError> {
+    pub fn start_on(
+        model: Model,
+        change: &Change,
+        seed: u64,
+        watch: impl FnOnce(SimulatedLink, TruthTap) -> Box<dyn Link + 'l>,
+    ) -> Result<Self, RunError> {
         let robot = &model.robot().clone();
         let home = experiment::home(&model)?;
         let mut params = machine::plant_params(robot, &Mismatch::default(), seed);
@@ -229,7 +237,9 @@ impl Bench {
         )
         .map_err(broken)?;
         let link = SimulatedLink::new(simulation);
-        let mut client = Client::connect(link.clone(), SessionId(1))?;
+        let truth = TruthTap::new(link.clone(), robot.cables.len());
+        let line = watch(link.clone(), truth.clone());
+        let mut client = Client::connect(line, SessionId(1))?;
         let hash = run::configure(&mut client, robot)?;
         client.request(machine::reference(&home.paid_out_m, home.tensions_n()))?;
         run::arm(&mut client, hash)?;
@@ -237,9 +247,9 @@ impl Bench {
         client.pump(until)?;
         let watched = model.tension_held().unwrap_or(0);
         let setpoint_n = home.tensions_n().get(watched).copied().unwrap_or(0.0);
-        link.with(mcdpr_simulator::Simulation::record_truth);
         Ok(Self {
             link,
+            truth,
             client,
             model,
             watched,
@@ -279,7 +289,7 @@ impl Bench {
             self.hand(hand)?;
         }
         self.watch_until(begin_us + seconds(script.duration_s), &mut recorder)?;
-        let points = self.link.with(mcdpr_simulator::Simulation::take_trace);
+        let points = self.truth.take();
         Ok(self.trace(&points, &recorder, &[]))
     }
 
@@ -301,13 +311,13 @@ impl Bench {
         if let (Err(error), false) = (done, stopped) {
             return Err(error);
         }
-        let points = self.link.with(mcdpr_simulator::Simulation::take_trace);
+        let points = self.truth.take();
         let moving: Vec<_> = points.into_iter().filter(|p| p.path_ms > 0).collect();
         Ok(self.trace(&moving, &recorder, &knots))
     }
 
     fn clear(&mut self) {
-        self.link.with(mcdpr_simulator::Simulation::take_trace);
+        drop(self.truth.take());
         while self.client.next_event().is_some() {}
     }
 

@@ -7,6 +7,7 @@ use crate::link::{Client, Event, Link};
 use crate::machine;
 use crate::motion::Model;
 use crate::run::{self, Recorder, RunError};
+use mcdpr_protocol::SessionId;
 
 /// Brings the robot up where it hangs and holds as long as the experiment says; `tell` gets the
 /// words for the person whose hands are needed. The trace has measured tensions only.
@@ -15,11 +16,11 @@ use crate::run::{self, Recorder, RunError};
 /// As a run. Afterwards the brakes are closed and the board is given back.
 pub fn hold<L: Link>(
     model: &Model,
-    link: L,
+    (link, session): (L, SessionId),
     experiment: &Experiment,
     mut tell: impl FnMut(&str),
 ) -> Result<Trace, RunError> {
-    let mut client = Client::connect(link, run::new_session())?;
+    let mut client = Client::connect(link, session)?;
     let hash = run::configure(&mut client, model.robot())?;
     let status = run::status(&mut client)?;
     if let Some(record) = status.fault {

@@ -7,7 +7,8 @@ use crate::machine;
 use crate::robot::{Control, LawKind, Robot};
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::{
-    CableKnot, Knot, List, MicrometresPerSecond, Millinewtons, PerCable, TenthMicrometres,
+    CableKnot, Knot, List, MicrometresPerSecond, Millinewtons, PerCable, SessionId,
+    TenthMicrometres,
 };
 
 /// Tension at which a cable counts as taken up, N: enough to lie in its pulleys.
@@ -67,11 +68,11 @@ impl<L: Link> Rig<L> {
     /// As a run.
     pub fn start(
         robot: &Robot,
-        link: L,
+        (link, session): (L, SessionId),
         lengths_m: &[f64],
         tensions_n: &[f64],
     ) -> Result<Self, RunError> {
-        let mut client = Client::connect(link, run::new_session())?;
+        let mut client = Client::connect(link, session)?;
         let hash = run::configure(&mut client, robot)?;
         if let Some(record) = run::status(&mut client)?.fault {
             return Err(RunError::Latched { record });

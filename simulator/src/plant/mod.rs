@@ -200,6 +200,16 @@ impl Plant {
     /// Reads all inputs of the board. Draws fresh noise at each call, so the number of readings
     /// is part of a run's history.
     pub fn read_sensors(&mut self) -> Sensors {
+        self.sensed(true)
+    }
+
+    /// The inputs as they are now, with the tension sensors' noise of the last
+    /// [`Plant::read_sensors`]: for a board that looks more often than it reads.
+    pub fn read_sensors_again(&mut self) -> Sensors {
+        self.sensed(false)
+    }
+
+    fn sensed(&mut self, fresh: bool) -> Sensors {
         let now_s = self.time_s();
         let mut out = Sensors {
             encoder_counts: [0; MAX_CABLES],
@@ -213,7 +223,7 @@ impl Plant {
                 self.hung_n[i].unwrap_or(self.cables[i].tension.winch_n),
                 now_s,
                 &mut self.faults.cables[i],
-                &mut self.noise,
+                (&mut self.noise, fresh),
             );
             out.encoder_counts[i] = counts;
             out.adc[i] = adc;

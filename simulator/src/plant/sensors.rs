@@ -38,6 +38,8 @@ pub(crate) struct CableSensors {
     sensor: TensionSensorParams,
     held_counts: Option<(EncoderFault, i64)>,
     held_adc: Option<u16>,
+    /// Noise of the last reading that drew some, standard normal.
+    noise: f64,
     drift_n: f64,
     drift_since_s: Option<f64>,
 }
@@ -51,6 +53,7 @@ impl CableSensors {
             sensor: p.sensor.clone(),
             held_counts: None,
             held_adc: None,
+            noise: 0.0,
             drift_n: 0.0,
             drift_since_s: None,
         }
@@ -100,10 +103,9 @@ impl CableSensors {
         shown as u16
     }
 
-    fn adc(&mut self, tension_n: f64, now_s: f64, fault: &CableFaults, noise: &mut Noise) -> u16 {
+    fn adc(&mut self, tension_n: f64, now_s: f64, fault: &CableFaults) -> u16 {
         let s = &self.sensor;
-        // Drawn in every case, so that a fault on one sensor leaves the others' noise alone.
-        let noise_n = noise.normal() * s.noise_n * fault.tension_noise_factor;
+        let noise_n = self.noise * s.noise_n * fault.tension_noise_factor;
         if fault.tension_drift_n_per_s != 0.0 {
             let since = self.drift_since_s.get_or_insert(now_s);
             self.drift_n += fault.tension_drift_n_per_s * (now_s - *since);
@@ -130,16 +132,21 @@ impl CableSensors {
         }
     }
 
+    /// Reads encoder and tension sensor; with fresh noise, or with that of the reading before.
     pub(crate) fn read(
         &mut self,
         drum_m: f64,
         tension_n: f64,
         now_s: f64,
         fault: &mut CableFaults,
-        noise: &mut Noise,
+        (noise, fresh): (&mut Noise, bool),
     ) -> (u16, u16) {
         let counts = self.encoder(drum_m, &mut fault.encoder, noise);
-        (counts, self.adc(tension_n, now_s, fault, noise))
+        if fresh {
+            // In every case, so that a fault on one sensor leaves the others' noise alone.
+            self.noise = noise.normal();
+        }
+        (counts, self.adc(tension_n, now_s, fault))
     }
 }
 

@@ -4,14 +4,15 @@ use crate::calibration::collect::{CollectError, Options, Step, collect};
 use crate::calibration::result::write_whole;
 use crate::calibration::simulate::Target;
 use crate::calibration::{Data, target};
+use crate::cli::recorded::{Work, on_record};
 use crate::cli::{Common, Failed, Outcome, print_json};
 use crate::experiment;
 use crate::machine::Mismatch;
 use crate::motion::Model;
+use crate::record::Doing;
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
 use crate::sight::{Scene, SimulatedTags};
-use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
 use std::path::{Path, PathBuf};
 
@@ -124,12 +125,9 @@ impl How {
         let before = self.before(path)?;
         let model = Model::new(&robot)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        let link = experiment::simulated_robot(
-            &model,
-            &Mismatch::as_built(),
-            common.seed,
-            &LinkOptions::default(),
-        )?;
+        let mismatch = Mismatch::as_built();
+        let link =
+            experiment::simulated_robot(&model, &mismatch, common.seed, &LinkOptions::default())?;
         let scene = Scene::of(&robot, common.seed);
         let mut tags = SimulatedTags::new(link.clone(), scene, self.corner_px, common.seed);
         let options = Options {
@@ -144,15 +142,20 @@ impl How {
             let text = serde_json::to_string(&data.to_json()).unwrap_or_default();
             write_whole(path, &text).map_err(CollectError::from)
         };
-        let data = collect(
-            &model,
-            (link, Some(SessionId(1))),
-            &mut tags,
-            &options,
-            before,
-            keep,
-            |step| tell(&step),
-        )?;
+        let work = Work {
+            // What the pictures showed changed where it went, and nothing else.
+            doing: Doing::Orders,
+            mismatch,
+            ..Work::of_hands("collect", &model)
+        };
+        let (data, folder) = on_record(common, &work, |record| {
+            let line = (record.simulated(link), Some(record.session));
+            let tell = |step| tell(&step);
+            Ok(collect(
+                &model, line, &mut tags, &options, before, keep, tell,
+            )?)
+        })?;
+        eprintln!("run folder: {}", folder.path().display());
         Ok(data)
     }
 

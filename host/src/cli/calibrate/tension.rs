@@ -1,19 +1,23 @@
 //! `mcdpr calibrate tension N`: a tension sensor's gain and zero from known weights.
 
+use super::super::recorded::{Work, on_record};
 use super::super::{Common, Failed, Outcome, print_json, table::lay_out};
 use crate::experiment;
-use crate::link::{Client, ClientError, Link};
+use crate::files::write_atomically;
+use crate::link::{Client, ClientError, Link, LinkError};
 use crate::machine::Mismatch;
 use crate::motion::Model;
+use crate::record::Doing;
 use crate::report::RunFolder;
 use crate::robot::Robot;
 use crate::run::{self, RunError};
 use crate::tension::calibrate::{Fit, Reading, fit, parse, read_voltage, written_into};
 use crate::tension::{Curve, draw};
+use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
 use miette::{Diagnostic, IntoDiagnostic as _};
 use std::io::{BufRead as _, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Find a tension sensor's gain and zero by hanging known weights on its cable
 #[derive(Debug, clap::Args)]
@@ -61,45 +65,63 @@ impl Cmd {
             name: robot.name.clone(),
             count: robot.cables.len(),
         })?;
+        let name = format!("tension-sensor-{}", self.cable);
+        let folder = RunFolder::create(common.record.as_deref(), &name).into_diagnostic()?;
         let readings = match &self.data {
             Some(path) => {
                 let what = format!("reading {}", path.display());
                 let text = crate::files::read_text(path).map_err(Failed::from_error(&what))?;
                 parse(&text)?
             }
-            None if common.on == "sim" => {
-                // The sensor of the simulated machine is off by up to 1 %: there is something to
-                // find.
-                let model = Model::new(&robot)?;
-                let mismatch = Mismatch::realistic();
-                let link = experiment::simulated_robot(
-                    &model,
-                    &mismatch,
-                    common.seed,
-                    &LinkOptions::default(),
-                )?;
-                self.guide(&robot, winch, link.clone(), |mass_kg| {
-                    let weight_n = mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
-                    link.with(|s| s.plant_mut().hang_weight(index, Some(weight_n)))
-                        .map_err(|e| {
-                            RunError::from(ClientError::from(crate::link::LinkError::from(e)))
-                        })
-                })?
-            }
             None => {
-                let link = common
-                    .open_port()
-                    .map_err(|error| RunError::from(ClientError::from(error)))?;
-                self.guide(&robot, winch, link, |mass_kg| {
+                let common = Common {
+                    record: Some(folder.path().to_owned()),
+                    ..common.clone()
+                };
+                self.read(&robot, winch, &common)?
+            }
+        };
+        let fit = fit(&readings)?;
+        self.report(&robot, &fit, &folder, common)
+    }
+
+    /// Reads the channel under every weight, on record.
+    fn read(
+        &self,
+        robot: &Robot,
+        winch: &crate::robot::Winch,
+        common: &Common,
+    ) -> miette::Result<Vec<Reading>> {
+        let about = Work {
+            name: "tension-sensor",
+            doing: Doing::Hands,
+            mismatch: Mismatch::realistic(),
+            cables: robot.cables.len(),
+            model: None,
+        };
+        let (readings, _) = on_record(common, &about, |record| {
+            if common.on != "sim" {
+                let line = common.open_port().map_err(ClientError::from)?;
+                let line = (record.line(line), record.session);
+                return self.guide(robot, winch, line, |mass_kg| {
                     if !self.yes {
                         confirm(self.cable, mass_kg);
                     }
                     Ok(())
-                })?
+                });
             }
-        };
-        let fit = fit(&readings)?;
-        self.report(&robot, &fit, common)
+            // The sensor of the simulated machine is off by up to 1 %: there is something to find.
+            let model = Model::new(robot)?;
+            let options = LinkOptions::default();
+            let link = experiment::simulated_robot(&model, &about.mismatch, common.seed, &options)?;
+            let line = (record.simulated(link.clone()), record.session);
+            self.guide(robot, winch, line, |mass_kg| {
+                let weight_n = mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
+                link.with(|s| s.plant_mut().hang_weight(self.cable - 1, Some(weight_n)))
+                    .map_err(|error| ClientError::from(LinkError::from(error)).into())
+            })
+        })?;
+        Ok(readings)
     }
 
     /// Reads the channel under each weight; nothing is armed.
@@ -107,10 +129,10 @@ impl Cmd {
         &self,
         robot: &Robot,
         winch: &crate::robot::Winch,
-        link: L,
+        (link, session): (L, SessionId),
         mut hang: impl FnMut(f64) -> Result<(), RunError>,
     ) -> miette::Result<Vec<Reading>> {
-        let mut client = Client::connect(link, run::new_session()).map_err(RunError::from)?;
+        let mut client = Client::connect(link, session).map_err(RunError::from)?;
         run::configure(&mut client, robot)?;
         let mut readings = Vec::new();
         for &mass_kg in &self.masses_kg {
@@ -125,9 +147,7 @@ impl Cmd {
         Ok(readings)
     }
 
-    fn report(&self, robot: &Robot, fit: &Fit, common: &Common) -> Outcome {
-        let name = format!("tension-sensor-{}", self.cable);
-        let folder = RunFolder::create(common.record.as_deref(), &name).into_diagnostic()?;
+    fn report(&self, robot: &Robot, fit: &Fit, folder: &RunFolder, common: &Common) -> Outcome {
         let newtons = |r: &Reading| r.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
         let ends = [fit.zero_v, 3.3].map(|v| (v, fit.gain_n_per_v * (v - fit.zero_v)));
         let curves = [
@@ -214,14 +234,4 @@ fn confirm(cable: usize, mass_kg: f64) {
     let _ = std::io::stderr().flush();
     let mut line = String::new();
     let _ = std::io::stdin().lock().read_line(&mut line);
-}
-
-/// Writes a file so that whoever reads it sees the old one or the new one, never half of it.
-pub(crate) fn write_atomically(path: &Path, text: &str) -> std::io::Result<()> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".new");
-    let mut file = std::fs::File::create(&beside)?;
-    file.write_all(text.as_bytes())?;
-    file.sync_all()?;
-    std::fs::rename(&beside, path)
 }

@@ -22,8 +22,11 @@ pub(crate) struct Cmd {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = Robot::find(&common.robot)?;
-        let (mut client, _) = connected(common, &robot, &self.machine)?;
-        let ratio = measure_ratio(&mut client, &robot, self.winch, self.turns)?;
+        let name = format!("winch-ratio-{}", self.winch);
+        let (ratio, folder) =
+            connected(common, &robot, &self.machine, &name, |(mut client, _)| {
+                Ok(measure_ratio(&mut client, &robot, self.winch, self.turns)?)
+            })?;
         if common.json {
             return print_json(&ratio);
         }
@@ -48,6 +51,7 @@ impl Cmd {
                 ratio.backlash_resolution
             );
         }
+        say!("run folder: {}", folder.path().display());
         Ok(())
     }
 }
