@@ -510,6 +510,7 @@ impl Bus {
     /// Brings everything up to the present.
     pub fn service(&mut self) {
         let now = self.now;
+        self.adc.finish_injected(now);
         while self.adc.done_at.is_some_and(|at| at <= now) {
             let (channel, fetch) = self.adc.finish(self.clocks.adc);
             let analog = match channel {
@@ -561,7 +562,7 @@ impl Bus {
         self.next_event = self
             .scs
             .next_event()
-            .min(self.adc.done_at.unwrap_or(never))
+            .min(self.adc.next_event())
             .min(self.usart.sent_at.unwrap_or(never))
             .min(self.usart.arrives_at.unwrap_or(never))
             .min(self.can_line.next_event(&self.can, self.now))

@@ -432,6 +432,12 @@ impl Chip {
         self.set_adc_sixteenths(channel, raw.min(4095) * 16);
     }
 
+    /// The supply as the ADC sees it, V: its internal reference is a share of it. The pins' voltages
+    /// are given as shares anyhow, and the voltage detector has [`Self::set_supply_low`].
+    pub fn set_supply_v(&mut self, volts: f64) {
+        self.bus.adc.set_supply_v(volts);
+    }
+
     /// Applies a voltage to an ADC channel, in sixteenths of a conversion's step (0 to 65520): as
     /// with a little noise, sixteen conversions add up to it.
     pub fn set_adc_sixteenths(&mut self, channel: u8, sum: u16) {

@@ -399,20 +399,21 @@ fn every_command_that_moves_a_drum_leaves_a_record() {
     let few: &[&str] = &["--poses", "3", "--candidates", "30"];
     let collect = [&["calibrate", "collect", "--target", "board"], few].concat();
     let commands = [
-        (&collect[..], "run.mcap", ORDERS),
+        (&collect[..], "run.mcap", ORDERS, 1000),
         (
             &["tune", "tension", "--robot", "lab-direct"],
             "before",
             ORDERS,
+            1000,
         ),
-        (&["experiment", "cable"], "run.mcap", HANDS),
-        (&["rig", "attach", "2", "--yes"], "run.mcap", HANDS),
-        (&["calibrate", "tension", "4"], "run.mcap", HANDS),
-        (&["commission", "1"], "run.mcap", HANDS),
-        (&["calibrate", "winch", "1"], "run.mcap", HANDS),
+        (&["experiment", "cable"], "run.mcap", HANDS, 100),
+        (&["rig", "attach", "2", "--yes"], "run.mcap", HANDS, 100),
+        (&["calibrate", "tension", "4"], "run.mcap", HANDS, 0),
+        (&["commission", "1"], "run.mcap", HANDS, 100),
+        (&["calibrate", "winch", "1"], "run.mcap", HANDS, 100),
     ];
     let folder = Folder::new("record-work");
-    for (words, what, doing) in commands {
+    for (words, what, doing, ticks) in commands {
         let kept = folder.path().join(words.join("-"));
         let mut command = mcdpr_tests::mcdpr();
         command.args(words).arg("--record").arg(&kept);
@@ -440,6 +441,6 @@ fn every_command_that_moves_a_drum_leaves_a_record() {
         let done = export.arg("--out").arg(&tables).output().unwrap();
         assert!(done.status.success(), "{words:?}");
         let lines = std::fs::read_to_string(tables.join("cables.csv")).unwrap();
-        assert!(lines.lines().count() > 10, "{words:?}");
+        assert!(lines.lines().count() > ticks, "{words:?}");
     }
 }

@@ -5,10 +5,24 @@ const CR2_CONT: u32 = 2;
 const CR2_CAL: u32 = 4;
 const CR2_RSTCAL: u32 = 8;
 const CR2_DMA: u32 = 1 << 8;
+const CR2_JEXTTRIG: u32 = 1 << 15;
 const CR2_EXTTRIG: u32 = 1 << 20;
+const CR2_JSWSTART: u32 = 1 << 21;
 const CR2_SWSTART: u32 = 1 << 22;
+/// The internal channels, temperature and reference, are connected.
+const CR2_TSVREFE: u32 = 1 << 23;
 const CR1_SCAN: u32 = 1 << 8;
 const EOC: u32 = 2;
+const JEOC: u32 = 4;
+const JSTRT: u32 = 8;
+/// The first of the internal channels, and the code of the one sampling time that is long enough for
+/// them at any clock (17.1 us).
+const INTERNAL: u8 = 16;
+const LONGEST: u32 = 7;
+/// Channel of the reference.
+const REFERENCE: usize = 17;
+/// The reference, V (data sheet of the STM32F103x8, 5.3.4).
+const REFERENCE_V: f64 = 1.20;
 const STRT: u32 = 16;
 /// Sampling times, in half cycles.
 const SAMPLING: [u64; 8] = [3, 15, 27, 57, 83, 111, 143, 479];
@@ -19,26 +33,104 @@ const CALIBRATION: u64 = 83;
 /// The supply limits the converter's clock to 14 MHz: at least this many ticks.
 const SHORTEST_CYCLE: u64 = 6;
 
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Adc {
     sr: u32,
     cr1: u32,
     cr2: u32,
     smpr: [u32; 2],
-    /// JOFR, HTR, LTR, JSQR: kept, without effect.
+    /// JOFR, HTR, LTR: kept, without effect. JSQR: its one conversion.
     others: [u32; 20],
     sqr: [u32; 3],
     data: u32,
     position: u32,
     calibrated_at: u64,
     pub done_at: Option<u64>,
+    /// An injected conversion's end and result.
+    injected_at: Option<u64>,
+    injected: u32,
     /// What lies at each channel, in sixteenths of a step.
     pub applied: [u16; 18],
     /// What conversions have not told yet, in sixteenths.
     rest: [u16; 18],
 }
 
+impl Default for Adc {
+    fn default() -> Self {
+        let mut adc = Self {
+            sr: 0,
+            cr1: 0,
+            cr2: 0,
+            smpr: [0; 2],
+            others: [0; 20],
+            sqr: [0; 3],
+            data: 0,
+            position: 0,
+            calibrated_at: 0,
+            done_at: None,
+            injected_at: None,
+            injected: 0,
+            applied: [0; 18],
+            rest: [0; 18],
+        };
+        adc.set_supply_v(3.3);
+        adc
+    }
+}
+
 impl Adc {
+    /// The supply, to which the reference is compared. What else is applied stays what share of it
+    /// it is.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates"
+    )]
+    pub fn set_supply_v(&mut self, volts: f64) {
+        let sum = (REFERENCE_V / volts * 65_536.0).min(4095.0 * 16.0);
+        self.applied[REFERENCE] = sum as u16;
+    }
+
+    /// When a conversion ends next.
+    pub fn next_event(&self) -> u64 {
+        let ends = [self.done_at, self.injected_at].into_iter().flatten();
+        ends.min().unwrap_or(u64::MAX)
+    }
+
+    /// Starts the injected sequence, of one conversion: it interrupts a regular one, which then is
+    /// done anew.
+    fn inject(&mut self, now: u64, cycle: u64) -> Result<(), &'static str> {
+        let sequence = self.others[0x38 / 4];
+        if sequence >> 20 & 3 != 0 {
+            return Err("an injected sequence of more than one conversion is not emulated");
+        }
+        let channel = (sequence >> 15 & 31) as u8;
+        if channel >= INTERNAL {
+            if self.cr2 & CR2_TSVREFE == 0 {
+                return Err("an internal channel is converted that is not connected (TSVREFE)");
+            }
+            if self.code(channel) != LONGEST {
+                return Err("an internal channel is sampled for less than 17.1 us");
+            }
+        }
+        self.sr |= JSTRT;
+        let end = now + self.takes(channel, cycle);
+        self.injected_at = Some(end);
+        let again = end + self.duration(cycle);
+        self.done_at = self.done_at.map(|_| again);
+        Ok(())
+    }
+
+    /// Ends an injected conversion that is due.
+    pub fn finish_injected(&mut self, now: u64) {
+        if self.injected_at.is_some_and(|at| at <= now) {
+            self.injected_at = None;
+            let channel = usize::from((self.others[0x38 / 4] >> 15 & 31) as u8).min(17);
+            self.injected = u32::from(self.applied[channel] >> 4);
+            self.sr |= JEOC;
+        }
+    }
+
     fn length(&self) -> u32 {
         if self.cr1 & CR1_SCAN != 0 {
             (self.sqr[0] >> 20 & 15) + 1
@@ -53,14 +145,23 @@ impl Adc {
         (word >> (5 * (position % 6)) & 31) as u8
     }
 
-    fn duration(&self, cycle: u64) -> u64 {
-        let channel = u32::from(self.channel(self.position));
-        let code = if channel < 10 {
+    /// Code of a channel's sampling time.
+    fn code(&self, channel: u8) -> u32 {
+        let channel = u32::from(channel);
+        let word = if channel < 10 {
             self.smpr[1] >> (3 * channel)
         } else {
             self.smpr[0] >> (3 * (channel - 10).min(7))
         };
-        (SAMPLING[(code & 7) as usize] + CONVERSION) * cycle / 2
+        word & 7
+    }
+
+    fn takes(&self, channel: u8, cycle: u64) -> u64 {
+        (SAMPLING[self.code(channel) as usize] + CONVERSION) * cycle / 2
+    }
+
+    fn duration(&self, cycle: u64) -> u64 {
+        self.takes(self.channel(self.position), cycle)
     }
 
     pub fn read(&mut self, offset: u32, now: u64) -> Option<u32> {
@@ -76,6 +177,7 @@ impl Adc {
             0x2C => self.sqr[0],
             0x30 => self.sqr[1],
             0x34 => self.sqr[2],
+            0x3C => self.injected,
             0x4C => self.take(),
             0x14..0x4C => self.others[(offset / 4) as usize],
             _ => return None,
@@ -107,7 +209,7 @@ impl Adc {
                     self.calibrated_at = now + CALIBRATION * cycle;
                 }
                 let was = self.cr2;
-                self.cr2 = value & !CR2_SWSTART;
+                self.cr2 = value & !(CR2_SWSTART | CR2_JSWSTART);
                 let software = value >> 17 & 7 == 7 && value & CR2_EXTTRIG != 0;
                 let again = was & value & CR2_ADON != 0 && was == value;
                 if value & CR2_ADON == 0 {
@@ -119,6 +221,12 @@ impl Adc {
                     self.position = 0;
                     self.sr |= STRT;
                     self.done_at = Some(now + self.duration(cycle));
+                }
+                let injects = value >> 12 & 7 == 7 && value & CR2_JEXTTRIG != 0;
+                if value & CR2_ADON == 0 {
+                    self.injected_at = None;
+                } else if value & CR2_JSWSTART != 0 && injects {
+                    self.inject(now, cycle)?;
                 }
             }
             0x0C => self.smpr[0] = value,

@@ -180,6 +180,41 @@ fn a_pin_that_is_not_analog_is_not_converted_unnoticed() {
 }
 
 #[test]
+fn the_reference_is_converted_between_two_conversions_of_a_scan() {
+    let mut bus = bus();
+    write(&mut bus, GPIOB, 0x4444_4440);
+    bus.adc.applied[8] = 1234 * 16;
+    write(&mut bus, ADC + 0x34, 8);
+    write(&mut bus, ADC + 0x38, 17 << 15);
+    let on = 1 | 2 | 7 << 12 | 1 << 15 | 7 << 17 | 1 << 20;
+    let injects = |bus: &mut Bus, cr2: u32| bus.write(ADC + 8, 4, cr2 | 1 << 21);
+    assert!(injects(&mut bus, on).is_err(), "not connected (TSVREFE)");
+    let on = on | 1 << 23;
+    assert!(injects(&mut bus, on).is_err(), "sampled for 1.5 cycles");
+    write(&mut bus, ADC + 0xC, 7 << 21);
+    // A regular conversion takes 14 cycles of 18 ticks; half way through, the reference takes 252.
+    write(&mut bus, ADC + 8, on);
+    write(&mut bus, ADC + 8, on | 1 << 22);
+    wait(&mut bus, 126);
+    injects(&mut bus, on).unwrap();
+    wait(&mut bus, 126 + 252 * 18 - 1);
+    assert_eq!(read(&mut bus, ADC) & 6, 0, "neither has ended");
+    wait(&mut bus, 126 + 252 * 18);
+    assert_eq!(read(&mut bus, ADC) & 6, 4, "the injected one has");
+    // 1.20 V of 3.3 V.
+    assert_eq!(read(&mut bus, ADC + 0x3C), 1489);
+    // The regular one begins anew.
+    wait(&mut bus, 126 + 252 * 18 + 251);
+    assert_eq!(read(&mut bus, ADC) & 2, 0);
+    wait(&mut bus, 126 + 252 * 18 + 252);
+    assert_eq!(read(&mut bus, ADC + 0x4C), 1234);
+    bus.adc.set_supply_v(3.0);
+    injects(&mut bus, on).unwrap();
+    wait(&mut bus, 20_000);
+    assert_eq!(read(&mut bus, ADC + 0x3C), 1638);
+}
+
+#[test]
 fn decoders_count_what_passes_their_filter() {
     let mut bus = bus();
     write(&mut bus, TIM2 + 8, 3);

@@ -126,6 +126,26 @@ fn p1_p3_p4_p6_a_board_that_goes_down_in_motion_brakes_and_comes_back_in_fault()
     }
 }
 
+/// What the tension sensors' steps are worth is not known then, and all of them read as shorted.
+#[test]
+fn s8_a_supply_that_is_not_the_sensors_stops_the_robot_of_the_chip() {
+    for volts in [3.75, 2.95] {
+        let sets: fn(&mut Chip) = if volts > 3.3 {
+            |chip| chip.set_supply_v(3.75)
+        } else {
+            |chip| chip.set_supply_v(2.95)
+        };
+        let after = disturbed(&[(500_000, sets)]);
+        let fault = after.fault.map(|record| record.fault);
+        assert_eq!(fault, Some(FaultId::S8), "{volts} V");
+        assert_eq!((after.state, after.resets), (State::Fault, 0), "{volts} V");
+        assert!(after.drop_m() < 5e-3, "{volts} V: {} m", after.drop_m());
+    }
+    // Within its tolerance the supply is no reason to stop.
+    let sets: fn(&mut Chip) = |chip| chip.set_supply_v(3.2);
+    assert_eq!(disturbed(&[(500_000, sets)]).fault, None);
+}
+
 #[test]
 fn p5_two_ticks_that_are_late_in_a_row_stop_the_robot_of_the_chip() {
     let after = disturbed(&[
