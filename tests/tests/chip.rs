@@ -17,6 +17,7 @@ use mcdpr_simulator::can::DriveNodes;
 use mcdpr_simulator::{LinkOptions, Simulation};
 use mcdpr_tests::chip::{LINE, firmware, path};
 use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::Folder;
 use serde_json::Value;
 use std::path::Path;
 
@@ -95,16 +96,15 @@ fn stops(word: &str, fault: FaultId, within_ms: usize) {
 }
 
 fn document(arguments: &[&str]) -> Value {
-    let folder = std::env::temp_dir().join(format!("mcdpr-chip-{}", std::process::id()));
+    let folder = Folder::new("chip-document");
     let output = mcdpr()
         .args(arguments)
         .arg("--json")
         .arg("--record")
-        .arg(&folder)
+        .arg(folder.path())
         .env("MCDPR_FIRMWARE", path())
         .output()
         .unwrap();
-    let _ = std::fs::remove_dir_all(&folder);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{arguments:?}: {said}");
     serde_json::from_slice(&output.stdout).unwrap()

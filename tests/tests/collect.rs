@@ -3,17 +3,20 @@
 //! lose 2 %, mass, stiffness, sensors and drives off (`Mismatch::as_built`).
 
 use mcdpr::calibration::collect::{CollectError, Options, Step, collect};
+use mcdpr::calibration::data::View;
 use mcdpr::calibration::{Data, Options as Estimator, joint, result, target};
 use mcdpr::experiment;
+use mcdpr::link::SimulatedLink;
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
-use mcdpr::sight::{Scene, SightError, SimulatedTags, TagSource, TagView};
+use mcdpr::sight::{Scene, SceneCamera, SightError, SimulatedTags, TagSource, TagView};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
+use mcdpr_simulator::camera::Frame as Place;
 use mcdpr_tests::mcdpr;
 use serde_json::Value;
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -261,6 +264,102 @@ fn path_error_m(folder: &Path, more: &[&str]) -> (f64, f64) {
     let summary: Value = serde_json::from_str(&out).unwrap();
     let part = |key: &str| summary["path_error_m"][key].as_f64().unwrap();
     (part("mean"), part("max"))
+}
+
+/// Corners by projection while the platform comes to rest, and where it was meanwhile.
+struct Watching {
+    tags: SimulatedTags,
+    link: SimulatedLink,
+    seen: Rc<RefCell<Vec<Place>>>,
+}
+
+impl TagSource for Watching {
+    fn look(&mut self) -> Result<Vec<TagView>, SightError> {
+        let truth = self.link.with(|simulation| simulation.plant().truth());
+        self.seen.borrow_mut().push(truth.unwrap().pose.into());
+        self.tags.look()
+    }
+}
+
+/// The middle of the last places; a Hann window leaves out what swings.
+fn middle(places: &[Place]) -> Place {
+    let last = &places[places.len().saturating_sub(75)..];
+    let mut sum = [0.0; 12];
+    let mut total = 0.0;
+    for (k, place) in last.iter().enumerate() {
+        let phase = std::f64::consts::TAU * (k as f64 + 0.5) / last.len() as f64;
+        let weight = 1.0 - phase.cos();
+        total += weight;
+        let values = place.rotation.iter().flatten().chain(&place.position_m);
+        for (slot, value) in sum.iter_mut().zip(values) {
+            *slot += weight * value;
+        }
+    }
+    // It swings by less than a milliradian: the mean of the matrices is one, to the square of that.
+    let mean = sum.map(|value| value / total);
+    Place {
+        rotation: [0, 3, 6].map(|row| [mean[row], mean[row + 1], mean[row + 2]]),
+        position_m: [mean[9], mean[10], mean[11]],
+    }
+}
+
+/// From pictures to a calibrated robot: one of each place, rendered with blur, noise and shadow; the
+/// tags are found in it, and the robot that follows from them goes where it should.
+#[test]
+fn pictures_calibrate_a_robot() {
+    const SEED: u64 = 5;
+    let folder = folder("pictures");
+    let robot = with_board("paper-table5");
+    let model = Model::new(&robot).unwrap();
+    let (built, on) = (Mismatch::as_built(), LinkOptions::default());
+    let link = experiment::simulated_robot(&model, &built, SEED, &on).unwrap();
+    let scene = Scene::of(&robot, SEED);
+    let mut camera = SceneCamera::new(scene.clone(), SEED);
+    let seen = Rc::new(RefCell::new(Vec::new()));
+    let mut eye = Watching {
+        tags: SimulatedTags::new(link.clone(), scene, 0.1, SEED),
+        link: link.clone(),
+        seen: seen.clone(),
+    };
+    let mut found = Vec::new();
+    let options = Options {
+        described: Some(Robot::find("paper-table5").unwrap().content_hash()),
+        ..options(12, SEED)
+    };
+    let photograph = |data: &Data| {
+        let picture = camera.picture(&middle(&seen.take())).unwrap();
+        let views = camera.tags(&picture, 0).into_iter().filter_map(|view| {
+            Some(View {
+                tag: data.tags.iter().position(|tag| tag.id == view.id)?,
+                corners_px: view.corners_px,
+            })
+        });
+        found.push(views.collect::<Vec<_>>());
+        Ok(())
+    };
+    let line = (link, Some(SessionId(1)));
+    let mut data = collect(&model, line, &mut eye, &options, None, photograph, |_| ()).unwrap();
+    assert_eq!(data.poses.len(), found.len());
+    for (pose, views) in data.poses.iter_mut().zip(found) {
+        assert!(views.len() >= pose.views.len(), "{views:?}");
+        pose.views = views;
+    }
+    // What the detector is good for in one picture (docs/vision.md).
+    data.noise.corner_px = 0.05;
+    let text = serde_json::to_string(&data.to_json()).unwrap();
+    std::fs::write(folder.join("data.json"), text).unwrap();
+    let solve = ["calibrate", "all", "--data", "data.json", "--json"];
+    let (code, out, err) = run(&folder, &solve);
+    assert_eq!(code, Some(0), "{err}");
+    let answer: Value = serde_json::from_str(&out).unwrap();
+    let expected_mm = answer["predicted_tcp_error_mm"].as_f64().unwrap();
+    let (mean, max) = path_error_m(&folder, &["--seed", "5"]);
+    let (before, _) = path_error_m(&folder, &["--seed", "5", "--calibration", "none"]);
+    println!("expected {expected_mm} mm; {mean} {max} m, uncalibrated {before} m");
+    assert!(expected_mm < 0.8, "{out}");
+    assert!(mean < 4e-4 && max < 9e-4, "{mean} {max}");
+    assert!(before > 4.0 * mean, "{before} {mean}");
+    std::fs::remove_dir_all(folder).unwrap();
 }
 
 /// The same four winch modules and the same platform on a frame of other dimensions: one file is

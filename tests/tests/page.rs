@@ -6,6 +6,10 @@
 mod browser;
 
 use browser::{Browser, Page, Serve};
+use mcdpr_tests::process::Folder;
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::path::Path;
+use std::process::{Child, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -207,34 +211,29 @@ fn a_held_jog_button_moves_the_tool_and_letting_go_stops_it() {
     assert!(page.truth("mcdpr.live.state === 'Disarmed'"));
 }
 
+/// A command with a live page, on record in `folder`, and the address for orders that it prints.
+fn serving(words: &[&str], folder: &Path) -> (Child, String) {
+    let mut command = mcdpr_tests::mcdpr();
+    command.args(words).args(["--serve", "0", "--record"]);
+    command.arg(folder).stdout(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let mut told = BufReader::new(child.stdout.take().unwrap());
+    let mut lines = told.by_ref().lines().map_while(Result::ok);
+    let address = lines.find_map(|line| {
+        let address = line.strip_prefix("to give orders:")?;
+        Some(address.trim().to_owned())
+    });
+    // What it says later finds an open pipe.
+    child.stdout = Some(told.into_inner());
+    (child, address.unwrap())
+}
+
 #[test]
 fn picking_is_shown_with_the_grasp_in_the_picture() {
-    use std::io::{BufRead as _, BufReader};
     let _alone = alone();
-    let folder = std::env::temp_dir().join(format!("mcdpr-page-pick-{}", std::process::id()));
-    let mut pick = mcdpr_tests::mcdpr()
-        .args([
-            "pick",
-            "--objects",
-            "1",
-            "--attempts",
-            "1",
-            "--serve",
-            "0",
-            "--record",
-        ])
-        .arg(&folder)
-        .stdout(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut lines = BufReader::new(pick.stdout.take().unwrap()).lines();
-    let address = lines
-        .find_map(|line| {
-            line.unwrap()
-                .strip_prefix("to give orders:")
-                .map(|a| a.trim().to_owned())
-        })
-        .unwrap();
+    let folder = Folder::new("page-pick");
+    let words = ["pick", "--objects", "1", "--attempts", "1"];
+    let (mut pick, address) = serving(&words, folder.path());
     let mut browser = Browser::start();
     let mut page = browser.open(&address);
     wait(&mut page, "mcdpr.camera && mcdpr.camera.grasp");
@@ -243,7 +242,7 @@ fn picking_is_shown_with_the_grasp_in_the_picture() {
     page.run("document.getElementById('stop').click()");
     assert_eq!(pick.wait().unwrap().code(), Some(130));
     // The picture with its marks is in the record, which says why it can not be replayed.
-    let bytes = std::fs::read(folder.join("run.mcap")).unwrap();
+    let bytes = std::fs::read(folder.path().join("run.mcap")).unwrap();
     let record = mcdpr::record::mcap::read(&bytes).unwrap();
     for topic in ["/camera/image", "/camera/marks"] {
         let found = record
@@ -260,13 +259,12 @@ fn picking_is_shown_with_the_grasp_in_the_picture() {
     }
     let replay = mcdpr_tests::mcdpr()
         .arg("replay")
-        .arg(&folder)
+        .arg(folder.path())
         .output()
         .unwrap();
     let message = String::from_utf8_lossy(&replay.stderr);
     assert_eq!(replay.status.code(), Some(1), "{message}");
     assert!(message.contains("it went by pictures"), "{message}");
-    std::fs::remove_dir_all(folder).unwrap();
 }
 
 #[test]
@@ -306,23 +304,9 @@ fn the_page_marks_old_data_and_comes_back_after_a_restart() {
 
 #[test]
 fn a_single_run_is_shown_too_and_its_record_replays_with_the_orders_from_the_page() {
-    use std::io::{BufRead as _, BufReader};
     let _alone = alone();
-    let folder = std::env::temp_dir().join(format!("mcdpr-page-{}", std::process::id()));
-    let mut run = mcdpr_tests::mcdpr()
-        .args(["run", "paper:table7", "--serve", "0", "--record"])
-        .arg(&folder)
-        .stdout(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut lines = BufReader::new(run.stdout.take().unwrap()).lines();
-    let address = lines
-        .find_map(|line| {
-            line.unwrap()
-                .strip_prefix("to give orders:")
-                .map(|a| a.trim().to_owned())
-        })
-        .unwrap();
+    let folder = Folder::new("page-run");
+    let (mut run, address) = serving(&["run", "paper:table7"], folder.path());
     let mut browser = Browser::start();
     let mut page = browser.open(&address);
     wait(&mut page, MOVING);
@@ -338,7 +322,7 @@ fn a_single_run_is_shown_too_and_its_record_replays_with_the_orders_from_the_pag
     let replay = |arguments: &[&str]| {
         let output = mcdpr_tests::mcdpr()
             .args(arguments)
-            .arg(&folder)
+            .arg(folder.path())
             .output()
             .unwrap();
         let message = String::from_utf8_lossy(&output.stderr);
@@ -355,7 +339,7 @@ fn a_single_run_is_shown_too_and_its_record_replays_with_the_orders_from_the_pag
     );
     assert_eq!(proof["whole"], true, "{proof}");
     replay(&["report"]);
-    let report = std::fs::read_to_string(folder.join("report.html")).unwrap();
+    let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     for what in [
         "order: pause",
         "order: resume",
@@ -365,5 +349,4 @@ fn a_single_run_is_shown_too_and_its_record_replays_with_the_orders_from_the_pag
     ] {
         assert!(report.contains(what), "{what}");
     }
-    std::fs::remove_dir_all(folder).unwrap();
 }

@@ -257,9 +257,12 @@ fn json(words: &[&str], folder: &std::path::Path) -> serde_json::Value {
 /// The loop is identified as what the robot files say it is, light drum or geared.
 #[test]
 fn tuning_finds_delay_resonance_and_swing_and_says_which_gains_to_keep() {
-    let folder = std::env::temp_dir().join(format!("mcdpr-tune-{}", std::process::id()));
+    let folder = Folder::new("tune");
     for (robot, resonance_hz) in [("lab-direct", 100.0..180.0), ("lab-fast", 15.0..40.0)] {
-        let found = json(&["tune", "tension", "--robot", robot], &folder.join(robot));
+        let found = json(
+            &["tune", "tension", "--robot", robot],
+            &folder.path().join(robot),
+        );
         let number = |key: &str| found["identified"][key].as_f64().unwrap();
         assert!(number("explained") > 0.8, "{found}");
         assert!(resonance_hz.contains(&number("resonance_hz")), "{found}");
@@ -271,16 +274,15 @@ fn tuning_finds_delay_resonance_and_swing_and_says_which_gains_to_keep() {
         // The light drum's own gains are not the last word; the geared one's proposal is worse.
         assert_eq!(better, robot == "lab-direct", "{found}");
     }
-    std::fs::remove_dir_all(folder).unwrap();
 }
 
 /// The firmware's own file, on the emulated chip, meets the bounds of the core in this process.
 #[test]
 fn on_the_chip_the_experiments_keep_the_same_bounds() {
-    let folder = std::env::temp_dir().join(format!("mcdpr-tension-{}", std::process::id()));
+    let folder = Folder::new("tension");
     let experiment = |name: &str| {
         let words = ["experiment", name, "--robot", "lab-direct", "--on", "chip"];
-        let found = json(&words, &folder.join(name));
+        let found = json(&words, &folder.path().join(name));
         assert!(found["fault"].is_null(), "{found}");
         found
     };
@@ -301,5 +303,4 @@ fn on_the_chip_the_experiments_keep_the_same_bounds() {
         slack["recovery"]["greatest_n"].as_f64().unwrap() < 20.0,
         "{slack}"
     );
-    std::fs::remove_dir_all(folder).unwrap();
 }

@@ -83,8 +83,11 @@ pub const fn advice(fault: FaultId) -> &'static str {
         FaultId::S5 | FaultId::C4 => {
             "a cable slipped or is mis-wound: look at the drums, then re-reference the lengths"
         }
-        FaultId::S7 | FaultId::S8 | FaultId::S11 => {
+        FaultId::S7 | FaultId::S11 => {
             "check the tension sensor's plug and amplifier; the reading can not be true"
+        }
+        FaultId::S8 => {
+            "check the tension sensor's plug and amplifier; where every sensor reads 0 V, the board's own supply: it is not within 3.0 to 3.6 V"
         }
         FaultId::S9 => {
             "look at the sensor's shield and amplifier; `mcdpr tune tension` shows the noise"
