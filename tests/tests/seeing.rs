@@ -1,7 +1,7 @@
 //! The commands that look at runs and at the robot file, as their user calls them.
 
 use mcdpr_tests::mcdpr;
-use mcdpr_tests::process::Folder;
+use mcdpr_tests::process::{Folder, breathe};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
@@ -143,14 +143,16 @@ fn a_killed_run_is_readable_up_to_the_last_second_and_a_size_limit_ends_only_the
     // The record exists once the run has begun, in simulated time that keeps the wall's.
     let file = at.join("killed/run.mcap");
     let give_up = Instant::now() + Duration::from_secs(60);
-    while !file.is_file() {
-        assert!(Instant::now() < give_up, "no record was begun");
-        std::thread::yield_now();
+    let mut began = None;
+    let holds = |bytes| std::fs::metadata(&file).is_ok_and(|about| about.len() > bytes);
+    while !holds(1_500_000) {
+        assert!(Instant::now() < give_up, "the record does not grow");
+        if holds(0) {
+            began.get_or_insert_with(Instant::now);
+        }
+        breathe();
     }
-    let began = Instant::now();
-    while began.elapsed() < Duration::from_secs(4) {
-        std::thread::yield_now();
-    }
+    let began = began.unwrap();
     let ran_s = began.elapsed().as_secs_f64();
     run.kill().unwrap();
     run.wait().unwrap();

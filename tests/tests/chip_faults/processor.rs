@@ -136,11 +136,12 @@ fn p1_p3_p4_p6_a_board_that_goes_down_in_motion_brakes_and_comes_back_in_fault()
 /// What the tension sensors' steps are worth is not known then, and all of them read as shorted.
 #[test]
 fn s8_a_supply_that_is_not_the_sensors_stops_the_robot_of_the_chip() {
-    for volts in [3.75, 2.95] {
+    // The reference may be off by 3 %: 3.75 V and 2.85 V are wrong whatever it is.
+    for volts in [3.75, 2.85] {
         let sets: fn(&mut Chip) = if volts > 3.3 {
             |chip| chip.set_supply_v(3.75)
         } else {
-            |chip| chip.set_supply_v(2.95)
+            |chip| chip.set_supply_v(2.85)
         };
         let after = disturbed(&[(500_000, sets)]);
         let fault = after.fault.map(|record| record.fault);

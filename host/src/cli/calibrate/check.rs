@@ -2,13 +2,16 @@
 
 use crate::calibration::collect::{CollectError, recheck};
 use crate::calibration::slip::{Finding, Sigmas};
+use crate::cli::recorded::{OnRecord, Work, on_record};
 use crate::cli::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::experiment;
-use crate::link::{ClientError, Link};
+use crate::link::ClientError;
 use crate::machine::Mismatch;
 use crate::motion::Model;
-use crate::run::{Homing, Session, new_session, watch_for_interrupts};
+use crate::record::Doing;
+use crate::robot::Calibrated;
+use crate::run::{Homing, Session, watch_for_interrupts};
 use crate::sight::{Scene, SimulatedTags, TagSource};
 use mcdpr_simulator::LinkOptions;
 
@@ -47,24 +50,65 @@ impl Cmd {
         }
         let model = Model::new(&robot)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let work = Work {
+            // What the pictures showed decides how far it goes, and nothing else.
+            doing: Doing::Orders,
+            mismatch: Mismatch::as_built(),
+            ..Work::of_hands("calibrate-check", &model)
+        };
+        let (all, folder) = on_record(common, &work, |record| {
+            self.look(common, &model, &calibrated, record)
+        })?;
+        eprintln!("run folder: {}", folder.path().display());
+        let last = all.last().copied().unwrap_or(Finding::Holds);
+        if common.json {
+            print_json(&serde_json::json!({
+                "holds": last == Finding::Holds,
+                "finding": document(&last),
+                "places": all.iter().map(document).collect::<Vec<_>>(),
+            }))?;
+        }
+        match last {
+            Finding::Holds => Ok(()),
+            other => Err(Failed::from_error("calibrate check")(format!(
+                "{}; {}",
+                words(&other),
+                match other {
+                    Finding::Cable { .. } =>
+                        "look at that drum, then home the robot at a tag (`mcdpr home`)",
+                    _ => "look over frame and drums, then calibrate again (`mcdpr calibrate all`)",
+                }
+            ))
+            .into()),
+        }
+    }
+
+    /// Measures at one place after the other, and gives what was found after each.
+    fn look(
+        &self,
+        common: &Common,
+        model: &Model,
+        calibrated: &Calibrated,
+        record: &OnRecord<'_>,
+    ) -> miette::Result<Vec<Finding>> {
         let handle = Handle::new();
         let mut tags = None;
-        let (link, homing): (Box<dyn Link>, _) = if common.on == "sim" {
+        let (link, homing) = if common.on == "sim" {
             let link = experiment::simulated_robot(
-                &model,
+                model,
                 &Mismatch::as_built(),
                 common.seed,
                 &LinkOptions::default(),
             )?;
-            let scene = Scene::of(&robot, common.seed);
+            let scene = Scene::of(model.robot(), common.seed);
             tags = Some(SimulatedTags::new(link.clone(), scene, 0.1, common.seed));
             let home = Homing::Lengths(calibrated.home_lengths_m.clone());
-            (Box::new(link), home)
+            (record.simulated(link), home)
         } else {
             let link = common.open_port().map_err(ClientError::from)?;
-            (Box::new(link), Homing::Known)
+            (record.line(link), Homing::Known)
         };
-        let mut session = Session::open(&model, link, new_session(), &handle, homing)?;
+        let mut session = Session::open(model, link, record.session, &handle, homing)?;
         let error_m = calibrated.predicted_error_m.unwrap_or(1e-3);
         let sigmas = Sigmas::calibrated(error_m, self.friction);
         let mut source = tags.as_mut().map(|source| source as &mut dyn TagSource);
@@ -74,7 +118,7 @@ impl Cmd {
         let mut all = Vec::new();
         session.arm()?;
         let done = recheck(
-            &model,
+            model,
             &mut session,
             source,
             (usize::from(self.places), sigmas),
@@ -98,32 +142,12 @@ impl Cmd {
         );
         match done {
             // A link or a fault that ended it has stopped the robot already.
-            Err(error @ CollectError::Run(_)) => return Err(error.into()),
+            Err(error @ CollectError::Run(_)) => Err(error.into()),
             done => {
                 session.disarm()?;
                 done?;
+                Ok(all)
             }
-        }
-        let last = all.last().copied().unwrap_or(Finding::Holds);
-        if common.json {
-            print_json(&serde_json::json!({
-                "holds": last == Finding::Holds,
-                "finding": document(&last),
-                "places": all.iter().map(document).collect::<Vec<_>>(),
-            }))?;
-        }
-        match last {
-            Finding::Holds => Ok(()),
-            other => Err(Failed::from_error("calibrate check")(format!(
-                "{}; {}",
-                words(&other),
-                match other {
-                    Finding::Cable { .. } =>
-                        "look at that drum, then home the robot at a tag (`mcdpr home`)",
-                    _ => "look over frame and drums, then calibrate again (`mcdpr calibrate all`)",
-                }
-            ))
-            .into()),
         }
     }
 }
