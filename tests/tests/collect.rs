@@ -315,11 +315,11 @@ fn pictures_calibrate_a_robot() {
     let link = experiment::simulated_robot(&model, &built, SEED, &on).unwrap();
     let scene = Scene::of(&robot, SEED);
     let mut camera = SceneCamera::new(scene.clone(), SEED);
-    let seen = Rc::new(RefCell::new(Vec::new()));
+    let places = Rc::new(RefCell::new(Vec::new()));
     let mut eye = Watching {
         tags: SimulatedTags::new(link.clone(), scene, 0.1, SEED),
         link: link.clone(),
-        seen: seen.clone(),
+        seen: places.clone(),
     };
     let mut found = Vec::new();
     let options = Options {
@@ -327,7 +327,7 @@ fn pictures_calibrate_a_robot() {
         ..options(12, SEED)
     };
     let photograph = |data: &Data| {
-        let picture = camera.picture(&middle(&seen.take())).unwrap();
+        let picture = camera.picture(&middle(&places.take())).unwrap();
         let views = camera.tags(&picture, 0).into_iter().filter_map(|view| {
             Some(View {
                 tag: data.tags.iter().position(|tag| tag.id == view.id)?,
@@ -340,8 +340,13 @@ fn pictures_calibrate_a_robot() {
     let line = (link, Some(SessionId(1)));
     let mut data = collect(&model, line, &mut eye, &options, None, photograph, |_| ()).unwrap();
     assert_eq!(data.poses.len(), found.len());
+    // A tag at the picture's edge has no white rim there: it is projected, and not found.
+    let projected: usize = data.poses.iter().map(|pose| pose.views.len()).sum();
+    let seen: usize = found.iter().map(Vec::len).sum();
+    println!("{seen} tags found, {projected} in view");
+    assert!(10 * seen > 8 * projected, "{seen} of {projected}");
     for (pose, views) in data.poses.iter_mut().zip(found) {
-        assert!(views.len() >= pose.views.len(), "{views:?}");
+        assert!(!views.is_empty(), "{pose:?}");
         pose.views = views;
     }
     // What the detector is good for in one picture (docs/vision.md).
