@@ -53,6 +53,8 @@ struct Cable {
     well: bool,
     /// Drive or encoder were lost since the board armed: its brake stays closed.
     abandoned: bool,
+    /// Its tension reading froze since the board armed: its law goes on without.
+    blind: bool,
     /// How far the cable gave way while the robot stops, 0.1 µm.
     give: i32,
     /// The test of its brake.
@@ -97,9 +99,11 @@ pub struct Controller<const N: usize> {
     overruns: u32,
     late_ticks: Persist,
     line_noise: LineNoise,
+    /// Ticks since the stop began.
+    stopping: u16,
     /// Ticks since the brakes were told to close while stopping.
     closing: Option<u16>,
-    /// Ticks until the brakes that were closed while holding are open again.
+    /// Ticks that brakes which are closed while holding take to open again.
     opening: u16,
     /// How often a brake slipped when torque was about to go.
     slips: u16,
@@ -137,6 +141,7 @@ impl<const N: usize> Default for Controller<N> {
             overruns: 0,
             late_ticks: Persist::default(),
             line_noise: LineNoise::default(),
+            stopping: 0,
             closing: None,
             opening: 0,
             slips: 0,
@@ -257,30 +262,33 @@ impl<const N: usize> Controller<N> {
         match next {
             State::Arming => {
                 self.arming = Arming::default();
+                self.opening = 0;
                 self.motion.clear();
                 self.rows = Default::default();
                 for cable in &mut self.cables {
                     cable.watch = CableWatch::default();
                     cable.abandoned = false;
+                    cable.blind = false;
                     cable.give = 0;
                     cable.proof = Proof::default();
                 }
             }
-            State::Moving => {
-                self.motion.run(stop_ms);
+            State::Moving => self.motion.run(stop_ms),
+            State::Pausing => self.motion.brake(stop_ms),
+            State::Stopping => {
+                self.motion.brake(stop_ms);
+                self.stopping = 0;
+                self.closing = None;
+                self.slips = 0;
+            }
+            State::Disarmed | State::Fault | State::EStop => self.motion.clear(),
+            State::Boot => {}
+            State::Holding => {
                 self.opening = match &self.active {
                     Some(active) if active.hold_braked => slowest_brake_ms(active) + 1,
                     _ => 0,
                 };
             }
-            State::Pausing => self.motion.brake(stop_ms),
-            State::Stopping => {
-                self.motion.brake(stop_ms);
-                self.closing = None;
-                self.slips = 0;
-            }
-            State::Disarmed | State::Fault | State::EStop => self.motion.clear(),
-            State::Boot | State::Holding => {}
         }
         self.state = next;
     }
@@ -298,13 +306,16 @@ impl<const N: usize> Controller<N> {
     fn trip(&mut self, fault: FaultId, cable: u8, value: i32, limit: i32) {
         self.latch_fault(fault, cable, value, limit);
         self.raise(supervisor::reaction(fault).event());
-        // The failed drum is braked at once: the others must not go on pulling against it. A drive
-        // that does not obey (D7) may give no torque: an RMDS has no other way to say so.
         let failed = matches!(fault, FaultId::D2 | FaultId::D3 | FaultId::D7 | FaultId::S6);
-        if self.state == State::Stopping && failed {
-            if let Some(cable) = self.cables.get_mut(usize::from(cable).wrapping_sub(1)) {
-                cable.abandoned = true;
-            }
+        let failed = failed && self.state == State::Stopping;
+        if let Some(cable) = self.cables.get_mut(usize::from(cable).wrapping_sub(1)) {
+            // A reading at a rail (S7, S8) tells itself.
+            cable.blind |= fault == FaultId::S11;
+            // The failed drum is braked at once: the others must not go on pulling against it. A
+            // drive that does not obey (D7) may give no torque: an RMDS has no other way to say so.
+            cable.abandoned |= failed;
+        }
+        if failed {
             let stop_ms = self.active.as_ref().map_or(1, |active| active.stop_ms);
             self.motion.brake(stop_ms / 4);
         }
@@ -365,10 +376,12 @@ impl<const N: usize> Controller<N> {
             }
             State::Stopping => {
                 if self.closing.is_none() {
-                    if self.follow(stop_ms) {
+                    self.stopping = self.stopping.saturating_add(1);
+                    let rests = self.follow(stop_ms);
+                    let calm = self.give_way(inputs);
+                    if rests && (calm || u32::from(self.stopping) >= stop_ms) {
                         self.closing = Some(0);
                     }
-                    self.give_way(inputs);
                 }
                 self.close_brakes(inputs);
             }
@@ -378,8 +391,8 @@ impl<const N: usize> Controller<N> {
 
     /// Torque comes on where the robot is: nothing jumps.
     fn take_up(&mut self, inputs: &Inputs<N>) {
-        let configs = self.active.iter().flat_map(|active| &active.cables);
-        let cables = self.cables.iter_mut().zip(configs);
+        let Some(active) = &self.active else { return };
+        let cables = self.cables.iter_mut().zip(&active.cables);
         for ((cable, config), drive) in cables.zip(&inputs.drives) {
             cable.target = Target {
                 length: cable.length,
@@ -494,22 +507,26 @@ impl<const N: usize> Controller<N> {
                     }
                 }
                 (Control::Tension, true) => {
+                    let blind = cable.blind || !is_plausible(adc);
                     let measured = Demand {
                         setpoint_mn: cable.setpoint_mn,
                         measured_mn: cable.tension_mn,
                         planned_speed_umps: cable.target.speed_umps,
                         planned_acceleration_umps2: cable.target.acceleration_umps2,
                         measured_speed_umps: cable.speed_umps,
+                        stops: self.state == State::Stopping,
+                        blind,
                     };
                     // Against a brake a law would only wind up.
                     let held = (brake == Brake::Closed && phase == Phase::Done) || self.opening > 0;
                     let relief = cable.proof.relief();
                     let ma = if relief > 0 {
                         cable.tension_loop.hold() + config.current_ma(-relief)
-                    } else if is_plausible(adc) && !held {
-                        cable.tension_loop.update(config, &measured)
-                    } else {
+                    } else if held || (blind && HAS_SERVICE && self.service.is_some()) {
+                        // A bare winch has no plan to go on with.
                         cable.tension_loop.hold()
+                    } else {
+                        cable.tension_loop.update(config, &measured)
                     };
                     DriveDemand::Current {
                         ma: crate::fixed::saturate_i16(ma),
@@ -572,6 +589,7 @@ impl<const N: usize> Controller<N> {
 }
 
 /// The longest time that a brake takes, ms.
+#[inline(never)]
 fn slowest_brake_ms<const N: usize>(active: &Active<N>) -> u16 {
     let cables = active.cables.iter();
     cables.map(|cable| cable.brake_close_ms).max().unwrap_or(0)

@@ -38,6 +38,10 @@ pub struct Demand {
     pub planned_acceleration_umps2: i32,
     /// Measured rate of the drum's surface, from the motor, µm/s.
     pub measured_speed_umps: i32,
+    /// The robot stops: a cable that was slack is needed soon.
+    pub stops: bool,
+    /// What was measured as tension can not be true (S7, S8, S11): it enters nowhere.
+    pub blind: bool,
 }
 
 /// Friction is compensated by this share: more would start stick-slip. Out of 256.
@@ -46,6 +50,8 @@ const FRICTION_SHARE: i32 = 205;
 const FRICTION_SPEED_UMPS: i32 = 4000;
 /// After slack or overload the set-point comes back this fast, mN per ms (20 N/s).
 const RECOVERY_MNPMS: i32 = 20;
+/// While the robot stops: what is not tight when the brakes close stays so.
+const STOP_RECOVERY_MNPMS: i32 = 100;
 /// Under this planned speed friction feed-forward fades in linearly, µm/s.
 const FRICTION_FADE_UMPS: i32 = 500;
 
@@ -95,12 +101,16 @@ impl TensionLoop {
     /// One tick: the motor current in mA.
     pub fn update(&mut self, config: &CableConfig, demand: &Demand) -> i32 {
         let before_q16 = self.filter.value_q16();
-        self.filter
-            .update(demand.measured_mn, config.filter_alpha_q16);
+        if !demand.blind {
+            self.filter
+                .update(demand.measured_mn, config.filter_alpha_q16);
+        }
         let after_q16 = self.filter.value_q16();
         // The derivative of the filtered tension is a filtered derivative; per ms to per s.
         let slope_mnps = saturate(((after_q16 - before_q16) * 1000) >> 16);
         let force_mn = match config.law {
+            // It knows no plan: nothing but its last current.
+            TensionLaw::Pd if demand.blind => return self.hold(),
             TensionLaw::Pd => {
                 let error_q16 = (i64::from(demand.setpoint_mn) << 16) - after_q16;
                 pd(config, error_q16, slope_mnps)
@@ -117,7 +127,8 @@ impl TensionLoop {
     }
 
     /// Feed-forward, PI and damping about the planned motion; out of the band of floor and ceiling,
-    /// a slow law of its own.
+    /// a slow law of its own. Blind: what the plan needs, and damping. A current that only stayed as
+    /// it was would go on accelerating the drum as the plan did at that moment.
     fn default_law(&mut self, config: &CableConfig, demand: &Demand, slope_mnps: i32) -> i64 {
         let tension_mn = self.filter.value();
         // Without a floor nothing is slack: a free end must not be reeled in because a sensor's
@@ -125,7 +136,7 @@ impl TensionLoop {
         let slack = config.floor_mn > 0
             && tension_mn < config.floor_mn
             && demand.setpoint_mn >= config.floor_mn;
-        if slack || tension_mn > config.ceiling_mn {
+        if !demand.blind && (slack || tension_mn > config.ceiling_mn) {
             // A light drum that is pulled against nothing is soon fast, and the cable's end stop is
             // a hammer: so the speed is led, in while slack, out while too tight.
             self.led = true;
@@ -134,12 +145,23 @@ impl TensionLoop {
         if self.led {
             // The cable is back: from its own tension on, and without what the integral learnt.
             self.led = false;
-            self.short_mn = demand.setpoint_mn.saturating_sub(tension_mn);
             self.integral_q16 = 0;
+            if !demand.blind {
+                self.short_mn = demand.setpoint_mn.saturating_sub(tension_mn);
+            }
         }
-        self.short_mn -= self.short_mn.clamp(-RECOVERY_MNPMS, RECOVERY_MNPMS);
+        let step = if demand.stops {
+            STOP_RECOVERY_MNPMS
+        } else {
+            RECOVERY_MNPMS
+        };
+        self.short_mn -= self.short_mn.clamp(-step, step);
         let setpoint_mn = demand.setpoint_mn.saturating_sub(self.short_mn);
-        let error_q16 = (i64::from(setpoint_mn) << 16) - self.filter.value_q16();
+        let error_q16 = if demand.blind {
+            0
+        } else {
+            (i64::from(setpoint_mn) << 16) - self.filter.value_q16()
+        };
         let ahead = i64::from(setpoint_mn)
             + feed_forward(config, demand)
             + pd(config, error_q16, slope_mnps);
@@ -147,8 +169,7 @@ impl TensionLoop {
         ahead + ((self.integral_q16 + half(16)) >> 16)
     }
 
-    /// One tick without a reading that can be true: the current stays as it was, mA. A sensor at
-    /// its rail must not command a pull (S7, S8).
+    /// The current of the last tick, mA: behind a closed brake.
     #[must_use]
     pub const fn hold(&self) -> i32 {
         self.current_ma

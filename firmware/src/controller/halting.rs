@@ -2,13 +2,17 @@
 
 use super::{
     Control, Controller, Event, FaultId, HOLD_TORQUE_MS, Inputs, Limit, Phase, Proof, Stir, Target,
-    Verdict, is_plausible,
+    Verdict, is_plausible, slowest_brake_ms,
 };
 use crate::config::TensionLaw;
 
 /// How fast a length-held cable gives way in a stop, 0.1 µm per tick (20 mm/s), and how far.
 const GIVE_STEP: i32 = 200;
 const GIVE_MOST: i32 = 100_000;
+/// A tension-held drum that reels in no faster than this, µm/s, and whose cable misses no more than
+/// this of its tension, mN, has arrived.
+const CALM_UMPS: i32 = 3000;
+const CALM_MN: i32 = 2000;
 /// Ticks until a brake that slipped is tried again.
 const RETRY_MS: u16 = 50;
 /// Tries after which a brake is said not to hold (B2); one that holds before was late (B3).
@@ -57,9 +61,12 @@ impl<const N: usize> Controller<N> {
 
     /// Tests all brakes for a tick; the first that slips, and its cable, 1 for the first.
     fn prove(&mut self, inputs: &Inputs<N>) -> (Verdict, u8) {
-        let configs = self.active.iter().flat_map(|active| &active.cables);
-        let cables = self.cables.iter_mut().zip(configs).zip(&inputs.drives);
         let mut all = (Verdict::Holds, 0);
+        let Some(active) = &self.active else {
+            return all;
+        };
+        let cables = self.cables.iter_mut().zip(&active.cables);
+        let cables = cables.zip(&inputs.drives);
         for (number, ((cable, config), drive)) in (1_u8..).zip(cables) {
             if cable.abandoned {
                 continue;
@@ -109,11 +116,19 @@ impl<const N: usize> Controller<N> {
     /// While the robot stops, a length-held cable gives way where it is pulled too hard and takes
     /// up where it is slack: by its measured tension, slowly, and not far (C1, C2). A reading that
     /// can not be true moves nothing.
-    pub(super) fn give_way(&mut self, inputs: &Inputs<N>) {
-        let configs = self.active.iter().flat_map(|active| &active.cables);
-        let cables = self.cables.iter_mut().zip(configs).zip(&inputs.tension_adc);
+    ///
+    /// Whether brakes may close as far as tension goes: no cable is out of its band, and no
+    /// tension-held drum still reels in. Braked earlier, what is slack then stays slack. One that
+    /// pays out is not waited for: it lets the load down.
+    pub(super) fn give_way(&mut self, inputs: &Inputs<N>) -> bool {
+        let mut calm = true;
+        let Some(active) = &self.active else {
+            return true;
+        };
+        let cables = self.cables.iter_mut().zip(&active.cables);
+        let cables = cables.zip(&inputs.tension_adc);
         for ((cable, config), &adc) in cables {
-            if config.control != Control::Length || !is_plausible(adc) {
+            if cable.blind || !is_plausible(adc) {
                 continue;
             }
             let step = if cable.tension_mn > config.ceiling_mn {
@@ -123,11 +138,21 @@ impl<const N: usize> Controller<N> {
             } else {
                 0
             };
-            cable.give = (cable.give + step).clamp(-GIVE_MOST, GIVE_MOST);
-            cable.target.length = cable.target.length.saturating_add(cable.give);
-            // 0.1 µm per ms is 100 µm/s.
-            cable.target.speed_umps = cable.target.speed_umps.saturating_add(100 * step);
+            let mut settled = step == 0;
+            if config.control == Control::Length {
+                cable.give = (cable.give + step).clamp(-GIVE_MOST, GIVE_MOST);
+                cable.target.length = cable.target.length.saturating_add(cable.give);
+                // 0.1 µm per ms is 100 µm/s.
+                cable.target.speed_umps = cable.target.speed_umps.saturating_add(100 * step);
+            } else if config.law == TensionLaw::Default {
+                let missing = cable.setpoint_mn.saturating_sub(cable.tension_mn);
+                settled &= (missing <= (cable.setpoint_mn >> 2).max(CALM_MN))
+                    & (cable.speed_umps >= -CALM_UMPS);
+            }
+            calm &= settled | cable.abandoned;
         }
+        // Brakes that are not open hold what they held before.
+        calm | (self.arming.phase() < Phase::Opening) | (self.opening > 0)
     }
 
     /// Brakes close under torque, torque is held, each brake must prove that it holds, then torque
@@ -137,8 +162,7 @@ impl<const N: usize> Controller<N> {
         let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
             return;
         };
-        let slowest = active.cables.iter().map(|cable| cable.brake_close_ms).max();
-        let held = slowest.unwrap_or(0).saturating_add(HOLD_TORQUE_MS);
+        let held = slowest_brake_ms(active).saturating_add(HOLD_TORQUE_MS);
         self.closing = Some(ticks.saturating_add(1));
         // Brakes that never opened hold what they held before.
         if self.arming.phase() < Phase::Opening {

@@ -249,8 +249,8 @@ impl<const N: usize> Controller<N> {
     }
 
     fn config_taken(&mut self) {
-        let configs = self.active.iter().flat_map(|active| &active.cables);
-        for (cable, config) in self.cables.iter_mut().zip(configs) {
+        let Some(active) = &self.active else { return };
+        for (cable, config) in self.cables.iter_mut().zip(&active.cables) {
             // Lengths counted with another scale are worth nothing; other gains cost none.
             self.referenced &= cable.scale.per_count_q24 == config.per_count_q24;
             cable.scale.per_count_q24 = config.per_count_q24;

@@ -170,8 +170,8 @@ fn c2_c1_in_a_stop_a_tight_cable_gives_way_and_a_slack_one_is_taken_up_slowly_an
         bench.stop(StopKind::Stop);
         bench.step();
         let (slack, tight): (fn(&mut Inputs<4>), fn(&mut Inputs<4>)) = (
-            |i| i.tension_adc[1] = crate::support::adc_of(100) + i.encoders[0] % 5,
-            |i| i.tension_adc[1] = crate::support::adc_of(36_000) + i.encoders[0] % 5,
+            |i| i.tension_adc[1] = crate::support::adc_of(100) + i.tension_adc[0] % 7,
+            |i| i.tension_adc[1] = crate::support::adc_of(36_000) + i.tension_adc[0] % 7,
         );
         bench.tamper = if adc_n > 0 { tight } else { slack };
         let gap = |bench: &Bench| {

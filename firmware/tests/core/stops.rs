@@ -1,6 +1,6 @@
-use crate::support::{BRAKE_MS, Bench, PROOF_MS, STOP_MS};
+use crate::support::{BRAKE_MS, Bench, PROOF_MS, STOP_MS, adc_of, entries_with, hash_of};
 use mcdpr_firmware::{Brake, DriveDemand, State};
-use mcdpr_protocol::{FaultId, Reject, Reply, Request, StopKind};
+use mcdpr_protocol::{BoardKey, ConfigKey, FaultId, Reject, Reply, Request, StopKind, Tick};
 
 /// From a stop on: ticks until brakes close, and ticks of torque under closed brakes.
 fn stop_sequence(bench: &mut Bench) -> (u32, u32) {
@@ -52,6 +52,44 @@ fn disarm_from_holding_closes_the_brakes_at_once_and_ends_disarmed() {
     assert_eq!(bench.request(Request::Disarm), Ok(Reply::Done));
     assert_eq!(stop_sequence(&mut bench), (0, BRAKE_MS + 150 + PROOF_MS));
     assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));
+}
+
+#[test]
+fn c1_brakes_wait_for_a_cable_that_is_not_tight_yet_but_no_longer_than_a_stop_lasts() {
+    // From rest, and the second cable never comes back.
+    let mut bench = Bench::holding();
+    bench.tamper = |i| i.tension_adc[1] = adc_of(100) + i.tension_adc[0] % 7;
+    bench.stop(StopKind::Stop);
+    let (waits, _) = stop_sequence(&mut bench);
+    assert_eq!(waits, STOP_MS - 1);
+    // It comes back in between.
+    let mut bench = Bench::holding();
+    bench.tamper = |i| i.tension_adc[1] = adc_of(100) + i.tension_adc[0] % 7;
+    bench.stop(StopKind::Stop);
+    bench.run(100);
+    assert!(bench.all_brakes(Brake::Open));
+    bench.tamper = |_| {};
+    bench.run(1);
+    assert!(bench.all_brakes(Brake::Closed));
+}
+
+#[test]
+fn brakes_that_hold_a_standing_robot_do_not_open_for_a_stop() {
+    let mut bench = Bench::at(Tick(0));
+    bench.step();
+    bench.open();
+    let key = ConfigKey::board(BoardKey::HoldBrakes);
+    let entries = entries_with(key, 1);
+    bench.configure(&entries);
+    bench.reference();
+    let hash = hash_of(&entries);
+    bench.request(Request::Arm { config_hash: hash }).unwrap();
+    bench.until(State::Holding, 2000);
+    bench.run(2);
+    assert!(bench.all_brakes(Brake::Closed));
+    bench.tamper = |i| i.tension_adc[1] = adc_of(100) + i.tension_adc[0] % 7;
+    bench.stop(StopKind::Stop);
+    assert_eq!(stop_sequence(&mut bench).0, 0);
 }
 
 #[test]

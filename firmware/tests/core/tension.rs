@@ -121,6 +121,8 @@ fn recorded(rng: &mut Rng, tick: u32, last: &Demand) -> Demand {
             .clamp(-45_000, 45_000),
         planned_acceleration_umps2: rng.between(-200_000, 200_000) as i32,
         measured_speed_umps: last.planned_speed_umps + rng.between(-2000, 2000) as i32,
+        stops: false,
+        blind: false,
     }
 }
 
@@ -190,6 +192,61 @@ fn a_slack_cable_is_reeled_in_at_the_reel_speed_and_comes_back_on_a_ramp() {
     let last = force_mn(core.update(&config, &demand(10_000, 0)));
     // What the integral took up on the ramp is at most 2 /s times 10 N times 0.5 s / 2.
     assert!((last - 10_000).abs() < 6000, "{last} mN at the end");
+}
+
+#[test]
+fn c1_in_a_stop_a_cable_that_was_slack_is_needed_five_times_as_soon() {
+    let config = config(&DEFAULT);
+    let force_after = |stops: bool| {
+        let mut core = TensionLoop::at(10_000);
+        let demand = |measured_mn| Demand {
+            setpoint_mn: 10_000,
+            measured_mn,
+            stops,
+            ..Demand::default()
+        };
+        for _ in 0..100 {
+            core.update(&config, &demand(0));
+        }
+        // Tight again at 1 N: 9 N are missing.
+        for _ in 0..95 {
+            core.update(&config, &demand(1000));
+        }
+        -50 * core.update(&config, &demand(1000))
+    };
+    let (before, stopping) = (force_after(false), force_after(true));
+    assert!(before < 6000 && stopping > 15_000, "{before} {stopping} mN");
+}
+
+#[test]
+fn s7_s8_s11_a_law_that_sees_nothing_goes_on_by_its_plan_and_damps() {
+    let config = config(&DEFAULT);
+    let mut core = TensionLoop::at(10_000);
+    let steady = Demand {
+        setpoint_mn: 10_000,
+        measured_mn: 10_000,
+        ..Demand::default()
+    };
+    for _ in 0..500 {
+        core.update(&config, &steady);
+    }
+    // The set-point alone, whatever was read: 10 N at -50 N/A.
+    for measured_mn in [-3000, 0, 39_000] {
+        let demand = Demand {
+            measured_mn,
+            blind: true,
+            ..steady
+        };
+        assert_eq!(core.update(&config, &demand), -200);
+    }
+    // A drum that runs in by itself is held back: 50 N s/m times 20 mm/s, and its friction helps.
+    let runs_in = Demand {
+        measured_speed_umps: -20_000,
+        blind: true,
+        ..steady
+    };
+    let force_mn = -50 * core.update(&config, &runs_in);
+    assert!((9000..10_000).contains(&force_mn), "{force_mn} mN");
 }
 
 #[test]
@@ -351,6 +408,8 @@ fn nothing_overflows_at_the_ends_of_every_range() {
             planned_speed_umps: if high { i32::MAX } else { i32::MIN },
             planned_acceleration_umps2: if high { i32::MIN } else { i32::MAX },
             measured_speed_umps: if high { i32::MIN } else { i32::MAX },
+            stops: high,
+            blind: tick % 3 == 0,
         };
         assert!(core.update(&config, &demand).abs() <= 32_000);
     }

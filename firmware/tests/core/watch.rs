@@ -337,8 +337,8 @@ fn one_braked_axis_does_not_blind_the_watch_over_the_others() {
 }
 
 #[test]
-fn s8_a_shorted_sensor_never_raises_the_current_of_a_tension_held_cable() {
-    for stuck in [0_u16, 65_520] {
+fn s7_s8_a_rail_has_no_say_in_the_current_of_a_tension_held_cable() {
+    let currents = |tamper: fn(&mut mcdpr_firmware::Inputs<4>)| {
         let mut bench = Bench::moving(4000, 500);
         let current = |bench: &Bench| match bench.outputs.drives[3] {
             mcdpr_firmware::DriveDemand::Current { ma } => ma,
@@ -346,20 +346,22 @@ fn s8_a_shorted_sensor_never_raises_the_current_of_a_tension_held_cable() {
         };
         let before = current(&bench);
         assert_ne!(before, 0);
-        bench.tamper = if stuck == 0 {
-            |i| i.tension_adc[3] = 0
-        } else {
-            |i| i.tension_adc[3] = 65_520
-        };
-        for _ in 0..600 {
+        bench.tamper = tamper;
+        let mut all = Vec::new();
+        // Until its brake is tested, where it lets go on purpose.
+        for _ in 0..450 {
             bench.step();
-            assert!(
-                current(&bench).abs() <= before.abs(),
-                "{} {before}",
-                current(&bench)
-            );
+            all.push(current(&bench));
         }
-    }
+        (before, all)
+    };
+    let short = currents(|i| i.tension_adc[3] = 0);
+    let open = currents(|i| i.tension_adc[3] = 65_520);
+    assert_eq!(short, open, "what can not be true enters nowhere");
+    // Nothing but the plan may raise it: 2 kg from 20 mm/s in 300 ms are 0.13 N, the friction of
+    // 0.5 N that the drum no longer overcomes is less; at 50 N/A some 12 mA.
+    let most = short.0.abs() + 12;
+    assert!(short.1.iter().all(|ma| ma.abs() <= most), "{short:?}");
 }
 
 #[test]
