@@ -128,7 +128,8 @@ impl<const N: usize> Controller<N> {
         let cables = self.cables.iter_mut().zip(&active.cables);
         let cables = cables.zip(&inputs.tension_adc);
         for ((cable, config), &adc) in cables {
-            if cable.blind || !is_plausible(adc) {
+            // A drum behind a closed brake has nothing to give.
+            if cable.blind | cable.abandoned | !is_plausible(adc) {
                 continue;
             }
             let step = if cable.tension_mn > config.ceiling_mn {
@@ -149,7 +150,7 @@ impl<const N: usize> Controller<N> {
                 settled &= (missing <= (cable.setpoint_mn >> 2).max(CALM_MN))
                     & (cable.speed_umps >= -CALM_UMPS);
             }
-            calm &= settled | cable.abandoned;
+            calm &= settled;
         }
         // Brakes that are not open hold what they held before.
         calm | (self.arming.phase() < Phase::Opening) | (self.opening > 0)
@@ -162,13 +163,14 @@ impl<const N: usize> Controller<N> {
         let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
             return;
         };
-        let held = slowest_brake_ms(active).saturating_add(HOLD_TORQUE_MS);
-        self.closing = Some(ticks.saturating_add(1));
+        let held = slowest_brake_ms(active) + HOLD_TORQUE_MS;
+        self.closing = Some(ticks + 1);
+        if ticks < held {
+            return;
+        }
         // Brakes that never opened hold what they held before.
         if self.arming.phase() < Phase::Opening {
-            if ticks >= held {
-                self.raise(Event::TorqueOff);
-            }
+            self.raise(Event::TorqueOff);
             return;
         }
         if ticks == held {
@@ -176,11 +178,8 @@ impl<const N: usize> Controller<N> {
                 cable.proof = Proof::default();
             }
         }
-        if ticks < held {
-            return;
-        }
         let (verdict, cable) = self.prove(inputs);
-        match verdict {
+        let done = match verdict {
             Verdict::Slips(turned) => {
                 self.slips = self.slips.saturating_add(1);
                 self.limits.insert(Limit::BrakeSlips);
@@ -193,18 +192,19 @@ impl<const N: usize> Controller<N> {
                     cable.target.length = cable.length;
                 }
                 self.closing = Some(held - RETRY_MS);
+                false
             }
             Verdict::Holds => {
                 if self.slips > 0 {
-                    let late = i32::from(self.slips.saturating_mul(RETRY_MS));
+                    let late = i32::from(self.slips) * i32::from(RETRY_MS);
                     self.latch_fault(FaultId::B3, 0, late, i32::from(held));
                 }
-                self.raise(Event::TorqueOff);
+                true
             }
-            Verdict::Pending if ticks >= held + PROOF_MS => {
-                self.raise(Event::TorqueOff);
-            }
-            Verdict::Pending => {}
+            Verdict::Pending => ticks >= held + PROOF_MS,
+        };
+        if done {
+            self.raise(Event::TorqueOff);
         }
     }
 }
