@@ -117,6 +117,18 @@ fn d2_d7_an_rmds_without_torque_is_braked_before_the_others() {
 }
 
 #[test]
+fn d4_a_motor_that_gives_all_it_has_for_100_ms_stops_the_robot() {
+    let after = run(&["D4:1@0.9s"]);
+    let record = after.record().unwrap();
+    println!("{record:?} after {:?} ms", after.detected_after_ms());
+    assert_eq!((record.fault, record.cable), (FaultId::D4, 1));
+    let noticed = after.detected_after_ms().unwrap();
+    assert!((100..=160).contains(&noticed), "{noticed} ms");
+    assert!(after.is_safe());
+    assert!(after.drop_m() < 5e-3, "{} m", after.drop_m());
+}
+
+#[test]
 fn c4_a_drum_that_winds_wrongly_is_stopped_before_the_platform_is_far_off() {
     let after = run(&["C4:1@0.5s"]);
     let record = after.record().unwrap();

@@ -46,6 +46,7 @@ pub const fn how(fault: FaultId) -> How {
             How::Plant("the drive fails: it gives no torque, and a CiA 402 drive says so")
         }
         FaultId::D3 => How::Plant("the drive sends no feedback"),
+        FaultId::D4 => How::Plant("the brake drags with 76 N: the motor gives all it has"),
         FaultId::D5 => How::Plant("the drive never comes up"),
         FaultId::D6 => How::Plant("the drive says that it is too hot (CiA 402 only)"),
         FaultId::D7 => How::Plant("the drive ignores its commands"),
@@ -64,6 +65,23 @@ pub const fn how(fault: FaultId) -> How {
         }
         FaultId::S12 => {
             How::Not("no run of the demo looks through the camera; tests/tests/collect.rs shows it")
+        }
+        FaultId::S3 | FaultId::K9 => {
+            How::Not("a counter that wraps is no fault; tests begin just before it")
+        }
+        FaultId::L2 | FaultId::L5 | FaultId::L6 | FaultId::L7 => {
+            How::Not("this program sends no such frame; tests of the board's side do")
+        }
+        FaultId::L13 | FaultId::L14 => {
+            How::Not("it takes a second program; start one, or see the tests")
+        }
+        FaultId::L17 => {
+            How::Not("program and simulated board have the same version; tests show it")
+        }
+        FaultId::F3 | FaultId::F4 => How::Not("it can not happen: the board stores nothing"),
+        FaultId::F8 => How::Not("it happens to the disk; tests show it"),
+        FaultId::K4 | FaultId::K5 | FaultId::K6 | FaultId::K7 | FaultId::K8 | FaultId::K10 => {
+            How::Not("this program sends nothing of that kind; tests of the board's side do")
         }
         _ => How::Not("it is refused before anything moves; tests show it"),
     }
@@ -178,6 +196,7 @@ fn apply_to_plant(
         FaultId::S9 => of.tension_noise_factor = 10.0 * strength,
         FaultId::S10 => of.tension_offset_n = 5.0 * strength,
         FaultId::D3 => of.drive.silent = true,
+        FaultId::D4 => of.brake.drag_n = 76.0 * strength,
         FaultId::D5 => of.drive.late_s = f64::INFINITY,
         FaultId::D7 => of.drive.ignores_commands = true,
         FaultId::B1 => of.brake.stays_closed = true,

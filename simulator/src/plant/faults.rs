@@ -42,6 +42,8 @@ pub struct BrakeFault {
     pub holding_factor: f64,
     /// It closes later than it should by this (s).
     pub extra_close_delay_s: f64,
+    /// It drags: the drum rubs by this much more (N).
+    pub drag_n: f64,
 }
 
 impl Default for BrakeFault {
@@ -50,6 +52,7 @@ impl Default for BrakeFault {
             stays_closed: false,
             holding_factor: 1.0,
             extra_close_delay_s: 0.0,
+            drag_n: 0.0,
         }
     }
 }

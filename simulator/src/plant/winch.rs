@@ -82,7 +82,7 @@ impl Winch {
     #[inline(always)]
     pub(crate) fn kick(&mut self, pull_n: f64, now_s: f64, h: f64, fault: &BrakeFault) {
         let motor = self.drive.force(self.drum_m, self.drum_rate, pull_n, h);
-        let rubbing = self.friction_n + self.brake.friction_n(now_s, fault);
+        let rubbing = self.friction_n + fault.drag_n + self.brake.friction_n(now_s, fault);
         let hm = h / self.mass_kg;
         let free = (self.drum_rate + hm * (pull_n + motor)) / (1.0 + hm * self.viscous);
         let stopped_by = hm * rubbing;

@@ -61,6 +61,12 @@ fn s2_s4_s6_s11_and_d7_stop_the_robot_of_the_chip() {
 }
 
 #[test]
+fn d4_a_motor_of_the_chips_robot_that_gives_all_it_has_stops_it() {
+    // The brake drags: 100 ms at the limit, and what it takes to come there and to be told.
+    stops(&[("D4:1@0.9s", FaultId::D4, 1, 180, 5e-3)]);
+}
+
+#[test]
 fn d1_d5_b1_b2_b3_and_l18_stop_the_robot_of_the_chip() {
     stops(&[
         ("D1@0.9s", FaultId::D1, 0, 30, 0.02),

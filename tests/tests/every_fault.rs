@@ -1,0 +1,107 @@
+//! Every row of the fault list with the user's own tool: it is injected and ends as the list says,
+//! or it is refused with a reason; and pairs of them.
+
+use mcdpr::machine::Mismatch;
+use mcdpr::motion::{Model, Task};
+use mcdpr::robot::{DriveKind, Robot};
+use mcdpr::scenario::campaign::{Class, class};
+use mcdpr::scenario::{self, Aftermath, How, Scenario, how};
+use mcdpr_firmware::State;
+use mcdpr_protocol::FaultId;
+
+/// The paper's robot; with CiA 402 drives where a row needs their reports.
+fn robot(ids: &[FaultId]) -> Robot {
+    let mut robot = Robot::find("paper-table5").unwrap();
+    if ids.contains(&FaultId::D6) {
+        for winch in &mut robot.winches {
+            winch.drive = DriveKind::Cia402;
+        }
+    }
+    robot
+}
+
+fn run(ids: &[FaultId], words: &[String]) -> Aftermath {
+    let model = Model::new(&robot(ids)).unwrap();
+    let text = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
+    let task = Task::parse(text, "line.toml".into()).unwrap();
+    let scenario = Scenario::from_words(words, 4).unwrap();
+    scenario.suits(&robot(ids)).unwrap();
+    scenario::run(&model, task, &Mismatch::realistic(), 3, &scenario).unwrap()
+}
+
+/// What holds whatever happened: the first fault stays, nothing re-energises, all ends braked and
+/// without torque, something is told, and with cables, brakes and drives intact nothing falls.
+fn judge(ids: &[FaultId], words: &[String], after: &Aftermath) -> Vec<String> {
+    let mut wrong = Vec::new();
+    let mut tell = |what: String| wrong.push(format!("{words:?}: {what}"));
+    let record = after.record();
+    let mut off = false;
+    for point in after.trace.iter().skip_while(|point| point.fault.is_none()) {
+        if point.fault != record {
+            tell(format!("{record:?} became {:?}", point.fault));
+            break;
+        }
+        if off && point.torque_on {
+            tell("torque came back".to_owned());
+            break;
+        }
+        off = !point.torque_on;
+    }
+    // A brake that does not hold keeps its torque on purpose.
+    let kept = ids.contains(&FaultId::B2) && after.end() == Some(State::Stopping);
+    if !kept && !after.is_safe() {
+        tell(format!("ends unsafely in {:?}", after.end()));
+    }
+    if record.is_none() && after.error.is_none() && after.end() != Some(State::Disarmed) {
+        tell(format!("nothing is told in {:?}", after.end()));
+    }
+    let intact = ids.iter().all(|id| class(*id) == Class::Intact);
+    if intact && after.drop_m() > 5e-3 {
+        tell(format!("falls {:.2} mm", after.drop_m() * 1e3));
+    }
+    wrong
+}
+
+fn can_be_shown() -> Vec<FaultId> {
+    let all = FaultId::ALL.iter().copied();
+    all.filter(|id| !matches!(how(*id), How::Not(_))).collect()
+}
+
+#[test]
+fn every_row_is_shown_and_ends_as_the_list_says_or_is_refused_with_a_reason() {
+    let mut wrong = Vec::new();
+    for &id in FaultId::ALL {
+        for when in ["start", "0.9s"] {
+            let words = [format!("{}:1@{when}", id.name())];
+            if let How::Not(reason) = how(id) {
+                let refused = Scenario::from_words(&words, 4).map(|_| ());
+                let said = refused.unwrap_err().to_string();
+                assert!(said.contains(reason) && said.contains(id.name()), "{said}");
+            } else {
+                wrong.extend(judge(&[id], &words, &run(&[id], &words)));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn pairs_of_faults_end_braked_with_the_first_cause_latched() {
+    let shown = can_be_shown();
+    let mut wrong = Vec::new();
+    let mut state = 7_u64;
+    // Lehmer's generator: the same pairs in every run.
+    let mut below = |count: usize| {
+        state = state * 48_271 % 0x7FFF_FFFF;
+        usize::try_from(state).unwrap() % count
+    };
+    for _ in 0..36 {
+        let ids = [shown[below(shown.len())], shown[below(shown.len())]];
+        let words = ids.map(|id| {
+            let (cable, ms) = (below(4) + 1, below(2200));
+            format!("{}:{cable}@{}.{:03}s", id.name(), ms / 1000, ms % 1000)
+        });
+        wrong.extend(judge(&ids, &words, &run(&ids, &words)));
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
