@@ -1,17 +1,27 @@
-//! A host that goes away, in real processes over a pseudo-terminal: kill -9, and a laptop that
-//! sleeps. After each the robot stands, and nothing moves it by itself.
+//! A host that goes away, in real processes over a pseudo-terminal: Ctrl-C, a termination, a
+//! terminal that hangs up, kill -9, and a laptop that sleeps. After each the robot stands, and
+//! nothing moves it by itself.
 #![cfg(target_os = "linux")]
 
 use mcdpr_tests::mcdpr;
 use mcdpr_tests::process::{Folder, Simulator, breathe, ends_within, signal};
 use serde_json::Value;
-use std::process::{Child, Output, Stdio};
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// At this speed a busy machine has half a second before the board misses its host.
 const SCALE: &str = "0.2";
 /// Real time in which a run must have ended: arming, a way, a stop, brakes, the answer.
 const SOON: Duration = Duration::from_secs(60);
+
+/// Two robots on two processors starve each other.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 struct Scene {
     simulator: Simulator,
@@ -68,27 +78,52 @@ impl Scene {
         document.filter(|_| output.status.success())
     }
 
-    /// Waits until the robot is on its way: only then a run can be paused.
-    fn until_it_moves(&self) {
+    /// Waits until one who looks on sees the robot move. `false` where the run ended before: a
+    /// machine that is too busy to feed a robot is not what is tested here.
+    fn moves(&self, run: &mut Child) -> bool {
         let deadline = Instant::now() + SOON;
-        while self.ask("pause").is_none() {
+        while !self.is_seen_moving() {
             assert!(Instant::now() < deadline, "the robot never moved");
+            if run.try_wait().unwrap().is_some() {
+                let _ = self.ask("clear");
+                return false;
+            }
+            // Nobody moves it yet, and there is nothing to look at.
             breathe();
         }
-        // It can go on when it has come to rest.
-        while self.ask("resume").is_none() {
-            assert!(Instant::now() < deadline, "the robot does not go on");
-            breathe();
-        }
+        true
+    }
+
+    fn is_seen_moving(&self) -> bool {
+        let mut command = mcdpr();
+        command.args(["monitor", "--on", &self.simulator.port, "--json"]);
+        command.stdin(Stdio::null()).stderr(Stdio::null());
+        let mut looks_on = command.stdout(Stdio::piped()).spawn().unwrap();
+        let lines = BufReader::new(looks_on.stdout.take().unwrap()).lines();
+        let moves = |line: String| line.contains("\"Moving\"");
+        let seen = lines.map_while(Result::ok).any(moves);
+        // It may have ended by itself.
+        let _ = looks_on.kill();
+        looks_on.wait().unwrap();
+        seen
     }
 
     fn moving(&self) -> Child {
         let mut command = mcdpr();
         command.args(self.words("paper:table7"));
+        self.moving_by(&mut command)
+    }
+
+    fn moving_by(&self, command: &mut Command) -> Child {
         command.stdin(Stdio::null()).stdout(Stdio::null());
-        let child = command.stderr(Stdio::null()).spawn().unwrap();
-        self.until_it_moves();
-        child
+        command.stderr(Stdio::null());
+        for _ in 0..3 {
+            let mut run = command.spawn().unwrap();
+            if self.moves(&mut run) {
+                return run;
+            }
+        }
+        panic!("no run is fed: is the machine too busy, or `script` of util-linux not there?");
     }
 
     /// The board stopped by itself, says why, and moves again only after a clear.
@@ -99,10 +134,71 @@ impl Scene {
         assert!(said.contains("L10"), "{said}");
         assert!(self.ask("clear").is_some());
     }
+
+    /// The host stopped the robot in good order: brakes are closed and nothing is latched.
+    fn stopped_in_good_order(&self, what: &str) {
+        // Nobody moves it any more: a stop asks the board itself, and changes nothing.
+        let told = self.ask("stop").unwrap_or_default();
+        let view = &told["view"];
+        assert_eq!(view["state"], "Disarmed", "{what}: {told}");
+        assert_eq!(view["fault"], Value::Null, "{what}: {told}");
+    }
+}
+
+/// What the run that was interrupted so ends with, and that nothing is left to be cleared.
+fn ends_in_good_order(name: &str) {
+    let _alone = alone();
+    let scene = Scene::new(name);
+    let mut run = scene.moving();
+    signal(name, run.id());
+    let status = ends_within(&mut run, SOON, name);
+    assert_eq!(status.code(), Some(130), "{name}");
+    scene.stopped_in_good_order(name);
+}
+
+#[test]
+fn ctrl_c_stops_the_robot_in_good_order() {
+    ends_in_good_order("INT");
+}
+
+#[test]
+fn a_termination_stops_the_robot_in_good_order() {
+    ends_in_good_order("TERM");
+}
+
+#[test]
+fn a_terminal_that_hangs_up_stops_the_robot_in_good_order() {
+    let _alone = alone();
+    let scene = Scene::new("hang-up");
+    let program = mcdpr().get_program().to_string_lossy().into_owned();
+    let words = scene.words("paper:table7");
+    let words: Vec<_> = words.iter().map(|word| format!("'{word}'")).collect();
+    let pid = scene.folder.path().join("pid");
+    // `script` gives the run a terminal of its own; without it the terminal is gone.
+    let line = format!(
+        "echo $$ > '{}'; exec '{program}' {}",
+        pid.display(),
+        words.join(" ")
+    );
+    let mut command = Command::new("script");
+    command.args(["-q", "-c", &line, "/dev/null"]);
+    let mut terminal = scene.moving_by(&mut command);
+    let run = std::fs::read_to_string(&pid).unwrap();
+    let run = std::path::PathBuf::from(format!("/proc/{}", run.trim()));
+    assert!(run.exists(), "it moves");
+    terminal.kill().unwrap();
+    terminal.wait().unwrap();
+    let deadline = Instant::now() + SOON;
+    while run.exists() {
+        assert!(Instant::now() < deadline, "the run outlives its terminal");
+        breathe();
+    }
+    scene.stopped_in_good_order("a hang-up");
 }
 
 #[test]
 fn l12_l15_a_killed_host_and_a_sleeping_laptop_are_survived_and_nothing_goes_on_by_itself() {
+    let _alone = alone();
     let scene = Scene::new("sleep");
     let mut run = scene.moving();
     signal("KILL", run.id());
