@@ -20,6 +20,7 @@ fn wanted(count: usize, seed: u64) -> Wanted {
         views: 1,
         near: true,
         paper: false,
+        mat: true,
     }
 }
 
@@ -53,9 +54,11 @@ fn a_tray_is_emptied_and_the_program_knows_what_it_has() {
     assert_eq!(scene.carried_off, 5, "{:?}", scene.grips);
     assert_eq!(scene.report.end, End::Empty);
     assert!(scene.report.attempts.len() <= 6, "{:?}", scene.grips);
-    // The aim is 1 mm; docs/picking.md says what stands between.
     let error = median(&scene.errors_m);
-    assert!(error < 2.5e-3, "{:?}", scene.errors_m);
+    assert!(error < 1e-3, "{:?}", scene.errors_m);
+    for error in &scene.errors_m {
+        assert!(*error < 2.5e-3, "{:?}", scene.errors_m);
+    }
     for attempt in &scene.report.attempts {
         // What lengths say was corrected before the jaws closed.
         assert!(attempt.left_m < 1e-3, "{}", attempt.left_m);

@@ -12,6 +12,8 @@ pub mod image;
 pub mod recorded;
 pub mod source;
 pub mod tag;
+#[cfg(all(feature = "v4l2", target_os = "linux"))]
+pub mod v4l2;
 
 pub use align::{Aligned, align};
 pub use camera::Camera;

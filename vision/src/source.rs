@@ -1,6 +1,7 @@
 //! Where pictures come from: one trait, one file per kind of camera.
 
 use crate::frame::{Cameras, Frame, FrameError};
+use crate::image::RgbImage;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -17,6 +18,15 @@ pub trait Source {
     /// # Errors
     /// [`SourceError`] says what is missing or wrong.
     fn frame(&mut self) -> Result<Frame, SourceError>;
+
+    /// The next colour picture alone, for who needs no distances: nearer than a depth camera
+    /// measures there are none.
+    ///
+    /// # Errors
+    /// [`SourceError`].
+    fn color(&mut self) -> Result<RgbImage, SourceError> {
+        Ok(self.frame()?.color)
+    }
 }
 
 /// Why there is no picture.

@@ -60,6 +60,19 @@ fn test() -> Result<(), String> {
         "--features",
         FEATURES,
     ];
+    // What is off by default has dependencies of its own, and is not built into everything else.
+    cargo(&[
+        "test",
+        "--release",
+        "--locked",
+        "-p",
+        "mcdpr-vision",
+        "--features",
+        "onnx,v4l2",
+        "--lib",
+        "--test",
+        "network",
+    ])?;
     let file = std::path::absolute(firmware::elf_path());
     run(Command::new(cargo_program())
         .args(arguments)
@@ -68,8 +81,9 @@ fn test() -> Result<(), String> {
 
 /// Features that are off by default and tested all the same.
 const FEATURES: &str = "mcdpr-kinematics/rayon";
-/// Features that are checked too: writing a chip needs a probe, so only that it compiles is known.
-const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr/flash";
+/// Features that are checked too: of writing a chip, which needs a probe, only that it compiles is
+/// known.
+const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr/flash,mcdpr/onnx,mcdpr/v4l2";
 
 fn lint() -> Result<(), String> {
     cargo(&["fmt", "--all", "--check"])?;

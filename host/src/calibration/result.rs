@@ -169,6 +169,14 @@ pub fn apply(robot: &Robot, path: &Path) -> Result<Robot, FileError> {
     overlay(robot, &value, path).map_err(unusable)
 }
 
+/// The robot with a calibration that was just made ([`document`]) applied.
+///
+/// # Errors
+/// Which value of it can not be used.
+pub fn applied(robot: &Robot, document: &Value) -> Result<Robot, String> {
+    overlay(robot, document, Path::new(""))
+}
+
 fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String> {
     let answer = &value["answer"];
     let mut robot = designed.clone();

@@ -8,7 +8,7 @@ use crate::pick::study::picking_robot;
 use crate::pick::{SimulatedEye, workcell};
 use crate::robot::Robot;
 use mcdpr_simulator::LinkOptions;
-use mcdpr_simulator::camera::Order;
+use mcdpr_simulator::camera::{Order, Tray};
 use mcdpr_vision::recorded::{Recorded, Recording};
 use mcdpr_vision::tag::{Options, detect};
 use mcdpr_vision::{Frame, Source, align};
@@ -40,8 +40,8 @@ enum What {
 
 #[derive(Debug, clap::Args)]
 struct From {
-    /// `sim`, or a recorded folder
-    #[arg(long, default_value = "sim", value_name = "sim|FOLDER")]
+    /// `sim`, a recorded folder, or a V4L2 device (to show its tags; a build with --features v4l2)
+    #[arg(long, default_value = "sim", value_name = "sim|FOLDER|DEVICE")]
     from: String,
     /// Objects in the simulated tray
     #[arg(long, default_value_t = 6)]
@@ -68,7 +68,11 @@ fn list(common: &Common) -> Outcome {
         if path.exists() {
             cameras.push((
                 path.display().to_string(),
-                "a V4L2 device; this build reads no V4L2".to_owned(),
+                if cfg!(feature = "v4l2") {
+                    "a V4L2 device: colour only, for tags".to_owned()
+                } else {
+                    "a V4L2 device; this build reads none: --features v4l2".to_owned()
+                },
             ));
         }
     }
@@ -102,7 +106,13 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
     let model = Model::new(&robot)?;
     let options = LinkOptions::default();
     let link = experiment::simulated_robot(&model, &Mismatch::realistic(), common.seed, &options)?;
-    let cell = workcell::cell(&robot, Order::Separate, from.objects, common.seed)?;
+    let cell = workcell::cell(
+        &robot,
+        Tray::default(),
+        Order::Separate,
+        from.objects,
+        common.seed,
+    )?;
     link.with(|simulation| simulation.set_cell(cell));
     let mounting = workcell::Mounting::default();
     Ok(Box::new(SimulatedEye::new(
@@ -113,7 +123,46 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
     )))
 }
 
+#[cfg(all(feature = "v4l2", target_os = "linux"))]
+fn show_device(common: &Common, path: &Path) -> Outcome {
+    let robot = Robot::find(&common.robot)?;
+    let lens = &robot.camera;
+    let size_px = [lens.width_px as usize, lens.height_px as usize];
+    let mut device = mcdpr_vision::v4l2::V4l2::open(path, size_px).into_diagnostic()?;
+    let picture = device.picture().into_diagnostic()?;
+    let camera = mcdpr_vision::Camera {
+        size_px,
+        focal_px: [lens.fx_px, lens.fy_px],
+        center_px: [lens.cx_px, lens.cy_px],
+        distortion: lens.distortion,
+    };
+    let tags = detect(&picture.to_gray(), Some(&camera), &Options::default());
+    let ids: Vec<u32> = tags.iter().map(|tag| tag.id).collect();
+    if common.json {
+        return print_json(&serde_json::json!({
+            "camera": device.name(),
+            "color_px": size_px,
+            "tags": ids,
+        }));
+    }
+    say!("{}: {} x {} px", device.name(), size_px[0], size_px[1]);
+    say!("tags: {ids:?}");
+    Ok(())
+}
+
+#[cfg(not(all(feature = "v4l2", target_os = "linux")))]
+fn show_device(_: &Common, path: &Path) -> Outcome {
+    let why = format!(
+        "{}: this build reads no V4L2 devices: cargo build --release --features v4l2 (Linux)",
+        path.display()
+    );
+    Err(Failed::from_error("opening the camera")(why).into())
+}
+
 fn show(common: &Common, from: &From) -> Outcome {
+    if from.from.starts_with("/dev/") {
+        return show_device(common, Path::new(&from.from));
+    }
     let mut source = open(common, from)?;
     let frame = source.frame().into_diagnostic()?;
     let picture = align(&frame);

@@ -12,6 +12,8 @@ use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::camera::Order;
+use mcdpr_vision::grasp::{Antipodal, Detector};
+use std::path::{Path, PathBuf};
 
 /// Pick objects from a tray until it is empty: look, choose, take, verify, carry, release
 #[derive(Debug, clap::Args)]
@@ -40,11 +42,25 @@ pub(crate) struct Cmd {
     /// Take what was chosen without a second look from nearby
     #[arg(long)]
     far_only: bool,
+    /// The tray's floor has no printed tags to see by
+    #[arg(long)]
+    no_mat: bool,
     /// What to pick: `tray`, or `paper` for the paper's one object at (252, -39, -517) mm
     #[arg(long, default_value = "tray", value_name = "tray|paper", value_parser = ["tray", "paper"])]
     task: String,
+    /// Find grasps by this network, an ONNX file (needs a build with --features onnx)
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "head",
+        conflicts_with = "scenes"
+    )]
+    network: Option<PathBuf>,
+    /// What goes into the network and what comes out of it
+    #[arg(long, value_name = "affga|ggcnn", value_parser = ["affga", "ggcnn"], requires = "network")]
+    head: Option<String>,
     /// Study: pick this many seeded scenes, 2/3 separate and 1/3 cluttered, with calibrated and
-    /// with nominal parameters
+    /// with nominal parameters, or with --nominal or --ideal alone
     #[arg(long, value_name = "N", conflicts_with_all = ["objects", "clutter", "attempts"])]
     scenes: Option<usize>,
     /// Show it in a browser on this machine, in real time, with the camera's pictures; 8650 where
@@ -59,7 +75,14 @@ impl Cmd {
             let on = common.on.clone();
             return Err(PickError::NoCamera { on }.into());
         }
-        let robot = picking_robot(&Robot::find(&common.robot)?);
+        // Without the calibration where it is not to be known, and where every scene makes its own.
+        let plain = self.nominal || self.ideal || self.scenes.is_some();
+        let robot = if plain {
+            Robot::find(&common.robot)?
+        } else {
+            common.robot()?
+        };
+        let robot = picking_robot(&robot);
         let knowledge = match (self.nominal, self.ideal) {
             (true, _) => Knowledge::Nominal,
             (_, true) => Knowledge::Exact,
@@ -93,6 +116,7 @@ impl Cmd {
             views: usize::from(self.views),
             near: !self.far_only,
             paper: self.task == "paper",
+            mat: !self.no_mat,
         };
         let scene = self.watched(common, &robot, &wanted, &handle)?;
         if common.json {
@@ -112,6 +136,8 @@ impl Cmd {
         wanted: &study::Wanted,
         handle: &Handle,
     ) -> miette::Result<SceneReport> {
+        // Before anything is connected: a file that is no network moves nothing.
+        let mut detector = self.detector()?;
         let model = Model::new(robot)?;
         let task = TaskSource {
             name: "pick".to_owned(),
@@ -137,7 +163,7 @@ impl Cmd {
             time_scale: common.checked_time_scale()?.or(self.serve.map(|_| 1.0)),
             keep: false,
         };
-        let outcome = study::scene_with(robot, wanted, handle, &watching);
+        let outcome = study::scene_by(robot, wanted, handle, detector.as_mut(), &watching);
         drop(page);
         let folder = recorded.finish();
         if let Ok(scene) = &outcome
@@ -149,9 +175,16 @@ impl Cmd {
         Ok(outcome?)
     }
 
+    fn detector(&self) -> miette::Result<Box<dyn Detector>> {
+        match (&self.network, &self.head) {
+            (Some(file), Some(head)) => network(file, head),
+            _ => Ok(Box::new(Antipodal::default())),
+        }
+    }
+
     fn study(&self, common: &Common, robot: &Robot, scenes: usize, known: Knowledge) -> Outcome {
         let both = [Knowledge::Calibrated, Knowledge::Nominal];
-        let knowledges = if self.ideal {
+        let knowledges = if self.ideal || self.nominal {
             vec![known]
         } else {
             both.to_vec()
@@ -163,6 +196,7 @@ impl Cmd {
             common.seed,
             !self.fixed_jaws,
             !self.far_only,
+            !self.no_mat,
         );
         if common.json {
             return print_json(&lines);
@@ -212,6 +246,28 @@ impl Cmd {
         }
         Ok(())
     }
+}
+
+#[cfg(feature = "onnx")]
+fn network(file: &Path, head: &str) -> miette::Result<Box<dyn Detector>> {
+    use mcdpr_vision::grasp::network::{Head, Network};
+    let failed = Failed::from_error("loading the network");
+    let Some(head) = Head::of(head) else {
+        return Err(failed(format!("there is no head `{head}`")).into());
+    };
+    match Network::load(file, head) {
+        Ok(network) => Ok(Box::new(network)),
+        Err(error) => Err(failed(error.to_string()).into()),
+    }
+}
+
+#[cfg(not(feature = "onnx"))]
+fn network(file: &Path, _: &str) -> miette::Result<Box<dyn Detector>> {
+    let why = format!(
+        "{}: this build has no networks: cargo build --release --features onnx",
+        file.display()
+    );
+    Err(Failed::from_error("loading the network")(why).into())
 }
 
 fn tell(scene: &SceneReport) {

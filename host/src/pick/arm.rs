@@ -10,7 +10,7 @@ use crate::motion::{Model, Plan, Rest, Step};
 use crate::robot::Robot;
 use crate::run::{self, Measured, Recorder, RunError};
 use crate::sight::Shown;
-use mcdpr_protocol::{ConfigHash, Request, SessionId, Status};
+use mcdpr_protocol::{ConfigHash, Knot, Request, SessionId, Status};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// An armed robot on a line.
@@ -19,7 +19,6 @@ pub struct Arm<L: Link> {
     model: Model,
     hash: ConfigHash,
     tool_m: Vector3<f64>,
-    bias_m: Vector3<f64>,
     carried_kg: f64,
     keep: bool,
     samples: Vec<Measured>,
@@ -37,10 +36,8 @@ const SPARE_N: f64 = 0.8;
 const SWING_S: f64 = 0.6;
 /// Readings in that time.
 const SWING_READINGS: u32 = 15;
-/// Closer than this is there, m.
-const REACHED_M: f64 = 2e-4;
-/// What is off by more is not corrected, m.
-const CORRECTED_MAX_M: f64 = 0.025;
+/// What an uncalibrated frame explains of lengths that do not close, m; more is a slip.
+const FRAME_GAP_M: f64 = 0.012;
 /// Ways shorter than this are none, m.
 const NO_WAY_M: f64 = 1e-6;
 
@@ -71,7 +68,11 @@ impl<L: Link> Arm<L> {
             )
         } else {
             let home = crate::experiment::home(&model)?;
-            let lengths_m = home.paid_out_m.clone();
+            let calibrated = model.robot().calibrated.as_ref();
+            let lengths_m = calibrated.map_or_else(
+                || home.paid_out_m.clone(),
+                |calibrated| calibrated.home_lengths_m.clone(),
+            );
             (home, lengths_m)
         };
         client
@@ -85,7 +86,6 @@ impl<L: Link> Arm<L> {
             model,
             hash,
             tool_m,
-            bias_m: Vector3::zeros(),
             carried_kg: 0.0,
             keep: false,
             samples: Vec::new(),
@@ -163,34 +163,6 @@ impl<L: Link> Arm<L> {
         Ok(found.map_err(RunError::from)?.rest)
     }
 
-    /// Moves the tool to a place and then, by what lengths say of where it hangs, until it is
-    /// there within a tolerance or `tries` corrections are made. What a correction has learned
-    /// holds for the places after it, up to [`Arm::forget`]. Gives what is left, m.
-    ///
-    /// # Errors
-    /// As [`Arm::go`] and [`Arm::state`].
-    pub fn reach(&mut self, place_m: &Vector3<f64>, tries: usize) -> Result<f64, PickError> {
-        self.go(&[place_m + self.bias_m])?;
-        let mut left_m = f64::INFINITY;
-        for _ in 0..tries {
-            let rest = self.state()?;
-            let off = place_m - self.model.tool_m(&rest);
-            left_m = off.norm();
-            // A way that long is no friction: something else is wrong, and not made up for.
-            if !(REACHED_M..CORRECTED_MAX_M).contains(&left_m) {
-                break;
-            }
-            self.bias_m += off;
-            self.go(&[place_m + self.bias_m])?;
-        }
-        Ok(left_m)
-    }
-
-    /// Forgets what [`Arm::reach`] has learned: for places far from it.
-    pub fn forget(&mut self) {
-        self.bias_m = Vector3::zeros();
-    }
-
     /// The platform's pose now, world_from_platform.
     ///
     /// # Errors
@@ -242,7 +214,8 @@ impl<L: Link> Arm<L> {
             return Ok(());
         };
         let status = run::status(&mut self.client)?;
-        let knots = run::joined_to(&plan, &status, &self.model)?;
+        let mut knots = run::joined_to(&plan, &status, &self.model)?;
+        self.close_at_rest(&mut knots, &status);
         self.client.note(Note::Plan(&plan));
         let mut recorder = Recorder::default();
         let from_s = self.time_s();
@@ -265,6 +238,35 @@ impl<L: Link> Arm<L> {
                 }));
         }
         Ok(())
+    }
+
+    /// The length of the tension-held cable follows from the others, which is how the board sees a
+    /// slip (S5). Where the frame is known by tape measure only, it does not follow to the
+    /// millimetres that tell: what is missing while the robot rests is then the frame's, and what is
+    /// missing on the way from here is a slip.
+    fn close_at_rest(&self, knots: &mut [Knot], status: &Status) {
+        if self.model.robot().calibrated.is_some() {
+            return;
+        }
+        let Some(held) = self.model.tension_held() else {
+            return;
+        };
+        let start = knots.first().and_then(|knot| knot.cables.get(held));
+        let Some(gap) = start
+            .zip(status.lengths.get(held))
+            .map(|(cable, measured)| measured.0 - cable.length.0)
+        else {
+            return;
+        };
+        if f64::from(gap).abs() * 1e-7 > FRAME_GAP_M {
+            return;
+        }
+        for cable in knots
+            .iter_mut()
+            .filter_map(|knot| knot.cables.get_mut(held))
+        {
+            cable.length.0 += gap;
+        }
     }
 
     /// Waits, s.

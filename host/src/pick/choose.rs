@@ -25,6 +25,10 @@ pub struct Choice {
     pub engaged_m: f64,
     /// Room between each open pad and the object, m.
     pub room_m: f64,
+    /// Share of the contacts that look like another thing's.
+    pub other: f64,
+    /// Which picture it was seen in, from 0.
+    pub view: usize,
 }
 
 impl Choice {
@@ -34,7 +38,8 @@ impl Choice {
     pub fn rank(&self) -> f64 {
         let engaged = (self.engaged_m / 0.012).min(1.0);
         let room = (self.room_m / 0.006).min(1.0);
-        self.grasp.quality * engaged * room
+        let single = 1.0 - 0.9 * (self.other / 0.15).min(1.0);
+        self.grasp.quality * engaged * room * single
     }
 }
 
@@ -193,6 +198,8 @@ fn one(
             tilt_rad: rest.equilibrium.pose.tilt_rad(),
             engaged_m: fit.engaged_m,
             room_m,
+            other: fit.other,
+            view: 0,
         });
         if moved < OFF_M {
             break;

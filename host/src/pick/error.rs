@@ -23,6 +23,18 @@ pub enum PickError {
         help("see docs/vision.md for what a picture must have")
     )]
     Picture(#[from] mcdpr_vision::SourceError),
+    /// The simulated robot could not be calibrated beforehand.
+    #[error("the simulated robot was to be calibrated first, and was not: {reason}")]
+    #[diagnostic(
+        code(mcdpr::pick::calibration),
+        help(
+            "`mcdpr calibrate all --target board` does the same step by step; --nominal picks without"
+        )
+    )]
+    Calibration {
+        /// Why not.
+        reason: String,
+    },
     /// The robot file has no gripper.
     #[error("the robot {robot} has no gripper")]
     #[diagnostic(

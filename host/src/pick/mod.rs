@@ -8,14 +8,18 @@
 //! room for at that attitude.
 
 mod arm;
+mod calibrated;
 mod choose;
 mod error;
+mod mat;
 pub mod study;
 mod task;
 pub mod workcell;
 
 pub use arm::Arm;
+pub use calibrated::calibrated;
 pub use choose::{Budget, Choice, Choices};
 pub use error::PickError;
+pub use mat::Mat;
 pub use task::{Attempt, End, Options, Outcome, Picker, Report};
 pub use workcell::SimulatedEye;

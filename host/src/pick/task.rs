@@ -1,11 +1,13 @@
 //! The task: look, choose, approach from above, descend, close, verify, lift, carry, release.
 
+use super::arm::isometry;
 use super::choose::{Budget, Choice, Choices, Uncertainty, choose, of_transform};
+use super::mat::Mat;
 use super::{Arm, PickError};
 use crate::link::Link;
 use crate::sight::{GraspMark, Shown};
 use mcdpr_vision::grasp::{Area, Closing, Detector, Hand, HeightMap, NoGrasp, Wanted};
-use mcdpr_vision::{Aligned, Source, align};
+use mcdpr_vision::{Aligned, RgbImage, Source, align};
 use nalgebra::{Isometry3, Vector2, Vector3};
 use serde::Serialize;
 use std::sync::Arc;
@@ -43,6 +45,8 @@ pub struct Options {
     pub attempts_max: usize,
     /// What is known of the errors.
     pub uncertainty: Uncertainty,
+    /// Printed tags on the tray's floor.
+    pub mat: Option<Mat>,
 }
 
 /// What came of one attempt.
@@ -135,6 +139,8 @@ impl Report {
 
 /// Told while picking goes on: for surroundings that must know, and for progress.
 pub trait Watcher {
+    /// A picture was just taken; [`Choice::view`] counts them.
+    fn pictured(&mut self) {}
     /// A picture was taken, and a grasp chosen in it.
     fn looked(&mut self, _picture: &Shown) {}
     /// A grasp was chosen; the tool has not moved yet. The jaws are to turn to `choice.wrist_rad`.
@@ -155,6 +161,14 @@ pub struct Picker<'a, L: Link> {
     pub detector: &'a mut dyn Detector,
     /// How.
     pub options: &'a Options,
+    /// Where the mat lies, by the first look at it.
+    world_from_mat: Option<Isometry3<f64>>,
+    /// Pictures for grasps so far.
+    views: usize,
+    /// What corrections have learned since the approach: the tool hangs so far from where it is
+    /// sent, and the mat has it so far from where lengths have it.
+    bias_m: Vector3<f64>,
+    seen_off_m: Vector3<f64>,
 }
 
 /// A grasp closer than this to one that failed is not tried again, m.
@@ -167,15 +181,39 @@ const WEIGHT_MAX_N: f64 = 8.0;
 const OVERSHOOT_M: f64 = 0.01;
 /// A place of return that can not be reached is tried this much lower, m.
 const LOWER_M: f64 = 0.02;
-/// Corrections by lengths above a grasp, and again at it.
+/// Corrections above a grasp, and again at it.
+const TRIES_ABOVE: usize = 1;
 const TRIES: usize = 2;
+/// Closer than this is there, m.
+const REACHED_M: f64 = 2e-4;
+/// What is off by more is not corrected, m.
+const CORRECTED_MAX_M: f64 = 0.025;
 /// A grasp that is seen again within this is the same, m, and sine of an angle.
 const SAME_M: f64 = 0.02;
 const SAME_TURN: f64 = 0.4;
 /// Time for the swing to fade into the average, s.
 const CALM_S: f64 = 0.3;
 
-impl<L: Link> Picker<'_, L> {
+impl<'a, L: Link> Picker<'a, L> {
+    /// A picker that has seen nothing yet.
+    pub fn new(
+        arm: &'a mut Arm<L>,
+        eye: &'a mut dyn Source,
+        detector: &'a mut dyn Detector,
+        options: &'a Options,
+    ) -> Self {
+        Self {
+            arm,
+            eye,
+            detector,
+            options,
+            world_from_mat: None,
+            views: 0,
+            bias_m: Vector3::zeros(),
+            seen_off_m: Vector3::zeros(),
+        }
+    }
+
     /// Picks until the tray is empty or something ends it.
     ///
     /// # Errors
@@ -328,8 +366,13 @@ impl<L: Link> Picker<'_, L> {
         watcher: &mut dyn Watcher,
     ) -> Result<Result<(usize, Choices), NoGrasp>, PickError> {
         self.arm.wait(CALM_S)?;
-        let world_from_platform = self.arm.world_from_platform()?;
+        let by_lengths = self.arm.world_from_platform()?;
         let frame = self.eye.frame()?;
+        watcher.pictured();
+        self.views += 1;
+        let world_from_platform = self
+            .platform_by_mat(&frame.color, &by_lengths)
+            .unwrap_or(by_lengths);
         let picture = align(&frame);
         let robot = self.arm.model().robot();
         let platform_from_camera = of_transform(&robot.camera.camera_from_platform).inverse();
@@ -361,7 +404,7 @@ impl<L: Link> Picker<'_, L> {
             Ok(grasps) => grasps,
             Err(reason) => return Ok(Err(reason)),
         };
-        let choices = choose(
+        let mut choices = choose(
             self.arm.model(),
             &map,
             &grasps,
@@ -369,6 +412,9 @@ impl<L: Link> Picker<'_, L> {
             &options.hand,
             options.turns,
         );
+        for choice in &mut choices.good {
+            choice.view = self.views - 1;
+        }
         let best = choices.good.iter();
         let best = best.max_by(|a, b| a.rank().total_cmp(&b.rank()));
         let shown = Shown {
@@ -389,6 +435,59 @@ impl<L: Link> Picker<'_, L> {
         Ok(Ok((grasps.len(), choices)))
     }
 
+    /// The platform's place when a picture was taken, by the mat in it. The first picture also tells
+    /// where the mat is: what `by_lengths` is off by is then the same everywhere, and harmless.
+    fn platform_by_mat(
+        &mut self,
+        picture: &RgbImage,
+        by_lengths: &Isometry3<f64>,
+    ) -> Option<Isometry3<f64>> {
+        let mat = self.options.mat.as_ref()?;
+        let camera_from_mat = mat.in_picture(&self.eye.cameras().color, picture)?;
+        let camera = &self.arm.model().robot().camera;
+        let platform_from_mat =
+            of_transform(&camera.camera_from_platform).inverse() * camera_from_mat;
+        let world_from_mat = *self
+            .world_from_mat
+            .get_or_insert(by_lengths * platform_from_mat);
+        Some(world_from_mat * platform_from_mat.inverse())
+    }
+
+    /// Where the tool hangs: by the mat, or by lengths and tensions and what the mat last said of
+    /// those.
+    fn tool_m(&mut self) -> Result<Vector3<f64>, PickError> {
+        let rest = self.arm.state()?;
+        let by_lengths = self.arm.model().tool_m(&rest);
+        if self.options.mat.is_some() {
+            let picture = self.eye.color()?;
+            let tool = self.arm.model().robot().tool.tcp_in_platform_m;
+            if let Some(platform) = self.platform_by_mat(&picture, &isometry(&rest)) {
+                let seen = (platform * nalgebra::Point3::from(tool)).coords;
+                self.seen_off_m = seen - by_lengths;
+            }
+        }
+        Ok(by_lengths + self.seen_off_m)
+    }
+
+    /// Moves the tool to a place and then, by where it is seen or measured to hang, until it is
+    /// there within a tolerance or `tries` corrections are made. What a correction has learned
+    /// holds for the places after it, up to the next attempt. Gives what is left, m.
+    fn reach(&mut self, place_m: &Vector3<f64>, tries: usize) -> Result<f64, PickError> {
+        self.arm.go(&[place_m + self.bias_m])?;
+        let mut left_m = f64::INFINITY;
+        for _ in 0..tries {
+            let off = place_m - self.tool_m()?;
+            left_m = off.norm();
+            // A way that long is no friction: something else is wrong, and not made up for.
+            if !(REACHED_M..CORRECTED_MAX_M).contains(&left_m) {
+                break;
+            }
+            self.bias_m += off;
+            self.arm.go(&[place_m + self.bias_m])?;
+        }
+        Ok(left_m)
+    }
+
     fn way_there(&self, choice: &Choice) -> [Vector3<f64>; 2] {
         let above = choice.tool_m + Vector3::new(0.0, 0.0, self.options.above_m);
         [above, choice.tool_m]
@@ -401,11 +500,11 @@ impl<L: Link> Picker<'_, L> {
     ) -> Result<Attempt, PickError> {
         watcher.chosen(choice);
         let [above, at] = self.way_there(choice);
-        self.arm.forget();
+        (self.bias_m, self.seen_off_m) = (Vector3::zeros(), Vector3::zeros());
         self.arm.go(&[above])?;
         let before_n = self.arm.mean_tensions_n()?;
-        self.arm.reach(&above, TRIES)?;
-        let left_m = self.arm.reach(&at, TRIES)?;
+        self.reach(&above, TRIES_ABOVE)?;
+        let left_m = self.reach(&at, TRIES)?;
         watcher.closing(choice);
         let met = self.arm.grip(true)?;
         let has_switch = self.arm.model().robot().gripper.switch;

@@ -1,15 +1,20 @@
 //! The simulated workcell: a tray of objects under the simulated robot, and its camera.
 
 use super::choose::{Choice, Uncertainty};
+use super::mat::Mat;
 use super::task::{Options, Watcher};
 use crate::link::SimulatedLink;
 use crate::motion::Model;
 use crate::robot::{GripperKind, Robot};
-use crate::sight::Shown;
-use mcdpr_simulator::camera::{Cell, Frame as Place, Gripper, Lens, Order, Rgbd, Tray};
+use crate::sight::{Scene, Shown};
+use mcdpr_simulator::camera::{
+    Cell, Frame as Place, Gripper, Lens, Order, Rgbd, TagRows, Tray, render_color,
+};
 use mcdpr_vision::grasp::Hand;
 use mcdpr_vision::{Camera, Cameras, DepthImage, Frame, Image, RgbImage, Source, SourceError};
-use nalgebra::{Isometry3, Matrix2, Matrix3, Rotation3, Translation3, Vector2, Vector3};
+use nalgebra::{
+    Isometry3, Matrix2, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
+};
 
 use super::PickError;
 use super::choose::of_transform;
@@ -35,21 +40,32 @@ pub struct SimulatedEye {
 }
 
 impl SimulatedEye {
-    /// A D415 where the robot file has the camera, off by `mounting` drawn with `seed`.
+    /// A D415 where the robot file has the camera, off by `mounting` drawn with `seed`; of a robot
+    /// that was calibrated on the simulator, where that machine truly has it.
     #[must_use]
     pub fn new(link: SimulatedLink, robot: &Robot, mounting: &Mounting, seed: u64) -> Self {
         let mut dice = crate::calibration::simulate::Dice::new(seed ^ 0x6579_6500);
         let shift = Vector3::from_fn(|_, _| dice.within(mounting.shift_m));
         let turn = Vector3::from_fn(|_, _| dice.within(mounting.turn_rad));
         let off = Isometry3::new(shift, turn);
-        let platform_from_color = of_transform(&robot.camera.camera_from_platform).inverse() * off;
-        let color = lens(&color_camera(robot));
+        let platform_from_color = match &robot.calibrated {
+            Some(_) => isometry_of_pose(&Scene::of(robot, seed).camera_from_platform).inverse(),
+            None => of_transform(&robot.camera.camera_from_platform).inverse() * off,
+        };
+        let truly = robot.calibrated.as_ref().map_or(robot, |c| &c.designed);
+        let color = lens(&color_camera(truly));
         Self {
             link,
             camera: Rgbd::d415(color, place(&platform_from_color)),
             seed,
             taken: 0,
         }
+    }
+
+    fn next_seed(&mut self) -> u64 {
+        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(self.taken);
+        self.taken += 1;
+        seed
     }
 
     /// The simulated camera's truth.
@@ -91,22 +107,35 @@ impl Source for SimulatedEye {
         }
     }
 
+    fn color(&mut self) -> Result<RgbImage, SourceError> {
+        let seed = self.next_seed();
+        let rgbd = self.camera;
+        let color = self.link.with(|simulation| {
+            let truth = simulation.plant().truth();
+            let pose = truth.map_err(|error| failed(error.to_string()))?.pose;
+            let cell = simulation.cell().ok_or_else(no_cell)?;
+            let place = Place::from(pose).then(&rgbd.platform_from_color);
+            Ok::<_, SourceError>(render_color(
+                &cell.scene,
+                &rgbd.color,
+                &place,
+                &rgbd.optics,
+                seed,
+            ))
+        })?;
+        RgbImage::new(color.width, color.height, color.pixels)
+            .map_err(|error| failed(error.to_string()))
+    }
+
     fn frame(&mut self) -> Result<Frame, SourceError> {
-        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(self.taken);
-        self.taken += 1;
-        let failed = |reason: String| SourceError::Device {
-            name: "simulated D415".to_owned(),
-            reason,
-        };
+        let seed = self.next_seed();
         let rgbd = self.camera;
         let (color, depth) = self.link.with(|simulation| {
             let pose = simulation
                 .plant()
                 .truth()
                 .map_err(|e| failed(e.to_string()))?;
-            let cell = simulation
-                .cell()
-                .ok_or_else(|| failed("there is no workcell to be seen".to_owned()))?;
+            let cell = simulation.cell().ok_or_else(no_cell)?;
             Ok::<_, SourceError>(cell.look(&rgbd, &pose.pose.into(), seed))
         })?;
         let sized = |error: mcdpr_vision::image::SizeError| failed(error.to_string());
@@ -127,6 +156,17 @@ impl Source for SimulatedEye {
     }
 }
 
+fn failed(reason: String) -> SourceError {
+    SourceError::Device {
+        name: "simulated D415".to_owned(),
+        reason,
+    }
+}
+
+fn no_cell() -> SourceError {
+    failed("there is no workcell to be seen".to_owned())
+}
+
 fn camera(lens: &Lens) -> Camera {
     Camera {
         size_px: lens.size_px,
@@ -143,6 +183,13 @@ fn lens(camera: &Camera) -> Lens {
         center_px: camera.center_px,
         distortion: camera.distortion,
     }
+}
+
+fn isometry_of_pose(pose: &mcdpr_kinematics::Pose) -> Isometry3<f64> {
+    Isometry3::from_parts(
+        Translation3::from(pose.position_m),
+        UnitQuaternion::from_rotation_matrix(&pose.rotation),
+    )
 }
 
 /// A frame of the simulator as an isometry.
@@ -197,9 +244,14 @@ pub fn gripper_of(robot: &Robot) -> Result<(Gripper, Hand), PickError> {
 ///
 /// # Errors
 /// As [`gripper_of`].
-pub fn cell(robot: &Robot, order: Order, count: usize, seed: u64) -> Result<Cell, PickError> {
+pub fn cell(
+    robot: &Robot,
+    tray: Tray,
+    order: Order,
+    count: usize,
+    seed: u64,
+) -> Result<Cell, PickError> {
     let (gripper, _) = gripper_of(robot)?;
-    let tray = Tray::default();
     let tcp_m = robot.tool.tcp_in_platform_m.into();
     Ok(Cell::new(
         tray,
@@ -209,7 +261,29 @@ pub fn cell(robot: &Robot, order: Order, count: usize, seed: u64) -> Result<Cell
     ))
 }
 
-/// The picking task of the simulated workcell: the paper's place of release beside the tray.
+/// The tags of a tray's floor, as the program knows them.
+#[must_use]
+pub fn mat(rows: &TagRows) -> Mat {
+    let mut tags = Vec::new();
+    for row in 0..rows.count[1] {
+        for column in 0..rows.count[0] {
+            let [x, y] = rows.middle_m([column, row]);
+            let half = 0.5 * rows.size_m;
+            let corner = |i: f64, j: f64| Vector3::new(x + i * half, y + j * half, 0.0);
+            let corners = [
+                corner(-1.0, -1.0),
+                corner(1.0, -1.0),
+                corner(1.0, 1.0),
+                corner(-1.0, 1.0),
+            ];
+            let id = rows.first + row * rows.count[0] + column;
+            tags.push((u32::try_from(id).unwrap_or(u32::MAX), corners));
+        }
+    }
+    Mat { tags }
+}
+
+/// The picking task of the simulated workcell.
 ///
 /// # Errors
 /// As [`gripper_of`].
@@ -233,7 +307,7 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
         more_views_m: Vec::new(),
         near_m: Some(NEAR_M),
         probe_px: None,
-        release_m: Vector3::new(0.335, 0.1, -0.51),
+        release_m: RELEASE_M.into(),
         return_m: None,
         tray_m,
         tray_half_m: tray.half_m.map(|half| half - 0.006),
@@ -249,8 +323,12 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
             disparity_px: 0.064,
             focal_baseline_px_m: 607.0 * 0.055,
         },
+        mat: None,
     })
 }
+
+/// Room that fingers keep where the mat tells where they are, m.
+pub const MARGIN_BY_MAT_M: f64 = 0.002;
 
 /// Places around the first view from which a tray is seen too, m.
 const VIEWS_M: [[f64; 2]; 2] = [[0.0, 0.04], [-0.03, -0.03]];
@@ -271,6 +349,11 @@ const NEAR_M: f64 = 0.25;
 pub const PAPER_GRASP_M: [f64; 3] = [0.252, -0.039, -0.517];
 /// Its pixel, px.
 pub const PAPER_PIXEL: [f64; 2] = [360.0, 285.0];
+/// Where the paper's robot releases, world, m.
+pub const PAPER_RELEASE_M: [f64; 3] = [0.335, 0.1, -0.51];
+/// Beside the tray, world, m: at the paper's place, 25 mm from its wall, what hangs to one side of the
+/// jaws comes down in the tray again.
+const RELEASE_M: [f64; 3] = [0.335, 0.14, -0.51];
 /// Where the paper's robot returns to, world, m.
 pub const PAPER_RETURN_M: [f64; 3] = [0.335, 0.0, -0.009];
 
@@ -300,6 +383,7 @@ pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
     options.probe_px = Some(PAPER_PIXEL);
     options.return_m = Some(PAPER_RETURN_M.into());
     options.attempts_max = 3;
+    options.release_m = PAPER_RELEASE_M.into();
     // Where to look from: Newton's method on the two coordinates that move the pixel.
     let camera = color_camera(robot);
     let platform_from_camera = of_transform(&robot.camera.camera_from_platform).inverse();
@@ -332,10 +416,10 @@ const LOOK_HEIGHT_M: f64 = 0.4;
 pub struct Witness {
     link: SimulatedLink,
     camera: Rgbd,
-    looked_from: Option<Place>,
+    looked_from: Vec<Place>,
     ideal_m: Option<Vector3<f64>>,
-    /// Distance of the true tool from where the true grasp point is, at each closing, m.
-    pub errors_m: Vec<f64>,
+    /// From where the true grasp point is to the true tool, at each closing, world, m.
+    pub off_m: Vec<Vector3<f64>>,
     /// The first picture in which a grasp was chosen.
     pub first_look: Option<Shown>,
 }
@@ -347,9 +431,9 @@ impl Witness {
         Self {
             link,
             camera,
-            looked_from: None,
+            looked_from: Vec::new(),
             ideal_m: None,
-            errors_m: Vec::new(),
+            off_m: Vec::new(),
             first_look: None,
         }
     }
@@ -362,15 +446,19 @@ impl Witness {
 }
 
 impl Watcher for Witness {
+    fn pictured(&mut self) {
+        let pose = self.pose().unwrap_or_default();
+        self.looked_from.push(pose);
+    }
+
     fn looked(&mut self, picture: &Shown) {
         self.first_look.get_or_insert_with(|| picture.clone());
     }
 
     fn chosen(&mut self, choice: &Choice) {
-        self.looked_from = self.pose();
         let pixel = choice.grasp.pixel.into();
         let camera = self.camera;
-        let looked_from = self.looked_from;
+        let looked_from = self.looked_from.get(choice.view).copied();
         let seen = self.link.with(|simulation| {
             let cell = simulation.cell_mut()?;
             cell.wrist_rad = choice.wrist_rad;
@@ -388,7 +476,7 @@ impl Watcher for Witness {
             .with(|simulation| simulation.plant().truth().ok())
             .map(|truth| Vector3::from(truth.tool_position_m));
         if let (Some(tool), Some(ideal)) = (tool, self.ideal_m) {
-            self.errors_m.push((tool - ideal).norm());
+            self.off_m.push(tool - ideal);
         }
     }
 

@@ -236,6 +236,7 @@ pub(super) fn picking(bench: &Bench) -> Result<Outcome, ReproduceError> {
                     views: 1,
                     near: true,
                     paper,
+                    mat: false,
                 };
                 let watching = Watching {
                     keep: paper && seed == bench.seed,

@@ -6,7 +6,8 @@
 
 use super::frame::Frame;
 use super::objects::{Kind, kinds};
-use super::scene::{Body, Scene};
+use super::scene::{Body, Part, Scene};
+use super::shape::{Shape, Surface, TagRows};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::f64::consts::{PI, TAU};
@@ -20,6 +21,8 @@ pub struct Tray {
     pub half_m: [f64; 2],
     /// Height of its walls over the floor, m.
     pub wall_m: f64,
+    /// Printed tags that its floor is covered with, and the table around it.
+    pub mat: Option<TagRows>,
 }
 
 impl Default for Tray {
@@ -30,6 +33,7 @@ impl Default for Tray {
             center_m: [0.315, -0.03, -0.545],
             half_m: [0.115, 0.105],
             wall_m: 0.015,
+            mat: None,
         }
     }
 }
@@ -45,6 +49,8 @@ pub enum Order {
 
 const CELL_M: f64 = 0.002;
 const WALL_THICKNESS_M: f64 = 0.004;
+/// How far the printed side lies over the floor, m.
+const PAPER_M: f64 = 5e-5;
 /// Room around an object for a finger and its error, m.
 const GAP_M: f64 = 0.012;
 /// Clear of the walls, m.
@@ -55,7 +61,39 @@ const WOOD: [f64; 3] = [0.42, 0.38, 0.33];
 const TABLE: [f64; 3] = [0.25, 0.27, 0.3];
 
 impl Tray {
-    /// Table, floor and walls. The first body is the table.
+    /// Standing on a plate with tags of 16 mm all over, numbers from 100 on: it reaches beyond the
+    /// walls, for near them a camera beside the gripper looks over them.
+    #[must_use]
+    pub const fn with_mat(mut self) -> Self {
+        self.mat = Some(TagRows {
+            first: 100,
+            count: [21, 20],
+            size_m: 0.016,
+            pitch_m: 0.02,
+        });
+        self
+    }
+
+    /// The sheet with the tags, face up.
+    fn sheet(&self, rows: TagRows) -> Body {
+        let shape = Shape::Sheet {
+            half_m: [0, 1].map(|i| 0.5 * rows.count[i] as f64 * rows.pitch_m),
+        };
+        let [x, y, z] = self.center_m;
+        Body {
+            name: "mat".to_owned(),
+            parts: vec![Part {
+                shape,
+                body_from_part: Frame::default(),
+                surface: Surface::Tags(rows),
+                drop_out: 0.0,
+            }],
+            world_from_body: Frame::looking_down([x, y, z + PAPER_M]),
+            mass_kg: 0.0,
+        }
+    }
+
+    /// Table, floor, walls and mat. The first body is the table.
     #[must_use]
     pub fn bodies(&self) -> Vec<Body> {
         let [x, y, z] = self.center_m;
@@ -78,6 +116,7 @@ impl Tray {
         for (place, half_m) in walls {
             bodies.push(Body::fixed_box("tray wall", half_m, Frame::at(place), WOOD));
         }
+        bodies.extend(self.mat.map(|rows| self.sheet(rows)));
         bodies
     }
 

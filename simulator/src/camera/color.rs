@@ -4,6 +4,7 @@ use super::frame::Frame;
 use super::lens::Lens;
 use super::noise::RowNoise;
 use super::scene::{Scene, Tracer};
+use crate::plant::vec3::{axpy, sub};
 use rayon::prelude::*;
 
 /// What lens and sensor do to the light.
@@ -40,6 +41,8 @@ pub struct ColorPicture {
 
 /// Rays for a pixel that an edge runs through. Their places differ in every column and row.
 const RAYS: usize = 36;
+/// The same for a pixel of a sheet full of tags, most of whose pixels have an edge.
+const RAYS_OF_ROWS: usize = 12;
 /// Neighbours whose grey values differ by more than this have an edge between them.
 const EDGE: f64 = 4.0;
 
@@ -55,27 +58,54 @@ pub fn render_color(
     let [width, height] = lens.size_px;
     let tracer = Tracer::new(scene);
     let from = world_from_camera.position_m;
+    let along = |u: f64, v: f64| world_from_camera.direction(lens.ray([u, v]));
     let look = |u: f64, v: f64| {
-        let along = world_from_camera.direction(lens.ray([u, v]));
+        let along = along(u, v);
         tracer
             .cast(from, along, 0.0)
-            .map_or([0.0; 3], |hit| tracer.shade(from, along, &hit))
+            .map_or(([0.0; 3], None), |hit| {
+                let (color, lit) = tracer.shade(from, along, &hit);
+                (color, Some((hit.body, hit.part, lit)))
+            })
     };
-    let centers: Vec<[f32; 3]> = (0..width * height)
+    let (centers, met): (Vec<[f32; 3]>, Vec<_>) = (0..width * height)
         .into_par_iter()
-        .map(|i| to_f32(look((i % width) as f64 + 0.5, (i / width) as f64 + 0.5)))
-        .collect();
-    let offsets = offsets();
+        .map(|i| {
+            let (color, met) = look((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            (to_f32(color), met)
+        })
+        .unzip();
+    let (offsets, few) = (offsets(RAYS, 13), offsets(RAYS_OF_ROWS, 5));
     let light: Vec<[f32; 3]> = (0..width * height)
         .into_par_iter()
         .map(|i| {
             let (x, y) = (i % width, i / width);
-            if !has_edge(&centers, width, height, x, y) {
+            if !around(width, height, x, y).any(|other| apart(&centers[i], &centers[other])) {
                 return centers[i];
+            }
+            // All around is the same part under the same light: the edge is printed on it.
+            let print =
+                met[i].filter(|_| around(width, height, x, y).all(|other| met[other] == met[i]));
+            if let Some(met) = print.filter(|met| tracer.is_rows(*met)) {
+                // Within a pixel directions change evenly.
+                let (u, v) = (x as f64, y as f64);
+                let corner = along(u, v);
+                let (right, down) = (
+                    sub(along(u + 1.0, v), corner),
+                    sub(along(u, v + 1.0), corner),
+                );
+                let rays = few
+                    .iter()
+                    .map(|(dx, dy)| axpy(axpy(corner, *dx, right), *dy, down));
+                return to_f32(tracer.shade_on(from, rays, met));
             }
             let mut sum = [0.0; 3];
             for (dx, dy) in &offsets {
-                let ray = look(x as f64 + dx, y as f64 + dy);
+                let (u, v) = (x as f64 + dx, y as f64 + dy);
+                let ray = match print {
+                    Some(met) => tracer.shade_on(from, std::iter::once(along(u, v)), met),
+                    None => look(u, v).0,
+                };
                 for (sum, value) in sum.iter_mut().zip(ray) {
                     *sum += value / RAYS as f64;
                 }
@@ -114,29 +144,27 @@ fn to_f32(color: [f64; 3]) -> [f32; 3] {
     color.map(|value| value as f32)
 }
 
-/// Places in a pixel: every 36th of its width and height is used once (a rank-1 lattice).
-fn offsets() -> Vec<(f64, f64)> {
-    let count = RAYS as f64;
-    (0..RAYS)
+/// Places in a pixel: every `rays`-th of its width and height is used once (a rank-1 lattice).
+fn offsets(rays: usize, step: usize) -> Vec<(f64, f64)> {
+    let count = rays as f64;
+    (0..rays)
         .map(|k| {
             let x = (k as f64 + 0.5) / count;
-            let y = ((13 * k % RAYS) as f64 + 0.5) / count;
+            let y = ((step * k % rays) as f64 + 0.5) / count;
             (x, y)
         })
         .collect()
 }
 
-fn has_edge(centers: &[[f32; 3]], width: usize, height: usize, x: usize, y: usize) -> bool {
-    let here = centers[y * width + x];
-    for ny in y.saturating_sub(1)..=(y + 1).min(height - 1) {
-        for nx in x.saturating_sub(1)..=(x + 1).min(width - 1) {
-            let other = centers[ny * width + nx];
-            if (0..3).any(|c| f64::from((here[c] - other[c]).abs()) > EDGE) {
-                return true;
-            }
-        }
-    }
-    false
+/// A pixel and its neighbours.
+fn around(width: usize, height: usize, x: usize, y: usize) -> impl Iterator<Item = usize> {
+    let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
+    let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
+    rows.flat_map(move |row| columns.clone().map(move |column| row * width + column))
+}
+
+fn apart(one: &[f32; 3], other: &[f32; 3]) -> bool {
+    (0..3).any(|c| f64::from((one[c] - other[c]).abs()) > EDGE)
 }
 
 /// Blurs along rows, then along columns.

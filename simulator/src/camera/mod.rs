@@ -48,4 +48,4 @@ pub use grasp::{Grip, Gripper};
 pub use lens::Lens;
 pub use objects::{Kind, kinds, too_wide};
 pub use scene::{Body, Hit, Light, Part, Scene};
-pub use shape::{Shape, Surface};
+pub use shape::{Shape, Surface, TagRows};

@@ -213,15 +213,57 @@ impl<'a> Tracer<'a> {
             .is_some_and(|hit| hit.way < most)
     }
 
-    /// Light from a hit towards the eye: red, green, blue in grey values.
-    pub(crate) fn shade(&self, from: V3, along: V3, hit: &Hit) -> [f64; 3] {
-        let part = &self.scene.bodies[hit.body].parts[hit.part];
-        let color = part.surface.color(hit.point_in_part_m);
-        let light = &self.scene.light;
+    /// Light from a hit towards the eye: red, green, blue in grey values; and whether the lamp
+    /// reaches it.
+    pub(crate) fn shade(&self, from: V3, along: V3, hit: &Hit) -> ([f64; 3], bool) {
         let facing = dot(hit.normal, self.lamp).max(0.0);
         let point = add(from, scale(along, hit.way));
         let lit = facing > 0.0 && !self.blocked(point, self.lamp, 1e-6, f64::INFINITY);
+        (self.thrown_back(hit, lit), lit)
+    }
+
+    fn thrown_back(&self, hit: &Hit, lit: bool) -> [f64; 3] {
+        let part = &self.scene.bodies[hit.body].parts[hit.part];
+        let light = &self.scene.light;
+        let facing = dot(hit.normal, self.lamp).max(0.0);
         let brightness = light.around + if lit { light.lamp * facing } else { 0.0 };
+        let color = part.surface.color(hit.point_in_part_m);
         color.map(|share| share * brightness)
+    }
+
+    /// The mean of what [`Tracer::cast`] and [`Tracer::shade`] give for rays that are known to meet
+    /// this part of this body first, lit or not: print needs many rays and has nothing in front.
+    pub(crate) fn shade_on(
+        &self,
+        from: V3,
+        rays: impl Iterator<Item = V3>,
+        (body, part, lit): (usize, usize, bool),
+    ) -> [f64; 3] {
+        let place = &self.bodies[body].2[part];
+        let shape = &self.scene.bodies[body].parts[part].shape;
+        let start = place.point_inside(from);
+        let (mut sum, mut count) = ([0.0; 3], 0.0);
+        for along in rays {
+            let way = place.direction_inside(along);
+            let Some((near, _, normal)) = shape.span(start, way) else {
+                continue;
+            };
+            let hit = Hit {
+                way: near,
+                body,
+                part,
+                normal: place.direction(normal),
+                point_in_part_m: axpy(start, near, way),
+            };
+            sum = add(sum, self.thrown_back(&hit, lit));
+            count += 1.0;
+        }
+        scale(sum, 1.0 / f64::max(count, 1.0))
+    }
+
+    /// Whether a part is a sheet of many tags.
+    pub(crate) fn is_rows(&self, (body, part, _): (usize, usize, bool)) -> bool {
+        let surface = &self.scene.bodies[body].parts[part].surface;
+        matches!(surface, super::shape::Surface::Tags(_))
     }
 }

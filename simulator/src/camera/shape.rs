@@ -38,6 +38,44 @@ pub enum Surface {
         /// Edge of its black square, m.
         size_m: f64,
     },
+    /// Rows of such tags about the part's origin, numbered on from the first, row by row.
+    Tags(TagRows),
+}
+
+/// Rows of printed tags.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TagRows {
+    /// Number of the first.
+    pub first: usize,
+    /// Tags in a row, and rows.
+    pub count: [usize; 2],
+    /// Edge of a tag's black square, m.
+    pub size_m: f64,
+    /// From one tag's middle to the next one's, m.
+    pub pitch_m: f64,
+}
+
+impl TagRows {
+    /// Middle of the tag in a column and a row, m.
+    #[must_use]
+    pub fn middle_m(&self, at: [usize; 2]) -> [f64; 2] {
+        [0, 1].map(|i| (at[i] as f64 + 0.5 - 0.5 * self.count[i] as f64) * self.pitch_m)
+    }
+
+    fn color(&self, point_m: V3) -> [f64; 3] {
+        let cell = [0, 1].map(|i| point_m[i] / self.pitch_m + 0.5 * self.count[i] as f64);
+        if (0..2).any(|i| cell[i] < 0.0 || cell[i] >= self.count[i] as f64) {
+            return [WHITE; 3];
+        }
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let at = cell.map(|value| value as usize);
+        let middle = self.middle_m(at);
+        let tag = Surface::Tag {
+            id: self.first + at[1] * self.count[0] + at[0],
+            size_m: self.size_m,
+        };
+        tag.color([point_m[0] - middle[0], point_m[1] - middle[1], 0.0])
+    }
 }
 
 /// Paper white and printer's black.
@@ -49,6 +87,7 @@ impl Surface {
     pub(super) fn color(&self, point_m: V3) -> [f64; 3] {
         match *self {
             Self::Plain(color) => color,
+            Self::Tags(rows) => rows.color(point_m),
             Self::Tag { id, size_m } => {
                 let cell = |value: f64| (value / size_m * 8.0 + 4.0).floor();
                 let (x, y) = (cell(point_m[0]), cell(point_m[1]));

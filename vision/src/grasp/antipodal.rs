@@ -54,6 +54,8 @@ const DEPTHS_M: [f64; 3] = [0.021, 0.016, 0.011];
 const OTHER_COLOR: f64 = 90.0;
 /// Jaws that are tried in thought to tell a wide object from a crowded one, m.
 const WIDEST_M: f64 = 0.2;
+/// What is thinner than this may be a rod; twice as thick it holds all the same, m.
+const THIN_M: f64 = 0.006;
 /// Fully centred within this distance, m.
 const CENTER_M: f64 = 0.02;
 
@@ -372,7 +374,9 @@ fn quality(map: &HeightMap, hand: &Hand, found: &Candidate, region: &Region) -> 
     let room = (found.clearance_m / 0.006).clamp(0.1, 1.0);
     let high = 0.7 + 0.3 * (found.top_m / 0.06).min(1.0);
     let narrow = 1.0 - 0.3 * (found.width_m / hand.opening_m).powi(2);
-    facing * centered * engaged * room * high * narrow * single(map, found)
+    // From above a thin rod looks like a wall, and a pad meets it along a line.
+    let thick = ((found.width_m - THIN_M) / THIN_M).clamp(0.05, 1.0);
+    facing * centered * engaged * room * high * narrow * thick * single(map, found)
 }
 
 /// 1 where all between the pads looks like one thing; less where colours or heights change, as

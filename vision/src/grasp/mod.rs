@@ -2,10 +2,12 @@
 //!
 //! A [`Detector`] gives grasps in the colour camera's frame, best first. [`Antipodal`] needs no
 //! weights: it finds the ground plane, makes a map of heights over it and looks for opposite
-//! edges with room for fingers. Others come behind the trait.
+//! edges with room for fingers. With the feature `onnx` a network in a file finds them (`network`).
 
 mod antipodal;
 mod map;
+#[cfg(feature = "onnx")]
+pub mod network;
 
 pub use antipodal::Antipodal;
 pub use map::{Fit, HeightMap};

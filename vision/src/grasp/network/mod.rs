@@ -1,0 +1,282 @@
+//! Grasps by a network in an ONNX file (feature `onnx`).
+//!
+//! A file says how many numbers go in and come out, not what they mean: the user declares its
+//! [`Head`]. The weights of the paper's network are in no package registry, so none are shipped;
+//! a network that was trained elsewhere and exported with one of these heads is what is loaded.
+
+mod maps;
+
+pub use maps::{Head, Maps, Peak, blurred};
+
+use super::{Closing, Detector, Grasp, HeightMap, NoGrasp, Wanted};
+use crate::align::Aligned;
+use nalgebra::{Point3, Vector2, Vector3};
+use std::fmt::Display;
+use std::path::Path;
+use std::sync::Arc;
+use thiserror::Error;
+use tract_onnx::prelude::*;
+use tract_onnx::tract_hir::infer::Factoid as _;
+use tract_onnx::tract_hir::internal::DimLike as _;
+
+/// Why a network can not be used.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum NetworkError {
+    /// The file is not there, is no ONNX file or holds what the library can not do.
+    #[error("{name} can not be used as a network: {reason}")]
+    Unreadable {
+        /// Which file.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+    /// Another number of inputs or outputs.
+    #[error(
+        "{name} has {found} {what}, the head `{head}` has {wanted}: declare another head or export the network with these"
+    )]
+    Count {
+        /// Which file.
+        name: String,
+        /// Inputs or outputs.
+        what: &'static str,
+        /// How many it has.
+        found: usize,
+        /// How many the head has.
+        wanted: usize,
+        /// Which head.
+        head: &'static str,
+    },
+    /// An input or output of another shape.
+    #[error("{name}: {what} has the shape {found}, the head `{head}` has {wanted}")]
+    Shape {
+        /// Which file.
+        name: String,
+        /// Which input or output.
+        what: String,
+        /// Its shape.
+        found: String,
+        /// The head's.
+        wanted: String,
+        /// Which head.
+        head: &'static str,
+    },
+}
+
+/// A grasp network.
+#[derive(Debug, Clone)]
+pub struct Network {
+    plan: Arc<TypedRunnableModel>,
+    head: Head,
+    name: String,
+}
+
+impl Network {
+    /// Loads a file.
+    ///
+    /// # Errors
+    /// [`NetworkError`].
+    pub fn load(path: &Path, head: Head) -> Result<Self, NetworkError> {
+        let name = path.display().to_string();
+        let bytes = std::fs::read(path).map_err(|error| unreadable(&name, &error))?;
+        Self::read(&bytes, head, &name)
+    }
+
+    /// As [`Network::load`], from the bytes of a file.
+    ///
+    /// # Errors
+    /// [`NetworkError`].
+    pub fn read(mut bytes: &[u8], head: Head, name: &str) -> Result<Self, NetworkError> {
+        let failed = |error: TractError| unreadable(name, &format!("{error:#}"));
+        let model = tract_onnx::onnx()
+            .model_for_read(&mut bytes)
+            .map_err(failed)?;
+        let count = |what, found, wanted| {
+            if found == wanted {
+                return Ok(());
+            }
+            Err(NetworkError::Count {
+                name: name.to_owned(),
+                what,
+                found,
+                wanted,
+                head: head.name(),
+            })
+        };
+        count("inputs", model.inputs.len(), 1)?;
+        count("outputs", model.outputs.len(), head.outputs().len())?;
+        let input = head.input();
+        let declared = model.input_fact(0).map_err(failed)?.shape.clone();
+        let fits = declared.rank().concretize().is_none_or(|rank| {
+            rank == 4
+                && declared.dims().zip(input).all(|(dim, wanted)| {
+                    dim.concretize()
+                        .and_then(|dim| dim.to_usize().ok())
+                        .is_none_or(|dim| dim == wanted)
+                })
+        });
+        if !fits {
+            return Err(NetworkError::Shape {
+                name: name.to_owned(),
+                what: "the input".to_owned(),
+                found: format!("{declared:?}"),
+                wanted: format!("{input:?}"),
+                head: head.name(),
+            });
+        }
+        let model = model
+            .with_input_fact(0, f32::fact(input).into())
+            .map_err(failed)?
+            .into_optimized()
+            .map_err(failed)?;
+        for (index, wanted) in head.outputs().iter().enumerate() {
+            let fact = model.output_fact(index).map_err(failed)?;
+            let found: Option<Vec<usize>> = fact.shape.as_concrete().map(<[usize]>::to_vec);
+            let is_float = fact.datum_type == f32::datum_type();
+            if found.as_deref() != Some(wanted.as_slice()) || !is_float {
+                return Err(NetworkError::Shape {
+                    name: name.to_owned(),
+                    what: format!("output {}", index + 1),
+                    found: format!("{:?} of {:?}", fact.shape, fact.datum_type),
+                    wanted: format!("{wanted:?} of F32"),
+                    head: head.name(),
+                });
+            }
+        }
+        Ok(Self {
+            plan: model.into_runnable().map_err(failed)?,
+            head,
+            name: name.to_owned(),
+        })
+    }
+
+    /// What the network makes of its own input ([`Head::prepare`]), before any smoothing.
+    ///
+    /// # Errors
+    /// Where it fails, or gives numbers that its head can not.
+    pub fn run(&self, input: &[f32]) -> Result<Maps, NoGrasp> {
+        let failed = |error: TractError| NoGrasp::Network(format!("{}: {error:#}", self.name));
+        let tensor = Tensor::from_shape(&self.head.input(), input).map_err(failed)?;
+        let given = self.plan.run(tvec!(tensor.into())).map_err(failed)?;
+        let mut outputs = Vec::new();
+        for output in &given {
+            let view = output.to_plain_array_view::<f32>().map_err(failed)?;
+            outputs.push(view.iter().copied().collect::<Vec<f32>>());
+        }
+        self.head
+            .decode(&outputs)
+            .map_err(|reason| NoGrasp::Network(format!("{}: {reason}", self.name)))
+    }
+}
+
+fn unreadable(name: &str, reason: &dyn Display) -> NetworkError {
+    NetworkError::Unreadable {
+        name: name.to_owned(),
+        reason: reason.to_string(),
+    }
+}
+
+/// Things lower than this over the ground are not there, m.
+const LEAST_HEIGHT_M: f64 = 0.008;
+/// How far finger tips go below the top that is seen, m.
+const DEPTH_M: f64 = 0.016;
+/// Jaws that can not turn take grasps within this of their direction.
+const ALONG_COS: f64 = 0.98;
+
+impl Detector for Network {
+    fn name(&self) -> String {
+        format!("network {} with the head `{}`", self.name, self.head.name())
+    }
+
+    fn detect(&mut self, picture: &Aligned, wanted: &Wanted) -> Result<Vec<Grasp>, NoGrasp> {
+        let map = HeightMap::new(picture)?;
+        let (input, corner) = self.head.prepare(picture).map_err(NoGrasp::Network)?;
+        let maps = self.run(&input)?;
+        let peaks = maps.smoothed(self.head).peaks();
+        let (mut grasps, mut narrowest_m) = (Vec::new(), f64::INFINITY);
+        for peak in &peaks {
+            let pixel = Vector2::new(
+                (peak.at[0] + corner[0]) as f64 + 0.5,
+                (peak.at[1] + corner[1]) as f64 + 0.5,
+            );
+            let Some(grasp) = grasp(picture, &map, wanted, pixel, peak) else {
+                continue;
+            };
+            let fits_m = wanted.hand.opening_m - 2.0 * wanted.hand.margin_m;
+            if grasp.width_m > fits_m {
+                narrowest_m = narrowest_m.min(grasp.width_m);
+            } else {
+                grasps.push(grasp);
+            }
+        }
+        if !grasps.is_empty() {
+            return Ok(grasps);
+        }
+        if narrowest_m.is_finite() {
+            return Err(NoGrasp::TooWide {
+                narrowest_mm: narrowest_m * 1e3,
+                opening_mm: (wanted.hand.opening_m - 2.0 * wanted.hand.margin_m) * 1e3,
+            });
+        }
+        // The network sees no difference between an empty tray and one that it knows nothing of.
+        match super::Antipodal::default().detect_in(&map, picture, wanted) {
+            Err(NoGrasp::Empty) => Err(NoGrasp::Empty),
+            _ => Err(NoGrasp::Network(format!(
+                "{}: things are there, but none of its {} peaks is a grasp on one of them",
+                self.name,
+                peaks.len()
+            ))),
+        }
+    }
+}
+
+/// A peak of the network's maps as a grasp: the point from the depth picture, the direction in the
+/// ground plane, finger tips as deep as the ground lets them.
+fn grasp(
+    picture: &Aligned,
+    map: &HeightMap,
+    wanted: &Wanted,
+    pixel: Vector2<f64>,
+    peak: &Peak,
+) -> Option<Grasp> {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a pixel of the picture"
+    )]
+    let (column, row) = (pixel.x as usize, pixel.y as usize);
+    let depth_m = picture.depth.depth_m(column, row)?;
+    let along = picture.camera.direction(&pixel);
+    let seen = Point3::new(along.x * depth_m, along.y * depth_m, depth_m);
+    if !wanted.holds(&seen) {
+        return None;
+    }
+    let place = map.camera_from_map.inverse_transform_point(&seen);
+    let top_m = map.height_m(place.x, place.y).max(place.z);
+    if top_m < LEAST_HEIGHT_M {
+        return None;
+    }
+    // Angles are counted from the picture's x axis against the clock; its y points down.
+    let (sin, cos) = peak.angle_rad.sin_cos();
+    let in_map = map.camera_from_map.rotation.inverse() * Vector3::new(cos, -sin, 0.0);
+    let flat = Vector3::new(in_map.x, in_map.y, 0.0).try_normalize(1e-6)?;
+    let closing = map.camera_from_map.rotation * flat;
+    if let Closing::Along(direction) = wanted.closing
+        && direction.normalize().dot(&closing).abs() < ALONG_COS
+    {
+        return None;
+    }
+    let hand = &wanted.hand;
+    let height_m = (top_m - DEPTH_M).max(hand.margin_m) + hand.below_m;
+    let focal_px = 0.5 * (picture.camera.focal_px[0] + picture.camera.focal_px[1]);
+    let width_m = peak.width_px * depth_m / focal_px;
+    Some(Grasp {
+        pixel,
+        point_m: map.to_camera(place.x, place.y, height_m),
+        closing,
+        width_m,
+        clearance_m: 0.5 * (hand.opening_m - width_m),
+        top_m,
+        height_m,
+        quality: peak.quality.clamp(0.0, 1.0),
+    })
+}
