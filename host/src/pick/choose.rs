@@ -50,7 +50,7 @@ pub struct Choices {
     pub good: Vec<Choice>,
     /// Grasps out of the robot's reach.
     pub unreachable: usize,
-    /// Grasps for which the tilted fingers find no room or no hold.
+    /// Grasps for which the tilted fingers find no room or no good hold.
     pub no_room: usize,
 }
 
@@ -107,6 +107,8 @@ impl Uncertainty {
 const ENGAGED_MIN_M: f64 = 0.005;
 /// Grasps whose middle lies further from the tool than this are moved there once.
 const OFF_M: f64 = 0.0005;
+/// Grasps of a lower rank fail more often than not.
+const RANK_MIN: f64 = 0.015;
 /// Room between jaws and object that must be left on both sides, m.
 const SIDE_M: f64 = 0.0025;
 /// Jaws that can not turn take grasps within this of their direction, rad.
@@ -134,6 +136,7 @@ pub(super) fn choose(
     let mut choices = Choices::default();
     for grasp in grasps {
         match one(model, map, grasp, world_from_camera, hand, turns) {
+            Ok(choice) if choice.rank() < RANK_MIN => choices.no_room += 1,
             Ok(choice) => choices.good.push(choice),
             Err(Refused::Unreachable) => choices.unreachable += 1,
             Err(Refused::NoRoom) => choices.no_room += 1,

@@ -171,8 +171,9 @@ pub struct Picker<'a, L: Link> {
     seen_off_m: Vector3<f64>,
 }
 
-/// A grasp closer than this to one that failed is not tried again, m.
-const AGAIN_M: f64 = 0.012;
+/// A grasp closer than this to one that failed is not tried again, m: what slipped here slips beside
+/// it too.
+const AGAIN_M: f64 = 0.025;
 /// A weight below this is none, N: friction of the pulleys hides as much.
 const WEIGHT_MIN_N: f64 = 0.05;
 /// A lifted weight beyond this is not believed, N.
@@ -320,7 +321,7 @@ impl<'a, L: Link> Picker<'a, L> {
             Some(reason) if count == 0 => reason.to_string(),
             _ => format!(
                 "of {count} grasps the robot reaches none that has not failed already: {} out of \
-                 reach, {} without room for the tilted fingers",
+                 reach, {} without room or hold for the tilted fingers",
                 all.unreachable, all.no_room
             ),
         };
