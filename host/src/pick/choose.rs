@@ -107,8 +107,8 @@ impl Uncertainty {
 const ENGAGED_MIN_M: f64 = 0.005;
 /// Grasps whose middle lies further from the tool than this are moved there once.
 const OFF_M: f64 = 0.0005;
-/// Grasps of a lower rank fail more often than not.
-const RANK_MIN: f64 = 0.015;
+/// Grasps of a lower rank slip more often than not: thin rods, above all.
+const RANK_MIN: f64 = 0.08;
 /// Room between jaws and object that must be left on both sides, m.
 const SIDE_M: f64 = 0.0025;
 /// Jaws that can not turn take grasps within this of their direction, rad.
