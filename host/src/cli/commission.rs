@@ -52,7 +52,7 @@ impl Cmd {
         };
         let name = format!("commission-{}", self.winch);
         let (found, folder) = connected(common, &robot, &self.machine, &name, work)?;
-        write_atomically(&self.out, &module_text(&found, &robot))
+        write_atomically(&self.out, module_text(&found, &robot))
             .map_err(Failed::from_error(&self.out.display().to_string()))?;
         if common.json {
             return print_json(&found);

@@ -184,7 +184,7 @@ impl Cmd {
                     return Err(Failed::from_error("reading the module file")(error).into());
                 }
             };
-            write_atomically(path, &written_into(&old, fit, &note))
+            write_atomically(path, written_into(&old, fit, &note))
                 .map_err(Failed::from_error("writing the module file"))?;
         }
         if common.json {
