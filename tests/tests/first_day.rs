@@ -223,7 +223,7 @@ fn the_motor_ratio_is_measured_whatever_the_file_says() {
 fn the_papers_geared_winch_is_brought_up_whatever_the_machine_is_off_by() {
     // Each seed is another machine: its drives faster or slower, its sensors off.
     let folder = Folder::new("geared");
-    for seed in ["1", "2", "3", "4"] {
+    for seed in ["1", "2", "7", "17"] {
         let output = run(&folder, &["commission", "1", "--seed", seed, "--json"]);
         document(&output);
         let turn = [

@@ -134,7 +134,8 @@ impl<const N: usize> Controller<N> {
             }
             let step = if cable.tension_mn > config.ceiling_mn {
                 GIVE_STEP
-            } else if cable.tension_mn < config.floor_mn {
+            } else if cable.tension_mn.max(0) < config.floor_mn {
+                // Without a floor nothing is slack, whatever a sensor's zero says.
                 -GIVE_STEP
             } else {
                 0

@@ -11,8 +11,8 @@ use std::path::PathBuf;
 
 /// Bring up one bare winch: find its drive, directions, brake and sensor zero; write its module file
 ///
-/// No cable may be on the drum. Only this winch moves: slowly, a sixteenth of a turn, with a fifth of
-/// its motor's current.
+/// No cable may be on the drum. Only this winch moves: slowly, a sixteenth of a turn, with three tenths
+/// of its motor's current.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Number of the winch, as its cable in the robot file, from 1

@@ -28,8 +28,9 @@ const RADIUS_UM: f64 = 1000.0;
 /// must be far from what [`CURRENT_SHARE`] can accelerate: a geared rotor is heavy (34 kg at the
 /// paper's cable), and at half the speed the drive of most simulated machines saturated (D4).
 const SPEED_SHARE: f64 = 0.25;
-/// Most current of service, as a share of the motor's largest.
-const CURRENT_SHARE: f64 = 0.2;
+/// Most current of service, as a share of the motor's largest. With a fifth, five of 24 simulated
+/// geared winches saturated in friction (D4); with this, none.
+const CURRENT_SHARE: f64 = 0.3;
 /// Over this tension a cable is attached after all, N: the board stops.
 const CEILING_N: f64 = 5.0;
 /// Knots of one move; the board's buffer holds 16.
