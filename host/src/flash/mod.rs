@@ -56,7 +56,7 @@ pub enum FlashError {
     )]
     NoFeature,
     /// No probe is plugged in.
-    #[error("the file is good, but no debug probe is connected")]
+    #[error("no debug probe is connected")]
     #[diagnostic(
         code(mcdpr::flash::no_probe),
         help(
