@@ -12,12 +12,13 @@ use crate::supervisor::{self, Event, State, transition};
 use crate::tension::{Demand, TensionLoop, is_plausible, measured_mn};
 use crate::watch::{CableWatch, Heartbeat, Latch, LineNoise, LinkHealth, Persist};
 use mcdpr_protocol::{
-    ConfigHash, FaultId, FaultRecord, Info, Knot, Limit, Limits, List, Millinewtons, PerCable,
-    Reject, Reply, Request, ResidualRow, Status, StopKind, TenthMicrometres, Tick, Winch,
+    ConfigHash, FaultId, FaultRecord, Info, Knot, Limit, Limits, List, PerCable, Reject, Reply,
+    Request, ResidualRow, StopKind, Tick, Winch,
 };
 
 mod halting;
 mod requests;
+mod telling;
 mod watching;
 
 /// Torque is held this long after the brakes have closed, ms.
@@ -533,57 +534,6 @@ impl<const N: usize> Controller<N> {
                     }
                 }
             };
-        }
-    }
-
-    /// Lengths (0.1 µm), tensions (mN) and motor currents (mA) of this tick.
-    #[must_use]
-    pub fn measured(&self) -> [(i32, i32, i16); N] {
-        let mut rows = [(0, 0, 0); N];
-        for (row, cable) in rows.iter_mut().zip(&self.cables) {
-            *row = (cable.length, cable.tension_mn, cable.current_ma);
-        }
-        rows
-    }
-
-    /// Path time of the motion under way, ms.
-    #[must_use]
-    pub fn path_ms(&self) -> u32 {
-        self.motion.path_ms()
-    }
-
-    /// Forgets the advice collected so far; it was told.
-    pub fn forget_limits(&mut self) {
-        self.limits = Limits::default();
-    }
-
-    /// State for a host; the counters of the link are the server's.
-    #[must_use]
-    pub fn status(&self) -> Status {
-        let bits = |values: &[bool]| {
-            let pairs = (0_u8..8).zip(values);
-            pairs.fold(0_u8, |bits, (bit, &set)| bits | (u8::from(set) << bit))
-        };
-        let each = |value: fn(&Cable) -> i32| self.cables.iter().map(value);
-        Status {
-            tick: self.now,
-            state: self.state,
-            path_ms: self.motion.path_ms(),
-            setpoints: PerCable::collect(each(|c| c.target.length).map(TenthMicrometres)),
-            lengths: PerCable::collect(each(|c| c.length).map(TenthMicrometres)),
-            tensions: PerCable::collect(each(|c| c.tension_mn).map(Millinewtons)),
-            knots_free: self.motion.free(),
-            next_knot: self.motion.next_index(),
-            fault: self.latch.get(),
-            limits: self.limits,
-            config: self.active.as_ref().map(|active| active.hash),
-            referenced: self.referenced,
-            brakes_open: bits(&self.outputs.brakes.map(|brake| brake == Brake::Open)),
-            torque_on: bits(&self.outputs.drives.map(DriveDemand::gives_torque)),
-            gripper_closed: self.gripper_closed,
-            gripper_switch: self.gripper_switch,
-            tick_overruns: self.overruns,
-            ..Status::default()
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Many seeded scenes, with calibrated and with nominal parameters.
 
-use super::task::{End, Outcome, Picker, Report};
+use super::report::{End, Outcome, Report};
+use super::task::Picker;
 use super::workcell::{self, Mounting, SimulatedEye, Witness};
 use super::{Arm, PickError, calibrated};
 use crate::control::Handle;

@@ -1,16 +1,17 @@
 //! The task: look, choose, approach from above, descend, close, verify, lift, carry, release.
 
-use super::arm::isometry;
-use super::choose::{Budget, Choice, Choices, Uncertainty, choose, of_transform};
+use super::choose::{Choice, Choices, Uncertainty, choose, of_transform};
 use super::mat::Mat;
+use super::report::{Attempt, End, Outcome, Report};
 use super::{Arm, PickError};
 use crate::link::Link;
 use crate::sight::{GraspMark, Shown};
 use mcdpr_vision::grasp::{Area, Closing, Detector, Hand, HeightMap, NoGrasp, Wanted};
-use mcdpr_vision::{Aligned, RgbImage, Source, align};
+use mcdpr_vision::{Aligned, Source, align};
 use nalgebra::{Isometry3, Vector2, Vector3};
-use serde::Serialize;
 use std::sync::Arc;
+
+mod reach;
 
 /// How to pick.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,94 +48,6 @@ pub struct Options {
     pub uncertainty: Uncertainty,
     /// Printed tags on the tray's floor.
     pub mat: Option<Mat>,
-}
-
-/// What came of one attempt.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Outcome {
-    /// Taken, carried and released.
-    Delivered,
-    /// The jaws closed on nothing.
-    Missed,
-    /// It was gone after the lift.
-    Lost,
-}
-
-/// One attempt.
-#[derive(Debug, Clone, Serialize)]
-pub struct Attempt {
-    /// What came of it.
-    pub outcome: Outcome,
-    /// The grasp in the colour picture, px.
-    pub pixel: [f64; 2],
-    /// The tool point as seen, world, m.
-    pub seen_m: [f64; 3],
-    /// Where the tool went, world, m.
-    pub tool_m: [f64; 3],
-    /// The platform's origin then, world, m.
-    pub platform_m: [f64; 3],
-    /// Turn of the jaws, rad.
-    pub wrist_rad: f64,
-    /// Tilt of the tool, rad.
-    pub tilt_rad: f64,
-    /// Distance between the pads, m.
-    pub width_m: f64,
-    /// Rank of the grasp.
-    pub quality: f64,
-    /// Weight by the difference of tensions, N; `None` where nothing was lifted.
-    pub lifted_n: Option<f64>,
-    /// Whether that weight says the same as the gripper's switch about what was held.
-    pub weight_agrees: Option<bool>,
-    /// How far the tool was from its place before the jaws closed and the last correction was
-    /// made, by lengths, m.
-    pub left_m: f64,
-    /// Error budget of the grasp point.
-    pub budget: Budget,
-}
-
-/// Why picking ended.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(tag = "why", rename_all = "snake_case")]
-pub enum End {
-    /// Nothing left.
-    Empty,
-    /// Things are left that it can not take.
-    Unreachable {
-        /// Why not.
-        reason: String,
-    },
-    /// Too many failures in a row.
-    Failures {
-        /// How many.
-        count: usize,
-    },
-    /// As many attempts as were asked for.
-    Enough,
-}
-
-/// All of a picking task.
-#[derive(Debug, Clone, Serialize)]
-pub struct Report {
-    /// Every attempt.
-    pub attempts: Vec<Attempt>,
-    /// Why it ended.
-    pub end: End,
-    /// Place of [`Options::probe_px`] in the world as seen, m.
-    pub probe_m: Option<[f64; 3]>,
-    /// Where it returned to, world, m.
-    pub returned_m: Option<[f64; 3]>,
-    /// Time on the link's clock, s.
-    pub duration_s: f64,
-}
-
-impl Report {
-    /// Attempts that ended with a delivery.
-    #[must_use]
-    pub fn delivered(&self) -> usize {
-        let delivered = |attempt: &&Attempt| attempt.outcome == Outcome::Delivered;
-        self.attempts.iter().filter(delivered).count()
-    }
 }
 
 /// Told while picking goes on: for surroundings that must know, and for progress.
@@ -185,10 +98,6 @@ const LOWER_M: f64 = 0.02;
 /// Corrections above a grasp, and again at it.
 const TRIES_ABOVE: usize = 1;
 const TRIES: usize = 2;
-/// Closer than this is there, m.
-const REACHED_M: f64 = 2e-4;
-/// What is off by more is not corrected, m.
-const CORRECTED_MAX_M: f64 = 0.025;
 /// A grasp that is seen again within this is the same, m, and sine of an angle.
 const SAME_M: f64 = 0.02;
 const SAME_TURN: f64 = 0.4;
@@ -434,59 +343,6 @@ impl<'a, L: Link> Picker<'a, L> {
             watcher.looked(&shown);
         }
         Ok(Ok((grasps.len(), choices)))
-    }
-
-    /// The platform's place when a picture was taken, by the mat in it. The first picture also tells
-    /// where the mat is: what `by_lengths` is off by is then the same everywhere, and harmless.
-    fn platform_by_mat(
-        &mut self,
-        picture: &RgbImage,
-        by_lengths: &Isometry3<f64>,
-    ) -> Option<Isometry3<f64>> {
-        let mat = self.options.mat.as_ref()?;
-        let camera_from_mat = mat.in_picture(&self.eye.cameras().color, picture)?;
-        let camera = &self.arm.model().robot().camera;
-        let platform_from_mat =
-            of_transform(&camera.camera_from_platform).inverse() * camera_from_mat;
-        let world_from_mat = *self
-            .world_from_mat
-            .get_or_insert(by_lengths * platform_from_mat);
-        Some(world_from_mat * platform_from_mat.inverse())
-    }
-
-    /// Where the tool hangs: by the mat, or by lengths and tensions and what the mat last said of
-    /// those.
-    fn tool_m(&mut self) -> Result<Vector3<f64>, PickError> {
-        let rest = self.arm.state()?;
-        let by_lengths = self.arm.model().tool_m(&rest);
-        if self.options.mat.is_some() {
-            let picture = self.eye.color()?;
-            let tool = self.arm.model().robot().tool.tcp_in_platform_m;
-            if let Some(platform) = self.platform_by_mat(&picture, &isometry(&rest)) {
-                let seen = (platform * nalgebra::Point3::from(tool)).coords;
-                self.seen_off_m = seen - by_lengths;
-            }
-        }
-        Ok(by_lengths + self.seen_off_m)
-    }
-
-    /// Moves the tool to a place and then, by where it is seen or measured to hang, until it is
-    /// there within a tolerance or `tries` corrections are made. What a correction has learned
-    /// holds for the places after it, up to the next attempt. Gives what is left, m.
-    fn reach(&mut self, place_m: &Vector3<f64>, tries: usize) -> Result<f64, PickError> {
-        self.arm.go(&[place_m + self.bias_m])?;
-        let mut left_m = f64::INFINITY;
-        for _ in 0..tries {
-            let off = place_m - self.tool_m()?;
-            left_m = off.norm();
-            // A way that long is no friction: something else is wrong, and not made up for.
-            if !(REACHED_M..CORRECTED_MAX_M).contains(&left_m) {
-                break;
-            }
-            self.bias_m += off;
-            self.arm.go(&[place_m + self.bias_m])?;
-        }
-        Ok(left_m)
     }
 
     fn way_there(&self, choice: &Choice) -> [Vector3<f64>; 2] {

@@ -1,0 +1,178 @@
+//! What the chip is wired to, and what may go wrong with it: pins, voltages, lines, supply, crystal.
+
+use super::{CanErrors, Chip, Pins, Port, TICKS_PER_US};
+use crate::bus::{RAM, RAM_BYTES};
+use crate::device::can_line::{CanFrame, CanWiring};
+use crate::scs::HARD_FAULT;
+
+impl Chip {
+    /// Whether faults go to the firmware's handler, as on the chip, instead of stopping the run.
+    pub fn deliver_faults(&mut self, deliver: bool) {
+        self.bus.scs.delivers_faults = deliver;
+    }
+
+    /// Raises a hard fault at the present instruction, as broken hardware might.
+    pub fn inject_hard_fault(&mut self) {
+        self.bus.scs.pend(HARD_FAULT);
+    }
+
+    /// The processor executes nothing more until a reset: firmware that hangs with its interrupts
+    /// masked. Its peripherals go on.
+    pub fn hang(&mut self) {
+        self.hangs = true;
+    }
+
+    /// From now on every instruction takes `factor` times its time, 1 for as it should: a tick
+    /// that has too much to do.
+    pub fn slow_down(&mut self, factor: u32) {
+        self.slowness = u64::from(factor.max(1));
+    }
+
+    /// The supply falls under the threshold of the chip's voltage detector, or recovers. Gives
+    /// whether the firmware watches it.
+    pub fn set_supply_low(&mut self, low: bool) -> bool {
+        self.bus.set_supply_low(low)
+    }
+
+    /// Writes a word of RAM, as a debugger does: to begin where a run would take weeks to come to.
+    /// Gives whether there is such a word.
+    pub fn write_ram(&mut self, address: u32, value: u32) -> bool {
+        let in_ram = (RAM..=RAM + RAM_BYTES - 4).contains(&address);
+        in_ram && self.bus.write(address, 4, value).is_ok()
+    }
+
+    /// Stops the crystal. Where the clock security system watches it, the core gets its NMI and
+    /// goes on with the internal oscillator.
+    pub fn stop_crystal(&mut self) -> bool {
+        let watched = self.bus.rcc.watches_crystal();
+        if watched {
+            self.bus.scs.pend(2);
+        }
+        watched
+    }
+
+    /// Virtual time since power-on, microseconds.
+    #[must_use]
+    pub fn now_us(&self) -> u64 {
+        self.bus.now / TICKS_PER_US
+    }
+
+    /// What the outputs do now.
+    #[must_use]
+    pub fn pins(&self) -> Pins {
+        Pins {
+            brakes: [12, 13, 14, 15].map(|pin| self.bus.gpio[1].drive(pin)),
+            gripper: self.bus.gpio[0].drive(10),
+            led: self.bus.gpio[2].drive(13),
+        }
+    }
+
+    /// Whether any brake was open at any time since power-on, as seen after every write to a
+    /// peripheral.
+    #[must_use]
+    pub fn brakes_ever_opened(&self) -> bool {
+        self.brakes_opened
+    }
+
+    /// Applies a level to a pin; `None` leaves it to its pull.
+    pub fn set_input(&mut self, port: Port, pin: u8, level: Option<bool>) {
+        self.bus.gpio[port as usize].applied[usize::from(pin & 15)] = level;
+    }
+
+    /// Turns the encoder of TIM1 to TIM4 (`timer` 1 to 4) to a position in counts, during the next
+    /// slice. Edges that the input filter swallows are lost, as on the chip.
+    pub fn set_encoder(&mut self, timer: usize, position: i64) {
+        if let Some(encoder) = timer.checked_sub(1).and_then(|i| self.encoders.get_mut(i)) {
+            encoder.1 = position;
+        }
+    }
+
+    /// Counts of an encoder that its timer did not see.
+    #[must_use]
+    pub fn lost_counts(&self, timer: usize) -> u64 {
+        let timer = timer.checked_sub(1).and_then(|i| self.bus.timers.get(i));
+        timer.map_or(0, |timer| timer.lost)
+    }
+
+    /// Applies a voltage to an ADC channel, as the 12 bits that it converts to.
+    pub fn set_adc(&mut self, channel: u8, raw: u16) {
+        self.set_adc_sixteenths(channel, raw.min(4095) * 16);
+    }
+
+    /// The supply as the ADC sees it, V: its internal reference is a share of it. The pins' voltages
+    /// are given as shares anyhow, and the voltage detector has [`Self::set_supply_low`].
+    pub fn set_supply_v(&mut self, volts: f64) {
+        self.bus.adc.set_supply_v(volts);
+    }
+
+    /// Applies a voltage to an ADC channel, in sixteenths of a conversion's step (0 to 65520): as
+    /// with a little noise, sixteen conversions add up to it.
+    pub fn set_adc_sixteenths(&mut self, channel: u8, sum: u16) {
+        if let Some(applied) = self.bus.adc.applied.get_mut(usize::from(channel)) {
+            *applied = sum.min(4095 * 16);
+        }
+    }
+
+    /// Puts bytes on the line to USART3. They arrive one after the other, at its baud rate.
+    pub fn uart_send(&mut self, bytes: &[u8]) {
+        let (now, cycle) = (self.bus.now, self.bus.clocks.apb1);
+        self.bus.usart.send(bytes, now, cycle);
+        self.bus.plan();
+    }
+
+    /// So many of the next bytes to USART3 arrive without a stop bit.
+    pub fn uart_damage(&mut self, bytes: u16) {
+        let damaged = &mut self.bus.usart.damaged;
+        *damaged = damaged.saturating_add(bytes);
+    }
+
+    /// Bytes that USART3 has sent since the last call.
+    pub fn uart_take(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.bus.usart.sent)
+    }
+
+    /// Bytes that came to USART3 before the one before them was read.
+    #[must_use]
+    pub fn uart_overruns(&self) -> u64 {
+        self.bus.usart.overruns
+    }
+
+    /// What is connected to the CAN pins. After power-on: nothing.
+    pub fn set_can_wiring(&mut self, wiring: CanWiring) {
+        self.bus.rewire_can(wiring);
+    }
+
+    /// Destroys the next frames on the bus, whoever sends them.
+    pub fn destroy_can_frames(&mut self, count: u32) {
+        self.bus.can_line.destroy = count;
+    }
+
+    /// Another node wants to send a frame from `at_us` on (at once, where that is past). It goes
+    /// over the bus when that is free and nothing more urgent waits, and again until it passes.
+    pub fn can_send(&mut self, at_us: u64, frame: CanFrame) {
+        let at = (at_us * TICKS_PER_US).max(self.bus.now);
+        self.bus.can_line.offer(at, frame);
+        self.bus.plan();
+    }
+
+    /// Frames of the chip that the other nodes have received since the last call, each with the
+    /// time of its end in microseconds.
+    pub fn can_take(&mut self) -> Vec<(u64, CanFrame)> {
+        let taken = std::mem::take(&mut self.bus.can_line.delivered);
+        let taken = taken.into_iter();
+        taken
+            .map(|(at, frame)| (at / TICKS_PER_US, frame))
+            .collect()
+    }
+
+    /// What the CAN controller counts.
+    #[must_use]
+    pub fn can_errors(&self) -> CanErrors {
+        CanErrors {
+            transmit: self.bus.can.tec,
+            receive: self.bus.can.rec,
+            passive: self.bus.can.is_passive(),
+            bus_off: self.bus.can.is_bus_off(),
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! What picking came to: each attempt, and why it ended.
+
+use super::choose::Budget;
+use serde::Serialize;
+
+/// What came of one attempt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// Taken, carried and released.
+    Delivered,
+    /// The jaws closed on nothing.
+    Missed,
+    /// It was gone after the lift.
+    Lost,
+}
+
+/// One attempt.
+#[derive(Debug, Clone, Serialize)]
+pub struct Attempt {
+    /// What came of it.
+    pub outcome: Outcome,
+    /// The grasp in the colour picture, px.
+    pub pixel: [f64; 2],
+    /// The tool point as seen, world, m.
+    pub seen_m: [f64; 3],
+    /// Where the tool went, world, m.
+    pub tool_m: [f64; 3],
+    /// The platform's origin then, world, m.
+    pub platform_m: [f64; 3],
+    /// Turn of the jaws, rad.
+    pub wrist_rad: f64,
+    /// Tilt of the tool, rad.
+    pub tilt_rad: f64,
+    /// Distance between the pads, m.
+    pub width_m: f64,
+    /// Rank of the grasp.
+    pub quality: f64,
+    /// Weight by the difference of tensions, N; `None` where nothing was lifted.
+    pub lifted_n: Option<f64>,
+    /// Whether that weight says the same as the gripper's switch about what was held.
+    pub weight_agrees: Option<bool>,
+    /// How far the tool was from its place before the jaws closed and the last correction was
+    /// made, by lengths, m.
+    pub left_m: f64,
+    /// Error budget of the grasp point.
+    pub budget: Budget,
+}
+
+/// Why picking ended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "why", rename_all = "snake_case")]
+pub enum End {
+    /// Nothing left.
+    Empty,
+    /// Things are left that it can not take.
+    Unreachable {
+        /// Why not.
+        reason: String,
+    },
+    /// Too many failures in a row.
+    Failures {
+        /// How many.
+        count: usize,
+    },
+    /// As many attempts as were asked for.
+    Enough,
+}
+
+/// All of a picking task.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// Every attempt.
+    pub attempts: Vec<Attempt>,
+    /// Why it ended.
+    pub end: End,
+    /// Place of [`super::Options::probe_px`] in the world as seen, m.
+    pub probe_m: Option<[f64; 3]>,
+    /// Where it returned to, world, m.
+    pub returned_m: Option<[f64; 3]>,
+    /// Time on the link's clock, s.
+    pub duration_s: f64,
+}
+
+impl Report {
+    /// Attempts that ended with a delivery.
+    #[must_use]
+    pub fn delivered(&self) -> usize {
+        let delivered = |attempt: &&Attempt| attempt.outcome == Outcome::Delivered;
+        self.attempts.iter().filter(delivered).count()
+    }
+}

@@ -1,0 +1,69 @@
+//! Going where the mat and the lengths say that the tool is there.
+
+use super::Picker;
+use crate::link::Link;
+use crate::pick::PickError;
+use crate::pick::arm::isometry;
+use crate::pick::choose::of_transform;
+use mcdpr_vision::RgbImage;
+use nalgebra::{Isometry3, Vector3};
+
+/// Closer than this is there, m.
+const REACHED_M: f64 = 2e-4;
+/// What is off by more is not corrected, m.
+const CORRECTED_MAX_M: f64 = 0.025;
+
+impl<L: Link> Picker<'_, L> {
+    /// The platform's place when a picture was taken, by the mat in it. The first picture also tells
+    /// where the mat is: what `by_lengths` is off by is then the same everywhere, and harmless.
+    pub(super) fn platform_by_mat(
+        &mut self,
+        picture: &RgbImage,
+        by_lengths: &Isometry3<f64>,
+    ) -> Option<Isometry3<f64>> {
+        let mat = self.options.mat.as_ref()?;
+        let camera_from_mat = mat.in_picture(&self.eye.cameras().color, picture)?;
+        let camera = &self.arm.model().robot().camera;
+        let platform_from_mat =
+            of_transform(&camera.camera_from_platform).inverse() * camera_from_mat;
+        let world_from_mat = *self
+            .world_from_mat
+            .get_or_insert(by_lengths * platform_from_mat);
+        Some(world_from_mat * platform_from_mat.inverse())
+    }
+
+    /// Where the tool hangs: by the mat, or by lengths and tensions and what the mat last said of
+    /// those.
+    fn tool_m(&mut self) -> Result<Vector3<f64>, PickError> {
+        let rest = self.arm.state()?;
+        let by_lengths = self.arm.model().tool_m(&rest);
+        if self.options.mat.is_some() {
+            let picture = self.eye.color()?;
+            let tool = self.arm.model().robot().tool.tcp_in_platform_m;
+            if let Some(platform) = self.platform_by_mat(&picture, &isometry(&rest)) {
+                let seen = (platform * nalgebra::Point3::from(tool)).coords;
+                self.seen_off_m = seen - by_lengths;
+            }
+        }
+        Ok(by_lengths + self.seen_off_m)
+    }
+
+    /// Moves the tool to a place and then, by where it is seen or measured to hang, until it is
+    /// there within a tolerance or `tries` corrections are made. What a correction has learned
+    /// holds for the places after it, up to the next attempt. Gives what is left, m.
+    pub(super) fn reach(&mut self, place_m: &Vector3<f64>, tries: usize) -> Result<f64, PickError> {
+        self.arm.go(&[place_m + self.bias_m])?;
+        let mut left_m = f64::INFINITY;
+        for _ in 0..tries {
+            let off = place_m - self.tool_m()?;
+            left_m = off.norm();
+            // A way that long is no friction: something else is wrong, and not made up for.
+            if !(REACHED_M..CORRECTED_MAX_M).contains(&left_m) {
+                break;
+            }
+            self.bias_m += off;
+            self.arm.go(&[place_m + self.bias_m])?;
+        }
+        Ok(left_m)
+    }
+}
