@@ -4,7 +4,9 @@ use super::recorded::{Work, on_record};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::link::ClientError;
+use crate::machine::Mismatch;
 use crate::motion::{Model, PlanOptions, Tensioning};
+use crate::record::Doing;
 use crate::report::RunFolder;
 use crate::robot::{LawKind, Robot};
 use crate::run::{RunError, watch_for_interrupts};
@@ -107,7 +109,7 @@ impl Cmd {
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let simulated = common.on == "sim";
         let name = format!("tension-{}", experiment.name);
-        let work = Work::of_hands(&name, &model);
+        let work = Work::new(&name, Doing::Hands, Mismatch::default(), &model);
         let (trace, folder) = on_record(common, &work, |record| {
             if simulated {
                 let change = Change {

@@ -248,14 +248,20 @@ impl Cmd {
     }
 }
 
+/// Most bytes of a network's file.
+#[cfg(feature = "onnx")]
+const MOST_NETWORK_BYTES: u64 = 1 << 30;
+
 #[cfg(feature = "onnx")]
 fn network(file: &Path, head: &str) -> miette::Result<Box<dyn Detector>> {
     use mcdpr_vision::grasp::network::{Head, Network};
-    let failed = Failed::from_error("loading the network");
+    let failed = |reason: String| Failed::from_error("loading the network")(reason);
     let Some(head) = Head::of(head) else {
         return Err(failed(format!("there is no head `{head}`")).into());
     };
-    match Network::load(file, head) {
+    let bytes = crate::files::read_bytes(file, MOST_NETWORK_BYTES)
+        .map_err(|error| failed(format!("{}: {error}", file.display())))?;
+    match Network::read(&bytes, head, &file.display().to_string()) {
         Ok(network) => Ok(Box::new(network)),
         Err(error) => Err(failed(error.to_string()).into()),
     }

@@ -174,21 +174,52 @@ pub(crate) struct OnRecord<'a> {
 }
 
 impl OnRecord<'_> {
+    /// A line, recorded.
+    pub(crate) const fn watched<L: Link>(&self, link: L) -> Watched<'_, L> {
+        Watched::new(link, self.witness)
+    }
+
+    /// A line to a simulated robot, recorded with what is true of it.
+    pub(crate) fn watched_simulated(&self, link: SimulatedLink) -> Watched<'_, SimulatedLink> {
+        let tap = TruthTap::forgetful(link.clone(), self.cables);
+        self.watched(link).with_truth(tap)
+    }
+
     /// A line to a board, recorded.
     pub(crate) fn line<'l>(&'l self, link: impl Link + 'l) -> Box<dyn Link + 'l> {
-        Box::new(Watched::new(link, self.witness))
+        Box::new(self.watched(link))
     }
 
     /// A line to a simulated robot, recorded with what is true of it.
     pub(crate) fn simulated(&self, link: SimulatedLink) -> Box<dyn Link + '_> {
-        let tap = TruthTap::forgetful(link.clone(), self.cables);
-        self.tapped(link, tap)
+        Box::new(self.watched_simulated(link))
     }
 
     /// The same, for a caller who reads the truth from this tap too.
     pub(crate) fn tapped(&self, link: SimulatedLink, tap: TruthTap) -> Box<dyn Link + '_> {
-        Box::new(Watched::new(link, self.witness).with_truth(tap))
+        Box::new(self.watched(link).with_truth(tap))
     }
+}
+
+/// The same work without a record.
+pub(crate) fn off_record<T>(
+    common: &Common,
+    cables: usize,
+    work: impl FnOnce(&OnRecord<'_>) -> miette::Result<T>,
+) -> miette::Result<T> {
+    work(&OnRecord {
+        witness: &Witness::default(),
+        cables,
+        session: session(common),
+    })
+}
+
+/// A session's number: in virtual time nobody else can be on the line.
+fn session(common: &Common) -> SessionId {
+    if common.on == "sim" && common.time_scale.is_none() {
+        return SessionId(1);
+    }
+    new_session()
 }
 
 /// What such a record is of.
@@ -206,12 +237,12 @@ pub(crate) struct Work<'a> {
 }
 
 impl<'a> Work<'a> {
-    /// Work of hands on a robot as it is described.
-    pub(crate) fn of_hands(name: &'a str, model: &'a Model) -> Self {
+    /// Work on a robot.
+    pub(crate) fn new(name: &'a str, doing: Doing, mismatch: Mismatch, model: &'a Model) -> Self {
         Self {
             name,
-            doing: Doing::Hands,
-            mismatch: Mismatch::default(),
+            doing,
+            mismatch,
             cables: model.robot().cables.len(),
             model: Some(model),
         }
@@ -224,12 +255,7 @@ pub(crate) fn on_record<T>(
     about: &Work<'_>,
     work: impl FnOnce(&OnRecord<'_>) -> miette::Result<T>,
 ) -> miette::Result<(T, RunFolder)> {
-    // In virtual time nobody else can be on the line.
-    let session = if common.on == "sim" {
-        SessionId(1)
-    } else {
-        new_session()
-    };
+    let session = session(common);
     let task = TaskSource {
         name: about.name.to_owned(),
         text: None,

@@ -6,6 +6,7 @@ use crate::experiment;
 use crate::link::{ClientError, Link, LinkError, SerialLink, SimulatedLink};
 use crate::machine::{self, Mismatch};
 use crate::motion::Model;
+use crate::record::Doing;
 use crate::robot::Robot;
 use crate::run::{RunError, watch_for_interrupts};
 use crate::tension::rig::{Rig, TAKEN_UP_N, rigged, winding};
@@ -168,7 +169,7 @@ impl Cmd {
         (tensions_n, slack): (&[f64], Option<Slack>),
         work: impl FnOnce(Line<'_>) -> miette::Result<Done>,
     ) -> Outcome {
-        let about = Work::of_hands(name, model);
+        let about = Work::new(name, Doing::Hands, Mismatch::default(), model);
         let (done, folder) = on_record(common, &about, |record| {
             let line = if common.on == "sim" {
                 record.simulated(self.simulated(model, common, tensions_n, slack)?)

@@ -201,12 +201,8 @@ impl Tries<'_> {
             ..self.common.clone()
         };
         let mismatch = Mismatch::realistic();
-        let work = Work {
-            // The gains are in the recorded bytes: the board is told them.
-            doing: Doing::Orders,
-            mismatch,
-            ..Work::of_hands("tune-tension", &model)
-        };
+        // The gains are in the recorded bytes: the board is told them.
+        let work = Work::new("tune-tension", Doing::Orders, mismatch, &model);
         let (answer, _) = on_record(&common, &work, |record| {
             let line = if common.on == "sim" {
                 let options = LinkOptions::default();

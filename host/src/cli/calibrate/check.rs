@@ -50,12 +50,9 @@ impl Cmd {
         }
         let model = Model::new(&robot)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        let work = Work {
-            // What the pictures showed decides how far it goes, and nothing else.
-            doing: Doing::Orders,
-            mismatch: Mismatch::as_built(),
-            ..Work::of_hands("calibrate-check", &model)
-        };
+        // What the pictures showed decides how far it goes, and nothing else.
+        let built = Mismatch::as_built();
+        let work = Work::new("calibrate-check", Doing::Orders, built, &model);
         let (all, folder) = on_record(common, &work, |record| {
             self.look(common, &model, &calibrated, record)
         })?;

@@ -142,12 +142,8 @@ impl How {
             let text = serde_json::to_string(&data.to_json()).unwrap_or_default();
             write_whole(path, &text).map_err(CollectError::from)
         };
-        let work = Work {
-            // What the pictures showed changed where it went, and nothing else.
-            doing: Doing::Orders,
-            mismatch,
-            ..Work::of_hands("collect", &model)
-        };
+        // What the pictures showed changed where it went, and nothing else.
+        let work = Work::new("collect", Doing::Orders, mismatch, &model);
         let (data, folder) = on_record(common, &work, |record| {
             let line = (record.simulated(link), Some(record.session));
             let tell = |step| tell(&step);
