@@ -63,6 +63,10 @@ pub(crate) struct Cmd {
     /// with nominal parameters, or with --nominal or --ideal alone
     #[arg(long, value_name = "N", conflicts_with_all = ["objects", "clutter", "attempts"])]
     scenes: Option<usize>,
+    /// Study: add every scene to this file when it is done, and do not pick again what this program
+    /// has put there before
+    #[arg(long, value_name = "FILE", requires = "scenes")]
+    keep: Option<PathBuf>,
     /// Show it in a browser on this machine, in real time, with the camera's pictures; 8650 where
     /// no port is given
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650", conflicts_with = "scenes")]
@@ -189,15 +193,30 @@ impl Cmd {
         } else {
             both.to_vec()
         };
-        let lines = study::study(
-            robot,
+        let study = study::Study {
             scenes,
-            &knowledges,
-            common.seed,
-            !self.fixed_jaws,
-            !self.far_only,
-            !self.no_mat,
-        );
+            knowledges,
+            first_seed: common.seed,
+            turns: !self.fixed_jaws,
+            near: !self.far_only,
+            mat: !self.no_mat,
+            keep: self.keep.clone(),
+        };
+        let lines = study.run(robot, |tally, done| {
+            let line = study::Line::of(done, tally.cluttered, tally.knowledge);
+            let figures = &line.figures;
+            eprintln!(
+                "scene {}: {} of {} in {} attempts, {}; so far {} of {} attempts in {} such scenes",
+                tally.seed,
+                tally.picked,
+                tally.objects,
+                tally.attempts,
+                tally.end,
+                figures.picked,
+                figures.attempts,
+                figures.scenes
+            );
+        })?;
         if common.json {
             return print_json(&lines);
         }

@@ -35,6 +35,20 @@ pub enum PickError {
         /// Why not.
         reason: String,
     },
+    /// What a study keeps can not be kept.
+    #[error("{file}: {reason}")]
+    #[diagnostic(
+        code(mcdpr::pick::kept),
+        help(
+            "a file of kept scenes has one JSON document a line, as --keep writes it; name another to begin anew"
+        )
+    )]
+    Kept {
+        /// Which file.
+        file: String,
+        /// Why not.
+        reason: String,
+    },
     /// The robot file has no gripper.
     #[error("the robot {robot} has no gripper")]
     #[diagnostic(

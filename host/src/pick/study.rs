@@ -1,6 +1,6 @@
-//! Many seeded scenes, with calibrated and with nominal parameters.
+//! Seeded scenes, with calibrated and with nominal parameters: one, and many ([`Study`]).
 
-use super::report::{End, Outcome, Report};
+use super::report::{Outcome, Report};
 use super::task::Picker;
 use super::workcell::{self, Mounting, SimulatedEye, Witness};
 use super::{Arm, PickError, calibrated};
@@ -18,11 +18,16 @@ use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::camera::{Order, Tray};
 use mcdpr_vision::grasp::{Antipodal, Detector};
 use nalgebra::Vector3;
-use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+
+mod many;
+mod tally;
+
+pub use many::Study;
+pub use tally::{Figures, Line, Tally};
 
 /// How well the program knows the machine.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Knowledge {
     /// As the project's own calibration of this machine leaves it ([`calibrated`]); the machine is
@@ -316,67 +321,6 @@ pub fn scene_by(
     })
 }
 
-/// Figures over many scenes.
-#[derive(Debug, Clone, Serialize)]
-pub struct Figures {
-    /// Scenes.
-    pub scenes: usize,
-    /// Objects.
-    pub objects: usize,
-    /// Attempts.
-    pub attempts: usize,
-    /// Objects truly put down beside the tray.
-    pub picked: usize,
-    /// Picks per attempt.
-    pub rate: f64,
-    /// Share of the objects that left the tray.
-    pub cleared: f64,
-    /// Scenes that ended with an empty tray.
-    pub emptied: usize,
-    /// Grasp point error, median, m.
-    pub error_median_m: f64,
-    /// Grasp point error, 95th percentile, m.
-    pub error_p95_m: f64,
-    /// Scenes that a stop of the robot ended.
-    pub stopped: usize,
-}
-
-/// Sums up.
-#[must_use]
-pub fn figures(scenes: &[Result<SceneReport, PickError>]) -> Figures {
-    let done: Vec<&SceneReport> = scenes
-        .iter()
-        .filter_map(|scene| scene.as_ref().ok())
-        .collect();
-    let sum = |value: &dyn Fn(&SceneReport) -> usize| done.iter().map(|s| value(s)).sum::<usize>();
-    let attempts = sum(&|s| s.report.attempts.len());
-    let picked = sum(&|s| s.carried_off);
-    let objects = sum(&|s| s.objects);
-    let mut errors: Vec<f64> = done.iter().flat_map(|s| s.errors_m.clone()).collect();
-    errors.sort_by(f64::total_cmp);
-    let quantile = |share: f64| {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "an index"
-        )]
-        let at = (errors.len().saturating_sub(1) as f64 * share).round() as usize;
-        errors.get(at).copied().unwrap_or(f64::NAN)
-    };
-    Figures {
-        scenes: scenes.len(),
-        objects,
-        attempts,
-        picked,
-        rate: picked as f64 / attempts.max(1) as f64,
-        cleared: picked as f64 / objects.max(1) as f64,
-        emptied: sum(&|s| usize::from(s.report.end == End::Empty)),
-        error_median_m: quantile(0.5),
-        error_p95_m: quantile(0.95),
-        stopped: scenes.len() - done.len(),
-    }
-}
-
 impl SceneReport {
     /// Attempts that the program believes to have succeeded and that did not, or the other way
     /// round.
@@ -390,80 +334,4 @@ impl SceneReport {
             .count();
         believed.abs_diff(self.carried_off)
     }
-}
-
-/// One line of a study: scenes of one order with one knowledge of the machine.
-#[derive(Debug, Clone, Serialize)]
-pub struct Line {
-    /// How objects lie.
-    pub cluttered: bool,
-    /// What the program knows.
-    pub knowledge: Knowledge,
-    /// What came of it.
-    pub figures: Figures,
-    /// Every failed closing with its scene's seed, in words, and every stop.
-    pub failures: Vec<String>,
-}
-
-/// Picks `scenes` scenes, two thirds of separate objects and one third of cluttered ones, 5 to 8
-/// objects each, with each knowledge of the machine, looking again from nearby or not. Scene `n` has seed `first_seed + n`.
-#[must_use]
-pub fn study(
-    robot: &Robot,
-    scenes: usize,
-    knowledges: &[Knowledge],
-    first_seed: u64,
-    turns: bool,
-    near: bool,
-    mat: bool,
-) -> Vec<Line> {
-    let cluttered = scenes / 3;
-    let parts = [
-        (Order::Separate, 0, scenes - cluttered),
-        (Order::Cluttered, scenes - cluttered, scenes),
-    ];
-    let mut lines = Vec::new();
-    for &knowledge in knowledges {
-        for (order, from, to) in parts {
-            let done: Vec<_> = (from..to)
-                .into_par_iter()
-                .map(|number| {
-                    let wanted = Wanted {
-                        order,
-                        count: 5 + number % 4,
-                        knowledge,
-                        seed: first_seed + number as u64,
-                        turns,
-                        attempts_max: None,
-                        views: 1,
-                        near,
-                        paper: false,
-                        mat,
-                    };
-                    (wanted.seed, scene(robot, &wanted))
-                })
-                .collect();
-            let mut failures = Vec::new();
-            for (seed, scene) in &done {
-                match scene {
-                    Ok(scene) => failures.extend(
-                        scene
-                            .grips
-                            .iter()
-                            .filter(|words| !words.starts_with("holds"))
-                            .map(|words| format!("scene {seed}: {words}")),
-                    ),
-                    Err(error) => failures.push(format!("scene {seed} stopped: {error}")),
-                }
-            }
-            let reports: Vec<_> = done.into_iter().map(|(_, scene)| scene).collect();
-            lines.push(Line {
-                cluttered: order == Order::Cluttered,
-                knowledge,
-                figures: figures(&reports),
-                failures,
-            });
-        }
-    }
-    lines
 }

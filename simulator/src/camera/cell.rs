@@ -7,7 +7,8 @@ use super::depth::{DepthPicture, Stereo, render_depth};
 use super::frame::Frame;
 use super::grasp::{Grip, Gripper};
 use super::lens::Lens;
-use super::scene::{Scene, Tracer};
+use super::scene::Scene;
+use super::tracer::Tracer;
 use crate::plant::vec3::axpy;
 use crate::plant::{Plant, PlantError};
 
@@ -201,9 +202,9 @@ impl Cell {
         pixel: [f64; 2],
     ) -> Option<[f64; 3]> {
         let color = world_from_platform.then(&camera.platform_from_color);
-        let along = color.direction(camera.color.ray(pixel));
-        let hit = Tracer::new(&self.scene).cast(color.position_m, along, 0.0)?;
-        Some(axpy(color.position_m, hit.way, along))
+        let ray = camera.color.ray(pixel);
+        let hit = Tracer::new(&self.scene, &color).cast(ray)?;
+        Some(axpy(color.position_m, hit.way, color.direction(ray)))
     }
 
     fn others(&self, index: usize) -> Vec<super::scene::Body> {

@@ -3,7 +3,8 @@
 use super::frame::Frame;
 use super::lens::Lens;
 use super::noise::RowNoise;
-use super::scene::{Scene, Tracer};
+use super::scene::Scene;
+use super::tracer::Tracer;
 use crate::plant::vec3::{axpy, sub};
 use rayon::prelude::*;
 
@@ -56,17 +57,14 @@ pub fn render_color(
     seed: u64,
 ) -> ColorPicture {
     let [width, height] = lens.size_px;
-    let tracer = Tracer::new(scene);
-    let from = world_from_camera.position_m;
+    let tracer = Tracer::new(scene, world_from_camera);
     let along = |u: f64, v: f64| world_from_camera.direction(lens.ray([u, v]));
     let look = |u: f64, v: f64| {
-        let along = along(u, v);
-        tracer
-            .cast(from, along, 0.0)
-            .map_or(([0.0; 3], None), |hit| {
-                let (color, lit) = tracer.shade(from, along, &hit);
-                (color, Some((hit.body, hit.part, lit)))
-            })
+        let ray = lens.ray([u, v]);
+        tracer.cast(ray).map_or(([0.0; 3], None), |hit| {
+            let (color, lit) = tracer.shade(ray, &hit);
+            (color, Some((hit.body, hit.part, lit)))
+        })
     };
     let (centers, met): (Vec<[f32; 3]>, Vec<_>) = (0..width * height)
         .into_par_iter()
@@ -97,13 +95,13 @@ pub fn render_color(
                 let rays = few
                     .iter()
                     .map(|(dx, dy)| axpy(axpy(corner, *dx, right), *dy, down));
-                return to_f32(tracer.shade_on(from, rays, met));
+                return to_f32(tracer.shade_on(rays, met));
             }
             let mut sum = [0.0; 3];
             for (dx, dy) in &offsets {
                 let (u, v) = (x as f64 + dx, y as f64 + dy);
                 let ray = match print {
-                    Some(met) => tracer.shade_on(from, std::iter::once(along(u, v)), met),
+                    Some(met) => tracer.shade_on(std::iter::once(along(u, v)), met),
                     None => look(u, v).0,
                 };
                 for (sum, value) in sum.iter_mut().zip(ray) {

@@ -3,7 +3,8 @@
 use super::frame::Frame;
 use super::lens::Lens;
 use super::noise::RowNoise;
-use super::scene::{Scene, Tracer};
+use super::scene::Scene;
+use super::tracer::Tracer;
 use crate::plant::vec3::{add, axpy, norm, scale, sub};
 use rayon::prelude::*;
 
@@ -67,7 +68,7 @@ pub fn render_depth(
     seed: u64,
 ) -> DepthPicture {
     let [width, height] = lens.size_px;
-    let tracer = Tracer::new(scene);
+    let tracer = Tracer::new(scene, world_from_camera);
     let from = world_from_camera.position_m;
     let second = world_from_camera.point([stereo.baseline_m, 0.0, 0.0]);
     let coarse = Coarse::new(width, height, stereo, seed);
@@ -82,7 +83,7 @@ pub fn render_depth(
                 let (fine, luck) = (noise.normal(), noise.uniform());
                 let ray = lens.ray([x as f64 + 0.5, y as f64 + 0.5]);
                 let along = world_from_camera.direction(ray);
-                let Some(hit) = tracer.cast(from, along, 0.0) else {
+                let Some(hit) = tracer.cast(ray) else {
                     continue;
                 };
                 let part = &tracer.scene().bodies[hit.body].parts[hit.part];

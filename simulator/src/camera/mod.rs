@@ -38,6 +38,7 @@ mod noise;
 mod objects;
 mod scene;
 mod shape;
+mod tracer;
 
 pub use arrange::{Order, Tray};
 pub use cell::{Cell, Happening, Rgbd};

@@ -2,7 +2,7 @@
 
 use super::frame::Frame;
 use super::shape::{Shape, Surface};
-use crate::plant::vec3::{V3, add, axpy, dot, norm, scale, sub};
+use crate::plant::vec3::norm;
 
 /// A piece of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -141,129 +141,5 @@ impl Body {
             let inside = part.body_from_part.point_inside(point);
             part.shape.contains(inside, margin_m)
         })
-    }
-}
-
-/// A scene prepared for many rays.
-pub(crate) struct Tracer<'a> {
-    scene: &'a Scene,
-    /// Sphere around each body, and the places of its parts.
-    bodies: Vec<(V3, f64, Vec<Frame>)>,
-    lamp: V3,
-}
-
-impl<'a> Tracer<'a> {
-    pub(crate) fn new(scene: &'a Scene) -> Self {
-        let prepare = |body: &Body| {
-            let places = body.parts.iter();
-            (
-                body.world_from_body.position_m,
-                body.radius_m(),
-                places
-                    .map(|part| body.world_from_body.then(&part.body_from_part))
-                    .collect(),
-            )
-        };
-        let towards = scene.light.towards;
-        Self {
-            scene,
-            bodies: scene.bodies.iter().map(prepare).collect(),
-            lamp: scale(towards, 1.0 / norm(towards).max(1e-12)),
-        }
-    }
-
-    pub(crate) const fn scene(&self) -> &Scene {
-        self.scene
-    }
-
-    /// The first thing on the ray, further than `least` along it.
-    pub(crate) fn cast(&self, from: V3, along: V3, least: f64) -> Option<Hit> {
-        let length2 = dot(along, along);
-        let mut best: Option<Hit> = None;
-        for (index, (center, radius, places)) in self.bodies.iter().enumerate() {
-            let to = sub(*center, from);
-            let middle = dot(to, along) / length2;
-            if dot(to, to) - middle * middle * length2 > radius * radius {
-                continue;
-            }
-            let parts = places.iter().zip(&self.scene.bodies[index].parts);
-            for (number, (place, part)) in parts.enumerate() {
-                let (start, way) = (place.point_inside(from), place.direction_inside(along));
-                let Some((near, _, normal)) = part.shape.span(start, way) else {
-                    continue;
-                };
-                if near <= least || best.is_some_and(|hit| hit.way <= near) {
-                    continue;
-                }
-                best = Some(Hit {
-                    way: near,
-                    body: index,
-                    part: number,
-                    normal: place.direction(normal),
-                    point_in_part_m: axpy(start, near, way),
-                });
-            }
-        }
-        best
-    }
-
-    /// Whether anything lies on the ray between `least` and `most`.
-    pub(crate) fn blocked(&self, from: V3, along: V3, least: f64, most: f64) -> bool {
-        self.cast(from, along, least)
-            .is_some_and(|hit| hit.way < most)
-    }
-
-    /// Light from a hit towards the eye: red, green, blue in grey values; and whether the lamp
-    /// reaches it.
-    pub(crate) fn shade(&self, from: V3, along: V3, hit: &Hit) -> ([f64; 3], bool) {
-        let facing = dot(hit.normal, self.lamp).max(0.0);
-        let point = add(from, scale(along, hit.way));
-        let lit = facing > 0.0 && !self.blocked(point, self.lamp, 1e-6, f64::INFINITY);
-        (self.thrown_back(hit, lit), lit)
-    }
-
-    fn thrown_back(&self, hit: &Hit, lit: bool) -> [f64; 3] {
-        let part = &self.scene.bodies[hit.body].parts[hit.part];
-        let light = &self.scene.light;
-        let facing = dot(hit.normal, self.lamp).max(0.0);
-        let brightness = light.around + if lit { light.lamp * facing } else { 0.0 };
-        let color = part.surface.color(hit.point_in_part_m);
-        color.map(|share| share * brightness)
-    }
-
-    /// The mean of what [`Tracer::cast`] and [`Tracer::shade`] give for rays that are known to meet
-    /// this part of this body first, lit or not: print needs many rays and has nothing in front.
-    pub(crate) fn shade_on(
-        &self,
-        from: V3,
-        rays: impl Iterator<Item = V3>,
-        (body, part, lit): (usize, usize, bool),
-    ) -> [f64; 3] {
-        let place = &self.bodies[body].2[part];
-        let shape = &self.scene.bodies[body].parts[part].shape;
-        let start = place.point_inside(from);
-        let (mut sum, mut count) = ([0.0; 3], 0.0);
-        for along in rays {
-            let way = place.direction_inside(along);
-            let Some((near, _, normal)) = shape.span(start, way) else {
-                continue;
-            };
-            let hit = Hit {
-                way: near,
-                body,
-                part,
-                normal: place.direction(normal),
-                point_in_part_m: axpy(start, near, way),
-            };
-            sum = add(sum, self.thrown_back(&hit, lit));
-            count += 1.0;
-        }
-        scale(sum, 1.0 / f64::max(count, 1.0))
-    }
-
-    /// Whether a part is a sheet of many tags.
-    pub(crate) fn is_rows(&self, (body, part, _): (usize, usize, bool)) -> bool {
-        let surface = &self.scene.bodies[body].parts[part].surface;
-        matches!(surface, super::shape::Surface::Tags(_))
     }
 }

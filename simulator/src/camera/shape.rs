@@ -118,6 +118,15 @@ impl Shape {
         }
     }
 
+    /// Half of the sides of the box around the origin that holds the solid, m.
+    pub(super) const fn half_box_m(&self) -> V3 {
+        match *self {
+            Self::Box { half_m } => half_m,
+            Self::Cylinder { radius_m, half_m } => [radius_m, radius_m, half_m],
+            Self::Sheet { half_m: [x, y] } => [x, y, 0.0],
+        }
+    }
+
     /// Whether a point lies in the solid or closer to it than `margin_m`.
     #[must_use]
     pub fn contains(&self, point_m: [f64; 3], margin_m: f64) -> bool {
