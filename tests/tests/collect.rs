@@ -261,6 +261,8 @@ fn path_error_m(folder: &Path, more: &[&str]) -> (f64, f64) {
     args.extend(more);
     let (code, out, err) = run(folder, &args);
     assert_eq!(code, Some(0), "{err}");
+    // Without it the machine would be another, and nearly as good.
+    assert!(err.contains("calibration.json applied"), "{err}");
     let summary: Value = serde_json::from_str(&out).unwrap();
     let part = |key: &str| summary["path_error_m"][key].as_f64().unwrap();
     (part("mean"), part("max"))

@@ -1,5 +1,6 @@
-//! Every row of the fault list with the user's own tool: it is injected and ends as the list says,
-//! or it is refused with a reason; and pairs of them.
+//! Every row of the fault list with the user's own tool: it is injected, stops the robot where it is
+//! to be noticed, and ends safely, or it is refused with a reason; and pairs of them. Which reaction a
+//! row has is the core's own tests' business.
 
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
@@ -62,14 +63,23 @@ fn judge(ids: &[FaultId], words: &[String], after: &Aftermath) -> Vec<String> {
     wrong
 }
 
+/// Where a row is noticed on this way, on this machine.
+const NOTICED: &str = "L1:1@start L8:1@0.9s L10:1@0.9s L11:1@0.9s L12:1@0.9s L15:1@0.9s L16:1@0.9s L18:1@0.9s \
+    S2:1@start S2:1@0.9s S4:1@start S4:1@0.9s S5:1@start S5:1@0.9s S6:1@start S6:1@0.9s \
+    S7:1@start S7:1@0.9s S8:1@start S8:1@0.9s S10:1@start S11:1@start S11:1@0.9s D1:1@start \
+    D1:1@0.9s D2:1@start D2:1@0.9s D3:1@start D3:1@0.9s D4:1@start D4:1@0.9s D5:1@start \
+    D6:1@start D6:1@0.9s D7:1@start D7:1@0.9s B1:1@start B1:1@0.9s B2:1@start B2:1@0.9s \
+    B3:1@start B3:1@0.9s P2:1@start P2:1@0.9s P7:1@start P7:1@0.9s C1:1@start C1:1@0.9s \
+    C2:1@start C2:1@0.9s C3:1@start C3:1@0.9s C4:1@start C4:1@0.9s C5:1@start C5:1@0.9s";
+
 fn can_be_shown() -> Vec<FaultId> {
     let all = FaultId::ALL.iter().copied();
     all.filter(|id| !matches!(how(*id), How::Not(_))).collect()
 }
 
 #[test]
-fn every_row_is_shown_and_ends_as_the_list_says_or_is_refused_with_a_reason() {
-    let mut wrong = Vec::new();
+fn every_row_is_shown_and_ends_safely_or_is_refused_with_a_reason() {
+    let (mut wrong, mut noticed) = (Vec::new(), Vec::new());
     for &id in FaultId::ALL {
         for when in ["start", "0.9s"] {
             let words = [format!("{}:1@{when}", id.name())];
@@ -78,11 +88,16 @@ fn every_row_is_shown_and_ends_as_the_list_says_or_is_refused_with_a_reason() {
                 let said = refused.unwrap_err().to_string();
                 assert!(said.contains(reason) && said.contains(id.name()), "{said}");
             } else {
-                wrong.extend(judge(&[id], &words, &run(&[id], &words)));
+                let after = run(&[id], &words);
+                wrong.extend(judge(&[id], &words, &after));
+                if after.record().is_some() {
+                    noticed.push(words[0].clone());
+                }
             }
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert_eq!(noticed.join(" "), NOTICED);
 }
 
 #[test]
