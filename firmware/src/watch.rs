@@ -39,6 +39,7 @@ pub struct CableWatch {
     saturated: Persist,
     hot: Persist,
     runaway: Persist,
+    deaf: Persist,
     last_adc: u16,
     /// Tension of the last ticks, mN: a cable that breaks falls below half of it at once.
     recent_mn: i32,
@@ -61,6 +62,7 @@ struct Conditions {
     astray: bool,
     saturated: bool,
     hot: bool,
+    deaf: bool,
 }
 
 impl Conditions {
@@ -75,6 +77,7 @@ impl Conditions {
             | self.astray
             | self.saturated
             | self.hot
+            | self.deaf
     }
 }
 
@@ -140,6 +143,10 @@ pub struct CableView {
     pub length_error_max: i32,
     /// The same difference by the motor's own counts: tells a dead encoder from a dead drive.
     pub motor_error: i32,
+    /// Current that was told and that the drive gives, mA, without signs.
+    pub told_ma: i32,
+    /// As the drive says.
+    pub given_ma: i32,
     /// The current is at its limit.
     pub saturated: bool,
     /// Age of the drive's feedback, ms.
@@ -172,6 +179,7 @@ const SNAG_TICKS: u16 = 2;
 const RAIL_TICKS: u16 = 5;
 const FROZEN_TICKS: u16 = 10;
 const FOLLOWING_TICKS: u16 = 20;
+const DEAF_TICKS: u16 = 20;
 const SATURATED_TICKS: u16 = 100;
 const BREAK_TICKS: u16 = 10;
 const HOT_TICKS: u16 = 100;
@@ -183,6 +191,14 @@ const RUNAWAY_UMPS: i32 = 2000;
 pub(crate) const LEAST_OFF_MN: i32 = 2000;
 /// Mean change of a tension from tick to tick that is noise, 1/64 mN.
 const NOISE_Q6: i32 = 250 * 64;
+
+/// Whether a drive gives less than a quarter of the current that it was told (D2): all that tells
+/// an RMDS whose motor has died, on a cable that no length holds. Sizes alone are compared, since
+/// feedback is some milliseconds late and a drum that is stirred changes its current's sign.
+#[inline]
+pub(crate) const fn is_deaf(told_ma: i32, given_ma: i32) -> bool {
+    given_ma.saturating_mul(4) < told_ma
+}
 
 impl CableWatch {
     /// A quick look at a tick under torque in which the caller saw nothing wrong: whether nothing
@@ -255,6 +271,7 @@ impl CableWatch {
             astray: view.length_error.unsigned_abs() > view.length_error_max.unsigned_abs(),
             saturated: view.saturated,
             hot: view.hot,
+            deaf: is_deaf(view.told_ma, view.given_ma),
         };
         let any = now.any();
         let lost = view.feedback_age_ms >= view.feedback_timeout_ms;
@@ -297,12 +314,15 @@ impl CableWatch {
         let astray = self.following.update(now.astray, FOLLOWING_TICKS);
         let saturated = self.saturated.update(now.saturated, SATURATED_TICKS);
         let hot = self.hot.update(now.hot, HOT_TICKS);
+        let deaf = self.deaf.update(now.deaf, DEAF_TICKS);
         let ticks = |count: &Persist, limit: u16| (i32::from(count.ticks()), i32::from(limit));
         let (age, timeout) = (view.feedback_age_ms, view.feedback_timeout_ms);
         let (fault, (value, limit)) = if reversed || runs {
             (FaultId::S4, (view.too_fast_umps, RUNAWAY_UMPS))
         } else if view.drive_fault {
             (FaultId::D2, (1, 0))
+        } else if deaf {
+            (FaultId::D2, (view.given_ma, view.told_ma / 4))
         } else if age >= timeout {
             (FaultId::D3, (i32::from(age), i32::from(timeout)))
         } else if open {

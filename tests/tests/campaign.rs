@@ -18,6 +18,18 @@ fn random_faults_at_random_times_on_random_robots_break_no_invariant() {
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 
+/// Seeds that broke one: what was repaired stays so.
+#[test]
+fn seeds_of_the_study_that_once_broke_an_invariant_do_not_again() {
+    let seeds = [
+        316, 2001, 2112, 2638, 2771, 2927, 3746, 3782, 4250, 4452, 6292, 7972,
+    ];
+    for seed in seeds {
+        let verdict = campaign::run(seed).unwrap();
+        assert!(verdict.violations.is_empty(), "{}", verdict.line());
+    }
+}
+
 #[test]
 fn a_seed_is_the_same_run_again() {
     let (one, two) = (campaign::run(7).unwrap(), campaign::run(7).unwrap());

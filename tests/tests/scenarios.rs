@@ -116,6 +116,22 @@ fn d2_d7_an_rmds_without_torque_is_braked_before_the_others() {
     }
 }
 
+/// Nothing but its own current tells of it where no length is held: friction holds the cable for a
+/// while, and its drum would run off later.
+#[test]
+fn d2_an_rmds_that_dies_on_the_tension_held_cable_is_told_by_its_current() {
+    let after = run(&["D2:4@0.9s"]);
+    let record = after.record().unwrap();
+    assert_eq!((record.fault, record.cable), (FaultId::D2, 4));
+    let said = mcdpr::link::describe_fault(&record);
+    assert!(said.contains("takes 0 mA of the "), "{said}");
+    let noticed = after.detected_after_ms().unwrap();
+    // 20 ticks, and the feedback's way.
+    assert!((20..=30).contains(&noticed), "{noticed} ms");
+    assert!(after.is_safe());
+    assert!(after.drop_m() < 2e-3, "{} m", after.drop_m());
+}
+
 #[test]
 fn d4_a_motor_that_gives_all_it_has_for_100_ms_stops_the_robot() {
     let after = run(&["D4:1@0.9s"]);

@@ -10,6 +10,7 @@
 //! | `link` | bytes to commands, answers and telemetry to bytes (thread mode) |
 //! | `uart` | USART3, DMA in both directions |
 //! | `interrupts` | priorities, and critical sections that never hold the tick up |
+//! | `memory` | copying and clearing, small |
 //! | `life` | the watchdog, fed only while tick and link both live |
 //! | `fatal` | brakes first, then a record that survives the reset |
 //! | `identity` | who this board is and why it started |
@@ -33,6 +34,8 @@ mod interrupts;
 mod life;
 #[cfg(target_os = "none")]
 mod link;
+#[cfg(target_os = "none")]
+mod memory;
 #[cfg(target_os = "none")]
 mod pins;
 #[cfg(target_os = "none")]

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::config::{CableConfig, TensionLaw};
 use crate::io::DriveInput;
-use crate::watch::{CableView, Persist};
+use crate::watch::{CableView, Persist, is_deaf};
 use mcdpr_protocol::ResidualRow;
 
 /// Time that the platform may be touched before the robot stops, ticks (C5).
@@ -51,13 +51,26 @@ impl Cable {
             | (self.tension_mn < config.floor_mn)
             | (self.tension_mn > config.ceiling_mn)
             | (off.unsigned_abs() > TENSION_CALM_MN.unsigned_abs())
-            | (error.unsigned_abs() > config.following_error.cast_unsigned());
+            | (error.unsigned_abs() > config.following_error.cast_unsigned())
+            | is_deaf(self.told_ma(config), i32::from(drive.current_ma).abs());
         !odd && self.watch.is_quiet(
             adc,
             self.tension_mn,
             (self.by_motor, self.length),
             config.four_counts,
         )
+    }
+
+    /// Size of the current that a tension-held drum was told, mA; none where it is within a
+    /// thirty-second of the largest, and so within what a drive measures wrongly.
+    #[inline]
+    fn told_ma(&self, config: &CableConfig) -> i32 {
+        let told = self.tension_loop.hold().abs();
+        if config.control == Control::Tension && told > config.most_ma >> 5 {
+            told
+        } else {
+            0
+        }
     }
 
     /// Commanded less measured length, 0.1 µm; of a cable that is held by tension, how far motor
@@ -105,6 +118,8 @@ impl Cable {
             } else {
                 self.axis.motor_error(&self.target, self.by_motor)
             },
+            told_ma: self.told_ma(config),
+            given_ma: i32::from(drive.current_ma).abs(),
             saturated: self.tension_loop.saturated
                 || i32::from(drive.current_ma).abs() > config.most_ma,
             feedback_age_ms: drive.age_ms,

@@ -184,6 +184,40 @@ fn s2_and_d7_fire_after_20_ticks_beyond_a_millimetre_and_tell_encoder_from_drive
 }
 
 #[test]
+fn d2_a_motor_that_gives_under_a_quarter_of_its_current_fires_after_20_ticks() {
+    let (given, told) = (-99_i32, 400);
+    let found = ticks_until(|v| (v.told_ma, v.given_ma) = (400, 99));
+    assert_eq!(found, (20, FaultId::D2, given.abs(), told / 4));
+    let mut watch = CableWatch::default();
+    for tick in 0..500 {
+        // A current that changes its sign and is seen late passes through zero, but does not stay.
+        let view = CableView {
+            told_ma: told,
+            given_ma: if tick % 20 == 0 { 100 } else { 99 },
+            ..healthy(tick)
+        };
+        assert_eq!(watch.update(&view), None, "{tick}");
+    }
+}
+
+#[test]
+fn d2_a_dead_motor_is_found_on_the_tension_held_cable_alone_and_its_brake_closes() {
+    // The bench's motors give what they are told; the fourth cable is held by its tension.
+    for (drive, divisor, fault) in [(3, 5, Some(FaultId::D2)), (3, 3, None), (0, 5, None)] {
+        let mut bench = Bench::moving(4000, 500);
+        bench.tamper = match (drive, divisor) {
+            (3, 5) => |i| i.drives[3].current_ma /= 5,
+            (3, _) => |i| i.drives[3].current_ma /= 3,
+            _ => |i| i.drives[0].current_ma /= 5,
+        };
+        bench.run(25);
+        assert_eq!(bench.fault(), fault, "{drive} by {divisor}");
+        let braked = [0, 1, 2, 3].map(|i| bench.outputs.brakes[i] == Brake::Closed);
+        assert_eq!(braked, [false, false, false, fault.is_some()]);
+    }
+}
+
+#[test]
 fn d2_and_d3_fire_at_once() {
     assert_eq!(ticks_until(|v| v.drive_fault = true).0, 1);
     let lost = ticks_until(|v| v.feedback_age_ms = 10);

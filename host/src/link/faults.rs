@@ -11,10 +11,17 @@ pub fn describe_fault(record: &FaultRecord) -> String {
     };
     let id = record.fault;
     let numbers = match id {
-        FaultId::S2 | FaultId::D7 => format!(
+        // Without a limit, arming found it: nothing was to move yet.
+        FaultId::S2 | FaultId::D7 if record.limit > 0 => format!(
             ": {:.2} mm behind its command, limit {:.2} mm",
             f64::from(record.value) * 1e-3,
             f64::from(record.limit) * 1e-3
+        ),
+        // With a limit, it was told by the current; else the drive said so.
+        FaultId::D2 if record.limit > 0 => format!(
+            ": the motor takes {} mA of the {} mA that it was told",
+            record.value,
+            4 * record.limit
         ),
         FaultId::S5 => format!(
             ": closure error {:.2} mm, limit {:.2} mm",

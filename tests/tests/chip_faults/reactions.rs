@@ -173,6 +173,8 @@ fn d2_d6_what_a_drive_reports_stops_the_robot_of_the_chip() {
     // An RMDS has no report: a motor without torque is a drive that does not obey, and its brake
     // closes first.
     stops(&[("D2:1@0.9s", FaultId::D7, 1, 200, 8e-3)]);
+    // Where no length is held, its current tells.
+    stops(&[("D2:4@0.9s", FaultId::D2, 4, 30, 2e-3)]);
 }
 
 /// A chip's counters start at 0, so that cables that are paid out and cables that are hauled in
