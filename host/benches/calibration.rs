@@ -1,14 +1,15 @@
-//! Speed of the calibration: the joint method, and the paper's with tag poses given beside the same
-//! minimum found with a dense Jacobian by finite differences.
+//! Speed of the calibration: with tag poses given, from pixels, and with a board and statics, each
+//! beside the same minimum found with a dense Jacobian by finite differences.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mcdpr::calibration::data::{Data, compose, inverse};
 use mcdpr::calibration::paper::{Estimate, Problem, Weights};
 use mcdpr::calibration::simulate::{Setup, Target, Truth, simulate};
-use mcdpr::calibration::{Options, joint};
+use mcdpr::calibration::{Options, dense, joint};
 use mcdpr_kinematics::{Pose, Robot};
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DVector, Vector3};
 use std::hint::black_box;
+use std::time::{Duration, Instant};
 
 fn case(target: Target, poses: usize) -> (Data, Truth) {
     let setup = Setup {
@@ -60,109 +61,108 @@ fn stepped(at: &Estimate, v: &DVector<f64>) -> Estimate {
     out
 }
 
-fn residuals(problem: &Problem, at: &Estimate) -> DVector<f64> {
+/// Weights of the joint estimate: each row by its standard deviation, 0.05 mm and 5 mm/sqrt(3).
+fn weights() -> Weights {
+    Weights {
+        lengths: 1.0 / 0.05,
+        anchors: 3f64.sqrt() / 5.0,
+        ..Weights::default()
+    }
+}
+
+fn residuals(problem: &Problem, at: &Estimate) -> Option<DVector<f64>> {
     let platform = mcdpr_kinematics::Platform {
         mass_kg: 1.0,
         center_of_mass_m: Vector3::zeros(),
         inertia_kg_m2: None,
     };
-    let robot = <[_; 4]>::try_from(at.cables.clone())
-        .ok()
-        .and_then(|cables| Robot::new(cables, platform).ok());
+    let cables = <[_; 4]>::try_from(at.cables.clone()).ok()?;
+    let robot = Robot::new(cables, platform).ok()?;
+    let weights = weights();
     let mut out = Vec::with_capacity(92);
     for (tag, readings) in problem.camera_from_tag.iter().zip(&problem.encoder_m) {
         let camera: Pose = compose(&at.world_from_tag, &inverse(tag));
         let pose = compose(&camera, &at.camera_from_platform);
-        let lengths = robot.as_ref().and_then(|r| r.lengths_m(&pose).ok());
-        for (i, length) in lengths.unwrap_or([f64::NAN; 4]).iter().enumerate() {
-            let reading = readings[i].unwrap_or(0.0);
-            out.push(5e3 * (length - at.initial_length_m[i] - reading));
+        let lengths = robot.lengths_m(&pose).ok()?;
+        for (i, length) in lengths.iter().enumerate() {
+            let off = length - at.initial_length_m[i] - readings[i]?;
+            out.push(1e3 * weights.lengths * off);
         }
     }
     for (now, nominal) in at.cables.iter().zip(&problem.nominal) {
-        out.extend((now.anchor_m - nominal.anchor_m).iter().map(|x| x * 1e3));
+        let off = (now.anchor_m - nominal.anchor_m) * 1e3 * weights.anchors;
+        out.extend(off.iter());
     }
-    DVector::from_vec(out)
+    Some(DVector::from_vec(out))
 }
 
-/// What a plain implementation does: numeric Jacobian, dense normal equations.
-fn plain(problem: &Problem, start: &Estimate) -> (Estimate, f64) {
-    let (mut at, mut damping) = (start.clone(), 1e-6);
-    let mut r = residuals(problem, &at);
-    for _ in 0..100 {
-        let mut jacobian = DMatrix::zeros(r.len(), 28);
-        for j in 0..28 {
-            let mut step = DVector::zeros(28);
-            step[j] = 1e-7;
-            let column = (residuals(problem, &stepped(&at, &step)) - &r) / 1e-7;
-            jacobian.set_column(j, &column);
-        }
-        let mut h = jacobian.tr_mul(&jacobian);
-        for j in 0..28 {
-            h[(j, j)] *= 1.0 + damping;
-        }
-        let Some(cholesky) = h.cholesky() else { break };
-        let step = cholesky.solve(&-jacobian.tr_mul(&r));
-        let trial = stepped(&at, &step);
-        let next = residuals(problem, &trial);
-        if next.norm_squared() <= r.norm_squared() {
-            let done = r.norm_squared() - next.norm_squared() < 1e-9 * r.norm_squared() + 1e-12;
-            (at, r) = (trial, next);
-            damping *= 0.1;
-            if done {
-                break;
-            }
-        } else {
-            damping *= 10.0;
-        }
+fn plain(problem: &Problem, start: &Estimate) -> Option<(Estimate, f64)> {
+    let of = |at: &Estimate| residuals(problem, at);
+    dense::minimise(start, 28, 1e-12, of, stepped)
+}
+
+/// Times both ways in turn and prints medians and their ratio: whatever else the machine does then
+/// slows both.
+fn compare(name: &str, aim: Duration, rounds: usize, fast: &dyn Fn(), plain: &dyn Fn()) {
+    let time = |f: &dyn Fn()| {
+        let start = Instant::now();
+        f();
+        start.elapsed()
+    };
+    let (mut times, mut plain_times) = (Vec::new(), Vec::new());
+    for _ in 0..rounds {
+        plain_times.push(time(plain));
+        times.extend((0..5).map(|_| time(fast)));
     }
-    let cost = r.norm_squared();
-    (at, cost)
+    times.sort();
+    plain_times.sort();
+    let (t, p) = (times[times.len() / 2], plain_times[rounds / 2]);
+    println!(
+        "{name}: {t:.2?} (aim {aim:?}), dense with numeric Jacobian {p:.2?}, {:.0} times as long",
+        p.as_secs_f64() / t.as_secs_f64()
+    );
 }
 
 fn calibration(c: &mut Criterion) {
     let (problem, start) = given_tags();
-    let solved = problem.solve(&start, &Weights::default());
+    let solved = problem.solve(&start, &weights());
     let analytic = solved.map_or(f64::NAN, |(_, cost, _)| cost);
-    let (_, numeric) = plain(&problem, &start);
+    let numeric = plain(&problem, &start).map_or(f64::NAN, |(_, cost)| cost);
     assert!(
         (analytic - numeric).abs() < 1e-3 * numeric + 1e-6,
         "both must end at one minimum: {analytic} {numeric}"
     );
-    c.bench_function("tag poses given, 20 poses, 28 unknowns", |b| {
-        b.iter(|| black_box(problem.solve(&start, &Weights::default())));
+    let solve = || drop(black_box(problem.solve(&start, &weights())));
+    let name = "tag poses given, 20 poses, 28 unknowns";
+    let aim = Duration::from_micros(80);
+    compare(name, aim, 500, &solve, &|| {
+        drop(black_box(plain(&problem, &start)));
     });
-    c.bench_function("the same, dense numeric Jacobian", |b| {
-        b.iter(|| black_box(plain(&problem, &start)));
-    });
+    c.bench_function(name, |b| b.iter(solve));
+
     let without = Options {
         without_statics: true,
         ..Options::default()
     };
+    let (tag, board) = (Target::Tag, Target::Board);
+    let all = Options::default();
+    // With an aim: beside the plain way, which takes seconds.
     let cases = [
-        (
-            "joint, one tag, 60 poses, no statics",
-            Target::Tag,
-            60,
-            without,
-        ),
-        (
-            "joint, board, 60 poses, statics",
-            Target::Board,
-            60,
-            Options::default(),
-        ),
-        (
-            "joint, board, 20 poses, statics",
-            Target::Board,
-            20,
-            Options::default(),
-        ),
+        ("pixels, one tag, 60 poses", tag, 60, without, Some(3)),
+        ("board, 60 poses, statics", board, 60, all, Some(15)),
+        ("board, 20 poses, statics", board, 20, all, None),
     ];
-    for (name, target, poses, options) in cases {
+    for (name, target, poses, options, aim_ms) in cases {
         let (mut data, _) = case(target, poses);
         data.holdout.clear();
-        c.bench_function(name, |b| b.iter(|| black_box(joint(&data, &options))));
+        let solve = || drop(black_box(joint(&data, &options)));
+        if let Some(aim_ms) = aim_ms {
+            let aim = Duration::from_millis(aim_ms);
+            compare(name, aim, 3, &solve, &|| {
+                drop(black_box(dense::joint_dense(&data, &options)));
+            });
+        }
+        c.bench_function(name, |b| b.iter(solve));
     }
 }
 

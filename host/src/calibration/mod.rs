@@ -8,10 +8,11 @@
 //! | [`camera`], [`pnp`] | projection; where tags are in one picture |
 //! | [`unknowns`], [`rows`] | what the joint method estimates, and what each measurement says about it |
 //! | [`normal`], [`mod@solve`] | elimination of the poses; Levenberg-Marquardt; outliers |
+//! | [`dense`] | the same as a plain implementation solves it, for comparison |
 //! | [`observability`], [`predict`] | what the data fix, and how far off the platform would be |
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
 //! | [`assay`] | upper poses against lower ones, the map of the expected error, what to measure next |
-//! | [`mod@paper`], [`hand_eye`] | the paper's method, for comparison |
+//! | [`mod@paper`], [`hand_eye`], [`lengths`] | the paper's method, for comparison; anchors from lengths where tag poses are given |
 //! | [`plan`], [`collect`] | choice of poses; measuring them on a robot |
 //! | [`result`] | the calibration as a file beside the robot file |
 //! | [`target`] | tags to print |
@@ -25,9 +26,11 @@ pub mod camera;
 pub mod check;
 pub mod collect;
 pub mod data;
+pub mod dense;
 pub mod error;
 pub mod hand_eye;
 pub mod joint;
+pub mod lengths;
 pub mod normal;
 pub mod observability;
 pub mod paper;

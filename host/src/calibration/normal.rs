@@ -13,12 +13,13 @@ pub type Weights = Vec<Vec<f64>>;
 pub struct Normal {
     own: usize,
     shared: usize,
-    /// Per pose: own x own, row-major, lower triangle.
-    own_h: Vec<Vec<f64>>,
-    own_g: Vec<Vec<f64>>,
-    /// Per pose: own rows of `shared` numbers.
-    cross: Vec<Vec<f64>>,
-    shared_h: DMatrix<f64>,
+    /// Pose after pose: own x own, row-major, lower triangle.
+    own_h: Vec<f64>,
+    own_g: Vec<f64>,
+    /// Pose after pose: own rows of `shared` numbers.
+    cross: Vec<f64>,
+    /// Lower triangle, row-major.
+    shared_h: Vec<f64>,
     shared_g: DVector<f64>,
     /// Weighted sum of squares of the measurements.
     pub chi_square: f64,
@@ -32,8 +33,8 @@ pub struct Normal {
 #[derive(Debug, Clone)]
 pub struct Reduced {
     own: usize,
-    /// Per pose: Cholesky factor of the own block, row-major.
-    factors: Vec<Vec<f64>>,
+    /// Pose after pose: Cholesky factor of the own block, row-major.
+    factors: Vec<f64>,
     /// `shared` x (poses * own): columns are the rows of L^-1 cross.
     coupling: DMatrix<f64>,
     /// L^-1 of the own gradients.
@@ -57,10 +58,10 @@ impl Normal {
         let mut out = Self {
             own,
             shared,
-            own_h: vec![vec![0.0; own * own]; poses],
-            own_g: vec![vec![0.0; own]; poses],
-            cross: vec![vec![0.0; own * shared]; poses],
-            shared_h: DMatrix::zeros(shared, shared),
+            own_h: vec![0.0; own * own * poses],
+            own_g: vec![0.0; own * poses],
+            cross: vec![0.0; own * shared * poses],
+            shared_h: vec![0.0; shared * shared],
             shared_g: DVector::zeros(shared),
             chi_square: 0.0,
             prior_chi_square: 0.0,
@@ -77,7 +78,8 @@ impl Normal {
                     let weight = weight.copied().unwrap_or(1.0);
                     if let Source::Corner(_, _, axis) = row.source {
                         if corners.body != row.shared.get(6).map(|(at, _)| *at) {
-                            corners.flush(k, &mut out);
+                            corners.flush_pose(k, &mut out);
+                            corners.flush_shared(&mut out);
                         }
                         corners.add(row, weight, axis);
                     } else {
@@ -85,12 +87,13 @@ impl Normal {
                     }
                 })
                 .ok()?;
-            corners.flush(k, &mut out);
+            corners.flush_pose(k, &mut out);
             out.residuals[k] = list;
         }
+        corners.flush_shared(&mut out);
         for prior in state.priors(model.data, &model.layout, priors) {
             let weight = 1.0 / (prior.sigma * prior.sigma);
-            out.shared_h[(prior.index, prior.index)] += weight;
+            out.shared_h[prior.index * (shared + 1)] += weight;
             out.shared_g[prior.index] += weight * prior.deviation;
             out.prior_chi_square += weight * prior.deviation * prior.deviation;
         }
@@ -110,17 +113,20 @@ impl Normal {
             return;
         }
         self.chi_square += weight * row.residual * row.residual;
-        let (h, g, cross) = (&mut self.own_h[k], &mut self.own_g[k], &mut self.cross[k]);
+        let (own, shared) = (self.own, self.shared);
+        let h = &mut self.own_h[k * own * own..(k + 1) * own * own];
+        let g = &mut self.own_g[k * own..(k + 1) * own];
+        let cross = &mut self.cross[k * own * shared..(k + 1) * own * shared];
         for (a, &value) in row.own.iter().enumerate() {
             if value == 0.0 {
                 continue;
             }
             let value = value * weight;
             g[a] += value * row.residual;
-            for (slot, other) in h[a * self.own..].iter_mut().zip(&row.own[..=a]) {
+            for (slot, other) in h[a * own..].iter_mut().zip(&row.own[..=a]) {
                 *slot += value * other;
             }
-            let line = &mut cross[a * self.shared..(a + 1) * self.shared];
+            let line = &mut cross[a * shared..(a + 1) * shared];
             for &(j, other) in row.shared {
                 line[j] += value * other;
             }
@@ -129,7 +135,7 @@ impl Normal {
             let value = value * weight;
             self.shared_g[i] += value * row.residual;
             for &(j, other) in &row.shared[..=p] {
-                self.shared_h[(i.max(j), i.min(j))] += value * other;
+                self.shared_h[i.max(j) * shared + i.min(j)] += value * other;
             }
         }
     }
@@ -138,24 +144,24 @@ impl Normal {
     /// block is not positive definite.
     #[must_use]
     pub fn reduced(&self, damping: f64) -> Option<Reduced> {
-        let (own, shared, poses) = (self.own, self.shared, self.own_h.len());
+        let (own, shared) = (self.own, self.shared);
+        let poses = self.own_g.len() / own;
         let mut coupling = DMatrix::zeros(shared, poses * own);
-        let mut own_g = DVector::zeros(poses * own);
-        let mut factors = Vec::with_capacity(poses);
+        let mut own_g = DVector::from_column_slice(&self.own_g);
+        let mut factors = self.own_h.clone();
         let values = coupling.as_mut_slice();
+        values.copy_from_slice(&self.cross);
         for k in 0..poses {
-            let mut l = self.own_h[k].clone();
+            let l = &mut factors[k * own * own..(k + 1) * own * own];
             for a in 0..own {
                 let diagonal = &mut l[a * own + a];
                 // Next to nothing (1/m^2, against 1e8 and more), for what no row fixes: a tension
                 // without sensor, a pose whose picture was rejected.
                 *diagonal = *diagonal * (1.0 + damping) + 1.0;
             }
-            factor(&mut l, own)?;
+            factor(l, own)?;
             let block = &mut values[k * own * shared..(k + 1) * own * shared];
-            block.copy_from_slice(&self.cross[k]);
             let g = &mut own_g.as_mut_slice()[k * own..(k + 1) * own];
-            g.copy_from_slice(&self.own_g[k]);
             for a in 0..own {
                 let (done, rest) = block.split_at_mut(a * shared);
                 let line = &mut rest[..shared];
@@ -175,9 +181,8 @@ impl Normal {
                 }
                 g[a] = rhs * inv;
             }
-            factors.push(l);
         }
-        let mut information = self.shared_h.clone();
+        let mut information = DMatrix::from_row_slice(shared, shared, &self.shared_h);
         for j in 0..shared {
             information[(j, j)] *= 1.0 + damping;
         }
@@ -218,8 +223,8 @@ const CORNER: usize = 24;
 /// Of these, those of the pose.
 const OWN: usize = 6;
 
-/// Sums of products over the corners of one body in one picture: many rows on few unknowns, so that
-/// they are summed densely and go to the normal equations once.
+/// Sums of products over the corners of one body: many rows on few unknowns, so that they are summed
+/// densely and go to the normal equations once per picture, the part shared by all pictures once.
 struct CornerSums {
     /// First unknown of the body; `None` while empty.
     body: Option<usize>,
@@ -272,28 +277,40 @@ impl CornerSums {
         }
     }
 
-    fn flush(&mut self, k: usize, out: &mut Normal) {
-        if self.body.take().is_none() {
+    /// What the corners of one pose say about its own unknowns.
+    fn flush_pose(&mut self, k: usize, out: &mut Normal) {
+        if self.body.is_none() {
             return;
         }
         let last = CORNER - 1;
         let (own, shared) = (out.own, out.shared);
-        out.chi_square += self.sums[last][last];
         for a in 0..OWN {
-            out.own_g[k][a] += self.sums[last][a];
+            out.own_g[k * own + a] += self.sums[last][a];
+            let line = (k * own + a) * own;
             for b in 0..=a {
-                out.own_h[k][a * own + b] += self.sums[a][b];
+                out.own_h[line + b] += self.sums[a][b];
+            }
+            let line = &mut out.cross[(k * own + a) * shared..(k * own + a + 1) * shared];
+            for (at, sums) in self.places.iter().zip(&self.sums[OWN..last]) {
+                line[*at] += sums[a];
             }
         }
-        for c in OWN..last {
-            let at = self.places[c - OWN];
-            for a in 0..OWN {
-                out.cross[k][a * shared + at] += self.sums[c][a];
-            }
+        for line in self.sums.iter_mut() {
+            line[..OWN].fill(0.0);
+        }
+    }
+
+    /// What all corners so far say about the shared unknowns.
+    fn flush_shared(&mut self, out: &mut Normal) {
+        if self.body.take().is_none() {
+            return;
+        }
+        let last = CORNER - 1;
+        out.chi_square += self.sums[last][last];
+        for (c, &at) in (OWN..last).zip(&self.places) {
             out.shared_g[at] += self.sums[last][c];
-            for d in OWN..=c {
-                let other = self.places[d - OWN];
-                out.shared_h[(at.max(other), at.min(other))] += self.sums[c][d];
+            for (d, &other) in (OWN..=c).zip(&self.places) {
+                out.shared_h[at.max(other) * out.shared + at.min(other)] += self.sums[c][d];
             }
         }
         *self.sums = [[0.0; CORNER]; CORNER];
@@ -373,7 +390,8 @@ impl Reduced {
         let mut own = -&self.own_g;
         own.gemv_tr(-1.0, &self.coupling, &shared, 1.0);
         let expected = own.norm_squared() + 0.0_f64.max(-self.gradient.dot(&shared));
-        for (k, l) in self.factors.iter().enumerate() {
+        let size = self.own * self.own;
+        for (k, l) in self.factors.chunks_exact(size).enumerate() {
             let x = &mut own.as_mut_slice()[k * self.own..(k + 1) * self.own];
             for a in (0..self.own).rev() {
                 let mut sum = x[a];
@@ -398,7 +416,7 @@ impl Reduced {
     #[must_use]
     pub fn leverages(&self, covariance: &DMatrix<f64>) -> Leverages {
         let spread = covariance * &self.coupling;
-        let poses = self.factors.len();
+        let poses = self.own_g.len() / self.own;
         let own = (0..poses)
             .map(|k| {
                 let columns = self.coupling.columns(k * self.own, self.own);
@@ -418,7 +436,8 @@ impl Reduced {
         k: usize,
         row: &Row<'_>,
     ) -> f64 {
-        let l = &self.factors[k];
+        let size = self.own * self.own;
+        let l = &self.factors[k * size..(k + 1) * size];
         let mut a = [0.0; OWN_MAX];
         let a = &mut a[..self.own];
         a.copy_from_slice(row.own);

@@ -52,10 +52,7 @@ pub fn sightings_of(camera: &Camera, squares: &[Square]) -> Vec<Sighting> {
         .collect();
     found.sort_by(|a, b| a.cost_px2.total_cmp(&b.cost_px2));
     if let [a, b] = found.as_slice()
-        && a.camera_from_body
-            .rotation
-            .angle_to(&b.camera_from_body.rotation)
-            < 1e-4
+        && angle(&a.camera_from_body.rotation, &b.camera_from_body.rotation) < 1e-4
     {
         found.pop();
     }
@@ -73,22 +70,12 @@ fn from_square(camera: &Camera, (corners, pixels): &Square) -> Option<Pose> {
     let normal = x.cross(&(corners[3] - corners[0])).normalize();
     let body_from_tag = Matrix3::from_columns(&[x, normal.cross(&x), normal]);
     let center = corners.iter().sum::<Vector3<f64>>() / 4.0;
-    let mut a = SMatrix::<f64, 9, 9>::zeros();
-    for (i, (corner, pixel)) in corners.iter().zip(pixels).enumerate() {
-        let p = body_from_tag.tr_mul(&(corner - center)) / size_m;
+    let mut seen = [[0.0; 2]; 4];
+    for (slot, pixel) in seen.iter_mut().zip(pixels) {
         let q = camera.direction(*pixel);
-        let h = [p.x, p.y, 1.0];
-        for k in 0..3 {
-            a[(2 * i, k)] = h[k];
-            a[(2 * i, 6 + k)] = -q.x * h[k];
-            a[(2 * i + 1, 3 + k)] = h[k];
-            a[(2 * i + 1, 6 + k)] = -q.y * h[k];
-        }
+        *slot = [q.x, q.y];
     }
-    let svd = a.svd(false, true);
-    let last = svd.singular_values.imin();
-    let v = svd.v_t?.row(last).transpose();
-    let mut h = Matrix3::new(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8]);
+    let mut h = square_to(&seen)?;
     if h[(2, 2)] < 0.0 {
         h = -h;
     }
@@ -102,6 +89,44 @@ fn from_square(camera: &Camera, (corners, pixels): &Square) -> Option<Pose> {
     let rotation = rotation * Rotation3::from_matrix_unchecked(body_from_tag).inverse();
     let at = h.column(2).into_owned() * size_m;
     Some(Pose::new(at - rotation * center, rotation))
+}
+
+/// Angle between two rotations, rad. By sine and cosine: the arc cosine of the trace alone is not a
+/// number where rounding lifts that over 1.
+pub(crate) fn angle(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
+    let turn = a.matrix().tr_mul(b.matrix());
+    let twice_sin = Vector3::new(
+        turn[(2, 1)] - turn[(1, 2)],
+        turn[(0, 2)] - turn[(2, 0)],
+        turn[(1, 0)] - turn[(0, 1)],
+    );
+    twice_sin.norm().atan2(turn.trace() - 1.0)
+}
+
+/// The homography that takes the square of side 1 about the origin, its corners in the order of a
+/// tag's, to four points (Heckbert, 1989, section 2.2.3). `None` where three lie on a line.
+fn square_to([p0, p1, p2, p3]: &[[f64; 2]; 4]) -> Option<Matrix3<f64>> {
+    let [dx1, dy1] = [p1[0] - p2[0], p1[1] - p2[1]];
+    let [dx2, dy2] = [p3[0] - p2[0], p3[1] - p2[1]];
+    let [sx, sy] = [0, 1].map(|k| p0[k] - p1[k] + p2[k] - p3[k]);
+    let area = dx1 * dy2 - dx2 * dy1;
+    let (g, h) = ((sx * dy2 - dx2 * sy) / area, (dx1 * sy - sx * dy1) / area);
+    let column = |p: &[f64; 2], w: f64| [0, 1].map(|k| p[k] - p0[k] + w * p[k]);
+    let (u, v) = (column(p1, g), column(p3, h));
+    // From corner (0, 0) to the middle.
+    let at = [0, 1].map(|k| p0[k] + (u[k] + v[k]) / 2.0);
+    let out = Matrix3::new(
+        u[0],
+        v[0],
+        at[0],
+        u[1],
+        v[1],
+        at[1],
+        g,
+        h,
+        1.0 + (g + h) / 2.0,
+    );
+    out.iter().all(|x| x.is_finite()).then_some(out)
 }
 
 /// The rotation nearest to a matrix (Frobenius norm).
@@ -163,6 +188,11 @@ fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -
             &step.fixed_rows::<3>(0).into_owned(),
             &step.fixed_rows::<3>(3).into_owned(),
         );
+        if damping < 1e-5 && -g.dot(&step) <= 1e-9 * cost + 1e-12 {
+            // Not worth another look.
+            pose = trial;
+            break;
+        }
         match evaluate(&trial) {
             Some((trial_cost, trial_g, trial_h)) if trial_cost <= cost => {
                 let done = cost - trial_cost <= 1e-12 * cost + 1e-14;
@@ -184,4 +214,33 @@ fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -
         camera_from_body: pose,
         cost_px2: cost,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_angle_of_rotations_that_are_nearly_equal_is_a_number() {
+        for k in 0..2000 {
+            let f = f64::from(k);
+            let a = Rotation3::from_euler_angles(0.1 + 0.013 * f, 0.3 + 0.007 * f, -0.02 * f);
+            for off in [0.0, 1e-9, 0.5] {
+                let b = Rotation3::from_euler_angles(0.0, off, 0.0) * a;
+                assert!((angle(&a, &b) - off).abs() < 1e-14, "{k} {off}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_square_goes_to_any_four_points() {
+        let points = [[0.1, 0.2], [0.5, 0.25], [0.47, 0.61], [0.05, 0.7]];
+        let h = square_to(&points).unwrap();
+        let square = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
+        for ([x, y], [u, v]) in square.iter().zip(points) {
+            let p = h * Vector3::new(*x, *y, 1.0);
+            assert!((p.x / p.z - u).abs() < 1e-14 && (p.y / p.z - v).abs() < 1e-14);
+        }
+        assert!(square_to(&[[0.0, 0.0], [1.0, 1.0], [2.0, 2.0], [3.0, 3.0]]).is_none());
+    }
 }

@@ -5,7 +5,7 @@ use super::data::compose;
 use super::rows::singles;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, Pose};
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Vector3};
 
 /// Prediction at one pose.
 #[derive(Debug, Clone)]
@@ -67,8 +67,9 @@ pub fn predict(
                 -(length + state.routing_m[i]) * mean_tension_n[i] / state.drum_scale;
         }
     }
-    let slopes = (motion_from_lengths(&motion) * &by).rows(0, 3).into_owned();
-    let cov = &slopes * covariance * slopes.transpose();
+    let slopes = motion_from_lengths(&motion).rows(0, 3) * &by;
+    // In this order: tall columns are what vectorises.
+    let cov = &slopes * (covariance * slopes.transpose());
     Ok(Prediction {
         encoder_m,
         position_covariance_m2: cov.fixed_view::<3, 3>(0, 0).into_owned(),
@@ -106,9 +107,16 @@ fn motion_from_lengths(motion: &DMatrix<f64>) -> DMatrix<f64> {
     let lever = 0.1;
     let mut scaled = motion.clone();
     scaled.column_mut(3).scale_mut(1.0 / lever);
-    let mut back = scaled
-        .pseudo_inverse(1e-6)
-        .unwrap_or_else(|_| DMatrix::zeros(4, motion.nrows()));
+    let mut back = if motion.nrows() == 4 {
+        // The usual number of cables, without allocation.
+        let square = Matrix4::from_iterator(scaled.iter().copied());
+        let back = square.pseudo_inverse(1e-6).unwrap_or_default();
+        DMatrix::from_column_slice(4, 4, back.as_slice())
+    } else {
+        scaled
+            .pseudo_inverse(1e-6)
+            .unwrap_or_else(|_| DMatrix::zeros(4, motion.nrows()))
+    };
     back.row_mut(3).scale_mut(1.0 / lever);
     back
 }

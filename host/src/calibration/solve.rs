@@ -59,6 +59,11 @@ fn descend(
     while iterations < most {
         iterations += 1;
         let step = normal.reduced(damping).and_then(|reduced| reduced.step());
+        let little = 1e-5 + 1e-9 * normal.cost();
+        if damping < 1e-4 && step.as_ref().is_some_and(|(.., gain)| *gain < little) {
+            // A three hundredth of a standard deviation: not worth another look.
+            break;
+        }
         let trial = step.and_then(|(shared, own, expected)| {
             let trial = state.stepped(model.data, &model.layout, shared.as_slice(), own.as_slice());
             let normal = Normal::at(model, priors, &trial, weights)?;
@@ -69,7 +74,7 @@ fn descend(
                 let gain = normal.cost() - next.cost();
                 (state, normal) = (trial, next);
                 damping = (damping * 0.1).max(1e-12);
-                if gain.max(expected * 0.1) < 1e-5 + 1e-9 * normal.cost() {
+                if gain.max(expected * 0.1) < little {
                     break;
                 }
             }
@@ -89,7 +94,7 @@ fn descend(
 }
 
 /// The start: nominal values, poses from the pictures, initial lengths from both.
-fn initial_lengths(data: &Data, state: &mut State) -> Result<(), Refusal> {
+pub(super) fn initial_lengths(data: &Data, state: &mut State) -> Result<(), Refusal> {
     let cables = singles(state).map_err(|error| Refusal::NotConverged {
         what: error.to_string(),
     })?;

@@ -5,6 +5,7 @@ use crate::calibration::answer::Answer;
 use crate::calibration::data::{Data, inverse};
 use crate::calibration::joint::{Options, joint};
 use crate::calibration::paper::{AnchorTerm, Weights, paper};
+use crate::calibration::pnp::angle;
 use crate::calibration::simulate::{Setup, Silent, Target, Truth, simulate};
 use crate::calibration::study::{Errors, errors, median};
 use crate::report::chart::{Chart, Curve};
@@ -59,7 +60,7 @@ fn worth(answer: &Answer, truth: &Truth) -> Option<Worth> {
         errors,
         camera: (
             (found.position_m - there.position_m).norm(),
-            found.rotation.angle_to(&there.rotation),
+            angle(&found.rotation, &there.rotation),
         ),
         anchors_m: apart_m(&anchors(&answer.cables), &anchors(truth.robot.cables())),
     })
