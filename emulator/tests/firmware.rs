@@ -14,9 +14,9 @@ const STACK_TOP: u32 = 0x2000_1800;
 /// what the firmware takes today. The median is within the goal of 1500; the goal for most is 2500,
 /// and ticks that answer a question for the state or send it unasked take more.
 const TICK_MEDIAN: u32 = 1500;
-const TICK_MAX: u32 = 3800;
+const TICK_MAX: u32 = 3000;
 /// As above, for start and configuration, which the board takes in slices, one a tick.
-const TICK_CONFIGURING: u32 = 4800;
+const TICK_CONFIGURING: u32 = 4000;
 
 /// Static RAM and the deepest stack together, bytes.
 const RAM_AND_STACK: u64 = 12 * 1024;

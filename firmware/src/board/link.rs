@@ -1,14 +1,20 @@
-//! The link: bytes to commands, answers and telemetry to bytes. A loop in thread mode, woken by
-//! every interrupt: at least once per tick.
+//! The link: bytes to commands, answers and telemetry to bytes. Two tasks of embassy's executor in
+//! thread mode, `receive` and `send`; each takes a turn after every interrupt, so at least once per
+//! tick.
 //!
 //! Everything between them and the tick goes through queues with one producer and one consumer,
 //! or through atomics. Answers go before state, state before samples. Where the line is slower
 //! than the tick, samples are dropped and counted; the tick never waits.
 
+use crate::fatal;
 use crate::life::{self, Keeper, Part};
 use crate::pins::CABLES;
 use crate::uart::{self, Ring, Sender};
+use core::future::poll_fn;
+use core::ptr;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::task::Poll;
+use embassy_executor::raw::Executor;
 use heapless::spsc::{Consumer, Producer, Queue};
 use mcdpr_firmware::sampler::{Row, Sampler};
 use mcdpr_firmware::server::{Arrived, LinkCounters, Receiver};
@@ -101,11 +107,69 @@ pub fn take_line_errors() -> u16 {
     u16::try_from(LINE_ERRORS.swap(0, Ordering::Relaxed)).unwrap_or(u16::MAX)
 }
 
-/// The link with all it needs.
-pub struct Link {
+/// Both halves of the link, in thread mode for good.
+pub fn run(incoming: &'static mut Incoming, outgoing: &'static mut Outgoing) -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    let executor = EXECUTOR.init_with(|| Executor::new(ptr::null_mut()));
+    let (Ok(receive), Ok(send)) = (receive(incoming), send(outgoing)) else {
+        fatal::stop("a task started twice")
+    };
+    executor.spawner().spawn(receive);
+    executor.spawner().spawn(send);
+    loop {
+        #[allow(
+            unsafe_code,
+            reason = "the executor's entry, which is for its owner alone"
+        )]
+        // SAFETY: called here alone, not from within a task, and not by `pender`.
+        unsafe {
+            executor.poll();
+        }
+        // Whatever came since the last look has left its event: nothing is slept through.
+        cortex_m::asm::wfe();
+    }
+}
+
+#[embassy_executor::task]
+async fn receive(incoming: &'static mut Incoming) {
+    loop {
+        incoming.receive();
+        next_event().await;
+    }
+}
+
+#[embassy_executor::task]
+async fn send(outgoing: &'static mut Outgoing) {
+    loop {
+        outgoing.send();
+        next_event().await;
+    }
+}
+
+/// Ends the task's turn. Its next one comes after the next interrupt: the executor takes what is
+/// woken within a pass up in the next pass.
+async fn next_event() {
+    let mut waited = false;
+    poll_fn(|context| {
+        if waited {
+            return Poll::Ready(());
+        }
+        waited = true;
+        context.waker().wake_by_ref();
+        Poll::Pending
+    })
+    .await;
+}
+
+/// Called where a task is woken. All wake themselves, in thread mode: there is nobody to tell, and
+/// the tick has no part in it.
+#[allow(unsafe_code, reason = "the executor asks for it by this name")]
+#[unsafe(export_name = "__pender")]
+fn pender(_: *mut ()) {}
+
+/// What receives, with all it needs.
+pub struct Incoming {
     commands: Producer<'static, Command>,
-    out: Out,
-    sender: Sender,
     ring: Ring,
     receiver: Receiver,
     keeper: Keeper,
@@ -114,40 +178,45 @@ pub struct Link {
     error_at: Option<usize>,
 }
 
-impl Link {
-    /// From its parts; starts the watchdog.
-    pub fn new(ends: LinkEnds, sender: Sender, ring: Ring, hello: Hello) -> &'static mut Self {
-        // Not on the stack: it lives for good.
-        static PLACE: StaticCell<Link> = StaticCell::new();
-        PLACE.init_with(|| Self {
-            commands: ends.commands,
-            out: Out {
-                hello,
-                answers: ends.answers,
-                states: ends.states,
-                rows: ends.rows,
-                sampler: Sampler::default(),
-                block: None,
-            },
-            sender,
-            ring,
-            receiver: Receiver::default(),
-            keeper: Keeper::new(),
-            line_errors: 0,
-            error_at: None,
-        })
-    }
+/// What sends.
+pub struct Outgoing {
+    out: Out,
+    sender: Sender,
+}
 
-    /// Serves the line for good.
-    pub fn run(&mut self) -> ! {
-        loop {
-            self.receive();
-            self.send();
-            // Whatever came since the last look has left its event: nothing is slept through.
-            cortex_m::asm::wfe();
-        }
-    }
+/// Both halves from their parts; starts the watchdog.
+pub fn open(
+    ends: LinkEnds,
+    sender: Sender,
+    ring: Ring,
+    hello: Hello,
+) -> (&'static mut Incoming, &'static mut Outgoing) {
+    // Not on the stack: they live for good.
+    static INCOMING: StaticCell<Incoming> = StaticCell::new();
+    static OUTGOING: StaticCell<Outgoing> = StaticCell::new();
+    let incoming = INCOMING.init_with(|| Incoming {
+        commands: ends.commands,
+        ring,
+        receiver: Receiver::default(),
+        keeper: Keeper::new(),
+        line_errors: 0,
+        error_at: None,
+    });
+    let outgoing = OUTGOING.init_with(|| Outgoing {
+        out: Out {
+            hello,
+            answers: ends.answers,
+            states: ends.states,
+            rows: ends.rows,
+            sampler: Sampler::default(),
+            block: None,
+        },
+        sender,
+    });
+    (incoming, outgoing)
+}
 
+impl Incoming {
     /// Out of line, as is the other: the stack of one is gone before the other's comes.
     #[inline(never)]
     fn receive(&mut self) {
@@ -186,7 +255,9 @@ impl Link {
             FRAMES_BAD.store(counters.frames_bad, Ordering::Relaxed);
         }
     }
+}
 
+impl Outgoing {
     #[inline(never)]
     fn send(&mut self) {
         life::show(Part::Send);

@@ -27,15 +27,19 @@ const CAN_ON_B8_B9: u8 = 2;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    let (link, mut syst) = bring_up();
+    let (incoming, outgoing, mut syst) = bring_up();
     // From here on the tick runs, whatever happens below it.
     syst.enable_counter();
-    link.run()
+    link::run(incoming, outgoing)
 }
 
 /// Everything once. Out of line, so that its temporaries leave the stack again.
 #[inline(never)]
-fn bring_up() -> (&'static mut link::Link, SYST) {
+fn bring_up() -> (
+    &'static mut link::Incoming,
+    &'static mut link::Outgoing,
+    SYST,
+) {
     let reset = identity::reset_cause(fatal::read_record());
     let Some(core) = cortex_m::Peripherals::take() else {
         fatal::stop("started twice")
@@ -56,7 +60,7 @@ fn bring_up() -> (&'static mut link::Link, SYST) {
         drives: DriveBus::default(),
     };
     tick::hand_over(rim, for_tick, &reset);
-    let link = link::Link::new(for_link, sender, ring, identity::hello(&reset));
+    let (incoming, outgoing) = link::open(for_link, sender, ring, identity::hello(&reset));
 
     let mut syst = core.SYST;
     syst.set_clock_source(SystClkSource::Core);
@@ -64,7 +68,7 @@ fn bring_up() -> (&'static mut link::Link, SYST) {
     syst.clear_current();
     syst.enable_interrupt();
     defmt::info!("started, reset cause {=u8}", reset.cause as u8);
-    (link, syst)
+    (incoming, outgoing, syst)
 }
 
 /// From here on a supply under 2.9 V, of 3.3 V, closes the brakes (P1). One that is low already
