@@ -157,6 +157,28 @@ fn hold_and_resume_work_and_those_without_the_token_only_look() {
         &mut guest,
         &format!("mcdpr.live.state === 'Moving' && mcdpr.live.path_s > {held} + 0.3"),
     );
+    // A second page with the token looks on, but may hold and stop.
+    let mut second = browser.open(&serve.with_token());
+    wait(
+        &mut second,
+        "document.getElementById('may').textContent.includes('another page has the controls')",
+    );
+    assert!(
+        !second.truth("mcdpr.may")
+            && second.truth("document.querySelector('[data-order=resume]').disabled")
+    );
+    second.run("mcdpr.send({ order: 'start' })");
+    wait(
+        &mut second,
+        "mcdpr.answers.some(m => m.order === 'start' && !m.ok && m.reason.startsWith('view only'))",
+    );
+    second.run("document.querySelector('[data-order=hold]').click()");
+    wait(&mut second, "mcdpr.live.state === 'Holding'");
+    // The first leaves, and the controls are the second's.
+    page.run("location.href = 'about:blank'");
+    wait(&mut second, "mcdpr.may");
+    second.run("document.querySelector('[data-order=resume]').click()");
+    wait(&mut guest, MOVING);
     // A browser that goes away does not disturb anybody.
     drop(browser);
     let mut other = Browser::start();
@@ -198,15 +220,10 @@ fn a_held_jog_button_moves_the_tool_and_letting_go_stops_it() {
         "mcdpr.live.state === 'Disarmed' && mcdpr.live.brakes_open === 0",
     );
     // A jog that is too fast is refused in words, and nothing moves.
-    page.run(
-        "window.fast = null; (() => { const s = new WebSocket(`ws://${location.host}/ws`); \
-         s.onopen = () => s.send(JSON.stringify({ id: 9, order: 'jog', token: 'letmein', velocity_mps: [9, 0, 0] })); \
-         s.onmessage = e => { if (typeof e.data !== 'string') return; const m = JSON.parse(e.data); \
-         if (m.type === 'answer') window.fast = m; }; })()",
-    );
+    page.run("mcdpr.send({ order: 'jog', velocity_mps: [9, 0, 0] })");
     wait(
         &mut page,
-        "window.fast && !window.fast.ok && window.fast.reason.includes('9000 mm/s')",
+        "mcdpr.answers.some(m => !m.ok && m.reason.includes('9000 mm/s'))",
     );
     assert!(page.truth("mcdpr.live.state === 'Disarmed'"));
 }

@@ -2,14 +2,14 @@
 (() => {
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get('token');
-  let socket = null, robot = null, live = null, heardAt = 0, may = false, orders = [], sent = 0, wait = 250;
+  let socket = null, robot = null, live = null, heardAt = 0, may = false, mayStop = false, refused = '', orders = [], sent = 0, wait = 250;
   const history = { t: [], tensions: [], errors: [] };
-  const SPAN = 20;
+  const SPAN = 20, STOPS = ['stop', 'hold'];
   const COLORS = ['--c1', '--c2', '--c3', '--c4', '--accent', '--good', '--warn', '--bad'];
   const color = i => getComputedStyle(document.documentElement).getPropertyValue(COLORS[i % COLORS.length]).trim();
   const mm = (v, d) => (v * 1e3).toFixed(d);
   const text = (id, value) => { const e = $(id); if (e.textContent !== value) e.textContent = value; };
-  window.mcdpr = { get live() { return live; }, get may() { return may; }, get connected() { return !!socket && socket.readyState === 1; }, answers: [] };
+  window.mcdpr = { get live() { return live; }, get may() { return may; }, send, get connected() { return !!socket && socket.readyState === 1; }, answers: [] };
 
   function connect() {
     socket = new WebSocket(`ws://${location.host}/ws`);
@@ -18,7 +18,7 @@
     socket.onmessage = event => event.data instanceof Blob ? picture(event.data) : take(JSON.parse(event.data));
     socket.onclose = () => {
       pill('link', 'no connection, trying again', 'bad');
-      may = false; buttons();
+      may = mayStop = false; refused = ''; buttons();
       setTimeout(connect, wait); wait = Math.min(2000, wait * 1.5);
     };
   }
@@ -76,7 +76,9 @@
   function answer(m) {
     window.mcdpr.answers.push(m);
     if (m.order === 'may') {
-      may = m.ok; buttons();
+      may = m.ok; mayStop = m.may_stop; refused = m.reason || ''; buttons();
+      // Another page has the controls: they are taken over when it goes.
+      if (!may && mayStop) setTimeout(() => { if (!may && socket.readyState === 1) send({ order: 'may' }); }, 1000);
       return;
     }
     text('answer', m.ok ? '' : `${m.order}: ${m.reason}`);
@@ -149,9 +151,9 @@
   function pill(id, words, kind) { text(id, words); $(id).className = 'pill ' + (kind || 'quiet'); }
 
   function buttons() {
-    document.querySelectorAll('[data-order]').forEach(b => { b.disabled = !may || !orders.includes(b.dataset.order); });
+    document.querySelectorAll('[data-order]').forEach(b => { b.disabled = !(may || mayStop && STOPS.includes(b.dataset.order)) || !orders.includes(b.dataset.order); });
     $('jog').disabled = !may; $('jog').hidden = !orders.includes('jog');
-    text('may', may ? 'Esc stops, Space holds, R resumes.' : token ? 'The token is not that of this server: view only.' : 'View only: orders need the address with the token that the program printed.');
+    text('may', may ? 'Esc stops, Space holds, R resumes.' : mayStop ? refused : token ? 'The token is not that of this server: view only.' : 'View only: orders need the address with the token that the program printed.');
   }
 
   document.querySelectorAll('[data-order]').forEach(b => b.addEventListener('click', () => send({ order: b.dataset.order })));

@@ -2,13 +2,14 @@
 
 use super::feed::{Feed, describe};
 use super::http::{Request, answer};
+use super::orders::Orders;
 use crate::robot::Robot;
 use miette::Diagnostic;
 use serde_json::{Value, json};
 use std::io::{self, Write as _};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use thiserror::Error;
@@ -69,10 +70,12 @@ struct Shared {
     feed: Feed,
     desk: Arc<dyn Desk>,
     robot: Value,
-    token: String,
+    orders: Orders,
     port: u16,
     ended: AtomicBool,
     viewers: AtomicUsize,
+    /// Pages that ever looked, to tell them apart.
+    pages: AtomicU64,
 }
 
 /// A page that is being served; ends when it is dropped.
@@ -107,10 +110,11 @@ impl Server {
             feed,
             desk,
             robot: describe(robot),
-            token: token.unwrap_or_else(new_token),
+            orders: Orders::new(token),
             port: bound,
             ended: AtomicBool::new(false),
             viewers: AtomicUsize::new(0),
+            pages: AtomicU64::new(0),
         });
         let for_thread = Arc::clone(&shared);
         let thread = std::thread::Builder::new()
@@ -139,7 +143,7 @@ impl Server {
     /// send that part anywhere.
     #[must_use]
     pub fn address_with_token(&self) -> String {
-        format!("{}#token={}", self.address(), self.shared.token)
+        format!("{}#token={}", self.address(), self.shared.orders.token())
     }
 }
 
@@ -152,17 +156,6 @@ impl Drop for Server {
             let _ = thread.join();
         }
     }
-}
-
-/// 64 random bits, from the randomness that hash maps are seeded with.
-fn new_token() -> String {
-    use std::hash::{BuildHasher, Hasher};
-    let one = || {
-        std::collections::hash_map::RandomState::new()
-            .build_hasher()
-            .finish()
-    };
-    format!("{:016x}{:016x}", one(), one())
 }
 
 fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
@@ -249,7 +242,9 @@ fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
     });
     send(&mut socket, &hello)?;
     shared.feed.viewer(true);
-    let outcome = keep_showing(&mut socket, shared, &send);
+    let page = shared.pages.fetch_add(1, Ordering::SeqCst);
+    let outcome = keep_showing(page, &mut socket, shared, &send);
+    shared.orders.leave(page);
     shared.feed.viewer(false);
     outcome?;
     let _ = socket.close(None);
@@ -259,6 +254,7 @@ fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
 
 /// Sends what is new, and takes orders, until either side goes.
 fn keep_showing(
+    page: u64,
     socket: &mut WebSocket<TcpStream>,
     shared: &Shared,
     send: &impl Fn(&mut WebSocket<TcpStream>, &Value) -> io::Result<()>,
@@ -270,7 +266,8 @@ fn keep_showing(
         // An order is answered as soon as it comes, a picture when it is due.
         match socket.read() {
             Ok(Message::Text(text)) => {
-                let reply = obey(shared, text.as_str());
+                let (desk, feed) = (shared.desk.as_ref(), &shared.feed);
+                let reply = shared.orders.obey(page, text.as_str(), desk, feed);
                 send(socket, &reply)?;
             }
             Ok(Message::Close(_)) => return Ok(()),
@@ -318,43 +315,4 @@ fn keep_showing(
         }
     }
     Ok(())
-}
-
-/// Does what a viewer wants, if it may.
-fn obey(shared: &Shared, text: &str) -> Value {
-    let message: Value = serde_json::from_str(text).unwrap_or_default();
-    let id = message["id"].clone();
-    let outcome = match (message["order"].as_str(), message["token"].as_str()) {
-        (None, _) => Err("this is no order".to_owned()),
-        (Some("may"), token) => match token {
-            Some(token) if same(token, &shared.token) => Ok(()),
-            _ => Err("view only: orders need the address with the token".to_owned()),
-        },
-        (Some(name), Some(token)) if same(token, &shared.token) => {
-            let outcome = shared.desk.order(name, &message);
-            if let Err(reason) = &outcome {
-                shared.feed.say(&format!("{name}: {reason}"));
-            } else if name != "jog" {
-                shared.feed.say(&format!("order from the page: {name}"));
-            }
-            outcome
-        }
-        _ => Err("view only: orders need the address with the token".to_owned()),
-    };
-    json!({
-        "type": "answer",
-        "id": id,
-        "order": message["order"],
-        "ok": outcome.is_ok(),
-        "reason": outcome.err(),
-    })
-}
-
-/// Compares in a time that tells nothing about where they differ.
-fn same(a: &str, b: &str) -> bool {
-    let differ = a
-        .bytes()
-        .zip(b.bytes())
-        .fold(0, |sum, (a, b)| sum | (a ^ b));
-    a.len() == b.len() && differ == 0
 }
