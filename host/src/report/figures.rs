@@ -30,6 +30,8 @@ pub struct MeanSdMax {
 pub struct TensionError {
     /// Mean of the absolute value.
     pub mean_abs: f64,
+    /// What one sample of a thousand exceeds: the greatest of many is mostly its sensor's noise.
+    pub p999_abs: f64,
     /// Greatest absolute value.
     pub max_abs: f64,
 }
@@ -94,11 +96,21 @@ pub fn measure(
             sd: mean(&spread).sqrt(),
             max: greatest(&lengths),
         },
-        tension_error_n: TensionError {
-            mean_abs: mean(&tensions),
-            max_abs: greatest(&tensions),
-        },
+        tension_error_n: TensionError::of(tensions),
     })
+}
+
+impl TensionError {
+    /// Of differences without their signs, N; NaN where there are none.
+    pub(super) fn of(mut differences_n: Vec<f64>) -> Self {
+        differences_n.sort_unstable_by(f64::total_cmp);
+        let at = (differences_n.len() * 999 / 1000).min(differences_n.len().saturating_sub(1));
+        Self {
+            mean_abs: mean(&differences_n),
+            p999_abs: differences_n.get(at).copied().unwrap_or(f64::NAN),
+            max_abs: greatest(&differences_n),
+        }
+    }
 }
 
 #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 samples")]
@@ -111,4 +123,23 @@ pub(super) fn mean(values: &[f64]) -> f64 {
 
 pub(super) fn greatest(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::NAN, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::TensionError;
+
+    #[test]
+    fn the_largest_of_a_thousand_is_beyond_the_percentile() {
+        let of = |count: u32| TensionError::of((0..count).map(f64::from).rev().collect());
+        let error = of(1000);
+        assert_eq!(
+            (error.mean_abs, error.p999_abs, error.max_abs),
+            (499.5, 999.0, 999.0)
+        );
+        let error = of(2000);
+        assert_eq!((error.p999_abs, error.max_abs), (1998.0, 1999.0));
+        let error = of(0);
+        assert!(error.mean_abs.is_nan() && error.p999_abs.is_nan() && error.max_abs.is_nan());
+    }
 }

@@ -114,10 +114,7 @@ pub fn judge(run: &RecordedRun, robot: &Robot) -> Judgement {
             max: greatest(&path),
         }),
         cable_length_error_m: (!all.is_empty()).then(|| mean_sd_max(&all)),
-        tension_error_n: (!held.is_empty()).then(|| TensionError {
-            mean_abs: mean(&held),
-            max_abs: greatest(&held),
-        }),
+        tension_error_n: (!held.is_empty()).then(|| TensionError::of(held)),
         cables,
         changes,
         verdicts: Vec::new(),
