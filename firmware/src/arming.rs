@@ -95,7 +95,7 @@ impl Arming {
         inputs: &Inputs<N>,
         expected_mn: &[i32; N],
         service: Option<Service>,
-        proven: bool,
+        unproven: u8,
     ) -> Result<Phase, Abort> {
         self.ticks += 1;
         if self.phase != Phase::Enabling {
@@ -131,9 +131,11 @@ impl Arming {
                     Phase::Proving
                 });
             }
-            Phase::Proving if proven => self.enter(Phase::Opening),
+            Phase::Proving if unproven == 0 => self.enter(Phase::Opening),
             // Neither does a drum move nor does a drive push: it obeys nothing.
-            Phase::Proving if self.ticks >= PROOF_MS => return Err((FaultId::D7, 0, 0, 0)),
+            Phase::Proving if self.ticks >= PROOF_MS => {
+                return Err((FaultId::D7, unproven, 0, 0));
+            }
             Phase::Opening if self.ticks >= OPEN_MS => {
                 self.enter(if HAS_SERVICE && service.is_some() {
                     Phase::Settling

@@ -29,11 +29,11 @@ impl<const N: usize> Controller<N> {
             *expected = cable.reference_mn;
         }
         let before = self.arming.phase();
-        let mut proven = false;
+        let mut unproven = 0;
         match before {
             Phase::Proving => match self.prove(inputs) {
-                (Verdict::Holds, _) => proven = true,
-                (Verdict::Pending, _) => {}
+                (Verdict::Holds, _) => {}
+                (Verdict::Pending, cable) => unproven = cable,
                 (Verdict::Slips(turned), cable) => {
                     return self.trip(FaultId::B2, cable, turned / 10, 0);
                 }
@@ -44,7 +44,7 @@ impl<const N: usize> Controller<N> {
         let Some(active) = &self.active else { return };
         match self
             .arming
-            .tick(active, inputs, &expected, self.service, proven)
+            .tick(active, inputs, &expected, self.service, unproven)
         {
             Err((fault, cable, value, limit)) => self.trip(fault, cable, value, limit),
             Ok(Phase::Preload) if before == Phase::Enabling => self.take_up(inputs),

@@ -221,3 +221,26 @@ fn l17_f9_no_arming_without_configuration_reference_and_agreement() {
         );
     }
 }
+
+#[test]
+fn d7_a_motor_that_does_not_push_against_its_closed_brake_is_named_and_no_brake_opens() {
+    for (index, dead) in [
+        (|i: &mut Inputs<CABLES>| i.drives[1].current_ma = 0) as fn(&mut Inputs<CABLES>),
+        |i| i.drives[3].current_ma = 0,
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let mut bench = Bench::ready();
+        bench.tamper = dead;
+        bench.arm().unwrap();
+        for _ in 0..1500 {
+            bench.step();
+            assert!(bench.all_brakes(Brake::Closed));
+        }
+        let record = bench.status().fault.unwrap();
+        assert_eq!(record.fault, FaultId::D7);
+        assert_eq!(record.cable, [2, 4][index]);
+        assert!(!bench.any_torque());
+    }
+}
