@@ -13,7 +13,7 @@
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
 //! | [`assay`] | upper poses against lower ones, the map of the expected error, what to measure next |
 //! | [`mod@paper`], [`hand_eye`], [`lengths`] | the paper's method, for comparison; anchors from lengths where tag poses are given |
-//! | [`plan`], [`collect`] | choice of poses; measuring them on a robot |
+//! | [`design`], [`plan`], [`collect`] | worth and choice of poses; measuring them on a robot |
 //! | [`result`] | the calibration as a file beside the robot file |
 //! | [`target`] | tags to print |
 //! | [`slip`] | is the calibration of the running robot still true, and which cable slipped |
@@ -27,6 +27,7 @@ pub mod check;
 pub mod collect;
 pub mod data;
 pub mod dense;
+pub mod design;
 pub mod error;
 pub mod hand_eye;
 pub mod joint;

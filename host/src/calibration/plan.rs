@@ -1,17 +1,12 @@
 //! Choice of poses: out of many that the mechanism can reach, those that leave the least expected
-//! position error (I-optimal design; Atkinson, Donev and Tobias, 2007): one after another, each the
-//! best addition, then exchanged one by one as long as that helps (Fedorov, 1972).
+//! position error, see [`super::design`].
 
-use super::check::Usable;
-use super::data::{Data, Observation, View, compose, inverse};
-use super::joint::{Options, model, start};
-use super::normal::{Normal, Scaled};
-use super::predict::{Prediction, predict};
-use super::rows::Model;
-use super::simulate::{Dice, random_equilibrium, views_at};
-use super::unknowns::{Layout, State};
+use super::data::{Data, View};
+pub use super::design::Design;
+use super::joint::Options;
+use super::simulate::{Dice, equilibrium_within, random_equilibrium, views_at};
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot};
-use nalgebra::DMatrix;
+use nalgebra::Vector3;
 
 /// A pose that the mechanism can reach, and how it is reached.
 #[derive(Debug, Clone)]
@@ -52,22 +47,7 @@ pub fn candidates(data: &Data, count: usize, seed: u64) -> Option<Vec<Candidate>
             break;
         }
         if let Some((pose, tensions_n, held)) = random_equilibrium(&robot, &mut dice) {
-            let views = views_at(
-                &data.camera,
-                &data.tags,
-                &data.world_from_body,
-                &data.camera_from_platform,
-                &pose,
-                1.0,
-            );
-            if !views.is_empty() {
-                out.push(Candidate {
-                    pose,
-                    tensions_n: tensions_n.to_vec(),
-                    held,
-                    views,
-                });
-            }
+            out.extend(seen(data, pose, tensions_n, held));
         }
     }
     Some(out)
@@ -100,156 +80,39 @@ fn nominal(data: &Data) -> Option<Robot<4>> {
     Robot::new(cables, platform).ok()
 }
 
-/// The information of every candidate, what has been taken of it, and what it is wanted for.
-#[derive(Debug, Clone)]
-pub struct Design {
-    informations: Vec<DMatrix<f64>>,
-    /// Mean over the working poses of the squared position error per covariance of the unknowns.
-    loss: DMatrix<f64>,
-    sum: DMatrix<f64>,
-    taken: Vec<usize>,
+/// A reachable pose of the nominal robot with tags in view near a candidate: within `size` times
+/// 0.1 m, and its tension within a factor of e to the `size`; sometimes held by another cable.
+fn near(
+    data: &Data,
+    robot: &Robot<4>,
+    dice: &mut Dice,
+    candidate: &Candidate,
+    size: f64,
+) -> Option<Candidate> {
+    let at = candidate.pose.position_m + Vector3::from_fn(|_, _| dice.within(0.1 * size));
+    let other = ((dice.unit() * 16.0) as usize).min(15);
+    let held = if other < 4 { other } else { candidate.held };
+    let held_n = candidate.tensions_n[held] * dice.within(size).exp();
+    let (pose, tensions_n) = equilibrium_within(robot, &at, held, held_n)?;
+    seen(data, pose, tensions_n, held)
 }
 
-impl Design {
-    /// Prepares a choice among `all` for the robot, camera, tags and noise of `data` (its poses are
-    /// not read), to be accurate at `work`. `None` where an information can not be computed.
-    #[must_use]
-    pub fn new(data: &Data, all: &[Candidate], work: &[Pose], options: &Options) -> Option<Self> {
-        let mut single = data.clone();
-        single.at_rest = true;
-        let mut informations = Vec::with_capacity(all.len());
-        let mut prior: Option<DMatrix<f64>> = None;
-        let mut frame: Option<(Layout, State)> = None;
-        for candidate in all {
-            single.poses = vec![Observation {
-                encoder_m: vec![Some(0.0); data.cable_count()],
-                tension_n: Some(candidate.tensions_n.clone()),
-                views: candidate.views.clone(),
-                noise_factor: 1.0,
-            }];
-            let usable = Usable {
-                data: single.clone(),
-                number: vec![0],
-                start: vec![candidate.pose],
-                warnings: Vec::new(),
-            };
-            let model: Model<'_> = model(&usable, options);
-            let state = start(&usable, &model.layout);
-            let normal = Normal::at(&model, &options.priors, &state, &Vec::new())?;
-            let mut information = normal.reduced(0.0)?.information;
-            let priors = state.priors(&usable.data, &model.layout, &options.priors);
-            prior.get_or_insert_with(|| {
-                let mut matrix = DMatrix::zeros(model.layout.len(), model.layout.len());
-                for p in &priors {
-                    matrix[(p.index, p.index)] = 1.0 / (p.sigma * p.sigma);
-                }
-                // What has no prior is known to metres and radians at worst.
-                for j in 0..matrix.nrows() {
-                    matrix[(j, j)] += 1.0;
-                }
-                matrix
-            });
-            for p in &priors {
-                information[(p.index, p.index)] -= 1.0 / (p.sigma * p.sigma);
-            }
-            informations.push(information);
-            frame.get_or_insert((model.layout, state));
-        }
-        let (layout, state) = frame?;
-        let tag_from_world = inverse(&data.world_from_body[0]);
-        let mut loss = DMatrix::zeros(layout.len(), layout.len());
-        let mean = vec![0.0; data.cable_count()];
-        let mut tests = 0.0;
-        let none = DMatrix::zeros(layout.len(), layout.len());
-        for pose in work {
-            let at = compose(&tag_from_world, pose);
-            let found: Prediction = predict(&state, &layout, &none, &mean, &at).ok()?;
-            loss += found.position_slopes.tr_mul(&found.position_slopes);
-            tests += 1.0;
-        }
-        loss /= f64::max(tests, 1.0);
-        Some(Self {
-            informations,
-            loss,
-            sum: prior?,
-            taken: Vec::new(),
-        })
-    }
-
-    /// The candidates taken so far, in order.
-    #[must_use]
-    pub fn taken(&self) -> &[usize] {
-        &self.taken
-    }
-
-    /// Expected root mean square position error with what is taken, m.
-    #[must_use]
-    pub fn expected_error_m(&self) -> Option<f64> {
-        let covariance = Scaled::new(&self.sum)?.inverse();
-        Some(covariance.component_mul(&self.loss).sum().max(0.0).sqrt())
-    }
-
-    /// Takes a candidate: its measurement is or will be there.
-    pub fn take(&mut self, k: usize) {
-        self.sum += &self.informations[k];
-        self.taken.push(k);
-    }
-
-    /// Forgets all that was taken but the first `keep`.
-    pub fn release(&mut self, keep: usize) {
-        for k in self.taken.split_off(keep.min(self.taken.len())) {
-            self.sum -= &self.informations[k];
-        }
-    }
-
-    /// The best addition for which `allowed` holds, with the expected error after it, m.
-    #[must_use]
-    pub fn best(&self, allowed: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
-        let covariance = Scaled::new(&self.sum)?.inverse();
-        let before = covariance.component_mul(&self.loss).sum();
-        let slope = &covariance * &self.loss * &covariance;
-        // What an addition gains is at most its first-order gain, so that most need no closer look.
-        let mut bounds: Vec<(usize, f64)> = (0..self.informations.len())
-            .filter(|k| allowed(*k) && !self.taken.contains(k))
-            .map(|k| (k, self.informations[k].component_mul(&slope).sum()))
-            .collect();
-        bounds.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let mut best: Option<(usize, f64)> = None;
-        for (k, most) in bounds {
-            if best.is_some_and(|(_, least)| before - most > least) {
-                break;
-            }
-            let Some(after) = Scaled::new(&(&self.sum + &self.informations[k])) else {
-                continue;
-            };
-            let expected = after.inverse().component_mul(&self.loss).sum();
-            if best.is_none_or(|(_, least)| expected < least) {
-                best = Some((k, expected));
-            }
-        }
-        best.map(|(k, expected)| (k, expected.max(0.0).sqrt()))
-    }
-
-    /// Replaces taken candidates one by one where another is worth more, but for the first `keep`.
-    pub fn exchange(&mut self, keep: usize) {
-        const ROUNDS: usize = 6;
-        for _ in 0..ROUNDS {
-            let mut changed = false;
-            for place in keep..self.taken.len() {
-                let old = self.taken[place];
-                self.sum -= &self.informations[old];
-                // The slot is free for any, the old one included.
-                self.taken[place] = usize::MAX;
-                let next = self.best(|_| true).map_or(old, |(k, _)| k);
-                self.sum += &self.informations[next];
-                self.taken[place] = next;
-                changed |= next != old;
-            }
-            if !changed {
-                break;
-            }
-        }
-    }
+/// The candidate at a pose, if a tag is in view there.
+fn seen(data: &Data, pose: Pose, tensions_n: [f64; 4], held: usize) -> Option<Candidate> {
+    let views = views_at(
+        &data.camera,
+        &data.tags,
+        &data.world_from_body,
+        &data.camera_from_platform,
+        &pose,
+        1.0,
+    );
+    (!views.is_empty()).then(|| Candidate {
+        pose,
+        tensions_n: tensions_n.to_vec(),
+        held,
+        views,
+    })
 }
 
 /// Chooses `count` of the candidates for the robot, camera, tags and noise of `data` (its poses are
@@ -266,16 +129,22 @@ pub fn choose(
     if all.len() < count || count == 0 {
         return None;
     }
-    let mut design = Design::new(data, all, work, options)?;
-    let empty = design.sum.clone();
+    let mut all = all.to_vec();
+    let mut design = Design::new(data, &all, work, options)?;
     for _ in 0..count {
         let (k, _) = design.best(|_| true)?;
         design.take(k);
     }
     design.exchange(0);
+    if let Some(robot) = nominal(data) {
+        let mut dice = Dice::new(0x6E65_6172);
+        design.refine(data, &mut all, options, 0, |candidate, size| {
+            near(data, &robot, &mut dice, candidate, size)
+        });
+    }
     // In the order of their worth.
-    let chosen = std::mem::take(&mut design.taken);
-    design.sum = empty;
+    let chosen = design.taken().to_vec();
+    design.release(0);
     let mut out = Plan {
         chosen: Vec::new(),
         expected_error_m: Vec::new(),
@@ -295,4 +164,38 @@ pub fn choose(
         out.spare.push(all[k].clone());
     }
     Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::simulate::{Setup, Target, simulate};
+    use super::*;
+
+    #[test]
+    fn poses_near_the_best_at_random_are_better_still_and_within_reach() {
+        let setup = Setup {
+            target: Target::Tag,
+            ..Setup::default()
+        };
+        let (data, _) = simulate(&setup).unwrap();
+        let options = Options::default();
+        let all = candidates(&data, 120, 3).unwrap();
+        let work = work_poses(&data, 40, 3).unwrap();
+        let mut design = Design::new(&data, &all, &work, &options).unwrap();
+        for _ in 0..10 {
+            let (k, _) = design.best(|_| true).unwrap();
+            design.take(k);
+        }
+        design.exchange(0);
+        let at_random = design.expected_error_m().unwrap();
+        let plan = choose(&data, &all, &work, 10, &options).unwrap();
+        let refined = *plan.expected_error_m.last().unwrap();
+        assert!(refined < 0.9 * at_random, "{refined} {at_random}");
+        for candidate in plan.chosen.iter().chain(&plan.spare) {
+            assert!(!candidate.views.is_empty());
+            let in_range = |t: &f64| (0.5..39.0).contains(t);
+            assert!(candidate.tensions_n.iter().all(in_range));
+            assert!(candidate.pose.position_m.z < -0.06 + 1e-9);
+        }
+    }
 }

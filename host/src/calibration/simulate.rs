@@ -273,15 +273,32 @@ pub(crate) fn random_equilibrium(
     dice: &mut Dice,
 ) -> Option<(Pose, [f64; 4], usize)> {
     let at = Vector3::new(
-        0.335 + dice.within(0.19),
-        dice.within(0.19),
-        -0.06 - 0.47 * dice.unit(),
+        MIDDLE_M.x + dice.within(SPACE_M.x),
+        MIDDLE_M.y + dice.within(SPACE_M.y),
+        MIDDLE_M.z - dice.within(SPACE_M.z),
     );
-    // Log-uniform from 0.5 to 28 N.
-    let held = 0.5 * 56f64.powf(dice.unit());
+    // Log-uniform.
+    let held = HELD_N[0] * (HELD_N[1] / HELD_N[0]).powf(dice.unit());
     let cable = ((dice.unit() * 4.0) as usize).min(3);
     let (pose, tensions) = hang(robot, &at, cable, held)?;
     Some((pose, tensions, cable))
+}
+
+/// Middle and half sizes of the space of reachable poses, m; range of the held tension, N.
+const MIDDLE_M: Vector3<f64> = Vector3::new(0.335, 0.0, -0.295);
+const SPACE_M: Vector3<f64> = Vector3::new(0.19, 0.19, 0.235);
+const HELD_N: [f64; 2] = [0.5, 28.0];
+
+/// As [`random_equilibrium`] with a place and a tension given, which are brought within the bounds
+/// that random ones have.
+pub(crate) fn equilibrium_within(
+    robot: &Robot<4>,
+    at: &Vector3<f64>,
+    cable: usize,
+    held_n: f64,
+) -> Option<(Pose, [f64; 4])> {
+    let at = at.sup(&(MIDDLE_M - SPACE_M)).inf(&(MIDDLE_M + SPACE_M));
+    hang(robot, &at, cable, held_n.clamp(HELD_N[0], HELD_N[1]))
 }
 
 /// The resting pose with the platform's origin at a place and one cable's tension held.

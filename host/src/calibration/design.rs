@@ -1,0 +1,216 @@
+//! The worth of poses: what each candidate would tell about the unknowns, and which of them leave the
+//! least expected position error (I-optimal design; Atkinson, Donev and Tobias, 2007): one after
+//! another, each the best addition, then exchanged one by one as long as that helps (Fedorov, 1972),
+//! then for others near them.
+
+use super::check::Usable;
+use super::data::{Data, Observation, compose, inverse};
+use super::joint::{Options, model, start};
+use super::normal::{Normal, Scaled};
+use super::plan::Candidate;
+use super::predict::{Prediction, predict};
+use super::rows::Model;
+use super::unknowns::{Layout, State};
+use mcdpr_kinematics::Pose;
+use nalgebra::DMatrix;
+
+/// The information of every candidate, what has been taken of it, and what it is wanted for.
+#[derive(Debug, Clone)]
+pub struct Design {
+    informations: Vec<DMatrix<f64>>,
+    /// Mean over the working poses of the squared position error per covariance of the unknowns.
+    loss: DMatrix<f64>,
+    sum: DMatrix<f64>,
+    taken: Vec<usize>,
+}
+
+impl Design {
+    /// Prepares a choice among `all` for the robot, camera, tags and noise of `data` (its poses are
+    /// not read), to be accurate at `work`. `None` where an information can not be computed.
+    #[must_use]
+    pub fn new(data: &Data, all: &[Candidate], work: &[Pose], options: &Options) -> Option<Self> {
+        let (first, others) = all.split_first()?;
+        let mut out = Self {
+            informations: Vec::with_capacity(all.len()),
+            loss: DMatrix::zeros(0, 0),
+            sum: DMatrix::zeros(0, 0),
+            taken: Vec::new(),
+        };
+        let (layout, state) = out.learn(data, first, options)?;
+        // What has no prior is known to metres and radians at worst.
+        out.sum = DMatrix::identity(layout.len(), layout.len());
+        for p in state.priors(data, &layout, &options.priors) {
+            out.sum[(p.index, p.index)] += 1.0 / (p.sigma * p.sigma);
+        }
+        for candidate in others {
+            out.learn(data, candidate, options)?;
+        }
+        let tag_from_world = inverse(&data.world_from_body[0]);
+        let mut loss = DMatrix::zeros(layout.len(), layout.len());
+        let mean = vec![0.0; data.cable_count()];
+        let mut tests = 0.0;
+        let none = DMatrix::zeros(layout.len(), layout.len());
+        for pose in work {
+            let at = compose(&tag_from_world, pose);
+            let found: Prediction = predict(&state, &layout, &none, &mean, &at).ok()?;
+            loss += found.position_slopes.tr_mul(&found.position_slopes);
+            tests += 1.0;
+        }
+        out.loss = loss / f64::max(tests, 1.0);
+        Some(out)
+    }
+
+    /// Adds a candidate to choose from. `None` where its information can not be computed.
+    pub fn learn(
+        &mut self,
+        data: &Data,
+        candidate: &Candidate,
+        options: &Options,
+    ) -> Option<(Layout, State)> {
+        let single = Data {
+            id: String::new(),
+            robot: data.robot.clone(),
+            tags: data.tags.clone(),
+            world_from_body: data.world_from_body.clone(),
+            poses: vec![Observation {
+                encoder_m: vec![Some(0.0); data.cable_count()],
+                tension_n: Some(candidate.tensions_n.clone()),
+                views: candidate.views.clone(),
+                noise_factor: 1.0,
+            }],
+            at_rest: true,
+            holdout: Vec::new(),
+            origin: None,
+            ..*data
+        };
+        let usable = Usable {
+            data: single,
+            number: vec![0],
+            start: vec![candidate.pose],
+            warnings: Vec::new(),
+        };
+        let model: Model<'_> = model(&usable, options);
+        let state = start(&usable, &model.layout);
+        let normal = Normal::at(&model, &options.priors, &state, &Vec::new())?;
+        let mut information = normal.reduced(0.0)?.information;
+        for p in state.priors(&usable.data, &model.layout, &options.priors) {
+            information[(p.index, p.index)] -= 1.0 / (p.sigma * p.sigma);
+        }
+        self.informations.push(information);
+        Some((model.layout, state))
+    }
+
+    /// The candidates taken so far, in order.
+    #[must_use]
+    pub fn taken(&self) -> &[usize] {
+        &self.taken
+    }
+
+    /// Expected root mean square position error with what is taken, m.
+    #[must_use]
+    pub fn expected_error_m(&self) -> Option<f64> {
+        let covariance = Scaled::new(&self.sum)?.inverse();
+        Some(covariance.component_mul(&self.loss).sum().max(0.0).sqrt())
+    }
+
+    /// Takes a candidate: its measurement is or will be there.
+    pub fn take(&mut self, k: usize) {
+        self.sum += &self.informations[k];
+        self.taken.push(k);
+    }
+
+    /// Forgets all that was taken but the first `keep`.
+    pub fn release(&mut self, keep: usize) {
+        for k in self.taken.split_off(keep.min(self.taken.len())) {
+            self.sum -= &self.informations[k];
+        }
+    }
+
+    /// The best addition for which `allowed` holds, with the expected error after it, m.
+    #[must_use]
+    pub fn best(&self, allowed: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
+        let covariance = Scaled::new(&self.sum)?.inverse();
+        let before = covariance.component_mul(&self.loss).sum();
+        let slope = &covariance * &self.loss * &covariance;
+        // What an addition gains is at most its first-order gain, so that most need no closer look.
+        let mut bounds: Vec<(usize, f64)> = (0..self.informations.len())
+            .filter(|k| allowed(*k) && !self.taken.contains(k))
+            .map(|k| (k, self.informations[k].component_mul(&slope).sum()))
+            .collect();
+        bounds.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let mut best: Option<(usize, f64)> = None;
+        for (k, most) in bounds {
+            if best.is_some_and(|(_, least)| before - most > least) {
+                break;
+            }
+            let Some(after) = Scaled::new(&(&self.sum + &self.informations[k])) else {
+                continue;
+            };
+            let expected = after.inverse().component_mul(&self.loss).sum();
+            if best.is_none_or(|(_, least)| expected < least) {
+                best = Some((k, expected));
+            }
+        }
+        best.map(|(k, expected)| (k, expected.max(0.0).sqrt()))
+    }
+
+    /// Replaces taken candidates one by one where another is worth more, but for the first `keep`.
+    pub fn exchange(&mut self, keep: usize) {
+        self.exchange_with(keep, 0, 6);
+    }
+
+    /// As [`Design::exchange`], with candidates from `first` on only.
+    fn exchange_with(&mut self, keep: usize, first: usize, rounds: usize) {
+        for _ in 0..rounds {
+            let mut changed = false;
+            for place in keep..self.taken.len() {
+                let old = self.taken[place];
+                self.sum -= &self.informations[old];
+                // The slot is free for any, the old one included.
+                self.taken[place] = usize::MAX;
+                let next = self
+                    .best(|k| k >= first || k == old)
+                    .map_or(old, |(k, _)| k);
+                self.sum += &self.informations[next];
+                self.taken[place] = next;
+                changed |= next != old;
+            }
+            if !changed {
+                break;
+            }
+        }
+    }
+
+    /// Replaces taken candidates, but for the first `keep`, by others near to them where those are
+    /// worth more: a few hundred at random are far apart from each other. `near` gives a candidate
+    /// near another; what is tried is added to `all`, which are the candidates of this design.
+    pub fn refine(
+        &mut self,
+        data: &Data,
+        all: &mut Vec<Candidate>,
+        options: &Options,
+        keep: usize,
+        mut near: impl FnMut(&Candidate, f64) -> Option<Candidate>,
+    ) {
+        const ROUNDS: usize = 6;
+        /// Tried near each taken one in each round.
+        const TRIED: usize = 6;
+        // From half of a distance that matters, nearer from round to round.
+        let mut size = 0.5;
+        for _ in 0..ROUNDS {
+            let first = all.len();
+            let taken = self.taken.clone();
+            for &k in &taken[keep..] {
+                for _ in 0..TRIED {
+                    let found = near(&all[k], size);
+                    let Some(found) = found else { continue };
+                    if self.learn(data, &found, options).is_some() {
+                        all.push(found);
+                    }
+                }
+            }
+            self.exchange_with(keep, first, 2);
+            size *= 0.65;
+        }
+    }
+}
