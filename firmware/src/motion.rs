@@ -11,6 +11,9 @@ pub const CAPACITY: usize = 16;
 /// Full speed of the path clock, ms per tick with 16 fractional bits.
 const FULL_RATE_Q16: u32 = 1 << 16;
 
+/// Slowest that the clock gets because a motor gives all it can.
+const EASED_RATE_Q16: u32 = FULL_RATE_Q16 / 4;
+
 /// What a tick of motion brought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
@@ -39,6 +42,8 @@ pub struct Motion<const N: usize> {
     rate_step_q16: u32,
     /// Where the rate is going: rest while braking, full otherwise.
     braking: bool,
+    /// A motor gives all it can (D4).
+    eased: bool,
     stop_segment: bool,
     next_index: u16,
     /// Change of the clock's rate in the last tick.
@@ -58,6 +63,7 @@ impl<const N: usize> Default for Motion<N> {
             rate_q16: FULL_RATE_Q16,
             rate_step_q16: FULL_RATE_Q16,
             braking: false,
+            eased: false,
             stop_segment: false,
             next_index: 0,
             change_q16: 0,
@@ -76,6 +82,7 @@ impl<const N: usize> Motion<N> {
         self.rate_q16 = FULL_RATE_Q16;
         self.rate_step_q16 = FULL_RATE_Q16;
         self.braking = false;
+        self.eased = false;
         self.stop_segment = false;
         self.next_index = 0;
         self.new_rows = false;
@@ -175,6 +182,12 @@ impl<const N: usize> Motion<N> {
         self.rate_step_q16 = rate_step_q16(stop_ms);
     }
 
+    /// While a motor gives all it can, the clock slows down as in a stop, but only to a quarter:
+    /// the path stays, its time stretches (D4).
+    pub const fn ease(&mut self, eased: bool) {
+        self.eased = eased;
+    }
+
     /// Moves the clock on by one tick; `None` without a path. Where the path is then,
     /// [`Self::evaluate`] tells.
     pub fn tick(&mut self, stop_ms: u32) -> Option<Progress> {
@@ -182,6 +195,10 @@ impl<const N: usize> Motion<N> {
         let before_q16 = self.rate_q16;
         self.rate_q16 = if self.braking {
             self.rate_q16.saturating_sub(self.rate_step_q16)
+        } else if self.eased {
+            let slower = self.rate_q16.saturating_sub(self.rate_step_q16);
+            // One that is still coming up from rest stays where it is.
+            slower.max(self.rate_q16.min(EASED_RATE_Q16))
         } else {
             (self.rate_q16 + self.rate_step_q16).min(FULL_RATE_Q16)
         };

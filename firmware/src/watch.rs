@@ -355,6 +355,12 @@ impl CableWatch {
         self.noise_q6 > NOISE_Q6
     }
 
+    /// Whether the current has begun to be at its limit.
+    #[must_use]
+    pub const fn saturates(&self) -> bool {
+        self.saturated.ticks() > 0
+    }
+
     /// Whether the cable has begun to be slack.
     #[must_use]
     pub const fn slackens(&self) -> bool {

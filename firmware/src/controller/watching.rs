@@ -198,6 +198,7 @@ impl<const N: usize> Controller<N> {
             feedback_timeout_ms: active.feedback_timeout_ms,
         };
         let mut found = None;
+        let mut eased = false;
         let readings = inputs.drives.iter().zip(&inputs.tension_adc);
         let configs = active.cables.iter().zip(readings);
         for (number, (cable, (config, (drive, &adc)))) in
@@ -214,10 +215,12 @@ impl<const N: usize> Controller<N> {
             }
             let pins = (number, drive, adc);
             let fault = cable.examine(config, pins, &around, &mut self.limits);
+            eased |= cable.watch.saturates();
             if found.is_none() {
                 found = fault.map(|(fault, value, limit)| (fault, number, value, limit));
             }
         }
+        self.motion.ease(eased);
         let residual = self.watch_residuals();
         if let Some((fault, cable, value, limit)) = found.or(residual) {
             self.trip(fault, cable, value, limit);

@@ -126,6 +126,35 @@ fn braking_runs_along_the_path_rests_within_the_stop_time_and_resumes_to_the_sam
 }
 
 #[test]
+fn d4_an_eased_clock_slows_as_in_a_stop_to_a_quarter_stays_on_the_path_and_comes_back() {
+    let path = knots(16, true);
+    let mut motion = started(&path);
+    for _ in 0..50 {
+        advance(&mut motion).unwrap();
+    }
+    let mut before = advance(&mut motion).unwrap();
+    let mut rates = Vec::new();
+    for tick in 0..420 {
+        motion.ease(tick < 300);
+        let sample = advance(&mut motion).unwrap();
+        assert!((length(&sample, 1) - on_path(&path, &sample)).abs() <= 2.0);
+        // Cable 1 runs at 200 mm/s of path time: 200 of 0.1 µm are a tick at full rate.
+        rates.push((length(&sample, 0) - length(&before, 0)) / 2000.0);
+        before = sample;
+    }
+    let near = |rate: f64, wanted: f64| (rate - wanted).abs() < 0.01;
+    assert!(near(rates[0], 1.0 - 1.0 / 300.0), "{}", rates[0]);
+    assert!(near(rates[150], 0.5), "{}", rates[150]);
+    assert!(near(rates[299], 0.25), "{}", rates[299]);
+    assert!(near(rates[399], 0.25 + 100.0 / 300.0), "{}", rates[399]);
+    // A stop goes on to rest, eased or not.
+    motion.ease(true);
+    motion.brake(STOP_MS);
+    let paused = (0..STOP_MS).any(|_| advance(&mut motion).unwrap().progress == Progress::Paused);
+    assert!(paused);
+}
+
+#[test]
 fn while_braking_velocity_and_acceleration_are_those_of_real_time() {
     let path = knots(CAPACITY as u32, true);
     let mut motion = started(&path);

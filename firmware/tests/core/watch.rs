@@ -168,6 +168,27 @@ fn d4_saturation_fires_after_100_ticks() {
 }
 
 #[test]
+fn d4_while_a_motor_gives_all_it_can_the_path_takes_longer_and_its_end_is_reached() {
+    let path_ms = |bench: &Bench| bench.status().path_ms;
+    let mut bench = Bench::moving(2000, 500);
+    let before = path_ms(&bench);
+    bench.tamper = |i| i.drives[1].current_ma = 2950;
+    bench.run(90);
+    bench.tamper = |_| {};
+    let way = path_ms(&bench) - before;
+    // The rate falls by a 300th a tick: 90 - 90 * 90 / 600.
+    assert!((74..=80).contains(&way), "{way} ms of path in 90");
+    assert_eq!((bench.fault(), bench.state()), (None, State::Moving));
+    bench.until(State::Holding, 2500);
+    assert_eq!(bench.fault(), None);
+    // In a hundred ticks it would have been a fault.
+    let mut bench = Bench::moving(2000, 500);
+    bench.tamper = |i| i.drives[1].current_ma = 2950;
+    bench.run(101);
+    assert_eq!(bench.fault(), Some(FaultId::D4));
+}
+
+#[test]
 fn s2_and_d7_fire_after_20_ticks_beyond_a_millimetre_and_tell_encoder_from_drive() {
     let stuck = ticks_until(|v| v.length_error = -10_001);
     assert_eq!(stuck, (20, FaultId::S2, -1000, 1000));
