@@ -88,10 +88,10 @@ impl Source for Recorded {
             cameras: self.cameras,
         };
         self.read = number;
-        frame.checked().map_err(|source| SourceError::Frame {
+        frame.checked().map_err(|reason| SourceError::Frame {
             name: self.name(),
             number,
-            source,
+            reason,
         })
     }
 }

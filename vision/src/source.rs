@@ -65,14 +65,14 @@ pub enum SourceError {
         count: usize,
     },
     /// The pictures are there but can not be used.
-    #[error("picture {number} of {name}: {source}")]
+    #[error("picture {number} of {name}: {reason}")]
     Frame {
         /// Which source.
         name: String,
         /// Which picture, 1 for the first.
         number: usize,
         /// Why.
-        source: FrameError,
+        reason: FrameError,
     },
     /// The camera does not answer as it should.
     #[error("camera {name}: {reason}")]

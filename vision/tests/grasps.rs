@@ -126,6 +126,39 @@ fn a_grasp_tells_width_angle_and_place_of_a_block() {
 }
 
 #[test]
+fn a_thin_rod_ranks_low_and_a_bar_does_not() {
+    let [x, y, z] = Tray::default().center_m;
+    let best = |radius_m: f64, seed: u64| {
+        let part = mcdpr_simulator::camera::Part::plain(
+            mcdpr_simulator::camera::Shape::Cylinder {
+                radius_m,
+                half_m: 0.04,
+            },
+            Place::default(),
+            [0.6; 3],
+        );
+        // Lying, and high enough for the pads: on its own a rod of 6 mm is too low to be taken.
+        let high_m = 0.02;
+        let place = Place::from_rpy(
+            [x + 0.01, y, z + high_m],
+            [0.0, std::f64::consts::FRAC_PI_2, 0.0],
+        );
+        let rod = Body {
+            name: "rod".to_owned(),
+            parts: vec![part],
+            world_from_body: place,
+            mass_kg: 0.05,
+        };
+        let found = grasps(&with(vec![rod]), seed).0;
+        found.map_or(0.0, |found| found[0].quality)
+    };
+    for seed in 1..=6 {
+        let (rod, bar) = (best(0.003, seed), best(0.007, seed));
+        assert!(rod < 0.08 && bar > 0.3, "seed {seed}: {rod} {bar}");
+    }
+}
+
+#[test]
 fn jaws_that_can_not_turn_get_grasps_along_their_direction_only() {
     let cell = cell(Order::Separate, 7, 2);
     let (frame, camera) = take(&cell, 2);

@@ -323,13 +323,18 @@ fn tell(scene: &SceneReport) {
     super::write_out(&lay_out(&rows));
     if let Some(attempt) = scene.report.attempts.first() {
         let budget = &attempt.budget;
+        let mm = |part_m: f64| format!("{:.2} mm", part_m * 1e3);
+        let (where_from, part_m) = if budget.mat_m > 0.0 {
+            ("mat", budget.mat_m)
+        } else {
+            ("geometry", budget.geometry_m)
+        };
         say!(
-            "error budget of a grasp point (1 sd): depth {:.2} mm, hand-eye {:.2} mm, geometry \
-             {:.2} mm, together {:.2} mm",
-            budget.depth_m * 1e3,
-            budget.hand_eye_m * 1e3,
-            budget.geometry_m * 1e3,
-            budget.total_m * 1e3
+            "error budget of a grasp point (1 sd): depth {}, hand-eye {}, {where_from} {}, together {}",
+            mm(budget.depth_m),
+            mm(budget.hand_eye_m),
+            mm(part_m),
+            mm(budget.total_m)
         );
     }
     if let Some(seen) = scene.report.probe_m {

@@ -38,6 +38,9 @@ const SWING_S: f64 = 0.6;
 const SWING_READINGS: u32 = 15;
 /// What an uncalibrated frame explains of lengths that do not close, m; more is a slip.
 const FRAME_GAP_M: f64 = 0.012;
+/// Without a calibration a way goes in legs of this length at most, m: over 0.2 m the frame alone
+/// opens as much as a slip does, 4 mm.
+const LEG_MAX_M: f64 = 0.1;
 /// Ways shorter than this are none, m.
 const NO_WAY_M: f64 = 1e-6;
 
@@ -210,6 +213,17 @@ impl<L: Link> Arm<L> {
     /// # Errors
     /// Before anything moves, the first limit that would be broken; then those of a run.
     pub fn go(&mut self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
+        if self.model.robot().calibrated.is_some() {
+            return self.go_at_once(points_m);
+        }
+        // What does not close of a frame without a calibration is found out at every rest.
+        for leg in legs(self.tool_m, points_m) {
+            self.go_at_once(&[leg])?;
+        }
+        Ok(())
+    }
+
+    fn go_at_once(&mut self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
         let Some(plan) = self.plan(&self.model, points_m)? else {
             return Ok(());
         };
@@ -394,6 +408,23 @@ impl<L: Link> Arm<L> {
     }
 }
 
+/// Points on the straight ways to some points, no further apart than [`LEG_MAX_M`].
+fn legs(mut at_m: Vector3<f64>, points_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let mut legs = Vec::new();
+    for point in points_m {
+        let way = point - at_m;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a small number"
+        )]
+        let count = (way.norm() / LEG_MAX_M).ceil().max(1.0) as u32;
+        legs.extend((1..=count).map(|k| at_m + way * (f64::from(k) / f64::from(count))));
+        at_m = *point;
+    }
+    legs
+}
+
 fn lengths(status: &Status) -> Vec<f64> {
     status
         .lengths
@@ -414,4 +445,25 @@ pub(super) fn isometry(rest: &Rest) -> Isometry3<f64> {
         Translation3::from(pose.position_m),
         UnitQuaternion::from_rotation_matrix(&pose.rotation),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn legs_are_short_and_end_where_the_way_does() {
+        let (a, b) = (
+            Vector3::new(0.0, 0.0, -0.25),
+            Vector3::new(0.05, 0.0, -0.25),
+        );
+        let legs = legs(Vector3::zeros(), &[a, b]);
+        assert_eq!(legs.len(), 4);
+        assert_eq!((legs[2], legs[3]), (a, b));
+        let mut at = Vector3::zeros();
+        for leg in legs {
+            assert!((leg - at).norm() <= LEG_MAX_M);
+            at = leg;
+        }
+    }
 }

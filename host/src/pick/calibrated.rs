@@ -20,6 +20,11 @@ use std::fmt::Display;
 /// Poses that are measured, out of so many that can be.
 const POSES: usize = 14;
 const CANDIDATES: usize = 100;
+/// Sets of poses that are tried where a limit stops the robot on its way to one: as built it hangs a
+/// little otherwise than planned, and some poses are near a limit.
+const SETS: u64 = 3;
+/// From one set's seed to the next one's: far from the seeds of other machines.
+const SET_SEED: u64 = 1_000_003;
 /// Noise of a tag's corner in one picture, px.
 const CORNER_PX: f64 = 0.1;
 
@@ -36,21 +41,31 @@ pub fn calibrated(robot: &Robot, seed: u64) -> Result<Robot, PickError> {
     with_board.tags = target::tags(Target::Board);
     let model = Model::new(&with_board)?;
     let mismatch = Mismatch::as_built();
-    let link = experiment::simulated_robot(&model, &mismatch, seed, &LinkOptions::default())?;
-    let scene = Scene::of(&with_board, seed);
-    let mut tags = SimulatedTags::new(link.clone(), scene, CORNER_PX, seed);
-    let options = Options {
-        poses: POSES,
-        candidates: CANDIDATES,
-        seed,
-        simulated_seed: Some(seed),
-        described: Some(robot.content_hash()),
-        ..Options::default()
+    let measure = |set: u64| {
+        let link = experiment::simulated_robot(&model, &mismatch, seed, &LinkOptions::default())?;
+        let scene = Scene::of(&with_board, seed);
+        let mut tags = SimulatedTags::new(link.clone(), scene, CORNER_PX, seed);
+        let options = Options {
+            poses: POSES,
+            candidates: CANDIDATES,
+            seed: seed.wrapping_add(set * SET_SEED),
+            simulated_seed: Some(seed),
+            described: Some(robot.content_hash()),
+            ..Options::default()
+        };
+        let line = (link, Some(SessionId(1)));
+        let keep = |_: &_| Ok(());
+        collect(&model, line, &mut tags, &options, None, keep, |_| {})
+            .map_err(|error| failed(&error))
     };
-    let line = (link, Some(SessionId(1)));
-    let keep = |_: &_| Ok(());
-    let data = collect(&model, line, &mut tags, &options, None, keep, |_| {})
-        .map_err(|error| failed(&error))?;
+    let mut measured = measure(0);
+    for set in 1..SETS {
+        if measured.is_ok() {
+            break;
+        }
+        measured = measure(set);
+    }
+    let data = measured?;
     let estimator = Estimator {
         closer_looks: true,
         ..Estimator::default()

@@ -23,6 +23,8 @@ pub struct Choice {
     pub tilt_rad: f64,
     /// Height of contact on the pads, m.
     pub engaged_m: f64,
+    /// Height over which pads that lean with the tool lie on an upright wall, m.
+    pub lies_on_m: f64,
     /// Room between each open pad and the object, m.
     pub room_m: f64,
     /// Share of the contacts that look like another thing's.
@@ -32,14 +34,15 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// Rank with the tilt of the tool: of the grasp, of the height on the pads and of the room
-    /// beside it.
+    /// Rank with the tilt of the tool: of the grasp, of the height on the pads, of what of it they
+    /// lie on and of the room beside it.
     #[must_use]
     pub fn rank(&self) -> f64 {
         let engaged = (self.engaged_m / 0.012).min(1.0);
         let room = (self.room_m / 0.006).min(1.0);
         let single = 1.0 - 0.9 * (self.other / 0.15).min(1.0);
-        self.grasp.quality * engaged * room * single
+        let flat = (self.lies_on_m / LIES_ON_M).min(1.0);
+        self.grasp.quality * engaged * flat * room * single
     }
 }
 
@@ -54,57 +57,12 @@ pub struct Choices {
     pub no_room: usize,
 }
 
-/// How far a grasp point may be off, one standard deviation of its distance, m.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Budget {
-    /// From the depth camera's noise.
-    pub depth_m: f64,
-    /// From the place of the camera on the platform.
-    pub hand_eye_m: f64,
-    /// From the robot's geometry: the platform's pose at the look and at the grasp.
-    pub geometry_m: f64,
-    /// All together.
-    pub total_m: f64,
-}
-
-/// What is known about the errors of a calibrated robot, one standard deviation per axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Uncertainty {
-    /// Camera on the platform, m.
-    pub hand_eye_m: f64,
-    /// Camera on the platform, rad.
-    pub hand_eye_rad: f64,
-    /// Anchors, m.
-    pub anchors_m: f64,
-    /// Disparity noise of the depth camera, px.
-    pub disparity_px: f64,
-    /// Focal length times baseline of the depth camera, px m.
-    pub focal_baseline_px_m: f64,
-}
-
-impl Uncertainty {
-    /// The budget of a grasp point at a distance from the camera. Depth: z^2 / (f b) per pixel of
-    /// disparity, averaged over a patch of four noise cells. Hand-eye: shift and lever. Geometry:
-    /// a shift of the anchors that all share moves camera and tool alike; what differs between the
-    /// places of look and grasp is about the anchors' error over the square root of the cables.
-    #[must_use]
-    pub fn budget(&self, distance_m: f64, cables: usize) -> Budget {
-        let axes = 3.0_f64.sqrt();
-        let depth_m = 0.5 * distance_m * distance_m / self.focal_baseline_px_m * self.disparity_px;
-        let lever_m = 2.0_f64.sqrt() * self.hand_eye_rad * distance_m;
-        let hand_eye_m = (axes * self.hand_eye_m).hypot(lever_m);
-        let geometry_m = axes * self.anchors_m * (2.0 / cables.max(1) as f64).sqrt();
-        Budget {
-            depth_m,
-            hand_eye_m,
-            geometry_m,
-            total_m: (depth_m * depth_m + hand_eye_m * hand_eye_m + geometry_m * geometry_m).sqrt(),
-        }
-    }
-}
-
 /// Least contact height on the pads, m: one that is lost to errors of a millimetre or two.
 const ENGAGED_MIN_M: f64 = 0.005;
+/// Pads that lie on a wall over so little of their height slip, m; from [`LIES_ON_M`] on more is no
+/// better.
+const LIES_ON_MIN_M: f64 = 0.0025;
+const LIES_ON_M: f64 = 0.005;
 /// Grasps whose middle lies further from the tool than this are moved there once.
 const OFF_M: f64 = 0.0005;
 /// Grasps of a lower rank slip more often than not: thin rods, above all.
@@ -180,11 +138,12 @@ fn one(
         let map_from_tool = map_from_world * world_from_tool;
         let fit = map.fit(hand, &map_from_tool).ok_or(Refused::NoRoom)?;
         let room_m = 0.5 * (hand.opening_m - fit.width_m);
-        if fit.engaged_m < ENGAGED_MIN_M || room_m < SIDE_M {
+        let jaw = map_from_tool.rotation * Vector3::y();
+        let lies_on_m = hand.lies_on_m(jaw.z.clamp(-1.0, 1.0).asin());
+        if fit.engaged_m < ENGAGED_MIN_M || lies_on_m < LIES_ON_MIN_M || room_m < SIDE_M {
             return Err(Refused::NoRoom);
         }
         let mut place = map_from_tool.translation.vector;
-        let jaw = map_from_tool.rotation * Vector3::y();
         let flat = Vector3::new(jaw.x, jaw.y, 0.0).normalize();
         place += flat * fit.off_m;
         place.z = fit.height_m;
@@ -200,6 +159,7 @@ fn one(
             wrist_rad,
             tilt_rad: rest.equilibrium.pose.tilt_rad(),
             engaged_m: fit.engaged_m,
+            lies_on_m,
             room_m,
             other: fit.other,
             view: 0,
@@ -226,4 +186,44 @@ fn wrist(world_from_platform: &Isometry3<f64>, closing: &Vector3<f64>, turns: bo
         return Some(angle);
     }
     (angle.abs() < FIXED_TOLERANCE_RAD).then_some(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point3, Vector2};
+
+    fn choice(lies_on_m: f64) -> Choice {
+        Choice {
+            grasp: Grasp {
+                pixel: Vector2::zeros(),
+                point_m: Point3::origin(),
+                closing: Vector3::y(),
+                width_m: 0.03,
+                clearance_m: 0.015,
+                top_m: 0.03,
+                height_m: 0.02,
+                quality: 0.6,
+            },
+            seen_m: Vector3::zeros(),
+            tool_m: Vector3::zeros(),
+            platform_m: Vector3::zeros(),
+            wrist_rad: 0.0,
+            tilt_rad: 0.0,
+            engaged_m: 0.012,
+            lies_on_m,
+            room_m: 0.015,
+            other: 0.0,
+            view: 0,
+        }
+    }
+
+    #[test]
+    fn of_two_grasps_the_one_whose_pads_lie_flat_comes_first() {
+        let hand = Hand::default();
+        let at = |degrees: f64| choice(hand.lies_on_m(degrees.to_radians()));
+        assert_eq!(at(0.0).rank(), at(5.0).rank());
+        assert!(at(9.0).rank() < 0.7 * at(5.0).rank());
+        assert!(at(9.0).lies_on_m > LIES_ON_MIN_M && at(14.0).lies_on_m < LIES_ON_MIN_M);
+    }
 }

@@ -23,6 +23,23 @@ pub enum PickError {
         help("see docs/vision.md for what a picture must have")
     )]
     Picture(#[from] mcdpr_vision::SourceError),
+    /// The depth camera and the mat differ.
+    #[error(
+        "the depth camera has the ground {depth_m:.3} m ahead, the printed mat lies {mat_m:.3} m ahead: \
+         another depth unit, another mat, or something between"
+    )]
+    #[diagnostic(
+        code(mcdpr::pick::distances),
+        help(
+            "check the depth unit of the camera and that the mat was printed at its size; --no-mat picks without"
+        )
+    )]
+    Distances {
+        /// By the depth camera, m.
+        depth_m: f64,
+        /// By the mat, m.
+        mat_m: f64,
+    },
     /// The simulated robot could not be calibrated beforehand.
     #[error("the simulated robot was to be calibrated first, and was not: {reason}")]
     #[diagnostic(

@@ -8,7 +8,9 @@ use crate::calibration::data::Camera as Lens;
 use crate::calibration::pnp::{Square, sightings_of};
 use mcdpr_vision::tag::{Options, detect};
 use mcdpr_vision::{Camera, RgbImage};
-use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{
+    Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
+};
 
 /// A sheet of tags.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,10 +28,57 @@ const FIT_PX: f64 = 0.3;
 /// A tag's white rim is an eighth of it, and small tags are of use from this edge on, px.
 const EDGE_MIN_PX: f64 = 16.0;
 
-impl Mat {
-    /// camera_from_mat by the tags in a picture; `None` where too few are seen.
+/// Corners are not believed to be better than this, px: what their scatter in one picture hides.
+const CORNER_SIGMA_MIN_PX: f64 = 0.02;
+
+/// The mat as one picture has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MatSight {
+    /// Its place.
+    pub camera_from_mat: Isometry3<f64>,
+    /// Covariance of the origin's shift (m) and of the turn (rad), camera frame.
+    covariance: Matrix6<f64>,
+}
+
+impl MatSight {
+    /// A mat whose place is known.
+    #[cfg(test)]
+    pub(super) fn sure(camera_from_mat: Isometry3<f64>) -> Self {
+        Self {
+            camera_from_mat,
+            covariance: Matrix6::zeros(),
+        }
+    }
+
+    /// One standard deviation of the distance by which a point of the mat's frame (m) is off in the
+    /// camera's, or the other way round, m.
     #[must_use]
-    pub fn in_picture(&self, camera: &Camera, picture: &RgbImage) -> Option<Isometry3<f64>> {
+    pub fn error_m(&self, point_in_mat_m: &Vector3<f64>) -> f64 {
+        let arm = self.camera_from_mat.rotation * point_in_mat_m;
+        let shift = self.covariance.fixed_view::<3, 3>(0, 0);
+        let turn = self.covariance.fixed_view::<3, 3>(3, 3);
+        let both = self.covariance.fixed_view::<3, 3>(0, 3);
+        // The point moves by the shift and by turn x arm.
+        let by_turn = -arm.cross_matrix();
+        let moved = shift
+            + both * by_turn.transpose()
+            + by_turn * both.transpose()
+            + by_turn * turn * by_turn.transpose();
+        moved.trace().max(0.0).sqrt()
+    }
+
+    /// The distance along the camera's axis at which the mat's plane lies, m.
+    #[must_use]
+    pub fn ahead_m(&self) -> f64 {
+        let up = self.camera_from_mat.rotation * Vector3::z();
+        up.dot(&self.camera_from_mat.translation.vector) / up.z
+    }
+}
+
+impl Mat {
+    /// The mat by the tags in a picture; `None` where too few are seen.
+    #[must_use]
+    pub fn in_picture(&self, camera: &Camera, picture: &RgbImage) -> Option<MatSight> {
         let options = Options {
             edge_min_px: EDGE_MIN_PX,
             ..Options::default()
@@ -76,10 +125,87 @@ impl Mat {
                 return None;
             }
             let turn = Rotation3::from_matrix_unchecked(*pose.rotation.matrix());
-            return Some(Isometry3::from_parts(
+            let camera_from_mat = Isometry3::from_parts(
                 Translation3::from(pose.position_m),
                 UnitQuaternion::from_rotation_matrix(&turn),
-            ));
+            );
+            let points = squares.iter().flat_map(|(corners, _)| corners);
+            let covariance = covariance(camera, &camera_from_mat, points, seen.cost_px2)?;
+            return Some(MatSight {
+                camera_from_mat,
+                covariance,
+            });
         }
+    }
+}
+
+/// Covariance of a pose from corners on a body (m) whose squared residuals sum up to `cost_px2`: the
+/// inverse of the normal matrix times the variance of a coordinate.
+fn covariance<'a>(
+    camera: &Camera,
+    camera_from_body: &Isometry3<f64>,
+    points_m: impl Iterator<Item = &'a Vector3<f64>>,
+    cost_px2: f64,
+) -> Option<Matrix6<f64>> {
+    let (mut normal, mut rows) = (Matrix6::zeros(), 0.0);
+    for point in points_m {
+        let arm = camera_from_body.rotation * point;
+        let at = camera_from_body * Point3::from(*point);
+        let (_, by_point) = camera.project_with_slope(&at)?;
+        for k in 0..2 {
+            let by_shift = by_point.row(k).transpose();
+            let by_turn = arm.cross(&by_shift);
+            let row = Vector6::new(
+                by_shift.x, by_shift.y, by_shift.z, by_turn.x, by_turn.y, by_turn.z,
+            );
+            normal += row * row.transpose();
+            rows += 1.0;
+        }
+    }
+    let variance_px2 = (cost_px2 / f64::max(rows - 6.0, 1.0)).max(CORNER_SIGMA_MIN_PX.powi(2));
+    normal.try_inverse().map(|inverse| inverse * variance_px2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_tags_and_a_nearer_camera_make_a_point_surer() {
+        let camera = Camera {
+            size_px: [640, 480],
+            focal_px: [600.0; 2],
+            center_px: [320.0, 240.0],
+            distortion: [0.0; 5],
+        };
+        let sight = |tags: usize, away_m: f64| {
+            let corners: Vec<Vector3<f64>> = (0..tags)
+                .flat_map(|k| {
+                    let x = 0.02 * k as f64;
+                    [[0.0, 0.0], [0.016, 0.0], [0.016, 0.016], [0.0, 0.016]]
+                        .map(|[i, j]| Vector3::new(x + i, j, 0.0))
+                })
+                .collect();
+            let camera_from_mat = Isometry3::new(
+                Vector3::new(0.0, 0.0, away_m),
+                Vector3::new(std::f64::consts::PI - 0.1, 0.0, 0.0),
+            );
+            // Residuals of 0.1 px each.
+            let cost_px2 = 0.01 * (8 * tags - 6) as f64;
+            let covariance = covariance(&camera, &camera_from_mat, corners.iter(), cost_px2);
+            MatSight {
+                camera_from_mat,
+                covariance: covariance.unwrap(),
+            }
+        };
+        let middle = Vector3::new(0.05, 0.008, 0.0);
+        let (few, many, near) = (sight(2, 0.4), sight(6, 0.4), sight(6, 0.2));
+        assert!(many.error_m(&middle) < 0.5 * few.error_m(&middle));
+        assert!(near.error_m(&middle) < 0.5 * many.error_m(&middle));
+        // A tenth of a pixel at 0.4 m is 0.07 mm in one corner's coordinate.
+        assert!((1e-5..5e-4).contains(&many.error_m(&middle)));
+        // Beside what is seen, a turn counts.
+        assert!(many.error_m(&Vector3::new(0.05, 0.3, 0.0)) > 2.0 * many.error_m(&middle));
+        assert!((many.ahead_m() - 0.4).abs() < 1e-9);
     }
 }

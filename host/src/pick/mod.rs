@@ -8,6 +8,7 @@
 //! room for at that attitude.
 
 mod arm;
+mod budget;
 mod calibrated;
 mod choose;
 mod error;
@@ -18,10 +19,11 @@ mod task;
 pub mod workcell;
 
 pub use arm::Arm;
+pub use budget::{Budget, Uncertainty};
 pub use calibrated::calibrated;
-pub use choose::{Budget, Choice, Choices};
+pub use choose::{Choice, Choices};
 pub use error::PickError;
-pub use mat::Mat;
+pub use mat::{Mat, MatSight};
 pub use report::{Attempt, End, Outcome, Report};
 pub use task::{Options, Picker};
 pub use workcell::SimulatedEye;

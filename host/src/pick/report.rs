@@ -1,6 +1,6 @@
 //! What picking came to: each attempt, and why it ended.
 
-use super::choose::Budget;
+use super::budget::Budget;
 use serde::Serialize;
 
 /// What came of one attempt.

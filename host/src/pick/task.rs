@@ -1,17 +1,18 @@
 //! The task: look, choose, approach from above, descend, close, verify, lift, carry, release.
 
-use super::choose::{Choice, Choices, Uncertainty, choose, of_transform};
-use super::mat::Mat;
+use super::budget::{Measuring, Uncertainty};
+use super::choose::{Choice, Choices, of_transform};
+use super::mat::{Mat, MatSight};
 use super::report::{Attempt, End, Outcome, Report};
 use super::{Arm, PickError};
 use crate::link::Link;
-use crate::sight::{GraspMark, Shown};
-use mcdpr_vision::grasp::{Area, Closing, Detector, Hand, HeightMap, NoGrasp, Wanted};
-use mcdpr_vision::{Aligned, Source, align};
-use nalgebra::{Isometry3, Vector2, Vector3};
-use std::sync::Arc;
+use crate::sight::Shown;
+use mcdpr_vision::Source;
+use mcdpr_vision::grasp::{Detector, Hand, NoGrasp};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 mod reach;
+mod view;
 
 /// How to pick.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,6 +79,9 @@ pub struct Picker<'a, L: Link> {
     world_from_mat: Option<Isometry3<f64>>,
     /// Pictures for grasps so far.
     views: usize,
+    /// The mat in each of them, and in the last picture of all.
+    sights: Vec<Option<MatSight>>,
+    last_sight: Option<MatSight>,
     /// What corrections have learned since the approach: the tool hangs so far from where it is
     /// sent, and the mat has it so far from where lengths have it.
     bias_m: Vector3<f64>,
@@ -119,6 +123,8 @@ impl<'a, L: Link> Picker<'a, L> {
             options,
             world_from_mat: None,
             views: 0,
+            sights: Vec::new(),
+            last_sight: None,
             bias_m: Vector3::zeros(),
             seen_off_m: Vector3::zeros(),
         }
@@ -269,82 +275,6 @@ impl<'a, L: Link> Picker<'a, L> {
         }
     }
 
-    /// Takes one picture: how many grasps are in it, and those that the robot can do.
-    fn view(
-        &mut self,
-        probe: &mut Option<[f64; 3]>,
-        watcher: &mut dyn Watcher,
-    ) -> Result<Result<(usize, Choices), NoGrasp>, PickError> {
-        self.arm.wait(CALM_S)?;
-        let by_lengths = self.arm.world_from_platform()?;
-        let frame = self.eye.frame()?;
-        watcher.pictured();
-        self.views += 1;
-        let world_from_platform = self
-            .platform_by_mat(&frame.color, &by_lengths)
-            .unwrap_or(by_lengths);
-        let picture = align(&frame);
-        let robot = self.arm.model().robot();
-        let platform_from_camera = of_transform(&robot.camera.camera_from_platform).inverse();
-        let world_from_camera = world_from_platform * platform_from_camera;
-        let options = self.options;
-        if let (None, Some(pixel)) = (&probe, options.probe_px) {
-            *probe = seen_at(&picture, &world_from_camera, pixel);
-        }
-        let tray = Isometry3::translation(options.tray_m.x, options.tray_m.y, options.tray_m.z);
-        let closing = if options.turns {
-            Closing::Any
-        } else {
-            let jaw = world_from_platform.rotation * Vector3::y();
-            Closing::Along(world_from_camera.rotation.inverse() * jaw)
-        };
-        let wanted = Wanted {
-            hand: options.hand,
-            closing,
-            area: Some(Area {
-                camera_from_area: world_from_camera.inverse() * tray,
-                half_m: options.tray_half_m,
-            }),
-        };
-        let map = match HeightMap::new(&picture) {
-            Ok(map) => map,
-            Err(reason) => return Ok(Err(reason)),
-        };
-        let grasps = match self.detector.detect(&picture, &wanted) {
-            Ok(grasps) => grasps,
-            Err(reason) => return Ok(Err(reason)),
-        };
-        let mut choices = choose(
-            self.arm.model(),
-            &map,
-            &grasps,
-            &world_from_camera,
-            &options.hand,
-            options.turns,
-        );
-        for choice in &mut choices.good {
-            choice.view = self.views - 1;
-        }
-        let best = choices.good.iter();
-        let best = best.max_by(|a, b| a.rank().total_cmp(&b.rank()));
-        let shown = Shown {
-            picture: Arc::new(frame.color.clone()),
-            source: "what the tool's camera sees",
-            tags: Vec::new(),
-            grasp: best.and_then(|choice| {
-                let grasp = &choice.grasp;
-                let (middle, at) = (grasp.pixel.into(), &grasp.point_m);
-                let color = &frame.cameras.color;
-                GraspMark::new(color, middle, at, &grasp.closing, grasp.width_m)
-            }),
-        };
-        self.arm.show(&shown);
-        if shown.grasp.is_some() {
-            watcher.looked(&shown);
-        }
-        Ok(Ok((grasps.len(), choices)))
-    }
-
     fn way_there(&self, choice: &Choice) -> [Vector3<f64>; 2] {
         let above = choice.tool_m + Vector3::new(0.0, 0.0, self.options.above_m);
         [above, choice.tool_m]
@@ -362,6 +292,7 @@ impl<'a, L: Link> Picker<'a, L> {
         let before_n = self.arm.mean_tensions_n()?;
         self.reach(&above, TRIES_ABOVE)?;
         let left_m = self.reach(&at, TRIES)?;
+        let budget = self.options.uncertainty.budget(&self.measuring(choice));
         watcher.closing(choice);
         let met = self.arm.grip(true)?;
         let has_switch = self.arm.model().robot().gripper.switch;
@@ -393,8 +324,6 @@ impl<'a, L: Link> Picker<'a, L> {
             self.arm.go(&[above])?;
             outcome
         };
-        let robot = self.arm.model().robot();
-        let distance_m = choice.grasp.point_m.coords.norm();
         Ok(Attempt {
             outcome,
             pixel: choice.grasp.pixel.into(),
@@ -409,11 +338,30 @@ impl<'a, L: Link> Picker<'a, L> {
             weight_agrees: lifted_n
                 .map(|weight_n| (weight_n > WEIGHT_MIN_N) == (outcome != Outcome::Missed)),
             left_m,
-            budget: self
-                .options
-                .uncertainty
-                .budget(distance_m, robot.cables.len()),
+            budget,
         })
+    }
+
+    /// How a grasp was measured, up to the last look before the jaws close.
+    fn measuring(&self, choice: &Choice) -> Measuring {
+        let robot = self.arm.model().robot();
+        let tool = Point3::from(robot.tool.tcp_in_platform_m);
+        let to_tool = of_transform(&robot.camera.camera_from_platform) * tool;
+        let look = self.sights.get(choice.view).copied().flatten();
+        let world_from_mat = self.world_from_mat;
+        let by_mat_m =
+            look.zip(self.last_sight)
+                .zip(world_from_mat)
+                .map(|((look, grasp), world_from_mat)| {
+                    let at = world_from_mat.inverse_transform_point(&choice.tool_m.into());
+                    [look, grasp].map(|sight| sight.error_m(&at.coords))
+                });
+        Measuring {
+            distance_m: choice.grasp.point_m.coords.norm(),
+            to_tool_m: to_tool.coords.norm(),
+            cables: robot.cables.len(),
+            by_mat_m,
+        }
     }
 
     /// Carries what hangs in the jaws to the place of release.
@@ -437,24 +385,4 @@ impl<'a, L: Link> Picker<'a, L> {
             Outcome::Delivered
         })
     }
-}
-
-/// Place of a pixel in the world (Eqs. 45 and 48): its direction times its distance, through the
-/// camera's place. `None` where it has no distance.
-fn seen_at(
-    picture: &Aligned,
-    world_from_camera: &Isometry3<f64>,
-    pixel: [f64; 2],
-) -> Option<[f64; 3]> {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a pixel of the picture"
-    )]
-    let depth_m = picture
-        .depth
-        .depth_m(pixel[0] as usize, pixel[1] as usize)?;
-    let along = picture.camera.direction(&Vector2::from(pixel));
-    let point = nalgebra::Point3::new(along.x * depth_m, along.y * depth_m, depth_m);
-    Some((world_from_camera * point).coords.into())
 }

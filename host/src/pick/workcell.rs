@@ -1,6 +1,7 @@
 //! The simulated workcell: a tray of objects under the simulated robot, and its camera.
 
-use super::choose::{Choice, Uncertainty};
+use super::budget::Uncertainty;
+use super::choose::Choice;
 use super::mat::Mat;
 use super::task::{Options, Watcher};
 use crate::link::SimulatedLink;
@@ -148,10 +149,10 @@ impl Source for SimulatedEye {
             cameras: self.cameras(),
         };
         let number = usize::try_from(self.taken).unwrap_or(usize::MAX);
-        frame.checked().map_err(|source| SourceError::Frame {
+        frame.checked().map_err(|reason| SourceError::Frame {
             name: self.name(),
             number,
-            source,
+            reason,
         })
     }
 }

@@ -8,6 +8,8 @@
 //! room of a finger.
 
 use super::map::HeightMap;
+use super::regions::{Region, Regions};
+use super::walk::{STEP_M, Until, Walk, length_m};
 use super::{Closing, Detector, Grasp, Hand, NoGrasp, Wanted};
 use crate::align::Aligned;
 use nalgebra::{Point3, Vector3};
@@ -45,8 +47,22 @@ const ENGAGED_MIN_M: f64 = 0.008;
 const BELOW_TIP_M: f64 = 0.0015;
 /// Walls must be the same this much higher up, m.
 const WALL_M: f64 = 0.0075;
-/// By how much an end may move over that height, m.
-const WALL_SLACK_M: f64 = 0.0025;
+/// By less than this an end may move over that height, steps of half a millimetre.
+const WALL_SLACK: u32 = 5;
+/// Steps between the places at which room for a finger is looked for: 2 mm.
+const LOOK_EVERY: u32 = 4;
+/// Room for a finger begins less than so many steps behind a wall's end ([`PAST_WALL_M`]), and is more
+/// than so many wide.
+const PAST_WALL: u32 = 8;
+const STRIDE: u32 = 8;
+/// Near the edge walls may slope; this far out nothing may stand, m.
+const PAST_WALL_M: f64 = 0.0035;
+/// Grasps closer than this in nearly the same direction are alike, m.
+const ALIKE_M: f64 = 0.008;
+/// What is narrower is noise, m.
+const NARROWEST_M: f64 = 0.003;
+/// Walls whose ends move further than this along a pad are none, m.
+const BEYOND_M: f64 = 0.015;
 /// Fingers reach this far down beside an object, measured from its top, m. What overhangs is not
 /// seen from above: deeper than the pads are high they might close below it.
 const DEPTHS_M: [f64; 3] = [0.021, 0.016, 0.011];
@@ -54,8 +70,9 @@ const DEPTHS_M: [f64; 3] = [0.021, 0.016, 0.011];
 const OTHER_COLOR: f64 = 90.0;
 /// Jaws that are tried in thought to tell a wide object from a crowded one, m.
 const WIDEST_M: f64 = 0.2;
-/// What is thinner than this may be a rod; twice as thick it holds all the same, m.
-const THIN_M: f64 = 0.006;
+/// What is thinner than this may be a rod; twice as thick it holds all the same, m. A rod of 6 mm is
+/// seen up to 7.5 mm wide.
+const THIN_M: f64 = 0.007;
 /// Fully centred within this distance, m.
 const CENTER_M: f64 = 0.02;
 
@@ -92,26 +109,22 @@ impl Antipodal {
         wanted: &Wanted,
     ) -> Result<Vec<Grasp>, NoGrasp> {
         let hand = &wanted.hand;
-        let regions = Regions::new(map, self.least_height_m, &inside(map, wanted));
-        if regions.sizes.iter().all(|size| size.cells < LEAST_CELLS) {
+        let regions = Regions::new(map, self.least_height_m, wanted);
+        if regions.is_empty() {
             return Err(NoGrasp::Empty);
         }
         let ways = self.ways(map, &wanted.closing);
+        let walks: Vec<Walk> = ways.iter().map(|way| Walk::new(map, *way)).collect();
         let mut ranked: Vec<(f64, Candidate)> = Vec::new();
-        for row in (0..map.size[1]).step_by(self.spacing) {
-            for column in (0..map.size[0]).step_by(self.spacing) {
-                let label = regions.labels[row * map.size[0] + column];
-                let Some(region) = regions.of(label) else {
+        for (column, row, region) in regions.places(self.spacing) {
+            let place = map.middle_m(column, row);
+            for (&way, walk) in ways.iter().zip(&walks) {
+                let Some(found) = candidate(map, hand, place, way, walk) else {
                     continue;
                 };
-                let place = map.middle_m(column, row);
-                for &way in &ways {
-                    let found = candidate(map, hand, place, way);
-                    let Some(found) = found else { continue };
-                    let quality = quality(map, hand, &found, region);
-                    if quality > 0.02 {
-                        ranked.push((quality, found));
-                    }
+                let quality = quality(map, hand, &found, region);
+                if quality > 0.02 {
+                    ranked.push((quality, found));
                 }
             }
         }
@@ -122,10 +135,9 @@ impl Antipodal {
         let mut kept: Vec<(f64, Candidate)> = Vec::new();
         for (quality, found) in ranked {
             let alike = |other: &Candidate| {
-                let apart =
-                    (other.place[0] - found.place[0]).hypot(other.place[1] - found.place[1]);
+                let [x, y] = [0, 1].map(|i| other.place[i] - found.place[i]);
                 let turn = (other.way[0] * found.way[0] + other.way[1] * found.way[1]).abs();
-                apart < 0.008 && turn > 0.85
+                x * x + y * y < ALIKE_M * ALIKE_M && turn > 0.85
             };
             if kept.len() < self.most && !kept.iter().any(|(_, other)| alike(other)) {
                 kept.push((quality, found));
@@ -176,97 +188,18 @@ impl Antipodal {
     }
 }
 
-/// Which cells of the map lie in the area.
-fn inside(map: &HeightMap, wanted: &Wanted) -> Vec<bool> {
-    let [width, height] = map.size;
-    let Some(area) = &wanted.area else {
-        return vec![true; width * height];
-    };
-    let area_from_map = area.camera_from_area.inverse() * map.camera_from_map;
-    let step = |i: usize, j: usize| {
-        let [x, y] = map.middle_m(i, j);
-        area_from_map * Point3::new(x, y, 0.0)
-    };
-    // Linear in the cells: three corners give all.
-    let (origin, right, down) = (step(0, 0), step(1, 0), step(0, 1));
-    let (right, down) = (right - origin, down - origin);
-    (0..width * height)
-        .map(|at| {
-            let (i, j) = ((at % width) as f64, (at / width) as f64);
-            let x = origin.x + i * right.x + j * down.x;
-            let y = origin.y + i * right.y + j * down.y;
-            x.abs() < area.half_m[0] && y.abs() < area.half_m[1]
-        })
-        .collect()
-}
-
-/// Regions with fewer cells are noise.
-const LEAST_CELLS: usize = 40;
-
-struct Region {
-    cells: usize,
-    middle: [f64; 2],
-}
-
-struct Regions {
-    labels: Vec<u32>,
-    sizes: Vec<Region>,
-}
-
-impl Regions {
-    /// Connected cells over the least height.
-    fn new(map: &HeightMap, least_m: f64, inside: &[bool]) -> Self {
-        let [width, height] = map.size;
-        let mut labels = vec![0_u32; width * height];
-        let mut sizes = Vec::new();
-        let mut stack = Vec::new();
-        #[allow(clippy::cast_possible_truncation)]
-        let least = least_m as f32;
-        for start in 0..labels.len() {
-            if labels[start] != 0 || map.heights()[start] <= least || !inside[start] {
-                continue;
-            }
-            let label = u32::try_from(sizes.len() + 1).unwrap_or(u32::MAX);
-            let (mut cells, mut sum) = (0_usize, [0.0; 2]);
-            labels[start] = label;
-            stack.push(start);
-            while let Some(at) = stack.pop() {
-                let (x, y) = (at % width, at / width);
-                cells += 1;
-                sum[0] += x as f64;
-                sum[1] += y as f64;
-                let neighbours = [
-                    (x > 0).then(|| at - 1),
-                    (x + 1 < width).then_some(at + 1),
-                    (y > 0).then(|| at - width),
-                    (y + 1 < height).then_some(at + width),
-                ];
-                for next in neighbours.into_iter().flatten() {
-                    if labels[next] == 0 && map.heights()[next] > least && inside[next] {
-                        labels[next] = label;
-                        stack.push(next);
-                    }
-                }
-            }
-            let middle =
-                [0, 1].map(|i| map.corner_m[i] + (sum[i] / cells as f64 + 0.5) * HeightMap::CELL_M);
-            sizes.push(Region { cells, middle });
-        }
-        Self { labels, sizes }
-    }
-
-    fn of(&self, label: u32) -> Option<&Region> {
-        let index = usize::try_from(label).ok()?.checked_sub(1)?;
-        self.sizes.get(index).filter(|r| r.cells >= LEAST_CELLS)
-    }
-}
-
 fn along(place: [f64; 2], way: [f64; 2], s: f64) -> [f64; 2] {
     [place[0] + s * way[0], place[1] + s * way[1]]
 }
 
 /// The best level for the finger tips at a place and direction, if there is one.
-fn candidate(map: &HeightMap, hand: &Hand, place: [f64; 2], way: [f64; 2]) -> Option<Candidate> {
+fn candidate(
+    map: &HeightMap,
+    hand: &Hand,
+    place: [f64; 2],
+    way: [f64; 2],
+    walk: &Walk,
+) -> Option<Candidate> {
     let top_m = map.height_m(place[0], place[1]);
     let fits_m = hand.opening_m - 2.0 * hand.margin_m;
     let mut tried_m = f64::NAN;
@@ -277,25 +210,20 @@ fn candidate(map: &HeightMap, hand: &Hand, place: [f64; 2], way: [f64; 2]) -> Op
         }
         tried_m = tip_m;
         let level_m = tip_m - BELOW_TIP_M;
-        let ends = map.extent(place, way, level_m, hand.opening_m)?;
+        let Some(ends) = wall_to_wall(walk, place, level_m, fits_m) else {
+            continue;
+        };
         let width_m = ends[0] + ends[1];
-        if width_m > fits_m || width_m < 0.003 {
+        if width_m < NARROWEST_M {
             continue;
         }
         // From here on about the middle between the ends.
         let middle = along(place, way, 0.5 * (ends[1] - ends[0]));
         let half = width_m / 2.0;
-        let upper = map.extent(place, way, level_m + WALL_M, hand.opening_m);
-        let is_wall = upper.is_some_and(|upper| {
-            (upper[0] - ends[0]).abs() < WALL_SLACK_M && (upper[1] - ends[1]).abs() < WALL_SLACK_M
-        });
-        if !is_wall {
+        if !has_room(hand, middle, way, walk, level_m, half) {
             continue;
         }
-        if !has_room(map, hand, middle, way, level_m, half) {
-            continue;
-        }
-        let slope_rad = slope(map, hand, middle, way, level_m, half)?;
+        let slope_rad = slope(hand, middle, way, walk, level_m, half)?;
         if slope_rad > hand.slope_max_rad {
             continue;
         }
@@ -312,64 +240,85 @@ fn candidate(map: &HeightMap, hand: &Hand, place: [f64; 2], way: [f64; 2]) -> Op
     None
 }
 
+/// Ways from a place back and on to the walls of the thing there, m, where both are walls and no
+/// more than `most_m` apart.
+fn wall_to_wall(walk: &Walk, place: [f64; 2], level_m: f64, most_m: f64) -> Option<[f64; 2]> {
+    let until = Until {
+        level_m,
+        upper_m: level_m + WALL_M,
+        slack: WALL_SLACK,
+    };
+    // Both lengths together are half a step less each than their steps.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let most = (most_m / STEP_M + 1.0 + 1e-9) as u32;
+    // First in strides: beyond a wall there is room for a finger, which no stride goes over.
+    let far = most + 2 * (PAST_WALL + STRIDE);
+    let room_m = level_m.max(GROUND_NOISE_M);
+    let back = walk.drops(place, -1, (STRIDE, far), room_m)?;
+    walk.drops(place, 1, (STRIDE, far.saturating_sub(back)), room_m)?;
+    let back = walk.steps(place, -1, until, most.saturating_sub(1))?;
+    let on = walk.steps(place, 1, until, most - back)?;
+    Some([length_m(back), length_m(on)])
+}
+
 /// Whether nothing is in the way of the fingers, from where they stand open to where they close.
 fn has_room(
-    map: &HeightMap,
     hand: &Hand,
     middle: [f64; 2],
     way: [f64; 2],
+    walk: &Walk,
     level_m: f64,
     half_m: f64,
 ) -> bool {
     let side = [-way[1], way[0]];
-    let far = hand.opening_m / 2.0 + hand.finger_m;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let steps = |way_m: f64| (way_m / STEP_M) as u32;
+    let (near, far) = (half_m + PAST_WALL_M, hand.opening_m / 2.0 + hand.finger_m);
+    let range = (steps(near).saturating_add(1), steps(far), LOOK_EVERY);
     // Noise of the ground is no obstacle.
     let level_m = level_m.max(GROUND_NOISE_M);
-    [-1.0, -0.5, 0.0, 0.5, 1.0].into_iter().all(|i| {
+    [-1.0, 1.0, 0.0, -0.5, 0.5].into_iter().all(|i| {
         let lane = along(middle, side, i * (hand.pad_half_width_m + 0.001));
-        [-1.0, 1.0].into_iter().all(|sign| {
-            // Near the edge walls may slope; further out nothing may stand.
-            let mut s = half_m + 0.0035;
-            while s <= far {
-                let [x, y] = along(lane, way, sign * s);
-                if map.height_m(x, y) > level_m {
-                    return false;
-                }
-                s += 0.002;
-            }
-            true
-        })
+        walk.is_clear(lane, -1, range, level_m) && walk.is_clear(lane, 1, range, level_m)
     })
 }
 
 /// Greatest angle between the walls and the pads, rad, from their places along the pads' width.
 fn slope(
-    map: &HeightMap,
     hand: &Hand,
     middle: [f64; 2],
     way: [f64; 2],
+    walk: &Walk,
     level_m: f64,
     half_m: f64,
 ) -> Option<f64> {
     let side = [-way[1], way[0]];
     let reach = hand.pad_half_width_m;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let most = ((half_m + BEYOND_M) / STEP_M).ceil() as u32;
     let ends = |offset: f64| {
         let lane = along(middle, side, offset);
-        map.extent(lane, way, level_m, half_m + 0.015)
+        let until = Until::level(level_m);
+        let back = walk.steps(lane, -1, until, most)?;
+        Some([back, walk.steps(lane, 1, until, most)?].map(length_m))
     };
+    let on_it = |offset: f64| walk.higher(along(middle, side, offset), level_m);
+    if !(on_it(-reach) && on_it(reach)) {
+        return None;
+    }
     let (low, high) = (ends(-reach)?, ends(reach)?);
-    let angle = |i: usize| ((high[i] - low[i]) / (2.0 * reach)).atan().abs();
-    let worst = angle(0).max(angle(1));
-    worst.is_finite().then_some(worst)
+    let moved_m = |i: usize| (high[i] - low[i]).abs();
+    Some((moved_m(0).max(moved_m(1)) / (2.0 * reach)).atan())
 }
 
 /// Rank of a candidate from 0 to 1.
 fn quality(map: &HeightMap, hand: &Hand, found: &Candidate, region: &Region) -> f64 {
     let facing = 1.0 - 0.6 * (found.slope_rad / hand.slope_max_rad).powi(2);
-    let off = (found.place[0] - region.middle[0]).hypot(found.place[1] - region.middle[1]);
+    let [x, y] = [0, 1].map(|i| found.place[i] - region.middle[i]);
     // In a pile the region's middle is not the part's: it counts less the larger the region.
     let trust = (2500.0 / region.cells as f64).min(1.0);
-    let centered = 1.0 - 0.7 * trust * (1.0 - (-0.5 * (off / CENTER_M).powi(2)).exp());
+    let centered =
+        1.0 - 0.7 * trust * (1.0 - (-0.5 * (x * x + y * y) / (CENTER_M * CENTER_M)).exp());
     let engaged = ((found.top_m - found.tip_m) / 0.015).min(1.0);
     let room = (found.clearance_m / 0.006).clamp(0.1, 1.0);
     let high = 0.7 + 0.3 * (found.top_m / 0.06).min(1.0);

@@ -5,6 +5,7 @@ use crate::link::Link;
 use crate::pick::PickError;
 use crate::pick::arm::isometry;
 use crate::pick::choose::of_transform;
+use crate::pick::mat::MatSight;
 use mcdpr_vision::RgbImage;
 use nalgebra::{Isometry3, Vector3};
 
@@ -20,16 +21,16 @@ impl<L: Link> Picker<'_, L> {
         &mut self,
         picture: &RgbImage,
         by_lengths: &Isometry3<f64>,
-    ) -> Option<Isometry3<f64>> {
+    ) -> Option<(Isometry3<f64>, MatSight)> {
         let mat = self.options.mat.as_ref()?;
-        let camera_from_mat = mat.in_picture(&self.eye.cameras().color, picture)?;
+        let sight = mat.in_picture(&self.eye.cameras().color, picture)?;
         let camera = &self.arm.model().robot().camera;
         let platform_from_mat =
-            of_transform(&camera.camera_from_platform).inverse() * camera_from_mat;
+            of_transform(&camera.camera_from_platform).inverse() * sight.camera_from_mat;
         let world_from_mat = *self
             .world_from_mat
             .get_or_insert(by_lengths * platform_from_mat);
-        Some(world_from_mat * platform_from_mat.inverse())
+        Some((world_from_mat * platform_from_mat.inverse(), sight))
     }
 
     /// Where the tool hangs: by the mat, or by lengths and tensions and what the mat last said of
@@ -40,7 +41,9 @@ impl<L: Link> Picker<'_, L> {
         if self.options.mat.is_some() {
             let picture = self.eye.color()?;
             let tool = self.arm.model().robot().tool.tcp_in_platform_m;
-            if let Some(platform) = self.platform_by_mat(&picture, &isometry(&rest)) {
+            let by_mat = self.platform_by_mat(&picture, &isometry(&rest));
+            self.last_sight = by_mat.map(|(_, sight)| sight);
+            if let Some((platform, _)) = by_mat {
                 let seen = (platform * nalgebra::Point3::from(tool)).coords;
                 self.seen_off_m = seen - by_lengths;
             }
