@@ -9,6 +9,8 @@ pub mod camera;
 pub mod frame;
 pub mod grasp;
 pub mod image;
+#[cfg(feature = "realsense")]
+pub mod realsense;
 pub mod recorded;
 pub mod source;
 pub mod tag;

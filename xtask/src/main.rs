@@ -68,10 +68,12 @@ fn test() -> Result<(), String> {
         "-p",
         "mcdpr-vision",
         "--features",
-        "onnx,v4l2",
+        "onnx,v4l2,realsense",
         "--lib",
         "--test",
         "network",
+        "--test",
+        "realsense",
     ])?;
     let file = std::path::absolute(firmware::elf_path());
     run(Command::new(cargo_program())
@@ -83,7 +85,7 @@ fn test() -> Result<(), String> {
 const FEATURES: &str = "mcdpr-kinematics/rayon";
 /// Features that are checked too: of writing a chip, which needs a probe, only that it compiles is
 /// known.
-const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr/flash,mcdpr/onnx,mcdpr/v4l2";
+const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr/flash,mcdpr/onnx,mcdpr/v4l2,mcdpr/realsense";
 
 fn lint() -> Result<(), String> {
     cargo(&["fmt", "--all", "--check"])?;

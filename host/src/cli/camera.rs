@@ -40,8 +40,13 @@ enum What {
 
 #[derive(Debug, clap::Args)]
 struct From {
-    /// `sim`, a recorded folder, or a V4L2 device (to show its tags; a build with --features v4l2)
-    #[arg(long, default_value = "sim", value_name = "sim|FOLDER|DEVICE")]
+    /// `sim`, a recorded folder, `realsense` (a build with --features realsense), or a V4L2 device
+    /// (to show its tags; a build with --features v4l2)
+    #[arg(
+        long,
+        default_value = "sim",
+        value_name = "sim|FOLDER|realsense|DEVICE"
+    )]
     from: String,
     /// Objects in the simulated tray
     #[arg(long, default_value_t = 6)]
@@ -63,6 +68,14 @@ fn list(common: &Common) -> Outcome {
         "sim".to_owned(),
         "RGB-D, rendered: a D415 on the simulated platform".to_owned(),
     )];
+    cameras.push((
+        "realsense".to_owned(),
+        if cfg!(feature = "realsense") {
+            "RGB-D, a RealSense camera by librealsense2".to_owned()
+        } else {
+            "RGB-D, a RealSense camera; this build reads none: --features realsense".to_owned()
+        },
+    ));
     for number in 0..8 {
         let path = PathBuf::from(format!("/dev/video{number}"));
         if path.exists() {
@@ -97,6 +110,9 @@ fn list(common: &Common) -> Outcome {
 
 /// The source that an argument names.
 fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
+    if from.from == "realsense" {
+        return realsense(common);
+    }
     if from.from != "sim" {
         let recorded = Recorded::open(Path::new(&from.from)).into_diagnostic()?;
         return Ok(Box::new(recorded));
@@ -121,6 +137,20 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
         &mounting,
         common.seed,
     )))
+}
+
+#[cfg(feature = "realsense")]
+fn realsense(common: &Common) -> miette::Result<Box<dyn Source>> {
+    let lens = Robot::find(&common.robot)?.camera;
+    let size_px = [lens.width_px as usize, lens.height_px as usize];
+    let camera = mcdpr_vision::realsense::RealSense::open(size_px).into_diagnostic()?;
+    Ok(Box::new(camera))
+}
+
+#[cfg(not(feature = "realsense"))]
+fn realsense(_: &Common) -> miette::Result<Box<dyn Source>> {
+    let why = "this build reads no RealSense: cargo build --release --features realsense";
+    Err(Failed::from_error("opening the camera")(why).into())
 }
 
 #[cfg(all(feature = "v4l2", target_os = "linux"))]
