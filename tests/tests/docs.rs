@@ -31,6 +31,10 @@ const NOT_RUN: &[(&str, &str)] = &[
         "keeps real time and a port; tests/tests/page.rs does it with a port of its own",
     ),
     (
+        "mcdpr pick --robot lab-fast --scenes 300",
+        "takes an hour; tests/tests/picking.rs runs the study with a few scenes",
+    ),
+    (
         "mcdpr run paper:table7 --serve",
         "keeps real time and a port; tests/tests/page.rs does it with a port of its own",
     ),
