@@ -32,7 +32,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ),
     (
         "mcdpr pick --robot lab-fast --scenes 300",
-        "takes an hour; tests/tests/picking.rs runs the study with a few scenes",
+        "takes an hour; tests/tests/picking.rs runs ten of its scenes",
     ),
     (
         "mcdpr run paper:table7 --serve",
