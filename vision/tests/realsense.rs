@@ -69,6 +69,7 @@ const void *rs2_get_frame_data(void *f, void **e) { (void)e; return f == (void *
 float rs2_depth_frame_get_units(void *f, void **e) { if (f != (void *)6) fail(e, "no depth"); return 0.001f; }
 void rs2_get_extrinsics(void *from, void *to, extrinsics *x, void **e) {
   if (from != (void *)16 || to != (void *)17) fail(e, "profiles");
+  if (released != 3 * (taken - 1) + 2) fail(e, "the pair of the profiles is gone");
   /* A quarter turn about z, by columns. */
   extrinsics d = { { 0, 1, 0, -1, 0, 0, 0, 0, 1 }, { 0.015f, 0, 0 } };
   *x = d;

@@ -371,26 +371,12 @@ impl Linear {
 
 #[cfg(test)]
 mod tests {
-    use super::super::check::usable;
-    use super::super::paper::tag_poses;
-    use super::super::simulate::{Setup, simulate};
     use super::*;
     use nalgebra::DVector;
 
     /// Off the minimum in every unknown.
     fn case() -> (Problem, Estimate) {
-        let setup = Setup {
-            poses: 8,
-            ..Setup::default()
-        };
-        let (data, truth) = simulate(&setup).unwrap();
-        let (problem, ..) = tag_poses(&usable(&data).unwrap());
-        let mut estimate = Estimate {
-            cables: problem.nominal.clone(),
-            initial_length_m: truth.initial_length_m.to_vec(),
-            world_from_tag: truth.world_from_body[0],
-            camera_from_platform: truth.camera_from_platform,
-        };
+        let (problem, mut estimate) = super::super::paper::tests::case();
         estimate.cables[2].anchor_m.x += 3e-3;
         (problem, estimate)
     }

@@ -276,12 +276,13 @@ fn mean_initial(problem: &Problem, at: &Estimate) -> Result<Vec<f64>, Refusal> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::simulate::{Setup, Target, simulate};
     use super::super::study::errors;
     use super::*;
 
-    fn case() -> (Problem, Estimate) {
+    /// Eight poses and the truth, but for nominal anchors.
+    pub(in super::super) fn case() -> (Problem, Estimate) {
         let setup = Setup {
             poses: 8,
             ..Setup::default()

@@ -7,7 +7,7 @@
 
 use super::data::Data;
 use super::unknowns::{Layout, State};
-use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Platform, Pose, Robot};
+use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
 use nalgebra::{Matrix3, Vector3};
 
 /// What a row comes from.
@@ -70,16 +70,7 @@ pub struct Model<'a> {
 
 /// One cable as a robot of its own: the kinematics crate's closed form for any number of cables.
 pub(crate) fn singles(state: &State) -> Result<Vec<Robot<1>>, Error> {
-    let platform = Platform {
-        mass_kg: 1.0,
-        center_of_mass_m: Vector3::zeros(),
-        inertia_kg_m2: None,
-    };
-    state
-        .cables
-        .iter()
-        .map(|cable| Robot::new([*cable], platform))
-        .collect()
+    super::lengths::singles(&state.cables)
 }
 
 /// A cable's geometry at a pose.

@@ -323,9 +323,13 @@ fn quality(map: &HeightMap, hand: &Hand, found: &Candidate, region: &Region) -> 
     let room = (found.clearance_m / 0.006).clamp(0.1, 1.0);
     let high = 0.7 + 0.3 * (found.top_m / 0.06).min(1.0);
     let narrow = 1.0 - 0.3 * (found.width_m / hand.opening_m).powi(2);
-    // From above a thin rod looks like a wall, and a pad meets it along a line.
-    let thick = ((found.width_m - THIN_M) / THIN_M).clamp(0.05, 1.0);
+    let thick = thick(found.width_m);
     facing * centered * engaged * room * high * narrow * thick * single(map, found)
+}
+
+/// From above a thin rod looks like a wall, and a pad meets it along a line.
+fn thick(width_m: f64) -> f64 {
+    ((width_m - THIN_M) / THIN_M).clamp(0.05, 1.0)
 }
 
 /// 1 where all between the pads looks like one thing; less where colours or heights change, as
@@ -383,4 +387,15 @@ fn to_grasp(
         height_m,
         quality,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::thick;
+
+    #[test]
+    fn what_is_seen_as_wide_as_a_rod_of_6_mm_counts_as_one() {
+        assert!(thick(0.006) < 0.08 && thick(0.0075) < 0.08);
+        assert_eq!(thick(0.014), 1.0);
+    }
 }

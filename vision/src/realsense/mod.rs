@@ -110,10 +110,13 @@ impl RealSense {
         let api = &self.api;
         let frames = call!(api, rs2_pipeline_wait_for_frames(
             self.pipeline => Handle, WAIT_MS => c_uint) -> Handle)?;
-        let taken = self.unpack(frames);
+        // The profiles belong to the frames: they are asked before those are given back.
+        let taken = self.unpack(frames).and_then(|[color, depth]| {
+            let color_from_depth = self.between(depth.profile, color.profile)?;
+            Ok((color, depth, color_from_depth))
+        });
         self.api.release(b"rs2_release_frame\0", frames);
-        let [color, depth] = taken?;
-        let color_from_depth = self.between(depth.profile, color.profile)?;
+        let (color, depth, color_from_depth) = taken?;
         let (size, steps) = (depth.camera.size_px, depth.pixels.chunks_exact(2));
         let steps = steps.map(|two| u16::from_le_bytes([two[0], two[1]]));
         let failed = |error| device(&error);

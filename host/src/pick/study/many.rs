@@ -186,11 +186,20 @@ impl Study {
                 .truncate(false)
                 .open(path)?;
             let mut text = String::new();
-            (&mut file)
+            let read = (&mut file)
                 .take(MOST_KEPT_BYTES)
                 .read_to_string(&mut text)?;
-            // A line that an end cut short is taken off.
+            if read as u64 == MOST_KEPT_BYTES {
+                return Err(std::io::Error::other(format!(
+                    "it has {MOST_KEPT_BYTES} bytes or more"
+                )));
+            }
+            // A line that an end cut short is taken off; whatever else stands there is not ours.
             let whole = text.rfind('\n').map_or(0, |at| at + 1);
+            let cut = &text[whole..];
+            if !cut.starts_with(LINE_BEGINS) && !LINE_BEGINS.starts_with(cut) {
+                return Err(std::io::Error::other("its last line is no kept scene"));
+            }
             let mut tallies = Vec::new();
             for line in text[..whole].lines() {
                 let kept: Kept = serde_json::from_str(line)?;
@@ -214,6 +223,8 @@ impl Study {
     }
 }
 
+/// How every line of a kept file begins, as [`Kept`] is written.
+const LINE_BEGINS: &str = "{\"how\":";
 /// Most bytes of a kept file: some 100,000 scenes.
 const MOST_KEPT_BYTES: u64 = 1 << 30;
 
@@ -291,9 +302,13 @@ mod tests {
         assert_eq!(tallies.len(), 1);
         assert_eq!((tallies[0].seed, tallies[0].attempts), (7, 4));
         assert_eq!(std::fs::read_to_string(&path).unwrap(), whole);
-        std::fs::write(&path, "no study\n").unwrap();
-        let error = study.kept(&how).unwrap_err().to_string();
-        assert!(error.contains("mcdpr-kept"), "{error}");
+        // A file of something else is refused, and stays as it is.
+        for other in ["no study\n", "no study", "{\"a\": 1}"] {
+            std::fs::write(&path, other).unwrap();
+            let error = study.kept(&how).unwrap_err().to_string();
+            assert!(error.contains("mcdpr-kept"), "{error}");
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), other);
+        }
         std::fs::remove_file(&path).unwrap();
     }
 }
