@@ -51,10 +51,6 @@ const WALL_M: f64 = 0.0075;
 const WALL_SLACK: u32 = 5;
 /// Steps between the places at which room for a finger is looked for: 2 mm.
 const LOOK_EVERY: u32 = 4;
-/// Room for a finger begins less than so many steps behind a wall's end ([`PAST_WALL_M`]), and is more
-/// than so many wide.
-const PAST_WALL: u32 = 8;
-const STRIDE: u32 = 8;
 /// Near the edge walls may slope; this far out nothing may stand, m.
 const PAST_WALL_M: f64 = 0.0035;
 /// Grasps closer than this in nearly the same direction are alike, m.
@@ -114,12 +110,12 @@ impl Antipodal {
             return Err(NoGrasp::Empty);
         }
         let ways = self.ways(map, &wanted.closing);
-        let walks: Vec<Walk> = ways.iter().map(|way| Walk::new(map, *way)).collect();
+        let most = most_steps(hand);
+        let walks: Vec<Walk> = ways.iter().map(|way| Walk::new(map, *way, most)).collect();
         let mut ranked: Vec<(f64, Candidate)> = Vec::new();
         for (column, row, region) in regions.places(self.spacing) {
-            let place = map.middle_m(column, row);
             for (&way, walk) in ways.iter().zip(&walks) {
-                let Some(found) = candidate(map, hand, place, way, walk) else {
+                let Some(found) = candidate(map, hand, [column, row], way, walk) else {
                     continue;
                 };
                 let quality = quality(map, hand, &found, region);
@@ -196,12 +192,12 @@ fn along(place: [f64; 2], way: [f64; 2], s: f64) -> [f64; 2] {
 fn candidate(
     map: &HeightMap,
     hand: &Hand,
-    place: [f64; 2],
+    cell: [usize; 2],
     way: [f64; 2],
     walk: &Walk,
 ) -> Option<Candidate> {
+    let place = map.middle_m(cell[0], cell[1]);
     let top_m = map.height_m(place[0], place[1]);
-    let fits_m = hand.opening_m - 2.0 * hand.margin_m;
     let mut tried_m = f64::NAN;
     for depth_m in DEPTHS_M {
         let tip_m = (top_m - depth_m).max(hand.margin_m);
@@ -210,7 +206,7 @@ fn candidate(
         }
         tried_m = tip_m;
         let level_m = tip_m - BELOW_TIP_M;
-        let Some(ends) = wall_to_wall(walk, place, level_m, fits_m) else {
+        let Some(ends) = wall_to_wall(hand, walk, cell, level_m) else {
             continue;
         };
         let width_m = ends[0] + ends[1];
@@ -240,24 +236,25 @@ fn candidate(
     None
 }
 
-/// Ways from a place back and on to the walls of the thing there, m, where both are walls and no
-/// more than `most_m` apart.
-fn wall_to_wall(walk: &Walk, place: [f64; 2], level_m: f64, most_m: f64) -> Option<[f64; 2]> {
+/// Most steps from one wall of a thing to the other, for jaws to fit.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+fn most_steps(hand: &Hand) -> u32 {
+    let fits_m = hand.opening_m - 2.0 * hand.margin_m;
+    // Both lengths together are half a step less each than their steps.
+    (fits_m / STEP_M + 1.0 + 1e-9) as u32
+}
+
+/// Ways from a cell's middle back and on to the walls of the thing there, m, where both are walls and
+/// the jaws fit.
+fn wall_to_wall(hand: &Hand, walk: &Walk, cell: [usize; 2], level_m: f64) -> Option<[f64; 2]> {
     let until = Until {
         level_m,
         upper_m: level_m + WALL_M,
         slack: WALL_SLACK,
     };
-    // Both lengths together are half a step less each than their steps.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let most = (most_m / STEP_M + 1.0 + 1e-9) as u32;
-    // First in strides: beyond a wall there is room for a finger, which no stride goes over.
-    let far = most + 2 * (PAST_WALL + STRIDE);
-    let room_m = level_m.max(GROUND_NOISE_M);
-    let back = walk.drops(place, -1, (STRIDE, far), room_m)?;
-    walk.drops(place, 1, (STRIDE, far.saturating_sub(back)), room_m)?;
-    let back = walk.steps(place, -1, until, most.saturating_sub(1))?;
-    let on = walk.steps(place, 1, until, most - back)?;
+    let most = most_steps(hand);
+    let back = walk.steps_from_cell(cell, -1, until, most.saturating_sub(1))?;
+    let on = walk.steps_from_cell(cell, 1, until, most - back)?;
     Some([length_m(back), length_m(on)])
 }
 
@@ -279,11 +276,12 @@ fn has_room(
     let level_m = level_m.max(GROUND_NOISE_M);
     [-1.0, 1.0, 0.0, -0.5, 0.5].into_iter().all(|i| {
         let lane = along(middle, side, i * (hand.pad_half_width_m + 0.001));
-        walk.is_clear(lane, -1, range, level_m) && walk.is_clear(lane, 1, range, level_m)
+        walk.is_clear(lane, range, level_m)
     })
 }
 
-/// Greatest angle between the walls and the pads, rad, from their places along the pads' width.
+/// Greatest angle between the walls and the pads, rad, from their places along the pads' width; of the
+/// first wall alone where that is too steep.
 fn slope(
     hand: &Hand,
     middle: [f64; 2],
@@ -296,19 +294,21 @@ fn slope(
     let reach = hand.pad_half_width_m;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let most = ((half_m + BEYOND_M) / STEP_M).ceil() as u32;
-    let ends = |offset: f64| {
-        let lane = along(middle, side, offset);
-        let until = Until::level(level_m);
-        let back = walk.steps(lane, -1, until, most)?;
-        Some([back, walk.steps(lane, 1, until, most)?].map(length_m))
-    };
-    let on_it = |offset: f64| walk.higher(along(middle, side, offset), level_m);
-    if !(on_it(-reach) && on_it(reach)) {
+    let until = Until::level(level_m);
+    let lanes = [-reach, reach].map(|offset| along(middle, side, offset));
+    if !lanes.iter().all(|lane| walk.higher(*lane, level_m)) {
         return None;
     }
-    let (low, high) = (ends(-reach)?, ends(reach)?);
-    let moved_m = |i: usize| (high[i] - low[i]).abs();
-    Some((moved_m(0).max(moved_m(1)) / (2.0 * reach)).atan())
+    let mut steepest: f64 = 0.0;
+    for sign in [-1, 1] {
+        let [low, high] = lanes.map(|lane| walk.steps(lane, sign, until, most).map(length_m));
+        let moved_m = (high? - low?).abs();
+        steepest = steepest.max((moved_m / (2.0 * reach)).atan());
+        if steepest > hand.slope_max_rad {
+            break;
+        }
+    }
+    Some(steepest)
 }
 
 /// Rank of a candidate from 0 to 1.

@@ -113,7 +113,10 @@ impl HeightMap {
         let (columns, rows) = (self.size[0] as i32, self.size[1] as i32);
         let width = picture.camera.size_px[0];
         let mut rays = Rays::new(&picture.camera);
-        let (mut cells, mut heights) = (vec![-1_i32; width], vec![0.0_f32; width]);
+        // What lies nowhere in the map goes into one cell more.
+        let nowhere = self.heights_m.len() as i32;
+        let mut highest = vec![0_u64; self.heights_m.len() + 1];
+        let (mut cells, mut heights) = (vec![0_i32; width], vec![0_u32; width]);
         let [to_u, to_v, to_high] =
             [0, 1, 2].map(|i| [turn[(i, 0)], turn[(i, 1)], turn[(i, 2)], shift[i]]);
         for y in 0..picture.camera.size_px[1] {
@@ -121,11 +124,12 @@ impl HeightMap {
             let steps = picture.depth.steps.row(y);
             let out = cells.iter_mut().zip(heights.iter_mut());
             // Without branches, so that several pixels go at once.
-            for ((((cell, high), &steps), x), y) in out.zip(steps).zip(xs).zip(ys) {
+            for ((((cell, ordered), &steps), x), y) in out.zip(steps).zip(xs).zip(ys) {
                 let z = f32::from(steps) * unit_m;
                 let on = |to: [f32; 4]| z * (to[0] * x + to[1] * y + to[2]) + to[3];
                 let (u, v) = (on(to_u), on(to_v));
-                *high = on(to_high);
+                let high = on(to_high);
+                *ordered = in_order(high);
                 let (column, row) = (whole(u), whole(v));
                 // The border's outer half is left out: there `whole` is less than 0.
                 let inside = (steps > 0)
@@ -133,19 +137,25 @@ impl HeightMap {
                     & (v >= 0.5)
                     & (column < columns)
                     & (row < rows)
-                    & (*high < HIGHEST_M as f32);
+                    & (high < HIGHEST_M as f32);
                 let at = row.wrapping_mul(columns).wrapping_add(column);
-                *cell = if inside { at } else { -1 };
+                *cell = if inside { at } else { nowhere };
             }
-            let seen = cells.iter().zip(&heights).zip(picture.color.row(y));
-            for ((&cell, &high), color) in seen {
-                // -1 is past every map's end.
-                if let Some(slot) = self.heights_m.get_mut(cell as u32 as usize)
-                    && high > *slot
-                {
-                    *slot = high;
-                    self.grey[cell as u32 as usize] = *color;
+            // Here, too: which pixel is the highest of a cell, no processor can guess. Of pixels that
+            // are as high the first stays.
+            let last = !((y * width) as u32);
+            for ((&cell, &high), last) in cells.iter().zip(&heights).zip((0..=last).rev()) {
+                if let Some(slot) = highest.get_mut(cell as u32 as usize) {
+                    *slot = (*slot).max(u64::from(high) << 32 | u64::from(last));
                 }
+            }
+        }
+        let out = self.heights_m.iter_mut().zip(&mut self.grey);
+        for ((high, grey), &seen) in out.zip(&highest) {
+            let pixel = !(seen as u32) as usize;
+            if let Some(color) = picture.color.pixels().get(pixel) {
+                *high = of_order((seen >> 32) as u32);
+                *grey = *color;
             }
         }
     }
@@ -265,6 +275,18 @@ const fn whole(value: f32) -> i32 {
     bits.wrapping_sub(LARGE.to_bits()).cast_signed()
 }
 
+/// A height as a whole number: of two heights the greater has the greater.
+const fn in_order(high: f32) -> u32 {
+    let bits = high.to_bits();
+    bits ^ ((bits.cast_signed() >> 31).cast_unsigned() | 1 << 31)
+}
+
+/// The height of [`in_order`].
+const fn of_order(ordered: u32) -> f32 {
+    let below_0 = (ordered.cast_signed() >> 31).cast_unsigned();
+    f32::from_bits(ordered ^ (!below_0 | 1 << 31))
+}
+
 fn median_of_5(mut values: [f32; 5]) -> f32 {
     let mut order = |a: usize, b: usize| {
         let (one, other) = (values[a], values[b]);
@@ -285,6 +307,17 @@ fn median_of_5(mut values: [f32; 5]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn heights_keep_their_order_and_come_back() {
+        let heights = [-1.5, -0.003, -0.0, 0.0, 1e-9, 0.02, 0.2499];
+        for pair in heights.windows(2) {
+            assert!(in_order(pair[0]) < in_order(pair[1]), "{pair:?}");
+        }
+        for high in heights {
+            assert_eq!(of_order(in_order(high)), high);
+        }
+    }
 
     #[test]
     fn whole_numbers_are_those_below() {

@@ -7,6 +7,7 @@ pub(super) const STEP_M: f64 = 0.5 * HeightMap::CELL_M;
 /// Cells in whole numbers: this many parts each.
 const PARTS: f64 = 65_536.0;
 const BITS: u32 = 16;
+const HALF: i32 = 1 << (BITS - 1);
 
 /// Walks in one direction over a map.
 pub(super) struct Walk<'a> {
@@ -15,6 +16,8 @@ pub(super) struct Walk<'a> {
     corner_m: [f64; 2],
     /// A step, in parts of a cell.
     step: [i32; 2],
+    /// What is added to a cell's number by each step from its middle, forwards and backwards.
+    ahead: [Vec<i32>; 2],
 }
 
 /// Where a walk ends.
@@ -37,6 +40,28 @@ impl Until {
             slack: 1,
         }
     }
+
+    /// After how many of these heights it ends; `None` where it does not, or a wall slopes.
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "heights in single precision"
+    )]
+    fn end(self, heights: impl Iterator<Item = f32>) -> Option<u32> {
+        let (level, upper) = (self.level_m as f32, self.upper_m as f32);
+        let mut slope_from = u32::MAX;
+        for (step, high) in (1..).zip(heights) {
+            if high <= upper {
+                slope_from = slope_from.min(step);
+                if step - slope_from >= self.slack {
+                    return None;
+                }
+                if high <= level {
+                    return Some(step);
+                }
+            }
+        }
+        None
+    }
 }
 
 #[allow(
@@ -46,13 +71,57 @@ impl Until {
     reason = "cells in parts, compared with the map's size before they are used"
 )]
 impl<'a> Walk<'a> {
-    pub(super) fn new(map: &'a HeightMap, way: [f64; 2]) -> Self {
+    /// Walks that are quick for up to `most` steps from a cell's middle.
+    pub(super) fn new(map: &'a HeightMap, way: [f64; 2], most: u32) -> Self {
+        let step = way.map(|way| (way * STEP_M / HeightMap::CELL_M * PARTS).round() as i32);
+        let ahead = [1, -1].map(|sign: i32| {
+            let cells = |far: i32| step.map(|step| (HALF + sign * far * step) >> BITS);
+            let number = |[column, row]: [i32; 2]| row * map.size[0] as i32 + column;
+            (1..=most as i32).map(|far| number(cells(far))).collect()
+        });
         Self {
             heights_m: map.heights(),
             size: map.size,
             corner_m: map.corner_m,
-            step: way.map(|way| (way * STEP_M / HeightMap::CELL_M * PARTS).round() as i32),
+            step,
+            ahead,
         }
+    }
+
+    /// What is added to a cell's number by each of `most` steps from its middle, where none of them
+    /// leaves the map.
+    fn ahead(&self, cell: [usize; 2], sign: i32, most: u32) -> Option<&[i32]> {
+        let inside = (0..2).all(|i| {
+            let off = (HALF + sign * most as i32 * self.step[i]) >> BITS;
+            cell[i].wrapping_add_signed(off as isize) < self.size[i]
+        });
+        let ahead = &self.ahead[usize::from(sign < 0)];
+        inside.then(|| ahead.get(..most as usize)).flatten()
+    }
+
+    /// Steps from a cell's middle forwards (`sign` 1) or backwards (-1) to where the thing there
+    /// ends, at most `most`. `None` where it does not, or its wall slopes.
+    pub(super) fn steps_from_cell(
+        &self,
+        cell: [usize; 2],
+        sign: i32,
+        until: Until,
+        most: u32,
+    ) -> Option<u32> {
+        let Some(ahead) = self.ahead(cell, sign, most) else {
+            let middle = cell.map(|cell| ((cell as i32) << BITS) + HALF);
+            return until.end(self.on_the_way(middle, sign, most));
+        };
+        let number = cell[1] * self.size[0] + cell[0];
+        until.end(ahead.iter().map(|&more| self.numbered(number, more)))
+    }
+
+    /// Height of the cell whose number is so much more than another's, m.
+    fn numbered(&self, number: usize, more: i32) -> f32 {
+        let cell = self
+            .heights_m
+            .get(number.wrapping_add_signed(more as isize));
+        cell.copied().unwrap_or(0.0)
     }
 
     /// Steps from a place forwards (`sign` 1) or backwards (-1) to where the thing there ends, at
@@ -64,25 +133,21 @@ impl<'a> Walk<'a> {
         until: Until,
         most: u32,
     ) -> Option<u32> {
-        let [mut u, mut v] = self.parts(from_m);
+        until.end(self.on_the_way(self.parts(from_m), sign, most))
+    }
+
+    /// Heights after 1, 2 ... `most` steps, m.
+    fn on_the_way(
+        &self,
+        [mut u, mut v]: [i32; 2],
+        sign: i32,
+        most: u32,
+    ) -> impl Iterator<Item = f32> {
         let [du, dv] = self.step.map(|step| sign * step);
-        let (level, upper) = (until.level_m as f32, until.upper_m as f32);
-        let mut slope_from = u32::MAX;
-        for step in 1..=most {
-            u += du;
-            v += dv;
-            let high = self.height(u, v);
-            if high <= upper {
-                slope_from = slope_from.min(step);
-                if step - slope_from >= until.slack {
-                    return None;
-                }
-                if high <= level {
-                    return Some(step);
-                }
-            }
-        }
-        None
+        (0..most).map(move |_| {
+            (u, v) = (u + du, v + dv);
+            self.height(u, v)
+        })
     }
 
     /// Whether the map is higher than a level at a place.
@@ -95,43 +160,22 @@ impl<'a> Walk<'a> {
         [0, 1].map(|i| ((at_m[i] - self.corner_m[i]) * (PARTS / HeightMap::CELL_M)) as i32)
     }
 
-    /// The first place at which the map is no higher than a level, of those `every` steps apart up to
-    /// `most`, in steps.
-    pub(super) fn drops(
-        &self,
-        at_m: [f64; 2],
-        sign: i32,
-        (every, most): (u32, u32),
-        level_m: f64,
-    ) -> Option<u32> {
-        let ([u, v], level) = (self.parts(at_m), level_m as f32);
-        let [du, dv] = self.step.map(|step| sign * step);
-        let mut step = every;
-        while step <= most {
-            let far = step as i32;
-            if self.height(u + far * du, v + far * dv) <= level {
-                return Some(step);
-            }
-            step += every;
-        }
-        None
-    }
-
-    /// Whether the map is nowhere higher than a level on the way from `from` to `to` steps away, looked
-    /// at every `every` steps.
+    /// Whether the map is nowhere higher than a level on the ways from `from` to `to` steps away, back
+    /// and on, looked at every `every` steps.
     pub(super) fn is_clear(
         &self,
         at_m: [f64; 2],
-        sign: i32,
         (from, to, every): (u32, u32, u32),
         level_m: f64,
     ) -> bool {
         let ([u, v], level) = (self.parts(at_m), level_m as f32);
-        let [du, dv] = self.step.map(|step| sign * step);
+        let [du, dv] = self.step;
+        let higher = |far: i32| self.height(u + far * du, v + far * dv) > level;
         let mut step = from;
         while step <= to {
             let far = step as i32;
-            if self.height(u + far * du, v + far * dv) > level {
+            // Both are asked for: a branch less.
+            if higher(-far) | higher(far) {
                 return false;
             }
             step += every;
@@ -170,7 +214,7 @@ mod tests {
         };
         let heights = (0..5 * 100).map(|at| profile(at % 100)).collect();
         let map = HeightMap::of_heights([100, 5], heights);
-        let walk = Walk::new(&map, [1.0, 0.0]);
+        let walk = Walk::new(&map, [1.0, 0.0], 100);
         let from = [0.0203, 0.0025];
         let level = Until::level(0.005);
         let back = walk.steps(from, -1, level, 120).unwrap();
@@ -187,14 +231,28 @@ mod tests {
         assert_eq!(walk.steps(from, 1, wall, 120), None);
         // Not as far as that, and out of the map.
         assert_eq!(walk.steps(from, 1, level, on - 1), None);
-        // Between 10 and 20 mm from here it is high up to 30 mm, and lower than 5 mm from 60 mm on.
-        assert!(!walk.is_clear(from, 1, (0, 40, 4), 0.005));
-        assert!(!walk.is_clear(from, 1, (60, 120, 4), 0.005));
-        assert!(walk.is_clear(from, 1, (82, 400, 4), 0.005));
-        assert!(walk.is_clear(from, -1, (22, 400, 4), 0.005));
-        assert_eq!(walk.drops(from, -1, (6, 120), 0.005), Some(24));
-        assert_eq!(walk.drops(from, -1, (6, 20), 0.005), None);
-        let across = Walk::new(&map, [0.0, 1.0]);
+        // Back from here it is high up to 10 mm away, and on lower than 5 mm from 40 mm on.
+        assert!(!walk.is_clear(from, (0, 19, 4), 0.005));
+        assert!(!walk.is_clear(from, (22, 76, 4), 0.005));
+        assert!(walk.is_clear(from, (82, 400, 4), 0.005));
+        // The other way round.
+        let turned = Walk::new(&map, [-1.0, 0.0], 100);
+        assert!(!turned.is_clear(from, (22, 76, 4), 0.005));
+        assert!(turned.is_clear(from, (82, 400, 4), 0.005));
+        // From the middle of a cell, also where that leads out of the map.
+        let cell = [20, 2];
+        let middle = [0.0205, 0.0025];
+        for most in [10, 90, 100] {
+            for sign in [-1, 1] {
+                let slow = walk.steps(middle, sign, level, most);
+                assert_eq!(walk.steps_from_cell(cell, sign, level, most), slow);
+            }
+        }
+        let back = walk.steps_from_cell(cell, -1, level, 100);
+        assert_eq!(back, walk.steps_from_cell(cell, -1, level, 22));
+        assert!(back.is_some() && walk.steps_from_cell(cell, -1, level, 19).is_none());
+        assert!(walk.steps_from_cell(cell, 1, wall, 100).is_none());
+        let across = Walk::new(&map, [0.0, 1.0], 100);
         assert_eq!(across.steps(from, 1, level, 120), Some(5));
         assert_eq!(across.steps(from, -1, level, 120), Some(6));
     }
