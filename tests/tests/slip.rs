@@ -1,8 +1,18 @@
 //! The self-check of a calibrated robot: readings with noise of robots whose cables slipped.
 
+use mcdpr::calibration::collect::{Options, collect, recheck};
+use mcdpr::calibration::simulate::Target;
 use mcdpr::calibration::slip::{Finding, Reading, SelfCheck, Sigmas};
+use mcdpr::calibration::{Options as Estimator, joint, result, target};
+use mcdpr::control::Handle;
+use mcdpr::experiment;
+use mcdpr::machine::Mismatch;
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
+use mcdpr::run::{Homing, Session};
+use mcdpr::sight::{Scene, SimulatedTags};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::LinkOptions;
 use nalgebra::Vector3;
 
 /// Normal noise (Box and Muller, 1958) from a counter (splitmix64).
@@ -71,49 +81,132 @@ fn finding(model: &Model, tools: &[usize], slip: (usize, f64), view: bool, seed:
 }
 
 #[test]
-fn an_honest_robot_holds() {
+fn an_honest_robot_gives_a_false_alarm_in_fewer_than_one_of_a_thousand_checks() {
     let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
-    for seed in 0..40 {
-        for (tools, view) in [
-            (&[0][..], false),
-            (&[0, 1, 2, 3, 4][..], false),
-            (&[1][..], true),
-        ] {
-            let found = finding(&model, tools, (0, 0.0), view, seed);
-            assert_eq!(found, Finding::Holds, "seed {seed}, {tools:?}");
+    let (mut one, mut five, mut tag) = (0, 0, 0);
+    let checks = 4000;
+    for seed in 0..checks {
+        let place = usize::try_from(seed % 5).unwrap();
+        let alarm = |tools: &[usize], view| {
+            u32::from(finding(&model, tools, (0, 0.0), view, 7000 + seed) != Finding::Holds)
+        };
+        one += alarm(&[place], false);
+        if seed < checks / 2 {
+            five += alarm(&[0, 1, 2, 3, 4], false);
+            tag += alarm(&[place], true);
         }
     }
+    println!("false alarms: {one} of {checks} at one place, {five} and {tag} of half as many");
+    // At one in a thousand more than this would come up for one in 1000 sets of seeds.
+    assert!(one <= 11, "{one}");
+    assert!(five <= 7 && tag <= 7, "{five} {tag}");
 }
 
 #[test]
 fn a_slip_shows_at_one_pose_and_the_cable_after_five_or_with_a_tag() {
     let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
     let (mut small, mut shown, mut by_five, mut by_tag, mut all) = (0, 0, 0, 0, 0);
+    let mut anywhere = [0; 5];
     for cable in 0..4 {
-        for seed in 0..10 {
+        for seed in 0..50 {
             all += 1;
             let seed = seed + 100 * cable as u64;
-            let one = finding(&model, &[1], (cable, 4e-4), false, seed);
-            shown += u32::from(one != Finding::Holds);
-            let half = finding(&model, &[1], (cable, 2e-4), false, seed);
-            small += u32::from(half != Finding::Holds);
+            let found =
+                |tools: &[usize], slip, view| finding(&model, tools, (cable, slip), view, seed);
+            shown += u32::from(found(&[1], 4e-4, false) != Finding::Holds);
+            small += u32::from(found(&[1], 2e-4, false) != Finding::Holds);
+            for (place, count) in anywhere.iter_mut().enumerate() {
+                *count += u32::from(found(&[place], 2e-4, false) != Finding::Holds);
+            }
             let named = |found| matches!(found, Finding::Cable { cable: c, .. } if c == cable + 1);
-            by_five += u32::from(named(finding(
-                &model,
-                &[0, 1, 2, 3, 4],
-                (cable, 1.5e-3),
-                false,
-                seed,
-            )));
-            by_tag += u32::from(named(finding(&model, &[1], (cable, 1e-3), true, seed)));
+            by_five += u32::from(named(found(&[0, 1, 2, 3, 4], 1.5e-3, false)));
+            by_tag += u32::from(named(found(&[1], 1e-3, true)));
         }
     }
     println!(
-        "of {all}: of 0.2 mm {small}, of 0.4 mm shown {shown}, by five {by_five}, by tag {by_tag}"
+        "of {all}: of 0.2 mm {small}, at the five places {anywhere:?}, of 0.4 mm {shown}, named by \
+         five {by_five}, by tag {by_tag}"
     );
-    assert!(shown * 100 >= all * 95, "{shown} of {all}");
+    assert!(small * 100 >= all * 90, "{small} of {all}");
+    // Somewhere near the frame one cable's share in what closes is smaller.
+    assert!(anywhere.iter().all(|n| n * 100 >= all * 80), "{anywhere:?}");
+    assert!(shown * 100 >= all * 99, "{shown} of {all}");
     assert!(by_five * 100 >= all * 90, "{by_five} of {all}");
     assert!(by_tag * 100 >= all * 80, "{by_tag} of {all}");
+}
+
+/// The simulated robot of a seed as a workshop builds it, calibrated by a board.
+fn calibrated(seed: u64) -> Robot {
+    let designed = Robot::find("paper-table5").unwrap();
+    let mut robot = designed.clone();
+    robot.tags = target::tags(Target::Board);
+    let model = Model::new(&robot).unwrap();
+    let (built, on) = (Mismatch::as_built(), LinkOptions::default());
+    let link = experiment::simulated_robot(&model, &built, seed, &on).unwrap();
+    let mut tags = SimulatedTags::new(link.clone(), Scene::of(&robot, seed), 0.1, seed);
+    let options = Options {
+        poses: 14,
+        candidates: 120,
+        seed,
+        simulated_seed: Some(seed),
+        described: Some(designed.content_hash()),
+        ..Options::default()
+    };
+    let line = (link, Some(SessionId(1)));
+    let data = collect(&model, line, &mut tags, &options, None, |_| Ok(()), |_| {}).unwrap();
+    let answer = joint(&data, &Estimator::default()).unwrap();
+    let document = result::document(&designed, &data, &answer).unwrap();
+    result::applied(&designed, &document).unwrap()
+}
+
+/// What the check of a running robot says at where it hangs, by lengths and tensions alone.
+fn checked(model: &Model, seed: u64, slip: (usize, f64)) -> Finding {
+    let (built, on) = (Mismatch::as_built(), LinkOptions::default());
+    let link = experiment::simulated_robot(model, &built, seed, &on).unwrap();
+    let known = model.robot().calibrated.as_ref().unwrap();
+    let sigmas = Sigmas::calibrated(known.predicted_error_m.unwrap(), 0.02, true);
+    let home = Homing::Lengths(known.home_lengths_m.clone());
+    let handle = Handle::new();
+    let mut session = Session::open(model, link.clone(), SessionId(2), &handle, home).unwrap();
+    session.arm().unwrap();
+    // While the brakes are closed it would show when they open (S10), all at once as a break (C3).
+    const STEPS: u32 = 100;
+    for _ in 0..STEPS {
+        let step_m = slip.1 / f64::from(STEPS);
+        link.with(|simulation| simulation.plant_mut().slip_cable(slip.0, step_m))
+            .unwrap();
+        let client = session.client();
+        let until_us = client.now_us() + 10_000;
+        client.pump(until_us).unwrap();
+    }
+    let mut found = Finding::Holds;
+    recheck(model, &mut session, None, (1, sigmas), |check, _| {
+        found = check.finding();
+        true
+    })
+    .unwrap();
+    session.disarm().unwrap();
+    found
+}
+
+#[test]
+fn a_running_robot_that_was_calibrated_shows_a_slip_where_it_hangs() {
+    let sizes = [2e-4, 4e-4];
+    let (mut alarms, mut shown, mut all) = (0, [0; 2], 0);
+    for seed in [21, 22] {
+        let model = Model::new(&calibrated(seed)).unwrap();
+        alarms += u32::from(checked(&model, seed, (0, 0.0)) != Finding::Holds);
+        for cable in 0..4 {
+            all += 1;
+            for (size, count) in sizes.iter().zip(&mut shown) {
+                let found = checked(&model, seed, (cable, *size));
+                *count += u32::from(found != Finding::Holds);
+            }
+        }
+    }
+    println!("{alarms} false alarms of 2; of 0.2 and 0.4 mm {shown:?} of {all}");
+    assert_eq!(alarms, 0);
+    assert!(shown[1] * 10 >= all * 9, "{shown:?} of {all}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::motion::{Model, PlanError};
 use crate::report::utc_stamp;
 use crate::robot::{Calibrated, Robot, Tag, Transform};
 use miette::Diagnostic;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde_json::{Value, json};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -270,6 +270,9 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
             .map(|mm| mm * 1e-3),
         home_lengths_m: home_m,
         drum_scale: drum,
+        covariance: optional(&value["covariance_of_shared_unknowns_si"], |v| {
+            square(v, "covariance_of_shared_unknowns_si")
+        })?,
         file: path.to_owned(),
     }));
     Ok(robot)
@@ -313,6 +316,17 @@ fn optional<T>(
 fn numbers(value: &Value, name: &str) -> Result<Vec<f64>, String> {
     let all: Option<Vec<f64>> = list(value, name)?.iter().map(Value::as_f64).collect();
     all.ok_or_else(|| format!("{name} must hold numbers"))
+}
+
+fn square(value: &Value, name: &str) -> Result<DMatrix<f64>, String> {
+    let rows = list(value, name)?.iter().map(|row| numbers(row, name));
+    let rows = rows.collect::<Result<Vec<_>, _>>()?;
+    let size = rows.len();
+    if rows.iter().any(|row| row.len() != size) {
+        return Err(format!("{name} is not square"));
+    }
+    let all = rows.into_iter().flatten();
+    Ok(DMatrix::from_row_iterator(size, size, all))
 }
 
 fn point_mm(value: &Value, name: &str) -> Result<Vector3<f64>, String> {

@@ -55,6 +55,8 @@ pub struct Calibrated {
     pub home_lengths_m: Vec<f64>,
     /// True length per length that the encoders reported while the data were taken.
     pub drum_scale: f64,
+    /// Covariance of what was estimated, SI units, in the order of the file.
+    pub covariance: Option<nalgebra::DMatrix<f64>>,
     /// The calibration file.
     pub file: std::path::PathBuf,
 }

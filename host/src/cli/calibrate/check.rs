@@ -107,7 +107,7 @@ impl Cmd {
         };
         let mut session = Session::open(model, link, record.session, &handle, homing)?;
         let error_m = calibrated.predicted_error_m.unwrap_or(1e-3);
-        let sigmas = Sigmas::calibrated(error_m, self.friction);
+        let sigmas = Sigmas::calibrated(error_m, self.friction, calibrated.covariance.is_some());
         let mut source = tags.as_mut().map(|source| source as &mut dyn TagSource);
         if self.no_tags {
             source = None;
