@@ -217,10 +217,10 @@ pub fn tags_of(target: Target) -> (Vec<Tag>, usize) {
 }
 
 /// Margin that a tag keeps from the picture's edge where poses are planned, px.
-const MARGIN_PX: f64 = 40.0;
+pub(crate) const MARGIN_PX: f64 = 40.0;
 /// The same where a picture is looked at: a detector needs some paper around the tag. The rest of
 /// the planned margin is what the robot hangs elsewhere than planned.
-const SEEN_PX: f64 = 10.0;
+pub(crate) const SEEN_PX: f64 = 10.0;
 
 /// The tags wholly in the picture at a platform pose, 40 px from its edge, with their corners.
 #[must_use]
@@ -237,7 +237,7 @@ pub fn views_at(
 }
 
 /// The tags that keep `margin_px` from the picture's edge; negative: that may lie outside of it.
-fn views_within(
+pub(crate) fn views_within(
     camera: &Camera,
     tags: &[Tag],
     (world_from_body, camera_from_platform, world_from_platform): (&[Pose], &Pose, &Pose),

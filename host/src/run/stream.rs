@@ -27,7 +27,25 @@ pub fn follow<L: Link>(
     recorder: &mut Recorder,
     progress: impl FnMut(Progress),
 ) -> Result<(), RunError> {
-    feed(client, knots, &[], recorder, progress)
+    feed(client, knots, &[], recorder, progress, |_| None)?;
+    Ok(())
+}
+
+/// As [`follow`], until `watch` finds a reason in what was measured so far: then the robot stops along
+/// its path, its brakes close, and the reason is the inner error.
+///
+/// # Errors
+/// As [`follow`], and [`RunError::NoChange`] where it does not stop.
+pub fn follow_watched<L: Link>(
+    client: &mut Client<L>,
+    knots: &[Knot],
+    recorder: &mut Recorder,
+    watch: impl FnMut(&Recorder) -> Option<String>,
+) -> Result<Result<(), String>, RunError> {
+    match feed(client, knots, &[], recorder, |_| {}, watch)? {
+        Some(reason) => Ok(Err(reason)),
+        None => Ok(Ok(())),
+    }
 }
 
 /// As [`follow`], for a plan: what else it does is done when the path's time has come for it.
@@ -42,16 +60,20 @@ pub fn follow_plan<L: Link>(
     recorder: &mut Recorder,
     progress: impl FnMut(Progress),
 ) -> Result<(), RunError> {
-    feed(client, knots, plan.timed.actions(), recorder, progress)
+    let actions = plan.timed.actions();
+    feed(client, knots, actions, recorder, progress, |_| None)?;
+    Ok(())
 }
 
+/// Gives the reason of `watch` for stopping, if it had one.
 fn feed<L: Link>(
     client: &mut Client<L>,
     knots: &[Knot],
     actions: &[(f64, Action)],
     recorder: &mut Recorder,
     mut progress: impl FnMut(Progress),
-) -> Result<(), RunError> {
+    mut watch: impl FnMut(&Recorder) -> Option<String>,
+) -> Result<Option<String>, RunError> {
     let mut actions = actions.iter().peekable();
     let duration_s = knots
         .last()
@@ -80,6 +102,11 @@ fn feed<L: Link>(
             return Err(fault.map_or(error, |record| RunError::Fault { record }));
         }
         take_events(client, recorder, duration_s);
+        if let Some(reason) = watch(recorder) {
+            client.stop(StopKind::Stop)?;
+            super::wait_for(client, BoardState::Disarmed, 3.0)?;
+            return Ok(Some(reason));
+        }
         // What a heartbeat brought before the start tells nothing about this motion.
         let Some(beat) = client.beat().filter(|beat| beat.sent_us >= started_us) else {
             continue;
@@ -110,7 +137,7 @@ fn feed<L: Link>(
                 path_s: duration_s,
                 duration_s,
             });
-            return Ok(());
+            return Ok(None);
         } else if client.now_us() >= asked_us + 100_000 {
             // What the board says by itself may be lost on a bad line: ask until it is known why
             // the robot does not move.

@@ -1,5 +1,7 @@
 //! Collecting calibration data on a robot: which poses, the way there, waiting for rest, measuring.
 
+mod choice;
+mod guard;
 mod reach;
 mod recheck;
 mod skeleton;
@@ -12,10 +14,8 @@ pub use skeleton::{Sketch, of_this_robot};
 pub use still::{AT_REST_M, Still};
 pub use travel::{Way, way};
 
-use super::Options as Estimator;
 use super::data::{Data, Observation, View};
 use super::error::Refusal;
-use super::plan::{Candidate, Design};
 use crate::experiment;
 use crate::link::{Client, Link};
 use crate::machine;
@@ -23,8 +23,12 @@ use crate::motion::{Model, PlanError, Rest};
 use crate::robot::Control;
 use crate::run::{self, Recorder, RunError};
 use crate::sight::{SightError, TagSource};
-use mcdpr_protocol::SessionId;
+use choice::Choice;
+use mcdpr_protocol::{ConfigHash, SessionId, Status};
 use miette::Diagnostic;
+
+/// So many poses one after another that give nothing end it.
+const LOST_MAX: usize = 8;
 
 /// What to collect.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -174,16 +178,7 @@ pub fn collect<L: Link, S: TagSource>(
     }
     let home = experiment::home(model)?;
     let start = if status.referenced {
-        let metres: Vec<_> = status
-            .lengths
-            .iter()
-            .map(|l| f64::from(l.0) * 1e-7)
-            .collect();
-        let newtons: Vec<_> = status
-            .tensions
-            .iter()
-            .map(|t| f64::from(t.0) * 1e-3)
-            .collect();
+        let (metres, newtons) = measured(&status);
         let there = model.rest_from_lengths(&metres, &newtons)?;
         client.request(machine::reference(&metres, there.tensions_n()))?;
         there
@@ -196,6 +191,7 @@ pub fn collect<L: Link, S: TagSource>(
         model,
         reach,
         client,
+        hash,
         here: start,
         home,
         offsets_m: Vec::new(),
@@ -221,6 +217,7 @@ struct Session<'a, L: Link> {
     model: &'a Model,
     reach: Reach<'a>,
     client: Client<L>,
+    hash: ConfigHash,
     here: Rest,
     home: Rest,
     offsets_m: Vec<f64>,
@@ -236,15 +233,7 @@ impl<L: Link> Session<'_, L> {
         tell: &mut impl FnMut(Step),
     ) -> Result<Data, CollectError> {
         let robot = self.model.robot().clone();
-        let status = run::status(&mut self.client)?;
-        let pairs = status.setpoints.iter().zip(&self.here.paid_out_m);
-        self.offsets_m = pairs
-            .zip(&robot.cables)
-            .map(|((setpoint, planned), cable)| match cable.control {
-                Control::Position => f64::from(setpoint.0) * 1e-7 - planned,
-                Control::Tension => 0.0,
-            })
-            .collect();
+        self.join()?;
         let seed = options.simulated_seed;
         let hash = options.described.unwrap_or_else(|| robot.content_hash());
         let mut sketch = match before {
@@ -265,69 +254,28 @@ impl<L: Link> Session<'_, L> {
             }
             keep(&sketch.data)?;
         }
-        let candidates = self
-            .reach
-            .candidates(&sketch.data, options.candidates, options.seed);
         let missing = options.poses.saturating_sub(sketch.data.poses.len());
-        if candidates.len() < missing {
-            return Err(CollectError::impossible(
-                format!(
-                    "only {} reachable poses have a tag wholly in view, {missing} are wanted",
-                    candidates.len()
-                ),
-                "lay the target nearer to the middle of the work space, or use smaller tags",
-            ));
-        }
-        let work = self.reach.work(100, options.seed);
-        let done = sketch.candidates(self.reach.held());
-        let (places, rests): (Vec<Candidate>, Vec<Rest>) = candidates.into_iter().unzip();
-        let all: Vec<Candidate> = done.iter().chain(&places).cloned().collect();
-        let design = Design::new(&sketch.data, &all, &work, &Estimator::default());
-        let mut design = design.ok_or_else(|| {
-            CollectError::impossible(
-                "the worth of poses can not be computed",
-                "check the robot file's camera and anchors",
-            )
-        })?;
-        for k in 0..done.len() {
-            design.take(k);
-        }
-        let mut route: Vec<usize> = Vec::new();
+        let mut choice = Choice::new(&self.reach, &sketch, missing, options)?;
         if options.target_error_m.is_none() {
-            for _ in 0..missing {
-                let Some((k, _)) = design.best(|_| true) else {
-                    break;
-                };
-                design.take(k);
-            }
-            design.exchange(done.len());
-            route = design.taken()[done.len()..].to_vec();
+            choice.plan(missing);
         }
-        let mut given_up: Vec<usize> = Vec::new();
-        let mut open = design.clone();
-        open.release(done.len());
+        let mut lost = 0;
         loop {
             let count = sketch.data.poses.len();
-            let expected_error_m = open.expected_error_m().unwrap_or(f64::NAN);
+            let expected_error_m = choice.expected_error_m();
             let reached = options.target_error_m.is_some_and(|target| {
                 expected_error_m < target && count >= super::check::POSES_MIN
             });
             if reached || count >= options.poses {
                 break;
             }
-            // The nearest of the planned ones; without a plan, or past it, the one worth most now.
-            let next = if route.is_empty() {
-                open.best(|k| k >= done.len() && !given_up.contains(&k))
-                    .map(|(k, _)| k)
-            } else {
-                nearest(&self.here, &route, &rests, done.len()).map(|at| route.swap_remove(at))
+            let Some((k, goal)) = choice.next(&self.here) else {
+                break;
             };
-            let Some(k) = next else { break };
             tell(Step::Going {
                 done: count,
                 wanted: options.poses,
             });
-            let goal = rests[k - done.len()].clone();
             let tried = match self.go(&goal)? {
                 Ok(()) => self.measure(source, &sketch)?,
                 Err(reason) => Err(reason),
@@ -335,7 +283,8 @@ impl<L: Link> Session<'_, L> {
             match tried {
                 Ok(still) => {
                     sketch.add(&goal.equilibrium.pose, &still);
-                    open.take(k);
+                    choice.measured(k);
+                    lost = 0;
                     keep(&sketch.data)?;
                     tell(Step::Measured {
                         done: count + 1,
@@ -343,11 +292,20 @@ impl<L: Link> Session<'_, L> {
                         swing_m: still.swing_m,
                         averaged: still.averaged,
                         tags: still.tags.len(),
-                        expected_error_m: open.expected_error_m().unwrap_or(f64::NAN),
+                        expected_error_m: choice.expected_error_m(),
                     });
                 }
                 Err(reason) => {
-                    given_up.push(k);
+                    choice.give_up(k);
+                    lost += 1;
+                    if lost == LOST_MAX {
+                        return Err(CollectError::impossible(
+                            format!(
+                                "{lost} poses one after another gave nothing; the last: {reason}"
+                            ),
+                            "look at camera and target, then continue with --resume",
+                        ));
+                    }
                     tell(Step::Skipped { reason });
                 }
             }
@@ -391,10 +349,58 @@ impl<L: Link> Session<'_, L> {
         };
         for way in ways {
             let mut recorder = Recorder::default();
-            run::follow(&mut self.client, &way.knots, &mut recorder, |_| {})?;
+            let watch = |seen: &Recorder| guard::reason(&self.reach, &seen.samples);
+            let gone = run::follow_watched(&mut self.client, &way.knots, &mut recorder, watch)?;
+            if let Err(reason) = gone {
+                self.turn_back()?;
+                return Ok(Err(reason));
+            }
         }
         self.here = goal.clone();
         Ok(Ok(()))
+    }
+
+    /// After a stop on the way: back to home, from where every planned pose can be reached.
+    fn turn_back(&mut self) -> Result<(), CollectError> {
+        let status = run::status(&mut self.client)?;
+        let (metres, newtons) = measured(&status);
+        self.here = self.model.rest_from_lengths(&metres, &newtons)?;
+        run::arm(&mut self.client, self.hash)?;
+        self.join()?;
+        let slowest_s = self.slowest_s(&self.here);
+        let robot = self.model.robot();
+        let back = travel::way(
+            &self.reach,
+            robot,
+            &self.here,
+            &self.home,
+            slowest_s,
+            &self.offsets_m,
+        );
+        if let Some(way) = back {
+            run::follow(
+                &mut self.client,
+                &way.knots,
+                &mut Recorder::default(),
+                |_| {},
+            )?;
+            self.here = self.home.clone();
+        }
+        Ok(())
+    }
+
+    /// Motions from here start where the board holds the cables.
+    fn join(&mut self) -> Result<(), CollectError> {
+        let status = run::status(&mut self.client)?;
+        let pairs = status.setpoints.iter().zip(&self.here.paid_out_m);
+        self.offsets_m = pairs
+            .zip(&self.model.robot().cables)
+            .map(|((setpoint, planned), cable)| match cable.control {
+                Control::Position => f64::from(setpoint.0) * 1e-7 - planned,
+                Control::Tension => 0.0,
+            })
+            .collect();
+        Ok(())
     }
 
     fn go_home(&mut self) -> Result<(), CollectError> {
@@ -405,16 +411,11 @@ impl<L: Link> Session<'_, L> {
     }
 }
 
-/// Which place of the route is reached soonest.
-fn nearest(here: &Rest, route: &[usize], rests: &[Rest], first: usize) -> Option<usize> {
-    let far = |rest: &Rest| {
-        let pairs = rest.paid_out_m.iter().zip(&here.paid_out_m);
-        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-    };
-    let places = route.iter().enumerate();
-    let distances = places.filter_map(|(at, k)| Some((at, far(rests.get(k - first)?))));
-    let least = distances.min_by(|a, b| a.1.total_cmp(&b.1));
-    least.map(|(at, _)| at)
+/// Lengths (m) and tensions (N) that a board reports.
+fn measured(status: &Status) -> (Vec<f64>, Vec<f64>) {
+    let lengths = status.lengths.iter().map(|l| f64::from(l.0) * 1e-7);
+    let tensions = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3);
+    (lengths.collect(), tensions.collect())
 }
 
 /// What one place adds to the data.

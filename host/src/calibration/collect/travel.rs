@@ -57,6 +57,26 @@ fn states(reach: &Reach<'_>, from: &Rest, to: &Rest, shares: &[f64]) -> Option<V
     Some(out)
 }
 
+/// The states at which a way is tried; `None` where the robot, or one as it may have been built, does
+/// not bear them all.
+fn tried(reach: &Reach<'_>, from: &Rest, to: &Rest) -> Option<Vec<Rest>> {
+    if !reach.robust(to) {
+        return None;
+    }
+    let even: Vec<f64> = (0..=TRIES).map(|k| k as f64 / TRIES as f64).collect();
+    let tried = states(reach, from, to, &even)?;
+    tried
+        .iter()
+        .all(|state| reach.robust(state))
+        .then_some(tried)
+}
+
+/// Whether the straight way between two resting places is within the robot's reach.
+#[must_use]
+pub(super) fn open(reach: &Reach<'_>, from: &Rest, to: &Rest) -> bool {
+    tried(reach, from, to).is_some()
+}
+
 /// The way between two resting places, or `None` where the straight line leaves the robot's reach.
 /// `offsets_m` are added to the lengths: what the board holds, less what the model says.
 #[must_use]
@@ -68,11 +88,7 @@ pub fn way(
     slowest_s: f64,
     offsets_m: &[f64],
 ) -> Option<Way> {
-    let even: Vec<f64> = (0..=TRIES).map(|k| k as f64 / TRIES as f64).collect();
-    let tried = states(reach, from, to, &even)?;
-    if !tried.iter().all(|state| reach.robust(state)) {
-        return None;
-    }
+    let tried = tried(reach, from, to)?;
     let mut duration_s = PERIODS * slowest_s;
     for pair in tried.windows(2) {
         let [a, b] = pair else { continue };

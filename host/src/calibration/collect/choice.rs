@@ -1,0 +1,160 @@
+//! Which pose comes next: those planned before, the nearest first, or the one worth most now.
+
+use super::super::Options as Estimator;
+use super::super::data::Data;
+use super::super::plan::{Candidate, Design};
+use super::super::simulate::Dice;
+use super::{CollectError, Options, Reach, Sketch};
+use crate::motion::Rest;
+
+/// Poses where the platform shall be well known.
+const WORK: usize = 100;
+/// After so many that gave nothing no better ones near others are looked for: the search must end.
+const GIVEN_UP_MAX: usize = 5;
+/// Nor is anything looked for this near to one that gave nothing, m.
+const LIKE_IT_M: f64 = 0.04;
+
+/// The choice of poses, as far as it has come.
+pub(super) struct Choice<'a> {
+    reach: Reach<'a>,
+    /// What there was when the choice began: tags found since change no candidate's worth.
+    known: Data,
+    all: Vec<Candidate>,
+    design: Design,
+    /// Candidates that were measured before.
+    done: usize,
+    /// What is planned: candidate, and how the robot hangs there.
+    route: Vec<(usize, Rest)>,
+    given_up: Vec<usize>,
+    dice: Dice,
+}
+
+impl<'a> Choice<'a> {
+    /// Prepares a choice of `missing` poses more than the sketch has.
+    ///
+    /// # Errors
+    /// [`CollectError::Impossible`] where there are too few to choose from.
+    pub(super) fn new(
+        reach: &Reach<'a>,
+        sketch: &Sketch,
+        missing: usize,
+        options: &Options,
+    ) -> Result<Self, CollectError> {
+        let known = sketch.data.clone();
+        let found = reach.candidates(&known, options.candidates, options.seed);
+        if found.len() < missing {
+            return Err(CollectError::impossible(
+                format!(
+                    "only {} reachable poses have a tag wholly in view, {missing} are wanted",
+                    found.len()
+                ),
+                "lay the target nearer to the middle of the work space, or use smaller tags",
+            ));
+        }
+        let work = reach.work(WORK, options.seed);
+        let mut all = sketch.candidates(reach.held());
+        let done = all.len();
+        all.extend(found);
+        let design = Design::new(&known, &all, &work, &Estimator::default());
+        let mut design = design.ok_or_else(|| {
+            CollectError::impossible(
+                "the worth of poses can not be computed",
+                "check the robot file's camera and anchors",
+            )
+        })?;
+        for k in 0..done {
+            design.take(k);
+        }
+        Ok(Self {
+            reach: reach.clone(),
+            known,
+            all,
+            design,
+            done,
+            route: Vec::new(),
+            given_up: Vec::new(),
+            dice: Dice::new(options.seed ^ 0x6E65_6172),
+        })
+    }
+
+    /// Plans so many poses ahead.
+    pub(super) fn plan(&mut self, count: usize) {
+        for _ in 0..count {
+            let Some((k, _)) = self.design.best(|_| true) else {
+                break;
+            };
+            self.design.take(k);
+        }
+        self.design.exchange(self.done);
+        self.refine(self.done);
+        let chosen = self.design.taken()[self.done..].to_vec();
+        self.design.release(self.done);
+        self.route = chosen.into_iter().filter_map(|k| self.hang(k)).collect();
+    }
+
+    /// Replaces what was taken after the first `keep` by better ones near it.
+    fn refine(&mut self, keep: usize) {
+        let (reach, known, dice) = (&self.reach, &self.known, &mut self.dice);
+        self.design.refine(
+            known,
+            &mut self.all,
+            &Estimator::default(),
+            keep,
+            |candidate, size| reach.near(known, candidate, size, dice),
+        );
+    }
+
+    fn hang(&self, k: usize) -> Option<(usize, Rest)> {
+        Some((k, self.reach.at(self.all.get(k)?)?))
+    }
+
+    /// The nearest of the planned poses; without a plan, or past it, the one worth most now.
+    pub(super) fn next(&mut self, here: &Rest) -> Option<(usize, Rest)> {
+        if let Some(at) = nearest(here, &self.route) {
+            return Some(self.route.swap_remove(at));
+        }
+        let at = |k: usize| self.all.get(k).map(|candidate| candidate.pose.position_m);
+        let like = |k, other| {
+            at(k)
+                .zip(at(other))
+                .is_none_or(|(a, b)| (a - b).norm() < LIKE_IT_M)
+        };
+        let free = |k| k >= self.done && !self.given_up.iter().any(|&other| like(k, other));
+        let (k, _) = self.design.best(free)?;
+        if self.given_up.len() > GIVEN_UP_MAX {
+            return self.hang(k);
+        }
+        let taken = self.design.taken().len();
+        self.design.take(k);
+        self.refine(taken);
+        let k = self.design.taken().last().copied();
+        self.design.release(taken);
+        self.hang(k?)
+    }
+
+    /// A pose has been measured.
+    pub(super) fn measured(&mut self, k: usize) {
+        self.design.take(k);
+    }
+
+    /// A pose gave nothing.
+    pub(super) fn give_up(&mut self, k: usize) {
+        self.given_up.push(k);
+    }
+
+    /// Expected root mean square position error with what has been measured, m.
+    pub(super) fn expected_error_m(&self) -> f64 {
+        self.design.expected_error_m().unwrap_or(f64::NAN)
+    }
+}
+
+/// Which place of the route is reached soonest.
+fn nearest(here: &Rest, route: &[(usize, Rest)]) -> Option<usize> {
+    let far = |rest: &Rest| {
+        let pairs = rest.paid_out_m.iter().zip(&here.paid_out_m);
+        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    let distances = route.iter().map(|(_, rest)| far(rest)).enumerate();
+    let least = distances.min_by(|a, b| a.1.total_cmp(&b.1));
+    least.map(|(at, _)| at)
+}

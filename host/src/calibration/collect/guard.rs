@@ -1,0 +1,80 @@
+//! What ends a way to a pose before the board would: a tension that comes near to a limit because the
+//! robot is built otherwise than described, and tensions that oscillate.
+
+use super::reach::Reach;
+use crate::run::Measured;
+
+/// Ticks (of 1 ms) over which a tension is averaged.
+const MEAN: usize = 20;
+/// Ticks between the three readings that show an oscillation: half a period at 10 Hz, at which a
+/// platform high up, where its cables are flat, shakes on their stretch.
+const APART: usize = 50;
+/// Amplitude of an oscillation (at 10 Hz) that neither a sensor nor a way makes, N.
+const SHAKING_N: f64 = 3.0;
+
+/// Why a robot that measured this up to now had better stop.
+pub(super) fn reason(reach: &Reach<'_>, samples: &[Measured]) -> Option<String> {
+    let last = samples.len().checked_sub(1)?;
+    let tension = |at: usize, cable: usize| samples.get(at)?.tensions_n.get(cable).copied();
+    for cable in 0..samples.get(last)?.tensions_n.len() {
+        let recent = samples.iter().rev().take(MEAN);
+        let mean_n = recent.filter_map(|s| s.tensions_n.get(cable)).sum::<f64>() / MEAN as f64;
+        if last >= MEAN && reach.beyond(cable, mean_n) {
+            return Some(format!(
+                "cable {}'s tension came to {mean_n:.1} N on the way: the robot is built otherwise than \
+                 described",
+                cable + 1
+            ));
+        }
+        let Some((middle, first)) = last.checked_sub(APART).zip(last.checked_sub(2 * APART)) else {
+            continue;
+        };
+        let [a, b, c] = [first, middle, last].map(|at| tension(at, cable).unwrap_or(0.0));
+        if (a - 2.0 * b + c).abs() > 4.0 * SHAKING_N {
+            return Some(format!(
+                "cable {}'s tension oscillated by {:.0} N on the way",
+                cable + 1,
+                (a - 2.0 * b + c).abs() / 4.0
+            ));
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Model;
+    use crate::robot::Robot;
+
+    fn measured(milliseconds: u32, tension_n: impl Fn(f64) -> f64) -> Vec<Measured> {
+        let at = |tick: u32| Measured {
+            tick,
+            path_s: None,
+            lengths_m: vec![0.5; 4],
+            tensions_n: vec![10.0, tension_n(f64::from(tick) * 1e-3), 10.0, 10.0],
+            currents_a: vec![0.0; 4],
+        };
+        (0..milliseconds).map(at).collect()
+    }
+
+    #[test]
+    fn a_robot_stops_where_a_tension_oscillates_or_comes_near_its_limit() {
+        let model = Model::new(&Robot::find("lab-fast").unwrap()).unwrap();
+        let reach = Reach::new(&model).unwrap();
+        let ended = |tension_n: &dyn Fn(f64) -> f64| {
+            let all = measured(1000, tension_n);
+            (1..=all.len()).find_map(|n| reason(&reach, &all[..n]))
+        };
+        // Steep ways, and a short jolt.
+        assert_eq!(ended(&|t| 4.0 + 30.0 * t), None);
+        assert_eq!(
+            ended(&|t| if (0.5..0.51).contains(&t) { 15.0 } else { 10.0 }),
+            None
+        );
+        let shaking = |t: f64| 18.0 + 4.0 * (std::f64::consts::TAU * 10.0 * t).sin();
+        assert!(ended(&shaking).unwrap().contains("oscillated"));
+        assert!(ended(&|t| 3.0 - 2.0 * t).unwrap().contains("cable 2's"));
+        assert!(ended(&|t| 34.0 + 5.0 * t).unwrap().contains("cable 2's"));
+    }
+}
