@@ -365,6 +365,8 @@ impl<L: Link> Session<'_, L> {
         let status = run::status(&mut self.client)?;
         let (metres, newtons) = measured(&status);
         self.here = self.model.rest_from_lengths(&metres, &newtons)?;
+        // The tensions to expect are those of this place, as this machine has them.
+        self.client.request(machine::reference(&metres, &newtons))?;
         run::arm(&mut self.client, self.hash)?;
         self.join()?;
         let slowest_s = self.slowest_s(&self.here);
