@@ -159,6 +159,10 @@ pub struct CableConfig {
     pub following_error: i32,
     /// Largest speed, µm/s.
     pub max_speed_umps: i32,
+    /// Largest acceleration, µm/s².
+    pub max_acceleration_umps2: i32,
+    /// Largest jerk, mm/s³.
+    pub max_jerk_mmps3: i32,
     /// Speed out of the band of floor and ceiling, µm/s.
     pub reel_speed_umps: i32,
     /// Shortest length, 0.1 µm.
@@ -212,6 +216,8 @@ impl CableConfig {
         brake_close_ms: 0,
         following_error: 0,
         max_speed_umps: 0,
+        max_acceleration_umps2: 0,
+        max_jerk_mmps3: 0,
         reel_speed_umps: 0,
         length_min: 0,
         length_max: 0,

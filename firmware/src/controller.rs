@@ -7,16 +7,17 @@ use crate::encoder::{Encoder, LengthScale, Sampled};
 use crate::io::{Brake, DriveDemand, DriveInput, Inputs, Outputs, Scan};
 use crate::motion::{CAPACITY, Motion, Progress};
 use crate::proof::{Proof, Verdict};
-use crate::segment::{Point, StoredKnot, StoredRow};
+use crate::segment::{Point, StoredRow};
 use crate::supervisor::{self, Event, State, transition};
 use crate::tension::{Demand, TensionLoop, is_plausible, measured_mn};
 use crate::watch::{CableWatch, Heartbeat, Latch, LineNoise, LinkHealth, Persist};
 use mcdpr_protocol::{
-    ConfigHash, FaultId, FaultRecord, Info, Knot, Limit, Limits, List, PerCable, Reject, Reply,
-    Request, ResidualRow, StopKind, Tick, Winch,
+    ConfigHash, FaultId, FaultRecord, Info, Limit, Limits, List, PerCable, Reject, Reply, Request,
+    ResidualRow, StopKind, Tick, Winch,
 };
 
 mod halting;
+mod knots;
 mod requests;
 mod telling;
 mod watching;

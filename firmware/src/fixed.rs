@@ -60,8 +60,8 @@ pub const fn scale_down(value: i64, factor: i64, bits: u32) -> i64 {
 }
 
 /// `value / DIVISOR`, rounded towards zero; `DIVISOR` is positive and, without its factors of two,
-/// under 2^15. Most values fit 32 bits, and the chip divides those in one instruction; the library's
-/// division of 64 bits takes it a hundred and more.
+/// under 2^15. Most values fit 32 bits, and the chip divides those in one instruction; [`division`]
+/// takes it a hundred and more.
 ///
 /// ```
 /// use mcdpr_firmware::fixed::quotient;
@@ -89,7 +89,7 @@ pub const fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
     clippy::cast_possible_truncation,
     reason = "parts of a number are meant"
 )]
-pub(crate) const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
+const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
     let size = value.unsigned_abs() >> twos;
     let (high, low) = ((size >> 32) as u32, size as u32);
     // The rest is under the divisor: a digit below it, it fits 31 bits.
@@ -103,6 +103,50 @@ pub(crate) const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
         found.wrapping_neg().cast_signed()
     } else {
         found.cast_signed()
+    }
+}
+
+/// `value / divisor`, rounded towards zero; of a divisor that is wider than 24 bits only the upper 24
+/// count, so that the quotient is good to 1 in 2^22. The chip divides 32 bits by 32: as many bits of
+/// the value as the divisor leaves free go at once, as on paper. The library's division of 64 bits
+/// would take a kilobyte of its flash.
+///
+/// ```
+/// use mcdpr_firmware::fixed::division;
+/// assert_eq!((division(-7, 2), division(7, -2), division(-7, -2)), (-3, -3, 3));
+/// assert_eq!(division(i64::MIN, 49_766), i64::MIN / 49_766);
+/// ```
+///
+/// # Panics
+/// For a divisor of 0.
+#[must_use]
+#[inline(never)]
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "parts of a number are meant"
+)]
+pub const fn division(value: i64, divisor: i64) -> i64 {
+    let (mut size, mut by) = (value.unsigned_abs(), divisor.unsigned_abs());
+    while by >> 24 != 0 {
+        (size, by) = (size >> 1, by >> 1);
+    }
+    let by = by as u32;
+    let room = by.leading_zeros();
+    let (mut left, mut rest, mut found) = (u64::BITS, 0, 0);
+    while left > 0 {
+        let bits = if left < room { left } else { room };
+        // Under the divisor, the rest leaves the room that the next bits take.
+        rest = (rest << bits) | ((size >> 32) as u32) >> (u32::BITS - bits);
+        size <<= bits;
+        found = (found << bits) + (rest / by) as u64;
+        rest %= by;
+        left -= bits;
+    }
+    let found = found.cast_signed();
+    if (value < 0) == (divisor < 0) {
+        found
+    } else {
+        found.wrapping_neg()
     }
 }
 
@@ -183,5 +227,58 @@ impl LowPass {
     #[must_use]
     pub const fn value_q16(&self) -> i64 {
         self.state_q16
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Splitmix64, with sizes of 1 to 63 bits.
+    fn sized(state: &mut u64, at_least: u32) -> i64 {
+        *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let z = (*state ^ (*state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        let bits = 1 + at_least + (z % u64::from(63 - at_least)) as u32;
+        let size = (z >> (64 - bits)) | 1 << (bits - 1);
+        if *state & 1 == 0 {
+            -size.cast_signed()
+        } else {
+            size.cast_signed()
+        }
+    }
+
+    #[test]
+    fn a_division_by_24_bits_is_exact() {
+        let mut state = 1;
+        for _ in 0..100_000 {
+            let (value, divisor) = (sized(&mut state, 0), sized(&mut state, 40) >> 40);
+            if divisor != 0 && divisor.unsigned_abs() < 1 << 24 {
+                assert_eq!(
+                    division(value, divisor),
+                    value / divisor,
+                    "{value} by {divisor}"
+                );
+            }
+        }
+        for divisor in [1, -1, 2, 3, (1 << 24) - 1, 1 - (1 << 24)] {
+            for value in [0, 1, -1, i64::MAX, i64::MIN + 1] {
+                assert_eq!(division(value, divisor), value / divisor);
+            }
+        }
+    }
+
+    #[test]
+    fn a_division_by_more_is_good_to_one_in_two_to_the_22() {
+        let mut state = 2;
+        for _ in 0..100_000 {
+            let (value, divisor) = (sized(&mut state, 0), sized(&mut state, 24));
+            let (found, truth) = (division(value, divisor), value / divisor);
+            let most = 1 + (truth.unsigned_abs() >> 22);
+            assert!(
+                found.abs_diff(truth) <= most,
+                "{value} by {divisor}: {found}"
+            );
+        }
     }
 }

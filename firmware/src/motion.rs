@@ -1,6 +1,7 @@
 //! The motion under way: a buffer of knots, a path clock that can run slower than time, and the
 //! stop segment for a buffer that ran empty.
 
+use crate::fixed::{quotient, saturate};
 use crate::segment::{MAX_SPACING_MS, MIN_SPACING_MS, Point, Segment, StoredKnot, StoredRow};
 use heapless::Deque;
 use mcdpr_protocol::{ResidualRow, TenthMicrometres};
@@ -297,8 +298,8 @@ impl<const N: usize> Motion<N> {
         end.time_ms = from.time_ms.saturating_add(stop_ms);
         for cable in &mut end.cables {
             // v[µm/s] * t[ms] in 0.1 µm; the clock comes to rest halfway.
-            let way = i64::from(cable.velocity.0) * i64::from(stop_ms) / 100;
-            let way = crate::fixed::saturate(way);
+            let way = quotient::<100>(i64::from(cable.velocity.0) * i64::from(stop_ms));
+            let way = saturate(way);
             cable.length = TenthMicrometres(cable.length.0.saturating_add(way));
         }
         self.segment = Some(Segment::between(from, &end));

@@ -4,7 +4,7 @@
 //! coefficients are integers of 1/256 of 0.1 µm, formed so that their sum is the next knot exactly:
 //! segments join without a step, whatever the rounding.
 
-use crate::fixed::{half, quotient, saturate, scale_down};
+use crate::fixed::{division, half, quotient, saturate, scale_down};
 use mcdpr_protocol::{
     CableKnot, Coefficient, Knot, MicrometresPerSecond, Millinewtons, ResidualRow, TenthMicrometres,
 };
@@ -250,7 +250,7 @@ impl<const N: usize> Segment<N> {
             spacing_ms,
             tension_start: tensions(start),
             tension_end: tensions(end),
-            inverse_q44: (1 << FINE_INVERSE_Q) / i64::from(spacing_ms),
+            inverse_q44: division(1 << FINE_INVERSE_Q, i64::from(spacing_ms)),
             narrow: cubics.iter().all(|cubic| cubic.is_narrow(spacing_ms)),
             cubics,
         }

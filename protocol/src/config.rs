@@ -155,6 +155,10 @@ keys! {
         MotorCountsPerRev = 29,
         /// Speed at which a slack cable is reeled in, or a too tight one paid out, µm/s.
         ReelSpeed = 30,
+        /// Largest acceleration of the cable that may be commanded, µm/s².
+        MaxAcceleration = 31,
+        /// Largest jerk of the cable that may be commanded, mm/s³.
+        MaxJerk = 32,
     }
 }
 

@@ -59,7 +59,7 @@ pub use units::{
 /// Version of the wire format: a board and a host with another major version never move together.
 pub const PROTOCOL_MAJOR: u16 = 0;
 /// Minor version: additions only, once the major version is 1.
-pub const PROTOCOL_MINOR: u16 = 1;
+pub const PROTOCOL_MINOR: u16 = 2;
 
 /// Most cables that one board can drive.
 pub const MAX_CABLES: usize = 8;

@@ -331,7 +331,7 @@ pub enum Reject {
         /// The cable, 1 for the first.
         cable: u8,
     },
-    /// A velocity, or the mean speed of a segment, is over its limit (K3).
+    /// A velocity, at a knot or anywhere in the segment before it, is over its limit (K3).
     KnotSpeed {
         /// The cable, 1 for the first.
         cable: u8,
@@ -354,6 +354,16 @@ pub enum Reject {
     CauseRemains {
         /// Which.
         fault: FaultId,
+    },
+    /// The acceleration of a segment is over its limit (K3).
+    KnotAcceleration {
+        /// The cable, 1 for the first.
+        cable: u8,
+    },
+    /// The jerk of a segment is over its limit (K3).
+    KnotJerk {
+        /// The cable, 1 for the first.
+        cable: u8,
     },
 }
 

@@ -238,9 +238,9 @@ fn l17_while_the_major_version_is_0_only_the_same_minor_version_moves() {
         }
         .compatibility()
     };
-    assert_eq!(of(0, 1), Compatibility::Full);
-    assert_eq!(of(0, 0), Compatibility::BoardOlder);
-    assert_eq!(of(0, 2), Compatibility::BoardNewer);
+    assert_eq!(of(0, PROTOCOL_MINOR), Compatibility::Full);
+    assert_eq!(of(0, PROTOCOL_MINOR - 1), Compatibility::BoardOlder);
+    assert_eq!(of(0, PROTOCOL_MINOR + 1), Compatibility::BoardNewer);
     assert_eq!(of(1, 0), Compatibility::BoardNewer);
     assert_eq!(of(1, 1), Compatibility::BoardNewer);
 }
@@ -324,6 +324,8 @@ fn configuration_keys_keep_their_numbers() {
         "Node",
         "MotorCountsPerRev",
         "ReelSpeed",
+        "MaxAcceleration",
+        "MaxJerk",
     ];
     let names: Vec<_> = BoardKey::ALL.iter().map(|key| key.name()).collect();
     assert_eq!(names, board);

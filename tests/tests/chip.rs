@@ -112,20 +112,31 @@ fn document(arguments: &[&str]) -> Value {
 
 #[test]
 fn the_demo_on_the_chip_tracks_as_the_core_in_this_process() {
-    let (core, chip) = (document(&["demo"]), document(&["demo", "--on", "chip"]));
-    assert_eq!(chip["simulated"], true);
+    // The largest tension error of a run is one sample among thousands, its sensor's noise for the
+    // most part: only over some runs is it the same.
+    let runs: Vec<[Value; 2]> = ["1", "2", "3", "4"]
+        .map(|seed| {
+            [&["demo"][..], &["demo", "--on", "chip"]].map(|words| {
+                let document = document(&[words, &["--seed", seed]].concat());
+                assert_eq!(document["simulated"], true);
+                document
+            })
+        })
+        .into();
     for (group, names) in [
         ("path_error_m", &["mean", "max"][..]),
         ("cable_length_error_m", &["mean", "max"]),
         ("tension_error_n", &["mean_abs", "p999_abs", "max_abs"]),
     ] {
         for name in names {
-            let (core, chip) = (core[group][name].as_f64(), chip[group][name].as_f64());
-            let (core, chip) = (core.unwrap(), chip.unwrap());
+            let mean = |of: usize| {
+                let values = runs.iter().map(|run| run[of][group][name].as_f64().unwrap());
+                values.sum::<f64>() / 4.0
+            };
+            let (core, chip) = (mean(0), mean(1));
             println!("{group}.{name}: {core:.3e} in this process, {chip:.3e} on the chip");
             assert!(core > 0.0 && chip > 0.0, "{group}.{name}");
-            // The largest tension error is one sample among thousands: docs/chip.md.
-            let most = if *name == "max_abs" { 0.2 } else { 0.05 };
+            let most = if *name == "max_abs" { 0.1 } else { 0.05 };
             assert!((chip - core).abs() < most * core, "{group}.{name}");
         }
     }

@@ -223,6 +223,7 @@ fn entries() -> Vec<ConfigEntry> {
                 CableKey::BrakeCloseMs => 30,
                 CableKey::ReelSpeed => 10_000,
                 CableKey::MaxSpeed => 46_000,
+                CableKey::MaxAcceleration | CableKey::MaxJerk => 10_000_000,
                 CableKey::LengthMin => 0,
                 CableKey::LengthMax => 200_000_000,
                 CableKey::Node => i32::from(index) + 1,

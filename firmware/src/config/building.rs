@@ -6,13 +6,16 @@
 
 use super::{Active, CableConfig, ConfigStore, Control, DriveKind, Slots, TensionLaw};
 use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
-use crate::fixed::{half, quotient, saturate};
+use crate::fixed::{division, half, quotient, saturate};
 use core::ops::Range;
 use mcdpr_protocol::config::ConfigDigest;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Reject};
 
 /// Longest coordinated stop, ms.
 const MAX_STOP_MS: i32 = 300;
+
+/// Largest limit of a jerk, mm/s³: its products with a spacing stay in 64 bits.
+const MAX_JERK_MMPS3: i32 = 10_000_000;
 
 /// Ticks between two commands to a drive, by what holds its cable.
 #[derive(Clone, Copy)]
@@ -270,7 +273,7 @@ impl<const N: usize> ConfigStore<N> {
         };
         // 1 mm to 500 mm keeps every product below in 64 bits; 312689/49766 is 2 pi to 1e-11.
         let radius = key(CableKey::DrumRadius, 10_000, 5_000_000)?;
-        let circumference_q20 = ((i64::from(radius) * 312_689) << 20) / 49_766;
+        let circumference_q20 = quotient::<49_766>((i64::from(radius) * 312_689) << 20);
         let circumference_q8 = (circumference_q20 + half(12)) >> 12;
         let counts = key(CableKey::EncoderCountsPerTurn, 16, 1_000_000)?;
         let sign = key(CableKey::EncoderSign, -1, 1)?;
@@ -283,9 +286,9 @@ impl<const N: usize> ConfigStore<N> {
             return Err(refuse(CableKey::MotorCountsPerTurn));
         }
         let per_rev = key(CableKey::MotorCountsPerRev, 4, 1_000_000)?;
-        let motor_per_length_q32 = (i64::from(motor_counts) << 40) / circumference_q8;
+        let motor_per_length_q32 = division(i64::from(motor_counts) << 40, circumference_q8);
         // µm/s to rpm: ten 0.1 µm per µm, 60 s per minute.
-        let rpm_per_speed_q32 = motor_per_length_q32.abs() * 600 / i64::from(per_rev);
+        let rpm_per_speed_q32 = division(motor_per_length_q32.abs() * 600, i64::from(per_rev));
         let force = key(CableKey::ForcePerCurrent, -100_000_000, 100_000_000)?;
         if force == 0 {
             return Err(refuse(CableKey::ForcePerCurrent));
@@ -298,11 +301,12 @@ impl<const N: usize> ConfigStore<N> {
         let max_speed_umps = key(CableKey::MaxSpeed, 1, 20_000_000)?;
         let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
         // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
-        let w_dt_q24 = filter_mhz * 105_414_357 / 1_000_000;
+        let w_dt_q24 = quotient::<1_000_000>(filter_mhz * 105_414_357);
         let alpha_q16 = rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24);
         let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
         // One millisecond at one and a half times the largest speed, and a count of rounding.
-        let step = i64::from(max_speed_umps) * 15 * (1 << 24) / 1000 / per_count_q24.abs() + 2;
+        let step = quotient::<1000>(i64::from(max_speed_umps) * 15 * (1 << 24));
+        let step = division(step, per_count_q24).abs() + 2;
         let max_current_ma = key(CableKey::MaxCurrentMa, 1, 32_000)?;
         let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
         // A bus has no drive 0: that number calls all of them. 127 is the board itself.
@@ -323,18 +327,18 @@ impl<const N: usize> ConfigStore<N> {
             four_counts: saturate(per_count_q24.abs() >> 22),
             max_encoder_step: u16::try_from(step.min(16_000)).unwrap_or(16_000),
             motor_per_length_q32,
-            length_per_motor_q32: (circumference_q8 << 24) / i64::from(motor_counts),
+            length_per_motor_q32: division(circumference_q8 << 24, i64::from(motor_counts)),
             rpm_per_speed_q32,
-            speed_per_rpm_q16: (1 << 48) / rpm_per_speed_q32.max(1),
+            speed_per_rpm_q16: division(1 << 48, rpm_per_speed_q32.max(1)),
             motor_reversed: motor_counts < 0,
             max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
             max_current_ma,
             most_ma: max_current_ma - max_current_ma / 32,
-            current_per_force_q32: (1000 << 32) / i64::from(force),
+            current_per_force_q32: division(1000 << 32, i64::from(force)),
             // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
             // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
-            tension_per_adc_q24: gain * 8448 / 10,
-            tension_zero_q24: ((gain * zero_uv / 1000) << 24) / 1000,
+            tension_per_adc_q24: quotient::<10>(gain * 8448),
+            tension_zero_q24: quotient::<1000>(quotient::<1000>(gain * zero_uv) << 24),
             tension_max_mn,
             floor_mn,
             ceiling_mn,
@@ -354,6 +358,8 @@ impl<const N: usize> ConfigStore<N> {
             brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)?),
             following_error: key(CableKey::FollowingError, 10, 1_000_000)? * 10,
             max_speed_umps,
+            max_acceleration_umps2: key(CableKey::MaxAcceleration, 1, 1_000_000_000)?,
+            max_jerk_mmps3: key(CableKey::MaxJerk, 1, MAX_JERK_MMPS3)?,
             reel_speed_umps: key(CableKey::ReelSpeed, 1, 1_000_000)?,
             length_min,
             length_max: key(CableKey::LengthMax, length_min, 2_000_000_000)?,
@@ -362,7 +368,7 @@ impl<const N: usize> ConfigStore<N> {
             slot: index * period / N.to_le_bytes()[0],
             syncs,
             // Counts per ms, times 60,000 ms per minute.
-            rpm_per_count_q16: saturate((60_000 << 16) / i64::from(per_rev)),
+            rpm_per_count_q16: saturate(division(60_000 << 16, i64::from(per_rev))),
         };
         if let Some(slot) = slot {
             *slot = built;
@@ -398,7 +404,7 @@ fn ticks(key: BoardKey, us: i32) -> Result<u8, Reject> {
 
 /// The quotient of two positive numbers, rounded to nearest.
 const fn rounded(dividend: i64, divisor: i64) -> i64 {
-    (dividend + divisor / 2) / divisor
+    division(dividend + (divisor >> 1), divisor)
 }
 
 fn checked(key: ConfigKey, value: Option<i32>, low: i32, high: i32) -> Result<i32, Reject> {

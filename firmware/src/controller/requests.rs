@@ -1,13 +1,11 @@
 //! What a host may ask, and when: every refusal leaves everything as it was.
 
 use super::{
-    CAPACITY, ConfigHash, Control, Controller, Event, FaultId, HAS_SERVICE, Info, Knot, List,
-    PerCable, Reject, Reply, Request, START_TOLERANCE, Service, State, StopKind, StoredKnot,
-    TICKS_PER_SECOND, Tick, Winch,
+    CAPACITY, ConfigHash, Controller, Event, FaultId, HAS_SERVICE, Info, List, PerCable, Reject,
+    Reply, Request, Service, State, StopKind, TICKS_PER_SECOND, Tick, Winch,
 };
-use crate::fixed::long_division;
 use crate::watch::LinkHealth;
-use mcdpr_protocol::{CableKnot, Millinewtons, TenthMicrometres};
+use mcdpr_protocol::{Millinewtons, TenthMicrometres};
 
 /// Largest length that makes sense, 0.1 µm (200 m).
 const LENGTH_LIMIT: i32 = 2_000_000_000;
@@ -207,7 +205,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    fn only_in(&self, states: &[State]) -> Result<(), Reject> {
+    pub(super) fn only_in(&self, states: &[State]) -> Result<(), Reject> {
         if states.contains(&self.state) {
             Ok(())
         } else {
@@ -221,7 +219,7 @@ impl<const N: usize> Controller<N> {
             .ok_or(Reject::WrongState { state: self.state })
     }
 
-    fn no_fault(&self) -> Result<(), Reject> {
+    pub(super) fn no_fault(&self) -> Result<(), Reject> {
         self.latch
             .get()
             .map_or(Ok(()), |record| Err(Reject::Faulted { record }))
@@ -287,7 +285,7 @@ impl<const N: usize> Controller<N> {
         Ok(Reply::Done)
     }
 
-    fn count(got: usize) -> Result<(), Reject> {
+    pub(super) fn count(got: usize) -> Result<(), Reject> {
         if got == N {
             return Ok(());
         }
@@ -314,173 +312,5 @@ impl<const N: usize> Controller<N> {
         self.latch.clear();
         self.raise(Event::Clear);
         Ok(Reply::Done)
-    }
-
-    fn handle_knot(&mut self, knot: &Knot) -> Result<Reply, Reject> {
-        self.only_in(&[State::Holding, State::Moving, State::Pausing])?;
-        self.no_fault()?;
-        Self::count(knot.cables.len())?;
-        for row in knot.rows.iter() {
-            Self::count(row.lengths.len())?;
-            Self::count(row.tensions.len())?;
-        }
-        let expected = self.motion.next_index();
-        if knot.index != expected {
-            return Err(Reject::KnotIndex { expected });
-        }
-        if self.motion.free() == 0 {
-            return Err(Reject::BufferFull);
-        }
-        self.check_ranges(knot)?;
-        match self.motion.newest() {
-            None => self.check_first(knot)?,
-            Some(newest) => self.check_joined(newest, knot)?,
-        }
-        if knot.last && knot.cables.iter().any(|cable| cable.velocity.0 != 0) {
-            return Err(Reject::KnotEnd);
-        }
-        let slot = self.motion.append().ok_or(Reject::BufferFull)?;
-        slot.fill(knot);
-        Ok(Reply::Queued {
-            free: self.motion.free(),
-        })
-    }
-
-    fn check_ranges(&self, knot: &Knot) -> Result<(), Reject> {
-        let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
-        for (cable, (value, config)) in (1_u8..).zip(knot.cables.iter().zip(&active.cables)) {
-            if !(config.length_min..=config.length_max).contains(&value.length.0) {
-                return Err(Reject::KnotLength { cable });
-            }
-            if value.velocity.0.saturating_abs() > config.max_speed_umps {
-                return Err(Reject::KnotSpeed { cable });
-            }
-            if !(0..=config.ceiling_mn).contains(&value.tension.0) {
-                return Err(Reject::KnotTension { cable });
-            }
-        }
-        Ok(())
-    }
-
-    fn check_first(&self, knot: &Knot) -> Result<(), Reject> {
-        if knot.time_ms != 0 {
-            return Err(Reject::KnotTime { earliest_ms: 0 });
-        }
-        let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
-        let starts = self.cables.iter().zip(knot.cables.iter());
-        for (number, ((cable, start), config)) in (1_u8..).zip(starts.zip(&active.cables)) {
-            // A tension-held cable is where its tension puts it: its length is only expected.
-            let bound = config.control == Control::Length;
-            let gap = start.length.0.saturating_sub(cable.target.length);
-            if (bound && gap.saturating_abs() > START_TOLERANCE) || start.velocity.0 != 0 {
-                return Err(Reject::KnotStart {
-                    cable: number,
-                    gap: TenthMicrometres(gap),
-                });
-            }
-        }
-        Ok(())
-    }
-
-    fn check_joined(&self, newest: &StoredKnot<N>, knot: &Knot) -> Result<(), Reject> {
-        if newest.last {
-            return Err(Reject::KnotEnd);
-        }
-        let (earliest_ms, latest_ms) = self.motion.time_window_ms();
-        let later = knot.time_ms > newest.time_ms;
-        if !later || knot.time_ms < earliest_ms || knot.time_ms > latest_ms {
-            return Err(Reject::KnotTime { earliest_ms });
-        }
-        let spacing = knot.time_ms - newest.time_ms;
-        let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
-        let pairs = newest.cables.iter().zip(knot.cables.iter());
-        for (cable, ((from, to), config)) in (1_u8..).zip(pairs.zip(&active.cables)) {
-            if is_faster(from, to, spacing, config.max_speed_umps) {
-                return Err(Reject::KnotSpeed { cable });
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Whether a segment is anywhere faster than a limit, µm/s. The derivative is the quadratic with the
-/// Bézier values `start, middle, end`; its extremum, where it lies inside, is exact. `spacing_ms` is
-/// at most [`MAX_SPACING_MS`](crate::segment::MAX_SPACING_MS).
-fn is_faster(from: &CableKnot, to: &CableKnot, spacing_ms: u32, limit_umps: i32) -> bool {
-    let limit = i64::from(limit_umps);
-    // 0.1 µm per ms is 100 µm/s.
-    let way = (i64::from(to.length.0) - i64::from(from.length.0)) * 100;
-    let mean = long_division(way, spacing_ms, 0);
-    // Far over any limit; keeps the squares below in range.
-    if mean.abs() > 100_000_000 {
-        return true;
-    }
-    let (start, end) = (i64::from(from.velocity.0), i64::from(to.velocity.0));
-    if start.abs() > limit || end.abs() > limit {
-        return true;
-    }
-    let middle = 3 * mean - start - end;
-    let bend = start - 2 * middle + end;
-    let along = (start - middle) * bend.signum();
-    // The extremum is (start * end - middle²) / bend; where the middle is within the limit, too, it
-    // can not be over it.
-    bend != 0
-        && middle.abs() > limit
-        && along > 0
-        && along < bend.abs()
-        && (start * end - middle * middle).abs() >= (limit + 1) * bend.abs()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use mcdpr_protocol::MicrometresPerSecond;
-
-    fn knot(length: i32, velocity: i32) -> CableKnot {
-        CableKnot {
-            length: TenthMicrometres(length),
-            velocity: MicrometresPerSecond(velocity),
-            tension: Millinewtons(0),
-        }
-    }
-
-    /// Asserts the largest speed, µm/s, over 1 s.
-    fn peaks_at(from: &CableKnot, to: &CableKnot, speed: i32) {
-        assert!(!is_faster(from, to, 1000, speed), "more than {speed} µm/s");
-        assert!(is_faster(from, to, 1000, speed - 1), "under {speed} µm/s");
-    }
-
-    #[test]
-    fn a_rest_to_rest_cubic_peaks_at_one_and_a_half_times_its_mean() {
-        // 10 mm in 1 s: mean 10 mm/s.
-        peaks_at(&knot(0, 0), &knot(100_000, 0), 15_000);
-        peaks_at(&knot(100_000, 0), &knot(0, 0), 15_000);
-    }
-
-    #[test]
-    fn constant_speed_and_out_and_back_are_exact() {
-        peaks_at(&knot(0, 10_000), &knot(100_000, 10_000), 10_000);
-        // Out and back over 1 s: D = v (1 - 2 s), largest at the ends.
-        peaks_at(&knot(0, 8000), &knot(0, -8000), 8000);
-        // Same ends, no way: D = v (1 - 6 s (1 - s)), -v/2 in the middle.
-        peaks_at(&knot(0, 8000), &knot(0, 8000), 8000);
-    }
-
-    #[test]
-    fn a_speed_that_only_the_inside_of_a_segment_has_is_found_over_any_time() {
-        // From rest to rest the peak is one and a half times the mean, whatever the time.
-        for spacing_ms in [4_u32, 7, 100, 999, 4000] {
-            let way = 30 * spacing_ms.cast_signed();
-            let (from, to) = (knot(0, 0), knot(way, 0));
-            assert!(!is_faster(&from, &to, spacing_ms, 4500), "{spacing_ms}");
-            assert!(is_faster(&from, &to, spacing_ms, 4499), "{spacing_ms}");
-        }
-        // 2^31 of 0.1 µm in 4 ms.
-        assert!(is_faster(
-            &knot(i32::MIN, 0),
-            &knot(i32::MAX, 0),
-            4,
-            i32::MAX
-        ));
     }
 }

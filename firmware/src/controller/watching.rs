@@ -66,11 +66,7 @@ impl Cable {
     #[inline]
     fn told_ma(&self, config: &CableConfig) -> i32 {
         let told = self.tension_loop.hold().abs();
-        if config.control == Control::Tension && told > config.most_ma >> 5 {
-            told
-        } else {
-            0
-        }
+        if told > config.most_ma >> 5 { told } else { 0 }
     }
 
     /// Commanded less measured length, 0.1 µm; of a cable that is held by tension, how far motor

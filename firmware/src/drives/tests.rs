@@ -68,6 +68,8 @@ fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
         brake_close_ms: 30,
         following_error: 1000,
         max_speed_umps: 1,
+        max_acceleration_umps2: 1,
+        max_jerk_mmps3: 1,
         reel_speed_umps: 10_000,
         length_min: 0,
         length_max: 1,

@@ -71,7 +71,7 @@ fn another_number_of_cables_is_named() {
 #[test]
 fn unknown_keys_are_named() {
     // A field, a group and a cable that are not there.
-    for key in [0x00F0, 0x0420, 0x0501, 0x0901, 0xFFFF] {
+    for key in [0x00F0, 0x0421, 0x0501, 0x0901, 0xFFFF] {
         let mut all = entries();
         all.retain(|entry| entry.key.0 < key);
         all.pop();
@@ -168,7 +168,7 @@ fn slices_leave_what_is_in_use_alone_until_all_is_good_and_end_where_the_whole_d
     let mut active = Some(build(&entries()).unwrap());
     let other = entries_with(ConfigKey::cable(3, CableKey::MaxCurrentMa), 2000);
     // The last cable's last key is senseless.
-    let bad = entries_with(ConfigKey::cable(3, CableKey::ReelSpeed), 0);
+    let bad = entries_with(ConfigKey::cable(3, CableKey::MaxJerk), 0);
     for (all, good) in [(bad, false), (other, true)] {
         let mut store = ConfigStore::<CABLES>::default();
         store.begin(all.len() as u16).unwrap();

@@ -1,9 +1,10 @@
 //! K8: every request in every state. A refusal leaves everything as it was, to the last output.
 
-use crate::support::{Bench, CABLES, entries, knot};
+use crate::support::{Bench, CABLES, entries, entries_with, hash_of, knot};
 use mcdpr_firmware::State;
 use mcdpr_protocol::{
-    ConfigHash, FaultId, List, PerCable, Reject, Request, StopKind, TenthMicrometres,
+    CableKey, ConfigHash, ConfigKey, FaultId, List, PerCable, Reject, Request, StopKind,
+    TenthMicrometres,
 };
 
 const STATES: [State; 9] = [
@@ -223,6 +224,49 @@ fn k3_l2_values_out_of_range_are_refused_with_their_cable() {
         Reject::KnotSpeed { cable: 1 }
     );
     assert_eq!(refuse(|k| k.last = true), Reject::KnotEnd);
+}
+
+#[test]
+fn k3_a_segment_that_accelerates_too_much_or_too_abruptly_is_refused_with_its_cable() {
+    use CableKey::{MaxAcceleration, MaxJerk};
+    // From rest to 20 mm/s within 100 ms, on the half of that way: 0.2 m/s² all along.
+    let evenly = (10_000, 20_000);
+    let too_much = Some(Reject::KnotAcceleration { cable: 2 });
+    assert_eq!(limited(MaxAcceleration, 200_000, evenly), None);
+    assert_eq!(limited(MaxAcceleration, 199_999, evenly), too_much);
+    assert_eq!(limited(MaxJerk, 1, evenly), None);
+    // Back where it was: -0.4 m/s² at its start, 0.8 m/s² at its end.
+    for back in [(0, 20_000), (0, -20_000)] {
+        assert_eq!(limited(MaxAcceleration, 800_000, back), None);
+        assert_eq!(limited(MaxAcceleration, 799_999, back), too_much);
+        let too_abrupt = Some(Reject::KnotJerk { cable: 2 });
+        assert_eq!(limited(MaxJerk, 12_000, back), None);
+        assert_eq!(limited(MaxJerk, 11_999, back), too_abrupt);
+    }
+    // Most at the start: it slows down over 100 ms from there.
+    let ahead = (10_000, 0);
+    assert_eq!(limited(MaxAcceleration, 600_000, ahead), None);
+    assert_eq!(limited(MaxAcceleration, 599_999, ahead), too_much);
+}
+
+/// Why a motion from rest to here (0.1 µm, µm/s) within 100 ms is refused by a board that has this
+/// limit for its second cable.
+fn limited(key: CableKey, limit: i32, (way, velocity): (i32, i32)) -> Option<Reject> {
+    let mut bench = Bench::ready();
+    let entries = entries_with(ConfigKey::cable(1, key), limit);
+    let config_hash = hash_of(&entries);
+    bench.configure(&entries);
+    bench.reference();
+    bench.request(Request::Arm { config_hash }).unwrap();
+    bench.until(State::Holding, 2000);
+    let at = bench.status().setpoints;
+    let cables = |way: i32, velocity: i32| -> Vec<(i32, i32)> {
+        at.iter().map(|at| (at.0 + way, velocity)).collect()
+    };
+    let first = knot(0, 0, false, &cables(0, 0));
+    bench.request(Request::Knot(first)).unwrap();
+    let next = knot(1, 100, false, &cables(way, velocity));
+    bench.request(Request::Knot(next)).err()
 }
 
 #[test]

@@ -27,6 +27,10 @@ impl Rng {
 }
 
 pub const CABLES: usize = 4;
+/// Largest acceleration that the bench's cables may be commanded, µm/s².
+pub const MOST_UMPS2: i32 = 4_000_000;
+/// Largest jerk, mm/s³.
+pub const MOST_MMPS3: i32 = 400_000;
 /// Motor counts of a turn of the paper's 20 mm drum.
 pub const MOTOR_COUNTS: i32 = 1_520_148;
 pub const STOP_MS: u32 = 300;
@@ -97,6 +101,8 @@ pub fn entries() -> Vec<ConfigEntry> {
                 CableKey::Node => i32::from(index) + 1,
                 CableKey::MotorCountsPerRev => 4096,
                 CableKey::ReelSpeed => 10_000,
+                CableKey::MaxAcceleration => MOST_UMPS2,
+                CableKey::MaxJerk => MOST_MMPS3,
             };
             all.push(ConfigEntry {
                 key: ConfigKey::cable(index, key),

@@ -200,6 +200,8 @@ pub fn describe_reject(reject: &Reject) -> String {
         ),
         Reject::KnotLength { cable } => format!("the length of cable {cable} is out of range"),
         Reject::KnotSpeed { cable } => format!("cable {cable} would be too fast"),
+        Reject::KnotAcceleration { cable } => format!("cable {cable} would accelerate too much"),
+        Reject::KnotJerk { cable } => format!("cable {cable} would accelerate too abruptly"),
         Reject::KnotTension { cable } => format!("the tension of cable {cable} is out of range"),
         Reject::KnotEnd => "the motion has ended, or does not end at rest".to_owned(),
         Reject::NothingToStart => "there is no motion to start".to_owned(),

@@ -41,6 +41,39 @@ const MOST_REEL_MPS: f64 = 0.02;
 /// share: rounding must not refuse a motion at the very limit.
 const SPEED_MARGIN: f64 = 1.02;
 
+/// How much more a cable may accelerate than the tool along its path before board and plan refuse:
+/// curves, tilt and the cubics between knots take it to 1.25 times in the built-in tasks; a length
+/// that is wrong by a millimetre takes it further than this.
+const RATES_MARGIN: f64 = 3.0;
+
+/// What the cables of a robot may be commanded (K3).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CableRates {
+    /// Acceleration, m/s².
+    pub acceleration_mps2: f64,
+    /// Jerk, m/s³.
+    pub jerk_mps3: f64,
+}
+
+impl CableRates {
+    /// The most that a board can hold.
+    pub const LARGEST: Self = Self {
+        acceleration_mps2: 1e3,
+        jerk_mps3: 1e4,
+    };
+
+    /// Three times what the robot file allows the tool.
+    #[must_use]
+    pub fn of(robot: &Robot) -> Self {
+        let (limits, largest) = (&robot.limits, Self::LARGEST);
+        Self {
+            acceleration_mps2: (RATES_MARGIN * limits.acceleration_mps2)
+                .min(largest.acceleration_mps2),
+            jerk_mps3: (RATES_MARGIN * limits.jerk_mps3).min(largest.jerk_mps3),
+        }
+    }
+}
+
 /// All entries of the board's configuration, in ascending order of keys.
 ///
 /// # Errors
@@ -165,7 +198,10 @@ fn cable(
     put(
         CableKey::ReelSpeed,
         reel_speed_mps(robot, index, winch) * 1e6,
-    )
+    )?;
+    let rates = CableRates::of(robot);
+    put(CableKey::MaxAcceleration, rates.acceleration_mps2 * 1e6)?;
+    put(CableKey::MaxJerk, rates.jerk_mps3 * 1e3)
 }
 
 /// Speed at which a slack cable is reeled in, m/s. A drum that is stopped by its cable gives it a

@@ -6,6 +6,7 @@ use super::options::Planner;
 use super::plan::{PlanError, TOLERANCE_M};
 use super::spline::{Ends, Spline};
 use super::timed::Timed;
+use crate::machine::CableRates;
 use mcdpr_protocol::{
     CableKnot, Coefficient, Knot, List, Micrometres, MicrometresPerSecond, Millinewtons, PerCable,
     ResidualRow, TenthMicrometres,
@@ -65,7 +66,52 @@ pub(super) fn knots(model: &Model, timed: &Timed) -> Result<Vec<Knot>, PlanError
     if let Some(last) = knots.last_mut() {
         last.last = true;
     }
+    judge(model, timed, &knots)?;
     Ok(knots)
+}
+
+/// That no cable's cubic accelerates more, or more abruptly, than the board would take (K3).
+fn judge(model: &Model, timed: &Timed, knots: &[Knot]) -> Result<(), PlanError> {
+    let most = CableRates::of(model.robot());
+    for pair in knots.windows(2) {
+        let [from, to] = pair else { continue };
+        for (cable, (a, b)) in (1..).zip(from.cables.iter().zip(to.cables.iter())) {
+            let spacing_s = f64::from(to.time_ms - from.time_ms) * 1e-3;
+            let [start, end] = accelerations(a, b, spacing_s);
+            let largest = start.abs().max(end.abs());
+            let jerk = (end - start).abs() / spacing_s;
+            let (what, value, limit, unit) = if largest > most.acceleration_mps2 {
+                ("acceleration", largest, most.acceleration_mps2, "m/s²")
+            } else if jerk > most.jerk_mps3 {
+                ("jerk", jerk, most.jerk_mps3, "m/s³")
+            } else {
+                continue;
+            };
+            let time_s = f64::from(to.time_ms) * 1e-3;
+            let at_m = timed.tool_m(time_s)?;
+            return Err(PlanError::Limit {
+                time_s,
+                x_mm: at_m.x * 1e3,
+                y_mm: at_m.y * 1e3,
+                z_mm: at_m.z * 1e3,
+                what: format!("the {what} of cable {cable}"),
+                value,
+                limit,
+                unit,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Second derivative at both ends of the cubic between two knots, m/s².
+fn accelerations(from: &CableKnot, to: &CableKnot, spacing_s: f64) -> [f64; 2] {
+    let way = f64::from(to.length.0 - from.length.0) * 1e-7 / spacing_s;
+    let [start, end] = [from, to].map(|knot| f64::from(knot.velocity.0) * 1e-6);
+    [
+        (6.0 * way - 4.0 * start - 2.0 * end) / spacing_s,
+        (2.0 * start + 4.0 * end - 6.0 * way) / spacing_s,
+    ]
 }
 
 /// Splines of all cables over one step, with common knots at whole milliseconds.
@@ -189,4 +235,39 @@ fn milliseconds(time_s: f64) -> usize {
 )]
 fn rounded(value: f64) -> i32 {
     value.round() as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::path::{Path, Piece};
+    use crate::motion::{Plan, Step};
+    use crate::robot::Robot;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn k3_a_length_that_is_off_by_a_millimetre_breaks_the_acceleration_or_the_jerk() {
+        for robot in ["paper-table5", "lab-fast"] {
+            let model = Model::new(&Robot::find(robot).unwrap()).unwrap();
+            let start_m = Vector3::new(0.335, 0.0, -0.3);
+            let end_m = start_m + Vector3::new(0.05, -0.05, 0.0);
+            let step = Step::Move {
+                path: Path::new(vec![Piece::line(start_m, end_m).unwrap()]).unwrap(),
+                duration_s: None,
+                speed_mps: None,
+            };
+            let plan = Plan::new(&model, &start_m, &[step]).unwrap();
+            assert!(plan.knots.len() > 8);
+            judge(&model, &plan.timed, &plan.knots).unwrap();
+            for knot in 1..plan.knots.len() - 1 {
+                let mut knots = plan.knots.clone();
+                knots[knot].cables[1].length.0 += 10_000;
+                let error = judge(&model, &plan.timed, &knots).unwrap_err().to_string();
+                assert!(
+                    error.contains("of cable 2 would be"),
+                    "{robot}, {knot}: {error}"
+                );
+            }
+        }
+    }
 }

@@ -11,7 +11,7 @@ pub use commission::{Commissioned, Operator, commission};
 pub use ratio::{Ratio, measure_ratio};
 
 use crate::link::{Client, ClientError, Link};
-use crate::machine::{self, OutOfRange};
+use crate::machine::{self, CableRates, OutOfRange};
 use crate::robot::Robot;
 use crate::run::{RunError, interrupted, send_configuration, status, wait_for};
 use mcdpr_protocol::{
@@ -291,6 +291,9 @@ impl<'a, L: Link> Bench<'a, L> {
                 CableKey::FollowingError => 1e6,
                 // Its encoder may count far more than the file says.
                 CableKey::MaxSpeed => rad_per_s * RADIUS_UM * 4.0,
+                // Nothing hangs on it: its own largest speed is all that bounds it.
+                CableKey::MaxAcceleration => CableRates::LARGEST.acceleration_mps2 * 1e6,
+                CableKey::MaxJerk => CableRates::LARGEST.jerk_mps3 * 1e3,
                 CableKey::LengthMin => -2e9,
                 CableKey::LengthMax => 2e9,
                 CableKey::Node => f64::from(self.node),

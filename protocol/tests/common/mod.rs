@@ -313,6 +313,8 @@ pub fn rejects() -> Vec<(&'static str, Reject)> {
                 fault: FaultId::L10,
             },
         ),
+        ("KnotAcceleration", Reject::KnotAcceleration { cable: 8 }),
+        ("KnotJerk", Reject::KnotJerk { cable: 1 }),
     ]
 }
 

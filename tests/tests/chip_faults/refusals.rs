@@ -206,6 +206,12 @@ fn k3_k4_k5_k7_k10_f2_the_chip_refuses_motions_that_the_core_refuses() {
         "K4",
     );
     client.request(knot(0, 0, 0, 0)).unwrap();
+    // From rest to rest, 1 mm within 4 ms; and at the end of 20 ms as fast as the winch allows.
+    rejected(
+        client.request(knot(1, 4, 100, 0)),
+        |r| matches!(r, Reject::KnotAcceleration { cable: 1 }),
+        "K3",
+    );
     rejected(client.request(knot(1, 0, 0, 0)), |_| true, "K5");
     let free = (1..=40_u16).find(|&at| client.request(knot(at, 50 * u32::from(at), 0, 0)).is_err());
     assert!(

@@ -34,6 +34,7 @@ fn value(key: CableKey) -> i32 {
         CableKey::BrakeCloseMs => 30,
         CableKey::FollowingError => 1000,
         CableKey::MaxSpeed => 50_000,
+        CableKey::MaxAcceleration | CableKey::MaxJerk => 10_000_000,
         CableKey::LengthMax => 20_000_000,
         _ => 0,
     }
