@@ -130,7 +130,9 @@ fn the_demo_on_the_chip_tracks_as_the_core_in_this_process() {
     ] {
         for name in names {
             let mean = |of: usize| {
-                let values = runs.iter().map(|run| run[of][group][name].as_f64().unwrap());
+                let values = runs
+                    .iter()
+                    .map(|run| run[of][group][name].as_f64().unwrap());
                 values.sum::<f64>() / 4.0
             };
             let (core, chip) = (mean(0), mean(1));

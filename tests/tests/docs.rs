@@ -288,7 +288,7 @@ fn lines_are_told_apart_from_placeholders() {
 /// The folders in which a word of the fault list's fifth column has its tests.
 fn folders(word: &str) -> &'static [&'static str] {
     match word {
-        "core" => &["firmware/tests/core"],
+        "core" => &["firmware/tests/core", "firmware/src/controller"],
         "protocol" => &["protocol/tests"],
         "chip" => &["tests/tests/chip_faults", "tests/tests", "emulator/tests"],
         "host" => &["tests/tests", "host/src", "host/src/robot/tests"],

@@ -7,7 +7,7 @@ use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;
 use mcdpr::run::{self, RunError};
 use mcdpr_firmware::State;
-use mcdpr_protocol::{FaultId, Request, SessionId};
+use mcdpr_protocol::{FaultId, PROTOCOL_MINOR, Request, SessionId};
 use mcdpr_simulator::{LinkOptions, WireFaults};
 
 fn model() -> Model {
@@ -142,7 +142,12 @@ fn rubbish_on_the_line_at_power_up_does_not_hide_the_board() {
 #[test]
 fn a_board_of_another_protocol_version_is_named_and_never_moved_l17() {
     let model = model();
-    for (version, remedy) in [((0, 0), "flash"), ((0, 2), "update"), ((1, 0), "update")] {
+    let minor = PROTOCOL_MINOR;
+    for (version, remedy) in [
+        ((0, minor - 1), "flash"),
+        ((0, minor + 1), "update"),
+        ((1, 0), "update"),
+    ] {
         let options = LinkOptions {
             version: Some(version),
             ..LinkOptions::default()
@@ -158,7 +163,7 @@ fn a_board_of_another_protocol_version_is_named_and_never_moved_l17() {
             "{text}"
         );
         assert!(
-            text.contains("0.1") && text.contains("nothing was moved"),
+            text.contains(&format!("0.{minor}")) && text.contains("nothing was moved"),
             "{text}"
         );
         let help = miette_help(&error);

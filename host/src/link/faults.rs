@@ -141,7 +141,9 @@ pub const fn advice(fault: FaultId) -> &'static str {
         FaultId::C5 => "see what the platform touches or carries; free it, then clear the fault",
         FaultId::K1 => "choose a target inside: `mcdpr workspace` shows where the robot can go",
         FaultId::K2 => "mend the number in the file that the message names",
-        FaultId::K3 => "a slower task, or speed limits in the robot file that the winches can keep",
+        FaultId::K3 => {
+            "a slower or smoother task, or limits in the robot file that the winches can keep"
+        }
         FaultId::K4 => "plan again from where the robot is now",
         FaultId::K5 | FaultId::K7 => "report it with the record: the program sends no such motion",
         FaultId::K6 => "the host could not feed the motion in time: close other programs",

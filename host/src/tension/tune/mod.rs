@@ -112,6 +112,12 @@ pub enum TuneError {
 
 /// What is identified: gain, delay, friction, stiffness, the far end's mass and swing.
 const UNKNOWNS: usize = 6;
+/// How far off each may be, as a logarithm: what an answer says little about stays near the robot
+/// file. A cable and its length are known well; without that, its stiffness takes up what the
+/// platform's other swings leave, and came out eight times too large.
+const SPREAD: [f64; UNKNOWNS] = [0.2, 0.7, 1.0, 0.15, 0.7, 0.7];
+/// Over this time, what the model leaves is much the same, s.
+const CORRELATED_S: f64 = 0.005;
 /// A platform swings about this fast, Hz; the fit starts there.
 const SWING_HZ: f64 = 4.0;
 /// A model explains at least this share of a credible answer.
@@ -231,10 +237,10 @@ pub fn identify(
         far_kg: robot.platform.mass_kg * p[4].exp(),
         far_hz: SWING_HZ * p[5].exp(),
     };
+    #[expect(clippy::cast_precision_loss, reason = "some thousand samples")]
+    let independent = answer.measured_n.len() as f64 * TICK_S / CORRELATED_S;
     let cost = |p: &[f64; UNKNOWNS]| {
-        // Weak priors keep what the answer says nothing about near the robot file.
-        let weights = [4.0, 0.5, 0.2, 1.0, 0.5, 0.5];
-        let prior: f64 = weights.iter().zip(p).map(|(w, p)| w * p * p).sum();
+        let prior: f64 = SPREAD.iter().zip(p).map(|(s, p)| (p / s).powi(2)).sum();
         let modelled = model(p).run(&robot.tension, winch.friction_n, &answer.asked_n, 0.0);
         let squares: f64 = modelled
             .iter()
@@ -242,7 +248,8 @@ pub fn identify(
             .map(|(a, b)| (a - b).powi(2))
             .sum();
         if squares.is_finite() {
-            squares + 0.5 * prior
+            // The posterior with the errors' size left open: it is the model's, not the sensor's.
+            independent * squares.max(1e-9).ln() + prior
         } else {
             f64::MAX
         }
