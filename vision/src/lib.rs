@@ -9,6 +9,7 @@ pub mod camera;
 pub mod frame;
 pub mod grasp;
 pub mod image;
+pub mod live;
 #[cfg(feature = "realsense")]
 pub mod realsense;
 pub mod recorded;

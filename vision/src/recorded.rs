@@ -20,21 +20,26 @@ const INTRINSICS: &str = "intrinsics.json";
 #[derive(Debug)]
 pub struct Recorded {
     folder: PathBuf,
-    cameras: Cameras,
-    depth_unit_m: f64,
-    read: usize,
+    intrinsics: Intrinsics,
+    read: u64,
 }
 
-impl Recorded {
-    /// Opens a folder.
-    ///
-    /// # Errors
-    /// Missing or malformed intrinsics.
-    pub fn open(folder: &Path) -> Result<Self, SourceError> {
+/// What a folder's `intrinsics.json` says.
+#[derive(Debug)]
+pub(crate) struct Intrinsics {
+    pub cameras: Cameras,
+    /// One step of the depth pictures, m.
+    pub depth_unit_m: f64,
+}
+
+impl Intrinsics {
+    pub(crate) fn read(folder: &Path) -> Result<Self, SourceError> {
         let path = folder.join(INTRINSICS);
         let text = std::fs::read_to_string(&path).map_err(|error| SourceError::Unreadable {
             path: path.clone(),
-            reason: format!("{error}; a recorded folder needs it, `mcdpr camera record` writes it"),
+            reason: format!(
+                "{error}; a folder of pictures needs it, `mcdpr camera record` writes it"
+            ),
         })?;
         let malformed = |what: String| SourceError::Malformed {
             path: path.clone(),
@@ -43,9 +48,21 @@ impl Recorded {
         let file: CamerasFile =
             serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?;
         Ok(Self {
-            folder: folder.to_owned(),
             cameras: file.cameras().map_err(malformed)?,
             depth_unit_m: file.depth_unit_m,
+        })
+    }
+}
+
+impl Recorded {
+    /// Opens a folder.
+    ///
+    /// # Errors
+    /// Missing or malformed intrinsics.
+    pub fn open(folder: &Path) -> Result<Self, SourceError> {
+        Ok(Self {
+            folder: folder.to_owned(),
+            intrinsics: Intrinsics::read(folder)?,
             read: 0,
         })
     }
@@ -65,7 +82,7 @@ impl Source for Recorded {
     }
 
     fn cameras(&self) -> Cameras {
-        self.cameras
+        self.intrinsics.cameras
     }
 
     fn frame(&mut self) -> Result<Frame, SourceError> {
@@ -74,7 +91,7 @@ impl Source for Recorded {
         if !color_path.is_file() {
             return Err(SourceError::End {
                 path: self.folder.clone(),
-                count: self.read,
+                count: usize::try_from(self.read).unwrap_or(usize::MAX),
             });
         }
         let color = read_color(&color_path)?;
@@ -83,14 +100,14 @@ impl Source for Recorded {
             color,
             depth: DepthImage {
                 steps,
-                unit_m: self.depth_unit_m,
+                unit_m: self.intrinsics.depth_unit_m,
             },
-            cameras: self.cameras,
+            cameras: self.intrinsics.cameras,
         };
         self.read = number;
         frame.checked().map_err(|reason| SourceError::Frame {
             name: self.name(),
-            number,
+            number: usize::try_from(number).unwrap_or(usize::MAX),
             reason,
         })
     }
@@ -100,7 +117,7 @@ impl Source for Recorded {
 #[derive(Debug)]
 pub struct Recording {
     folder: PathBuf,
-    written: usize,
+    written: u64,
 }
 
 impl Recording {
@@ -113,12 +130,7 @@ impl Recording {
         cameras: &Cameras,
         depth_unit_m: f64,
     ) -> Result<Self, SourceError> {
-        let path = folder.join(INTRINSICS);
-        let text = serde_json::to_string_pretty(&CamerasFile::new(cameras, depth_unit_m))
-            .map_err(|error| unwritable(&path, error))?;
-        std::fs::create_dir_all(folder)
-            .and_then(|()| std::fs::write(&path, text + "\n"))
-            .map_err(|error| unwritable(&path, error))?;
+        write_intrinsics(folder, cameras, depth_unit_m)?;
         Ok(Self {
             folder: folder.to_owned(),
             written: 0,
@@ -141,11 +153,25 @@ impl Recording {
     }
 }
 
-fn picture_path(folder: &Path, kind: &str, number: usize) -> PathBuf {
+/// Makes a folder and writes its `intrinsics.json`.
+pub(crate) fn write_intrinsics(
+    folder: &Path,
+    cameras: &Cameras,
+    depth_unit_m: f64,
+) -> Result<(), SourceError> {
+    let path = folder.join(INTRINSICS);
+    let text = serde_json::to_string_pretty(&CamerasFile::new(cameras, depth_unit_m))
+        .map_err(|error| unwritable(&path, error))?;
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(&path, text + "\n"))
+        .map_err(|error| unwritable(&path, error))
+}
+
+pub(crate) fn picture_path(folder: &Path, kind: &str, number: u64) -> PathBuf {
     folder.join(format!("{kind}_{number:04}.png"))
 }
 
-fn unwritable(path: &Path, error: impl std::fmt::Display) -> SourceError {
+pub(crate) fn unwritable(path: &Path, error: impl std::fmt::Display) -> SourceError {
     SourceError::Unwritable {
         path: path.to_owned(),
         reason: error.to_string(),

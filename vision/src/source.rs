@@ -27,6 +27,17 @@ pub trait Source {
     fn color(&mut self) -> Result<RgbImage, SourceError> {
         Ok(self.frame()?.color)
     }
+
+    /// The next pair of pictures as by [`Source::frame`], or `None` where it has not come yet: a caller
+    /// with something else to do asks again. Most sources wait.
+    fn poll_frame(&mut self) -> Option<Result<Frame, SourceError>> {
+        Some(self.frame())
+    }
+
+    /// The next colour picture as by [`Source::color`], or `None` where it has not come yet.
+    fn poll_color(&mut self) -> Option<Result<RgbImage, SourceError>> {
+        Some(self.color())
+    }
 }
 
 /// Why there is no picture.

@@ -22,6 +22,8 @@ pub struct V4l2 {
 
 /// Pictures that are thrown away first: exposure settles meanwhile.
 const SETTLE: usize = 5;
+/// Pictures that may wait in a driver.
+const WAITING_MAX: usize = 32;
 
 impl V4l2 {
     /// Opens a device at a picture size and lets its exposure settle.
@@ -89,6 +91,28 @@ impl V4l2 {
             .map_err(|error| device(&self.name, &error))?;
         rgb_from_yuyv(&bytes, self.size_px, self.bytes_per_line)
             .map_err(|reason| device(&self.name, &reason))
+    }
+
+    /// A picture whose exposure began after the call: what waited in the driver is old, and one may be
+    /// under way.
+    ///
+    /// # Errors
+    /// [`SourceError::Device`].
+    pub fn newest(&mut self) -> Result<RgbImage, SourceError> {
+        for _ in 0..WAITING_MAX {
+            let none = self.stream.will_block();
+            if none.map_err(|error| device(&self.name, &error))? {
+                break;
+            }
+            self.skip()?;
+        }
+        self.skip()?;
+        self.picture()
+    }
+
+    fn skip(&mut self) -> Result<(), SourceError> {
+        let skipped = self.stream.dequeue(|_| Ok(()));
+        skipped.map_err(|error| device(&self.name, &error))
     }
 }
 

@@ -184,8 +184,8 @@ pub enum NoGrasp {
     Network(String),
 }
 
-/// Finds grasps.
-pub trait Detector {
+/// Finds grasps, on any thread: a robot that hangs there must be heard meanwhile.
+pub trait Detector: Send {
     /// What it is, for people.
     fn name(&self) -> String;
 
