@@ -53,8 +53,18 @@ impl Simulator {
     /// Where it does not start.
     #[must_use]
     pub fn start(scale: &str) -> Self {
+        Self::start_with(scale, &[])
+    }
+
+    /// The same, with more words.
+    ///
+    /// # Panics
+    /// Where it does not start.
+    #[must_use]
+    pub fn start_with(scale: &str, words: &[&str]) -> Self {
         let mut command = mcdpr();
         command.args(["sim", "--pty", "--json", "--time-scale", scale]);
+        command.args(words);
         command.stdin(Stdio::null()).stdout(Stdio::piped());
         command.stderr(Stdio::null());
         let started = command.spawn();

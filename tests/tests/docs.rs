@@ -12,7 +12,7 @@ use std::process::{Command, Output, Stdio};
 const NOT_RUN: &[(&str, &str)] = &[
     (
         "mcdpr sim --pty",
-        "serves until it is interrupted; tests/tests/program.rs runs it with a client",
+        "serves until it is interrupted; tests/tests/program.rs and camera.rs run it with a client",
     ),
     (
         "mcdpr flash --list",

@@ -44,6 +44,6 @@ impl Cmd {
         let robot =
             experiment::simulated_robot_on(&model, &mismatch, common.seed, &options, firmware)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        sim::serve(robot, common, scale)
+        sim::serve(robot, common, scale, None)
     }
 }

@@ -22,6 +22,7 @@ mod emulate;
 mod estimate;
 mod experiment;
 mod export;
+mod eye;
 mod faults;
 mod flash;
 #[cfg(unix)]

@@ -1,12 +1,13 @@
 //! `mcdpr pick`: empty a tray.
 
+use super::eye::Eye;
 use super::recorded::{About, Recorded};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::motion::Model;
 use crate::pick::study::{self, Knowledge, SceneReport, picking_robot};
-use crate::pick::{End, Outcome as Came, PickError};
+use crate::pick::{End, Outcome as Came, Report};
 use crate::record::{Doing, TaskSource};
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
@@ -15,9 +16,13 @@ use mcdpr_simulator::camera::Order;
 use mcdpr_vision::grasp::{Antipodal, Detector};
 use std::path::{Path, PathBuf};
 
+mod port;
+
 /// Pick objects from a tray until it is empty: look, choose, take, verify, carry, release
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
+    #[command(flatten)]
+    eye: Eye,
     /// Objects in the simulated tray
     #[arg(long, default_value_t = 6)]
     objects: usize,
@@ -33,7 +38,7 @@ pub(crate) struct Cmd {
     /// Simulate the machine exactly as described
     #[arg(long)]
     ideal: bool,
-    /// The jaws can not turn about the tool's axis
+    /// The jaws can not turn about the tool's axis (those of a robot on a port never do)
     #[arg(long)]
     fixed_jaws: bool,
     /// Look from this many places before each choice
@@ -75,9 +80,8 @@ pub(crate) struct Cmd {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        if common.on != "sim" {
-            let on = common.on.clone();
-            return Err(PickError::NoCamera { on }.into());
+        if common.on == "sim" {
+            self.eye.refused_on_simulator()?;
         }
         // Without the calibration where it is not to be known, and where every scene makes its own.
         let plain = self.nominal || self.ideal || self.scenes.is_some();
@@ -87,6 +91,15 @@ impl Cmd {
             common.robot()?
         };
         let robot = picking_robot(&robot);
+        if common.dry_run && self.scenes.is_none() {
+            return Err(Failed::from_error("picking")(
+                "what to pick is known only after a look, so there is nothing to judge beforehand",
+            )
+            .into());
+        }
+        if common.on != "sim" {
+            return self.on_port(common, &robot);
+        }
         let knowledge = match (self.nominal, self.ideal) {
             (true, _) => Knowledge::Nominal,
             (_, true) => Knowledge::Exact,
@@ -99,12 +112,6 @@ impl Cmd {
         };
         if let Some(scenes) = self.scenes {
             return self.study(common, &robot, scenes, knowledge);
-        }
-        if common.dry_run {
-            return Err(Failed::from_error("picking")(
-                "what to pick is known only after a look, so there is nothing to judge beforehand",
-            )
-            .into());
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let handle = Handle::new();
@@ -295,14 +302,16 @@ fn network(file: &Path, _: &str) -> miette::Result<Box<dyn Detector>> {
     Err(Failed::from_error("loading the network")(why).into())
 }
 
-fn tell(scene: &SceneReport) {
+/// Every attempt in a line, with what the simulated jaws got where that is known.
+fn table(report: &Report, grips: &[String]) {
     let words = [
         "", "pixel", "tool, mm", "tilt", "width", "weight", "outcome", "the jaws",
     ];
-    let mut rows = vec![words.map(str::to_owned).to_vec()];
-    for (index, attempt) in scene.report.attempts.iter().enumerate() {
+    let columns = if grips.is_empty() { 7 } else { 8 };
+    let mut rows = vec![words.map(str::to_owned)[..columns].to_vec()];
+    for (index, attempt) in report.attempts.iter().enumerate() {
         let [x, y, z] = attempt.tool_m.map(|value| value * 1e3);
-        rows.push(vec![
+        let mut row = vec![
             (index + 1).to_string(),
             format!("{:.0}, {:.0}", attempt.pixel[0], attempt.pixel[1]),
             format!("{x:.1}, {y:.1}, {z:.1}"),
@@ -317,11 +326,18 @@ fn tell(scene: &SceneReport) {
                 Came::Lost => "lost",
             }
             .to_owned(),
-            scene.grips.get(index).cloned().unwrap_or_default(),
-        ]);
+        ];
+        if columns > row.len() {
+            row.push(grips.get(index).cloned().unwrap_or_default());
+        }
+        rows.push(row);
     }
     super::write_out(&lay_out(&rows));
-    if let Some(attempt) = scene.report.attempts.first() {
+}
+
+/// What the pictures said: the error budget, and the paper's numbers.
+fn seen(report: &Report) {
+    if let Some(attempt) = report.attempts.first() {
         let budget = &attempt.budget;
         let mm = |part_m: f64| format!("{:.2} mm", part_m * 1e3);
         let (where_from, part_m) = if budget.mat_m > 0.0 {
@@ -337,14 +353,28 @@ fn tell(scene: &SceneReport) {
             mm(budget.total_m)
         );
     }
-    if let Some(seen) = scene.report.probe_m {
+    if let Some(seen) = report.probe_m {
         let [x, y, z] = seen.map(|value| value * 1e3);
         say!("pixel (360, 285) is ({x:.1}, {y:.1}, {z:.1}) mm; the paper has (252, -39, -517) mm");
     }
-    if let Some(place) = scene.report.returned_m {
+    if let Some(place) = report.returned_m {
         let [x, y, z] = place.map(|value| value * 1e3);
         say!("returned to ({x:.0}, {y:.0}, {z:.0}) mm; the paper returns to (335, 0, -9) mm");
     }
+}
+
+fn end(end: &End) -> String {
+    match end {
+        End::Empty => "the tray is empty".to_owned(),
+        End::Unreachable { reason } => format!("stopped: {reason}"),
+        End::Failures { count } => format!("stopped after {count} failures in a row"),
+        End::Enough => "as many attempts as were asked for".to_owned(),
+    }
+}
+
+fn tell(scene: &SceneReport) {
+    table(&scene.report, &scene.grips);
+    seen(&scene.report);
     if let (Some(least), Some(most)) = (
         scene.errors_m.iter().copied().reduce(f64::min),
         scene.errors_m.iter().copied().reduce(f64::max),
@@ -355,17 +385,12 @@ fn tell(scene: &SceneReport) {
             most * 1e3
         );
     }
-    let end = match &scene.report.end {
-        End::Empty => "the tray is empty".to_owned(),
-        End::Unreachable { reason } => format!("stopped: {reason}"),
-        End::Failures { count } => format!("stopped after {count} failures in a row"),
-        End::Enough => "as many attempts as were asked for".to_owned(),
-    };
     say!(
-        "{} of {} objects picked in {} attempts and {:.0} s (simulation); {end}",
+        "{} of {} objects picked in {} attempts and {:.0} s (simulation); {}",
         scene.carried_off,
         scene.objects,
         scene.report.attempts.len(),
-        scene.report.duration_s
+        scene.report.duration_s,
+        end(&scene.report.end)
     );
 }

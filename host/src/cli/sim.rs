@@ -1,6 +1,8 @@
 //! `mcdpr sim --pty`: the simulated robot as a serial device for another program.
 
+use super::calibrate::On;
 use super::{Common, Failed, Outcome, print_json};
+use crate::calibration::target;
 use crate::experiment;
 use crate::machine::Mismatch;
 use crate::motion::Model;
@@ -8,6 +10,11 @@ use crate::robot::Robot;
 use crate::run::{interrupted, watch_for_interrupts};
 use mcdpr_simulator::LinkOptions;
 use std::io::Write as _;
+use std::path::PathBuf;
+
+mod eye;
+
+use eye::{Below, Eye};
 
 /// Simulate the robot behind a serial device that another program opens
 #[derive(Debug, clap::Args)]
@@ -18,12 +25,26 @@ pub(crate) struct Cmd {
     /// Simulate the machine exactly as described: no mismatch, no pulley loss
     #[arg(long)]
     ideal: bool,
+    /// Write what the camera on the platform sees into this folder, whenever a picture is asked for:
+    /// the other program reads it with --camera folder:DIR
+    #[arg(long, value_name = "DIR")]
+    camera: Option<PathBuf>,
+    /// Put a tray with so many objects on printed tags under the robot, in place of its tags on the
+    /// floor
+    #[arg(long, value_name = "N", requires = "camera")]
+    objects: Option<usize>,
+    /// Which tags lie on the floor
+    #[arg(long, value_enum, default_value_t = On::Robot, requires = "camera", conflicts_with = "objects")]
+    target: On,
 }
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
-        let robot = Robot::find(&common.robot)?;
+        let mut robot = Robot::find(&common.robot)?;
+        if let Some(target) = self.target.target() {
+            robot.tags = target::tags(target);
+        }
         let model = Model::new(&robot)?;
         let mismatch = if self.ideal {
             Mismatch::default()
@@ -35,15 +56,31 @@ impl Cmd {
             latency_us: 0,
             ..LinkOptions::default()
         };
-        let robot = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
+        let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        serve(robot, common, scale)
+        let below = Below {
+            objects: self.objects,
+            ideal: self.ideal,
+        };
+        let eye = self.camera.as_ref();
+        let eye = eye.map(|folder| Eye::start(folder, &robot, &link, &below, common.seed));
+        serve(link, common, scale, eye.transpose()?.as_ref())
     }
 }
 
-/// Serves a robot behind a pseudo-terminal, at `scale` simulated seconds per second.
+/// Bytes from the board that are gathered for one write, while the robot catches up with time.
 #[cfg(unix)]
-pub(super) fn serve(robot: crate::link::SimulatedLink, common: &Common, scale: f64) -> Outcome {
+const WRITTEN_AT_ONCE: usize = 128;
+
+/// Serves a robot behind a pseudo-terminal, at `scale` simulated seconds per second, and its camera
+/// where it has one.
+#[cfg(unix)]
+pub(super) fn serve(
+    robot: crate::link::SimulatedLink,
+    common: &Common,
+    scale: f64,
+    eye: Option<&Eye>,
+) -> Outcome {
     use crate::link::Link;
     use serialport::{SerialPort, TTYPort};
     use std::io::{ErrorKind, Read};
@@ -84,12 +121,21 @@ pub(super) fn serve(robot: crate::link::SimulatedLink, common: &Common, scale: f
             reason = "positive"
         )]
         let now_us = (began.elapsed().as_secs_f64() * 1e6 * scale) as u64;
+        answer.clear();
         while link.now_us() < now_us {
-            answer.clear();
             link.receive(now_us, &mut answer)
                 .map_err(crate::link::ClientError::from)?;
+            // Some bytes at a time: a write for each, as they come off the line, is so slow that the
+            // robot falls behind its time on a busy machine, and misses its host.
+            if answer.len() < WRITTEN_AT_ONCE && link.now_us() < now_us {
+                continue;
+            }
             // Nobody may be reading: a full pseudo-terminal loses bytes as a real line does.
             let _ = host_side.write(&answer);
+            answer.clear();
+        }
+        if let Some(eye) = eye {
+            eye.look(&link)?;
         }
         // Only now: no byte reaches the board before it was sent, however late this loop is.
         link.send(buffer.get(..used).unwrap_or_default())
@@ -99,7 +145,12 @@ pub(super) fn serve(robot: crate::link::SimulatedLink, common: &Common, scale: f
 }
 
 #[cfg(not(unix))]
-pub(super) fn serve(_robot: crate::link::SimulatedLink, _common: &Common, _scale: f64) -> Outcome {
+pub(super) fn serve(
+    _robot: crate::link::SimulatedLink,
+    _common: &Common,
+    _scale: f64,
+    _eye: Option<&Eye>,
+) -> Outcome {
     let reason = "this system has no pseudo-terminals; use `--on sim`";
     Err(Failed::from_error("sim --pty")(reason).into())
 }

@@ -26,6 +26,10 @@ const GIVE_UP_US: u64 = 1_500_000;
 const SLEPT_US: u64 = 500_000;
 /// Frames are sent again at most this often after complaints, µs.
 const RESEND_PAUSE_US: u64 = 3_000;
+/// Work that takes longer than this is taken to hang: the board is left to hold by itself, µs.
+const WORK_US: u64 = 60_000_000;
+/// Time between two looks at whether work is done, µs.
+const WORK_LOOK_US: u64 = 2_000;
 /// Time for a board to say hello, µs.
 const HELLO_US: u64 = 3_000_000;
 /// Time to wait for another session to end: a board whose host died holds for two seconds, µs.
@@ -360,6 +364,34 @@ impl<L: Link> Client<L> {
                 return Ok(());
             }
         }
+    }
+
+    /// Does work that takes longer than a board waits for its host. The work goes on beside this thread,
+    /// which keeps the connection alive, for a minute at most; in virtual time it simply is done.
+    ///
+    /// # Errors
+    /// As [`Client::pump`], when the work is done.
+    ///
+    /// # Panics
+    /// Where the work does.
+    pub fn meanwhile<T: Send>(
+        &mut self,
+        work: impl FnOnce() -> T + Send,
+    ) -> Result<T, ClientError> {
+        if !self.link.goes_on() {
+            return Ok(work());
+        }
+        let begun_us = self.link.now_us();
+        std::thread::scope(|scope| {
+            let worker = scope.spawn(work);
+            while !worker.is_finished() && self.link.now_us() < begun_us + WORK_US {
+                self.pump(self.link.now_us() + WORK_LOOK_US)?;
+            }
+            match worker.join() {
+                Ok(done) => Ok(done),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        })
     }
 
     /// Like [`Client::pump`], but returns as soon as something arrived or is due.

@@ -46,6 +46,12 @@ pub trait Link {
 
     /// Hears what the host knows besides the bytes. Only a line that somebody watches cares.
     fn note(&mut self, _note: Note<'_>) {}
+
+    /// Whether its time goes on while nobody waits on the link, as a board's does and virtual time
+    /// does not.
+    fn goes_on(&self) -> bool {
+        false
+    }
 }
 
 /// What the host knows besides the bytes, for those who watch a line.
@@ -72,6 +78,9 @@ impl<L: Link + ?Sized> Link for &mut L {
     fn note(&mut self, note: Note<'_>) {
         (**self).note(note);
     }
+    fn goes_on(&self) -> bool {
+        (**self).goes_on()
+    }
 }
 
 impl<L: Link + ?Sized> Link for Box<L> {
@@ -86,6 +95,9 @@ impl<L: Link + ?Sized> Link for Box<L> {
     }
     fn note(&mut self, note: Note<'_>) {
         (**self).note(note);
+    }
+    fn goes_on(&self) -> bool {
+        (**self).goes_on()
     }
 }
 

@@ -90,6 +90,10 @@ fn explain(name: &str, error: &serialport::Error) -> LinkError {
 }
 
 impl Link for SerialLink {
+    fn goes_on(&self) -> bool {
+        true
+    }
+
     fn now_us(&self) -> u64 {
         self.now_us
     }

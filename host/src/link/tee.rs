@@ -37,6 +37,10 @@ impl<L: Link, S: FnMut(RawFrame)> Tee<L, S> {
 }
 
 impl<L: Link, S: FnMut(RawFrame)> Link for Tee<L, S> {
+    fn goes_on(&self) -> bool {
+        self.inner.goes_on()
+    }
+
     fn now_us(&self) -> u64 {
         self.inner.now_us()
     }

@@ -6,7 +6,7 @@ use crate::estimate::{Measurements, Sigmas, estimate};
 use crate::link::{Client, Link, Note};
 use crate::machine;
 use crate::motion::path::Path;
-use crate::motion::{Model, Plan, Rest, Step};
+use crate::motion::{Model, Plan, PlanError, Rest, Step};
 use crate::robot::Robot;
 use crate::run::{self, Measured, Recorder, RunError};
 use crate::sight::Shown;
@@ -41,6 +41,8 @@ const FRAME_GAP_M: f64 = 0.012;
 /// Without a calibration a way goes in legs of this length at most, m: over 0.2 m the frame alone
 /// opens as much as a slip does, 4 mm.
 const LEG_MAX_M: f64 = 0.1;
+/// Time between two questions for a picture, us.
+const ASK_US: u64 = 4_000;
 /// Ways shorter than this are none, m.
 const NO_WAY_M: f64 = 1e-6;
 
@@ -162,7 +164,11 @@ impl<L: Link> Arm<L> {
             tensions_n,
             ..Measurements::default()
         };
-        let found = estimate(&self.model, &measured, &Sigmas::default(), &self.tool_m);
+        let (model, near) = (&self.model, &self.tool_m);
+        let found = self
+            .client
+            .meanwhile(|| estimate(model, &measured, &Sigmas::default(), near));
+        let found = found.map_err(RunError::from)?;
         Ok(found.map_err(RunError::from)?.rest)
     }
 
@@ -179,33 +185,46 @@ impl<L: Link> Arm<L> {
     ///
     /// # Errors
     /// The first limit that would be broken.
-    pub fn judge(&self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
+    pub fn judge(&mut self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
         let mut robot = self.model.robot().clone();
         robot.limits.tension_min_n += SPARE_N;
         robot.limits.tension_max_n -= SPARE_N;
-        let model = Model::new(&robot)?.with_options(self.model.options());
-        self.plan(&model, points_m).map(|_| ())
+        let (options, at_m) = (self.model.options(), self.tool_m);
+        let judged = self.meanwhile(|_| {
+            let model = Model::new(&robot)?.with_options(options);
+            plan(&model, at_m, points_m).map(|_| ())
+        })?;
+        Ok(judged?)
     }
 
-    fn plan(&self, model: &Model, points_m: &[Vector3<f64>]) -> Result<Option<Plan>, PickError> {
-        let mut at = self.tool_m;
-        let mut steps = Vec::new();
-        for point in points_m {
-            if (point - at).norm() < NO_WAY_M {
-                continue;
+    /// Does work with the robot's model while the board is kept fed.
+    ///
+    /// # Errors
+    /// The line's.
+    pub fn meanwhile<T: Send>(
+        &mut self,
+        work: impl FnOnce(&Model) -> T + Send,
+    ) -> Result<T, PickError> {
+        let model = &self.model;
+        let done = self.client.meanwhile(|| work(model));
+        Ok(done.map_err(RunError::from)?)
+    }
+
+    /// Asks again and again until there is an answer, while the board is kept fed.
+    ///
+    /// # Errors
+    /// The line's; a stop that was asked for.
+    pub fn until<T>(&mut self, mut ask: impl FnMut() -> Option<T>) -> Result<T, PickError> {
+        loop {
+            if let Some(answer) = ask() {
+                return Ok(answer);
             }
-            let path = Path::through(&[at, *point]).map_err(crate::motion::PlanError::from)?;
-            steps.push(Step::Move {
-                path,
-                duration_s: None,
-                speed_mps: None,
-            });
-            at = *point;
+            if let Some(kind) = run::stop_wanted(&self.client) {
+                return Err(run::stop_now(&mut self.client, kind).into());
+            }
+            let next = self.client.now_us() + ASK_US;
+            self.client.pump(next).map_err(RunError::from)?;
         }
-        if steps.is_empty() {
-            return Ok(None);
-        }
-        Ok(Some(Plan::new(model, &self.tool_m, &steps)?))
     }
 
     /// Moves the tool straight from point to point (world, m), with a rest at each.
@@ -224,7 +243,8 @@ impl<L: Link> Arm<L> {
     }
 
     fn go_at_once(&mut self, points_m: &[Vector3<f64>]) -> Result<(), PickError> {
-        let Some(plan) = self.plan(&self.model, points_m)? else {
+        let at_m = self.tool_m;
+        let Some(plan) = self.meanwhile(|model| plan(model, at_m, points_m))?? else {
             return Ok(());
         };
         let status = run::status(&mut self.client)?;
@@ -342,8 +362,9 @@ impl<L: Link> Arm<L> {
     ///
     /// # Errors
     /// Where the robot can not hang there.
-    pub fn lift_n(&self, before_n: &[f64], now_n: &[f64]) -> Result<f64, PickError> {
-        let rest = self.model.rest(&self.tool_m, None)?;
+    pub fn lift_n(&mut self, before_n: &[f64], now_n: &[f64]) -> Result<f64, PickError> {
+        let tool_m = self.tool_m;
+        let rest = self.meanwhile(|model| model.rest(&tool_m, None))??;
         let pose = &rest.equilibrium.pose;
         let cables = self.model.robot().cables.iter();
         Ok(cables
@@ -381,7 +402,7 @@ impl<L: Link> Arm<L> {
             .iter()
             .map(|length| f64::from(length.0) * 1e-7)
             .collect();
-        let rest = self.model.rest_from_lengths(&held, &tensions(&status))?;
+        let rest = self.meanwhile(|model| model.rest_from_lengths(&held, &tensions(&status)))??;
         self.tool_m = self.model.tool_m(&rest);
         Ok(())
     }
@@ -406,6 +427,32 @@ impl<L: Link> Arm<L> {
     pub fn simulated(&self) -> bool {
         self.client.info().simulated
     }
+}
+
+/// The plan of straight ways from point to point; `None` where there is no way to go.
+fn plan(
+    model: &Model,
+    from_m: Vector3<f64>,
+    points_m: &[Vector3<f64>],
+) -> Result<Option<Plan>, PlanError> {
+    let mut at = from_m;
+    let mut steps = Vec::new();
+    for point in points_m {
+        if (point - at).norm() < NO_WAY_M {
+            continue;
+        }
+        let path = Path::through(&[at, *point])?;
+        steps.push(Step::Move {
+            path,
+            duration_s: None,
+            speed_mps: None,
+        });
+        at = *point;
+    }
+    if steps.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(Plan::new(model, &from_m, &steps)?))
 }
 
 /// Points on the straight ways to some points, no further apart than [`LEG_MAX_M`].

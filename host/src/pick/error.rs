@@ -86,12 +86,12 @@ pub enum PickError {
         /// Which robot.
         robot: String,
     },
-    /// The camera is elsewhere.
-    #[error("on {on} the pictures must come from a camera, and this build has no driver for one")]
+    /// No camera with distances was named.
+    #[error("on {on} the pictures must come from a camera with distances, and none was named")]
     #[diagnostic(
         code(mcdpr::pick::no_camera),
         help(
-            "pick on the simulator (--on sim) or on the emulated chip (--on chip); docs/vision.md says what a driver needs"
+            "--camera folder:DIR reads what a program of yours writes, --camera realsense a RealSense: see docs/vision.md"
         )
     )]
     NoCamera {

@@ -25,5 +25,5 @@ pub use choose::{Choice, Choices};
 pub use error::PickError;
 pub use mat::{Mat, MatSight};
 pub use report::{Attempt, End, Outcome, Report};
-pub use task::{Options, Picker};
+pub use task::{Options, Picker, Watcher};
 pub use workcell::SimulatedEye;

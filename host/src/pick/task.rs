@@ -228,7 +228,8 @@ impl<'a, L: Link> Picker<'a, L> {
             !failed.iter().any(near)
         };
         for choice in all.good {
-            if fresh(&choice) && self.arm.judge(&self.way_there(&choice)).is_ok() {
+            let way = self.way_there(&choice);
+            if fresh(&choice) && self.arm.judge(&way).is_ok() {
                 return Ok(Ok(choice));
             }
         }
@@ -269,10 +270,14 @@ impl<'a, L: Link> Picker<'a, L> {
             .into_iter()
             .filter(|other| off(other) < SAME_M && turned(other) < SAME_TURN)
             .max_by(|a, b| a.rank().total_cmp(&b.rank()));
-        match again {
-            Some(again) if self.arm.judge(&self.way_there(&again)).is_ok() => Ok(again),
-            _ => Ok(choice),
-        }
+        let Some(again) = again else {
+            return Ok(choice);
+        };
+        let way = self.way_there(&again);
+        Ok(match self.arm.judge(&way) {
+            Ok(()) => again,
+            Err(_) => choice,
+        })
     }
 
     fn way_there(&self, choice: &Choice) -> [Vector3<f64>; 2] {

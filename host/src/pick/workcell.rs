@@ -54,10 +54,9 @@ impl SimulatedEye {
             None => of_transform(&robot.camera.camera_from_platform).inverse() * off,
         };
         let truly = robot.calibrated.as_ref().map_or(robot, |c| &c.designed);
-        let color = lens(&color_camera(truly));
         Self {
             link,
-            camera: Rgbd::d415(color, place(&platform_from_color)),
+            camera: d415(truly, &platform_from_color),
             seed,
             taken: 0,
         }
@@ -82,6 +81,22 @@ impl SimulatedEye {
     }
 }
 
+/// The simulated D415 at a place on the platform, with the colour lens of a robot file.
+#[must_use]
+pub fn d415(robot: &Robot, platform_from_color: &Isometry3<f64>) -> Rgbd {
+    Rgbd::d415(lens(&color_camera(robot)), place(platform_from_color))
+}
+
+/// What a simulated depth camera says of itself.
+#[must_use]
+pub fn cameras_of(rgbd: &Rgbd) -> Cameras {
+    Cameras {
+        color: camera(&rgbd.color),
+        depth: camera(&rgbd.depth),
+        color_from_depth: isometry_of(&rgbd.color_from_depth),
+    }
+}
+
 /// The colour camera of a robot file in the mode that picking uses.
 #[must_use]
 pub fn color_camera(robot: &Robot) -> Camera {
@@ -101,11 +116,7 @@ impl Source for SimulatedEye {
     }
 
     fn cameras(&self) -> Cameras {
-        Cameras {
-            color: camera(&self.camera.color),
-            depth: camera(&self.camera.depth),
-            color_from_depth: isometry_of(&self.camera.color_from_depth),
-        }
+        cameras_of(&self.camera)
     }
 
     fn color(&mut self) -> Result<RgbImage, SourceError> {

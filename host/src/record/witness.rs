@@ -429,6 +429,10 @@ impl<'a, L: Link> Watched<'a, L> {
 }
 
 impl<L: Link> Link for Watched<'_, L> {
+    fn goes_on(&self) -> bool {
+        self.inner.goes_on()
+    }
+
     fn now_us(&self) -> u64 {
         self.inner.now_us()
     }

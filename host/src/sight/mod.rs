@@ -4,12 +4,14 @@
 //! covariance, and the time of the picture. Whoever makes them (a detector on real or rendered
 //! pictures, [`SimulatedTags`] that projects the simulated robot's tags) stands behind this trait.
 
+mod camera;
 mod lens;
 mod pictures;
 mod scene;
 mod shown;
 mod simulated;
 
+pub use camera::{Camera, CameraTags};
 pub use lens::{lens_of, pose_of};
 pub use pictures::{PictureTags, SceneCamera};
 pub use scene::Scene;
@@ -60,17 +62,29 @@ pub trait TagSource {
     /// # Errors
     /// [`SightError`] where there is no picture.
     fn look(&mut self) -> Result<Vec<TagView>, SightError>;
+
+    /// As [`TagSource::look`], or `None` where the picture has not come yet: a caller with a robot to
+    /// feed asks again.
+    fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
+        Some(self.look())
+    }
 }
 
 impl<S: TagSource + ?Sized> TagSource for &mut S {
     fn look(&mut self) -> Result<Vec<TagView>, SightError> {
         (**self).look()
     }
+    fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
+        (**self).poll()
+    }
 }
 
 impl<S: TagSource + ?Sized> TagSource for Box<S> {
     fn look(&mut self) -> Result<Vec<TagView>, SightError> {
         (**self).look()
+    }
+    fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
+        (**self).poll()
     }
 }
 

@@ -1,11 +1,11 @@
 //! Tags of the simulated robot through pictures: rendered, then detected as a real camera's are.
 
+use super::camera::views;
 use super::{Scene, SightError, TagSource, TagView};
 use crate::link::{Link, SimulatedLink};
 use mcdpr_simulator::camera::{
     Body, Frame as Place, Lens, Optics, Scene as Surroundings, render_color,
 };
-use mcdpr_vision::tag::{Options, detect};
 use mcdpr_vision::{Camera, RgbImage};
 use nalgebra::Matrix3;
 
@@ -112,21 +112,8 @@ impl SceneCamera {
             center_px: lens.center_px,
             distortion: lens.distortion,
         };
-        let mut views: Vec<TagView> =
-            detect(&picture.to_gray(), Some(&camera), &Options::default())
-                .into_iter()
-                .filter(|found| self.scene.tags.iter().any(|tag| tag.id == found.id))
-                .map(|found| TagView {
-                    id: found.id,
-                    corners_px: found.corners_px.map(Into::into),
-                    covariance_px2: found
-                        .covariance_px2
-                        .map(|c| [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]]),
-                    image_time_us,
-                })
-                .collect();
-        views.sort_by_key(|view| view.id);
-        views
+        let ids: Vec<u32> = self.scene.tags.iter().map(|tag| tag.id).collect();
+        views(picture, &camera, &ids, image_time_us)
     }
 
     fn lens(&self) -> Lens {

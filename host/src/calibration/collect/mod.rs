@@ -243,7 +243,10 @@ impl<L: Link> Session<'_, L> {
         if sketch.data.poses.is_empty() {
             let here = self.here.clone();
             match self.measure(source, &sketch)? {
-                Ok(still) => sketch.add(&here.equilibrium.pose, &still),
+                Ok(still) => {
+                    let pose = &here.equilibrium.pose;
+                    self.client.meanwhile(|| sketch.add(pose, &still))?;
+                }
                 Err(reason) => {
                     return Err(CollectError::impossible(
                         format!("where the robot hangs now, {reason}"),
@@ -255,21 +258,27 @@ impl<L: Link> Session<'_, L> {
             keep(&sketch.data)?;
         }
         let missing = options.poses.saturating_sub(sketch.data.poses.len());
-        let mut choice = Choice::new(&self.reach, &sketch, missing, options)?;
-        if options.target_error_m.is_none() {
-            choice.plan(missing);
-        }
+        let (client, reach) = (&mut self.client, &self.reach);
+        let choice = client.meanwhile(|| {
+            let mut choice = Choice::new(reach, &sketch, missing, options)?;
+            if options.target_error_m.is_none() {
+                choice.plan(missing);
+            }
+            Ok::<_, CollectError>(choice)
+        })?;
+        let mut choice = choice?;
         let mut lost = 0;
         loop {
             let count = sketch.data.poses.len();
-            let expected_error_m = choice.expected_error_m();
+            let expected_error_m = self.client.meanwhile(|| choice.expected_error_m())?;
             let reached = options.target_error_m.is_some_and(|target| {
                 expected_error_m < target && count >= super::check::POSES_MIN
             });
             if reached || count >= options.poses {
                 break;
             }
-            let Some((k, goal)) = choice.next(&self.here) else {
+            let (client, here) = (&mut self.client, &self.here);
+            let Some((k, goal)) = client.meanwhile(|| choice.next(here))? else {
                 break;
             };
             tell(Step::Going {
@@ -282,8 +291,11 @@ impl<L: Link> Session<'_, L> {
             };
             match tried {
                 Ok(still) => {
-                    sketch.add(&goal.equilibrium.pose, &still);
-                    choice.measured(k);
+                    let expected_error_m = self.client.meanwhile(|| {
+                        sketch.add(&goal.equilibrium.pose, &still);
+                        choice.measured(k);
+                        choice.expected_error_m()
+                    })?;
                     lost = 0;
                     keep(&sketch.data)?;
                     tell(Step::Measured {
@@ -292,7 +304,7 @@ impl<L: Link> Session<'_, L> {
                         swing_m: still.swing_m,
                         averaged: still.averaged,
                         tags: still.tags.len(),
-                        expected_error_m: choice.expected_error_m(),
+                        expected_error_m,
                     });
                 }
                 Err(reason) => {
@@ -318,34 +330,30 @@ impl<L: Link> Session<'_, L> {
         source: &mut S,
         sketch: &Sketch,
     ) -> Result<Result<Still, String>, CollectError> {
-        let slowest_s = self.slowest_s(&self.here);
+        let (model, here) = (self.model, &self.here);
+        let slowest_s = self.client.meanwhile(|| slowest_s(model, here))?;
         still::measure(&mut self.client, source, |id| sketch.size_m(id), slowest_s)
-    }
-
-    /// Period of the slowest swing there, s.
-    fn slowest_s(&self, rest: &Rest) -> f64 {
-        let found = self.model.geometry().stability(&rest.equilibrium).ok();
-        let slowest = found.and_then(|s| s.modes_hz.iter().copied().next());
-        1.0 / slowest.filter(|hz| *hz > 0.2).unwrap_or(1.0)
     }
 
     /// Drives to a resting place, over home where the straight way leaves the robot's reach.
     fn go(&mut self, goal: &Rest) -> Result<Result<(), String>, CollectError> {
-        let slowest_s = self.slowest_s(goal).max(self.slowest_s(&self.here));
-        let robot = self.model.robot();
-        let straight = |from: &Rest, to: &Rest| {
-            travel::way(&self.reach, robot, from, to, slowest_s, &self.offsets_m)
-        };
-        let ways = match straight(&self.here, goal) {
-            Some(way) => vec![way],
-            None => match (straight(&self.here, &self.home), straight(&self.home, goal)) {
-                (Some(a), Some(b)) => vec![a, b],
-                _ => {
-                    return Ok(Err(
-                        "no way there keeps every cable within its limits".into()
-                    ));
-                }
-            },
+        let model = self.model;
+        let robot = model.robot();
+        let (reach, offsets_m) = (&self.reach, &self.offsets_m);
+        let (here, home) = (&self.here, &self.home);
+        let ways = self.client.meanwhile(|| {
+            let slowest_s = slowest_s(model, goal).max(slowest_s(model, here));
+            let straight =
+                |from: &Rest, to: &Rest| travel::way(reach, robot, from, to, slowest_s, offsets_m);
+            straight(here, goal).map(|way| vec![way]).or_else(|| {
+                let over_home = [straight(here, home)?, straight(home, goal)?];
+                Some(over_home.into())
+            })
+        })?;
+        let Some(ways) = ways else {
+            return Ok(Err(
+                "no way there keeps every cable within its limits".into()
+            ));
         };
         for way in ways {
             let mut recorder = Recorder::default();
@@ -369,16 +377,12 @@ impl<L: Link> Session<'_, L> {
         self.client.request(machine::reference(&metres, &newtons))?;
         run::arm(&mut self.client, self.hash)?;
         self.join()?;
-        let slowest_s = self.slowest_s(&self.here);
-        let robot = self.model.robot();
-        let back = travel::way(
-            &self.reach,
-            robot,
-            &self.here,
-            &self.home,
-            slowest_s,
-            &self.offsets_m,
-        );
+        let (model, reach, offsets_m) = (self.model, &self.reach, &self.offsets_m);
+        let (here, home) = (&self.here, &self.home);
+        let back = self.client.meanwhile(|| {
+            let slowest_s = slowest_s(model, here);
+            travel::way(reach, model.robot(), here, home, slowest_s, offsets_m)
+        })?;
         if let Some(way) = back {
             run::follow(
                 &mut self.client,
@@ -411,6 +415,13 @@ impl<L: Link> Session<'_, L> {
         let _ = self.go(&home)?;
         Ok(())
     }
+}
+
+/// Period of the slowest swing there, s.
+fn slowest_s(model: &Model, rest: &Rest) -> f64 {
+    let found = model.geometry().stability(&rest.equilibrium).ok();
+    let slowest = found.and_then(|s| s.modes_hz.iter().copied().next());
+    1.0 / slowest.filter(|hz| *hz > 0.2).unwrap_or(1.0)
 }
 
 /// Lengths (m) and tensions (N) that a board reports.

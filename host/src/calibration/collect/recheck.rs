@@ -8,7 +8,7 @@ use crate::calibration::slip::{Reading, SelfCheck, Sigmas};
 use crate::estimate::{self, Measurements, TagPlace};
 use crate::link::Link;
 use crate::motion::{Model, Task};
-use crate::run::{Recorder, Session};
+use crate::run::{Recorder, Session, plan_from};
 use crate::sight::{TagSource, TagView};
 use mcdpr_kinematics::Pose;
 use nalgebra::Vector3;
@@ -46,12 +46,16 @@ pub fn recheck<L: Link>(
         let still = match &mut source {
             Some(source) => measure(model, session, *source)?,
             None => {
-                let slowest_s = slowest_s(model, session);
+                let slowest_s = slowest_s(model, session)?;
                 still::blind(session.client(), slowest_s)?
             }
         };
-        let reading = reading_of(model, session, &still);
-        let fits = check.add(&reading);
+        let at = session.tool_m();
+        let (reading, fits) = session.client().meanwhile(|| {
+            let reading = reading_of(model, &still, &at);
+            let fits = check.add(&reading);
+            (reading, fits)
+        })?;
         fits.map_err(|error| CollectError::Impossible {
             what: format!("what was measured fits no resting pose: {error}"),
             help: "home the robot again and calibrate it".into(),
@@ -60,32 +64,38 @@ pub fn recheck<L: Link>(
             break;
         }
         // The first of the places left that the robot can reach.
-        let gone = ways.find_map(|to| go(session, to).transpose());
+        let gone = ways.find_map(|to| go(model, session, to).transpose());
         match gone {
             Some(done) => done?,
             None => break,
         }
     }
-    if let Some(done) = go(session, home).transpose() {
+    if let Some(done) = go(model, session, home).transpose() {
         done?;
     }
     Ok(())
 }
 
 /// Drives there; `None` where the way would break a limit.
-fn go<L: Link>(session: &mut Session<'_, L>, to: Vector3<f64>) -> Result<Option<()>, CollectError> {
+fn go<L: Link>(
+    model: &Model,
+    session: &mut Session<'_, L>,
+    to: Vector3<f64>,
+) -> Result<Option<()>, CollectError> {
     let task = Task::go_to("check", to).map_err(crate::run::RunError::from)?;
-    let Ok(plan) = session.plan(task, None) else {
+    let at = session.tool_m();
+    let plan = || plan_from(model, task, &at, None);
+    let Ok(plan) = session.client().meanwhile(plan)? else {
         return Ok(None);
     };
     session.follow(&plan, &mut Recorder::default(), |_| {})?;
     Ok(Some(()))
 }
 
-fn slowest_s<L: Link>(model: &Model, session: &Session<'_, L>) -> f64 {
-    let found = model.geometry().stability(&session.at().equilibrium).ok();
-    let slowest = found.and_then(|s| s.modes_hz.iter().copied().next());
-    1.0 / slowest.filter(|hz| *hz > 0.2).unwrap_or(1.0)
+fn slowest_s<L: Link>(model: &Model, session: &mut Session<'_, L>) -> Result<f64, CollectError> {
+    let here = session.at().clone();
+    let slowest = || super::slowest_s(model, &here);
+    Ok(session.client().meanwhile(slowest)?)
 }
 
 fn measure<L: Link>(
@@ -93,7 +103,7 @@ fn measure<L: Link>(
     session: &mut Session<'_, L>,
     mut source: &mut dyn TagSource,
 ) -> Result<Still, CollectError> {
-    let slowest_s = slowest_s(model, session);
+    let slowest_s = slowest_s(model, session)?;
     let tags = &model.robot().tags;
     let size_m = |id: u32| {
         let tag = tags.iter().find(|tag| tag.id == id)?;
@@ -107,11 +117,11 @@ fn measure<L: Link>(
     }
 }
 
-fn reading_of<L: Link>(model: &Model, session: &Session<'_, L>, still: &Still) -> Reading {
+fn reading_of(model: &Model, still: &Still, near: &Vector3<f64>) -> Reading {
     Reading {
         lengths_m: still.lengths_m.clone(),
         tensions_n: still.tensions_n.clone(),
-        seen: seen(model, still, &session.tool_m()),
+        seen: seen(model, still, near),
     }
 }
 

@@ -14,6 +14,10 @@ use mcdpr_protocol::StopKind;
 pub const AT_REST_M: f64 = 5e-5;
 /// Time between pictures, us.
 const FRAME_US: u64 = 33_333;
+/// Time between two questions whether a picture has come, us.
+const POLL_US: u64 = 4_000;
+/// Fewest pictures, where a camera is slow.
+const FRAMES_MIN: usize = 3;
 /// Shortest window, s.
 const WINDOW_MIN_S: f64 = 0.6;
 /// After this time whole periods are averaged instead of waiting on, s.
@@ -139,7 +143,7 @@ fn look<L: Link, S: TagSource>(
     };
     while client.next_event().is_some() {}
     let end_us = client.now_us() + (seconds * 1e6) as u64;
-    while client.now_us() < end_us {
+    while client.now_us() < end_us || out.frames.len() < FRAMES_MIN {
         let next_us = client.now_us() + FRAME_US;
         client.pump(next_us).map_err(RunError::from)?;
         if interrupted() {
@@ -153,7 +157,15 @@ fn look<L: Link, S: TagSource>(
         if let Some(record) = client.status().and_then(|status| status.fault) {
             return Err(RunError::Fault { record }.into());
         }
-        out.frames.push(source.look()?);
+        let views = loop {
+            if let Some(views) = source.poll() {
+                break views?;
+            }
+            client
+                .pump(client.now_us() + POLL_US)
+                .map_err(RunError::from)?;
+        };
+        out.frames.push(views);
     }
     Ok(out)
 }

@@ -2,6 +2,7 @@
 
 use crate::calibration::collect::{CollectError, recheck};
 use crate::calibration::slip::{Finding, Sigmas};
+use crate::cli::eye::Eye;
 use crate::cli::recorded::{OnRecord, Work, on_record};
 use crate::cli::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
@@ -27,6 +28,8 @@ pub(crate) struct Cmd {
     /// Do not look at the tags, even where there is a camera
     #[arg(long)]
     no_tags: bool,
+    #[command(flatten)]
+    eye: Eye,
     /// Part of a tension that the pulleys hide from its sensor
     #[arg(long, default_value_t = PULLEYS, value_name = "PART")]
     friction: f64,
@@ -89,8 +92,9 @@ impl Cmd {
         record: &OnRecord<'_>,
     ) -> miette::Result<Vec<Finding>> {
         let handle = Handle::new();
-        let mut tags = None;
+        let mut tags: Option<Box<dyn TagSource>> = None;
         let (link, homing) = if common.on == "sim" {
+            self.eye.refused_on_simulator()?;
             let link = experiment::simulated_robot(
                 model,
                 &Mismatch::as_built(),
@@ -98,10 +102,14 @@ impl Cmd {
                 &LinkOptions::default(),
             )?;
             let scene = Scene::of(model.robot(), common.seed);
-            tags = Some(SimulatedTags::new(link.clone(), scene, 0.1, common.seed));
+            let seen = SimulatedTags::new(link.clone(), scene, 0.1, common.seed);
+            tags = Some(Box::new(seen));
             let home = Homing::Lengths(calibrated.home_lengths_m.clone());
             (record.simulated(link), home)
         } else {
+            if let Some(seen) = self.eye.tags(model.robot())? {
+                tags = Some(Box::new(seen));
+            }
             let link = common.open_port().map_err(ClientError::from)?;
             (record.line(link), Homing::Known)
         };

@@ -1,20 +1,24 @@
 //! `mcdpr calibrate collect`: measures poses on the robot.
 
 use crate::calibration::collect::{CollectError, Options, Step, collect};
-use crate::calibration::result::write_whole;
+use crate::calibration::result::{FileError, write_whole};
 use crate::calibration::simulate::Target;
 use crate::calibration::{Data, target};
+use crate::cli::eye::Eye;
 use crate::cli::recorded::{Work, on_record};
 use crate::cli::{Common, Failed, Outcome, print_json};
 use crate::experiment;
+use crate::link::ClientError;
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::Doing;
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
-use crate::sight::{Scene, SimulatedTags};
+use crate::sight::{Scene, SimulatedTags, TagSource};
 use mcdpr_simulator::LinkOptions;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Sender, channel};
+use std::thread::JoinHandle;
 
 /// Drive to well-chosen poses, wait for rest, and measure lengths, tensions and tags
 #[derive(Debug, clap::Args)]
@@ -44,6 +48,8 @@ pub(crate) struct How {
     /// Number of reachable poses to choose from
     #[arg(long, default_value_t = 300)]
     candidates: usize,
+    #[command(flatten)]
+    eye: Eye,
     /// Simulator: noise of a corner in one picture, px
     #[arg(long, default_value_t = 0.1, value_name = "PX")]
     corner_px: f64,
@@ -110,14 +116,6 @@ impl How {
         path: &Path,
         common: &Common,
     ) -> miette::Result<Data> {
-        if common.on != "sim" {
-            return Err(Failed::from_error("calibrate collect")(format!(
-                "no camera is known beside {}: data can be collected on the simulator, and data from \
-                 elsewhere are solved by `mcdpr calibrate all --data FILE`",
-                common.on
-            ))
-            .into());
-        }
         let mut robot = designed.clone();
         if let Some(target) = self.target.target() {
             robot.tags = target::tags(target);
@@ -126,30 +124,50 @@ impl How {
         let model = Model::new(&robot)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let mismatch = Mismatch::as_built();
-        let link =
-            experiment::simulated_robot(&model, &mismatch, common.seed, &LinkOptions::default())?;
-        let scene = Scene::of(&robot, common.seed);
-        let mut tags = SimulatedTags::new(link.clone(), scene, self.corner_px, common.seed);
+        let simulated = common.on == "sim";
+        let (link, mut tags) = if simulated {
+            self.eye.refused_on_simulator()?;
+            let options = LinkOptions::default();
+            let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
+            let scene = Scene::of(&robot, common.seed);
+            let tags = SimulatedTags::new(link.clone(), scene, self.corner_px, common.seed);
+            (Some(link), Box::new(tags) as Box<dyn TagSource>)
+        } else {
+            let Some(tags) = self.eye.tags(&robot)? else {
+                return Err(Failed::from_error("calibrate collect")(format!(
+                    "on {} the pictures of the tags come from a camera: name it with --camera; data \
+                     from elsewhere are solved by `mcdpr calibrate all --data FILE`",
+                    common.on
+                ))
+                .into());
+            };
+            (None, Box::new(tags) as Box<dyn TagSource>)
+        };
         let options = Options {
             poses: self.poses,
             candidates: self.candidates,
             target_error_m: self.target_error_mm.map(|mm| mm * 1e-3),
             seed: common.seed,
-            simulated_seed: Some(common.seed),
+            simulated_seed: simulated.then_some(common.seed),
             described: Some(designed.content_hash()),
         };
-        let keep = |data: &Data| {
-            let text = serde_json::to_string(&data.to_json()).unwrap_or_default();
-            write_whole(path, &text).map_err(CollectError::from)
-        };
+        let mut keeper = Keeper::start(path.to_owned())?;
         // What the pictures showed changed where it went, and nothing else.
         let work = Work::new("collect", Doing::Orders, mismatch, &model);
         let (data, folder) = on_record(common, &work, |record| {
-            let line = (record.simulated(link), Some(record.session));
+            let line = match link {
+                Some(link) => record.simulated(link),
+                None => record.line(common.open_port().map_err(ClientError::from)?),
+            };
+            let line = (line, Some(record.session));
             let tell = |step| tell(&step);
-            Ok(collect(
-                &model, line, &mut tags, &options, before, keep, tell,
-            )?)
+            let keep = |data: &Data| keeper.keep(data);
+            let done = collect(&model, line, &mut tags, &options, before, keep, tell);
+            // Also where it ended early: what was measured is there.
+            let kept = keeper.finish();
+            let data = done?;
+            kept?;
+            Ok(data)
         })?;
         eprintln!("run folder: {}", folder.path().display());
         Ok(data)
@@ -162,6 +180,52 @@ impl How {
         let what = format!("calibration data {}", path.display());
         let text = crate::files::read_text(path).map_err(Failed::from_error(&what))?;
         Ok(Some(Data::from_json(&text)?))
+    }
+}
+
+/// Writes the data on a thread of its own: a disk may take longer than a board waits for its host.
+struct Keeper {
+    texts: Option<Sender<String>>,
+    thread: Option<JoinHandle<Result<(), FileError>>>,
+}
+
+impl Keeper {
+    fn start(path: PathBuf) -> Result<Self, Failed> {
+        let (texts, todo) = channel::<String>();
+        let work = move || {
+            while let Ok(text) = todo.recv() {
+                // Each text has all data: of several the last is enough.
+                write_whole(&path, &todo.try_iter().last().unwrap_or(text))?;
+            }
+            Ok(())
+        };
+        let thread = std::thread::Builder::new().name("data".to_owned());
+        let thread = thread
+            .spawn(work)
+            .map_err(Failed::from_error("a thread for the data"))?;
+        Ok(Self {
+            texts: Some(texts),
+            thread: Some(thread),
+        })
+    }
+
+    fn keep(&mut self, data: &Data) -> Result<(), CollectError> {
+        let text = serde_json::to_string(&data.to_json()).unwrap_or_default();
+        match self.texts.as_ref().map(|texts| texts.send(text)) {
+            Some(Ok(())) => Ok(()),
+            // The thread ended: it says why.
+            _ => self.finish(),
+        }
+    }
+
+    /// Waits until everything is written.
+    fn finish(&mut self) -> Result<(), CollectError> {
+        self.texts = None;
+        let written = self.thread.take().map(JoinHandle::join);
+        match written {
+            Some(Ok(written)) => Ok(written?),
+            _ => Ok(()),
+        }
     }
 }
 

@@ -12,6 +12,7 @@ mod winch;
 
 use super::{Common, Outcome};
 use clap::Subcommand;
+pub(crate) use collect::On;
 
 /// Find the robot's parameters from cable lengths, tensions and pictures of tags
 #[derive(Debug, clap::Args)]

@@ -21,16 +21,21 @@ impl<L: Link> Picker<'_, L> {
         &mut self,
         picture: &RgbImage,
         by_lengths: &Isometry3<f64>,
-    ) -> Option<(Isometry3<f64>, MatSight)> {
-        let mat = self.options.mat.as_ref()?;
-        let sight = mat.in_picture(&self.eye.cameras().color, picture)?;
+    ) -> Result<Option<(Isometry3<f64>, MatSight)>, PickError> {
+        let Some(mat) = self.options.mat.as_ref() else {
+            return Ok(None);
+        };
+        let camera = self.eye.cameras().color;
+        let Some(sight) = self.arm.meanwhile(|_| mat.in_picture(&camera, picture))? else {
+            return Ok(None);
+        };
         let camera = &self.arm.model().robot().camera;
         let platform_from_mat =
             of_transform(&camera.camera_from_platform).inverse() * sight.camera_from_mat;
         let world_from_mat = *self
             .world_from_mat
             .get_or_insert(by_lengths * platform_from_mat);
-        Some((world_from_mat * platform_from_mat.inverse(), sight))
+        Ok(Some((world_from_mat * platform_from_mat.inverse(), sight)))
     }
 
     /// Where the tool hangs: by the mat, or by lengths and tensions and what the mat last said of
@@ -39,9 +44,10 @@ impl<L: Link> Picker<'_, L> {
         let rest = self.arm.state()?;
         let by_lengths = self.arm.model().tool_m(&rest);
         if self.options.mat.is_some() {
-            let picture = self.eye.color()?;
+            let eye = &mut *self.eye;
+            let picture = self.arm.until(|| eye.poll_color())??;
             let tool = self.arm.model().robot().tool.tcp_in_platform_m;
-            let by_mat = self.platform_by_mat(&picture, &isometry(&rest));
+            let by_mat = self.platform_by_mat(&picture, &isometry(&rest))?;
             self.last_sight = by_mat.map(|(_, sight)| sight);
             if let Some((platform, _)) = by_mat {
                 let seen = (platform * nalgebra::Point3::from(tool)).coords;

@@ -24,13 +24,14 @@ impl<L: Link> Picker<'_, L> {
     ) -> Result<Result<(usize, Choices), NoGrasp>, PickError> {
         self.arm.wait(CALM_S)?;
         let by_lengths = self.arm.world_from_platform()?;
-        let frame = self.eye.frame()?;
+        let eye = &mut *self.eye;
+        let frame = self.arm.until(|| eye.poll_frame())??;
         watcher.pictured();
         self.views += 1;
-        let by_mat = self.platform_by_mat(&frame.color, &by_lengths);
+        let by_mat = self.platform_by_mat(&frame.color, &by_lengths)?;
         self.sights.push(by_mat.map(|(_, sight)| sight));
         let world_from_platform = by_mat.map_or(by_lengths, |(platform, _)| platform);
-        let picture = align(&frame);
+        let picture = self.arm.meanwhile(|_| align(&frame))?;
         let robot = self.arm.model().robot();
         let platform_from_camera = of_transform(&robot.camera.camera_from_platform).inverse();
         let world_from_camera = world_from_platform * platform_from_camera;
@@ -53,25 +54,22 @@ impl<L: Link> Picker<'_, L> {
                 half_m: options.tray_half_m,
             }),
         };
-        let map = match HeightMap::new(&picture) {
+        let map = match self.arm.meanwhile(|_| HeightMap::new(&picture))? {
             Ok(map) => map,
             Err(reason) => return Ok(Err(reason)),
         };
         if let Some((_, sight)) = &by_mat {
             agree(&map.camera_from_map, sight)?;
         }
-        let grasps = match self.detector.detect(&picture, &wanted) {
+        let detector = &mut *self.detector;
+        let grasps = match self.arm.meanwhile(|_| detector.detect(&picture, &wanted))? {
             Ok(grasps) => grasps,
             Err(reason) => return Ok(Err(reason)),
         };
-        let mut choices = choose(
-            self.arm.model(),
-            &map,
-            &grasps,
-            &world_from_camera,
-            &options.hand,
-            options.turns,
-        );
+        let mut choices = self.arm.meanwhile(|model| {
+            let (hand, turns) = (&options.hand, options.turns);
+            choose(model, &map, &grasps, &world_from_camera, hand, turns)
+        })?;
         for choice in &mut choices.good {
             choice.view = self.views - 1;
         }

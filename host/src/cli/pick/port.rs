@@ -1,0 +1,145 @@
+//! Picking with a robot on a port and a real camera.
+
+use super::{Cmd, seen, table};
+use crate::cli::recorded::{About, Recorded};
+use crate::cli::{Common, Failed, Outcome, print_json};
+use crate::control::Handle;
+use crate::link::ClientError;
+use crate::machine::Mismatch;
+use crate::motion::Model;
+use crate::pick::study::planning;
+use crate::pick::{
+    Arm, Choice, Options, Outcome as Came, PickError, Picker, Report, Watcher, workcell,
+};
+use crate::record::{Doing, TaskSource, Watched};
+use crate::robot::Robot;
+use crate::run::{RunError, new_session, watch_for_interrupts};
+use mcdpr_simulator::camera::Tray;
+use mcdpr_vision::Source;
+
+/// Nothing in the world waits for being told.
+struct Nobody;
+
+impl Watcher for Nobody {
+    fn chosen(&mut self, choice: &Choice) {
+        let [x, y, z] = (choice.tool_m * 1e3).into();
+        eprintln!("takes what is at ({x:.0}, {y:.0}, {z:.0}) mm");
+    }
+    fn closing(&mut self, _: &Choice) {}
+    fn lifted(&mut self) {}
+}
+
+impl Cmd {
+    /// Picks on the robot of `--on`.
+    pub(super) fn on_port(&self, common: &Common, robot: &Robot) -> Outcome {
+        let no_camera = || {
+            let on = common.on.clone();
+            PickError::NoCamera { on }
+        };
+        if self.scenes.is_some() || self.nominal || self.ideal {
+            return Err(Failed::from_error("picking on a port")(
+                "--scenes, --nominal and --ideal are of the simulator",
+            )
+            .into());
+        }
+        if !self.eye.has_depth() {
+            return Err(no_camera().into());
+        }
+        let model = Model::new(robot)?.with_options(planning());
+        let options = self.options(&model)?;
+        let mut detector = self.detector()?;
+        let eye = self.eye.open(&workcell::color_camera(robot))?;
+        let mut eye = eye.ok_or_else(no_camera)?;
+        eprintln!("pictures: {}", eye.name());
+        watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
+        let handle = Handle::new();
+        #[cfg(unix)]
+        let _listening = crate::cli::orders::listen(common, &handle)?;
+        let about = About {
+            name: "pick",
+            task: TaskSource {
+                name: "pick".to_owned(),
+                text: None,
+                tool_z_m: 0.0,
+            },
+            session: new_session(),
+            mismatch: &Mismatch::default(),
+            doing: Doing::Pictures,
+            at_home: false,
+        };
+        let session = about.session;
+        let mut recorded = Recorded::start(common, Some(&model), about)?;
+        let page = self
+            .serve
+            .map(|port| crate::cli::run::page(port, &model, &handle, &mut recorded, common))
+            .transpose()?;
+        let mut picked = || -> Result<Report, PickError> {
+            let port = common.open_port().map_err(ClientError::from);
+            let port = port.map_err(RunError::from)?;
+            let line = Watched::new(port, &recorded.witness).with_orders(&handle);
+            let mut arm = Arm::start(model.clone(), line, session, &handle)?;
+            let done =
+                Picker::new(&mut arm, &mut eye, detector.as_mut(), &options).run(&mut Nobody);
+            match done {
+                Ok(report) => {
+                    arm.finish()?;
+                    Ok(report)
+                }
+                // What came over the line has stopped the robot already.
+                Err(error @ PickError::Run(_)) => Err(error),
+                Err(error) => {
+                    arm.finish()?;
+                    Err(error)
+                }
+            }
+        };
+        let outcome = picked();
+        drop(page);
+        let folder = recorded.finish();
+        if let Ok(report) = &outcome
+            && let Err(error) = folder.write_json("summary.json", report)
+        {
+            crate::cli::run::incomplete(&error);
+        }
+        eprintln!("run folder: {}", folder.path().display());
+        let report = outcome?;
+        if common.json {
+            return print_json(&report);
+        }
+        table(&report, &[]);
+        seen(&report);
+        let came = report.attempts.iter().map(|attempt| attempt.outcome);
+        say!(
+            "{} picked in {} attempts and {:.0} s; {}",
+            came.filter(|came| *came == Came::Delivered).count(),
+            report.attempts.len(),
+            report.duration_s,
+            super::end(&report.end)
+        );
+        Ok(())
+    }
+
+    /// The task at the place where the tray stands (docs/picking.md).
+    fn options(&self, model: &Model) -> Result<Options, PickError> {
+        let mut options = if self.task == "paper" {
+            workcell::paper(model)?.1
+        } else {
+            workcell::options(model.robot())?
+        };
+        let mat = Tray::default().with_mat().mat;
+        if let Some(rows) = mat.filter(|_| !self.no_mat) {
+            options.mat = Some(workcell::mat(&rows));
+            options.hand.margin_m = workcell::MARGIN_BY_MAT_M;
+        }
+        workcell::look_from(&mut options, usize::from(self.views));
+        if self.far_only {
+            options.near_m = None;
+        }
+        if let Some(most) = self.attempts {
+            options.attempts_max = most;
+        }
+        // The board's gripper opens and closes; it has no wrist.
+        options.turns = false;
+        Ok(options)
+    }
+}
