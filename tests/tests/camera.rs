@@ -77,7 +77,7 @@ fn said(output: &Output) -> String {
 #[test]
 fn calibration_data_are_collected_on_a_port_by_pictures_of_a_folder() {
     let _alone = alone();
-    let make = || Scene::new("camera-collect", "0.2", &["--target", "board"]);
+    let make = || Scene::new("camera-collect", "0.1", &["--target", "board"]);
     let collect = ["calibrate", "collect", "--target", "board"];
     let few = ["--poses", "2", "--candidates", "20", "--out", "data.json"];
     let words = [collect.as_slice(), &few].concat();
