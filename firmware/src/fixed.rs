@@ -231,6 +231,7 @@ impl LowPass {
 }
 
 #[cfg(test)]
+#[expect(clippy::cast_possible_truncation, reason = "under 63")]
 mod tests {
     use super::*;
 

@@ -174,6 +174,11 @@ const fn times(a: i32, b: i32) -> i64 {
 }
 
 #[cfg(test)]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::float_arithmetic,
+    reason = "a reference in f64, of values that are bounded"
+)]
 mod tests {
     use super::*;
     use mcdpr_protocol::{MicrometresPerSecond, Millinewtons};
