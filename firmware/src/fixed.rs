@@ -107,8 +107,8 @@ const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
 }
 
 /// `value / divisor`, rounded towards zero; of a divisor that is wider than 24 bits only the upper 24
-/// count, so that the quotient is good to 1 in 2^22. The chip divides 32 bits by 32: as many bits of
-/// the value as the divisor leaves free go at once, as on paper. The library's division of 64 bits
+/// count, so that the quotient is good to 1 in 2^22. The chip divides 32 bits by 32:
+/// eight bits of the value go at once, as on paper. The library's division of 64 bits
 /// would take a kilobyte of its flash.
 ///
 /// ```
@@ -131,16 +131,14 @@ pub const fn division(value: i64, divisor: i64) -> i64 {
         (size, by) = (size >> 1, by >> 1);
     }
     let by = by as u32;
-    let room = by.leading_zeros();
-    let (mut left, mut rest, mut found) = (u64::BITS, 0, 0);
+    let (mut left, mut rest, mut found) = (u64::BITS / 8, 0, 0);
     while left > 0 {
-        let bits = if left < room { left } else { room };
-        // Under the divisor, the rest leaves the room that the next bits take.
-        rest = (rest << bits) | ((size >> 32) as u32) >> (u32::BITS - bits);
-        size <<= bits;
-        found = (found << bits) + (rest / by) as u64;
+        // Under the divisor, the rest leaves room for eight bits.
+        rest = (rest << 8) | (size >> 56) as u32;
+        size <<= 8;
+        found = (found << 8) + (rest / by) as u64;
         rest %= by;
-        left -= bits;
+        left -= 1;
     }
     let found = found.cast_signed();
     if (value < 0) == (divisor < 0) {
