@@ -61,7 +61,7 @@ pub struct Choices {
 const ENGAGED_MIN_M: f64 = 0.005;
 /// Pads that lie on a wall over so little of their height slip, m; from [`LIES_ON_M`] on more is no
 /// better.
-const LIES_ON_MIN_M: f64 = 0.0025;
+const LIES_ON_MIN_M: f64 = 0.0021;
 const LIES_ON_M: f64 = 0.005;
 /// Grasps whose middle lies further from the tool than this are moved there once.
 const OFF_M: f64 = 0.0005;
