@@ -5,6 +5,7 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// A folder of a test, gone with it.
@@ -98,6 +99,13 @@ pub fn signal(name: &str, process: u32) {
     let line = format!("kill -{name} {process}");
     let status = Command::new("sh").args(["-c", &line]).status();
     assert!(status.is_ok_and(|status| status.success()), "{line}");
+}
+
+/// Held by a test that drives a robot in real time: two robots on two processors starve each other.
+#[must_use]
+pub fn alone() -> MutexGuard<'static, ()> {
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Leaves the processor to others for a moment, between two looks at what one waits for.

@@ -3,17 +3,9 @@
 #![cfg(target_os = "linux")]
 
 use mcdpr_tests::mcdpr;
-use mcdpr_tests::process::{Folder, Simulator};
+use mcdpr_tests::process::{Folder, Simulator, alone};
 use serde_json::Value;
 use std::process::Output;
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
-/// Two robots on two processors starve each other.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
-fn alone() -> MutexGuard<'static, ()> {
-    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// A simulated robot with its camera.
 struct Scene {

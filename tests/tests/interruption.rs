@@ -4,24 +4,16 @@
 #![cfg(target_os = "linux")]
 
 use mcdpr_tests::mcdpr;
-use mcdpr_tests::process::{Folder, Simulator, breathe, ends_within, signal};
+use mcdpr_tests::process::{Folder, Simulator, alone, breathe, ends_within, signal};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// At this speed a busy machine has half a second before the board misses its host.
 const SCALE: &str = "0.2";
 /// Real time in which a run must have ended: arming, a way, a stop, brakes, the answer.
 const SOON: Duration = Duration::from_secs(60);
-
-/// Two robots on two processors starve each other.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
-fn alone() -> MutexGuard<'static, ()> {
-    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 struct Scene {
     simulator: Simulator,

@@ -10,17 +10,10 @@ use mcdpr_tests::process::Folder;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::Path;
 use std::process::{Child, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Long enough for a busy machine.
 const PATIENCE: Duration = Duration::from_secs(40);
-
-/// One browser at a time: two cores do not draw two robots in time.
-fn alone() -> MutexGuard<'static, ()> {
-    static LOCK: Mutex<()> = Mutex::new(());
-    LOCK.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 fn wait(page: &mut Page, what: &str) {
     page.wait(what, PATIENCE);

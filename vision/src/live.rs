@@ -9,8 +9,9 @@
 //! wanted              written by the reader: when it last asked for a picture
 //! ```
 //!
-//! Numbers rise, also when the writer starts anew, or it deletes what it finds. A picture counts once its `frame` file is there: it is written under another name and
-//! then renamed, after the pictures. `taken_s` is when the exposure began, in seconds since 1970 by the
+//! Numbers rise, also when the writer starts anew, or it deletes what it finds. A picture counts once
+//! its `frame` file is there: it is written under another name and then renamed, after the pictures.
+//! `taken_s` is when the exposure began, in seconds since 1970 by the
 //! clock of this machine; a picture taken before it was asked for is not used. Who takes pictures on
 //! demand takes one whenever `wanted` changes; who takes them all the time need not look at it. Old
 //! pictures are the writer's to delete.

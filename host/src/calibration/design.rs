@@ -11,8 +11,34 @@ use super::plan::Candidate;
 use super::predict::{Prediction, predict};
 use super::rows::Model;
 use super::unknowns::{Layout, State};
-use mcdpr_kinematics::Pose;
+use mcdpr_kinematics::{Pose, Robot};
 use nalgebra::DMatrix;
+
+/// How thoroughly better candidates are looked for near those taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Search {
+    /// Rounds, each nearer than the one before.
+    pub rounds: usize,
+    /// Tried near each taken one in each round.
+    pub tried: usize,
+    /// Distance of a round per distance of the one before.
+    pub nearer: f64,
+}
+
+impl Search {
+    /// For a robot that waits for the answer.
+    pub const QUICK: Self = Self {
+        rounds: 6,
+        tried: 6,
+        nearer: 0.65,
+    };
+    /// For plans made beforehand; takes some seconds.
+    pub const THOROUGH: Self = Self {
+        rounds: 30,
+        tried: 10,
+        nearer: 0.88,
+    };
+}
 
 /// The information of every candidate, what has been taken of it, and what it is wanted for.
 #[derive(Debug, Clone)]
@@ -67,13 +93,18 @@ impl Design {
         candidate: &Candidate,
         options: &Options,
     ) -> Option<(Layout, State)> {
+        // As encoders would read that were zero at no length at all: a drum's scale shows in the whole
+        // length, as it does in the prediction.
+        let cables = super::lengths::singles(&data.robot.cables).ok()?;
+        let length_m = |cable: &Robot<1>| cable.lengths_m(&candidate.pose).ok().map(|[m]| Some(m));
+        let encoder_m = cables.iter().map(length_m).collect::<Option<_>>()?;
         let single = Data {
             id: String::new(),
             robot: data.robot.clone(),
             tags: data.tags.clone(),
             world_from_body: data.world_from_body.clone(),
             poses: vec![Observation {
-                encoder_m: vec![Some(0.0); data.cable_count()],
+                encoder_m,
                 tension_n: Some(candidate.tensions_n.clone()),
                 views: candidate.views.clone(),
                 noise_factor: 1.0,
@@ -189,19 +220,16 @@ impl Design {
         data: &Data,
         all: &mut Vec<Candidate>,
         options: &Options,
-        keep: usize,
+        (keep, search): (usize, Search),
         mut near: impl FnMut(&Candidate, f64) -> Option<Candidate>,
     ) {
-        const ROUNDS: usize = 6;
-        /// Tried near each taken one in each round.
-        const TRIED: usize = 6;
-        // From half of a distance that matters, nearer from round to round.
+        // From half of a distance that matters.
         let mut size = 0.5;
-        for _ in 0..ROUNDS {
+        for _ in 0..search.rounds {
             let first = all.len();
             let taken = self.taken.clone();
             for &k in &taken[keep..] {
-                for _ in 0..TRIED {
+                for _ in 0..search.tried {
                     let found = near(&all[k], size);
                     let Some(found) = found else { continue };
                     if self.learn(data, &found, options).is_some() {
@@ -210,7 +238,7 @@ impl Design {
                 }
             }
             self.exchange_with(keep, first, 2);
-            size *= 0.65;
+            size *= search.nearer;
         }
     }
 }

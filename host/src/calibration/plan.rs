@@ -2,7 +2,7 @@
 //! position error, see [`super::design`].
 
 use super::data::{Data, View};
-pub use super::design::Design;
+pub use super::design::{Design, Search};
 use super::joint::Options;
 use super::simulate::{Dice, equilibrium_within, random_equilibrium, views_at};
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot};
@@ -138,7 +138,8 @@ pub fn choose(
     design.exchange(0);
     if let Some(robot) = nominal(data) {
         let mut dice = Dice::new(0x6E65_6172);
-        design.refine(data, &mut all, options, 0, |candidate, size| {
+        let within = (0, Search::THOROUGH);
+        design.refine(data, &mut all, options, within, |candidate, size| {
             near(data, &robot, &mut dice, candidate, size)
         });
     }
@@ -170,6 +171,26 @@ pub fn choose(
 mod tests {
     use super::super::simulate::{Setup, Target, simulate};
     use super::*;
+
+    #[test]
+    fn what_a_plan_expects_is_what_the_estimate_then_states() {
+        let (mut data, truth) = simulate(&Setup::default()).unwrap();
+        let options = Options::default();
+        let stated = super::super::joint::joint(&data, &options).unwrap();
+        let measured = data.poses.drain(..).zip(&truth.poses);
+        let all: Vec<Candidate> = measured
+            .map(|(seen, pose)| Candidate {
+                pose: *pose,
+                tensions_n: seen.tension_n.unwrap(),
+                held: 3,
+                views: seen.views,
+            })
+            .collect();
+        let mut design = Design::new(&data, &all, &truth.holdout, &options).unwrap();
+        (0..all.len()).for_each(|k| design.take(k));
+        let ratio = design.expected_error_m().unwrap() / stated.predicted_error_m;
+        assert!((0.95..1.05).contains(&ratio), "{ratio}");
+    }
 
     #[test]
     fn poses_near_the_best_at_random_are_better_still_and_within_reach() {

@@ -60,10 +60,7 @@ impl Camera {
                 }
             }
         };
-        let thread = std::thread::Builder::new().name("camera".to_owned());
-        thread
-            .spawn(work)
-            .map_err(|error| gone(&error.to_string()))?;
+        begin("camera", work)?;
         let (name, cameras) = opened.recv().map_err(|_| gone("it ended at once"))??;
         Ok(Self {
             name,
@@ -110,6 +107,13 @@ impl Camera {
             }
         }
     }
+}
+
+/// Work on a thread of its own, which ends when nobody asks it any more.
+fn begin(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SourceError> {
+    let thread = std::thread::Builder::new().name(name.to_owned());
+    let begun = thread.spawn(work);
+    begun.map(drop).map_err(|error| gone(&error.to_string()))
 }
 
 fn gone(reason: &str) -> SourceError {
@@ -188,10 +192,7 @@ impl CameraTags {
                 }
             }
         };
-        let thread = std::thread::Builder::new().name("tags".to_owned());
-        thread
-            .spawn(work)
-            .map_err(|error| gone(&error.to_string()))?;
+        begin("tags", work)?;
         Ok(Self {
             asks,
             answers,

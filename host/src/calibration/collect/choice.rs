@@ -2,7 +2,7 @@
 
 use super::super::Options as Estimator;
 use super::super::data::Data;
-use super::super::plan::{Candidate, Design};
+use super::super::plan::{Candidate, Design, Search};
 use super::super::simulate::Dice;
 use super::{CollectError, Options, Reach, Sketch};
 use crate::motion::Rest;
@@ -99,7 +99,7 @@ impl<'a> Choice<'a> {
             known,
             &mut self.all,
             &Estimator::default(),
-            keep,
+            (keep, Search::QUICK),
             |candidate, size| reach.near(known, candidate, size, dice),
         );
     }

@@ -345,17 +345,21 @@ impl<L: Link> Session<'_, L> {
             let slowest_s = slowest_s(model, goal).max(slowest_s(model, here));
             let straight =
                 |from: &Rest, to: &Rest| travel::way(reach, robot, from, to, slowest_s, offsets_m);
-            straight(here, goal).map(|way| vec![way]).or_else(|| {
-                let over_home = [straight(here, home)?, straight(home, goal)?];
-                Some(over_home.into())
-            })
+            straight(here, goal)
+                .map(|way| vec![(way, goal)])
+                .or_else(|| {
+                    let over_home = [(straight(here, home)?, home), (straight(home, goal)?, goal)];
+                    Some(over_home.into())
+                })
+                .map(|ways| ways.into_iter().map(|(way, to)| (way, to.clone())))
+                .map(Vec::from_iter)
         })?;
         let Some(ways) = ways else {
             return Ok(Err(
                 "no way there keeps every cable within its limits".into()
             ));
         };
-        for way in ways {
+        for (way, to) in ways {
             let mut recorder = Recorder::default();
             let watch = |seen: &Recorder| guard::reason(&self.reach, &seen.samples);
             let gone = run::follow_watched(&mut self.client, &way.knots, &mut recorder, watch)?;
@@ -363,25 +367,26 @@ impl<L: Link> Session<'_, L> {
                 self.turn_back()?;
                 return Ok(Err(reason));
             }
+            self.here = to;
         }
-        self.here = goal.clone();
         Ok(Ok(()))
     }
 
-    /// After a stop on the way: back to home, from where every planned pose can be reached.
+    /// After a stop on the way: back to where it began.
     fn turn_back(&mut self) -> Result<(), CollectError> {
         let status = run::status(&mut self.client)?;
         let (metres, newtons) = measured(&status);
-        self.here = self.model.rest_from_lengths(&metres, &newtons)?;
+        let there = self.model.rest_from_lengths(&metres, &newtons)?;
+        let began = std::mem::replace(&mut self.here, there);
         // The tensions to expect are those of this place, as this machine has them.
         self.client.request(machine::reference(&metres, &newtons))?;
         run::arm(&mut self.client, self.hash)?;
         self.join()?;
         let (model, reach, offsets_m) = (self.model, &self.reach, &self.offsets_m);
-        let (here, home) = (&self.here, &self.home);
+        let here = &self.here;
         let back = self.client.meanwhile(|| {
             let slowest_s = slowest_s(model, here);
-            travel::way(reach, model.robot(), here, home, slowest_s, offsets_m)
+            travel::back(reach, model.robot(), here, &began, slowest_s, offsets_m)
         })?;
         if let Some(way) = back {
             run::follow(
@@ -390,7 +395,7 @@ impl<L: Link> Session<'_, L> {
                 &mut Recorder::default(),
                 |_| {},
             )?;
-            self.here = self.home.clone();
+            self.here = began;
         }
         Ok(())
     }

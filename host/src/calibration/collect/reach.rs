@@ -125,7 +125,24 @@ impl<'a> Reach<'a> {
         self.found(at_m, tension_n, EquilibriumGuess::Attitude(near.rotation))
     }
 
+    /// As [`Reach::rest`], within its limits or not.
+    pub(super) fn anyhow(&self, at_m: &Vector3<f64>, tension_n: f64, near: &Rest) -> Option<Rest> {
+        let guess = EquilibriumGuess::Attitude(near.equilibrium.pose.rotation);
+        let rest = self.equilibrium(at_m, tension_n, guess)?;
+        rest.equilibrium.stable.then_some(rest)
+    }
+
     fn found(&self, at_m: &Vector3<f64>, tension_n: f64, guess: EquilibriumGuess) -> Option<Rest> {
+        let rest = self.equilibrium(at_m, tension_n, guess)?;
+        self.within(&rest).then_some(rest)
+    }
+
+    fn equilibrium(
+        &self,
+        at_m: &Vector3<f64>,
+        tension_n: f64,
+        guess: EquilibriumGuess,
+    ) -> Option<Rest> {
         let robot = self.model.robot();
         let mut tensions = vec![None; robot.cables.len()];
         *tensions.get_mut(self.held)? = Some(tension_n);
@@ -135,8 +152,7 @@ impl<'a> Reach<'a> {
             .geometry()
             .equilibrium_at(&Vector3::zeros(), at_m, &tensions, guess, &options)
             .ok()?;
-        let rest = self.model.with_lengths(equilibrium);
-        self.within(&rest).then_some(rest)
+        Some(self.model.with_lengths(equilibrium))
     }
 
     /// Whether a resting state keeps clear of the robot's limits.

@@ -8,6 +8,7 @@ use crate::robot::Robot;
 use mcdpr_protocol::{
     CableKnot, Knot, List, MicrometresPerSecond, Millinewtons, PerCable, TenthMicrometres,
 };
+use nalgebra::Vector3;
 
 /// Share of the drives' speed that is used.
 const SPEED_SHARE: f64 = 0.7;
@@ -40,8 +41,13 @@ pub struct Way {
 }
 
 /// States along the straight line of the platform's origin, the held tension changing in
-/// proportion; `None` where one is out of reach.
-fn states(reach: &Reach<'_>, from: &Rest, to: &Rest, shares: &[f64]) -> Option<Vec<Rest>> {
+/// proportion; `None` where `hang` has none.
+fn states(
+    reach: &Reach<'_>,
+    (from, to): (&Rest, &Rest),
+    shares: &[f64],
+    hang: impl Fn(&Vector3<f64>, f64, &Rest) -> Option<Rest>,
+) -> Option<Vec<Rest>> {
     let held = reach.held();
     let (a, b) = (
         from.equilibrium.pose.position_m,
@@ -52,7 +58,7 @@ fn states(reach: &Reach<'_>, from: &Rest, to: &Rest, shares: &[f64]) -> Option<V
     for &s in shares {
         let tension_n = t * (u / t).powf(s);
         let near = out.last().unwrap_or(from);
-        out.push(reach.rest(&(a + (b - a) * s), tension_n, Some(near))?);
+        out.push(hang(&(a + (b - a) * s), tension_n, near)?);
     }
     Some(out)
 }
@@ -63,12 +69,16 @@ fn tried(reach: &Reach<'_>, from: &Rest, to: &Rest) -> Option<Vec<Rest>> {
     if !reach.robust(to) {
         return None;
     }
-    let even: Vec<f64> = (0..=TRIES).map(|k| k as f64 / TRIES as f64).collect();
-    let tried = states(reach, from, to, &even)?;
+    let kept = |at: &Vector3<f64>, n: f64, near: &Rest| reach.rest(at, n, Some(near));
+    let tried = states(reach, (from, to), &even(), kept)?;
     tried
         .iter()
         .all(|state| reach.robust(state))
         .then_some(tried)
+}
+
+fn even() -> Vec<f64> {
+    (0..=TRIES).map(|k| k as f64 / TRIES as f64).collect()
 }
 
 /// Whether the straight way between two resting places is within the robot's reach.
@@ -89,6 +99,44 @@ pub fn way(
     offsets_m: &[f64],
 ) -> Option<Way> {
     let tried = tried(reach, from, to)?;
+    let kept = |at: &Vector3<f64>, n: f64, near: &Rest| reach.rest(at, n, Some(near));
+    knots(reach, robot, (from, to), &tried, slowest_s, offsets_m, kept)
+}
+
+/// The way back to where a robot came from, which has stopped beyond the limits of what was planned:
+/// they hold no longer, and every step back leaves that place. `None` where it hangs nowhere between.
+#[must_use]
+pub(super) fn back(
+    reach: &Reach<'_>,
+    robot: &Robot,
+    from: &Rest,
+    to: &Rest,
+    slowest_s: f64,
+    offsets_m: &[f64],
+) -> Option<Way> {
+    let anyhow = |at: &Vector3<f64>, n: f64, near: &Rest| reach.anyhow(at, n, near);
+    let tried = states(reach, (from, to), &even(), anyhow)?;
+    knots(
+        reach,
+        robot,
+        (from, to),
+        &tried,
+        slowest_s,
+        offsets_m,
+        anyhow,
+    )
+}
+
+/// What goes to the board for a way that was tried.
+fn knots(
+    reach: &Reach<'_>,
+    robot: &Robot,
+    ends: (&Rest, &Rest),
+    tried: &[Rest],
+    slowest_s: f64,
+    offsets_m: &[f64],
+    hang: impl Fn(&Vector3<f64>, f64, &Rest) -> Option<Rest>,
+) -> Option<Way> {
     let mut duration_s = PERIODS * slowest_s;
     for pair in tried.windows(2) {
         let [a, b] = pair else { continue };
@@ -107,7 +155,7 @@ pub fn way(
     let end_ms = f64::from(*ms.last()?);
     let times: Vec<f64> = ms.iter().map(|ms| f64::from(*ms) * 1e-3).collect();
     let shares: Vec<f64> = ms.iter().map(|ms| share(f64::from(*ms) / end_ms)).collect();
-    let states = states(reach, from, to, &shares)?;
+    let states = states(reach, ends, &shares, hang)?;
     let still = Ends::Clamped {
         start: 0.0,
         end: 0.0,

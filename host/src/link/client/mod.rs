@@ -3,16 +3,18 @@
 //! One thread, one loop: [`Client::pump`] feeds the board, so the heartbeat stops when the feeding
 //! stops, which is what it is for. The loop reads no clock but the link's.
 
+mod upkeep;
+mod wire;
+
+use super::Link;
 use super::clock::BoardClock;
 use super::error::ClientError;
 use super::faults::request_name;
 use super::receiver::{Message, Receiver};
-use super::{Link, LinkError};
 use crate::control::Handle;
-use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
 use mcdpr_protocol::{
-    Answer, BoardState, Channel, Command, Compatibility, Hello, Info, Reject, Reply, Request,
-    SampleBlock, SequenceNumber, SessionId, Status, StopKind, WINDOW,
+    BoardState, Compatibility, Hello, Info, Reject, Reply, Request, SampleBlock, SequenceNumber,
+    SessionId, Status, StopKind, WINDOW,
 };
 use std::collections::VecDeque;
 
@@ -22,16 +24,10 @@ const HEARTBEAT_US: u64 = 8_000;
 const RETRY_US: u64 = 30_000;
 /// A request without an answer for this long means that the board is gone, µs.
 const GIVE_UP_US: u64 = 1_500_000;
-/// A loop that has not run for this long was asleep, µs.
-const SLEPT_US: u64 = 500_000;
-/// Frames are sent again at most this often after complaints, µs.
-const RESEND_PAUSE_US: u64 = 3_000;
 /// Work that takes longer than this is taken to hang: the board is left to hold by itself, µs.
 const WORK_US: u64 = 60_000_000;
 /// Time between two looks at whether work is done, µs.
 const WORK_LOOK_US: u64 = 2_000;
-/// Time for a board to say hello, µs.
-const HELLO_US: u64 = 3_000_000;
 /// Time to wait for another session to end: a board whose host died holds for two seconds, µs.
 const CLAIM_US: u64 = 6_000_000;
 
@@ -94,12 +90,6 @@ pub struct Client<L: Link> {
     looped_us: u64,
 }
 
-fn frame(channel: Channel, body: &[u8]) -> Vec<u8> {
-    let mut out = [0; MAX_FRAME];
-    let used = encode_bytes(channel, body, &mut out).unwrap_or(0);
-    out.get(..used).unwrap_or_default().to_vec()
-}
-
 impl<L: Link> Client<L> {
     /// Finds the board, checks its version and claims it for this session.
     ///
@@ -108,7 +98,7 @@ impl<L: Link> Client<L> {
     /// host holds the board, or the link's errors. Nothing has moved then.
     pub fn connect(mut link: L, session: SessionId) -> Result<Self, ClientError> {
         let mut receiver = Receiver::default();
-        let hello = find(&mut link, &mut receiver)?;
+        let hello = wire::find(&mut link, &mut receiver)?;
         match hello.compatibility() {
             Compatibility::Full => {}
             other => {
@@ -407,172 +397,6 @@ impl<L: Link> Client<L> {
         Ok(())
     }
 
-    fn next_due_us(&self) -> u64 {
-        let beat = self
-            .heartbeat_us
-            .map_or(u64::MAX, |last| last + HEARTBEAT_US);
-        let waiting = self.pending.iter().find(|pending| pending.result.is_none());
-        let retry = waiting.map_or(u64::MAX, |pending| pending.sent_us + RETRY_US);
-        let idle = self.link.now_us() + HEARTBEAT_US;
-        beat.min(retry).min(idle)
-    }
-
-    fn upkeep(&mut self) -> Result<(), ClientError> {
-        let now = self.link.now_us();
-        self.wake(now);
-        // Whatever else arrives: only answers to heartbeats show that this side is heard, and that
-        // the board still knows this session.
-        if self.heartbeat_us.is_some() && now >= self.heard_us + GIVE_UP_US {
-            return Err(ClientError::Lost {
-                waiting: request_name(&Request::Heartbeat { host_time_us: 0 }),
-            });
-        }
-        if self
-            .heartbeat_us
-            .is_some_and(|last| now >= last + HEARTBEAT_US)
-        {
-            self.heartbeat_us = Some(now);
-            let request = Request::Heartbeat {
-                host_time_us: wrapping_us(now),
-            };
-            self.transmit(SequenceNumber(self.next.0 ^ 0x8001), &request)?;
-        }
-        let Some(oldest) = self.pending.iter().find(|pending| pending.result.is_none()) else {
-            return Ok(());
-        };
-        if now >= oldest.first_us + GIVE_UP_US {
-            return Err(ClientError::Lost {
-                waiting: request_name(&oldest.request),
-            });
-        }
-        if now >= oldest.sent_us + RETRY_US {
-            let from = oldest.sequence;
-            self.resend(from)?;
-        }
-        Ok(())
-    }
-
-    /// After a pause of this loop itself (a laptop that slept, a stopped process) the silence was
-    /// not the board's: it gets its time again. It has held by itself meanwhile, and says so.
-    fn wake(&mut self, now: u64) {
-        let slept = now.saturating_sub(self.looped_us) >= SLEPT_US;
-        self.looped_us = now;
-        if slept {
-            self.heard_us = now;
-            for pending in &mut self.pending {
-                pending.first_us = now;
-            }
-        }
-    }
-
-    /// Sends everything from a number on again: the board executes strictly in order.
-    fn resend(&mut self, from: SequenceNumber) -> Result<(), ClientError> {
-        let now = self.link.now_us();
-        self.resent_us = now;
-        for index in 0..self.pending.len() {
-            let Some(pending) = self.pending.get_mut(index) else {
-                break;
-            };
-            if pending.result.is_some() || pending.sequence.since(from) < 0 {
-                continue;
-            }
-            pending.sent_us = now;
-            let bytes = encode(self.session, pending.sequence, &pending.request);
-            self.retransmissions += 1;
-            self.link.send(&bytes)?;
-        }
-        Ok(())
-    }
-
-    fn transmit(&mut self, sequence: SequenceNumber, request: &Request) -> Result<(), LinkError> {
-        self.link.send(&encode(self.session, sequence, request))
-    }
-
-    fn accept(&mut self, message: Message) -> Result<(), ClientError> {
-        match message {
-            // A restarted board says hello only when asked; an old answer may still be under way.
-            Message::Hello(_) => {}
-            Message::Event(event) => {
-                if let Event::Status(status) = &event {
-                    self.handle.publish(|view| view.take_status(status));
-                    self.status = Some(status.clone());
-                }
-                self.events.push_back(event);
-            }
-            Message::Answer(answer) => self.settle(answer)?,
-        }
-        Ok(())
-    }
-
-    fn settle(&mut self, answer: Answer) -> Result<(), ClientError> {
-        if let Ok(Reply::Beat {
-            host_time_us,
-            tick,
-            state,
-            path_ms,
-            knots_free,
-            next_knot,
-        }) = answer.result
-        {
-            let now = self.link.now_us();
-            self.heard_us = now;
-            let round_trip_us = u64::from(wrapping_us(now).wrapping_sub(host_time_us));
-            self.handle.publish(|view| {
-                view.tick = tick.0;
-                view.state = Some(state);
-                view.path_s = f64::from(path_ms) * 1e-3;
-                view.round_trip_s = round_trip_us as f64 * 1e-6;
-            });
-            let sent_us = now.saturating_sub(round_trip_us);
-            match self.clock.observe(tick.0, sent_us, now) {
-                Ok(()) => {}
-                Err(jump) if jump.by_ms < 0.0 => {
-                    return Err(ClientError::ClockRanBack { by_ms: -jump.by_ms });
-                }
-                // This machine slept, or its clock stood: the estimate starts anew.
-                Err(_) => {
-                    self.clock = BoardClock::default();
-                    let _ = self.clock.observe(tick.0, sent_us, now);
-                }
-            }
-            self.beat = Some(Beat {
-                tick: tick.0,
-                state,
-                path_ms,
-                knots_free,
-                next_knot,
-                sent_us,
-                round_trip_us,
-            });
-            return Ok(());
-        }
-        if let Err(Reject::Sequence { expected }) = answer.result {
-            if self.link.now_us() >= self.resent_us + RESEND_PAUSE_US {
-                self.resend(expected)?;
-            }
-            return Ok(());
-        }
-        let mut pending = self.pending.iter_mut();
-        if let Some(pending) = pending.find(|pending| pending.sequence == answer.sequence) {
-            pending.result.get_or_insert(answer.result);
-        }
-        while self
-            .pending
-            .front()
-            .is_some_and(|first| first.result.is_some())
-        {
-            if let Some(Pending {
-                request,
-                result: Some(result),
-                ..
-            }) = self.pending.pop_front()
-            {
-                self.done.push_back((request, result));
-            }
-        }
-        Ok(())
-    }
-
     /// Tells those who watch the line what the host knows.
     pub fn note(&mut self, note: super::Note<'_>) {
         self.link.note(note);
@@ -584,37 +408,65 @@ impl<L: Link> Client<L> {
     }
 }
 
-fn encode(session: SessionId, sequence: SequenceNumber, request: &Request) -> Vec<u8> {
-    let mut out = [0; MAX_FRAME];
-    let command = Command {
-        session,
-        sequence,
-        request: request.clone(),
-    };
-    // Every message fits a frame: the protocol asserts it when it is compiled.
-    let used = encode_frame(Channel::Command, &command, &mut out).unwrap_or(0);
-    out.get(..used).unwrap_or_default().to_vec()
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::{LinkError, SimulatedLink};
+    use crate::machine::Mismatch;
+    use crate::motion::Model;
+    use crate::robot::Robot;
+    use mcdpr_simulator::LinkOptions;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU64, Ordering};
+    use std::time::{Duration, Instant};
 
-/// A board that starts, or a line with rubbish on it, may miss the first questions.
-fn find(link: &mut impl Link, receiver: &mut Receiver) -> Result<Hello, ClientError> {
-    let give_up = link.now_us() + HELLO_US;
-    // A delimiter first: whatever was half sent before ends here.
-    link.send(&[0])?;
-    while link.now_us() < give_up {
-        link.send(&frame(Channel::HelloQuery, &[]))?;
-        let ask_again = link.now_us() + 100_000;
-        while link.now_us() < ask_again {
-            for message in receiver.take(link, ask_again)? {
-                if let Message::Hello(hello) = message {
-                    return Ok(hello);
-                }
-            }
+    /// A simulated robot whose time goes on, as a port's does, and what was sent to it.
+    struct Live(SimulatedLink, Arc<AtomicU64>);
+
+    impl Link for Live {
+        fn now_us(&self) -> u64 {
+            self.0.now_us()
+        }
+        fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+            self.1.fetch_add(1, Ordering::Relaxed);
+            self.0.send(bytes)
+        }
+        fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+            self.0.receive(until_us, into)
+        }
+        fn goes_on(&self) -> bool {
+            true
         }
     }
-    Err(ClientError::Silent)
-}
 
-fn wrapping_us(time_us: u64) -> u32 {
-    u32::try_from(time_us & u64::from(u32::MAX)).unwrap_or(0)
+    #[test]
+    fn a_board_hears_its_host_while_the_host_works() {
+        let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+        let options = LinkOptions::default();
+        let link =
+            crate::experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
+        let sent = Arc::new(AtomicU64::new(0));
+        let mut client = Client::connect(Live(link, sent.clone()), SessionId(7)).unwrap();
+        let (before_us, before) = (client.now_us(), sent.load(Ordering::Relaxed));
+        // A second of the board's time; it misses a host that is silent for a tenth of that.
+        let enough = before + 1_000_000 / HEARTBEAT_US;
+        let heard = client.meanwhile(|| {
+            let begun = Instant::now();
+            while sent.load(Ordering::Relaxed) < enough {
+                if begun.elapsed() > Duration::from_secs(60) {
+                    return false;
+                }
+                std::thread::yield_now();
+            }
+            true
+        });
+        assert!(heard.unwrap(), "the work waited for heartbeats in vain");
+        assert!(client.now_us() > before_us + 900_000);
+        let last = client.beat().unwrap();
+        assert!(
+            last.sent_us + 2 * HEARTBEAT_US > client.now_us(),
+            "{last:?}"
+        );
+        assert_eq!(last.state, BoardState::Disarmed);
+    }
 }

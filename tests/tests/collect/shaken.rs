@@ -1,0 +1,123 @@
+//! A robot whose tensions misbehave on the way to a pose: collecting stops it before its board does,
+//! leaves the pose out, and goes on.
+
+use super::{options, with_board};
+use mcdpr::calibration::collect::{Step, collect};
+use mcdpr::calibration::{Options as Estimator, joint};
+use mcdpr::experiment;
+use mcdpr::link::{Link, LinkError, SimulatedLink};
+use mcdpr::machine::Mismatch;
+use mcdpr::motion::Model;
+use mcdpr::sight::{Scene, SimulatedTags};
+use mcdpr_firmware::State;
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::LinkOptions;
+use std::cell::Cell;
+use std::rc::Rc;
+
+/// Time between two changes of the load, µs.
+const STEP_US: u64 = 2_000;
+
+/// A robot whose platform is loaded on its way to one pose.
+struct Loaded {
+    link: SimulatedLink,
+    /// What pulls the platform upwards, N, by seconds since it began to move.
+    load_n: fn(f64) -> f64,
+    /// Whether the robot is on its way to the pose that it does not reach.
+    wanted: Rc<Cell<bool>>,
+    began_us: Option<u64>,
+}
+
+impl Link for Loaded {
+    fn now_us(&self) -> u64 {
+        self.link.now_us()
+    }
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.link.send(bytes)
+    }
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        loop {
+            let now = self.link.now_us();
+            let moving = self.link.with(|s| s.state()) == State::Moving;
+            self.began_us = (moving && self.wanted.get()).then(|| self.began_us.unwrap_or(now));
+            let since_s = |began: u64| (now - began) as f64 * 1e-6;
+            let newtons = self
+                .began_us
+                .map_or(0.0, |began| (self.load_n)(since_s(began)));
+            self.link
+                .with(|s| {
+                    s.plant_mut()
+                        .set_load([0.0, 0.0, newtons], [0.0; 3], [0.0; 3])
+                })
+                .unwrap();
+            let now = self.link.receive(until_us.min(now + STEP_US), into)?;
+            if now >= until_us || !into.is_empty() {
+                return Ok(now);
+            }
+        }
+    }
+}
+
+/// Collects ten poses; on the way to the third the platform is loaded. Gives why poses were left out.
+fn collected(seed: u64, load_n: fn(f64) -> f64) -> Vec<String> {
+    let robot = with_board("paper-table5");
+    let model = Model::new(&robot).unwrap();
+    let built = Mismatch::as_built();
+    let link = experiment::simulated_robot(&model, &built, seed, &LinkOptions::default()).unwrap();
+    let mut tags = SimulatedTags::new(link.clone(), Scene::of(&robot, seed), 0.1, seed);
+    let wanted = Rc::new(Cell::new(false));
+    let line = Loaded {
+        link: link.clone(),
+        load_n,
+        wanted: wanted.clone(),
+        began_us: None,
+    };
+    let (mut going, mut skipped) = (0, Vec::new());
+    let data = collect(
+        &model,
+        (line, Some(SessionId(1))),
+        &mut tags,
+        &options(10, seed),
+        None,
+        |_| Ok(()),
+        |step| match step {
+            Step::Going { .. } => {
+                going += 1;
+                wanted.set(going == 3);
+            }
+            Step::Skipped { reason } => {
+                wanted.set(false);
+                skipped.push(reason);
+            }
+            Step::Measured { .. } => {}
+        },
+    )
+    .unwrap();
+    assert_eq!(data.poses.len(), 10);
+    assert_eq!(link.with(|s| s.fault()), None);
+    assert_eq!(link.with(|s| s.state()), State::Disarmed);
+    // What was measured before and after belongs together.
+    let answer = joint(&data, &Estimator::default()).unwrap();
+    assert!(
+        answer.predicted_error_m < 2e-3,
+        "{}",
+        answer.predicted_error_m
+    );
+    assert!(answer.rejected.len() < 4, "{:?}", answer.rejected);
+    skipped
+}
+
+#[test]
+fn a_platform_that_shakes_on_its_way_costs_its_pose_and_goes_back() {
+    let shaken = |s: f64| 4.0 * (std::f64::consts::TAU * 10.0 * s).sin();
+    for seed in [5, 6] {
+        let skipped = collected(seed, shaken);
+        assert_eq!(skipped.len(), 1, "{skipped:?}");
+        assert!(skipped[0].contains("oscillated"), "{skipped:?}");
+    }
+}
+
+#[test]
+fn without_a_load_no_pose_is_lost() {
+    assert_eq!(collected(6, |_| 0.0), Vec::<String>::new());
+}
