@@ -12,7 +12,7 @@ pub use interrupt::{interrupted, watch_for_interrupts};
 pub(crate) use orders::stop_wanted;
 pub use record::{Measured, Recorder};
 pub use session::{Homing, Session, plan_from};
-pub use stream::{Progress, follow, follow_plan, follow_watched};
+pub use stream::{Halt, Progress, follow, follow_plan, follow_watched};
 
 use crate::control::Order;
 use crate::link::{Client, ClientError, Link, advice, describe_fault};

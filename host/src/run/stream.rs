@@ -31,8 +31,18 @@ pub fn follow<L: Link>(
     Ok(())
 }
 
-/// As [`follow`], until `watch` finds a reason in what was measured so far: then the robot stops along
-/// its path, its brakes close, and the reason is the inner error.
+/// Why a way had better end, and how.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Halt {
+    /// [`StopKind::Hold`]: the robot holds under tension, and the rest of its way is discarded. Any
+    /// other: its brakes close.
+    pub kind: StopKind,
+    /// In words.
+    pub reason: String,
+}
+
+/// As [`follow`], until `watch` finds a reason in what was measured so far: then the robot comes to
+/// rest along its path, and the reason is the inner error.
 ///
 /// # Errors
 /// As [`follow`], and [`RunError::NoChange`] where it does not stop.
@@ -40,10 +50,10 @@ pub fn follow_watched<L: Link>(
     client: &mut Client<L>,
     knots: &[Knot],
     recorder: &mut Recorder,
-    watch: impl FnMut(&Recorder) -> Option<String>,
-) -> Result<Result<(), String>, RunError> {
+    watch: impl FnMut(&Recorder) -> Option<Halt>,
+) -> Result<Result<(), Halt>, RunError> {
     match feed(client, knots, &[], recorder, |_| {}, watch)? {
-        Some(reason) => Ok(Err(reason)),
+        Some(halt) => Ok(Err(halt)),
         None => Ok(Ok(())),
     }
 }
@@ -65,15 +75,15 @@ pub fn follow_plan<L: Link>(
     Ok(())
 }
 
-/// Gives the reason of `watch` for stopping, if it had one.
+/// Gives what `watch` stopped it for, if it did.
 fn feed<L: Link>(
     client: &mut Client<L>,
     knots: &[Knot],
     actions: &[(f64, Action)],
     recorder: &mut Recorder,
     mut progress: impl FnMut(Progress),
-    mut watch: impl FnMut(&Recorder) -> Option<String>,
-) -> Result<Option<String>, RunError> {
+    mut watch: impl FnMut(&Recorder) -> Option<Halt>,
+) -> Result<Option<Halt>, RunError> {
     let mut actions = actions.iter().peekable();
     let duration_s = knots
         .last()
@@ -102,10 +112,16 @@ fn feed<L: Link>(
             return Err(fault.map_or(error, |record| RunError::Fault { record }));
         }
         take_events(client, recorder, duration_s);
-        if let Some(reason) = watch(recorder) {
-            client.stop(StopKind::Stop)?;
-            super::wait_for(client, BoardState::Disarmed, 3.0)?;
-            return Ok(Some(reason));
+        if let Some(halt) = watch(recorder) {
+            client.stop(halt.kind)?;
+            if halt.kind == StopKind::Hold {
+                super::wait_for(client, BoardState::Holding, 3.0)?;
+                drain(client)?;
+                client.request(Request::Discard)?;
+            } else {
+                super::wait_for(client, BoardState::Disarmed, 3.0)?;
+            }
+            return Ok(Some(halt));
         }
         // What a heartbeat brought before the start tells nothing about this motion.
         let Some(beat) = client.beat().filter(|beat| beat.sent_us >= started_us) else {

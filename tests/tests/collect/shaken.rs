@@ -39,6 +39,9 @@ impl Link for Loaded {
         loop {
             let now = self.link.now_us();
             let moving = self.link.with(|s| s.state()) == State::Moving;
+            // Where it stopped nothing shakes it any more.
+            self.wanted
+                .set(self.wanted.get() && (moving || self.began_us.is_none()));
             self.began_us = (moving && self.wanted.get()).then(|| self.began_us.unwrap_or(now));
             let since_s = |began: u64| (now - began) as f64 * 1e-6;
             let newtons = self

@@ -2,7 +2,8 @@
 //! robot is built otherwise than described, and tensions that oscillate.
 
 use super::reach::Reach;
-use crate::run::Measured;
+use crate::run::{Halt, Measured};
+use mcdpr_protocol::StopKind;
 
 /// Ticks (of 1 ms) over which a tension is averaged.
 const MEAN: usize = 20;
@@ -12,33 +13,49 @@ const APART: usize = 50;
 /// Amplitude of an oscillation (at 10 Hz) that neither a sensor nor a way makes, N.
 const SHAKING_N: f64 = 3.0;
 
-/// Why a robot that measured this up to now had better stop.
-pub(super) fn reason(reach: &Reach<'_>, samples: &[Measured]) -> Option<String> {
+/// Why a robot that measured this up to now had better stop, and how: brakes end an oscillation, but
+/// to close and open them would slacken a cable that is near to it.
+pub(super) fn halt(reach: &Reach<'_>, samples: &[Measured]) -> Option<Halt> {
+    let halted = |kind, reason| Some(Halt { kind, reason });
     let last = samples.len().checked_sub(1)?;
     let tension = |at: usize, cable: usize| samples.get(at)?.tensions_n.get(cable).copied();
     for cable in 0..samples.get(last)?.tensions_n.len() {
         let recent = samples.iter().rev().take(MEAN);
         let mean_n = recent.filter_map(|s| s.tensions_n.get(cable)).sum::<f64>() / MEAN as f64;
         if last >= MEAN && reach.beyond(cable, mean_n) {
-            return Some(format!(
+            let reason = format!(
                 "cable {}'s tension came to {mean_n:.1} N on the way: the robot is built otherwise than \
                  described",
                 cable + 1
-            ));
+            );
+            return halted(StopKind::Hold, reason);
         }
         let Some((middle, first)) = last.checked_sub(APART).zip(last.checked_sub(2 * APART)) else {
             continue;
         };
         let [a, b, c] = [first, middle, last].map(|at| tension(at, cable).unwrap_or(0.0));
         if (a - 2.0 * b + c).abs() > 4.0 * SHAKING_N {
-            return Some(format!(
+            let reason = format!(
                 "cable {}'s tension oscillated by {:.0} N on the way",
                 cable + 1,
                 (a - 2.0 * b + c).abs() / 4.0
-            ));
+            );
+            return halted(StopKind::Stop, reason);
         }
     }
     None
+}
+
+/// Tensions over the last period of such an oscillation, N.
+pub(super) fn mean_n(samples: &[Measured]) -> Vec<f64> {
+    let recent = samples.len().saturating_sub(2 * APART);
+    let recent = samples.get(recent..).unwrap_or_default();
+    let count = recent.first().map_or(0, |s| s.tensions_n.len());
+    let mean = |cable: usize| {
+        let all = recent.iter().filter_map(|s| s.tensions_n.get(cable));
+        all.sum::<f64>() / recent.len() as f64
+    };
+    (0..count).map(mean).collect()
 }
 
 #[cfg(test)]
@@ -64,7 +81,7 @@ mod tests {
         let reach = Reach::new(&model).unwrap();
         let ended = |tension_n: &dyn Fn(f64) -> f64| {
             let all = measured(1000, tension_n);
-            (1..=all.len()).find_map(|n| reason(&reach, &all[..n]))
+            (1..=all.len()).find_map(|n| halt(&reach, &all[..n]))
         };
         // Steep ways, and a short jolt.
         assert_eq!(ended(&|t| 4.0 + 30.0 * t), None);
@@ -73,8 +90,11 @@ mod tests {
             None
         );
         let shaking = |t: f64| 18.0 + 4.0 * (std::f64::consts::TAU * 10.0 * t).sin();
-        assert!(ended(&shaking).unwrap().contains("oscillated"));
-        assert!(ended(&|t| 3.0 - 2.0 * t).unwrap().contains("cable 2's"));
-        assert!(ended(&|t| 34.0 + 5.0 * t).unwrap().contains("cable 2's"));
+        let shaken = ended(&shaking).unwrap();
+        assert!(shaken.kind == StopKind::Stop && shaken.reason.contains("oscillated"));
+        for slope in [|t| 3.0 - 2.0 * t, |t| 34.0 + 5.0 * t] {
+            let limit = ended(&slope).unwrap();
+            assert!(limit.kind == StopKind::Hold && limit.reason.contains("cable 2's"));
+        }
     }
 }

@@ -24,7 +24,7 @@ use crate::robot::Control;
 use crate::run::{self, Recorder, RunError};
 use crate::sight::{SightError, TagSource};
 use choice::Choice;
-use mcdpr_protocol::{ConfigHash, SessionId, Status};
+use mcdpr_protocol::{ConfigHash, SessionId, Status, StopKind};
 use miette::Diagnostic;
 
 /// So many poses one after another that give nothing end it.
@@ -361,11 +361,11 @@ impl<L: Link> Session<'_, L> {
         };
         for (way, to) in ways {
             let mut recorder = Recorder::default();
-            let watch = |seen: &Recorder| guard::reason(&self.reach, &seen.samples);
+            let watch = |seen: &Recorder| guard::halt(&self.reach, &seen.samples);
             let gone = run::follow_watched(&mut self.client, &way.knots, &mut recorder, watch)?;
-            if let Err(reason) = gone {
-                self.turn_back()?;
-                return Ok(Err(reason));
+            if let Err(halt) = gone {
+                self.turn_back(halt.kind, &recorder)?;
+                return Ok(Err(halt.reason));
             }
             self.here = to;
         }
@@ -373,14 +373,21 @@ impl<L: Link> Session<'_, L> {
     }
 
     /// After a stop on the way: back to where it began.
-    fn turn_back(&mut self) -> Result<(), CollectError> {
+    fn turn_back(&mut self, stopped: StopKind, seen: &Recorder) -> Result<(), CollectError> {
         let status = run::status(&mut self.client)?;
-        let (metres, newtons) = measured(&status);
-        let there = self.model.rest_from_lengths(&metres, &newtons)?;
+        let there = if stopped == StopKind::Hold {
+            let commanded = status.setpoints.iter().map(|l| f64::from(l.0) * 1e-7);
+            let commanded_m: Vec<f64> = commanded.collect();
+            let newtons = guard::mean_n(&seen.samples);
+            self.model.rest_from_lengths(&commanded_m, &newtons)?
+        } else {
+            let (metres, newtons) = measured(&status);
+            // The tensions to expect are those of this place, as this machine has them.
+            self.client.request(machine::reference(&metres, &newtons))?;
+            run::arm(&mut self.client, self.hash)?;
+            self.model.rest_from_lengths(&metres, &newtons)?
+        };
         let began = std::mem::replace(&mut self.here, there);
-        // The tensions to expect are those of this place, as this machine has them.
-        self.client.request(machine::reference(&metres, &newtons))?;
-        run::arm(&mut self.client, self.hash)?;
         self.join()?;
         let (model, reach, offsets_m) = (self.model, &self.reach, &self.offsets_m);
         let here = &self.here;

@@ -1,0 +1,65 @@
+//! High up, where cables are flat and tight, the platform stands still: with half of the tension loop's
+//! damping the machine of seed 21 shakes at 8 Hz there, more and more, until its board stops it.
+
+use mcdpr::calibration::collect::{Reach, way};
+use mcdpr::experiment;
+use mcdpr::link::{Client, Event};
+use mcdpr::machine::{self, Mismatch};
+use mcdpr::motion::Model;
+use mcdpr::robot::Robot;
+use mcdpr::run::{self, Recorder};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::LinkOptions;
+use nalgebra::Vector3;
+
+/// Least and greatest tension of each cable over the fourth second of a rest at a place high up, N.
+fn tensions_n(robot: &Robot, seed: u64) -> Vec<[f64; 2]> {
+    let model = Model::new(robot).unwrap();
+    let built = Mismatch::as_built();
+    let link = experiment::simulated_robot(&model, &built, seed, &LinkOptions::default()).unwrap();
+    let mut client = Client::connect(link, SessionId(1)).unwrap();
+    let hash = run::configure(&mut client, robot).unwrap();
+    let home = experiment::home(&model).unwrap();
+    let reference = machine::reference(&home.paid_out_m, home.tensions_n());
+    client.request(reference).unwrap();
+    run::arm(&mut client, hash).unwrap();
+    let reach = Reach::new(&model).unwrap();
+    let at_m = Vector3::new(0.48, 0.11, -0.045);
+    let high_up = reach.rest(&at_m, 33.0, Some(&home)).unwrap();
+    let way = way(&reach, robot, &home, &high_up, 0.5, &[0.0; 4]).unwrap();
+    run::follow(&mut client, &way.knots, &mut Recorder::default(), |_| {}).unwrap();
+    let arrived_us = client.now_us();
+    client.pump(arrived_us + 3_000_000).unwrap();
+    while client.next_event().is_some() {}
+    client.pump(arrived_us + 4_000_000).unwrap();
+    let mut seen = vec![[f64::MAX, f64::MIN]; 4];
+    while let Some(event) = client.next_event() {
+        let Event::Samples(block) = event else {
+            continue;
+        };
+        let mut recorder = Recorder::default();
+        recorder.take(&block, 0.0);
+        for sample in &recorder.samples {
+            for ([least, most], tension_n) in seen.iter_mut().zip(&sample.tensions_n) {
+                *least = least.min(*tension_n);
+                *most = most.max(*tension_n);
+            }
+        }
+    }
+    run::disarm(&mut client).unwrap();
+    seen
+}
+
+#[test]
+fn a_platform_high_up_stands_still() {
+    let robot = Robot::find("lab-fast").unwrap();
+    for seed in [5, 19, 21] {
+        let seen = tensions_n(&robot, seed);
+        println!("seed {seed}: {seen:.2?}");
+        // Sensor noise and the rest of the way's swing.
+        assert!(
+            seen.iter().all(|[least, most]| most - least < 1.0),
+            "seed {seed}: {seen:?}"
+        );
+    }
+}
