@@ -102,7 +102,6 @@ pub fn signal(name: &str, process: u32) {
 }
 
 /// Held by a test that drives a robot in real time: two robots on two processors starve each other.
-#[must_use]
 pub fn alone() -> MutexGuard<'static, ()> {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)

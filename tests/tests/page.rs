@@ -6,7 +6,7 @@
 mod browser;
 
 use browser::{Browser, Page, Serve};
-use mcdpr_tests::process::Folder;
+use mcdpr_tests::process::{Folder, alone};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::Path;
 use std::process::{Child, Stdio};

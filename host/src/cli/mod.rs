@@ -28,6 +28,7 @@ mod flash;
 #[cfg(unix)]
 mod monitor;
 mod movement;
+mod numbers;
 mod order;
 #[cfg(unix)]
 mod orders;

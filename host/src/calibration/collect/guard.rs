@@ -7,8 +7,8 @@ use mcdpr_protocol::StopKind;
 
 /// Ticks (of 1 ms) over which a tension is averaged.
 const MEAN: usize = 20;
-/// Ticks between the three readings that show an oscillation: half a period at 10 Hz, at which a
-/// platform high up, where its cables are flat, shakes on their stretch.
+/// Ticks between the three readings that show an oscillation: half a period at 10 Hz. Near it a
+/// platform high up shakes on the stretch of its flat cables, where the tension loop has too much gain.
 const APART: usize = 50;
 /// Amplitude of an oscillation (at 10 Hz) that neither a sensor nor a way makes, N.
 const SHAKING_N: f64 = 3.0;

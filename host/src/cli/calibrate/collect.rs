@@ -1,10 +1,12 @@
 //! `mcdpr calibrate collect`: measures poses on the robot.
 
+use crate::calibration::check::POSES_MIN;
 use crate::calibration::collect::{CollectError, Options, Step, collect};
 use crate::calibration::result::{FileError, write_whole};
 use crate::calibration::simulate::Target;
 use crate::calibration::{Data, target};
 use crate::cli::eye::Eye;
+use crate::cli::numbers::positive;
 use crate::cli::recorded::{Work, on_record};
 use crate::cli::{Common, Failed, Outcome, print_json};
 use crate::experiment;
@@ -37,7 +39,7 @@ pub(crate) struct How {
     #[arg(long, default_value_t = 20)]
     poses: usize,
     /// Stop once the expected position error is below this; the next pose is then chosen on the way
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = positive)]
     target_error_mm: Option<f64>,
     /// Which tags are on the floor
     #[arg(long, value_enum, default_value_t = On::Robot)]
@@ -51,7 +53,7 @@ pub(crate) struct How {
     #[command(flatten)]
     eye: Eye,
     /// Simulator: noise of a corner in one picture, px
-    #[arg(long, default_value_t = 0.1, value_name = "PX")]
+    #[arg(long, default_value_t = 0.1, value_name = "PX", value_parser = positive)]
     corner_px: f64,
 }
 
@@ -98,12 +100,15 @@ impl Cmd {
                 "data": path.display().to_string(), "poses": data.poses.len(),
             }));
         }
-        say!(
-            "{} poses in {}; `mcdpr calibrate all --data {}` solves them",
-            data.poses.len(),
-            path.display(),
-            path.display()
-        );
+        let (count, path) = (data.poses.len(), path.display());
+        if count < POSES_MIN {
+            say!(
+                "{count} poses in {path}, {POSES_MIN} are needed at least (20 is a good number): go on \
+                 with --resume --poses 20"
+            );
+        } else {
+            say!("{count} poses in {path}; `mcdpr calibrate all --data {path}` solves them");
+        }
         Ok(())
     }
 }

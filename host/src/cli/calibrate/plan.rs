@@ -13,8 +13,8 @@ pub(crate) struct Cmd {
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// Number of poses
-    #[arg(long, default_value_t = 20)]
-    poses: usize,
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
+    poses: u16,
     /// Number of reachable poses to choose from
     #[arg(long, default_value_t = 500)]
     candidates: usize,
@@ -94,11 +94,11 @@ impl Cmd {
             what: "poses can be planned for four cables only".to_owned(),
         })?;
         let work = work_poses(&data, 100, seed).unwrap_or_default();
-        let plan = choose(&data, &all, &work, self.poses, &Options::default());
+        let plan = choose(&data, &all, &work, self.poses.into(), &Options::default());
         let plan = plan.ok_or_else(|| Refusal::TooFewPoses {
             got: all.len(),
             total: self.candidates,
-            needed: self.poses.max(1),
+            needed: self.poses.into(),
             note:
                 " (reachable poses with a tag wholly in view: more candidates, or tags elsewhere)"
                     .to_owned(),

@@ -1,8 +1,10 @@
 //! `mcdpr calibrate study`: how accurate both methods are on simulated data.
 
+use crate::calibration::check::POSES_MIN;
 use crate::calibration::joint::Options;
 use crate::calibration::simulate::{Setup, Silent, Target, simulate};
 use crate::calibration::study::{Trial, median, trial};
+use crate::cli::numbers::{not_negative, part, positive, small};
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use rayon::prelude::*;
@@ -12,7 +14,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Number of seeds, each with its own robot, poses and noise
-    #[arg(long, default_value_t = 24)]
+    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     seeds: u64,
     /// What is on the floor
     #[arg(long, value_enum, default_value_t = On::Board)]
@@ -21,13 +23,13 @@ pub(crate) struct Cmd {
     #[arg(long, default_value_t = 20)]
     poses: usize,
     /// Corner noise, px
-    #[arg(long, default_value_t = 0.1)]
+    #[arg(long, default_value_t = 0.1, value_parser = positive)]
     corner_px: f64,
     /// Anchors are off by up to this per coordinate, mm
-    #[arg(long, default_value_t = 5.0)]
+    #[arg(long, default_value_t = 5.0, value_parser = positive)]
     anchor_mm: f64,
     /// Encoder noise, mm
-    #[arg(long, default_value_t = 0.05)]
+    #[arg(long, default_value_t = 0.05, value_parser = positive)]
     encoder_mm: f64,
     /// Poses anywhere and at any attitude, as in the paper's simulation (no statics)
     #[arg(long)]
@@ -43,22 +45,22 @@ pub(crate) struct Cmd {
     #[arg(long)]
     no_statics: bool,
     /// The tags are larger than stated by this part
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, value_parser = small)]
     tag_error: f64,
     /// The lens has this k1, which nothing states
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, value_parser = small)]
     k1: f64,
     /// The drums are larger than assumed by this part
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, value_parser = small)]
     drum_error: f64,
     /// The cables stretch: EA, N (0: not at all)
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, value_parser = not_negative)]
     ea_n: f64,
     /// The pulleys lose up to this part of a tension, with either sign
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, value_parser = part)]
     loss: f64,
     /// Part of the measurements that are outliers
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, value_parser = part)]
     outliers: f64,
     /// Write the first seed's data to this file instead
     #[arg(long, value_name = "FILE")]
@@ -106,7 +108,27 @@ impl Cmd {
         }
     }
 
+    /// What no number by itself is wrong for.
+    fn checked(&self) -> Result<(), Failed> {
+        if self.poses < POSES_MIN {
+            let why = format!(
+                "{} are too few to calibrate with: {POSES_MIN} or more",
+                self.poses
+            );
+            return Err(Failed::from_error("--poses")(why));
+        }
+        if self.chosen > 0 && self.chosen < self.poses {
+            let why = format!(
+                "{} candidates for {} poses: give more, or 0 for poses at random",
+                self.chosen, self.poses
+            );
+            return Err(Failed::from_error("--chosen")(why));
+        }
+        Ok(())
+    }
+
     pub(crate) fn run(&self, common: &Common) -> Outcome {
+        self.checked()?;
         if let Some(file) = &self.write {
             let what = format!("simulated data {}", file.display());
             let (data, _) = simulate(&self.setup(common.seed))
@@ -140,6 +162,9 @@ impl Cmd {
         let inside = inside.iter().sum::<f64>() / inside.len().max(1) as f64;
         let rejected = median(of(&|t| Some(t.rejected as f64)));
         let refused: Vec<&String> = trials.iter().filter_map(|t| t.as_ref().err()).collect();
+        if let (true, Some(first)) = (done.is_empty(), refused.first()) {
+            return Err(Failed::from_error("no seed gave a calibration")(first).into());
+        }
         if common.json {
             return print_json(&serde_json::json!({
                 "seeds": self.seeds, "joint_mm": joint_mm, "paper_mm": paper_mm, "none_mm": none_mm,
