@@ -271,8 +271,8 @@ fn tuning_finds_delay_resonance_and_swing_and_says_which_gains_to_keep() {
         let rms = |key: &str| found[key].as_f64().unwrap();
         let better = rms("after_rms_n") < rms("before_rms_n");
         assert_eq!(found["keep"].as_bool().unwrap(), !better, "{found}");
-        // The light drum's own gains are not the last word; the geared one's proposal is worse.
-        assert_eq!(better, robot == "lab-direct", "{found}");
+        // Neither robot file's gains are the last word on the machine of this seed.
+        assert!(better, "{found}");
     }
 }
 

@@ -237,32 +237,50 @@ impl LiveWriter {
     /// Makes the folder and writes the cameras into it. What an earlier writer left is deleted.
     ///
     /// # Errors
-    /// Where it can not be written.
+    /// Where it can not be written; where it holds pictures that no such writer left, as a recorded
+    /// folder does.
     pub fn create(
         folder: &Path,
         cameras: &Cameras,
         depth_unit_m: f64,
     ) -> Result<Self, SourceError> {
+        let old = Self::left(folder)?;
         recorded::write_intrinsics(folder, cameras, depth_unit_m)?;
-        let unwritable = |error| recorded::unwritable(folder, error);
-        for entry in std::fs::read_dir(folder).map_err(unwritable)? {
-            let path = entry.map_err(unwritable)?.path();
-            let name = path
-                .file_name()
-                .and_then(|name| name.to_str())
-                .unwrap_or_default();
-            let ours = ["color_", "depth_", "frame_"]
-                .iter()
-                .any(|kind| name.starts_with(kind));
-            if ours {
-                std::fs::remove_file(&path).map_err(unwritable)?;
-            }
+        for path in old {
+            std::fs::remove_file(&path).map_err(|error| recorded::unwritable(&path, error))?;
         }
         Ok(Self {
             folder: folder.to_owned(),
             written: 0,
             answered: String::new(),
         })
+    }
+
+    /// What an earlier writer left.
+    fn left(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
+        if !folder.exists() {
+            return Ok(Vec::new());
+        }
+        let unwritable = |error| recorded::unwritable(folder, error);
+        let (mut old, mut is_live) = (Vec::new(), false);
+        for entry in std::fs::read_dir(folder).map_err(unwritable)? {
+            let path = entry.map_err(unwritable)?.path();
+            let name = path.file_name().and_then(|name| name.to_str());
+            let starts = |kind: &&str| name.is_some_and(|name| name.starts_with(*kind));
+            is_live |= name == Some(WANTED) || starts(&"frame_");
+            if ["color_", "depth_", "frame_"]
+                .iter()
+                .any(|kind| starts(&kind))
+            {
+                old.push(path);
+            }
+        }
+        if is_live || old.is_empty() {
+            return Ok(old);
+        }
+        let reason =
+            "it holds pictures that were recorded, which would be deleted: name another folder";
+        Err(recorded::unwritable(folder, reason))
     }
 
     /// Whether a picture was asked for since this was last true.

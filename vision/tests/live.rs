@@ -170,3 +170,23 @@ fn a_camera_that_has_stopped_is_told_with_the_age_of_its_last_picture() {
     let words = reader.frame().unwrap_err().to_string();
     assert!(words.contains("number 1, taken 90."), "{words}");
 }
+
+#[test]
+fn recorded_pictures_are_not_deleted_and_an_earlier_writers_are() {
+    let path = folder("recorded");
+    std::fs::create_dir_all(&path).unwrap();
+    let (kept, intrinsics) = (path.join("color_0001.png"), path.join("intrinsics.json"));
+    std::fs::write(&kept, "a picture of the user's").unwrap();
+    std::fs::write(&intrinsics, "its camera").unwrap();
+    let refused = LiveWriter::create(&path, &cameras(), 1e-4).unwrap_err();
+    assert!(
+        refused.to_string().contains("would be deleted"),
+        "{refused}"
+    );
+    assert!(kept.is_file());
+    assert_eq!(std::fs::read_to_string(&intrinsics).unwrap(), "its camera");
+    // A reader has asked there before: a live folder, whose writer was killed between two files.
+    std::fs::write(path.join(WANTED), "1.0\n").unwrap();
+    LiveWriter::create(&path, &cameras(), 1e-4).unwrap();
+    assert!(!kept.exists());
+}

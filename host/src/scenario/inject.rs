@@ -63,9 +63,9 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::P1 | FaultId::P3 | FaultId::P4 | FaultId::P5 | FaultId::P6 => {
             How::Not("it happens to the processor; the tests of the emulated chip show it")
         }
-        FaultId::S12 => How::Not(
-            "no run of the demo looks through the camera; tests/tests/collect/main.rs shows it",
-        ),
+        FaultId::S12 => {
+            How::Not("no run of the demo looks through the camera; tests/tests/collect.rs shows it")
+        }
         FaultId::S3 | FaultId::K9 => {
             How::Not("a counter that wraps is no fault; tests begin just before it")
         }

@@ -12,38 +12,56 @@ const MEAN: usize = 20;
 const APART: usize = 50;
 /// Amplitude of an oscillation (at 10 Hz) that neither a sensor nor a way makes, N.
 const SHAKING_N: f64 = 3.0;
+/// Below this a tension that comes near to a limit does so by the way and not by an oscillation, N.
+const STILL_N: f64 = 1.0;
 
 /// Why a robot that measured this up to now had better stop, and how: brakes end an oscillation, but
 /// to close and open them would slacken a cable that is near to it.
 pub(super) fn halt(reach: &Reach<'_>, samples: &[Measured]) -> Option<Halt> {
-    let halted = |kind, reason| Some(Halt { kind, reason });
-    let last = samples.len().checked_sub(1)?;
-    let tension = |at: usize, cable: usize| samples.get(at)?.tensions_n.get(cable).copied();
-    for cable in 0..samples.get(last)?.tensions_n.len() {
+    let cables = 0..samples.last()?.tensions_n.len();
+    let swings = cables.clone().map(|cable| swing_n(samples, cable));
+    let swing_n = swings.fold(0.0, f64::max);
+    for cable in cables {
         let recent = samples.iter().rev().take(MEAN);
         let mean_n = recent.filter_map(|s| s.tensions_n.get(cable)).sum::<f64>() / MEAN as f64;
-        if last >= MEAN && reach.beyond(cable, mean_n) {
-            let reason = format!(
-                "cable {}'s tension came to {mean_n:.1} N on the way: the robot is built otherwise than \
-                 described",
-                cable + 1
-            );
-            return halted(StopKind::Hold, reason);
+        if samples.len() > MEAN && reach.beyond(cable, mean_n) {
+            return Some(Halt {
+                kind: if swing_n > STILL_N {
+                    StopKind::Stop
+                } else {
+                    StopKind::Hold
+                },
+                reason: format!(
+                    "cable {}'s tension came to {mean_n:.1} N on the way: the robot is built otherwise \
+                     than described",
+                    cable + 1
+                ),
+            });
         }
-        let Some((middle, first)) = last.checked_sub(APART).zip(last.checked_sub(2 * APART)) else {
-            continue;
-        };
-        let [a, b, c] = [first, middle, last].map(|at| tension(at, cable).unwrap_or(0.0));
-        if (a - 2.0 * b + c).abs() > 4.0 * SHAKING_N {
-            let reason = format!(
-                "cable {}'s tension oscillated by {:.0} N on the way",
-                cable + 1,
-                (a - 2.0 * b + c).abs() / 4.0
-            );
-            return halted(StopKind::Stop, reason);
+        let swing_n = self::swing_n(samples, cable);
+        if swing_n > SHAKING_N {
+            return Some(Halt {
+                kind: StopKind::Stop,
+                reason: format!(
+                    "cable {}'s tension oscillated by {swing_n:.0} N on the way",
+                    cable + 1
+                ),
+            });
         }
     }
     None
+}
+
+/// Amplitude of an oscillation at 10 Hz by the last three readings half a period apart, N.
+fn swing_n(samples: &[Measured], cable: usize) -> f64 {
+    let tension_n = |back: usize| {
+        let at = samples.len().checked_sub(1 + back)?;
+        samples.get(at)?.tensions_n.get(cable).copied()
+    };
+    match [2 * APART, APART, 0].map(tension_n) {
+        [Some(a), Some(b), Some(c)] => (a - 2.0 * b + c).abs() / 4.0,
+        _ => 0.0,
+    }
 }
 
 /// Tensions over the last period of such an oscillation, N.
@@ -92,6 +110,13 @@ mod tests {
         let shaking = |t: f64| 18.0 + 4.0 * (std::f64::consts::TAU * 10.0 * t).sin();
         let shaken = ended(&shaking).unwrap();
         assert!(shaken.kind == StopKind::Stop && shaken.reason.contains("oscillated"));
+        // So much that it comes near to its limit as well.
+        let more = |t: f64| 3.0 + 5.0 * t * (std::f64::consts::TAU * 10.0 * t).sin();
+        let shaken = ended(&more).unwrap();
+        assert!(
+            shaken.kind == StopKind::Stop && shaken.reason.contains("came to"),
+            "{shaken:?}"
+        );
         for slope in [|t| 3.0 - 2.0 * t, |t| 34.0 + 5.0 * t] {
             let limit = ended(&slope).unwrap();
             assert!(limit.kind == StopKind::Hold && limit.reason.contains("cable 2's"));

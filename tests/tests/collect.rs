@@ -2,8 +2,7 @@
 //! uses it. The simulated machine is as a workshop builds it: anchors off by up to 5 mm, pulleys that
 //! lose 2 %, mass, stiffness, sensors and drives off (`Mismatch::as_built`).
 
-mod high_up;
-mod shaken;
+mod collecting;
 
 use mcdpr::calibration::collect::{CollectError, Options, Step, collect};
 use mcdpr::calibration::data::View;

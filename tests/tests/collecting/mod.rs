@@ -1,0 +1,4 @@
+//! Collecting where tensions misbehave.
+
+mod high_up;
+mod shaken;
