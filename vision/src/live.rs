@@ -266,11 +266,11 @@ impl LiveWriter {
         for entry in std::fs::read_dir(folder).map_err(unwritable)? {
             let path = entry.map_err(unwritable)?.path();
             let name = path.file_name().and_then(|name| name.to_str());
-            let starts = |kind: &&str| name.is_some_and(|name| name.starts_with(*kind));
-            is_live |= name == Some(WANTED) || starts(&"frame_");
+            let starts = |kind: &str| name.is_some_and(|name| name.starts_with(kind));
+            is_live |= name == Some(WANTED) || starts("frame_");
             if ["color_", "depth_", "frame_"]
                 .iter()
-                .any(|kind| starts(&kind))
+                .any(|kind| starts(kind))
             {
                 old.push(path);
             }
