@@ -42,7 +42,7 @@ const CAN_IRQ: u8 = 19;
 /// Field of AFIO_MAPR that says where CAN's pins are, and its value for PB8 and PB9.
 const CAN_REMAP: u32 = 3 << 13;
 const CAN_ON_B: u32 = 2 << 13;
-/// Field of AFIO_MAPR that can not be read.
+/// Field of AFIO_MAPR that cannot be read.
 const SWJ_CFG: u32 = 7 << 24;
 
 /// What the chip did to itself.

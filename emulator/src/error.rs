@@ -1,6 +1,6 @@
 //! What can go wrong: a file that is no firmware, and firmware that misuses the chip.
 
-/// Why a file can not be loaded.
+/// Why a file cannot be loaded.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LoadError {
     /// It does not start as an ELF file does.

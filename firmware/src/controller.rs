@@ -49,7 +49,7 @@ struct Cable {
     setpoint_mn: i32,
     /// Tension that the static model expects at the reference, mN.
     reference_mn: i32,
-    /// The encoder can not be trusted.
+    /// The encoder cannot be trusted.
     lost: bool,
     /// A quick look found nothing wrong in this tick.
     well: bool,
@@ -64,7 +64,7 @@ struct Cable {
 }
 
 impl Cable {
-    /// Counts the encoder's steps; whether it can not be trusted.
+    /// Counts the encoder's steps; whether it cannot be trusted.
     #[inline]
     fn count(&mut self, encoder: u16, max_step: u16) -> bool {
         self.lost = self.encoder.sample(encoder, max_step) == Sampled::Lost;

@@ -13,7 +13,7 @@ pub enum Sampled {
     Good,
     /// A jump that no drum can make: ignored, the last velocity carries on (S1).
     Rejected,
-    /// Jumps went on: the encoder can not be trusted (S6). Counting goes on from the new place, so
+    /// Jumps went on: the encoder cannot be trusted (S6). Counting goes on from the new place, so
     /// that a new reference can mend it; the old reference is worth nothing.
     Lost,
 }

@@ -40,7 +40,7 @@ pub struct Demand {
     pub measured_speed_umps: i32,
     /// The robot stops: a cable that was slack is needed soon.
     pub stops: bool,
-    /// What was measured as tension can not be true (S7, S8, S11): it enters nowhere.
+    /// What was measured as tension cannot be true (S7, S8, S11): it enters nowhere.
     pub blind: bool,
 }
 

@@ -253,7 +253,7 @@ impl CableWatch {
         self.recent_mn = self.recent_mn.saturating_add(change / 2);
         // Half or one and a half times the tension, and still the drum goes on making it worse.
         let off = tension.saturating_sub(view.expected_mn);
-        // What can not be true says nothing about the loop.
+        // What cannot be true says nothing about the loop.
         let runs = view.by_tension
             && !(open | short)
             && ((off < -most && view.too_fast_umps > RUNAWAY_UMPS)

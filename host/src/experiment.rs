@@ -74,7 +74,7 @@ pub fn plan_from_home(model: &Model, task: Task) -> Result<Plan, RunError> {
 /// Runs a task on a simulated robot that hangs at home, `mismatch` away from its description.
 ///
 /// # Errors
-/// As [`on_link`]; also where the simulated robot can not hang at home.
+/// As [`on_link`]; also where the simulated robot cannot hang at home.
 pub fn simulate(
     model: &Model,
     task: Task,
@@ -164,7 +164,7 @@ pub fn simulate_seen(
     })
 }
 
-/// A true path in the world frame that the robot knows. A calibration can not tell where the world
+/// A true path in the world frame that the robot knows. A calibration cannot tell where the world
 /// frame is, only where things are to each other: of a robot that was calibrated on the simulator,
 /// the tags that it was calibrated by tie both frames together.
 fn in_calibrated_frame(model: &Model, path: Vec<(f64, [f64; 3])>) -> Vec<(f64, [f64; 3])> {
@@ -181,7 +181,7 @@ fn in_calibrated_frame(model: &Model, path: Vec<(f64, [f64; 3])>) -> Vec<(f64, [
 /// chosen ([`machine::choose_firmware`]), or by the control core in this process.
 ///
 /// # Errors
-/// Where it can not hang there.
+/// Where it cannot hang there.
 pub fn simulated_robot(
     model: &Model,
     mismatch: &Mismatch,
@@ -195,7 +195,7 @@ pub fn simulated_robot(
 /// in this process.
 ///
 /// # Errors
-/// Where it can not hang there.
+/// Where it cannot hang there.
 pub fn simulated_robot_on(
     model: &Model,
     mismatch: &Mismatch,

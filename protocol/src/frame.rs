@@ -113,7 +113,7 @@ pub enum FrameError {
     Malformed,
     /// The checksum fits, but no such channel exists here.
     UnknownChannel,
-    /// The message is larger than a frame, or can not be encoded.
+    /// The message is larger than a frame, or cannot be encoded.
     Encode,
 }
 

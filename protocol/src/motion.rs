@@ -2,7 +2,7 @@
 //!
 //! Between two knots the board evaluates the cubic with these end values and end velocities for
 //! each cable, every tick. Two segments share their knot, so they join exactly, and a late frame
-//! can not reach a motor.
+//! cannot reach a motor.
 
 use crate::{List, Micrometres, MicrometresPerSecond, Millinewtons, PerCable, TenthMicrometres};
 use postcard::experimental::max_size::MaxSize;

@@ -154,7 +154,7 @@ fn accepted(frames: Frames) -> Vec<(Channel, Vec<u8>)> {
     frames.into_iter().filter_map(Result::ok).collect()
 }
 
-/// Bytes that can not hold a frame with a valid checksum, for sure: all alike.
+/// Bytes that cannot hold a frame with a valid checksum, for sure: all alike.
 fn garbage() -> impl Strategy<Value = Vec<u8>> {
     (1..=255_u8, 0..700_usize).prop_map(|(byte, count)| vec![byte; count])
 }

@@ -46,7 +46,7 @@ pub trait VirtualBoard {
     /// arrived, leaves the bytes to send. `backlog` is what the line has not sent yet.
     ///
     /// # Errors
-    /// The plant is no such robot; [`PlantError::Board`] where the board itself can not go on.
+    /// The plant is no such robot; [`PlantError::Board`] where the board itself cannot go on.
     fn tick(
         &mut self,
         plant: &mut Plant,

@@ -19,7 +19,7 @@ pub fn path() -> PathBuf {
 /// The file.
 ///
 /// # Panics
-/// Where it is not built: a test that can not run the chip must not pass.
+/// Where it is not built: a test that cannot run the chip must not pass.
 #[must_use]
 pub fn firmware() -> Firmware {
     let found = Firmware::find(Some(&path()));

@@ -10,7 +10,7 @@ use std::process::Command;
 /// The real `mcdpr` program, from the build that the tests are part of.
 ///
 /// # Panics
-/// Where it was not built: a test that can not start the program must not pass.
+/// Where it was not built: a test that cannot start the program must not pass.
 #[must_use]
 pub fn mcdpr() -> Command {
     let path = program();

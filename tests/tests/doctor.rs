@@ -342,7 +342,7 @@ fn what_is_no_firmware_of_this_board_is_refused_before_a_probe_is_looked_for() {
     }
     let output = call(&["flash", "nowhere.elf"]);
     let words = String::from_utf8_lossy(&output.stderr);
-    assert!(words.contains("can not be read"), "{words}");
+    assert!(words.contains("cannot be read"), "{words}");
 }
 
 #[test]
@@ -365,7 +365,7 @@ fn the_real_firmware_is_examined_by_doctor_and_accepted_by_flash() {
         accepted["flash_bytes"].as_u64().unwrap() > 20_000,
         "{accepted}"
     );
-    // No probe is here, or this program can not use one: it says so, and that the file is good.
+    // No probe is here, or this program cannot use one: it says so, and that the file is good.
     let output = call(&["flash", &path]);
     let words = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{words}");

@@ -48,7 +48,7 @@ fn every_kind_of_bad_motion_is_refused_with_its_reason() {
     refused(&line(home, at(335.0, 280.0, -600.0), None), "mm");
     refused(
         &line(home, at(335.0, 0.0, 400.0), None),
-        "can not hold its tool",
+        "cannot hold its tool",
     );
     refused(&line(home, at(25.0, -360.0, -60.0), None), "");
     // Faster than the robot's limit, or no speed at all.

@@ -251,7 +251,7 @@ fn picking_is_shown_with_the_grasp_in_the_picture() {
     assert!(seen.contains("grasp") && seen.contains("mm wide"), "{seen}");
     page.run("document.getElementById('stop').click()");
     assert_eq!(pick.wait().unwrap().code(), Some(130));
-    // The picture with its marks is in the record, which says why it can not be replayed.
+    // The picture with its marks is in the record, which says why it cannot be replayed.
     let bytes = std::fs::read(folder.path().join("run.mcap")).unwrap();
     let record = mcdpr::record::mcap::read(&bytes).unwrap();
     for topic in ["/camera/image", "/camera/marks"] {

@@ -196,7 +196,7 @@ fn k1_bad_ports_and_tasks_are_refused_before_anything_moves() {
     refused(
         mcdpr().args(["run", "paper:table7", "--z-mm", "24"]),
         1,
-        &["can not hold its tool"],
+        &["cannot hold its tool"],
     );
     let outside = task(
         "outside.toml",

@@ -36,7 +36,7 @@ pub enum FrameError {
         "the depth picture holds no distance at all: is the depth camera covered, too near, or switched off?"
     )]
     NoDepth,
-    /// The distances can not be what the camera sees.
+    /// The distances cannot be what the camera sees.
     #[error(
         "half of the distances are over {median_m:.3} m, which is outside {least_m} to {most_m} m: is the depth unit {unit_m} m right?"
     )]

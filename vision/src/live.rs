@@ -237,7 +237,7 @@ impl LiveWriter {
     /// Makes the folder and writes the cameras into it. What an earlier writer left is deleted.
     ///
     /// # Errors
-    /// Where it can not be written; where it holds pictures that no such writer left, as a recorded
+    /// Where it cannot be written; where it holds pictures that no such writer left, as a recorded
     /// folder does.
     pub fn create(
         folder: &Path,
@@ -296,7 +296,7 @@ impl LiveWriter {
     /// Adds a picture that was taken at a time, s since 1970, with distances where there are any.
     ///
     /// # Errors
-    /// Where it can not be written.
+    /// Where it cannot be written.
     pub fn add(
         &mut self,
         taken_s: f64,

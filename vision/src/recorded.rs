@@ -124,7 +124,7 @@ impl Recording {
     /// Makes the folder and writes the cameras.
     ///
     /// # Errors
-    /// Where it can not be written.
+    /// Where it cannot be written.
     pub fn create(
         folder: &Path,
         cameras: &Cameras,
@@ -140,7 +140,7 @@ impl Recording {
     /// Adds a pair of pictures.
     ///
     /// # Errors
-    /// Where it can not be written.
+    /// Where it cannot be written.
     pub fn add(&mut self, frame: &Frame) -> Result<(), SourceError> {
         let number = self.written + 1;
         write_color(&picture_path(&self.folder, "color", number), &frame.color)?;
@@ -287,7 +287,7 @@ pub fn color_as_png(picture: &RgbImage) -> Vec<u8> {
     let form = (png::ColorType::Rgb, png::BitDepth::Eight);
     let size = [picture.width(), picture.height()];
     let mut bytes = Vec::new();
-    // Writing to memory can not fail; a picture of no size can not be encoded.
+    // Writing to memory cannot fail; a picture of no size cannot be encoded.
     if encode(&mut bytes, size, form, picture.pixels().as_flattened()).is_err() {
         bytes.clear();
     }

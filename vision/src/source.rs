@@ -43,16 +43,16 @@ pub trait Source {
 /// Why there is no picture.
 #[derive(Debug, Error)]
 pub enum SourceError {
-    /// A file is not there or can not be read.
-    #[error("{path} can not be read: {reason}")]
+    /// A file is not there or cannot be read.
+    #[error("{path} cannot be read: {reason}")]
     Unreadable {
         /// Which.
         path: PathBuf,
         /// Why.
         reason: String,
     },
-    /// A file can not be written.
-    #[error("{path} can not be written: {reason}")]
+    /// A file cannot be written.
+    #[error("{path} cannot be written: {reason}")]
     Unwritable {
         /// Which.
         path: PathBuf,
@@ -75,7 +75,7 @@ pub enum SourceError {
         /// Pictures so far.
         count: usize,
     },
-    /// The pictures are there but can not be used.
+    /// The pictures are there but cannot be used.
     #[error("picture {number} of {name}: {reason}")]
     Frame {
         /// Which source.

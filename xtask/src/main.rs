@@ -125,6 +125,6 @@ fn run(command: &mut Command) -> Result<(), String> {
     match command.status() {
         Ok(status) if status.success() => Ok(()),
         Ok(status) => Err(format!("xtask: `{line}` failed: {status}")),
-        Err(error) => Err(format!("xtask: `{line}` can not be started: {error}")),
+        Err(error) => Err(format!("xtask: `{line}` cannot be started: {error}")),
     }
 }

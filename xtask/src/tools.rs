@@ -50,7 +50,7 @@ pub(crate) fn ensure_mcap_reader() -> Result<(), String> {
     if check() {
         return Ok(());
     }
-    Err("xtask: Python's mcap can not be imported after its installation".to_owned())
+    Err("xtask: Python's mcap cannot be imported after its installation".to_owned())
 }
 
 fn make_venv(folder: &Path) -> Result<(), String> {

@@ -32,7 +32,7 @@ pub(crate) enum Trap {
     State { address: u32 },
     /// BKPT.
     Breakpoint,
-    /// A peripheral is used in a way that can not work on the chip.
+    /// A peripheral is used in a way that cannot work on the chip.
     Misuse { address: u32, what: &'static str },
 }
 

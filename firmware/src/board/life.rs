@@ -33,7 +33,7 @@ pub fn show(part: Part) {
 pub struct Keeper(());
 
 impl Keeper {
-    /// Starts the watchdog; it can not be stopped again.
+    /// Starts the watchdog; it cannot be stopped again.
     pub fn new() -> Self {
         let watchdog = pac::IWDG;
         watchdog.kr().write(|w| w.set_key(Key::ENABLE));

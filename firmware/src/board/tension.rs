@@ -5,7 +5,7 @@
 //! no lock: a sample is one aligned half-word, old or new.
 //!
 //! Sixteen samples of 12 bits add up to 65520 at most, so two channels are summed at once in the
-//! halves of a word: the lower one can not carry into the upper one.
+//! halves of a word: the lower one cannot carry into the upper one.
 //!
 //! What a step is worth depends on the supply. So each tick the converter also looks at its internal
 //! reference, as an injected conversion between two of a scan: with a supply that is not what the

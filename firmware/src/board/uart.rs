@@ -26,7 +26,7 @@ const _: () = assert!(TRANSFERS as usize == RING);
 /// Channels of DMA1 that USART3's transmitter and receiver are wired to, counted from 0.
 const SEND_CHANNEL: usize = 1;
 const RECEIVE_CHANNEL: usize = 2;
-/// Ticks in which the line can not fill the ring: 5 * 92.16 bytes.
+/// Ticks in which the line cannot fill the ring: 5 * 92.16 bytes.
 const SAFE_TICKS: i32 = 5;
 
 /// Written by DMA.

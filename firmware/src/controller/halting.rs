@@ -105,7 +105,7 @@ impl<const N: usize> Controller<N> {
             length: stir.base(cable.target.length),
             ..Target::default()
         };
-        // The paper's law knows no motion: it can not be asked to stir.
+        // The paper's law knows no motion: it cannot be asked to stir.
         let can_stir = config.control == Control::Length || config.law == TensionLaw::Default;
         let amplitude = Stir::amplitude(config.per_count_q24);
         if let (true, Err((fault, value, limit))) = (can_stir, stir.verdict(amplitude)) {
@@ -115,7 +115,7 @@ impl<const N: usize> Controller<N> {
 
     /// While the robot stops, a length-held cable gives way where it is pulled too hard and takes
     /// up where it is slack: by its measured tension, slowly, and not far (C1, C2). A reading that
-    /// can not be true moves nothing.
+    /// cannot be true moves nothing.
     ///
     /// Whether brakes may close as far as tension goes: no cable is out of its band, and no
     /// tension-held drum still reels in. Braked earlier, what is slack then stays slack. One that

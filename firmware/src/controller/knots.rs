@@ -143,7 +143,7 @@ impl Speeds {
         let bend = start - 2 * middle + end;
         let along = (start - middle) * bend.signum();
         // The extremum is (start * end - middle²) / bend; where the middle is within the limit, too,
-        // it can not be over it.
+        // it cannot be over it.
         bend != 0
             && middle.abs() > limit_umps
             && along > 0

@@ -93,7 +93,7 @@ impl Cable {
         let view = CableView {
             adc,
             tension_mn: self.tension_mn,
-            // No floor; and a cable that is to be slack can not be too slack.
+            // No floor; and a cable that is to be slack cannot be too slack.
             floor_mn: if config.floor_mn == 0
                 || (by_tension && self.setpoint_mn < config.floor_mn)
                 || around.bare

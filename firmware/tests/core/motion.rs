@@ -218,7 +218,7 @@ fn k6_an_empty_buffer_appends_a_stop_along_the_tangent_and_ends_at_rest() {
     // Half of 0.2 m/s times 0.3 s is 30 mm.
     let way = length(&end, 0) - f64::from(from[0].length.0);
     assert!((way - 300_000.0).abs() < 2500.0, "{way}");
-    assert!(!motion.is_paused(), "a stop segment can not be resumed");
+    assert!(!motion.is_paused(), "a stop segment cannot be resumed");
     assert!(!motion.push(rest([0, 0])), "nothing joins a stop segment");
 }
 

@@ -412,7 +412,7 @@ fn s7_s8_a_rail_has_no_say_in_the_current_of_a_tension_held_cable() {
     };
     let short = currents(|i| i.tension_adc[3] = 0);
     let open = currents(|i| i.tension_adc[3] = 65_520);
-    assert_eq!(short, open, "what can not be true enters nowhere");
+    assert_eq!(short, open, "what cannot be true enters nowhere");
     // Nothing but the plan may raise it: 2 kg from 20 mm/s in 300 ms are 0.13 N, the friction of
     // 0.5 N that the drum no longer overcomes is less; at 50 N/A some 12 mA.
     let most = short.0.abs() + 12;

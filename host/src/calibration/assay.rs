@@ -53,7 +53,7 @@ impl Split {
 
 /// Trains on the upper half of the poses, with tags, drums and lens held to what is stated, and
 /// tests on the lower half. A scale that is not as stated is the same at all heights for a random
-/// split, and shows here. `None` below 14 poses, or where the half can not be solved.
+/// split, and shows here. `None` below 14 poses, or where the half cannot be solved.
 #[must_use]
 pub fn split(data: &Data, options: &Options, full: &Answer) -> Option<Split> {
     let solved = full.solved.as_ref()?;

@@ -52,7 +52,7 @@ pub struct Design {
 
 impl Design {
     /// Prepares a choice among `all` for the robot, camera, tags and noise of `data` (its poses are
-    /// not read), to be accurate at `work`. `None` where an information can not be computed.
+    /// not read), to be accurate at `work`. `None` where an information cannot be computed.
     #[must_use]
     pub fn new(data: &Data, all: &[Candidate], work: &[Pose], options: &Options) -> Option<Self> {
         let (first, others) = all.split_first()?;
@@ -86,7 +86,7 @@ impl Design {
         Some(out)
     }
 
-    /// Adds a candidate to choose from. `None` where its information can not be computed.
+    /// Adds a candidate to choose from. `None` where its information cannot be computed.
     pub fn learn(
         &mut self,
         data: &Data,

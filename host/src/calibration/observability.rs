@@ -25,7 +25,7 @@ const NOTHING: f64 = 1e-7;
 /// Judges the estimate's information.
 ///
 /// # Errors
-/// [`Refusal::NotConverged`] where the information can not be computed.
+/// [`Refusal::NotConverged`] where the information cannot be computed.
 pub fn observability(
     model: &Model<'_>,
     anchor_sigma_m: f64,

@@ -117,7 +117,7 @@ fn seen(data: &Data, pose: Pose, tensions_n: [f64; 4], held: usize) -> Option<Ca
 
 /// Chooses `count` of the candidates for the robot, camera, tags and noise of `data` (its poses are
 /// not read), to be accurate at `work`. `None` where the candidates are too few or the information
-/// can not be computed.
+/// cannot be computed.
 #[must_use]
 pub fn choose(
     data: &Data,

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 /// Name of the file format.
 pub const SCHEMA: &str = "mcdpr-calibration-1";
 
-/// Why a calibration file can not be used or written.
+/// Why a calibration file cannot be used or written.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum FileError {
     /// The file system.
@@ -172,7 +172,7 @@ pub fn apply(robot: &Robot, path: &Path) -> Result<Robot, FileError> {
 /// The robot with a calibration that was just made ([`document`]) applied.
 ///
 /// # Errors
-/// Which value of it can not be used.
+/// Which value of it cannot be used.
 pub fn applied(robot: &Robot, document: &Value) -> Result<Robot, String> {
     overlay(robot, document, Path::new(""))
 }

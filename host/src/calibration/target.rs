@@ -51,7 +51,7 @@ pub fn tables(tags: &[Tag]) -> String {
     out
 }
 
-/// Why a sheet can not be drawn.
+/// Why a sheet cannot be drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
 pub enum TargetError {
     /// There is nothing on it.
@@ -65,7 +65,7 @@ pub enum TargetError {
         body: u32,
     },
     /// The tag is of no known family or number.
-    #[error("tag {id} of family {family} can not be drawn")]
+    #[error("tag {id} of family {family} cannot be drawn")]
     #[diagnostic(
         code(mcdpr::calibration::target),
         help("family 36h11 has the numbers 0 to 586")

@@ -19,7 +19,7 @@ pub struct Row {
     pub seen_m: Vector3<f64>,
 }
 
-/// Why poses can not be compared.
+/// Why poses cannot be compared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
 #[diagnostic(
     code(mcdpr::calibration::verify),
@@ -58,7 +58,7 @@ pub enum VerifyError {
         /// Why.
         what: String,
     },
-    /// The poses lie so that a frame can not be fitted.
+    /// The poses lie so that a frame cannot be fitted.
     #[error("the poses lie in one place or on one line, so that no frame can be fitted to them")]
     Degenerate,
 }

@@ -66,7 +66,7 @@ impl Cmd {
         }
     }
 
-    /// Port, then board, then everything behind it; what can not be reached ends it.
+    /// Port, then board, then everything behind it; what cannot be reached ends it.
     fn look(&self, common: &Common, robot: &Robot, findings: &mut Vec<Finding>) -> Outcome {
         let (link, simulated) = match self.open(common, robot)? {
             Ok(opened) => opened,

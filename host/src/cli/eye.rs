@@ -63,7 +63,7 @@ impl Eye {
     /// Tags by this camera, at the robot file's picture size; `None` where none was named.
     ///
     /// # Errors
-    /// A camera that can not be opened, or gives pictures of another size.
+    /// A camera that cannot be opened, or gives pictures of another size.
     pub(crate) fn tags(&self, robot: &Robot) -> miette::Result<Option<CameraTags>> {
         let lens = lens(&robot.camera);
         let Some(camera) = self.open(&lens)? else {
@@ -78,7 +78,7 @@ impl Eye {
     /// This camera with pictures of the size that `lens` has; `None` where none was named.
     ///
     /// # Errors
-    /// A camera that can not be opened, or is another one.
+    /// A camera that cannot be opened, or is another one.
     pub(crate) fn open(&self, lens: &mcdpr_vision::Camera) -> miette::Result<Option<Camera>> {
         let lens = *lens;
         let camera = match self.camera.clone() {

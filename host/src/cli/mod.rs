@@ -335,7 +335,7 @@ fn take_file_size_limit_as_an_error() {
 /// Prints one JSON document.
 ///
 /// # Errors
-/// Where the value can not be written as JSON.
+/// Where the value cannot be written as JSON.
 pub(crate) fn print_json(value: &impl serde::Serialize) -> Outcome {
     let text = serde_json::to_string(value).map_err(Failed::from_error("the result"))?;
     say!("{text}");

@@ -60,7 +60,7 @@ impl Cmd {
 
 /// One robot as lines of text.
 fn screen(view: &View, most_n: f64) -> String {
-    // Writing to a string can not fail.
+    // Writing to a string cannot fail.
     let mut out = String::new();
     let words = view.state.map_or("not known yet", words::state);
     let _ = writeln!(

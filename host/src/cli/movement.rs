@@ -226,7 +226,7 @@ impl Home {
             .at
             .as_deref()
             .map_or(robot.tool.home_in_world_m, place_m);
-        // A place where the robot can not hang is refused before a board is even opened.
+        // A place where the robot cannot hang is refused before a board is even opened.
         model.rest(&place, None)?;
         let session = if self.tag {
             if common.on != "sim" {

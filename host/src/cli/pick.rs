@@ -38,7 +38,7 @@ pub(crate) struct Cmd {
     /// Simulate the machine exactly as described
     #[arg(long)]
     ideal: bool,
-    /// The jaws can not turn about the tool's axis (those of a robot on a port never do)
+    /// The jaws cannot turn about the tool's axis (those of a robot on a port never do)
     #[arg(long)]
     fixed_jaws: bool,
     /// Look from this many places before each choice

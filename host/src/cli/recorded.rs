@@ -48,12 +48,12 @@ impl Recorded {
         self.doing == Doing::Task
     }
 
-    /// Makes the folder and starts the record. A record that can not be started is told, and the
+    /// Makes the folder and starts the record. A record that cannot be started is told, and the
     /// run goes on without: only a folder that the user asked for must be there. Without a model (a
     /// winch that holds no robot yet) no poses are recorded.
     ///
     /// # Errors
-    /// A folder that can not be made.
+    /// A folder that cannot be made.
     pub(crate) fn start(
         common: &Common,
         model: Option<&Model>,

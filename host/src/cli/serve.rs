@@ -54,7 +54,7 @@ pub(crate) struct Cmd {
 /// Takes the page's orders to the thread that moves the robot.
 pub(crate) struct PageDesk {
     pub(crate) handle: Handle,
-    /// Whether Start was pressed; `None` where a page can not start anything.
+    /// Whether Start was pressed; `None` where a page cannot start anything.
     pub(crate) start: Option<Arc<AtomicBool>>,
     /// Greatest speed of a jog, m/s.
     pub(crate) most_mps: f64,
@@ -105,7 +105,7 @@ impl Desk for PageDesk {
             "jog" => return self.jog(message),
             "start" => {
                 let start = self.start.as_ref();
-                let start = start.ok_or("this page can not start a task")?;
+                let start = start.ok_or("this page cannot start a task")?;
                 start.store(true, Ordering::SeqCst);
                 return Ok(());
             }

@@ -77,7 +77,7 @@ pub type Outcome = Result<(), String>;
 
 /// Outcomes are kept for this many orders.
 const OUTCOMES: usize = 64;
-/// More orders than this can not wait: whoever sends them faster than 8 ms each is broken.
+/// More orders than this cannot wait: whoever sends them faster than 8 ms each is broken.
 const WAITING: usize = 64;
 /// Orders that are kept for a record until it takes them.
 const ARRIVED: usize = 1000;

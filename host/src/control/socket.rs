@@ -23,7 +23,7 @@ const CALLER: Duration = Duration::from_secs(5);
 /// An order is shorter than this, bytes.
 const LONGEST_ORDER: u64 = 4096;
 
-/// Why another process can not be reached, or reach this one.
+/// Why another process cannot be reached, or reach this one.
 #[derive(Debug, Error, Diagnostic)]
 pub enum SocketError {
     /// Nobody moves this robot.

@@ -32,7 +32,7 @@ pub(super) fn drives<L: Link>(
         return Ok(vec![Finding::with(
             Verdict::Unseen,
             "drives",
-            "this image can not ask drives while they are off",
+            "this image cannot ask drives while they are off",
             SERVICE_IMAGE,
         )]);
     }

@@ -46,7 +46,7 @@ pub enum FlashError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Version(ClientError),
-    /// This program can not write a chip.
+    /// This program cannot write a chip.
     #[error("the file is good, but this mcdpr was built without `flash`")]
     #[diagnostic(
         code(mcdpr::flash::feature),

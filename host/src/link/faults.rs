@@ -91,7 +91,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
             "a cable slipped or is mis-wound: look at the drums, then re-reference the lengths"
         }
         FaultId::S7 | FaultId::S11 => {
-            "check the tension sensor's plug and amplifier; the reading can not be true"
+            "check the tension sensor's plug and amplifier; the reading cannot be true"
         }
         FaultId::S8 => {
             "check the tension sensor's plug and amplifier; where every sensor reads 0 V, the board's own supply: it is not within 3.0 to 3.6 V"
@@ -152,7 +152,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
         FaultId::F1 | FaultId::F2 => {
             "mend the line of the file that the message names; `mcdpr config check` looks at all of it"
         }
-        FaultId::F3 | FaultId::F4 => "nothing: it can not happen",
+        FaultId::F3 | FaultId::F4 => "nothing: it cannot happen",
         FaultId::F5 => {
             "look at the named rows; a few are left out by themselves, many mean a moved camera or tag"
         }

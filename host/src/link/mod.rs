@@ -141,7 +141,7 @@ pub enum LinkError {
         port: String,
     },
     /// Something is at that path, but no serial port.
-    #[error("{port} can not be opened as a serial port: {reason}")]
+    #[error("{port} cannot be opened as a serial port: {reason}")]
     #[diagnostic(
         code(mcdpr::link::unusable),
         help("`mcdpr ports` lists serial ports; `--on sim` needs none")
@@ -171,7 +171,7 @@ pub enum LinkError {
         help("the platform was driven into a pulley or its cables tangled; check the task")
     )]
     Plant(#[source] mcdpr_simulator::plant::PlantError),
-    /// The board in front of the simulated robot can not go on.
+    /// The board in front of the simulated robot cannot go on.
     #[error("the board of the simulated robot stopped: {reason}")]
     #[diagnostic(
         code(mcdpr::link::board),

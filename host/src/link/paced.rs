@@ -39,7 +39,7 @@ impl<L: Link> Link for Paced<L> {
         let now_us = self.inner.receive(until_us, into)?;
         let since_s = now_us.saturating_sub(self.first_us) as f64 * 1e-6 / self.scale;
         let ahead = since_s - self.began.elapsed().as_secs_f64();
-        // Half a millisecond is what a sleep can not do anyway.
+        // Half a millisecond is what a sleep cannot do anyway.
         if ahead > 5e-4 && ahead.is_finite() {
             std::thread::sleep(Duration::from_secs_f64(ahead.min(1.0)));
         }

@@ -10,7 +10,7 @@ use thiserror::Error;
 
 /// A value that does not fit the board's range.
 #[derive(Debug, Error, Diagnostic)]
-#[error("{key} of cable {cable} is {value}, which a board can not hold")]
+#[error("{key} of cable {cable} is {value}, which a board cannot hold")]
 #[diagnostic(
     code(mcdpr::config::range),
     help("correct the value in the robot file; see docs/robot-file.md")
@@ -77,7 +77,7 @@ impl CableRates {
 /// All entries of the board's configuration, in ascending order of keys.
 ///
 /// # Errors
-/// The first value that a board can not hold.
+/// The first value that a board cannot hold.
 pub fn configuration(robot: &Robot) -> Result<Vec<ConfigEntry>, OutOfRange> {
     let mut entries = Vec::new();
     let kind = robot.winches.first().map(|winch| winch.drive);

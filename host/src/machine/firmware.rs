@@ -16,8 +16,8 @@ const MOST_BYTES: u64 = 256 << 20;
 /// Why there is no firmware to execute.
 #[derive(Debug, Error, Diagnostic)]
 pub enum FirmwareError {
-    /// The file can not be read.
-    #[error("the firmware {path} can not be read: {reason}")]
+    /// The file cannot be read.
+    #[error("the firmware {path} cannot be read: {reason}")]
     #[diagnostic(
         code(mcdpr::firmware::missing),
         help(
@@ -42,7 +42,7 @@ pub enum FirmwareError {
         /// What is wrong with it.
         reason: String,
     },
-    /// This program can not execute it.
+    /// This program cannot execute it.
     #[error("this mcdpr was built without the emulated chip")]
     #[diagnostic(
         code(mcdpr::firmware::no_emulator),

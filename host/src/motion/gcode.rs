@@ -9,7 +9,7 @@ use super::path::{Path, Piece};
 use super::timed::Step;
 use nalgebra::Vector3;
 
-/// What can not be followed, and where.
+/// What cannot be followed, and where.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct GCodeError {
     /// Line, from 1.

@@ -57,8 +57,8 @@ pub enum PlanError {
         /// Unit of both.
         unit: &'static str,
     },
-    /// The robot can not hang there.
-    #[error("the robot can not hold its tool at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm")]
+    /// The robot cannot hang there.
+    #[error("the robot cannot hold its tool at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm")]
     #[diagnostic(
         code(mcdpr::plan::no_equilibrium),
         help("choose a place further inside the frame or lower, or another tension set-point")
@@ -89,14 +89,14 @@ pub enum PlanError {
     #[error(transparent)]
     #[diagnostic(code(mcdpr::plan::path))]
     Path(#[from] PathError),
-    /// The path can not be followed in time.
+    /// The path cannot be followed in time.
     #[error(transparent)]
     #[diagnostic(
         code(mcdpr::plan::time),
         help("allow more time, or raise [limits] in the robot file if the machine can do it")
     )]
     TimeLaw(#[from] TimeLawError),
-    /// The lengths can not be put into knots.
+    /// The lengths cannot be put into knots.
     #[error(transparent)]
     #[diagnostic(code(mcdpr::plan::knots))]
     Spline(#[from] SplineError),
@@ -155,7 +155,7 @@ impl Plan {
     /// judges it.
     ///
     /// # Errors
-    /// The first limit that it would break, or why it can not be followed at all.
+    /// The first limit that it would break, or why it cannot be followed at all.
     pub fn new(model: &Model, start_m: &Vector3<f64>, steps: &[Step]) -> Result<Self, PlanError> {
         Self::unjudged(model, start_m, steps)?.judged()
     }
@@ -163,7 +163,7 @@ impl Plan {
     /// Plans without judging: for those who want to see what is wrong with it.
     ///
     /// # Errors
-    /// Why it can not be followed at all.
+    /// Why it cannot be followed at all.
     pub fn unjudged(
         model: &Model,
         start_m: &Vector3<f64>,

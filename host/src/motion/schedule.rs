@@ -34,7 +34,7 @@ pub(super) fn bounds_n(model: &Model) -> (f64, f64) {
 /// The tension that the rule gives with the tool at `tool_m`, N.
 ///
 /// # Errors
-/// [`PlanError::NoEquilibrium`] where the robot can not hang there with any tension tried.
+/// [`PlanError::NoEquilibrium`] where the robot cannot hang there with any tension tried.
 pub(super) fn best_n(
     model: &Model,
     tool_m: &Vector3<f64>,

@@ -51,8 +51,8 @@ pub enum TaskError {
         /// What was asked for.
         name: String,
     },
-    /// The file can not be read.
-    #[error("task file {path} can not be read")]
+    /// The file cannot be read.
+    #[error("task file {path} cannot be read")]
     #[diagnostic(code(mcdpr::task::unreadable))]
     Unreadable {
         /// Which.
@@ -72,7 +72,7 @@ pub enum TaskError {
         /// What is wrong and where.
         message: String,
     },
-    /// The G-code can not be followed.
+    /// The G-code cannot be followed.
     #[error("{path}:{line}:{column}: {message}")]
     #[diagnostic(
         code(mcdpr::task::gcode),

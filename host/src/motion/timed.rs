@@ -74,7 +74,7 @@ impl Timed {
     ///
     /// # Errors
     /// [`PlanError::TimeLaw`] and [`PlanError::Step`] where a step asks for too much,
-    /// [`PlanError::NoEquilibrium`] where the robot can not hang, [`PlanError::Path`] where a step
+    /// [`PlanError::NoEquilibrium`] where the robot cannot hang, [`PlanError::Path`] where a step
     /// does not start where the one before ends, [`PlanError::Long`].
     pub fn new(model: &Model, start_m: &Vector3<f64>, steps: &[Step]) -> Result<Self, PlanError> {
         let mut timed = Self {

@@ -36,7 +36,7 @@ impl Track {
     /// Solves the statics along a path.
     ///
     /// # Errors
-    /// [`PlanError::NoEquilibrium`] with the first place where the robot can not hang.
+    /// [`PlanError::NoEquilibrium`] with the first place where the robot cannot hang.
     pub fn along(model: &Model, path: &Path, near: Option<&Rest>) -> Result<Self, PlanError> {
         let length_m = path.length_m();
         let tension = Tension::along(model, path, near)?;

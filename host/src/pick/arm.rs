@@ -361,7 +361,7 @@ impl<L: Link> Arm<L> {
     /// on the robot now and did not before. Pulleys' radius is left out.
     ///
     /// # Errors
-    /// Where the robot can not hang there.
+    /// Where the robot cannot hang there.
     pub fn lift_n(&mut self, before_n: &[f64], now_n: &[f64]) -> Result<f64, PickError> {
         let tool_m = self.tool_m;
         let rest = self.meanwhile(|model| model.rest(&tool_m, None))??;
@@ -380,7 +380,7 @@ impl<L: Link> Arm<L> {
     /// Plans from now on with this mass at the tool, kg.
     ///
     /// # Errors
-    /// Where the robot can not hang with it as it is.
+    /// Where the robot cannot hang with it as it is.
     pub fn carry(&mut self, mass_kg: f64) -> Result<(), PickError> {
         let mut robot: Robot = self.model.robot().clone();
         let bare_kg = robot.platform.mass_kg - self.carried_kg;

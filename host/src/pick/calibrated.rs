@@ -32,7 +32,7 @@ const CORNER_PX: f64 = 0.1;
 /// from then on, as after `mcdpr calibrate all --target board`.
 ///
 /// # Errors
-/// Where the poses can not be driven to, or the estimate is refused.
+/// Where the poses cannot be driven to, or the estimate is refused.
 pub fn calibrated(robot: &Robot, seed: u64) -> Result<Robot, PickError> {
     let failed = |error: &dyn Display| PickError::Calibration {
         reason: error.to_string(),

@@ -69,7 +69,7 @@ const OFF_M: f64 = 0.0005;
 const RANK_MIN: f64 = 0.08;
 /// Room between jaws and object that must be left on both sides, m.
 const SIDE_M: f64 = 0.0025;
-/// Jaws that can not turn take grasps within this of their direction, rad.
+/// Jaws that cannot turn take grasps within this of their direction, rad.
 const FIXED_TOLERANCE_RAD: f64 = 0.2;
 
 /// Takes an attitude transform of the robot file as an isometry.

@@ -5,14 +5,14 @@ use crate::run::RunError;
 use miette::Diagnostic;
 use thiserror::Error;
 
-/// Why the program can not pick. An empty tray is no error.
+/// Why the program cannot pick. An empty tray is no error.
 #[derive(Debug, Error, Diagnostic)]
 pub enum PickError {
     /// The board, the line, a fault, a stop.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Run(#[from] RunError),
-    /// The robot can not go there.
+    /// The robot cannot go there.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),
@@ -52,7 +52,7 @@ pub enum PickError {
         /// Why not.
         reason: String,
     },
-    /// What a study keeps can not be kept.
+    /// What a study keeps cannot be kept.
     #[error("{file}: {reason}")]
     #[diagnostic(
         code(mcdpr::pick::kept),

@@ -53,7 +53,7 @@ pub struct Attempt {
 pub enum End {
     /// Nothing left.
     Empty,
-    /// Things are left that it can not take.
+    /// Things are left that it cannot take.
     Unreachable {
         /// Why not.
         reason: String,

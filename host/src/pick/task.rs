@@ -97,7 +97,7 @@ const WEIGHT_MIN_N: f64 = 0.05;
 const WEIGHT_MAX_N: f64 = 8.0;
 /// Up and down again by this before a weight is taken, m: over the pulleys' presliding.
 const OVERSHOOT_M: f64 = 0.01;
-/// A place of return that can not be reached is tried this much lower, m.
+/// A place of return that cannot be reached is tried this much lower, m.
 const LOWER_M: f64 = 0.02;
 /// Corrections above a grasp, and again at it.
 const TRIES_ABOVE: usize = 1;

@@ -373,7 +373,7 @@ pub const PAPER_RETURN_M: [f64; 3] = [0.335, 0.0, -0.009];
 /// that point lies at the paper's pixel, released and returned where the paper does.
 ///
 /// # Errors
-/// As [`options`]; where the robot can not hang there.
+/// As [`options`]; where the robot cannot hang there.
 pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
     let robot = model.robot();
     let (gripper, _) = gripper_of(robot)?;

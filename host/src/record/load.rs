@@ -12,7 +12,7 @@ use miette::Diagnostic;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Why a run can not be read.
+/// Why a run cannot be read.
 #[derive(Debug, Error, Diagnostic)]
 pub enum LoadError {
     /// There is no such file.
@@ -28,7 +28,7 @@ pub enum LoadError {
         reason: String,
     },
     /// It is no MCAP file.
-    #[error("{path} can not be read")]
+    #[error("{path} cannot be read")]
     #[diagnostic(
         code(mcdpr::record::unreadable),
         help("a record of this program starts with the MCAP magic; was the file overwritten?")

@@ -93,7 +93,7 @@ impl Recording<File> {
     /// Starts a record at `path`; what the scenario says goes in first.
     ///
     /// # Errors
-    /// The system's: a folder that can not be written.
+    /// The system's: a folder that cannot be written.
     pub fn create(path: &Path, scenario: &Scenario, model: Option<Model>) -> io::Result<Self> {
         let file = File::create(path)?;
         Self::start(file, scenario, model, |file| file.sync_data())

@@ -17,12 +17,12 @@ use thiserror::Error;
 /// Why a replay is not the run.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ReplayError {
-    /// The record can not be read.
+    /// The record cannot be read.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Load(#[from] LoadError),
     /// The record has holes.
-    #[error("the record lacks {missing} calls of the line, so it can not be replayed")]
+    #[error("the record lacks {missing} calls of the line, so it cannot be replayed")]
     #[diagnostic(
         code(mcdpr::replay::gaps),
         help("`mcdpr report` and `mcdpr export` still read what is there")
@@ -53,7 +53,7 @@ pub enum ReplayError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Task(#[from] TaskError),
-    /// The recorded robot can not be planned for.
+    /// The recorded robot cannot be planned for.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),
@@ -77,8 +77,8 @@ pub enum ReplayError {
         /// The recording program.
         program: String,
     },
-    /// The simulated robot can not be set up as recorded.
-    #[error("the simulated robot can not be set up as recorded: {reason}")]
+    /// The simulated robot cannot be set up as recorded.
+    #[error("the simulated robot cannot be set up as recorded: {reason}")]
     #[diagnostic(code(mcdpr::replay::simulator))]
     Simulator {
         /// Why.
@@ -212,7 +212,7 @@ pub fn recorded_task(run: &RecordedRun) -> Result<Task, ReplayError> {
 /// Runs host and core again and compares every byte.
 ///
 /// # Errors
-/// [`ReplayError::Differs`] with the first difference; the others where it can not be replayed.
+/// [`ReplayError::Differs`] with the first difference; the others where it cannot be replayed.
 pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
     if run.gaps > 0 {
         return Err(ReplayError::Gaps { missing: run.gaps });

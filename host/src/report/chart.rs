@@ -142,7 +142,7 @@ impl Chart {
         let px = |value: f64| LEFT + (value - x.0) / (x.1 - x.0) * inner_w;
         let py = |value: f64| TOP + (y.1 - value) / (y.1 - y.0) * inner_h;
         let title = escape(&self.title);
-        // Writing to a string can not fail, here and below.
+        // Writing to a string cannot fail, here and below.
         let mut out = format!(
             "<svg viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" aria-label=\"{title}\"><text \
              class=\"title\" x=\"{LEFT}\" y=\"18\">{title}</text>"

@@ -91,7 +91,7 @@ pub fn write_samples(
         ("current", "a"),
     ] {
         for cable in 1..=cables {
-            // Writing to a string can not fail.
+            // Writing to a string cannot fail.
             let _ = write!(text, ",{what}_{cable}_{unit}");
         }
     }

@@ -13,7 +13,7 @@ type Failed = Box<dyn std::error::Error>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Curve = (String, Vec<(f64, f64)>);
 
-/// Draws a plan as SVG text; empty where it can not be drawn.
+/// Draws a plan as SVG text; empty where it cannot be drawn.
 #[must_use]
 pub fn draw_plan(title: &str, plan: &Plan) -> String {
     let mut svg = String::new();

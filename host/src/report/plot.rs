@@ -20,7 +20,7 @@ const MOST_POINTS: usize = 1500;
 /// Draws the desired path from above beside the actual ones, and their errors over time.
 ///
 /// # Errors
-/// [`PlanError::Path`] for a plan that can not be evaluated.
+/// [`PlanError::Path`] for a plan that cannot be evaluated.
 pub fn draw_path(title: &str, plan: &Plan, traces: &[PathTrace]) -> Result<String, PlanError> {
     let duration_s = plan.timed.duration_s();
     let mut desired = Vec::new();

@@ -15,7 +15,7 @@ pub fn all(run: &RecordedRun) -> Vec<(&'static str, String)> {
     ]
 }
 
-// Writing to a string can not fail, here and below.
+// Writing to a string cannot fail, here and below.
 
 fn head(text: &mut String, what: &str, unit: &str, count: usize) {
     for cable in 1..=count {

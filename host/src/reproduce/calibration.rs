@@ -247,7 +247,7 @@ pub(super) fn free_poses(bench: &Bench) -> Result<Outcome, ReproduceError> {
              5 mm. Realistic: 20 poses in which the robot really hangs, a board of tags, corners \
              0.1 px, EA 50 kN, pulleys lose up to 2 %. Errors of position, yaw and lengths are \
              those of held-out poses in the tag's frame, root mean squares and a mean; distances \
-             between anchors, like them, do not depend on the frame, which these data can not \
+             between anchors, like them, do not depend on the frame, which these data cannot \
              tell. Medians over the seeds."
                 .to_owned(),
             "The paper does not say over what its three numbers were taken, and its 0.009 mm may \
@@ -348,7 +348,7 @@ pub(super) fn reachable_poses(bench: &Bench) -> Result<Outcome, ReproduceError> 
             "The paper's pose (355, -334, -535) mm, where the platform ends when it is sent there \
              with the parameters before and after the calibration. Its gamma of 110.982 degrees is \
              read as the tool's, which sits at 90 degrees on the platform. Before: by the anchors' \
-             nominal places. After: relative to the tag, since absolute places can not be seen in \
+             nominal places. After: relative to the tag, since absolute places cannot be seen in \
              these data. The pose is one of geometry: the paper's simulation moves its platform \
              level, while a hanging one has no command over its yaw. So the same pose is computed \
              in both columns, by what free poses and noiseless tags teach, and by what the poses \
@@ -456,7 +456,7 @@ pub(super) fn printed_numbers(bench: &Bench) -> Result<Outcome, ReproduceError> 
             ),
         ],
         notes: vec![
-            "The prototype can not be measured again. The rows without `simulated` are what Table \
+            "The prototype cannot be measured again. The rows without `simulated` are what Table \
              6's printed positions give; none of it is 58.33 %, and the reference against which an \
              error was taken is not printed."
                 .to_owned(),

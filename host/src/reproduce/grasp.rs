@@ -372,7 +372,7 @@ fn operation(kept: &Kept, cables: usize) -> Vec<Chart> {
 fn picture(shown: &Shown, title: &str) -> String {
     let [width, height] = shown.size_px();
     let data = base64(&shown.png());
-    // Writing to a string can not fail, here and below.
+    // Writing to a string cannot fail, here and below.
     let mut out = format!(
         "<svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{title}\">\
          <title>{title}</title><image width=\"{width}\" height=\"{height}\" \

@@ -338,7 +338,7 @@ pub(super) fn disturbed(bench: &Bench) -> Result<Outcome, ReproduceError> {
              over 50 ms: nothing damps the platform's swing but the winches, and the tension swings \
              with it."
                 .to_owned(),
-            "A motor behind 371:1 feels like 34 kg at the cable: it can not give way within a knock, \
+            "A motor behind 371:1 feels like 34 kg at the cable: it cannot give way within a knock, \
              and the cable's tension follows the platform until the winch has caught up. The same \
              loop on a light winch is the second pair of rows. Medians over the seeds."
                 .to_owned(),

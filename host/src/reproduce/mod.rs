@@ -198,12 +198,12 @@ pub const NOT_REPRODUCED: [(&str, &str); 7] = [
     (
         "Table 3, the printed values themselves",
         "the printed initial lengths are geometrically impossible, and with vertical swivel axes \
-         translation and yaw of the frame can not be seen in these data: accuracy is stated in \
+         translation and yaw of the frame cannot be seen in these data: accuracy is stated in \
          quantities that do not depend on the frame",
     ),
     (
         "Tables 5 and 6",
-        "measurements of one prototype; the 58.33 % can not be derived from the printed numbers",
+        "measurements of one prototype; the 58.33 % cannot be derived from the printed numbers",
     ),
     (
         "Table 7 and 8 at z = 24 mm",

@@ -120,7 +120,7 @@ pub enum RunError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Task(#[from] crate::motion::TaskError),
-    /// The plan can not be made from where the robot is.
+    /// The plan cannot be made from where the robot is.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),

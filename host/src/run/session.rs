@@ -241,7 +241,7 @@ impl<'m, L: Link> Session<'m, L> {
         let status = super::status(&mut self.client)?;
         if !self.client.info().simulated && status.state == BoardState::Disarmed {
             let saved = Saved::of(self.client.hello(), &status, self.model.robot());
-            // What can not be kept costs a homing, not the run.
+            // What cannot be kept costs a homing, not the run.
             if let Err(error) = saved.store() {
                 eprintln!("the lengths were not kept, home again after a loss of power: {error}");
             }

@@ -5,7 +5,7 @@ use mcdpr_protocol::FaultId;
 use mcdpr_simulator::plant::{CableFaults, EncoderFault, PlantError, TensionFault};
 use mcdpr_simulator::{Simulation, WireFaults};
 
-/// Where a fault is injected, in words; or why it can not be.
+/// Where a fault is injected, in words; or why it cannot be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum How {
     /// At the plant: mechanics, sensors, drives, brakes, supply.
@@ -78,7 +78,7 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::L17 => {
             How::Not("program and simulated board have the same version; tests show it")
         }
-        FaultId::F3 | FaultId::F4 => How::Not("it can not happen: the board stores nothing"),
+        FaultId::F3 | FaultId::F4 => How::Not("it cannot happen: the board stores nothing"),
         FaultId::F8 => How::Not("it happens to the disk; tests show it"),
         FaultId::K4 | FaultId::K5 | FaultId::K6 | FaultId::K7 | FaultId::K8 | FaultId::K10 => {
             How::Not("this program sends nothing of that kind; tests of the board's side do")

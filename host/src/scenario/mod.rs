@@ -65,7 +65,7 @@ const SETTLE_US: u64 = 4_000_000;
 /// Runs a task on a simulated robot at home with these faults, and says what came of it.
 ///
 /// # Errors
-/// Where the task can not be planned or the plant leaves the region where its physics holds;
+/// Where the task cannot be planned or the plant leaves the region where its physics holds;
 /// faults are no error.
 pub fn run(
     model: &Model,

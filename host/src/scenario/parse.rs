@@ -30,8 +30,8 @@ pub enum ScenarioError {
         /// What is wrong with it.
         what: String,
     },
-    /// A row that the simulator can not show.
-    #[error("{} ({}) can not be injected: {why}", fault.name(), fault.what())]
+    /// A row that the simulator cannot show.
+    #[error("{} ({}) cannot be injected: {why}", fault.name(), fault.what())]
     #[diagnostic(
         code(mcdpr::scenario::not_here),
         help("`mcdpr faults` shows which rows can be injected, and how each is tested")
@@ -42,8 +42,8 @@ pub enum ScenarioError {
         /// Why not.
         why: &'static str,
     },
-    /// A row that this robot can not show.
-    #[error("{} ({}) can not be injected into winch {}: {why}", fault.name(), fault.what(), cable + 1)]
+    /// A row that this robot cannot show.
+    #[error("{} ({}) cannot be injected into winch {}: {why}", fault.name(), fault.what(), cable + 1)]
     #[diagnostic(
         code(mcdpr::scenario::not_this_robot),
         help("`drive` in the robot file says what its drives are")
@@ -56,8 +56,8 @@ pub enum ScenarioError {
         /// Why not.
         why: &'static str,
     },
-    /// The file can not be read.
-    #[error("scenario file {path} can not be read: {reason}")]
+    /// The file cannot be read.
+    #[error("scenario file {path} cannot be read: {reason}")]
     #[diagnostic(code(mcdpr::scenario::unreadable))]
     Unreadable {
         /// Which.
@@ -194,7 +194,7 @@ impl Scenario {
     /// Whether this robot can show these faults: an RMDS drive has no way to say that it is hot.
     ///
     /// # Errors
-    /// [`ScenarioError::NotThisRobot`] for the first that it can not.
+    /// [`ScenarioError::NotThisRobot`] for the first that it cannot.
     pub fn suits(&self, robot: &Robot) -> Result<(), ScenarioError> {
         for injection in &self.injections {
             let winch = robot.winch_of(injection.cable);

@@ -49,11 +49,11 @@ pub const fn reaction(fault: FaultId) -> &'static str {
             "brakes close, the board starts again, without torque, in Fault with the cause"
         }
         FaultId::K1 | FaultId::K3 | FaultId::F1 | FaultId::F2 => "refused before anything moves",
-        FaultId::K2 => "can not be sent: all numbers are integers",
+        FaultId::K2 => "cannot be sent: all numbers are integers",
         FaultId::K4 | FaultId::K5 | FaultId::K7 | FaultId::K8 => "refused, nothing changes",
         FaultId::K6 => "it stops along the tangent of its path and holds",
         FaultId::K10 => "the stop wins",
-        FaultId::F3 | FaultId::F4 => "can not happen: the board stores nothing",
+        FaultId::F3 | FaultId::F4 => "cannot happen: the board stores nothing",
         FaultId::F5 => "outliers weigh little and are named",
         FaultId::F6 | FaultId::F7 => "the calibration is refused",
         FaultId::F8 => "a warning; motion goes on",

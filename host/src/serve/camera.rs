@@ -50,7 +50,7 @@ impl Watcher for CameraWatcher {
             position_m: truth.position_m,
             rotation_wxyz: [w, x, y, z],
         };
-        // A picture that can not be made is not shown; the robot goes on.
+        // A picture that cannot be made is not shown; the robot goes on.
         let Ok(picture) = self.camera.picture(&pose.into()) else {
             return;
         };

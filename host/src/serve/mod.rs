@@ -7,9 +7,9 @@
 //! | [`server`] | the listener: the page, and a WebSocket for each viewer |
 //! | `orders` | who may give orders: those with the token, one page at a time |
 //!
-//! Viewers can not slow the robot: they read a snapshot. Orders need the token that the program
+//! Viewers cannot slow the robot: they read a snapshot. Orders need the token that the program
 //! prints; without it a viewer only looks. Of those that have it one page has the controls, until it
-//! is closed; the others look on, and may stop and hold. Pages of other sites can not connect: the host and
+//! is closed; the others look on, and may stop and hold. Pages of other sites cannot connect: the host and
 //! origin that a browser names must be this server's.
 
 mod camera;

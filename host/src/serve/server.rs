@@ -43,7 +43,7 @@ pub enum ServeError {
         port: u16,
     },
     /// The system refused.
-    #[error("the page can not be served on port {port}: {reason}")]
+    #[error("the page cannot be served on port {port}: {reason}")]
     #[diagnostic(code(mcdpr::serve::system))]
     System {
         /// The port.

@@ -88,7 +88,7 @@ pub enum ServiceError {
         found: String,
     },
     /// The running image has no service functions.
-    #[error("the board runs the image for motion, which can not work on a single winch")]
+    #[error("the board runs the image for motion, which cannot work on a single winch")]
     #[diagnostic(
         code(mcdpr::service::image),
         help(

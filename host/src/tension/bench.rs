@@ -205,7 +205,7 @@ impl<'l> Bench<'l> {
     /// Brings a simulated robot up until it holds.
     ///
     /// # Errors
-    /// As a run: the robot can not hang at home, or a check of arming failed.
+    /// As a run: the robot cannot hang at home, or a check of arming failed.
     pub fn start(robot: &Robot, change: &Change, seed: u64) -> Result<Self, RunError> {
         Self::start_on(Model::new(robot)?, change, seed, |link, _| Box::new(link))
     }

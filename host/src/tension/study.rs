@@ -93,7 +93,7 @@ const CIRCLE_Z_M: f64 = -0.18;
 /// Runs the whole table for a light winch (`light`) and a geared one (`geared`).
 ///
 /// # Errors
-/// [`RunError`] where a robot can not be simulated at all; a fault of a run leaves a gap.
+/// [`RunError`] where a robot cannot be simulated at all; a fault of a run leaves a gap.
 pub fn study(light: &Robot, geared: &Robot, seeds: u64) -> Result<Vec<Row>, RunError> {
     let columns = columns();
     let mut rows = Vec::new();

@@ -59,8 +59,8 @@ pub enum ExperimentError {
         /// What was asked for.
         name: String,
     },
-    /// The file can not be read.
-    #[error("task file {path} can not be read")]
+    /// The file cannot be read.
+    #[error("task file {path} cannot be read")]
     #[diagnostic(code(mcdpr::tension::unreadable))]
     Unreadable {
         /// Which.

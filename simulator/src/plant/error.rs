@@ -91,7 +91,7 @@ pub enum PlantError {
         /// Simulated time of the first bad state.
         time_s: f64,
     },
-    /// The board in front of the plant can not go on: an emulated chip was misused by its
+    /// The board in front of the plant cannot go on: an emulated chip was misused by its
     /// firmware, or the robot is none that this board drives.
     #[error("the board stopped: {reason}")]
     Board {

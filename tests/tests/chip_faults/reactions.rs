@@ -178,7 +178,7 @@ fn d2_d6_what_a_drive_reports_stops_the_robot_of_the_chip() {
 }
 
 /// A chip's counters start at 0, so that cables that are paid out and cables that are hauled in
-/// can not both do without a wrap.
+/// cannot both do without a wrap.
 #[test]
 fn s3_counters_of_the_chip_wrap_without_a_step() {
     machine::choose_firmware(super::firmware());

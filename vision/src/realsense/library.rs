@@ -59,7 +59,7 @@ impl Api {
         let opened = unsafe { Library::new(library) };
         let library = opened.map_err(|error| {
             device(&format!(
-                "{} can not be opened ({error}): install librealsense2 (version 2)",
+                "{} cannot be opened ({error}): install librealsense2 (version 2)",
                 library.display()
             ))
         })?;

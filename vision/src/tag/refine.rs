@@ -42,7 +42,7 @@ impl Line {
     }
 }
 
-/// Measures the four edges. `None` where one can not be found.
+/// Measures the four edges. `None` where one cannot be found.
 pub(super) fn refine(
     picture: &GrayImage,
     camera: Option<&Camera>,

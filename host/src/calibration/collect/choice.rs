@@ -58,7 +58,7 @@ impl<'a> Choice<'a> {
         let design = Design::new(&known, &all, &work, &Estimator::default());
         let mut design = design.ok_or_else(|| {
             CollectError::impossible(
-                "the worth of poses can not be computed",
+                "the worth of poses cannot be computed",
                 "check the robot file's camera and anchors",
             )
         })?;

@@ -112,7 +112,7 @@ pub enum CollectError {
         /// What to do.
         help: String,
     },
-    /// The data can not be kept.
+    /// The data cannot be kept.
     #[error(transparent)]
     #[diagnostic(transparent)]
     File(#[from] super::result::FileError),

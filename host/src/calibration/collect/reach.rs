@@ -111,7 +111,7 @@ impl<'a> Reach<'a> {
     }
 
     /// How the robot hangs with the platform's origin at `at_m` (world) and the held cable at
-    /// `tension_n`; `None` where it can not, or not within its limits with some room.
+    /// `tension_n`; `None` where it cannot, or not within its limits with some room.
     #[must_use]
     pub fn rest(&self, at_m: &Vector3<f64>, tension_n: f64, near: Option<&Rest>) -> Option<Rest> {
         let guess = near.map_or(EquilibriumGuess::Cold, |rest| {

@@ -13,7 +13,7 @@ use crate::sight::{TagSource, TagView};
 use mcdpr_kinematics::Pose;
 use nalgebra::Vector3;
 
-/// Where the tool goes after home, m from home; what a robot can not reach is passed over.
+/// Where the tool goes after home, m from home; what a robot cannot reach is passed over.
 const PLACES: [[f64; 3]; 8] = [
     [0.07, 0.08, -0.09],
     [0.14, -0.05, -0.05],

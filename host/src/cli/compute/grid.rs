@@ -345,7 +345,7 @@ pub(super) fn table(grid: &Grid, cells: &[Cell]) -> String {
         let at = grid.point_m(index);
         let (name, cable) = cell.name();
         let cable = cable.map_or(String::new(), |cable| cable.to_string());
-        // Writing to a string can not fail.
+        // Writing to a string cannot fail.
         let _ = writeln!(text, "{},{},{},{name},{cable}", at.x, at.y, at.z);
     }
     text

@@ -54,7 +54,7 @@ impl Eye {
     /// Puts tags or a tray under a robot and writes what its camera sees into a folder.
     ///
     /// # Errors
-    /// A folder that can not be written; a robot without gripper or depth camera, for a tray.
+    /// A folder that cannot be written; a robot without gripper or depth camera, for a tray.
     pub(in crate::cli) fn start(
         folder: &Path,
         robot: &Robot,

@@ -59,7 +59,7 @@ impl Study {
     /// that was picked, and all that are done.
     ///
     /// # Errors
-    /// [`PickError::Kept`] where the file can not be read or written. A scene that stops is none.
+    /// [`PickError::Kept`] where the file cannot be read or written. A scene that stops is none.
     pub fn run(
         &self,
         robot: &Robot,

@@ -72,7 +72,7 @@ impl Contents {
     }
 }
 
-/// Why a file can not be read at all.
+/// Why a file cannot be read at all.
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum ReadError {
     /// It is something else.

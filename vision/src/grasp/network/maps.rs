@@ -129,7 +129,7 @@ impl Head {
     /// Maps from the network's outputs; the shapes are those of [`Head::outputs`].
     ///
     /// # Errors
-    /// Numbers that this head can not give.
+    /// Numbers that this head cannot give.
     pub fn decode(self, outputs: &[Vec<f32>]) -> Result<Maps, String> {
         let size = self.size();
         let cells = size * size;

@@ -19,11 +19,11 @@ use tract_onnx::prelude::*;
 use tract_onnx::tract_hir::infer::Factoid as _;
 use tract_onnx::tract_hir::internal::DimLike as _;
 
-/// Why a network can not be used.
+/// Why a network cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum NetworkError {
-    /// The file is not there, is no ONNX file or holds what the library can not do.
-    #[error("{name} can not be used as a network: {reason}")]
+    /// The file is not there, is no ONNX file or holds what the library cannot do.
+    #[error("{name} cannot be used as a network: {reason}")]
     Unreadable {
         /// Which file.
         name: String,
@@ -152,7 +152,7 @@ impl Network {
     /// What the network makes of its own input ([`Head::prepare`]), before any smoothing.
     ///
     /// # Errors
-    /// Where it fails, or gives numbers that its head can not.
+    /// Where it fails, or gives numbers that its head cannot.
     pub fn run(&self, input: &[f32]) -> Result<Maps, NoGrasp> {
         let failed = |error: TractError| NoGrasp::Network(format!("{}: {error:#}", self.name));
         let tensor = Tensor::from_shape(&self.head.input(), input).map_err(failed)?;
@@ -179,7 +179,7 @@ fn unreadable(name: &str, reason: &dyn Display) -> NetworkError {
 const LEAST_HEIGHT_M: f64 = 0.008;
 /// How far finger tips go below the top that is seen, m.
 const DEPTH_M: f64 = 0.016;
-/// Jaws that can not turn take grasps within this of their direction.
+/// Jaws that cannot turn take grasps within this of their direction.
 const ALONG_COS: f64 = 0.98;
 
 impl Detector for Network {
