@@ -37,12 +37,12 @@ impl<const N: usize> Default for ConfigStore<N> {
 struct Slots<const K: usize> {
     values: [i32; K],
     /// Bit n: value n is there.
-    present: u32,
+    present: u64,
 }
 
 impl<const K: usize> Slots<K> {
     const EMPTY: Self = {
-        assert!(K <= 32);
+        assert!(K <= 64);
         Self {
             values: [0; K],
             present: 0,
@@ -51,13 +51,13 @@ impl<const K: usize> Slots<K> {
 
     fn get(&self, index: usize) -> Option<i32> {
         let value = self.values.get(index)?;
-        (self.present & (1 << index) != 0).then_some(*value)
+        (self.present & (1_u64 << index) != 0).then_some(*value)
     }
 
     fn put(&mut self, index: usize, value: i32) {
         if let Some(slot) = self.values.get_mut(index) {
             *slot = value;
-            self.present |= 1 << index;
+            self.present |= 1_u64 << index;
         }
     }
 }
