@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::model::{
     Bus, Cable, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
-    TensionLaw, Tool, Winch,
+    TensionLaw, TensionOutput, Tool, Winch,
 };
 use super::modules::Modules;
 use super::read::{Reader, Values};
@@ -349,11 +349,16 @@ fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
             "pd" => LawKind::Pd,
             _ => LawKind::Default,
         },
+        output: match table.text("output") {
+            "velocity" => TensionOutput::Velocity,
+            _ => TensionOutput::Current,
+        },
         kp: table.number("kp"),
         kd: table.number("kd"),
         ki: table.number("ki"),
         damping_ns_per_m: table.number("damping_ns_per_m"),
         filter_hz: table.number("filter_hz"),
+        corner_hz: table.number("corner_hz"),
         hold_braked: table.text("hold_brakes") == "closed",
         floor_n: table.number("floor_n"),
         ceiling_n: table

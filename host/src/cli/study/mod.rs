@@ -2,6 +2,7 @@
 
 mod motion;
 mod tension;
+mod winch;
 
 use super::{Common, Outcome};
 
@@ -16,6 +17,7 @@ pub(crate) struct Cmd {
 enum Which {
     Motion(motion::Cmd),
     Tension(tension::Cmd),
+    Winch(winch::Cmd),
 }
 
 impl Cmd {
@@ -23,6 +25,7 @@ impl Cmd {
         match &self.which {
             Which::Motion(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),
+            Which::Winch(cmd) => cmd.run(common),
         }
     }
 }
