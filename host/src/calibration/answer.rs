@@ -1,9 +1,10 @@
 //! What a calibration found, and its file form.
 
 use super::assay::{MapPoint, Split};
-use super::data::{Camera, matrix_mm};
+use super::data::matrix_mm;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde_json::{Value, json};
 

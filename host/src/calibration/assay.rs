@@ -3,7 +3,7 @@
 
 use super::answer::Answer;
 use super::check::POSES_MIN;
-use super::data::{Data, compose, inverse};
+use super::data::Data;
 use super::joint::{Options, joint};
 use super::plan::{Candidate, Design, candidates, work_poses};
 use super::predict::{displacement, predict};
@@ -57,7 +57,7 @@ impl Split {
 #[must_use]
 pub fn split(data: &Data, options: &Options, full: &Answer) -> Option<Split> {
     let solved = full.solved.as_ref()?;
-    let tag_from_world = inverse(solved.state.world_from_body.first()?);
+    let tag_from_world = solved.state.world_from_body.first()?.inverse();
     let mut order: Vec<(usize, &Pose)> = solved
         .numbers
         .iter()
@@ -76,7 +76,7 @@ pub fn split(data: &Data, options: &Options, full: &Answer) -> Option<Split> {
         .collect();
     train.holdout = lower
         .iter()
-        .map(|(_, pose)| compose(&tag_from_world, pose))
+        .map(|(_, pose)| tag_from_world.compose(pose))
         .collect();
     let mut strict = *options;
     let priors = &mut strict.priors;
@@ -188,7 +188,7 @@ pub fn error_map(answer: &Answer) -> Vec<MapPoint> {
         for iy in 0..MAP[1] {
             for ix in 0..MAP[0] {
                 let at_m = Vector3::new(along(0, ix), along(1, iy), z);
-                let pose = compose(&inverse(body), &Pose::level(at_m));
+                let pose = body.inverse().compose(&Pose::level(at_m));
                 let mean = &solved.mean_tension_n;
                 if let Ok(found) = predict(&solved.state, &solved.layout, covariance, mean, &pose) {
                     let rms_m = found.position_covariance_m2.trace().max(0.0).sqrt();

@@ -5,7 +5,7 @@
 //! |---|---|
 //! | [`data`] | what was measured, and what is known beforehand; `read` is its file form |
 //! | [`check`] | what can be said against data before anything is solved |
-//! | [`camera`], [`pnp`] | projection; where tags are in one picture |
+//! | [`pnp`] | where tags are in one picture |
 //! | [`unknowns`], [`rows`] | what the joint method estimates, and what each measurement says about it |
 //! | [`normal`], [`mod@solve`] | elimination of the poses; Levenberg-Marquardt; outliers |
 //! | [`dense`] | the same as a plain implementation solves it, for comparison |
@@ -22,7 +22,6 @@
 
 pub mod answer;
 pub mod assay;
-pub mod camera;
 pub mod check;
 pub mod collect;
 pub mod data;

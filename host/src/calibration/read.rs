@@ -1,8 +1,9 @@
 //! Reads calibration data, and says where in the document something is wrong.
 
-use super::data::{Camera, Data, Noise, NominalRobot, Observation, Origin, SCHEMA, Tag, View};
+use super::data::{Data, Noise, NominalRobot, Observation, Origin, SCHEMA, Tag, View};
 use super::error::Refusal;
 use mcdpr_kinematics::{Cable, MAX_CABLES, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde_json::Value;
 
@@ -218,10 +219,7 @@ fn camera(node: &Node<'_>) -> Read<Camera> {
     Ok(Camera {
         focal_px: [node.get("fx")?.positive()?, node.get("fy")?.positive()?],
         center_px: [node.get("cx")?.number()?, node.get("cy")?.number()?],
-        size_px: [
-            node.get("width")?.positive()?,
-            node.get("height")?.positive()?,
-        ],
+        size_px: [node.get("width")?.pixels()?, node.get("height")?.pixels()?],
         distortion,
     })
 }
@@ -383,6 +381,17 @@ impl<'a> Node<'a> {
                 Err(self.wrong(&format!("is {x}, but must be positive")))
             }
         })
+    }
+
+    /// A picture's width or height; `1280.0` is as good as `1280`.
+    fn pixels(&self) -> Read<usize> {
+        let size = self.positive()?;
+        if size.fract() != 0.0 || size > 16_384.0 {
+            return Err(self.wrong(&format!(
+                "is {size}, but must be a whole number up to 16384"
+            )));
+        }
+        Ok(size as usize)
     }
 
     fn not_negative(&self) -> Read<f64> {

@@ -4,13 +4,14 @@
 //! Geometry and statics are those of the kinematics crate, on which the estimators rest as well:
 //! this tests the estimation, not the model.
 
-use super::data::{Camera, Data, Noise, NominalRobot, Observation, Tag, View, compose, inverse};
+use super::data::{Data, Noise, NominalRobot, Observation, Tag, View};
 use super::joint::Options;
 use super::plan;
 use super::unknowns::Priors;
 use mcdpr_kinematics::{
     Cable, EquilibriumGuess, Platform, Pose, Robot, StaticOptions, four_cables,
 };
+use mcdpr_vision::Camera;
 use nalgebra::{Rotation3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -244,14 +245,15 @@ pub(crate) fn views_within(
     tag_scale: f64,
     margin_px: f64,
 ) -> Vec<View> {
-    let camera_from_world = compose(camera_from_platform, &inverse(world_from_platform));
+    let camera_from_world = camera_from_platform.compose(&world_from_platform.inverse());
     let see = |(index, tag): (usize, &Tag)| {
-        let camera_from_body = compose(&camera_from_world, &world_from_body[tag.body]);
+        let camera_from_body = camera_from_world.compose(&world_from_body[tag.body]);
         let mut corners_px = [[0.0; 2]; 4];
         for (slot, corner) in corners_px.iter_mut().zip(&tag.corners_in_body_m) {
-            let seen = camera.project(&camera_from_body.transform(&(corner * tag_scale)))?;
+            let seen =
+                camera.projection(&camera_from_body.transform(&(corner * tag_scale)).into())?;
             for (k, value) in slot.iter_mut().enumerate() {
-                let inside = margin_px..camera.size_px[k] - margin_px;
+                let inside = margin_px..camera.size_px[k] as f64 - margin_px;
                 if !inside.contains(&seen.pixel[k]) {
                     return None;
                 }
@@ -330,8 +332,8 @@ impl Truth {
         let Some(body) = self.world_from_body.first() else {
             return;
         };
-        let from_body = inverse(body);
-        data.holdout = poses.iter().map(|pose| compose(&from_body, pose)).collect();
+        let from_body = body.inverse();
+        data.holdout = poses.iter().map(|pose| from_body.compose(pose)).collect();
         self.holdout = poses.to_vec();
     }
 }
@@ -364,7 +366,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     let camera = Camera {
         focal_px: [920.0; 2],
         center_px: [640.0, 360.0],
-        size_px: [1280.0, 720.0],
+        size_px: [1280, 720],
         distortion: [0.0; 5],
     };
     let mut true_camera = camera;
@@ -476,7 +478,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     data.poses = observed.0;
     data.holdout = holdout
         .iter()
-        .map(|pose| compose(&inverse(&world_from_body[0]), pose))
+        .map(|pose| world_from_body[0].inverse().compose(pose))
         .collect();
     let truth = Truth {
         robot,

@@ -1,14 +1,14 @@
 //! Calibration data of a robot file, to which poses are added as they are measured.
 
-use super::super::data::{Camera, Data, Noise, NominalRobot, Origin, Tag, View, compose, inverse};
+use super::super::data::{Data, Noise, NominalRobot, Origin, Tag, View};
 use super::super::plan::Candidate;
 use super::super::pnp::{Square, sightings_of};
 use super::{CollectError, Still, observation, still};
 use crate::motion::Rest;
 use crate::report::utc_stamp;
 use crate::robot::Robot;
-use crate::sight::{lens_of, pose_of};
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 
 /// Noise of the encoders as used here: counts of 0.03 mm and how cable lies on a drum, m.
 const ENCODER_M: f64 = 2e-5;
@@ -147,13 +147,13 @@ impl Sketch {
             })
             .collect();
         let camera_from_platform = self.data.camera_from_platform;
-        let world_from_camera = compose(near, &inverse(&camera_from_platform));
+        let world_from_camera = near.compose(&camera_from_platform.inverse());
         // Of two that look alike, the one that lies more level: tags lie on floors and tables.
         let found = sightings_of(&self.data.camera, &on_body);
         let level = |pose: &Pose| pose.rotation.matrix()[(2, 2)].abs();
         let place = found
             .iter()
-            .map(|s| compose(&world_from_camera, &s.camera_from_body))
+            .map(|s| world_from_camera.compose(&s.camera_from_body))
             .max_by(|a, b| level(a).total_cmp(&level(b)))?;
         let index = self.bodies.len();
         self.bodies.push(number);
@@ -182,9 +182,9 @@ impl Sketch {
                 .filter_map(|v| Some((data.tags.get(v.tag)?.corners_in_body_m, v.corners_px)))
                 .collect();
             let found = sightings_of(&data.camera, &squares);
-            let camera = inverse(&found.first()?.camera_from_body);
-            let world_from_camera = compose(data.world_from_body.get(tag.body)?, &camera);
-            Some(compose(&world_from_camera, &data.camera_from_platform))
+            let camera = found.first()?.camera_from_body.inverse();
+            let world_from_camera = data.world_from_body.get(tag.body)?.compose(&camera);
+            Some(world_from_camera.compose(&data.camera_from_platform))
         };
         data.poses
             .iter()
@@ -223,7 +223,7 @@ pub fn of_this_robot(robot: &Robot, hash: u32, data: &Data) -> Result<(), Collec
 }
 
 fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
-    let camera: Camera = lens_of(&robot.camera);
+    let camera: Camera = robot.camera.lens;
     let ea: Vec<f64> = robot.cables.iter().map(|cable| cable.ea_n).collect();
     let origin = Origin {
         robot: robot.name.clone(),
@@ -259,7 +259,7 @@ fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
             tension_n: Some(TENSION_N),
         },
         world_from_body: Vec::new(),
-        camera_from_platform: pose_of(&robot.camera.camera_from_platform),
+        camera_from_platform: robot.camera.camera_from_platform,
         poses: Vec::new(),
         at_rest: true,
         holdout: Vec::new(),
