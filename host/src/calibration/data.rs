@@ -1,6 +1,7 @@
 //! Calibration data: what was measured at the poses, and what is known beforehand. SI units; the
 //! file form (mm, N, px) is read by [`Data::from_json`] and written by [`Data::to_json`].
 
+use super::space::Limits;
 use mcdpr_kinematics::{Cable, Pose};
 use mcdpr_vision::Camera;
 use nalgebra::Vector3;
@@ -66,6 +67,8 @@ pub struct NominalRobot {
     pub routing_m: Vec<f64>,
     /// 1/EA of the cables as specified, 1/N; 0 where not known.
     pub compliance_per_n: f64,
+    /// Its limits, where they are known.
+    pub limits: Option<Limits>,
 }
 
 /// One tag on a rigid body.
@@ -214,6 +217,13 @@ impl Data {
         }
         if self.robot.compliance_per_n > 0.0 {
             out["robot"]["cable_ea_N"] = json!(1.0 / self.robot.compliance_per_n);
+        }
+        if let Some(limits) = &self.robot.limits {
+            out["robot"]["limits"] = json!({
+                "box_mm": limits.box_in_world_m.each_ref().map(mm),
+                "tension_N": limits.tension_n, "held_tension_N": limits.held_n,
+                "tilt_deg": limits.tilt_max_rad.to_degrees(),
+            });
         }
         if let Some(origin) = &self.origin {
             out["origin"] = json!({

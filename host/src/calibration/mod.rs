@@ -13,7 +13,7 @@
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
 //! | [`assay`] | upper poses against lower ones, the map of the expected error, what to measure next |
 //! | [`mod@paper`], [`hand_eye`], [`lengths`] | the paper's method, for comparison; anchors from lengths where tag poses are given |
-//! | [`design`], [`plan`], [`collect`] | worth and choice of poses; measuring them on a robot |
+//! | [`design`], [`space`], [`plan`], [`collect`] | worth of poses, where they can be, their choice; measuring them on a robot |
 //! | [`result`] | the calibration as a file beside the robot file |
 //! | [`target`] | tags to print |
 //! | [`slip`] | is the calibration of the running robot still true, and which cable slipped |
@@ -43,6 +43,7 @@ pub mod rows;
 pub mod simulate;
 pub mod slip;
 pub mod solve;
+pub mod space;
 pub mod study;
 pub mod target;
 pub mod unknowns;

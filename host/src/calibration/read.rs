@@ -2,6 +2,7 @@
 
 use super::data::{Data, Noise, NominalRobot, Observation, Origin, SCHEMA, Tag, View};
 use super::error::Refusal;
+use super::space::Limits;
 use mcdpr_kinematics::{Cable, MAX_CABLES, Pose};
 use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -194,10 +195,38 @@ fn robot(node: &Node<'_>) -> Read<NominalRobot> {
             Some(node) => node.point_mm()?,
             None => Vector3::zeros(),
         },
+        limits: node
+            .optional("limits")
+            .map(|node| limits(&node))
+            .transpose()?,
         home: match node.optional("home_pose_index") {
             Some(node) => node.index()?,
             None => 0,
         },
+    })
+}
+
+fn limits(node: &Node<'_>) -> Read<Limits> {
+    let corners = node.get("box_mm")?;
+    let box_in_world_m = <[Vector3<f64>; 2]>::try_from(corners.each(Node::point_mm)?)
+        .map_err(|_| corners.wrong("a box has two corners, the least and the greatest"))?;
+    let [low, high] = box_in_world_m;
+    if (0..3).any(|k| low[k] >= high[k]) {
+        return Err(corners.wrong("the first corner must be less than the second along every axis"));
+    }
+    let range = |name: &str| -> Read<[f64; 2]> {
+        let node = node.get(name)?;
+        let [least, most] = node.numbers::<2>()?;
+        if least <= 0.0 || least >= most {
+            return Err(node.wrong("must be two tensions over 0, the less one first"));
+        }
+        Ok([least, most])
+    };
+    Ok(Limits {
+        box_in_world_m,
+        tension_n: range("tension_N")?,
+        held_n: range("held_tension_N")?,
+        tilt_max_rad: node.get("tilt_deg")?.positive()?.to_radians(),
     })
 }
 

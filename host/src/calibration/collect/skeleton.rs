@@ -3,6 +3,7 @@
 use super::super::data::{Data, Noise, NominalRobot, Origin, Tag, View};
 use super::super::plan::Candidate;
 use super::super::pnp::{Square, sightings_of};
+use super::super::space::Limits;
 use super::{CollectError, Still, observation, still};
 use crate::motion::Rest;
 use crate::report::utc_stamp;
@@ -222,6 +223,24 @@ pub fn of_this_robot(robot: &Robot, hash: u32, data: &Data) -> Result<(), Collec
     }
 }
 
+/// The robot file's limits, its box moved from the tool to the platform's origin above it.
+fn limits(robot: &Robot) -> Limits {
+    let corners = robot.search_box_in_world_m();
+    let winches = robot.winches.iter().map(|winch| winch.tension_max_n);
+    let most_n = winches.fold(robot.limits.tension_max_n, f64::min);
+    // Slack cables cannot be planned for, whatever the file allows.
+    let least_n = robot.limits.tension_min_n.max(0.01 * most_n);
+    Limits {
+        box_in_world_m: corners.map(|corner| corner - robot.tool.tcp_in_platform_m),
+        tension_n: [least_n, most_n],
+        held_n: [
+            robot.tension.floor_n.max(least_n),
+            robot.tension.ceiling_n.min(most_n),
+        ],
+        tilt_max_rad: robot.limits.tilt_max_rad,
+    }
+}
+
 fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
     let camera: Camera = robot.camera.lens;
     let ea: Vec<f64> = robot.cables.iter().map(|cable| cable.ea_n).collect();
@@ -250,6 +269,7 @@ fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
             home: 0,
             routing_m: robot.cables.iter().map(|c| c.routing_length_m).collect(),
             compliance_per_n: ea.iter().map(|ea| 1.0 / ea).sum::<f64>() / ea.len().max(1) as f64,
+            limits: Some(limits(robot)),
         },
         camera,
         tags: Vec::new(),
