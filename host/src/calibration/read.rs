@@ -211,8 +211,8 @@ fn limits(node: &Node<'_>) -> Read<Limits> {
     let box_in_world_m = <[Vector3<f64>; 2]>::try_from(corners.each(Node::point_mm)?)
         .map_err(|_| corners.wrong("a box has two corners, the least and the greatest"))?;
     let [low, high] = box_in_world_m;
-    if (0..3).any(|k| low[k] >= high[k]) {
-        return Err(corners.wrong("the first corner must be less than the second along every axis"));
+    if (0..3).any(|k| low[k] > high[k]) {
+        return Err(corners.wrong("the first corner must not exceed the second along any axis"));
     }
     let range = |name: &str| -> Read<[f64; 2]> {
         let node = node.get(name)?;
