@@ -33,7 +33,7 @@ pub use error::{Invalid, Problem, RobotError};
 pub use json_schema::json_schema;
 pub use model::{
     Bus, Cable, Calibrated, Camera, Control, DriveKind, Gear, Gripper, GripperKind, LawKind,
-    Limits, Platform, Robot, Tag, TensionLaw, TensionOutput, Tool, Transform, Winch,
+    Limits, Platform, Robot, Tag, TensionLaw, TensionOutput, Tool, Winch,
 };
 
 use modules::Modules;
