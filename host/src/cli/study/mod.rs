@@ -1,6 +1,7 @@
 //! `mcdpr study WHAT`: the figures of the documents, simulated again over many seeds.
 
 mod motion;
+mod real;
 mod tension;
 
 use super::{Common, Outcome};
@@ -15,6 +16,7 @@ pub(crate) struct Cmd {
 #[derive(Debug, clap::Subcommand)]
 enum Which {
     Motion(motion::Cmd),
+    Real(real::Cmd),
     Tension(tension::Cmd),
 }
 
@@ -22,6 +24,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         match &self.which {
             Which::Motion(cmd) => cmd.run(common),
+            Which::Real(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),
         }
     }
