@@ -1,7 +1,8 @@
 //! A data set: a robot as it was meant to be, and samples with whatever sensors there are.
 
-use crate::calibration::data::{Camera, Tag, View};
+use crate::calibration::data::{Tag, View};
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::Vector3;
 
 /// Samples of one robot, taken in one or several sessions.

@@ -8,11 +8,11 @@
 
 use super::data::{Sample, Set};
 use super::unknowns::Layout;
-use crate::calibration::data::Camera;
 use mcdpr_kinematics::{
     Cable, Error, GRAVITY_MPS2, Platform, Pose, Robot, angular_velocity_from_rates,
     rpy_from_rotation,
 };
+use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Kinds of readings, each with a scatter of its own.
@@ -511,7 +511,7 @@ impl Model<'_> {
                 let from_platform = body.position_m + on_body - pose.position_m;
                 let turned = camera_from_world * from_platform;
                 let point = turned + state.camera_from_platform.position_m;
-                let seen = lens.project(&point).ok_or(Error::InvalidInput {
+                let seen = lens.projection(&point.into()).ok_or(Error::InvalidInput {
                     what: "a tag's corner is behind the camera",
                     cable: None,
                     value: point.z,
