@@ -419,9 +419,6 @@ impl<'a> Node<'a> {
         })
     }
 
-<<<<<<< HEAD
-    pub(super) fn not_negative(&self) -> Read<f64> {
-=======
     /// A picture's width or height; `1280.0` is as good as `1280`.
     fn pixels(&self) -> Read<usize> {
         let size = self.positive()?;
@@ -433,8 +430,7 @@ impl<'a> Node<'a> {
         Ok(size as usize)
     }
 
-    fn not_negative(&self) -> Read<f64> {
->>>>>>> hub/main
+    pub(super) fn not_negative(&self) -> Read<f64> {
         self.number().and_then(|x| {
             if x >= 0.0 {
                 Ok(x)

@@ -166,13 +166,19 @@ pub fn fit_with(
     };
     let centre = expected(set);
     // Begins wide: a start is far from the answer.
-    let mut scatter = if options.rounds == 0 { centre } else { centre.map(|s| 2.0 * s) };
+    let mut scatter = if options.rounds == 0 {
+        centre
+    } else {
+        centre.map(|s| 2.0 * s)
+    };
     let mut from = start(&model, &unknowns);
     if let Some(before) = before {
         from.poses.clone_from(&before.solution.state.poses);
-        from.tensions_n.clone_from(&before.solution.state.tensions_n);
+        from.tensions_n
+            .clone_from(&before.solution.state.tensions_n);
         from.camera_from_platform = before.solution.state.camera_from_platform;
-        from.world_from_body.clone_from(&before.solution.state.world_from_body);
+        from.world_from_body
+            .clone_from(&before.solution.state.world_from_body);
         for (value, old) in from.theta.iter_mut().zip(&before.solution.state.theta) {
             *value = *old;
         }

@@ -12,6 +12,7 @@
 //! | [`solve`], [`fit`] | one weighted problem; the scatter of the readings |
 //! | [`predict`] | readings that were left out, with intervals |
 //! | [`slip`] | cables that slipped while samples were taken |
+//! | [`mod@simulate`] | data of a known machine, as such machines are found |
 //! | [`verdict`] | what the data do not fix, contradict or do not fit |
 //! | [`first`] | the first pose from changes only |
 //! | [`study`] | how well readings that were not seen are predicted |
@@ -22,6 +23,7 @@ pub mod fit;
 pub mod model;
 pub mod predict;
 mod read;
+pub mod simulate;
 pub mod slip;
 pub mod solve;
 pub mod study;
@@ -32,3 +34,6 @@ pub use data::Set;
 pub use fit::{Fit, Options, fit};
 pub use predict::{Given, predict};
 pub use unknowns::Priors;
+
+#[cfg(test)]
+mod tests;

@@ -229,7 +229,17 @@ impl Model<'_> {
         for (i, path) in paths.iter().enumerate() {
             let d = pose.position_m + path.u - self.cable(theta, i).anchor_m;
             if let Some(reading) = sample.length_m[i] {
-                out.push(self.length(theta, slot, sample.session, k, i, path, r, tensions_n[i], reading));
+                out.push(self.length(
+                    theta,
+                    slot,
+                    sample.session,
+                    k,
+                    i,
+                    path,
+                    r,
+                    tensions_n[i],
+                    reading,
+                ));
             }
             if let Some(reading) = sample.tension_n[i] {
                 let sign = sample.arrived[i].unwrap_or(0.0);
@@ -327,7 +337,11 @@ impl Model<'_> {
             (layout.radius(i), path.by_radius * slope),
         ];
         spread(&mut shared, layout.anchor(i), &(path.t * -slope));
-        spread(&mut shared, layout.attachment(i), &(r.tr_mul(&path.t) * slope));
+        spread(
+            &mut shared,
+            layout.attachment(i),
+            &(r.tr_mul(&path.t) * slope),
+        );
         let mut offset = theta[layout.offset(i)];
         if let Some(slot) = slot {
             let at = layout.offset_of(slot, i);
@@ -427,7 +441,8 @@ impl Model<'_> {
         let mut pull = Vector3::zeros();
         // Columns: the six own ones of the pose, then the tensions.
         let mut own = vec![[Vector3::zeros(); 2]; layout.own()];
-        let mut shared: Vec<(usize, [Vector3<f64>; 2])> = vec![(layout.mass(), [down, Vector3::zeros()])];
+        let mut shared: Vec<(usize, [Vector3<f64>; 2])> =
+            vec![(layout.mass(), [down, Vector3::zeros()])];
         let mut spread = |at: usize, force: &Matrix3<f64>, moment: &Matrix3<f64>| {
             for j in 0..3 {
                 shared.push((at + j, [force.column(j).into(), moment.column(j).into()]));
@@ -455,11 +470,19 @@ impl Model<'_> {
             }
             spread(layout.anchor(i), &-force_by_place, &-moment_by_place);
             let moment_by_attachment = moment_by_place + cross_t * tension;
-            spread(layout.attachment(i), &(force_by_place * r), &(moment_by_attachment * r));
+            spread(
+                layout.attachment(i),
+                &(force_by_place * r),
+                &(moment_by_attachment * r),
+            );
             let by_radius = path.turn_by_radius * -tension;
             radius.push((layout.radius(i), [by_radius, arm.cross(&by_radius)]));
         }
-        spread(layout.center_of_mass(), &Matrix3::zeros(), &(-pull.cross_matrix() * r));
+        spread(
+            layout.center_of_mass(),
+            &Matrix3::zeros(),
+            &(-pull.cross_matrix() * r),
+        );
         shared.extend(radius);
         let swing = sample.speed_mps.unwrap_or(0.0) * SWING_PER_S * self.set.robot.mass_kg;
         for (block, (group, residual, extra)) in [
@@ -503,8 +526,11 @@ impl Model<'_> {
         for (v, view) in sample.views.iter().enumerate() {
             let tag = &eye.tags[view.tag];
             let body = &state.world_from_body[tag.body];
-            for (c, (corner, pixel)) in
-                tag.corners_in_body_m.iter().zip(view.corners_px).enumerate()
+            for (c, (corner, pixel)) in tag
+                .corners_in_body_m
+                .iter()
+                .zip(view.corners_px)
+                .enumerate()
             {
                 let arm = body.rotation * corner;
                 let on_body = arm * scale;
@@ -526,7 +552,11 @@ impl Model<'_> {
                     spread(&mut shared, at, &by_point);
                     spread(&mut shared, at + 3, &turned.cross(&by_point));
                     spread(&mut shared, layout.body(tag.body), &by_world);
-                    spread(&mut shared, layout.body(tag.body) + 3, &on_body.cross(&by_world));
+                    spread(
+                        &mut shared,
+                        layout.body(tag.body) + 3,
+                        &on_body.cross(&by_world),
+                    );
                     let focal = 1.0 / (1.0 + theta[at + 6]);
                     shared.push((at + 6, seen.by_focal[axis] * focal));
                     shared.push((at + 7 + axis, 1.0));

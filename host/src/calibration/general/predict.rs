@@ -1,11 +1,11 @@
 //! Prediction of readings that were left out, with intervals, from those that are given.
 
+use super::Priors;
 use super::data::{Sample, Set};
 use super::fit::Fit;
 use super::model::{Group, Model, Row, State, stepped_own};
 use super::solve::{Scatter, variance};
 use super::unknowns::{Layout, unknowns};
-use super::Priors;
 use mcdpr_kinematics::Pose;
 use nalgebra::{DMatrix, DVector};
 
@@ -59,7 +59,12 @@ pub struct Answer {
 /// seen them. Every sample stands for itself. A session that did not take part in the estimate has
 /// zeros and offsets of its own, which widen the intervals by their priors.
 #[must_use]
-pub fn predict(fit: &Fit, set: &Set, given: &[Given], priors: &Priors) -> Vec<Result<Answer, String>> {
+pub fn predict(
+    fit: &Fit,
+    set: &Set,
+    given: &[Given],
+    priors: &Priors,
+) -> Vec<Result<Answer, String>> {
     let (layout, mean, covariance) = extended(fit, set, priors);
     let model = Model {
         set,
@@ -209,7 +214,10 @@ impl Case<'_> {
         let mut pose = known.poses[from];
         let mut tensions = known.tensions_n[from].clone();
         let evaluate = |pose: &Pose, tensions: &[f64]| {
-            let rows = self.model.rows(self.state, sample, k, pose, tensions).ok()?;
+            let rows = self
+                .model
+                .rows(self.state, sample, k, pose, tensions)
+                .ok()?;
             let cost: f64 = rows
                 .iter()
                 .filter(|row| is_given(row))

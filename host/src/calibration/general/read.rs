@@ -3,12 +3,12 @@
 
 use super::data::{Eye, Machine, Sample, Set, Stated};
 use crate::calibration::check;
-use crate::calibration::data::{Data, SCHEMA};
+use crate::calibration::data::{Data, SCHEMA, matrix_mm};
 use crate::calibration::error::Refusal;
 use crate::calibration::read::{NOT_FINITE, Node, Read, camera, parsed, tag, view};
 use mcdpr_kinematics::{Cable, MAX_CABLES};
 use nalgebra::Vector3;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// Name of version 2 of the format.
 pub const SCHEMA_2: &str = "mcdpr-calibration-data-2";
@@ -86,6 +86,102 @@ impl Set {
             return Err(root.get("samples")?.wrong("holds no sample"));
         }
         Ok(set)
+    }
+
+    /// The file form, version 2.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let mm = |v: &Vector3<f64>| [v.x * 1e3, v.y * 1e3, v.z * 1e3];
+        let cables = &self.robot.cables;
+        let scaled = |list: &[Option<f64>], factor: f64| -> Vec<Option<f64>> {
+            list.iter().map(|value| value.map(|v| v * factor)).collect()
+        };
+        let samples: Vec<Value> = self
+            .samples
+            .iter()
+            .map(|sample| {
+                let mut out = json!({
+                    "session": self.sessions[sample.session],
+                    "length_mm": scaled(&sample.length_m, 1e3),
+                    "tension_N": sample.tension_n,
+                    "swivel_rad": sample.swivel_rad,
+                    "rpy_rad": sample.rpy_rad,
+                    "arrived": sample.arrived,
+                });
+                if let Some(time) = sample.time_s {
+                    out["time_s"] = json!(time);
+                }
+                if let Some(speed) = sample.speed_mps {
+                    out["speed_mm_s"] = json!(vec![speed * 1e3; cables.len()]);
+                }
+                if sample.noise_factor > 1.0 {
+                    out["noise_factor"] = json!(sample.noise_factor);
+                }
+                if let (false, Some(eye)) = (sample.views.is_empty(), &self.eye) {
+                    let corners: serde_json::Map<_, _> = sample
+                        .views
+                        .iter()
+                        .filter_map(|view| {
+                            let tag = eye.tags.get(view.tag)?;
+                            Some((tag.id.to_string(), json!(view.corners_px)))
+                        })
+                        .collect();
+                    out["corners_px"] = json!(corners);
+                }
+                out
+            })
+            .collect();
+        let sessions = self.sessions.iter().zip(&self.homed);
+        let mut out = json!({
+            "schema": SCHEMA_2, "id": self.id,
+            "lengths": if self.robot.absolute { "absolute" } else { "change" },
+            "robot": {
+                "anchors_mm": cables.iter().map(|c| mm(&c.anchor_m)).collect::<Vec<_>>(),
+                "pulley_axis": cables.iter().map(|c| <[f64; 3]>::from(c.swivel_axis)).collect::<Vec<_>>(),
+                "pulley_radius_mm": cables.iter().map(|c| c.pulley_radius_m * 1e3).collect::<Vec<_>>(),
+                "attachments_mm": cables.iter().map(|c| mm(&c.attachment_m)).collect::<Vec<_>>(),
+                "platform_mass_kg": self.robot.mass_kg,
+                "platform_com_mm": mm(&self.robot.center_of_mass_m),
+                "routing_lengths_mm": self.robot.routing_m.iter().map(|l| l * 1e3).collect::<Vec<_>>(),
+            },
+            "sessions": sessions
+                .map(|(name, homed)| json!({"name": name, "homed": homed}))
+                .collect::<Vec<_>>(),
+            "samples": samples,
+        });
+        if let Some(half) = self.robot.anchor_half_tolerance_m {
+            out["robot"]["anchor_half_tolerance_mm"] = json!(half * 1e3);
+        }
+        let stated = &self.stated;
+        let noise = [
+            ("length_mm", stated.length_m.map(|s| s * 1e3)),
+            ("tension_N", stated.tension_n),
+            ("corner_px", stated.corner_px),
+        ];
+        for (key, value) in noise {
+            if let Some(value) = value {
+                out["noise_1sigma"][key] = json!(value);
+            }
+        }
+        if let Some(eye) = &self.eye {
+            let lens = &eye.camera;
+            out["camera"] = json!({
+                "fx": lens.focal_px[0], "fy": lens.focal_px[1],
+                "cx": lens.center_px[0], "cy": lens.center_px[1],
+                "width": lens.size_px[0], "height": lens.size_px[1],
+                "distortion": lens.distortion,
+            });
+            let tags = eye.tags.iter().map(|tag| {
+                json!({"id": tag.id, "size_mm": tag.size_m * 1e3, "body": tag.body,
+                       "corners_in_body_mm": tag.corners_in_body_m.each_ref().map(mm)})
+            });
+            out["tags"] = tags.collect();
+            out["nominal"] = json!({
+                "H_world_tag_bodies": eye.world_from_body.iter().map(matrix_mm).collect::<Vec<_>>(),
+                "H_camera_platform": matrix_mm(&eye.camera_from_platform),
+            });
+        }
+        out
     }
 
     /// The same of data of version 1: one session, lengths since its homing, pictures, tensions.
@@ -182,7 +278,10 @@ fn machine(node: &Node<'_>, absolute: bool) -> Read<Machine> {
     sized("swivel axes", axes.len())?;
     let attachments = points(node, &[("attachments_mm", 1e-3), ("attachments_m", 1.0)])?;
     sized("attachments", attachments.len())?;
-    let (list, factor) = needed(node, &[("pulley_radius_mm", 1e-3), ("pulley_radius_m", 1.0)])?;
+    let (list, factor) = needed(
+        node,
+        &[("pulley_radius_mm", 1e-3), ("pulley_radius_m", 1.0)],
+    )?;
     let radii = if list.value.is_array() {
         list.each(|node| node.not_negative())?
     } else {
@@ -215,12 +314,18 @@ fn machine(node: &Node<'_>, absolute: bool) -> Read<Machine> {
         None => Vector3::zeros(),
         Some((node, factor)) => Vector3::from(node.numbers::<3>()?) * factor,
     };
-    let routing_m = match first(node, &[("routing_lengths_mm", 1e-3), ("routing_lengths_m", 1.0)]) {
+    let routing_m = match first(
+        node,
+        &[("routing_lengths_mm", 1e-3), ("routing_lengths_m", 1.0)],
+    ) {
         None => vec![0.0; n],
         Some((list, factor)) => list.each(|node| Ok(node.not_negative()? * factor))?,
     };
     sized("routing lengths", routing_m.len())?;
-    let tolerance = [("anchor_half_tolerance_mm", 1e-3), ("anchor_half_tolerance_m", 1.0)];
+    let tolerance = [
+        ("anchor_half_tolerance_mm", 1e-3),
+        ("anchor_half_tolerance_m", 1.0),
+    ];
     Ok(Machine {
         cables,
         mass_kg: mass.positive()?,
@@ -325,7 +430,8 @@ fn sample(node: &Node<'_>, number: usize, set: &mut Set) -> Read<Sample> {
     }
     if let (Some(corners), Some(eye)) = (node.optional("corners_px"), &set.eye) {
         let seen = corners.value.as_object();
-        let seen = seen.ok_or_else(|| corners.wrong("must be an object: tag id to four corners"))?;
+        let seen =
+            seen.ok_or_else(|| corners.wrong("must be an object: tag id to four corners"))?;
         for (id, value) in seen {
             out.views.push(view(&corners, id, value, &eye.tags)?);
         }

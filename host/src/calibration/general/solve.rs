@@ -67,7 +67,12 @@ pub struct Solution {
 pub fn start(model: &Model<'_>, unknowns: &[Unknown]) -> State {
     let robot = &model.set.robot;
     let n = robot.cables.len().max(1) as f64;
-    let middle: Vector3<f64> = robot.cables.iter().map(|c| c.anchor_m).sum::<Vector3<f64>>() / n;
+    let middle: Vector3<f64> = robot
+        .cables
+        .iter()
+        .map(|c| c.anchor_m)
+        .sum::<Vector3<f64>>()
+        / n;
     let spread: f64 = robot
         .cables
         .iter()
@@ -91,7 +96,9 @@ pub fn start(model: &Model<'_>, unknowns: &[Unknown]) -> State {
             .map(|sample| {
                 let [roll, pitch, _] = sample.rpy_rad;
                 let tilted = [roll.unwrap_or(0.0), pitch.unwrap_or(0.0), 0.0];
-                sample.start.unwrap_or_else(|| Pose::from_rpy(place, tilted))
+                sample
+                    .start
+                    .unwrap_or_else(|| Pose::from_rpy(place, tilted))
             })
             .collect(),
         tensions_n: model
@@ -110,7 +117,10 @@ pub fn start(model: &Model<'_>, unknowns: &[Unknown]) -> State {
 ///
 /// # Errors
 /// Where a cable has no geometry at a pose.
-pub fn all_rows(model: &Model<'_>, state: &State) -> Result<Vec<Vec<Row>>, mcdpr_kinematics::Error> {
+pub fn all_rows(
+    model: &Model<'_>,
+    state: &State,
+) -> Result<Vec<Vec<Row>>, mcdpr_kinematics::Error> {
     let samples = model.set.samples.iter().enumerate();
     samples
         .map(|(k, sample)| model.rows(state, sample, k, &state.poses[k], &state.tensions_n[k]))

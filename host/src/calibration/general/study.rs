@@ -181,7 +181,10 @@ fn first_poses(set: &Set, options: &Options) -> Result<Vec<FirstPose>, String> {
     let mut out = Vec::new();
     for (index, session) in set.sessions.iter().enumerate() {
         let part = set.only(|_, sample| sample.session == index);
-        let known = set.samples.iter().position(|sample| sample.session == index);
+        let known = set
+            .samples
+            .iter()
+            .position(|sample| sample.session == index);
         let Some(known) = known.and_then(|k| pose_of(&all, k)) else {
             continue;
         };
@@ -191,7 +194,11 @@ fn first_poses(set: &Set, options: &Options) -> Result<Vec<FirstPose>, String> {
             session: session.clone(),
             samples: part.samples.len(),
             position_mm: (first.pose.position_m - known.pose.position_m).norm() * 1e3,
-            angle_deg: first.pose.rotation.angle_to(&known.pose.rotation).to_degrees(),
+            angle_deg: first
+                .pose
+                .rotation
+                .angle_to(&known.pose.rotation)
+                .to_degrees(),
             stated_mm: place.trace().sqrt() * 1e3,
         });
     }

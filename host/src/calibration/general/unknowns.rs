@@ -364,9 +364,8 @@ pub fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unknown> {
         }
     }
     for &session in &layout.sessions {
-        let of = |what: &str, i: usize| {
-            format!("cable {}'s {what} in {}", i + 1, set.sessions[session])
-        };
+        let of =
+            |what: &str, i: usize| format!("cable {}'s {what} in {}", i + 1, set.sessions[session]);
         // With one session alone its own part cannot be told from the common one.
         for i in 0..layout.cables {
             add(of("cell zero", i), 0.0, priors.zero_session_n, N, None);

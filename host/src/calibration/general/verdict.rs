@@ -158,7 +158,8 @@ fn observability(fit: &Fit, out: &mut Verdict) {
         if unknown.sigma.is_finite() && unknown.sigma > 1e-8 && of(i) > OPEN * unknown.sigma {
             let (factor, unit) = unknown.unit;
             let name = &unknown.name;
-            out.open.push(format!("{name} (+-{:.2} {unit})", of(i) * factor));
+            out.open
+                .push(format!("{name} (+-{:.2} {unit})", of(i) * factor));
         }
     }
     let n = fit.layout.cables;
@@ -176,7 +177,10 @@ fn observability(fit: &Fit, out: &mut Verdict) {
             let correlation = covariance[(a, b)] / (of(a) * of(b));
             // A session's own part and the common one are two names of one thing.
             if correlation.abs() > ONE && !other.name.starts_with(one.name.as_str()) {
-                out.together.push(format!("{} and {} are nearly one unknown", one.name, other.name));
+                out.together.push(format!(
+                    "{} and {} are nearly one unknown",
+                    one.name, other.name
+                ));
             }
         }
     }
@@ -197,6 +201,8 @@ fn refusal(fit: &Fit, named: usize, all: usize) -> Option<String> {
         }
     }
     (named * 5 > all).then(|| {
-        format!("{named} of {all} readings fit no common robot: check units and order of the cables")
+        format!(
+            "{named} of {all} readings fit no common robot: check units and order of the cables"
+        )
     })
 }

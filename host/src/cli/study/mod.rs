@@ -1,5 +1,6 @@
 //! `mcdpr study WHAT`: the figures of the documents, simulated again over many seeds.
 
+mod demo;
 mod motion;
 mod real;
 mod tension;
@@ -15,6 +16,7 @@ pub(crate) struct Cmd {
 
 #[derive(Debug, clap::Subcommand)]
 enum Which {
+    Demo(demo::Cmd),
     Motion(motion::Cmd),
     Real(real::Cmd),
     Tension(tension::Cmd),
@@ -23,6 +25,7 @@ enum Which {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         match &self.which {
+            Which::Demo(cmd) => cmd.run(common),
             Which::Motion(cmd) => cmd.run(common),
             Which::Real(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),

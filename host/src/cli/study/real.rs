@@ -22,8 +22,8 @@ impl Cmd {
         let what = format!("data {}", self.file.display());
         let text = crate::files::read_text(&self.file).map_err(Failed::from_error(&what))?;
         let set = Set::from_json(&text)?;
-        let found = study(&set, &self.train, &Options::default())
-            .map_err(Failed::from_error(&what))?;
+        let found =
+            study(&set, &self.train, &Options::default()).map_err(Failed::from_error(&what))?;
         let notes = &found.notes;
         let verdict = &found.verdict;
         if common.json {
@@ -57,7 +57,10 @@ impl Cmd {
             "swivel, deg",
         ];
         let mut table = vec![head.map(str::to_owned).to_vec()];
-        table.push(row(&format!("every third of {}", self.train), &found.held_out));
+        table.push(row(
+            &format!("every third of {}", self.train),
+            &found.held_out,
+        ));
         for (name, errors) in &found.by_session {
             table.push(row(name, errors));
         }
