@@ -3,10 +3,14 @@
 //! For every cable and every moment the gain in the sum of squares is computed that a jump there
 //! would bring, from the solution's own rows (a score test; Rao, 1948). No problem is solved anew.
 
-use super::fit::Fit;
+use super::data::Set;
+use super::fit::{Fit, Options, fit};
 use super::model::Group;
 use super::solve::variance;
 use super::unknowns::Break;
+use super::verdict::slip_words;
+use crate::calibration::answer::Solved;
+use crate::calibration::data::Data;
 use nalgebra::DVector;
 
 /// Gain in the sum of weighted squares from which on a jump is believed. The best of some 80 places
@@ -87,4 +91,34 @@ pub fn largest(fit: &Fit) -> Option<Break> {
         .max_by(|a, b| a.gain.total_cmp(&b.gain))
         .filter(|best| best.gain > GAIN)
         .map(|best| best.slip)
+}
+
+/// Rounds of estimating the scatter: data of version 1 state the scatter of their sensors.
+const ROUNDS: usize = 10;
+
+/// The cables that slipped while data of version 1 were collected, in words, the earliest first.
+/// `solved` is where another estimate ended; without it the search starts from the nominal robot.
+#[must_use]
+pub fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<String> {
+    let (true, Ok(mut set)) = (data.has_statics(), Set::from_data(data)) else {
+        return Vec::new();
+    };
+    if let (Some(solved), Some(eye)) = (solved, &mut set.eye) {
+        let state = &solved.state;
+        eye.camera_from_platform = state.camera_from_platform;
+        eye.world_from_body.clone_from(&state.world_from_body);
+        for (sample, pose) in set.samples.iter_mut().zip(&state.poses) {
+            sample.start = Some(*pose);
+        }
+    }
+    let options = Options {
+        rounds: ROUNDS,
+        ..Options::default()
+    };
+    let Ok(found) = fit(&set, &options) else {
+        return Vec::new();
+    };
+    let mut order: Vec<usize> = (0..found.layout.breaks.len()).collect();
+    order.sort_by_key(|&j| found.layout.breaks[j].from);
+    order.into_iter().map(|j| slip_words(&found, j)).collect()
 }

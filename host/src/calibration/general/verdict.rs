@@ -67,18 +67,25 @@ pub fn verdict(fit: &Fit) -> Verdict {
     out
 }
 
+/// A slip in words, as in "cable 2 slipped by +3.05 mm (1 sigma 0.04) before pose 12".
+#[must_use]
+pub fn slip_words(fit: &Fit, slip: usize) -> String {
+    let jump = &fit.layout.breaks[slip];
+    let at = fit.layout.jump(slip);
+    format!(
+        "cable {} slipped by {:+.2} mm (1 sigma {:.2}) before {}",
+        jump.cable + 1,
+        fit.solution.state.theta[at] * 1e3,
+        fit.solution.covariance[(at, at)].sqrt() * 1e3,
+        fit.set.name(jump.from)
+    )
+}
+
 fn slips(fit: &Fit, out: &mut Verdict) {
-    let (theta, covariance) = (&fit.solution.state.theta, &fit.solution.covariance);
-    for (j, jump) in fit.layout.breaks.iter().enumerate() {
-        let at = fit.layout.jump(j);
-        out.slips.push(format!(
-            "cable {} slipped by {:+.2} mm (1 sigma {:.2}) before {}: it is counted as a jump from \
-             there on",
-            jump.cable + 1,
-            theta[at] * 1e3,
-            covariance[(at, at)].sqrt() * 1e3,
-            fit.set.name(jump.from)
-        ));
+    for j in 0..fit.layout.breaks.len() {
+        let words = slip_words(fit, j);
+        out.slips
+            .push(format!("{words}: it is counted as a jump from there on"));
     }
     let left = slip::candidates(fit)
         .into_iter()
