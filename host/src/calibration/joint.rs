@@ -80,9 +80,9 @@ pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     }?;
     if options.closer_looks {
         let slips = slip::in_data(data, answer.solved.as_ref());
-        if let Some(refusal) = slipped(&slips) {
-            return Err(refusal);
-        }
+        let advice = "use the poses before or after only";
+        let words = slips.iter().map(|slip| format!("{slip}: {advice}"));
+        answer.warnings.extend(words);
         answer.split = assay::split(data, options, &answer);
         let warning = answer.split.as_ref().and_then(assay::Split::warning);
         answer.warnings.extend(warning);
