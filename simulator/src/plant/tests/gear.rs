@@ -186,8 +186,8 @@ fn an_eccentric_drum_pays_out_what_its_shape_says() {
 fn stick_slip_is_that_of_the_literature() {
     // Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE Trans. Autom. Control 40 (1995) 419: 1 kg
     // pulled over a spring of 2 N/m at 0.1 m/s, Coulomb 1 N, static 1.5 N, Stribeck 1 mm/s,
-    // 0.4 N s/m: it sticks until 1.5 N, 7.5 s, slips for about half a period of the spring, and
-    // sticks again.
+    // 0.4 N s/m: it sticks until 1.5 N, 7.5 s, slips for a little more than half a period of the
+    // spring, and sticks again.
     let mut params = WinchParams::default();
     params.drum_radius_m = 1.0;
     params.gear_ratio = 1.0;
@@ -218,6 +218,8 @@ fn stick_slip_is_that_of_the_literature() {
     }
     println!("slips at {slips:?}, sticks at {sticks:?}");
     assert!((slips[0] - 7.5).abs() < 0.01, "{slips:?}");
-    assert!((sticks[0] - slips[0] - 2.2).abs() < 0.4, "{sticks:?}");
+    // Half a period of the spring, 2.2 s, and the two arcs in which it is slower than the pull.
+    assert!((sticks[0] - slips[0] - 2.8).abs() < 0.2, "{sticks:?}");
+    assert!((slips[1] - slips[0] - 6.5).abs() < 0.3, "{slips:?}");
     assert!(slips.len() >= 3, "{slips:?}");
 }
