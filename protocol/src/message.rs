@@ -387,7 +387,7 @@ pub fn decode_command(body: &[u8]) -> Option<Command> {
 }
 
 /// Position of [`Request::Stop`] in its enum, which is what postcard writes.
-const STOP: u32 = 5;
+pub(crate) const STOP: u32 = 5;
 
 /// The stop that a command's body asks for, if it asks for one; see [`crate::stop`].
 pub(crate) fn stop_in(body: &[u8]) -> Option<StopKind> {

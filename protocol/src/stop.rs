@@ -6,7 +6,7 @@
 //! gives the stop at its frame's end.
 
 use crate::frame::{Channel, decode_frame};
-use crate::message::{StopKind, stop_in};
+use crate::message::{STOP, StopKind, stop_in};
 
 /// Most bytes of a stop's frame between two delimiters: one of COBS, the channel, the session and
 /// its number (five bytes and three, as postcard writes 32 and 16 bits), the request, its kind, and
@@ -59,13 +59,44 @@ impl StopFinder {
         }
     }
 
+    /// What is no stop is seen before its checksum is computed: a line that is full brings eight
+    /// short frames a tick.
     #[inline(never)]
     fn finish(&mut self, used: usize) -> Option<StopKind> {
+        let coded = self.frame.get(..used)?;
+        if !asks_to_stop(coded)? {
+            return None;
+        }
         match decode_frame(self.frame.get_mut(..used)?) {
             Ok((Channel::Command, body)) => stop_in(body),
             _ => None,
         }
     }
+}
+
+/// Whether these bytes of a frame, still in COBS, have a stop's channel and request; `None` where
+/// they end before.
+fn asks_to_stop(coded: &[u8]) -> Option<bool> {
+    let mut bytes = coded.iter();
+    // Under 254 bytes every byte that a code leads to is a zero's place.
+    let mut left = *bytes.next()?;
+    let mut next = || {
+        left -= 1;
+        let byte = *bytes.next()?;
+        if left == 0 {
+            left = byte;
+            return Some(0);
+        }
+        Some(byte)
+    };
+    if next()? != Channel::Command as u8 {
+        return Some(false);
+    }
+    // Session and number end with a byte under 128.
+    for _ in 0..2 {
+        while next()? >= 0x80 {}
+    }
+    Some(u32::from(next()?) == STOP)
 }
 
 #[cfg(test)]
