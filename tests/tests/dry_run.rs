@@ -34,6 +34,7 @@ const WORDS: &[(&str, &[&str])] = &[
     ("jog", &["5", "0", "0"]),
     ("move", &["335", "0", "-160"]),
     ("plan", &["paper:table8"]),
+    ("predict", &["--data", "data.json", "--train", "1"]),
     ("replay", &["a-run"]),
     ("report", &["a-run"]),
     ("rig attach", &["1"]),
@@ -41,6 +42,7 @@ const WORDS: &[(&str, &[&str])] = &[
     ("run", &["paper:table8"]),
     ("sim", &["--pty"]),
     ("statics", &["320", "0", "-200"]),
+    ("study real", &["data.json", "--train", "1"]),
     ("workspace", &["--step", "400"]),
 ];
 

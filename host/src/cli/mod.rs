@@ -36,6 +36,7 @@ mod orders;
 mod pick;
 mod plan;
 mod ports;
+mod predict;
 mod progress;
 mod reach;
 mod reaction;
@@ -192,6 +193,7 @@ enum Command {
     Statics(compute::statics::Cmd),
     Workspace(compute::workspace::Cmd),
     Calibrate(calibrate::Cmd),
+    Predict(predict::Cmd),
     Pick(pick::Cmd),
     Camera(camera::Cmd),
     Sim(sim::Cmd),
@@ -302,6 +304,7 @@ pub fn main() -> ExitCode {
         Command::Statics(cmd) => cmd.run(common),
         Command::Workspace(cmd) => cmd.run(common),
         Command::Calibrate(cmd) => cmd.run(common),
+        Command::Predict(cmd) => cmd.run(common),
         Command::Pick(cmd) => cmd.run(common),
         Command::Camera(cmd) => cmd.run(common),
         Command::Sim(cmd) => cmd.run(common),
