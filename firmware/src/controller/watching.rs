@@ -228,6 +228,8 @@ impl<const N: usize> Controller<N> {
             }
             let pins = (number, drive, adc);
             let fault = cable.examine(config, pins, &around, &mut self.limits);
+            // What is slack under a brake stays so until somebody pulls: that is advice.
+            let fault = fault.filter(|(fault, ..)| !around.braked || *fault != FaultId::C1);
             eased |= cable.watch.saturates();
             let (tension, ceiling) = (cable.tension_mn, config.ceiling_mn);
             if fault.is_some_and(|(fault, ..)| fault == FaultId::C2) {
