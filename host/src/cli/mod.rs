@@ -35,6 +35,7 @@ mod orders;
 mod pick;
 mod plan;
 mod ports;
+mod predict;
 mod progress;
 mod reach;
 mod reaction;
@@ -188,6 +189,7 @@ enum Command {
     Statics(compute::statics::Cmd),
     Workspace(compute::workspace::Cmd),
     Calibrate(calibrate::Cmd),
+    Predict(predict::Cmd),
     Pick(pick::Cmd),
     Camera(camera::Cmd),
     Sim(sim::Cmd),
@@ -293,6 +295,7 @@ pub fn main() -> ExitCode {
         Command::Statics(cmd) => cmd.run(common),
         Command::Workspace(cmd) => cmd.run(common),
         Command::Calibrate(cmd) => cmd.run(common),
+        Command::Predict(cmd) => cmd.run(common),
         Command::Pick(cmd) => cmd.run(common),
         Command::Camera(cmd) => cmd.run(common),
         Command::Sim(cmd) => cmd.run(common),

@@ -42,6 +42,7 @@ const ORDER: &[&str] = &[
     "compare",
     "export",
     "estimate",
+    "predict",
     "reproduce",
     // Compute.
     "ik",
