@@ -6,6 +6,7 @@ mod drive;
 mod energy;
 mod gear;
 mod geometry;
+mod hook;
 mod misuse;
 mod sensors;
 mod statics;
