@@ -227,7 +227,7 @@ pub fn simulated_robot_on(
         seed,
         firmware,
     )
-    .map_err(|error| RunError::Client(crate::link::LinkError::from(error).into()))?;
+    .map_err(|error| RunError::Client(crate::link::plant_failed(error).into()))?;
     Ok(SimulatedLink::new(simulation))
 }
 
@@ -308,7 +308,7 @@ fn commanded<L: Link>(
     progress: impl FnMut(Progress),
 ) -> Result<Run, RunError> {
     let number = session.unwrap_or_else(run::new_session);
-    let mut session = Session::open(model, link, number, handle, homing)?;
+    let mut session = Session::open(model, link, number, handle, homing, &run::LengthFiles)?;
     let plan = session.plan(task, None)?;
     session.arm()?;
     let mut recorder = Recorder::default();

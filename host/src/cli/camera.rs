@@ -6,7 +6,6 @@ use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::pick::study::picking_robot;
 use crate::pick::{SimulatedEye, workcell};
-use crate::robot::Robot;
 use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::camera::{Order, Tray};
 use mcdpr_vision::recorded::{Recorded, Recording};
@@ -117,7 +116,7 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
         let recorded = Recorded::open(Path::new(&from.from)).into_diagnostic()?;
         return Ok(Box::new(recorded));
     }
-    let mut robot = picking_robot(&Robot::find(&common.robot)?);
+    let mut robot = picking_robot(&crate::robot::find(&common.robot)?);
     robot.tool.home_in_world_m = workcell::options(&robot)?.look_m;
     let model = Model::new(&robot)?;
     let options = LinkOptions::default();
@@ -141,7 +140,7 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
 
 #[cfg(feature = "realsense")]
 fn realsense(common: &Common) -> miette::Result<Box<dyn Source>> {
-    let lens = Robot::find(&common.robot)?.camera;
+    let lens = crate::robot::find(&common.robot)?.camera;
     let size_px = [lens.width_px as usize, lens.height_px as usize];
     let camera = mcdpr_vision::realsense::RealSense::open(size_px).into_diagnostic()?;
     Ok(Box::new(camera))
@@ -155,7 +154,7 @@ fn realsense(_: &Common) -> miette::Result<Box<dyn Source>> {
 
 #[cfg(all(feature = "v4l2", target_os = "linux"))]
 fn show_device(common: &Common, path: &Path) -> Outcome {
-    let robot = Robot::find(&common.robot)?;
+    let robot = crate::robot::find(&common.robot)?;
     let lens = &robot.camera;
     let size_px = [lens.width_px as usize, lens.height_px as usize];
     let mut device = mcdpr_vision::v4l2::V4l2::open(path, size_px).into_diagnostic()?;

@@ -223,7 +223,7 @@ impl Common {
     /// Where either file is unusable, or a calibration of the simulator is meant for a board.
     pub(crate) fn robot(&self) -> miette::Result<crate::robot::Robot> {
         use crate::calibration::result;
-        let designed = crate::robot::Robot::find(&self.robot)?;
+        let designed = crate::robot::find(&self.robot)?;
         let Some(path) = self.calibration_file() else {
             return Ok(designed);
         };

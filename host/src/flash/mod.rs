@@ -161,7 +161,7 @@ impl Image {
             path: path.to_owned(),
             reason,
         };
-        let robot = Robot::find("paper-table5").map_err(|error| stranger(error.to_string()))?;
+        let robot = Robot::built_in("paper-table5").map_err(|error| stranger(error.to_string()))?;
         let model = Model::new(&robot).map_err(|error| stranger(error.to_string()))?;
         let link = experiment::simulated_robot_on(
             &model,
@@ -182,7 +182,7 @@ impl Image {
             Err(ClientError::Link(LinkError::Broken { reason })) => return Err(stranger(reason)),
             Err(error) => return Err(stranger(error.to_string())),
         };
-        let has_service = crate::doctor::has_service(&mut client)
+        let has_service = crate::service::has_service(&mut client)
             .map_err(|error: RunError| stranger(error.to_string()))?;
         Ok(Self {
             flash: firmware.flash(),

@@ -3,7 +3,7 @@
 use super::PickError;
 use crate::control::Handle;
 use crate::estimate::{Measurements, Sigmas, estimate};
-use crate::link::{Client, Link, Note};
+use crate::link::{Client, Link, Note, meanwhile};
 use crate::machine;
 use crate::motion::path::Path;
 use crate::motion::{Model, Plan, PlanError, Rest, Step};
@@ -72,7 +72,7 @@ impl<L: Link> Arm<L> {
                 lengths_m,
             )
         } else {
-            let home = crate::experiment::home(&model)?;
+            let home = model.rest_at_home()?;
             let calibrated = model.robot().calibrated.as_ref();
             let lengths_m = calibrated.map_or_else(
                 || home.paid_out_m.clone(),
@@ -165,9 +165,9 @@ impl<L: Link> Arm<L> {
             ..Measurements::default()
         };
         let (model, near) = (&self.model, &self.tool_m);
-        let found = self
-            .client
-            .meanwhile(|| estimate(model, &measured, &Sigmas::default(), near));
+        let found = meanwhile(&mut self.client, || {
+            estimate(model, &measured, &Sigmas::default(), near)
+        });
         let found = found.map_err(RunError::from)?;
         Ok(found.map_err(RunError::from)?.rest)
     }
@@ -206,7 +206,7 @@ impl<L: Link> Arm<L> {
         work: impl FnOnce(&Model) -> T + Send,
     ) -> Result<T, PickError> {
         let model = &self.model;
-        let done = self.client.meanwhile(|| work(model));
+        let done = meanwhile(&mut self.client, || work(model));
         Ok(done.map_err(RunError::from)?)
     }
 

@@ -45,7 +45,7 @@ impl SimulatedEye {
     /// that was calibrated on the simulator, where that machine truly has it.
     #[must_use]
     pub fn new(link: SimulatedLink, robot: &Robot, mounting: &Mounting, seed: u64) -> Self {
-        let mut dice = crate::calibration::simulate::Dice::new(seed ^ 0x6579_6500);
+        let mut dice = mcdpr_core::random::Dice::new(seed ^ 0x6579_6500);
         let shift = Vector3::from_fn(|_, _| dice.within(mounting.shift_m));
         let turn = Vector3::from_fn(|_, _| dice.within(mounting.turn_rad));
         let off = Isometry3::new(shift, turn);

@@ -10,7 +10,7 @@ mod plot;
 pub mod tables;
 
 pub use figures::{Figures, MeanMax, MeanSdMax, TensionError, measure};
-pub use folder::{RunFolder, utc_stamp, write_samples};
+pub use folder::{RunFolder, write_samples};
 pub use judge::{CableFigures, Judgement, Verdict, judge, path_errors};
 pub use plan_plot::draw_plan;
 pub use plot::{PathTrace, draw_path};

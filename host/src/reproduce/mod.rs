@@ -260,7 +260,7 @@ pub fn reproduce(
 
 /// The paper's robot.
 fn paper_robot() -> Result<Robot, ReproduceError> {
-    Ok(Robot::find("paper-table5")?)
+    Ok(Robot::built_in("paper-table5")?)
 }
 
 /// An empty cell: the column does not apply.

@@ -193,7 +193,7 @@ mod tests {
 
     #[test]
     fn pictures_show_the_tags_where_projection_has_them() {
-        let robot = Robot::find("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-table5").unwrap();
         let model = Model::new(&robot).unwrap();
         let options = LinkOptions::default();
         let link = experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();

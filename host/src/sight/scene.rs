@@ -1,9 +1,9 @@
 //! Where the tags of a simulated robot truly lie, and how its camera is truly mounted.
 
-use super::{lens_of, pose_of};
-use crate::calibration::data::{Camera, compose, inverse};
-use crate::calibration::simulate::Dice;
+use super::{Lens, lens_of, pose_of};
 use crate::robot::{Robot, Tag};
+use mcdpr_core::pose::{compose, inverse};
+use mcdpr_core::random::Dice;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Rotation3, Vector3};
 
@@ -11,7 +11,7 @@ use nalgebra::{Rotation3, Vector3};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
     /// The lens as it is.
-    pub lens: Camera,
+    pub lens: Lens,
     /// camera_from_platform as it is mounted.
     pub camera_from_platform: Pose,
     /// The tags as they were made.

@@ -2,7 +2,7 @@
 //! the real client and link, in virtual time.
 
 use crate::experiment;
-use crate::link::{Client, ClientError, Link, LinkError, SimulatedLink};
+use crate::link::{Client, ClientError, Link, SimulatedLink, plant_failed};
 use crate::machine::{self, Mismatch};
 use crate::motion::{Model, Task};
 use crate::record::witness::TruthTap;
@@ -222,10 +222,10 @@ impl<'l> Bench<'l> {
         watch: impl FnOnce(SimulatedLink, TruthTap) -> Box<dyn Link + 'l>,
     ) -> Result<Self, RunError> {
         let robot = &model.robot().clone();
-        let home = experiment::home(&model)?;
+        let home = model.rest_at_home()?;
         let mut params = machine::plant_params(robot, &Mismatch::default(), seed);
         change.apply(&mut params);
-        let broken = |error: PlantError| RunError::Client(LinkError::from(error).into());
+        let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
         let simulation = machine::simulate(
             params,
             &home.equilibrium.pose,
@@ -273,7 +273,7 @@ impl<'l> Bench<'l> {
     ) -> Result<R, RunError> {
         self.link
             .with(|simulation| act(simulation.plant_mut()))
-            .map_err(|error| RunError::Client(ClientError::from(LinkError::from(error))))
+            .map_err(|error| RunError::Client(ClientError::from(plant_failed(error))))
     }
 
     /// Runs a script while the robot holds.

@@ -5,9 +5,9 @@ use super::super::plan::Candidate;
 use super::super::pnp::{Square, sightings_of};
 use super::{CollectError, Still, observation, still};
 use crate::motion::Rest;
-use crate::report::utc_stamp;
 use crate::robot::Robot;
 use crate::sight::{lens_of, pose_of};
+use crate::stamp::utc_stamp;
 use mcdpr_kinematics::{Cable, Pose};
 
 /// Noise of the encoders as used here: counts of 0.03 mm and how cable lies on a drum, m.
@@ -90,7 +90,7 @@ impl Sketch {
             })
             .collect();
         let model = crate::motion::Model::new(robot)?;
-        let home = crate::experiment::home(&model)?;
+        let home = model.rest_at_home()?;
         Ok(Self {
             data,
             robot: robot.clone(),

@@ -462,7 +462,7 @@ mod tests {
 
     #[test]
     fn gain_delay_and_friction_of_a_known_loop_are_found() {
-        let robot = Robot::find("lab-direct").unwrap();
+        let robot = Robot::built_in("lab-direct").unwrap();
         let found = identify(&robot, 3, &robot.winches[3], &answer(&robot, &truth())).unwrap();
         assert!((found.gain - 0.9).abs() < 0.1, "{found:?}");
         assert!((found.delay_s - 6e-3).abs() < 3e-3, "{found:?}");
@@ -479,7 +479,7 @@ mod tests {
 
     #[test]
     fn dead_and_wild_answers_and_gains_are_refused() {
-        let robot = Robot::find("lab-direct").unwrap();
+        let robot = Robot::built_in("lab-direct").unwrap();
         let winch = &robot.winches[3];
         let good = answer(&robot, &truth());
         let refused = |measured_n: Vec<f64>| {

@@ -1,0 +1,110 @@
+//! What was measured, and what a resting state predicts for it.
+
+use crate::motion::{Model, Rest};
+use crate::pose::{compose, inverse};
+use crate::robot::Control;
+use crate::sight::{TagView, lens_of, pose_of};
+use mcdpr_kinematics::Pose;
+use nalgebra::{Rotation3, Vector3};
+
+/// Standard deviations of what is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sigmas {
+    /// A drum encoder's length, m: half a count, and what an anchor is off.
+    pub length_m: f64,
+    /// A tension, N: the sensor, and what a pulley's friction hides.
+    pub tension_n: f64,
+    /// How far the attitude is from that of statics, per axis, rad: the centre of mass.
+    pub attitude_rad: f64,
+}
+
+impl Default for Sigmas {
+    fn default() -> Self {
+        Self {
+            length_m: 3e-4,
+            tension_n: 0.3,
+            attitude_rad: 3e-3,
+        }
+    }
+}
+
+/// Where a rigid body of tags is: its number, and world_from_body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TagPlace {
+    /// Number of the body.
+    pub body: u32,
+    /// world_from_body.
+    pub world_from_body: Pose,
+}
+
+/// Everything that was measured of a robot at rest; what was not is empty.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Measurements {
+    /// Paid-out lengths, one per cable, m.
+    pub lengths_m: Vec<f64>,
+    /// Tensions at the winches, one per cable, N.
+    pub tensions_n: Vec<f64>,
+    /// Tags in one or more pictures of the same resting pose.
+    pub views: Vec<TagView>,
+    /// Where their bodies are.
+    pub places: Vec<TagPlace>,
+}
+
+/// One row: the measured minus the predicted value over its standard deviation. `None` where the
+/// state predicts nothing (a tag behind the camera). The length of the cable `skip` (from 0) counts as
+/// not measured. The last three rows hold the attitude near that of statics.
+pub(super) fn residuals(
+    model: &Model,
+    measured: &Measurements,
+    sigmas: &Sigmas,
+    (rest, turned, skip): (&Rest, &Vector3<f64>, Option<usize>),
+    out: &mut Vec<f64>,
+) -> Option<()> {
+    out.clear();
+    let lengths = measured.lengths_m.iter().zip(&rest.paid_out_m);
+    out.extend(lengths.map(|(seen, said)| (seen - said) / sigmas.length_m));
+    if let Some(slot) = skip.and_then(|cable| out.get_mut(cable)) {
+        *slot = 0.0;
+    }
+    let tensions = measured.tensions_n.iter().zip(rest.tensions_n());
+    out.extend(tensions.map(|(seen, said)| (seen - said) / sigmas.tension_n));
+    let camera = &model.robot().camera;
+    let lens = lens_of(camera);
+    let camera_from_platform = pose_of(&camera.camera_from_platform);
+    // Turned about the tool, whose place is an unknown of its own.
+    let tool = &model.robot().tool.tcp_in_platform_m;
+    let pose = &rest.equilibrium.pose;
+    let rotation = Rotation3::new(*turned) * pose.rotation;
+    let seen_pose = Pose::new(pose.transform(tool) - rotation * tool, rotation);
+    let camera_from_world = compose(&camera_from_platform, &inverse(&seen_pose));
+    for view in &measured.views {
+        let Some(tag) = model.robot().tags.iter().find(|tag| tag.id == view.id) else {
+            continue;
+        };
+        let Some(place) = measured.places.iter().find(|place| place.body == tag.body) else {
+            continue;
+        };
+        let camera_from_body = compose(&camera_from_world, &place.world_from_body);
+        let corners = tag.corners_in_body_m.iter().zip(&view.corners_px);
+        for ((corner, seen), covariance) in corners.zip(&view.covariance_px2) {
+            let said = lens.project(&camera_from_body.transform(corner))?;
+            for ((seen, said), variance) in [
+                ((seen[0], said.pixel.x), covariance[0][0]),
+                ((seen[1], said.pixel.y), covariance[1][1]),
+            ] {
+                out.push((seen - said) / variance.max(1e-6).sqrt());
+            }
+        }
+    }
+    out.extend(turned.iter().map(|angle| -angle / sigmas.attitude_rad));
+    Some(())
+}
+
+/// The tension-held cable's tension that was measured, or its set-point.
+pub(super) fn held_tension_n(model: &Model, measured: &Measurements) -> f64 {
+    let cables = model.robot().cables.iter().zip(&measured.tensions_n);
+    let mut held = cables.filter(|(cable, _)| cable.control == Control::Tension);
+    held.next()
+        .map_or(model.robot().tension.setpoint_n, |(_, tension)| *tension)
+        .max(0.2)
+}
