@@ -7,7 +7,6 @@ use mcdpr::link::{Link, LinkError, SimulatedLink};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::path::{Path, Piece};
 use mcdpr::motion::{Model, Plan, PlanError, PlanOptions, Shaping, Step, Task};
-use mcdpr::robot::Robot;
 use mcdpr::run::{Homing, NoStore, Recorder, Session};
 use mcdpr::study::motion::{Job, Known, cases, run};
 use mcdpr_firmware::State;
@@ -333,6 +332,7 @@ fn a_jog_moves_as_told_stops_by_itself_and_at_a_limit() {
         SessionId(1),
         &handle,
         Homing::Place(home),
+        &NoStore,
     )
     .unwrap();
     session.arm().unwrap();
