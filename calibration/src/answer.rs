@@ -1,11 +1,57 @@
 //! What a calibration found, and its file form.
 
-use super::assay::{MapPoint, Split};
 use super::data::{Camera, matrix_mm};
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Cable, Pose};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde_json::{Value, json};
+
+/// Ratio of squared error to expectation above which the lower poses contradict the upper ones.
+const RATIO_MAX: f64 = 4.0;
+
+/// What a calibration of the upper poses alone is worth at the lower ones.
+#[derive(Debug, Clone)]
+pub struct Split {
+    /// Poses that it was trained on.
+    pub upper: usize,
+    /// Poses that it was tested on.
+    pub lower: usize,
+    /// Root mean square position error there, m.
+    pub error_m: f64,
+    /// What its covariance lets expect, m.
+    pub expected_m: f64,
+    /// Mean squared error in units of its covariance; 1 for honest data.
+    pub ratio: f64,
+    /// The quantity that is farthest from what is stated, in words.
+    pub suspect: String,
+}
+
+impl Split {
+    /// The warning, where the lower poses contradict the upper ones.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        (self.ratio > RATIO_MAX).then(|| {
+            format!(
+                "a calibration by the {} upper poses, sizes as stated, misses the {} lower ones by {:.2} mm \
+                 ({:.2} expected): {}",
+                self.upper,
+                self.lower,
+                self.error_m * 1e3,
+                self.expected_m * 1e3,
+                self.suspect
+            )
+        })
+    }
+}
+
+/// Expected error at one place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapPoint {
+    /// Platform's origin, world, m.
+    pub at_m: Vector3<f64>,
+    /// Root mean square position error of a level platform there, in the tags' frame, m.
+    pub rms_m: f64,
+}
 
 /// A measurement that fits nothing else.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,11 +1,12 @@
 //! Closer looks at an answer: does what the upper poses say hold for the lower ones, how far off the
 //! platform would be where, and what to measure next.
 
-use super::answer::Answer;
+use super::answer::{Answer, MapPoint, Split};
 use super::check::POSES_MIN;
 use super::data::{Data, compose, inverse};
-use super::joint::{Options, joint};
-use super::plan::{Candidate, Design, candidates, work_poses};
+use super::design::{Candidate, Design};
+use super::fit::{Options, fit};
+use super::plan::{candidates, work_poses};
 use super::predict::{displacement, predict};
 use super::rows::singles;
 use mcdpr_kinematics::Pose;
@@ -13,43 +14,6 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Uncertainty of a measured pose itself, m: the picture's and the encoders' noise.
 const FLOOR_M: f64 = 1e-4;
-/// Ratio of squared error to expectation above which the lower poses contradict the upper ones.
-const RATIO_MAX: f64 = 4.0;
-
-/// What a calibration of the upper poses alone is worth at the lower ones.
-#[derive(Debug, Clone)]
-pub struct Split {
-    /// Poses that it was trained on.
-    pub upper: usize,
-    /// Poses that it was tested on.
-    pub lower: usize,
-    /// Root mean square position error there, m.
-    pub error_m: f64,
-    /// What its covariance lets expect, m.
-    pub expected_m: f64,
-    /// Mean squared error in units of its covariance; 1 for honest data.
-    pub ratio: f64,
-    /// The quantity that is farthest from what is stated, in words.
-    pub suspect: String,
-}
-
-impl Split {
-    /// The warning, where the lower poses contradict the upper ones.
-    #[must_use]
-    pub fn warning(&self) -> Option<String> {
-        (self.ratio > RATIO_MAX).then(|| {
-            format!(
-                "a calibration by the {} upper poses, sizes as stated, misses the {} lower ones by {:.2} mm \
-                 ({:.2} expected): {}",
-                self.upper,
-                self.lower,
-                self.error_m * 1e3,
-                self.expected_m * 1e3,
-                self.suspect
-            )
-        })
-    }
-}
 
 /// Trains on the upper half of the poses, with tags, drums and lens held to what is stated, and
 /// tests on the lower half. A scale that is not as stated is the same at all heights for a random
@@ -89,7 +53,7 @@ pub fn split(data: &Data, options: &Options, full: &Answer) -> Option<Split> {
         *sigma *= 0.1;
     }
     strict.closer_looks = false;
-    let trained = joint(&train, &strict).ok()?;
+    let trained = fit(&train, &strict).ok()?;
     let cables = singles(&solved.state).ok()?;
     let (mut squares, mut expected, mut ratio, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (i, (k, pose)) in lower.iter().enumerate() {
@@ -149,15 +113,6 @@ fn suspect(full: &Answer, options: &Options) -> Option<String> {
         "the {} come out {:+.2} % off what is stated, measure them again",
         worst.1, worst.2
     ))
-}
-
-/// Expected error at one place.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MapPoint {
-    /// Platform's origin, world, m.
-    pub at_m: Vector3<f64>,
-    /// Root mean square position error of a level platform there, in the tags' frame, m.
-    pub rms_m: f64,
 }
 
 /// Places of the map along x and y, and in height.

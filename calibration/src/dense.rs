@@ -5,7 +5,7 @@
 use super::check::usable;
 use super::data::Data;
 use super::error::Refusal;
-use super::joint::{Options, model, start};
+use super::fit::{Options, model, start};
 use super::rows::{Model, singles};
 use super::solve::initial_lengths;
 use super::unknowns::{Priors, State};

@@ -4,15 +4,27 @@
 //! then for others near them.
 
 use super::check::Usable;
-use super::data::{Data, Observation, compose, inverse};
-use super::joint::{Options, model, start};
+use super::data::{Data, Observation, View, compose, inverse};
+use super::fit::{Options, model, start};
 use super::normal::{Normal, Scaled};
-use super::plan::Candidate;
 use super::predict::{Prediction, predict};
 use super::rows::Model;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Pose, Robot};
 use nalgebra::DMatrix;
+
+/// A pose that the mechanism can reach, and how it is reached.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// world_from_platform at equilibrium.
+    pub pose: Pose,
+    /// Tensions there, N.
+    pub tensions_n: Vec<f64>,
+    /// The cable (from 0) whose tension is held; the others' lengths are.
+    pub held: usize,
+    /// The tags wholly in view.
+    pub views: Vec<View>,
+}
 
 /// How thoroughly better candidates are looked for near those taken.
 #[derive(Debug, Clone, Copy, PartialEq)]

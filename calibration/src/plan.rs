@@ -1,26 +1,13 @@
 //! Choice of poses: out of many that the mechanism can reach, those that leave the least expected
 //! position error, see [`super::design`].
 
-use super::data::{Data, View};
-pub use super::design::{Design, Search};
-use super::joint::Options;
-use super::simulate::{equilibrium_within, random_equilibrium, views_at};
+use super::data::Data;
+pub use super::design::{Candidate, Design, Search};
+use super::fit::Options;
+use super::reach::{equilibrium_within, random_equilibrium, views_at};
 use mcdpr_core::random::Dice;
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot};
 use nalgebra::Vector3;
-
-/// A pose that the mechanism can reach, and how it is reached.
-#[derive(Debug, Clone)]
-pub struct Candidate {
-    /// world_from_platform at equilibrium.
-    pub pose: Pose,
-    /// Tensions there, N.
-    pub tensions_n: Vec<f64>,
-    /// The cable (from 0) whose tension is held; the others' lengths are.
-    pub held: usize,
-    /// The tags wholly in view.
-    pub views: Vec<View>,
-}
 
 /// A choice of poses.
 #[derive(Debug, Clone)]

@@ -1,6 +1,7 @@
 //! Chores of the project: `cargo xtask test`, `cargo xtask lint`, `cargo xtask firmware`.
 
 mod firmware;
+mod seams;
 mod tools;
 
 use std::process::{Command, ExitCode};
@@ -10,12 +11,14 @@ const USAGE: &str = "usage: cargo xtask COMMAND
 test        every test: host crates, system tests with the real program, the firmware's contracts
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
-lint        formatting, lints and documentation, warnings denied";
+seams       no ring of modules in any crate, and what shall run in a page is built for it
+lint        formatting, seams, lints and documentation, warnings denied";
 
 fn main() -> ExitCode {
     let outcome = match std::env::args().nth(1).as_deref() {
         Some("test") => test(),
         Some("firmware") => firmware::build_and_check(),
+        Some("seams") => seams(),
         Some("lint") => lint(),
         Some("study") => study(),
         Some("help" | "--help" | "-h") => {
@@ -87,8 +90,25 @@ const FEATURES: &str = "mcdpr-kinematics/rayon";
 /// known.
 const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr/flash,mcdpr/onnx,mcdpr/v4l2,mcdpr/realsense";
 
+/// What keeps the crates apart: no ring of modules, and no operating system below the host.
+fn seams() -> Result<(), String> {
+    seams::check()?;
+    firmware::ensure_target(PAGE_TARGET)?;
+    let mut arguments = vec!["check", "--locked", "--target", PAGE_TARGET];
+    for name in WITHOUT_SYSTEM {
+        arguments.extend(["-p", name]);
+    }
+    cargo(&arguments)
+}
+
+/// The target of a web page.
+const PAGE_TARGET: &str = "wasm32-unknown-unknown";
+/// Crates that need no operating system.
+const WITHOUT_SYSTEM: [&str; 2] = ["mcdpr-core", "mcdpr-calibration"];
+
 fn lint() -> Result<(), String> {
     cargo(&["fmt", "--all", "--check"])?;
+    seams()?;
     cargo(&[
         "clippy",
         "--locked",

@@ -1,7 +1,7 @@
 //! What a robot can reach at rest, in the terms of its own file.
 
 use super::super::plan::Candidate;
-use super::super::simulate::{MARGIN_PX, SEEN_PX, views_within};
+use super::super::reach::{MARGIN_PX, SEEN_PX, views_within};
 use super::super::{Data, data::View};
 use super::skeleton::ANCHOR_TOLERANCE_M;
 use super::travel;

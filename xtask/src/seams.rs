@@ -1,0 +1,430 @@
+//! The seams between modules: no ring of a crate's own modules, checked by reading its sources.
+//!
+//! A module of a crate is a file or folder directly under `src`. One module uses another where its
+//! code outside of tests names `crate::other`, or reaches it by `super`. Tests stand above all modules:
+//! what they use makes no ring.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// Where the modules of the workspace's crates are.
+const SOURCES: [&str; 12] = [
+    "protocol/src",
+    "kinematics/src",
+    "vision/src",
+    "core/src",
+    "calibration/src",
+    "firmware/src",
+    "firmware/src/board",
+    "simulator/src",
+    "emulator/src",
+    "host/src",
+    "tests/src",
+    "xtask/src",
+];
+
+/// Which files of a module use which other module, by the module that uses and the one that is used.
+type Ties = BTreeMap<String, BTreeMap<String, BTreeSet<String>>>;
+
+/// Looks for rings in every crate of the workspace.
+///
+/// # Errors
+/// The rings, with the files that tie them.
+pub(crate) fn check() -> Result<(), String> {
+    let mut wrong = Vec::new();
+    for name in SOURCES {
+        let ties = ties_of(Path::new(name))?;
+        let rings = rings(&ties);
+        println!(
+            "seams: {name}: {} modules, {} of them in rings",
+            ties.len(),
+            rings.iter().map(Vec::len).sum::<usize>()
+        );
+        wrong.extend(rings.iter().map(|ring| describe(name, ring, &ties)));
+    }
+    if wrong.is_empty() {
+        Ok(())
+    } else {
+        Err(wrong.join("\n"))
+    }
+}
+
+/// What is wrong with a ring: who is in it, and which files tie it.
+fn describe(name: &str, ring: &[String], ties: &Ties) -> String {
+    let mut out = format!(
+        "seams: modules of {name} use each other in a ring: {}\n  move what ties them to where both may \
+         use it:",
+        ring.join(", ")
+    );
+    for from in ring {
+        for (to, files) in ties.get(from).into_iter().flatten() {
+            if to != from && ring.contains(to) {
+                let files: Vec<_> = files.iter().map(String::as_str).collect();
+                out += &format!("\n  {from} uses {to} in {}", files.join(", "));
+            }
+        }
+    }
+    out
+}
+
+/// The ties between the modules under a `src` folder.
+fn ties_of(src: &Path) -> Result<Ties, String> {
+    let mut ties = Ties::new();
+    let mut waiting = vec![src.to_path_buf()];
+    while let Some(folder) = waiting.pop() {
+        let failed = |error| format!("seams: {}: {error}", folder.display());
+        for entry in std::fs::read_dir(&folder).map_err(failed)? {
+            let path = entry.map_err(failed)?.path();
+            if path.is_dir() {
+                // A program of its own, as the firmware's.
+                if !path.join("main.rs").exists() {
+                    waiting.push(path);
+                }
+            } else if path.extension().is_some_and(|kind| kind == "rs") {
+                let text = std::fs::read_to_string(&path)
+                    .map_err(|error| format!("seams: {}: {error}", path.display()))?;
+                let relative = path.strip_prefix(src).unwrap_or(&path);
+                read(relative, &text, &mut ties);
+            }
+        }
+    }
+    // Names that are no modules are items of the crate itself.
+    let modules: BTreeSet<String> = ties.keys().cloned().collect();
+    for used in ties.values_mut() {
+        used.retain(|name, _| modules.contains(name));
+    }
+    Ok(ties)
+}
+
+/// Adds what one file uses; `path` is relative to `src`.
+fn read(path: &Path, text: &str, ties: &mut Ties) {
+    let place = module_of(path);
+    let Some(own) = place.first() else { return };
+    let file = path.display().to_string();
+    let used = ties.entry(own.clone()).or_default();
+    if path.components().any(|part| part.as_os_str() == "tests")
+        || path.file_stem().is_some_and(|stem| {
+            let stem = stem.to_string_lossy();
+            stem == "tests" || stem.ends_with("_tests")
+        })
+    {
+        return;
+    }
+    for name in used_modules(&place, &code(text)) {
+        if name != *own {
+            used.entry(name).or_default().insert(file.clone());
+        }
+    }
+}
+
+/// The module that a file is, from the crate's root on; none for the root itself.
+fn module_of(path: &Path) -> Vec<String> {
+    let path = path.with_extension("");
+    let mut parts: Vec<String> = path
+        .components()
+        .map(|part| part.as_os_str().to_string_lossy().into_owned())
+        .collect();
+    if parts.last().is_some_and(|last| last == "mod") {
+        parts.pop();
+    }
+    if parts.len() == 1 && matches!(parts[0].as_str(), "lib" | "main") {
+        parts.clear();
+    }
+    parts
+}
+
+/// The top-level modules that the code of the module at `place` names.
+fn used_modules(place: &[String], code: &str) -> BTreeSet<String> {
+    let mut out = BTreeSet::new();
+    for path in paths(code) {
+        let mut parts = path.iter().map(String::as_str).peekable();
+        let mut up = 0;
+        if parts.next_if_eq(&"crate").is_some() {
+            up = place.len();
+        } else {
+            parts.next_if_eq(&"self");
+            while parts.next_if_eq(&"super").is_some() {
+                up += 1;
+            }
+            if up == 0 {
+                continue;
+            }
+        }
+        // Inside of inline modules `super` reaches less far; those are tests, which are left out.
+        if up == place.len()
+            && let Some(name) = parts.next()
+        {
+            out.insert(name.to_owned());
+        }
+    }
+    out
+}
+
+/// Every path in the code that begins with `crate`, `self` or `super`; a group in braces gives one path
+/// for each of its parts.
+fn paths(code: &str) -> Vec<Vec<String>> {
+    let words = words(code);
+    let mut out = Vec::new();
+    let mut at = 0;
+    while at < words.len() {
+        let begins = matches!(words[at].as_str(), "crate" | "super" | "self");
+        let inside = at > 0 && words[at - 1] == "::";
+        if begins && !inside && words.get(at + 1).is_some_and(|word| word == "::") {
+            tree(&words, &mut at, &[], &mut out);
+        } else {
+            at += 1;
+        }
+    }
+    out
+}
+
+/// Reads one path with its groups from the words, on top of `before`.
+fn tree(words: &[String], at: &mut usize, before: &[String], out: &mut Vec<Vec<String>>) {
+    let mut path = before.to_vec();
+    while let Some(word) = words.get(*at) {
+        if word == "{" {
+            *at += 1;
+            while words.get(*at).is_some_and(|word| word != "}") {
+                if words[*at] == "," {
+                    *at += 1;
+                } else {
+                    tree(words, at, &path, out);
+                }
+            }
+            *at += 1;
+            return;
+        }
+        if !is_name(word) && word != "*" {
+            *at += 1;
+            break;
+        }
+        path.push(word.clone());
+        *at += 1;
+        if words.get(*at).is_some_and(|word| word == "as") {
+            *at += 2;
+        }
+        if words.get(*at).is_some_and(|word| word == "::") {
+            *at += 1;
+        } else {
+            break;
+        }
+    }
+    out.push(path);
+}
+
+fn is_name(word: &str) -> bool {
+    word.starts_with(|c: char| c.is_alphabetic() || c == '_')
+}
+
+/// Names, `::`, and every other character that is not white space.
+fn words(code: &str) -> Vec<String> {
+    let mut out = Vec::new();
+    let mut rest = code.chars().peekable();
+    while let Some(c) = rest.next() {
+        if c.is_alphanumeric() || c == '_' {
+            let mut name = String::from(c);
+            while let Some(c) = rest.next_if(|c| c.is_alphanumeric() || *c == '_') {
+                name.push(c);
+            }
+            out.push(name);
+        } else if c == ':' && rest.next_if_eq(&':').is_some() {
+            out.push("::".to_owned());
+        } else if !c.is_whitespace() {
+            out.push(c.to_string());
+        }
+    }
+    out
+}
+
+/// The code of a file without comments, texts and what is compiled for tests only.
+fn code(text: &str) -> String {
+    let mut plain = without_comments(text);
+    while let Some(start) = plain.find("#[cfg(test)]") {
+        let rest = &plain[start..];
+        // The item ends with its block, or with a semicolon before any block.
+        let open = rest.find('{').unwrap_or(rest.len());
+        let end = match rest.find(';') {
+            Some(end) if end < open => end + 1,
+            _ => block_end(rest, open),
+        };
+        plain.replace_range(start..start + end, "");
+    }
+    plain
+}
+
+/// Where the block that opens at `open` ends.
+fn block_end(text: &str, open: usize) -> usize {
+    let mut depth = 0;
+    for (at, c) in text.char_indices().skip_while(|(at, _)| *at < open) {
+        match c {
+            '{' => depth += 1,
+            '}' if depth == 1 => return at + 1,
+            '}' => depth -= 1,
+            _ => {}
+        }
+    }
+    text.len()
+}
+
+/// A file with a space in place of each comment, text and bracket character.
+fn without_comments(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(c) = rest.chars().next() {
+        let in_name = out.ends_with(|c: char| c.is_alphanumeric() || c == '_');
+        match skipped(rest, in_name) {
+            0 => {
+                out.push(c);
+                rest = &rest[c.len_utf8()..];
+            }
+            bytes => {
+                out.push(' ');
+                rest = &rest[bytes..];
+            }
+        }
+    }
+    out
+}
+
+/// Bytes of the comment, text or bracket character that the code begins with; 0 for anything else.
+fn skipped(code: &str, in_name: bool) -> usize {
+    if code.starts_with("//") {
+        return code.find('\n').unwrap_or(code.len());
+    }
+    if code.starts_with("/*") {
+        return code.find("*/").map_or(code.len(), |end| end + 2);
+    }
+    if let Some(opened) = code.strip_prefix('r').filter(|_| !in_name) {
+        let hashes = opened.len() - opened.trim_start_matches('#').len();
+        if opened[hashes..].starts_with('"') {
+            let close = format!("\"{}", "#".repeat(hashes));
+            let body = 2 + hashes;
+            let end = code[body..].find(&close);
+            return end.map_or(code.len(), |end| body + end + close.len());
+        }
+    }
+    if code.starts_with('"') {
+        let mut escaped = false;
+        for (at, c) in code.char_indices().skip(1) {
+            match c {
+                _ if escaped => escaped = false,
+                '\\' => escaped = true,
+                '"' => return at + 1,
+                _ => {}
+            }
+        }
+        return code.len();
+    }
+    let brackets = ["'\"'", "'{'", "'}'", "'\\''"];
+    let found = brackets.iter().find(|text| code.starts_with(**text));
+    found.map_or(0, |text| text.len())
+}
+
+/// The groups of more than one module that use each other, directly or through others.
+fn rings(ties: &Ties) -> Vec<Vec<String>> {
+    let reach = |from: &str| {
+        let mut seen = BTreeSet::new();
+        let mut waiting = vec![from.to_owned()];
+        while let Some(name) = waiting.pop() {
+            for next in ties.get(&name).into_iter().flat_map(BTreeMap::keys) {
+                if seen.insert(next.clone()) {
+                    waiting.push(next.clone());
+                }
+            }
+        }
+        seen
+    };
+    let reached: BTreeMap<&String, BTreeSet<String>> =
+        ties.keys().map(|name| (name, reach(name))).collect();
+    let mut done = BTreeSet::new();
+    let mut out = Vec::new();
+    for (name, seen) in &reached {
+        if !seen.contains(*name) || !done.insert((*name).clone()) {
+            continue;
+        }
+        let mut ring = vec![(*name).clone()];
+        for other in seen {
+            let back = reached.get(other).is_some_and(|seen| seen.contains(*name));
+            if back && done.insert(other.clone()) {
+                ring.push(other.clone());
+            }
+        }
+        out.push(ring);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ties(files: &[(&str, &str)]) -> Ties {
+        let mut ties = Ties::new();
+        for (path, text) in files {
+            read(Path::new(path), text, &mut ties);
+        }
+        ties
+    }
+
+    #[test]
+    fn a_ring_is_found_and_named_with_its_ties() {
+        let ties = ties(&[
+            (
+                "lib.rs",
+                "pub mod robot; pub mod link; pub mod run; pub mod page;",
+            ),
+            ("robot/mod.rs", "pub struct Robot;"),
+            (
+                "link.rs",
+                "use crate::robot::Robot;\nuse crate::run::Saved;",
+            ),
+            ("run/mod.rs", "mod session;"),
+            ("run/session.rs", "use super::super::link::{Client, Link};"),
+            ("page.rs", "use crate::{link, run};"),
+        ]);
+        let found = rings(&ties);
+        assert_eq!(found, [["link".to_owned(), "run".to_owned()]]);
+        let text = describe("host", &found[0], &ties);
+        assert!(text.contains("link uses run in link.rs"), "{text}");
+        assert!(text.contains("run uses link in run/session.rs"), "{text}");
+        assert!(!text.contains("robot") && !text.contains("page"), "{text}");
+    }
+
+    #[test]
+    fn a_ring_through_others_is_one_ring() {
+        let ties = ties(&[
+            ("a.rs", "fn f() { crate::b::g(); }"),
+            ("b.rs", "use super::c;"),
+            ("c.rs", "type T = Vec<crate::a::S>;"),
+        ]);
+        assert_eq!(rings(&ties).concat(), ["a", "b", "c"]);
+    }
+
+    #[test]
+    fn groups_are_read_in_full_and_own_parts_are_not_counted() {
+        let place = ["run".to_owned(), "session".to_owned()];
+        let text = "use crate::{link::{Client as C, Link}, motion::*, run::Homing};\n\
+                    use super::saved::Saved; use self::inner::X; use mcdpr::crate_like;";
+        let used: Vec<_> = used_modules(&place, &code(text)).into_iter().collect();
+        assert_eq!(used, ["link", "motion", "run"]);
+    }
+
+    #[test]
+    fn comments_texts_and_tests_do_not_count() {
+        let text = r##"
+            //! [`crate::doc`]
+            const A: &str = "crate::text \" crate::still";
+            const B: &str = r#"crate::raw " {"#; // crate::comment
+            const C: char = '{';
+            #[cfg(test)]
+            use crate::only_tests;
+            #[cfg(test)]
+            mod tests { fn f() { if true { crate::also_tests::f() } } }
+            fn f() { crate::counted::f() }
+        "##;
+        let used: Vec<_> = used_modules(&["x".to_owned()], &code(text))
+            .into_iter()
+            .collect();
+        assert_eq!(used, ["counted"]);
+    }
+}
