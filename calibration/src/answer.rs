@@ -1,8 +1,9 @@
 //! What a calibration found, and its file form.
 
-use super::data::{Camera, matrix_mm};
+use super::data::matrix_mm;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde_json::{Value, json};
 
@@ -42,6 +43,19 @@ impl Split {
             )
         })
     }
+}
+
+/// A pose that is worth measuring next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NextPose {
+    /// world_from_platform.
+    pub pose: Pose,
+    /// The cable (from 0) whose tension is held.
+    pub held: usize,
+    /// Its tension, N.
+    pub tension_n: f64,
+    /// Expected root mean square position error without and with it, m.
+    pub expected_error_m: [f64; 2],
 }
 
 /// Expected error at one place.
@@ -132,9 +146,8 @@ pub struct Answer {
     pub solved: Option<Solved>,
     /// Expected error over the work space, where closer looks were asked for.
     pub map: Vec<MapPoint>,
-    /// The pose that would help most: the pose, the cable whose tension to hold (from 0), its
-    /// tension (N), the expected error without and with it (m).
-    pub next: Option<(Pose, usize, f64, [f64; 2])>,
+    /// The pose that would help most.
+    pub next: Option<NextPose>,
     /// The test of the lower poses by the upper ones.
     pub split: Option<Split>,
 }
@@ -259,12 +272,13 @@ impl Answer {
                        "expected_mm": split.expected_m * 1e3, "ratio": split.ratio}),
             );
         }
-        if let Some((pose, cable, tension, [before, after])) = &self.next {
+        if let Some(next) = &self.next {
+            let [without, with] = next.expected_error_m;
             set(
                 "next_pose",
-                json!({"position_mm": mm(&pose.position_m), "tension_cable": cable + 1,
-                       "tension_N": tension, "expected_error_mm": before * 1e3,
-                       "expected_error_then_mm": after * 1e3}),
+                json!({"position_mm": mm(&next.pose.position_m), "tension_cable": next.held + 1,
+                       "tension_N": next.tension_n, "expected_error_mm": without * 1e3,
+                       "expected_error_then_mm": with * 1e3}),
             );
         }
         if !self.map.is_empty() {

@@ -1,10 +1,8 @@
 //! Calibration data: what was measured at the poses, and what is known beforehand. SI units; the
 //! file form (mm, N, px) is read by [`Data::from_json`] and written by [`Data::to_json`].
 
-pub use mcdpr_core::pose::{compose, inverse};
-pub use mcdpr_core::sight::Lens as Camera;
-
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
@@ -68,6 +66,21 @@ pub struct NominalRobot {
     pub routing_m: Vec<f64>,
     /// 1/EA of the cables as specified, 1/N; 0 where not known.
     pub compliance_per_n: f64,
+    /// Its limits, where they are known.
+    pub limits: Option<Limits>,
+}
+
+/// A robot's limits as calibration data carry them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Least and greatest corner of the box of the platform's origin, world, m.
+    pub box_in_world_m: [Vector3<f64>; 2],
+    /// Least and greatest tension of any cable, N.
+    pub tension_n: [f64; 2],
+    /// Least and greatest tension at which a cable is held, N.
+    pub held_n: [f64; 2],
+    /// Greatest angle between the platform's z axis and the world's, rad.
+    pub tilt_max_rad: f64,
 }
 
 /// One tag on a rigid body.
@@ -194,7 +207,7 @@ impl Data {
             "camera": {
                 "fx": self.camera.focal_px[0], "fy": self.camera.focal_px[1],
                 "cx": self.camera.center_px[0], "cy": self.camera.center_px[1],
-                "width": self.camera.size_px[0], "height": self.camera.size_px[1],
+                "width": self.camera.size_px[0] as f64, "height": self.camera.size_px[1] as f64,
                 "distortion": self.camera.distortion,
             },
             "tags": tags,
@@ -216,6 +229,13 @@ impl Data {
         }
         if self.robot.compliance_per_n > 0.0 {
             out["robot"]["cable_ea_N"] = json!(1.0 / self.robot.compliance_per_n);
+        }
+        if let Some(limits) = &self.robot.limits {
+            out["robot"]["limits"] = json!({
+                "box_mm": limits.box_in_world_m.each_ref().map(mm),
+                "tension_N": limits.tension_n, "held_tension_N": limits.held_n,
+                "tilt_deg": limits.tilt_max_rad.to_degrees(),
+            });
         }
         if let Some(origin) = &self.origin {
             out["origin"] = json!({

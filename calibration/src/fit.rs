@@ -2,7 +2,7 @@
 
 use super::answer::{Answer, RejectedRow, Solved};
 use super::check::{Usable, usable};
-use super::data::{Data, compose, inverse};
+use super::data::Data;
 use super::error::Refusal;
 use super::observability::{Observability, observability};
 use super::predict::predict;
@@ -205,7 +205,7 @@ fn answer(
         out.holdout_covariance_m2.push(found.position_covariance_m2);
     }
     // Without other poses, where the data were taken.
-    let tag_from_world = inverse(&state.world_from_body[0]);
+    let tag_from_world = state.world_from_body[0].inverse();
     let mut squares: Vec<f64> = out
         .holdout_covariance_m2
         .iter()
@@ -213,7 +213,7 @@ fn answer(
         .collect();
     if squares.is_empty() {
         for pose in &state.poses {
-            if let Ok(found) = predict_at(&compose(&tag_from_world, pose)) {
+            if let Ok(found) = predict_at(&tag_from_world.compose(pose)) {
                 squares.push(found.position_covariance_m2.trace());
             }
         }

@@ -20,12 +20,8 @@ pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
         answer.split = assay::split(data, options, &answer);
         let warning = answer.split.as_ref().and_then(Split::warning);
         answer.warnings.extend(warning);
-        answer.map = assay::error_map(&answer);
-        let more = assay::next_pose(data, &answer, options);
-        answer.next = more.and_then(|(candidate, before, after)| {
-            let tension = *candidate.tensions_n.get(candidate.held)?;
-            Some((candidate.pose, candidate.held, tension, [before, after]))
-        });
+        answer.map = assay::error_map(data, &answer);
+        answer.next = assay::next_pose(data, &answer, options);
     }
     Ok(answer)
 }

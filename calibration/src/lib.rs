@@ -13,7 +13,7 @@
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
 //! | [`assay`] | upper poses against lower ones, the map of the expected error, what to measure next |
 //! | [`mod@paper`], [`hand_eye`], [`lengths`] | the paper's method, for comparison; anchors from lengths where tag poses are given |
-//! | [`design`], [`plan`] | worth and choice of poses |
+//! | [`design`], [`space`], [`views`], [`plan`] | worth of poses, where they can be, what is seen there, their choice |
 //! | [`result`] | the calibration in its file form, and the robot that it makes |
 //! | [`target`] | tags to print |
 //! | [`slip`] | is the calibration of the running robot still true, and which cable slipped |
@@ -37,17 +37,18 @@ pub mod paper;
 pub mod plan;
 pub mod pnp;
 pub mod predict;
-pub mod reach;
 mod read;
 pub mod result;
 pub mod rows;
 pub mod simulate;
 pub mod slip;
 pub mod solve;
+pub mod space;
 pub mod study;
 pub mod target;
 pub mod unknowns;
 pub mod verify;
+pub mod views;
 
 pub use answer::Answer;
 pub use data::Data;

@@ -6,8 +6,9 @@
 use super::answer::Answer;
 use super::data::Data;
 use mcdpr_core::motion::{Model, PlanError};
-use mcdpr_core::robot::{Calibrated, Robot, Tag, Transform};
-use nalgebra::{DMatrix, Matrix3, Vector3};
+use mcdpr_core::robot::{Calibrated, Robot, Tag};
+use mcdpr_kinematics::Pose;
+use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -147,12 +148,13 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
             *slot = number;
         }
     };
-    set(&mut robot.camera.fx_px, "fx");
-    set(&mut robot.camera.fy_px, "fy");
-    set(&mut robot.camera.cx_px, "cx");
-    set(&mut robot.camera.cy_px, "cy");
+    let lens = &mut robot.camera.lens;
+    set(&mut lens.focal_px[0], "fx");
+    set(&mut lens.focal_px[1], "fy");
+    set(&mut lens.center_px[0], "cx");
+    set(&mut lens.center_px[1], "cy");
     if let Ok(list) = numbers(&camera["distortion"], "distortion") {
-        for (slot, number) in robot.camera.distortion.iter_mut().zip(list) {
+        for (slot, number) in lens.distortion.iter_mut().zip(list) {
             *slot = number;
         }
     }
@@ -262,7 +264,7 @@ fn points_mm(value: &Value, name: &str) -> Result<Vec<Vector3<f64>>, String> {
         .collect()
 }
 
-fn transform(value: &Value, name: &str) -> Result<Transform, String> {
+fn transform(value: &Value, name: &str) -> Result<Pose, String> {
     let rows = list(value, name)?;
     let mut numbers_of = Vec::new();
     for row in rows {
@@ -276,10 +278,10 @@ fn transform(value: &Value, name: &str) -> Result<Transform, String> {
     if (rotation * rotation.transpose() - Matrix3::identity()).norm() > 1e-6 {
         return Err(format!("{name} is no rigid transformation"));
     }
-    Ok(Transform {
-        rotation,
-        translation_m: Vector3::from_fn(|i, _| numbers_of[i][3]) * 1e-3,
-    })
+    Ok(Pose::new(
+        Vector3::from_fn(|i, _| numbers_of[i][3]) * 1e-3,
+        Rotation3::from_matrix_unchecked(rotation),
+    ))
 }
 
 fn tags(value: &Value) -> Result<Vec<Tag>, String> {

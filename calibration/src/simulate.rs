@@ -4,13 +4,15 @@
 //! Geometry and statics are those of the kinematics crate, on which the estimators rest as well:
 //! this tests the estimation, not the model.
 
-use super::data::{Camera, Data, Noise, NominalRobot, Observation, Tag, View, compose, inverse};
+use super::data::{Data, Noise, NominalRobot, Observation, Tag, View};
 use super::fit::Options;
 use super::plan;
-use super::reach::{random_equilibrium, views_within};
+use super::space::Space;
 use super::unknowns::Priors;
+use super::views::{MARGIN_PX, views_within};
 use mcdpr_core::random::Dice;
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot, four_cables};
+use mcdpr_vision::Camera;
 use nalgebra::{Rotation3, Vector3};
 
 /// What is on the floor.
@@ -129,6 +131,7 @@ pub fn nominal_robot() -> NominalRobot {
         home: 0,
         routing_m: vec![0.0; 4],
         compliance_per_n: 0.0,
+        limits: None,
     }
 }
 
@@ -184,14 +187,24 @@ pub fn tags_of(target: Target) -> (Vec<Tag>, usize) {
     }
 }
 
+/// The space of the paper's robot, which is the one that is simulated here: 25 degrees of tilt at
+/// most, and tensions up to its sensors' 39 N.
+const PAPER_SPACE: Space = Space {
+    middle_m: Vector3::new(0.335, 0.0, -0.295),
+    half_m: Vector3::new(0.19, 0.19, 0.235),
+    tension_n: [0.5, 39.0],
+    held_n: [0.5, 28.0],
+    tilt_max_rad: 25.0 * std::f64::consts::PI / 180.0,
+};
+
 impl Truth {
     /// Has the methods judged at these poses (world_from_platform) in place of random ones.
     pub fn judge_at(&mut self, data: &mut Data, poses: &[Pose]) {
         let Some(body) = self.world_from_body.first() else {
             return;
         };
-        let from_body = inverse(body);
-        data.holdout = poses.iter().map(|pose| compose(&from_body, pose)).collect();
+        let from_body = body.inverse();
+        data.holdout = poses.iter().map(|pose| from_body.compose(pose)).collect();
         self.holdout = poses.to_vec();
     }
 }
@@ -224,7 +237,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     let camera = Camera {
         focal_px: [920.0; 2],
         center_px: [640.0, 360.0],
-        size_px: [1280.0, 720.0],
+        size_px: [1280, 720],
         distortion: [0.0; 5],
     };
     let mut true_camera = camera;
@@ -294,9 +307,10 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     // Poses chosen for the nominal robot, driven to with the true one: it hangs a little elsewhere.
     let mut planned = Vec::new();
     if setup.chosen_from > 0 {
-        let all = plan::candidates(&data, setup.chosen_from, setup.seed.wrapping_add(7))?;
-        let work = plan::work_poses(&data, 100, setup.seed)?;
-        let plan = plan::choose(&data, &all, &work, setup.poses, &Options::default())?;
+        let space = &PAPER_SPACE;
+        let all = plan::candidates(&data, space, setup.chosen_from, setup.seed.wrapping_add(7))?;
+        let work = plan::work_poses(&data, space, 100, setup.seed)?;
+        let plan = plan::choose(&data, space, &all, &work, setup.poses, &Options::default())?;
         planned = plan.spare;
         planned.reverse();
         planned.extend(plan.chosen.into_iter().rev());
@@ -316,9 +330,11 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
             ))
         } else if let Some(next) = planned.pop() {
             let at = next.pose.position_m;
-            hang(&robot, &at, next.held, next.tensions_n[next.held])
+            let hung = PAPER_SPACE.hang(&robot, &at, next.held, next.tensions_n[next.held]);
+            hung.map(|hung| (hung.pose, hung.tensions_n))
         } else {
-            random_equilibrium(&robot, &mut dice).map(|(pose, tensions, _)| (pose, tensions))
+            let hung = PAPER_SPACE.random(&robot, &mut dice);
+            hung.map(|hung| (hung.pose, hung.tensions_n))
         };
         if let Some((pose, tensions)) = found {
             let views = look(&pose);
@@ -329,14 +345,14 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     }
     let mut holdout = Vec::new();
     while holdout.len() < 120 {
-        holdout.extend(random_equilibrium(&robot, &mut dice).map(|(pose, ..)| pose));
+        holdout.extend(PAPER_SPACE.random(&robot, &mut dice).map(|hung| hung.pose));
     }
     let poses = taken.iter().map(|(pose, ..)| *pose).collect();
     let observed = observe(setup, &silent, &robot, &noise, taken, &mut dice)?;
     data.poses = observed.0;
     data.holdout = holdout
         .iter()
-        .map(|pose| compose(&inverse(&world_from_body[0]), pose))
+        .map(|pose| world_from_body[0].inverse().compose(pose))
         .collect();
     let truth = Truth {
         robot,

@@ -5,8 +5,8 @@
 //! |---|---|
 //! | [`robot`] | the robot description, from text |
 //! | [`machine`] | the description as geometry and as a board's configuration |
-//! | [`pose`], [`random`] | rigid transformations; random numbers from a seed |
-//! | [`sight`] | what sees tags, and through which lens |
+//! | [`random`] | random numbers from a seed |
+//! | [`sight`] | what sees tags |
 //! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
 //! | [`estimate`] | where the platform is, from lengths, tensions and tags, and which cable slipped |
 //! | [`faults`] | faults and refusals in words |
@@ -23,7 +23,6 @@ pub mod faults;
 pub mod link;
 pub mod machine;
 pub mod motion;
-pub mod pose;
 pub mod random;
 pub mod robot;
 pub mod run;

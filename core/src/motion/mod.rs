@@ -2,6 +2,7 @@
 
 mod curve;
 mod gcode;
+pub mod knot;
 pub mod knots;
 mod model;
 mod options;

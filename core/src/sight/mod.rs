@@ -4,12 +4,8 @@
 //! covariance, and the time of the picture. Whoever makes them (a detector on real or rendered
 //! pictures, or a projection of the simulated robot's tags) stands behind this trait.
 
-mod lens;
-mod robot_file;
 mod shown;
 
-pub use lens::{Lens, Projection};
-pub use robot_file::{lens_of, pose_of};
 pub use shown::{GraspMark, Shown, TagMark, base64};
 
 use miette::Diagnostic;

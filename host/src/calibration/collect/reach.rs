@@ -1,7 +1,7 @@
 //! What a robot can reach at rest, in the terms of its own file.
 
 use super::super::plan::Candidate;
-use super::super::reach::{MARGIN_PX, SEEN_PX, views_within};
+use super::super::views::{MARGIN_PX, SEEN_PX, views_within};
 use super::super::{Data, data::View};
 use super::skeleton::ANCHOR_TOLERANCE_M;
 use super::travel;
@@ -317,7 +317,7 @@ fn rim_in_view(data: &Data, view: &View) -> bool {
     let rim_px = (b[0] - a[0]).hypot(b[1] - a[1]) / 8.0;
     let inside = |corner: &[f64; 2]| {
         let mut axes = corner.iter().zip(&data.camera.size_px);
-        axes.all(|(at, size)| (rim_px..=size - rim_px).contains(at))
+        axes.all(|(at, size)| (rim_px..=*size as f64 - rim_px).contains(at))
     };
     view.corners_px.iter().all(inside)
 }
