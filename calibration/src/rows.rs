@@ -389,7 +389,7 @@ mod tests {
     /// A state off every nominal value, so that every derivative matters.
     fn case(data: &Data, layout: &Layout) -> State {
         let usable = super::super::check::usable(data).unwrap();
-        let mut state = super::super::joint::start(&usable, layout);
+        let mut state = super::super::fit::start(&usable, layout);
         let wave = |k: usize, size: f64| (k as f64 * 1.7 + 0.3).sin() * size;
         let shared: Vec<f64> = (0..layout.len()).map(|k| wave(k, 1e-3)).collect();
         let own: Vec<f64> = (0..layout.local() * data.poses.len())

@@ -9,7 +9,7 @@ use super::fit::Options;
 use super::plan;
 use super::space::Space;
 use super::unknowns::Priors;
-use super::views::{MARGIN_PX, views_within};
+use super::views::{SEEN_PX, views_within};
 use mcdpr_core::random::Dice;
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot, four_cables};
 use mcdpr_vision::Camera;

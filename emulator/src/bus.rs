@@ -1,6 +1,5 @@
 //! Memory map, time and what happens at given times.
 
-use crate::core::Trap;
 use crate::device::adc::Adc;
 use crate::device::can::Can;
 use crate::device::can_line::{CanLine, CanWiring};
@@ -11,6 +10,7 @@ use crate::device::timer::Timer;
 use crate::device::usart::Usart;
 use crate::device::watchdog::Watchdog;
 use crate::scs::Scs;
+use crate::trap::Trap;
 
 mod registers;
 

@@ -1,7 +1,7 @@
 //! System control space: NVIC, system control block, SysTick, DWT (ARMv7-M Architecture Reference
 //! Manual, B3).
 
-use crate::core::Trap;
+use crate::trap::Trap;
 
 /// Number of the hard fault.
 pub(crate) const HARD_FAULT: u8 = 3;

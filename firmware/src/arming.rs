@@ -1,6 +1,7 @@
 //! Arming: enable drives under closed brakes, check the sensors, push against the brakes, open
 //! them, stir every drum.
 
+use crate::HAS_SERVICE;
 use crate::axis::Target;
 use crate::config::Active;
 use crate::io::{DriveInput, Inputs};
@@ -55,9 +56,6 @@ pub struct Arming {
     phase: Phase,
     ticks: u32,
 }
-
-/// Whether this build can work on one bare winch.
-pub const HAS_SERVICE: bool = cfg!(feature = "service");
 
 /// Work on one winch alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,6 +1,7 @@
 //! One tick of the board: measure, watch, move, command; and the requests in between.
 
-use crate::arming::{Arming, HAS_SERVICE, Phase, Service, Stir, concerns};
+use crate::HAS_SERVICE;
+use crate::arming::{Arming, Phase, Service, Stir, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
 use crate::config::{Active, CableConfig, ConfigStore, Control};
 use crate::encoder::{Encoder, LengthScale, Sampled};

@@ -18,15 +18,15 @@
 //! | [`scenario`] | faults on purpose, and what came of them |
 //! | [`tension`] | experiments on the tension loop, tuning and calibration of tension |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
-//! | [`stamp`] | date and time for names and records |
-//! | [`files`] | files from outside: read to a bound, written whole or not at all |
+//! | `stamp` | date and time for names and records |
+//! | `files` | files from outside: read to a bound, written whole or not at all |
 //! | [`sight`] | tags in the camera's pictures |
 //! | [`pick`] | bin picking: look, choose, take, carry, release |
 //! | [`study`] | studies in the simulator that the documents quote |
 //! | [`doctor`] | what is there, part by part, and what to do where it is not |
-//! | [`flash`] | the board's firmware: checked, then written through a debug probe |
+//! | `flash` | the board's firmware: checked, then written through a debug probe |
 //! | [`service`] | work on one unloaded winch |
-//! | [`units`] | numbers with units as people type them |
+//! | `units` | numbers with units as people type them |
 //! | [`cli`] | the command line |
 
 /// As the standard library's, but a terminal that is gone does not end the program: the robot may
@@ -58,8 +58,10 @@ pub mod cli;
 pub mod control;
 pub mod doctor;
 pub mod experiment;
-pub mod files;
-pub mod flash;
+mod files;
+// Without a probe only the check of a file is used.
+#[cfg_attr(not(feature = "flash"), allow(dead_code))]
+mod flash;
 pub mod link;
 pub mod machine;
 pub mod motion;
@@ -74,9 +76,9 @@ pub mod scenario;
 pub mod serve;
 pub mod service;
 pub mod sight;
-pub mod stamp;
+mod stamp;
 pub mod study;
 pub mod tension;
-pub mod units;
+mod units;
 
 pub use mcdpr_core::estimate;

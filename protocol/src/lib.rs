@@ -32,14 +32,14 @@
 #![no_std]
 
 pub mod config;
-pub mod faults;
+mod faults;
 pub mod frame;
-pub mod hello;
-pub mod list;
+mod hello;
+mod list;
 pub mod message;
-pub mod motion;
+mod motion;
 pub mod telemetry;
-pub mod units;
+mod units;
 
 pub use config::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, KeyMeaning, config_hash};
 pub use faults::{FaultId, FaultRecord, Limit, Limits};

@@ -3,9 +3,13 @@
 //! A module of a crate is a file or folder directly under `src`. One module uses another where its
 //! code outside of tests names `crate::other`, or reaches it by `super`. Tests stand above all modules:
 //! what they use makes no ring.
+//!
+//! Some crates must also run where there is no operating system. That they compile there is not
+//! enough, since the standard library has files and clocks that only fail when they are used: their
+//! code must not name them.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Where the modules of the workspace's crates are.
 const SOURCES: [&str; 12] = [
@@ -22,6 +26,13 @@ const SOURCES: [&str; 12] = [
     "tests/src",
     "xtask/src",
 ];
+
+/// Where the modules of crates without an operating system are.
+const WITHOUT_SYSTEM: [&str; 2] = ["core/src", "calibration/src"];
+/// What the standard library has of an operating system.
+const SYSTEM: [&str; 5] = ["env", "fs", "net", "process", "thread"];
+/// The same of `std::time`.
+const CLOCKS: [&str; 3] = ["Instant", "SystemTime", "*"];
 
 /// Which files of a module use which other module, by the module that uses and the one that is used.
 type Ties = BTreeMap<String, BTreeMap<String, BTreeSet<String>>>;
@@ -41,6 +52,18 @@ pub(crate) fn check() -> Result<(), String> {
             rings.iter().map(Vec::len).sum::<usize>()
         );
         wrong.extend(rings.iter().map(|ring| describe(name, ring, &ties)));
+    }
+    for name in WITHOUT_SYSTEM {
+        for (path, text) in sources(Path::new(name))? {
+            let used = system_parts(&code(&text));
+            if !is_test(&path) && !used.is_empty() {
+                wrong.push(format!(
+                    "seams: {name}/{} uses {}: what needs an operating system comes in as an argument",
+                    path.display(),
+                    used.join(", ")
+                ));
+            }
+        }
     }
     if wrong.is_empty() {
         Ok(())
@@ -67,9 +90,42 @@ fn describe(name: &str, ring: &[String], ties: &Ties) -> String {
     out
 }
 
+/// Parts of the operating system that code names.
+fn system_parts(code: &str) -> Vec<String> {
+    let mut used: Vec<_> = paths(code)
+        .into_iter()
+        .filter(|path| path.first().is_some_and(|first| first == "std"))
+        .filter(|path| match path.get(1).map(String::as_str) {
+            Some("time") => path
+                .get(2)
+                .is_none_or(|part| CLOCKS.contains(&part.as_str())),
+            Some(part) => SYSTEM.contains(&part),
+            None => false,
+        })
+        .map(|path| path.join("::"))
+        .collect();
+    used.sort();
+    used.dedup();
+    used
+}
+
 /// The ties between the modules under a `src` folder.
 fn ties_of(src: &Path) -> Result<Ties, String> {
     let mut ties = Ties::new();
+    for (path, text) in sources(src)? {
+        read(&path, &text, &mut ties);
+    }
+    // Names that are no modules are items of the crate itself.
+    let modules: BTreeSet<String> = ties.keys().cloned().collect();
+    for used in ties.values_mut() {
+        used.retain(|name, _| modules.contains(name));
+    }
+    Ok(ties)
+}
+
+/// The source files under a `src` folder, by their path in it, with their texts.
+fn sources(src: &Path) -> Result<Vec<(PathBuf, String)>, String> {
+    let mut out = Vec::new();
     let mut waiting = vec![src.to_path_buf()];
     while let Some(folder) = waiting.pop() {
         let failed = |error| format!("seams: {}: {error}", folder.display());
@@ -84,16 +140,19 @@ fn ties_of(src: &Path) -> Result<Ties, String> {
                 let text = std::fs::read_to_string(&path)
                     .map_err(|error| format!("seams: {}: {error}", path.display()))?;
                 let relative = path.strip_prefix(src).unwrap_or(&path);
-                read(relative, &text, &mut ties);
+                out.push((relative.to_path_buf(), text));
             }
         }
     }
-    // Names that are no modules are items of the crate itself.
-    let modules: BTreeSet<String> = ties.keys().cloned().collect();
-    for used in ties.values_mut() {
-        used.retain(|name, _| modules.contains(name));
-    }
-    Ok(ties)
+    Ok(out)
+}
+
+/// Whether a file holds tests only.
+fn is_test(path: &Path) -> bool {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    stem == "tests"
+        || stem.ends_with("_tests")
+        || path.components().any(|part| part.as_os_str() == "tests")
 }
 
 /// Adds what one file uses; `path` is relative to `src`.
@@ -102,12 +161,7 @@ fn read(path: &Path, text: &str, ties: &mut Ties) {
     let Some(own) = place.first() else { return };
     let file = path.display().to_string();
     let used = ties.entry(own.clone()).or_default();
-    if path.components().any(|part| part.as_os_str() == "tests")
-        || path.file_stem().is_some_and(|stem| {
-            let stem = stem.to_string_lossy();
-            stem == "tests" || stem.ends_with("_tests")
-        })
-    {
+    if is_test(path) {
         return;
     }
     for name in used_modules(&place, &code(text)) {
@@ -160,14 +214,14 @@ fn used_modules(place: &[String], code: &str) -> BTreeSet<String> {
     out
 }
 
-/// Every path in the code that begins with `crate`, `self` or `super`; a group in braces gives one path
+/// Every path in the code that begins with `crate`, `self`, `super` or `std`; a group in braces gives one path
 /// for each of its parts.
 fn paths(code: &str) -> Vec<Vec<String>> {
     let words = words(code);
     let mut out = Vec::new();
     let mut at = 0;
     while at < words.len() {
-        let begins = matches!(words[at].as_str(), "crate" | "super" | "self");
+        let begins = matches!(words[at].as_str(), "crate" | "super" | "self" | "std");
         let inside = at > 0 && words[at - 1] == "::";
         if begins && !inside && words.get(at + 1).is_some_and(|word| word == "::") {
             tree(&words, &mut at, &[], &mut out);
@@ -426,5 +480,14 @@ mod tests {
             .into_iter()
             .collect();
         assert_eq!(used, ["counted"]);
+    }
+
+    #[test]
+    fn files_and_clocks_are_found_and_lengths_of_time_are_not() {
+        let text = "use std::{fs, fmt}; use std::time::{Duration, Instant}; use std::path::Path;\n\
+                    #[cfg(test)] mod tests { use std::thread; }\n\
+                    fn f() { std::env::var_os(\"A\"); }";
+        let wanted = ["std::env::var_os", "std::fs", "std::time::Instant"];
+        assert_eq!(system_parts(&code(text)), wanted);
     }
 }

@@ -11,7 +11,7 @@ pub use view::View;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// What somebody wants from a robot that is being moved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -129,19 +129,16 @@ impl Shared {
         timeout: Duration,
         mut ready: impl FnMut(&Inner) -> Option<T>,
     ) -> Option<T> {
-        let give_up = Instant::now() + timeout;
-        let mut inner = self.lock();
-        loop {
-            if let Some(found) = ready(&inner) {
-                return Some(found);
-            }
-            let left = give_up.checked_duration_since(Instant::now())?;
-            inner = self
-                .changed
-                .wait_timeout(inner, left)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
-        }
+        let mut found = None;
+        let not_yet = |inner: &mut Inner| {
+            found = ready(inner);
+            found.is_none()
+        };
+        // A panic elsewhere must not hide what was found.
+        let _ = self
+            .changed
+            .wait_timeout_while(self.lock(), timeout, not_yet);
+        found
     }
 }
 

@@ -1,7 +1,6 @@
 //! What was measured, and what a resting state predicts for it.
 
 use crate::motion::{Model, Rest};
-use crate::pose::{compose, inverse};
 use crate::robot::Control;
 use crate::sight::TagView;
 use mcdpr_kinematics::Pose;

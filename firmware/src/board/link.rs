@@ -222,7 +222,7 @@ impl Incoming {
     fn receive(&mut self) {
         life::show(Part::Receive);
         self.keeper.feed();
-        if !self.ring.look(Tick(crate::tick::now())) {
+        if !self.ring.look(Tick(crate::clock::now())) {
             defmt::warn!("received faster than executed: bytes dropped");
         }
         // The flag falls with the next byte: until then it is the same error.

@@ -3,14 +3,14 @@
 //! Order within a tick: read, step, apply, so that outputs follow inputs at a constant distance;
 //! then requests, which act from the next tick on; then what there is to tell.
 
+use crate::clock::{self, CYCLES_PER_TICK};
 use crate::identity::{self, Reset};
 use crate::life::{self, Part};
 use crate::link::{self, TickEnds};
 use crate::pins::{self, CABLES};
-use crate::start::CYCLES_PER_TICK;
 use crate::{can, encoders, tension};
 use core::ptr;
-use core::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicPtr, Ordering};
 use cortex_m::peripheral::{DCB, DWT};
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::io::Board;
@@ -21,13 +21,6 @@ use static_cell::StaticCell;
 
 /// From one tick's start to the next, at most: a tenth late is an overrun (P5).
 const LATE_CYCLES: u32 = CYCLES_PER_TICK + CYCLES_PER_TICK / 10;
-
-static NOW: AtomicU32 = AtomicU32::new(0);
-
-/// Ticks since the start, wrapping.
-pub fn now() -> u32 {
-    NOW.load(Ordering::Relaxed)
-}
 
 /// Counts core clock cycles from here on.
 pub fn start_cycle_counter(mut dcb: DCB, mut dwt: DWT) {
@@ -45,7 +38,7 @@ pub struct Rim {
 
 impl Board<CABLES> for Rim {
     fn now(&self) -> Tick {
-        Tick(now())
+        Tick(clock::now())
     }
 
     fn read(&mut self, inputs: &mut Inputs<CABLES>) {
@@ -86,8 +79,7 @@ impl Core {
     fn tick(&mut self) {
         let cycles = DWT::cycle_count();
         let last = self.started.replace(cycles);
-        let now = Tick(NOW.load(Ordering::Relaxed).wrapping_add(1));
-        NOW.store(now.0, Ordering::Relaxed);
+        let now = Tick(clock::advance());
 
         let late = last.is_some_and(|last| cycles.wrapping_sub(last) > LATE_CYCLES);
         self.control(now, late);

@@ -4,8 +4,8 @@
 //! DMA. It fills a ring without end and without interrupts, and the link looks every tick how far
 //! it came: 92 bytes at most, of 512.
 
+use crate::clock::APB1_HZ;
 use crate::interrupts;
-use crate::start::APB1_HZ;
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering, fence};
 use embassy_stm32::pac;
 use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};

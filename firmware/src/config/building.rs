@@ -4,8 +4,8 @@
 //! then each cable is built and thrown away. Only when all is good, what is in use is overwritten,
 //! cable by cable: a refusal leaves it alone.
 
+use super::schedule::{MOST_LOAD_PERMILLE, load_permille};
 use super::{Active, CableConfig, ConfigStore, Control, DriveKind, Slots, TensionLaw};
-use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
 use crate::fixed::{division, half, quotient, saturate};
 use core::ops::Range;
 use mcdpr_protocol::config::ConfigDigest;

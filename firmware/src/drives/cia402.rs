@@ -8,10 +8,9 @@
 use super::can::CanFrame;
 use super::drive::{Drive, Mode, Phase, Step, mode_of};
 use crate::config::CableConfig;
+use crate::config::schedule::MODE_SYNCS;
 use crate::io::DriveDemand;
 
-/// SYNCs from one report of the mode to the next.
-pub const MODE_SYNCS: u8 = 10;
 /// The board's own node, for its heartbeat.
 pub const BOARD_NODE: u8 = 127;
 /// Milliseconds between two heartbeats of the board.

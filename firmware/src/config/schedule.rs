@@ -1,7 +1,9 @@
 //! How much of the bus the drives take, with the worst bit stuffing.
 
-use crate::config::DriveKind;
+use super::DriveKind;
 
+/// SYNCs from one report of the mode to the next.
+pub const MODE_SYNCS: u8 = 10;
 /// Most of the bus that cyclic frames may take, in thousandths: the rest is for what is not cyclic,
 /// and for repeats.
 pub const MOST_LOAD_PERMILLE: u32 = 700;
@@ -29,15 +31,13 @@ pub const fn bits_per_cycle(kind: DriveKind, by_tension: bool) -> u32 {
 
 /// Bits per second that are not a command and its answer: the SYNC of every shortest period, and
 /// from each drive the mode ([`MODE_SYNCS`] SYNCs apart) and ten heartbeats.
-///
-/// [`MODE_SYNCS`]: super::cia402::MODE_SYNCS
 #[must_use]
 pub const fn overhead_bits_per_s(kind: DriveKind, drives: u32, shortest_us: u32) -> u32 {
     match kind {
         DriveKind::None | DriveKind::Rmds => 0,
         DriveKind::Cia402 => {
             let syncs_per_s = 1_000_000 / shortest_us;
-            let modes_per_s = drives * syncs_per_s / super::cia402::MODE_SYNCS as u32;
+            let modes_per_s = drives * syncs_per_s / MODE_SYNCS as u32;
             // One heartbeat in 50 ms is the board's own.
             let beats_per_s = drives * 10 + 20;
             syncs_per_s * worst_bits(0) + (modes_per_s + beats_per_s) * worst_bits(1)
@@ -50,7 +50,7 @@ pub const fn overhead_bits_per_s(kind: DriveKind, drives: u32, shortest_us: u32)
 ///
 /// ```
 /// use mcdpr_firmware::config::DriveKind;
-/// use mcdpr_firmware::drives::schedule::load_permille;
+/// use mcdpr_firmware::config::schedule::load_permille;
 /// let four = [(2000, false), (2000, false), (2000, false), (2000, true)];
 /// // 4 drives, 2 frames of 135 bits, 500 times a second: 540 kbit/s.
 /// assert_eq!(load_permille(DriveKind::Rmds, 1_000_000, four), 540);
