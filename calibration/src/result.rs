@@ -18,8 +18,7 @@ pub const SCHEMA: &str = "mcdpr-calibration-1";
 /// CRC-32 of data in their file form.
 #[must_use]
 pub fn data_hash(data: &Data) -> u32 {
-    const CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
-    CRC_32.checksum(data.to_json().to_string().as_bytes())
+    mcdpr_protocol::frame::crc32(data.to_json().to_string().as_bytes())
 }
 
 /// The file form of an answer for the robot that the data were collected on, made at `date` (UTC, as

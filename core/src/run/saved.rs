@@ -73,7 +73,7 @@ pub fn scale_of(robot: &Robot) -> u32 {
     });
     let winches: Vec<_> = winches.collect();
     let text = serde_json::json!([robot.cables, winches, robot.tool]).to_string();
-    crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(text.as_bytes())
+    mcdpr_protocol::frame::crc32(text.as_bytes())
 }
 
 impl Saved {

@@ -9,7 +9,6 @@ use crate::robot::Robot;
 use crate::stamp::utc_stamp;
 use miette::Diagnostic;
 use serde_json::Value;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Why a calibration file cannot be used or written.
@@ -70,22 +69,9 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer) -> Result<Value, Co
 /// # Errors
 /// [`FileError::Io`]; what was there before stays.
 pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
-    let part = path.with_extension("part");
-    let failed = |source| FileError::Io {
+    crate::files::write_atomically(path, text).map_err(|source| FileError::Io {
         path: path.to_owned(),
         source,
-    };
-    let write = || {
-        let mut file = std::fs::File::create(&part)?;
-        file.write_all(text.as_bytes())?;
-        file.sync_all()?;
-        drop(file);
-        std::fs::rename(&part, path)
-    };
-    write().map_err(|error| {
-        // Half a file must not stay, and the reason counts more than whether it could be removed.
-        let _ = std::fs::remove_file(&part);
-        failed(error)
     })
 }
 

@@ -27,9 +27,7 @@ fn store(saved: &Saved) -> std::io::Result<()> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder)?;
     }
-    let beside = path.with_extension("new");
-    std::fs::write(&beside, serde_json::to_vec_pretty(saved)?)?;
-    std::fs::rename(beside, path)
+    crate::files::write_atomically(&path, serde_json::to_vec_pretty(saved)?)
 }
 
 fn path_of(board: &str) -> Option<PathBuf> {
