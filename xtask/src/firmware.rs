@@ -24,7 +24,7 @@ pub(crate) fn build_and_check() -> Result<(), String> {
 /// Checks that `kinematics` does without the standard library, as its documentation claims: for a
 /// target that has none.
 pub(crate) fn kinematics_without_std() -> Result<(), String> {
-    ensure_target()?;
+    ensure_target(TARGET)?;
     cargo(&[
         "check",
         "--locked",
