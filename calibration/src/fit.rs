@@ -4,6 +4,7 @@ use super::answer::{Answer, RejectedRow, Solved};
 use super::check::{Usable, usable};
 use super::data::Data;
 use super::error::Refusal;
+use super::general::slip;
 use super::observability::{Observability, observability};
 use super::predict::predict;
 use super::rows::{Model, Scatter, Source};
@@ -60,10 +61,26 @@ pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     let usable = usable(data)?;
     match attempt(data, &usable, options) {
         Err(refusal @ (Refusal::Contradiction { .. } | Refusal::NotConverged { .. })) => {
-            Err(diagnosis(data, &usable, options).unwrap_or(refusal))
+            let slipped = || {
+                let found = options.closer_looks.then(|| slip::in_data(data, None));
+                found.and_then(|slips| slipped(&slips))
+            };
+            Err(diagnosis(data, &usable, options)
+                .or_else(slipped)
+                .unwrap_or(refusal))
         }
         other => other,
     }
+}
+
+/// The refusal of data during which cables slipped.
+fn slipped(slips: &[String]) -> Option<Refusal> {
+    (!slips.is_empty()).then(|| Refusal::Contradiction {
+        what: format!(
+            "{}; check how that cable is held on its drum, and use the poses before or after only",
+            slips.join("; ")
+        ),
+    })
 }
 
 fn attempt(data: &Data, usable: &Usable, options: &Options) -> Result<Answer, Refusal> {

@@ -16,6 +16,7 @@
 //! | `design`, [`space`], [`views`], [`plan`] | worth of poses, where they can be, what is seen there, their choice |
 //! | [`result`] | the calibration in its file form, and the robot that it makes |
 //! | [`target`] | tags to print |
+//! | [`general`] | whatever sensors there are, real scatter, several sessions |
 //! | [`slip`] | is the calibration of the running robot still true, and which cable slipped |
 //! | [`verify`] | against poses measured by other means |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
@@ -28,6 +29,7 @@ pub mod dense;
 mod design;
 pub mod error;
 mod fit;
+pub mod general;
 mod hand_eye;
 pub mod joint;
 mod lengths;

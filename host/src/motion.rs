@@ -2,8 +2,11 @@
 
 pub use mcdpr_core::motion::*;
 
-use crate::files::read_text;
+use crate::files::read_text_to;
 use std::path::PathBuf;
+
+/// Most bytes of a task file: far more than the steps that one plan takes.
+const MOST_BYTES: u64 = 4 << 20;
 
 /// A built-in task by name, or a task file by path. `z_m` is the height of the tool for the
 /// built-in ones.
@@ -19,7 +22,7 @@ pub fn find_task(name: &str, z_m: f64) -> Result<Task, TaskError> {
 
 fn load(name: &str) -> Result<Task, TaskError> {
     let path = PathBuf::from(name);
-    let text = match read_text(&path) {
+    let text = match read_text_to(&path, MOST_BYTES) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             return Err(TaskError::Unknown {

@@ -2,7 +2,7 @@
 
 pub use mcdpr_core::robot::*;
 
-use crate::files::read_text;
+use crate::files::{MOST_ROBOT_BYTES, read_text_to};
 use std::path::{Path, PathBuf};
 
 /// The folder of a robot file, in which its winch module files lie.
@@ -35,7 +35,7 @@ pub fn sources(name_or_path: &str) -> Vec<(String, String)> {
             let Some(path) = found.or_else(|| file(rest)) else {
                 return Vec::new();
             };
-            let Ok(text) = read_text(&path) else {
+            let Ok(text) = read_text_to(&path, MOST_ROBOT_BYTES) else {
                 return Vec::new();
             };
             let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -95,7 +95,7 @@ pub fn find(name_or_path: &str) -> Result<Robot, RobotError> {
 /// [`RobotError::NotFound`] or [`RobotError::Unreadable`] for the file itself, and
 /// [`RobotError::Invalid`] with every mistake in it.
 pub fn load(path: &Path) -> Result<Robot, RobotError> {
-    match read_text(path) {
+    match read_text_to(path, MOST_ROBOT_BYTES) {
         Ok(text) => parse(&text, path),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(RobotError::NotFound {
             asked: path.display().to_string(),
@@ -146,7 +146,7 @@ fn read_below(folder: &Path, asked: &str) -> Result<(String, String), (String, S
             "copy the module file into the robot file's folder".into(),
         ));
     }
-    let text = read_text(&real).map_err(unreadable)?;
+    let text = read_text_to(&real, MOST_ROBOT_BYTES).map_err(unreadable)?;
     Ok((path.display().to_string(), text))
 }
 

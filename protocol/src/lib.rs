@@ -38,6 +38,7 @@ mod hello;
 mod list;
 pub mod message;
 mod motion;
+pub mod stop;
 pub mod telemetry;
 mod units;
 

@@ -2,6 +2,7 @@
 
 use super::gcode;
 use super::path::{Path, PathError, Piece};
+use super::plan::MOST_STEPS;
 use super::timed::Step;
 use miette::Diagnostic;
 use nalgebra::Vector3;
@@ -269,6 +270,7 @@ impl Task {
         let start_m = point(file.start_mm);
         let mut at_m = start_m;
         let mut steps = Vec::new();
+        let too_many = || malformed(format!("it has more than {MOST_STEPS} steps"));
         for (number, leg) in (1..).zip(&file.leg) {
             let wrong = |what: String| malformed(format!("leg {number}: {what}"));
             let kind = match leg.kinds()[..] {
@@ -320,6 +322,9 @@ impl Task {
             }
             // A leg with a time of its own is not held to the file's general speed.
             let general = file.speed_mm_s.filter(|_| leg.duration_s.is_none());
+            if steps.len() + pieces.len() > MOST_STEPS {
+                return Err(too_many());
+            }
             for piece in pieces {
                 at_m = piece.end().position_m;
                 steps.push(Step::Move {

@@ -11,14 +11,9 @@ pub const CYCLES_PER_TICK: u32 = CORE_HZ / 1000;
 
 static NOW: AtomicU32 = AtomicU32::new(0);
 
-/// Ticks since the start, wrapping.
-pub fn now() -> u32 {
-    NOW.load(Ordering::Relaxed)
-}
-
-/// Another tick begins: only the tick itself counts. Gives its number.
+/// Another tick begins: only the tick itself counts. Gives its number, wrapping.
 pub fn advance() -> u32 {
-    let tick = now().wrapping_add(1);
+    let tick = NOW.load(Ordering::Relaxed).wrapping_add(1);
     NOW.store(tick, Ordering::Relaxed);
     tick
 }

@@ -21,7 +21,7 @@ impl LengthStore for LengthFiles {
     }
 }
 
-/// Written beside the old one, then put in its place.
+/// Keeps them, whole, in place of the old ones.
 fn store(saved: &Saved) -> std::io::Result<()> {
     let path = path_of(&saved.board).ok_or(std::io::ErrorKind::NotFound)?;
     if let Some(folder) = path.parent() {

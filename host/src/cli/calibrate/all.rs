@@ -118,6 +118,10 @@ impl Solve {
                         .transpose()?,
                 )
             }
+            None if common.dry_run => {
+                let words = "calibrate` without `--data";
+                return Err(crate::cli::dry::refusal(words).into());
+            }
             None => {
                 let robot = crate::robot::find(&common.robot)?;
                 let data = self.how.run(&robot, &data_path(&common.robot), common)?;
