@@ -135,9 +135,9 @@ pub fn study(set: &Set, train: &str, options: &Options) -> Result<Study, String>
         })
         .collect();
     let seen = without_moving(&set.only(|k, sample| sample.session == session && !left_out[k]));
-    if seen.samples.len() < 6 {
+    if seen.samples.len() < 4 {
         return Err(format!(
-            "{} samples of {train} are left to learn from, at least 6 are needed",
+            "{} samples of {train} are left to learn from, at least 4 are needed",
             seen.samples.len()
         ));
     }

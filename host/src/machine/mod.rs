@@ -6,5 +6,6 @@ mod plant;
 pub use firmware::{Firmware, FirmwareError, choose_firmware, chosen_firmware};
 pub use mcdpr_core::machine::*;
 pub use plant::{
-    Mismatch, hang, plant_params, simulate, simulate_unloaded, simulate_unloaded_on, with_board,
+    GearMismatch, Mismatch, hang, plant_params, simulate, simulate_unloaded, simulate_unloaded_on,
+    with_board,
 };
