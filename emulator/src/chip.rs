@@ -35,6 +35,8 @@ pub enum Port {
 pub struct Pins {
     /// PB12 to PB15: high opens a brake; floating, the driver's pull-down keeps it closed.
     pub brakes: [Drive; 4],
+    /// PB3: high lets the drives have their power; floating, a pull-down does not.
+    pub drive_enable: Drive,
     /// PA10: high closes.
     pub gripper: Drive,
     /// PC13: low lights.
@@ -72,6 +74,8 @@ pub struct TickStats {
     pub median: u32,
     /// Most instructions of a run: seen, not proven.
     pub max: u32,
+    /// Most core cycles of a run, entry left out; estimated.
+    pub cycles_max: u64,
     /// Longest time from SysTick's zero to its handler's first instruction, in ticks of 1/72 us;
     /// estimated, as the cycles are.
     pub latency_max: u64,
@@ -111,6 +115,8 @@ pub struct Chip {
     /// Where each encoder stands, and where it is to stand after the next slice, in counts.
     encoders: [(i64, i64); 4],
     tick_began: u64,
+    tick_began_at: u64,
+    tick_cycles_max: u64,
     ticks: Vec<u32>,
     ticks_done: u32,
     latency_max: u64,
@@ -157,6 +163,8 @@ impl Chip {
             until: 0,
             encoders: [(0, 0); 4],
             tick_began: 0,
+            tick_began_at: 0,
+            tick_cycles_max: 0,
             ticks: Vec::new(),
             ticks_done: 0,
             latency_max: 0,
@@ -187,6 +195,12 @@ impl Chip {
             new.applied = old.applied;
         }
         bus.adc.applied = old.adc.applied;
+        bus.adc.set_supply_v(old.adc.supply_v());
+        bus.rcc.crystal_dead = old.rcc.crystal_dead;
+        bus.rcc.pll_dead = old.rcc.pll_dead;
+        bus.watchdog.oscillator_hz = old.watchdog.oscillator_hz;
+        bus.identity = old.identity;
+        bus.can.broken = old.can.broken;
         bus.can_line = old.can_line.clone();
         bus.can_line.cut_off();
         bus.usart.sent = std::mem::take(&mut old.usart.sent);
@@ -295,6 +309,7 @@ impl Chip {
         match self.cpu.switched.take() {
             Some(Switch::Enter(SYSTICK)) => {
                 self.tick_began = self.cpu.instructions;
+                self.tick_began_at = self.bus.now;
                 let latency = self.bus.now.saturating_sub(self.bus.scs.tick_due);
                 self.latency_max = self.latency_max.max(latency);
             }
@@ -304,6 +319,8 @@ impl Chip {
                     profile.end_tick();
                 }
                 self.ticks_done = self.ticks_done.wrapping_add(1);
+                let cycles = (self.bus.now - self.tick_began_at) / self.bus.clocks.core;
+                self.tick_cycles_max = self.tick_cycles_max.max(cycles);
                 self.ticks.push(u32::try_from(taken).unwrap_or(u32::MAX));
             }
             _ => {}

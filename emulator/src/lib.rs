@@ -29,6 +29,7 @@ mod error;
 mod scs;
 
 pub use board::{ChipBoard, SharedChip};
+pub use bus::Identity;
 pub use chip::{CanErrors, Chip, Pins, Port, TickStats};
 pub use device::can_line::{CanFrame, CanWiring};
 pub use device::gpio::Drive;

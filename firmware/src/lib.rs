@@ -13,6 +13,7 @@
 //! | [`drives`] | bringing a drive into its mode |
 //! | [`encoder`] | 16-bit counters to 64-bit positions, glitches rejected |
 //! | [`segment`] | motion buffer and Hermite cubics in fixed point |
+//! | [`supply`] | what the converter's supply does to a reading |
 //! | [`tension`] | sensor law and tension laws (Eq. 1, Eq. 52) |
 //! | [`arming`], [`proof`] | checks before brakes open, and before torque goes |
 //! | [`watch`] | detectors: how faults are noticed |
@@ -37,6 +38,7 @@ pub mod sampler;
 pub mod segment;
 pub mod server;
 pub mod supervisor;
+pub mod supply;
 pub mod tension;
 pub mod watch;
 

@@ -23,6 +23,13 @@ impl Chip {
         self.ticks_done
     }
 
+    /// How often the core went to sleep (`WFE`) though a handler had returned since it last looked:
+    /// what that had to tell waits for the next interrupt.
+    #[must_use]
+    pub const fn slept_through(&self) -> u64 {
+        self.cpu.slept_through
+    }
+
     /// From now on keeps where the SysTick handler's instructions lie.
     pub fn profile_ticks(&mut self) {
         self.profile = Some(Box::default());
@@ -58,6 +65,7 @@ impl Chip {
             count: sorted.len(),
             median: sorted.get(sorted.len() / 2).copied().unwrap_or(0),
             max: sorted.last().copied().unwrap_or(0),
+            cycles_max: self.tick_cycles_max,
             latency_max: self.latency_max,
             lost: self.lost_before + self.bus.scs.ticks_lost,
         }
@@ -68,6 +76,7 @@ impl Chip {
         let stats = self.tick_stats();
         self.ticks.clear();
         self.latency_max = 0;
+        self.tick_cycles_max = 0;
         self.lost_before = 0;
         self.bus.scs.ticks_lost = 0;
         stats

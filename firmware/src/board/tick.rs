@@ -3,20 +3,22 @@
 //! Order within a tick: read, step, apply, so that outputs follow inputs at a constant distance;
 //! then requests, which act from the next tick on; then what there is to tell.
 
+use crate::bench::Gauge;
 use crate::identity::{self, Reset};
 use crate::life::{self, Part};
 use crate::link::{self, TickEnds};
 use crate::pins::{self, CABLES};
 use crate::start::CYCLES_PER_TICK;
-use crate::{can, encoders, tension};
+use crate::{can, encoders, interrupts, keep, tension};
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
 use cortex_m::peripheral::{DCB, DWT};
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::io::Board;
+use mcdpr_firmware::supply::Supply;
 use mcdpr_firmware::{Inputs, Outputs, Server};
 use mcdpr_protocol::message::PANIC_BYTES;
-use mcdpr_protocol::{List, Reply, Tick};
+use mcdpr_protocol::{FaultId, List, Reply, Tick};
 use static_cell::StaticCell;
 
 /// From one tick's start to the next, at most: a tenth late is an overrun (P5).
@@ -39,6 +41,8 @@ pub fn start_cycle_counter(mut dcb: DCB, mut dwt: DWT) {
 pub struct Rim {
     /// The drives' bus.
     pub can: can::Bus,
+    /// What the converter's readings are worth.
+    pub supply: Supply,
     /// What the drives are told and what they say.
     pub drives: DriveBus<CABLES>,
 }
@@ -50,7 +54,7 @@ impl Board<CABLES> for Rim {
 
     fn read(&mut self, inputs: &mut Inputs<CABLES>) {
         inputs.encoders = encoders::read();
-        inputs.tension_adc = tension::read();
+        inputs.tension_adc = tension::read(&mut self.supply);
         inputs.e_stop = pins::e_stop();
         inputs.gripper_switch = pins::gripper_switch();
         inputs.line_errors = link::take_line_errors();
@@ -64,7 +68,7 @@ impl Board<CABLES> for Rim {
     }
 
     fn safe_off(&mut self) {
-        pins::close_brakes();
+        pins::safe_off();
     }
 }
 
@@ -76,6 +80,9 @@ struct Core {
     inputs: Inputs<CABLES>,
     ends: TickEnds,
     last_panic: List<u8, PANIC_BYTES>,
+    gauge: Gauge,
+    /// This tick did a self-test.
+    tested: bool,
     /// The last tick executed a command.
     executed_before: bool,
     /// Cycle counter at the last tick's start; `None` before the first.
@@ -98,6 +105,12 @@ impl Core {
         self.executed_before = executed;
         self.tell(now, tells_state);
         life::show(Part::Tick);
+        self.gauge.count(now.0);
+        let took = DWT::cycle_count().wrapping_sub(cycles);
+        // A self-test takes its own time, and nothing has torque then.
+        if took > self.gauge.tick_cycles && !core::mem::take(&mut self.tested) {
+            self.gauge.tick_cycles = took;
+        }
     }
 
     /// Out of line, as are the other two: the stack of one is gone before the next one's comes.
@@ -111,6 +124,12 @@ impl Core {
         self.rim.apply(outputs);
         let Rim { can, drives, .. } = &mut self.rim;
         drives.tick(now, controller.config(), outputs, can);
+        if outputs.can_loop {
+            can.begin_loop();
+        }
+        if let Some(last) = drives.take_new() {
+            keep::store(&last);
+        }
     }
 
     /// Executes a command, if one waits; whether it did.
@@ -130,6 +149,10 @@ impl Core {
             self.ends.commands.dequeue();
             if let Ok(Reply::Info(info)) = &mut answer.result {
                 identity::complete(info, &self.last_panic);
+            } else if let Ok(Reply::Bench(report)) = &mut answer.result {
+                let supply_mv = self.rim.supply.millivolts();
+                self.gauge.tell(report, supply_mv, &self.inputs);
+                self.tested = true;
             }
             // There is room: it was just seen, and nobody else fills it.
             let _ = self.ends.answers.enqueue(answer);
@@ -167,11 +190,16 @@ impl Core {
 static CORE: AtomicPtr<Core> = AtomicPtr::new(ptr::null_mut());
 
 /// Gives the tick all that it owns. Before SysTick counts.
-pub fn hand_over(rim: Rim, ends: TickEnds, reset: &Reset) {
+///
+/// Without its crystal the board is in `Fault` for good (P6): its ticks are as inaccurate as the
+/// chip's own oscillator, and half as long in cycles.
+pub fn hand_over(rim: Rim, ends: TickEnds, reset: &Reset, crystal: bool) {
     static PLACE: StaticCell<Core> = StaticCell::new();
     static SERVER: StaticCell<Server<CABLES>> = StaticCell::new();
     let server = SERVER.init_with(|| Server::new(false));
-    if let Some(fault) = reset.fault() {
+    if !crystal {
+        server.start_in_lasting_fault(FaultId::P6);
+    } else if let Some(fault) = reset.fault() {
         server.start_in_fault(fault);
     }
     let core = PLACE.init(Core {
@@ -180,6 +208,8 @@ pub fn hand_over(rim: Rim, ends: TickEnds, reset: &Reset) {
         inputs: Inputs::default(),
         ends,
         last_panic: reset.last_panic.clone(),
+        gauge: Gauge::new(reset.flags, crystal),
+        tested: false,
         executed_before: false,
         started: None,
     });
@@ -195,4 +225,5 @@ fn SysTick() {
     if let Some(core) = core {
         core.tick();
     }
+    interrupts::leave_event();
 }

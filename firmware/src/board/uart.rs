@@ -136,6 +136,7 @@ fn DMA1_CHANNEL2() {
     // Off, so that address and count can be written again.
     pac::DMA1.ch(SEND_CHANNEL).cr().write(|_| ());
     SENDING.store(false, Ordering::Release);
+    interrupts::leave_event();
 }
 
 impl Ring {

@@ -1,8 +1,8 @@
 //! What is watched in every tick under torque: each cable, and what joins them.
 
 use super::{
-    Cable, Control, Controller, Event, FaultId, HAS_SERVICE, Inputs, Limit, Limits, LinkHealth,
-    Phase, State, concerns,
+    Cable, Control, Controller, Event, FaultId, Inputs, Limit, Limits, LinkHealth, Phase, State,
+    concerns,
 };
 use crate::config::{CableConfig, TensionLaw};
 use crate::io::DriveInput;
@@ -190,7 +190,7 @@ impl<const N: usize> Controller<N> {
                 Phase::Stirring(cable) => cable + 1,
                 _ => 0,
             },
-            bare: HAS_SERVICE && self.service.is_some(),
+            bare: self.service.is_some(),
             feedback_timeout_ms: active.feedback_timeout_ms,
         };
         let mut found = None;

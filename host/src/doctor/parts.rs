@@ -1,9 +1,9 @@
 //! Drives, encoders, tension sensors and brakes, at rest.
 
-use super::{Finding, SERVICE_IMAGE, Verdict};
+use super::{Finding, Verdict};
 use crate::link::{Client, Link};
 use crate::robot::{DriveKind, Robot};
-use crate::run::{self, RunError};
+use crate::run::RunError;
 use crate::service::volts;
 use mcdpr_firmware::tension::{ADC_RAIL_HIGH, ADC_RAIL_LOW};
 use mcdpr_protocol::{Reply, Request, Status, Winch};
@@ -26,16 +26,7 @@ const BELOW_ZERO_N: f64 = 1.0;
 pub(super) fn drives<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
-    has_service: bool,
 ) -> Result<Vec<Finding>, RunError> {
-    if !has_service {
-        return Ok(vec![Finding::with(
-            Verdict::Unseen,
-            "drives",
-            "this image cannot ask drives while they are off",
-            SERVICE_IMAGE,
-        )]);
-    }
     // A bus on which nothing can be sent comes to no end: then nobody answers.
     let found = scan(client)?.unwrap_or_default();
     let names = |nodes: &mut dyn Iterator<Item = u8>| {
@@ -160,7 +151,6 @@ pub(super) struct Watched {
 pub(super) fn watch<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
-    has_service: bool,
 ) -> Result<Vec<Watched>, RunError> {
     let mut watched: Vec<_> = (0..robot.cables.len())
         .map(|_| Watched {
@@ -171,32 +161,10 @@ pub(super) fn watch<L: Link>(
     for _ in 0..LOOKS {
         let until = client.now_us() + BETWEEN_US;
         client.pump(until)?;
-        if has_service {
-            for (index, watched) in watched.iter_mut().enumerate() {
-                let winch = look(client, index)?;
-                watched.drum_counts.push(f64::from(winch.drum_counts));
-                watched.readings.push(f64::from(winch.tension_adc));
-            }
-            continue;
-        }
-        // In the image for motion the state carries the same, in the robot file's units.
-        let status = run::status(client)?;
         for (index, watched) in watched.iter_mut().enumerate() {
-            let Some(winch) = robot.winch_of(index) else {
-                continue;
-            };
-            let counts_per_m = f64::from(winch.encoder_counts_per_turn)
-                / (std::f64::consts::TAU * winch.drum_radius_m);
-            if let Some(length) = status.lengths.get(index) {
-                watched
-                    .drum_counts
-                    .push(f64::from(length.0) * 1e-7 * counts_per_m);
-            }
-            if let Some(tension) = status.tensions.get(index) {
-                let newtons = f64::from(tension.0) * 1e-3;
-                let read_v = newtons / winch.tension_gain_n_per_v + winch.tension_zero_v;
-                watched.readings.push(read_v / volts(1.0));
-            }
+            let winch = look(client, index)?;
+            watched.drum_counts.push(f64::from(winch.drum_counts));
+            watched.readings.push(f64::from(winch.tension_adc));
         }
     }
     Ok(watched)

@@ -87,15 +87,6 @@ pub enum ServiceError {
         /// Those that answer and that no other winch claims.
         found: String,
     },
-    /// The running image has no service functions.
-    #[error("the board runs the image for motion, which cannot work on a single winch")]
-    #[diagnostic(
-        code(mcdpr::service::image),
-        help(
-            "flash the image of the first day: `cargo flash-fw-service` (for `--on chip`: `cargo fw-service`); when the winches are done, `cargo flash-fw` brings the image for motion back"
-        )
-    )]
-    WrongImage,
     /// The tension sensor does not read a bare winch.
     #[error(
         "the tension sensor of winch {winch} reads {volts:.3} V, {newtons:.1} N by the robot file: not a bare winch"
@@ -237,9 +228,6 @@ impl<'a, L: Link> Bench<'a, L> {
         if usize::from(board) != count {
             let robot = count;
             return Err(RunError::Cables { board, robot }.into());
-        }
-        if !crate::doctor::has_service(client)? {
-            return Err(ServiceError::WrongImage);
         }
         let index = winch.wrapping_sub(1);
         let Some(described) = robot.winch_of(index) else {
