@@ -167,11 +167,20 @@ fn an_armed_board_is_neither_tested_nor_flashed() {
     let line = LinkOptions::default();
     let link = experiment::simulated_robot(&model, &Mismatch::realistic(), 1, &line).unwrap();
     // Disarmed, and given back: it may be written.
-    assert!(matches!(flash::ask_before(link.clone(), SessionId(5)), Ok(None)));
+    assert!(matches!(
+        flash::ask_before(link.clone(), SessionId(5)),
+        Ok(None)
+    ));
     let handle = Handle::new();
     let homing = Homing::Place(model.robot().tool.home_in_world_m);
-    let mut session =
-        Session::open(&model, Box::new(link.clone()), SessionId(6), &handle, homing).unwrap();
+    let mut session = Session::open(
+        &model,
+        Box::new(link.clone()),
+        SessionId(6),
+        &handle,
+        homing,
+    )
+    .unwrap();
     session.arm().unwrap();
     let refused = flash::ask_before(link, SessionId(7));
     assert!(matches!(refused, Err(FlashError::Armed)), "{refused:?}");

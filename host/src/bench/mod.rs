@@ -437,7 +437,7 @@ fn inputs<L: Link>(
             bad(
                 "tension",
                 found,
-                "noise: check shield, ground and the 100 nF at the pin",
+                "noise: check shield, ground and the 10 nF at the pin",
             )
         } else {
             Finding::good("tension", found)

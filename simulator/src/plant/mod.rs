@@ -29,6 +29,7 @@ mod drive;
 mod error;
 mod faults;
 mod inputs;
+mod open;
 mod params;
 mod placing;
 mod platform;
