@@ -50,6 +50,7 @@ fn test() -> Result<(), String> {
     // file: both must be there before the tests run.
     cargo(&["build", "--release", "--locked", "-p", "mcdpr"])?;
     firmware::build_and_check()?;
+    firmware::kinematics_without_std()?;
     tools::ensure_browser()?;
     tools::ensure_mcap_reader()?;
     let arguments = [

@@ -3,7 +3,7 @@
 //! Schweighofer and Pinz, 2006), then Gauss-Newton over all corners.
 
 use super::data::{Data, Observation, View};
-use mcdpr_kinematics::Pose;
+use mcdpr_kinematics::{Attempt, Damping, Pose, descend};
 use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector2, Vector3, Vector6};
 
@@ -155,6 +155,16 @@ fn mirrored(pose: &Pose, center: &Vector3<f64>, normal: &Vector3<f64>) -> Pose {
     Pose::new(at - rotation * center, rotation)
 }
 
+/// Damping relative to the diagonal.
+const DAMPING: Damping = Damping {
+    start: 1e-6,
+    least: 1e-12,
+    most: 1e6,
+    after_success: 0.1,
+    after_failure: 10.0,
+    steps: 40,
+};
+
 /// Levenberg-Marquardt over the pose.
 fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -> Option<Sighting> {
     let evaluate = |pose: &Pose| {
@@ -176,11 +186,9 @@ fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -
         }
         Some((cost, g, h))
     };
-    let mut pose = *start;
-    let (mut cost, mut g, mut h) = evaluate(&pose)?;
-    let mut damping = 1e-6;
-    for _ in 0..40 {
-        let mut damped = h;
+    let found = descend(*start, evaluate(start)?, &DAMPING, |pose, now, damping| {
+        let (cost, g, h) = now;
+        let mut damped = *h;
         for k in 0..6 {
             damped[(k, k)] *= 1.0 + damping;
         }
@@ -190,30 +198,22 @@ fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -
             &step.fixed_rows::<3>(3).into_owned(),
         );
         if damping < 1e-5 && -g.dot(&step) <= 1e-9 * cost + 1e-12 {
-            // Not worth another look.
-            pose = trial;
-            break;
+            return Some(Attempt::Unseen(trial));
         }
-        match evaluate(&trial) {
-            Some((trial_cost, trial_g, trial_h)) if trial_cost <= cost => {
-                let done = cost - trial_cost <= 1e-12 * cost + 1e-14;
-                (pose, cost, g, h) = (trial, trial_cost, trial_g, trial_h);
-                damping = (damping * 0.1).max(1e-12);
-                if done {
-                    break;
+        Some(match evaluate(&trial) {
+            Some(next) if next.0 <= *cost => {
+                if cost - next.0 <= 1e-12 * cost + 1e-14 {
+                    Attempt::Last(trial, next)
+                } else {
+                    Attempt::Better(trial, next)
                 }
             }
-            _ => {
-                damping *= 10.0;
-                if damping > 1e6 {
-                    break;
-                }
-            }
-        }
-    }
+            _ => Attempt::Worse,
+        })
+    })?;
     Some(Sighting {
-        camera_from_body: pose,
-        cost_px2: cost,
+        camera_from_body: found.at,
+        cost_px2: found.linear.0,
     })
 }
 

@@ -14,7 +14,6 @@ use mcdpr_kinematics::Pose;
 use miette::Diagnostic;
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 use serde_json::{Value, json};
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Name of the file format.
@@ -54,8 +53,7 @@ pub enum FileError {
 /// CRC-32 of data in their file form.
 #[must_use]
 pub fn data_hash(data: &Data) -> u32 {
-    const CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
-    CRC_32.checksum(data.to_json().to_string().as_bytes())
+    mcdpr_protocol::frame::crc32(data.to_json().to_string().as_bytes())
 }
 
 /// Where the calibration of a robot is kept: beside its file, or here for a built-in robot.
@@ -119,22 +117,9 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer) -> Result<Value, Co
 /// # Errors
 /// [`FileError::Io`]; what was there before stays.
 pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
-    let part = path.with_extension("part");
-    let failed = |source| FileError::Io {
+    crate::files::write_atomically(path, text).map_err(|source| FileError::Io {
         path: path.to_owned(),
         source,
-    };
-    let write = || {
-        let mut file = std::fs::File::create(&part)?;
-        file.write_all(text.as_bytes())?;
-        file.sync_all()?;
-        drop(file);
-        std::fs::rename(&part, path)
-    };
-    write().map_err(|error| {
-        // Half a file must not stay, and the reason counts more than whether it could be removed.
-        let _ = std::fs::remove_file(&part);
-        failed(error)
     })
 }
 

@@ -180,14 +180,7 @@ fn span(values: &[f64]) -> f64 {
 pub(super) fn encoders(watched: &[Watched]) -> Vec<Finding> {
     let each = watched.iter().enumerate().map(|(index, watched)| {
         let moved = span(&watched.drum_counts);
-        let finding = if watched.drum_counts.is_empty() {
-            Finding::with(
-                Verdict::Unseen,
-                "encoder",
-                "the board tells no length",
-                SERVICE_IMAGE,
-            )
-        } else if moved > FLICKER {
+        let finding = if moved > FLICKER {
             Finding::with(
                 Verdict::Bad,
                 "encoder",
@@ -220,10 +213,6 @@ pub(super) fn tensions(watched: &[Watched], robot: &Robot) -> Vec<Finding> {
         let bad = |found: String, remedy: &str| {
             Some(Finding::with(Verdict::Bad, "tension", found, remedy).of(index))
         };
-        if watched.readings.is_empty() {
-            let what = "the board tells no tension";
-            return Some(Finding::with(Verdict::Unseen, "tension", what, SERVICE_IMAGE).of(index));
-        }
         if mean >= f64::from(ADC_RAIL_HIGH) {
             return bad(format!("{read_v:.3} V is the upper rail: an open wire"), broken);
         }

@@ -366,8 +366,6 @@ pub struct Limits {
     pub tilt_max_rad: f64,
 }
 
-const CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
-
 impl Robot {
     /// The winch that drives cable `cable` (from 0), if there is such a cable.
     pub fn winch_of(&self, cable: usize) -> Option<&Winch> {
@@ -403,6 +401,6 @@ impl Robot {
         // reads back exactly, so equal robots give equal bytes. Writing to memory cannot fail, and
         // a checked robot holds no value that JSON lacks.
         let canonical = serde_json::to_vec(self).unwrap_or_default();
-        CRC_32.checksum(&canonical)
+        mcdpr_protocol::frame::crc32(&canonical)
     }
 }
