@@ -272,6 +272,7 @@ pub(super) fn request_name(request: &Request) -> String {
         Request::Service { cable, .. } => return format!("to enable winch {cable} alone"),
         Request::Winch { cable } => return format!("to tell how winch {cable} is"),
         Request::Scan { .. } => "to look for drives",
+        Request::Bench { .. } => "the self-test",
     };
     text.to_owned()
 }
