@@ -116,8 +116,10 @@ impl Pace {
 
     #[inline]
     const fn changed(&mut self) {
-        // Of the last 32 changes or so.
-        self.mean_q8 += (256 * self.run - self.mean_q8) / 32;
+        // Soon longer and slowly shorter: who is patient for too long misses little, who is not stops a
+        // robot for nothing.
+        let longer = 256 * self.run - self.mean_q8;
+        self.mean_q8 += if longer > 0 { longer / 8 } else { longer / 128 };
         self.run = 1;
     }
 
