@@ -4,7 +4,7 @@
 //! Its weights are constants instead of the ratio of variances, so that it is biased towards the
 //! nominal anchors even without noise; and a picture counts as an exact pose.
 
-use super::answer::Answer;
+use super::answer::{Answer, Rank};
 use super::check::{Usable, usable};
 use super::data::Data;
 use super::error::Refusal;
@@ -30,10 +30,11 @@ pub fn paper(data: &Data, weights: &Weights) -> Result<Answer, Refusal> {
             note: " (the paper's method uses poses with body 0 in the picture)".to_owned(),
         });
     }
-    let (fitted, rank, unknowns) = differenced(&problem, &poses)?;
+    let (fitted, rank) = differenced(&problem, &poses)?;
     warnings.push(format!(
-        "the differenced start (Eqs. 24-26) has rank {rank} for {unknowns} unknowns: it only corrects \
-         the poses of the pictures"
+        "the differenced start (Eqs. 24-26) has rank {} for {} unknowns: it only corrects \
+         the poses of the pictures",
+        rank.rank, rank.unknowns
     ));
     let pairs: Vec<_> = problem
         .camera_from_tag
@@ -71,15 +72,7 @@ pub fn paper(data: &Data, weights: &Weights) -> Result<Answer, Refusal> {
             ),
         },
     );
-    answer(
-        data,
-        weights,
-        &problem,
-        &found,
-        iterations,
-        (rank, unknowns),
-        warnings,
-    )
+    answer(data, weights, &problem, &found, iterations, rank, warnings)
 }
 
 #[allow(clippy::too_many_arguments)]
@@ -89,7 +82,7 @@ fn answer(
     problem: &Problem,
     found: &Estimate,
     iterations: usize,
-    differenced_rank: (usize, usize),
+    differenced_rank: Rank,
     warnings: Vec<String>,
 ) -> Result<Answer, Refusal> {
     let mut lengths_only = *weights;
@@ -188,8 +181,8 @@ pub(super) fn tag_poses(usable: &Usable) -> (Problem, Vec<Pose>, Vec<String>) {
 /// Eqs. 24-26: poses whose length differences fit the encoders', nominal anchors held. All pairwise
 /// differences of one cable are equivalent to the deviations from their mean, which are used here.
 /// Rank-deficient by itself (at most one equation less than poses per cable, six unknowns per pose),
-/// so that the smallest correction of the given poses is taken. Returns poses, rank, unknowns.
-fn differenced(problem: &Problem, start: &[Pose]) -> Result<(Vec<Pose>, usize, usize), Refusal> {
+/// so that the smallest correction of the given poses is taken. Returns the poses and the rank.
+fn differenced(problem: &Problem, start: &[Pose]) -> Result<(Vec<Pose>, Rank), Refusal> {
     let cables = singles(&problem.nominal).map_err(|error| Refusal::NotConverged {
         what: error.to_string(),
     })?;
@@ -250,7 +243,8 @@ fn differenced(problem: &Problem, start: &[Pose]) -> Result<(Vec<Pose>, usize, u
             break;
         }
     }
-    Ok((poses, rank, 6 * count))
+    let unknowns = 6 * count;
+    Ok((poses, Rank { rank, unknowns }))
 }
 
 fn mean_initial(problem: &Problem, at: &Estimate) -> Result<Vec<f64>, Refusal> {
@@ -318,7 +312,7 @@ pub(super) mod tests {
         let poses: Vec<_> = (0..problem.encoder_m.len())
             .map(|k| problem.platform(&estimate, k))
             .collect();
-        let (_, rank, unknowns) = differenced(&problem, &poses).unwrap();
+        let (_, Rank { rank, unknowns }) = differenced(&problem, &poses).unwrap();
         assert_eq!(unknowns, 48);
         assert!(rank <= 4 * 7, "{rank}");
     }

@@ -16,8 +16,14 @@ pub struct Sighting {
     pub cost_px2: f64,
 }
 
-/// A square tag in a picture: its corners on the body that carries it, m, and where they appear, px.
-pub type Square = ([Vector3<f64>; 4], [[f64; 2]; 4]);
+/// A square tag in a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Square {
+    /// Its corners on the body that carries it, m.
+    pub corners_in_body_m: [Vector3<f64>; 4],
+    /// Where they appear, px.
+    pub corners_px: [[f64; 2]; 4],
+}
 
 /// The candidates (one or two, best first) for a body's pose in one picture. Empty where the body
 /// is not seen or the corners make no sense.
@@ -25,7 +31,10 @@ pub type Square = ([Vector3<f64>; 4], [[f64; 2]; 4]);
 pub fn sightings(data: &Data, pose: &Observation, body: usize) -> Vec<Sighting> {
     let on_body = |view: &&View| data.tags.get(view.tag).is_some_and(|tag| tag.body == body);
     let squares: Vec<Square> = (pose.views.iter().filter(on_body))
-        .map(|view| (data.tags[view.tag].corners_in_body_m, view.corners_px))
+        .map(|view| Square {
+            corners_in_body_m: data.tags[view.tag].corners_in_body_m,
+            corners_px: view.corners_px,
+        })
         .collect();
     sightings_of(&data.camera, &squares)
 }
@@ -42,9 +51,9 @@ pub fn sightings_of(camera: &Camera, squares: &[Square]) -> Vec<Sighting> {
         return Vec::new();
     };
     let points: Vec<_> = (squares.iter())
-        .flat_map(|(corners, pixels)| corners.iter().copied().zip(pixels.iter().copied()))
+        .flat_map(|square| square.corners_in_body_m.into_iter().zip(square.corners_px))
         .collect();
-    let corners = &largest.0;
+    let corners = &largest.corners_in_body_m;
     let center = corners.iter().sum::<Vector3<f64>>() / 4.0;
     let normal = (corners[1] - corners[0]).cross(&(corners[3] - corners[0]));
     let mut found: Vec<Sighting> = [start, mirrored(&start, &center, &normal)]
@@ -60,12 +69,14 @@ pub fn sightings_of(camera: &Camera, squares: &[Square]) -> Vec<Sighting> {
     found
 }
 
-fn area((_, [a, b, c, d]): &Square) -> f64 {
+fn area(square: &Square) -> f64 {
+    let [a, b, c, d] = &square.corners_px;
     ((c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1])).abs()
 }
 
 /// The pose of the body from one tag's four corners.
-fn from_square(camera: &Camera, (corners, pixels): &Square) -> Option<Pose> {
+fn from_square(camera: &Camera, square: &Square) -> Option<Pose> {
+    let (corners, pixels) = (&square.corners_in_body_m, &square.corners_px);
     let size_m = (corners[1] - corners[0]).norm();
     let x = (corners[1] - corners[0]).normalize();
     let normal = x.cross(&(corners[3] - corners[0])).normalize();

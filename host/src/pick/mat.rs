@@ -85,7 +85,10 @@ impl Mat {
             .iter()
             .filter_map(|seen| {
                 let (_, corners_m) = self.tags.iter().find(|(id, _)| *id == seen.id)?;
-                Some((*corners_m, seen.corners_px.map(Into::into)))
+                Some(Square {
+                    corners_in_body_m: *corners_m,
+                    corners_px: seen.corners_px.map(Into::into),
+                })
             })
             .collect();
         loop {
@@ -94,8 +97,9 @@ impl Mat {
             }
             let seen = *sightings_of(camera, &squares).first()?;
             let pose = seen.camera_from_body;
-            let off = |(corners, pixels): &Square| {
-                let each = corners.iter().zip(pixels).map(|(corner, pixel)| {
+            let off = |square: &Square| {
+                let corners = square.corners_in_body_m.iter().zip(&square.corners_px);
+                let each = corners.map(|(corner, pixel)| {
                     camera
                         .projection(&pose.transform(corner).into())
                         .map_or(f64::INFINITY, |said| {
@@ -117,7 +121,7 @@ impl Mat {
                 return None;
             }
             let camera_from_mat = Isometry3::from(pose);
-            let points = squares.iter().flat_map(|(corners, _)| corners);
+            let points = squares.iter().flat_map(|square| &square.corners_in_body_m);
             let covariance = covariance(camera, &camera_from_mat, points, seen.cost_px2)?;
             return Some(MatSight {
                 camera_from_mat,

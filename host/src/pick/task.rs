@@ -14,6 +14,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 mod reach;
 mod view;
 
+use view::Viewed;
+
 /// How to pick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
@@ -205,15 +207,18 @@ impl<'a, L: Link> Picker<'a, L> {
         for view in std::iter::once(&options.look_m).chain(&options.more_views_m) {
             self.arm.go(&[*view])?;
             match self.view(probe, watcher)? {
-                Ok((grasps, choices)) => {
+                Viewed::Grasps {
+                    count: grasps,
+                    choices,
+                } => {
                     count += grasps;
                     empty = false;
                     all.good.extend(choices.good);
                     all.unreachable += choices.unreachable;
                     all.no_room += choices.no_room;
                 }
-                Err(NoGrasp::Empty) => {}
-                Err(other) => {
+                Viewed::Nothing(NoGrasp::Empty) => {}
+                Viewed::Nothing(other) => {
                     empty = false;
                     reason = Some(other);
                 }
@@ -259,7 +264,7 @@ impl<'a, L: Link> Picker<'a, L> {
             return Ok(choice);
         }
         self.arm.go(&[place])?;
-        let Ok((_, choices)) = self.view(&mut None, watcher)? else {
+        let Viewed::Grasps { choices, .. } = self.view(&mut None, watcher)? else {
             return Ok(choice);
         };
         let off = |other: &Choice| (other.tool_m - choice.tool_m).norm();

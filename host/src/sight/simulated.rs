@@ -162,7 +162,10 @@ mod tests {
         let mut exact = SimulatedTags::new(link.clone(), tags.scene.clone(), 0.0, 0);
         let view = exact.look().unwrap()[0];
         let scene = tags.scene();
-        let square = (scene.tags[0].corners_in_body_m, view.corners_px);
+        let square = pnp::Square {
+            corners_in_body_m: scene.tags[0].corners_in_body_m,
+            corners_px: view.corners_px,
+        };
         let found = pnp::sightings_of(&scene.lens, &[square]);
         let body = scene.body(0).unwrap();
         let camera = body.compose(&found[0].camera_from_body.inverse());

@@ -144,7 +144,10 @@ impl Sketch {
             .filter_map(|(id, corners_px)| {
                 let mut tags = self.robot.tags.iter();
                 let tag = tags.find(|tag| tag.id == *id && tag.body == number)?;
-                Some((tag.corners_in_body_m, *corners_px))
+                Some(Square {
+                    corners_in_body_m: tag.corners_in_body_m,
+                    corners_px: *corners_px,
+                })
             })
             .collect();
         let camera_from_platform = self.data.camera_from_platform;
@@ -180,7 +183,12 @@ impl Sketch {
                 .views
                 .iter()
                 .filter(|v| data.tags.get(v.tag).is_some_and(|t| t.body == tag.body))
-                .filter_map(|v| Some((data.tags.get(v.tag)?.corners_in_body_m, v.corners_px)))
+                .filter_map(|v| {
+                    Some(Square {
+                        corners_in_body_m: data.tags.get(v.tag)?.corners_in_body_m,
+                        corners_px: v.corners_px,
+                    })
+                })
                 .collect();
             let found = sightings_of(&data.camera, &squares);
             let camera = found.first()?.camera_from_body.inverse();

@@ -219,13 +219,15 @@ fn show(data: &Data, answer: &Answer) {
             further.camera.center_px[1],
             further.camera.distortion[0]
         );
-        if let Some((mass, center, compliance, _)) = &further.statics {
+        if let Some(statics) = &further.statics {
+            let center = statics.center_of_mass_m;
             say!(
-                "mass {mass:.4} kg, centre of mass {:.2} {:.2} {:.2} mm, 1/EA {:.2} per MN",
+                "mass {:.4} kg, centre of mass {:.2} {:.2} {:.2} mm, 1/EA {:.2} per MN",
+                statics.mass_kg,
                 center.x * 1e3,
                 center.y * 1e3,
                 center.z * 1e3,
-                compliance * 1e6
+                statics.compliance_per_n * 1e6
             );
         }
     }
