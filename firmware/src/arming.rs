@@ -168,6 +168,12 @@ impl Arming {
         Ok(self.phase)
     }
 
+    /// Nothing more is tried: torque is on, and stays.
+    pub const fn end(&mut self) {
+        self.phase = Phase::Done;
+        self.ticks = 0;
+    }
+
     fn enter(&mut self, phase: Phase) {
         self.phase = phase;
         self.ticks = 0;

@@ -155,6 +155,10 @@ pub struct CableConfig {
     pub lead_us: i32,
     /// Its square, 1000 µs².
     pub lead_square: i32,
+    /// Largest force of the motor at the drum's surface, mN.
+    pub most_force_mn: i32,
+    /// Time in which that force stops the drum, µs per µm/s with 16 fractional bits.
+    pub stop_q16: i32,
     /// Time the brake takes to close, ms.
     pub brake_close_ms: u16,
     /// Largest following error, 0.1 µm.
@@ -215,6 +219,8 @@ impl CableConfig {
         mass_g: 0,
         lead_us: 0,
         lead_square: 0,
+        most_force_mn: 0,
+        stop_q16: 0,
         brake_close_ms: 0,
         following_error: 0,
         max_speed_umps: 0,

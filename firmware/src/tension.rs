@@ -169,6 +169,17 @@ impl TensionLoop {
         ahead + ((self.integral_q16 + half(16)) >> 16)
     }
 
+    /// Gives this drum force, mN, positive as it reels in: what relieves a cable that is pulled too
+    /// hard. The current, mA.
+    pub fn give(&mut self, config: &CableConfig, force_mn: i32) -> i32 {
+        let most = config.max_current_ma;
+        self.force_mn = force_mn;
+        self.current_ma = config.current_ma(force_mn).clamp(-most, most);
+        // It is as large as the drum needs: that is not what D4 looks for.
+        self.saturated = false;
+        self.current_ma
+    }
+
     /// The current of the last tick, mA: behind a closed brake.
     #[must_use]
     pub const fn hold(&self) -> i32 {

@@ -9,6 +9,7 @@ pub mod camera;
 pub mod frame;
 pub mod grasp;
 pub mod image;
+mod input;
 pub mod live;
 #[cfg(feature = "realsense")]
 pub mod realsense;

@@ -65,7 +65,7 @@ impl Chip {
             count: sorted.len(),
             median: sorted.get(sorted.len() / 2).copied().unwrap_or(0),
             max: sorted.last().copied().unwrap_or(0),
-            cycles_max: self.tick_cycles_max,
+            cycles_max: self.cycles_max,
             latency_max: self.latency_max,
             lost: self.lost_before + self.bus.scs.ticks_lost,
         }
@@ -75,8 +75,7 @@ impl Chip {
     pub fn take_tick_stats(&mut self) -> TickStats {
         let stats = self.tick_stats();
         self.ticks.clear();
-        self.latency_max = 0;
-        self.tick_cycles_max = 0;
+        (self.latency_max, self.cycles_max) = (0, 0);
         self.lost_before = 0;
         self.bus.scs.ticks_lost = 0;
         stats

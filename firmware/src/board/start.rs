@@ -1,5 +1,6 @@
 //! From reset to the first tick.
 
+use crate::bench::Gauge;
 use crate::life::Keeper;
 use crate::{can, encoders, fatal, identity, interrupts, keep, link, pins, tension, tick, uart};
 use cortex_m::peripheral::syst::SystClkSource;
@@ -64,13 +65,16 @@ fn bring_up() -> (
     watch_supply();
     encoders::start();
     tension::start();
-    let (sender, ring) = uart::open();
+    let (sender, ring, tap) = uart::open();
 
     let (for_tick, for_link) = link::queues();
     let mut rim = tick::Rim {
         can: can::open(),
         supply: Supply::default(),
         drives: DriveBus::default(),
+        tap,
+        last_panic: reset.last_panic.clone(),
+        gauge: Gauge::new(reset.flags, crystal),
     };
     // The drives go on by their last command until somebody stops them.
     if let Some(last) = keep::last() {

@@ -7,6 +7,7 @@
 use super::{Active, CableConfig, ConfigStore, Control, DriveKind, Slots, TensionLaw};
 use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
 use crate::fixed::{division, half, quotient, saturate};
+use crate::tension::ADC_RAIL_HIGH;
 use core::ops::Range;
 use mcdpr_protocol::config::ConfigDigest;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Reject};
@@ -26,6 +27,9 @@ struct Periods {
     by_length: u8,
     by_tension: u8,
 }
+
+/// Highest ceiling, in tenths of what a sensor reads where it begins to count as open.
+const MOST_OF_RAIL_TENTHS: i64 = 9;
 
 /// Work of one slice.
 #[derive(Clone, Copy)]
@@ -304,7 +308,16 @@ impl<const N: usize> ConfigStore<N> {
         let zero_uv = i64::from(key(CableKey::TensionZeroUv, -3_300_000, 3_300_000)?);
         let tension_max_mn = key(CableKey::TensionMax, 1, 10_000_000)?;
         let floor_mn = key(CableKey::TensionFloor, 0, tension_max_mn)?;
-        let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, tension_max_mn)?;
+        // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
+        // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
+        let tension_per_adc_q24 = quotient::<10>(gain * 8448);
+        let tension_zero_q24 = quotient::<1000>(quotient::<1000>(gain * zero_uv) << 24);
+        // Over the rail a reading is no tension (S7): a ceiling that it never shows protects
+        // nothing.
+        let rail_q24 = i64::from(ADC_RAIL_HIGH) * tension_per_adc_q24 - tension_zero_q24;
+        let trusted_mn = quotient::<10>(MOST_OF_RAIL_TENTHS * (rail_q24 >> 24));
+        let most_mn = tension_max_mn.min(saturate(trusted_mn));
+        let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, most_mn)?;
         let max_speed_umps = key(CableKey::MaxSpeed, 1, 20_000_000)?;
         let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
         // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
@@ -315,6 +328,12 @@ impl<const N: usize> ConfigStore<N> {
         let step = quotient::<1000>(i64::from(max_speed_umps) * 15 * (1 << 24));
         let step = division(step, per_count_q24).abs() + 2;
         let max_current_ma = key(CableKey::MaxCurrentMa, 1, 32_000)?;
+        // mA times mN/A is µN.
+        let most_force_mn =
+            quotient::<1000>(i64::from(max_current_ma) * i64::from(force.abs())).max(1);
+        let mass_g = key(CableKey::DrumMass, 0, 100_000_000)?;
+        // g times µm/s over mN is µs.
+        let stop_q16 = division(i64::from(mass_g) << 16, most_force_mn);
         let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
         // A bus has no drive 0: that number calls all of them. 127 is the board itself.
         let node = key(CableKey::Node, 1, 126)?;
@@ -346,10 +365,8 @@ impl<const N: usize> ConfigStore<N> {
             max_current_ma,
             most_ma: max_current_ma - max_current_ma / 32,
             current_per_force_q32: division(1000 << 32, i64::from(force)),
-            // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
-            // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
-            tension_per_adc_q24: quotient::<10>(gain * 8448),
-            tension_zero_q24: quotient::<1000>(quotient::<1000>(gain * zero_uv) << 24),
+            tension_per_adc_q24,
+            tension_zero_q24,
             tension_max_mn,
             floor_mn,
             ceiling_mn,
@@ -363,9 +380,11 @@ impl<const N: usize> ConfigStore<N> {
             damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000)?,
             filter_alpha_q16: saturate(alpha_q16),
             friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
-            mass_g: key(CableKey::DrumMass, 0, 100_000_000)?,
+            mass_g,
             lead_us,
             lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
+            most_force_mn: saturate(most_force_mn),
+            stop_q16: saturate(stop_q16),
             brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)?),
             following_error: key(CableKey::FollowingError, 10, 1_000_000)? * 10,
             max_speed_umps,

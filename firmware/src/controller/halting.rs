@@ -35,6 +35,7 @@ impl<const N: usize> Controller<N> {
                 (Verdict::Holds, _) => {}
                 (Verdict::Pending, cable) => unproven = cable,
                 (Verdict::Slips(turned), cable) => {
+                    self.unsound = cable;
                     return self.trip(FaultId::B2, cable, turned / 10, 0);
                 }
             },
@@ -49,6 +50,9 @@ impl<const N: usize> Controller<N> {
             Err((fault, cable, value, limit)) => self.trip(fault, cable, value, limit),
             Ok(Phase::Preload) if before == Phase::Enabling => self.take_up(inputs),
             Ok(Phase::Done) => {
+                if self.service.is_none() {
+                    self.hangs();
+                }
                 self.raise(Event::Armed);
             }
             Ok(now) => {
@@ -158,7 +162,8 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Brakes close under torque, torque is held, each brake must prove that it holds, then torque
-    /// goes. Where one does not, torque stays (B2, B3).
+    /// goes. Where one does not, its drum is pulled back to its place and it is tried again (B3); one
+    /// that never holds leaves the robot standing under torque (B2): a host may let it down.
     #[inline(never)]
     pub(super) fn close_brakes(&mut self, inputs: &Inputs<N>) {
         let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
@@ -169,9 +174,15 @@ impl<const N: usize> Controller<N> {
         if ticks < held {
             return;
         }
-        // Brakes that never opened hold what they held before.
         if self.arming.phase() < Phase::Opening {
-            self.raise(Event::TorqueOff);
+            if self.unsound > 0 {
+                // Torque holds what this brake does not.
+                self.arming.end();
+                self.raise(Event::BrakeFails);
+            } else {
+                // Brakes that never opened hold what they held before.
+                self.raise(Event::TorqueOff);
+            }
             return;
         }
         if ticks == held {
@@ -184,15 +195,16 @@ impl<const N: usize> Controller<N> {
             Verdict::Slips(turned) => {
                 self.slips = self.slips.saturating_add(1);
                 self.limits.insert(Limit::BrakeSlips);
-                if self.slips == TRIES {
-                    self.latch_fault(FaultId::B2, cable, turned / 10, 0);
-                }
+                // Without a push the drive pulls the drum back to where it was.
                 for cable in &mut self.cables {
                     cable.proof = Proof::default();
-                    // What it gave is given: the drum is held where it is now.
-                    cable.target.length = cable.length;
                 }
                 self.closing = Some(held - RETRY_MS);
+                if self.slips >= TRIES || self.unsound > 0 {
+                    self.unsound = cable;
+                    self.latch_fault(FaultId::B2, cable, turned / 10, 0);
+                    self.raise(Event::BrakeFails);
+                }
                 false
             }
             Verdict::Holds => {

@@ -162,6 +162,9 @@ impl<const N: usize> Controller<N> {
         }
         self.no_fault()?;
         self.service = service;
+        if service.is_some() {
+            self.forget_parked();
+        }
         self.heartbeat.beat(now);
         self.raise(Event::Arm);
         Ok(Reply::Done)
@@ -270,6 +273,7 @@ impl<const N: usize> Controller<N> {
     }
 
     fn config_taken(&mut self) {
+        self.forget_parked();
         let Some(active) = &self.active else { return };
         for (cable, config) in self.cables.iter_mut().zip(&active.cables) {
             // Lengths counted with another scale are worth nothing; other gains cost none.
@@ -305,6 +309,7 @@ impl<const N: usize> Controller<N> {
             cable.reference_mn = tension.0;
         }
         self.referenced = true;
+        self.forget_parked();
         Ok(Reply::Done)
     }
 

@@ -1,8 +1,8 @@
 //! What is watched in every tick under torque: each cable, and what joins them.
 
+use super::relieving::horizon_us;
 use super::{
-    Cable, Control, Controller, Event, FaultId, Inputs, Limit, Limits, LinkHealth, Phase, State,
-    concerns,
+    Cable, Control, Controller, Event, FaultId, Inputs, Limit, Limits, LinkHealth, Phase, concerns,
 };
 use crate::config::{CableConfig, TensionLaw};
 use crate::io::DriveInput;
@@ -24,6 +24,9 @@ struct Around {
     stirred: u8,
     /// On a bare winch hangs no cable, and the sign of its encoder may be what is looked for.
     bare: bool,
+    /// Brakes hold the drums, or are about to: what a law and a motor do against them says
+    /// nothing.
+    braked: bool,
     feedback_timeout_ms: u16,
 }
 
@@ -104,9 +107,11 @@ impl Cable {
             },
             // On its way a robot does not wait for that.
             reels_in: by_tension
+                && !around.braked
                 && config.law == TensionLaw::Default
                 && self.target.speed_umps == 0,
             ceiling_mn: config.ceiling_mn,
+            horizon_us: horizon_us(config, self.speed_umps),
             length_error: self.length_error(config),
             length_error_max: config.following_error,
             motor_error: if by_tension {
@@ -114,10 +119,15 @@ impl Cable {
             } else {
                 self.axis.motor_error(&self.target, self.by_motor)
             },
-            told_ma: self.told_ma(config),
+            told_ma: if around.braked {
+                0
+            } else {
+                self.told_ma(config)
+            },
             given_ma: i32::from(drive.current_ma).abs(),
-            saturated: self.tension_loop.saturated
-                || i32::from(drive.current_ma).abs() > config.most_ma,
+            saturated: !around.braked
+                && (self.tension_loop.saturated
+                    || i32::from(drive.current_ma).abs() > config.most_ma),
             feedback_age_ms: drive.age_ms,
             feedback_timeout_ms: around.feedback_timeout_ms,
             drive_fault: drive.fault,
@@ -127,12 +137,13 @@ impl Cable {
             // The paper's law leaves half of the set-point to its error: that is no runaway.
             by_tension: by_tension
                 && !around.bare
+                && !around.braked
                 && config.law == TensionLaw::Default
                 && around.stirred != number,
             too_fast_umps: self.speed_umps.saturating_sub(self.target.speed_umps),
             motor_length: self.by_motor,
             drum_length: self.length,
-            polarity_way: if around.bare {
+            polarity_way: if around.bare | around.braked {
                 i32::MAX
             } else {
                 config.four_counts
@@ -157,12 +168,11 @@ impl Cable {
 }
 
 impl<const N: usize> Controller<N> {
-    /// Whether the drums are the drives' alone: brakes take their time to open.
+    /// Whether the drums are the drives' alone, or were: brakes take their time to open.
     pub(super) fn watches_cables(&self) -> bool {
         // By what was decided, not by the pins: one axis that is braked because its drive is gone
         // must not blind the watch over the others.
-        let closing = self.state == State::Stopping && self.closing.is_some();
-        !closing && self.arming.phase().is_free()
+        self.arming.phase().is_free()
     }
 
     #[inline(never)]
@@ -191,9 +201,15 @@ impl<const N: usize> Controller<N> {
                 _ => 0,
             },
             bare: self.service.is_some(),
+            braked: self.is_braked(),
             feedback_timeout_ms: active.feedback_timeout_ms,
         };
         let mut found = None;
+        let mut tight = None;
+        // A cable that has just fallen to the floor pulls the others: that is no snag, unless
+        // these rose with it.
+        let breaks = self.cables.iter().map(|cable| cable.watch.breaks_ticks());
+        let breaks = breaks.max().unwrap_or(0);
         let mut eased = false;
         let readings = inputs.drives.iter().zip(&inputs.tension_adc);
         let configs = active.cables.iter().zip(readings);
@@ -211,7 +227,16 @@ impl<const N: usize> Controller<N> {
             }
             let pins = (number, drive, adc);
             let fault = cable.examine(config, pins, &around, &mut self.limits);
+            // What is slack under a brake stays so until somebody pulls: that is advice.
+            let fault = fault.filter(|(fault, ..)| !around.braked || *fault != FaultId::C1);
             eased |= cable.watch.saturates();
+            let (tension, ceiling) = (cable.tension_mn, config.ceiling_mn);
+            if fault.is_some_and(|(fault, ..)| fault == FaultId::C2) {
+                if cable.watch.snag_ticks() < breaks && tension <= ceiling {
+                    continue;
+                }
+                tight = tight.or(Some((FaultId::C2, number, tension, ceiling)));
+            }
             if found.is_none() {
                 found = fault.map(|(fault, value, limit)| (fault, number, value, limit));
             }
@@ -219,6 +244,10 @@ impl<const N: usize> Controller<N> {
         self.motion.ease(eased);
         let residual = self.watch_residuals();
         if let Some((fault, cable, value, limit)) = found.or(residual) {
+            self.trip(fault, cable, value, limit);
+        }
+        // Whatever was found first: a cable that is pulled too hard is let out.
+        if let Some((fault, cable, value, limit)) = tight {
             self.trip(fault, cable, value, limit);
         }
     }
@@ -270,7 +299,9 @@ impl<const N: usize> Controller<N> {
             }
             LinkHealth::Expired => {
                 self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
-                self.raise(Event::Stop);
+                if !self.stands_for_its_brake() {
+                    self.raise(Event::Stop);
+                }
             }
         }
     }

@@ -5,6 +5,7 @@ use super::assay;
 use super::check::{Usable, usable};
 use super::data::Data;
 use super::error::Refusal;
+use super::general::slip;
 use super::observability::{Observability, observability};
 use super::predict::predict;
 use super::rows::{Model, Scatter, Source};
@@ -67,11 +68,21 @@ pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     let usable = usable(data)?;
     let mut answer = match attempt(data, &usable, options) {
         Err(refusal @ (Refusal::Contradiction { .. } | Refusal::NotConverged { .. })) => {
-            Err(diagnosis(data, &usable, options).unwrap_or(refusal))
+            let slipped = || {
+                let found = options.closer_looks.then(|| slip::in_data(data, None));
+                found.and_then(|slips| slipped(&slips))
+            };
+            Err(diagnosis(data, &usable, options)
+                .or_else(slipped)
+                .unwrap_or(refusal))
         }
         other => other,
     }?;
     if options.closer_looks {
+        let slips = slip::in_data(data, answer.solved.as_ref());
+        let advice = "use the poses before or after only";
+        let words = slips.iter().map(|slip| format!("{slip}: {advice}"));
+        answer.warnings.extend(words);
         answer.split = assay::split(data, options, &answer);
         let warning = answer.split.as_ref().and_then(assay::Split::warning);
         answer.warnings.extend(warning);
@@ -79,6 +90,16 @@ pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
         answer.next = assay::next_pose(data, &answer, options);
     }
     Ok(answer)
+}
+
+/// The refusal of data during which cables slipped.
+fn slipped(slips: &[String]) -> Option<Refusal> {
+    (!slips.is_empty()).then(|| Refusal::Contradiction {
+        what: format!(
+            "{}; check how that cable is held on its drum, and use the poses before or after only",
+            slips.join("; ")
+        ),
+    })
 }
 
 fn attempt(data: &Data, usable: &Usable, options: &Options) -> Result<Answer, Refusal> {

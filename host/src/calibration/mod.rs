@@ -16,6 +16,7 @@
 //! | [`design`], [`space`], [`plan`], [`collect`] | worth of poses, where they can be, their choice; measuring them on a robot |
 //! | [`result`] | the calibration as a file beside the robot file |
 //! | [`target`] | tags to print |
+//! | [`general`] | whatever sensors there are, real scatter, several sessions |
 //! | [`slip`] | is the calibration of the running robot still true, and which cable slipped |
 //! | [`verify`] | against poses measured by other means |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
@@ -28,6 +29,7 @@ pub mod data;
 pub mod dense;
 pub mod design;
 pub mod error;
+pub mod general;
 pub mod hand_eye;
 pub mod joint;
 pub mod lengths;

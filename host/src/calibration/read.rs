@@ -8,12 +8,12 @@ use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde_json::Value;
 
-type Read<T> = Result<T, Refusal>;
+pub(super) type Read<T> = Result<T, Refusal>;
 
 /// A value and its place in the document.
-struct Node<'a> {
-    value: &'a Value,
-    path: String,
+pub(super) struct Node<'a> {
+    pub(super) value: &'a Value,
+    pub(super) path: String,
 }
 
 impl Data {
@@ -23,13 +23,7 @@ impl Data {
     /// [`Refusal::NotJson`], [`Refusal::Schema`], or [`Refusal::Field`] that names the place:
     /// missing, of the wrong shape, not a finite number (NaN), negative where it must not be.
     pub fn from_json(text: &str) -> Read<Self> {
-        let value: Value = match serde_json::from_str(text) {
-            Ok(value) => value,
-            // Other programs write NaN and Infinity, which JSON does not know. Read as words, they
-            // can be named by their place.
-            Err(error) => serde_json::from_str(&quoted(text))
-                .map_err(|_| Refusal::NotJson(error.to_string()))?,
-        };
+        let value = parsed(text)?;
         let root = Node {
             value: &value,
             path: String::new(),
@@ -106,6 +100,14 @@ impl Data {
                 .transpose()?,
         })
     }
+}
+
+/// The document. Other programs write NaN and Infinity, which JSON does not know: read as words,
+/// they can be named by their place.
+pub(super) fn parsed(text: &str) -> Read<Value> {
+    serde_json::from_str(text).or_else(|error| {
+        serde_json::from_str(&quoted(text)).map_err(|_| Refusal::NotJson(error.to_string()))
+    })
 }
 
 fn origin(node: &Node<'_>) -> Read<Origin> {
@@ -230,7 +232,7 @@ fn limits(node: &Node<'_>) -> Read<Limits> {
     })
 }
 
-fn camera(node: &Node<'_>) -> Read<Camera> {
+pub(super) fn camera(node: &Node<'_>) -> Read<Camera> {
     let distortion = match node.optional("distortion") {
         None => [0.0; 5],
         Some(list) => {
@@ -253,7 +255,7 @@ fn camera(node: &Node<'_>) -> Read<Camera> {
     })
 }
 
-fn tag(node: &Node<'_>, bodies: usize) -> Read<Tag> {
+pub(super) fn tag(node: &Node<'_>, bodies: usize) -> Read<Tag> {
     let id = node.get("id")?;
     let body = node.get("body")?;
     let index = body.index()?;
@@ -311,17 +313,7 @@ fn observation(node: &Node<'_>, count: usize, tags: &[Tag]) -> Read<Observation>
         .ok_or_else(|| corners.wrong("must be an object: tag id to four corners"))?;
     let mut views = Vec::with_capacity(seen.len());
     for (id, value) in seen {
-        let view = Node {
-            value,
-            path: format!("{}.{id}", corners.path),
-        };
-        let tag = tags
-            .iter()
-            .position(|tag| tag.id.to_string() == *id)
-            .ok_or_else(|| view.wrong(&format!("tag {id} is not among the tags of the data")))?;
-        let corners_px = <[[f64; 2]; 4]>::try_from(view.each(|node| node.numbers::<2>())?)
-            .map_err(|_| view.wrong("a tag has four corners"))?;
-        views.push(View { tag, corners_px });
+        views.push(view(&corners, id, value, tags)?);
     }
     views.sort_by_key(|view| view.tag);
     Ok(Observation {
@@ -341,12 +333,27 @@ fn observation(node: &Node<'_>, count: usize, tags: &[Tag]) -> Read<Observation>
     })
 }
 
+/// One tag in one picture.
+pub(super) fn view(corners: &Node<'_>, id: &str, value: &Value, tags: &[Tag]) -> Read<View> {
+    let view = Node {
+        value,
+        path: format!("{}.{id}", corners.path),
+    };
+    let tag = tags
+        .iter()
+        .position(|tag| tag.id.to_string() == *id)
+        .ok_or_else(|| view.wrong(&format!("tag {id} is not among the tags of the data")))?;
+    let corners_px = <[[f64; 2]; 4]>::try_from(view.each(|node| node.numbers::<2>())?)
+        .map_err(|_| view.wrong("a tag has four corners"))?;
+    Ok(View { tag, corners_px })
+}
+
 impl<'a> Node<'a> {
-    fn wrong(&self, what: &str) -> Refusal {
+    pub(super) fn wrong(&self, what: &str) -> Refusal {
         Refusal::field(self.path.clone(), what)
     }
 
-    fn optional(&self, key: &str) -> Option<Node<'a>> {
+    pub(super) fn optional(&self, key: &str) -> Option<Node<'a>> {
         let value = self.value.get(key).filter(|value| !value.is_null())?;
         let path = if self.path.is_empty() {
             key.to_owned()
@@ -356,7 +363,7 @@ impl<'a> Node<'a> {
         Some(Node { value, path })
     }
 
-    fn get(&self, key: &str) -> Read<Node<'a>> {
+    pub(super) fn get(&self, key: &str) -> Read<Node<'a>> {
         self.optional(key).ok_or_else(|| {
             let path = if self.path.is_empty() {
                 key.to_owned()
@@ -367,7 +374,7 @@ impl<'a> Node<'a> {
         })
     }
 
-    fn each<T>(&self, read: impl Fn(Node<'a>) -> Read<T>) -> Read<Vec<T>> {
+    pub(super) fn each<T>(&self, read: impl Fn(Node<'a>) -> Read<T>) -> Read<Vec<T>> {
         let list = self
             .value
             .as_array()
@@ -383,7 +390,7 @@ impl<'a> Node<'a> {
             .collect()
     }
 
-    fn number(&self) -> Read<f64> {
+    pub(super) fn number(&self) -> Read<f64> {
         match self.value {
             Value::Number(number) => number
                 .as_f64()
@@ -397,12 +404,12 @@ impl<'a> Node<'a> {
         }
     }
 
-    fn text(&self) -> Read<&'a str> {
+    pub(super) fn text(&self) -> Read<&'a str> {
         let word = self.value.as_str();
         word.ok_or_else(|| self.wrong(&format!("must be a word, not {}", self.value)))
     }
 
-    fn positive(&self) -> Read<f64> {
+    pub(super) fn positive(&self) -> Read<f64> {
         self.number().and_then(|x| {
             if x > 0.0 {
                 Ok(x)
@@ -423,7 +430,7 @@ impl<'a> Node<'a> {
         Ok(size as usize)
     }
 
-    fn not_negative(&self) -> Read<f64> {
+    pub(super) fn not_negative(&self) -> Read<f64> {
         self.number().and_then(|x| {
             if x >= 0.0 {
                 Ok(x)
@@ -440,7 +447,7 @@ impl<'a> Node<'a> {
             .ok_or_else(|| self.wrong("must be a whole number, 0 or more"))
     }
 
-    fn numbers<const K: usize>(&self) -> Read<[f64; K]> {
+    pub(super) fn numbers<const K: usize>(&self) -> Read<[f64; K]> {
         <[f64; K]>::try_from(self.each(|node| node.number())?)
             .map_err(|list| self.wrong(&format!("{} numbers, {K} needed", list.len())))
     }
@@ -450,7 +457,7 @@ impl<'a> Node<'a> {
     }
 
     /// A row-major 4x4 matrix in mm.
-    fn pose(self) -> Read<Pose> {
+    pub(super) fn pose(self) -> Read<Pose> {
         let rows = self.each(|node| node.numbers::<4>())?;
         let rows = <[[f64; 4]; 4]>::try_from(rows)
             .map_err(|rows| self.wrong(&format!("{} rows, 4 needed", rows.len())))?;
@@ -469,7 +476,7 @@ impl<'a> Node<'a> {
     }
 }
 
-const NOT_FINITE: &str = "not finite";
+pub(super) const NOT_FINITE: &str = "not finite";
 
 /// The text with every bare NaN and Infinity replaced by a word in quotes.
 fn quoted(text: &str) -> String {

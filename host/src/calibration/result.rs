@@ -112,7 +112,7 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer) -> Result<Value, Co
     }))
 }
 
-/// Writes a file whole or not at all: beside it, flushed to the disk, then renamed.
+/// Writes a file whole or not at all.
 ///
 /// # Errors
 /// [`FileError::Io`]; what was there before stays.

@@ -123,7 +123,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
         }
         FaultId::B1 => "check the brake's supply and coil; it must click when the robot arms",
         FaultId::B2 => {
-            "hold the platform by other means before you switch off; clean or replace the brake"
+            "the robot stands under torque: let it down by a motion (clear the fault first), or hold the platform by other means, then give an emergency stop; clean or replace the brake"
         }
         FaultId::B3 => {
             "hold the platform by other means before you switch off; check the brake's spring, its gap and its diode"

@@ -169,7 +169,7 @@ fn cable(
     put(CableKey::TensionZeroUv, winch.tension_zero_v * 1e6)?;
     put(CableKey::TensionMax, winch.tension_max_n * 1e3)?;
     put(CableKey::TensionFloor, robot.limits.tension_min_n * 1e3)?;
-    let ceiling = robot.limits.tension_max_n.min(winch.tension_max_n);
+    let ceiling = robot.limits.tension_max_n.min(winch.trusted_tension_n());
     put(CableKey::TensionCeiling, ceiling * 1e3)?;
     put(
         CableKey::TensionLaw,

@@ -1,5 +1,6 @@
 //! Motion planning: paths, time laws and splines; the robot at equilibrium along them; plans.
 
+mod bounds;
 mod curve;
 mod gcode;
 pub(crate) mod knot;

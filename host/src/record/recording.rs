@@ -90,12 +90,12 @@ struct Cables<'a> {
 }
 
 impl Recording<File> {
-    /// Starts a record at `path`; what the scenario says goes in first.
+    /// Starts a record at `path`, where no file may be; what the scenario says goes in first.
     ///
     /// # Errors
-    /// The system's: a folder that cannot be written.
+    /// The system's: a folder that cannot be written, a record that is there already.
     pub fn create(path: &Path, scenario: &Scenario, model: Option<Model>) -> io::Result<Self> {
-        let file = File::create(path)?;
+        let file = File::create_new(path)?;
         Self::start(file, scenario, model, |file| file.sync_data())
     }
 }

@@ -302,11 +302,11 @@ fn bus(reader: &mut Reader, table: &Values, winches_given: bool, winches: &[Winc
 
 fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given: bool) -> Limits {
     let least = |of: fn(&Winch) -> f64| winches.iter().map(of).fold(f64::INFINITY, f64::min);
-    let full_scale_n = least(|winch| winch.tension_max_n);
+    let trusted_n = least(Winch::trusted_tension_n);
     let tension_min_n = table.number(key!(LIMITS, "tension_min_n"));
     let tension_max_n = table
         .number_given(key!(LIMITS, "tension_max_n"))
-        .unwrap_or(full_scale_n);
+        .unwrap_or(trusted_n);
     if tension_min_n >= tension_max_n {
         reader.problem(
             &table.at(key!(LIMITS, "tension_min_n")),
@@ -318,15 +318,19 @@ fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given:
         );
     }
     // Without winch tables the robot is only computed with: no sensor is there to be exceeded.
-    if winches_given && tension_max_n > full_scale_n {
+    if winches_given && tension_max_n > trusted_n {
         reader.problem(
             &table.at(key!(LIMITS, "tension_max_n")),
             &table.place,
             format!(
-                "`tension_max_n` {tension_max_n} N is more than the weakest tension sensor reads, \
-                 {full_scale_n} N"
+                "`tension_max_n` {tension_max_n} N is more than the weakest tension sensor can be \
+                 trusted to show, {trusted_n:.2} N: 90 % of what it reads before it counts as open"
             ),
-            Some("lower it, or correct tension_max_n of the [[winch]]".into()),
+            Some(
+                "lower it, or correct tension_gain_n_per_v, tension_zero_v and tension_max_n of \
+                 the [[winch]]"
+                    .into(),
+            ),
         );
     }
     let box_in_world_m = table.numbers_given(key!(LIMITS, "box_mm")).map(|numbers| {

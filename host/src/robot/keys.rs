@@ -561,11 +561,11 @@ pub static LIMITS: Section = Section {
             Follows("no box"),
             "box that the tool may not leave, [[x, y, z least], [x, y, z greatest]], world frame, mm",
         ),
-        non_negative("tension_min_n", 1.0, "least tension of any cable, N"),
+        positive("tension_min_n", 1.0, "least tension of any cable, N"),
         key(
             "tension_max_n",
             Kind::Number(Positive),
-            Follows("the smallest full scale of the tension sensors"),
+            Follows("the smallest tension that a sensor can be trusted to show"),
             "greatest tension of any cable, N",
         ),
         key(

@@ -88,7 +88,7 @@ pub fn sources(name_or_path: &str) -> Vec<(String, String)> {
             let Some(path) = found.or_else(|| file(rest)) else {
                 return Vec::new();
             };
-            let Ok(text) = crate::files::read_text(&path) else {
+            let Ok(text) = crate::files::read_text_to(&path, crate::files::MOST_ROBOT_BYTES) else {
                 return Vec::new();
             };
             let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -149,7 +149,7 @@ impl Robot {
     /// [`RobotError::NotFound`] or [`RobotError::Unreadable`] for the file itself, and
     /// [`RobotError::Invalid`] with every mistake in it.
     pub fn load(path: &Path) -> Result<Self, RobotError> {
-        match crate::files::read_text(path) {
+        match crate::files::read_text_to(path, crate::files::MOST_ROBOT_BYTES) {
             Ok(text) => Self::parse(&text, path),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 Err(RobotError::NotFound {

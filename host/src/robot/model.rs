@@ -166,6 +166,11 @@ pub struct Winch {
     pub current_lag_s: f64,
 }
 
+/// Steps of a tension channel from which on a board takes it for open.
+const OPEN_SENSOR_STEPS: f64 = 64_900.0;
+/// Share of that reading which a limit may be, as the board checks it, and a rounding less.
+const SENSOR_SHARE: f64 = 0.9 * 0.9999;
+
 impl Winch {
     /// Cable speed at the greatest motor speed, m/s: `2 pi R rpm / (60 ratio)`.
     pub fn max_cable_speed_mps(&self) -> f64 {
@@ -187,6 +192,15 @@ impl Winch {
     /// Cable force at the greatest current, N, without losses in the gear.
     pub fn max_force_n(&self) -> f64 {
         self.force_per_current_n_per_a() * self.max_current_a
+    }
+
+    /// Greatest tension that its sensor can be trusted to show, N: nine tenths of what it reads
+    /// where the board takes it for an open input (S7). A limit above that is never seen to be
+    /// passed.
+    pub fn trusted_tension_n(&self) -> f64 {
+        let rail_v = OPEN_SENSOR_STEPS / 65_536.0 * 3.3;
+        let reads_n = self.tension_gain_n_per_v * (rail_v - self.tension_zero_v);
+        (SENSOR_SHARE * reads_n).min(self.tension_max_n)
     }
 
     /// Cable length per drum encoder count, m.

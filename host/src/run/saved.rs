@@ -122,7 +122,7 @@ impl Saved {
         Ok(())
     }
 
-    /// Keeps it: written beside the old one, then put in its place.
+    /// Keeps it, whole, in place of the old one.
     ///
     /// # Errors
     /// The system's.

@@ -273,7 +273,7 @@ impl<'a, L: Link> Bench<'a, L> {
                 CableKey::TensionZeroUv => self.zero_v * 1e6,
                 CableKey::TensionMax => winch.tension_max_n * 1e3,
                 CableKey::TensionFloor | CableKey::TensionKd | CableKey::TensionKi => 0.0,
-                CableKey::TensionCeiling => CEILING_N.min(winch.tension_max_n) * 1e3,
+                CableKey::TensionCeiling => CEILING_N.min(winch.trusted_tension_n()) * 1e3,
                 CableKey::TensionLaw => 0.0,
                 CableKey::TensionKp => 100e3,
                 CableKey::LeadUs => 0.0,

@@ -28,6 +28,7 @@ mod cable;
 mod drive;
 mod error;
 mod faults;
+mod hook;
 mod inputs;
 mod open;
 mod params;
@@ -79,6 +80,7 @@ pub struct Plant {
     weight_n: V3,
     load: Load,
     stand: Option<stand::Stand>,
+    hook: Option<hook::Hook>,
     hung_n: [Option<f64>; MAX_CABLES],
     e_stop: bool,
     gripper_closed: bool,
@@ -132,6 +134,7 @@ impl Plant {
             faults: Faults::default(),
             load: Load::default(),
             stand: None,
+            hook: None,
             hung_n: [None; MAX_CABLES],
             e_stop: false,
             gripper_closed: false,
@@ -356,6 +359,14 @@ impl Plant {
             let (push, turn) = stand.push(center, velocity, &rotation, spin);
             force = add(force, push);
             torque = add(torque, mul_t(&rotation, turn));
+        }
+        if let Some(hook) = &self.hook {
+            let arm = mul(&rotation, hook.point);
+            let moves = mul(&rotation, cross(spin, hook.point));
+            let at_m = add(self.motion.center_m, arm);
+            let pull = hook.pull(at_m, add(self.motion.velocity, moves));
+            force = add(force, pull);
+            torque = add(torque, cross(hook.point, mul_t(&rotation, pull)));
         }
         self.motion.kick(&self.body, force, torque, h);
         self.motion.drift(&self.body, half);

@@ -117,6 +117,10 @@ impl Solve {
                     wanted.then(|| Robot::find(&common.robot)).transpose()?,
                 )
             }
+            None if common.dry_run => {
+                let words = "calibrate` without `--data";
+                return Err(crate::cli::dry::refusal(words).into());
+            }
             None => {
                 let robot = Robot::find(&common.robot)?;
                 let data = self.how.run(&robot, &data_path(&common.robot), common)?;

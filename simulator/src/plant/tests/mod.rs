@@ -5,6 +5,7 @@ mod bus;
 mod drive;
 mod energy;
 mod geometry;
+mod hook;
 mod misuse;
 mod sensors;
 mod statics;

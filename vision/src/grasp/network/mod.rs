@@ -62,6 +62,9 @@ pub enum NetworkError {
     },
 }
 
+/// Most bytes of a network's file.
+const MOST_BYTES: u64 = 1 << 30;
+
 /// A grasp network.
 #[derive(Clone)]
 pub struct Network {
@@ -85,7 +88,8 @@ impl Network {
     /// [`NetworkError`].
     pub fn load(path: &Path, head: Head) -> Result<Self, NetworkError> {
         let name = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|error| unreadable(&name, &error))?;
+        let bytes =
+            crate::input::read(path, MOST_BYTES).map_err(|error| unreadable(&name, &error))?;
         Self::read(&bytes, head, &name)
     }
 
