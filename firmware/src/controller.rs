@@ -583,6 +583,7 @@ impl<const N: usize> Controller<N> {
             };
             *demand = match (config.control, torque) {
                 (Control::Length, false) => DriveDemand::EnablePosition,
+                (Control::Tension, false) if config.tells_speed() => DriveDemand::EnableSpeed,
                 (Control::Tension, false) => DriveDemand::EnableCurrent,
                 (Control::Length, true) => {
                     // Sign and scale of the encoder may be what is looked for: it corrects nothing.
@@ -614,6 +615,20 @@ impl<const N: usize> Controller<N> {
                     // A brake that does not hold leaves the load to the law.
                     let held = held && self.unsound != number;
                     let relief = cable.proof.relief();
+                    if config.tells_speed() {
+                        // Before the brakes open, the drive must not wind up against them.
+                        let closed = brake == Brake::Closed && phase <= Phase::Opening;
+                        let umps = if relief != 0 {
+                            relief
+                        } else if held | closed | (phase == Phase::Opening) {
+                            0
+                        } else {
+                            cable.tension_loop.update_speed(config, &measured)
+                        };
+                        let rpm = cable.tension_loop.rpm(config, umps);
+                        *demand = DriveDemand::Speed { rpm };
+                        continue;
+                    }
                     let ma = if relief > 0 {
                         cable.tension_loop.hold() + config.current_ma(-relief)
                     } else if self.relieving && self.closing.is_none() {

@@ -97,6 +97,8 @@ pub enum DriveDemand {
     EnablePosition,
     /// Be enabled in current mode, without current.
     EnableCurrent,
+    /// Be enabled in speed mode, at rest.
+    EnableSpeed,
     /// Go to this motor position, no faster than this.
     Position {
         /// Motor counts.
@@ -109,13 +111,21 @@ pub enum DriveDemand {
         /// Milliamperes.
         ma: i16,
     },
+    /// Turn at this speed.
+    Speed {
+        /// Motor speed, rpm.
+        rpm: i16,
+    },
 }
 
 impl DriveDemand {
     /// Whether the drive gives torque.
     #[must_use]
     pub const fn gives_torque(self) -> bool {
-        matches!(self, Self::Position { .. } | Self::Current { .. })
+        matches!(
+            self,
+            Self::Position { .. } | Self::Current { .. } | Self::Speed { .. }
+        )
     }
 }
 

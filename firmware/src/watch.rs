@@ -204,10 +204,10 @@ pub struct CableView {
     pub length_error_max: i32,
     /// The same difference by the motor's own counts: tells a dead encoder from a dead drive.
     pub motor_error: i32,
-    /// Current that was told and that the drive gives, mA, without signs.
-    pub told_ma: i32,
+    /// Current (mA) or speed (µm/s) that was told and that the drive gives, without signs.
+    pub told: i32,
     /// As the drive says.
-    pub given_ma: i32,
+    pub given: i32,
     /// The current is at its limit.
     pub saturated: bool,
     /// Age of the drive's feedback, ms.
@@ -257,12 +257,12 @@ pub(crate) const LEAST_OFF_MN: i32 = 2000;
 /// Mean change of a tension from tick to tick that is noise, 1/64 mN.
 const NOISE_Q6: i32 = 250 * 64;
 
-/// Whether a drive gives less than a quarter of the current that it was told (D2): all that tells
+/// Whether a drive gives less than a quarter of the current or speed that it was told (D2): all that tells
 /// an RMDS whose motor has died, on a cable that no length holds. Sizes alone are compared, since
 /// feedback is some milliseconds late and a drum that is stirred changes its current's sign.
 #[inline]
-pub(crate) const fn is_deaf(told_ma: i32, given_ma: i32) -> bool {
-    given_ma.saturating_mul(4) < told_ma
+pub(crate) const fn is_deaf(told: i32, given: i32) -> bool {
+    given.saturating_mul(4) < told
 }
 
 impl CableWatch {
@@ -369,7 +369,7 @@ impl CableWatch {
             astray: view.length_error.unsigned_abs() > view.length_error_max.unsigned_abs(),
             saturated: view.saturated,
             hot: view.hot,
-            deaf: is_deaf(view.told_ma, view.given_ma),
+            deaf: is_deaf(view.told, view.given),
         };
         let any = now.any();
         let lost = view.feedback_age_ms >= view.feedback_timeout_ms;
@@ -420,7 +420,7 @@ impl CableWatch {
         } else if view.drive_fault {
             (FaultId::D2, (1, 0))
         } else if deaf {
-            (FaultId::D2, (view.given_ma, view.told_ma / 4))
+            (FaultId::D2, (view.given, view.told / 4))
         } else if age >= timeout {
             (FaultId::D3, (i32::from(age), i32::from(timeout)))
         } else if open {

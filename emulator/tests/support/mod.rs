@@ -230,7 +230,10 @@ fn entries() -> Vec<ConfigEntry> {
                 CableKey::ReelSpeed => 10_000,
                 CableKey::MaxSpeed => 46_000,
                 CableKey::MaxAcceleration | CableKey::MaxJerk => 10_000_000,
-                CableKey::LengthMin => 0,
+                CableKey::LengthMin
+                | CableKey::TensionOutput
+                | CableKey::Play
+                | CableKey::SpeedCornerMhz => 0,
                 CableKey::LengthMax => 200_000_000,
                 CableKey::Node => i32::from(index) + 1,
             };

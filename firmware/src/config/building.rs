@@ -4,7 +4,9 @@
 //! then each cable is built and thrown away. Only when all is good, what is in use is overwritten,
 //! cable by cable: a refusal leaves it alone.
 
-use super::{Active, CableConfig, ConfigStore, Control, DriveKind, Slots, TensionLaw};
+use super::{
+    Active, CableConfig, ConfigStore, Control, DriveKind, Slots, TensionLaw, TensionOutput,
+};
 use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
 use crate::fixed::{division, half, quotient, saturate};
 use crate::tension::ADC_RAIL_HIGH;
@@ -234,12 +236,14 @@ impl<const N: usize> ConfigStore<N> {
         let periods = self.periods()?;
         let cycles = self.cables.iter().map(|values| {
             let by_tension = values.get(CableKey::Control as usize - 1) != Some(0);
+            let by_force =
+                by_tension && values.get(CableKey::TensionOutput as usize - 1) != Some(1);
             let ticks = if by_tension {
                 periods.by_tension
             } else {
                 periods.by_length
             };
-            (u32::from(ticks) * 1000, by_tension)
+            (u32::from(ticks) * 1000, by_force)
         });
         if load_permille(drive_kind, bus_bitrate, cycles) > MOST_LOAD_PERMILLE {
             return refused(ConfigKey::board(BoardKey::BusPeriodUs));
@@ -320,9 +324,11 @@ impl<const N: usize> ConfigStore<N> {
         let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, most_mn)?;
         let max_speed_umps = key(CableKey::MaxSpeed, 1, 20_000_000)?;
         let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
-        // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
-        let w_dt_q24 = quotient::<1_000_000>(filter_mhz * 105_414_357);
-        let alpha_q16 = rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24);
+        let alpha_q16 = alpha_q16_of(filter_mhz);
+        let corner_alpha_q16 = match key(CableKey::SpeedCornerMhz, 0, 400_000)? {
+            0 => 1 << 16,
+            corner_mhz => alpha_q16_of(i64::from(corner_mhz)),
+        };
         let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
         // One millisecond at one and a half times the largest speed, and a count of rounding.
         let step = quotient::<1000>(i64::from(max_speed_umps) * 15 * (1 << 24));
@@ -374,13 +380,19 @@ impl<const N: usize> ConfigStore<N> {
                 0 => TensionLaw::Pd,
                 _ => TensionLaw::Default,
             },
+            output: match key(CableKey::TensionOutput, 0, 1)? {
+                0 => TensionOutput::Current,
+                _ => TensionOutput::Speed,
+            },
             kp_milli: key(CableKey::TensionKp, 0, 1_000_000)?,
             kd_us: key(CableKey::TensionKd, 0, 10_000_000)?,
             ki_milli: key(CableKey::TensionKi, 0, 10_000_000)?,
             damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000)?,
             filter_alpha_q16: saturate(alpha_q16),
+            corner_alpha_q16: saturate(corner_alpha_q16),
             friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
             mass_g,
+            play: key(CableKey::Play, 0, MOST_PLAY)?,
             lead_us,
             lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
             most_force_mn: saturate(most_force_mn),
@@ -406,6 +418,16 @@ impl<const N: usize> ConfigStore<N> {
         Ok(())
     }
 }
+
+/// Share of a new sample in a low-pass with this corner, 16 fractional bits.
+const fn alpha_q16_of(corner_mhz: i64) -> i64 {
+    // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
+    let w_dt_q24 = quotient::<1_000_000>(corner_mhz * 105_414_357);
+    rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24)
+}
+
+/// Most play between motor and drum, 0.1 µm.
+const MOST_PLAY: i32 = 20_000;
 
 /// Adds the values that are there, of keys at these places.
 fn hash<K: Copy, const M: usize>(

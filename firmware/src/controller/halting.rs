@@ -5,6 +5,7 @@ use super::{
     Verdict, is_plausible, slowest_brake_ms,
 };
 use crate::config::TensionLaw;
+use crate::proof::play_ms;
 
 /// How fast a length-held cable gives way in a stop, 0.1 µm per tick (20 mm/s), and how far.
 const GIVE_STEP: i32 = 200;
@@ -170,6 +171,7 @@ impl<const N: usize> Controller<N> {
             return;
         };
         let held = slowest_brake_ms(active) + HOLD_TORQUE_MS;
+        let most = held + PROOF_MS + play_ms(active);
         self.closing = Some(ticks + 1);
         if ticks < held {
             return;
@@ -214,7 +216,7 @@ impl<const N: usize> Controller<N> {
                 }
                 true
             }
-            Verdict::Pending => ticks >= held + PROOF_MS,
+            Verdict::Pending => ticks >= most,
         };
         if done {
             self.raise(Event::TorqueOff);

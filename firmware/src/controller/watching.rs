@@ -15,6 +15,8 @@ const CONTACT_TICKS: u16 = 20;
 const TENSION_WARN_MN: i32 = 3000;
 /// Where it leaves it by less, nothing has to be asked about it, mN.
 const TENSION_CALM_MN: i32 = 2000;
+/// Speed under which a drum that is told to turn may stick for a while, µm/s.
+const SLOW_UMPS: i32 = 3000;
 const _: () = assert!(TENSION_CALM_MN <= TENSION_WARN_MN);
 const _: () = assert!(TENSION_CALM_MN <= crate::watch::LEAST_OFF_MN);
 
@@ -55,7 +57,7 @@ impl Cable {
             | (self.tension_mn > config.ceiling_mn)
             | (off.unsigned_abs() > TENSION_CALM_MN.unsigned_abs())
             | (error.unsigned_abs() > config.following_error.cast_unsigned())
-            | is_deaf(self.told_ma(config), i32::from(drive.current_ma).abs());
+            | is_deaf(self.told(config), self.given(config, drive));
         !odd && self.watch.is_quiet(
             adc,
             self.tension_mn,
@@ -64,12 +66,26 @@ impl Cable {
         )
     }
 
-    /// Size of the current that a tension-held drum was told, mA; none where it is within a
-    /// thirty-second of the largest, and so within what a drive measures wrongly.
+    /// Size of what a tension-held drum was told, mA or µm/s; none where it is so little that a
+    /// drive measures it wrongly, or that friction at rest keeps the drive for a while.
     #[inline]
-    fn told_ma(&self, config: &CableConfig) -> i32 {
-        let told = self.tension_loop.hold().abs();
-        if told > config.most_ma >> 5 { told } else { 0 }
+    fn told(&self, config: &CableConfig) -> i32 {
+        let (told, least) = if config.tells_speed() {
+            (self.tension_loop.told_speed_umps().abs(), SLOW_UMPS)
+        } else {
+            (self.tension_loop.hold().abs(), config.most_ma >> 5)
+        };
+        if told > least { told } else { 0 }
+    }
+
+    /// Size of what it gives, likewise.
+    #[inline]
+    fn given(&self, config: &CableConfig, drive: &DriveInput) -> i32 {
+        if config.tells_speed() {
+            self.speed_umps.saturating_abs()
+        } else {
+            i32::from(drive.current_ma).abs()
+        }
     }
 
     /// Commanded less measured length, 0.1 µm; of a cable that is held by tension, how far motor
@@ -119,12 +135,8 @@ impl Cable {
             } else {
                 self.axis.motor_error(&self.target, self.by_motor)
             },
-            told_ma: if around.braked {
-                0
-            } else {
-                self.told_ma(config)
-            },
-            given_ma: i32::from(drive.current_ma).abs(),
+            told: if around.braked { 0 } else { self.told(config) },
+            given: self.given(config, drive),
             saturated: !around.braked
                 && (self.tension_loop.saturated
                     || i32::from(drive.current_ma).abs() > config.most_ma),

@@ -209,7 +209,7 @@ fn forces(model: &Model, rest: &Rest, now: &[f64], then: &[f64], step_s: f64) ->
             };
             let pick = |list: &[f64]| list.get(index).copied().unwrap_or(0.0);
             let change = (pick(now) - pick(then)).abs() / step_s.max(1e-9);
-            tension + winch.friction_n + winch.effective_mass_kg() * change
+            winch.driving_force_n(*tension) + winch.effective_mass_kg() * change
         })
         .collect()
 }

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::model::{
     Bus, Cable, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
-    TensionLaw, Tool, Winch,
+    TensionLaw, TensionOutput, Tool, Winch,
 };
 use super::modules::Modules;
 use super::read::{Reader, Values};
@@ -367,11 +367,16 @@ fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
             "pd" => LawKind::Pd,
             _ => LawKind::Default,
         },
+        output: match table.text(key!(TENSION, "output")) {
+            "velocity" => TensionOutput::Velocity,
+            _ => TensionOutput::Current,
+        },
         kp: table.number(key!(TENSION, "kp")),
         kd: table.number(key!(TENSION, "kd")),
         ki: table.number(key!(TENSION, "ki")),
         damping_ns_per_m: table.number(key!(TENSION, "damping_ns_per_m")),
         filter_hz: table.number(key!(TENSION, "filter_hz")),
+        corner_hz: table.number(key!(TENSION, "corner_hz")),
         hold_braked: table.text(key!(TENSION, "hold_brakes")) == "closed",
         floor_n: table.number(key!(TENSION, "floor_n")),
         ceiling_n: table

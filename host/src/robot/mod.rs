@@ -32,8 +32,8 @@ use std::path::{Path, PathBuf};
 pub use error::{Invalid, Problem, RobotError};
 pub use json_schema::json_schema;
 pub use model::{
-    Bus, Cable, Calibrated, Camera, Control, DriveKind, Gripper, GripperKind, LawKind, Limits,
-    Platform, Robot, Tag, TensionLaw, Tool, Winch,
+    Bus, Cable, Calibrated, Camera, Control, DriveKind, Gear, Gripper, GripperKind, LawKind,
+    Limits, Platform, Robot, Tag, TensionLaw, TensionOutput, Tool, Winch,
 };
 
 use modules::Modules;
@@ -44,6 +44,10 @@ pub const BUILT_IN: &[(&str, &str)] = &[
     (
         "paper-table5",
         include_str!("../../../robots/paper-table5.toml"),
+    ),
+    (
+        "paper-geared",
+        include_str!("../../../robots/paper-geared.toml"),
     ),
     (
         "paper-table3",

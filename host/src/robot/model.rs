@@ -146,8 +146,12 @@ pub struct Winch {
     pub torque_constant_nm_per_a: f64,
     /// Rotor inertia about the motor's axis, kg m2.
     pub rotor_inertia_kg_m2: f64,
-    /// Coulomb friction felt at the cable, N.
+    /// Coulomb friction of the drum's side, felt at the cable, N.
     pub friction_n: f64,
+    /// What lies between motor and drum; `None` where they turn as one.
+    pub gear: Option<Gear>,
+    /// How far the drum is out of its axis, m.
+    pub drum_eccentricity_m: f64,
     /// Time until the brake holds, s.
     pub brake_close_s: f64,
     /// k of tension = k (voltage - u_0), N/V.
@@ -166,12 +170,60 @@ pub struct Winch {
     pub current_lag_s: f64,
 }
 
+/// A gear with its friction, loss, play and twist; torques at the motor unless they say otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gear {
+    /// Coulomb friction of the rotor, Nm.
+    pub rotor_friction_nm: f64,
+    /// Coulomb friction of the gear without load, Nm.
+    pub gear_friction_nm: f64,
+    /// Friction at rest over Coulomb friction.
+    pub static_friction: f64,
+    /// Motor speed over which friction falls from the one to the other, rpm.
+    pub stribeck_rpm: f64,
+    /// Viscous friction, Nm per rpm.
+    pub viscous_nm_per_rpm: f64,
+    /// Share of the motor's power that reaches the drum.
+    pub efficiency: f64,
+    /// Share of the drum's power that reaches the motor.
+    pub backdrive_efficiency: f64,
+    /// Play as a turn of the drum, rad.
+    pub play_rad: f64,
+    /// Torque per twist at the drum, Nm/rad.
+    pub stiffness_nm_per_rad: f64,
+    /// Amplitude of the cogging torque, Nm.
+    pub cogging_nm: f64,
+    /// Cold friction over warm friction.
+    pub cold_friction: f64,
+}
+
 /// Steps of a tension channel from which on a board takes it for open.
 const OPEN_SENSOR_STEPS: f64 = 64_900.0;
 /// Share of that reading which a limit may be, as the board checks it, and a rounding less.
 const SENSOR_SHARE: f64 = 0.9 * 0.9999;
 
 impl Winch {
+    /// Coulomb friction of drum, gear and rotor together, felt at the cable, N.
+    pub fn total_friction_n(&self) -> f64 {
+        let at_motor_nm = self
+            .gear
+            .map_or(0.0, |gear| gear.rotor_friction_nm + gear.gear_friction_nm);
+        self.friction_n + at_motor_nm * self.gear_ratio / self.drum_radius_m
+    }
+
+    /// Play between motor and drum, as cable, m.
+    pub fn play_m(&self) -> f64 {
+        self.gear
+            .map_or(0.0, |gear| gear.play_rad * self.drum_radius_m)
+    }
+
+    /// Cable force for which the motor must give `force_n` and more: what the gear loses on the way
+    /// to the drum and what rubs, N.
+    pub fn driving_force_n(&self, force_n: f64) -> f64 {
+        let efficiency = self.gear.map_or(1.0, |gear| gear.efficiency);
+        (force_n + self.friction_n) / efficiency + self.total_friction_n() - self.friction_n
+    }
+
     /// Cable speed at the greatest motor speed, m/s: `2 pi R rpm / (60 ratio)`.
     pub fn max_cable_speed_mps(&self) -> f64 {
         self.max_motor_rpm / 60.0 / self.gear_ratio * 2.0 * PI * self.drum_radius_m
@@ -239,6 +291,15 @@ pub enum LawKind {
     Default,
 }
 
+/// What the law of the tension-held cables tells the drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum TensionOutput {
+    /// A current.
+    Current,
+    /// A speed.
+    Velocity,
+}
+
 /// The law of the tension-held cables; gains give winch force at the cable.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TensionLaw {
@@ -246,6 +307,8 @@ pub struct TensionLaw {
     pub setpoint_n: f64,
     /// Which law.
     pub law: LawKind,
+    /// What it tells the drive. With a speed, gains are in mm/s for N.
+    pub output: TensionOutput,
     /// Force per tension error, N/N.
     pub kp: f64,
     /// Force per rate of tension error, N s/N.
@@ -256,6 +319,8 @@ pub struct TensionLaw {
     pub damping_ns_per_m: f64,
     /// Corner of the low-pass on the measured tension, Hz.
     pub filter_hz: f64,
+    /// Corner of the low-pass on the default law's speed, Hz; 0 is none.
+    pub corner_hz: f64,
     /// Whether the brakes close under torque while the robot holds.
     pub hold_braked: bool,
     /// Least tension that a plan may ask, N.

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::build::{MM_PER_M, MS_PER_S};
-use super::model::{DriveKind, Winch};
+use super::model::{DriveKind, Gear, Winch};
 use super::modules::Modules;
 use super::read::{Reader, Values};
-use super::schema::{self, key};
+use super::schema::{self, Named, key};
 
 /// Supply of the tension sensor's converter, V: the board reads no voltage above it.
 const SENSOR_SUPPLY_V: f64 = 3.3;
@@ -58,6 +58,7 @@ pub(super) fn winches(
         }
         let winch = winch(&table, index as i64 + 1);
         check_sensor(reader, &table, &winch);
+        check_gear(reader, &table, &winch);
         if let Some(other) = ids.insert(winch.id, place.clone()) {
             reader.problem(
                 &table.at(key!(WINCH, "id")),
@@ -172,6 +173,8 @@ fn winch(table: &Values, default_id: i64) -> Winch {
         torque_constant_nm_per_a: table.number(key!(WINCH, "torque_constant_nm_per_a")),
         rotor_inertia_kg_m2: table.number(key!(WINCH, "rotor_inertia_kg_m2")),
         friction_n: table.number(key!(WINCH, "friction_n")),
+        gear: gear(table),
+        drum_eccentricity_m: table.number(key!(WINCH, "drum_eccentricity_mm")) / MM_PER_M,
         brake_close_s: table.number(key!(WINCH, "brake_close_ms")) / MS_PER_S,
         tension_gain_n_per_v: table.number(key!(WINCH, "tension_gain_n_per_v")),
         tension_zero_v: table.number(key!(WINCH, "tension_zero_v")),
@@ -183,5 +186,83 @@ fn winch(table: &Values, default_id: i64) -> Winch {
         node: small(table.whole_given(key!(WINCH, "node")).unwrap_or(id)),
         drive_bandwidth_rad_s: table.number(key!(WINCH, "drive_bandwidth_rad_s")),
         current_lag_s: table.number(key!(WINCH, "current_lag_ms")) / MS_PER_S,
+    }
+}
+
+/// mN m in N m, and mN m per 1000 rpm in N m per rpm.
+const MNM: f64 = 1e-3;
+const MNM_PER_KRPM: f64 = 1e-6;
+
+/// The gear, where the file gives motor and drum a shaft between them.
+fn gear(table: &Values) -> Option<Gear> {
+    let stiffness_nm_per_rad = table.number(key!(WINCH, "torsional_stiffness_nm_per_rad"));
+    let efficiency = table.number(key!(WINCH, "gear_efficiency"));
+    (stiffness_nm_per_rad > 0.0).then(|| Gear {
+        rotor_friction_nm: table.number(key!(WINCH, "rotor_friction_mnm")) * MNM,
+        gear_friction_nm: table.number(key!(WINCH, "gear_friction_mnm")) * MNM,
+        static_friction: table.number(key!(WINCH, "static_friction")),
+        stribeck_rpm: table.number(key!(WINCH, "stribeck_rpm")),
+        viscous_nm_per_rpm: table.number(key!(WINCH, "viscous_mnm_per_krpm")) * MNM_PER_KRPM,
+        efficiency,
+        // The same loss of force in both directions.
+        backdrive_efficiency: table
+            .number_given(key!(WINCH, "backdrive_efficiency"))
+            .unwrap_or_else(|| (2.0 - 1.0 / efficiency).max(0.0)),
+        play_rad: table.number(key!(WINCH, "play_deg")).to_radians(),
+        stiffness_nm_per_rad,
+        cogging_nm: table.number(key!(WINCH, "cogging_mnm")) * MNM,
+        cold_friction: table.number(key!(WINCH, "cold_friction")),
+    })
+}
+
+/// What cannot be: a gear that nothing connects, a motor without inertia behind a shaft, a motor that
+/// cannot turn its own winch.
+fn check_gear(reader: &mut Reader, table: &Values, winch: &Winch) {
+    // What means something only with a shaft between motor and drum.
+    let keys: [Named; 8] = [
+        key!(WINCH, "rotor_friction_mnm"),
+        key!(WINCH, "gear_friction_mnm"),
+        key!(WINCH, "viscous_mnm_per_krpm"),
+        key!(WINCH, "gear_efficiency"),
+        key!(WINCH, "backdrive_efficiency"),
+        key!(WINCH, "play_deg"),
+        key!(WINCH, "cogging_mnm"),
+        key!(WINCH, "cold_friction"),
+    ];
+    let named = keys.into_iter().find(|key| table.has(*key));
+    if let (Some(key), None) = (named, &winch.gear) {
+        reader.problem(
+            &table.at(key),
+            &table.place,
+            format!(
+                "`{}` means nothing without `torsional_stiffness_nm_per_rad`",
+                key.name()
+            ),
+            Some("give the shaft between motor and drum its stiffness, e.g. 400".into()),
+        );
+    }
+    if winch.gear.is_none() {
+        return;
+    }
+    if winch.rotor_inertia_kg_m2 <= 0.0 {
+        reader.problem(
+            &table.at(key!(WINCH, "rotor_inertia_kg_m2")),
+            &table.place,
+            "`rotor_inertia_kg_m2` is 0: behind a shaft a rotor needs its inertia".into(),
+            Some("write the motor's, e.g. 1e-7".into()),
+        );
+    }
+    let (needed_n, most_n) = (winch.driving_force_n(0.0), winch.max_force_n());
+    if needed_n >= most_n {
+        reader.problem(
+            &table.at(key!(WINCH, "max_current_a")),
+            &table.place,
+            format!(
+                "`max_current_a` {} A gives {most_n:.1} N at the cable, and friction takes \
+                 {needed_n:.1} N: the winch cannot turn",
+                winch.max_current_a
+            ),
+            Some("raise max_current_a, or correct the friction".into()),
+        );
     }
 }

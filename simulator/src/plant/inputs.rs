@@ -29,7 +29,8 @@ impl Plant {
         if self.powered && !self.faults.cables[cable].drive.ignores_commands {
             let now_s = self.time_s();
             let winch = &mut self.winches[cable];
-            winch.drive.receive(command, now_s, winch.drum_rate);
+            let motor_rate = winch.motor_rate();
+            winch.drive.receive(command, now_s, motor_rate);
         }
         Ok(())
     }
@@ -41,11 +42,10 @@ impl Plant {
     pub fn drive_feedback(&self, cable: usize) -> Result<Feedback, PlantError> {
         self.known(cable)?;
         let winch = &self.winches[cable];
-        let (drum_m, drum_rate) = (winch.drum_m, winch.drum_rate);
         Ok(Feedback::measure(
             &winch.drive,
-            drum_m,
-            drum_rate,
+            winch.motor_m(),
+            winch.motor_rate(),
             self.time_s(),
         ))
     }
@@ -267,7 +267,7 @@ impl Plant {
                 rule: "0.5 to 2",
             });
         }
-        let drum_m = self.winches[cable].drum_m;
+        let drum_m = self.winches[cable].paid_out().length_m;
         let c = &mut self.cables[cable];
         c.unstretched_zero_m += (c.winding_gain - gain) * drum_m;
         c.winding_gain = gain;

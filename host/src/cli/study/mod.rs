@@ -4,6 +4,7 @@ mod demo;
 mod motion;
 mod real;
 mod tension;
+mod winch;
 
 use super::{Common, Outcome};
 
@@ -20,6 +21,7 @@ enum Which {
     Motion(motion::Cmd),
     Real(real::Cmd),
     Tension(tension::Cmd),
+    Winch(winch::Cmd),
 }
 
 impl Cmd {
@@ -29,6 +31,7 @@ impl Cmd {
             Which::Motion(cmd) => cmd.run(common),
             Which::Real(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),
+            Which::Winch(cmd) => cmd.run(common),
         }
     }
 }

@@ -4,6 +4,7 @@ mod brute;
 mod bus;
 mod drive;
 mod energy;
+mod gear;
 mod geometry;
 mod hook;
 mod misuse;
