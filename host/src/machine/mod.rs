@@ -5,7 +5,7 @@ mod board;
 mod firmware;
 mod plant;
 
-pub use board::{CableRates, OutOfRange, configuration, hash_of, reference};
+pub use board::{CableRates, OutOfRange, configuration, expected_n, hash_of, reference};
 pub use firmware::{Firmware, FirmwareError, choose_firmware, chosen_firmware};
 pub use plant::{
     Mismatch, hang, plant_params, simulate, simulate_unloaded, simulate_unloaded_on, with_board,

@@ -102,7 +102,8 @@ impl<'m, L: Link> Session<'m, L> {
         };
         // A board that knows its lengths keeps them; the tensions to expect are those of this
         // place.
-        client.request(machine::reference(&lengths_m, at.tensions_n()))?;
+        let tensions_n = machine::expected_n(model.robot(), at.tensions_n());
+        client.request(machine::reference(&lengths_m, &tensions_n))?;
         Ok(Self {
             client,
             model,

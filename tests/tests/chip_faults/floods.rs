@@ -45,7 +45,7 @@ const FLOODS: [&str; 9] = [
     "questions for what the board is",
     "knots",
     "configuration",
-    "a commit that takes twenty ticks, over and over",
+    "commits of a configuration",
     "random bytes",
     "stops with a wrong checksum",
 ];
