@@ -19,7 +19,7 @@ pub mod tag;
 pub mod v4l2;
 
 pub use align::{Aligned, align};
-pub use camera::Camera;
+pub use camera::{Camera, Projection};
 pub use frame::{Cameras, Frame, FrameError};
 pub use image::{DepthImage, GrayImage, Image, RgbImage};
 pub use source::{Source, SourceError};

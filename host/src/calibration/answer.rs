@@ -1,9 +1,10 @@
 //! What a calibration found, and its file form.
 
-use super::assay::{MapPoint, Split};
-use super::data::{Camera, matrix_mm};
+use super::assay::{MapPoint, NextPose, Split};
+use super::data::matrix_mm;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde_json::{Value, json};
 
@@ -86,9 +87,8 @@ pub struct Answer {
     pub solved: Option<Solved>,
     /// Expected error over the work space, where closer looks were asked for.
     pub map: Vec<MapPoint>,
-    /// The pose that would help most: the pose, the cable whose tension to hold (from 0), its
-    /// tension (N), the expected error without and with it (m).
-    pub next: Option<(Pose, usize, f64, [f64; 2])>,
+    /// The pose that would help most.
+    pub next: Option<NextPose>,
     /// The test of the lower poses by the upper ones.
     pub split: Option<Split>,
 }
@@ -213,12 +213,13 @@ impl Answer {
                        "expected_mm": split.expected_m * 1e3, "ratio": split.ratio}),
             );
         }
-        if let Some((pose, cable, tension, [before, after])) = &self.next {
+        if let Some(next) = &self.next {
+            let [without, with] = next.expected_error_m;
             set(
                 "next_pose",
-                json!({"position_mm": mm(&pose.position_m), "tension_cable": cable + 1,
-                       "tension_N": tension, "expected_error_mm": before * 1e3,
-                       "expected_error_then_mm": after * 1e3}),
+                json!({"position_mm": mm(&next.pose.position_m), "tension_cable": next.held + 1,
+                       "tension_N": next.tension_n, "expected_error_mm": without * 1e3,
+                       "expected_error_then_mm": with * 1e3}),
             );
         }
         if !self.map.is_empty() {

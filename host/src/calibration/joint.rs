@@ -3,7 +3,7 @@
 use super::answer::{Answer, RejectedRow, Solved};
 use super::assay;
 use super::check::{Usable, usable};
-use super::data::{Data, compose, inverse};
+use super::data::Data;
 use super::error::Refusal;
 use super::observability::{Observability, observability};
 use super::predict::predict;
@@ -75,12 +75,8 @@ pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
         answer.split = assay::split(data, options, &answer);
         let warning = answer.split.as_ref().and_then(assay::Split::warning);
         answer.warnings.extend(warning);
-        answer.map = assay::error_map(&answer);
-        let more = assay::next_pose(data, &answer, options);
-        answer.next = more.and_then(|(candidate, before, after)| {
-            let tension = *candidate.tensions_n.get(candidate.held)?;
-            Some((candidate.pose, candidate.held, tension, [before, after]))
-        });
+        answer.map = assay::error_map(data, &answer);
+        answer.next = assay::next_pose(data, &answer, options);
     }
     Ok(answer)
 }
@@ -224,7 +220,7 @@ fn answer(
         out.holdout_covariance_m2.push(found.position_covariance_m2);
     }
     // Without other poses, where the data were taken.
-    let tag_from_world = inverse(&state.world_from_body[0]);
+    let tag_from_world = state.world_from_body[0].inverse();
     let mut squares: Vec<f64> = out
         .holdout_covariance_m2
         .iter()
@@ -232,7 +228,7 @@ fn answer(
         .collect();
     if squares.is_empty() {
         for pose in &state.poses {
-            if let Ok(found) = predict_at(&compose(&tag_from_world, pose)) {
+            if let Ok(found) = predict_at(&tag_from_world.compose(pose)) {
                 squares.push(found.position_covariance_m2.trace());
             }
         }

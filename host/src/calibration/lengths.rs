@@ -4,7 +4,6 @@
 //! A length depends on its own cable's anchor and initial length and on the twelve unknowns of tag
 //! and camera: the former are eliminated cable by cable (Schur complement), which leaves 12 x 12.
 
-use super::data::{compose, inverse};
 use super::error::Refusal;
 use mcdpr_kinematics::{Cable, Error, Platform, Pose, Robot};
 use nalgebra::{DMatrix, Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
@@ -113,8 +112,10 @@ fn unloaded() -> Platform {
 impl Problem {
     /// world_from_platform at a pose: the camera's place in the platform gives the platform's.
     pub(crate) fn platform(&self, at: &Estimate, k: usize) -> Pose {
-        let world_from_camera = compose(&at.world_from_tag, &inverse(&self.camera_from_tag[k]));
-        compose(&world_from_camera, &at.camera_from_platform)
+        let world_from_camera = at
+            .world_from_tag
+            .compose(&self.camera_from_tag[k].inverse());
+        world_from_camera.compose(&at.camera_from_platform)
     }
 
     /// Normal equations of Eq. 44, lengths in mm. `None` outside the domain.
@@ -149,8 +150,8 @@ impl Problem {
         sums: &mut [Sums],
     ) -> Option<()> {
         for (tag, readings) in self.camera_from_tag.iter().zip(&self.encoder_m) {
-            let world_from_camera = compose(&at.world_from_tag, &inverse(tag));
-            let pose = compose(&world_from_camera, &at.camera_from_platform);
+            let world_from_camera = at.world_from_tag.compose(&tag.inverse());
+            let pose = world_from_camera.compose(&at.camera_from_platform);
             let from_tag = pose.position_m - at.world_from_tag.position_m;
             let turned = world_from_camera.rotation.inverse();
             for (first, robot) in robots.iter().enumerate() {

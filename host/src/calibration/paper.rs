@@ -6,7 +6,7 @@
 
 use super::answer::Answer;
 use super::check::{Usable, usable};
-use super::data::{Data, compose, inverse};
+use super::data::Data;
 use super::error::Refusal;
 use super::hand_eye;
 use super::lengths::singles;
@@ -39,10 +39,10 @@ pub fn paper(data: &Data, weights: &Weights) -> Result<Answer, Refusal> {
         .camera_from_tag
         .iter()
         .zip(&fitted)
-        .map(|(a, pose)| (*a, inverse(pose)))
+        .map(|(a, pose)| (*a, pose.inverse()))
         .collect();
     let (world_from_tag, camera_from_platform) = match hand_eye::solve(&pairs) {
-        Some((x, y)) => (inverse(&x), y),
+        Some((x, y)) => (x.inverse(), y),
         None => {
             warnings
                 .push("A X = Y B is not determined by these poses: nominal start used".to_owned());
@@ -106,7 +106,7 @@ fn answer(
     })?;
     let mut holdout_encoder_m = Vec::new();
     for (i, tag_from_platform) in data.holdout.iter().enumerate() {
-        let pose = compose(&found.world_from_tag, tag_from_platform);
+        let pose = found.world_from_tag.compose(tag_from_platform);
         let mut readings = Vec::new();
         for (cable, initial) in cables.iter().zip(&found.initial_length_m) {
             let [length] = cable.lengths_m(&pose).map_err(|error| {
@@ -157,10 +157,10 @@ pub(super) fn tag_poses(usable: &Usable) -> (Problem, Vec<Pose>, Vec<String>) {
     };
     let (mut poses, mut warnings) = (Vec::new(), usable.warnings.clone());
     for (k, (seen, start)) in data.poses.iter().zip(&usable.start).enumerate() {
-        let expected = compose(
-            &compose(&data.camera_from_platform, &inverse(start)),
-            &data.world_from_body[0],
-        );
+        let expected = data
+            .camera_from_platform
+            .compose(&start.inverse())
+            .compose(&data.world_from_body[0]);
         let candidates = sightings(data, seen, 0);
         let nearest = candidates.iter().min_by(|a, b| {
             let off =
@@ -176,13 +176,11 @@ pub(super) fn tag_poses(usable: &Usable) -> (Problem, Vec<Pose>, Vec<String>) {
         };
         problem.encoder_m.push(seen.encoder_m.clone());
         problem.camera_from_tag.push(sighting.camera_from_body);
-        poses.push(compose(
-            &compose(
-                &data.world_from_body[0],
-                &inverse(&sighting.camera_from_body),
-            ),
-            &data.camera_from_platform,
-        ));
+        poses.push(
+            data.world_from_body[0]
+                .compose(&sighting.camera_from_body.inverse())
+                .compose(&data.camera_from_platform),
+        );
     }
     (problem, poses, warnings)
 }

@@ -2,9 +2,10 @@
 //! the largest tag as a start (and its mirror image, the second minimum of a small planar target;
 //! Schweighofer and Pinz, 2006), then Gauss-Newton over all corners.
 
-use super::data::{Camera, Data, Observation, View};
+use super::data::{Data, Observation, View};
 use mcdpr_kinematics::Pose;
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
+use mcdpr_vision::Camera;
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector2, Vector3, Vector6};
 
 /// A body's pose seen by the camera, best first, with its sum of squared residuals.
 #[derive(Debug, Clone, Copy)]
@@ -72,7 +73,7 @@ fn from_square(camera: &Camera, (corners, pixels): &Square) -> Option<Pose> {
     let center = corners.iter().sum::<Vector3<f64>>() / 4.0;
     let mut seen = [[0.0; 2]; 4];
     for (slot, pixel) in seen.iter_mut().zip(pixels) {
-        let q = camera.direction(*pixel);
+        let q = camera.direction(&Vector2::from(*pixel));
         *slot = [q.x, q.y];
     }
     let mut h = square_to(&seen)?;
@@ -162,7 +163,7 @@ fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -
         let mut cost = 0.0;
         for (point, pixel) in points {
             let arm = pose.rotation * point;
-            let seen = camera.project(&(pose.position_m + arm))?;
+            let seen = camera.projection(&(pose.position_m + arm).into())?;
             for (k, measured) in pixel.iter().enumerate() {
                 let residual = seen.pixel[k] - measured;
                 let d = seen.by_point.row(k).transpose();

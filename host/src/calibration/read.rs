@@ -1,8 +1,10 @@
 //! Reads calibration data, and says where in the document something is wrong.
 
-use super::data::{Camera, Data, Noise, NominalRobot, Observation, Origin, SCHEMA, Tag, View};
+use super::data::{Data, Noise, NominalRobot, Observation, Origin, SCHEMA, Tag, View};
 use super::error::Refusal;
+use super::space::Limits;
 use mcdpr_kinematics::{Cable, MAX_CABLES, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde_json::Value;
 
@@ -193,10 +195,38 @@ fn robot(node: &Node<'_>) -> Read<NominalRobot> {
             Some(node) => node.point_mm()?,
             None => Vector3::zeros(),
         },
+        limits: node
+            .optional("limits")
+            .map(|node| limits(&node))
+            .transpose()?,
         home: match node.optional("home_pose_index") {
             Some(node) => node.index()?,
             None => 0,
         },
+    })
+}
+
+fn limits(node: &Node<'_>) -> Read<Limits> {
+    let corners = node.get("box_mm")?;
+    let box_in_world_m = <[Vector3<f64>; 2]>::try_from(corners.each(Node::point_mm)?)
+        .map_err(|_| corners.wrong("a box has two corners, the least and the greatest"))?;
+    let [low, high] = box_in_world_m;
+    if (0..3).any(|k| low[k] > high[k]) {
+        return Err(corners.wrong("the first corner must not exceed the second along any axis"));
+    }
+    let range = |name: &str| -> Read<[f64; 2]> {
+        let node = node.get(name)?;
+        let [least, most] = node.numbers::<2>()?;
+        if least <= 0.0 || least >= most {
+            return Err(node.wrong("must be two tensions over 0, the less one first"));
+        }
+        Ok([least, most])
+    };
+    Ok(Limits {
+        box_in_world_m,
+        tension_n: range("tension_N")?,
+        held_n: range("held_tension_N")?,
+        tilt_max_rad: node.get("tilt_deg")?.positive()?.to_radians(),
     })
 }
 
@@ -218,10 +248,7 @@ fn camera(node: &Node<'_>) -> Read<Camera> {
     Ok(Camera {
         focal_px: [node.get("fx")?.positive()?, node.get("fy")?.positive()?],
         center_px: [node.get("cx")?.number()?, node.get("cy")?.number()?],
-        size_px: [
-            node.get("width")?.positive()?,
-            node.get("height")?.positive()?,
-        ],
+        size_px: [node.get("width")?.pixels()?, node.get("height")?.pixels()?],
         distortion,
     })
 }
@@ -383,6 +410,17 @@ impl<'a> Node<'a> {
                 Err(self.wrong(&format!("is {x}, but must be positive")))
             }
         })
+    }
+
+    /// A picture's width or height; `1280.0` is as good as `1280`.
+    fn pixels(&self) -> Read<usize> {
+        let size = self.positive()?;
+        if size.fract() != 0.0 || size > 16_384.0 {
+            return Err(self.wrong(&format!(
+                "is {size}, but must be a whole number up to 16384"
+            )));
+        }
+        Ok(size as usize)
     }
 
     fn not_negative(&self) -> Read<f64> {

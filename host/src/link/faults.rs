@@ -198,7 +198,7 @@ pub fn describe_reject(reject: &Reject) -> String {
         }
         Reject::KnotStart { cable, gap } => format!(
             "the motion starts {:.3} mm from where cable {cable} is",
-            f64::from(gap.0) * 1e-4
+            gap.metres() * 1e3
         ),
         Reject::KnotLength { cable } => format!("the length of cable {cable} is out of range"),
         Reject::KnotSpeed { cable } => format!("cable {cable} would be too fast"),

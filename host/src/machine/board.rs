@@ -239,13 +239,8 @@ pub fn expected_n(robot: &Robot, tensions_n: &[f64]) -> Vec<f64> {
 /// The request that tells a board where its cables are: paid-out lengths in m, tensions in N.
 #[must_use]
 pub fn reference(lengths_m: &[f64], tensions_n: &[f64]) -> Request {
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "saturates far beyond any robot"
-    )]
-    let round = |value: f64| value.round() as i32;
     Request::Reference {
-        lengths: PerCable::collect(lengths_m.iter().map(|l| TenthMicrometres(round(l * 1e7)))),
-        tensions: PerCable::collect(tensions_n.iter().map(|t| Millinewtons(round(t * 1e3)))),
+        lengths: PerCable::collect(lengths_m.iter().map(|l| TenthMicrometres::from_metres(*l))),
+        tensions: PerCable::collect(tensions_n.iter().map(|t| Millinewtons::from_newtons(*t))),
     }
 }

@@ -2,6 +2,7 @@
 
 mod curve;
 mod gcode;
+pub(crate) mod knot;
 pub mod knots;
 mod model;
 mod options;

@@ -1,7 +1,7 @@
 //! The task: look, choose, approach from above, descend, close, verify, lift, carry, release.
 
 use super::budget::{Measuring, Uncertainty};
-use super::choose::{Choice, Choices, of_transform};
+use super::choose::{Choice, Choices};
 use super::mat::{Mat, MatSight};
 use super::report::{Attempt, End, Outcome, Report};
 use super::{Arm, PickError};
@@ -351,7 +351,7 @@ impl<'a, L: Link> Picker<'a, L> {
     fn measuring(&self, choice: &Choice) -> Measuring {
         let robot = self.arm.model().robot();
         let tool = Point3::from(robot.tool.tcp_in_platform_m);
-        let to_tool = of_transform(&robot.camera.camera_from_platform) * tool;
+        let to_tool = Isometry3::from(robot.camera.camera_from_platform) * tool;
         let look = self.sights.get(choice.view).copied().flatten();
         let world_from_mat = self.world_from_mat;
         let by_mat_m =

@@ -33,7 +33,7 @@ pub use error::{Invalid, Problem, RobotError};
 pub use json_schema::json_schema;
 pub use model::{
     Bus, Cable, Calibrated, Camera, Control, DriveKind, Gripper, GripperKind, LawKind, Limits,
-    Platform, Robot, Tag, TensionLaw, Tool, Transform, Winch,
+    Platform, Robot, Tag, TensionLaw, Tool, Winch,
 };
 
 use modules::Modules;

@@ -1,5 +1,7 @@
 //! The robot as the program uses it: SI units, every default filled in, checked.
 
+use mcdpr_kinematics::Pose;
+use mcdpr_vision::Camera as Lens;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
@@ -44,7 +46,7 @@ pub struct Calibrated {
     /// The robot as its file describes it, with the tags that it was calibrated by.
     pub designed: Robot,
     /// Where each body of tags was found: its number and world_from_body.
-    pub world_from_body: Vec<(u32, Transform)>,
+    pub world_from_body: Vec<(u32, Pose)>,
     /// Seed of the simulated machine that was calibrated; `None` for a real one.
     pub simulated_seed: Option<u64>,
     /// When, UTC, as in 20260301-120000.
@@ -279,49 +281,55 @@ pub struct Gripper {
     pub switch: bool,
 }
 
-/// A rigid transform: `y = rotation x + translation_m`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Transform {
-    /// Rotation part.
-    pub rotation: Matrix3<f64>,
-    /// Translation part, m.
-    pub translation_m: Vector3<f64>,
-}
-
-impl Transform {
-    /// Transform from a translation in m and `[rx, ry, rz]` in rad with R = Rz Ry Rx.
-    pub fn from_attitude(translation_m: Vector3<f64>, attitude_rad: [f64; 3]) -> Self {
-        let [rx, ry, rz] = attitude_rad;
-        // nalgebra's order of arguments is roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll).
-        let rotation = nalgebra::Rotation3::from_euler_angles(rx, ry, rz).into_inner();
-        Self {
-            rotation,
-            translation_m,
-        }
+/// The canonical form of a transform, see [`Robot::content_hash`].
+fn canonical<S: serde::Serializer>(pose: &Pose, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Canonical<'a> {
+        rotation: &'a Matrix3<f64>,
+        translation_m: &'a Vector3<f64>,
     }
+    let form = Canonical {
+        rotation: pose.rotation.matrix(),
+        translation_m: &pose.position_m,
+    };
+    form.serialize(serializer)
 }
 
-/// The camera on the platform: a pinhole with Brown-Conrady distortion.
+/// The canonical form of a camera's numbers, see [`Robot::content_hash`].
+fn canonical_lens<S: serde::Serializer>(lens: &Lens, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Canonical {
+        width_px: usize,
+        height_px: usize,
+        fx_px: f64,
+        fy_px: f64,
+        cx_px: f64,
+        cy_px: f64,
+        distortion: [f64; 5],
+    }
+    let form = Canonical {
+        width_px: lens.size_px[0],
+        height_px: lens.size_px[1],
+        fx_px: lens.focal_px[0],
+        fy_px: lens.focal_px[1],
+        cx_px: lens.center_px[0],
+        cy_px: lens.center_px[1],
+        distortion: lens.distortion,
+    };
+    form.serialize(serializer)
+}
+
+/// The camera on the platform.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Camera {
-    /// Picture width, px.
-    pub width_px: u32,
-    /// Picture height, px.
-    pub height_px: u32,
-    /// Focal length along the rows, px.
-    pub fx_px: f64,
-    /// Focal length along the columns, px.
-    pub fy_px: f64,
-    /// Principal point from the left, px.
-    pub cx_px: f64,
-    /// Principal point from the top, px.
-    pub cy_px: f64,
-    /// k1, k2, p1, p2, k3.
-    pub distortion: [f64; 5],
+    /// Picture size, focal lengths, principal point and distortion.
+    #[serde(flatten, serialize_with = "canonical_lens")]
+    pub lens: Lens,
     /// Whether the camera gives a depth picture.
     pub depth: bool,
     /// Maps platform coordinates to camera coordinates (x right, y down, z forward).
-    pub camera_from_platform: Transform,
+    #[serde(serialize_with = "canonical")]
+    pub camera_from_platform: Pose,
 }
 
 /// A fiducial tag on a rigid body of the scene.

@@ -1,9 +1,11 @@
 //! The camera and the tags of the file.
 
+use mcdpr_kinematics::Pose;
+use mcdpr_vision::Camera as Lens;
 use nalgebra::Vector3;
 
 use super::build::{MM_PER_M, point_m};
-use super::model::{Camera, Tag, Transform};
+use super::model::{Camera, Tag};
 use super::read::{Reader, Values};
 use super::schema;
 
@@ -35,18 +37,14 @@ pub(super) fn camera(reader: &mut Reader, mut table: Values) -> Camera {
         *slot = value.to_radians();
     }
     Camera {
-        width_px: u32::try_from(width).unwrap_or(0),
-        height_px: u32::try_from(height).unwrap_or(0),
-        fx_px: table.number("fx"),
-        fy_px: table.number("fy"),
-        cx_px,
-        cy_px,
-        distortion,
+        lens: Lens {
+            size_px: [width, height].map(|size| usize::try_from(size).unwrap_or(0)),
+            focal_px: [table.number("fx"), table.number("fy")],
+            center_px: [cx_px, cy_px],
+            distortion,
+        },
         depth: table.switch("depth"),
-        camera_from_platform: Transform::from_attitude(
-            point_m(&pose.numbers("position_mm")),
-            attitude_rad,
-        ),
+        camera_from_platform: Pose::from_rpy(point_m(&pose.numbers("position_mm")), attitude_rad),
     }
 }
 

@@ -84,16 +84,8 @@ impl Saved {
         Self {
             board: board_name(hello),
             scale: scale_of(robot),
-            lengths_m: status
-                .lengths
-                .iter()
-                .map(|l| f64::from(l.0) * 1e-7)
-                .collect(),
-            tensions_n: status
-                .tensions
-                .iter()
-                .map(|t| f64::from(t.0) * 1e-3)
-                .collect(),
+            lengths_m: status.lengths_m().collect(),
+            tensions_n: status.tensions_n().collect(),
         }
     }
 

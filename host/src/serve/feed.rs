@@ -275,9 +275,9 @@ impl FeedWatcher {
                 });
             }
             Seen::Status(status) => {
-                let metres = status.lengths.iter().map(|l| f64::from(l.0) * 1e-7);
+                let metres = status.lengths_m();
                 let metres: Vec<_> = metres.collect();
-                let newtons = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3);
+                let newtons = status.tensions_n();
                 let newtons: Vec<_> = newtons.collect();
                 let estimate = (!self.truth_known && status.referenced)
                     .then(|| self.estimate(&metres, &newtons))

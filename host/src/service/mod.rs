@@ -12,10 +12,11 @@ pub use ratio::{Ratio, measure_ratio};
 
 use crate::link::{Client, ClientError, Link};
 use crate::machine::{self, CableRates, OutOfRange};
+use crate::motion::knot;
 use crate::robot::Robot;
 use crate::run::{RunError, interrupted, send_configuration, status, wait_for};
 use mcdpr_protocol::{
-    BoardState, CableKey, CableKnot, ConfigEntry, ConfigHash, ConfigKey, Knot, List,
+    BoardState, CableKey, CableKnot, ConfigEntry, ConfigHash, ConfigKey, Knot,
     MicrometresPerSecond, Millinewtons, PerCable, Reply, Request, TenthMicrometres, Winch,
 };
 use miette::Diagnostic;
@@ -423,11 +424,8 @@ impl<'a, L: Link> Bench<'a, L> {
                 }
             });
             let knot = Knot {
-                index: u16::try_from(number).unwrap_or(u16::MAX),
-                time_ms: number * spacing_ms,
                 last: number == KNOTS,
-                cables: PerCable::collect(cables),
-                rows: List::new(),
+                ..knot::knot(number as usize, number * spacing_ms, cables)
             };
             self.client.request(Request::Knot(knot))?;
         }

@@ -345,7 +345,7 @@ impl<'l> Bench<'l> {
         let at = knots.partition_point(|knot| knot.time_ms <= path_ms);
         let tension_n = |knot: &Knot| {
             let cable = knot.cables.get(self.watched);
-            cable.map_or(self.setpoint_n, |cable| f64::from(cable.tension.0) * 1e-3)
+            cable.map_or(self.setpoint_n, |cable| cable.tension.newtons())
         };
         match (at.checked_sub(1).and_then(|i| knots.get(i)), knots.get(at)) {
             (Some(a), Some(b)) => {

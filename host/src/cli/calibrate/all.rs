@@ -247,17 +247,19 @@ fn show(data: &Data, answer: &Answer) {
         say!("not observable: {words}");
     }
     show_map(answer);
-    if let Some((pose, cable, tension, [before, after])) = &answer.next {
-        let p = pose.position_m * 1e3;
+    if let Some(next) = &answer.next {
+        let p = next.pose.position_m * 1e3;
+        let [without, with] = next.expected_error_m;
         say!(
-            "one more pose at {:.0} {:.0} {:.0} mm with cable {} at {tension:.1} N would take the expected \
+            "one more pose at {:.0} {:.0} {:.0} mm with cable {} at {:.1} N would take the expected \
              error over the reachable poses from {:.2} to {:.2} mm",
             p.x,
             p.y,
             p.z,
-            cable + 1,
-            before * 1e3,
-            after * 1e3
+            next.held + 1,
+            next.tension_n,
+            without * 1e3,
+            with * 1e3
         );
     }
     const SHOWN: usize = 20;

@@ -4,7 +4,6 @@ use super::Picker;
 use crate::link::Link;
 use crate::pick::PickError;
 use crate::pick::arm::isometry;
-use crate::pick::choose::of_transform;
 use crate::pick::mat::MatSight;
 use mcdpr_vision::RgbImage;
 use nalgebra::{Isometry3, Vector3};
@@ -31,7 +30,7 @@ impl<L: Link> Picker<'_, L> {
         };
         let camera = &self.arm.model().robot().camera;
         let platform_from_mat =
-            of_transform(&camera.camera_from_platform).inverse() * sight.camera_from_mat;
+            Isometry3::from(camera.camera_from_platform).inverse() * sight.camera_from_mat;
         let world_from_mat = *self
             .world_from_mat
             .get_or_insert(by_lengths * platform_from_mat);

@@ -3,7 +3,7 @@
 use super::Picker;
 use crate::link::Link;
 use crate::pick::PickError;
-use crate::pick::choose::{Choices, choose, of_transform};
+use crate::pick::choose::{Choices, choose};
 use crate::pick::mat::MatSight;
 use crate::pick::task::{CALM_S, Watcher};
 use crate::sight::{GraspMark, Shown};
@@ -33,7 +33,7 @@ impl<L: Link> Picker<'_, L> {
         let world_from_platform = by_mat.map_or(by_lengths, |(platform, _)| platform);
         let picture = self.arm.meanwhile(|_| align(&frame))?;
         let robot = self.arm.model().robot();
-        let platform_from_camera = of_transform(&robot.camera.camera_from_platform).inverse();
+        let platform_from_camera = Isometry3::from(robot.camera.camera_from_platform).inverse();
         let world_from_camera = world_from_platform * platform_from_camera;
         let options = self.options;
         if let (None, Some(pixel)) = (&probe, options.probe_px) {
