@@ -10,12 +10,11 @@ use crate::config::{CableConfig, Control};
 
 /// What a brake must hold beyond the load: half of the load, or at least this, mN.
 const LEAST_MORE_MN: i32 = 1000;
-/// The push goes beyond what a brake must hold by this share, 1/16: what drives and sensors may be
-/// off by.
-const MARGIN_SHIFT: u32 = 4;
-/// Ticks for which the push is held. A brake that lacks a sixteenth of 3 N lets 34 kg turn by
-/// 110 um in that time, one that lacks a sixteenth of 13 N by 480 um; four counts are 123 um on the
-/// paper's winch.
+/// The push goes beyond what a brake must hold by a sixteenth, or by this, mN, but no more than an
+/// eighth: what drives and sensors may be off by, and what turns a heavy rotor in time.
+const MARGIN_MN: i32 = 250;
+/// Ticks for which the push is held. A brake that lacks 0.25 N lets 34 kg turn by 147 µm in that
+/// time, one that lacks a sixteenth of 13 N by 480 µm; four counts are 123 µm on the paper's winch.
 const HOLD_TICKS: u16 = 200;
 /// Farthest that a position-held drive lets go, 0.1 µm.
 const RELIEF_MOST: i32 = 5000;
@@ -58,7 +57,7 @@ impl Proof {
     fn push_mn(config: &CableConfig, load_mn: i32) -> i32 {
         let load_mn = load_mn.max(0);
         let must_hold_mn = load_mn + (load_mn / 2).max(LEAST_MORE_MN);
-        let more_mn = must_hold_mn >> MARGIN_SHIFT;
+        let more_mn = MARGIN_MN.min(must_hold_mn >> 3).max(must_hold_mn >> 4);
         must_hold_mn + more_mn - load_mn + config.friction_mn
     }
 
