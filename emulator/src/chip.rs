@@ -72,6 +72,8 @@ pub struct TickStats {
     pub median: u32,
     /// Most instructions of a run: seen, not proven.
     pub max: u32,
+    /// Most core cycles of a run, estimated: within some 30 %.
+    pub cycles_max: u64,
     /// Longest time from SysTick's zero to its handler's first instruction, in ticks of 1/72 us;
     /// estimated, as the cycles are.
     pub latency_max: u64,
@@ -111,9 +113,12 @@ pub struct Chip {
     /// Where each encoder stands, and where it is to stand after the next slice, in counts.
     encoders: [(i64, i64); 4],
     tick_began: u64,
+    /// Core cycles when it began.
+    tick_began_at: u64,
     ticks: Vec<u32>,
     ticks_done: u32,
     latency_max: u64,
+    cycles_max: u64,
     lost_before: u64,
     instructions_before: u64,
     brakes_opened: bool,
@@ -157,9 +162,11 @@ impl Chip {
             until: 0,
             encoders: [(0, 0); 4],
             tick_began: 0,
+            tick_began_at: 0,
             ticks: Vec::new(),
             ticks_done: 0,
             latency_max: 0,
+            cycles_max: 0,
             lost_before: 0,
             instructions_before: 0,
             brakes_opened: false,
@@ -295,11 +302,14 @@ impl Chip {
         match self.cpu.switched.take() {
             Some(Switch::Enter(SYSTICK)) => {
                 self.tick_began = self.cpu.instructions;
+                self.tick_began_at = self.bus.cycles();
                 let latency = self.bus.now.saturating_sub(self.bus.scs.tick_due);
                 self.latency_max = self.latency_max.max(latency);
             }
             Some(Switch::Leave(SYSTICK)) => {
                 let taken = self.cpu.instructions - self.tick_began;
+                let cycles = self.bus.cycles() - self.tick_began_at;
+                self.cycles_max = self.cycles_max.max(cycles);
                 if let Some(profile) = &mut self.profile {
                     profile.end_tick();
                 }

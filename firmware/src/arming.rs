@@ -4,6 +4,7 @@
 use crate::axis::Target;
 use crate::config::Active;
 use crate::io::{DriveInput, Inputs};
+use crate::proof;
 use crate::tension;
 use mcdpr_protocol::FaultId;
 
@@ -133,7 +134,7 @@ impl Arming {
             }
             Phase::Proving if unproven == 0 => self.enter(Phase::Opening),
             // Neither does a drum move nor does a drive push: it obeys nothing.
-            Phase::Proving if self.ticks >= PROOF_MS => {
+            Phase::Proving if self.ticks >= PROOF_MS + u32::from(proof::play_ms(config)) => {
                 return Err((FaultId::D7, unproven, 0, 0));
             }
             Phase::Opening if self.ticks >= OPEN_MS => {
@@ -156,6 +157,12 @@ impl Arming {
             _ => {}
         }
         Ok(self.phase)
+    }
+
+    /// Nothing more is tried: torque is on, and stays.
+    pub const fn end(&mut self) {
+        self.phase = Phase::Done;
+        self.ticks = 0;
     }
 
     fn enter(&mut self, phase: Phase) {

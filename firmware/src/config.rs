@@ -82,12 +82,21 @@ pub enum TensionLaw {
     Default,
 }
 
+/// What a tension law tells the drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TensionOutput {
+    /// A current.
+    Current,
+    /// A speed; the drive's own loop fights the friction of a gear.
+    Speed,
+}
+
 /// How a cable is held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Control {
     /// By its length: the drive holds a position.
     Length,
-    /// By its tension: the drive gives a current.
+    /// By its tension: the drive gives a current, or turns at a speed.
     Tension,
 }
 
@@ -135,6 +144,8 @@ pub struct CableConfig {
     pub ceiling_mn: i32,
     /// Law.
     pub law: TensionLaw,
+    /// What it tells the drive.
+    pub output: TensionOutput,
     /// Proportional gain, thousandths.
     pub kp_milli: i32,
     /// Derivative gain, µs.
@@ -145,14 +156,22 @@ pub struct CableConfig {
     pub damping_mns_per_m: i32,
     /// Share of a new tension sample in the filter, 16 fractional bits.
     pub filter_alpha_q16: i32,
+    /// Share of a new speed in the low-pass behind a law that tells speeds, 16 fractional bits.
+    pub corner_alpha_q16: i32,
     /// Coulomb friction, mN.
     pub friction_mn: i32,
     /// Effective mass, g.
     pub mass_g: i32,
+    /// Play between motor and drum, 0.1 µm.
+    pub play: i32,
     /// Lead of position commands, µs.
     pub lead_us: i32,
     /// Its square, 1000 µs².
     pub lead_square: i32,
+    /// Largest force of the motor at the drum's surface, mN.
+    pub most_force_mn: i32,
+    /// Time in which that force stops the drum, µs per µm/s with 16 fractional bits.
+    pub stop_q16: i32,
     /// Time the brake takes to close, ms.
     pub brake_close_ms: u16,
     /// Largest following error, 0.1 µm.
@@ -204,15 +223,20 @@ impl CableConfig {
         floor_mn: 0,
         ceiling_mn: 0,
         law: TensionLaw::Pd,
+        output: TensionOutput::Current,
         kp_milli: 0,
         kd_us: 0,
         ki_milli: 0,
         damping_mns_per_m: 0,
         filter_alpha_q16: 0,
+        corner_alpha_q16: 0,
         friction_mn: 0,
         mass_g: 0,
+        play: 0,
         lead_us: 0,
         lead_square: 0,
+        most_force_mn: 0,
+        stop_q16: 0,
         brake_close_ms: 0,
         following_error: 0,
         max_speed_umps: 0,
@@ -227,6 +251,12 @@ impl CableConfig {
         syncs: 0,
         rpm_per_count_q16: 0,
     };
+
+    /// Whether a tension law tells the drive of this cable a speed.
+    #[must_use]
+    pub fn tells_speed(&self) -> bool {
+        self.control == Control::Tension && self.output == TensionOutput::Speed
+    }
 
     /// Motor current for a force that reels in, mA, rounded.
     #[must_use]

@@ -18,9 +18,13 @@ use mcdpr_protocol::{
 
 mod halting;
 mod knots;
+mod parking;
+mod relieving;
 mod requests;
 mod telling;
 mod watching;
+
+use parking::Parked;
 
 /// Torque is held this long after the brakes have closed, ms.
 const HOLD_TORQUE_MS: u16 = 150;
@@ -59,6 +63,8 @@ struct Cable {
     blind: bool,
     /// How far the cable gave way while the robot stops, 0.1 µm.
     give: i32,
+    /// Speed at which it is let out because it is pulled too hard, µm/s.
+    letting_umps: i32,
     /// The test of its brake.
     proof: Proof,
 }
@@ -109,6 +115,14 @@ pub struct Controller<const N: usize> {
     opening: u16,
     /// How often a brake slipped when torque was about to go.
     slips: u16,
+    /// The winch whose brake has failed since the board armed, 1 for the first; 0 for none.
+    unsound: u8,
+    /// The robot hangs on its brakes, and has hung on its drives before.
+    parked: Parked,
+    /// A cable was pulled too hard: the stop under way lets out, and follows no path.
+    relieving: bool,
+    /// Ticks since none is.
+    calm_ticks: u16,
     stir: Stir,
     gripper_closed: bool,
     gripper_switch: bool,
@@ -147,6 +161,10 @@ impl<const N: usize> Default for Controller<N> {
             closing: None,
             opening: 0,
             slips: 0,
+            unsound: 0,
+            parked: Parked::default(),
+            relieving: false,
+            calm_ticks: 0,
             stir: Stir::default(),
             gripper_closed: false,
             gripper_switch: false,
@@ -239,8 +257,29 @@ impl<const N: usize> Controller<N> {
             self.watch_link();
             self.act(inputs);
         }
+        if !self.is_armed() {
+            self.watch_parked(inputs);
+        }
         self.heartbeat.forget_expired(now);
         self.command(inputs);
+    }
+
+    /// Brakes are told to hold the drums, or are about to open.
+    fn is_braked(&self) -> bool {
+        let holds = self
+            .active
+            .as_ref()
+            .is_some_and(|active| active.hold_braked);
+        match self.state {
+            State::Stopping => self.closing.is_some(),
+            State::Holding => holds || self.unsound > 0,
+            _ => self.opening > 0,
+        }
+    }
+
+    /// Torque stays on because a brake does not hold.
+    fn stands_for_its_brake(&self) -> bool {
+        self.unsound > 0 && self.state == State::Holding
     }
 
     /// What the board must do after the last tick.
@@ -265,6 +304,8 @@ impl<const N: usize> Controller<N> {
             State::Arming => {
                 self.arming = Arming::default();
                 self.opening = 0;
+                self.unsound = 0;
+                self.relieving = false;
                 self.motion.clear();
                 self.rows = Default::default();
                 for cable in &mut self.cables {
@@ -282,12 +323,18 @@ impl<const N: usize> Controller<N> {
                 self.stopping = 0;
                 self.closing = None;
                 self.slips = 0;
+                self.relieving = false;
             }
-            State::Disarmed | State::Fault | State::EStop => self.motion.clear(),
+            State::Disarmed | State::Fault | State::EStop => {
+                self.motion.clear();
+                self.park();
+            }
             State::Boot => {}
             State::Holding => {
                 self.opening = match &self.active {
-                    Some(active) if active.hold_braked => slowest_brake_ms(active) + 1,
+                    Some(active) if active.hold_braked || self.unsound > 0 => {
+                        slowest_brake_ms(active) + 1
+                    }
                     _ => 0,
                 };
             }
@@ -307,7 +354,15 @@ impl<const N: usize> Controller<N> {
 
     fn trip(&mut self, fault: FaultId, cable: u8, value: i32, limit: i32) {
         self.latch_fault(fault, cable, value, limit);
-        self.raise(supervisor::reaction(fault).event());
+        // A robot that stands under torque because a brake failed has nothing safer to go to: only
+        // a host's stop tries the brake again.
+        let reaction = supervisor::reaction(fault);
+        if reaction != supervisor::Reaction::Stop || !self.stands_for_its_brake() {
+            self.raise(reaction.event());
+        }
+        if fault == FaultId::C2 && self.state == State::Stopping && self.closing.is_none() {
+            self.relieve();
+        }
         let failed = matches!(fault, FaultId::D2 | FaultId::D3 | FaultId::D7 | FaultId::S6);
         let failed = failed && self.state == State::Stopping;
         if let Some(cable) = self.cables.get_mut(usize::from(cable).wrapping_sub(1)) {
@@ -379,9 +434,15 @@ impl<const N: usize> Controller<N> {
             State::Stopping => {
                 if self.closing.is_none() {
                     self.stopping = self.stopping.saturating_add(1);
-                    let rests = self.follow(stop_ms);
-                    let calm = self.give_way(inputs);
-                    if rests && (calm || u32::from(self.stopping) >= stop_ms) {
+                    let stands = if self.relieving {
+                        self.let_out(inputs)
+                    } else {
+                        let rests = self.follow(stop_ms);
+                        let calm = self.give_way(inputs);
+                        rests && (calm || u32::from(self.stopping) >= stop_ms)
+                    };
+                    if stands {
+                        self.rest();
                         self.closing = Some(0);
                     }
                 }
@@ -469,7 +530,7 @@ impl<const N: usize> Controller<N> {
         let brake = match (self.state, self.closing, phase) {
             (State::Stopping, Some(_), _) => Brake::Closed,
             (_, _, Phase::Enabling | Phase::Preload | Phase::Proving) => Brake::Closed,
-            (State::Holding, ..) if active.hold_braked => Brake::Closed,
+            (State::Holding, ..) if active.hold_braked || self.unsound > 0 => Brake::Closed,
             _ => Brake::Open,
         };
         let torque = phase != Phase::Enabling;
@@ -493,6 +554,7 @@ impl<const N: usize> Controller<N> {
             };
             *demand = match (config.control, torque) {
                 (Control::Length, false) => DriveDemand::EnablePosition,
+                (Control::Tension, false) if config.tells_speed() => DriveDemand::EnableSpeed,
                 (Control::Tension, false) => DriveDemand::EnableCurrent,
                 (Control::Length, true) => {
                     // Sign and scale of the encoder may be what is looked for: it corrects nothing.
@@ -521,9 +583,28 @@ impl<const N: usize> Controller<N> {
                     };
                     // Against a brake a law would only wind up.
                     let held = (brake == Brake::Closed && phase == Phase::Done) || self.opening > 0;
+                    // A brake that does not hold leaves the load to the law.
+                    let held = held && self.unsound != number;
                     let relief = cable.proof.relief();
+                    if config.tells_speed() {
+                        // Before the brakes open, the drive must not wind up against them.
+                        let closed = brake == Brake::Closed && phase <= Phase::Opening;
+                        let umps = if relief != 0 {
+                            relief
+                        } else if held | closed | (phase == Phase::Opening) {
+                            0
+                        } else {
+                            cable.tension_loop.update_speed(config, &measured)
+                        };
+                        let rpm = cable.tension_loop.rpm(config, umps);
+                        *demand = DriveDemand::Speed { rpm };
+                        continue;
+                    }
                     let ma = if relief > 0 {
                         cable.tension_loop.hold() + config.current_ma(-relief)
+                    } else if self.relieving && self.closing.is_none() {
+                        let force = cable.relief_mn(config);
+                        cable.tension_loop.give(config, force)
                     } else if held || (blind && HAS_SERVICE && self.service.is_some()) {
                         // A bare winch has no plan to go on with.
                         cable.tension_loop.hold()

@@ -1,6 +1,9 @@
 //! What goes into a tick and what comes out, and the rim that a board implements.
 
-use mcdpr_protocol::Tick;
+use crate::config::Active;
+use crate::link::Line;
+use crate::supervisor::State;
+use mcdpr_protocol::{Info, Tick};
 
 /// What one drive last said.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
@@ -81,6 +84,8 @@ pub enum DriveDemand {
     EnablePosition,
     /// Be enabled in current mode, without current.
     EnableCurrent,
+    /// Be enabled in speed mode, at rest.
+    EnableSpeed,
     /// Go to this motor position, no faster than this.
     Position {
         /// Motor counts.
@@ -93,13 +98,21 @@ pub enum DriveDemand {
         /// Milliamperes.
         ma: i16,
     },
+    /// Turn at this speed.
+    Speed {
+        /// Motor speed, rpm.
+        rpm: i16,
+    },
 }
 
 impl DriveDemand {
     /// Whether the drive gives torque.
     #[must_use]
     pub const fn gives_torque(self) -> bool {
-        matches!(self, Self::Position { .. } | Self::Current { .. })
+        matches!(
+            self,
+            Self::Position { .. } | Self::Current { .. } | Self::Speed { .. }
+        )
     }
 }
 
@@ -137,14 +150,17 @@ impl<const N: usize> Default for Outputs<N> {
     }
 }
 
-/// The rim: all that the core needs of a board.
-pub trait Board<const N: usize> {
-    /// The present tick.
-    fn now(&self) -> Tick;
+/// The rim: all that [`Cycle`](crate::cycle::Cycle) needs of a board. Its [`Line`] is read by the
+/// tick for stops; below the tick, [`crate::link`] reads it for everything.
+pub trait Board<const N: usize>: Line {
     /// Reads everything once, in place.
     fn read(&mut self, inputs: &mut Inputs<N>);
-    /// Applies everything.
-    fn apply(&mut self, outputs: &Outputs<N>);
-    /// Brakes closed and torque off, whatever else is broken.
-    fn safe_off(&mut self);
+    /// Applies everything: pins at once, drives by their bus.
+    fn apply(&mut self, now: Tick, config: Option<&Active<N>>, outputs: &Outputs<N>);
+    /// Adds to the core's description of itself what only the board knows.
+    fn complete(&self, info: &mut Info);
+    /// Shows the state to people who stand beside the board.
+    fn show(&mut self, state: State, now: Tick) {
+        let _ = (state, now);
+    }
 }

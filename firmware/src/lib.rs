@@ -17,6 +17,8 @@
 //! | [`arming`], [`proof`] | checks before brakes open, and before torque goes |
 //! | [`watch`] | detectors: how faults are noticed |
 //! | [`server`] | sessions, sequence numbers and frames in front of the controller |
+//! | [`cycle`] | what a board does once a millisecond, in one order on chip and simulator |
+//! | [`link`] | bytes to commands, answers and telemetry to bytes, below the tick |
 //! | [`io`] | what goes in and out of a tick |
 #![no_std]
 
@@ -27,10 +29,12 @@ pub mod arming;
 pub mod axis;
 pub mod config;
 pub mod controller;
+pub mod cycle;
 pub mod drives;
 pub mod encoder;
 pub mod fixed;
 pub mod io;
+pub mod link;
 pub mod motion;
 pub mod proof;
 pub mod sampler;
@@ -42,6 +46,7 @@ pub mod watch;
 
 pub use config::{Active, CableConfig, ConfigStore};
 pub use controller::Controller;
+pub use cycle::Cycle;
 pub use io::{Brake, DriveDemand, DriveInput, Inputs, Outputs};
 pub use server::Server;
 pub use supervisor::{Event, Reaction, State};

@@ -1,15 +1,36 @@
 //! Proving a brake: before torque may go, and before a brake may open, the drive lets go of the
 //! load and pushes against the closed brake. Only a brake that holds more than the load is trusted
 //! with it (B2, B3).
+//!
+//! Between a motor and its drum there is play, and the motor's current says nothing about the brake
+//! before the motor is through it, nor what its own friction takes: both are the configuration's.
+//! After the push the motor comes back to where it carried the load, so that no drum falls through
+//! the play when its brake opens.
 
-use crate::config::{CableConfig, Control};
+use crate::config::{Active, CableConfig, Control};
 
 /// The push beyond the load is half of the load, or at least this, mN.
 const LEAST_PUSH_MN: i32 = 1000;
-/// Farthest that a position-held drive lets go, 0.1 µm.
+/// Farthest that a position-held drive lets go beyond the play, 0.1 µm.
 const RELIEF_MOST: i32 = 5000;
 /// Force that a tension-held drive lets go per tick, mN.
 const RELEASE_MN: i32 = 256;
+/// Through play a motor turns no faster than this, 0.1 µm per tick (5 mm/s), and a drive that is told
+/// speeds speeds up by no more than this per tick, µm/s (0.05 m/s²): its current is then that of its
+/// friction, not of its inertia.
+const THROUGH_PLAY: i32 = 50;
+const FASTEST_UMPS: i32 = 5000;
+const FASTER_UMPS: i32 = 50;
+/// Ticks that a current must last behind play: a flank that is hit rings.
+const LASTS: u8 = 5;
+
+/// What the play of the widest gear adds to the time that a proof may take, ms: there and back at
+/// [`THROUGH_PLAY`], and as much again for its gentle start.
+#[must_use]
+pub fn play_ms<const N: usize>(config: &Active<N>) -> u16 {
+    let widest = config.cables.iter().map(|cable| cable.play).max();
+    u16::try_from(widest.unwrap_or(0) * 4 / THROUGH_PLAY).unwrap_or(u16::MAX)
+}
 
 /// What is known of a brake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,13 +48,17 @@ pub enum Verdict {
 pub struct Proof {
     /// Length before, 0.1 µm.
     from: Option<i32>,
-    /// How far the drive has let go: 0.1 µm where it holds a position, mN where it gives a force.
+    /// How far the drive has let go: 0.1 µm where it holds a position, mN where it gives a force, µm/s
+    /// where it is told a speed.
     relief: i32,
+    /// The brake has held the push; the motor is on its way back.
+    pushed: bool,
+    lasted: u8,
     holds: bool,
 }
 
 impl Proof {
-    /// How far the drive shall let go of what it holds: 0.1 µm or mN, as the cable is held.
+    /// How far the drive shall let go of what it holds: 0.1 µm, mN or µm/s, as the cable is held.
     #[must_use]
     pub const fn relief(&self) -> i32 {
         self.relief
@@ -57,23 +82,76 @@ impl Proof {
         if turned.unsigned_abs() > config.four_counts.unsigned_abs() {
             return Verdict::Slips(turned);
         }
-        // The push pays out: it adds to the load on the brake.
+        // The push pays out: it adds to the load on the brake. Friction takes its share first, at
+        // rest half as much again.
         let push_mn = (load_mn / 2).max(LEAST_PUSH_MN);
-        let push_ma = config.current_ma(-push_mn);
+        // What gives a force comes back by itself, with the force that it held before.
+        let gives_force = config.control == Control::Tension && !config.tells_speed();
+        let geared = config.play > 0 || config.tells_speed();
+        let rubbing_mn = if geared {
+            config.friction_mn + config.friction_mn / 2
+        } else {
+            0
+        };
+        let wanted_mn = if self.pushed {
+            // Back on the flank that carries the load.
+            load_mn + rubbing_mn
+        } else {
+            -(push_mn + rubbing_mn)
+        };
+        let wanted_ma = config.current_ma(wanted_mn);
         let current_ma = i32::from(current_ma);
-        if (push_ma > 0 && current_ma >= push_ma) || (push_ma < 0 && current_ma <= push_ma) {
-            *self = Self {
-                holds: true,
-                ..Self::default()
+        let reached = (wanted_ma > 0 && current_ma >= wanted_ma)
+            || (wanted_ma < 0 && current_ma <= wanted_ma);
+        self.lasted = if reached {
+            self.lasted.saturating_add(1)
+        } else {
+            0
+        };
+        let done = if geared {
+            self.lasted >= LASTS
+        } else {
+            reached
+        };
+        if self.pushed && config.control == Control::Length {
+            self.relief = (self.relief - THROUGH_PLAY).max(0);
+            self.holds = self.relief == 0;
+        } else if done && (self.pushed || !geared || gives_force) {
+            (self.relief, self.holds) = (0, true);
+        } else if done {
+            self.pushed = true;
+            self.lasted = 0;
+            if config.control == Control::Tension {
+                self.relief = 0;
+            }
+        } else if config.tells_speed() {
+            let step = if self.pushed {
+                -FASTER_UMPS
+            } else {
+                FASTER_UMPS
             };
+            self.relief = (self.relief + step).clamp(-FASTEST_UMPS, FASTEST_UMPS);
+        } else {
+            self.relief = match config.control {
+                // Slowly at first: a stiff drive has all its force within micrometres.
+                Control::Length if config.play == 0 => {
+                    (self.relief + 1 + self.relief / 32).min(RELIEF_MOST)
+                }
+                Control::Length => {
+                    let step = (1 + self.relief / 64).min(THROUGH_PLAY);
+                    (self.relief + step).min(RELIEF_MOST + config.play)
+                }
+                // What the drive gave before is not quite the load.
+                Control::Tension => {
+                    let most = 2 * (load_mn + push_mn) + rubbing_mn;
+                    (self.relief + RELEASE_MN).min(most)
+                }
+            };
+        }
+        if self.holds {
+            self.relief = 0;
             return Verdict::Holds;
         }
-        self.relief = match config.control {
-            // Slowly at first: a stiff drive has all its force within micrometres.
-            Control::Length => (self.relief + 1 + self.relief / 32).min(RELIEF_MOST),
-            // What the drive gave before is not quite the load.
-            Control::Tension => (self.relief + RELEASE_MN).min(2 * (load_mn + push_mn)),
-        };
         Verdict::Pending
     }
 }

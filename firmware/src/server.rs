@@ -10,7 +10,7 @@ use crate::supervisor::State;
 use crate::watch::LinkHealth;
 use mcdpr_protocol::{
     Answer, Channel, Command, ConfigHash, Deframer, FrameError, Reject, Reply, Request,
-    SequenceNumber, SessionId, Status, Tick, WINDOW,
+    SequenceNumber, SessionId, Status, StopKind, Tick, WINDOW,
 };
 
 /// Ticks between two status messages when nothing changes.
@@ -177,6 +177,19 @@ impl<const N: usize> Server<N> {
         })
     }
 
+    /// Executes a stop ahead of all that waits; the same stop, when its turn comes, is answered.
+    pub fn stop(&mut self, now: Tick, kind: StopKind) {
+        self.stopped_at = Some(now);
+        // It cannot be refused.
+        let _ = self.controller.handle(now, &Request::Stop(kind));
+    }
+
+    /// What is received next was sent before a stop that has been executed: in this tick nothing
+    /// may start (K10).
+    pub const fn outrun(&mut self, now: Tick) {
+        self.stopped_at = Some(now);
+    }
+
     /// Executes a command, or says why not.
     pub fn receive(&mut self, now: Tick, command: &Command, counters: &LinkCounters) -> Answer {
         let mut result = self.dispatch(now, command);
@@ -272,7 +285,7 @@ impl<const N: usize> Server<N> {
         let request = &command.request;
         let starts = matches!(
             request,
-            Request::Arm { .. } | Request::Start | Request::Resume
+            Request::Arm { .. } | Request::Service { .. } | Request::Start | Request::Resume
         );
         if starts && self.stopped_at == Some(now) {
             let state = self.controller.state();

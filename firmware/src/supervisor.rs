@@ -33,6 +33,8 @@ pub enum Event {
     Emergency,
     /// Brakes are closed and torque is off.
     TorqueOff,
+    /// A brake does not hold what hangs on it: torque must stay.
+    BrakeFails,
     /// A host acknowledges the fault and its cause is gone.
     Clear,
     /// The emergency stop was pressed.
@@ -43,7 +45,7 @@ pub enum Event {
 
 impl Event {
     /// Every event, in the order of the table's columns.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Booted,
         Self::Arm,
         Self::Armed,
@@ -55,6 +57,7 @@ impl Event {
         Self::Stop,
         Self::Emergency,
         Self::TorqueOff,
+        Self::BrakeFails,
         Self::Clear,
         Self::EStopPressed,
         Self::EStopReleased,
@@ -92,17 +95,17 @@ use State::{Arming, Disarmed, EStop, Fault, Holding, Moving, Pausing, Stopping};
 
 /// Rows: [`STATES`]; columns: [`Event::ALL`].
 #[rustfmt::skip]
-pub const TABLE: [[Cell; 14]; 9] = [
-//              Booted        Arm         Armed        Start       MotionDone   Hold         Resume      AtRest       Stop          Emergency   TorqueOff  Clear         EStopPressed EStopReleased
-/* Boot     */ [Settle,       No,         No,          No,         No,          No,          No,         No,          Stay,         Stay,       No,        No,           To(EStop),   No],
-/* Disarmed */ [No,           To(Arming), No,          No,         No,          No,          No,         No,          Stay,         Settle,     No,        Stay,         To(EStop),   No],
-/* Arming   */ [No,           No,         To(Holding), No,         No,          To(Stopping),No,         No,          To(Stopping), To(Fault),  No,        No,           To(EStop),   No],
-/* Holding  */ [No,           No,         No,          To(Moving), No,          Stay,        To(Moving), No,          To(Stopping), To(Fault),  No,        Stay,         To(EStop),   No],
-/* Moving   */ [No,           No,         No,          No,         To(Holding), To(Pausing), No,         No,          To(Stopping), To(Fault),  No,        No,           To(EStop),   No],
-/* Pausing  */ [No,           No,         No,          No,         No,          Stay,        No,         To(Holding), To(Stopping), To(Fault),  No,        No,           To(EStop),   No],
-/* Stopping */ [No,           No,         No,          No,         No,          Stay,        No,         Stay,        Stay,         To(Fault),  Settle,    No,           To(EStop),   No],
-/* Fault    */ [No,           No,         No,          No,         No,          Stay,        No,         No,          Stay,         Stay,       No,        To(Disarmed), To(EStop),   No],
-/* EStop    */ [No,           No,         No,          No,         No,          Stay,        No,         No,          Stay,         Stay,       No,        No,           Stay,        To(Fault)],
+pub const TABLE: [[Cell; 15]; 9] = [
+//              Booted        Arm         Armed        Start       MotionDone   Hold         Resume      AtRest       Stop          Emergency   TorqueOff  BrakeFails   Clear         EStopPressed EStopReleased
+/* Boot     */ [Settle,       No,         No,          No,         No,          No,          No,         No,          Stay,         Stay,       No,        No,          No,           To(EStop),   No],
+/* Disarmed */ [No,           To(Arming), No,          No,         No,          No,          No,         No,          Stay,         Settle,     No,        No,          Stay,         To(EStop),   No],
+/* Arming   */ [No,           No,         To(Holding), No,         No,          To(Stopping),No,         No,          To(Stopping), To(Fault),  No,        No,          No,           To(EStop),   No],
+/* Holding  */ [No,           No,         No,          To(Moving), No,          Stay,        To(Moving), No,          To(Stopping), To(Fault),  No,        No,          Stay,         To(EStop),   No],
+/* Moving   */ [No,           No,         No,          No,         To(Holding), To(Pausing), No,         No,          To(Stopping), To(Fault),  No,        No,          No,           To(EStop),   No],
+/* Pausing  */ [No,           No,         No,          No,         No,          Stay,        No,         To(Holding), To(Stopping), To(Fault),  No,        No,          No,           To(EStop),   No],
+/* Stopping */ [No,           No,         No,          No,         No,          Stay,        No,         Stay,        Stay,         To(Fault),  Settle,    To(Holding), No,           To(EStop),   No],
+/* Fault    */ [No,           No,         No,          No,         No,          Stay,        No,         No,          Stay,         Stay,       No,        No,          To(Disarmed), To(EStop),   No],
+/* EStop    */ [No,           No,         No,          No,         No,          Stay,        No,         No,          Stay,         Stay,       No,        No,          No,           Stay,        To(Fault)],
 ];
 
 /// The state that follows, or `None` where the event is not possible.

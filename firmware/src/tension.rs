@@ -4,6 +4,8 @@
 //! the cable pays out. So a drum that pays out faster than planned is pulled back by a positive
 //! damping force.
 
+mod speed;
+
 use crate::config::{CableConfig, TensionLaw};
 use crate::fixed::{LowPass, half, mul_q32, quotient, saturate};
 
@@ -75,6 +77,8 @@ pub struct TensionLoop {
     short_mn: i32,
     /// The cable was out of its band in the last tick: its drum is led by speed.
     led: bool,
+    /// Where the law's output is a speed.
+    speed: speed::Speed,
 }
 
 impl TensionLoop {
@@ -89,6 +93,7 @@ impl TensionLoop {
             current_ma: 0,
             short_mn: 0,
             led: false,
+            speed: speed::Speed::NONE,
         }
     }
 
@@ -150,12 +155,7 @@ impl TensionLoop {
                 self.short_mn = demand.setpoint_mn.saturating_sub(tension_mn);
             }
         }
-        let step = if demand.stops {
-            STOP_RECOVERY_MNPMS
-        } else {
-            RECOVERY_MNPMS
-        };
-        self.short_mn -= self.short_mn.clamp(-step, step);
+        self.short_mn = recovered(self.short_mn, demand.stops);
         let setpoint_mn = demand.setpoint_mn.saturating_sub(self.short_mn);
         let error_q16 = if demand.blind {
             0
@@ -167,6 +167,17 @@ impl TensionLoop {
             + pd(config, error_q16, slope_mnps);
         self.integrate(config, error_q16);
         ahead + ((self.integral_q16 + half(16)) >> 16)
+    }
+
+    /// Gives this drum force, mN, positive as it reels in: what relieves a cable that is pulled too
+    /// hard. The current, mA.
+    pub fn give(&mut self, config: &CableConfig, force_mn: i32) -> i32 {
+        let most = config.max_current_ma;
+        self.force_mn = force_mn;
+        self.current_ma = config.current_ma(force_mn).clamp(-most, most);
+        // It is as large as the drum needs: that is not what D4 looks for.
+        self.saturated = false;
+        self.current_ma
     }
 
     /// The current of the last tick, mA: behind a closed brake.
@@ -188,7 +199,18 @@ impl TensionLoop {
     }
 }
 
-/// Eq. 1: `Kp e + Kd de/dt`, as a drum force in mN. The set-point is constant between knots to
+/// How far the set-point in use is from the asked one a tick later, mN.
+fn recovered(short_mn: i32, stops: bool) -> i32 {
+    let step = if stops {
+        STOP_RECOVERY_MNPMS
+    } else {
+        RECOVERY_MNPMS
+    };
+    short_mn - short_mn.clamp(-step, step)
+}
+
+/// Eq. 1: `Kp e + Kd de/dt`, as a drum force in mN or, with the gains of a speed output, as a speed in
+/// µm/s. The set-point is constant between knots to
 /// within their slope, so `de/dt` is minus the slope of the measured tension.
 fn pd(config: &CableConfig, error_q16: i64, slope_mnps: i32) -> i64 {
     let proportional = quotient::<1000>(error_q16 * i64::from(config.kp_milli));

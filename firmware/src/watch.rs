@@ -1,5 +1,6 @@
 //! Detectors: how faults are noticed. Each counts ticks and says when its time is over; none acts.
 
+use crate::fixed::saturate;
 use mcdpr_protocol::{FaultId, FaultRecord, Tick};
 
 /// Counts consecutive ticks of a condition.
@@ -44,6 +45,8 @@ pub struct CableWatch {
     /// Tension of the last ticks, mN: a cable that breaks falls below half of it at once.
     recent_mn: i32,
     broke: bool,
+    /// The tension rose so fast in the last ticks that it was about to pass its ceiling.
+    rising: u8,
     /// Mean change of the tension from tick to tick, 1/64 mN.
     noise_q6: i32,
     polarity: Polarity,
@@ -137,16 +140,18 @@ pub struct CableView {
     pub reels_in: bool,
     /// Ceiling, mN.
     pub ceiling_mn: i32,
+    /// Time that it takes until a drum that is told to stop no longer pulls, µs.
+    pub horizon_us: i32,
     /// Commanded minus measured length, 0.1 µm; zero where the cable is held by tension.
     pub length_error: i32,
     /// Its limit, 0.1 µm.
     pub length_error_max: i32,
     /// The same difference by the motor's own counts: tells a dead encoder from a dead drive.
     pub motor_error: i32,
-    /// Current that was told and that the drive gives, mA, without signs.
-    pub told_ma: i32,
+    /// Current (mA) or speed (µm/s) that was told and that the drive gives, without signs.
+    pub told: i32,
     /// As the drive says.
-    pub given_ma: i32,
+    pub given: i32,
     /// The current is at its limit.
     pub saturated: bool,
     /// Age of the drive's feedback, ms.
@@ -176,6 +181,10 @@ const SLACK_TICKS: u16 = 20;
 /// What a tension-held cable of a robot that stands has for being reeled in.
 const REEL_TICKS: u16 = 2000;
 const SNAG_TICKS: u16 = 2;
+/// A reading at the rail within so many ticks of a steep rise is a tension, not a plug.
+const RISING_TICKS: u8 = 3;
+/// Less than this over what is planned, mN, is not on its way to the ceiling, however it rises.
+const COMING_OFF_MN: i32 = 3000;
 const RAIL_TICKS: u16 = 5;
 const FROZEN_TICKS: u16 = 10;
 const FOLLOWING_TICKS: u16 = 20;
@@ -192,12 +201,12 @@ pub(crate) const LEAST_OFF_MN: i32 = 2000;
 /// Mean change of a tension from tick to tick that is noise, 1/64 mN.
 const NOISE_Q6: i32 = 250 * 64;
 
-/// Whether a drive gives less than a quarter of the current that it was told (D2): all that tells
+/// Whether a drive gives less than a quarter of the current or speed that it was told (D2): all that tells
 /// an RMDS whose motor has died, on a cable that no length holds. Sizes alone are compared, since
 /// feedback is some milliseconds late and a drum that is stirred changes its current's sign.
 #[inline]
-pub(crate) const fn is_deaf(told_ma: i32, given_ma: i32) -> bool {
-    given_ma.saturating_mul(4) < told_ma
+pub(crate) const fn is_deaf(told: i32, given: i32) -> bool {
+    given.saturating_mul(4) < told
 }
 
 impl CableWatch {
@@ -261,17 +270,32 @@ impl CableWatch {
         let reversed = self
             .polarity
             .update(view.motor_length, view.drum_length, view.polarity_way);
+        // Half of `change` is the rise of a tick. A drum that is told to stop goes on for its
+        // horizon: what the tension will be then counts, where it is off what is planned.
+        let coming = crate::fixed::quotient::<2000>(i64::from(change) * i64::from(view.horizon_us));
+        let coming = saturate(coming);
+        let coming = off > COMING_OFF_MN && tension.saturating_add(coming) > view.ceiling_mn;
+        let over = tension > view.ceiling_mn;
+        // A tension that was on its way to the rail is there now; a plug that comes off jumps.
+        let at_rail = open && self.rising > 0;
+        self.rising = if (coming | over) && !open {
+            RISING_TICKS
+        } else {
+            self.rising.saturating_sub(u8::from(!at_rail))
+        };
+        let snag = ((coming | over) & !open) | at_rail;
+        let open = open && !at_rail;
         let now = Conditions {
             runs,
             open,
             short,
             frozen,
-            snag: tension > view.ceiling_mn && !open,
+            snag,
             slack,
             astray: view.length_error.unsigned_abs() > view.length_error_max.unsigned_abs(),
             saturated: view.saturated,
             hot: view.hot,
-            deaf: is_deaf(view.told_ma, view.given_ma),
+            deaf: is_deaf(view.told, view.given),
         };
         let any = now.any();
         let lost = view.feedback_age_ms >= view.feedback_timeout_ms;
@@ -322,7 +346,7 @@ impl CableWatch {
         } else if view.drive_fault {
             (FaultId::D2, (1, 0))
         } else if deaf {
-            (FaultId::D2, (view.given_ma, view.told_ma / 4))
+            (FaultId::D2, (view.given, view.told / 4))
         } else if age >= timeout {
             (FaultId::D3, (i32::from(age), i32::from(timeout)))
         } else if open {
@@ -359,6 +383,30 @@ impl CableWatch {
     #[must_use]
     pub const fn saturates(&self) -> bool {
         self.saturated.ticks() > 0
+    }
+
+    /// How fast the tension rises, mN per tick: what it is above the mean of the last ones.
+    #[must_use]
+    pub const fn rise_mn(&self, tension_mn: i32) -> i32 {
+        tension_mn.saturating_sub(self.recent_mn)
+    }
+
+    /// Whether a reading at the upper rail is a tension that rose up to it.
+    #[must_use]
+    pub const fn rose_to_rail(&self) -> bool {
+        self.rising > 0
+    }
+
+    /// Ticks since the tension fell to the floor from one tick to the next, 0 where it did not.
+    #[must_use]
+    pub const fn breaks_ticks(&self) -> u16 {
+        if self.broke { self.slack.ticks() } else { 0 }
+    }
+
+    /// Ticks that the tension has been over its ceiling or on its way there.
+    #[must_use]
+    pub const fn snag_ticks(&self) -> u16 {
+        self.snag.ticks()
     }
 
     /// Whether the cable has begun to be slack.

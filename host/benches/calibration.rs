@@ -2,7 +2,7 @@
 //! beside the same minimum found with a dense Jacobian by finite differences.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use mcdpr::calibration::data::{Data, compose, inverse};
+use mcdpr::calibration::data::Data;
 use mcdpr::calibration::paper::{Estimate, Problem, Weights};
 use mcdpr::calibration::simulate::{Setup, Target, Truth, simulate};
 use mcdpr::calibration::{Options, dense, joint};
@@ -38,7 +38,7 @@ fn given_tags() -> (Problem, Estimate) {
         );
         problem
             .camera_from_tag
-            .push(compose(&truth.camera_from_platform, &inverse(from_tag)));
+            .push(truth.camera_from_platform.compose(&from_tag.inverse()));
     }
     let start = Estimate {
         cables: data.robot.cables.clone(),
@@ -81,8 +81,8 @@ fn residuals(problem: &Problem, at: &Estimate) -> Option<DVector<f64>> {
     let weights = weights();
     let mut out = Vec::with_capacity(92);
     for (tag, readings) in problem.camera_from_tag.iter().zip(&problem.encoder_m) {
-        let camera: Pose = compose(&at.world_from_tag, &inverse(tag));
-        let pose = compose(&camera, &at.camera_from_platform);
+        let camera: Pose = at.world_from_tag.compose(&tag.inverse());
+        let pose = camera.compose(&at.camera_from_platform);
         let lengths = robot.lengths_m(&pose).ok()?;
         for (i, length) in lengths.iter().enumerate() {
             let off = length - at.initial_length_m[i] - readings[i]?;

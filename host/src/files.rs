@@ -1,20 +1,34 @@
 //! Files from outside: read to a bound, written whole or not at all.
 
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read, Result, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Most bytes of a text that people or other programs write (robots, tasks, data sets): far more
 /// than any real one has, and little enough to be read at once.
 pub const MOST_TEXT_BYTES: u64 = 32 << 20;
 
+/// Most bytes of a robot file or a winch module: a hundred times what the longest takes.
+pub const MOST_ROBOT_BYTES: u64 = 2 << 20;
+
 /// The whole of a text file of at most [`MOST_TEXT_BYTES`].
 ///
 /// # Errors
-/// The system's; [`ErrorKind::FileTooLarge`] for a file that is longer, and for one without end;
-/// [`ErrorKind::InvalidData`] for what is no UTF-8.
+/// The system's; [`ErrorKind::FileTooLarge`] for a file that is longer;
+/// [`ErrorKind::InvalidInput`] for what is not a file, [`ErrorKind::InvalidData`] for what is not
+/// UTF-8.
 pub fn read_text(path: impl AsRef<Path>) -> Result<String> {
-    let bytes = read_bytes(path, MOST_TEXT_BYTES)?;
+    read_text_to(path, MOST_TEXT_BYTES)
+}
+
+/// The whole of a text file of at most `most` bytes.
+///
+/// # Errors
+/// As [`read_text`].
+pub fn read_text_to(path: impl AsRef<Path>, most: u64) -> Result<String> {
+    let bytes = read_bytes(path, most)?;
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         Error::new(
@@ -29,7 +43,7 @@ pub fn read_text(path: impl AsRef<Path>) -> Result<String> {
 /// # Errors
 /// As [`read_text`].
 pub fn read_bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
-    let file = File::open(path)?;
+    let file = open(path.as_ref())?;
     let too_large = || {
         let reason = format!("it is longer than {most} bytes");
         Error::new(ErrorKind::FileTooLarge, reason)
@@ -38,7 +52,7 @@ pub fn read_bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
         return Err(too_large());
     }
     let mut bytes = Vec::new();
-    // A device or a pipe says no length.
+    // It may grow meanwhile, and files of the system's own say no length.
     file.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
         return Err(too_large());
@@ -46,17 +60,35 @@ pub fn read_bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Opens a file for reading. A named pipe would keep the caller waiting for a writer, and a device
+/// may have no end: what is not a file is refused before it is opened.
+///
+/// # Errors
+/// The system's; [`ErrorKind::InvalidInput`] says what it is instead of a file.
+pub fn open(path: &Path) -> Result<File> {
+    let kind = std::fs::metadata(path)?.file_type();
+    if !kind.is_file() {
+        let what = if kind.is_dir() {
+            "it is a folder"
+        } else {
+            "it is a pipe or a device, not a file"
+        };
+        return Err(Error::new(ErrorKind::InvalidInput, what));
+    }
+    File::open(path)
+}
+
 /// Writes a file so that whoever reads it sees the old one or the new one, never half of it: beside
-/// it, flushed to the disk, then renamed.
+/// it under a name that no other writer has, flushed to the disk, then renamed. Of several writers at
+/// once the last one stays.
 ///
 /// # Errors
 /// The system's; what was there before stays.
 pub fn write_atomically(path: &Path, contents: impl AsRef<[u8]>) -> Result<()> {
-    let mut part = path.as_os_str().to_owned();
-    part.push(".part");
-    let part = PathBuf::from(part);
+    let part = beside(path)?;
     let write = || {
-        let mut file = File::create(&part)?;
+        // Whatever is there under this name, a link included, is not written through.
+        let mut file = File::options().write(true).create_new(true).open(&part)?;
         file.write_all(contents.as_ref())?;
         file.sync_all()?;
         std::fs::rename(&part, path)
@@ -64,7 +96,48 @@ pub fn write_atomically(path: &Path, contents: impl AsRef<[u8]>) -> Result<()> {
     write().inspect_err(|_| {
         // Half a file must not stay, and the reason counts more than whether it could be removed.
         let _ = std::fs::remove_file(&part);
-    })
+    })?;
+    sync_folder_of(path)
+}
+
+/// A name beside a file for what is not whole yet: with the number of this process and of this
+/// writing, so that no two writers share it.
+fn beside(path: &Path) -> Result<PathBuf> {
+    static WRITINGS: AtomicU64 = AtomicU64::new(0);
+    let name = path.file_name();
+    let name = name.ok_or_else(|| Error::new(ErrorKind::InvalidInput, "it names no file"))?;
+    let number = WRITINGS.fetch_add(1, Ordering::Relaxed);
+    let mut part = OsString::from(".");
+    part.push(name);
+    part.push(format!(".{}-{number}.part", std::process::id()));
+    Ok(path.with_file_name(part))
+}
+
+/// Flushes the folder of a file, without which a new name may be gone after a power cut.
+#[cfg(unix)]
+fn sync_folder_of(path: &Path) -> Result<()> {
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    let synced = File::open(folder.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all());
+    match synced {
+        // Some file systems cannot, and some folders may be written but not read.
+        Err(error)
+            if matches!(
+                error.kind(),
+                ErrorKind::InvalidInput | ErrorKind::PermissionDenied | ErrorKind::Unsupported
+            ) =>
+        {
+            Ok(())
+        }
+        other => other,
+    }
+}
+
+/// Other systems flush names themselves, or not at all.
+#[cfg(not(unix))]
+fn sync_folder_of(_: &Path) -> Result<()> {
+    Ok(())
 }
 
 #[cfg(test)]
@@ -91,6 +164,65 @@ mod tests {
         assert!(read_text(&path).unwrap_err().to_string().contains("byte 2"));
         #[cfg(unix)]
         assert!(read_bytes("/dev/zero", 1000).is_err());
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_named_pipe_without_a_writer_is_refused_at_once() {
+        let folder = folder("pipe");
+        let pipe = folder.join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        let error = read_text(&pipe).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::InvalidInput);
+        assert!(error.to_string().contains("not a file"), "{error}");
+        assert!(read_text(&folder).is_err());
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    /// Writers of different sizes at once: every reader sees one of them whole, and nothing stays.
+    #[test]
+    fn f8_several_writers_and_readers_never_see_a_torn_file() {
+        let folder = folder("stress");
+        let path = folder.join("shared");
+        let content = |writer: usize, round: usize| {
+            let line = format!("writer {writer} round {round}\n");
+            line.repeat(1 + 997 * writer + round)
+        };
+        let whole = |text: &str| {
+            let first = text.lines().next().unwrap_or("");
+            let mut numbers = first.split(' ').filter_map(|word| word.parse().ok());
+            let (writer, round) = (numbers.next().unwrap(), numbers.next().unwrap());
+            text == content(writer, round)
+        };
+        write_atomically(&path, content(0, 0)).unwrap();
+        let left = AtomicU64::new(4);
+        let (reads, torn) = (AtomicU64::new(0), AtomicU64::new(0));
+        std::thread::scope(|scope| {
+            for writer in 0..4 {
+                let (path, left) = (&path, &left);
+                scope.spawn(move || {
+                    for round in 0..60 {
+                        write_atomically(path, content(writer, round)).unwrap();
+                    }
+                    left.fetch_sub(1, Ordering::SeqCst);
+                });
+            }
+            for _ in 0..3 {
+                scope.spawn(|| {
+                    while left.load(Ordering::SeqCst) > 0 {
+                        let text = read_text(&path).unwrap();
+                        reads.fetch_add(1, Ordering::Relaxed);
+                        torn.fetch_add(u64::from(!whole(&text)), Ordering::Relaxed);
+                    }
+                });
+            }
+        });
+        let (reads, torn) = (reads.into_inner(), torn.into_inner());
+        assert!(reads > 100, "{reads} reads tell nothing");
+        assert_eq!(torn, 0, "of {reads} reads");
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
         std::fs::remove_dir_all(folder).unwrap();
     }
 

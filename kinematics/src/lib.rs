@@ -15,6 +15,7 @@
 mod any_robot;
 mod cable_vec;
 mod correction;
+mod descent;
 mod energy;
 mod equilibrium;
 mod equilibrium_state;
@@ -38,6 +39,7 @@ pub use cable_vec::{CableMatrix, CableSet, CableVec, MAX_CABLES};
 pub use correction::{
     CableMaterial, CorrectedLength, Correction, catenary_excess_m, corrected_length,
 };
+pub use descent::{Attempt, Damping, Descent, descend};
 pub use equilibrium::EquilibriumGuess;
 pub use equilibrium_state::{Equilibrium, Held, Start, StaticOptions};
 pub use error::{Bound, Error, Solver};

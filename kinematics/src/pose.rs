@@ -1,19 +1,20 @@
-//! The platform's pose and the attitude convention.
+//! Rigid transforms, such as the platform's pose, and the attitude convention.
 
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::error::Error;
 use crate::math::sin_cos;
 
-/// World-from-platform pose.
+/// A rigid transform `a_from_b`: where frame b is in frame a. Most are world_from_platform.
 ///
-/// A platform point `a` has the world coordinates `position_m + rotation * a`.
-/// Frame: world z up, gravity along -z. Units: m.
+/// A point of frame b (the platform) has the coordinates `position_m + rotation * point` in frame a
+/// (the world: z up, gravity along -z). Units: m. Transforms are named `a_from_b`, so that equal
+/// letters meet where they are composed: `a_from_b.compose(&b_from_c)` is `a_from_c`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// Origin of the platform frame in the world, m.
+    /// Origin of frame b (the platform's) in frame a (the world), m.
     pub position_m: Vector3<f64>,
-    /// Rotation world_from_platform.
+    /// Rotation a_from_b (world_from_platform).
     pub rotation: Rotation3<f64>,
 }
 
@@ -61,6 +62,42 @@ impl Pose {
         UnitQuaternion::from_rotation_matrix(&self.rotation)
     }
 
+    /// a_from_c, given a_from_b (this) and b_from_c.
+    ///
+    /// ```
+    /// use mcdpr_kinematics::Pose;
+    /// use nalgebra::Vector3;
+    /// // b stands at x = 1 m, turned by a quarter turn about z; c lies 2 m along b's x axis.
+    /// let quarter = [0.0, 0.0, core::f64::consts::FRAC_PI_2];
+    /// let a_from_b = Pose::from_rpy(Vector3::new(1.0, 0.0, 0.0), quarter);
+    /// let b_from_c = Pose::level(Vector3::new(2.0, 0.0, 0.0));
+    /// let a_from_c = a_from_b.compose(&b_from_c);
+    /// assert!((a_from_c.position_m - Vector3::new(1.0, 2.0, 0.0)).norm() < 1e-15);
+    /// ```
+    #[must_use]
+    pub fn compose(&self, b_from_c: &Self) -> Self {
+        Self::new(
+            self.transform(&b_from_c.position_m),
+            self.rotation * b_from_c.rotation,
+        )
+    }
+
+    /// b_from_a, given a_from_b (this).
+    ///
+    /// ```
+    /// use mcdpr_kinematics::Pose;
+    /// use nalgebra::Vector3;
+    /// let quarter = [0.0, 0.0, core::f64::consts::FRAC_PI_2];
+    /// let back = Pose::from_rpy(Vector3::new(1.0, 0.0, 0.0), quarter).inverse();
+    /// assert!((back.position_m - Vector3::new(0.0, 1.0, 0.0)).norm() < 1e-15);
+    /// assert!((back.rpy()[2] + core::f64::consts::FRAC_PI_2).abs() < 1e-15);
+    /// ```
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let rotation = self.rotation.inverse();
+        Self::new(-(rotation * self.position_m), rotation)
+    }
+
     /// World coordinates (m) of a point given in platform coordinates (m).
     pub fn transform(&self, point_in_platform_m: &Vector3<f64>) -> Vector3<f64> {
         self.position_m + self.rotation * point_in_platform_m
@@ -103,6 +140,20 @@ impl Pose {
             }),
             None => Ok(()),
         }
+    }
+}
+
+/// The same transform with a quaternion, as the vision crate's interface has it.
+impl From<Pose> for Isometry3<f64> {
+    fn from(pose: Pose) -> Self {
+        Self::from_parts(Translation3::from(pose.position_m), pose.quaternion())
+    }
+}
+
+/// The same transform with a rotation matrix.
+impl From<Isometry3<f64>> for Pose {
+    fn from(isometry: Isometry3<f64>) -> Self {
+        Self::from_quaternion(isometry.translation.vector, isometry.rotation)
     }
 }
 
@@ -191,6 +242,36 @@ mod tests {
             }
             let back = Pose::from_quaternion(pose.position_m, pose.quaternion());
             assert!((back.rotation.matrix() - pose.rotation.matrix()).norm() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn composing_with_the_inverse_leaves_nothing_and_isometries_agree() {
+        let a_from_b = Pose::from_rpy(Vector3::new(0.3, -0.2, 0.7), [0.4, -0.9, 2.1]);
+        let b_from_c = Pose::from_rpy(Vector3::new(-0.1, 0.5, 0.2), [-1.4, 0.3, 0.6]);
+        let nothing = a_from_b.compose(&a_from_b.inverse());
+        assert!(nothing.position_m.norm() < 1e-14);
+        assert!((nothing.rotation.matrix() - Matrix3::identity()).norm() < 1e-14);
+        let a_from_c = a_from_b.compose(&b_from_c);
+        let point = Vector3::new(0.2, 0.1, -0.4);
+        let by_parts = a_from_b.transform(&b_from_c.transform(&point));
+        assert!((a_from_c.transform(&point) - by_parts).norm() < 1e-14);
+        // nalgebra's own composition, with quaternions, is an independent judge.
+        let judge = Isometry3::from(a_from_b) * Isometry3::from(b_from_c);
+        let back = Pose::from(judge);
+        assert!((back.position_m - a_from_c.position_m).norm() < 1e-14);
+        assert!((back.rotation.matrix() - a_from_c.rotation.matrix()).norm() < 1e-14);
+        let undone = Pose::from(Isometry3::from(a_from_b).inverse());
+        assert!((undone.position_m - a_from_b.inverse().position_m).norm() < 1e-14);
+    }
+
+    #[test]
+    fn attitudes_are_those_of_nalgebra_to_the_last_bit() {
+        for k in 0..2000 {
+            let f = f64::from(k);
+            let rpy @ [rx, ry, rz] = [0.013 * f, 0.3 + 0.007 * f, -0.02 * f];
+            let ours = rotation_from_rpy(rpy);
+            assert_eq!(ours, Rotation3::from_euler_angles(rx, ry, rz), "{rpy:?}");
         }
     }
 

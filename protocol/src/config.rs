@@ -94,7 +94,7 @@ keys! {
 keys! {
     /// Keys of one cable (groups 1 to 8).
     CableKey {
-        /// 0 length-held (position mode), 1 tension-held (current mode).
+        /// 0 length-held (position mode), 1 tension-held (current or speed mode).
         Control = 1,
         /// Drum radius, 0.1 µm.
         DrumRadius = 2,
@@ -159,6 +159,13 @@ keys! {
         MaxAcceleration = 31,
         /// Largest jerk of the cable that may be commanded, mm/s³.
         MaxJerk = 32,
+        /// What a tension law tells the drive: 0 a current, 1 a speed. With a speed, gains are in
+        /// mm/s per N, mm/N and mm/s per N s.
+        TensionOutput = 33,
+        /// Play between motor and drum, 0.1 µm of cable.
+        Play = 34,
+        /// Corner of the low-pass behind a default law that tells speeds, mHz; 0 is none.
+        SpeedCornerMhz = 35,
     }
 }
 

@@ -207,11 +207,12 @@ impl Deframer {
         if used == 0 {
             return None;
         }
-        Some(decode(self.buffer.get_mut(..used)?))
+        Some(decode_frame(self.buffer.get_mut(..used)?))
     }
 }
 
-fn decode(coded: &mut [u8]) -> Result<(Channel, &[u8]), FrameError> {
+/// Decodes, in place, what came between two delimiters.
+pub(crate) fn decode_frame(coded: &mut [u8]) -> Result<(Channel, &[u8]), FrameError> {
     let used = cobs::decode_in_place(coded).map_err(|_| FrameError::Malformed)?;
     let plain = coded.get(..used).ok_or(FrameError::Malformed)?;
     let (covered, checksum) = plain

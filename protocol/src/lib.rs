@@ -38,6 +38,7 @@ pub mod hello;
 pub mod list;
 pub mod message;
 pub mod motion;
+pub mod stop;
 pub mod telemetry;
 pub mod units;
 

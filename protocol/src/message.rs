@@ -386,6 +386,18 @@ pub fn decode_command(body: &[u8]) -> Option<Command> {
     decode(body)
 }
 
+/// Position of [`Request::Stop`] in its enum, which is what postcard writes.
+pub(crate) const STOP: u32 = 5;
+
+/// The stop that a command's body asks for, if it asks for one; see [`crate::stop`].
+pub(crate) fn stop_in(body: &[u8]) -> Option<StopKind> {
+    // Not as a `Command`: that is large, and all but this one is not looked for.
+    match decode::<(SessionId, SequenceNumber, u32, StopKind)>(body) {
+        Some((_, _, STOP, kind)) => Some(kind),
+        _ => None,
+    }
+}
+
 /// Encodes an answer into a frame, as [`encode_frame`] does; see
 /// [`decode_command`].
 ///

@@ -34,6 +34,33 @@ pub struct Knot {
     pub rows: List<ResidualRow, { ResidualRow::PER_KNOT }>,
 }
 
+impl CableKnot {
+    /// From SI: paid-out length in m, its rate in m/s, tension in N.
+    ///
+    /// ```
+    /// use mcdpr_protocol::{CableKnot, Millinewtons};
+    /// let knot = CableKnot::from_si(0.5, -0.02, 10.0);
+    /// assert_eq!((knot.length.0, knot.velocity.0), (5_000_000, -20_000));
+    /// assert_eq!(knot.tension, Millinewtons(10_000));
+    /// ```
+    #[must_use]
+    pub fn from_si(length_m: f64, velocity_mps: f64, tension_n: f64) -> Self {
+        Self {
+            length: TenthMicrometres::from_metres(length_m),
+            velocity: MicrometresPerSecond::from_metres_per_second(velocity_mps),
+            tension: Millinewtons::from_newtons(tension_n),
+        }
+    }
+}
+
+impl Knot {
+    /// Path time since the motion's first knot, s.
+    #[must_use]
+    pub fn time_s(&self) -> f64 {
+        f64::from(self.time_ms) * 1e-3
+    }
+}
+
 /// A coefficient of a [`ResidualRow`]; two bytes on the wire whatever its value.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Coefficient(#[serde(with = "postcard::fixint::le")] pub i16);

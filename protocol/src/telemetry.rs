@@ -79,6 +79,23 @@ pub struct Status {
     pub telemetry_dropped: u32,
 }
 
+impl Status {
+    /// Measured length of each cable, m.
+    pub fn lengths_m(&self) -> impl Iterator<Item = f64> {
+        self.lengths.iter().map(|length| length.metres())
+    }
+
+    /// Commanded length of each cable, m.
+    pub fn setpoints_m(&self) -> impl Iterator<Item = f64> {
+        self.setpoints.iter().map(|length| length.metres())
+    }
+
+    /// Measured tension of each cable, N.
+    pub fn tensions_n(&self) -> impl Iterator<Item = f64> {
+        self.tensions.iter().map(|tension| tension.newtons())
+    }
+}
+
 /// Bytes of packed samples in one block.
 pub const SAMPLE_BYTES: usize = 200;
 

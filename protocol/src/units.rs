@@ -1,15 +1,18 @@
-//! Integer units of the wire. Each is a newtype with its unit in its name, so that a length can
-//! not be sent where a speed is meant.
+//! Integer units of the wire. Each is a newtype with its unit in its name, so that a length
+//! cannot be sent where a speed is meant.
 //!
-//! | unit | range that messages accept | resolution |
-//! |---|---|---|
-//! | [`TenthMicrometres`] | ±200 m | 0.1 µm |
-//! | [`Micrometres`] | ±2147 m | 1 µm |
-//! | [`MicrometresPerSecond`] | ±20 m/s | 1 µm/s |
-//! | [`Millinewtons`] | ±2 MN | 1 mN |
-//! | [`Milliamps`] | ±2 MA | 1 mA |
-//! | [`Microseconds`] | 0 to 71 min, wraps | 1 µs |
-//! | [`Tick`] | 0 to 49.7 days, wraps | 1 ms |
+//! | unit | range that messages accept | resolution | SI |
+//! |---|---|---|---|
+//! | [`TenthMicrometres`] | ±200 m | 0.1 µm | m |
+//! | [`Micrometres`] | ±2147 m | 1 µm | m |
+//! | [`MicrometresPerSecond`] | ±20 m/s | 1 µm/s | m/s |
+//! | [`Millinewtons`] | ±2 MN | 1 mN | N |
+//! | [`Milliamps`] | ±2 MA | 1 mA | A |
+//! | [`Microseconds`] | 0 to 71 min, wraps | 1 µs | |
+//! | [`Tick`] | 0 to 49.7 days, wraps | 1 ms | |
+//!
+//! The signed units convert to and from SI in `f64`. This is for hosts and tests: the control core
+//! has no floating point, and what it does not call is not in its flash.
 
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
@@ -34,13 +37,90 @@ macro_rules! unit {
     };
 }
 
-unit!(/** Length in 0.1 µm. */ TenthMicrometres(i32));
-unit!(/** Length in µm. */ Micrometres(i32));
-unit!(/** Speed in µm/s. */ MicrometresPerSecond(i32));
-unit!(/** Force in mN. */ Millinewtons(i32));
+/// A signed unit with its conversion: the names of both functions, the SI unit in words, how many of
+/// the wire's unit one of SI is, and how many of SI one of the wire's is.
+macro_rules! si {
+    ($name:ident, $to:ident, $from:ident, $si:literal, $per_si:literal, $in_si:literal) => {
+        impl $name {
+            #[doc = concat!("The value in ", $si, ".")]
+            #[must_use]
+            pub fn $to(self) -> f64 {
+                f64::from(self.0) * $in_si
+            }
+
+            #[doc = concat!(
+                "From a value in ", $si, ", rounded to the nearest, halves away from zero. ",
+                "What is out of range saturates, and a value that is not a number gives zero: \
+                 the board refuses either where it matters."
+            )]
+            #[must_use]
+            pub fn $from(value: f64) -> Self {
+                Self(nearest(value * $per_si))
+            }
+        }
+    };
+}
+
+unit!(/** Length in 0.1 µm.
+```
+use mcdpr_protocol::TenthMicrometres;
+assert_eq!(TenthMicrometres::from_metres(0.25), TenthMicrometres(2_500_000));
+assert_eq!(TenthMicrometres(2_500_000).metres(), 0.25);
+```
+*/ TenthMicrometres(i32));
+unit!(/** Length in µm.
+```
+use mcdpr_protocol::Micrometres;
+assert_eq!(Micrometres::from_metres(-0.004), Micrometres(-4000));
+```
+*/ Micrometres(i32));
+unit!(/** Speed in µm/s.
+```
+use mcdpr_protocol::MicrometresPerSecond;
+assert_eq!(MicrometresPerSecond::from_metres_per_second(0.05), MicrometresPerSecond(50_000));
+```
+*/ MicrometresPerSecond(i32));
+unit!(/** Force in mN.
+```
+use mcdpr_protocol::Millinewtons;
+assert_eq!(Millinewtons::from_newtons(9.81), Millinewtons(9810));
+assert_eq!(Millinewtons(12_500).newtons(), 12.5);
+```
+*/ Millinewtons(i32));
 unit!(/** Current in mA. */ Milliamps(i32));
 unit!(/** Time in µs, wrapping. */ Microseconds(u32));
 unit!(/** A board's control tick (1 ms), wrapping after 49.7 days. */ Tick(u32));
+
+si!(TenthMicrometres, metres, from_metres, "m", 1e7, 1e-7);
+si!(Micrometres, metres, from_metres, "m", 1e6, 1e-6);
+si!(
+    MicrometresPerSecond,
+    metres_per_second,
+    from_metres_per_second,
+    "m/s",
+    1e6,
+    1e-6
+);
+si!(Millinewtons, newtons, from_newtons, "N", 1e3, 1e-3);
+si!(Milliamps, amperes, from_amperes, "A", 1e3, 1e-3);
+
+/// The nearest whole number, halves away from zero (`f64::round` is not in `core`).
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "truncates towards zero and saturates, as is wanted"
+)]
+fn nearest(value: f64) -> i32 {
+    let whole = value as i32;
+    // Exact within the range of i32; beyond it the sum saturates.
+    let rest = value - f64::from(whole);
+    if rest >= 0.5 {
+        whole.saturating_add(1)
+    } else if rest <= -0.5 {
+        whole.saturating_sub(1)
+    } else {
+        whole
+    }
+}
 
 impl Tick {
     /// Ticks from `earlier` to `self`, across the wrap of the counter.

@@ -326,6 +326,9 @@ fn configuration_keys_keep_their_numbers() {
         "ReelSpeed",
         "MaxAcceleration",
         "MaxJerk",
+        "TensionOutput",
+        "Play",
+        "SpeedCornerMhz",
     ];
     let names: Vec<_> = BoardKey::ALL.iter().map(|key| key.name()).collect();
     assert_eq!(names, board);

@@ -3,16 +3,15 @@
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
 use mcdpr_firmware::drives::DriveBus;
-use mcdpr_firmware::sampler::Sampler;
-use mcdpr_firmware::server::{Incoming, Receiver, Server};
-use mcdpr_firmware::{Brake, Inputs, Outputs};
-use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};
-use mcdpr_protocol::{
-    Channel, FaultRecord, Hello, PROTOCOL_MAJOR, PROTOCOL_MINOR, Reply, ResetCause, Tick,
-};
+use mcdpr_firmware::io;
+use mcdpr_firmware::link::{Incoming, Line, LinkState, Outgoing, Queues, RING};
+use mcdpr_firmware::{Active, Brake, Cycle, Inputs, Outputs};
+use mcdpr_protocol::frame::MAX_FRAME;
+use mcdpr_protocol::{FaultRecord, Hello, Info, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick};
 
-/// Telemetry is dropped while this many bytes wait for the line: an answer must not queue behind.
-const TELEMETRY_BACKLOG: usize = 600;
+/// Bytes that a line at 921600 baud sends in a tick: a board hands it frames until then. The next
+/// one waits for the next tick, so that an answer never queues behind much telemetry.
+const BYTES_PER_TICK: usize = 92;
 
 /// What a board looks like to the simulation, whatever its number of winches.
 pub trait VirtualBoard {
@@ -72,116 +71,129 @@ pub trait VirtualBoard {
     fn torque_on(&self) -> bool;
 }
 
+/// The bytes that the line has brought, as a chip's DMA keeps them.
+struct Ring {
+    bytes: [u8; RING],
+    arrived: u32,
+}
+
+impl Ring {
+    fn place(number: u32) -> usize {
+        number as usize % RING
+    }
+
+    fn store(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.bytes[Self::place(self.arrived)] = byte;
+            self.arrived = self.arrived.wrapping_add(1);
+        }
+    }
+}
+
+impl Line for Ring {
+    fn arrived(&mut self) -> u32 {
+        self.arrived
+    }
+
+    fn byte(&self, number: u32) -> u8 {
+        self.bytes[Self::place(number)]
+    }
+}
+
 /// The control core for `N` winches with all that surrounds it on a board.
 pub(crate) struct Board<const N: usize> {
-    server: Server<N>,
-    receiver: Receiver,
-    sampler: Sampler<N>,
+    cycle: Cycle<N>,
+    queues: Queues<N>,
+    link: LinkState,
+    incoming: Incoming,
+    outgoing: Outgoing<N>,
+    ring: Ring,
     drives: DriveBus<N>,
-    outputs: Outputs<N>,
     now: Tick,
-    version: (u16, u16),
     line_errors: u16,
 }
 
 impl<const N: usize> Board<N> {
     pub(crate) fn new(first_tick: Tick, version: Option<(u16, u16)>) -> Self {
+        let (major, minor) = version.unwrap_or((PROTOCOL_MAJOR, PROTOCOL_MINOR));
+        let hello = Hello {
+            major,
+            minor,
+            board_id: *b"simulated 01",
+            git_hash: [0; 8],
+            reset_cause: ResetCause::Power,
+        };
         Self {
-            server: Server::new(true),
-            receiver: Receiver::default(),
-            sampler: Sampler::default(),
+            cycle: Cycle::new(true),
+            queues: Queues::new(),
+            link: LinkState::new(),
+            incoming: Incoming::default(),
+            outgoing: Outgoing::new(hello),
+            ring: Ring {
+                bytes: [0; RING],
+                arrived: 0,
+            },
             drives: DriveBus::default(),
-            outputs: Outputs::default(),
             now: first_tick,
-            version: version.unwrap_or((PROTOCOL_MAJOR, PROTOCOL_MINOR)),
             line_errors: 0,
         }
     }
 
-    fn hello(&self) -> Hello {
-        Hello {
-            major: self.version.0,
-            minor: self.version.1,
-            board_id: *b"simulated 01",
-            git_hash: [0; 8],
-            reset_cause: ResetCause::Power,
-        }
+    fn outputs(&self) -> &Outputs<N> {
+        self.cycle.server().controller().outputs()
+    }
+}
+
+/// The rim of a simulated board: a plant's sensors and brakes, and the drives' line.
+struct Rim<'a, const N: usize> {
+    plant: &'a mut Plant,
+    line: &'a mut DriveLine,
+    ring: &'a mut Ring,
+    drives: &'a mut DriveBus<N>,
+    line_errors: u16,
+    /// What the plant said to the outputs.
+    applied: Result<(), PlantError>,
+}
+
+impl<const N: usize> Line for Rim<'_, N> {
+    fn arrived(&mut self) -> u32 {
+        self.ring.arrived()
     }
 
-    fn read(&mut self, plant: &mut Plant, line: &mut DriveLine) -> Inputs<N> {
-        let sensors = plant.read_sensors();
-        let mut inputs = Inputs {
-            e_stop: sensors.e_stop,
-            gripper_switch: plant.gripper_switch(),
-            line_errors: self.line_errors,
-            ..Inputs::default()
-        };
+    fn byte(&self, number: u32) -> u8 {
+        self.ring.byte(number)
+    }
+}
+
+impl<const N: usize> io::Board<N> for Rim<'_, N> {
+    fn read(&mut self, inputs: &mut Inputs<N>) {
+        let sensors = self.plant.read_sensors();
+        inputs.e_stop = sensors.e_stop;
+        inputs.gripper_switch = self.plant.gripper_switch();
+        inputs.line_errors = self.line_errors;
         inputs
             .encoders
             .copy_from_slice(&sensors.encoder_counts[..N]);
         inputs.tension_adc.copy_from_slice(&sensors.adc[..N]);
-        self.drives.listen(&mut line.port());
-        self.drives.fill(&mut inputs);
-        inputs
+        self.drives.listen(&mut self.line.port());
+        self.drives.fill(inputs);
     }
 
-    fn apply(&mut self, plant: &mut Plant, line: &mut DriveLine) -> Result<(), PlantError> {
-        plant.set_gripper(self.outputs.gripper_closed);
-        let config = self.server.controller().config();
-        let mut port = line.port();
-        self.drives.tick(self.now, config, &self.outputs, &mut port);
-        for (i, brake) in self.outputs.brakes.iter().enumerate() {
-            plant.set_brake(i, *brake == Brake::Closed)?;
-        }
-        Ok(())
-    }
-
-    fn answer(&mut self, received: &[u8], send: &mut Vec<u8>) {
-        let mut frame = [0; MAX_FRAME];
-        for &byte in received {
-            let Some(incoming) = self.receiver.push(byte) else {
-                continue;
-            };
-            let used = match incoming {
-                Incoming::HelloQuery => {
-                    encode_bytes(Channel::Hello, &self.hello().to_bytes(), &mut frame)
-                }
-                Incoming::Command(command) => {
-                    let counters = self.receiver.counters;
-                    let mut answer = self.server.receive(self.now, &command, &counters);
-                    if let Ok(Reply::Info(info)) = &mut answer.result {
-                        // RMDS and CiA 402, as the board of the same core.
-                        info.drive_kinds = 0b110;
-                    }
-                    encode_frame(Channel::Answer, &answer, &mut frame)
-                }
-                Incoming::Damaged(_) => match self.server.complain() {
-                    Some(answer) => encode_frame(Channel::Answer, &answer, &mut frame),
-                    None => continue,
-                },
-            };
-            // Every message fits a frame: the protocol asserts it when it is compiled.
-            send.extend_from_slice(&frame[..used.unwrap_or(0)]);
-        }
-    }
-
-    fn tell(&mut self, backlog: usize, send: &mut Vec<u8>) {
-        let mut frame = [0; MAX_FRAME];
-        let counters = self.receiver.counters;
-        let room = backlog + send.len() < TELEMETRY_BACKLOG;
-        let row = self.server.take_row();
-        if let Some(block) = row.and_then(|row| self.sampler.push(&row)) {
-            if room {
-                let used = encode_frame(Channel::Samples, &block, &mut frame);
-                send.extend_from_slice(&frame[..used.unwrap_or(0)]);
-            } else {
-                self.receiver.counters.telemetry_dropped += 1;
+    fn apply(&mut self, now: Tick, config: Option<&Active<N>>, outputs: &Outputs<N>) {
+        self.plant.set_gripper(outputs.gripper_closed);
+        let mut port = self.line.port();
+        self.drives.tick(now, config, outputs, &mut port);
+        for (i, brake) in outputs.brakes.iter().enumerate() {
+            let applied = self.plant.set_brake(i, *brake == Brake::Closed);
+            if self.applied.is_ok() {
+                self.applied = applied;
             }
         }
-        if room && let Some(status) = self.server.take_status(&counters) {
-            let used = encode_frame(Channel::Status, &status, &mut frame);
-            send.extend_from_slice(&frame[..used.unwrap_or(0)]);
-        }
+    }
+
+    fn complete(&self, info: &mut Info) {
+        // RMDS and CiA 402, as the board of the same core.
+        info.drive_kinds = 0b110;
     }
 }
 
@@ -195,11 +207,30 @@ impl<const N: usize> VirtualBoard for Board<N> {
         send: &mut Vec<u8>,
     ) -> Result<(), PlantError> {
         self.now = self.now.after(1);
-        self.answer(received, send);
-        let inputs = self.read(plant, line);
-        self.outputs = self.server.step(self.now, &inputs);
-        self.tell(backlog, send);
-        self.apply(plant, line)
+        self.ring.store(received);
+        let (mut tick, mut link) = self.queues.split(&self.link);
+        let receives = &mut self.incoming;
+        receives.receive(&mut self.ring, &mut link.commands, &self.link);
+        let mut rim = Rim {
+            plant,
+            line,
+            ring: &mut self.ring,
+            drives: &mut self.drives,
+            line_errors: self.line_errors,
+            applied: Ok(()),
+        };
+        self.cycle.tick(self.now, false, &mut rim, &mut tick);
+        rim.applied?;
+        self.outgoing.pack(&mut link.outgoing);
+        let mut frame = [0; MAX_FRAME];
+        while backlog + send.len() < BYTES_PER_TICK {
+            let used = self.outgoing.next(&mut link.outgoing, &mut frame);
+            if used == 0 {
+                break;
+            }
+            send.extend_from_slice(&frame[..used]);
+        }
+        Ok(())
     }
 
     fn line_errors(&mut self, errors: u16) {
@@ -207,11 +238,11 @@ impl<const N: usize> VirtualBoard for Board<N> {
     }
 
     fn state(&self) -> mcdpr_firmware::State {
-        self.server.controller().state()
+        self.cycle.server().controller().state()
     }
 
     fn path_ms(&self) -> u32 {
-        self.server.controller().path_ms()
+        self.cycle.server().controller().path_ms()
     }
 
     fn now(&self) -> Tick {
@@ -219,10 +250,11 @@ impl<const N: usize> VirtualBoard for Board<N> {
     }
 
     fn fault(&self) -> Option<FaultRecord> {
-        self.server.controller().fault()
+        self.cycle.server().controller().fault()
     }
 
     fn torque_on(&self) -> bool {
-        self.outputs.drives.iter().any(|drive| drive.gives_torque())
+        let drives = &self.outputs().drives;
+        drives.iter().any(|drive| drive.gives_torque())
     }
 }

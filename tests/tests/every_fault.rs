@@ -49,7 +49,8 @@ fn judge(ids: &[FaultId], words: &[String], after: &Aftermath) -> Vec<String> {
         off = !point.torque_on;
     }
     // A brake that does not hold keeps its torque on purpose.
-    let kept = ids.contains(&FaultId::B2) && after.end() == Some(State::Stopping);
+    let stands = matches!(after.end(), Some(State::Stopping | State::Holding));
+    let kept = ids.contains(&FaultId::B2) && stands;
     if !kept && !after.is_safe() {
         tell(format!("ends unsafely in {:?}", after.end()));
     }

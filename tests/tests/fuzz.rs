@@ -3,7 +3,7 @@
 use mcdpr::scenario::{How, how};
 use mcdpr_protocol::{FaultId, Request};
 use mcdpr_tests::fuzz::mutate::{Rng, damage, mistake};
-use mcdpr_tests::fuzz::{files, wire};
+use mcdpr_tests::fuzz::{files, planning, wire};
 use std::panic::catch_unwind;
 
 /// Runs a target on the inputs of many seeds; a failing one is named.
@@ -170,4 +170,40 @@ fn taken(name: &str, count: u64, texts: &[&str], read: fn(&str) -> bool) {
         still > 0 && u64::from(still) < count,
         "{name}: {still} of {count} taken"
     );
+}
+
+/// The short part of `cargo xtask study planning`. A bound on time is a bound on work here: the
+/// slowest of a million inputs takes a second of a processor of its own.
+#[test]
+fn any_robot_with_any_task_is_planned_or_refused() {
+    let counts: [std::sync::atomic::AtomicU32; planning::Came::ALL.len()] = Default::default();
+    seeds("planning", 1_500, |rng| {
+        let input = planning::draw(rng);
+        let came = planning::plan(&input);
+        let at = planning::Came::ALL.iter().position(|one| *one == came);
+        counts[at.unwrap()].fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+    });
+    // Inputs that are all refused at the door would tell nothing of what is behind it.
+    for (came, count) in planning::Came::ALL.iter().zip(counts) {
+        assert!(count.into_inner() >= 5, "{came:?} is hardly ever reached");
+    }
+}
+
+/// A robot whose three cables are all held by length, and one with more cables than a board drives.
+#[test]
+fn robots_that_cannot_be_driven_are_refused_with_the_key() {
+    use mcdpr::motion::Model;
+    use mcdpr::robot::Robot;
+    let robot = Robot::find("paper-table5").unwrap();
+    let mut three = robot.clone();
+    three.cables.truncate(3);
+    three.winches.truncate(3);
+    let error = Model::new(&three).unwrap_err();
+    let help = miette::Diagnostic::help(&error).unwrap().to_string();
+    assert!(help.contains("control = \"tension\""), "{error}: {help}");
+    let mut many = robot.clone();
+    let held = many.cables.last().unwrap().clone();
+    many.cables.resize(9, held);
+    let error = Model::new(&many).unwrap_err().to_string();
+    assert!(error.contains("9 cables"), "{error}");
 }

@@ -6,7 +6,7 @@
 mod browser;
 
 use browser::{Browser, Page, Serve};
-use mcdpr_tests::process::{Folder, alone};
+use mcdpr_tests::process::{Folder, Simulator, alone};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::Path;
 use std::process::{Child, Stdio};
@@ -292,12 +292,24 @@ fn the_page_marks_old_data_and_comes_back_after_a_restart() {
         "!document.getElementById('stale').hidden && !mcdpr.connected",
     );
     assert!(page.text("stale").starts_with("old data"));
+    // It says what happened, and does not blame the token.
+    wait(
+        &mut page,
+        "document.getElementById('may').textContent.includes('does not answer')",
+    );
+    assert!(!page.text("may").contains("token"), "{}", page.text("may"));
     let serve = Serve::start(&["--port", &port]);
     wait(
         &mut page,
         "mcdpr.connected && document.getElementById('stale').hidden",
     );
     wait(&mut page, MOVING);
+    assert!(page.text("may").starts_with("Esc stops"));
+    let mut guest = browser.open(&format!("{}#token=guess", serve.address()));
+    wait(
+        &mut guest,
+        "document.getElementById('may').textContent.startsWith('The token is not that')",
+    );
     // Another program on the same port is refused with a reason, and the first goes on.
     let output = mcdpr_tests::mcdpr()
         .args(["serve", "--port", &port])
@@ -359,4 +371,200 @@ fn a_single_run_is_shown_too_and_its_record_replays_with_the_orders_from_the_pag
     ] {
         assert!(report.contains(what), "{what}");
     }
+}
+
+/// Every button that there is, with what the page has sent.
+const BUTTONS: &str =
+    "[...document.querySelectorAll('button')].filter(b => !b.disabled && b.offsetParent)";
+
+#[test]
+fn space_and_escape_act_whatever_has_the_focus_and_press_no_button() {
+    let _alone = alone();
+    let serve = Serve::start(&[]);
+    let mut browser = Browser::start();
+    let mut page = browser.open(&serve.with_token());
+    wait(&mut page, MOVING);
+    wait(&mut page, "mcdpr.may");
+    let count = page.number(&format!("{BUTTONS}.length"));
+    assert!(count >= 12.0, "{count} buttons");
+    page.run("mcdpr.answers.length = 0");
+    for button in 0..count as usize {
+        page.run(&format!("{BUTTONS}[{button}].focus()"));
+        assert!(page.truth(&format!("document.activeElement === {BUTTONS}[{button}]")));
+        page.press(" ");
+        wait(
+            &mut page,
+            &format!(
+                "mcdpr.answers.filter(m => m.order === 'hold').length === {}",
+                button + 1
+            ),
+        );
+    }
+    wait(&mut page, "mcdpr.live.state === 'Holding'");
+    // No button was pressed on the way, and no key jogged.
+    assert!(
+        page.truth("mcdpr.answers.every(m => m.order === 'hold')"),
+        "{}",
+        page.run("JSON.stringify(mcdpr.answers)")
+    );
+    assert!(page.truth("document.getElementById('jog-keys').ariaPressed === 'false'"));
+    // A real click leaves the focus nowhere, so that the next key presses nothing.
+    page.click("[data-order=resume]");
+    wait(&mut page, MOVING);
+    assert!(page.truth("document.activeElement === document.body"));
+    page.press(" ");
+    wait(&mut page, "mcdpr.live.state === 'Holding'");
+    page.run("document.querySelector('[data-jog=\"1,0,0\"]').focus()");
+    page.press("r");
+    wait(&mut page, MOVING);
+    page.run("document.querySelector('[data-order=start]').focus()");
+    page.press("Escape");
+    wait(
+        &mut page,
+        "mcdpr.live.state === 'Disarmed' && mcdpr.live.brakes_open === 0",
+    );
+    assert!(page.truth("!mcdpr.answers.some(m => m.order === 'jog' || m.order === 'start')"));
+}
+
+#[test]
+fn keys_jog_only_after_they_were_switched_on() {
+    let _alone = alone();
+    let serve = Serve::start(&["--idle"]);
+    let mut browser = Browser::start();
+    let mut page = browser.open(&serve.with_token());
+    wait(&mut page, "mcdpr.may && mcdpr.live.state === 'Disarmed'");
+    // With the focus on a jog button or nowhere, keys jog nothing: an order that comes after them is
+    // the first that is answered.
+    for focus in [
+        "document.querySelector('[data-jog=\"1,0,0\"]').focus()",
+        "document.activeElement.blur()",
+    ] {
+        page.run("mcdpr.answers.length = 0");
+        page.run(focus);
+        for key in ["ArrowRight", "Enter"] {
+            page.press(key);
+        }
+        page.press(" ");
+        wait(&mut page, "mcdpr.answers.length > 0");
+        assert!(page.truth("mcdpr.answers.every(m => m.order === 'hold')"));
+    }
+    page.click("#jog-keys");
+    assert!(page.truth("document.getElementById('jog-keys').ariaPressed === 'true'"));
+    page.key("ArrowRight", true);
+    wait(
+        &mut page,
+        "mcdpr.live.state === 'Holding' && mcdpr.live.pose",
+    );
+    let from = page.number("mcdpr.live.pose.tool_m[0]");
+    wait(
+        &mut page,
+        &format!("mcdpr.live.pose.tool_m[0] > {from} + 0.01"),
+    );
+    // Space ends it while the key is still down, and switches the keys off.
+    page.press(" ");
+    assert!(page.truth("document.getElementById('jog-keys').ariaPressed === 'false'"));
+    wait(
+        &mut page,
+        "mcdpr.live.state === 'Disarmed' && mcdpr.live.brakes_open === 0",
+    );
+    page.key("ArrowRight", false);
+    let at = page.number("mcdpr.live.pose.tool_m[0]");
+    assert!(at < from + 0.1, "it went on: from {from} to {at}");
+}
+
+#[test]
+fn stop_stays_in_sight_at_every_size() {
+    let _alone = alone();
+    let serve = Serve::start(&[]);
+    let mut browser = Browser::start();
+    let mut page = browser.open(&serve.with_token());
+    wait(&mut page, "mcdpr.may && mcdpr.live");
+    let seen = "(() => { const b = document.getElementById('stop').getBoundingClientRect(); \
+        const at = document.elementFromPoint(b.x + b.width / 2, b.y + b.height / 2); \
+        return b.top >= 0 && b.bottom <= innerHeight && b.left >= 0 && b.right <= innerWidth && \
+        b.width > 200 && b.height >= 40 && at === document.getElementById('stop'); })()";
+    for (width, height) in [
+        (1400, 900),
+        (1024, 500),
+        (820, 1180),
+        (740, 360),
+        (375, 740),
+        (375, 480),
+    ] {
+        page.resize(width, height);
+        wait(
+            &mut page,
+            &format!(
+                "innerWidth === {width} && document.documentElement.scrollWidth <= {width} + 1"
+            ),
+        );
+        for place in [
+            "0",
+            "document.body.scrollHeight / 2",
+            "document.body.scrollHeight",
+        ] {
+            page.run(&format!("window.scrollTo(0, {place})"));
+            assert!(page.truth(seen), "{width} x {height}, scrolled to {place}");
+        }
+    }
+    // It is not only seen: a finger on it stops.
+    wait(&mut page, MOVING);
+    page.run("window.scrollTo(0, document.body.scrollHeight)");
+    page.click("#stop");
+    wait(
+        &mut page,
+        "mcdpr.live.state === 'Disarmed' && mcdpr.live.brakes_open === 0",
+    );
+}
+
+/// A board on a port that vanishes and comes back: the page stays, says why beside the buttons, and
+/// goes on.
+#[test]
+fn the_page_outlives_its_board() {
+    let _alone = alone();
+    let folder = Folder::new("page-port");
+    let port = folder.path().join("port");
+    let plug = |simulator: &Simulator| {
+        let _ = std::fs::remove_file(&port);
+        std::os::unix::fs::symlink(&simulator.port, &port).unwrap();
+    };
+    let simulator = Simulator::start("1");
+    plug(&simulator);
+    let record = folder.path().join("kept");
+    let words = [
+        "--on",
+        port.to_str().unwrap(),
+        "--record",
+        record.to_str().unwrap(),
+    ];
+    let mut serve = Serve::start(&words);
+    let mut browser = Browser::start();
+    let mut page = browser.open(&serve.with_token());
+    wait(&mut page, "mcdpr.may && mcdpr.live.state === 'Disarmed'");
+    let trouble = "document.getElementById('trouble').textContent";
+    page.click("[data-order=clear]");
+    wait(&mut page, "mcdpr.answers.some(m => m.order === 'clear')");
+    assert!(serve.runs());
+    drop(simulator);
+    wait(
+        &mut page,
+        &format!("{trouble} !== '' && !document.getElementById('stale').hidden"),
+    );
+    // Orders are refused with the reason, and Stop does no harm.
+    page.run("mcdpr.answers.length = 0");
+    page.click("[data-order=clear]");
+    wait(
+        &mut page,
+        "mcdpr.answers.some(m => m.order === 'clear' && !m.ok)",
+    );
+    page.press("Escape");
+    assert!(serve.runs() && page.truth("mcdpr.connected"));
+    let simulator = Simulator::start("1");
+    plug(&simulator);
+    wait(
+        &mut page,
+        &format!("{trouble} === '' && document.getElementById('stale').hidden"),
+    );
+    wait(&mut page, "mcdpr.live.state === 'Disarmed'");
+    assert!(serve.runs());
 }

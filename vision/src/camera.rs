@@ -34,6 +34,28 @@ pub struct Camera {
     pub distortion: [f64; 5],
 }
 
+/// A pixel and its derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projection {
+    /// Where the point appears, px.
+    pub pixel: Vector2<f64>,
+    /// Derivative with respect to the point in the camera's frame, px/m.
+    pub by_point: Matrix2x3<f64>,
+    /// Derivative with respect to a common relative change of both focal lengths, px.
+    pub by_focal: Vector2<f64>,
+    /// Derivative with respect to k1, px.
+    pub by_k1: Vector2<f64>,
+}
+
+/// A direction behind the lens, with its derivative by the direction in front of it, which is
+/// symmetric.
+struct Bent {
+    at: Vector2<f64>,
+    xx: f64,
+    xy: f64,
+    yy: f64,
+}
+
 impl Camera {
     /// Checks the numbers.
     ///
@@ -69,23 +91,29 @@ impl Camera {
         Ok(())
     }
 
-    /// Pixel of a direction (x/z, y/z), with the derivative.
-    fn distort(&self, direction: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+    /// A direction (x/z, y/z) as the lens bends it.
+    fn bend(&self, direction: &Vector2<f64>) -> Bent {
         let (x, y) = (direction.x, direction.y);
         let [k1, k2, p1, p2, k3] = self.distortion;
         let r2 = x * x + y * y;
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
         let slope = k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3);
-        let xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
-        let yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
-        let cross = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
-        let xx = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x;
-        let yy = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x;
+        Bent {
+            at: Vector2::new(
+                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            ),
+            xx: radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
+            xy: 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y,
+            yy: radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
+        }
+    }
+
+    fn pixel(&self, bent: &Vector2<f64>) -> Vector2<f64> {
         let [fx, fy] = self.focal_px;
-        let pixel = Vector2::new(fx * xd + self.center_px[0], fy * yd + self.center_px[1]);
-        (
-            pixel,
-            Matrix2::new(fx * xx, fx * cross, fy * cross, fy * yy),
+        Vector2::new(
+            fx * bent.x + self.center_px[0],
+            fy * bent.y + self.center_px[1],
         )
     }
 
@@ -103,30 +131,42 @@ impl Camera {
             return None;
         }
         let direction = Vector2::new(point_m.x, point_m.y) / point_m.z;
-        Some(self.distort(&direction).0)
+        Some(self.pixel(&self.bend(&direction).at))
     }
 
-    /// As [`Camera::project`], with the derivative of the pixel with respect to the point, px/m.
+    /// As [`Camera::project`], with the derivatives of the pixel.
+    ///
+    /// ```
+    /// use mcdpr_vision::Camera;
+    /// let camera = Camera { size_px: [640, 480], focal_px: [600.0; 2], center_px: [320.0, 240.0], distortion: [0.0; 5] };
+    /// let seen = camera.projection(&nalgebra::Point3::new(0.1, 0.0, 0.5)).unwrap();
+    /// assert_eq!(seen.by_point[(0, 0)], 1200.0); // 600 px / 0.5 m
+    /// assert_eq!(seen.by_point[(0, 2)], -240.0); // -600 px x 0.1 / 0.5^2
+    /// assert_eq!(seen.by_focal.x, 120.0); // the distance from the principal point
+    /// ```
     #[must_use]
-    pub fn project_with_slope(
-        &self,
-        point_m: &Point3<f64>,
-    ) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+    pub fn projection(&self, point_m: &Point3<f64>) -> Option<Projection> {
         if !(point_m.z > 1e-6 && point_m.iter().all(|value| value.is_finite())) {
             return None;
         }
-        let inverse = 1.0 / point_m.z;
-        let direction = Vector2::new(point_m.x, point_m.y) * inverse;
-        let (pixel, by_direction) = self.distort(&direction);
-        let by_point = Matrix2x3::new(
-            inverse,
-            0.0,
-            -direction.x * inverse,
-            0.0,
-            inverse,
-            -direction.y * inverse,
-        );
-        Some((pixel, by_direction * by_point))
+        let inv = 1.0 / point_m.z;
+        let (x, y) = (point_m.x * inv, point_m.y * inv);
+        let Bent { at, xx, xy, yy } = self.bend(&Vector2::new(x, y));
+        let r2 = x * x + y * y;
+        let [fx, fy] = self.focal_px;
+        Some(Projection {
+            pixel: self.pixel(&at),
+            by_point: Matrix2x3::new(
+                fx * xx * inv,
+                fx * xy * inv,
+                -fx * (xx * x + xy * y) * inv,
+                fy * xy * inv,
+                fy * yy * inv,
+                -fy * (xy * x + yy * y) * inv,
+            ),
+            by_focal: Vector2::new(fx * at.x, fy * at.y),
+            by_k1: Vector2::new(fx * x * r2, fy * y * r2),
+        })
     }
 
     /// Direction (x/z, y/z) of a pixel: distortion undone by Newton's method.
@@ -140,11 +180,13 @@ impl Camera {
             return at;
         }
         for _ in 0..10 {
-            let (guess, slope) = self.distort(&at);
+            let bent = self.bend(&at);
+            let [fx, fy] = self.focal_px;
+            let slope = Matrix2::new(fx * bent.xx, fx * bent.xy, fy * bent.xy, fy * bent.yy);
             let Some(inverse) = slope.try_inverse() else {
                 break;
             };
-            let step = inverse * (pixel - guess);
+            let step = inverse * (pixel - self.pixel(&bent.at));
             at += step;
             if step.norm() < 1e-13 {
                 break;
@@ -204,13 +246,22 @@ mod tests {
     #[test]
     fn slopes_match_differences() {
         let point = Point3::new(0.12, -0.08, 0.4);
-        let (_, slope) = lens().project_with_slope(&point).unwrap();
+        let seen = lens().projection(&point).unwrap();
+        assert!((seen.pixel - lens().project(&point).unwrap()).norm() < 1e-12);
         for k in 0..3 {
             let step = Vector3::from_fn(|i, _| if i == k { 1e-6 } else { 0.0 });
             let ahead = lens().project(&(point + step)).unwrap();
             let behind = lens().project(&(point - step)).unwrap();
-            assert!(((ahead - behind) / 2e-6 - slope.column(k)).norm() < 1e-4);
+            assert!(((ahead - behind) / 2e-6 - seen.by_point.column(k)).norm() < 1e-4);
         }
+        let mut other = lens();
+        other.distortion[0] += 1e-6;
+        let slope = (other.project(&point).unwrap() - seen.pixel) / 1e-6;
+        assert!((slope - seen.by_k1).norm() < 1e-5);
+        let mut other = lens();
+        other.focal_px = other.focal_px.map(|f| f * (1.0 + 1e-6));
+        let slope = (other.project(&point).unwrap() - seen.pixel) / 1e-6;
+        assert!((slope - seen.by_focal).norm() < 1e-5);
     }
 
     #[test]

@@ -9,6 +9,7 @@ pub mod camera;
 pub mod frame;
 pub mod grasp;
 pub mod image;
+mod input;
 pub mod live;
 #[cfg(feature = "realsense")]
 pub mod realsense;
@@ -19,7 +20,7 @@ pub mod tag;
 pub mod v4l2;
 
 pub use align::{Aligned, align};
-pub use camera::Camera;
+pub use camera::{Camera, Projection};
 pub use frame::{Cameras, Frame, FrameError};
 pub use image::{DepthImage, GrayImage, Image, RgbImage};
 pub use source::{Source, SourceError};

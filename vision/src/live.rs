@@ -145,7 +145,7 @@ impl LiveFolder {
 
     fn taken_s(&self, number: u64) -> Result<f64, SourceError> {
         let path = frame_path(&self.folder, number);
-        let text = std::fs::read_to_string(&path).map_err(|error| SourceError::Unreadable {
+        let text = crate::input::read_text(&path).map_err(|error| SourceError::Unreadable {
             path: path.clone(),
             reason: error.to_string(),
         })?;

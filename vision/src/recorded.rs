@@ -35,7 +35,7 @@ pub(crate) struct Intrinsics {
 impl Intrinsics {
     pub(crate) fn read(folder: &Path) -> Result<Self, SourceError> {
         let path = folder.join(INTRINSICS);
-        let text = std::fs::read_to_string(&path).map_err(|error| SourceError::Unreadable {
+        let text = crate::input::read_text(&path).map_err(|error| SourceError::Unreadable {
             path: path.clone(),
             reason: format!(
                 "{error}; a folder of pictures needs it, `mcdpr camera record` writes it"
@@ -178,17 +178,41 @@ pub(crate) fn unwritable(path: &Path, error: impl std::fmt::Display) -> SourceEr
     }
 }
 
-/// Pixels of a PNG file with its width, height and form.
-fn read_png(path: &Path) -> Result<(Vec<u8>, png::OutputInfo), SourceError> {
+/// Most pixels of a picture: more than any camera of a robot gives, and in memory at most 400 MB.
+const MOST_PIXELS: u64 = 50_000_000;
+
+/// Pixels of a PNG file with its width, height and form, which must be one of those wanted. A file
+/// says its size before its pixels, and a small one can say any: both are checked before memory is
+/// taken.
+fn read_png(
+    path: &Path,
+    what: &str,
+    wanted: &[(png::ColorType, png::BitDepth)],
+) -> Result<(Vec<u8>, png::OutputInfo), SourceError> {
     let unreadable = |reason: String| SourceError::Unreadable {
         path: path.to_owned(),
         reason,
     };
-    let file = File::open(path).map_err(|error| unreadable(error.to_string()))?;
+    let file = crate::input::open(path).map_err(|error| unreadable(error.to_string()))?;
     let decoder = png::Decoder::new(BufReader::new(file));
     let mut reader = decoder
         .read_info()
         .map_err(|error| unreadable(error.to_string()))?;
+    let header = reader.info();
+    let pixels = u64::from(header.width) * u64::from(header.height);
+    if pixels > MOST_PIXELS {
+        return Err(unreadable(format!(
+            "it is {} x {} px; a picture has at most {MOST_PIXELS} pixels",
+            header.width, header.height
+        )));
+    }
+    let (color, depth) = reader.output_color_type();
+    if !wanted.contains(&(color, depth)) {
+        return Err(SourceError::Malformed {
+            path: path.to_owned(),
+            what: format!("{what}, this one is {color:?} with {depth:?} bits"),
+        });
+    }
     let size = reader
         .output_buffer_size()
         .ok_or_else(|| unreadable("it is too large".to_owned()))?;
@@ -205,19 +229,9 @@ fn read_png(path: &Path) -> Result<(Vec<u8>, png::OutputInfo), SourceError> {
 /// # Errors
 /// [`SourceError::Unreadable`], [`SourceError::Malformed`] for another form.
 pub fn read_color(path: &Path) -> Result<RgbImage, SourceError> {
-    let (bytes, info) = read_png(path)?;
-    let step = match (info.color_type, info.bit_depth) {
-        (png::ColorType::Rgb, png::BitDepth::Eight) => 3,
-        (png::ColorType::Rgba, png::BitDepth::Eight) => 4,
-        (color, depth) => {
-            return Err(SourceError::Malformed {
-                path: path.to_owned(),
-                what: format!(
-                    "colour pictures must be 8-bit RGB, this one is {color:?} with {depth:?} bits"
-                ),
-            });
-        }
-    };
+    let wanted = [png::ColorType::Rgb, png::ColorType::Rgba].map(|c| (c, png::BitDepth::Eight));
+    let (bytes, info) = read_png(path, "colour pictures must be 8-bit RGB", &wanted)?;
+    let step = info.color_type.samples();
     let pixels = bytes.chunks_exact(step).map(|c| [c[0], c[1], c[2]]);
     sized(path, &info, pixels.collect())
 }
@@ -227,16 +241,8 @@ pub fn read_color(path: &Path) -> Result<RgbImage, SourceError> {
 /// # Errors
 /// [`SourceError::Unreadable`], [`SourceError::Malformed`] for another form.
 pub fn read_depth(path: &Path) -> Result<Image<u16>, SourceError> {
-    let (bytes, info) = read_png(path)?;
-    if (info.color_type, info.bit_depth) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {
-        return Err(SourceError::Malformed {
-            path: path.to_owned(),
-            what: format!(
-                "depth pictures must be 16-bit grey, this one is {:?} with {:?} bits",
-                info.color_type, info.bit_depth
-            ),
-        });
-    }
+    let wanted = [(png::ColorType::Grayscale, png::BitDepth::Sixteen)];
+    let (bytes, info) = read_png(path, "depth pictures must be 16-bit grey", &wanted)?;
     let pixels = bytes
         .chunks_exact(2)
         .map(|c| u16::from_be_bytes([c[0], c[1]]));

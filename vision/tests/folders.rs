@@ -139,3 +139,37 @@ fn depth_with_eight_bits_and_unknown_keys_are_told() {
     std::fs::write(folder.join("color_0001.png"), b"no picture").unwrap();
     assert!(read_color(&folder.join("color_0001.png")).is_err());
 }
+
+/// A file of a hundred bytes that says it holds 2.7 GB: what it says is checked before memory is taken.
+#[test]
+fn a_picture_that_would_fill_the_memory_is_refused_by_its_size() {
+    let folder = written("huge");
+    let path = folder.join("color_0001.png");
+    let mut encoder = png::Encoder::new(std::fs::File::create(&path).unwrap(), 30_000, 30_000);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header().unwrap();
+    // The beginning of a compressed stream, without data.
+    writer.write_chunk(png::chunk::IDAT, &[0x78, 0x9C]).unwrap();
+    drop(writer);
+    assert!(std::fs::metadata(&path).unwrap().len() < 200);
+    let error = read_color(&path).unwrap_err().to_string();
+    assert!(
+        error.contains("30000 x 30000 px") && error.contains("at most"),
+        "{error}"
+    );
+    let reason = reason(&folder);
+    assert!(reason.contains("30000 x 30000 px"), "{reason}");
+}
+
+#[test]
+#[cfg(unix)]
+fn a_named_pipe_in_place_of_a_picture_keeps_nobody_waiting() {
+    let folder = written("pipe");
+    let path = folder.join("color_0001.png");
+    std::fs::remove_file(&path).unwrap();
+    let made = std::process::Command::new("mkfifo").arg(&path).status();
+    assert!(made.unwrap().success());
+    let error = read_color(&path).unwrap_err().to_string();
+    assert!(error.contains("it is not a file"), "{error}");
+}

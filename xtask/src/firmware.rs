@@ -21,6 +21,21 @@ pub(crate) fn build_and_check() -> Result<(), String> {
     check(&image)
 }
 
+/// Checks that `kinematics` does without the standard library, as its documentation claims: for a
+/// target that has none.
+pub(crate) fn kinematics_without_std() -> Result<(), String> {
+    ensure_target()?;
+    cargo(&[
+        "check",
+        "--locked",
+        "-p",
+        "mcdpr-kinematics",
+        "--no-default-features",
+        "--target",
+        TARGET,
+    ])
+}
+
 /// Lints the firmware for its own target, where the board's code exists.
 pub(crate) fn lint() -> Result<(), String> {
     ensure_target()?;

@@ -10,6 +10,7 @@ const USAGE: &str = "usage: cargo xtask COMMAND
 test        every test: host crates, system tests with the real program, the firmware's contracts
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
+study planning  a million odd robots and tasks through planning (--runs N, --seed N)
 lint        formatting, lints and documentation, warnings denied";
 
 fn main() -> ExitCode {
@@ -36,11 +37,14 @@ fn main() -> ExitCode {
 /// Long studies; what they print is their result.
 fn study() -> Result<(), String> {
     let arguments: Vec<String> = std::env::args().skip(2).collect();
-    let Some(("faults", options)) = arguments.split_first().map(|(a, b)| (a.as_str(), b)) else {
-        return Err(USAGE.to_owned());
+    let chosen = arguments.split_first();
+    let (package, example, options) = match chosen.map(|(a, b)| (a.as_str(), b)) {
+        Some(("faults", options)) => ("mcdpr", "fault_study", options),
+        Some(("planning", options)) => ("mcdpr-tests", "planning_study", options),
+        _ => return Err(USAGE.to_owned()),
     };
-    let mut command = vec!["run", "--release", "--locked", "-q", "-p", "mcdpr"];
-    command.extend(["--example", "fault_study", "--"]);
+    let mut command = vec!["run", "--release", "--locked", "-q", "-p", package];
+    command.extend(["--example", example, "--"]);
     command.extend(options.iter().map(String::as_str));
     cargo(&command)
 }
@@ -50,6 +54,7 @@ fn test() -> Result<(), String> {
     // file: both must be there before the tests run.
     cargo(&["build", "--release", "--locked", "-p", "mcdpr"])?;
     firmware::build_and_check()?;
+    firmware::kinematics_without_std()?;
     tools::ensure_browser()?;
     tools::ensure_mcap_reader()?;
     let arguments = [

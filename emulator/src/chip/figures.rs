@@ -58,6 +58,7 @@ impl Chip {
             count: sorted.len(),
             median: sorted.get(sorted.len() / 2).copied().unwrap_or(0),
             max: sorted.last().copied().unwrap_or(0),
+            cycles_max: self.cycles_max,
             latency_max: self.latency_max,
             lost: self.lost_before + self.bus.scs.ticks_lost,
         }
@@ -67,7 +68,7 @@ impl Chip {
     pub fn take_tick_stats(&mut self) -> TickStats {
         let stats = self.tick_stats();
         self.ticks.clear();
-        self.latency_max = 0;
+        (self.latency_max, self.cycles_max) = (0, 0);
         self.lost_before = 0;
         self.bus.scs.ticks_lost = 0;
         stats

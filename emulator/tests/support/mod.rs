@@ -213,7 +213,7 @@ fn entries() -> Vec<ConfigEntry> {
                 CableKey::TensionZeroUv => 235_500,
                 CableKey::TensionMax => 39_000,
                 CableKey::TensionFloor | CableKey::Friction => 500,
-                CableKey::TensionCeiling => 35_000,
+                CableKey::TensionCeiling => 34_000,
                 CableKey::TensionLaw => 1,
                 CableKey::TensionKp | CableKey::FollowingError => 1000,
                 CableKey::TensionKd => 20_000,
@@ -224,7 +224,10 @@ fn entries() -> Vec<ConfigEntry> {
                 CableKey::ReelSpeed => 10_000,
                 CableKey::MaxSpeed => 46_000,
                 CableKey::MaxAcceleration | CableKey::MaxJerk => 10_000_000,
-                CableKey::LengthMin => 0,
+                CableKey::LengthMin
+                | CableKey::TensionOutput
+                | CableKey::Play
+                | CableKey::SpeedCornerMhz => 0,
                 CableKey::LengthMax => 200_000_000,
                 CableKey::Node => i32::from(index) + 1,
             };

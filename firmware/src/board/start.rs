@@ -52,12 +52,14 @@ fn bring_up() -> (
     watch_supply();
     encoders::start();
     tension::start();
-    let (sender, ring) = uart::open();
+    let (sender, ring, tap) = uart::open();
 
     let (for_tick, for_link) = link::queues();
     let rim = tick::Rim {
         can: can::open(),
         drives: DriveBus::default(),
+        tap,
+        last_panic: reset.last_panic.clone(),
     };
     tick::hand_over(rim, for_tick, &reset);
     let (incoming, outgoing) = link::open(for_link, sender, ring, identity::hello(&reset));

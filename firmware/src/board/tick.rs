@@ -1,33 +1,27 @@
-//! The control tick: SysTick, 1 kHz, above everything else. It alone owns the control core.
-//!
-//! Order within a tick: read, step, apply, so that outputs follow inputs at a constant distance;
-//! then requests, which act from the next tick on; then what there is to tell.
+//! The control tick: SysTick, 1 kHz, above everything else. It alone owns the control core. What it
+//! does, and in what order, is the library's (`mcdpr_firmware::cycle`).
 
 use crate::identity::{self, Reset};
 use crate::life::{self, Part};
-use crate::link::{self, TickEnds};
+use crate::link;
 use crate::pins::{self, CABLES};
 use crate::start::CYCLES_PER_TICK;
-use crate::{can, encoders, tension};
+use crate::{can, encoders, tension, uart};
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
 use cortex_m::peripheral::{DCB, DWT};
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::io::Board;
-use mcdpr_firmware::{Inputs, Outputs, Server};
+use mcdpr_firmware::link::{Line, TickEnds};
+use mcdpr_firmware::{Active, Cycle, Inputs, Outputs, State};
 use mcdpr_protocol::message::PANIC_BYTES;
-use mcdpr_protocol::{List, Reply, Tick};
+use mcdpr_protocol::{Info, List, Tick};
 use static_cell::StaticCell;
 
 /// From one tick's start to the next, at most: a tenth late is an overrun (P5).
 const LATE_CYCLES: u32 = CYCLES_PER_TICK + CYCLES_PER_TICK / 10;
 
 static NOW: AtomicU32 = AtomicU32::new(0);
-
-/// Ticks since the start, wrapping.
-pub fn now() -> u32 {
-    NOW.load(Ordering::Relaxed)
-}
 
 /// Counts core clock cycles from here on.
 pub fn start_cycle_counter(mut dcb: DCB, mut dwt: DWT) {
@@ -41,13 +35,24 @@ pub struct Rim {
     pub can: can::Bus,
     /// What the drives are told and what they say.
     pub drives: DriveBus<CABLES>,
+    /// What the host's line has brought.
+    pub tap: uart::Tap,
+    /// What the last fatal error said.
+    pub last_panic: List<u8, PANIC_BYTES>,
+}
+
+impl Line for Rim {
+    fn arrived(&mut self) -> u32 {
+        self.tap.arrived()
+    }
+
+    #[inline]
+    fn byte(&self, number: u32) -> u8 {
+        self.tap.byte(number)
+    }
 }
 
 impl Board<CABLES> for Rim {
-    fn now(&self) -> Tick {
-        Tick(now())
-    }
-
     fn read(&mut self, inputs: &mut Inputs<CABLES>) {
         inputs.encoders = encoders::read();
         inputs.tension_adc = tension::read();
@@ -59,25 +64,25 @@ impl Board<CABLES> for Rim {
         self.drives.fill(inputs);
     }
 
-    fn apply(&mut self, outputs: &Outputs<CABLES>) {
+    fn apply(&mut self, now: Tick, config: Option<&Active<CABLES>>, outputs: &Outputs<CABLES>) {
         pins::apply(outputs);
+        self.drives.tick(now, config, outputs, &mut self.can);
     }
 
-    fn safe_off(&mut self) {
-        pins::close_brakes();
+    fn complete(&self, info: &mut Info) {
+        identity::complete(info, &self.last_panic);
+    }
+
+    fn show(&mut self, state: State, now: Tick) {
+        pins::show(state, now);
     }
 }
 
 /// All that a tick works with.
 struct Core {
-    server: &'static mut Server<CABLES>,
+    cycle: &'static mut Cycle<CABLES>,
     rim: Rim,
-    /// What was read in this tick; here, so that it is not made anew in each.
-    inputs: Inputs<CABLES>,
-    ends: TickEnds,
-    last_panic: List<u8, PANIC_BYTES>,
-    /// The last tick executed a command.
-    executed_before: bool,
+    ends: TickEnds<'static, CABLES>,
     /// Cycle counter at the last tick's start; `None` before the first.
     started: Option<u32>,
 }
@@ -90,76 +95,8 @@ impl Core {
         NOW.store(now.0, Ordering::Relaxed);
 
         let late = last.is_some_and(|last| cycles.wrapping_sub(last) > LATE_CYCLES);
-        self.control(now, late);
-        let executed = self.execute(now);
-        // A command and the state each take their time: not both in one tick, unless one command
-        // follows the other.
-        let tells_state = !executed || self.executed_before;
-        self.executed_before = executed;
-        self.tell(now, tells_state);
+        self.cycle.tick(now, late, &mut self.rim, &mut self.ends);
         life::show(Part::Tick);
-    }
-
-    /// Out of line, as are the other two: the stack of one is gone before the next one's comes.
-    #[inline(never)]
-    fn control(&mut self, now: Tick, late: bool) {
-        self.rim.read(&mut self.inputs);
-        self.inputs.overrun = late;
-        self.server.tick(now, &self.inputs);
-        let controller = self.server.controller();
-        let outputs = controller.outputs();
-        self.rim.apply(outputs);
-        let Rim { can, drives, .. } = &mut self.rim;
-        drives.tick(now, controller.config(), outputs, can);
-    }
-
-    /// Executes a command, if one waits; whether it did.
-    #[inline(never)]
-    fn execute(&mut self, now: Tick) -> bool {
-        let mut executed = false;
-        // One at most: the line could bring six, which wait in its ring.
-        if let Some(command) = self.ends.commands.peek() {
-            if !self.ends.answers.ready() {
-                return false;
-            }
-            executed = true;
-            if !self.server.prepare(command) {
-                return executed;
-            }
-            let mut answer = self.server.receive(now, command, &link::counters());
-            self.ends.commands.dequeue();
-            if let Ok(Reply::Info(info)) = &mut answer.result {
-                identity::complete(info, &self.last_panic);
-            }
-            // There is room: it was just seen, and nobody else fills it.
-            let _ = self.ends.answers.enqueue(answer);
-        }
-        if link::is_damaged()
-            && self.ends.answers.ready()
-            && link::take_damaged()
-            && let Some(answer) = self.server.complain()
-        {
-            let _ = self.ends.answers.enqueue(answer);
-        }
-        executed
-    }
-
-    #[inline(never)]
-    fn tell(&mut self, now: Tick, tells_state: bool) {
-        if tells_state
-            && self.server.status_is_due()
-            && self.ends.states.ready()
-            && let Some(status) = self.server.take_status(&link::counters())
-        {
-            let _ = self.ends.states.enqueue(status);
-        }
-        if let Some(row) = self.server.take_row()
-            && self.ends.rows.enqueue(row).is_err()
-        {
-            link::drop_telemetry();
-        }
-        let state = self.server.controller().state();
-        pins::show(state, now);
     }
 }
 
@@ -167,20 +104,17 @@ impl Core {
 static CORE: AtomicPtr<Core> = AtomicPtr::new(ptr::null_mut());
 
 /// Gives the tick all that it owns. Before SysTick counts.
-pub fn hand_over(rim: Rim, ends: TickEnds, reset: &Reset) {
+pub fn hand_over(rim: Rim, ends: TickEnds<'static, CABLES>, reset: &Reset) {
     static PLACE: StaticCell<Core> = StaticCell::new();
-    static SERVER: StaticCell<Server<CABLES>> = StaticCell::new();
-    let server = SERVER.init_with(|| Server::new(false));
+    static CYCLE: StaticCell<Cycle<CABLES>> = StaticCell::new();
+    let cycle = CYCLE.init_with(|| Cycle::new(false));
     if let Some(fault) = reset.fault() {
-        server.start_in_fault(fault);
+        cycle.start_in_fault(fault);
     }
     let core = PLACE.init(Core {
-        server,
+        cycle,
         rim,
-        inputs: Inputs::default(),
         ends,
-        last_panic: reset.last_panic.clone(),
-        executed_before: false,
         started: None,
     });
     CORE.store(core, Ordering::Release);

@@ -1,17 +1,17 @@
 //! The host link: USART3 at 921600 baud, DMA in both directions.
 //!
 //! DMA alone ever reads the data register: to read it for a flag's sake could take a byte away from
-//! DMA. It fills a ring without end and without interrupts, and the link looks every tick how far
-//! it came: 92 bytes at most, of 512.
+//! DMA. It fills a ring without end and without interrupts. The tick looks how far it came, 92 bytes
+//! at most of 512, and searches what is new for stops; the link takes all of it at its own pace.
 
 use crate::interrupts;
 use crate::start::APB1_HZ;
-use core::sync::atomic::{AtomicBool, AtomicU8, Ordering, fence};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, fence};
 use embassy_stm32::pac;
 use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::gpio::vals::{CnfOut, Mode};
 use embassy_stm32::pac::interrupt;
-use mcdpr_protocol::Tick;
+use mcdpr_firmware::link::{Line, RING};
 use mcdpr_protocol::frame::MAX_FRAME;
 use static_cell::StaticCell;
 
@@ -19,18 +19,20 @@ const BAUD: u32 = 921_600;
 /// The line's clock per bit: 39.06, so the line is 0.16 % fast.
 const DIVISOR: u16 = 39;
 const _: () = assert!(APB1_HZ / BAUD == DIVISOR as u32 && APB1_HZ % BAUD < BAUD / 10);
-const RING: usize = 512;
-/// The same for the DMA's counter.
+/// [`RING`] for the DMA's counter.
 const TRANSFERS: u16 = 512;
 const _: () = assert!(TRANSFERS as usize == RING);
 /// Channels of DMA1 that USART3's transmitter and receiver are wired to, counted from 0.
 const SEND_CHANNEL: usize = 1;
 const RECEIVE_CHANNEL: usize = 2;
-/// Ticks in which the line cannot fill the ring: 5 * 92.16 bytes.
-const SAFE_TICKS: i32 = 5;
-
 /// Written by DMA.
 static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
+
+/// Bytes that had come by the last tick, wrapping. The line cannot fill the ring from one tick to
+/// the next, so with this DMA's place in the ring tells how many there are in all.
+static ARRIVED: AtomicU32 = AtomicU32::new(0);
+/// A counter that wraps must wrap where the ring does.
+const _: () = assert!(RING.is_power_of_two());
 
 /// DMA reads the frame that is being sent.
 static SENDING: AtomicBool = AtomicBool::new(false);
@@ -41,18 +43,14 @@ pub struct Sender {
     frame: &'static mut [u8; MAX_FRAME],
 }
 
-/// What has arrived and was not taken yet.
-pub struct Ring {
-    /// Where the next byte is taken.
-    next: usize,
-    /// Where DMA will write next, as last seen.
-    seen: usize,
-    unread: usize,
-    looked: Tick,
-}
+/// What has arrived, for the tick.
+pub struct Tap(());
+
+/// What has arrived, for the link.
+pub struct Ring(());
 
 /// Opens the line and starts receiving. The clocks of USART and DMA run.
-pub fn open() -> (Sender, Ring) {
+pub fn open() -> (Sender, Ring, Tap) {
     let usart = pac::USART3;
     usart.brr().write(|w| w.set_brr(DIVISOR));
     usart.cr1().write(|w| {
@@ -85,18 +83,12 @@ pub fn open() -> (Sender, Ring) {
         w.set_dmat(true);
     });
     usart.cr1().modify(|w| w.set_re(true));
-    let ring = Ring {
-        next: 0,
-        seen: 0,
-        unread: 0,
-        looked: Tick(0),
-    };
     let channel = pac::DMA1.ch(SEND_CHANNEL);
     channel.par().write_value(usart.dr().as_ptr() as u32);
     static FRAME: StaticCell<[u8; MAX_FRAME]> = StaticCell::new();
     let frame = FRAME.init_with(|| [0; MAX_FRAME]);
     interrupts::enable_link(interrupt::DMA1_CHANNEL2);
-    (Sender { frame }, ring)
+    (Sender { frame }, Ring(()), Tap(()))
 }
 
 impl Sender {
@@ -138,36 +130,43 @@ fn DMA1_CHANNEL2() {
     SENDING.store(false, Ordering::Release);
 }
 
-impl Ring {
-    /// Looks how far DMA came. Gives `false` if bytes were lost, because they came faster than
-    /// they were taken: then all that is unread is dropped.
-    pub fn look(&mut self, now: Tick) -> bool {
-        let left = usize::from(pac::DMA1.ch(RECEIVE_CHANNEL).ndtr().read().ndt());
-        fence(Ordering::SeqCst);
-        let written = (RING - left.min(RING)) % RING;
-        self.unread += (written + RING - self.seen) % RING;
-        self.seen = written;
-        let lapped = now.since(self.looked) > SAFE_TICKS;
-        self.looked = now;
-        if lapped && self.unread > 0 || self.unread >= RING {
-            self.next = written;
-            self.unread = 0;
-            return false;
-        }
-        true
+/// Bytes that have come so far, wrapping.
+fn arrived() -> u32 {
+    let known = ARRIVED.load(Ordering::Relaxed);
+    let left = pac::DMA1.ch(RECEIVE_CHANNEL).ndtr().read().ndt();
+    fence(Ordering::SeqCst);
+    let written = u32::from(TRANSFERS.wrapping_sub(left));
+    known.wrapping_add(written.wrapping_sub(known) % u32::from(TRANSFERS))
+}
+
+fn byte(number: u32) -> u8 {
+    let place = (number % u32::from(TRANSFERS)) as usize;
+    BYTES
+        .get(place)
+        .map_or(0, |byte| byte.load(Ordering::Relaxed))
+}
+
+impl Line for Tap {
+    fn arrived(&mut self) -> u32 {
+        let arrived = arrived();
+        ARRIVED.store(arrived, Ordering::Relaxed);
+        arrived
     }
 
-    /// Where DMA was at the last look.
-    pub const fn seen(&self) -> usize {
-        self.seen
+    #[inline]
+    fn byte(&self, number: u32) -> u8 {
+        byte(number)
+    }
+}
+
+impl Line for Ring {
+    fn arrived(&mut self) -> u32 {
+        arrived()
     }
 
-    /// The next byte.
-    pub fn take(&mut self) -> Option<u8> {
-        self.unread = self.unread.checked_sub(1)?;
-        let byte = BYTES.get(self.next)?.load(Ordering::Relaxed);
-        self.next = (self.next + 1) % RING;
-        Some(byte)
+    #[inline]
+    fn byte(&self, number: u32) -> u8 {
+        byte(number)
     }
 }
 

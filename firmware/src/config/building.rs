@@ -4,9 +4,12 @@
 //! then each cable is built and thrown away. Only when all is good, what is in use is overwritten,
 //! cable by cable: a refusal leaves it alone.
 
-use super::{Active, CableConfig, ConfigStore, Control, DriveKind, Slots, TensionLaw};
+use super::{
+    Active, CableConfig, ConfigStore, Control, DriveKind, Slots, TensionLaw, TensionOutput,
+};
 use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
 use crate::fixed::{division, half, quotient, saturate};
+use crate::tension::ADC_RAIL_HIGH;
 use core::ops::Range;
 use mcdpr_protocol::config::ConfigDigest;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Reject};
@@ -23,6 +26,9 @@ struct Periods {
     by_length: u8,
     by_tension: u8,
 }
+
+/// Highest ceiling, in tenths of what a sensor reads where it begins to count as open.
+const MOST_OF_RAIL_TENTHS: i64 = 9;
 
 /// Work of one slice.
 #[derive(Clone, Copy)]
@@ -223,12 +229,14 @@ impl<const N: usize> ConfigStore<N> {
         let periods = self.periods()?;
         let cycles = self.cables.iter().map(|values| {
             let by_tension = values.get(CableKey::Control as usize - 1) != Some(0);
+            let by_force =
+                by_tension && values.get(CableKey::TensionOutput as usize - 1) != Some(1);
             let ticks = if by_tension {
                 periods.by_tension
             } else {
                 periods.by_length
             };
-            (u32::from(ticks) * 1000, by_tension)
+            (u32::from(ticks) * 1000, by_force)
         });
         if load_permille(drive_kind, bus_bitrate, cycles) > MOST_LOAD_PERMILLE {
             return refused(ConfigKey::board(BoardKey::BusPeriodUs));
@@ -297,17 +305,34 @@ impl<const N: usize> ConfigStore<N> {
         let zero_uv = i64::from(key(CableKey::TensionZeroUv, -3_300_000, 3_300_000)?);
         let tension_max_mn = key(CableKey::TensionMax, 1, 10_000_000)?;
         let floor_mn = key(CableKey::TensionFloor, 0, tension_max_mn)?;
-        let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, tension_max_mn)?;
+        // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
+        // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
+        let tension_per_adc_q24 = quotient::<10>(gain * 8448);
+        let tension_zero_q24 = quotient::<1000>(quotient::<1000>(gain * zero_uv) << 24);
+        // Over the rail a reading is no tension (S7): a ceiling that it never shows protects
+        // nothing.
+        let rail_q24 = i64::from(ADC_RAIL_HIGH) * tension_per_adc_q24 - tension_zero_q24;
+        let trusted_mn = quotient::<10>(MOST_OF_RAIL_TENTHS * (rail_q24 >> 24));
+        let most_mn = tension_max_mn.min(saturate(trusted_mn));
+        let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, most_mn)?;
         let max_speed_umps = key(CableKey::MaxSpeed, 1, 20_000_000)?;
         let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
-        // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
-        let w_dt_q24 = quotient::<1_000_000>(filter_mhz * 105_414_357);
-        let alpha_q16 = rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24);
+        let alpha_q16 = alpha_q16_of(filter_mhz);
+        let corner_alpha_q16 = match key(CableKey::SpeedCornerMhz, 0, 400_000)? {
+            0 => 1 << 16,
+            corner_mhz => alpha_q16_of(i64::from(corner_mhz)),
+        };
         let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
         // One millisecond at one and a half times the largest speed, and a count of rounding.
         let step = quotient::<1000>(i64::from(max_speed_umps) * 15 * (1 << 24));
         let step = division(step, per_count_q24).abs() + 2;
         let max_current_ma = key(CableKey::MaxCurrentMa, 1, 32_000)?;
+        // mA times mN/A is µN.
+        let most_force_mn =
+            quotient::<1000>(i64::from(max_current_ma) * i64::from(force.abs())).max(1);
+        let mass_g = key(CableKey::DrumMass, 0, 100_000_000)?;
+        // g times µm/s over mN is µs.
+        let stop_q16 = division(i64::from(mass_g) << 16, most_force_mn);
         let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
         // A bus has no drive 0: that number calls all of them. 127 is the board itself.
         let node = key(CableKey::Node, 1, 126)?;
@@ -335,10 +360,8 @@ impl<const N: usize> ConfigStore<N> {
             max_current_ma,
             most_ma: max_current_ma - max_current_ma / 32,
             current_per_force_q32: division(1000 << 32, i64::from(force)),
-            // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
-            // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
-            tension_per_adc_q24: quotient::<10>(gain * 8448),
-            tension_zero_q24: quotient::<1000>(quotient::<1000>(gain * zero_uv) << 24),
+            tension_per_adc_q24,
+            tension_zero_q24,
             tension_max_mn,
             floor_mn,
             ceiling_mn,
@@ -346,15 +369,23 @@ impl<const N: usize> ConfigStore<N> {
                 0 => TensionLaw::Pd,
                 _ => TensionLaw::Default,
             },
+            output: match key(CableKey::TensionOutput, 0, 1)? {
+                0 => TensionOutput::Current,
+                _ => TensionOutput::Speed,
+            },
             kp_milli: key(CableKey::TensionKp, 0, 1_000_000)?,
             kd_us: key(CableKey::TensionKd, 0, 10_000_000)?,
             ki_milli: key(CableKey::TensionKi, 0, 10_000_000)?,
             damping_mns_per_m: key(CableKey::TensionDamping, 0, 100_000_000)?,
             filter_alpha_q16: saturate(alpha_q16),
+            corner_alpha_q16: saturate(corner_alpha_q16),
             friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
-            mass_g: key(CableKey::DrumMass, 0, 100_000_000)?,
+            mass_g,
+            play: key(CableKey::Play, 0, MOST_PLAY)?,
             lead_us,
             lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
+            most_force_mn: saturate(most_force_mn),
+            stop_q16: saturate(stop_q16),
             brake_close_ms: small(key(CableKey::BrakeCloseMs, 1, 2000)?),
             following_error: key(CableKey::FollowingError, 10, 1_000_000)? * 10,
             max_speed_umps,
@@ -376,6 +407,16 @@ impl<const N: usize> ConfigStore<N> {
         Ok(())
     }
 }
+
+/// Share of a new sample in a low-pass with this corner, 16 fractional bits.
+const fn alpha_q16_of(corner_mhz: i64) -> i64 {
+    // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
+    let w_dt_q24 = quotient::<1_000_000>(corner_mhz * 105_414_357);
+    rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24)
+}
+
+/// Most play between motor and drum, 0.1 µm.
+const MOST_PLAY: i32 = 20_000;
 
 /// Adds the values that are there, of keys at these places.
 fn hash<K: Copy, const M: usize>(

@@ -1,10 +1,11 @@
 //! What happens under and around closed brakes: the checks of arming, and the end of a stop.
 
 use super::{
-    Control, Controller, Event, FaultId, HOLD_TORQUE_MS, Inputs, Limit, Phase, Proof, Stir, Target,
-    Verdict, is_plausible, slowest_brake_ms,
+    Control, Controller, Event, FaultId, HAS_SERVICE, HOLD_TORQUE_MS, Inputs, Limit, Phase, Proof,
+    Stir, Target, Verdict, is_plausible, slowest_brake_ms,
 };
 use crate::config::TensionLaw;
+use crate::proof::play_ms;
 
 /// How fast a length-held cable gives way in a stop, 0.1 µm per tick (20 mm/s), and how far.
 const GIVE_STEP: i32 = 200;
@@ -35,6 +36,7 @@ impl<const N: usize> Controller<N> {
                 (Verdict::Holds, _) => {}
                 (Verdict::Pending, cable) => unproven = cable,
                 (Verdict::Slips(turned), cable) => {
+                    self.unsound = cable;
                     return self.trip(FaultId::B2, cable, turned / 10, 0);
                 }
             },
@@ -49,6 +51,9 @@ impl<const N: usize> Controller<N> {
             Err((fault, cable, value, limit)) => self.trip(fault, cable, value, limit),
             Ok(Phase::Preload) if before == Phase::Enabling => self.take_up(inputs),
             Ok(Phase::Done) => {
+                if !HAS_SERVICE || self.service.is_none() {
+                    self.hangs();
+                }
                 self.raise(Event::Armed);
             }
             Ok(now) => {
@@ -158,20 +163,28 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Brakes close under torque, torque is held, each brake must prove that it holds, then torque
-    /// goes. Where one does not, torque stays (B2, B3).
+    /// goes. Where one does not, its drum is pulled back to its place and it is tried again (B3); one
+    /// that never holds leaves the robot standing under torque (B2): a host may let it down.
     #[inline(never)]
     pub(super) fn close_brakes(&mut self, inputs: &Inputs<N>) {
         let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
             return;
         };
         let held = slowest_brake_ms(active) + HOLD_TORQUE_MS;
+        let most = held + PROOF_MS + play_ms(active);
         self.closing = Some(ticks + 1);
         if ticks < held {
             return;
         }
-        // Brakes that never opened hold what they held before.
         if self.arming.phase() < Phase::Opening {
-            self.raise(Event::TorqueOff);
+            if self.unsound > 0 {
+                // Torque holds what this brake does not.
+                self.arming.end();
+                self.raise(Event::BrakeFails);
+            } else {
+                // Brakes that never opened hold what they held before.
+                self.raise(Event::TorqueOff);
+            }
             return;
         }
         if ticks == held {
@@ -184,15 +197,16 @@ impl<const N: usize> Controller<N> {
             Verdict::Slips(turned) => {
                 self.slips = self.slips.saturating_add(1);
                 self.limits.insert(Limit::BrakeSlips);
-                if self.slips == TRIES {
-                    self.latch_fault(FaultId::B2, cable, turned / 10, 0);
-                }
+                // Without a push the drive pulls the drum back to where it was.
                 for cable in &mut self.cables {
                     cable.proof = Proof::default();
-                    // What it gave is given: the drum is held where it is now.
-                    cable.target.length = cable.length;
                 }
                 self.closing = Some(held - RETRY_MS);
+                if self.slips >= TRIES || self.unsound > 0 {
+                    self.unsound = cable;
+                    self.latch_fault(FaultId::B2, cable, turned / 10, 0);
+                    self.raise(Event::BrakeFails);
+                }
                 false
             }
             Verdict::Holds => {
@@ -202,7 +216,7 @@ impl<const N: usize> Controller<N> {
                 }
                 true
             }
-            Verdict::Pending => ticks >= held + PROOF_MS,
+            Verdict::Pending => ticks >= most,
         };
         if done {
             self.raise(Event::TorqueOff);

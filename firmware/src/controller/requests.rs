@@ -164,6 +164,9 @@ impl<const N: usize> Controller<N> {
         }
         self.no_fault()?;
         self.service = service;
+        if service.is_some() {
+            self.forget_parked();
+        }
         self.heartbeat.beat(now);
         self.raise(Event::Arm);
         Ok(Reply::Done)
@@ -247,6 +250,7 @@ impl<const N: usize> Controller<N> {
     }
 
     fn config_taken(&mut self) {
+        self.forget_parked();
         let Some(active) = &self.active else { return };
         for (cable, config) in self.cables.iter_mut().zip(&active.cables) {
             // Lengths counted with another scale are worth nothing; other gains cost none.
@@ -282,6 +286,7 @@ impl<const N: usize> Controller<N> {
             cable.reference_mn = tension.0;
         }
         self.referenced = true;
+        self.forget_parked();
         Ok(Reply::Done)
     }
 

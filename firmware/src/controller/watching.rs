@@ -1,8 +1,9 @@
 //! What is watched in every tick under torque: each cable, and what joins them.
 
+use super::relieving::horizon_us;
 use super::{
     Cable, Control, Controller, Event, FaultId, HAS_SERVICE, Inputs, Limit, Limits, LinkHealth,
-    Phase, State, concerns,
+    Phase, concerns,
 };
 use crate::config::{CableConfig, TensionLaw};
 use crate::io::DriveInput;
@@ -15,6 +16,8 @@ const CONTACT_TICKS: u16 = 20;
 const TENSION_WARN_MN: i32 = 3000;
 /// Where it leaves it by less, nothing has to be asked about it, mN.
 const TENSION_CALM_MN: i32 = 2000;
+/// Speed under which a drum that is told to turn may stick for a while, µm/s.
+const SLOW_UMPS: i32 = 3000;
 const _: () = assert!(TENSION_CALM_MN <= TENSION_WARN_MN);
 const _: () = assert!(TENSION_CALM_MN <= crate::watch::LEAST_OFF_MN);
 
@@ -24,6 +27,9 @@ struct Around {
     stirred: u8,
     /// On a bare winch hangs no cable, and the sign of its encoder may be what is looked for.
     bare: bool,
+    /// Brakes hold the drums, or are about to: what a law and a motor do against them says
+    /// nothing.
+    braked: bool,
     feedback_timeout_ms: u16,
 }
 
@@ -52,7 +58,7 @@ impl Cable {
             | (self.tension_mn > config.ceiling_mn)
             | (off.unsigned_abs() > TENSION_CALM_MN.unsigned_abs())
             | (error.unsigned_abs() > config.following_error.cast_unsigned())
-            | is_deaf(self.told_ma(config), i32::from(drive.current_ma).abs());
+            | is_deaf(self.told(config), self.given(config, drive));
         !odd && self.watch.is_quiet(
             adc,
             self.tension_mn,
@@ -61,12 +67,26 @@ impl Cable {
         )
     }
 
-    /// Size of the current that a tension-held drum was told, mA; none where it is within a
-    /// thirty-second of the largest, and so within what a drive measures wrongly.
+    /// Size of what a tension-held drum was told, mA or µm/s; none where it is so little that a
+    /// drive measures it wrongly, or that friction at rest keeps the drive for a while.
     #[inline]
-    fn told_ma(&self, config: &CableConfig) -> i32 {
-        let told = self.tension_loop.hold().abs();
-        if told > config.most_ma >> 5 { told } else { 0 }
+    fn told(&self, config: &CableConfig) -> i32 {
+        let (told, least) = if config.tells_speed() {
+            (self.tension_loop.told_speed_umps().abs(), SLOW_UMPS)
+        } else {
+            (self.tension_loop.hold().abs(), config.most_ma >> 5)
+        };
+        if told > least { told } else { 0 }
+    }
+
+    /// Size of what it gives, likewise.
+    #[inline]
+    fn given(&self, config: &CableConfig, drive: &DriveInput) -> i32 {
+        if config.tells_speed() {
+            self.speed_umps.saturating_abs()
+        } else {
+            i32::from(drive.current_ma).abs()
+        }
     }
 
     /// Commanded less measured length, 0.1 µm; of a cable that is held by tension, how far motor
@@ -104,9 +124,11 @@ impl Cable {
             },
             // On its way a robot does not wait for that.
             reels_in: by_tension
+                && !around.braked
                 && config.law == TensionLaw::Default
                 && self.target.speed_umps == 0,
             ceiling_mn: config.ceiling_mn,
+            horizon_us: horizon_us(config, self.speed_umps),
             length_error: self.length_error(config),
             length_error_max: config.following_error,
             motor_error: if by_tension {
@@ -114,10 +136,11 @@ impl Cable {
             } else {
                 self.axis.motor_error(&self.target, self.by_motor)
             },
-            told_ma: self.told_ma(config),
-            given_ma: i32::from(drive.current_ma).abs(),
-            saturated: self.tension_loop.saturated
-                || i32::from(drive.current_ma).abs() > config.most_ma,
+            told: if around.braked { 0 } else { self.told(config) },
+            given: self.given(config, drive),
+            saturated: !around.braked
+                && (self.tension_loop.saturated
+                    || i32::from(drive.current_ma).abs() > config.most_ma),
             feedback_age_ms: drive.age_ms,
             feedback_timeout_ms: around.feedback_timeout_ms,
             drive_fault: drive.fault,
@@ -127,12 +150,13 @@ impl Cable {
             // The paper's law leaves half of the set-point to its error: that is no runaway.
             by_tension: by_tension
                 && !around.bare
+                && !around.braked
                 && config.law == TensionLaw::Default
                 && around.stirred != number,
             too_fast_umps: self.speed_umps.saturating_sub(self.target.speed_umps),
             motor_length: self.by_motor,
             drum_length: self.length,
-            polarity_way: if around.bare {
+            polarity_way: if around.bare | around.braked {
                 i32::MAX
             } else {
                 config.four_counts
@@ -157,12 +181,11 @@ impl Cable {
 }
 
 impl<const N: usize> Controller<N> {
-    /// Whether the drums are the drives' alone: brakes take their time to open.
+    /// Whether the drums are the drives' alone, or were: brakes take their time to open.
     pub(super) fn watches_cables(&self) -> bool {
         // By what was decided, not by the pins: one axis that is braked because its drive is gone
         // must not blind the watch over the others.
-        let closing = self.state == State::Stopping && self.closing.is_some();
-        !closing && self.arming.phase().is_free()
+        self.arming.phase().is_free()
     }
 
     #[inline(never)]
@@ -191,9 +214,15 @@ impl<const N: usize> Controller<N> {
                 _ => 0,
             },
             bare: HAS_SERVICE && self.service.is_some(),
+            braked: self.is_braked(),
             feedback_timeout_ms: active.feedback_timeout_ms,
         };
         let mut found = None;
+        let mut tight = None;
+        // A cable that has just fallen to the floor pulls the others: that is no snag, unless
+        // these rose with it.
+        let breaks = self.cables.iter().map(|cable| cable.watch.breaks_ticks());
+        let breaks = breaks.max().unwrap_or(0);
         let mut eased = false;
         let readings = inputs.drives.iter().zip(&inputs.tension_adc);
         let configs = active.cables.iter().zip(readings);
@@ -211,7 +240,16 @@ impl<const N: usize> Controller<N> {
             }
             let pins = (number, drive, adc);
             let fault = cable.examine(config, pins, &around, &mut self.limits);
+            // What is slack under a brake stays so until somebody pulls: that is advice.
+            let fault = fault.filter(|(fault, ..)| !around.braked || *fault != FaultId::C1);
             eased |= cable.watch.saturates();
+            let (tension, ceiling) = (cable.tension_mn, config.ceiling_mn);
+            if fault.is_some_and(|(fault, ..)| fault == FaultId::C2) {
+                if cable.watch.snag_ticks() < breaks && tension <= ceiling {
+                    continue;
+                }
+                tight = tight.or(Some((FaultId::C2, number, tension, ceiling)));
+            }
             if found.is_none() {
                 found = fault.map(|(fault, value, limit)| (fault, number, value, limit));
             }
@@ -219,6 +257,10 @@ impl<const N: usize> Controller<N> {
         self.motion.ease(eased);
         let residual = self.watch_residuals();
         if let Some((fault, cable, value, limit)) = found.or(residual) {
+            self.trip(fault, cable, value, limit);
+        }
+        // Whatever was found first: a cable that is pulled too hard is let out.
+        if let Some((fault, cable, value, limit)) = tight {
             self.trip(fault, cable, value, limit);
         }
     }
@@ -270,7 +312,9 @@ impl<const N: usize> Controller<N> {
             }
             LinkHealth::Expired => {
                 self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
-                self.raise(Event::Stop);
+                if !self.stands_for_its_brake() {
+                    self.raise(Event::Stop);
+                }
             }
         }
     }

@@ -1,8 +1,9 @@
-//! CiA 402 drives over CANopen (CiA 301): expedited set-up, control word, cyclic position or torque.
+//! CiA 402 drives over CANopen (CiA 301): expedited set-up, control word, cyclic position, speed
+//! or torque.
 //!
 //! After a reset of its communication a drive is set up object by object (`SETUP`), started, and
-//! from then on told by one PDO in its slot (control word with position or torque, acted on at
-//! once) and asked by SYNC for one PDO back (status word, position, torque), with the mode that it
+//! from then on told by one PDO in its slot (control word with position, speed or torque, acted
+//! on at once) and asked by SYNC for one PDO back (status word, position, torque), with the mode that it
 //! says it is in every [`MODE_SYNCS`] SYNCs. It watches the board's heartbeat, the board its.
 
 use super::can::CanFrame;
@@ -168,11 +169,12 @@ fn setup(step: u8) -> Option<&'static Object> {
     SETUP.get(usize::from(step))
 }
 
-/// The number of a mode: cyclic synchronous position, cyclic synchronous torque.
+/// The number of a mode: cyclic synchronous position, torque, velocity.
 pub(super) const fn mode_number(mode: Mode) -> u8 {
     match mode {
         Mode::Position => 8,
         Mode::Current => 10,
+        Mode::Speed => 9,
     }
 }
 
@@ -227,6 +229,7 @@ fn set_up(drive: &Drive, cable: &CableConfig, object: &Object) -> CanFrame {
         From::Target => match Mode::of(cable) {
             Mode::Position => 0x607A_0020,
             Mode::Current => 0x6071_0010,
+            Mode::Speed => 0x60FF_0020,
         },
         From::Syncs => u32::from(cable.syncs),
         From::Period => u32::from(cable.period_ticks),
@@ -297,9 +300,12 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
             (i32::from(torque.cast_signed()), 4)
         }
         DriveDemand::Position { counts, .. } => (counts, 6),
+        // In turns per minute, as the largest speed of 0x6080 is.
+        DriveDemand::Speed { rpm } => (i32::from(rpm), 6),
         _ => match Mode::of(cable) {
             Mode::Position => (drive.input.counts, 6),
             Mode::Current => (0, 4),
+            Mode::Speed => (0, 6),
         },
     };
     let [low, high] = control.to_le_bytes();

@@ -1,7 +1,7 @@
 //! What the board knows of one drive, whatever it speaks.
 
 use super::can::CanFrame;
-use crate::config::{CableConfig, Control};
+use crate::config::{CableConfig, Control, TensionOutput};
 use crate::io::{DriveDemand, DriveInput};
 
 /// Modes that the core uses.
@@ -11,15 +11,18 @@ pub enum Mode {
     Position,
     /// Current, or torque.
     Current,
+    /// Speed.
+    Speed,
 }
 
 impl Mode {
     /// The one mode of a cable's drive: fixed by the configuration, entered when the board arms.
     #[must_use]
     pub const fn of(cable: &CableConfig) -> Self {
-        match cable.control {
-            Control::Length => Self::Position,
-            Control::Tension => Self::Current,
+        match (cable.control, cable.output) {
+            (Control::Length, _) => Self::Position,
+            (Control::Tension, TensionOutput::Current) => Self::Current,
+            (Control::Tension, TensionOutput::Speed) => Self::Speed,
         }
     }
 }
@@ -30,6 +33,7 @@ pub(super) const fn mode_of(demand: DriveDemand) -> Option<Mode> {
         DriveDemand::Off => None,
         DriveDemand::EnablePosition | DriveDemand::Position { .. } => Some(Mode::Position),
         DriveDemand::EnableCurrent | DriveDemand::Current { .. } => Some(Mode::Current),
+        DriveDemand::EnableSpeed | DriveDemand::Speed { .. } => Some(Mode::Speed),
     }
 }
 

@@ -23,6 +23,7 @@ const FILL: [u8; 8] = [0x55; 8];
 const RESET: u16 = 0x0;
 const MODE: u16 = 0x1;
 const CURRENT: u16 = 0x3;
+const SPEED: u16 = 0x4;
 const SPEED_AND_POSITION: u16 = 0x6;
 const CONFIGURE: u16 = 0xA;
 const FEEDBACK: u16 = 0xB;
@@ -81,6 +82,7 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
             let mode = match wanted? {
                 Mode::Position => 5,
                 Mode::Current => 2,
+                Mode::Speed => 3,
             };
             asked.then(|| {
                 Step::new(
@@ -102,6 +104,10 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
                 DriveDemand::Current { ma } => {
                     let [ma_high, ma_low] = ma.to_be_bytes();
                     frame(node, CURRENT, &[high, low, ma_high, ma_low])
+                }
+                DriveDemand::Speed { rpm } => {
+                    let [rpm_high, rpm_low] = rpm.to_be_bytes();
+                    frame(node, SPEED, &[high, low, rpm_high, rpm_low])
                 }
                 _ => return None,
             };

@@ -22,7 +22,7 @@ pub const fn bits_per_cycle(kind: DriveKind, by_tension: bool) -> u32 {
     match kind {
         DriveKind::None => 0,
         DriveKind::Rmds => 2 * worst_bits(8),
-        // Control word with a position or a torque; status word, position and torque.
+        // Control word with a position, a speed or a torque; status word, position and torque.
         DriveKind::Cia402 => worst_bits(if by_tension { 4 } else { 6 }) + worst_bits(8),
     }
 }
@@ -46,7 +46,7 @@ pub const fn overhead_bits_per_s(kind: DriveKind, drives: u32, shortest_us: u32)
 }
 
 /// Share of the bus that the drives take, thousandths, rounded up. `cycles` gives each drive's
-/// period (µs, 500 at least) and whether it is held by tension; `bits_per_s` is 1000 at least.
+/// period (µs, 500 at least) and whether it is told a force; `bits_per_s` is 1000 at least.
 ///
 /// ```
 /// use mcdpr_firmware::config::DriveKind;

@@ -1,7 +1,7 @@
 //! Frames computed by hand against the protocols' texts, and the ways of drives.
 
 use super::{BusState, CanFrame, CanPort, DriveBus, Full};
-use crate::config::{Active, CableConfig, Control, DriveKind, TensionLaw};
+use crate::config::{Active, CableConfig, Control, DriveKind, TensionLaw, TensionOutput};
 use crate::io::{DriveDemand, DriveInput, Inputs, Outputs};
 use heapless::{Deque, Vec};
 use mcdpr_protocol::{ConfigHash, Tick};
@@ -56,15 +56,20 @@ fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
         floor_mn: 0,
         ceiling_mn: 1,
         law: TensionLaw::Default,
+        output: TensionOutput::Current,
         kp_milli: 0,
         kd_us: 0,
         ki_milli: 0,
         damping_mns_per_m: 0,
         filter_alpha_q16: 1,
+        corner_alpha_q16: 0,
         friction_mn: 0,
         mass_g: 0,
+        play: 0,
         lead_us: 0,
         lead_square: 0,
+        most_force_mn: 0,
+        stop_q16: 0,
         brake_close_ms: 30,
         following_error: 1000,
         max_speed_umps: 1,

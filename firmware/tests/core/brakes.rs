@@ -73,12 +73,30 @@ fn b2_torque_stays_on_for_as_long_as_a_brake_does_not_hold() {
     for index in 0..CABLES {
         let mut bench = Bench::holding();
         bench.weak[index] = true;
+        let before = bench.status().lengths;
         bench.request(Request::Disarm).unwrap();
         for tick in 0..5000 {
             bench.step();
-            assert_eq!(bench.state(), State::Stopping, "tick {tick}");
+            let state = bench.state();
+            let stands = matches!(state, State::Stopping | State::Holding);
+            let fault = bench.server.controller().fault();
+            assert!(
+                stands,
+                "cable {}: {state:?} in tick {tick}, {fault:?}",
+                index + 1
+            );
             let torque = bench.outputs.drives.iter().all(|d| d.gives_torque());
             assert!(torque && bench.all_brakes(Brake::Closed), "tick {tick}");
+        }
+        // Every push is taken back: nothing creeps. A tension-held drum has no place of its own.
+        assert_eq!(bench.state(), State::Holding);
+        let after = bench.status().lengths;
+        for (cable, (before, after)) in before.iter().zip(after.iter()).enumerate().take(3) {
+            assert!(
+                (before.0 - after.0).abs() < 320,
+                "cable {}: {before:?} {after:?}",
+                cable + 1
+            );
         }
         let record = bench.server.controller().fault().unwrap();
         assert_eq!(
@@ -86,7 +104,15 @@ fn b2_torque_stays_on_for_as_long_as_a_brake_does_not_hold() {
             (FaultId::B2, index + 1)
         );
         assert!(bench.status().limits.contains(Limit::BrakeSlips));
-        // What is left to do: hold the load by other means, and switch off.
+        // What is left to do: clear it and let the platform down by a motion, or hold the load by
+        // other means; and switch off.
+        bench.request(Request::ClearFault).unwrap();
+        bench.buffer(500, true);
+        bench.request(Request::Start).unwrap();
+        bench.until(State::Moving, 5);
+        bench.run(BRAKE_MS + 10);
+        assert!(bench.all_brakes(Brake::Open));
+        bench.until(State::Holding, 700);
         bench.stop(StopKind::Emergency);
         bench.step();
         assert!(!bench.any_torque());
@@ -164,7 +190,7 @@ fn l18_errors_on_the_line_stop_the_robot_at_150_per_second_and_not_at_40() {
 }
 
 #[test]
-fn c2_c1_in_a_stop_a_tight_cable_gives_way_and_a_slack_one_is_taken_up_slowly_and_not_far() {
+fn c2_c1_in_a_stop_a_tight_cable_is_let_out_and_a_slack_one_taken_up_slowly_and_not_far() {
     let way = |adc_n: i32| {
         let mut bench = Bench::moving(4000, 500);
         bench.stop(StopKind::Stop);
@@ -181,12 +207,15 @@ fn c2_c1_in_a_stop_a_tight_cable_gives_way_and_a_slack_one_is_taken_up_slowly_an
         let (before, mut last) = (gap(&bench), gap(&bench));
         while bench.all_brakes(Brake::Open) {
             bench.step();
-            assert!((gap(&bench) - last).abs() <= 200, "20 mm/s at most");
+            // 20 mm/s in; out as fast as a cable may go, from where the drum is by its encoder.
+            let most = if adc_n > 0 { 460 + 310 } else { 200 };
+            let step = (gap(&bench) - last).abs();
+            assert!(step <= most, "{step} in a tick");
             last = gap(&bench);
         }
         last - before
     };
     let (tight, slack) = (way(1), way(-1));
-    assert!((20_000..=100_000).contains(&tight), "{tight}");
+    assert!((99_000..=101_500).contains(&tight), "{tight}");
     assert!((-100_000..=-20_000).contains(&slack), "{slack}");
 }

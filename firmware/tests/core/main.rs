@@ -20,6 +20,7 @@ mod arming;
 mod brakes;
 mod config;
 mod encoder;
+mod energy;
 mod link_loss;
 mod motion;
 mod requests;

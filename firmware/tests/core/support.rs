@@ -83,7 +83,7 @@ pub fn entries() -> Vec<ConfigEntry> {
                 CableKey::TensionZeroUv => 235_500,
                 CableKey::TensionMax => 39_000,
                 CableKey::TensionFloor => 500,
-                CableKey::TensionCeiling => 35_000,
+                CableKey::TensionCeiling => 34_000,
                 CableKey::TensionLaw => 1,
                 CableKey::TensionKp => 1000,
                 CableKey::TensionKd => 20_000,
@@ -103,6 +103,7 @@ pub fn entries() -> Vec<ConfigEntry> {
                 CableKey::ReelSpeed => 10_000,
                 CableKey::MaxAcceleration => MOST_UMPS2,
                 CableKey::MaxJerk => MOST_MMPS3,
+                CableKey::TensionOutput | CableKey::Play | CableKey::SpeedCornerMhz => 0,
             };
             all.push(ConfigEntry {
                 key: ConfigKey::cable(index, key),
@@ -365,7 +366,9 @@ impl Bench {
         let load_ma = -self.tension_mn / 50;
         match self.outputs.drives[i] {
             DriveDemand::Position { counts, .. } if free => {
-                self.motor[i] = counts;
+                // As fast as a drum may turn: two of its encoder's counts, and no jump.
+                let behind = counts.wrapping_sub(self.motor[i]);
+                self.motor[i] += behind.clamp(-742, 742);
                 self.current[i] = load_ma as i16;
             }
             DriveDemand::Position { counts, .. } => {

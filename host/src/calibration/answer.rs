@@ -1,9 +1,10 @@
 //! What a calibration found, and its file form.
 
-use super::assay::{MapPoint, Split};
-use super::data::{Camera, matrix_mm};
+use super::assay::{MapPoint, NextPose, Split};
+use super::data::matrix_mm;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde_json::{Value, json};
 
@@ -33,8 +34,30 @@ pub struct Further {
     pub tag_scale: f64,
     /// The camera.
     pub camera: Camera,
-    /// Mass (kg), centre of mass (m), 1/EA (1/N), loss per cable, where statics took part.
-    pub statics: Option<(f64, Vector3<f64>, f64, Vec<f64>)>,
+    /// What the equations of equilibrium told, where they took part.
+    pub statics: Option<Statics>,
+}
+
+/// What was estimated from the equations of equilibrium.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Statics {
+    /// Mass of the platform, kg.
+    pub mass_kg: f64,
+    /// Its centre of mass, platform frame, m.
+    pub center_of_mass_m: Vector3<f64>,
+    /// 1/EA of the cables, 1/N.
+    pub compliance_per_n: f64,
+    /// Share of the tension that each cable loses at its pulleys.
+    pub loss: Vec<f64>,
+}
+
+/// How much of a linear problem its data fix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rank {
+    /// Directions that they fix.
+    pub rank: usize,
+    /// Unknowns.
+    pub unknowns: usize,
 }
 
 /// A calibration.
@@ -64,8 +87,8 @@ pub struct Answer {
     pub rank: usize,
     /// Number of core unknowns.
     pub core_unknowns: usize,
-    /// Rank of the paper's differenced start (Eqs. 24-26), and its unknowns.
-    pub differenced_rank: Option<(usize, usize)>,
+    /// Rank of the paper's differenced start (Eqs. 24-26).
+    pub differenced_rank: Option<Rank>,
     /// The other directions in words.
     pub unobservable: Vec<String>,
     /// Measurements left out.
@@ -86,9 +109,8 @@ pub struct Answer {
     pub solved: Option<Solved>,
     /// Expected error over the work space, where closer looks were asked for.
     pub map: Vec<MapPoint>,
-    /// The pose that would help most: the pose, the cable whose tension to hold (from 0), its
-    /// tension (N), the expected error without and with it (m).
-    pub next: Option<(Pose, usize, f64, [f64; 2])>,
+    /// The pose that would help most.
+    pub next: Option<NextPose>,
     /// The test of the lower poses by the upper ones.
     pub split: Option<Split>,
 }
@@ -120,13 +142,11 @@ impl Answer {
                 drum_scale: state.drum_scale,
                 tag_scale: state.tag_scale,
                 camera: state.camera,
-                statics: statics.then(|| {
-                    (
-                        state.mass_kg,
-                        state.center_of_mass_m,
-                        state.compliance_per_n,
-                        state.loss.clone(),
-                    )
+                statics: statics.then(|| Statics {
+                    mass_kg: state.mass_kg,
+                    center_of_mass_m: state.center_of_mass_m,
+                    compliance_per_n: state.compliance_per_n,
+                    loss: state.loss.clone(),
                 }),
             }),
             holdout_encoder_m: Vec::new(),
@@ -200,7 +220,7 @@ impl Answer {
             "iterations": self.iterations,
         });
         let mut set = |key: &str, value: Value| out[key] = value;
-        if let Some((rank, unknowns)) = self.differenced_rank {
+        if let Some(Rank { rank, unknowns }) = self.differenced_rank {
             set(
                 "differenced_start",
                 json!({"rank": rank, "unknowns": unknowns}),
@@ -213,12 +233,13 @@ impl Answer {
                        "expected_mm": split.expected_m * 1e3, "ratio": split.ratio}),
             );
         }
-        if let Some((pose, cable, tension, [before, after])) = &self.next {
+        if let Some(next) = &self.next {
+            let [without, with] = next.expected_error_m;
             set(
                 "next_pose",
-                json!({"position_mm": mm(&pose.position_m), "tension_cable": cable + 1,
-                       "tension_N": tension, "expected_error_mm": before * 1e3,
-                       "expected_error_then_mm": after * 1e3}),
+                json!({"position_mm": mm(&next.pose.position_m), "tension_cable": next.held + 1,
+                       "tension_N": next.tension_n, "expected_error_mm": without * 1e3,
+                       "expected_error_then_mm": with * 1e3}),
             );
         }
         if !self.map.is_empty() {
@@ -246,11 +267,11 @@ impl Answer {
                        "cx": camera.center_px[0], "cy": camera.center_px[1],
                        "distortion": camera.distortion}),
             );
-            if let Some((mass, center, compliance, loss)) = &further.statics {
-                set("platform_mass_kg", json!(mass));
-                set("platform_com_mm", json!(mm(center)));
-                set("cable_compliance_per_N", json!(compliance));
-                set("pulley_loss", json!(loss));
+            if let Some(statics) = &further.statics {
+                set("platform_mass_kg", json!(statics.mass_kg));
+                set("platform_com_mm", json!(mm(&statics.center_of_mass_m)));
+                set("cable_compliance_per_N", json!(statics.compliance_per_n));
+                set("pulley_loss", json!(statics.loss));
                 set(
                     "tension_scatter_relative",
                     json!(self.tension_scatter_relative),

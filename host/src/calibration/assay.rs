@@ -3,11 +3,12 @@
 
 use super::answer::Answer;
 use super::check::POSES_MIN;
-use super::data::{Data, compose, inverse};
+use super::data::Data;
 use super::joint::{Options, joint};
 use super::plan::{Candidate, Design, candidates, work_poses};
 use super::predict::{displacement, predict};
 use super::rows::singles;
+use super::space::Space;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Matrix3, Vector3};
 
@@ -57,7 +58,7 @@ impl Split {
 #[must_use]
 pub fn split(data: &Data, options: &Options, full: &Answer) -> Option<Split> {
     let solved = full.solved.as_ref()?;
-    let tag_from_world = inverse(solved.state.world_from_body.first()?);
+    let tag_from_world = solved.state.world_from_body.first()?.inverse();
     let mut order: Vec<(usize, &Pose)> = solved
         .numbers
         .iter()
@@ -76,7 +77,7 @@ pub fn split(data: &Data, options: &Options, full: &Answer) -> Option<Split> {
         .collect();
     train.holdout = lower
         .iter()
-        .map(|(_, pose)| compose(&tag_from_world, pose))
+        .map(|(_, pose)| tag_from_world.compose(pose))
         .collect();
     let mut strict = *options;
     let priors = &mut strict.priors;
@@ -163,32 +164,24 @@ pub struct MapPoint {
 /// Places of the map along x and y, and in height.
 const MAP: [usize; 3] = [7, 7, 6];
 
-/// The predicted error over the work space: within the anchors with 15 % room, from 60 to 530 mm
-/// below the lowest.
+/// The predicted error over the robot's space, see [`Space::of`].
 #[must_use]
-pub fn error_map(answer: &Answer) -> Vec<MapPoint> {
+pub fn error_map(data: &Data, answer: &Answer) -> Vec<MapPoint> {
     let (Some(solved), Some(covariance)) = (&answer.solved, &answer.covariance) else {
         return Vec::new();
     };
     let Some(body) = solved.state.world_from_body.first() else {
         return Vec::new();
     };
-    let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
-    for cable in &solved.state.cables {
-        low = low.inf(&cable.anchor_m);
-        high = high.sup(&cable.anchor_m);
-    }
-    let along = |k: usize, i: usize| {
-        let share = 0.15 + 0.7 * i as f64 / (MAP[k] - 1) as f64;
-        low[k] + (high[k] - low[k]) * share
-    };
+    let [low, high] = Space::of(data).corners_m();
+    let along = |k: usize, i: usize| low[k] + (high[k] - low[k]) * i as f64 / (MAP[k] - 1) as f64;
     let mut out = Vec::new();
     for iz in 0..MAP[2] {
-        let z = low.z - 0.06 - 0.47 * iz as f64 / (MAP[2] - 1) as f64;
+        let z = along(2, MAP[2] - 1 - iz);
         for iy in 0..MAP[1] {
             for ix in 0..MAP[0] {
                 let at_m = Vector3::new(along(0, ix), along(1, iy), z);
-                let pose = compose(&inverse(body), &Pose::level(at_m));
+                let pose = body.inverse().compose(&Pose::level(at_m));
                 let mean = &solved.mean_tension_n;
                 if let Ok(found) = predict(&solved.state, &solved.layout, covariance, mean, &pose) {
                     let rms_m = found.position_covariance_m2.trace().max(0.0).sqrt();
@@ -200,10 +193,23 @@ pub fn error_map(answer: &Answer) -> Vec<MapPoint> {
     out
 }
 
-/// The pose that would help most, and the expected error without and with it, m. For robots with
-/// four cables; `None` for others.
+/// A pose that is worth measuring next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NextPose {
+    /// world_from_platform.
+    pub pose: Pose,
+    /// The cable (from 0) whose tension is held.
+    pub held: usize,
+    /// Its tension, N.
+    pub tension_n: f64,
+    /// Expected root mean square position error without and with it, m.
+    pub expected_error_m: [f64; 2],
+}
+
+/// The pose of the robot's space that would help most. For robots with four cables; `None` for
+/// others.
 #[must_use]
-pub fn next_pose(data: &Data, answer: &Answer, options: &Options) -> Option<(Candidate, f64, f64)> {
+pub fn next_pose(data: &Data, answer: &Answer, options: &Options) -> Option<NextPose> {
     const CANDIDATES: usize = 150;
     let solved = answer.solved.as_ref()?;
     let mut known = data.clone();
@@ -226,8 +232,9 @@ pub fn next_pose(data: &Data, answer: &Answer, options: &Options) -> Option<(Can
             })
         })
         .collect();
-    let more = candidates(&known, CANDIDATES, 1)?;
-    let work = work_poses(&known, 60, 1)?;
+    let space = Space::of(&known);
+    let more = candidates(&known, &space, CANDIDATES, 1)?;
+    let work = work_poses(&known, &space, 60, 1)?;
     let all: Vec<Candidate> = done.iter().chain(&more).cloned().collect();
     let mut design = Design::new(&known, &all, &work, options)?;
     for k in 0..done.len() {
@@ -235,5 +242,11 @@ pub fn next_pose(data: &Data, answer: &Answer, options: &Options) -> Option<(Can
     }
     let before = design.expected_error_m()?;
     let (k, after) = design.best(|k| k >= done.len())?;
-    Some((all.get(k)?.clone(), before, after))
+    let best = all.get(k)?;
+    Some(NextPose {
+        pose: best.pose,
+        held: best.held,
+        tension_n: *best.tensions_n.get(best.held)?,
+        expected_error_m: [before, after],
+    })
 }

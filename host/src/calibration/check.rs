@@ -1,6 +1,6 @@
 //! What can be said against data before anything is solved.
 
-use super::data::{Data, compose, inverse};
+use super::data::Data;
 use super::error::Refusal;
 use super::pnp::sightings;
 use mcdpr_kinematics::Pose;
@@ -136,10 +136,9 @@ fn start(data: &Data, k: usize) -> Option<Pose> {
     let best = candidates.first()?;
     let noise = data.noise.corner_px * data.noise.corner_px;
     let platform = |camera_from_body: &Pose| {
-        compose(
-            &compose(&data.world_from_body[body], &inverse(camera_from_body)),
-            &data.camera_from_platform,
-        )
+        data.world_from_body[body]
+            .compose(&camera_from_body.inverse())
+            .compose(&data.camera_from_platform)
     };
     candidates
         .iter()

@@ -1,7 +1,9 @@
 //! Calibration data: what was measured at the poses, and what is known beforehand. SI units; the
 //! file form (mm, N, px) is read by [`Data::from_json`] and written by [`Data::to_json`].
 
+use super::space::Limits;
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
@@ -65,19 +67,8 @@ pub struct NominalRobot {
     pub routing_m: Vec<f64>,
     /// 1/EA of the cables as specified, 1/N; 0 where not known.
     pub compliance_per_n: f64,
-}
-
-/// A pinhole camera: pixel = f X/Z + c, with radial and tangential distortion (Brown, 1971).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Camera {
-    /// Focal lengths, px.
-    pub focal_px: [f64; 2],
-    /// Principal point, px.
-    pub center_px: [f64; 2],
-    /// Picture size, px.
-    pub size_px: [f64; 2],
-    /// k1, k2, p1, p2, k3.
-    pub distortion: [f64; 5],
+    /// Its limits, where they are known.
+    pub limits: Option<Limits>,
 }
 
 /// One tag on a rigid body.
@@ -204,7 +195,7 @@ impl Data {
             "camera": {
                 "fx": self.camera.focal_px[0], "fy": self.camera.focal_px[1],
                 "cx": self.camera.center_px[0], "cy": self.camera.center_px[1],
-                "width": self.camera.size_px[0], "height": self.camera.size_px[1],
+                "width": self.camera.size_px[0] as f64, "height": self.camera.size_px[1] as f64,
                 "distortion": self.camera.distortion,
             },
             "tags": tags,
@@ -227,6 +218,13 @@ impl Data {
         if self.robot.compliance_per_n > 0.0 {
             out["robot"]["cable_ea_N"] = json!(1.0 / self.robot.compliance_per_n);
         }
+        if let Some(limits) = &self.robot.limits {
+            out["robot"]["limits"] = json!({
+                "box_mm": limits.box_in_world_m.each_ref().map(mm),
+                "tension_N": limits.tension_n, "held_tension_N": limits.held_n,
+                "tilt_deg": limits.tilt_max_rad.to_degrees(),
+            });
+        }
         if let Some(origin) = &self.origin {
             out["origin"] = json!({
                 "robot": origin.robot, "robot_hash": format!("{:08x}", origin.robot_hash),
@@ -246,20 +244,4 @@ pub fn matrix_mm(pose: &Pose) -> [[f64; 4]; 4] {
         *row = [r[(i, 0)], r[(i, 1)], r[(i, 2)], pose.position_m[i] * 1e3];
     }
     out
-}
-
-/// The pose that undoes a pose: frame b from frame a, given a from b.
-#[must_use]
-pub fn inverse(pose: &Pose) -> Pose {
-    let rotation = pose.rotation.inverse();
-    Pose::new(-(rotation * pose.position_m), rotation)
-}
-
-/// a from c, given a from b and b from c.
-#[must_use]
-pub fn compose(a_from_b: &Pose, b_from_c: &Pose) -> Pose {
-    Pose::new(
-        a_from_b.transform(&b_from_c.position_m),
-        a_from_b.rotation * b_from_c.rotation,
-    )
 }

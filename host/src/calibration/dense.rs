@@ -9,10 +9,21 @@ use super::joint::{Options, model, start};
 use super::rows::{Model, singles};
 use super::solve::initial_lengths;
 use super::unknowns::{Priors, State};
+use mcdpr_kinematics::{Attempt, Damping, descend};
 use nalgebra::{DMatrix, DVector};
 
 /// Step of the differences, in the unknowns' units (m, rad, N).
 const STEP: f64 = 1e-7;
+
+/// Damping relative to the diagonal.
+const DAMPING: Damping = Damping {
+    start: 1e-6,
+    least: 0.0,
+    most: 1e8,
+    after_success: 0.1,
+    after_failure: 10.0,
+    steps: 100,
+};
 
 /// Levenberg-Marquardt with a dense Jacobian by forward differences, down to gains below `little` (or
 /// a 1e-9th of the cost). Returns the minimum and its cost; `None` where the start has no residuals.
@@ -23,43 +34,36 @@ pub fn minimise<S: Clone>(
     residuals: impl Fn(&S) -> Option<DVector<f64>>,
     stepped: impl Fn(&S, &DVector<f64>) -> S,
 ) -> Option<(S, f64)> {
-    let (mut at, mut damping) = (start.clone(), 1e-6);
-    let mut r = residuals(&at)?;
-    for _ in 0..100 {
+    let first = residuals(start)?;
+    let attempt = |at: &S, r: &DVector<f64>, damping: f64| {
         let mut jacobian = DMatrix::zeros(r.len(), unknowns);
         for j in 0..unknowns {
             let mut step = DVector::zeros(unknowns);
             step[j] = STEP;
-            let column = (residuals(&stepped(&at, &step))? - &r) / STEP;
+            let column = (residuals(&stepped(at, &step))? - r) / STEP;
             jacobian.set_column(j, &column);
         }
         let mut h = jacobian.tr_mul(&jacobian);
         for j in 0..unknowns {
             h[(j, j)] *= 1.0 + damping;
         }
-        let step = h.cholesky()?.solve(&-jacobian.tr_mul(&r));
-        let trial = stepped(&at, &step);
-        let next = residuals(&trial);
-        let gain = next.as_ref().map(|n| r.norm_squared() - n.norm_squared());
-        match (next, gain) {
-            (Some(next), Some(gain)) if gain >= 0.0 => {
-                let done = gain < 1e-9 * r.norm_squared() + little;
-                (at, r) = (trial, next);
-                damping *= 0.1;
-                if done {
-                    break;
-                }
-            }
-            _ => {
-                damping *= 10.0;
-                if damping > 1e8 {
-                    break;
-                }
-            }
-        }
-    }
-    let cost = r.norm_squared();
-    Some((at, cost))
+        let step = h.cholesky()?.solve(&-jacobian.tr_mul(r));
+        let trial = stepped(at, &step);
+        let Some(next) = residuals(&trial) else {
+            return Some(Attempt::Worse);
+        };
+        let gain = r.norm_squared() - next.norm_squared();
+        Some(if gain < 0.0 || gain.is_nan() {
+            Attempt::Worse
+        } else if gain < 1e-9 * r.norm_squared() + little {
+            Attempt::Last(trial, next)
+        } else {
+            Attempt::Better(trial, next)
+        })
+    };
+    let found = descend(start.clone(), first, &DAMPING, attempt)?;
+    let cost = found.linear.norm_squared();
+    Some((found.at, cost))
 }
 
 /// The joint problem of [`mod@super::joint`] in this way, without its search for outliers. Returns

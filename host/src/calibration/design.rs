@@ -4,7 +4,7 @@
 //! then for others near them.
 
 use super::check::Usable;
-use super::data::{Data, Observation, compose, inverse};
+use super::data::{Data, Observation};
 use super::joint::{Options, model, start};
 use super::normal::{Normal, Scaled};
 use super::plan::Candidate;
@@ -71,13 +71,13 @@ impl Design {
         for candidate in others {
             out.learn(data, candidate, options)?;
         }
-        let tag_from_world = inverse(&data.world_from_body[0]);
+        let tag_from_world = data.world_from_body[0].inverse();
         let mut loss = DMatrix::zeros(layout.len(), layout.len());
         let mean = vec![0.0; data.cable_count()];
         let mut tests = 0.0;
         let none = DMatrix::zeros(layout.len(), layout.len());
         for pose in work {
-            let at = compose(&tag_from_world, pose);
+            let at = tag_from_world.compose(pose);
             let found: Prediction = predict(&state, &layout, &none, &mean, &at).ok()?;
             loss += found.position_slopes.tr_mul(&found.position_slopes);
             tests += 1.0;

@@ -62,7 +62,7 @@ pub fn solve(pairs: &[(Pose, Pose)]) -> Option<(Pose, Pose)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::data::{compose, inverse};
+
     use super::*;
     use nalgebra::Vector3;
 
@@ -80,7 +80,7 @@ mod tests {
         // A X = Y B: A = Y B X^-1.
         let pairs: Vec<_> = (1..8)
             .map(|n| pose(f64::from(n)))
-            .map(|b| (compose(&compose(&y, &b), &inverse(&x)), b))
+            .map(|b| (y.compose(&b).compose(&x.inverse()), b))
             .collect();
         let (found_x, found_y) = solve(&pairs).unwrap();
         for (found, wanted) in [(found_x, x), (found_y, y)] {
@@ -94,7 +94,7 @@ mod tests {
         let (x, y) = (pose(0.3), pose(0.7));
         let pairs: Vec<_> = (1..8)
             .map(|n| Pose::from_rpy(Vector3::x(), [0.0, 0.0, f64::from(n) * 0.2]))
-            .map(|b| (compose(&compose(&y, &b), &inverse(&x)), b))
+            .map(|b| (y.compose(&b).compose(&x.inverse()), b))
             .collect();
         assert!(solve(&pairs).is_none());
     }

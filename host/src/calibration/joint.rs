@@ -3,8 +3,9 @@
 use super::answer::{Answer, RejectedRow, Solved};
 use super::assay;
 use super::check::{Usable, usable};
-use super::data::{Data, compose, inverse};
+use super::data::Data;
 use super::error::Refusal;
+use super::general::slip;
 use super::observability::{Observability, observability};
 use super::predict::predict;
 use super::rows::{Model, Scatter, Source};
@@ -67,22 +68,38 @@ pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     let usable = usable(data)?;
     let mut answer = match attempt(data, &usable, options) {
         Err(refusal @ (Refusal::Contradiction { .. } | Refusal::NotConverged { .. })) => {
-            Err(diagnosis(data, &usable, options).unwrap_or(refusal))
+            let slipped = || {
+                let found = options.closer_looks.then(|| slip::in_data(data, None));
+                found.and_then(|slips| slipped(&slips))
+            };
+            Err(diagnosis(data, &usable, options)
+                .or_else(slipped)
+                .unwrap_or(refusal))
         }
         other => other,
     }?;
     if options.closer_looks {
+        let slips = slip::in_data(data, answer.solved.as_ref());
+        let advice = "use the poses before or after only";
+        let words = slips.iter().map(|slip| format!("{slip}: {advice}"));
+        answer.warnings.extend(words);
         answer.split = assay::split(data, options, &answer);
         let warning = answer.split.as_ref().and_then(assay::Split::warning);
         answer.warnings.extend(warning);
-        answer.map = assay::error_map(&answer);
-        let more = assay::next_pose(data, &answer, options);
-        answer.next = more.and_then(|(candidate, before, after)| {
-            let tension = *candidate.tensions_n.get(candidate.held)?;
-            Some((candidate.pose, candidate.held, tension, [before, after]))
-        });
+        answer.map = assay::error_map(data, &answer);
+        answer.next = assay::next_pose(data, &answer, options);
     }
     Ok(answer)
+}
+
+/// The refusal of data during which cables slipped.
+fn slipped(slips: &[String]) -> Option<Refusal> {
+    (!slips.is_empty()).then(|| Refusal::Contradiction {
+        what: format!(
+            "{}; check how that cable is held on its drum, and use the poses before or after only",
+            slips.join("; ")
+        ),
+    })
 }
 
 fn attempt(data: &Data, usable: &Usable, options: &Options) -> Result<Answer, Refusal> {
@@ -224,7 +241,7 @@ fn answer(
         out.holdout_covariance_m2.push(found.position_covariance_m2);
     }
     // Without other poses, where the data were taken.
-    let tag_from_world = inverse(&state.world_from_body[0]);
+    let tag_from_world = state.world_from_body[0].inverse();
     let mut squares: Vec<f64> = out
         .holdout_covariance_m2
         .iter()
@@ -232,7 +249,7 @@ fn answer(
         .collect();
     if squares.is_empty() {
         for pose in &state.poses {
-            if let Ok(found) = predict_at(&compose(&tag_from_world, pose)) {
+            if let Ok(found) = predict_at(&tag_from_world.compose(pose)) {
                 squares.push(found.position_covariance_m2.trace());
             }
         }

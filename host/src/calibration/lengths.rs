@@ -4,9 +4,8 @@
 //! A length depends on its own cable's anchor and initial length and on the twelve unknowns of tag
 //! and camera: the former are eliminated cable by cable (Schur complement), which leaves 12 x 12.
 
-use super::data::{compose, inverse};
 use super::error::Refusal;
-use mcdpr_kinematics::{Cable, Error, Platform, Pose, Robot};
+use mcdpr_kinematics::{Attempt, Cable, Damping, Error, Platform, Pose, Robot, descend};
 use nalgebra::{DMatrix, Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
 
 /// How the anchors' distance from nominal enters Eq. 44.
@@ -65,6 +64,16 @@ pub struct Estimate {
     pub camera_from_platform: Pose,
 }
 
+/// Damping relative to the diagonal.
+const DAMPING: Damping = Damping {
+    start: 1e-6,
+    least: 1e-14,
+    most: 1e8,
+    after_success: 0.1,
+    after_failure: 10.0,
+    steps: 200,
+};
+
 /// Unknowns of tag and camera.
 const SHARED: usize = 12;
 /// What a row is made of: derivatives by tag and camera, by the initial length, residual. Those by
@@ -113,8 +122,10 @@ fn unloaded() -> Platform {
 impl Problem {
     /// world_from_platform at a pose: the camera's place in the platform gives the platform's.
     pub(crate) fn platform(&self, at: &Estimate, k: usize) -> Pose {
-        let world_from_camera = compose(&at.world_from_tag, &inverse(&self.camera_from_tag[k]));
-        compose(&world_from_camera, &at.camera_from_platform)
+        let world_from_camera = at
+            .world_from_tag
+            .compose(&self.camera_from_tag[k].inverse());
+        world_from_camera.compose(&at.camera_from_platform)
     }
 
     /// Normal equations of Eq. 44, lengths in mm. `None` outside the domain.
@@ -149,8 +160,8 @@ impl Problem {
         sums: &mut [Sums],
     ) -> Option<()> {
         for (tag, readings) in self.camera_from_tag.iter().zip(&self.encoder_m) {
-            let world_from_camera = compose(&at.world_from_tag, &inverse(tag));
-            let pose = compose(&world_from_camera, &at.camera_from_platform);
+            let world_from_camera = at.world_from_tag.compose(&tag.inverse());
+            let pose = world_from_camera.compose(&at.camera_from_platform);
             let from_tag = pose.position_m - at.world_from_tag.position_m;
             let turned = world_from_camera.rotation.inverse();
             for (first, robot) in robots.iter().enumerate() {
@@ -200,44 +211,29 @@ impl Problem {
         let outside = || Refusal::NotConverged {
             what: "the start is outside the robot's domain".to_owned(),
         };
-        let mut at = start.clone();
-        let mut now = self.linear(&at, weights).ok_or_else(outside)?;
-        let mut damping = 1e-6;
-        let mut steps = 0;
-        while steps < 200 {
-            steps += 1;
+        let now = self.linear(start, weights).ok_or_else(outside)?;
+        let attempt = |at: &Estimate, now: &Linear, damping: f64| {
             let little = 1e-9 * now.cost + 1e-12;
-            let trial = now.step(damping).and_then(|step| {
-                let trial = at.stepped(&step);
-                if step.expected < little && damping < 1e-5 {
-                    // Not worth another look.
-                    return Some((trial, None));
-                }
-                let next = self.linear(&trial, weights)?;
-                Some((trial, Some(next)))
-            });
-            match trial {
-                Some((trial, None)) => {
-                    at = trial;
-                    break;
-                }
-                Some((trial, Some(next))) if next.cost <= now.cost => {
-                    let done = now.cost - next.cost < little;
-                    (at, now) = (trial, next);
-                    damping = (damping * 0.1).max(1e-14);
-                    if done {
-                        break;
-                    }
-                }
-                _ => {
-                    damping *= 10.0;
-                    if damping > 1e8 {
-                        break;
-                    }
-                }
+            let Some(step) = now.step(damping) else {
+                return Some(Attempt::Worse);
+            };
+            let trial = at.stepped(&step);
+            if step.expected < little && damping < 1e-5 {
+                return Some(Attempt::Unseen(trial));
             }
-        }
-        Ok((at, now.cost, steps))
+            Some(match self.linear(&trial, weights) {
+                Some(next) if next.cost <= now.cost => {
+                    if now.cost - next.cost < little {
+                        Attempt::Last(trial, next)
+                    } else {
+                        Attempt::Better(trial, next)
+                    }
+                }
+                _ => Attempt::Worse,
+            })
+        };
+        let found = descend(start.clone(), now, &DAMPING, attempt).ok_or_else(outside)?;
+        Ok((found.at, found.linear.cost, found.steps))
     }
 }
 

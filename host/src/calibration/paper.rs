@@ -4,9 +4,9 @@
 //! Its weights are constants instead of the ratio of variances, so that it is biased towards the
 //! nominal anchors even without noise; and a picture counts as an exact pose.
 
-use super::answer::Answer;
+use super::answer::{Answer, Rank};
 use super::check::{Usable, usable};
-use super::data::{Data, compose, inverse};
+use super::data::Data;
 use super::error::Refusal;
 use super::hand_eye;
 use super::lengths::singles;
@@ -30,19 +30,20 @@ pub fn paper(data: &Data, weights: &Weights) -> Result<Answer, Refusal> {
             note: " (the paper's method uses poses with body 0 in the picture)".to_owned(),
         });
     }
-    let (fitted, rank, unknowns) = differenced(&problem, &poses)?;
+    let (fitted, rank) = differenced(&problem, &poses)?;
     warnings.push(format!(
-        "the differenced start (Eqs. 24-26) has rank {rank} for {unknowns} unknowns: it only corrects \
-         the poses of the pictures"
+        "the differenced start (Eqs. 24-26) has rank {} for {} unknowns: it only corrects \
+         the poses of the pictures",
+        rank.rank, rank.unknowns
     ));
     let pairs: Vec<_> = problem
         .camera_from_tag
         .iter()
         .zip(&fitted)
-        .map(|(a, pose)| (*a, inverse(pose)))
+        .map(|(a, pose)| (*a, pose.inverse()))
         .collect();
     let (world_from_tag, camera_from_platform) = match hand_eye::solve(&pairs) {
-        Some((x, y)) => (inverse(&x), y),
+        Some((x, y)) => (x.inverse(), y),
         None => {
             warnings
                 .push("A X = Y B is not determined by these poses: nominal start used".to_owned());
@@ -71,15 +72,7 @@ pub fn paper(data: &Data, weights: &Weights) -> Result<Answer, Refusal> {
             ),
         },
     );
-    answer(
-        data,
-        weights,
-        &problem,
-        &found,
-        iterations,
-        (rank, unknowns),
-        warnings,
-    )
+    answer(data, weights, &problem, &found, iterations, rank, warnings)
 }
 
 #[allow(clippy::too_many_arguments)]
@@ -89,7 +82,7 @@ fn answer(
     problem: &Problem,
     found: &Estimate,
     iterations: usize,
-    differenced_rank: (usize, usize),
+    differenced_rank: Rank,
     warnings: Vec<String>,
 ) -> Result<Answer, Refusal> {
     let mut lengths_only = *weights;
@@ -106,7 +99,7 @@ fn answer(
     })?;
     let mut holdout_encoder_m = Vec::new();
     for (i, tag_from_platform) in data.holdout.iter().enumerate() {
-        let pose = compose(&found.world_from_tag, tag_from_platform);
+        let pose = found.world_from_tag.compose(tag_from_platform);
         let mut readings = Vec::new();
         for (cable, initial) in cables.iter().zip(&found.initial_length_m) {
             let [length] = cable.lengths_m(&pose).map_err(|error| {
@@ -157,10 +150,10 @@ pub(super) fn tag_poses(usable: &Usable) -> (Problem, Vec<Pose>, Vec<String>) {
     };
     let (mut poses, mut warnings) = (Vec::new(), usable.warnings.clone());
     for (k, (seen, start)) in data.poses.iter().zip(&usable.start).enumerate() {
-        let expected = compose(
-            &compose(&data.camera_from_platform, &inverse(start)),
-            &data.world_from_body[0],
-        );
+        let expected = data
+            .camera_from_platform
+            .compose(&start.inverse())
+            .compose(&data.world_from_body[0]);
         let candidates = sightings(data, seen, 0);
         let nearest = candidates.iter().min_by(|a, b| {
             let off =
@@ -176,13 +169,11 @@ pub(super) fn tag_poses(usable: &Usable) -> (Problem, Vec<Pose>, Vec<String>) {
         };
         problem.encoder_m.push(seen.encoder_m.clone());
         problem.camera_from_tag.push(sighting.camera_from_body);
-        poses.push(compose(
-            &compose(
-                &data.world_from_body[0],
-                &inverse(&sighting.camera_from_body),
-            ),
-            &data.camera_from_platform,
-        ));
+        poses.push(
+            data.world_from_body[0]
+                .compose(&sighting.camera_from_body.inverse())
+                .compose(&data.camera_from_platform),
+        );
     }
     (problem, poses, warnings)
 }
@@ -190,8 +181,8 @@ pub(super) fn tag_poses(usable: &Usable) -> (Problem, Vec<Pose>, Vec<String>) {
 /// Eqs. 24-26: poses whose length differences fit the encoders', nominal anchors held. All pairwise
 /// differences of one cable are equivalent to the deviations from their mean, which are used here.
 /// Rank-deficient by itself (at most one equation less than poses per cable, six unknowns per pose),
-/// so that the smallest correction of the given poses is taken. Returns poses, rank, unknowns.
-fn differenced(problem: &Problem, start: &[Pose]) -> Result<(Vec<Pose>, usize, usize), Refusal> {
+/// so that the smallest correction of the given poses is taken. Returns the poses and the rank.
+fn differenced(problem: &Problem, start: &[Pose]) -> Result<(Vec<Pose>, Rank), Refusal> {
     let cables = singles(&problem.nominal).map_err(|error| Refusal::NotConverged {
         what: error.to_string(),
     })?;
@@ -252,7 +243,8 @@ fn differenced(problem: &Problem, start: &[Pose]) -> Result<(Vec<Pose>, usize, u
             break;
         }
     }
-    Ok((poses, rank, 6 * count))
+    let unknowns = 6 * count;
+    Ok((poses, Rank { rank, unknowns }))
 }
 
 fn mean_initial(problem: &Problem, at: &Estimate) -> Result<Vec<f64>, Refusal> {
@@ -320,7 +312,7 @@ pub(super) mod tests {
         let poses: Vec<_> = (0..problem.encoder_m.len())
             .map(|k| problem.platform(&estimate, k))
             .collect();
-        let (_, rank, unknowns) = differenced(&problem, &poses).unwrap();
+        let (_, Rank { rank, unknowns }) = differenced(&problem, &poses).unwrap();
         assert_eq!(unknowns, 48);
         assert!(rank <= 4 * 7, "{rank}");
     }

@@ -4,7 +4,8 @@
 use super::data::{Data, View};
 pub use super::design::{Design, Search};
 use super::joint::Options;
-use super::simulate::{Dice, equilibrium_within, random_equilibrium, views_at};
+use super::simulate::{Dice, views_at};
+use super::space::{Hanging, Space};
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot};
 use nalgebra::Vector3;
 
@@ -33,11 +34,11 @@ pub struct Plan {
     pub spare: Vec<Candidate>,
 }
 
-/// Reachable poses of the nominal robot with tags in view, at random.
+/// Poses of the nominal robot within `space` with tags in view, at random.
 ///
 /// `None` unless the robot has four cables.
 #[must_use]
-pub fn candidates(data: &Data, count: usize, seed: u64) -> Option<Vec<Candidate>> {
+pub fn candidates(data: &Data, space: &Space, count: usize, seed: u64) -> Option<Vec<Candidate>> {
     let robot = nominal(data)?;
     let mut dice = Dice::new(seed);
     let mut out = Vec::with_capacity(count);
@@ -46,18 +47,19 @@ pub fn candidates(data: &Data, count: usize, seed: u64) -> Option<Vec<Candidate>
         if out.len() == count {
             break;
         }
-        if let Some((pose, tensions_n, held)) = random_equilibrium(&robot, &mut dice) {
-            out.extend(seen(data, pose, tensions_n, held));
+        if let Some(hung) = space.random(&robot, &mut dice) {
+            out.extend(seen(data, &hung));
         }
     }
     Some(out)
 }
 
-/// Where the robot will work: reachable poses of the nominal robot at random, tags in view or not.
+/// Where the robot will work: poses of the nominal robot within `space` at random, tags in view or
+/// not.
 ///
 /// `None` unless the robot has four cables.
 #[must_use]
-pub fn work_poses(data: &Data, count: usize, seed: u64) -> Option<Vec<Pose>> {
+pub fn work_poses(data: &Data, space: &Space, count: usize, seed: u64) -> Option<Vec<Pose>> {
     let robot = nominal(data)?;
     let mut dice = Dice::new(seed ^ 0x776F_726B);
     let mut out = Vec::with_capacity(count);
@@ -65,7 +67,7 @@ pub fn work_poses(data: &Data, count: usize, seed: u64) -> Option<Vec<Pose>> {
         if out.len() == count {
             break;
         }
-        out.extend(random_equilibrium(&robot, &mut dice).map(|(pose, ..)| pose));
+        out.extend(space.random(&robot, &mut dice).map(|hung| hung.pose));
     }
     Some(out)
 }
@@ -84,7 +86,7 @@ fn nominal(data: &Data) -> Option<Robot<4>> {
 /// 0.1 m, and its tension within a factor of e to the `size`; sometimes held by another cable.
 fn near(
     data: &Data,
-    robot: &Robot<4>,
+    (robot, space): (&Robot<4>, &Space),
     dice: &mut Dice,
     candidate: &Candidate,
     size: f64,
@@ -93,34 +95,34 @@ fn near(
     let other = ((dice.unit() * 16.0) as usize).min(15);
     let held = if other < 4 { other } else { candidate.held };
     let held_n = candidate.tensions_n[held] * dice.within(size).exp();
-    let (pose, tensions_n) = equilibrium_within(robot, &at, held, held_n)?;
-    seen(data, pose, tensions_n, held)
+    seen(data, &space.nearest(robot, &at, held, held_n)?)
 }
 
 /// The candidate at a pose, if a tag is in view there.
-fn seen(data: &Data, pose: Pose, tensions_n: [f64; 4], held: usize) -> Option<Candidate> {
+fn seen(data: &Data, hung: &Hanging) -> Option<Candidate> {
     let views = views_at(
         &data.camera,
         &data.tags,
         &data.world_from_body,
         &data.camera_from_platform,
-        &pose,
+        &hung.pose,
         1.0,
     );
     (!views.is_empty()).then(|| Candidate {
-        pose,
-        tensions_n: tensions_n.to_vec(),
-        held,
+        pose: hung.pose,
+        tensions_n: hung.tensions_n.to_vec(),
+        held: hung.held,
         views,
     })
 }
 
-/// Chooses `count` of the candidates for the robot, camera, tags and noise of `data` (its poses are
+/// Chooses `count` of the candidates, or of others near them in `space`, for the robot, camera, tags and noise of `data` (its poses are
 /// not read), to be accurate at `work`. `None` where the candidates are too few or the information
 /// cannot be computed.
 #[must_use]
 pub fn choose(
     data: &Data,
+    space: &Space,
     all: &[Candidate],
     work: &[Pose],
     count: usize,
@@ -140,7 +142,7 @@ pub fn choose(
         let mut dice = Dice::new(0x6E65_6172);
         let within = (0, Search::THOROUGH);
         design.refine(data, &mut all, options, within, |candidate, size| {
-            near(data, &robot, &mut dice, candidate, size)
+            near(data, (&robot, space), &mut dice, candidate, size)
         });
     }
     // In the order of their worth.
@@ -200,8 +202,9 @@ mod tests {
         };
         let (data, _) = simulate(&setup).unwrap();
         let options = Options::default();
-        let all = candidates(&data, 120, 3).unwrap();
-        let work = work_poses(&data, 40, 3).unwrap();
+        let space = Space::of(&data);
+        let all = candidates(&data, &space, 120, 3).unwrap();
+        let work = work_poses(&data, &space, 40, 3).unwrap();
         let mut design = Design::new(&data, &all, &work, &options).unwrap();
         for _ in 0..10 {
             let (k, _) = design.best(|_| true).unwrap();
@@ -209,14 +212,15 @@ mod tests {
         }
         design.exchange(0);
         let at_random = design.expected_error_m().unwrap();
-        let plan = choose(&data, &all, &work, 10, &options).unwrap();
+        let plan = choose(&data, &space, &all, &work, 10, &options).unwrap();
         let refined = *plan.expected_error_m.last().unwrap();
         assert!(refined < 0.9 * at_random, "{refined} {at_random}");
         for candidate in plan.chosen.iter().chain(&plan.spare) {
             assert!(!candidate.views.is_empty());
-            let in_range = |t: &f64| (0.5..39.0).contains(t);
+            let [least_n, most_n] = space.tension_n;
+            let in_range = |t: &f64| (least_n..most_n).contains(t);
             assert!(candidate.tensions_n.iter().all(in_range));
-            assert!(candidate.pose.position_m.z < -0.06 + 1e-9);
+            assert!(candidate.pose.position_m.z <= space.corners_m()[1].z);
         }
     }
 }

@@ -2,9 +2,10 @@
 //! the largest tag as a start (and its mirror image, the second minimum of a small planar target;
 //! Schweighofer and Pinz, 2006), then Gauss-Newton over all corners.
 
-use super::data::{Camera, Data, Observation, View};
-use mcdpr_kinematics::Pose;
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3, Vector6};
+use super::data::{Data, Observation, View};
+use mcdpr_kinematics::{Attempt, Damping, Pose, descend};
+use mcdpr_vision::Camera;
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector2, Vector3, Vector6};
 
 /// A body's pose seen by the camera, best first, with its sum of squared residuals.
 #[derive(Debug, Clone, Copy)]
@@ -15,8 +16,14 @@ pub struct Sighting {
     pub cost_px2: f64,
 }
 
-/// A square tag in a picture: its corners on the body that carries it, m, and where they appear, px.
-pub type Square = ([Vector3<f64>; 4], [[f64; 2]; 4]);
+/// A square tag in a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Square {
+    /// Its corners on the body that carries it, m.
+    pub corners_in_body_m: [Vector3<f64>; 4],
+    /// Where they appear, px.
+    pub corners_px: [[f64; 2]; 4],
+}
 
 /// The candidates (one or two, best first) for a body's pose in one picture. Empty where the body
 /// is not seen or the corners make no sense.
@@ -24,7 +31,10 @@ pub type Square = ([Vector3<f64>; 4], [[f64; 2]; 4]);
 pub fn sightings(data: &Data, pose: &Observation, body: usize) -> Vec<Sighting> {
     let on_body = |view: &&View| data.tags.get(view.tag).is_some_and(|tag| tag.body == body);
     let squares: Vec<Square> = (pose.views.iter().filter(on_body))
-        .map(|view| (data.tags[view.tag].corners_in_body_m, view.corners_px))
+        .map(|view| Square {
+            corners_in_body_m: data.tags[view.tag].corners_in_body_m,
+            corners_px: view.corners_px,
+        })
         .collect();
     sightings_of(&data.camera, &squares)
 }
@@ -41,9 +51,9 @@ pub fn sightings_of(camera: &Camera, squares: &[Square]) -> Vec<Sighting> {
         return Vec::new();
     };
     let points: Vec<_> = (squares.iter())
-        .flat_map(|(corners, pixels)| corners.iter().copied().zip(pixels.iter().copied()))
+        .flat_map(|square| square.corners_in_body_m.into_iter().zip(square.corners_px))
         .collect();
-    let corners = &largest.0;
+    let corners = &largest.corners_in_body_m;
     let center = corners.iter().sum::<Vector3<f64>>() / 4.0;
     let normal = (corners[1] - corners[0]).cross(&(corners[3] - corners[0]));
     let mut found: Vec<Sighting> = [start, mirrored(&start, &center, &normal)]
@@ -59,12 +69,14 @@ pub fn sightings_of(camera: &Camera, squares: &[Square]) -> Vec<Sighting> {
     found
 }
 
-fn area((_, [a, b, c, d]): &Square) -> f64 {
+fn area(square: &Square) -> f64 {
+    let [a, b, c, d] = &square.corners_px;
     ((c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1])).abs()
 }
 
 /// The pose of the body from one tag's four corners.
-fn from_square(camera: &Camera, (corners, pixels): &Square) -> Option<Pose> {
+fn from_square(camera: &Camera, square: &Square) -> Option<Pose> {
+    let (corners, pixels) = (&square.corners_in_body_m, &square.corners_px);
     let size_m = (corners[1] - corners[0]).norm();
     let x = (corners[1] - corners[0]).normalize();
     let normal = x.cross(&(corners[3] - corners[0])).normalize();
@@ -72,7 +84,7 @@ fn from_square(camera: &Camera, (corners, pixels): &Square) -> Option<Pose> {
     let center = corners.iter().sum::<Vector3<f64>>() / 4.0;
     let mut seen = [[0.0; 2]; 4];
     for (slot, pixel) in seen.iter_mut().zip(pixels) {
-        let q = camera.direction(*pixel);
+        let q = camera.direction(&Vector2::from(*pixel));
         *slot = [q.x, q.y];
     }
     let mut h = square_to(&seen)?;
@@ -154,6 +166,16 @@ fn mirrored(pose: &Pose, center: &Vector3<f64>, normal: &Vector3<f64>) -> Pose {
     Pose::new(at - rotation * center, rotation)
 }
 
+/// Damping relative to the diagonal.
+const DAMPING: Damping = Damping {
+    start: 1e-6,
+    least: 1e-12,
+    most: 1e6,
+    after_success: 0.1,
+    after_failure: 10.0,
+    steps: 40,
+};
+
 /// Levenberg-Marquardt over the pose.
 fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -> Option<Sighting> {
     let evaluate = |pose: &Pose| {
@@ -162,7 +184,7 @@ fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -
         let mut cost = 0.0;
         for (point, pixel) in points {
             let arm = pose.rotation * point;
-            let seen = camera.project(&(pose.position_m + arm))?;
+            let seen = camera.projection(&(pose.position_m + arm).into())?;
             for (k, measured) in pixel.iter().enumerate() {
                 let residual = seen.pixel[k] - measured;
                 let d = seen.by_point.row(k).transpose();
@@ -175,11 +197,9 @@ fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -
         }
         Some((cost, g, h))
     };
-    let mut pose = *start;
-    let (mut cost, mut g, mut h) = evaluate(&pose)?;
-    let mut damping = 1e-6;
-    for _ in 0..40 {
-        let mut damped = h;
+    let found = descend(*start, evaluate(start)?, &DAMPING, |pose, now, damping| {
+        let (cost, g, h) = now;
+        let mut damped = *h;
         for k in 0..6 {
             damped[(k, k)] *= 1.0 + damping;
         }
@@ -189,30 +209,22 @@ fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -
             &step.fixed_rows::<3>(3).into_owned(),
         );
         if damping < 1e-5 && -g.dot(&step) <= 1e-9 * cost + 1e-12 {
-            // Not worth another look.
-            pose = trial;
-            break;
+            return Some(Attempt::Unseen(trial));
         }
-        match evaluate(&trial) {
-            Some((trial_cost, trial_g, trial_h)) if trial_cost <= cost => {
-                let done = cost - trial_cost <= 1e-12 * cost + 1e-14;
-                (pose, cost, g, h) = (trial, trial_cost, trial_g, trial_h);
-                damping = (damping * 0.1).max(1e-12);
-                if done {
-                    break;
+        Some(match evaluate(&trial) {
+            Some(next) if next.0 <= *cost => {
+                if cost - next.0 <= 1e-12 * cost + 1e-14 {
+                    Attempt::Last(trial, next)
+                } else {
+                    Attempt::Better(trial, next)
                 }
             }
-            _ => {
-                damping *= 10.0;
-                if damping > 1e6 {
-                    break;
-                }
-            }
-        }
-    }
+            _ => Attempt::Worse,
+        })
+    })?;
     Some(Sighting {
-        camera_from_body: pose,
-        cost_px2: cost,
+        camera_from_body: found.at,
+        cost_px2: found.linear.0,
     })
 }
 

@@ -1,7 +1,6 @@
 //! What a calibration predicts: cable lengths at platform poses given in the tags' frame, which do not
 //! depend on where the world frame happens to be, and how far off the platform would be.
 
-use super::data::compose;
 use super::rows::singles;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, Pose};
@@ -34,7 +33,7 @@ pub fn predict(
 ) -> Result<Prediction, Error> {
     let cables = singles(state)?;
     let body = &state.world_from_body[0];
-    let pose = compose(body, tag_from_platform);
+    let pose = body.compose(tag_from_platform);
     let from_body = pose.position_m - body.position_m;
     let n = cables.len();
     let mut encoder_m = Vec::with_capacity(n);

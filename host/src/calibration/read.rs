@@ -1,17 +1,19 @@
 //! Reads calibration data, and says where in the document something is wrong.
 
-use super::data::{Camera, Data, Noise, NominalRobot, Observation, Origin, SCHEMA, Tag, View};
+use super::data::{Data, Noise, NominalRobot, Observation, Origin, SCHEMA, Tag, View};
 use super::error::Refusal;
+use super::space::Limits;
 use mcdpr_kinematics::{Cable, MAX_CABLES, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde_json::Value;
 
-type Read<T> = Result<T, Refusal>;
+pub(super) type Read<T> = Result<T, Refusal>;
 
 /// A value and its place in the document.
-struct Node<'a> {
-    value: &'a Value,
-    path: String,
+pub(super) struct Node<'a> {
+    pub(super) value: &'a Value,
+    pub(super) path: String,
 }
 
 impl Data {
@@ -21,13 +23,7 @@ impl Data {
     /// [`Refusal::NotJson`], [`Refusal::Schema`], or [`Refusal::Field`] that names the place:
     /// missing, of the wrong shape, not a finite number (NaN), negative where it must not be.
     pub fn from_json(text: &str) -> Read<Self> {
-        let value: Value = match serde_json::from_str(text) {
-            Ok(value) => value,
-            // Other programs write NaN and Infinity, which JSON does not know. Read as words, they
-            // can be named by their place.
-            Err(error) => serde_json::from_str(&quoted(text))
-                .map_err(|_| Refusal::NotJson(error.to_string()))?,
-        };
+        let value = parsed(text)?;
         let root = Node {
             value: &value,
             path: String::new(),
@@ -104,6 +100,14 @@ impl Data {
                 .transpose()?,
         })
     }
+}
+
+/// The document. Other programs write NaN and Infinity, which JSON does not know: read as words,
+/// they can be named by their place.
+pub(super) fn parsed(text: &str) -> Read<Value> {
+    serde_json::from_str(text).or_else(|error| {
+        serde_json::from_str(&quoted(text)).map_err(|_| Refusal::NotJson(error.to_string()))
+    })
 }
 
 fn origin(node: &Node<'_>) -> Read<Origin> {
@@ -193,6 +197,10 @@ fn robot(node: &Node<'_>) -> Read<NominalRobot> {
             Some(node) => node.point_mm()?,
             None => Vector3::zeros(),
         },
+        limits: node
+            .optional("limits")
+            .map(|node| limits(&node))
+            .transpose()?,
         home: match node.optional("home_pose_index") {
             Some(node) => node.index()?,
             None => 0,
@@ -200,7 +208,31 @@ fn robot(node: &Node<'_>) -> Read<NominalRobot> {
     })
 }
 
-fn camera(node: &Node<'_>) -> Read<Camera> {
+fn limits(node: &Node<'_>) -> Read<Limits> {
+    let corners = node.get("box_mm")?;
+    let box_in_world_m = <[Vector3<f64>; 2]>::try_from(corners.each(Node::point_mm)?)
+        .map_err(|_| corners.wrong("a box has two corners, the least and the greatest"))?;
+    let [low, high] = box_in_world_m;
+    if (0..3).any(|k| low[k] > high[k]) {
+        return Err(corners.wrong("the first corner must not exceed the second along any axis"));
+    }
+    let range = |name: &str| -> Read<[f64; 2]> {
+        let node = node.get(name)?;
+        let [least, most] = node.numbers::<2>()?;
+        if least <= 0.0 || least >= most {
+            return Err(node.wrong("must be two tensions over 0, the less one first"));
+        }
+        Ok([least, most])
+    };
+    Ok(Limits {
+        box_in_world_m,
+        tension_n: range("tension_N")?,
+        held_n: range("held_tension_N")?,
+        tilt_max_rad: node.get("tilt_deg")?.positive()?.to_radians(),
+    })
+}
+
+pub(super) fn camera(node: &Node<'_>) -> Read<Camera> {
     let distortion = match node.optional("distortion") {
         None => [0.0; 5],
         Some(list) => {
@@ -218,15 +250,12 @@ fn camera(node: &Node<'_>) -> Read<Camera> {
     Ok(Camera {
         focal_px: [node.get("fx")?.positive()?, node.get("fy")?.positive()?],
         center_px: [node.get("cx")?.number()?, node.get("cy")?.number()?],
-        size_px: [
-            node.get("width")?.positive()?,
-            node.get("height")?.positive()?,
-        ],
+        size_px: [node.get("width")?.pixels()?, node.get("height")?.pixels()?],
         distortion,
     })
 }
 
-fn tag(node: &Node<'_>, bodies: usize) -> Read<Tag> {
+pub(super) fn tag(node: &Node<'_>, bodies: usize) -> Read<Tag> {
     let id = node.get("id")?;
     let body = node.get("body")?;
     let index = body.index()?;
@@ -284,17 +313,7 @@ fn observation(node: &Node<'_>, count: usize, tags: &[Tag]) -> Read<Observation>
         .ok_or_else(|| corners.wrong("must be an object: tag id to four corners"))?;
     let mut views = Vec::with_capacity(seen.len());
     for (id, value) in seen {
-        let view = Node {
-            value,
-            path: format!("{}.{id}", corners.path),
-        };
-        let tag = tags
-            .iter()
-            .position(|tag| tag.id.to_string() == *id)
-            .ok_or_else(|| view.wrong(&format!("tag {id} is not among the tags of the data")))?;
-        let corners_px = <[[f64; 2]; 4]>::try_from(view.each(|node| node.numbers::<2>())?)
-            .map_err(|_| view.wrong("a tag has four corners"))?;
-        views.push(View { tag, corners_px });
+        views.push(view(&corners, id, value, tags)?);
     }
     views.sort_by_key(|view| view.tag);
     Ok(Observation {
@@ -314,12 +333,27 @@ fn observation(node: &Node<'_>, count: usize, tags: &[Tag]) -> Read<Observation>
     })
 }
 
+/// One tag in one picture.
+pub(super) fn view(corners: &Node<'_>, id: &str, value: &Value, tags: &[Tag]) -> Read<View> {
+    let view = Node {
+        value,
+        path: format!("{}.{id}", corners.path),
+    };
+    let tag = tags
+        .iter()
+        .position(|tag| tag.id.to_string() == *id)
+        .ok_or_else(|| view.wrong(&format!("tag {id} is not among the tags of the data")))?;
+    let corners_px = <[[f64; 2]; 4]>::try_from(view.each(|node| node.numbers::<2>())?)
+        .map_err(|_| view.wrong("a tag has four corners"))?;
+    Ok(View { tag, corners_px })
+}
+
 impl<'a> Node<'a> {
-    fn wrong(&self, what: &str) -> Refusal {
+    pub(super) fn wrong(&self, what: &str) -> Refusal {
         Refusal::field(self.path.clone(), what)
     }
 
-    fn optional(&self, key: &str) -> Option<Node<'a>> {
+    pub(super) fn optional(&self, key: &str) -> Option<Node<'a>> {
         let value = self.value.get(key).filter(|value| !value.is_null())?;
         let path = if self.path.is_empty() {
             key.to_owned()
@@ -329,7 +363,7 @@ impl<'a> Node<'a> {
         Some(Node { value, path })
     }
 
-    fn get(&self, key: &str) -> Read<Node<'a>> {
+    pub(super) fn get(&self, key: &str) -> Read<Node<'a>> {
         self.optional(key).ok_or_else(|| {
             let path = if self.path.is_empty() {
                 key.to_owned()
@@ -340,7 +374,7 @@ impl<'a> Node<'a> {
         })
     }
 
-    fn each<T>(&self, read: impl Fn(Node<'a>) -> Read<T>) -> Read<Vec<T>> {
+    pub(super) fn each<T>(&self, read: impl Fn(Node<'a>) -> Read<T>) -> Read<Vec<T>> {
         let list = self
             .value
             .as_array()
@@ -356,7 +390,7 @@ impl<'a> Node<'a> {
             .collect()
     }
 
-    fn number(&self) -> Read<f64> {
+    pub(super) fn number(&self) -> Read<f64> {
         match self.value {
             Value::Number(number) => number
                 .as_f64()
@@ -370,12 +404,12 @@ impl<'a> Node<'a> {
         }
     }
 
-    fn text(&self) -> Read<&'a str> {
+    pub(super) fn text(&self) -> Read<&'a str> {
         let word = self.value.as_str();
         word.ok_or_else(|| self.wrong(&format!("must be a word, not {}", self.value)))
     }
 
-    fn positive(&self) -> Read<f64> {
+    pub(super) fn positive(&self) -> Read<f64> {
         self.number().and_then(|x| {
             if x > 0.0 {
                 Ok(x)
@@ -385,7 +419,18 @@ impl<'a> Node<'a> {
         })
     }
 
-    fn not_negative(&self) -> Read<f64> {
+    /// A picture's width or height; `1280.0` is as good as `1280`.
+    fn pixels(&self) -> Read<usize> {
+        let size = self.positive()?;
+        if size.fract() != 0.0 || size > 16_384.0 {
+            return Err(self.wrong(&format!(
+                "is {size}, but must be a whole number up to 16384"
+            )));
+        }
+        Ok(size as usize)
+    }
+
+    pub(super) fn not_negative(&self) -> Read<f64> {
         self.number().and_then(|x| {
             if x >= 0.0 {
                 Ok(x)
@@ -402,7 +447,7 @@ impl<'a> Node<'a> {
             .ok_or_else(|| self.wrong("must be a whole number, 0 or more"))
     }
 
-    fn numbers<const K: usize>(&self) -> Read<[f64; K]> {
+    pub(super) fn numbers<const K: usize>(&self) -> Read<[f64; K]> {
         <[f64; K]>::try_from(self.each(|node| node.number())?)
             .map_err(|list| self.wrong(&format!("{} numbers, {K} needed", list.len())))
     }
@@ -412,7 +457,7 @@ impl<'a> Node<'a> {
     }
 
     /// A row-major 4x4 matrix in mm.
-    fn pose(self) -> Read<Pose> {
+    pub(super) fn pose(self) -> Read<Pose> {
         let rows = self.each(|node| node.numbers::<4>())?;
         let rows = <[[f64; 4]; 4]>::try_from(rows)
             .map_err(|rows| self.wrong(&format!("{} rows, 4 needed", rows.len())))?;
@@ -431,7 +476,7 @@ impl<'a> Node<'a> {
     }
 }
 
-const NOT_FINITE: &str = "not finite";
+pub(super) const NOT_FINITE: &str = "not finite";
 
 /// The text with every bare NaN and Infinity replaced by a word in quotes.
 fn quoted(text: &str) -> String {

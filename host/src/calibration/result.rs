@@ -9,11 +9,11 @@ use super::collect::CollectError;
 use super::data::Data;
 use crate::motion::{Model, PlanError};
 use crate::report::utc_stamp;
-use crate::robot::{Calibrated, Robot, Tag, Transform};
+use crate::robot::{Calibrated, Robot, Tag};
+use mcdpr_kinematics::Pose;
 use miette::Diagnostic;
-use nalgebra::{DMatrix, Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 use serde_json::{Value, json};
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Name of the file format.
@@ -53,8 +53,7 @@ pub enum FileError {
 /// CRC-32 of data in their file form.
 #[must_use]
 pub fn data_hash(data: &Data) -> u32 {
-    const CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
-    CRC_32.checksum(data.to_json().to_string().as_bytes())
+    mcdpr_protocol::frame::crc32(data.to_json().to_string().as_bytes())
 }
 
 /// Where the calibration of a robot is kept: beside its file, or here for a built-in robot.
@@ -113,27 +112,14 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer) -> Result<Value, Co
     }))
 }
 
-/// Writes a file whole or not at all: beside it, flushed to the disk, then renamed.
+/// Writes a file whole or not at all.
 ///
 /// # Errors
 /// [`FileError::Io`]; what was there before stays.
 pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
-    let part = path.with_extension("part");
-    let failed = |source| FileError::Io {
+    crate::files::write_atomically(path, text).map_err(|source| FileError::Io {
         path: path.to_owned(),
         source,
-    };
-    let write = || {
-        let mut file = std::fs::File::create(&part)?;
-        file.write_all(text.as_bytes())?;
-        file.sync_all()?;
-        drop(file);
-        std::fs::rename(&part, path)
-    };
-    write().map_err(|error| {
-        // Half a file must not stay, and the reason counts more than whether it could be removed.
-        let _ = std::fs::remove_file(&part);
-        failed(error)
     })
 }
 
@@ -228,12 +214,13 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
             *slot = number;
         }
     };
-    set(&mut robot.camera.fx_px, "fx");
-    set(&mut robot.camera.fy_px, "fy");
-    set(&mut robot.camera.cx_px, "cx");
-    set(&mut robot.camera.cy_px, "cy");
+    let lens = &mut robot.camera.lens;
+    set(&mut lens.focal_px[0], "fx");
+    set(&mut lens.focal_px[1], "fy");
+    set(&mut lens.center_px[0], "cx");
+    set(&mut lens.center_px[1], "cy");
     if let Ok(list) = numbers(&camera["distortion"], "distortion") {
-        for (slot, number) in robot.camera.distortion.iter_mut().zip(list) {
+        for (slot, number) in lens.distortion.iter_mut().zip(list) {
             *slot = number;
         }
     }
@@ -343,7 +330,7 @@ fn points_mm(value: &Value, name: &str) -> Result<Vec<Vector3<f64>>, String> {
         .collect()
 }
 
-fn transform(value: &Value, name: &str) -> Result<Transform, String> {
+fn transform(value: &Value, name: &str) -> Result<Pose, String> {
     let rows = list(value, name)?;
     let mut numbers_of = Vec::new();
     for row in rows {
@@ -357,10 +344,10 @@ fn transform(value: &Value, name: &str) -> Result<Transform, String> {
     if (rotation * rotation.transpose() - Matrix3::identity()).norm() > 1e-6 {
         return Err(format!("{name} is no rigid transformation"));
     }
-    Ok(Transform {
-        rotation,
-        translation_m: Vector3::from_fn(|i, _| numbers_of[i][3]) * 1e-3,
-    })
+    Ok(Pose::new(
+        Vector3::from_fn(|i, _| numbers_of[i][3]) * 1e-3,
+        Rotation3::from_matrix_unchecked(rotation),
+    ))
 }
 
 fn tags(value: &Value) -> Result<Vec<Tag>, String> {

@@ -317,11 +317,14 @@ impl Model<'_> {
                 let from_platform = body.position_m + on_body - pose.position_m;
                 let turned = camera_from_world * from_platform;
                 let point = turned + state.camera_from_platform.position_m;
-                let seen = state.camera.project(&point).ok_or(Error::InvalidInput {
-                    what: "a tag's corner is behind the camera",
-                    cable: None,
-                    value: point.z,
-                })?;
+                let seen = state
+                    .camera
+                    .projection(&point.into())
+                    .ok_or(Error::InvalidInput {
+                        what: "a tag's corner is behind the camera",
+                        cable: None,
+                        value: point.z,
+                    })?;
                 for (axis, measured) in pixel.iter().enumerate() {
                     let by_point = seen.by_point.row(axis).transpose() * weight;
                     let by_world = camera_from_world.tr_mul(&by_point);

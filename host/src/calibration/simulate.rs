@@ -4,13 +4,13 @@
 //! Geometry and statics are those of the kinematics crate, on which the estimators rest as well:
 //! this tests the estimation, not the model.
 
-use super::data::{Camera, Data, Noise, NominalRobot, Observation, Tag, View, compose, inverse};
+use super::data::{Data, Noise, NominalRobot, Observation, Tag, View};
 use super::joint::Options;
 use super::plan;
+use super::space::Space;
 use super::unknowns::Priors;
-use mcdpr_kinematics::{
-    Cable, EquilibriumGuess, Platform, Pose, Robot, StaticOptions, four_cables,
-};
+use mcdpr_kinematics::{Cable, Platform, Pose, Robot, four_cables};
+use mcdpr_vision::Camera;
 use nalgebra::{Rotation3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -161,6 +161,7 @@ pub fn nominal_robot() -> NominalRobot {
         home: 0,
         routing_m: vec![0.0; 4],
         compliance_per_n: 0.0,
+        limits: None,
     }
 }
 
@@ -244,14 +245,15 @@ pub(crate) fn views_within(
     tag_scale: f64,
     margin_px: f64,
 ) -> Vec<View> {
-    let camera_from_world = compose(camera_from_platform, &inverse(world_from_platform));
+    let camera_from_world = camera_from_platform.compose(&world_from_platform.inverse());
     let see = |(index, tag): (usize, &Tag)| {
-        let camera_from_body = compose(&camera_from_world, &world_from_body[tag.body]);
+        let camera_from_body = camera_from_world.compose(&world_from_body[tag.body]);
         let mut corners_px = [[0.0; 2]; 4];
         for (slot, corner) in corners_px.iter_mut().zip(&tag.corners_in_body_m) {
-            let seen = camera.project(&camera_from_body.transform(&(corner * tag_scale)))?;
+            let seen =
+                camera.projection(&camera_from_body.transform(&(corner * tag_scale)).into())?;
             for (k, value) in slot.iter_mut().enumerate() {
-                let inside = margin_px..camera.size_px[k] - margin_px;
+                let inside = margin_px..camera.size_px[k] as f64 - margin_px;
                 if !inside.contains(&seen.pixel[k]) {
                     return None;
                 }
@@ -266,63 +268,15 @@ pub(crate) fn views_within(
     tags.iter().enumerate().filter_map(see).collect()
 }
 
-/// A random reachable pose: stable equilibrium with every tension between 0.5 and 39 N, tilted by 25
-/// degrees at most.
-pub(crate) fn random_equilibrium(
-    robot: &Robot<4>,
-    dice: &mut Dice,
-) -> Option<(Pose, [f64; 4], usize)> {
-    let at = Vector3::new(
-        MIDDLE_M.x + dice.within(SPACE_M.x),
-        MIDDLE_M.y + dice.within(SPACE_M.y),
-        MIDDLE_M.z - dice.within(SPACE_M.z),
-    );
-    // Log-uniform.
-    let held = HELD_N[0] * (HELD_N[1] / HELD_N[0]).powf(dice.unit());
-    let cable = ((dice.unit() * 4.0) as usize).min(3);
-    let (pose, tensions) = hang(robot, &at, cable, held)?;
-    Some((pose, tensions, cable))
-}
-
-/// Middle and half sizes of the space of reachable poses, m; range of the held tension, N.
-const MIDDLE_M: Vector3<f64> = Vector3::new(0.335, 0.0, -0.295);
-const SPACE_M: Vector3<f64> = Vector3::new(0.19, 0.19, 0.235);
-const HELD_N: [f64; 2] = [0.5, 28.0];
-
-/// As [`random_equilibrium`] with a place and a tension given, which are brought within the bounds
-/// that random ones have.
-pub(crate) fn equilibrium_within(
-    robot: &Robot<4>,
-    at: &Vector3<f64>,
-    cable: usize,
-    held_n: f64,
-) -> Option<(Pose, [f64; 4])> {
-    let at = at.sup(&(MIDDLE_M - SPACE_M)).inf(&(MIDDLE_M + SPACE_M));
-    hang(robot, &at, cable, held_n.clamp(HELD_N[0], HELD_N[1]))
-}
-
-/// The resting pose with the platform's origin at a place and one cable's tension held.
-fn hang(
-    robot: &Robot<4>,
-    at: &Vector3<f64>,
-    cable: usize,
-    held_n: f64,
-) -> Option<(Pose, [f64; 4])> {
-    let mut tensions = [None; 4];
-    tensions[cable] = Some(held_n);
-    let hang = robot
-        .equilibrium_at(
-            &Vector3::zeros(),
-            at,
-            &tensions,
-            EquilibriumGuess::Cold,
-            &StaticOptions::default(),
-        )
-        .ok()?;
-    let in_range = hang.tensions_n.iter().all(|t| (0.5..39.0).contains(t));
-    (hang.stable && in_range && hang.pose.tilt_rad() < 25f64.to_radians())
-        .then(|| (hang.pose, std::array::from_fn(|i| hang.tensions_n[i])))
-}
+/// The space of the paper's robot, which is the one that is simulated here: 25 degrees of tilt at
+/// most, and tensions up to its sensors' 39 N.
+const PAPER_SPACE: Space = Space {
+    middle_m: Vector3::new(0.335, 0.0, -0.295),
+    half_m: Vector3::new(0.19, 0.19, 0.235),
+    tension_n: [0.5, 39.0],
+    held_n: [0.5, 28.0],
+    tilt_max_rad: 25.0 * std::f64::consts::PI / 180.0,
+};
 
 impl Truth {
     /// Has the methods judged at these poses (world_from_platform) in place of random ones.
@@ -330,8 +284,8 @@ impl Truth {
         let Some(body) = self.world_from_body.first() else {
             return;
         };
-        let from_body = inverse(body);
-        data.holdout = poses.iter().map(|pose| compose(&from_body, pose)).collect();
+        let from_body = body.inverse();
+        data.holdout = poses.iter().map(|pose| from_body.compose(pose)).collect();
         self.holdout = poses.to_vec();
     }
 }
@@ -364,7 +318,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     let camera = Camera {
         focal_px: [920.0; 2],
         center_px: [640.0, 360.0],
-        size_px: [1280.0, 720.0],
+        size_px: [1280, 720],
         distortion: [0.0; 5],
     };
     let mut true_camera = camera;
@@ -434,9 +388,10 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     // Poses chosen for the nominal robot, driven to with the true one: it hangs a little elsewhere.
     let mut planned = Vec::new();
     if setup.chosen_from > 0 {
-        let all = plan::candidates(&data, setup.chosen_from, setup.seed.wrapping_add(7))?;
-        let work = plan::work_poses(&data, 100, setup.seed)?;
-        let plan = plan::choose(&data, &all, &work, setup.poses, &Options::default())?;
+        let space = &PAPER_SPACE;
+        let all = plan::candidates(&data, space, setup.chosen_from, setup.seed.wrapping_add(7))?;
+        let work = plan::work_poses(&data, space, 100, setup.seed)?;
+        let plan = plan::choose(&data, space, &all, &work, setup.poses, &Options::default())?;
         planned = plan.spare;
         planned.reverse();
         planned.extend(plan.chosen.into_iter().rev());
@@ -456,9 +411,11 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
             ))
         } else if let Some(next) = planned.pop() {
             let at = next.pose.position_m;
-            hang(&robot, &at, next.held, next.tensions_n[next.held])
+            let hung = PAPER_SPACE.hang(&robot, &at, next.held, next.tensions_n[next.held]);
+            hung.map(|hung| (hung.pose, hung.tensions_n))
         } else {
-            random_equilibrium(&robot, &mut dice).map(|(pose, tensions, _)| (pose, tensions))
+            let hung = PAPER_SPACE.random(&robot, &mut dice);
+            hung.map(|hung| (hung.pose, hung.tensions_n))
         };
         if let Some((pose, tensions)) = found {
             let views = look(&pose);
@@ -469,14 +426,14 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     }
     let mut holdout = Vec::new();
     while holdout.len() < 120 {
-        holdout.extend(random_equilibrium(&robot, &mut dice).map(|(pose, ..)| pose));
+        holdout.extend(PAPER_SPACE.random(&robot, &mut dice).map(|hung| hung.pose));
     }
     let poses = taken.iter().map(|(pose, ..)| *pose).collect();
     let observed = observe(setup, &silent, &robot, &noise, taken, &mut dice)?;
     data.poses = observed.0;
     data.holdout = holdout
         .iter()
-        .map(|pose| compose(&inverse(&world_from_body[0]), pose))
+        .map(|pose| world_from_body[0].inverse().compose(pose))
         .collect();
     let truth = Truth {
         robot,

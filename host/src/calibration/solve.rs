@@ -5,6 +5,7 @@ use super::error::Refusal;
 use super::normal::{Normal, Reduced, Weights};
 use super::rows::{Model, Source, singles};
 use super::unknowns::{Priors, State};
+use mcdpr_kinematics::{Attempt, Damping, Descent};
 use nalgebra::DMatrix;
 
 /// A row farther off than this many standard deviations is rejected.
@@ -35,11 +36,15 @@ pub struct Minimum {
     pub iterations: usize,
 }
 
-struct Descent {
-    state: State,
-    normal: Normal,
-    iterations: usize,
-}
+/// Damping relative to the diagonal.
+const DAMPING: Damping = Damping {
+    start: 1e-5,
+    least: 1e-12,
+    most: 1e8,
+    after_success: 0.1,
+    after_failure: 30.0,
+    steps: 40,
+};
 
 /// Minimises with fixed weights.
 fn descend(
@@ -48,49 +53,39 @@ fn descend(
     start: &State,
     weights: &Weights,
     most: usize,
-) -> Result<Descent, Refusal> {
-    let mut state = start.clone();
-    let mut normal =
-        Normal::at(model, priors, &state, weights).ok_or_else(|| Refusal::NotConverged {
-            what: "the start is outside the robot's domain".to_owned(),
-        })?;
-    let mut damping = 1e-5;
-    let mut iterations = 0;
-    while iterations < most {
-        iterations += 1;
-        let step = normal.reduced(damping).and_then(|reduced| reduced.step());
+) -> Result<Descent<State, Normal>, Refusal> {
+    let outside = || Refusal::NotConverged {
+        what: "the start is outside the robot's domain".to_owned(),
+    };
+    let normal = Normal::at(model, priors, start, weights).ok_or_else(outside)?;
+    let attempt = |state: &State, normal: &Normal, damping: f64| {
         let little = 1e-5 + 1e-9 * normal.cost();
-        if damping < 1e-4 && step.as_ref().is_some_and(|(.., gain)| *gain < little) {
+        let step = normal.reduced(damping).and_then(|reduced| reduced.step());
+        let Some((shared, own, expected)) = step else {
+            return Some(Attempt::Worse);
+        };
+        if damping < 1e-4 && expected < little {
             // A three hundredth of a standard deviation: not worth another look.
-            break;
+            return Some(Attempt::Enough);
         }
-        let trial = step.and_then(|(shared, own, expected)| {
-            let trial = state.stepped(model.data, &model.layout, shared.as_slice(), own.as_slice());
-            let normal = Normal::at(model, priors, &trial, weights)?;
-            Some((trial, normal, expected))
-        });
-        match trial {
-            Some((trial, next, expected)) if next.cost() <= normal.cost() * (1.0 + 1e-12) => {
+        let trial = state.stepped(model.data, &model.layout, shared.as_slice(), own.as_slice());
+        Some(match Normal::at(model, priors, &trial, weights) {
+            Some(next) if next.cost() <= normal.cost() * (1.0 + 1e-12) => {
                 let gain = normal.cost() - next.cost();
-                (state, normal) = (trial, next);
-                damping = (damping * 0.1).max(1e-12);
                 if gain.max(expected * 0.1) < little {
-                    break;
+                    Attempt::Last(trial, next)
+                } else {
+                    Attempt::Better(trial, next)
                 }
             }
-            _ => {
-                damping *= 30.0;
-                if damping > 1e8 {
-                    break;
-                }
-            }
-        }
-    }
-    Ok(Descent {
-        state,
-        normal,
-        iterations,
-    })
+            _ => Attempt::Worse,
+        })
+    };
+    let damping = Damping {
+        steps: most,
+        ..DAMPING
+    };
+    mcdpr_kinematics::descend(start.clone(), normal, &damping, attempt).ok_or_else(outside)
 }
 
 /// The start: nominal values, poses from the pictures, initial lengths from both.
@@ -196,9 +191,9 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
     };
     let mut weights: Weights = Vec::new();
     let mut descent = descend(&model, priors, &start, &weights, 40)?;
-    let mut iterations = descent.iterations;
+    let mut iterations = descent.steps;
     weights = descent
-        .normal
+        .linear
         .residuals
         .iter()
         .map(|list| vec![1.0; list.len()])
@@ -207,29 +202,29 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
         let all = normal.residuals.iter().flatten();
         all.fold(0.0_f64, |a, r| a.max(r.abs()))
     };
-    if worst(&descent.normal) > REJECT {
-        let sources = sources_of(&model, &descent.state)
+    if worst(&descent.linear) > REJECT {
+        let sources = sources_of(&model, &descent.at)
             .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
         // Outliers bend the fit: weigh them down from a wide loss to a narrow one.
-        let mut scale = spread(&descent.normal) * 4.0;
+        let mut scale = spread(&descent.linear) * 4.0;
         for _ in 0..14 {
-            scale = (scale * 0.5).min(spread(&descent.normal) * 4.0).max(ROBUST);
+            scale = (scale * 0.5).min(spread(&descent.linear) * 4.0).max(ROBUST);
             for (k, list) in weights.iter_mut().enumerate() {
                 for (j, weight) in list.iter_mut().enumerate() {
-                    let r = together(&descent.normal.residuals[k], &sources[k], j) / scale;
+                    let r = together(&descent.linear.residuals[k], &sources[k], j) / scale;
                     *weight = match sources[k][j] {
                         Source::Balance(_) => 1.0,
                         _ => 1.0 / (1.0 + r * r),
                     };
                 }
             }
-            let before = descent.normal.residuals.clone();
-            descent = descend(&model, priors, &descent.state, &weights, 8)?;
-            iterations += descent.iterations;
+            let before = descent.linear.residuals.clone();
+            descent = descend(&model, priors, &descent.at, &weights, 8)?;
+            iterations += descent.steps;
             let change = (before
                 .iter()
                 .flatten()
-                .zip(descent.normal.residuals.iter().flatten()))
+                .zip(descent.linear.residuals.iter().flatten()))
             .fold(0.0_f64, |a, (x, y)| a.max((x - y).abs() / (1.0 + x.abs())));
             if scale <= ROBUST && change < 0.05 {
                 break;
@@ -237,16 +232,16 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
         }
     }
     for round in 0..10 {
-        let reduced = descent.normal.reduced(0.0);
+        let reduced = descent.linear.reduced(0.0);
         let reduced = reduced.ok_or_else(|| unsolved("the normal equations are singular"))?;
         let covariance = reduced
             .covariance()
             .ok_or_else(|| unsolved("the normal equations are singular"))?;
-        let rows = examine(&model, &descent.state, &reduced, &covariance)
+        let rows = examine(&model, &descent.at, &reduced, &covariance)
             .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
         let mut settled = true;
         if round < 6
-            && let Some((ratio, count)) = tension_ratio(&descent.normal, &rows, &weights)
+            && let Some((ratio, count)) = tension_ratio(&descent.linear, &rows, &weights)
             && let Some(relative) = wider(&model, ratio, count)
         {
             model.scatter.tension_relative = relative;
@@ -260,7 +255,7 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
                     rows.leverage[k][j]
                 };
                 let off = studentised(
-                    together(&descent.normal.residuals[k], &rows.sources[k], j),
+                    together(&descent.linear.residuals[k], &rows.sources[k], j),
                     used,
                 );
                 let fits = matches!(rows.sources[k][j], Source::Balance(_)) || off < REJECT;
@@ -274,8 +269,8 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
         }
         if settled || round == 9 {
             return Ok(Minimum {
-                state: descent.state,
-                normal: descent.normal,
+                state: descent.at,
+                normal: descent.linear,
                 reduced,
                 covariance,
                 weights,
@@ -285,8 +280,8 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
                 iterations,
             });
         }
-        descent = descend(&model, priors, &descent.state, &weights, 20)?;
-        iterations += descent.iterations;
+        descent = descend(&model, priors, &descent.at, &weights, 20)?;
+        iterations += descent.steps;
     }
     Err(unsolved("the rejected rows do not settle"))
 }

@@ -1,7 +1,7 @@
 //! How accurate the estimators are: errors that do not depend on the frame, over simulated data.
 
 use super::answer::Answer;
-use super::data::{Data, compose};
+use super::data::Data;
 use super::joint::{Options, joint};
 use super::predict::displacement;
 use super::simulate::{Setup, Truth, simulate};
@@ -92,7 +92,7 @@ pub fn uncalibrated(data: &Data) -> Option<Vec<Vec<f64>>> {
         let offset = offsets.iter().sum::<f64>() / offsets.len().max(1) as f64;
         for (slot, pose) in out.iter_mut().zip(&data.holdout) {
             let [length] = cable
-                .lengths_m(&compose(&data.world_from_body[0], pose))
+                .lengths_m(&data.world_from_body[0].compose(pose))
                 .ok()?;
             slot.push(length - offset);
         }

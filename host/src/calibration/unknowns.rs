@@ -1,7 +1,8 @@
 //! The unknowns of the joint estimate: their values, their order in the vectors, their priors.
 
-use super::data::{Camera, Data};
+use super::data::Data;
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 use nalgebra::Vector3;
 
 /// Where each unknown sits. Core unknowns come first: anchors, initial lengths, camera, bodies.

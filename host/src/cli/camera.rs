@@ -141,8 +141,7 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
 
 #[cfg(feature = "realsense")]
 fn realsense(common: &Common) -> miette::Result<Box<dyn Source>> {
-    let lens = Robot::find(&common.robot)?.camera;
-    let size_px = [lens.width_px as usize, lens.height_px as usize];
+    let size_px = Robot::find(&common.robot)?.camera.lens.size_px;
     let camera = mcdpr_vision::realsense::RealSense::open(size_px).into_diagnostic()?;
     Ok(Box::new(camera))
 }
@@ -155,17 +154,10 @@ fn realsense(_: &Common) -> miette::Result<Box<dyn Source>> {
 
 #[cfg(all(feature = "v4l2", target_os = "linux"))]
 fn show_device(common: &Common, path: &Path) -> Outcome {
-    let robot = Robot::find(&common.robot)?;
-    let lens = &robot.camera;
-    let size_px = [lens.width_px as usize, lens.height_px as usize];
+    let camera = Robot::find(&common.robot)?.camera.lens;
+    let size_px = camera.size_px;
     let mut device = mcdpr_vision::v4l2::V4l2::open(path, size_px).into_diagnostic()?;
     let picture = device.picture().into_diagnostic()?;
-    let camera = mcdpr_vision::Camera {
-        size_px,
-        focal_px: [lens.fx_px, lens.fy_px],
-        center_px: [lens.cx_px, lens.cy_px],
-        distortion: lens.distortion,
-    };
     let tags = detect(&picture.to_gray(), Some(&camera), &Options::default());
     let ids: Vec<u32> = tags.iter().map(|tag| tag.id).collect();
     if common.json {

@@ -25,11 +25,12 @@ impl Cmd {
         }
         client.request(Request::Close).map_err(RunError::from)?;
         let text = fault.map(|record| describe_fault(&record));
+        let done = if common.dry_run { "latched" } else { "cleared" };
         if common.json {
-            return print_json(&serde_json::json!({ "cleared": text }));
+            return print_json(&serde_json::json!({ (done): text }));
         }
         match text {
-            Some(text) => say!("cleared {text}"),
+            Some(text) => say!("{done} {text}"),
             None => say!("no fault is latched"),
         }
         Ok(())

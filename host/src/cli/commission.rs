@@ -4,7 +4,7 @@ use super::service::{Connected, Machine, connected};
 use super::{Common, Failed, Outcome, print_json};
 use crate::files::write_atomically;
 use crate::link::SimulatedLink;
-use crate::robot::Robot;
+use crate::robot::{Robot, Winch};
 use crate::service::{Commissioned, Operator, commission};
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::PathBuf;
@@ -71,6 +71,16 @@ impl Cmd {
             found.tension_zero_v,
             found.tension_noise_v * 1e3
         );
+        if let Some(rubs) = &found.rubbing {
+            say!(
+                "friction {:.3} mN m at the motor (standard error {:.3}), {:.2} N at the cable; play {:.2} degrees (standard error {:.2})",
+                rubs.friction_nm * 1e3,
+                rubs.friction_se_nm * 1e3,
+                rubs.friction_n,
+                rubs.play_deg,
+                rubs.play_se_deg
+            );
+        }
         for line in &found.differs {
             say!("differs: {line}");
         }
@@ -162,7 +172,7 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
          max_current_a = {current}\n\
          torque_constant_nm_per_a = {torque}\n\
          rotor_inertia_kg_m2 = {rotor}\n\
-         friction_n = {friction}\n\
+         {friction}\n\
          brake_close_ms = {brake}\n\
          drive_bandwidth_rad_s = {bandwidth}\n\
          current_lag_ms = {lag}\n",
@@ -183,10 +193,47 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
         current = w.max_current_a,
         torque = w.torque_constant_nm_per_a,
         rotor = w.rotor_inertia_kg_m2,
-        friction = w.friction_n,
+        friction = friction_text(found, w),
         brake = milli(w.brake_close_s),
         bandwidth = w.drive_bandwidth_rad_s,
         lag = milli(w.current_lag_s),
+    )
+}
+
+/// The lines of the module that say what rubs: on the gear, where the file has one.
+fn friction_text(found: &Commissioned, winch: &Winch) -> String {
+    let Some(rubs) = &found.rubbing else {
+        return format!("friction_n = {}", winch.friction_n);
+    };
+    let Some(gear) = &winch.gear else {
+        return format!("friction_n = {:.2}", rubs.friction_n);
+    };
+    // A bare winch cannot tell the drum's own friction from the motor's: the file's stands.
+    let drum_nm = winch.friction_n * winch.drum_radius_m / winch.gear_ratio;
+    let at_motor = (rubs.friction_nm - drum_nm).max(0.0);
+    let share = |part: f64| {
+        let both = gear.rotor_friction_nm + gear.gear_friction_nm;
+        1e3 * at_motor * if both > 0.0 { part / both } else { 0.5 }
+    };
+    format!(
+        "friction_n = {}\nrotor_friction_mnm = {:.4}\ngear_friction_mnm = {:.4}\n\
+         static_friction = {}\nstribeck_rpm = {}\nviscous_mnm_per_krpm = {:.4}\n\
+         gear_efficiency = {}\nbackdrive_efficiency = {}\nplay_deg = {:.3}\n\
+         torsional_stiffness_nm_per_rad = {}\ncogging_mnm = {}\ncold_friction = {}\n\
+         drum_eccentricity_mm = {}",
+        winch.friction_n,
+        share(gear.rotor_friction_nm),
+        share(gear.gear_friction_nm),
+        gear.static_friction,
+        gear.stribeck_rpm,
+        rubs.viscous_nm_per_rpm * 1e6,
+        gear.efficiency,
+        gear.backdrive_efficiency,
+        rubs.play_deg,
+        gear.stiffness_nm_per_rad,
+        gear.cogging_nm * 1e3,
+        gear.cold_friction,
+        milli(winch.drum_eccentricity_m),
     )
 }
 

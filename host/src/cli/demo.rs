@@ -29,7 +29,7 @@ pub(crate) struct Cmd {
 }
 
 /// Height of the circle: the paper's own, 24 mm, needs tensions beyond its sensors.
-const HEIGHT_MM: f64 = -100.0;
+pub(crate) const HEIGHT_MM: f64 = -100.0;
 
 /// One JSON document of the demo. The figures at the top are those of the realistic machine.
 #[derive(Debug, Serialize)]

@@ -30,6 +30,9 @@ type Opened = (Box<dyn Link>, Option<SimulatedLink>);
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
+        if common.dry_run && self.arm {
+            return Err(super::dry::refusal("doctor --arm").into());
+        }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let robot = common.robot()?;
         let mut findings = vec![Finding::good(

@@ -18,16 +18,8 @@ impl Cmd {
             let start_m = session.tool_m();
             session.close()?;
             let measured = Measurements {
-                lengths_m: status
-                    .lengths
-                    .iter()
-                    .map(|l| f64::from(l.0) * 1e-7)
-                    .collect(),
-                tensions_n: status
-                    .tensions
-                    .iter()
-                    .map(|t| f64::from(t.0) * 1e-3)
-                    .collect(),
+                lengths_m: status.lengths_m().collect(),
+                tensions_n: status.tensions_n().collect(),
                 ..Measurements::default()
             };
             Ok((measured, start_m))

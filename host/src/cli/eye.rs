@@ -1,7 +1,7 @@
 //! `--camera`: the real camera beside a robot on a port.
 
 use super::Failed;
-use crate::robot::{self, Robot};
+use crate::robot::Robot;
 use crate::sight::{Camera, CameraTags};
 use mcdpr_vision::SourceError;
 use mcdpr_vision::live::LiveFolder;
@@ -65,7 +65,7 @@ impl Eye {
     /// # Errors
     /// A camera that cannot be opened, or gives pictures of another size.
     pub(crate) fn tags(&self, robot: &Robot) -> miette::Result<Option<CameraTags>> {
-        let lens = lens(&robot.camera);
+        let lens = robot.camera.lens;
         let Some(camera) = self.open(&lens)? else {
             return Ok(None);
         };
@@ -95,16 +95,6 @@ impl Eye {
     /// Whether the camera that was named has distances.
     pub(crate) const fn has_depth(&self) -> bool {
         matches!(&self.camera, Some(Kind::Folder(_) | Kind::RealSense))
-    }
-}
-
-/// The robot file's camera.
-fn lens(camera: &robot::Camera) -> mcdpr_vision::Camera {
-    mcdpr_vision::Camera {
-        size_px: [camera.width_px as usize, camera.height_px as usize],
-        focal_px: [camera.fx_px, camera.fy_px],
-        center_px: [camera.cx_px, camera.cy_px],
-        distortion: camera.distortion,
     }
 }
 

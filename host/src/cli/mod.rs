@@ -18,6 +18,7 @@ mod compute;
 mod config;
 mod demo;
 mod doctor;
+mod dry;
 mod emulate;
 mod estimate;
 mod experiment;
@@ -35,6 +36,7 @@ mod orders;
 mod pick;
 mod plan;
 mod ports;
+mod predict;
 mod progress;
 mod reach;
 mod reaction;
@@ -51,7 +53,10 @@ mod sim;
 mod states;
 mod study;
 mod table;
+mod token;
 mod tune;
+
+pub use dry::{DRY_RUNS, DryRun, commands};
 
 use crate::link::{LinkError, SerialLink};
 use crate::machine::{self, Firmware};
@@ -107,7 +112,7 @@ pub struct Common {
     /// Folder for the run's files, in place of runs/DATE-TIME-NAME
     #[arg(long, global = true, value_name = "DIR")]
     pub record: Option<PathBuf>,
-    /// Plan and judge only; nothing moves
+    /// Plan and judge only: nothing moves. A command that cannot be judged without doing it is refused
     #[arg(long, global = true)]
     pub dry_run: bool,
     /// Simulated seconds per second; without it, `sim --pty` keeps real time and everything else
@@ -188,6 +193,7 @@ enum Command {
     Statics(compute::statics::Cmd),
     Workspace(compute::workspace::Cmd),
     Calibrate(calibrate::Cmd),
+    Predict(predict::Cmd),
     Pick(pick::Cmd),
     Camera(camera::Cmd),
     Sim(sim::Cmd),
@@ -248,11 +254,16 @@ pub type Outcome = miette::Result<()>;
 pub fn main() -> ExitCode {
     #[cfg(unix)]
     take_file_size_limit_as_an_error();
-    let mut cli = order::parse();
+    let (mut cli, words) = order::parse();
     let _ = miette::set_hook(Box::new(|_| {
         Box::new(miette::MietteHandlerOpts::new().width(100).build())
     }));
-    if let Err(report) = cli.common.take_up_chip() {
+    let allowed = if cli.common.dry_run {
+        dry::check(&words)
+    } else {
+        Ok(())
+    };
+    if let Err(report) = allowed.and_then(|()| cli.common.take_up_chip()) {
         eprintln!("{report:?}");
         return ExitCode::FAILURE;
     }
@@ -293,6 +304,7 @@ pub fn main() -> ExitCode {
         Command::Statics(cmd) => cmd.run(common),
         Command::Workspace(cmd) => cmd.run(common),
         Command::Calibrate(cmd) => cmd.run(common),
+        Command::Predict(cmd) => cmd.run(common),
         Command::Pick(cmd) => cmd.run(common),
         Command::Camera(cmd) => cmd.run(common),
         Command::Sim(cmd) => cmd.run(common),

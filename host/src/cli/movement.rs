@@ -227,7 +227,11 @@ impl Home {
             .as_deref()
             .map_or(robot.tool.home_in_world_m, place_m);
         // A place where the robot cannot hang is refused before a board is even opened.
-        model.rest(&place, None)?;
+        let rest = model.rest(&place, None)?;
+        if common.dry_run {
+            let home = "the board was not told";
+            return homed(common, (place, rest.paid_out_m), home);
+        }
         let session = if self.tag {
             if common.on != "sim" {
                 let reason = "no camera stands behind this port; give the place with --at X Y Z";
@@ -237,7 +241,7 @@ impl Home {
         } else {
             with_session(common, &model, None, Some(Homing::Place(place)), ended)?
         };
-        homed(common, session)
+        homed(common, session, "homed")
     }
 }
 
@@ -271,10 +275,10 @@ fn home_by_tag(common: &Common, model: &Model) -> Outcome {
         &crate::control::Handle::new(),
         Homing::Tags(&mut camera, places),
     )?;
-    homed(common, ended(session)?)
+    homed(common, ended(session)?, "homed")
 }
 
-fn homed(common: &Common, (at_m, lengths_m): (Vector3<f64>, Vec<f64>)) -> Outcome {
+fn homed(common: &Common, (at_m, lengths_m): (Vector3<f64>, Vec<f64>), done: &str) -> Outcome {
     if common.json {
         let tool: [f64; 3] = at_m.into();
         return print_json(&serde_json::json!({ "tool_m": tool, "lengths_m": lengths_m }));
@@ -285,7 +289,7 @@ fn homed(common: &Common, (at_m, lengths_m): (Vector3<f64>, Vec<f64>)) -> Outcom
         .map(|l| format!("{:.2}", l * 1e3))
         .collect();
     say!(
-        "homed: tool at ({:.2}, {:.2}, {:.2}) mm, cables {} mm",
+        "{done}: tool at ({:.2}, {:.2}, {:.2}) mm, cables {} mm",
         at.x,
         at.y,
         at.z,

@@ -42,6 +42,7 @@ const ORDER: &[&str] = &[
     "compare",
     "export",
     "estimate",
+    "predict",
     "reproduce",
     // Compute.
     "ik",
@@ -76,11 +77,24 @@ pub(super) fn command() -> Command {
     command
 }
 
-/// Reads the program's command line; wrong usage ends the program with code 2.
-pub(super) fn parse() -> Cli {
+/// Reads the program's command line, and gives the words of its command too; wrong usage ends the
+/// program with code 2.
+pub(super) fn parse() -> (Cli, String) {
     let matches = command().get_matches();
+    let mut words = Vec::new();
+    let mut inner = matches.subcommand();
+    while let Some((name, rest)) = inner {
+        words.push(name);
+        inner = rest.subcommand();
+    }
+    // Without a command it is the demo.
+    if words.is_empty() {
+        words.push("demo");
+    }
+    let words = words.join(" ");
     // What clap has accepted has the form of `Cli`.
-    Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    (cli, words)
 }
 
 #[cfg(test)]

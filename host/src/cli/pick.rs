@@ -91,12 +91,6 @@ impl Cmd {
             common.robot()?
         };
         let robot = picking_robot(&robot);
-        if common.dry_run && self.scenes.is_none() {
-            return Err(Failed::from_error("picking")(
-                "what to pick is known only after a look, so there is nothing to judge beforehand",
-            )
-            .into());
-        }
         if common.on != "sim" {
             return self.on_port(common, &robot);
         }

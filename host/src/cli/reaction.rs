@@ -76,19 +76,23 @@ pub(super) fn show(model: &Model, task: Task, scenario: &Scenario, common: &Comm
 
 fn describe(injection: &Injection) -> String {
     let what = match how(injection.fault) {
+        _ if injection.snag.is_some() => "a stiff hook catches the tool",
         How::Plant(what) | How::Line(what) | How::Host(what) => what,
         How::Not(why) => why,
     };
     let when = match injection.when {
         When::Start => "before it arms".to_owned(),
         When::Motion(at_s) => format!("{at_s} s into the motion"),
+        When::After(phase, at_s) => format!("{at_s} s after {} began", phase.name()),
     };
     let whole = matches!(
         injection.fault,
         FaultId::C5 | FaultId::P2 | FaultId::P7 | FaultId::D1
     );
     let cable = match how(injection.fault) {
-        How::Plant(_) if !whole => format!(" on cable {}", injection.cable + 1),
+        How::Plant(_) if !whole && injection.snag.is_none() => {
+            format!(" on cable {}", injection.cable + 1)
+        }
         _ => String::new(),
     };
     format!("{}{cable}, {when}: {what}", injection.fault.name())

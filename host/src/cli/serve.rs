@@ -2,6 +2,7 @@
 
 use super::recorded::{About, Recorded};
 use super::run::tool_height_m;
+use super::token::Token;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::{Handle, Order};
 use crate::experiment;
@@ -14,10 +15,11 @@ use crate::run::{self, Homing, RunError, Session, interrupted, new_session, watc
 use crate::serve::{CameraWatcher, Desk, Feed, FeedWatcher, Server};
 use mcdpr_protocol::{Request, SessionId};
 use mcdpr_simulator::LinkOptions;
+use std::cell::Cell;
 use std::io::Write as _;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The port that the page has, unless another is asked for.
 pub(crate) const PORT: u16 = 8650;
@@ -28,6 +30,10 @@ const ANSWER: Duration = Duration::from_millis(50);
 const JOG_HOLD_S: f64 = 3.0;
 /// How long a jog order is valid without another one, s.
 const JOG_VALID_S: f64 = 0.2;
+/// Time between two tries to reach a robot whose line is gone.
+const AGAIN: Duration = Duration::from_secs(1);
+/// Meanwhile an order waits no longer than this for its refusal.
+const LONGEST_REFUSAL: Duration = Duration::from_millis(10);
 /// Time between looks at an idle board, µs.
 const LOOK_US: u64 = 40_000;
 
@@ -43,9 +49,8 @@ pub(crate) struct Cmd {
     /// Wait for Start, also on the simulator
     #[arg(long)]
     idle: bool,
-    /// Token for orders, in place of a random one
-    #[arg(long, value_name = "TEXT")]
-    token: Option<String>,
+    #[command(flatten)]
+    token: Token,
     /// Height of a built-in task: that of a level platform's origin; the tool is below it
     #[arg(long, value_name = "MM", default_value_t = -100.0, allow_negative_numbers = true)]
     z_mm: f64,
@@ -129,6 +134,7 @@ impl Cmd {
         let model = Model::new(&robot)?;
         let height_m = tool_height_m(&robot, self.z_mm);
         let task = Task::find(&self.task, height_m)?;
+        let token = self.token.chosen()?;
         // A task that would be refused is refused before anything is shown.
         experiment::plan_from_home(&model, task.clone())?;
         if common.dry_run {
@@ -148,7 +154,6 @@ impl Cmd {
             start: Some(Arc::clone(&start)),
             most_mps: robot.limits.speed_mps,
         };
-        let token = self.token.clone();
         let server = Server::start(self.port, token, &robot, feed.clone(), Arc::new(desk))?;
         #[cfg(unix)]
         let _listening = super::orders::listen(common, &handle)?;
@@ -162,6 +167,7 @@ impl Cmd {
             feed,
             handle,
             start,
+            lost: Cell::new(false),
         };
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
         if simulated {
@@ -169,10 +175,9 @@ impl Cmd {
             let mismatch = Mismatch::realistic();
             let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
             let tap = TruthTap::forgetful(link.clone(), robot.cables.len());
-            show.go(&mut Paced::new(link, scale), Some(&tap))
+            show.go(|| Ok(Paced::new(link.clone(), scale)), Some(&tap))
         } else {
-            let mut link = common.open_port().map_err(ClientError::from)?;
-            show.go(&mut link, None)
+            show.go(|| Ok(common.open_port()?), None)
         }
     }
 }
@@ -211,100 +216,146 @@ struct Show<'a> {
     feed: Feed,
     handle: Handle,
     start: Arc<AtomicBool>,
+    /// The line is gone, and viewers were told so.
+    lost: Cell<bool>,
 }
 
 impl Show<'_> {
-    /// Runs the task whenever it is wanted, until the program is interrupted.
-    fn go(&self, link: &mut impl Link, tap: Option<&TruthTap>) -> Outcome {
-        let watcher = || FeedWatcher::new(self.feed.clone(), self.model.clone());
-        // On the simulator the circle goes on for days: it is recorded only where asked.
-        let record = tap.is_none() || self.common.record.is_some();
+    /// Runs the task whenever it is wanted, until the program is interrupted. A line that is lost is
+    /// opened again, and viewers see why it is gone; only at the start it must be there.
+    fn go<L: Link>(
+        &self,
+        mut open: impl FnMut() -> Result<L, ClientError>,
+        tap: Option<&TruthTap>,
+    ) -> Outcome {
+        let mut line = open()?;
         loop {
-            let mut idle = Witness::default();
-            let failed = || Failed::from_error("starting the viewers' thread");
-            idle.add(watcher(), Patience::Drop).map_err(failed())?;
-            if tap.is_some() {
-                idle.add(self.camera(), Patience::Drop).map_err(failed())?;
-            }
-            let wanted = self.wait(watched(&mut *link, &idle, tap));
-            idle.finish();
-            let (jogs, referenced) = match wanted? {
-                Wanted::Nothing => return Ok(()),
-                Wanted::Task { referenced } => (false, referenced),
-                Wanted::Jogs { referenced } => (true, referenced),
-            };
-            let session = new_session();
-            // A chip's firmware does not know that its robot is simulated.
-            let at_home = tap.is_some() && !referenced;
-            let recorded = record
-                .then(|| {
-                    let source = self.source.clone();
-                    let mismatch = Mismatch::realistic();
-                    let name = if jogs { "jog" } else { &self.source.name };
-                    let about = About {
-                        name,
-                        task: source,
-                        session,
-                        mismatch: &mismatch,
-                        doing: if jogs { Doing::Orders } else { Doing::Task },
-                        at_home,
-                    };
-                    Recorded::start(self.common, Some(self.model), about)
-                })
-                .transpose()?;
-            let (mut witness, rest) = match recorded.map(Recorded::split) {
-                Some((witness, rest)) => (witness, Some(rest)),
-                None => (Witness::default(), None),
-            };
-            witness.add(watcher(), Patience::Drop).map_err(failed())?;
-            if tap.is_some() {
-                witness
-                    .add(self.camera(), Patience::Drop)
-                    .map_err(failed())?;
-            }
-            let name = if jogs { "jogging" } else { &self.task.name };
-            self.feed.set_task(name);
-            let homing = if at_home {
-                Homing::Place(self.model.robot().tool.home_in_world_m)
-            } else {
-                Homing::Known
-            };
-            let line = watched(&mut *link, &witness, tap).with_orders(&self.handle);
-            let (task, handle) = (self.task.clone(), &self.handle);
-            let outcome = if jogs {
-                self.jog(line, session, homing)
-            } else {
-                let number = Some(session);
-                experiment::on_link_homed(self.model, task, line, number, handle, homing, |_| {})
-                    .map(|_| ())
-            };
-            self.feed.set_task("");
-            witness.finish();
-            if let Some(rest) = rest {
-                rest.finish();
-            }
-            match outcome {
-                // The simulated robot goes around again; a real one waits to be asked.
-                Ok(()) if jogs => self.feed.say("jogging is over: brakes closed"),
-                Ok(()) => {
-                    self.feed.say("the task is done");
-                    if tap.is_some() && self.handle.stop_ordered().is_none() {
-                        self.start.store(true, Ordering::SeqCst);
-                    }
-                }
-                Err(RunError::Interrupted) if interrupted() => return Ok(()),
-                Err(RunError::Interrupted) => self.feed.say("stopped; Start goes on"),
-                Err(error @ (RunError::Fault { .. } | RunError::Latched { .. })) => {
-                    self.feed.say(&error.to_string());
-                }
-                Err(error) if tap.is_some() => return Err(error.into()),
+            match self.round(&mut line, tap) {
+                Ok(true) => {}
+                Ok(false) => return Ok(()),
                 Err(error) => {
-                    // The line or the board is gone: say so, and end with the reason.
-                    self.feed.say(&error.to_string());
-                    return Err(error.into());
+                    let mut reason = in_words(&error);
+                    // A port admits one program: it is closed before it is opened again.
+                    drop(line);
+                    line = loop {
+                        self.lost.set(true);
+                        self.feed.set_trouble(&reason);
+                        if !self.refuse_for_a_while(&reason) {
+                            return Ok(());
+                        }
+                        match open() {
+                            Ok(line) => break line,
+                            Err(error) => reason = in_words(&error.into()),
+                        }
+                    };
                 }
             }
         }
+    }
+
+    /// Refuses all orders with a reason for a second; whether the program is to go on.
+    fn refuse_for_a_while(&self, reason: &str) -> bool {
+        let until = Instant::now() + AGAIN;
+        while Instant::now() < until {
+            if interrupted() {
+                return false;
+            }
+            self.handle.close(reason);
+            self.start.store(false, Ordering::SeqCst);
+            std::thread::sleep(LONGEST_REFUSAL);
+        }
+        true
+    }
+
+    /// Waits for what is wanted and does it once; whether the program is to go on.
+    fn round<L: Link>(&self, link: &mut L, tap: Option<&TruthTap>) -> miette::Result<bool> {
+        let watcher = || FeedWatcher::new(self.feed.clone(), self.model.clone());
+        // On the simulator the circle goes on for days: it is recorded only where asked.
+        let record = tap.is_none() || self.common.record.is_some();
+        let mut idle = Witness::default();
+        let failed = || Failed::from_error("starting the viewers' thread");
+        idle.add(watcher(), Patience::Drop).map_err(failed())?;
+        if tap.is_some() {
+            idle.add(self.camera(), Patience::Drop).map_err(failed())?;
+        }
+        let wanted = self.wait(watched(&mut *link, &idle, tap));
+        idle.finish();
+        let (jogs, referenced) = match wanted? {
+            Wanted::Nothing => return Ok(false),
+            Wanted::Task { referenced } => (false, referenced),
+            Wanted::Jogs { referenced } => (true, referenced),
+        };
+        self.feed.clear_trouble();
+        let session = new_session();
+        // A chip's firmware does not know that its robot is simulated.
+        let at_home = tap.is_some() && !referenced;
+        let recorded = record
+            .then(|| self.record(jogs, session, at_home))
+            .transpose()?;
+        let (mut witness, rest) = match recorded.map(Recorded::split) {
+            Some((witness, rest)) => (witness, Some(rest)),
+            None => (Witness::default(), None),
+        };
+        witness.add(watcher(), Patience::Drop).map_err(failed())?;
+        if tap.is_some() {
+            witness
+                .add(self.camera(), Patience::Drop)
+                .map_err(failed())?;
+        }
+        let name = if jogs { "jogging" } else { &self.task.name };
+        self.feed.set_task(name);
+        let homing = if at_home {
+            Homing::Place(self.model.robot().tool.home_in_world_m)
+        } else {
+            Homing::Known
+        };
+        let line = watched(&mut *link, &witness, tap).with_orders(&self.handle);
+        let (task, handle) = (self.task.clone(), &self.handle);
+        let outcome = if jogs {
+            self.jog(line, session, homing)
+        } else {
+            let number = Some(session);
+            experiment::on_link_homed(self.model, task, line, number, handle, homing, |_| {})
+                .map(|_| ())
+        };
+        self.feed.set_task("");
+        witness.finish();
+        if let Some(rest) = rest {
+            rest.finish();
+        }
+        match outcome {
+            // The simulated robot goes around again; a real one waits to be asked.
+            Ok(()) if jogs => self.feed.say("jogging is over: brakes closed"),
+            Ok(()) => {
+                self.feed.say("the task is done");
+                if tap.is_some() && self.handle.stop_ordered().is_none() {
+                    self.start.store(true, Ordering::SeqCst);
+                }
+            }
+            Err(RunError::Interrupted) if interrupted() => return Ok(false),
+            Err(RunError::Interrupted) => self.feed.say("stopped; Start goes on"),
+            // The robot answers, and this came to nothing.
+            Err(error @ RunError::Client(ClientError::Refused { .. })) => {
+                self.feed.set_trouble(&in_words(&error.into()));
+            }
+            Err(error @ RunError::Client(_)) => return Err(error.into()),
+            Err(error) => self.feed.set_trouble(&in_words(&error.into())),
+        }
+        Ok(true)
+    }
+
+    /// Starts the record of a task or of jogs.
+    fn record(&self, jogs: bool, session: SessionId, at_home: bool) -> Result<Recorded, Failed> {
+        let mismatch = Mismatch::realistic();
+        let about = About {
+            name: if jogs { "jog" } else { &self.source.name },
+            task: self.source.clone(),
+            session,
+            mismatch: &mismatch,
+            doing: if jogs { Doing::Orders } else { Doing::Task },
+            at_home,
+        };
+        Recorded::start(self.common, Some(self.model), about)
     }
 
     fn camera(&self) -> CameraWatcher {
@@ -329,6 +380,10 @@ impl Show<'_> {
     /// Looks at the idle robot until something is wanted.
     fn wait(&self, link: impl Link) -> Result<Wanted, RunError> {
         let mut client = Client::connect(link, new_session())?;
+        if self.lost.replace(false) {
+            self.feed.clear_trouble();
+            self.feed.say("the robot answers again");
+        }
         let outcome = loop {
             if interrupted() {
                 break Wanted::Nothing;
@@ -337,9 +392,19 @@ impl Show<'_> {
             while let Some((ticket, order)) = self.handle.take() {
                 let outcome = match order {
                     Order::Clear => match client.request(Request::ClearFault) {
-                        Ok(_) => Ok(()),
-                        Err(refused @ ClientError::Refused { .. }) => Err(refused.to_string()),
-                        Err(error) => return Err(error.into()),
+                        Ok(_) => {
+                            self.feed.clear_trouble();
+                            Ok(())
+                        }
+                        Err(refused @ ClientError::Refused { .. }) => {
+                            let reason = refused.to_string();
+                            self.feed.set_trouble(&reason);
+                            Err(reason)
+                        }
+                        Err(error) => {
+                            self.handle.done(ticket, Err(error.to_string()));
+                            return Err(error.into());
+                        }
                     },
                     Order::Stop | Order::Emergency => {
                         jogs = false;
@@ -365,7 +430,7 @@ impl Show<'_> {
                     None => break Wanted::Jogs { referenced },
                     Some(_) => self
                         .feed
-                        .say("a fault is latched; mend its cause, then clear it"),
+                        .set_trouble("a fault is latched; mend its cause, then clear it"),
                 }
             }
             let look = client.now_us() + LOOK_US;
@@ -373,6 +438,16 @@ impl Show<'_> {
         };
         client.request(Request::Close)?;
         Ok(outcome)
+    }
+}
+
+/// An error with its causes and what to do about it, in one line.
+fn in_words(error: &miette::Report) -> String {
+    let words: Vec<_> = error.chain().map(ToString::to_string).collect();
+    let words = words.join(": ");
+    match error.help() {
+        Some(help) => format!("{words}; {help}"),
+        None => words,
     }
 }
 

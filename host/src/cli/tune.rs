@@ -9,7 +9,7 @@ use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::Doing;
 use crate::report::RunFolder;
-use crate::robot::{Robot, TensionLaw};
+use crate::robot::{Robot, TensionLaw, TensionOutput};
 use crate::run::{RunError, watch_for_interrupts};
 use crate::tension::rig::Rig;
 use crate::tension::tune::{Answer, Identified, LEAST, Margins, excitation, excite, identify};
@@ -71,6 +71,11 @@ impl Cmd {
 impl Tension {
     fn run(&self, common: &Common) -> Outcome {
         let robot = Robot::find(&common.robot)?;
+        if robot.tension.output == TensionOutput::Velocity {
+            let why = "its gains are speeds per tension, and the model that tuning fits is that of a force: \
+                       judge them with `mcdpr experiment` and `mcdpr study winch`";
+            return Err(Failed::from_error("a law with `output = \"velocity\"`")(why).into());
+        }
         let model = Model::new(&robot)?;
         let room = robot.tension.setpoint_n - robot.tension.floor_n;
         let room = room.min(robot.tension.ceiling_n - robot.tension.setpoint_n);

@@ -106,18 +106,24 @@ pub fn runtime_dir() -> Result<PathBuf, SocketError> {
         Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
         Err(error) => return Err(system(error)),
     }
-    // A link that somebody laid is no folder; a folder that lets others in is not ours alone.
-    let found = std::fs::symlink_metadata(&path).map_err(system)?;
-    let ours = {
-        let probe = path.join(format!(".{}", std::process::id()));
-        let made = std::fs::File::create(&probe).and_then(|file| file.metadata());
-        let _ = std::fs::remove_file(&probe);
-        made.map_err(system)?.uid()
-    };
-    if !found.is_dir() || found.mode() & 0o077 != 0 || found.uid() != ours {
+    if !is_ours_alone(&path).map_err(system)? {
         return Err(SocketError::Folder { path });
     }
     Ok(path)
+}
+
+/// Whether a folder is this user's and nobody else can enter it. Looks only: in a folder of somebody
+/// else nothing may be created or followed. A link is not a folder.
+fn is_ours_alone(path: &Path) -> std::io::Result<bool> {
+    let found = std::fs::symlink_metadata(path)?;
+    Ok(found.is_dir() && found.mode() & 0o077 == 0 && found.uid() == this_user()?)
+}
+
+/// The number of this process's user: that of a pipe which it makes, and which is on no disk.
+fn this_user() -> std::io::Result<u32> {
+    let (reader, _) = std::io::pipe()?;
+    let end = std::fs::File::from(std::os::fd::OwnedFd::from(reader));
+    Ok(end.metadata()?.uid())
 }
 
 /// The name of a robot's socket: its port, or the simulator of a robot file.
@@ -377,6 +383,31 @@ mod tests {
             call_all(&on, "r", None),
             Err(SocketError::Nobody { .. })
         ));
+    }
+
+    /// A folder that others can enter may hold links to files of ours under any name.
+    #[test]
+    fn a_folder_of_others_is_refused_and_nothing_in_it_is_touched() {
+        let path = std::env::temp_dir().join(format!("mcdpr-theirs-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).unwrap();
+        let victim = path.join("victim");
+        std::fs::write(&victim, "precious").unwrap();
+        let trap = path.join(format!(".{}", std::process::id()));
+        std::os::unix::fs::symlink(&victim, &trap).unwrap();
+        let open = |mode| {
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+        };
+        open(0o777);
+        assert!(!is_ours_alone(&path).unwrap());
+        open(0o700);
+        assert!(is_ours_alone(&path).unwrap());
+        assert_eq!(std::fs::read_to_string(&victim).unwrap(), "precious");
+        assert!(trap.is_symlink());
+        let link = path.join("link");
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        assert!(!is_ours_alone(&link).unwrap());
+        std::fs::remove_dir_all(path).unwrap();
     }
 
     #[test]

@@ -42,16 +42,11 @@ pub struct View {
 impl View {
     /// Takes over what a board said about itself.
     pub fn take_status(&mut self, status: &Status) {
-        let metres = |l: &mcdpr_protocol::TenthMicrometres| f64::from(l.0) * 1e-7;
         self.tick = status.tick.0;
         self.state = Some(status.state);
-        self.lengths_m = status.lengths.iter().map(metres).collect();
-        self.setpoints_m = status.setpoints.iter().map(metres).collect();
-        self.tensions_n = status
-            .tensions
-            .iter()
-            .map(|t| f64::from(t.0) * 1e-3)
-            .collect();
+        self.lengths_m = status.lengths_m().collect();
+        self.setpoints_m = status.setpoints_m().collect();
+        self.tensions_n = status.tensions_n().collect();
         self.fault = status.fault.as_ref().map(describe_fault);
         self.referenced = status.referenced;
         self.gripper_closed = status.gripper_closed;

@@ -188,12 +188,10 @@ pub(super) fn watch<L: Link>(
             let counts_per_m = f64::from(winch.encoder_counts_per_turn)
                 / (std::f64::consts::TAU * winch.drum_radius_m);
             if let Some(length) = status.lengths.get(index) {
-                watched
-                    .drum_counts
-                    .push(f64::from(length.0) * 1e-7 * counts_per_m);
+                watched.drum_counts.push(length.metres() * counts_per_m);
             }
             if let Some(tension) = status.tensions.get(index) {
-                let newtons = f64::from(tension.0) * 1e-3;
+                let newtons = tension.newtons();
                 let read_v = newtons / winch.tension_gain_n_per_v + winch.tension_zero_v;
                 watched.readings.push(read_v / volts(1.0));
             }

@@ -1,9 +1,8 @@
 //! What was measured, and what a resting state predicts for it.
 
-use crate::calibration::data::{compose, inverse};
 use crate::motion::{Model, Rest};
 use crate::robot::Control;
-use crate::sight::{TagView, lens_of, pose_of};
+use crate::sight::TagView;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Rotation3, Vector3};
 
@@ -69,14 +68,12 @@ pub(super) fn residuals(
     let tensions = measured.tensions_n.iter().zip(rest.tensions_n());
     out.extend(tensions.map(|(seen, said)| (seen - said) / sigmas.tension_n));
     let camera = &model.robot().camera;
-    let lens = lens_of(camera);
-    let camera_from_platform = pose_of(&camera.camera_from_platform);
     // Turned about the tool, whose place is an unknown of its own.
     let tool = &model.robot().tool.tcp_in_platform_m;
     let pose = &rest.equilibrium.pose;
     let rotation = Rotation3::new(*turned) * pose.rotation;
     let seen_pose = Pose::new(pose.transform(tool) - rotation * tool, rotation);
-    let camera_from_world = compose(&camera_from_platform, &inverse(&seen_pose));
+    let camera_from_world = camera.camera_from_platform.compose(&seen_pose.inverse());
     for view in &measured.views {
         let Some(tag) = model.robot().tags.iter().find(|tag| tag.id == view.id) else {
             continue;
@@ -84,10 +81,12 @@ pub(super) fn residuals(
         let Some(place) = measured.places.iter().find(|place| place.body == tag.body) else {
             continue;
         };
-        let camera_from_body = compose(&camera_from_world, &place.world_from_body);
+        let camera_from_body = camera_from_world.compose(&place.world_from_body);
         let corners = tag.corners_in_body_m.iter().zip(&view.corners_px);
         for ((corner, seen), covariance) in corners.zip(&view.covariance_px2) {
-            let said = lens.project(&camera_from_body.transform(corner))?;
+            let said = camera
+                .lens
+                .projection(&camera_from_body.transform(corner).into())?;
             for ((seen, said), variance) in [
                 ((seen[0], said.pixel.x), covariance[0][0]),
                 ((seen[1], said.pixel.y), covariance[1][1]),

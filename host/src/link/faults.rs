@@ -116,7 +116,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
         }
         FaultId::B1 => "check the brake's supply and coil; it must click when the robot arms",
         FaultId::B2 => {
-            "hold the platform by other means before you switch off; clean or replace the brake"
+            "the robot stands under torque: let it down by a motion (clear the fault first), or hold the platform by other means, then give an emergency stop; clean or replace the brake"
         }
         FaultId::B3 => {
             "hold the platform by other means before you switch off; check the brake's spring, its gap and its diode"
@@ -198,7 +198,7 @@ pub fn describe_reject(reject: &Reject) -> String {
         }
         Reject::KnotStart { cable, gap } => format!(
             "the motion starts {:.3} mm from where cable {cable} is",
-            f64::from(gap.0) * 1e-4
+            gap.metres() * 1e3
         ),
         Reject::KnotLength { cable } => format!("the length of cable {cable} is out of range"),
         Reject::KnotSpeed { cable } => format!("cable {cable} would be too fast"),

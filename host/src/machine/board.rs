@@ -1,6 +1,6 @@
 //! The robot description as a board's configuration.
 
-use crate::robot::{Control, DriveKind, LawKind, Robot, Winch};
+use crate::robot::{Control, DriveKind, LawKind, Robot, TensionOutput, Winch};
 use mcdpr_protocol::{
     BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Millinewtons, PerCable, Request,
     TenthMicrometres, config_hash,
@@ -169,7 +169,7 @@ fn cable(
     put(CableKey::TensionZeroUv, winch.tension_zero_v * 1e6)?;
     put(CableKey::TensionMax, winch.tension_max_n * 1e3)?;
     put(CableKey::TensionFloor, robot.limits.tension_min_n * 1e3)?;
-    let ceiling = robot.limits.tension_max_n.min(winch.tension_max_n);
+    let ceiling = robot.limits.tension_max_n.min(winch.trusted_tension_n());
     put(CableKey::TensionCeiling, ceiling * 1e3)?;
     put(
         CableKey::TensionLaw,
@@ -180,7 +180,7 @@ fn cable(
     put(CableKey::TensionKi, law.ki * 1e3)?;
     put(CableKey::TensionDamping, law.damping_ns_per_m * 1e3)?;
     put(CableKey::TensionFilterMhz, law.filter_hz * 1e3)?;
-    put(CableKey::Friction, winch.friction_n * 1e3)?;
+    put(CableKey::Friction, winch.total_friction_n() * 1e3)?;
     put(CableKey::DrumMass, winch.effective_mass_kg() * 1e3)?;
     put(CableKey::LeadUs, lead_s * 1e6)?;
     put(CableKey::BrakeCloseMs, winch.brake_close_s * 1e3)?;
@@ -201,7 +201,11 @@ fn cable(
     )?;
     let rates = CableRates::of(robot);
     put(CableKey::MaxAcceleration, rates.acceleration_mps2 * 1e6)?;
-    put(CableKey::MaxJerk, rates.jerk_mps3 * 1e3)
+    put(CableKey::MaxJerk, rates.jerk_mps3 * 1e3)?;
+    let tells_speed = law.output == TensionOutput::Velocity;
+    put(CableKey::TensionOutput, f64::from(u8::from(tells_speed)))?;
+    put(CableKey::Play, winch.play_m() * 1e7)?;
+    put(CableKey::SpeedCornerMhz, law.corner_hz * 1e3)
 }
 
 /// Speed at which a slack cable is reeled in, m/s. A drum that is stopped by its cable gives it a
@@ -230,13 +234,8 @@ pub fn hash_of(entries: &[ConfigEntry]) -> ConfigHash {
 /// The request that tells a board where its cables are: paid-out lengths in m, tensions in N.
 #[must_use]
 pub fn reference(lengths_m: &[f64], tensions_n: &[f64]) -> Request {
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "saturates far beyond any robot"
-    )]
-    let round = |value: f64| value.round() as i32;
     Request::Reference {
-        lengths: PerCable::collect(lengths_m.iter().map(|l| TenthMicrometres(round(l * 1e7)))),
-        tensions: PerCable::collect(tensions_n.iter().map(|t| Millinewtons(round(t * 1e3)))),
+        lengths: PerCable::collect(lengths_m.iter().map(|l| TenthMicrometres::from_metres(*l))),
+        tensions: PerCable::collect(tensions_n.iter().map(|t| Millinewtons::from_newtons(*t))),
     }
 }

@@ -8,7 +8,8 @@ mod plant;
 pub use board::{CableRates, OutOfRange, configuration, hash_of, reference};
 pub use firmware::{Firmware, FirmwareError, choose_firmware, chosen_firmware};
 pub use plant::{
-    Mismatch, hang, plant_params, simulate, simulate_unloaded, simulate_unloaded_on, with_board,
+    GearMismatch, Mismatch, hang, plant_params, simulate, simulate_unloaded, simulate_unloaded_on,
+    with_board,
 };
 
 use crate::robot::Robot;

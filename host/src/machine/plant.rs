@@ -1,8 +1,8 @@
 //! The robot description as physics for the simulator, exact or off by a stated mismatch.
 
-use crate::robot::{DriveKind, Robot};
+use crate::robot::{DriveKind, Gear, Robot};
 use mcdpr_simulator::plant::{
-    BrakeParams, BusParams, CableParams, DriveParams, Plant, PlantError, PlantParams,
+    BrakeParams, BusParams, CableParams, DriveParams, GearParams, Plant, PlantError, PlantParams,
     PlatformParams, Pose, Protocol, TensionSensorParams, WinchParams,
 };
 use mcdpr_simulator::{LinkOptions, Simulation};
@@ -30,6 +30,36 @@ pub struct Mismatch {
     pub bandwidth: f64,
     /// Tension lost at every pulley, as a share.
     pub pulley_loss: f64,
+    /// How far the gears are from what the file says.
+    pub gears: GearMismatch,
+}
+
+/// How far the gears of the simulated machine are from what the robot file says of them; nothing
+/// where it names none. The board is told what the file says.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct GearMismatch {
+    /// Friction of rotor and gear, relative half width.
+    pub friction: f64,
+    /// What the gear loses of the motor's power, relative half width; the loss when it is driven
+    /// goes along.
+    pub loss: f64,
+    /// Play, relative half width.
+    pub play: f64,
+    /// Torsional stiffness, relative half width.
+    pub stiffness: f64,
+}
+
+impl GearMismatch {
+    /// What identification leaves: friction within a tenth of what it is, as gears of the same type
+    /// differ by with their grease and its temperature; assumption.
+    const fn realistic() -> Self {
+        Self {
+            friction: 0.1,
+            loss: 0.1,
+            play: 0.1,
+            stiffness: 0.3,
+        }
+    }
 }
 
 impl Mismatch {
@@ -56,6 +86,7 @@ impl Mismatch {
             sensor_gain: 0.01,
             bandwidth: 0.2,
             pulley_loss: 0.02,
+            gears: GearMismatch::realistic(),
         }
     }
 }
@@ -73,6 +104,9 @@ const MAX_ACCELERATION_MPS2: f64 = 100.0;
 const SENSOR_NOISE_N: f64 = 0.05;
 /// Over the sensor's full scale the bridge saturates, as a share of full scale.
 const SENSOR_OVERLOAD: f64 = 1.5;
+/// Lag of the current under the drive's position and speed loops, s: a current loop of 500 Hz;
+/// assumption, 0.1 to 0.5 ms. Without a gear it counts as part of the loops' bandwidth.
+const INNER_LAG_S: f64 = 0.3e-3;
 /// Way over which a pulley's friction builds up after a reversal, m.
 const PRESLIDING_M: f64 = 2e-4;
 
@@ -87,6 +121,8 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
     let shifted = |vector: [f64; 3], half_width: f64, draw: &mut dyn FnMut(f64) -> f64| {
         vector.map(|value| value + draw(half_width))
     };
+    // A sequence of its own: a machine without gears is what it was.
+    let mut gear_rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6765_6172);
     let mut cables = Vec::new();
     let mut winches = Vec::new();
     for (index, cable) in robot.cables.iter().enumerate() {
@@ -129,6 +165,11 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
             max_current_a: winch.max_current_a,
             friction_n: winch.friction_n,
             viscous_friction_ns_per_m: VISCOUS_FRICTION_NS_PER_M,
+            gear: winch
+                .gear
+                .map(|gear| gear_params(&gear, &mismatch.gears, &mut gear_rng)),
+            eccentricity_m: winch.drum_eccentricity_m,
+            eccentric_rad: std::f64::consts::TAU * unit(&mut gear_rng),
             drum_mass_kg: winch.drum_inertia_kg_m2 / winch.drum_radius_m.powi(2),
             brake: BrakeParams {
                 close_delay_s: winch.brake_close_s,
@@ -139,6 +180,11 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
                 position_bandwidth_rad_s: winch.drive_bandwidth_rad_s
                     * (1.0 + draw(mismatch.bandwidth)),
                 current_lag_s: winch.current_lag_s,
+                inner_lag_s: if winch.gear.is_some() {
+                    INNER_LAG_S
+                } else {
+                    0.0
+                },
                 // What the motor can give limits it, not the drive's profile.
                 max_acceleration_mps2: MAX_ACCELERATION_MPS2,
                 protocol: match winch.drive {
@@ -187,6 +233,37 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
         step_s: 1e-4,
         cables_attached: true,
         e_stop_cuts_power: true,
+    }
+}
+
+/// A number from 0 to 1.
+fn unit(rng: &mut ChaCha8Rng) -> f64 {
+    f64::from(rng.next_u32()) / f64::from(u32::MAX)
+}
+
+/// A winch's gear, off by what is drawn.
+fn gear_params(gear: &Gear, off: &GearMismatch, rng: &mut ChaCha8Rng) -> GearParams {
+    let mut times = |half_width: f64| 1.0 + (2.0 * unit(rng) - 1.0) * half_width;
+    let friction = times(off.friction);
+    let loss = times(off.loss);
+    let play = times(off.play);
+    let stiffness = times(off.stiffness);
+    // Losses as shares of the load: those are what friction in the teeth makes.
+    let driving = (1.0 / gear.efficiency - 1.0) * loss;
+    let driven = (1.0 - gear.backdrive_efficiency) * loss;
+    GearParams {
+        rotor_friction_nm: gear.rotor_friction_nm * friction,
+        gear_friction_nm: gear.gear_friction_nm * friction,
+        static_friction: gear.static_friction,
+        stribeck_rpm: gear.stribeck_rpm,
+        viscous_nm_per_rpm: gear.viscous_nm_per_rpm,
+        efficiency_driving: 1.0 / (1.0 + driving),
+        efficiency_driven: (1.0 - driven).clamp(0.0, 1.0),
+        play_rad: gear.play_rad * play,
+        stiffness_nm_per_rad: gear.stiffness_nm_per_rad * stiffness,
+        cogging_nm: gear.cogging_nm,
+        cold_friction: gear.cold_friction,
+        ..GearParams::default()
     }
 }
 

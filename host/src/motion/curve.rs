@@ -1,6 +1,6 @@
 //! A smooth curve through points, measured by arc length.
 
-use super::path::{PathError, PathPoint};
+use super::path::{PathError, PathPoint, near};
 use super::spline::{Ends, Spline};
 use nalgebra::Vector3;
 
@@ -28,6 +28,8 @@ impl Curve {
             if !chord_m.is_finite() {
                 return Err(PathError::NotFinite { what: "a point" });
             }
+            near(a)?;
+            near(b)?;
             if chord_m < 1e-6 {
                 return Err(PathError::Repeated { point: index + 2 });
             }

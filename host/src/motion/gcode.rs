@@ -5,7 +5,8 @@
 //! `M30` (end), `F` (mm/min), `N` numbers, comments in parentheses or after a semicolon. Anything
 //! else is refused with its line and column: a word that is skipped could be the one that mattered.
 
-use super::path::{Path, Piece};
+use super::path::{Path, PathError, Piece, near};
+use super::plan::MOST_STEPS;
 use super::timed::Step;
 use nalgebra::Vector3;
 
@@ -62,6 +63,12 @@ pub(super) fn read(text: &str) -> Result<(Option<Vector3<f64>>, Vec<Step>), GCod
         let ended = machine
             .block(&words)
             .map_err(|(column, message)| at(column, message))?;
+        if machine.steps.len() > MOST_STEPS {
+            return Err(at(
+                1,
+                format!("the program has more than {MOST_STEPS} steps"),
+            ));
+        }
         if ended {
             break;
         }
@@ -224,6 +231,8 @@ impl Machine {
         let Some(to_m) = whole(to_mm) else {
             return Ok(());
         };
+        let wrong = |error: PathError| (column, error.to_string());
+        near(&to_m).map_err(wrong)?;
         let Some(from_m) = whole(from_mm) else {
             // The first place is where the task starts; the way there is the planner's.
             if motion > 1 {
@@ -232,7 +241,6 @@ impl Machine {
             self.start_m = Some(to_m);
             return Ok(());
         };
-        let wrong = |error: super::path::PathError| (column, error.to_string());
         let piece = if motion < 2 {
             if let Some(word) = offset_i.or(offset_j) {
                 return Err((word.column, format!("{} belongs to G2 and G3", word.letter)));

@@ -1,7 +1,9 @@
 //! Motion planning: paths, time laws and splines; the robot at equilibrium along them; plans.
 
+mod bounds;
 mod curve;
 mod gcode;
+pub(crate) mod knot;
 pub mod knots;
 mod model;
 mod options;

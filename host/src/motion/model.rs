@@ -41,12 +41,21 @@ impl Model {
     ///
     /// # Errors
     /// [`PlanError::Geometry`] where the geometry makes no sense, [`PlanError::Holding`] where not
-    /// exactly three cables are held by length: then the attitude is not the statics' to choose.
+    /// exactly three cables are held by length: then the attitude is not the statics' to choose;
+    /// [`PlanError::NoTension`] where no cable is held by tension; [`PlanError::Cables`] where there
+    /// are more than a board drives.
     pub fn new(robot: &Robot) -> Result<Self, PlanError> {
         let by_length = |control| control == Control::Position;
         let held = robot.cables.iter().filter(|c| by_length(c.control)).count();
         if held != 3 {
             return Err(PlanError::Holding { held });
+        }
+        let cables = robot.cables.len();
+        if cables == held {
+            return Err(PlanError::NoTension);
+        }
+        if cables > mcdpr_protocol::MAX_CABLES {
+            return Err(PlanError::Cables { cables });
         }
         Ok(Self {
             robot: robot.clone(),

@@ -12,6 +12,13 @@ const JOIN_M: f64 = 1e-6;
 /// A shorter piece is no piece, m.
 const LEAST_LENGTH_M: f64 = 1e-6;
 
+/// No coordinate of a path is greater, m: twice what the wire's lengths can say. A number beyond it
+/// is a typing error or an unfriendly file.
+pub const FURTHEST_M: f64 = 400.0;
+
+/// Most points of one curve; its table of arc lengths then takes 10 MB.
+pub const MOST_CURVE_POINTS: usize = 10_000;
+
 /// Why there is no such path.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PathError {
@@ -20,6 +27,23 @@ pub enum PathError {
     NotFinite {
         /// Which value.
         what: &'static str,
+    },
+    /// A coordinate is further away than any robot reaches.
+    #[error(
+        "{what} of the path is {:.3e} mm, beyond {:.0} mm: check the task's coordinates, which are in mm",
+        .value_m * 1e3, FURTHEST_M * 1e3
+    )]
+    Far {
+        /// Which value.
+        what: &'static str,
+        /// The value, m.
+        value_m: f64,
+    },
+    /// A curve has more points than a plan takes.
+    #[error("a curve of {points} points, more than {MOST_CURVE_POINTS}: cut it into several legs")]
+    Points {
+        /// How many it has.
+        points: usize,
     },
     /// A piece has no length.
     #[error("a piece of the path has no length ({:.6} mm): leave it out", .length_m * 1e3)]
@@ -113,6 +137,8 @@ impl Piece {
     pub fn line(from_m: Vector3<f64>, to_m: Vector3<f64>) -> Result<Self, PathError> {
         let step = to_m - from_m;
         let length_m = finite("a point", step.norm())?;
+        near(&from_m)?;
+        near(&to_m)?;
         if length_m < LEAST_LENGTH_M {
             return Err(PathError::NoLength { length_m });
         }
@@ -140,6 +166,8 @@ impl Piece {
         finite("a point", arm.z)?;
         finite("a radius", radius_m)?;
         let length_m = finite("an angle", radius_m * sweep_rad.abs())?;
+        near(&center_m)?;
+        near(&start_m)?;
         if (distance_m - radius_m).abs() > JOIN_M || arm.z.abs() > JOIN_M {
             return Err(PathError::OffCircle {
                 distance_m,
@@ -172,6 +200,10 @@ impl Piece {
             [] | [_] => Err(PathError::Empty),
             [from, to] => Self::line(*from, *to),
             _ => {
+                let points = points_m.len();
+                if points > MOST_CURVE_POINTS {
+                    return Err(PathError::Points { points });
+                }
                 let curve = Curve::through(points_m)?;
                 Ok(Self {
                     length_m: finite("a point", curve.length_m())?,
@@ -359,6 +391,17 @@ fn finite(what: &'static str, value: f64) -> Result<f64, PathError> {
         Ok(value)
     } else {
         Err(PathError::NotFinite { what })
+    }
+}
+
+/// That a point is no further away than [`FURTHEST_M`] along any axis.
+pub(super) fn near(point_m: &Vector3<f64>) -> Result<(), PathError> {
+    match point_m.iter().find(|value| value.abs() > FURTHEST_M) {
+        Some(&value_m) => Err(PathError::Far {
+            what: "a coordinate",
+            value_m,
+        }),
+        None => Ok(()),
     }
 }
 

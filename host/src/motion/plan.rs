@@ -19,8 +19,14 @@ use thiserror::Error;
 
 /// Knots are close enough together when no length between them is off by more than this, m.
 pub const TOLERANCE_M: f64 = 1e-5;
-/// Longest motion in one plan, s: what the wire's milliseconds can count with room to spare.
-pub(super) const LONGEST_S: f64 = 1e6;
+/// Longest motion in one plan, s. Judging an hour takes about two seconds.
+pub(super) const LONGEST_S: f64 = 3600.0;
+/// Most steps of one task.
+pub(super) const MOST_STEPS: usize = 10_000;
+/// Longest path in one plan, m.
+pub(super) const LONGEST_M: f64 = 500.0;
+/// Most places at which one plan solves the statics; they take about 200 MB.
+pub(super) const MOST_PLACES: usize = 200_000;
 
 /// Why there is no plan. Nothing has moved.
 #[derive(Debug, Error, Diagnostic)]
@@ -40,6 +46,28 @@ pub enum PlanError {
     Holding {
         /// Cables that are.
         held: usize,
+    },
+    /// Nothing would tell a cable that slipped or broke.
+    #[error("no cable of the robot is held by tension: this planner needs at least one")]
+    #[diagnostic(
+        code(mcdpr::plan::no_tension),
+        help(
+            "three cables held by length leave nothing to compare with: add a cable with control = \"tension\" to the robot file"
+        )
+    )]
+    NoTension,
+    /// More cables than a board drives.
+    #[error(
+        "the robot has {cables} cables, a board drives at most {}",
+        mcdpr_protocol::MAX_CABLES
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::cables),
+        help("leave out [[cable]] tables of the robot file")
+    )]
+    Cables {
+        /// How many it has.
+        cables: usize,
     },
     /// The tool may not accelerate or move as fast as a step asks.
     #[error("{what} asks for {asked:.4} {unit}, limit {limit:.4} {unit}")]
@@ -109,6 +137,43 @@ pub enum PlanError {
     Long {
         /// How long it would take, s.
         duration_s: f64,
+    },
+    /// A task that would fill the memory.
+    #[error("{what}: {asked:.0}, more than the {limit:.0} of one plan")]
+    #[diagnostic(code(mcdpr::plan::large), help("cut the task into several"))]
+    Large {
+        /// What there is too much of.
+        what: &'static str,
+        /// How much.
+        asked: f64,
+        /// The most of one plan.
+        limit: f64,
+    },
+    /// A place that no cable of this length reaches.
+    #[error(
+        "step {step} goes to ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm, {distance_mm:.0} mm from the anchor of cable {cable}, which reaches {reach_mm:.0} mm at most"
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::reach),
+        help(
+            "choose a place nearer to the frame, or correct turns_max and drum_radius_mm of that [[winch]]"
+        )
+    )]
+    Reach {
+        /// Which step, from 1.
+        step: usize,
+        /// Tool, mm.
+        x_mm: f64,
+        /// Tool, mm.
+        y_mm: f64,
+        /// Tool, mm.
+        z_mm: f64,
+        /// Which cable, from 1.
+        cable: usize,
+        /// Distance of the tool from its anchor, mm.
+        distance_mm: f64,
+        /// What the drum, the platform and the stretch allow at most, mm.
+        reach_mm: f64,
     },
     /// A limit would be broken.
     #[error(

@@ -41,7 +41,9 @@ pub(super) fn best_n(
     near: Option<&Rest>,
 ) -> Result<f64, PlanError> {
     let (low, high) = bounds_n(model);
-    let held = model.tension_held().unwrap_or(usize::MAX);
+    let Some(held) = model.tension_held() else {
+        return Ok(model.robot().tension.setpoint_n);
+    };
     let weight_n = model.geometry().weight_n();
     let start = near.and_then(|rest| rest.tensions_n().get(held).copied());
     let mut tension_n = start

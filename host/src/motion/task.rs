@@ -2,6 +2,7 @@
 
 use super::gcode;
 use super::path::{Path, PathError, Piece};
+use super::plan::MOST_STEPS;
 use super::timed::Step;
 use miette::Diagnostic;
 use nalgebra::Vector3;
@@ -20,6 +21,9 @@ pub const BUILT_IN: &[(&str, &str)] = &[
 
 /// Time for the paper's circle: what its geared drives allow, s.
 const CIRCLE_S: f64 = 10.0;
+
+/// Most bytes of a task file: far more than [`MOST_STEPS`] steps take.
+const MOST_BYTES: u64 = 4 << 20;
 
 /// Places closer than this are the same, m.
 const NEAR_M: f64 = 5e-7;
@@ -232,7 +236,7 @@ impl Task {
 
     fn load(name: &str) -> Result<Self, TaskError> {
         let path = PathBuf::from(name);
-        let text = match crate::files::read_text(&path) {
+        let text = match crate::files::read_text_to(&path, MOST_BYTES) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Err(TaskError::Unknown {
@@ -287,6 +291,7 @@ impl Task {
         let start_m = point(file.start_mm);
         let mut at_m = start_m;
         let mut steps = Vec::new();
+        let too_many = || malformed(format!("it has more than {MOST_STEPS} steps"));
         for (number, leg) in (1..).zip(&file.leg) {
             let wrong = |what: String| malformed(format!("leg {number}: {what}"));
             let kind = match leg.kinds()[..] {
@@ -338,6 +343,9 @@ impl Task {
             }
             // A leg with a time of its own is not held to the file's general speed.
             let general = file.speed_mm_s.filter(|_| leg.duration_s.is_none());
+            if steps.len() + pieces.len() > MOST_STEPS {
+                return Err(too_many());
+            }
             for piece in pieces {
                 at_m = piece.end().position_m;
                 steps.push(Step::Move {

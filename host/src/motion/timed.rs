@@ -1,8 +1,9 @@
 //! Steps of a task in time: paths with their laws, waits, and what the gripper does when.
 
+use super::bounds;
 use super::model::{Model, Rest};
 use super::path::{Path, PathError};
-use super::plan::{LONGEST_S, PlanError};
+use super::plan::{LONGEST_S, MOST_PLACES, PlanError};
 use super::shaper::Shaper;
 use super::time_law::{Bounds, TimeLaw};
 use super::track::Track;
@@ -67,6 +68,8 @@ pub struct Timed {
     legs: Vec<Leg>,
     actions: Vec<(f64, Action)>,
     duration_s: f64,
+    /// Places at which the statics were solved.
+    places: usize,
 }
 
 impl Timed {
@@ -75,13 +78,16 @@ impl Timed {
     /// # Errors
     /// [`PlanError::TimeLaw`] and [`PlanError::Step`] where a step asks for too much,
     /// [`PlanError::NoEquilibrium`] where the robot cannot hang, [`PlanError::Path`] where a step
-    /// does not start where the one before ends, [`PlanError::Long`].
+    /// does not start where the one before ends; [`PlanError::Long`], [`PlanError::Large`] and
+    /// [`PlanError::Reach`] for more than one plan takes.
     pub fn new(model: &Model, start_m: &Vector3<f64>, steps: &[Step]) -> Result<Self, PlanError> {
         let mut timed = Self {
             legs: Vec::new(),
             actions: Vec::new(),
             duration_s: 0.0,
+            places: 0,
         };
+        bounds::check(model, steps)?;
         let mut at_m = *start_m;
         for (number, step) in (1..).zip(steps) {
             match step {
@@ -148,7 +154,15 @@ impl Timed {
             }
             None => Shaper::none(),
         };
-        let mut bounds = bounds(model, path, number, speed_mps)?;
+        self.places += track.nodes().len();
+        if self.places > MOST_PLACES {
+            return Err(PlanError::Large {
+                what: "places at which the statics are solved",
+                asked: self.places as f64,
+                limit: MOST_PLACES as f64,
+            });
+        }
+        let mut bounds = tool_bounds(model, path, number, speed_mps)?;
         for (cable, slope) in track.slopes().into_iter().enumerate() {
             if let Some(winch) = model.robot().winch_of(cable) {
                 let most_mps = winch.max_cable_speed_mps() * DRUM_SHARE / slope.max(1e-6);
@@ -290,7 +304,7 @@ impl Timed {
 /// What the tool may do along a path. On a curve the acceleration across the path counts too: both
 /// parts get an equal share, so that their sum keeps the limit wherever they meet; and the jerk of
 /// going around, `v^3 / r^2`, keeps its own.
-fn bounds(
+fn tool_bounds(
     model: &Model,
     path: &Path,
     number: usize,

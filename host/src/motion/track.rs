@@ -21,6 +21,8 @@ const FURTHEST_M: f64 = 0.02;
 const RULE_SPACING_M: f64 = 0.02;
 /// Most halvings of the spacing.
 const MOST_HALVINGS: usize = 7;
+/// Places of one track beyond which the spacing is not halved any more.
+const MANY_PLACES: usize = 50_000;
 
 /// The robot along one path.
 #[derive(Debug, Clone)]
@@ -51,6 +53,9 @@ impl Track {
             nodes.push(solve(share(index, count) * length_m, near)?);
         }
         for _ in 0..MOST_HALVINGS {
+            if count > MANY_PLACES {
+                break;
+            }
             let coarse = Self::through(model, length_m, &nodes)?;
             // Places between the nodes: they check the spline, and become nodes of the next one.
             let mut finer = Vec::with_capacity(2 * count + 1);

@@ -5,7 +5,6 @@ use super::model::{Model, Rest};
 use super::options::Planner;
 use super::plan::PlanError;
 use super::timed::Timed;
-use crate::sight::{lens_of, pose_of};
 use mcdpr_kinematics::PlatformBox;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -210,7 +209,7 @@ fn forces(model: &Model, rest: &Rest, now: &[f64], then: &[f64], step_s: f64) ->
             };
             let pick = |list: &[f64]| list.get(index).copied().unwrap_or(0.0);
             let change = (pick(now) - pick(then)).abs() / step_s.max(1e-9);
-            tension + winch.friction_n + winch.effective_mass_kg() * change
+            winch.driving_force_n(*tension) + winch.effective_mass_kg() * change
         })
         .collect()
 }
@@ -305,10 +304,9 @@ fn out_of_view(model: &Model, rest: &Rest, place_m: &Vector3<f64>) -> Option<Bro
     let camera = &model.robot().camera;
     let pose = &rest.equilibrium.pose;
     let in_platform = pose.rotation.inverse() * (place_m - pose.position_m);
-    let in_camera = pose_of(&camera.camera_from_platform).transform(&in_platform);
-    let lens = lens_of(camera);
-    let [width, height] = lens.size_px;
-    let Some(seen) = lens.project(&in_camera) else {
+    let in_camera = camera.camera_from_platform.transform(&in_platform);
+    let [width, height] = camera.lens.size_px.map(|size| size as f64);
+    let Some(seen) = camera.lens.projection(&in_camera.into()) else {
         let what = "the watched place, which is behind the camera,".to_owned();
         return Some((what, in_camera.z * 1e3, 0.0, "mm in front of it"));
     };

@@ -1,5 +1,6 @@
 //! A plan as the integers that a board follows.
 
+use super::knot::{self, milliseconds};
 use super::knots::{self, FitOptions, Spacing};
 use super::model::{Model, Rest};
 use super::options::Planner;
@@ -8,8 +9,8 @@ use super::spline::{Ends, Spline};
 use super::timed::Timed;
 use crate::machine::CableRates;
 use mcdpr_protocol::{
-    CableKnot, Coefficient, Knot, List, Micrometres, MicrometresPerSecond, Millinewtons, PerCable,
-    ResidualRow, TenthMicrometres,
+    CableKnot, Coefficient, Knot, List, Micrometres, Millinewtons, PerCable, ResidualRow,
+    TenthMicrometres,
 };
 
 /// Knots are at least this far apart, ms: the board's buffer of 16 then holds over 300 ms.
@@ -40,32 +41,14 @@ pub(super) fn knots(model: &Model, timed: &Timed) -> Result<Vec<Knot>, PlanError
                 .and_then(|s| s.knots().get(index))
                 .map_or(0.0, |k| k.time_s);
             let state = timed.rest(model, at_s)?;
-            let cables = splines
-                .iter()
-                .zip(state.tensions_n())
-                .map(|(spline, &tension)| {
-                    let knot = spline.knots().get(index);
-                    CableKnot {
-                        length: TenthMicrometres(rounded(knot.map_or(0.0, |k| k.value) * 1e7)),
-                        velocity: MicrometresPerSecond(rounded(
-                            knot.map_or(0.0, |k| k.velocity) * 1e6,
-                        )),
-                        tension: Millinewtons(rounded(tension * 1e3)),
-                    }
-                });
-            let cables = PerCable::collect(cables);
+            let cables = knot::on_splines(&splines, index, state.tensions_n());
             knots.push(Knot {
-                index: u16::try_from(knots.len() & usize::from(u16::MAX)).unwrap_or(0),
-                time_ms: u32::try_from(milliseconds(at_s)).unwrap_or(u32::MAX),
-                last: false,
-                cables,
                 rows: rows(model, &state),
+                ..knot::knot(knots.len(), milliseconds(at_s), cables)
             });
         }
     }
-    if let Some(last) = knots.last_mut() {
-        last.last = true;
-    }
+    knot::end(&mut knots);
     judge(model, timed, &knots)?;
     Ok(knots)
 }
@@ -87,7 +70,7 @@ fn judge(model: &Model, timed: &Timed, knots: &[Knot]) -> Result<(), PlanError> 
             } else {
                 continue;
             };
-            let time_s = f64::from(to.time_ms) * 1e-3;
+            let time_s = to.time_s();
             let at_m = timed.tool_m(time_s)?;
             return Err(PlanError::Limit {
                 time_s,
@@ -106,8 +89,8 @@ fn judge(model: &Model, timed: &Timed, knots: &[Knot]) -> Result<(), PlanError> 
 
 /// Second derivative at both ends of the cubic between two knots, m/s².
 fn accelerations(from: &CableKnot, to: &CableKnot, spacing_s: f64) -> [f64; 2] {
-    let way = f64::from(to.length.0 - from.length.0) * 1e-7 / spacing_s;
-    let [start, end] = [from, to].map(|knot| f64::from(knot.velocity.0) * 1e-6);
+    let way = TenthMicrometres(to.length.0 - from.length.0).metres() / spacing_s;
+    let [start, end] = [from, to].map(|knot| knot.velocity.metres_per_second());
     [
         (6.0 * way - 4.0 * start - 2.0 * end) / spacing_s,
         (2.0 * start + 4.0 * end - 6.0 * way) / spacing_s,
@@ -115,9 +98,10 @@ fn accelerations(from: &CableKnot, to: &CableKnot, spacing_s: f64) -> [f64; 2] {
 }
 
 /// Splines of all cables over one step, with common knots at whole milliseconds.
-fn fit(model: &Model, timed: &Timed, (from, to): (usize, usize)) -> Result<Vec<Spline>, PlanError> {
-    let seconds = |time: usize| time as f64 * 1e-3;
-    let most_segments = ((to - from) / LEAST_SPACING_MS).max(1);
+fn fit(model: &Model, timed: &Timed, (from, to): (u32, u32)) -> Result<Vec<Spline>, PlanError> {
+    let seconds = |time_ms: u32| f64::from(time_ms) * 1e-3;
+    let span_ms = (to - from) as usize;
+    let most_segments = (span_ms / LEAST_SPACING_MS).max(1);
     let options = FitOptions {
         ends: Ends::Clamped {
             start: 0.0,
@@ -125,10 +109,7 @@ fn fit(model: &Model, timed: &Timed, (from, to): (usize, usize)) -> Result<Vec<S
         },
         spacing: Spacing::Ticks,
         tolerance: TOLERANCE_M,
-        least_segments: (to - from)
-            .div_ceil(MOST_SPACING_MS)
-            .max(4)
-            .min(most_segments),
+        least_segments: span_ms.div_ceil(MOST_SPACING_MS).max(4).min(most_segments),
         most_segments,
     };
     let cables = model.robot().cables.len();
@@ -182,7 +163,8 @@ fn contact_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
     Some(ResidualRow {
         lengths,
         tensions,
-        limit: Micrometres(rounded(CONTACT_SHARE * weight_n * 1e3)),
+        // The row's µm are mN.
+        limit: Micrometres(Millinewtons::from_newtons(CONTACT_SHARE * weight_n).0),
     })
 }
 
@@ -216,17 +198,8 @@ fn closure_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
     Some(ResidualRow {
         lengths,
         tensions,
-        limit: Micrometres(rounded(CLOSURE_LIMIT_M * 1e6)),
+        limit: Micrometres::from_metres(CLOSURE_LIMIT_M),
     })
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "saturates"
-)]
-fn milliseconds(time_s: f64) -> usize {
-    (time_s * 1e3).round() as usize
 }
 
 #[expect(

@@ -11,7 +11,7 @@ use crate::robot::Robot;
 use crate::run::{self, Measured, Recorder, RunError};
 use crate::sight::Shown;
 use mcdpr_protocol::{ConfigHash, Knot, Request, SessionId, Status};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Vector3};
 
 /// An armed robot on a line.
 pub struct Arm<L: Link> {
@@ -397,11 +397,7 @@ impl<L: Link> Arm<L> {
         self.model = Model::new(&robot)?.with_options(self.model.options());
         // Where the tool is with that load at the lengths that the board holds.
         let status = run::status(&mut self.client)?;
-        let held: Vec<f64> = status
-            .setpoints
-            .iter()
-            .map(|length| f64::from(length.0) * 1e-7)
-            .collect();
+        let held: Vec<f64> = status.setpoints_m().collect();
         let rest = self.meanwhile(|model| model.rest_from_lengths(&held, &tensions(&status)))??;
         self.tool_m = self.model.tool_m(&rest);
         Ok(())
@@ -473,25 +469,17 @@ fn legs(mut at_m: Vector3<f64>, points_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> 
 }
 
 fn lengths(status: &Status) -> Vec<f64> {
-    status
-        .lengths
-        .iter()
-        .map(|l| f64::from(l.0) * 1e-7)
-        .collect()
+    status.lengths_m().collect()
 }
 
 fn tensions(status: &Status) -> Vec<f64> {
-    let newtons = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3);
+    let newtons = status.tensions_n();
     newtons.collect()
 }
 
 /// world_from_platform of a resting state.
 pub(super) fn isometry(rest: &Rest) -> Isometry3<f64> {
-    let pose = &rest.equilibrium.pose;
-    Isometry3::from_parts(
-        Translation3::from(pose.position_m),
-        UnitQuaternion::from_rotation_matrix(&pose.rotation),
-    )
+    rest.equilibrium.pose.into()
 }
 
 #[cfg(test)]

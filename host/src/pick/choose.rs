@@ -2,9 +2,8 @@
 
 use super::arm::isometry;
 use crate::motion::Model;
-use crate::robot::Transform;
 use mcdpr_vision::grasp::{Grasp, Hand, HeightMap};
-use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// A grasp that the robot can do.
 #[derive(Debug, Clone)]
@@ -71,15 +70,6 @@ const RANK_MIN: f64 = 0.08;
 const SIDE_M: f64 = 0.0025;
 /// Jaws that cannot turn take grasps within this of their direction, rad.
 const FIXED_TOLERANCE_RAD: f64 = 0.2;
-
-/// Takes an attitude transform of the robot file as an isometry.
-pub(super) fn of_transform(transform: &Transform) -> Isometry3<f64> {
-    let rotation = Rotation3::from_matrix_unchecked(transform.rotation);
-    Isometry3::from_parts(
-        Translation3::from(transform.translation_m),
-        UnitQuaternion::from_rotation_matrix(&rotation),
-    )
-}
 
 /// Chooses among the grasps of one picture. `world_from_camera` is the colour camera's place when
 /// the picture was taken; `turns`: whether the gripper turns about its axis.

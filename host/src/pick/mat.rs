@@ -4,13 +4,10 @@
 //! pulleys are off, and differently so at the look and at the grasp. Against the mat both places
 //! are known to tenths of a millimetre, and what is left is the camera's place on the platform.
 
-use crate::calibration::data::Camera as Lens;
 use crate::calibration::pnp::{Square, sightings_of};
 use mcdpr_vision::tag::{Options, detect};
 use mcdpr_vision::{Camera, RgbImage};
-use nalgebra::{
-    Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
-};
+use nalgebra::{Isometry3, Matrix6, Point3, Vector3, Vector6};
 
 /// A sheet of tags.
 #[derive(Debug, Clone, PartialEq)]
@@ -88,24 +85,23 @@ impl Mat {
             .iter()
             .filter_map(|seen| {
                 let (_, corners_m) = self.tags.iter().find(|(id, _)| *id == seen.id)?;
-                Some((*corners_m, seen.corners_px.map(Into::into)))
+                Some(Square {
+                    corners_in_body_m: *corners_m,
+                    corners_px: seen.corners_px.map(Into::into),
+                })
             })
             .collect();
-        let lens = Lens {
-            focal_px: camera.focal_px,
-            center_px: camera.center_px,
-            size_px: camera.size_px.map(|size| size as f64),
-            distortion: camera.distortion,
-        };
         loop {
             if squares.len() < LEAST_TAGS {
                 return None;
             }
-            let seen = *sightings_of(&lens, &squares).first()?;
+            let seen = *sightings_of(camera, &squares).first()?;
             let pose = seen.camera_from_body;
-            let off = |(corners, pixels): &Square| {
-                let each = corners.iter().zip(pixels).map(|(corner, pixel)| {
-                    lens.project(&pose.transform(corner))
+            let off = |square: &Square| {
+                let corners = square.corners_in_body_m.iter().zip(&square.corners_px);
+                let each = corners.map(|(corner, pixel)| {
+                    camera
+                        .projection(&pose.transform(corner).into())
                         .map_or(f64::INFINITY, |said| {
                             (said.pixel.x - pixel[0]).hypot(said.pixel.y - pixel[1])
                         })
@@ -124,12 +120,8 @@ impl Mat {
             if (seen.cost_px2 / corners).sqrt() > FIT_PX {
                 return None;
             }
-            let turn = Rotation3::from_matrix_unchecked(*pose.rotation.matrix());
-            let camera_from_mat = Isometry3::from_parts(
-                Translation3::from(pose.position_m),
-                UnitQuaternion::from_rotation_matrix(&turn),
-            );
-            let points = squares.iter().flat_map(|(corners, _)| corners);
+            let camera_from_mat = Isometry3::from(pose);
+            let points = squares.iter().flat_map(|square| &square.corners_in_body_m);
             let covariance = covariance(camera, &camera_from_mat, points, seen.cost_px2)?;
             return Some(MatSight {
                 camera_from_mat,
@@ -151,7 +143,7 @@ fn covariance<'a>(
     for point in points_m {
         let arm = camera_from_body.rotation * point;
         let at = camera_from_body * Point3::from(*point);
-        let (_, by_point) = camera.project_with_slope(&at)?;
+        let by_point = camera.projection(&at)?.by_point;
         for k in 0..2 {
             let by_shift = by_point.row(k).transpose();
             let by_turn = arm.cross(&by_shift);

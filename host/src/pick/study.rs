@@ -72,6 +72,7 @@ impl Knowledge {
                     sensor_gain: 0.0,
                     bandwidth: 0.0,
                     pulley_loss: 0.0,
+                    gears: Mismatch::realistic().gears,
                 },
                 NO_MOUNTING,
             ),

@@ -1,7 +1,7 @@
 //! The task: look, choose, approach from above, descend, close, verify, lift, carry, release.
 
 use super::budget::{Measuring, Uncertainty};
-use super::choose::{Choice, Choices, of_transform};
+use super::choose::{Choice, Choices};
 use super::mat::{Mat, MatSight};
 use super::report::{Attempt, End, Outcome, Report};
 use super::{Arm, PickError};
@@ -13,6 +13,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 mod reach;
 mod view;
+
+use view::Viewed;
 
 /// How to pick.
 #[derive(Debug, Clone, PartialEq)]
@@ -205,15 +207,18 @@ impl<'a, L: Link> Picker<'a, L> {
         for view in std::iter::once(&options.look_m).chain(&options.more_views_m) {
             self.arm.go(&[*view])?;
             match self.view(probe, watcher)? {
-                Ok((grasps, choices)) => {
+                Viewed::Grasps {
+                    count: grasps,
+                    choices,
+                } => {
                     count += grasps;
                     empty = false;
                     all.good.extend(choices.good);
                     all.unreachable += choices.unreachable;
                     all.no_room += choices.no_room;
                 }
-                Err(NoGrasp::Empty) => {}
-                Err(other) => {
+                Viewed::Nothing(NoGrasp::Empty) => {}
+                Viewed::Nothing(other) => {
                     empty = false;
                     reason = Some(other);
                 }
@@ -259,7 +264,7 @@ impl<'a, L: Link> Picker<'a, L> {
             return Ok(choice);
         }
         self.arm.go(&[place])?;
-        let Ok((_, choices)) = self.view(&mut None, watcher)? else {
+        let Viewed::Grasps { choices, .. } = self.view(&mut None, watcher)? else {
             return Ok(choice);
         };
         let off = |other: &Choice| (other.tool_m - choice.tool_m).norm();
@@ -351,7 +356,7 @@ impl<'a, L: Link> Picker<'a, L> {
     fn measuring(&self, choice: &Choice) -> Measuring {
         let robot = self.arm.model().robot();
         let tool = Point3::from(robot.tool.tcp_in_platform_m);
-        let to_tool = of_transform(&robot.camera.camera_from_platform) * tool;
+        let to_tool = Isometry3::from(robot.camera.camera_from_platform) * tool;
         let look = self.sights.get(choice.view).copied().flatten();
         let world_from_mat = self.world_from_mat;
         let by_mat_m =

@@ -13,12 +13,9 @@ use mcdpr_simulator::camera::{
 };
 use mcdpr_vision::grasp::Hand;
 use mcdpr_vision::{Camera, Cameras, DepthImage, Frame, Image, RgbImage, Source, SourceError};
-use nalgebra::{
-    Isometry3, Matrix2, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
-};
+use nalgebra::{Isometry3, Matrix2, Matrix3, Rotation3, Translation3, Vector2, Vector3};
 
 use super::PickError;
-use super::choose::of_transform;
 
 /// Size of the pictures that picking uses, px.
 const PICTURE_PX: [usize; 2] = [640, 480];
@@ -50,8 +47,8 @@ impl SimulatedEye {
         let turn = Vector3::from_fn(|_, _| dice.within(mounting.turn_rad));
         let off = Isometry3::new(shift, turn);
         let platform_from_color = match &robot.calibrated {
-            Some(_) => isometry_of_pose(&Scene::of(robot, seed).camera_from_platform).inverse(),
-            None => of_transform(&robot.camera.camera_from_platform).inverse() * off,
+            Some(_) => Isometry3::from(Scene::of(robot, seed).camera_from_platform).inverse(),
+            None => Isometry3::from(robot.camera.camera_from_platform).inverse() * off,
         };
         let truly = robot.calibrated.as_ref().map_or(robot, |c| &c.designed);
         Self {
@@ -100,14 +97,7 @@ pub fn cameras_of(rgbd: &Rgbd) -> Cameras {
 /// The colour camera of a robot file in the mode that picking uses.
 #[must_use]
 pub fn color_camera(robot: &Robot) -> Camera {
-    let camera = &robot.camera;
-    Camera {
-        size_px: [camera.width_px as usize, camera.height_px as usize],
-        focal_px: [camera.fx_px, camera.fy_px],
-        center_px: [camera.cx_px, camera.cy_px],
-        distortion: camera.distortion,
-    }
-    .mode(PICTURE_PX)
+    robot.camera.lens.mode(PICTURE_PX)
 }
 
 impl Source for SimulatedEye {
@@ -195,13 +185,6 @@ fn lens(camera: &Camera) -> Lens {
         center_px: camera.center_px,
         distortion: camera.distortion,
     }
-}
-
-fn isometry_of_pose(pose: &mcdpr_kinematics::Pose) -> Isometry3<f64> {
-    Isometry3::from_parts(
-        Translation3::from(pose.position_m),
-        UnitQuaternion::from_rotation_matrix(&pose.rotation),
-    )
 }
 
 /// A frame of the simulator as an isometry.
@@ -304,7 +287,7 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
     let tray = Tray::default();
     let tray_m = Vector3::from(tray.center_m);
     // The camera looks down beside the tool: it is to see the tray's middle.
-    let to_camera = of_transform(&robot.camera.camera_from_platform)
+    let to_camera = Isometry3::from(robot.camera.camera_from_platform)
         .inverse()
         .translation
         .vector;
@@ -398,7 +381,7 @@ pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
     options.release_m = PAPER_RELEASE_M.into();
     // Where to look from: Newton's method on the two coordinates that move the pixel.
     let camera = color_camera(robot);
-    let platform_from_camera = of_transform(&robot.camera.camera_from_platform).inverse();
+    let platform_from_camera = Isometry3::from(robot.camera.camera_from_platform).inverse();
     let pixel = |tool_m: &Vector3<f64>| -> Result<Vector2<f64>, PickError> {
         let rest = model.rest(tool_m, None)?;
         let world_from_camera = super::arm::isometry(&rest) * platform_from_camera;

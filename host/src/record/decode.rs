@@ -156,9 +156,9 @@ impl Decoder {
             ticks.push(Tick {
                 tick: tick.0,
                 path_s,
-                lengths_m: row.iter().map(|s| f64::from(s.length.0) * 1e-7).collect(),
-                tensions_n: row.iter().map(|s| f64::from(s.tension.0) * 1e-3).collect(),
-                currents_a: row.iter().map(|s| f64::from(s.current.0) * 1e-3).collect(),
+                lengths_m: row.iter().map(|s| s.length.metres()).collect(),
+                tensions_n: row.iter().map(|s| s.tension.newtons()).collect(),
+                currents_a: row.iter().map(|s| s.current.amperes()).collect(),
                 planned: path_s.map_or(Vec::new(), |path_s| self.planned(path_s)),
             });
         });
@@ -168,7 +168,7 @@ impl Decoder {
     /// End of the motion as far as its knots are known, s.
     fn end_s(&self) -> f64 {
         let last = self.knots.last_key_value();
-        last.map_or(0.0, |(_, knot)| f64::from(knot.time_ms) * 1e-3)
+        last.map_or(0.0, |(_, knot)| knot.time_s())
     }
 
     /// What the knots say for a path time: the cubic between two of them (the paper's Eq. 53).
@@ -193,14 +193,14 @@ impl Decoder {
         };
         let spacing_s = (f64::from(to.time_ms) - f64::from(from.time_ms)) * 1e-3;
         let phase = if spacing_s > 0.0 {
-            ((path_s - f64::from(from.time_ms) * 1e-3) / spacing_s).clamp(0.0, 1.0)
+            ((path_s - from.time_s()) / spacing_s).clamp(0.0, 1.0)
         } else {
             0.0
         };
         let pairs = from.cables.iter().zip(to.cables.iter());
         pairs
             .map(|(a, b)| {
-                let (start, end) = (f64::from(a.length.0) * 1e-7, f64::from(b.length.0) * 1e-7);
+                let (start, end) = (a.length.metres(), b.length.metres());
                 let rise = |speed: i32| f64::from(speed) * 1e-6 * spacing_s;
                 let (m0, m1) = (rise(a.velocity.0), rise(b.velocity.0));
                 let delta = end - start;

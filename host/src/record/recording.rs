@@ -90,12 +90,12 @@ struct Cables<'a> {
 }
 
 impl Recording<File> {
-    /// Starts a record at `path`; what the scenario says goes in first.
+    /// Starts a record at `path`, where no file may be; what the scenario says goes in first.
     ///
     /// # Errors
-    /// The system's: a folder that cannot be written.
+    /// The system's: a folder that cannot be written, a record that is there already.
     pub fn create(path: &Path, scenario: &Scenario, model: Option<Model>) -> io::Result<Self> {
-        let file = File::create(path)?;
+        let file = File::create_new(path)?;
         Self::start(file, scenario, model, |file| file.sync_data())
     }
 }
@@ -285,27 +285,19 @@ impl<W: Write + Send + 'static> Recording<W> {
         let body = serde_json::json!({
             "timestamp": Stamp::of(time_ns),
             "index": knot.index,
-            "time_s": f64::from(knot.time_ms) * 1e-3,
+            "time_s": knot.time_s(),
             "last": knot.last,
-            "length_m": cables().map(|c| f64::from(c.length.0) * 1e-7).collect::<Vec<_>>(),
-            "speed_mps": cables().map(|c| f64::from(c.velocity.0) * 1e-6).collect::<Vec<_>>(),
-            "tension_n": cables().map(|c| f64::from(c.tension.0) * 1e-3).collect::<Vec<_>>(),
+            "length_m": cables().map(|c| c.length.metres()).collect::<Vec<_>>(),
+            "speed_mps": cables().map(|c| c.velocity.metres_per_second()).collect::<Vec<_>>(),
+            "tension_n": cables().map(|c| c.tension.newtons()).collect::<Vec<_>>(),
         });
         self.write(schemas::KNOT, time_ns, &body);
     }
 
     fn status(&mut self, status: &Status, time_ns: u64) {
-        let metres: Vec<_> = status
-            .lengths
-            .iter()
-            .map(|l| f64::from(l.0) * 1e-7)
-            .collect();
-        let newtons: Vec<_> = status
-            .tensions
-            .iter()
-            .map(|t| f64::from(t.0) * 1e-3)
-            .collect();
-        let setpoints = status.setpoints.iter().map(|l| f64::from(l.0) * 1e-7);
+        let metres: Vec<_> = status.lengths_m().collect();
+        let newtons: Vec<_> = status.tensions_n().collect();
+        let setpoints = status.setpoints_m();
         let fault = status.fault.as_ref().map(describe_fault);
         let body = serde_json::json!({
             "timestamp": Stamp::of(time_ns),

@@ -8,6 +8,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+/// A folder with one of these files holds results.
+const RESULTS: [&str; 3] = ["run.mcap", "summary.json", "plan.json"];
+
 /// A folder for one run.
 #[derive(Debug, Clone)]
 pub struct RunFolder {
@@ -16,16 +19,14 @@ pub struct RunFolder {
 
 impl RunFolder {
     /// Makes the folder: the given one, or `runs/DATE-TIME-NAME` here, with a number behind it
-    /// where that is taken.
+    /// where that is taken. A given folder is taken where it holds a run or a plan: nothing of it is
+    /// written over.
     ///
     /// # Errors
     /// The file system's.
     pub fn create(given: Option<&Path>, name: &str) -> io::Result<Self> {
         if let Some(path) = given {
-            std::fs::create_dir_all(path)?;
-            return Ok(Self {
-                path: path.to_owned(),
-            });
+            return Self::given(path);
         }
         let runs = PathBuf::from("runs");
         std::fs::create_dir_all(&runs)?;
@@ -47,6 +48,23 @@ impl RunFolder {
             }
         }
         Err(io::Error::other("no free name for a run folder"))
+    }
+
+    fn given(asked: &Path) -> io::Result<Self> {
+        let mut path = asked.to_owned();
+        let mut number = 1;
+        while RESULTS.iter().any(|file| path.join(file).exists()) {
+            number += 1;
+            let mut numbered = asked.as_os_str().to_owned();
+            numbered.push(format!("-{number}"));
+            path = PathBuf::from(numbered);
+        }
+        if number > 1 {
+            let (asked, path) = (asked.display(), path.display());
+            eprintln!("{asked} holds a run already: this one goes into {path}");
+        }
+        std::fs::create_dir_all(&path)?;
+        Ok(Self { path })
     }
 
     /// Where it is.
@@ -171,7 +189,28 @@ fn stamp(seconds: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::stamp;
+    use super::{RunFolder, stamp};
+
+    #[test]
+    fn a_folder_that_holds_a_run_is_left_alone() {
+        let path = std::env::temp_dir().join(format!("mcdpr-runs-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        let asked = path.join("circle");
+        let names: Vec<_> = (0..3)
+            .map(|round| {
+                let folder = RunFolder::create(Some(&asked), "any").unwrap();
+                // Without results it is the same one.
+                let again = RunFolder::create(Some(&asked), "any").unwrap();
+                assert_eq!(folder.path(), again.path());
+                folder.write("run.mcap", &format!("{round}")).unwrap();
+                folder.path().file_name().unwrap().to_owned()
+            })
+            .collect();
+        assert_eq!(names, ["circle", "circle-2", "circle-3"]);
+        let kept = std::fs::read_to_string(asked.join("run.mcap")).unwrap();
+        assert_eq!(kept, "0");
+        std::fs::remove_dir_all(path).unwrap();
+    }
 
     #[test]
     fn stamps_follow_the_calendar() {

@@ -2,7 +2,7 @@
 
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none};
 use crate::calibration::answer::Answer;
-use crate::calibration::data::{Data, inverse};
+use crate::calibration::data::Data;
 use crate::calibration::joint::{Options, joint};
 use crate::calibration::paper::{AnchorTerm, Weights, paper};
 use crate::calibration::pnp::angle;
@@ -51,8 +51,8 @@ fn apart_m(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 fn worth(answer: &Answer, truth: &Truth) -> Option<Worth> {
     let errors = errors(truth, &answer.holdout_encoder_m, Some(answer))?;
     // Where the camera sits on the platform, which is what Table 3 prints.
-    let found = inverse(&answer.camera_from_platform);
-    let there = inverse(&truth.camera_from_platform);
+    let found = answer.camera_from_platform.inverse();
+    let there = truth.camera_from_platform.inverse();
     let anchors = |cables: &[Cable]| -> Vec<Vector3<f64>> {
         cables.iter().map(|cable| cable.anchor_m).collect()
     };

@@ -7,11 +7,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::model::{
     Bus, Cable, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
-    TensionLaw, Tool, Winch,
+    TensionLaw, TensionOutput, Tool, Winch,
 };
 use super::modules::Modules;
 use super::read::{Reader, Values};
-use super::schema;
+use super::schema::{self, Named, key};
 
 // Dividing by these rounds once, so that 700 mm is exactly the number nearest to 0.7 m.
 pub(super) const MM_PER_M: f64 = 1e3;
@@ -28,9 +28,14 @@ const SAME_POINT_M: f64 = 1e-6;
 
 /// The robot of the file's values; `None` once a mistake has been noted.
 pub(super) fn build(reader: &mut Reader, mut file: Values, modules: &Modules) -> Option<Robot> {
-    let platform = platform(reader, &file.take_table("platform", &schema::PLATFORM));
-    let cables_at = file.has("cable").then(|| file.at("cable"));
-    let cable_tables = file.take_tables("cable");
+    let platform = platform(
+        reader,
+        &file.take_table(key!(ROBOT, "platform"), &schema::PLATFORM),
+    );
+    let cables_at = file
+        .has(key!(ROBOT, "cable"))
+        .then(|| file.at(key!(ROBOT, "cable")));
+    let cable_tables = file.take_tables(key!(ROBOT, "cable"));
     if let Some(at) = cables_at
         && !(1..=CABLES_MAX).contains(&cable_tables.len())
     {
@@ -39,54 +44,57 @@ pub(super) fn build(reader: &mut Reader, mut file: Values, modules: &Modules) ->
         let help = "write one [[cable]] table per cable";
         reader.problem(&at, schema::ROBOT.title, what, Some(help.into()));
     }
-    let winch_tables = file.take_tables("winch");
+    let winch_tables = file.take_tables(key!(ROBOT, "winch"));
     let winches_given = !winch_tables.is_empty();
 
     let winches = super::winches::winches(reader, winch_tables, modules, &cable_tables);
     let cables = cables(reader, &cable_tables, &winches, winches_given);
     let bus = bus(
         reader,
-        &file.take_table("bus", &schema::BUS),
+        &file.take_table(key!(ROBOT, "bus"), &schema::BUS),
         winches_given,
         &winches,
     );
-    let limits_table = file.take_table("limits", &schema::LIMITS);
+    let limits_table = file.take_table(key!(ROBOT, "limits"), &schema::LIMITS);
     let limits = limits(reader, &limits_table, &winches, winches_given);
     let tension = tension(
         reader,
-        &file.take_table("tension", &schema::TENSION),
+        &file.take_table(key!(ROBOT, "tension"), &schema::TENSION),
         &limits,
     );
-    let tool = file.take_table("tool", &schema::TOOL);
-    let gripper = file.take_table("gripper", &schema::GRIPPER);
-    let camera = super::scene::camera(reader, file.take_table("camera", &schema::CAMERA));
-    let tag_tables = file.take_tables("tag");
+    let tool = file.take_table(key!(ROBOT, "tool"), &schema::TOOL);
+    let gripper = file.take_table(key!(ROBOT, "gripper"), &schema::GRIPPER);
+    let camera = super::scene::camera(
+        reader,
+        file.take_table(key!(ROBOT, "camera"), &schema::CAMERA),
+    );
+    let tag_tables = file.take_tables(key!(ROBOT, "tag"));
     let tags = super::scene::tags(reader, &tag_tables);
 
-    let home_m = match tool.numbers_given("home_mm") {
+    let home_m = match tool.numbers_given(key!(TOOL, "home_mm")) {
         Some(mm) => point_m(mm),
         None => below_anchors_m(&cables),
     };
 
     reader.is_clean().then(|| Robot {
-        name: file.text("name").to_owned(),
+        name: file.text(key!(ROBOT, "name")).to_owned(),
         platform,
         cables,
         winches,
         bus,
         tension,
         tool: Tool {
-            tcp_in_platform_m: point_m(&tool.numbers("tcp_mm")),
+            tcp_in_platform_m: point_m(&tool.numbers(key!(TOOL, "tcp_mm"))),
             home_in_world_m: home_m,
         },
         gripper: Gripper {
-            kind: match gripper.text("kind") {
+            kind: match gripper.text(key!(GRIPPER, "kind")) {
                 "digital" => GripperKind::Digital,
                 _ => GripperKind::None,
             },
-            stroke_m: gripper.number("stroke_mm") / MM_PER_M,
-            close_s: gripper.number("close_ms") / MS_PER_S,
-            switch: gripper.switch("switch"),
+            stroke_m: gripper.number(key!(GRIPPER, "stroke_mm")) / MM_PER_M,
+            close_s: gripper.number(key!(GRIPPER, "close_ms")) / MS_PER_S,
+            switch: gripper.switch(key!(GRIPPER, "switch")),
         },
         camera,
         tags,
@@ -118,8 +126,8 @@ pub(super) fn point_m(mm: &[f64]) -> Vector3<f64> {
 }
 
 fn platform(reader: &mut Reader, table: &Values) -> Platform {
-    let mass_kg = table.number("mass_kg");
-    let inertia_kg_m2 = match table.numbers_given("inertia_kg_m2") {
+    let mass_kg = table.number(key!(PLATFORM, "mass_kg"));
+    let inertia_kg_m2 = match table.numbers_given(key!(PLATFORM, "inertia_kg_m2")) {
         Some(&[xx, yy, zz]) => Matrix3::from_diagonal(&Vector3::new(xx, yy, zz)),
         Some(&[xx, yy, zz, xy, xz, yz]) => Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
         _ => {
@@ -137,7 +145,7 @@ fn platform(reader: &mut Reader, table: &Values) -> Platform {
         && (least <= 0.0 || greatest > (least + middle) * (1.0 + 1e-9))
     {
         reader.problem(
-            &table.at("inertia_kg_m2"),
+            &table.at(key!(PLATFORM, "inertia_kg_m2")),
             &table.place,
             format!(
                 "`inertia_kg_m2` belongs to no rigid body: its principal moments are \
@@ -151,7 +159,7 @@ fn platform(reader: &mut Reader, table: &Values) -> Platform {
     }
     Platform {
         mass_kg,
-        center_of_mass_m: point_m(&table.numbers("center_of_mass_mm")),
+        center_of_mass_m: point_m(&table.numbers(key!(PLATFORM, "center_of_mass_mm"))),
         inertia_kg_m2,
     }
 }
@@ -165,12 +173,14 @@ fn cables(
     let mut cables: Vec<Cable> = Vec::new();
     let mut users: BTreeMap<i64, String> = BTreeMap::new();
     for (index, table) in tables.iter().enumerate() {
-        let id = table.whole_given("winch").unwrap_or(index as i64 + 1);
+        let id = table
+            .whole_given(key!(CABLE, "winch"))
+            .unwrap_or(index as i64 + 1);
         let found = winches.iter().position(|winch| i64::from(winch.id) == id);
         if found.is_none() {
             let ids: Vec<String> = winches.iter().map(|winch| winch.id.to_string()).collect();
             reader.problem(
-                &table.at("winch"),
+                &table.at(key!(CABLE, "winch")),
                 &table.place,
                 format!("`winch` {id} is not the id of any [[winch]]"),
                 Some(format!("the winches of this file: {}", ids.join(", "))),
@@ -183,20 +193,20 @@ fn cables(
                 "name another winch"
             };
             reader.problem(
-                &table.at("winch"),
+                &table.at(key!(CABLE, "winch")),
                 &table.place,
                 format!("`winch` {id} already drives {other}"),
                 Some(format!("a winch drives one cable: {help}")),
             );
         }
-        let axis = table.numbers("swivel_axis");
+        let axis = table.numbers(key!(CABLE, "swivel_axis"));
         let axis = match axis[..] {
             [x, y, z] => Vector3::new(x, y, z),
             _ => Vector3::z(),
         };
         let swivel_axis_in_world = axis.try_normalize(1e-9).unwrap_or_else(|| {
             reader.problem(
-                &table.at("swivel_axis"),
+                &table.at(key!(CABLE, "swivel_axis")),
                 &table.place,
                 "`swivel_axis` is zero: it has no direction".into(),
                 Some(
@@ -207,13 +217,13 @@ fn cables(
             );
             Vector3::z()
         });
-        let anchor_in_world_m = point_m(&table.numbers("anchor_mm"));
+        let anchor_in_world_m = point_m(&table.numbers(key!(CABLE, "anchor_mm")));
         let twin = cables
             .iter()
             .position(|other| (other.anchor_in_world_m - anchor_in_world_m).norm() < SAME_POINT_M);
-        if let (Some(twin), true) = (twin, table.has("anchor_mm")) {
+        if let (Some(twin), true) = (twin, table.has(key!(CABLE, "anchor_mm"))) {
             reader.problem(
-                &table.at("anchor_mm"),
+                &table.at(key!(CABLE, "anchor_mm")),
                 &table.place,
                 format!(
                     "`anchor_mm` is the same point as that of cable {}",
@@ -225,27 +235,27 @@ fn cables(
         cables.push(Cable {
             anchor_in_world_m,
             swivel_axis_in_world,
-            pulley_radius_m: table.number("pulley_radius_mm") / MM_PER_M,
-            attachment_in_platform_m: point_m(&table.numbers("attachment_mm")),
+            pulley_radius_m: table.number(key!(CABLE, "pulley_radius_mm")) / MM_PER_M,
+            attachment_in_platform_m: point_m(&table.numbers(key!(CABLE, "attachment_mm"))),
             winch_index: found.unwrap_or(0),
-            control: match table.text("control") {
+            control: match table.text(key!(CABLE, "control")) {
                 "tension" => Control::Tension,
                 _ => Control::Position,
             },
-            ea_n: table.number("ea_n"),
-            damping_time_s: table.number("damping_time_ms") / MS_PER_S,
-            routing_length_m: table.number("routing_length_mm") / MM_PER_M,
-            pulley_loss: table.number("pulley_loss"),
+            ea_n: table.number(key!(CABLE, "ea_n")),
+            damping_time_s: table.number(key!(CABLE, "damping_time_ms")) / MS_PER_S,
+            routing_length_m: table.number(key!(CABLE, "routing_length_mm")) / MM_PER_M,
+            pulley_loss: table.number(key!(CABLE, "pulley_loss")),
         });
     }
     cables
 }
 
 fn bus(reader: &mut Reader, table: &Values, winches_given: bool, winches: &[Winch]) -> Bus {
-    let bitrate = table.whole("bitrate");
+    let bitrate = table.whole(key!(BUS, "bitrate"));
     if ![125_000, 250_000, 500_000, 1_000_000].contains(&bitrate) {
         reader.problem(
-            &table.at("bitrate"),
+            &table.at(key!(BUS, "bitrate")),
             &table.place,
             format!("`bitrate` {bitrate} is not a bit rate of the bus"),
             Some("125000, 250000, 500000 or 1000000".into()),
@@ -254,28 +264,30 @@ fn bus(reader: &mut Reader, table: &Values, winches_given: bool, winches: &[Winc
     let rmds = winches.iter().any(|winch| winch.drive == DriveKind::Rmds);
     if winches_given && rmds && bitrate < 500_000 {
         reader.problem(
-            &table.at("bitrate"),
+            &table.at(key!(BUS, "bitrate")),
             &table.place,
             format!("`bitrate` {bitrate} is not one that an rmds drive speaks"),
             Some("500000 or 1000000".into()),
         );
     }
     let standard_us = if bitrate < 1_000_000 { 4000 } else { 2000 };
-    let period_us = table.whole_given("period_us").unwrap_or(standard_us);
+    let period_us = table
+        .whole_given(key!(BUS, "period_us"))
+        .unwrap_or(standard_us);
     if period_us % 1000 != 0 {
         reader.problem(
-            &table.at("period_us"),
+            &table.at(key!(BUS, "period_us")),
             &table.place,
             format!("`period_us` {period_us} is not a whole number of milliseconds"),
             Some("the board commands the drives on its 1 ms tick: 1000, 2000, 4000, ...".into()),
         );
     }
-    let given = table.whole_given("tension_period_us");
+    let given = table.whole_given(key!(BUS, "tension_period_us"));
     let tension_us = given.unwrap_or(period_us);
     // What follows from a wrong period_us is one mistake, not two.
     if given.is_some() && (tension_us % 1000 != 0 || period_us % tension_us.max(1) != 0) {
         reader.problem(
-            &table.at("tension_period_us"),
+            &table.at(key!(BUS, "tension_period_us")),
             &table.place,
             format!("`tension_period_us` {tension_us} does not divide period_us {period_us}"),
             Some("whole milliseconds that go into period_us a whole number of times".into()),
@@ -290,12 +302,14 @@ fn bus(reader: &mut Reader, table: &Values, winches_given: bool, winches: &[Winc
 
 fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given: bool) -> Limits {
     let least = |of: fn(&Winch) -> f64| winches.iter().map(of).fold(f64::INFINITY, f64::min);
-    let full_scale_n = least(|winch| winch.tension_max_n);
-    let tension_min_n = table.number("tension_min_n");
-    let tension_max_n = table.number_given("tension_max_n").unwrap_or(full_scale_n);
+    let trusted_n = least(Winch::trusted_tension_n);
+    let tension_min_n = table.number(key!(LIMITS, "tension_min_n"));
+    let tension_max_n = table
+        .number_given(key!(LIMITS, "tension_max_n"))
+        .unwrap_or(trusted_n);
     if tension_min_n >= tension_max_n {
         reader.problem(
-            &table.at("tension_min_n"),
+            &table.at(key!(LIMITS, "tension_min_n")),
             &table.place,
             format!(
                 "`tension_min_n` {tension_min_n} N is not below tension_max_n {tension_max_n} N"
@@ -304,18 +318,22 @@ fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given:
         );
     }
     // Without winch tables the robot is only computed with: no sensor is there to be exceeded.
-    if winches_given && tension_max_n > full_scale_n {
+    if winches_given && tension_max_n > trusted_n {
         reader.problem(
-            &table.at("tension_max_n"),
+            &table.at(key!(LIMITS, "tension_max_n")),
             &table.place,
             format!(
-                "`tension_max_n` {tension_max_n} N is more than the weakest tension sensor reads, \
-                 {full_scale_n} N"
+                "`tension_max_n` {tension_max_n} N is more than the weakest tension sensor can be \
+                 trusted to show, {trusted_n:.2} N: 90 % of what it reads before it counts as open"
             ),
-            Some("lower it, or correct tension_max_n of the [[winch]]".into()),
+            Some(
+                "lower it, or correct tension_gain_n_per_v, tension_zero_v and tension_max_n of \
+                 the [[winch]]"
+                    .into(),
+            ),
         );
     }
-    let box_in_world_m = table.numbers_given("box_mm").map(|numbers| {
+    let box_in_world_m = table.numbers_given(key!(LIMITS, "box_mm")).map(|numbers| {
         let (low, high) = numbers.split_at(numbers.len() / 2);
         [point_m(low), point_m(high)]
     });
@@ -323,7 +341,7 @@ fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given:
         && (0..3).any(|axis| low[axis] > high[axis])
     {
         reader.problem(
-            &table.at("box_mm"),
+            &table.at(key!(LIMITS, "box_mm")),
             &table.place,
             "`box_mm` is empty: its first corner exceeds its second one".into(),
             Some("[[least x, y, z], [greatest x, y, z]]".into()),
@@ -331,41 +349,46 @@ fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given:
     }
     Limits {
         speed_mps: table
-            .number_given("speed_mps")
+            .number_given(key!(LIMITS, "speed_mps"))
             .unwrap_or_else(|| least(Winch::max_cable_speed_mps)),
-        acceleration_mps2: table.number("acceleration_mps2"),
-        jerk_mps3: table.number("jerk_mps3"),
+        acceleration_mps2: table.number(key!(LIMITS, "acceleration_mps2")),
+        jerk_mps3: table.number(key!(LIMITS, "jerk_mps3")),
         box_in_world_m,
         tension_min_n,
         tension_max_n,
-        tilt_max_rad: table.number("tilt_max_deg").to_radians(),
+        tilt_max_rad: table.number(key!(LIMITS, "tilt_max_deg")).to_radians(),
     }
 }
 
 fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
     let law = TensionLaw {
-        setpoint_n: table.number("setpoint_n"),
-        law: match table.text("law") {
+        setpoint_n: table.number(key!(TENSION, "setpoint_n")),
+        law: match table.text(key!(TENSION, "law")) {
             "pd" => LawKind::Pd,
             _ => LawKind::Default,
         },
-        kp: table.number("kp"),
-        kd: table.number("kd"),
-        ki: table.number("ki"),
-        damping_ns_per_m: table.number("damping_ns_per_m"),
-        filter_hz: table.number("filter_hz"),
-        hold_braked: table.text("hold_brakes") == "closed",
-        floor_n: table.number("floor_n"),
+        output: match table.text(key!(TENSION, "output")) {
+            "velocity" => TensionOutput::Velocity,
+            _ => TensionOutput::Current,
+        },
+        kp: table.number(key!(TENSION, "kp")),
+        kd: table.number(key!(TENSION, "kd")),
+        ki: table.number(key!(TENSION, "ki")),
+        damping_ns_per_m: table.number(key!(TENSION, "damping_ns_per_m")),
+        filter_hz: table.number(key!(TENSION, "filter_hz")),
+        corner_hz: table.number(key!(TENSION, "corner_hz")),
+        hold_braked: table.text(key!(TENSION, "hold_brakes")) == "closed",
+        floor_n: table.number(key!(TENSION, "floor_n")),
         ceiling_n: table
-            .number_given("ceiling_n")
+            .number_given(key!(TENSION, "ceiling_n"))
             .unwrap_or(0.9 * limits.tension_max_n),
     };
-    let mut refuse = |key: &str, what: String, help: &str| {
+    let mut refuse = |key: Named, what: String, help: &str| {
         reader.problem(&table.at(key), &table.place, what, Some(help.into()));
     };
     if law.floor_n > law.setpoint_n {
         refuse(
-            "setpoint_n",
+            key!(TENSION, "setpoint_n"),
             format!(
                 "`setpoint_n` {} N is below floor_n {} N",
                 law.setpoint_n, law.floor_n
@@ -375,7 +398,7 @@ fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
     }
     if law.setpoint_n > law.ceiling_n {
         refuse(
-            "setpoint_n",
+            key!(TENSION, "setpoint_n"),
             format!(
                 "`setpoint_n` {} N is above ceiling_n {} N",
                 law.setpoint_n, law.ceiling_n
@@ -385,7 +408,7 @@ fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
     }
     if law.ceiling_n > limits.tension_max_n {
         refuse(
-            "ceiling_n",
+            key!(TENSION, "ceiling_n"),
             format!(
                 "`ceiling_n` {} N is above tension_max_n {} N of [limits]",
                 law.ceiling_n, limits.tension_max_n

@@ -262,7 +262,72 @@ pub static WINCH: Section = Section {
         non_negative(
             "friction_n",
             0.5,
-            "Coulomb friction of the winch, felt at the cable, N",
+            "Coulomb friction of drum, screw and bearings, felt at the cable, N; of the whole winch where no other friction is named",
+        ),
+        non_negative(
+            "rotor_friction_mnm",
+            0.0,
+            "Coulomb friction of the motor's rotor: bearings, brushes, mN m at the motor",
+        ),
+        non_negative(
+            "gear_friction_mnm",
+            0.0,
+            "Coulomb friction of the gear without load, mN m at the motor",
+        ),
+        key(
+            "static_friction",
+            Kind::Number(Within(1.0, 5.0)),
+            Absent::Number(1.0),
+            "friction of rotor and gear at rest over their Coulomb friction, 1 to 5",
+        ),
+        positive(
+            "stribeck_rpm",
+            100.0,
+            "motor speed over which friction falls from rest to Coulomb friction, rpm",
+        ),
+        non_negative(
+            "viscous_mnm_per_krpm",
+            0.0,
+            "viscous friction of rotor and gear, mN m at the motor per 1000 rpm",
+        ),
+        key(
+            "gear_efficiency",
+            Kind::Number(Within(0.01, 1.0)),
+            Absent::Number(1.0),
+            "share of the motor's power that reaches the drum, without the friction above",
+        ),
+        key(
+            "backdrive_efficiency",
+            Kind::Number(Within(0.0, 1.0)),
+            Follows("2 - 1 / gear_efficiency, or 0 where that is less"),
+            "share of the drum's power that reaches the motor; 0 locks itself",
+        ),
+        key(
+            "play_deg",
+            Kind::Number(Within(0.0, 10.0)),
+            Absent::Number(0.0),
+            "play between motor and drum, as a turn of the drum, degrees",
+        ),
+        non_negative(
+            "torsional_stiffness_nm_per_rad",
+            0.0,
+            "torque per twist between motor and drum, at the drum, N m/rad; 0: rigid, which takes no friction, loss or play of a gear",
+        ),
+        non_negative(
+            "cogging_mnm",
+            0.0,
+            "cogging torque of the motor, amplitude, mN m",
+        ),
+        key(
+            "cold_friction",
+            Kind::Number(Within(1.0, 10.0)),
+            Absent::Number(1.0),
+            "friction of rotor and gear when they are cold over that when warm, 1 to 10; it warms up within 300 s of turning",
+        ),
+        non_negative(
+            "drum_eccentricity_mm",
+            0.0,
+            "how far the drum is out of its axis, mm",
         ),
         positive(
             "brake_close_ms",
@@ -350,22 +415,41 @@ pub static TENSION: Section = Section {
             Word("default"),
             "`pd`: the paper's Eq. 1; `default`: with feed-forward, integral and damping",
         ),
-        non_negative("kp", 1.0, "winch force per tension error, N/N"),
-        non_negative("kd", 0.02, "winch force per rate of tension error, N s/N"),
+        key(
+            "output",
+            Kind::Word(&["current", "velocity"]),
+            Word("current"),
+            "what the law tells the drive: a current, or a speed, whose loop in the drive fights the friction of a gear",
+        ),
+        non_negative(
+            "kp",
+            1.0,
+            "winch force per tension error, N/N; with `output = \"velocity\"` cable speed per tension error, mm/s per N",
+        ),
+        non_negative(
+            "kd",
+            0.02,
+            "winch force per rate of tension error, N s/N; with `output = \"velocity\"` mm/N",
+        ),
         non_negative(
             "ki",
             2.0,
-            "winch force per integral of tension error, N/(N s); not used by `pd`",
+            "winch force per integral of tension error, N/(N s), or mm/s per N s; not used by `pd`",
         ),
         non_negative(
             "damping_ns_per_m",
             100.0,
-            "winch force against cable speed beyond the planned one, N s/m; not used by `pd`",
+            "winch force against cable speed beyond the planned one, N s/m; not used by `pd` nor with `output = \"velocity\"`",
         ),
         positive(
             "filter_hz",
             50.0,
             "corner of the low-pass on the measured tension, Hz",
+        ),
+        non_negative(
+            "corner_hz",
+            0.0,
+            "corner of the low-pass on the default law's speed, with `output = \"velocity\"`, Hz; 0 is none",
         ),
         key(
             "hold_brakes",
@@ -561,11 +645,11 @@ pub static LIMITS: Section = Section {
             Follows("no box"),
             "box that the tool may not leave, [[x, y, z least], [x, y, z greatest]], world frame, mm",
         ),
-        non_negative("tension_min_n", 1.0, "least tension of any cable, N"),
+        positive("tension_min_n", 1.0, "least tension of any cable, N"),
         key(
             "tension_max_n",
             Kind::Number(Positive),
-            Follows("the smallest full scale of the tension sensors"),
+            Follows("the smallest tension that a sensor can be trusted to show"),
             "greatest tension of any cable, N",
         ),
         key(

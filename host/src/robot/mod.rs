@@ -32,8 +32,8 @@ use std::path::{Path, PathBuf};
 pub use error::{Invalid, Problem, RobotError};
 pub use json_schema::json_schema;
 pub use model::{
-    Bus, Cable, Calibrated, Camera, Control, DriveKind, Gripper, GripperKind, LawKind, Limits,
-    Platform, Robot, Tag, TensionLaw, Tool, Transform, Winch,
+    Bus, Cable, Calibrated, Camera, Control, DriveKind, Gear, Gripper, GripperKind, LawKind,
+    Limits, Platform, Robot, Tag, TensionLaw, TensionOutput, Tool, Winch,
 };
 
 use modules::Modules;
@@ -44,6 +44,10 @@ pub const BUILT_IN: &[(&str, &str)] = &[
     (
         "paper-table5",
         include_str!("../../../robots/paper-table5.toml"),
+    ),
+    (
+        "paper-geared",
+        include_str!("../../../robots/paper-geared.toml"),
     ),
     (
         "paper-table3",
@@ -88,7 +92,7 @@ pub fn sources(name_or_path: &str) -> Vec<(String, String)> {
             let Some(path) = found.or_else(|| file(rest)) else {
                 return Vec::new();
             };
-            let Ok(text) = crate::files::read_text(&path) else {
+            let Ok(text) = crate::files::read_text_to(&path, crate::files::MOST_ROBOT_BYTES) else {
                 return Vec::new();
             };
             let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -149,7 +153,7 @@ impl Robot {
     /// [`RobotError::NotFound`] or [`RobotError::Unreadable`] for the file itself, and
     /// [`RobotError::Invalid`] with every mistake in it.
     pub fn load(path: &Path) -> Result<Self, RobotError> {
-        match crate::files::read_text(path) {
+        match crate::files::read_text_to(path, crate::files::MOST_ROBOT_BYTES) {
             Ok(text) => Self::parse(&text, path),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 Err(RobotError::NotFound {

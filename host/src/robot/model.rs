@@ -1,5 +1,7 @@
 //! The robot as the program uses it: SI units, every default filled in, checked.
 
+use mcdpr_kinematics::Pose;
+use mcdpr_vision::Camera as Lens;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
@@ -44,7 +46,7 @@ pub struct Calibrated {
     /// The robot as its file describes it, with the tags that it was calibrated by.
     pub designed: Robot,
     /// Where each body of tags was found: its number and world_from_body.
-    pub world_from_body: Vec<(u32, Transform)>,
+    pub world_from_body: Vec<(u32, Pose)>,
     /// Seed of the simulated machine that was calibrated; `None` for a real one.
     pub simulated_seed: Option<u64>,
     /// When, UTC, as in 20260301-120000.
@@ -144,8 +146,12 @@ pub struct Winch {
     pub torque_constant_nm_per_a: f64,
     /// Rotor inertia about the motor's axis, kg m2.
     pub rotor_inertia_kg_m2: f64,
-    /// Coulomb friction felt at the cable, N.
+    /// Coulomb friction of the drum's side, felt at the cable, N.
     pub friction_n: f64,
+    /// What lies between motor and drum; `None` where they turn as one.
+    pub gear: Option<Gear>,
+    /// How far the drum is out of its axis, m.
+    pub drum_eccentricity_m: f64,
     /// Time until the brake holds, s.
     pub brake_close_s: f64,
     /// k of tension = k (voltage - u_0), N/V.
@@ -164,7 +170,60 @@ pub struct Winch {
     pub current_lag_s: f64,
 }
 
+/// A gear with its friction, loss, play and twist; torques at the motor unless they say otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gear {
+    /// Coulomb friction of the rotor, Nm.
+    pub rotor_friction_nm: f64,
+    /// Coulomb friction of the gear without load, Nm.
+    pub gear_friction_nm: f64,
+    /// Friction at rest over Coulomb friction.
+    pub static_friction: f64,
+    /// Motor speed over which friction falls from the one to the other, rpm.
+    pub stribeck_rpm: f64,
+    /// Viscous friction, Nm per rpm.
+    pub viscous_nm_per_rpm: f64,
+    /// Share of the motor's power that reaches the drum.
+    pub efficiency: f64,
+    /// Share of the drum's power that reaches the motor.
+    pub backdrive_efficiency: f64,
+    /// Play as a turn of the drum, rad.
+    pub play_rad: f64,
+    /// Torque per twist at the drum, Nm/rad.
+    pub stiffness_nm_per_rad: f64,
+    /// Amplitude of the cogging torque, Nm.
+    pub cogging_nm: f64,
+    /// Cold friction over warm friction.
+    pub cold_friction: f64,
+}
+
+/// Steps of a tension channel from which on a board takes it for open.
+const OPEN_SENSOR_STEPS: f64 = 64_900.0;
+/// Share of that reading which a limit may be, as the board checks it, and a rounding less.
+const SENSOR_SHARE: f64 = 0.9 * 0.9999;
+
 impl Winch {
+    /// Coulomb friction of drum, gear and rotor together, felt at the cable, N.
+    pub fn total_friction_n(&self) -> f64 {
+        let at_motor_nm = self
+            .gear
+            .map_or(0.0, |gear| gear.rotor_friction_nm + gear.gear_friction_nm);
+        self.friction_n + at_motor_nm * self.gear_ratio / self.drum_radius_m
+    }
+
+    /// Play between motor and drum, as cable, m.
+    pub fn play_m(&self) -> f64 {
+        self.gear
+            .map_or(0.0, |gear| gear.play_rad * self.drum_radius_m)
+    }
+
+    /// Cable force for which the motor must give `force_n` and more: what the gear loses on the way
+    /// to the drum and what rubs, N.
+    pub fn driving_force_n(&self, force_n: f64) -> f64 {
+        let efficiency = self.gear.map_or(1.0, |gear| gear.efficiency);
+        (force_n + self.friction_n) / efficiency + self.total_friction_n() - self.friction_n
+    }
+
     /// Cable speed at the greatest motor speed, m/s: `2 pi R rpm / (60 ratio)`.
     pub fn max_cable_speed_mps(&self) -> f64 {
         self.max_motor_rpm / 60.0 / self.gear_ratio * 2.0 * PI * self.drum_radius_m
@@ -185,6 +244,15 @@ impl Winch {
     /// Cable force at the greatest current, N, without losses in the gear.
     pub fn max_force_n(&self) -> f64 {
         self.force_per_current_n_per_a() * self.max_current_a
+    }
+
+    /// Greatest tension that its sensor can be trusted to show, N: nine tenths of what it reads
+    /// where the board takes it for an open input (S7). A limit above that is never seen to be
+    /// passed.
+    pub fn trusted_tension_n(&self) -> f64 {
+        let rail_v = OPEN_SENSOR_STEPS / 65_536.0 * 3.3;
+        let reads_n = self.tension_gain_n_per_v * (rail_v - self.tension_zero_v);
+        (SENSOR_SHARE * reads_n).min(self.tension_max_n)
     }
 
     /// Cable length per drum encoder count, m.
@@ -223,6 +291,15 @@ pub enum LawKind {
     Default,
 }
 
+/// What the law of the tension-held cables tells the drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum TensionOutput {
+    /// A current.
+    Current,
+    /// A speed.
+    Velocity,
+}
+
 /// The law of the tension-held cables; gains give winch force at the cable.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TensionLaw {
@@ -230,6 +307,8 @@ pub struct TensionLaw {
     pub setpoint_n: f64,
     /// Which law.
     pub law: LawKind,
+    /// What it tells the drive. With a speed, gains are in mm/s for N.
+    pub output: TensionOutput,
     /// Force per tension error, N/N.
     pub kp: f64,
     /// Force per rate of tension error, N s/N.
@@ -240,6 +319,8 @@ pub struct TensionLaw {
     pub damping_ns_per_m: f64,
     /// Corner of the low-pass on the measured tension, Hz.
     pub filter_hz: f64,
+    /// Corner of the low-pass on the default law's speed, Hz; 0 is none.
+    pub corner_hz: f64,
     /// Whether the brakes close under torque while the robot holds.
     pub hold_braked: bool,
     /// Least tension that a plan may ask, N.
@@ -279,49 +360,55 @@ pub struct Gripper {
     pub switch: bool,
 }
 
-/// A rigid transform: `y = rotation x + translation_m`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Transform {
-    /// Rotation part.
-    pub rotation: Matrix3<f64>,
-    /// Translation part, m.
-    pub translation_m: Vector3<f64>,
-}
-
-impl Transform {
-    /// Transform from a translation in m and `[rx, ry, rz]` in rad with R = Rz Ry Rx.
-    pub fn from_attitude(translation_m: Vector3<f64>, attitude_rad: [f64; 3]) -> Self {
-        let [rx, ry, rz] = attitude_rad;
-        // nalgebra's order of arguments is roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll).
-        let rotation = nalgebra::Rotation3::from_euler_angles(rx, ry, rz).into_inner();
-        Self {
-            rotation,
-            translation_m,
-        }
+/// The canonical form of a transform, see [`Robot::content_hash`].
+fn canonical<S: serde::Serializer>(pose: &Pose, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Canonical<'a> {
+        rotation: &'a Matrix3<f64>,
+        translation_m: &'a Vector3<f64>,
     }
+    let form = Canonical {
+        rotation: pose.rotation.matrix(),
+        translation_m: &pose.position_m,
+    };
+    form.serialize(serializer)
 }
 
-/// The camera on the platform: a pinhole with Brown-Conrady distortion.
+/// The canonical form of a camera's numbers, see [`Robot::content_hash`].
+fn canonical_lens<S: serde::Serializer>(lens: &Lens, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Canonical {
+        width_px: usize,
+        height_px: usize,
+        fx_px: f64,
+        fy_px: f64,
+        cx_px: f64,
+        cy_px: f64,
+        distortion: [f64; 5],
+    }
+    let form = Canonical {
+        width_px: lens.size_px[0],
+        height_px: lens.size_px[1],
+        fx_px: lens.focal_px[0],
+        fy_px: lens.focal_px[1],
+        cx_px: lens.center_px[0],
+        cy_px: lens.center_px[1],
+        distortion: lens.distortion,
+    };
+    form.serialize(serializer)
+}
+
+/// The camera on the platform.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Camera {
-    /// Picture width, px.
-    pub width_px: u32,
-    /// Picture height, px.
-    pub height_px: u32,
-    /// Focal length along the rows, px.
-    pub fx_px: f64,
-    /// Focal length along the columns, px.
-    pub fy_px: f64,
-    /// Principal point from the left, px.
-    pub cx_px: f64,
-    /// Principal point from the top, px.
-    pub cy_px: f64,
-    /// k1, k2, p1, p2, k3.
-    pub distortion: [f64; 5],
+    /// Picture size, focal lengths, principal point and distortion.
+    #[serde(flatten, serialize_with = "canonical_lens")]
+    pub lens: Lens,
     /// Whether the camera gives a depth picture.
     pub depth: bool,
     /// Maps platform coordinates to camera coordinates (x right, y down, z forward).
-    pub camera_from_platform: Transform,
+    #[serde(serialize_with = "canonical")]
+    pub camera_from_platform: Pose,
 }
 
 /// A fiducial tag on a rigid body of the scene.
@@ -358,8 +445,6 @@ pub struct Limits {
     pub tilt_max_rad: f64,
 }
 
-const CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
-
 impl Robot {
     /// The winch that drives cable `cable` (from 0), if there is such a cable.
     pub fn winch_of(&self, cable: usize) -> Option<&Winch> {
@@ -395,6 +480,6 @@ impl Robot {
         // reads back exactly, so equal robots give equal bytes. Writing to memory cannot fail, and
         // a checked robot holds no value that JSON lacks.
         let canonical = serde_json::to_vec(self).unwrap_or_default();
-        CRC_32.checksum(&canonical)
+        mcdpr_protocol::frame::crc32(&canonical)
     }
 }

@@ -72,6 +72,7 @@ fn read_below(folder: &Path, asked: &str) -> Result<(String, String), (String, S
             "copy the module file into the robot file's folder".into(),
         ));
     }
-    let text = crate::files::read_text(&real).map_err(unreadable)?;
+    let text =
+        crate::files::read_text_to(&real, crate::files::MOST_ROBOT_BYTES).map_err(unreadable)?;
     Ok((path.display().to_string(), text))
 }

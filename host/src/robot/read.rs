@@ -9,7 +9,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{Invalid, Problem, RobotError};
-use super::schema::{Absent, Key, Kind, Range, SECTIONS, Section};
+use super::schema::{Absent, Key, Kind, Named, Range, SECTIONS, Section};
 
 /// What a list may hold, as messages say it.
 const NUMBERS: &str = "numbers from -1e9 to 1e9";
@@ -289,15 +289,15 @@ impl Values {
     }
 
     /// Where the key's value stands, or the table if the key is absent.
-    pub fn at(&self, name: &str) -> At {
+    pub fn at(&self, key: Named) -> At {
         self.found
-            .get(name)
+            .get(self.own(key))
             .map_or_else(|| self.at.clone(), |(_, at)| at.clone())
     }
 
     /// Whether the key is given.
-    pub fn has(&self, name: &str) -> bool {
-        self.found.contains_key(name)
+    pub fn has(&self, key: Named) -> bool {
+        self.found.contains_key(self.own(key))
     }
 
     /// Keys of `base` that this table does not give itself are taken over.
@@ -308,100 +308,106 @@ impl Values {
     }
 
     /// Treats the key as absent, after it has been refused.
-    pub fn forget(&mut self, name: &str) {
-        self.found.remove(name);
+    pub fn forget(&mut self, key: Named) {
+        self.found.remove(self.own(key));
     }
 
-    fn given(&self, name: &str) -> Option<&Value> {
-        self.found.get(name).map(|(value, _)| value)
+    fn given(&self, key: Named) -> Option<&Value> {
+        self.found.get(self.own(key)).map(|(value, _)| value)
     }
 
-    fn default_of(&self, name: &str) -> Option<Absent> {
-        let key = self.section.key(name);
-        debug_assert!(key.is_some(), "`{name}` is not in the key table");
-        key.map(|key| key.absent)
+    /// The key's name.
+    ///
+    /// # Panics
+    /// Where the key is of another section: every robot file that is read goes through here.
+    fn own(&self, key: Named) -> &'static str {
+        assert!(
+            std::ptr::eq(self.section, key.section),
+            "`{}` is a key of {}, not of {}",
+            key.name(),
+            key.section.title,
+            self.section.title
+        );
+        key.name()
     }
 
     /// The number given, or its fixed default.
-    pub fn number(&self, name: &str) -> f64 {
-        match (self.number_given(name), self.default_of(name)) {
-            (Some(number), _) | (None, Some(Absent::Number(number))) => number,
+    pub fn number(&self, key: Named) -> f64 {
+        match (self.number_given(key), key.key.absent) {
+            (Some(number), _) | (None, Absent::Number(number)) => number,
             _ => 0.0,
         }
     }
 
     /// The number given.
-    pub fn number_given(&self, name: &str) -> Option<f64> {
-        debug_assert!(self.section.key(name).is_some());
-        match self.given(name) {
+    pub fn number_given(&self, key: Named) -> Option<f64> {
+        match self.given(key) {
             Some(Value::Number(number)) => Some(*number),
             _ => None,
         }
     }
 
     /// The whole number given, or its fixed default.
-    pub fn whole(&self, name: &str) -> i64 {
-        match (self.whole_given(name), self.default_of(name)) {
-            (Some(number), _) | (None, Some(Absent::Whole(number))) => number,
+    pub fn whole(&self, key: Named) -> i64 {
+        match (self.whole_given(key), key.key.absent) {
+            (Some(number), _) | (None, Absent::Whole(number)) => number,
             _ => 0,
         }
     }
 
     /// The whole number given.
-    pub fn whole_given(&self, name: &str) -> Option<i64> {
-        debug_assert!(self.section.key(name).is_some());
-        match self.given(name) {
+    pub fn whole_given(&self, key: Named) -> Option<i64> {
+        match self.given(key) {
             Some(Value::Whole(number)) => Some(*number),
             _ => None,
         }
     }
 
     /// The switch given, or its default.
-    pub fn switch(&self, name: &str) -> bool {
-        match (self.given(name), self.default_of(name)) {
+    pub fn switch(&self, key: Named) -> bool {
+        match (self.given(key), key.key.absent) {
             (Some(Value::Switch(on)), _) => *on,
-            (None, Some(Absent::Switch(on))) => on,
+            (None, Absent::Switch(on)) => on,
             _ => false,
         }
     }
 
     /// The word or text given, or its default.
-    pub fn text(&self, name: &str) -> &str {
-        match (self.given(name), self.default_of(name)) {
+    pub fn text(&self, key: Named) -> &str {
+        match (self.given(key), key.key.absent) {
             (Some(Value::Text(text)), _) => text,
-            (None, Some(Absent::Word(word))) => word,
+            (None, Absent::Word(word)) => word,
             _ => "",
         }
     }
 
     /// The numbers given (rows one after the other), or their fixed default.
-    pub fn numbers(&self, name: &str) -> Vec<f64> {
-        match (self.numbers_given(name), self.default_of(name)) {
-            (Some(numbers), _) | (None, Some(Absent::Numbers(numbers))) => numbers.to_vec(),
+    pub fn numbers(&self, key: Named) -> Vec<f64> {
+        match (self.numbers_given(key), key.key.absent) {
+            (Some(numbers), _) | (None, Absent::Numbers(numbers)) => numbers.to_vec(),
             _ => Vec::new(),
         }
     }
 
     /// The numbers given, rows one after the other.
-    pub fn numbers_given(&self, name: &str) -> Option<&[f64]> {
-        debug_assert!(self.section.key(name).is_some());
-        match self.given(name) {
+    pub fn numbers_given(&self, key: Named) -> Option<&[f64]> {
+        match self.given(key) {
             Some(Value::Numbers(numbers)) => Some(numbers),
             _ => None,
         }
     }
 
     /// Takes the sub-table out; an empty one of defaults if it is absent.
-    pub fn take_table(&mut self, name: &str, section: &'static Section) -> Values {
-        match self.found.remove(name) {
+    pub fn take_table(&mut self, key: Named, section: &'static Section) -> Values {
+        match self.found.remove(self.own(key)) {
             Some((Value::Table(table), _)) => table,
             _ => Values::absent(section, section.title, self.at.clone()),
         }
     }
 
     /// Takes the list of sub-tables out; empty if it is absent.
-    pub fn take_tables(&mut self, name: &str) -> Vec<Values> {
-        match self.found.remove(name) {
+    pub fn take_tables(&mut self, key: Named) -> Vec<Values> {
+        match self.found.remove(self.own(key)) {
             Some((Value::Tables(tables), _)) => tables,
             _ => Vec::new(),
         }

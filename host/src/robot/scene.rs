@@ -1,50 +1,66 @@
 //! The camera and the tags of the file.
 
+use mcdpr_kinematics::Pose;
+use mcdpr_vision::Camera as Lens;
 use nalgebra::Vector3;
 
 use super::build::{MM_PER_M, point_m};
-use super::model::{Camera, Tag, Transform};
+use super::model::{Camera, Tag};
 use super::read::{Reader, Values};
-use super::schema;
+use super::schema::{self, Named, key};
 
 pub(super) fn camera(reader: &mut Reader, mut table: Values) -> Camera {
-    let pose = table.take_table("camera_from_platform", &schema::CAMERA_FROM_PLATFORM);
-    let width = table.whole("width");
-    let height = table.whole("height");
-    let mut principal = |key: &str, pixels: i64| {
+    let pose = table.take_table(
+        key!(CAMERA, "camera_from_platform"),
+        &schema::CAMERA_FROM_PLATFORM,
+    );
+    let width = table.whole(key!(CAMERA, "width"));
+    let height = table.whole(key!(CAMERA, "height"));
+    let mut principal = |key: Named, pixels: i64| {
         let pixels = pixels as f64;
         let value = table.number_given(key).unwrap_or(pixels / 2.0);
         if !(0.0..=pixels).contains(&value) {
             reader.problem(
                 &table.at(key),
                 &table.place,
-                format!("`{key}` {value} lies outside the picture of {pixels} px"),
+                format!(
+                    "`{}` {value} lies outside the picture of {pixels} px",
+                    key.name()
+                ),
                 Some("give the principal point in px of the full picture".into()),
             );
         }
         value
     };
-    let cx_px = principal("cx", width);
-    let cy_px = principal("cy", height);
+    let cx_px = principal(key!(CAMERA, "cx"), width);
+    let cy_px = principal(key!(CAMERA, "cy"), height);
     let mut distortion = [0.0; 5];
-    for (slot, value) in distortion.iter_mut().zip(table.numbers("distortion")) {
+    for (slot, value) in distortion
+        .iter_mut()
+        .zip(table.numbers(key!(CAMERA, "distortion")))
+    {
         *slot = value;
     }
     let mut attitude_rad = [0.0; 3];
-    for (slot, value) in attitude_rad.iter_mut().zip(pose.numbers("attitude_deg")) {
+    for (slot, value) in attitude_rad
+        .iter_mut()
+        .zip(pose.numbers(key!(CAMERA_FROM_PLATFORM, "attitude_deg")))
+    {
         *slot = value.to_radians();
     }
     Camera {
-        width_px: u32::try_from(width).unwrap_or(0),
-        height_px: u32::try_from(height).unwrap_or(0),
-        fx_px: table.number("fx"),
-        fy_px: table.number("fy"),
-        cx_px,
-        cy_px,
-        distortion,
-        depth: table.switch("depth"),
-        camera_from_platform: Transform::from_attitude(
-            point_m(&pose.numbers("position_mm")),
+        lens: Lens {
+            size_px: [width, height].map(|size| usize::try_from(size).unwrap_or(0)),
+            focal_px: [
+                table.number(key!(CAMERA, "fx")),
+                table.number(key!(CAMERA, "fy")),
+            ],
+            center_px: [cx_px, cy_px],
+            distortion,
+        },
+        depth: table.switch(key!(CAMERA, "depth")),
+        camera_from_platform: Pose::from_rpy(
+            point_m(&pose.numbers(key!(CAMERA_FROM_PLATFORM, "position_mm"))),
             attitude_rad,
         ),
     }
@@ -55,23 +71,27 @@ pub(super) fn tags(reader: &mut Reader, tables: &[Values]) -> Vec<Tag> {
     let mut tags: Vec<Tag> = Vec::new();
     for (index, table) in tables.iter().enumerate() {
         let place_in_file = index as i64;
-        let size_m = table.number("size_mm") / MM_PER_M;
+        let size_m = table.number(key!(TAG, "size_mm")) / MM_PER_M;
         let s = size_m / 2.0;
         let mut corners_in_body_m =
             [(-s, -s), (s, -s), (s, s), (-s, s)].map(|(x, y)| Vector3::new(x, y, 0.0));
-        if let Some(given) = table.numbers_given("corners_in_body_mm") {
+        if let Some(given) = table.numbers_given(key!(TAG, "corners_in_body_mm")) {
             for (corner, row) in corners_in_body_m.iter_mut().zip(given.chunks(3)) {
                 *corner = point_m(row);
             }
         }
         let tag = Tag {
-            id: number(table.whole_given("id").unwrap_or(place_in_file)),
-            family: table.text("family").to_owned(),
+            id: number(table.whole_given(key!(TAG, "id")).unwrap_or(place_in_file)),
+            family: table.text(key!(TAG, "family")).to_owned(),
             size_m,
-            body: number(table.whole_given("body").unwrap_or(place_in_file)),
+            body: number(
+                table
+                    .whole_given(key!(TAG, "body"))
+                    .unwrap_or(place_in_file),
+            ),
             corners_in_body_m,
         };
-        let mut refuse = |key: &str, what: String, help: &str| {
+        let mut refuse = |key: Named, what: String, help: &str| {
             reader.problem(&table.at(key), &table.place, what, Some(help.into()));
         };
         let [a, b, c, d] = corners_in_body_m;
@@ -81,7 +101,7 @@ pub(super) fn tags(reader: &mut Reader, tables: &[Values]) -> Vec<Tag> {
             .any(|edge| (edge - size_m).abs() > 0.01 * size_m)
         {
             refuse(
-                "corners_in_body_mm",
+                key!(TAG, "corners_in_body_mm"),
                 format!(
                     "`corners_in_body_mm` have edges of {:.1}, {:.1}, {:.1} and {:.1} mm, \
                      but size_mm is {}",
@@ -89,7 +109,7 @@ pub(super) fn tags(reader: &mut Reader, tables: &[Values]) -> Vec<Tag> {
                     edges[1] * 1e3,
                     edges[2] * 1e3,
                     edges[3] * 1e3,
-                    table.number("size_mm")
+                    table.number(key!(TAG, "size_mm"))
                 ),
                 "list the corners in the detector's order around the square",
             );
@@ -99,7 +119,7 @@ pub(super) fn tags(reader: &mut Reader, tables: &[Values]) -> Vec<Tag> {
             .any(|other| other.id == tag.id && other.family == tag.family)
         {
             refuse(
-                "id",
+                key!(TAG, "id"),
                 format!(
                     "`id` {} of family {} is already the id of another tag",
                     tag.id, tag.family
@@ -112,7 +132,7 @@ pub(super) fn tags(reader: &mut Reader, tables: &[Values]) -> Vec<Tag> {
             .any(|other| other.body == tag.body && other.corners_in_body_m == tag.corners_in_body_m)
         {
             refuse(
-                "body",
+                key!(TAG, "body"),
                 format!(
                     "`body` {} already carries a tag at the same corners",
                     tag.body

@@ -135,8 +135,60 @@ pub struct Section {
 }
 
 impl Section {
+    /// The key of a name that the program writes: [`key!`] looks it up at compile time.
+    ///
+    /// # Panics
+    /// Where the section has no such key.
+    pub const fn named(&'static self, name: &str) -> Named {
+        let mut index = 0;
+        while index < self.keys.len() {
+            if is_same(self.keys[index].name, name) {
+                return Named {
+                    section: self,
+                    key: &self.keys[index],
+                };
+            }
+            index += 1;
+        }
+        panic!("the section has no key of this name");
+    }
+
     /// The key of this name, if the section has it.
     pub fn key(&self, name: &str) -> Option<&'static Key> {
         self.keys.iter().find(|key| key.name == name)
     }
 }
+
+/// A key that is in the table, see [`key!`].
+#[derive(Debug, Clone, Copy)]
+pub struct Named {
+    /// The section that has it.
+    pub section: &'static Section,
+    /// The key.
+    pub key: &'static Key,
+}
+
+impl Named {
+    /// The key as it is written.
+    pub const fn name(self) -> &'static str {
+        self.key.name
+    }
+}
+
+/// `==` of texts, which is not to be had at compile time.
+const fn is_same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut index = 0;
+    while index < a.len() && index < b.len() && a[index] == b[index] {
+        index += 1;
+    }
+    index == a.len() && index == b.len()
+}
+
+/// The key of a section by its name. A name that the section does not have is a compile error.
+macro_rules! key {
+    ($section:ident, $name:literal) => {
+        const { $crate::robot::schema::$section.named($name) }
+    };
+}
+pub(super) use key;

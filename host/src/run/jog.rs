@@ -7,12 +7,9 @@
 use super::{RunError, Session, orders, stop_now};
 use crate::control::Order;
 use crate::link::{ClientError, Link};
-use crate::motion::{Model, PlanError, Rest, judge_place};
+use crate::motion::{Model, PlanError, Rest, judge_place, knot};
 use crate::robot::Control;
-use mcdpr_protocol::{
-    BoardState, CableKnot, Knot, List, MicrometresPerSecond, Millinewtons, PerCable, Request,
-    StopKind, TenthMicrometres,
-};
+use mcdpr_protocol::{BoardState, CableKnot, Knot, Request, StopKind};
 use nalgebra::Vector3;
 
 /// Time between knots, s.
@@ -59,7 +56,8 @@ struct Ahead<'m> {
     /// board holds.
     offsets_m: Vec<f64>,
     time_s: f64,
-    index: u16,
+    /// Number of knots so far.
+    made: usize,
     limit: Option<String>,
 }
 
@@ -106,28 +104,18 @@ impl Ahead<'_> {
         Ok(rest)
     }
 
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "saturates beyond any robot"
-    )]
     fn knot(&mut self, speeds: &[f64], last: bool) -> Knot {
         let lengths = self.rest.paid_out_m.iter().zip(&self.offsets_m);
         let rows = lengths.zip(speeds).zip(self.rest.tensions_n());
-        let cables = rows.map(|(((length, offset), speed), tension)| CableKnot {
-            length: TenthMicrometres(((length + offset) * 1e7).round() as i32),
-            velocity: MicrometresPerSecond((speed * 1e6).round() as i32),
-            tension: Millinewtons((tension * 1e3).round() as i32),
+        let cables = rows.map(|(((length, offset), speed), tension)| {
+            CableKnot::from_si(length + offset, *speed, *tension)
         });
-        let knot = Knot {
-            index: self.index,
-            time_ms: (self.time_s * 1e3).round() as u32,
+        let number = self.made;
+        self.made += 1;
+        Knot {
             last,
-            cables: PerCable::collect(cables),
-            rows: List::new(),
-        };
-        self.index = self.index.wrapping_add(1);
-        knot
+            ..knot::knot(number, knot::milliseconds(self.time_s), cables)
+        }
     }
 }
 
@@ -152,7 +140,7 @@ impl<L: Link> Session<'_, L> {
             .zip(status.setpoints.iter().zip(&rest.paid_out_m))
             .map(|(cable, (setpoint, length))| match cable.control {
                 Control::Tension => 0.0,
-                Control::Position => f64::from(setpoint.0) * 1e-7 - length,
+                Control::Position => setpoint.metres() - length,
             })
             .collect();
         let mut ahead = Ahead {
@@ -162,7 +150,7 @@ impl<L: Link> Session<'_, L> {
             rest,
             offsets_m,
             time_s: 0.0,
-            index: 0,
+            made: 0,
             limit: None,
         };
         let still = vec![0.0; ahead.rest.paid_out_m.len()];

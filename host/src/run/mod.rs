@@ -22,7 +22,7 @@ use crate::robot::{Control, Robot};
 use mcdpr_protocol::message::CONFIG_CHUNK;
 use mcdpr_protocol::{
     BoardState, ConfigEntry, ConfigHash, FaultRecord, Knot, List, Reply, Request, SessionId,
-    Status, StopKind,
+    Status, StopKind, TenthMicrometres,
 };
 use miette::Diagnostic;
 use thiserror::Error;
@@ -322,7 +322,7 @@ pub(crate) fn lead_in(plan: &Plan, status: &Status, model: &Model) -> Option<Vec
         start.length = *setpoint;
         let held = model.robot().cables.get(index)?.control == Control::Tension;
         if !held {
-            far_m = far_m.max(f64::from(end.length.0 - setpoint.0).abs() * 1e-7);
+            far_m = far_m.max(TenthMicrometres(end.length.0 - setpoint.0).metres().abs());
         }
         start.velocity.0 = 0;
         end.velocity.0 = 0;

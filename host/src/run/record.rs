@@ -46,9 +46,9 @@ impl Recorder {
             self.samples.push(Measured {
                 tick: tick.0,
                 path_s,
-                lengths_m: row.iter().map(|s| f64::from(s.length.0) * 1e-7).collect(),
-                tensions_n: row.iter().map(|s| f64::from(s.tension.0) * 1e-3).collect(),
-                currents_a: row.iter().map(|s| f64::from(s.current.0) * 1e-3).collect(),
+                lengths_m: row.iter().map(|s| s.length.metres()).collect(),
+                tensions_n: row.iter().map(|s| s.tension.newtons()).collect(),
+                currents_a: row.iter().map(|s| s.current.amperes()).collect(),
             });
         });
     }

@@ -74,7 +74,7 @@ pub fn scale_of(robot: &Robot) -> u32 {
     });
     let winches: Vec<_> = winches.collect();
     let text = serde_json::json!([robot.cables, winches, robot.tool]).to_string();
-    crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(text.as_bytes())
+    mcdpr_protocol::frame::crc32(text.as_bytes())
 }
 
 impl Saved {
@@ -84,16 +84,8 @@ impl Saved {
         Self {
             board: board_name(hello),
             scale: scale_of(robot),
-            lengths_m: status
-                .lengths
-                .iter()
-                .map(|l| f64::from(l.0) * 1e-7)
-                .collect(),
-            tensions_n: status
-                .tensions
-                .iter()
-                .map(|t| f64::from(t.0) * 1e-3)
-                .collect(),
+            lengths_m: status.lengths_m().collect(),
+            tensions_n: status.tensions_n().collect(),
         }
     }
 
@@ -130,7 +122,7 @@ impl Saved {
         Ok(())
     }
 
-    /// Keeps it: written beside the old one, then put in its place.
+    /// Keeps it, whole, in place of the old one.
     ///
     /// # Errors
     /// The system's.
@@ -139,9 +131,7 @@ impl Saved {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)?;
         }
-        let beside = path.with_extension("new");
-        std::fs::write(&beside, serde_json::to_vec_pretty(self)?)?;
-        std::fs::rename(beside, path)
+        crate::files::write_atomically(&path, serde_json::to_vec_pretty(self)?)
     }
 
     /// What was kept for a board.

@@ -56,16 +56,8 @@ impl<'m, L: Link> Session<'m, L> {
         if let Some(record) = status.fault {
             return Err(RunError::Latched { record });
         }
-        let tensions_n: Vec<_> = status
-            .tensions
-            .iter()
-            .map(|t| f64::from(t.0) * 1e-3)
-            .collect();
-        let known: Vec<_> = status
-            .lengths
-            .iter()
-            .map(|l| f64::from(l.0) * 1e-7)
-            .collect();
+        let tensions_n: Vec<_> = status.tensions_n().collect();
+        let known: Vec<_> = status.lengths_m().collect();
         let home = |place: &Vector3<f64>| -> Result<(Rest, Vec<f64>), RunError> {
             let rest = model.rest(place, None)?;
             let lengths_m = rest.paid_out_m.clone();
@@ -195,7 +187,7 @@ impl<'m, L: Link> Session<'m, L> {
     ) -> Result<(), RunError> {
         let status = super::status(&mut self.client)?;
         let tensions = status.tensions.iter();
-        let tensions_n: Vec<_> = tensions.map(|t| f64::from(t.0) * 1e-3).collect();
+        let tensions_n: Vec<_> = tensions.map(|t| t.newtons()).collect();
         let start_m = self.tool_m();
         let client = &mut self.client;
         let mut between = || {

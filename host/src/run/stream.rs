@@ -85,9 +85,7 @@ fn feed<L: Link>(
     mut watch: impl FnMut(&Recorder) -> Option<Halt>,
 ) -> Result<Option<Halt>, RunError> {
     let mut actions = actions.iter().peekable();
-    let duration_s = knots
-        .last()
-        .map_or(0.0, |knot| f64::from(knot.time_ms) * 1e-3);
+    let duration_s = knots.last().map_or(0.0, |knot| knot.time_s());
     let capacity = usize::from(client.info().knot_capacity);
     let mut feeder = Feeder { knots, next: 0 };
     feeder.fill(client, capacity)?;
@@ -208,7 +206,7 @@ impl Feeder<'_> {
         let has = self.next.saturating_sub(self.since(waits_for));
         self.knots.get(has)?;
         let last = self.knots.get(has.checked_sub(1)?)?;
-        Some(f64::from(last.time_ms) * 1e-3)
+        Some(last.time_s())
     }
 
     /// Sends at most `credit` knots, as many as the window takes.

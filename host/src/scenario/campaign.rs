@@ -129,6 +129,7 @@ pub fn word(injection: &Injection) -> String {
     let when = match injection.when {
         When::Start => "start".to_owned(),
         When::Motion(at_s) => format!("{at_s:.3}s"),
+        When::After(phase, at_s) => format!("{}+{at_s:.3}s", phase.name()),
     };
     let (id, cable) = (injection.fault.name(), injection.cable + 1);
     format!("{id}:{cable}@{when}")
@@ -358,7 +359,8 @@ fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
 
 fn ends_safely(after: &Aftermath, faults: &[FaultId], wrong: &mut Vec<String>) {
     // A brake that does not hold keeps its torque on purpose.
-    let kept = faults.contains(&FaultId::B2) && after.end() == Some(State::Stopping);
+    let stands = matches!(after.end(), Some(State::Stopping | State::Holding));
+    let kept = faults.contains(&FaultId::B2) && stands;
     if !kept && !after.is_safe() {
         wrong.push(format!("ended unsafely in {:?}", after.end()));
     }

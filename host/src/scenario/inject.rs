@@ -1,6 +1,6 @@
 //! What each row of the fault list is at the plant, the bus, the pins, the line or the host.
 
-use super::Injection;
+use super::{Injection, Snag};
 use mcdpr_protocol::FaultId;
 use mcdpr_simulator::plant::{CableFaults, EncoderFault, PlantError, TensionFault};
 use mcdpr_simulator::{Simulation, WireFaults};
@@ -110,6 +110,15 @@ pub(super) fn apply(
         strength,
         ..
     } = *injection;
+    if let Some(snag) = injection.snag {
+        let plant = simulation.plant_mut();
+        let tool_m = plant.params().platform.tcp_m;
+        let along = match snag {
+            Snag::Fast => None,
+            Snag::Against(along) => Some(along),
+        };
+        return plant.hook(tool_m, along).map(|()| HostSide::Fine);
+    }
     let line = |rate: f64| (rate * strength).min(0.95);
     let mut to_board = WireFaults::default();
     match fault {
@@ -210,6 +219,9 @@ fn apply_to_plant(
 /// Takes the cause away again, where that is possible: what broke or slipped stays so.
 pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
     let fine = WireFaults::default();
+    if injection.snag.is_some() {
+        return simulation.plant_mut().unhook();
+    }
     match injection.fault {
         FaultId::L1
         | FaultId::L3

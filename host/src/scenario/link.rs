@@ -1,7 +1,7 @@
 //! A line to the simulator on which faults happen when their time has come.
 
 use super::inject::{HostSide, apply, mend};
-use super::{Injection, When};
+use super::{Injection, Phase, When};
 use crate::link::{Link, LinkError, SimulatedLink};
 use mcdpr_firmware::State;
 use std::cell::RefCell;
@@ -16,9 +16,37 @@ struct Schedule {
     /// When to mend which, µs.
     mends: Vec<(u64, Injection)>,
     motion_us: Option<u64>,
+    /// When the board came into each phase of [`Phase::ALL`], µs.
+    phases_us: [Option<u64>; Phase::ALL.len()],
+    last: Option<State>,
     /// The host sends nothing before this time, µs.
     silent_until_us: u64,
     injected_us: Vec<u64>,
+}
+
+impl Schedule {
+    /// Sees the board's state.
+    fn see(&mut self, state: State, now_us: u64) {
+        if self.last == Some(state) {
+            return;
+        }
+        self.last = Some(state);
+        let armed_before = self.phases_us[Phase::Arming as usize].is_some();
+        let stopped = self.phases_us[Phase::Stopping as usize].is_some();
+        let phase = match state {
+            State::Moving => {
+                self.motion_us.get_or_insert(now_us);
+                return;
+            }
+            State::Arming if armed_before => Phase::Rearming,
+            State::Arming => Phase::Arming,
+            State::Holding => Phase::Holding,
+            State::Stopping if self.motion_us.is_some() => Phase::Stopping,
+            State::Disarmed | State::Fault if stopped => Phase::Parked,
+            _ => return,
+        };
+        self.phases_us[phase as usize].get_or_insert(now_us);
+    }
 }
 
 /// A [`SimulatedLink`] that injects faults on time. Clones share all.
@@ -67,11 +95,9 @@ impl FaultyLink {
     fn work(&self) -> Result<u64, LinkError> {
         let now = self.inner.now_us();
         let mut schedule = self.schedule.borrow_mut();
-        let moving = self.inner.with(|s| s.state() == State::Moving);
-        if moving && schedule.motion_us.is_none() {
-            schedule.motion_us = Some(now);
-        }
-        let motion_us = schedule.motion_us;
+        let state = self.inner.with(|s| s.state());
+        schedule.see(state, now);
+        let (motion_us, phases_us) = (schedule.motion_us, schedule.phases_us);
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -80,6 +106,10 @@ impl FaultyLink {
         let due_us = |injection: &Injection| match injection.when {
             When::Start => Some(0),
             When::Motion(at_s) => motion_us.map(|start| start + (at_s * 1e6) as u64),
+            When::After(phase, at_s) => {
+                let start = phases_us.get(phase as usize).copied().flatten();
+                start.map(|start| start + (at_s * 1e6) as u64)
+            }
         };
         let mut waiting = Vec::new();
         for injection in std::mem::take(&mut schedule.pending) {

@@ -29,6 +29,46 @@ pub enum When {
     Start,
     /// This long after the motion has begun, s.
     Motion(f64),
+    /// This long after the board has come into this phase, s.
+    After(Phase, f64),
+}
+
+/// What a board goes through around a motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// It arms for the first time.
+    Arming,
+    /// It stands under tension for the first time.
+    Holding,
+    /// It stops after the motion: brakes close under torque.
+    Stopping,
+    /// Its brakes are closed and its torque is off after the motion.
+    Parked,
+    /// It arms for the second time.
+    Rearming,
+}
+
+impl Phase {
+    /// Every phase.
+    pub const ALL: [Self; 5] = [
+        Self::Arming,
+        Self::Holding,
+        Self::Stopping,
+        Self::Parked,
+        Self::Rearming,
+    ];
+
+    /// Its name, as the command line takes it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Arming => "arming",
+            Self::Holding => "holding",
+            Self::Stopping => "stopping",
+            Self::Parked => "parked",
+            Self::Rearming => "rearming",
+        }
+    }
 }
 
 /// One fault to inject.
@@ -44,6 +84,18 @@ pub struct Injection {
     pub strength: f64,
     /// After this long the cause goes away by itself, s; `None` for never.
     pub lasts_s: Option<f64>,
+    /// A stiff hook catches the platform, which is C2 as it happens to robots: instead of what
+    /// [`How`] says of that row.
+    pub snag: Option<Snag>,
+}
+
+/// Where a hook holds the platform.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Snag {
+    /// It holds the tool where it is.
+    Fast,
+    /// It holds the tool against motion along this direction, world.
+    Against([f64; 3]),
 }
 
 /// Some faults, in one run.
@@ -78,9 +130,18 @@ pub fn run(
     simulated.with(Simulation::record_truth);
     let planned_height_m = planned_heights(model, task.clone())?;
     let link = FaultyLink::new(simulated.clone(), &scenario.injections);
-    let outcome = experiment::on_link_at_home(model, task, link.clone(), Some(SessionId(1)));
-    link.settle(SETTLE_US)
-        .map_err(crate::link::ClientError::from)?;
+    let (first, second) = (Some(SessionId(1)), Some(SessionId(2)));
+    let mut outcome = experiment::on_link_at_home(model, task.clone(), link.clone(), first);
+    let settle = || {
+        let settled = link.settle(SETTLE_US);
+        settled.map_err(crate::link::ClientError::from)
+    };
+    settle()?;
+    let again = |injection: &Injection| matches!(injection.when, When::After(Phase::Rearming, _));
+    if scenario.injections.iter().any(again) && outcome.is_ok() {
+        outcome = experiment::on_link_at_home(model, task, link.clone(), second);
+        settle()?;
+    }
     let error = match outcome {
         Ok(_) => None,
         // The plan, not the robot.

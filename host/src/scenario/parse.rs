@@ -1,6 +1,6 @@
 //! Scenarios as people write them: `S2@3.0s` on the command line, TOML in a file.
 
-use super::{How, Injection, MOST_INJECTIONS, Scenario, When, how};
+use super::{How, Injection, MOST_INJECTIONS, Phase, Scenario, Snag, When, how};
 use crate::robot::{DriveKind, Robot};
 use mcdpr_protocol::FaultId;
 use miette::Diagnostic;
@@ -21,7 +21,7 @@ pub enum ScenarioError {
     #[diagnostic(
         code(mcdpr::scenario::form),
         help(
-            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start; `mcdpr faults` lists the ids"
+            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start, or snag@TIME or snag:+x@TIME for a hook that catches the tool; `mcdpr faults` lists the ids"
         )
     )]
     Form {
@@ -70,7 +70,7 @@ pub enum ScenarioError {
     #[diagnostic(
         code(mcdpr::scenario::malformed),
         help(
-            "a scenario has [[fault]] tables with id and at_s (or at = \"start\"), and if you like cable, strength, lasts_s; see docs/safety.md"
+            "a scenario has [[fault]] tables with id and at_s (or at = \"start\"), and if you like cable, strength, lasts_s, and for id = \"snag\" along = [x, y, z]; see docs/safety.md"
         )
     )]
     Malformed {
@@ -98,7 +98,12 @@ struct Entry {
     at_s: Option<f64>,
     strength: Option<f64>,
     lasts_s: Option<f64>,
+    /// Direction against which a snag holds, world; without it, all.
+    along: Option<[f64; 3]>,
 }
+
+/// The word for a hook that catches the platform.
+const SNAG: &str = "snag";
 
 impl Injection {
     /// A fault at its nominal strength that stays, on the first cable.
@@ -110,11 +115,23 @@ impl Injection {
             when,
             strength: 1.0,
             lasts_s: None,
+            snag: None,
+        }
+    }
+
+    /// A stiff hook that catches the tool.
+    #[must_use]
+    pub const fn snagged(snag: Snag, when: When) -> Self {
+        Self {
+            snag: Some(snag),
+            ..Self::new(FaultId::C2, when)
         }
     }
 
     /// Reads `ID@TIME` or `ID:CABLE@TIME`; cables count from 1, TIME is `3.0s`, `500ms`, a plain
-    /// number of seconds after the motion's start, or `start` for before the robot arms.
+    /// number of seconds after the motion's start, `start` for before the robot arms, or
+    /// `stopping+0.1s` for so long after a [`Phase`] has begun. `snag@TIME`
+    /// is a hook that catches the tool, `snag:+x@TIME` one that holds against motion along +x.
     ///
     /// ```
     /// use mcdpr::scenario::{Injection, When};
@@ -134,19 +151,44 @@ impl Injection {
         let (what, when) = text
             .split_once('@')
             .ok_or_else(|| form("it has no @TIME"))?;
+        let when = parse_time(when.trim()).ok_or_else(|| form("its time is none"))?;
         let (id, cable) = match what.split_once(':') {
+            Some((id, axis)) if is_snag(id) => {
+                let along = axis_named(axis.trim());
+                let along = along.ok_or_else(|| form("its direction is not +x, -x, +y to -z"))?;
+                return Ok(Self::snagged(Snag::Against(along), when));
+            }
+            None if is_snag(what) => return Ok(Self::snagged(Snag::Fast, when)),
             Some((id, cable)) => {
                 let cable = cable.trim().parse::<usize>();
                 (id, Some(cable.map_err(|_| form("its cable is no number"))?))
             }
             None => (what, None),
         };
-        let when = parse_time(when.trim()).ok_or_else(|| form("its time is none"))?;
         build(id.trim(), cable, when, cables).map_err(|error| match error {
             Problem::Text(what) => form(&what),
             Problem::Error(error) => error,
         })
     }
+}
+
+fn is_snag(id: &str) -> bool {
+    id.trim().eq_ignore_ascii_case(SNAG)
+}
+
+/// The unit vector of `+x`, `-x`, `+y` and so on.
+fn axis_named(text: &str) -> Option<[f64; 3]> {
+    let (sign, axis) = match (text.strip_prefix('+'), text.strip_prefix('-')) {
+        (Some(axis), _) => (1.0, axis),
+        (_, Some(axis)) => (-1.0, axis),
+        _ => return None,
+    };
+    Some(match axis {
+        "x" => [sign, 0.0, 0.0],
+        "y" => [0.0, sign, 0.0],
+        "z" => [0.0, 0.0, sign],
+        _ => return None,
+    })
 }
 
 enum Problem {
@@ -157,6 +199,13 @@ enum Problem {
 fn parse_time(text: &str) -> Option<When> {
     if text == "start" {
         return Some(When::Start);
+    }
+    if let Some((name, after)) = text.split_once('+') {
+        let phase = Phase::ALL.into_iter().find(|phase| phase.name() == name)?;
+        return match parse_time(after.trim())? {
+            When::Motion(after_s) => Some(When::After(phase, after_s)),
+            _ => None,
+        };
     }
     let (number, factor) = match (text.strip_suffix("ms"), text.strip_suffix('s')) {
         (Some(number), _) => (number, 1e-3),
@@ -256,14 +305,15 @@ impl Scenario {
         let mut injections = Vec::new();
         for (number, entry) in (1..).zip(&file.fault) {
             let wrong = |what: String| malformed(format!("fault {number}: {what}"));
+            let needs = || {
+                wrong(format!(
+                    "it needs either at = \"start\" (or \"parked+0.5s\") or at_s of 0 to {LATEST_S}"
+                ))
+            };
             let when = match (entry.at.as_deref(), entry.at_s) {
-                (Some("start"), None) => When::Start,
                 (None, Some(at_s)) if (0.0..=LATEST_S).contains(&at_s) => When::Motion(at_s),
-                _ => {
-                    return Err(wrong(format!(
-                        "it needs either at = \"start\" or at_s of 0 to {LATEST_S}"
-                    )));
-                }
+                (Some(at), None) => parse_time(at).ok_or_else(needs)?,
+                _ => return Err(needs()),
             };
             let strength = entry.strength.unwrap_or(1.0);
             if !(0.001..=1000.0).contains(&strength) {
@@ -275,10 +325,20 @@ impl Scenario {
             {
                 return Err(wrong(format!("lasts_s must be 0.001 to {LATEST_S}")));
             }
-            let injection = build(&entry.id, entry.cable, when, cables).map_err(|p| match p {
-                Problem::Text(what) => wrong(what),
-                Problem::Error(error) => error,
-            })?;
+            let snag = is_snag(&entry.id);
+            if entry.along.is_some_and(|along| !snag || !points(along)) {
+                let what = "along is for id = \"snag\": a direction of finite numbers, not all 0";
+                return Err(wrong(what.to_owned()));
+            }
+            let injection = if snag {
+                let direction = entry.along.map_or(Snag::Fast, Snag::Against);
+                Injection::snagged(direction, when)
+            } else {
+                build(&entry.id, entry.cable, when, cables).map_err(|p| match p {
+                    Problem::Text(what) => wrong(what),
+                    Problem::Error(error) => error,
+                })?
+            };
             injections.push(Injection {
                 strength,
                 lasts_s: entry.lasts_s,
@@ -290,6 +350,14 @@ impl Scenario {
             injections,
         })
     }
+}
+
+/// Whether a direction has one.
+fn points(along: [f64; 3]) -> bool {
+    let largest = along
+        .iter()
+        .fold(0.0_f64, |most, part| most.max(part.abs()));
+    along.iter().all(|part| part.is_finite()) && largest > 1e-6
 }
 
 #[cfg(test)]
@@ -312,6 +380,23 @@ mod tests {
         ] {
             let error = Injection::parse(wrong, 4).unwrap_err();
             assert!(matches!(error, ScenarioError::Form { .. }), "{wrong}");
+        }
+        let hook = Injection::parse("snag:-z@1s", 4).unwrap();
+        assert_eq!(hook.snag, Some(Snag::Against([0.0, 0.0, -1.0])));
+        let hook = Injection::parse("SNAG@1s", 4).unwrap();
+        assert_eq!((hook.fault, hook.snag), (FaultId::C2, Some(Snag::Fast)));
+        let parked = Injection::parse("B2:3@parked+250ms", 4).unwrap();
+        assert_eq!(parked.when, When::After(Phase::Parked, 0.25));
+        for wrong in [
+            "S2@gone+1s",
+            "S2@parked+",
+            "S2@parked+start",
+            "S2@parked+-1s",
+        ] {
+            assert!(Injection::parse(wrong, 4).is_err(), "{wrong}");
+        }
+        for wrong in ["snag:1@1s", "snag:x@1s", "snag:+w@1s", "snag@"] {
+            assert!(Injection::parse(wrong, 4).is_err(), "{wrong}");
         }
         assert!(matches!(
             Injection::parse("F3@1s", 4),
@@ -336,6 +421,14 @@ mod tests {
             ("[[fault]]\nid = \"S7\"\nat_s = 1\ncable = 9", "no cable 9"),
             ("[[fault]]\nid = \"S7\"\nat_s = 1\nstrength = 0", "strength"),
             ("[[fault]]\nid = \"Z1\"\nat_s = 1", "no fault Z1"),
+            (
+                "[[fault]]\nid = \"snag\"\nat_s = 1\nalong = [0, 0, 0]",
+                "along",
+            ),
+            (
+                "[[fault]]\nid = \"S7\"\nat_s = 1\nalong = [1, 0, 0]",
+                "along",
+            ),
         ] {
             let error = Scenario::parse(wrong, "w.toml", 4).unwrap_err().to_string();
             assert!(error.contains(part), "{wrong}: {error}");

@@ -42,7 +42,7 @@ pub const fn reaction(fault: FaultId) -> &'static str {
         FaultId::D5 => "arming is given up, brakes stay closed",
         FaultId::B1 => "arming is given up, brakes close",
         FaultId::B2 | FaultId::B3 => {
-            "at arming: given up. After a stop: torque stays until the brake holds"
+            "torque stays and holds the drum at its place; a late brake is tried again until it holds"
         }
         FaultId::P2 => "brakes close by their springs; nothing starts without arming",
         FaultId::P1 | FaultId::P3 | FaultId::P4 | FaultId::P6 => {

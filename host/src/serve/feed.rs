@@ -79,6 +79,8 @@ pub struct Live {
     pub frames_bad: u64,
     /// What goes on, as the program says.
     pub task: String,
+    /// Why the robot cannot be reached, or why the last order came to nothing.
+    pub trouble: Option<String>,
 }
 
 #[derive(Debug, Default)]
@@ -131,6 +133,25 @@ impl Feed {
     /// Says what the program is doing.
     pub fn set_task(&self, task: &str) {
         self.change(false, |inner| task.clone_into(&mut inner.live.task));
+    }
+
+    /// Shows viewers beside the buttons why the robot cannot be reached or an order came to nothing;
+    /// what is new goes into the log as well.
+    pub fn set_trouble(&self, reason: &str) {
+        if self.lock().live.trouble.as_deref() == Some(reason) {
+            return;
+        }
+        self.change(false, |inner| {
+            inner.live.trouble = Some(reason.to_owned());
+            push(inner, reason);
+        });
+    }
+
+    /// Takes that away again.
+    pub fn clear_trouble(&self) {
+        if self.lock().live.trouble.is_some() {
+            self.change(false, |inner| inner.live.trouble = None);
+        }
     }
 
     /// Adds a line to the log that viewers see.
@@ -275,9 +296,9 @@ impl FeedWatcher {
                 });
             }
             Seen::Status(status) => {
-                let metres = status.lengths.iter().map(|l| f64::from(l.0) * 1e-7);
+                let metres = status.lengths_m();
                 let metres: Vec<_> = metres.collect();
-                let newtons = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3);
+                let newtons = status.tensions_n();
                 let newtons: Vec<_> = newtons.collect();
                 let estimate = (!self.truth_known && status.referenced)
                     .then(|| self.estimate(&metres, &newtons))

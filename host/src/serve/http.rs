@@ -15,18 +15,26 @@ pub(super) struct Request {
 }
 
 impl Request {
-    /// Reads a request's head, which must be there within a time: who dawdles would keep a viewer's
-    /// place.
+    /// Reads a request's head, which must be complete within a time, however it comes. Reads of `from`
+    /// must end by themselves before that.
     pub(super) fn read(from: &mut impl Read, patience: Duration) -> io::Result<Self> {
         let began = Instant::now();
         let mut head = Vec::new();
         let mut byte = [0];
         while !head.ends_with(b"\r\n\r\n") {
-            let late = began.elapsed() > patience;
-            if late || head.len() >= MOST || from.read(&mut byte)? == 0 {
+            if began.elapsed() > patience || head.len() >= MOST {
                 return Err(io::ErrorKind::InvalidData.into());
             }
-            head.extend_from_slice(&byte);
+            match from.read(&mut byte) {
+                Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+                Ok(_) => head.extend_from_slice(&byte),
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut
+                    ) => {}
+                Err(error) => return Err(error),
+            }
         }
         Self::parse(&head).ok_or_else(|| io::ErrorKind::InvalidData.into())
     }

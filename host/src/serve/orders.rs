@@ -17,10 +17,12 @@ pub(super) struct Orders {
 }
 
 impl Orders {
-    /// For those with this token; without one, a random one is made.
+    /// For those with this token; without one, a random one is made. An empty token would be everybody's:
+    /// it counts as none.
     pub(super) fn new(token: Option<String>) -> Self {
+        let given = token.filter(|token| !token.trim().is_empty());
         Self {
-            token: token.unwrap_or_else(new_token),
+            token: given.unwrap_or_else(new_token),
             seat: Mutex::default(),
         }
     }
@@ -135,5 +137,9 @@ mod tests {
         let (one, two) = (Orders::new(None), Orders::new(None));
         assert_eq!((one.token().len(), two.token().len()), (32, 32));
         assert_ne!(one.token(), two.token());
+        for empty in ["", "  "] {
+            let orders = Orders::new(Some(empty.to_owned()));
+            assert!(!orders.knows(Some(empty)) && orders.token().len() == 32);
+        }
     }
 }

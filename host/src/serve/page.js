@@ -2,7 +2,7 @@
 (() => {
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get('token');
-  let socket = null, robot = null, live = null, heardAt = 0, may = false, mayStop = false, refused = '', orders = [], sent = 0, wait = 250;
+  let socket = null, robot = null, live = null, heardAt = 0, may = false, mayStop = false, asked = false, gone = false, refused = '', orders = [], sent = 0, wait = 250;
   const history = { t: [], tensions: [], errors: [] };
   const SPAN = 20, STOPS = ['stop', 'hold'];
   const COLORS = ['--c1', '--c2', '--c3', '--c4', '--accent', '--good', '--warn', '--bad'];
@@ -13,12 +13,12 @@
 
   function connect() {
     socket = new WebSocket(`ws://${location.host}/ws`);
-    socket.onopen = () => { wait = 250; pill('link', 'connected', 'good'); if (token) send({ order: 'may' }); };
+    socket.onopen = () => { wait = 250; gone = false; pill('link', 'connected', 'good'); if (token) send({ order: 'may' }); };
     socket.binaryType = 'blob';
     socket.onmessage = event => event.data instanceof Blob ? picture(event.data) : take(JSON.parse(event.data));
     socket.onclose = () => {
       pill('link', 'no connection, trying again', 'bad');
-      may = mayStop = false; refused = ''; buttons();
+      may = mayStop = asked = false; gone = true; refused = ''; endJog(); jogKeys(false); buttons();
       setTimeout(connect, wait); wait = Math.min(2000, wait * 1.5);
     };
   }
@@ -76,7 +76,7 @@
   function answer(m) {
     window.mcdpr.answers.push(m);
     if (m.order === 'may') {
-      may = m.ok; mayStop = m.may_stop; refused = m.reason || ''; buttons();
+      may = m.ok; mayStop = m.may_stop; asked = true; refused = m.reason || ''; buttons();
       // Another page has the controls: they are taken over when it goes.
       if (!may && mayStop) setTimeout(() => { if (!may && socket.readyState === 1) send({ order: 'may' }); }, 1000);
       return;
@@ -90,6 +90,7 @@
     pill('state', m.state || 'waiting', kind);
     text('words', m.words);
     $('alarm').hidden = !m.fault;
+    text('trouble', m.trouble || '');
     if (m.fault) text('alarm', `Fault ${m.fault}. ${m.advice || ''}`);
     text('task', m.task || 'nothing under way');
     text('time', m.duration_s > 0 ? `${m.path_s.toFixed(1)} of ${m.duration_s.toFixed(1)} s` : '');
@@ -153,31 +154,55 @@
   function buttons() {
     document.querySelectorAll('[data-order]').forEach(b => { b.disabled = !(may || mayStop && STOPS.includes(b.dataset.order)) || !orders.includes(b.dataset.order); });
     $('jog').disabled = !may; $('jog').hidden = !orders.includes('jog');
-    text('may', may ? 'Esc stops, Space holds, R resumes.' : mayStop ? refused : token ? 'The token is not that of this server: view only.' : 'View only: orders need the address with the token that the program printed.');
+    if (!may) jogKeys(false);
+    text('may', gone ? 'The program that serves this page does not answer: it has ended, or this machine is not reached any more. Trying again. Stop the robot by its emergency stop.'
+      : may ? 'Esc stops and Space holds, whatever is selected; R resumes, G starts.' : mayStop ? refused
+      : !token ? 'View only: orders need the address with the token that the program printed.'
+      : asked ? 'The token is not that of this server: view only.' : '');
   }
 
   document.querySelectorAll('[data-order]').forEach(b => b.addEventListener('click', () => send({ order: b.dataset.order })));
-  // A jog order is valid for a fifth of a second and repeated while the button is held.
+  // A button keeps no focus: the next key must not press it again.
+  document.addEventListener('click', e => { const b = e.target.closest('button'); if (b) b.blur(); });
+  // A jog order is valid for a fifth of a second and repeated while a button or a key is held.
   let jogging = null;
   const jog = v => send({ order: 'jog', velocity_mps: v.map(c => c * 0.01) });
+  const beginJog = v => { if (jogging || !may) return; jog(v); jogging = { timer: setInterval(() => jog(v), 80) }; };
   const endJog = () => { if (jogging) { clearInterval(jogging.timer); jogging = null; jog([0, 0, 0]); } };
   document.querySelectorAll('[data-jog]').forEach(b => {
     const v = b.dataset.jog.split(',').map(Number);
-    const begin = () => { if (b.matches(':disabled') || jogging) return; jog(v); jogging = { timer: setInterval(() => jog(v), 80) }; };
-    b.addEventListener('pointerdown', begin);
-    b.addEventListener('keydown', e => { if ((e.key === 'Enter' || e.key === ' ') && !e.repeat) { begin(); e.preventDefault(); } });
-    for (const end of ['pointerup', 'pointerleave', 'pointercancel', 'keyup', 'blur']) b.addEventListener(end, endJog);
+    b.addEventListener('pointerdown', () => { if (!b.matches(':disabled')) beginJog(v); });
+    for (const end of ['pointerup', 'pointerleave', 'pointercancel', 'blur']) b.addEventListener(end, endJog);
   });
-  window.addEventListener('blur', endJog);
-  document.addEventListener('visibilitychange', () => { if (document.hidden) endJog(); });
-  document.addEventListener('keydown', e => {
+  // Keys jog only after they were switched on, and until Esc, Space or the window's end.
+  const JOG_KEYS = { ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowDown: [0, -1, 0], ArrowUp: [0, 1, 0], PageDown: [0, 0, -1], PageUp: [0, 0, 1] };
+  let keysJog = false, jogKey = null;
+  function jogKeys(on) {
+    if (!on && jogKey) { jogKey = null; endJog(); }
+    keysJog = on;
+    $('jog-keys').setAttribute('aria-pressed', on); text('jog-keys', on ? 'Jog by keys: on (Esc ends it)' : 'Jog by keys: off');
+  }
+  $('jog-keys').addEventListener('click', () => jogKeys(!keysJog && may));
+  const letGo = () => { endJog(); jogKeys(false); };
+  window.addEventListener('blur', letGo);
+  document.addEventListener('visibilitychange', () => { if (document.hidden) letGo(); });
+  // Before anything that has the focus: these keys act the same everywhere on the page.
+  const ours = e => { e.preventDefault(); e.stopImmediatePropagation(); };
+  window.addEventListener('keydown', e => {
+    if (e.key === 'Escape') { letGo(); send({ order: 'stop' }); return ours(e); }
     if (e.ctrlKey || e.metaKey || e.altKey) return;
-    if (e.key === 'Escape') send({ order: 'stop' });
-    else if (e.target.closest('button')) return;
-    else if (e.key === ' ') { send({ order: 'hold' }); e.preventDefault(); }
-    else if (e.key === 'r') send({ order: 'resume' });
+    if (e.key === ' ') { ours(e); if (!e.repeat) { letGo(); send({ order: 'hold' }); } return; }
+    if (keysJog && JOG_KEYS[e.key]) { ours(e); if (!e.repeat && !jogKey) { jogKey = e.key; beginJog(JOG_KEYS[e.key]); } return; }
+    // Start and Resume let the robot move: a key that is still held from before does not.
+    if (e.repeat) return;
+    if (e.key === 'r') send({ order: 'resume' });
     else if (e.key === 'g') send({ order: 'start' });
-  });
+  }, true);
+  window.addEventListener('keyup', e => {
+    // Some browsers press the focused button when Space is let go.
+    if (e.key === ' ') ours(e);
+    if (e.key === jogKey) { jogKey = null; endJog(); ours(e); }
+  }, true);
 
   function chart(canvas, rows, floor, band) {
     const scale = window.devicePixelRatio || 1, w = Math.round(canvas.clientWidth * scale), h = Math.round(canvas.clientHeight * scale);

@@ -6,10 +6,11 @@ use super::orders::Orders;
 use crate::robot::Robot;
 use miette::Diagnostic;
 use serde_json::{Value, json};
+use std::collections::VecDeque;
 use std::io::{self, Write as _};
-use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
-use std::sync::Arc;
+use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use thiserror::Error;
@@ -24,6 +25,12 @@ const FRAME: Duration = Duration::from_micros(16_600);
 const LOOK: Duration = Duration::from_millis(4);
 /// A viewer that takes nothing for this long is gone.
 const STUCK: Duration = Duration::from_secs(2);
+/// A request must be complete within this time.
+const HANDSHAKE: Duration = Duration::from_secs(2);
+/// One read of a request takes no longer than this, so that it can be given up in time.
+const READ: Duration = Duration::from_millis(100);
+/// Connections at once whose request is not complete; of more, the oldest is closed.
+const HALF_OPEN: usize = 32;
 /// Bytes of a message that a viewer may send.
 const MOST: usize = 4096;
 
@@ -74,6 +81,8 @@ struct Shared {
     port: u16,
     ended: AtomicBool,
     viewers: AtomicUsize,
+    /// Connections whose request is not complete, the oldest first.
+    half_open: Mutex<VecDeque<(u64, TcpStream)>>,
     /// Pages that ever looked, to tell them apart.
     pages: AtomicU64,
 }
@@ -114,6 +123,7 @@ impl Server {
             port: bound,
             ended: AtomicBool::new(false),
             viewers: AtomicUsize::new(0),
+            half_open: Mutex::default(),
             pages: AtomicU64::new(0),
         });
         let for_thread = Arc::clone(&shared);
@@ -159,37 +169,62 @@ impl Drop for Server {
 }
 
 fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
-    for stream in listener.incoming() {
+    for (number, stream) in (0..).zip(listener.incoming()) {
         if shared.ended.load(Ordering::SeqCst) {
             return;
         }
         let Ok(stream) = stream else { continue };
-        if shared.viewers.fetch_add(1, Ordering::SeqCst) >= VIEWERS {
-            shared.viewers.fetch_sub(1, Ordering::SeqCst);
-            let mut stream = stream;
-            let text = "too many viewers: close a page that is not needed";
-            let _ = answer(&mut stream, "503 Service Unavailable", "text/plain", text);
+        if shared.began(number, &stream).is_err() {
             continue;
         }
         let guest = Arc::clone(shared);
         let spawned = std::thread::Builder::new()
             .name("viewer".to_owned())
             .spawn(move || {
-                // A viewer that is gone is no error of the robot's.
-                let _ = receive(stream, &guest);
-                guest.viewers.fetch_sub(1, Ordering::SeqCst);
+                // A viewer that is gone is not an error of the robot's.
+                let _ = receive(number, stream, &guest);
+                guest.asked(number);
             });
         if spawned.is_err() {
-            shared.viewers.fetch_sub(1, Ordering::SeqCst);
+            shared.asked(number);
         }
     }
 }
 
-fn receive(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
+impl Shared {
+    /// A connection has begun. Whoever says nothing must not keep others out: where there are too
+    /// many of them, the oldest is closed.
+    fn began(&self, number: u64, stream: &TcpStream) -> io::Result<()> {
+        let known = stream.try_clone()?;
+        let mut half_open = self
+            .half_open
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        half_open.push_back((number, known));
+        if half_open.len() > HALF_OPEN
+            && let Some((_, oldest)) = half_open.pop_front()
+        {
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+        Ok(())
+    }
+
+    /// Its request is complete, or it is gone.
+    fn asked(&self, number: u64) {
+        let mut half_open = self
+            .half_open
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        half_open.retain(|(known, _)| *known != number);
+    }
+}
+
+fn receive(number: u64, mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
     stream.set_nodelay(true)?;
-    stream.set_read_timeout(Some(STUCK))?;
+    stream.set_read_timeout(Some(READ))?;
     stream.set_write_timeout(Some(STUCK))?;
-    let request = Request::read(&mut stream, STUCK)?;
+    let request = Request::read(&mut stream, HANDSHAKE)?;
+    shared.asked(number);
     if !request.is_for(shared.port) {
         let text = "this page is only for browsers on this machine, by its own address";
         return answer(&mut stream, "403 Forbidden", "text/plain", text);
@@ -205,13 +240,14 @@ fn receive(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
     match (request.path.as_str(), request.header("sec-websocket-key")) {
         ("/", _) => answer(&mut stream, "200 OK", "text/html", &super::page()),
         ("/ws", Some(key)) => {
-            let accept = tungstenite::handshake::derive_accept_key(key.as_bytes());
-            write!(
-                stream,
-                "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
-                 Sec-WebSocket-Accept: {accept}\r\n\r\n"
-            )?;
-            view(stream, shared)
+            if shared.viewers.fetch_add(1, Ordering::SeqCst) >= VIEWERS {
+                shared.viewers.fetch_sub(1, Ordering::SeqCst);
+                let text = "too many viewers: close a page that is not needed";
+                return answer(&mut stream, "503 Service Unavailable", "text/plain", text);
+            }
+            let outcome = upgrade(stream, key, shared);
+            shared.viewers.fetch_sub(1, Ordering::SeqCst);
+            outcome
         }
         _ => answer(
             &mut stream,
@@ -220,6 +256,17 @@ fn receive(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
             "there is only /",
         ),
     }
+}
+
+/// Turns a connection into a viewer's WebSocket.
+fn upgrade(mut stream: TcpStream, key: &str, shared: &Shared) -> io::Result<()> {
+    let accept = tungstenite::handshake::derive_accept_key(key.as_bytes());
+    write!(
+        stream,
+        "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
+         Sec-WebSocket-Accept: {accept}\r\n\r\n"
+    )?;
+    view(stream, shared)
 }
 
 /// Shows the robot to one viewer until either goes.
@@ -315,4 +362,81 @@ fn keep_showing(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read as _;
+
+    struct Nothing;
+
+    impl Desk for Nothing {
+        fn order(&self, _: &str, _: &Value) -> Result<(), String> {
+            Ok(())
+        }
+
+        fn orders(&self) -> Vec<&'static str> {
+            Vec::new()
+        }
+    }
+
+    fn server() -> Server {
+        let robot = Robot::find("paper-table5").unwrap();
+        Server::start(0, None, &robot, Feed::default(), Arc::new(Nothing)).unwrap()
+    }
+
+    /// A viewer by the real handshake; its first message.
+    fn viewer(port: u16) -> (WebSocket<TcpStream>, String) {
+        let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, port)).unwrap();
+        stream.set_read_timeout(Some(STUCK)).unwrap();
+        let address = format!("ws://127.0.0.1:{port}/ws");
+        let (mut socket, _) = tungstenite::client(address, stream).unwrap();
+        let first = socket.read().unwrap().into_text().unwrap().to_string();
+        (socket, first)
+    }
+
+    #[test]
+    fn half_open_connections_keep_nobody_out_and_are_closed() {
+        let server = server();
+        let port = server.port();
+        let silent = |begin: &str| {
+            let mut stream = TcpStream::connect((Ipv4Addr::LOCALHOST, port)).unwrap();
+            stream.write_all(begin.as_bytes()).unwrap();
+            stream
+        };
+        let mut half: Vec<_> = (0..VIEWERS)
+            .map(|_| silent("GET /ws HTTP/1.1\r\n"))
+            .collect();
+        let began = Instant::now();
+        let (_socket, hello) = viewer(port);
+        assert!(hello.contains("\"hello\""), "{hello}");
+        assert!(began.elapsed() < HANDSHAKE, "it had to wait for the others");
+        // Far more than may be half open: the newest viewer still gets in.
+        half.extend((0..3 * HALF_OPEN).map(|_| silent("")));
+        let (_other, hello) = viewer(port);
+        assert!(hello.contains("\"hello\""), "{hello}");
+        // Those that never finish are closed.
+        for stream in &mut half {
+            stream.set_read_timeout(Some(2 * HANDSHAKE)).unwrap();
+            let mut byte = [0];
+            // Closed or reset; not a time-out.
+            match stream.read(&mut byte) {
+                Ok(count) => assert_eq!(count, 0),
+                Err(error) => assert_eq!(error.kind(), io::ErrorKind::ConnectionReset),
+            }
+        }
+    }
+
+    #[test]
+    fn more_viewers_than_places_are_told_so() {
+        let server = server();
+        let port = server.port();
+        let viewers: Vec<_> = (0..VIEWERS).map(|_| viewer(port)).collect();
+        let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, port)).unwrap();
+        let refused = tungstenite::client(format!("ws://127.0.0.1:{port}/ws"), stream);
+        let error = refused.err().map(|error| error.to_string()).unwrap();
+        assert!(error.contains("503"), "{error}");
+        drop(viewers);
+    }
 }

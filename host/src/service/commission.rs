@@ -2,7 +2,7 @@
 //! what its sensor reads without load.
 
 use super::ratio::check;
-use super::{Bench, CEILING_N, Purpose, ServiceError, volts};
+use super::{Bench, CEILING_N, Purpose, Rubbing, ServiceError, volts};
 use crate::link::{Client, Link};
 use crate::robot::{DriveKind, Robot};
 use serde::Serialize;
@@ -40,6 +40,8 @@ pub struct Commissioned {
     pub tension_noise_v: f64,
     /// Current at which the closed brake held, A.
     pub brake_held_a: f64,
+    /// Friction and play.
+    pub rubbing: Option<Rubbing>,
     /// What differs from the robot file, in words.
     pub differs: Vec<String>,
 }
@@ -62,8 +64,13 @@ pub fn commission<L: Link>(
     let held_a = bench.push_against_brake()?;
     bench.enable(Purpose::Turn)?;
     let turned = bench.turn_and_ask(operator);
+    let rubs = match &turned {
+        Ok((motor, drum, _)) => bench.rubbing(TAU / 16.0, motor * drum > 0).map(Some),
+        Err(_) => Ok(None),
+    };
     let closed = bench.disable();
     let (motor, drum, paid_out) = turned?;
+    let rubbing = rubs?;
     closed?;
     let described = bench.described();
     let out = if paid_out { 1 } else { -1 };
@@ -88,6 +95,7 @@ pub fn commission<L: Link>(
         tension_zero_v: (bench.zero_v * 1e4).round() / 1e4,
         tension_noise_v: noise_v,
         brake_held_a: held_a,
+        rubbing,
         differs: Vec::new(),
     };
     found.differs = differences(&found, described);
@@ -124,6 +132,24 @@ fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<Str
         "tension_zero_v",
         described.tension_zero_v.to_string(),
         found.tension_zero_v.to_string(),
+    );
+    let Some(rubs) = &found.rubbing else {
+        return words;
+    };
+    let file_n = described.total_friction_n();
+    // A board that knows its friction to a quarter reels in and proves brakes as it should.
+    tell(
+        (rubs.friction_n - file_n).abs() > (0.25 * file_n).max(0.3),
+        "friction at the cable",
+        format!("{file_n:.2} N"),
+        format!("{:.2} N", rubs.friction_n),
+    );
+    let file_deg = (described.play_m() / described.drum_radius_m).to_degrees();
+    tell(
+        (rubs.play_deg - file_deg).abs() > 0.1,
+        "play_deg",
+        format!("{file_deg:.2}"),
+        format!("{:.2}", rubs.play_deg),
     );
     words
 }

@@ -6,16 +6,19 @@
 
 mod commission;
 mod ratio;
+mod rubbing;
 
 pub use commission::{Commissioned, Operator, commission};
 pub use ratio::{Ratio, measure_ratio};
+pub use rubbing::Rubbing;
 
 use crate::link::{Client, ClientError, Link};
 use crate::machine::{self, CableRates, OutOfRange};
+use crate::motion::knot;
 use crate::robot::Robot;
 use crate::run::{RunError, interrupted, send_configuration, status, wait_for};
 use mcdpr_protocol::{
-    BoardState, CableKey, CableKnot, ConfigEntry, ConfigHash, ConfigKey, Knot, List,
+    BoardState, CableKey, CableKnot, ConfigEntry, ConfigHash, ConfigKey, Knot,
     MicrometresPerSecond, Millinewtons, PerCable, Reply, Request, TenthMicrometres, Winch,
 };
 use miette::Diagnostic;
@@ -182,6 +185,24 @@ pub enum ServiceError {
         /// Asked for, A.
         asked_a: f64,
     },
+    /// What was measured fits no friction.
+    #[error(
+        "the friction of winch {winch} is {friction_mnm:.3} mN m at the motor, give or take {error_mnm:.3}: the currents of both directions contradict each other"
+    )]
+    #[diagnostic(
+        code(mcdpr::service::friction),
+        help(
+            "something catches on the drum, or its feedback of current is dead: turn it by hand, without a cable, and commission it again"
+        )
+    )]
+    Rubs {
+        /// The winch.
+        winch: usize,
+        /// Friction, mN m.
+        friction_mnm: f64,
+        /// Its standard error, mN m.
+        error_mnm: f64,
+    },
     /// The operator's answer did not come.
     #[error("nobody said which way the drum of winch {winch} turned")]
     #[diagnostic(
@@ -284,8 +305,8 @@ impl<'a, L: Link> Bench<'a, L> {
                 CableKey::TensionZeroUv => self.zero_v * 1e6,
                 CableKey::TensionMax => winch.tension_max_n * 1e3,
                 CableKey::TensionFloor | CableKey::TensionKd | CableKey::TensionKi => 0.0,
-                CableKey::TensionCeiling => CEILING_N.min(winch.tension_max_n) * 1e3,
-                CableKey::TensionLaw => 0.0,
+                CableKey::TensionCeiling => CEILING_N.min(winch.trusted_tension_n()) * 1e3,
+                CableKey::TensionLaw | CableKey::TensionOutput | CableKey::Play => 0.0,
                 CableKey::TensionKp => 100e3,
                 CableKey::LeadUs => 0.0,
                 CableKey::FollowingError => 1e6,
@@ -392,9 +413,21 @@ impl<'a, L: Link> Bench<'a, L> {
     /// Turns the drum by the file's ratio from where it is (`from` rad since it was enabled) to `to`
     /// rad, by the motor alone, and waits until it rests.
     fn turn(&mut self, from_rad: f64, to_rad: f64) -> Result<(), ServiceError> {
+        let time_s = self.begin_turn(from_rad, to_rad, 1.0)?;
+        Ok(wait_for(self.client, BoardState::Holding, time_s + 2.0)?)
+    }
+
+    /// Begins such a turn at a share of the speed of service; gives its duration, s.
+    fn begin_turn(
+        &mut self,
+        from_rad: f64,
+        to_rad: f64,
+        share_of_speed: f64,
+    ) -> Result<f64, ServiceError> {
         let winch = self.described();
-        let top =
-            winch.max_motor_rpm * SPEED_SHARE / winch.gear_ratio * std::f64::consts::TAU / 60.0;
+        let top = share_of_speed * winch.max_motor_rpm * SPEED_SHARE / winch.gear_ratio
+            * std::f64::consts::TAU
+            / 60.0;
         let way = to_rad - from_rad;
         // A quintic from rest to rest peaks at 15/8 of its mean speed.
         let time_ms = (way.abs() / top * 1.875 * 1e3).ceil();
@@ -423,16 +456,13 @@ impl<'a, L: Link> Bench<'a, L> {
                 }
             });
             let knot = Knot {
-                index: u16::try_from(number).unwrap_or(u16::MAX),
-                time_ms: number * spacing_ms,
                 last: number == KNOTS,
-                cables: PerCable::collect(cables),
-                rows: List::new(),
+                ..knot::knot(number as usize, number * spacing_ms, cables)
             };
             self.client.request(Request::Knot(knot))?;
         }
         self.client.request(Request::Start)?;
-        Ok(wait_for(self.client, BoardState::Holding, time_s + 2.0)?)
+        Ok(time_s)
     }
 }
 

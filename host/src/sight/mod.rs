@@ -5,14 +5,12 @@
 //! pictures, [`SimulatedTags`] that projects the simulated robot's tags) stands behind this trait.
 
 mod camera;
-mod lens;
 mod pictures;
 mod scene;
 mod shown;
 mod simulated;
 
 pub use camera::{Camera, CameraTags};
-pub use lens::{lens_of, pose_of};
 pub use pictures::{PictureTags, SceneCamera};
 pub use scene::Scene;
 pub use shown::{GraspMark, Shown, TagMark, base64};

@@ -6,7 +6,7 @@ use crate::link::{Link, SimulatedLink};
 use mcdpr_simulator::camera::{
     Body, Frame as Place, Lens, Optics, Scene as Surroundings, render_color,
 };
-use mcdpr_vision::{Camera, RgbImage};
+use mcdpr_vision::RgbImage;
 use nalgebra::Matrix3;
 
 /// The simulated camera on the platform: pictures of a [`Scene`] from wherever the platform is.
@@ -72,10 +72,16 @@ impl SceneCamera {
     #[must_use]
     pub fn smaller(mut self, share: f64) -> Self {
         let lens = &mut self.scene.lens;
-        for values in [&mut lens.size_px, &mut lens.focal_px, &mut lens.center_px] {
+        for values in [&mut lens.focal_px, &mut lens.center_px] {
             *values = values.map(|value| value * share);
         }
-        lens.size_px = lens.size_px.map(f64::round);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a picture's size"
+        )]
+        let scaled = |size: usize| (size as f64 * share).round() as usize;
+        lens.size_px = lens.size_px.map(scaled);
         self
     }
 
@@ -105,27 +111,14 @@ impl SceneCamera {
     /// The tags of the scene in a picture of this camera, in the order of their numbers.
     #[must_use]
     pub fn tags(&self, picture: &RgbImage, image_time_us: u64) -> Vec<TagView> {
-        let lens = self.lens();
-        let camera = Camera {
-            size_px: lens.size_px,
-            focal_px: lens.focal_px,
-            center_px: lens.center_px,
-            distortion: lens.distortion,
-        };
         let ids: Vec<u32> = self.scene.tags.iter().map(|tag| tag.id).collect();
-        views(picture, &camera, &ids, image_time_us)
+        views(picture, &self.scene.lens, &ids, image_time_us)
     }
 
     fn lens(&self) -> Lens {
         let lens = &self.scene.lens;
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a picture's size"
-        )]
-        let size_px = lens.size_px.map(|value| value.round() as usize);
         Lens {
-            size_px,
+            size_px: lens.size_px,
             focal_px: lens.focal_px,
             center_px: lens.center_px,
             distortion: lens.distortion,

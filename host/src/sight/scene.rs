@@ -1,10 +1,9 @@
 //! Where the tags of a simulated robot truly lie, and how its camera is truly mounted.
 
-use super::{lens_of, pose_of};
-use crate::calibration::data::{Camera, compose, inverse};
 use crate::calibration::simulate::Dice;
 use crate::robot::{Robot, Tag};
 use mcdpr_kinematics::Pose;
+use mcdpr_vision::Camera;
 use nalgebra::{Rotation3, Vector3};
 
 /// The true scene. No estimator sees it.
@@ -67,9 +66,8 @@ impl Scene {
         let shift = Vector3::from_fn(|_, _| dice.within(mounting_m));
         let turn = Vector3::from_fn(|_, _| dice.within(mounting_rad));
         Self {
-            lens: lens_of(&robot.camera),
-            camera_from_platform: pose_of(&robot.camera.camera_from_platform)
-                .displaced(&shift, &turn),
+            lens: robot.camera.lens,
+            camera_from_platform: robot.camera.camera_from_platform.displaced(&shift, &turn),
             tags: robot.tags.clone(),
             world_from_body,
         }
@@ -94,7 +92,7 @@ impl Scene {
         let scene = Self::of(robot, calibrated.simulated_seed?);
         let (number, place) = calibrated.world_from_body.first()?;
         let true_place = scene.body(*number)?;
-        Some(compose(&pose_of(place), &inverse(true_place)))
+        Some(place.compose(&true_place.inverse()))
     }
 
     /// The true place of a body of tags.

@@ -1,7 +1,7 @@
 //! Tags of the simulated robot at corner level: the plant's true pose, projected, with noise.
 
 use super::{Scene, SightError, TagSource, TagView};
-use crate::calibration::data::{compose, inverse};
+
 use crate::calibration::simulate::Dice;
 use crate::link::{Link, SimulatedLink};
 use mcdpr_kinematics::Pose;
@@ -52,10 +52,10 @@ impl TagSource for SimulatedTags {
             truth.pose.position_m.into(),
             Rotation3::from_matrix_unchecked(rotation),
         );
-        let camera_from_world = compose(
-            &self.scene.camera_from_platform,
-            &inverse(&world_from_platform),
-        );
+        let camera_from_world = self
+            .scene
+            .camera_from_platform
+            .compose(&world_from_platform.inverse());
         let variance = self.sigma_px * self.sigma_px;
         let image_time_us = self.link.now_us();
         let mut views = Vec::new();
@@ -63,7 +63,7 @@ impl TagSource for SimulatedTags {
             let Some(world_from_body) = self.scene.body(tag.body) else {
                 continue;
             };
-            let camera_from_body = compose(&camera_from_world, world_from_body);
+            let camera_from_body = camera_from_world.compose(world_from_body);
             let points = tag
                 .corners_in_body_m
                 .map(|corner| camera_from_body.transform(&corner));
@@ -73,9 +73,9 @@ impl TagSource for SimulatedTags {
             let mut corners_px = [[0.0; 2]; 4];
             let mut whole = true;
             for (slot, point) in corners_px.iter_mut().zip(&points) {
-                let seen = self.scene.lens.project(point);
+                let seen = self.scene.lens.projection(&(*point).into());
                 let inside = seen.filter(|p| {
-                    let [width, height] = self.scene.lens.size_px;
+                    let [width, height] = self.scene.lens.size_px.map(|size| size as f64);
                     (0.0..width).contains(&p.pixel.x) && (0.0..height).contains(&p.pixel.y)
                 });
                 match inside {
@@ -162,11 +162,14 @@ mod tests {
         let mut exact = SimulatedTags::new(link.clone(), tags.scene.clone(), 0.0, 0);
         let view = exact.look().unwrap()[0];
         let scene = tags.scene();
-        let square = (scene.tags[0].corners_in_body_m, view.corners_px);
+        let square = pnp::Square {
+            corners_in_body_m: scene.tags[0].corners_in_body_m,
+            corners_px: view.corners_px,
+        };
         let found = pnp::sightings_of(&scene.lens, &[square]);
         let body = scene.body(0).unwrap();
-        let camera = compose(body, &inverse(&found[0].camera_from_body));
-        let platform = compose(&camera, &scene.camera_from_platform);
+        let camera = body.compose(&found[0].camera_from_body.inverse());
+        let platform = camera.compose(&scene.camera_from_platform);
         let truth = link.with(|simulation| simulation.plant().truth().unwrap());
         let off = platform.position_m - Vector3::from(truth.pose.position_m);
         assert!(off.norm() < 1e-6, "{off}");

@@ -3,7 +3,7 @@
 
 use crate::experiment;
 use crate::link::{Client, ClientError, Link, LinkError, SimulatedLink};
-use crate::machine::{self, Mismatch};
+use crate::machine::{self, GearMismatch, Mismatch};
 use crate::motion::{Model, Task};
 use crate::record::witness::TruthTap;
 use crate::robot::Robot;
@@ -28,6 +28,8 @@ pub struct Change {
     pub sensor_zero_n: f64,
     /// Coulomb friction of every winch, N; `None` as the robot file says.
     pub friction_n: Option<f64>,
+    /// How far the gears are from what the robot file says.
+    pub gears: GearMismatch,
 }
 
 impl Default for Change {
@@ -39,6 +41,7 @@ impl Default for Change {
             sensor_gain: 0.0,
             sensor_zero_n: 0.0,
             friction_n: None,
+            gears: GearMismatch::default(),
         }
     }
 }
@@ -176,6 +179,8 @@ pub struct Trace {
     pub measured_n: Vec<f64>,
     /// Times of `measured_n`, s.
     pub measured_s: Vec<f64>,
+    /// Turn of the watched drum, as cable paid out, m.
+    pub drum_m: Vec<f64>,
     /// Motor current of the watched winch, A.
     pub current_a: Vec<f64>,
     /// Tool, world, m.
@@ -223,7 +228,11 @@ impl<'l> Bench<'l> {
     ) -> Result<Self, RunError> {
         let robot = &model.robot().clone();
         let home = experiment::home(&model)?;
-        let mut params = machine::plant_params(robot, &Mismatch::default(), seed);
+        let mismatch = Mismatch {
+            gears: change.gears,
+            ..Mismatch::default()
+        };
+        let mut params = machine::plant_params(robot, &mismatch, seed);
         change.apply(&mut params);
         let broken = |error: PlantError| RunError::Client(LinkError::from(error).into());
         let simulation = machine::simulate(
@@ -345,7 +354,7 @@ impl<'l> Bench<'l> {
         let at = knots.partition_point(|knot| knot.time_ms <= path_ms);
         let tension_n = |knot: &Knot| {
             let cable = knot.cables.get(self.watched);
-            cable.map_or(self.setpoint_n, |cable| f64::from(cable.tension.0) * 1e-3)
+            cable.map_or(self.setpoint_n, |cable| cable.tension.newtons())
         };
         match (at.checked_sub(1).and_then(|i| knots.get(i)), knots.get(at)) {
             (Some(a), Some(b)) => {
@@ -379,6 +388,8 @@ impl<'l> Bench<'l> {
                 .least_n
                 .push(winch.iter().copied().fold(f64::INFINITY, f64::min));
             let current = truth.motor_currents_a.get(self.watched);
+            let drum = truth.drum_positions_m.get(self.watched);
+            trace.drum_m.push(drum.copied().unwrap_or(0.0));
             trace.current_a.push(current.copied().unwrap_or(0.0));
             trace.tool_m.push(truth.tool_position_m);
         }

@@ -12,6 +12,7 @@ pub mod rig;
 mod study;
 mod task;
 pub mod tune;
+pub mod winch_study;
 
 pub use bench::{Bench, Change, Hand, Script, Trace};
 pub use draw::{Curve, draw};

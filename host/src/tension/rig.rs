@@ -4,12 +4,10 @@
 
 use crate::link::{Client, Link};
 use crate::machine;
+use crate::motion::knot;
 use crate::robot::{Control, LawKind, Robot};
 use crate::run::{self, Recorder, RunError};
-use mcdpr_protocol::{
-    CableKnot, Knot, List, MicrometresPerSecond, Millinewtons, PerCable, SessionId,
-    TenthMicrometres,
-};
+use mcdpr_protocol::{CableKnot, SessionId};
 
 /// Tension at which a cable counts as taken up, N: enough to lie in its pulleys.
 pub const TAKEN_UP_N: f64 = 1.0;
@@ -83,7 +81,7 @@ impl<L: Link> Rig<L> {
         let held = run::status(&mut client)?.setpoints;
         Ok(Self {
             client,
-            lengths_m: held.iter().map(|l| f64::from(l.0) * 1e-7).collect(),
+            lengths_m: held.iter().map(|l| l.metres()).collect(),
             tensions_n: tensions_n.to_vec(),
         })
     }
@@ -98,7 +96,7 @@ impl<L: Link> Rig<L> {
             return Err(RunError::Fault { record });
         }
         let tensions = status.tensions.iter();
-        Ok(tensions.map(|t| f64::from(t.0) * 1e-3).collect())
+        Ok(tensions.map(|t| t.newtons()).collect())
     }
 
     /// Reels cables in slowly until each has [`TAKEN_UP_N`], at most `stretches` times a second and
@@ -198,11 +196,7 @@ impl<L: Link> Rig<L> {
     /// Goes through tensions, each reached within its time, at rest at the end of each.
     fn go(&mut self, stages: &[(f64, Vec<f64>)]) -> Result<Recorder, RunError> {
         let status = run::status(&mut self.client)?;
-        let begin_m: Vec<f64> = status
-            .setpoints
-            .iter()
-            .map(|l| f64::from(l.0) * 1e-7)
-            .collect();
+        let begin_m: Vec<f64> = status.setpoints_m().collect();
         let whole_s: f64 = stages.iter().map(|(duration_s, _)| duration_s).sum();
         let mut knots = Vec::new();
         let mut add = |time_s: f64, tensions: &[f64]| {
@@ -211,18 +205,10 @@ impl<L: Link> Rig<L> {
                 .iter()
                 .zip(&self.lengths_m)
                 .map(|(a, b)| a + share * (b - a));
-            let cables = lengths.zip(tensions).map(|(length_m, &n)| CableKnot {
-                length: TenthMicrometres(rounded(length_m * 1e7)),
-                velocity: MicrometresPerSecond(0),
-                tension: Millinewtons(rounded(n.max(0.0) * 1e3)),
-            });
-            knots.push(Knot {
-                index: u16::try_from(knots.len()).unwrap_or(u16::MAX),
-                time_ms: rounded(time_s * 1e3).cast_unsigned(),
-                last: false,
-                cables: PerCable::collect(cables),
-                rows: List::new(),
-            });
+            let cables = lengths
+                .zip(tensions)
+                .map(|(length_m, &n)| CableKnot::from_si(length_m, 0.0, n.max(0.0)));
+            knots.push(knot::knot(knots.len(), knot::milliseconds(time_s), cables));
         };
         add(0.0, &self.tensions_n);
         let mut time_s = 0.0;
@@ -244,9 +230,7 @@ impl<L: Link> Rig<L> {
             time_s += duration_s;
             from = to;
         }
-        if let Some(knot) = knots.last_mut() {
-            knot.last = true;
-        }
+        knot::end(&mut knots);
         while self.client.next_event().is_some() {}
         let mut recorder = Recorder::default();
         run::follow(&mut self.client, &knots, &mut recorder, |_| {})?;
@@ -255,12 +239,4 @@ impl<L: Link> Rig<L> {
         }
         Ok(recorder)
     }
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "saturates far beyond any robot"
-)]
-fn rounded(value: f64) -> i32 {
-    value.round() as i32
 }

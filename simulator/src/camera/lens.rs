@@ -1,6 +1,9 @@
 //! The lens: from pixels to rays.
 
 /// A pinhole lens with radial and tangential distortion k1, k2, p1, p2, k3 (Brown, 1971).
+///
+/// The formulas are written here a second time, and inverted in another manner, on purpose: pictures
+/// of the simulator judge the camera model of the vision crate, which shares no code with them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// Width and height, px.

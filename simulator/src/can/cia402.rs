@@ -279,6 +279,7 @@ impl Cia402 {
             if next == Power::OperationEnabled {
                 let mode = match self.objects.get(0x6060, 0) {
                     8 => Mode::Position,
+                    9 => Mode::Velocity,
                     10 => Mode::Current,
                     _ => return Ok(()),
                 };
@@ -294,6 +295,12 @@ impl Cia402 {
                 let from = self.way.map_or(target, |(_, last, _)| last);
                 self.way = Some((from, target, at_us));
                 Ok(())
+            }
+            DriveState::Ready(Mode::Velocity) => {
+                let most = self.objects.get(0x6080, 0).min(0x7FFF) as i32;
+                let asked = self.objects.get(0x60FF, 0).cast_signed();
+                let rpm = asked.clamp(-most, most) as i16;
+                plant.command_drive(index, DriveCommand::Velocity { rpm })
             }
             DriveState::Ready(Mode::Current) => {
                 let most = self.objects.get(0x6072, 0).min(0x7FFF) as i32;

@@ -70,6 +70,7 @@ impl Objects {
         add(0x6077, 0, 2, 0, false);
         add(0x607A, 0, 4, 0, true);
         add(0x6080, 0, 4, 6000, true);
+        add(0x60FF, 0, 4, 0, true);
         add(0x60C2, 1, 1, 0, true);
         objects
     }

@@ -22,11 +22,11 @@ pub struct Feedback {
 impl Feedback {
     /// Saturating and wrapping conversions as the drive's own registers do them.
     #[allow(clippy::cast_possible_truncation)]
-    pub(crate) fn measure(drive: &Drive, drum_m: f64, drum_rate: f64, now_s: f64) -> Self {
+    pub(crate) fn measure(drive: &Drive, motor_m: f64, motor_rate: f64, now_s: f64) -> Self {
         Self {
             current_ma: (drive.current_a * 1e3).round() as i16,
-            rpm: drive.rpm(drum_rate).round() as i16,
-            counts: drive.counts(drum_m) as i64 as i32,
+            rpm: drive.rpm(motor_rate).round() as i16,
+            counts: drive.counts(motor_m) as i64 as i32,
             sequence: 0,
             measured_at_s: now_s,
         }
@@ -104,17 +104,17 @@ impl Port {
         bus_off: bool,
         fault: &DriveFault,
         drive: &mut Drive,
-        drum: (f64, f64),
+        motor: (f64, f64),
     ) {
         if now_s >= self.next_slot_s {
-            self.work_slot(now_s, bus, bus_off, fault, drive, drum);
+            self.work_slot(now_s, bus, bus_off, fault, drive, motor);
         }
         if let Some((at, command)) = self.to_drive
             && now_s >= at
         {
             self.to_drive = None;
             if !fault.ignores_commands {
-                drive.receive(command, now_s, drum.1);
+                drive.receive(command, now_s, motor.1);
             }
         }
         if let Some((at, feedback)) = self.to_board
@@ -133,7 +133,7 @@ impl Port {
         bus_off: bool,
         fault: &DriveFault,
         drive: &Drive,
-        drum: (f64, f64),
+        motor: (f64, f64),
     ) {
         self.slot += 1;
         #[allow(clippy::cast_precision_loss)]
@@ -155,7 +155,7 @@ impl Port {
         }
         if drive.answers() && !fault.silent {
             self.sequence = self.sequence.wrapping_add(1);
-            let mut feedback = Feedback::measure(drive, drum.0, drum.1, now_s);
+            let mut feedback = Feedback::measure(drive, motor.0, motor.1, now_s);
             feedback.sequence = self.sequence;
             self.to_board = Some((now_s + bus.latency_s - 1e-9, feedback));
         }

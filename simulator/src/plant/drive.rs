@@ -101,6 +101,7 @@ pub(crate) struct Drive {
     quantum_a: f64,
     current_share: f64,
     mass_kg: f64,
+    inner_share: f64,
     bandwidth: f64,
     speed_gain: f64,
     integral_gain: f64,
@@ -113,8 +114,8 @@ impl Drive {
     pub(crate) fn new(p: &WinchParams, step_s: f64) -> Self {
         let sign = f64::from(p.motor_sign);
         let d = &p.drive;
-        let mass_kg = p.effective_mass_kg();
-        let tuned_kg = mass_kg + d.tuned_load_kg;
+        let tuned_kg = p.effective_mass_kg() + d.tuned_load_kg;
+        let mass_kg = p.mass_on_drive_kg();
         let speed_gain = 4.0 * d.position_bandwidth_rad_s * tuned_kg;
         let strongest = p.max_current_a * p.force_per_ampere_n();
         Self {
@@ -137,6 +138,11 @@ impl Drive {
                 1.0
             },
             mass_kg,
+            inner_share: if d.inner_lag_s > 0.0 {
+                -(-step_s / d.inner_lag_s).exp_m1()
+            } else {
+                1.0
+            },
             bandwidth: d.position_bandwidth_rad_s,
             speed_gain,
             // A third of the position bandwidth: removes the sag under load, hardly overshoots.
@@ -163,22 +169,22 @@ impl Drive {
         self.set_point = SetPoint::None;
     }
 
-    /// Motor counts since the last reset for a drum displacement.
-    pub(crate) fn counts(&self, drum_m: f64) -> f64 {
-        (drum_m / self.metres_per_count - self.zero_counts).floor()
+    /// Motor counts since the last reset for a displacement of the motor.
+    pub(crate) fn counts(&self, motor_m: f64) -> f64 {
+        (motor_m / self.metres_per_count - self.zero_counts).floor()
     }
 
-    pub(crate) fn rpm(&self, drum_rate: f64) -> f64 {
-        drum_rate / self.mps_per_rpm
+    pub(crate) fn rpm(&self, motor_rate: f64) -> f64 {
+        motor_rate / self.mps_per_rpm
     }
 
     /// Lets time pass for the state; `late_s` is a fault that lengthens both waits.
     #[inline(always)]
-    pub(crate) fn tick(&mut self, now_s: f64, drum_m: f64, late_s: f64) {
+    pub(crate) fn tick(&mut self, now_s: f64, motor_m: f64, late_s: f64) {
         match self.state {
             DriveState::Resetting if now_s >= self.state_until_s + late_s => {
                 self.state = DriveState::Idle;
-                self.zero_counts = drum_m / self.metres_per_count;
+                self.zero_counts = motor_m / self.metres_per_count;
             }
             DriveState::Selecting(mode) if now_s >= self.state_until_s + late_s => {
                 self.state = DriveState::Ready(mode);
@@ -188,7 +194,7 @@ impl Drive {
     }
 
     /// A command arrives.
-    pub(crate) fn receive(&mut self, command: DriveCommand, now_s: f64, drum_rate: f64) {
+    pub(crate) fn receive(&mut self, command: DriveCommand, now_s: f64, motor_rate: f64) {
         if command == DriveCommand::Reset {
             self.state = DriveState::Resetting;
             self.state_until_s = now_s + self.reset_time_s;
@@ -224,12 +230,12 @@ impl Drive {
                     SetPoint::Current(stepped.clamp(-self.max_current_a, self.max_current_a));
             }
             (DriveCommand::Velocity { rpm }, DriveState::Ready(Mode::Velocity)) => {
-                self.start_loops(drum_rate);
+                self.start_loops(motor_rate);
                 let speed = f64::from(rpm) * self.mps_per_rpm;
                 self.set_point = SetPoint::Velocity(speed.clamp(-self.max_speed, self.max_speed));
             }
             (DriveCommand::Position { counts, rpm_limit }, DriveState::Ready(Mode::Position)) => {
-                self.start_loops(drum_rate);
+                self.start_loops(motor_rate);
                 // A count is 0.1 um at most; beyond 2^53 counts no cable reaches.
                 #[allow(clippy::cast_precision_loss)]
                 let counts = counts as f64;
@@ -242,18 +248,18 @@ impl Drive {
         }
     }
 
-    /// Bumpless start: the loops take over at the drum's present speed.
-    fn start_loops(&mut self, drum_rate: f64) {
+    /// Bumpless start: the loops take over at the motor's present speed.
+    fn start_loops(&mut self, motor_rate: f64) {
         if self.set_point == SetPoint::None {
-            self.speed_reference = drum_rate;
+            self.speed_reference = motor_rate;
             self.integral_n = 0.0;
         }
     }
 
-    /// Force of the motor at the cable over the next step of `h` seconds, given the drum's state
-    /// and the cable's pull on it.
+    /// Force of the motor at the cable over the next step of `h` seconds, given the motor's state
+    /// and what pulls on it.
     #[inline(always)]
-    pub(crate) fn force(&mut self, drum_m: f64, drum_rate: f64, pull_n: f64, h: f64) -> f64 {
+    pub(crate) fn force(&mut self, motor_m: f64, motor_rate: f64, pull_n: f64, h: f64) -> f64 {
         let goal = match self.set_point {
             SetPoint::None => {
                 if self.current_a != 0.0 {
@@ -264,14 +270,14 @@ impl Drive {
             SetPoint::Current(asked) => {
                 self.lag_toward(asked);
                 let force = self.current_a * self.force_per_ampere;
-                return force * self.headroom(drum_rate, force);
+                return force * self.headroom(motor_rate, force);
             }
             SetPoint::Velocity(speed) => speed,
             SetPoint::Position {
                 target_m,
                 speed_mps,
             } => {
-                let error = target_m - drum_m;
+                let error = target_m - motor_m;
                 // Proportional near the target, and never faster than it can stop.
                 let speed = (self.bandwidth * error.abs())
                     .min((2.0 * self.max_acceleration * error.abs()).sqrt())
@@ -284,20 +290,20 @@ impl Drive {
         // The speed loop is far faster than the step for a light drum: solve it implicitly.
         let hm = h / self.mass_kg;
         let drive = self.speed_gain * self.speed_reference + self.integral_n;
-        let speed_after = (drum_rate + hm * (pull_n + drive)) / (1.0 + hm * self.speed_gain);
+        let speed_after = (motor_rate + hm * (pull_n + drive)) / (1.0 + hm * self.speed_gain);
         let error = self.speed_reference - speed_after;
         let wanted = self.speed_gain * error + self.integral_n;
         let strongest = self.max_current_a * self.force_per_ampere.abs();
         let force = wanted.clamp(-strongest, strongest);
         if force == wanted {
             // The integral sees the measured speed: the forecast above knows no friction.
-            let missing = self.speed_reference - drum_rate;
+            let missing = self.speed_reference - motor_rate;
             self.integral_n =
                 (self.integral_n + self.integral_gain * missing * h).clamp(-strongest, strongest);
         }
-        let force = force * self.headroom(drum_rate, force);
-        self.current_a = force / self.force_per_ampere;
-        force
+        let wanted_a = force * self.headroom(motor_rate, force) / self.force_per_ampere;
+        self.current_a += (wanted_a - self.current_a) * self.inner_share;
+        self.current_a * self.force_per_ampere
     }
 
     #[inline(always)]
@@ -311,10 +317,10 @@ impl Drive {
     /// Share of the torque that the motor's back-EMF leaves at this speed: all up to the speed
     /// limit, none from 5 % above it, for torque along the motion.
     #[inline(always)]
-    fn headroom(&self, drum_rate: f64, force: f64) -> f64 {
-        if drum_rate * force <= 0.0 || drum_rate.abs() <= self.max_speed {
+    fn headroom(&self, motor_rate: f64, force: f64) -> f64 {
+        if motor_rate * force <= 0.0 || motor_rate.abs() <= self.max_speed {
             return 1.0;
         }
-        (1.0 - (drum_rate.abs() / self.max_speed - 1.0) / 0.05).max(0.0)
+        (1.0 - (motor_rate.abs() / self.max_speed - 1.0) / 0.05).max(0.0)
     }
 }

@@ -29,7 +29,8 @@ impl Plant {
         if self.powered && !self.faults.cables[cable].drive.ignores_commands {
             let now_s = self.time_s();
             let winch = &mut self.winches[cable];
-            winch.drive.receive(command, now_s, winch.drum_rate);
+            let motor_rate = winch.motor_rate();
+            winch.drive.receive(command, now_s, motor_rate);
         }
         Ok(())
     }
@@ -41,11 +42,10 @@ impl Plant {
     pub fn drive_feedback(&self, cable: usize) -> Result<Feedback, PlantError> {
         self.known(cable)?;
         let winch = &self.winches[cable];
-        let (drum_m, drum_rate) = (winch.drum_m, winch.drum_rate);
         Ok(Feedback::measure(
             &winch.drive,
-            drum_m,
-            drum_rate,
+            winch.motor_m(),
+            winch.motor_rate(),
             self.time_s(),
         ))
     }
@@ -191,6 +191,38 @@ impl Plant {
         ));
     }
 
+    /// A stiff hook catches the platform where it is, at `point_m` (platform frame), and holds it
+    /// there against motion along `along` (world, of any length but zero), or in every direction.
+    /// It stays until [`Plant::unhook`] or until the robot is placed again.
+    ///
+    /// # Errors
+    /// [`PlantError::Parameter`] if a value is not finite or the direction has no length.
+    pub fn hook(&mut self, point_m: [f64; 3], along: Option<[f64; 3]>) -> Result<(), PlantError> {
+        let length = along.map_or(1.0, super::vec3::norm);
+        let finite = point_m.into_iter().all(f64::is_finite) && length.is_finite();
+        if !finite || length < 1e-9 {
+            return Err(PlantError::Parameter {
+                name: "hook",
+                value: length,
+                rule: "a finite point and a direction that has a length",
+            });
+        }
+        let point = self.body.principal(point_m);
+        let rotation = super::vec3::q_matrix(self.motion.attitude);
+        let arm = super::vec3::mul(&rotation, point);
+        self.hook = Some(super::hook::Hook::new(
+            super::vec3::add(self.motion.center_m, arm),
+            point,
+            along.map(|along| super::vec3::scale(along, 1.0 / length)),
+        ));
+        Ok(())
+    }
+
+    /// The hook lets the platform go.
+    pub fn unhook(&mut self) {
+        self.hook = None;
+    }
+
     /// Breaks a cable for good (until the robot is placed again).
     ///
     /// # Errors
@@ -235,7 +267,7 @@ impl Plant {
                 rule: "0.5 to 2",
             });
         }
-        let drum_m = self.winches[cable].drum_m;
+        let drum_m = self.winches[cable].paid_out().length_m;
         let c = &mut self.cables[cable];
         c.unstretched_zero_m += (c.winding_gain - gain) * drum_m;
         c.winding_gain = gain;

@@ -28,6 +28,8 @@ mod cable;
 mod drive;
 mod error;
 mod faults;
+mod gear;
+mod hook;
 mod inputs;
 mod params;
 mod placing;
@@ -48,8 +50,8 @@ pub use drive::{DriveCommand, DriveState, Mode};
 pub use error::PlantError;
 pub use faults::{BrakeFault, CableFaults, DriveFault, EncoderFault, Faults, TensionFault};
 pub use params::{
-    BrakeParams, BusParams, CableParams, DriveParams, MAX_CABLES, PlantParams, PlatformParams,
-    Protocol, TensionSensorParams, WinchParams, box_inertia_kg_m2,
+    BrakeParams, BusParams, CableParams, DriveParams, GearParams, MAX_CABLES, PlantParams,
+    PlatformParams, Protocol, TensionSensorParams, WinchParams, box_inertia_kg_m2,
 };
 pub use platform::Pose;
 pub use sensors::{ADC_FULL_SCALE, ADC_REFERENCE_V, ADC_STEPS_PER_REFERENCE, Sensors};
@@ -78,6 +80,7 @@ pub struct Plant {
     weight_n: V3,
     load: Load,
     stand: Option<stand::Stand>,
+    hook: Option<hook::Hook>,
     hung_n: [Option<f64>; MAX_CABLES],
     e_stop: bool,
     gripper_closed: bool,
@@ -131,6 +134,7 @@ impl Plant {
             faults: Faults::default(),
             load: Load::default(),
             stand: None,
+            hook: None,
             hung_n: [None; MAX_CABLES],
             e_stop: false,
             gripper_closed: false,
@@ -273,7 +277,8 @@ impl Plant {
     fn is_finite(&self) -> bool {
         let m = &self.motion;
         let body = m.center_m.iter().chain(&m.velocity).chain(&m.attitude);
-        let drums = self.winches.iter().flat_map(|w| [w.drum_m, w.drum_rate]);
+        let winches = self.winches.iter();
+        let drums = winches.flat_map(|w| [w.drum_m, w.drum_rate, w.motor_m(), w.motor_rate()]);
         body.chain(&m.momentum)
             .copied()
             .chain(drums)
@@ -285,13 +290,13 @@ impl Plant {
         let now_s = self.time_s();
         for (i, (port, winch)) in self.ports.iter_mut().zip(&mut self.winches).enumerate() {
             let fault = &self.faults.cables[i].drive;
-            let drum = (winch.drum_m, winch.drum_rate);
+            let motor = (winch.motor_m(), winch.motor_rate());
             let late_s = if self.powered {
                 fault.late_s
             } else {
                 f64::INFINITY
             };
-            winch.drive.tick(now_s, winch.drum_m, late_s);
+            winch.drive.tick(now_s, motor.0, late_s);
             let bus_off = self.faults.bus_off || !self.powered;
             port.poll(
                 now_s,
@@ -299,16 +304,16 @@ impl Plant {
                 bus_off,
                 fault,
                 &mut winch.drive,
-                drum,
+                motor,
             );
         }
 
         let half = 0.5 * h;
         if !self.params.cables_attached {
             for (i, winch) in self.winches.iter_mut().enumerate() {
-                winch.drum_m += half * winch.drum_rate;
+                winch.drift(half);
                 winch.kick(0.0, now_s, h, &self.faults.cables[i].brake);
-                winch.drum_m += half * winch.drum_rate;
+                winch.drift(half);
             }
             self.steps += 1;
             return Ok(());
@@ -322,7 +327,8 @@ impl Plant {
             mul_t(&rotation, self.load.torque_nm),
         );
         for (i, (cable, winch)) in self.cables.iter_mut().zip(&mut self.winches).enumerate() {
-            winch.drum_m += half * winch.drum_rate;
+            winch.drift(half);
+            let off_drum = winch.paid_out();
             let arm = mul(&rotation, cable.attachment);
             let path = cable.path(add(self.motion.center_m, arm), i)?;
             let velocity = add(
@@ -330,11 +336,12 @@ impl Plant {
                 mul(&rotation, cross(spin, cable.attachment)),
             );
             let rate = dot(path.direction, velocity);
-            if cable.exhausted(winch.drum_m) {
+            if cable.exhausted(off_drum.length_m) {
                 return Err(PlantError::Exhausted { cable: i });
             }
-            cable.tension = cable.tension(path.length_m, rate, winch.drum_m, winch.drum_rate);
-            cable.rub(winch.drum_m);
+            cable.tension =
+                cable.tension(path.length_m, rate, off_drum.length_m, off_drum.rate_mps);
+            cable.rub(off_drum.length_m);
             let Tension {
                 platform_n,
                 winch_n,
@@ -347,14 +354,23 @@ impl Plant {
             force = add(force, pull);
             torque = add(torque, cross(cable.attachment, mul_t(&rotation, pull)));
             let fault = &self.faults.cables[i].brake;
-            winch.kick(cable.force_on_drum(winch_n), now_s, h, fault);
-            winch.drum_m += half * winch.drum_rate;
+            let pull_n = off_drum.lever * cable.force_on_drum(winch_n);
+            winch.kick(pull_n, now_s, h, fault);
+            winch.drift(half);
         }
         if let Some(stand) = &self.stand {
             let (center, velocity) = (self.motion.center_m, self.motion.velocity);
             let (push, turn) = stand.push(center, velocity, &rotation, spin);
             force = add(force, push);
             torque = add(torque, mul_t(&rotation, turn));
+        }
+        if let Some(hook) = &self.hook {
+            let arm = mul(&rotation, hook.point);
+            let moves = mul(&rotation, cross(spin, hook.point));
+            let at_m = add(self.motion.center_m, arm);
+            let pull = hook.pull(at_m, add(self.motion.velocity, moves));
+            force = add(force, pull);
+            torque = add(torque, cross(hook.point, mul_t(&rotation, pull)));
         }
         self.motion.kick(&self.body, force, torque, h);
         self.motion.drift(&self.body, half);

@@ -50,6 +50,7 @@ impl Plant {
             self.winches[i] = Winch::new(&self.params.winches[i], self.params.step_s);
             self.ports[i] = Port::new(i, count, &self.params.bus);
         }
+        self.hook = None;
         self.motion = motion;
         self.steps = 0;
         self.target_s = 0.0;

@@ -33,6 +33,8 @@ pub struct Truth {
     pub drum_positions_m: [f64; MAX_CABLES],
     /// Pay-out speed of each drum (m/s).
     pub drum_speeds_mps: [f64; MAX_CABLES],
+    /// Motor displacements, as cable at the drum (m); the drums' own where nothing lies between.
+    pub motor_positions_m: [f64; MAX_CABLES],
     /// Motor current of each winch (A).
     pub motor_currents_a: [f64; MAX_CABLES],
     /// Whether each brake is engaged.
@@ -69,6 +71,7 @@ impl Plant {
             tensions_winch_n: [0.0; MAX_CABLES],
             drum_positions_m: [0.0; MAX_CABLES],
             drum_speeds_mps: [0.0; MAX_CABLES],
+            motor_positions_m: [0.0; MAX_CABLES],
             motor_currents_a: [0.0; MAX_CABLES],
             brakes_closed: [false; MAX_CABLES],
             energy_j: motion.kinetic_energy(&self.body)
@@ -82,19 +85,20 @@ impl Plant {
                 mul(&rotation, cross(spin, cable.attachment)),
             );
             let rate = dot(path.direction, velocity);
+            let off_drum = winch.paid_out();
             let tension: Tension =
-                cable.tension(path.length_m, rate, winch.drum_m, winch.drum_rate);
+                cable.tension(path.length_m, rate, off_drum.length_m, off_drum.rate_mps);
             truth.cable_lengths_m[i] = path.length_m;
             truth.unstretched_lengths_m[i] =
-                cable.unstretched_m(winch.drum_m) - self.params.cables[i].routing_length_m;
+                cable.unstretched_m(off_drum.length_m) - self.params.cables[i].routing_length_m;
             truth.tensions_platform_n[i] = tension.platform_n;
             truth.tensions_winch_n[i] = tension.winch_n;
             truth.drum_positions_m[i] = winch.drum_m;
             truth.drum_speeds_mps[i] = winch.drum_rate;
+            truth.motor_positions_m[i] = winch.motor_m();
             truth.motor_currents_a[i] = winch.drive.current_a;
             truth.brakes_closed[i] = winch.brake.engaged;
-            truth.energy_j += cable.energy(&tension, winch.drum_m)
-                + 0.5 * winch.mass_kg * winch.drum_rate * winch.drum_rate;
+            truth.energy_j += cable.energy(&tension, off_drum.length_m) + winch.energy_j();
         }
         Ok(truth)
     }

@@ -1,7 +1,7 @@
 //! The ranges that the plant's parameters must keep.
 
 use super::error::PlantError;
-use super::params::{CableParams, MAX_CABLES, PlantParams, WinchParams};
+use super::params::{CableParams, GearParams, MAX_CABLES, PlantParams, WinchParams};
 use super::vec3::{cross, dot, norm, symmetric_eigen};
 
 impl PlantParams {
@@ -44,6 +44,7 @@ impl PlantParams {
         for (i, (cable, winch)) in self.cables.iter().zip(&self.winches).enumerate() {
             cable.validate(i)?;
             winch.validate(i)?;
+            winch.validate_shaft(i, self.step_s)?;
         }
         Ok(())
     }
@@ -162,6 +163,7 @@ impl WinchParams {
                 Positive,
             ),
             ("tuned_load_kg", drive.tuned_load_kg, NotNegative),
+            ("inner_lag_s", drive.inner_lag_s, NotNegative),
             ("current_lag_s", drive.current_lag_s, NotNegative),
             ("current_quantum_a", drive.current_quantum_a, NotNegative),
             ("reset_time_s", drive.reset_time_s, NotNegative),
@@ -185,6 +187,78 @@ impl WinchParams {
                     rule: "+1 or -1",
                 });
             }
+        }
+        // A drum that is farther out of its axis than a tenth is no drum.
+        let most = 0.1 * self.drum_radius_m;
+        if !(0.0..=most).contains(&self.eccentricity_m) || !self.eccentric_rad.is_finite() {
+            return Err(PlantError::CableParameter {
+                cable,
+                name: "eccentricity_m",
+                value: self.eccentricity_m,
+                rule: "0 to a tenth of drum_radius_m, at a finite eccentric_rad",
+            });
+        }
+        self.gear
+            .as_ref()
+            .map_or(Ok(()), |gear| gear.validate(cable))
+    }
+
+    /// Motor and drum on their shaft must be slow enough for the step.
+    fn validate_shaft(&self, cable: usize, step_s: f64) -> Result<(), PlantError> {
+        let Some(gear) = &self.gear else {
+            return Ok(());
+        };
+        require_of(
+            cable,
+            "rotor_inertia_kg_m2 of a winch with a gear",
+            self.rotor_inertia_kg_m2,
+            Rule::Positive,
+        )?;
+        let stiffness = self.shaft_stiffness_n_per_m(gear);
+        let per_mass = 1.0 / self.drum_mass_kg + 1.0 / self.rotor_mass_kg();
+        if stiffness * per_mass * step_s * step_s > 1.0 {
+            return Err(PlantError::CableParameter {
+                cable,
+                name: "stiffness_nm_per_rad",
+                value: gear.stiffness_nm_per_rad,
+                rule: "low enough for the step: k (1/drum + 1/rotor) step^2 at most 1",
+            });
+        }
+        Ok(())
+    }
+}
+
+impl GearParams {
+    fn validate(&self, cable: usize) -> Result<(), PlantError> {
+        use Rule::{NotNegative, Positive, UpTo};
+        for (name, value, rule) in [
+            ("rotor_friction_nm", self.rotor_friction_nm, NotNegative),
+            ("gear_friction_nm", self.gear_friction_nm, NotNegative),
+            (
+                "static_friction - 1",
+                self.static_friction - 1.0,
+                NotNegative,
+            ),
+            ("stribeck_rpm", self.stribeck_rpm, Positive),
+            ("viscous_nm_per_rpm", self.viscous_nm_per_rpm, NotNegative),
+            ("efficiency_driving", self.efficiency_driving, Positive),
+            (
+                "efficiency_driving",
+                self.efficiency_driving,
+                UpTo(1.0, "above 0, to 1"),
+            ),
+            (
+                "efficiency_driven",
+                self.efficiency_driven,
+                UpTo(1.0, "0 to 1"),
+            ),
+            ("play_rad", self.play_rad, UpTo(1.0, "0 to 1")),
+            ("stiffness_nm_per_rad", self.stiffness_nm_per_rad, Positive),
+            ("cogging_nm", self.cogging_nm, NotNegative),
+            ("cold_friction - 1", self.cold_friction - 1.0, NotNegative),
+            ("warming_s", self.warming_s, Positive),
+        ] {
+            require_of(cable, name, value, rule)?;
         }
         Ok(())
     }

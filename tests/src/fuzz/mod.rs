@@ -4,6 +4,7 @@
 
 pub mod files;
 pub mod mutate;
+pub mod planning;
 pub mod wire;
 
 /// The control core's own bench: a server with a small plant on its pins.

@@ -58,6 +58,13 @@ impl Serve {
     }
 }
 
+impl Serve {
+    /// Whether the program still runs.
+    pub fn runs(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(None))
+    }
+}
+
 impl Drop for Serve {
     fn drop(&mut self) {
         let _ = self.child.kill();
@@ -211,6 +218,48 @@ impl Page {
                 panic!("not true within {patience:?}: {expression}\nthe page knows {live}");
             }
             std::thread::yield_now();
+        }
+    }
+
+    /// A key of a real keyboard, down (with what the browser does then) or up.
+    pub fn key(&mut self, key: &str, down: bool) {
+        let code = match key {
+            " " => 32,
+            "Escape" => 27,
+            "Enter" => 13,
+            "ArrowRight" => 39,
+            _ => u32::from(key.to_ascii_uppercase().as_bytes()[0]),
+        };
+        let mut params = json!({
+            "type": if down { "keyDown" } else { "keyUp" },
+            "key": key,
+            "windowsVirtualKeyCode": code,
+        });
+        if down && (key.len() == 1 || key == "Enter") {
+            params["text"] = json!(if key == "Enter" { "\r" } else { key });
+        }
+        self.call("Input.dispatchKeyEvent", params);
+    }
+
+    /// A key that is pressed and let go.
+    pub fn press(&mut self, key: &str) {
+        self.key(key, true);
+        self.key(key, false);
+    }
+
+    /// A click of a real mouse in the middle of an element.
+    pub fn click(&mut self, selector: &str) {
+        let at = format!(
+            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: \
+             'center' }}); const b = e.getBoundingClientRect(); \
+             return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
+        );
+        let at = self.run(&at);
+        for kind in ["mousePressed", "mouseReleased"] {
+            let params = json!({
+                "type": kind, "x": at[0], "y": at[1], "button": "left", "clickCount": 1,
+            });
+            self.call("Input.dispatchMouseEvent", params);
         }
     }
 

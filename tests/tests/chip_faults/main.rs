@@ -5,6 +5,7 @@
 //! `cargo xtask test` builds the file and says where it is. The board tells its state over the line:
 //! some ms of every time here are the telling.
 
+mod floods;
 mod processor;
 mod reactions;
 mod refusals;

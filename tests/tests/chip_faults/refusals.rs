@@ -22,7 +22,7 @@ fn rejected(result: Result<Reply, ClientError>, why: fn(&Reject) -> bool, what: 
 }
 
 /// Sends bytes and gives the answers that come within 30 ms.
-fn ask(link: &mut SimulatedLink, bytes: &[u8]) -> Vec<Answer> {
+pub(super) fn ask(link: &mut SimulatedLink, bytes: &[u8]) -> Vec<Answer> {
     link.send(bytes).unwrap();
     let until = link.now_us() + 30_000;
     let mut received = Vec::new();

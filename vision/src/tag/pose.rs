@@ -250,13 +250,14 @@ fn linearise(camera: &Camera, rows: &[Row], pose: &Isometry3<f64>) -> Option<Nor
     let mut right = SVector::<f64, 6>::zeros();
     let mut cost = 0.0;
     for row in rows {
-        let (pixel, slope) = camera.project_with_slope(&(pose * row.point))?;
+        let seen = camera.projection(&(pose * row.point))?;
+        let slope = seen.by_point;
         let arm = pose.rotation * row.point.coords;
         let mut by = SMatrix::<f64, 2, 6>::zeros();
         by.fixed_columns_mut::<3>(0)
             .copy_from(&(-slope * arm.cross_matrix()));
         by.fixed_columns_mut::<3>(3).copy_from(&slope);
-        let off = row.pixel - pixel;
+        let off = row.pixel - seen.pixel;
         normal += by.transpose() * row.weight * by;
         right += by.transpose() * row.weight * off;
         cost += off.dot(&(row.weight * off));

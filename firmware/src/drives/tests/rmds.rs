@@ -156,3 +156,30 @@ fn a_bus_that_is_off_is_told() {
     bench.port.state = BusState::Passive;
     assert!(bench.tick(ENABLE).iter().all(|drive| !drive.bus_off));
 }
+
+#[test]
+fn a_drive_that_is_told_a_speed_enters_the_speed_mode() {
+    let mut bench = Bench::new(DriveKind::Rmds);
+    bench.active.cables[1].output = TensionOutput::Speed;
+    let enable = [DriveDemand::EnablePosition, DriveDemand::EnableSpeed];
+    for tick in 0..1100 {
+        if tick >= 515 {
+            feed(&mut bench);
+        }
+        bench.tick(if tick < 520 { OFF } else { enable });
+    }
+    let frames = bench.sent();
+    let told = hex(&frames);
+    assert_eq!(told[5], "051 03 55 55 55 55 55 55 55");
+    // -300 rpm (0xFED4) at the whole voltage, 5000 (0x1388).
+    let demands = [OFF[0], DriveDemand::Speed { rpm: -300 }];
+    for _ in 0..2 {
+        bench.tick(demands);
+    }
+    let frames = bench.sent();
+    let told = hex(&frames);
+    assert!(
+        told.iter().any(|f| f == "054 13 88 FE D4 55 55 55 55"),
+        "{told:?}"
+    );
+}

@@ -376,7 +376,7 @@ impl<L: Link> Session<'_, L> {
     fn turn_back(&mut self, stopped: StopKind, seen: &Recorder) -> Result<(), CollectError> {
         let status = run::status(&mut self.client)?;
         let there = if stopped == StopKind::Hold {
-            let commanded = status.setpoints.iter().map(|l| f64::from(l.0) * 1e-7);
+            let commanded = status.setpoints_m();
             let commanded_m: Vec<f64> = commanded.collect();
             let newtons = guard::mean_n(&seen.samples);
             self.model.rest_from_lengths(&commanded_m, &newtons)?
@@ -414,7 +414,7 @@ impl<L: Link> Session<'_, L> {
         self.offsets_m = pairs
             .zip(&self.model.robot().cables)
             .map(|((setpoint, planned), cable)| match cable.control {
-                Control::Position => f64::from(setpoint.0) * 1e-7 - planned,
+                Control::Position => setpoint.metres() - planned,
                 Control::Tension => 0.0,
             })
             .collect();
@@ -438,8 +438,8 @@ fn slowest_s(model: &Model, rest: &Rest) -> f64 {
 
 /// Lengths (m) and tensions (N) that a board reports.
 fn measured(status: &Status) -> (Vec<f64>, Vec<f64>) {
-    let lengths = status.lengths.iter().map(|l| f64::from(l.0) * 1e-7);
-    let tensions = status.tensions.iter().map(|t| f64::from(t.0) * 1e-3);
+    let lengths = status.lengths_m();
+    let tensions = status.tensions_n();
     (lengths.collect(), tensions.collect())
 }
 

@@ -316,7 +316,7 @@ fn rim_in_view(data: &Data, view: &View) -> bool {
     let rim_px = (b[0] - a[0]).hypot(b[1] - a[1]) / 8.0;
     let inside = |corner: &[f64; 2]| {
         let mut axes = corner.iter().zip(&data.camera.size_px);
-        axes.all(|(at, size)| (rim_px..=size - rim_px).contains(at))
+        axes.all(|(at, size)| (rim_px..=*size as f64 - rim_px).contains(at))
     };
     view.corners_px.iter().all(inside)
 }

@@ -147,7 +147,7 @@ fn seen(model: &Model, still: &Still, near: &Vector3<f64>) -> Option<Pose> {
         places: places
             .map(|(body, pose)| TagPlace {
                 body: *body,
-                world_from_body: crate::sight::pose_of(pose),
+                world_from_body: *pose,
             })
             .collect(),
     };

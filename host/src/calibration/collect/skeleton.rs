@@ -1,14 +1,15 @@
 //! Calibration data of a robot file, to which poses are added as they are measured.
 
-use super::super::data::{Camera, Data, Noise, NominalRobot, Origin, Tag, View, compose, inverse};
+use super::super::data::{Data, Noise, NominalRobot, Origin, Tag, View};
 use super::super::plan::Candidate;
 use super::super::pnp::{Square, sightings_of};
+use super::super::space::Limits;
 use super::{CollectError, Still, observation, still};
 use crate::motion::Rest;
 use crate::report::utc_stamp;
 use crate::robot::Robot;
-use crate::sight::{lens_of, pose_of};
 use mcdpr_kinematics::{Cable, Pose};
+use mcdpr_vision::Camera;
 
 /// Noise of the encoders as used here: counts of 0.03 mm and how cable lies on a drum, m.
 const ENCODER_M: f64 = 2e-5;
@@ -143,17 +144,20 @@ impl Sketch {
             .filter_map(|(id, corners_px)| {
                 let mut tags = self.robot.tags.iter();
                 let tag = tags.find(|tag| tag.id == *id && tag.body == number)?;
-                Some((tag.corners_in_body_m, *corners_px))
+                Some(Square {
+                    corners_in_body_m: tag.corners_in_body_m,
+                    corners_px: *corners_px,
+                })
             })
             .collect();
         let camera_from_platform = self.data.camera_from_platform;
-        let world_from_camera = compose(near, &inverse(&camera_from_platform));
+        let world_from_camera = near.compose(&camera_from_platform.inverse());
         // Of two that look alike, the one that lies more level: tags lie on floors and tables.
         let found = sightings_of(&self.data.camera, &on_body);
         let level = |pose: &Pose| pose.rotation.matrix()[(2, 2)].abs();
         let place = found
             .iter()
-            .map(|s| compose(&world_from_camera, &s.camera_from_body))
+            .map(|s| world_from_camera.compose(&s.camera_from_body))
             .max_by(|a, b| level(a).total_cmp(&level(b)))?;
         let index = self.bodies.len();
         self.bodies.push(number);
@@ -179,12 +183,17 @@ impl Sketch {
                 .views
                 .iter()
                 .filter(|v| data.tags.get(v.tag).is_some_and(|t| t.body == tag.body))
-                .filter_map(|v| Some((data.tags.get(v.tag)?.corners_in_body_m, v.corners_px)))
+                .filter_map(|v| {
+                    Some(Square {
+                        corners_in_body_m: data.tags.get(v.tag)?.corners_in_body_m,
+                        corners_px: v.corners_px,
+                    })
+                })
                 .collect();
             let found = sightings_of(&data.camera, &squares);
-            let camera = inverse(&found.first()?.camera_from_body);
-            let world_from_camera = compose(data.world_from_body.get(tag.body)?, &camera);
-            Some(compose(&world_from_camera, &data.camera_from_platform))
+            let camera = found.first()?.camera_from_body.inverse();
+            let world_from_camera = data.world_from_body.get(tag.body)?.compose(&camera);
+            Some(world_from_camera.compose(&data.camera_from_platform))
         };
         data.poses
             .iter()
@@ -222,8 +231,26 @@ pub fn of_this_robot(robot: &Robot, hash: u32, data: &Data) -> Result<(), Collec
     }
 }
 
+/// The robot file's limits, its box moved from the tool to the platform's origin above it.
+fn limits(robot: &Robot) -> Limits {
+    let corners = robot.search_box_in_world_m();
+    let winches = robot.winches.iter().map(|winch| winch.tension_max_n);
+    let most_n = winches.fold(robot.limits.tension_max_n, f64::min);
+    // Slack cables cannot be planned for, whatever the file allows.
+    let least_n = robot.limits.tension_min_n.max(0.01 * most_n);
+    Limits {
+        box_in_world_m: corners.map(|corner| corner - robot.tool.tcp_in_platform_m),
+        tension_n: [least_n, most_n],
+        held_n: [
+            robot.tension.floor_n.max(least_n),
+            robot.tension.ceiling_n.min(most_n),
+        ],
+        tilt_max_rad: robot.limits.tilt_max_rad,
+    }
+}
+
 fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
-    let camera: Camera = lens_of(&robot.camera);
+    let camera: Camera = robot.camera.lens;
     let ea: Vec<f64> = robot.cables.iter().map(|cable| cable.ea_n).collect();
     let origin = Origin {
         robot: robot.name.clone(),
@@ -250,6 +277,7 @@ fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
             home: 0,
             routing_m: robot.cables.iter().map(|c| c.routing_length_m).collect(),
             compliance_per_n: ea.iter().map(|ea| 1.0 / ea).sum::<f64>() / ea.len().max(1) as f64,
+            limits: Some(limits(robot)),
         },
         camera,
         tags: Vec::new(),
@@ -259,7 +287,7 @@ fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
             tension_n: Some(TENSION_N),
         },
         world_from_body: Vec::new(),
-        camera_from_platform: pose_of(&robot.camera.camera_from_platform),
+        camera_from_platform: robot.camera.camera_from_platform,
         poses: Vec::new(),
         at_rest: true,
         holdout: Vec::new(),

@@ -3,11 +3,10 @@
 
 use super::reach::Reach;
 use crate::motion::Rest;
+use crate::motion::knot;
 use crate::motion::spline::{Ends, Spline};
 use crate::robot::Robot;
-use mcdpr_protocol::{
-    CableKnot, Knot, List, MicrometresPerSecond, Millinewtons, PerCable, TenthMicrometres,
-};
+use mcdpr_protocol::Knot;
 use nalgebra::Vector3;
 
 /// Share of the drives' speed that is used.
@@ -150,7 +149,7 @@ fn knots(
     }
     let segments = (duration_s / KNOT_S).ceil().max(8.0) as usize;
     let ms: Vec<u32> = (0..=segments)
-        .map(|k| (k as f64 * duration_s / segments as f64 * 1e3).round() as u32)
+        .map(|k| knot::milliseconds(k as f64 * duration_s / segments as f64))
         .collect();
     let end_ms = f64::from(*ms.last()?);
     let times: Vec<f64> = ms.iter().map(|ms| f64::from(*ms) * 1e-3).collect();
@@ -169,38 +168,15 @@ fn knots(
         .collect::<Option<_>>()?;
     let mut knots = Vec::with_capacity(states.len());
     for (k, state) in states.iter().enumerate() {
-        let cables = splines
-            .iter()
-            .zip(state.tensions_n())
-            .map(|(spline, tension)| {
-                let knot = spline.knots().get(k);
-                CableKnot {
-                    length: TenthMicrometres(rounded(knot.map_or(0.0, |k| k.value) * 1e7)),
-                    velocity: MicrometresPerSecond(rounded(knot.map_or(0.0, |k| k.velocity) * 1e6)),
-                    tension: Millinewtons(rounded(tension * 1e3)),
-                }
-            });
-        knots.push(Knot {
-            index: u16::try_from(k).ok()?,
-            time_ms: ms[k],
-            last: k + 1 == states.len(),
-            cables: PerCable::collect(cables),
-            // How lengths and tensions must fit together is what is to be found out.
-            rows: List::default(),
-        });
+        // No residual rows: how lengths and tensions must fit together is what is to be found out.
+        let cables = knot::on_splines(&splines, k, state.tensions_n());
+        knots.push(knot::knot(k, ms[k], cables));
     }
+    knot::end(&mut knots);
     Some(Way {
         knots,
         duration_s: end_ms * 1e-3,
     })
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "saturates beyond any robot"
-)]
-fn rounded(value: f64) -> i32 {
-    value.round() as i32
 }
 
 #[cfg(test)]

@@ -117,6 +117,10 @@ impl Solve {
                     wanted.then(|| Robot::find(&common.robot)).transpose()?,
                 )
             }
+            None if common.dry_run => {
+                let words = "calibrate` without `--data";
+                return Err(crate::cli::dry::refusal(words).into());
+            }
             None => {
                 let robot = Robot::find(&common.robot)?;
                 let data = self.how.run(&robot, &data_path(&common.robot), common)?;
@@ -219,13 +223,15 @@ fn show(data: &Data, answer: &Answer) {
             further.camera.center_px[1],
             further.camera.distortion[0]
         );
-        if let Some((mass, center, compliance, _)) = &further.statics {
+        if let Some(statics) = &further.statics {
+            let center = statics.center_of_mass_m;
             say!(
-                "mass {mass:.4} kg, centre of mass {:.2} {:.2} {:.2} mm, 1/EA {:.2} per MN",
+                "mass {:.4} kg, centre of mass {:.2} {:.2} {:.2} mm, 1/EA {:.2} per MN",
+                statics.mass_kg,
                 center.x * 1e3,
                 center.y * 1e3,
                 center.z * 1e3,
-                compliance * 1e6
+                statics.compliance_per_n * 1e6
             );
         }
     }
@@ -247,17 +253,19 @@ fn show(data: &Data, answer: &Answer) {
         say!("not observable: {words}");
     }
     show_map(answer);
-    if let Some((pose, cable, tension, [before, after])) = &answer.next {
-        let p = pose.position_m * 1e3;
+    if let Some(next) = &answer.next {
+        let p = next.pose.position_m * 1e3;
+        let [without, with] = next.expected_error_m;
         say!(
-            "one more pose at {:.0} {:.0} {:.0} mm with cable {} at {tension:.1} N would take the expected \
+            "one more pose at {:.0} {:.0} {:.0} mm with cable {} at {:.1} N would take the expected \
              error over the reachable poses from {:.2} to {:.2} mm",
             p.x,
             p.y,
             p.z,
-            cable + 1,
-            before * 1e3,
-            after * 1e3
+            next.held + 1,
+            next.tension_n,
+            without * 1e3,
+            with * 1e3
         );
     }
     const SHOWN: usize = 20;

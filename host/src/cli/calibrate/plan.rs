@@ -1,6 +1,7 @@
 //! `mcdpr calibrate plan`: which poses to measure.
 
 use crate::calibration::plan::{candidates, choose, work_poses};
+use crate::calibration::space::Space;
 use crate::calibration::{Data, Options, Refusal};
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
@@ -89,12 +90,21 @@ impl Cmd {
         seed: u64,
     ) -> Result<(usize, crate::calibration::plan::Plan), Refusal> {
         let data = Data::from_json(text)?;
-        let all = candidates(&data, self.candidates, seed).ok_or_else(|| Refusal::Field {
-            path: "robot".to_owned(),
-            what: "poses can be planned for four cables only".to_owned(),
-        })?;
-        let work = work_poses(&data, 100, seed).unwrap_or_default();
-        let plan = choose(&data, &all, &work, self.poses.into(), &Options::default());
+        let space = Space::of(&data);
+        let all =
+            candidates(&data, &space, self.candidates, seed).ok_or_else(|| Refusal::Field {
+                path: "robot".to_owned(),
+                what: "poses can be planned for four cables only".to_owned(),
+            })?;
+        let work = work_poses(&data, &space, 100, seed).unwrap_or_default();
+        let plan = choose(
+            &data,
+            &space,
+            &all,
+            &work,
+            self.poses.into(),
+            &Options::default(),
+        );
         let plan = plan.ok_or_else(|| Refusal::TooFewPoses {
             got: all.len(),
             total: self.candidates,

@@ -56,6 +56,13 @@ struct NoCable {
     count: usize,
 }
 
+/// Readings from a file.
+fn readings(path: &std::path::Path) -> miette::Result<Vec<Reading>> {
+    let what = format!("reading {}", path.display());
+    let text = crate::files::read_text(path).map_err(Failed::from_error(&what))?;
+    Ok(parse(&text)?)
+}
+
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = Robot::find(&common.robot)?;
@@ -66,13 +73,12 @@ impl Cmd {
             count: robot.cables.len(),
         })?;
         let name = format!("tension-sensor-{}", self.cable);
+        if common.dry_run {
+            return self.judged(common);
+        }
         let folder = RunFolder::create(common.record.as_deref(), &name).into_diagnostic()?;
         let readings = match &self.data {
-            Some(path) => {
-                let what = format!("reading {}", path.display());
-                let text = crate::files::read_text(path).map_err(Failed::from_error(&what))?;
-                parse(&text)?
-            }
+            Some(path) => readings(path)?,
             None => {
                 let common = Common {
                     record: Some(folder.path().to_owned()),
@@ -83,6 +89,25 @@ impl Cmd {
         };
         let fit = fit(&readings)?;
         self.report(&robot, &fit, &folder, common)
+    }
+
+    /// The fit of readings from a file; nothing is written.
+    fn judged(&self, common: &Common) -> Outcome {
+        let Some(path) = &self.data else {
+            let words = "calibrate tension` without `--data";
+            return Err(crate::cli::dry::refusal(words).into());
+        };
+        let fit = fit(&readings(path)?)?;
+        if common.json {
+            return print_json(&fit);
+        }
+        say!(
+            "gain {:.4} +- {:.4} N/V, zero {:.4} V; nothing was written",
+            fit.gain_n_per_v,
+            fit.gain_error_n_per_v,
+            fit.zero_v
+        );
+        Ok(())
     }
 
     /// Reads the channel under every weight, on record.

@@ -7,8 +7,8 @@ use crate::robot::Robot;
 use crate::sight::{Scene, SceneCamera};
 use mcdpr_simulator::camera::{Cell, Frame as Place, Order, Rgbd, Tray};
 use mcdpr_vision::live::{LiveWriter, now_s};
-use mcdpr_vision::{Camera, Cameras, DepthImage, Image, RgbImage, SourceError};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use mcdpr_vision::{Cameras, DepthImage, Image, RgbImage, SourceError};
+use nalgebra::Isometry3;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
@@ -199,12 +199,7 @@ impl Maker {
 const UNIT_M: f64 = 1e-4;
 
 fn tags(scene: Scene, seed: u64) -> (Lens, Cameras, f64) {
-    let color = Camera {
-        size_px: scene.lens.size_px.map(|size| size.round() as usize),
-        focal_px: scene.lens.focal_px,
-        center_px: scene.lens.center_px,
-        distortion: scene.lens.distortion,
-    };
+    let color = scene.lens;
     let cameras = Cameras {
         color,
         depth: color,
@@ -215,11 +210,7 @@ fn tags(scene: Scene, seed: u64) -> (Lens, Cameras, f64) {
 }
 
 fn tray(robot: &Robot, scene: &Scene, seed: u64) -> (Lens, Cameras, f64) {
-    let mounted = &scene.camera_from_platform;
-    let camera_from_platform = Isometry3::from_parts(
-        Translation3::from(mounted.position_m),
-        UnitQuaternion::from_rotation_matrix(&mounted.rotation),
-    );
+    let camera_from_platform = Isometry3::from(scene.camera_from_platform);
     let rgbd = workcell::d415(robot, &camera_from_platform.inverse());
     let cameras = workcell::cameras_of(&rgbd);
     (Lens::Tray(Box::new(rgbd), seed), cameras, UNIT_M)

@@ -1,7 +1,10 @@
 //! `mcdpr study WHAT`: the figures of the documents, simulated again over many seeds.
 
+mod demo;
 mod motion;
+mod real;
 mod tension;
+mod winch;
 
 use super::{Common, Outcome};
 
@@ -14,15 +17,21 @@ pub(crate) struct Cmd {
 
 #[derive(Debug, clap::Subcommand)]
 enum Which {
+    Demo(demo::Cmd),
     Motion(motion::Cmd),
+    Real(real::Cmd),
     Tension(tension::Cmd),
+    Winch(winch::Cmd),
 }
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         match &self.which {
+            Which::Demo(cmd) => cmd.run(common),
             Which::Motion(cmd) => cmd.run(common),
+            Which::Real(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),
+            Which::Winch(cmd) => cmd.run(common),
         }
     }
 }

@@ -19,7 +19,7 @@ impl Cmd {
         let (light, geared) = (Robot::find("lab-direct")?, Robot::find("paper-table5")?);
         let table = study(&light, &geared, seeds)?;
         let text = serde_json::to_string(&table).map_err(Failed::from_error("the result"))?;
-        let hash = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(text.as_bytes());
+        let hash = mcdpr_protocol::frame::crc32(text.as_bytes());
         if common.json {
             return print_json(&serde_json::json!({
                 "study": "tension",

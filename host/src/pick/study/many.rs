@@ -231,9 +231,7 @@ const MOST_KEPT_BYTES: u64 = 1 << 30;
 /// CRC-32 of the program's own file: another build may pick another way.
 fn program_crc() -> u32 {
     let file = std::env::current_exe().and_then(std::fs::read);
-    file.map_or(0, |bytes| {
-        crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes)
-    })
+    file.map_or(0, |bytes| mcdpr_protocol::frame::crc32(&bytes))
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@ use super::Picker;
 use crate::link::Link;
 use crate::pick::PickError;
 use crate::pick::arm::isometry;
-use crate::pick::choose::of_transform;
 use crate::pick::mat::MatSight;
 use mcdpr_vision::RgbImage;
 use nalgebra::{Isometry3, Vector3};
@@ -14,6 +13,13 @@ const REACHED_M: f64 = 2e-4;
 /// What is off by more is not corrected, m.
 const CORRECTED_MAX_M: f64 = 0.025;
 
+/// Where the platform was when a picture was taken, by the mat in it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ByMat {
+    pub world_from_platform: Isometry3<f64>,
+    pub sight: MatSight,
+}
+
 impl<L: Link> Picker<'_, L> {
     /// The platform's place when a picture was taken, by the mat in it. The first picture also tells
     /// where the mat is: what `by_lengths` is off by is then the same everywhere, and harmless.
@@ -21,7 +27,7 @@ impl<L: Link> Picker<'_, L> {
         &mut self,
         picture: &RgbImage,
         by_lengths: &Isometry3<f64>,
-    ) -> Result<Option<(Isometry3<f64>, MatSight)>, PickError> {
+    ) -> Result<Option<ByMat>, PickError> {
         let Some(mat) = self.options.mat.as_ref() else {
             return Ok(None);
         };
@@ -31,11 +37,14 @@ impl<L: Link> Picker<'_, L> {
         };
         let camera = &self.arm.model().robot().camera;
         let platform_from_mat =
-            of_transform(&camera.camera_from_platform).inverse() * sight.camera_from_mat;
+            Isometry3::from(camera.camera_from_platform).inverse() * sight.camera_from_mat;
         let world_from_mat = *self
             .world_from_mat
             .get_or_insert(by_lengths * platform_from_mat);
-        Ok(Some((world_from_mat * platform_from_mat.inverse(), sight)))
+        Ok(Some(ByMat {
+            world_from_platform: world_from_mat * platform_from_mat.inverse(),
+            sight,
+        }))
     }
 
     /// Where the tool hangs: by the mat, or by lengths and tensions and what the mat last said of
@@ -48,9 +57,9 @@ impl<L: Link> Picker<'_, L> {
             let picture = self.arm.until(|| eye.poll_color())??;
             let tool = self.arm.model().robot().tool.tcp_in_platform_m;
             let by_mat = self.platform_by_mat(&picture, &isometry(&rest))?;
-            self.last_sight = by_mat.map(|(_, sight)| sight);
-            if let Some((platform, _)) = by_mat {
-                let seen = (platform * nalgebra::Point3::from(tool)).coords;
+            self.last_sight = by_mat.map(|by_mat| by_mat.sight);
+            if let Some(by_mat) = by_mat {
+                let seen = (by_mat.world_from_platform * nalgebra::Point3::from(tool)).coords;
                 self.seen_off_m = seen - by_lengths;
             }
         }

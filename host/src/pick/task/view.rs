@@ -3,7 +3,7 @@
 use super::Picker;
 use crate::link::Link;
 use crate::pick::PickError;
-use crate::pick::choose::{Choices, choose, of_transform};
+use crate::pick::choose::{Choices, choose};
 use crate::pick::mat::MatSight;
 use crate::pick::task::{CALM_S, Watcher};
 use crate::sight::{GraspMark, Shown};
@@ -15,13 +15,21 @@ use std::sync::Arc;
 /// Distances that differ by this share from what the mat says are of another unit or another camera.
 const SCALE_MAX: f64 = 0.1;
 
+/// What a picture of the tray holds.
+pub(super) enum Viewed {
+    /// Grasps: how many there are, and those that the robot can do.
+    Grasps { count: usize, choices: Choices },
+    /// None, for this reason.
+    Nothing(NoGrasp),
+}
+
 impl<L: Link> Picker<'_, L> {
     /// Takes one picture: how many grasps are in it, and those that the robot can do.
     pub(super) fn view(
         &mut self,
         probe: &mut Option<[f64; 3]>,
         watcher: &mut dyn Watcher,
-    ) -> Result<Result<(usize, Choices), NoGrasp>, PickError> {
+    ) -> Result<Viewed, PickError> {
         self.arm.wait(CALM_S)?;
         let by_lengths = self.arm.world_from_platform()?;
         let eye = &mut *self.eye;
@@ -29,11 +37,11 @@ impl<L: Link> Picker<'_, L> {
         watcher.pictured();
         self.views += 1;
         let by_mat = self.platform_by_mat(&frame.color, &by_lengths)?;
-        self.sights.push(by_mat.map(|(_, sight)| sight));
-        let world_from_platform = by_mat.map_or(by_lengths, |(platform, _)| platform);
+        self.sights.push(by_mat.map(|by_mat| by_mat.sight));
+        let world_from_platform = by_mat.map_or(by_lengths, |by_mat| by_mat.world_from_platform);
         let picture = self.arm.meanwhile(|_| align(&frame))?;
         let robot = self.arm.model().robot();
-        let platform_from_camera = of_transform(&robot.camera.camera_from_platform).inverse();
+        let platform_from_camera = Isometry3::from(robot.camera.camera_from_platform).inverse();
         let world_from_camera = world_from_platform * platform_from_camera;
         let options = self.options;
         if let (None, Some(pixel)) = (&probe, options.probe_px) {
@@ -56,15 +64,15 @@ impl<L: Link> Picker<'_, L> {
         };
         let map = match self.arm.meanwhile(|_| HeightMap::new(&picture))? {
             Ok(map) => map,
-            Err(reason) => return Ok(Err(reason)),
+            Err(reason) => return Ok(Viewed::Nothing(reason)),
         };
-        if let Some((_, sight)) = &by_mat {
-            agree(&map.camera_from_map, sight)?;
+        if let Some(by_mat) = &by_mat {
+            agree(&map.camera_from_map, &by_mat.sight)?;
         }
         let detector = &mut *self.detector;
         let grasps = match self.arm.meanwhile(|_| detector.detect(&picture, &wanted))? {
             Ok(grasps) => grasps,
-            Err(reason) => return Ok(Err(reason)),
+            Err(reason) => return Ok(Viewed::Nothing(reason)),
         };
         let mut choices = self.arm.meanwhile(|model| {
             let (hand, turns) = (&options.hand, options.turns);
@@ -90,7 +98,10 @@ impl<L: Link> Picker<'_, L> {
         if shown.grasp.is_some() {
             watcher.looked(&shown);
         }
-        Ok(Ok((grasps.len(), choices)))
+        Ok(Viewed::Grasps {
+            count: grasps.len(),
+            choices,
+        })
     }
 }
 

@@ -178,17 +178,17 @@ fn golden_messages_name_file_line_key_and_remedy() {
         ),
         (
             add("[tension]\nceiling_n = 100\n"),
-            "my/robot.toml:10: [tension]: `ceiling_n` 100 N is above tension_max_n 39.13 N of [limits]",
+            "my/robot.toml:10: [tension]: `ceiling_n` 100 N is above tension_max_n 34.8",
             "lower ceiling_n",
         ),
         (
             add("[limits]\ntension_min_n = 50\n"),
-            "my/robot.toml:10: [limits]: `tension_min_n` 50 N is not below tension_max_n 39.13 N",
+            "my/robot.toml:10: [limits]: `tension_min_n` 50 N is not below tension_max_n 34.8",
             "lower tension_min_n",
         ),
         (
             add("[[winch]]\n[[winch]]\n[limits]\ntension_max_n = 60\n"),
-            "my/robot.toml:12: [limits]: `tension_max_n` 60 N is more than the weakest tension sensor reads, 39.13 N",
+            "my/robot.toml:12: [limits]: `tension_max_n` 60 N is more than the weakest tension sensor can be trusted to show, 34.8",
             "[[winch]]",
         ),
         (

@@ -1,7 +1,7 @@
 //! The firmware's `DriveBus` and the simulated drives, over the simulated wires.
 
 use super::{BusState, DriveLine, DriveState, Mode, Plant, PlantParams, Protocol};
-use mcdpr_firmware::config::{Active, ConfigStore};
+use mcdpr_firmware::config::{Active, ConfigStore, TensionOutput};
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::{DriveDemand, Inputs, Outputs};
 use mcdpr_protocol::config::config_hash;
@@ -29,7 +29,8 @@ fn value(key: CableKey) -> i32 {
         CableKey::MaxCurrentMa => 1000,
         CableKey::ForcePerCurrent => -185_000,
         CableKey::TensionGain => 12_770,
-        CableKey::TensionMax | CableKey::TensionCeiling => 39_130,
+        CableKey::TensionMax => 39_130,
+        CableKey::TensionCeiling => 34_000,
         CableKey::TensionFilterMhz => 30_000,
         CableKey::BrakeCloseMs => 30,
         CableKey::FollowingError => 1000,
@@ -388,5 +389,33 @@ fn a_schedule_over_seventy_percent_is_refused_by_the_board() {
         if let Err(refusal) = built {
             assert!(refusal.contains("ConfigValue { key: 4 }"), "{refusal}");
         }
+    }
+}
+
+#[test]
+fn drives_of_both_kinds_turn_at_the_speed_that_they_are_told() {
+    let enable = [ENABLE[0], ENABLE[1], ENABLE[2], DriveDemand::EnableSpeed];
+    for protocol in BOTH {
+        let mut bench = Bench::new(protocol);
+        bench.active.cables[3].output = TensionOutput::Speed;
+        bench.run(1200, OFF);
+        bench.run(700, enable);
+        assert_eq!(bench.ready(), [true; 4], "{protocol:?}");
+        let state = bench.plant.drive_state(3).expect("cable");
+        assert_eq!(state, DriveState::Ready(Mode::Velocity), "{protocol:?}");
+        bench.plant.set_brake(3, false).expect("cable");
+        let mut demands = hold(&bench);
+        demands[3] = DriveDemand::Speed { rpm: -400 };
+        let before = bench.inputs.drives[3].counts;
+        bench.run(500, demands);
+        // 400 rpm of 4096 counts for half a second are 13,650. The platform swings while its cable
+        // is hauled in, and the load changes by 4 N five times a second: the speed loop gives way
+        // by up to a quarter.
+        let way = before - bench.inputs.drives[3].counts;
+        assert!((10_000..14_500).contains(&way), "{protocol:?} {way}");
+        demands[3] = DriveDemand::Speed { rpm: 0 };
+        bench.run(300, demands);
+        let rest = bench.inputs.drives[3];
+        assert!(rest.rpm.abs() <= 150, "{protocol:?} {rest:?}");
     }
 }

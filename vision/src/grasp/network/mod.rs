@@ -11,13 +11,13 @@ pub use maps::{Head, Maps, Peak, blurred};
 use super::{Closing, Detector, Grasp, HeightMap, NoGrasp, Wanted};
 use crate::align::Aligned;
 use nalgebra::{Point3, Vector2, Vector3};
-use std::fmt::Display;
+use rten::{Dimension, Model, RunError, Value};
+use rten_tensor::prelude::*;
+use rten_tensor::{NdTensor, Tensor};
+use std::fmt::{Debug, Display, Formatter};
 use std::path::Path;
 use std::sync::Arc;
 use thiserror::Error;
-use tract_onnx::prelude::*;
-use tract_onnx::tract_hir::infer::Factoid as _;
-use tract_onnx::tract_hir::internal::DimLike as _;
 
 /// Why a network cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -62,12 +62,23 @@ pub enum NetworkError {
     },
 }
 
+/// Most bytes of a network's file.
+const MOST_BYTES: u64 = 1 << 30;
+
 /// A grasp network.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Network {
-    plan: Arc<TypedRunnableModel>,
+    model: Arc<Model>,
     head: Head,
     name: String,
+}
+
+impl Debug for Network {
+    fn fmt(&self, out: &mut Formatter<'_>) -> std::fmt::Result {
+        let mut out = out.debug_struct("Network");
+        out.field("head", &self.head).field("name", &self.name);
+        out.finish_non_exhaustive()
+    }
 }
 
 impl Network {
@@ -77,19 +88,18 @@ impl Network {
     /// [`NetworkError`].
     pub fn load(path: &Path, head: Head) -> Result<Self, NetworkError> {
         let name = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|error| unreadable(&name, &error))?;
+        let bytes =
+            crate::input::read(path, MOST_BYTES).map_err(|error| unreadable(&name, &error))?;
         Self::read(&bytes, head, &name)
     }
 
-    /// As [`Network::load`], from the bytes of a file.
+    /// As [`Network::load`], from the bytes of a file. Runs the network once, on zeros: an ONNX
+    /// file need not state the shapes of its outputs.
     ///
     /// # Errors
     /// [`NetworkError`].
-    pub fn read(mut bytes: &[u8], head: Head, name: &str) -> Result<Self, NetworkError> {
-        let failed = |error: TractError| unreadable(name, &format!("{error:#}"));
-        let model = tract_onnx::onnx()
-            .model_for_read(&mut bytes)
-            .map_err(failed)?;
+    pub fn read(bytes: &[u8], head: Head, name: &str) -> Result<Self, NetworkError> {
+        let model = Model::load(bytes.to_vec()).map_err(|error| unreadable(name, &error))?;
         let count = |what, found, wanted| {
             if found == wanted {
                 return Ok(());
@@ -102,70 +112,85 @@ impl Network {
                 head: head.name(),
             })
         };
-        count("inputs", model.inputs.len(), 1)?;
-        count("outputs", model.outputs.len(), head.outputs().len())?;
+        count("inputs", model.input_ids().len(), 1)?;
+        count("outputs", model.output_ids().len(), head.outputs().len())?;
+        let shape = |what: String, found: String, wanted: String| NetworkError::Shape {
+            name: name.to_owned(),
+            what,
+            found,
+            wanted,
+            head: head.name(),
+        };
         let input = head.input();
-        let declared = model.input_fact(0).map_err(failed)?.shape.clone();
-        let fits = declared.rank().concretize().is_none_or(|rank| {
-            rank == 4
-                && declared.dims().zip(input).all(|(dim, wanted)| {
-                    dim.concretize()
-                        .and_then(|dim| dim.to_usize().ok())
-                        .is_none_or(|dim| dim == wanted)
-                })
-        });
-        if !fits {
-            return Err(NetworkError::Shape {
-                name: name.to_owned(),
-                what: "the input".to_owned(),
-                found: format!("{declared:?}"),
-                wanted: format!("{input:?}"),
-                head: head.name(),
-            });
+        let declared = model.input_shape(0).unwrap_or_default();
+        let fits = |(dimension, wanted): (&Dimension, usize)| match dimension {
+            Dimension::Fixed(size) => *size == wanted,
+            Dimension::Symbolic(_) => true,
+        };
+        if !declared.is_empty()
+            && (declared.len() != input.len() || !declared.iter().zip(input).all(fits))
+        {
+            let (found, wanted) = (shape_of(&declared), format!("{input:?}"));
+            return Err(shape("the input".to_owned(), found, wanted));
         }
-        let model = model
-            .with_input_fact(0, f32::fact(input).into())
-            .map_err(failed)?
-            .into_optimized()
-            .map_err(failed)?;
-        for (index, wanted) in head.outputs().iter().enumerate() {
-            let fact = model.output_fact(index).map_err(failed)?;
-            let found: Option<Vec<usize>> = fact.shape.as_concrete().map(<[usize]>::to_vec);
-            let is_float = fact.datum_type == f32::datum_type();
-            if found.as_deref() != Some(wanted.as_slice()) || !is_float {
-                return Err(NetworkError::Shape {
-                    name: name.to_owned(),
-                    what: format!("output {}", index + 1),
-                    found: format!("{:?} of {:?}", fact.shape, fact.datum_type),
-                    wanted: format!("{wanted:?} of F32"),
-                    head: head.name(),
-                });
-            }
-        }
-        Ok(Self {
-            plan: model.into_runnable().map_err(failed)?,
+        let network = Self {
+            model: Arc::new(model),
             head,
             name: name.to_owned(),
-        })
+        };
+        let zeros = vec![0.0; input.iter().product()];
+        let outputs = network
+            .infer(&zeros)
+            .map_err(|error| unreadable(name, &error))?;
+        for (index, (output, wanted)) in outputs.into_iter().zip(head.outputs()).enumerate() {
+            let kind = output.dtype();
+            let found = output.into_tensor::<f32>().map(|map| map.shape().to_vec());
+            if found.as_deref() != Some(wanted.as_slice()) {
+                let found = match found {
+                    Some(found) => format!("{found:?} of f32"),
+                    None => format!("values of {kind}"),
+                };
+                let what = format!("output {}", index + 1);
+                return Err(shape(what, found, format!("{wanted:?} of f32")));
+            }
+        }
+        Ok(network)
     }
 
-    /// What the network makes of its own input ([`Head::prepare`]), before any smoothing.
+    /// The raw output of the network for its own input ([`Head::prepare`]), before any smoothing.
     ///
     /// # Errors
-    /// Where it fails, or gives numbers that its head cannot.
+    /// If the network fails, or gives numbers that its head cannot give.
     pub fn run(&self, input: &[f32]) -> Result<Maps, NoGrasp> {
-        let failed = |error: TractError| NoGrasp::Network(format!("{}: {error:#}", self.name));
-        let tensor = Tensor::from_shape(&self.head.input(), input).map_err(failed)?;
-        let given = self.plan.run(tvec!(tensor.into())).map_err(failed)?;
+        let failed = |reason: &dyn Display| NoGrasp::Network(format!("{}: {reason}", self.name));
+        let given = self.infer(input).map_err(|error| failed(&error))?;
         let mut outputs = Vec::new();
-        for output in &given {
-            let view = output.to_plain_array_view::<f32>().map_err(failed)?;
-            outputs.push(view.iter().copied().collect::<Vec<f32>>());
+        for output in given {
+            let map: Option<Tensor<f32>> = output.into_tensor();
+            let map = map.ok_or_else(|| failed(&"an output is no longer of f32"))?;
+            outputs.push(map.to_vec());
         }
-        self.head
-            .decode(&outputs)
-            .map_err(|reason| NoGrasp::Network(format!("{}: {reason}", self.name)))
+        self.head.decode(&outputs).map_err(|reason| failed(&reason))
     }
+
+    fn infer(&self, input: &[f32]) -> Result<Vec<Value>, RunError> {
+        let tensor = NdTensor::from_data(self.head.input(), input.to_vec());
+        let inputs = self.model.input_ids().iter().take(1);
+        let inputs = inputs.map(|id| (*id, tensor.clone().into())).collect();
+        self.model.run(inputs, self.model.output_ids(), None)
+    }
+}
+
+/// A shape as a file declares it, unknown sizes by their names.
+fn shape_of(declared: &[Dimension]) -> String {
+    let sizes: Vec<_> = declared
+        .iter()
+        .map(|dimension| match dimension {
+            Dimension::Fixed(size) => size.to_string(),
+            Dimension::Symbolic(name) => name.clone(),
+        })
+        .collect();
+    format!("[{}]", sizes.join(", "))
 }
 
 fn unreadable(name: &str, reason: &dyn Display) -> NetworkError {

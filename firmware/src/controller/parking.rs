@@ -1,0 +1,94 @@
+//! A robot that hangs on its brakes: what can still go wrong there is latched and told. Nothing is
+//! switched on for it.
+
+use super::{Controller, Event, FaultId, Inputs, Limit, slowest_brake_ms};
+use crate::watch::CableView;
+
+/// Ticks that drums have for coming to rest after their brakes have closed.
+const REST_TICKS: u16 = 50;
+/// A drum that turns by more than this many times four encoder counts does not stand.
+const MOST_FOURS: i32 = 2;
+
+/// What is known of a robot that hangs on its brakes.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Parked {
+    /// It was held by its drives before, and nobody has said since that its lengths are others:
+    /// what its drums and sensors show is a robot that hangs.
+    hangs: bool,
+    /// Ticks since torque went.
+    ticks: u16,
+}
+
+impl<const N: usize> Controller<N> {
+    /// The robot is held by its drives.
+    pub(super) const fn hangs(&mut self) {
+        self.parked.hangs = true;
+    }
+
+    /// Its lengths are told anew, or its drums turn one by one: it may stand anywhere.
+    pub(super) const fn forget_parked(&mut self) {
+        self.parked.hangs = false;
+    }
+
+    /// Torque goes, or is off.
+    pub(super) fn park(&mut self) {
+        self.parked.ticks = 0;
+        for cable in &mut self.cables {
+            cable.watch = crate::watch::CableWatch::default();
+        }
+    }
+
+    /// Looks at a robot without torque.
+    #[inline(never)]
+    pub(super) fn watch_parked(&mut self, inputs: &Inputs<N>) {
+        let taking = self.store.is_taking();
+        let Some(active) = self.active.as_ref().filter(|_| !taking) else {
+            return;
+        };
+        if !self.parked.hangs {
+            return;
+        }
+        let rests = slowest_brake_ms(active) + REST_TICKS;
+        self.parked.ticks = self.parked.ticks.saturating_add(1);
+        let settled = self.parked.ticks > rests;
+        let mut found = None;
+        let cables = self.cables.iter_mut().zip(&active.cables);
+        for (number, ((cable, config), &adc)) in (1_u8..).zip(cables.zip(&inputs.tension_adc)) {
+            if !settled {
+                cable.target.length = cable.length;
+            }
+            let turned = cable.length.saturating_sub(cable.target.length);
+            let most = MOST_FOURS * config.four_counts;
+            let fault = if cable.lost {
+                Some((FaultId::S6, 0, 0))
+            } else if turned.unsigned_abs() > most.unsigned_abs() {
+                Some((FaultId::B2, turned / 10, most / 10))
+            } else {
+                let view = CableView {
+                    adc,
+                    tension_mn: cable.tension_mn,
+                    floor_mn: config.floor_mn,
+                    ceiling_mn: config.ceiling_mn,
+                    expected_mn: cable.tension_mn,
+                    length_error_max: 1,
+                    feedback_timeout_ms: u16::MAX,
+                    polarity_way: i32::MAX,
+                    ..CableView::default()
+                };
+                cable.watch.update(&view).filter(|_| settled)
+            };
+            // Somebody may lift the platform: that is no fault.
+            let slack = cable.watch.slackens();
+            if slack {
+                self.limits.insert(Limit::CableSlack);
+            }
+            found = found.or(fault
+                .filter(|(fault, ..)| *fault != FaultId::C1)
+                .map(|(fault, value, limit)| (fault, number, value, limit)));
+        }
+        if let Some((fault, cable, value, limit)) = found {
+            self.latch_fault(fault, cable, value, limit);
+            self.raise(Event::Emergency);
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Over-tension (C2): the path ends at once, no drum reels in any more, and each lets its cable out
+//! as long as it is pulled too hard. Brakes wait for it: closed earlier, they would keep it so.
+
+use super::{Cable, Control, Controller, Inputs, Target, is_plausible};
+use crate::config::CableConfig;
+use crate::fixed::{quotient, saturate};
+use crate::tension::ADC_RAIL_HIGH;
+
+/// Speed at which a cable is let out, µm/s for each 2 mN that it is over its goal: with a cable of
+/// 40 N/mm the excess is gone within 10 ms or so.
+const LET_OUT_UMPS: i64 = 5;
+/// Farthest that a length-held cable is let out, 0.1 µm: a sensor that shows too much must not
+/// let the load down.
+const LET_OUT_MOST: i32 = 100_000;
+/// Speed of a tension-held drum follows what it shall be within about this many microseconds.
+const FOLLOW_US: i32 = 20_000;
+/// Ticks that every cable must have been under its limit before brakes close.
+const CALM_TICKS: u16 = 20;
+/// Ticks after which brakes close whatever is pulled: whoever pulls is stronger.
+const LONGEST_TICKS: u16 = 2000;
+/// A drum that turns slower than this, µm/s, stands.
+const STANDS_UMPS: i32 = 3000;
+
+/// Time until a drum that is told to stop no longer pulls, µs: the command on its way, and what the
+/// motor needs for the drum's mass.
+pub(super) fn horizon_us(config: &CableConfig, speed_umps: i32) -> i32 {
+    let reels_in = speed_umps.saturating_neg().max(0);
+    let stops_us = (i64::from(reels_in) * i64::from(config.stop_q16)) >> 16;
+    saturate(i64::from(config.lead_us) + stops_us)
+}
+
+impl Cable {
+    /// Tension at which letting out ends, mN: well under the ceiling, but not under the plan.
+    fn goal_mn(&self, config: &CableConfig) -> i32 {
+        let most = config.ceiling_mn - config.ceiling_mn / 8;
+        let planned = self.setpoint_mn.min(most);
+        (config.ceiling_mn - config.ceiling_mn / 4).max(planned)
+    }
+
+    /// Lets out for a tick; whether the cable is under its limit and its drum stands.
+    fn let_out(&mut self, config: &CableConfig, adc: u16) -> bool {
+        let is_tension = is_plausible(adc) || (adc >= ADC_RAIL_HIGH && self.watch.rose_to_rail());
+        self.letting_umps = 0;
+        self.target.speed_umps = 0;
+        if self.abandoned | self.blind | !is_tension {
+            return true;
+        }
+        let rise = i64::from(self.watch.rise_mn(self.tension_mn).max(0));
+        let horizon = i64::from(horizon_us(config, self.speed_umps));
+        let coming = saturate(i64::from(self.tension_mn) + quotient::<1000>(rise * horizon));
+        let goal = self.goal_mn(config);
+        let over = i64::from(coming.saturating_sub(goal).max(0));
+        let speed = (over * LET_OUT_UMPS) >> 1;
+        let speed = saturate(speed).min(config.max_speed_umps);
+        if self.give < LET_OUT_MOST {
+            self.letting_umps = speed;
+            self.target.speed_umps = speed;
+            // µm/s are 0.01 of 0.1 µm per tick.
+            let step = saturate(quotient::<100>(i64::from(speed)));
+            self.give = self.give.saturating_add(step);
+            self.target.length = self.target.length.saturating_add(step);
+        }
+        (coming <= config.ceiling_mn) & (self.speed_umps.abs() <= STANDS_UMPS)
+    }
+
+    /// Drum force of a tension-held cable that is relieved, mN: the cable's own, so that the drum is
+    /// balanced, and what brings it to the speed at which it lets out. It reels nothing in.
+    pub(super) fn relief_mn(&self, config: &CableConfig) -> i32 {
+        let too_slow = i64::from(self.letting_umps) - i64::from(self.speed_umps);
+        // g times µm/s over µs is mN.
+        let push = quotient::<FOLLOW_US>(i64::from(config.mass_g) * too_slow);
+        let goal = self.goal_mn(config);
+        let balance = self.tension_mn.clamp(0, goal);
+        saturate(i64::from(balance) - push).clamp(-config.most_force_mn, goal)
+    }
+}
+
+impl<const N: usize> Controller<N> {
+    /// The path is over: from now on drums only let out.
+    pub(super) fn relieve(&mut self) {
+        if self.relieving {
+            return;
+        }
+        self.relieving = true;
+        self.calm_ticks = 0;
+        // What they expect is a point of the path.
+        self.rows = Default::default();
+        for cable in &mut self.cables {
+            cable.give = 0;
+            cable.target = Target {
+                length: cable.length,
+                ..Target::default()
+            };
+        }
+    }
+
+    /// Relieves all cables for a tick; whether brakes may close.
+    pub(super) fn let_out(&mut self, inputs: &Inputs<N>) -> bool {
+        let Some(active) = &self.active else {
+            return true;
+        };
+        let mut calm = true;
+        let cables = self.cables.iter_mut().zip(&active.cables);
+        for ((cable, config), &adc) in cables.zip(&inputs.tension_adc) {
+            calm &= cable.let_out(config, adc);
+            if config.control == Control::Tension {
+                cable.target.length = cable.length;
+            }
+        }
+        self.calm_ticks = if calm { self.calm_ticks + 1 } else { 0 };
+        self.calm_ticks >= CALM_TICKS || self.stopping >= LONGEST_TICKS
+    }
+}

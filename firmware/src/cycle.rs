@@ -1,0 +1,158 @@
+//! What a board does once a millisecond, on the chip and in the simulator alike.
+//!
+//! Order within a tick: read; find stops; step; apply; one request; tell. Inputs are read first, at
+//! a constant time after the tick's start. Stops are found next among all bytes that came since the
+//! last tick, so that one that has arrived acts in this tick, whatever waits before it on the line.
+//! Requests come after the outputs and act from the next tick on.
+
+use crate::io::{Board, Inputs};
+use crate::link::TickEnds;
+use crate::server::Server;
+use mcdpr_protocol::stop::StopFinder;
+use mcdpr_protocol::{Reply, Tick};
+
+/// The control core with what it needs from tick to tick.
+#[derive(Debug)]
+pub struct Cycle<const N: usize> {
+    server: Server<N>,
+    /// What was read in this tick; here, so that it is not made anew in each.
+    inputs: Inputs<N>,
+    finder: StopFinder,
+    /// Number of the byte that is to be searched next.
+    searched: u32,
+    /// Number of the byte behind the last stop that was found, until what came before it has been
+    /// executed.
+    stop_at: Option<u32>,
+    /// The last tick executed a request.
+    executed_before: bool,
+}
+
+impl<const N: usize> Cycle<N> {
+    /// A board that just started; `simulated` is what it says about itself.
+    #[must_use]
+    pub fn new(simulated: bool) -> Self {
+        Self {
+            server: Server::new(simulated),
+            inputs: Inputs::default(),
+            finder: StopFinder::default(),
+            searched: 0,
+            stop_at: None,
+            executed_before: false,
+        }
+    }
+
+    /// The core behind its sessions.
+    #[must_use]
+    pub const fn server(&self) -> &Server<N> {
+        &self.server
+    }
+
+    /// See [`Server::start_in_fault`]. Before the first tick.
+    pub fn start_in_fault(&mut self, fault: mcdpr_protocol::FaultId) {
+        self.server.start_in_fault(fault);
+    }
+
+    /// One tick. `late` says that it started late (P5).
+    #[inline]
+    pub fn tick<B: Board<N>>(
+        &mut self,
+        now: Tick,
+        late: bool,
+        board: &mut B,
+        ends: &mut TickEnds<'_, N>,
+    ) {
+        self.control(now, late, board);
+        let executed = self.execute(now, board, ends);
+        // A request and the state each take their time: not both in one tick, unless one request
+        // follows the other.
+        let tells_state = !executed || self.executed_before;
+        self.executed_before = executed;
+        self.tell(tells_state, ends);
+        board.show(self.server.controller().state(), now);
+    }
+
+    /// Out of line, as are the others: the stack of one is gone before the next one's comes.
+    #[inline(never)]
+    fn control<B: Board<N>>(&mut self, now: Tick, late: bool, board: &mut B) {
+        board.read(&mut self.inputs);
+        self.inputs.overrun = late;
+        self.find_stops(now, board);
+        self.server.tick(now, &self.inputs);
+        let controller = self.server.controller();
+        board.apply(now, controller.config(), controller.outputs());
+    }
+
+    #[inline(never)]
+    fn find_stops<B: Board<N>>(&mut self, now: Tick, board: &mut B) {
+        let arrived = board.arrived();
+        while self.searched != arrived {
+            let byte = board.byte(self.searched);
+            self.searched = self.searched.wrapping_add(1);
+            if let Some(kind) = self.finder.push(byte) {
+                self.server.stop(now, kind);
+                self.stop_at = Some(self.searched);
+            }
+        }
+    }
+
+    /// Executes a request, if one waits; whether it did.
+    #[inline(never)]
+    fn execute<B: Board<N>>(
+        &mut self,
+        now: Tick,
+        board: &mut B,
+        ends: &mut TickEnds<'_, N>,
+    ) -> bool {
+        let mut executed = false;
+        // One at most: the line brings up to eight, which wait on it.
+        if let Some(waiting) = ends.commands.peek() {
+            if !ends.answers.ready() {
+                return false;
+            }
+            executed = true;
+            if !self.server.prepare(&waiting.command) {
+                return executed;
+            }
+            if let Some(stop_at) = self.stop_at {
+                // It is older than a stop that has been executed: it starts nothing (K10).
+                if stop_at.wrapping_sub(waiting.at).cast_signed() >= 0 {
+                    self.server.outrun(now);
+                } else {
+                    self.stop_at = None;
+                }
+            }
+            let counters = ends.state.counters();
+            let mut answer = self.server.receive(now, &waiting.command, &counters);
+            ends.commands.dequeue();
+            if let Ok(Reply::Info(info)) = &mut answer.result {
+                board.complete(info);
+            }
+            // There is room: it was just seen, and nobody else fills it.
+            let _ = ends.answers.enqueue(answer);
+        }
+        if ends.state.is_damaged()
+            && ends.answers.ready()
+            && ends.state.take_damaged()
+            && let Some(answer) = self.server.complain()
+        {
+            let _ = ends.answers.enqueue(answer);
+        }
+        executed
+    }
+
+    #[inline(never)]
+    fn tell(&mut self, tells_state: bool, ends: &mut TickEnds<'_, N>) {
+        if tells_state
+            && self.server.status_is_due()
+            && ends.states.ready()
+            && let Some(status) = self.server.take_status(&ends.state.counters())
+        {
+            let _ = ends.states.enqueue(status);
+        }
+        if let Some(row) = self.server.take_row()
+            && ends.rows.enqueue(row).is_err()
+        {
+            ends.state.drop_telemetry();
+        }
+    }
+}

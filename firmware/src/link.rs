@@ -1,0 +1,278 @@
+//! Both halves of the link below the tick: bytes to commands, answers and telemetry to bytes.
+//!
+//! On the chip they run in thread mode and the tick preempts them, so all that passes between goes
+//! through queues with one producer and one consumer, or through atomics. A simulated board runs
+//! the same code before and after its tick. Answers go before state, state before samples. Where
+//! the line is slower than the tick, samples are dropped and counted; the tick never waits.
+
+use crate::sampler::{Row, Sampler};
+use crate::server::{Arrived, LinkCounters, Receiver};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use heapless::spsc::{Consumer, Producer, Queue};
+use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
+use mcdpr_protocol::message::{encode_answer, encode_status};
+use mcdpr_protocol::{Answer, Channel, Command, Hello, SampleBlock, Status};
+
+/// Bytes that a board keeps of what its line has brought: more than five ticks' worth at
+/// 921600 baud (92.16 bytes each).
+pub const RING: usize = 512;
+
+/// What a line has brought. Its bytes are numbered from the start, wrapping; the last [`RING`] of
+/// them can be read.
+pub trait Line {
+    /// How many bytes the line has brought so far: the number of the next one.
+    fn arrived(&mut self) -> u32;
+    /// The byte with this number.
+    fn byte(&self, number: u32) -> u8;
+}
+
+/// What tick and link tell each other besides the queues.
+#[derive(Debug, Default)]
+pub struct LinkState {
+    frames_ok: AtomicU32,
+    frames_bad: AtomicU32,
+    telemetry_dropped: AtomicU32,
+    /// A damaged frame came: the core should say which number it waits for.
+    damaged: AtomicBool,
+    /// Someone asked who this is.
+    hello_due: AtomicBool,
+}
+
+impl LinkState {
+    /// Nothing has come yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            frames_ok: AtomicU32::new(0),
+            frames_bad: AtomicU32::new(0),
+            telemetry_dropped: AtomicU32::new(0),
+            damaged: AtomicBool::new(false),
+            hello_due: AtomicBool::new(false),
+        }
+    }
+
+    /// What was counted so far.
+    #[must_use]
+    pub fn counters(&self) -> LinkCounters {
+        LinkCounters {
+            frames_ok: self.frames_ok.load(Ordering::Relaxed),
+            frames_bad: self.frames_bad.load(Ordering::Relaxed),
+            telemetry_dropped: self.telemetry_dropped.load(Ordering::Relaxed),
+        }
+    }
+
+    /// Samples found no room.
+    pub(crate) fn drop_telemetry(&self) {
+        self.telemetry_dropped.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Whether a damaged frame came that was not answered.
+    pub(crate) fn is_damaged(&self) -> bool {
+        self.damaged.load(Ordering::Relaxed)
+    }
+
+    /// Whether a damaged frame came since the last call.
+    pub(crate) fn take_damaged(&self) -> bool {
+        self.damaged.swap(false, Ordering::Relaxed)
+    }
+}
+
+/// A command, and where on the line it ended.
+#[derive(Debug)]
+pub struct Waiting {
+    /// The command.
+    pub command: Command,
+    /// Number of the byte behind its frame; see [`Line`].
+    pub at: u32,
+}
+
+/// The queues between tick and link. One place of each is always empty.
+#[derive(Debug)]
+pub struct Queues<const N: usize> {
+    commands: Queue<Waiting, 3>,
+    answers: Queue<Answer, 3>,
+    states: Queue<Status, 2>,
+    rows: Queue<Row<N>, 5>,
+}
+
+impl<const N: usize> Default for Queues<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> Queues<N> {
+    /// Empty queues.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            commands: Queue::new(),
+            answers: Queue::new(),
+            states: Queue::new(),
+            rows: Queue::new(),
+        }
+    }
+
+    /// Their ends, the tick's and the link's.
+    pub fn split<'a>(&'a mut self, state: &'a LinkState) -> (TickEnds<'a, N>, LinkEnds<'a, N>) {
+        let (to_tick, commands) = self.commands.split();
+        let (answers, from_tick) = self.answers.split();
+        let (states, states_out) = self.states.split();
+        let (rows, rows_out) = self.rows.split();
+        let tick = TickEnds {
+            commands,
+            answers,
+            states,
+            rows,
+            state,
+        };
+        let link = LinkEnds {
+            commands: to_tick,
+            outgoing: OutgoingEnds {
+                answers: from_tick,
+                states: states_out,
+                rows: rows_out,
+                state,
+            },
+            state,
+        };
+        (tick, link)
+    }
+}
+
+/// The tick's ends of the queues.
+pub struct TickEnds<'a, const N: usize> {
+    /// What the host asks.
+    pub(crate) commands: Consumer<'a, Waiting>,
+    /// What became of it.
+    pub(crate) answers: Producer<'a, Answer>,
+    /// State, unasked.
+    pub(crate) states: Producer<'a, Status>,
+    /// What the ticks measured, unasked.
+    pub(crate) rows: Producer<'a, Row<N>>,
+    /// Counters.
+    pub(crate) state: &'a LinkState,
+}
+
+/// The link's ends of the queues.
+pub struct LinkEnds<'a, const N: usize> {
+    /// What the receiving half fills.
+    pub commands: Producer<'a, Waiting>,
+    /// What the sending half empties.
+    pub outgoing: OutgoingEnds<'a, N>,
+    /// Counters.
+    pub state: &'a LinkState,
+}
+
+/// What the sending half empties.
+pub struct OutgoingEnds<'a, const N: usize> {
+    answers: Consumer<'a, Answer>,
+    states: Consumer<'a, Status>,
+    rows: Consumer<'a, Row<N>>,
+    state: &'a LinkState,
+}
+
+/// The receiving half.
+#[derive(Debug, Default)]
+pub struct Incoming {
+    receiver: Receiver,
+    /// Number of the byte to be taken next.
+    next: u32,
+}
+
+impl Incoming {
+    /// Turns what has arrived into commands, as long as there is room for one. Bytes wait on the
+    /// line while the tick is behind. Gives `false` if bytes were lost, because they came faster
+    /// than they were taken: then all that was not taken is dropped.
+    pub fn receive(
+        &mut self,
+        line: &mut impl Line,
+        commands: &mut Producer<'_, Waiting>,
+        state: &LinkState,
+    ) -> bool {
+        let arrived = line.arrived();
+        let kept_up = (arrived.wrapping_sub(self.next) as usize) < RING;
+        if !kept_up {
+            self.next = arrived;
+        }
+        // Room is seen first, and nobody else fills it.
+        while commands.ready() && self.next != arrived {
+            let byte = line.byte(self.next);
+            self.next = self.next.wrapping_add(1);
+            let at = self.next;
+            let came = self.receiver.push_into(byte, |command| {
+                let _ = commands.enqueue(Waiting { command, at });
+            });
+            match came {
+                None => continue,
+                Some(Arrived::HelloQuery) => state.hello_due.store(true, Ordering::Relaxed),
+                Some(Arrived::Damaged(_)) => state.damaged.store(true, Ordering::Relaxed),
+                Some(Arrived::Command) => {}
+            }
+            let counters = &self.receiver.counters;
+            state.frames_ok.store(counters.frames_ok, Ordering::Relaxed);
+            state
+                .frames_bad
+                .store(counters.frames_bad, Ordering::Relaxed);
+        }
+        kept_up
+    }
+}
+
+/// The sending half.
+#[derive(Debug)]
+pub struct Outgoing<const N: usize> {
+    hello: Hello,
+    sampler: Sampler<N>,
+    /// Full, and not sent yet.
+    block: Option<SampleBlock>,
+}
+
+impl<const N: usize> Outgoing<N> {
+    /// What greets as `hello`.
+    #[must_use]
+    pub fn new(hello: Hello) -> Self {
+        Self {
+            hello,
+            sampler: Sampler::default(),
+            block: None,
+        }
+    }
+
+    /// Packs what the ticks measured; where the line is too slow, whole blocks are dropped.
+    pub fn pack(&mut self, ends: &mut OutgoingEnds<'_, N>) {
+        while let Some(row) = ends.rows.dequeue() {
+            let Some(block) = self.sampler.push(&row) else {
+                continue;
+            };
+            if self.block.is_some() {
+                ends.state.drop_telemetry();
+            } else {
+                self.block = Some(block);
+            }
+        }
+    }
+
+    /// Encodes the most urgent message; its size, or 0 where nothing waits.
+    pub fn next(&mut self, ends: &mut OutgoingEnds<'_, N>, frame: &mut [u8; MAX_FRAME]) -> usize {
+        let used = if ends.state.hello_due.swap(false, Ordering::Relaxed) {
+            encode_bytes(Channel::Hello, &self.hello.to_bytes(), frame)
+        } else if let Some(answer) = ends.answers.peek() {
+            let used = encode_answer(answer, frame);
+            ends.answers.dequeue();
+            used
+        } else if let Some(status) = ends.states.peek() {
+            let used = encode_status(status, frame);
+            ends.states.dequeue();
+            used
+        } else if let Some(block) = &self.block {
+            let used = block.encode(frame);
+            self.block = None;
+            used
+        } else {
+            Ok(0)
+        };
+        // Every message fits a frame: the protocol asserts it when it is compiled.
+        used.unwrap_or(0)
+    }
+}

@@ -1,0 +1,144 @@
+//! The tension laws with the drum's speed as their output.
+//!
+//! A geared winch rubs with tens of newtons: a current says little about what reaches its cable.
+//! Its drive's own speed loop fights the friction, and the law says how fast the drum shall turn.
+//! Gains are then speeds per tension, mm/s per N and N/s; where the drum pays out with the plan,
+//! nothing is left for the error but what the plan does not know.
+
+use super::{Demand, TensionLoop, pd, recovered};
+use crate::config::{CableConfig, TensionLaw};
+use crate::fixed::{LowPass, half, mul_q32, saturate};
+
+/// Share of a new error in the slow filter that decides whether a drum may rest: 5 Hz.
+const SLOW_ALPHA_Q16: i32 = 2000;
+/// A drum rests when the slow error is within this, mN, and turns again when it is not within the
+/// second, or the error itself not within the third. A drum that turned for less would break loose
+/// and stick again for ever, by what its friction falls from rest to motion.
+const REST_MN: i32 = 20;
+const WAKE_MN: i32 = 45;
+const JUMP_MN: i32 = 150;
+
+/// What the speed output remembers.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Speed {
+    slow: LowPass,
+    rests: bool,
+    /// The law's part of the speed, behind its corner.
+    answer: LowPass,
+    /// What the last whole turn per minute left over, 16 fractional bits.
+    carry_q16: i32,
+    told_umps: i32,
+}
+
+impl Speed {
+    pub(super) const NONE: Self = Self {
+        slow: LowPass::at(0),
+        rests: false,
+        answer: LowPass::at(0),
+        carry_q16: 0,
+        told_umps: 0,
+    };
+}
+
+impl Default for Speed {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
+impl TensionLoop {
+    /// One tick of a cable whose law tells the drum's speed: µm/s, positive as it pays out.
+    pub fn update_speed(&mut self, config: &CableConfig, demand: &Demand) -> i32 {
+        let before_q16 = self.filter.value_q16();
+        if !demand.blind {
+            self.filter
+                .update(demand.measured_mn, config.filter_alpha_q16);
+        }
+        let slope_mnps = saturate(((self.filter.value_q16() - before_q16) * 1000) >> 16);
+        let speed = match config.law {
+            TensionLaw::Pd if demand.blind => 0,
+            TensionLaw::Pd => {
+                let error_q16 = (i64::from(demand.setpoint_mn) << 16) - self.filter.value_q16();
+                saturate(-pd(config, error_q16, slope_mnps))
+            }
+            TensionLaw::Default => self.default_speed(config, demand, slope_mnps),
+        };
+        let most = config.max_speed_umps;
+        let limited = speed.clamp(-most, most);
+        self.saturated = false;
+        (self.current_ma, self.force_mn) = (0, 0);
+        self.speed.told_umps = limited;
+        limited
+    }
+
+    fn default_speed(&mut self, config: &CableConfig, demand: &Demand, slope_mnps: i32) -> i32 {
+        if demand.blind {
+            return demand.planned_speed_umps;
+        }
+        let tension_mn = self.filter.value();
+        let slack = config.floor_mn > 0
+            && tension_mn < config.floor_mn
+            && demand.setpoint_mn >= config.floor_mn;
+        if slack || tension_mn > config.ceiling_mn {
+            self.led = true;
+            self.speed.rests = false;
+            self.speed.answer = LowPass::at(0);
+            return if slack {
+                -config.reel_speed_umps
+            } else {
+                config.reel_speed_umps
+            };
+        }
+        if self.led {
+            self.led = false;
+            self.integral_q16 = 0;
+            self.short_mn = demand.setpoint_mn.saturating_sub(tension_mn);
+        }
+        self.short_mn = recovered(self.short_mn, demand.stops);
+        let setpoint_mn = demand.setpoint_mn.saturating_sub(self.short_mn);
+        let error_q16 = (i64::from(setpoint_mn) << 16) - self.filter.value_q16();
+        let error_mn = saturate(error_q16 >> 16);
+        self.speed.slow.update(error_mn, SLOW_ALPHA_Q16);
+        let slow_mn = self.speed.slow.value();
+        let within = if self.speed.rests { WAKE_MN } else { REST_MN };
+        self.speed.rests = demand.planned_speed_umps == 0
+            && slow_mn.abs() <= within
+            && error_mn.abs() <= JUMP_MN
+            && self.short_mn == 0;
+        if self.speed.rests {
+            self.speed.answer = LowPass::at(0);
+            return 0;
+        }
+        self.integrate(config, error_q16);
+        let answer = pd(config, error_q16, slope_mnps) + ((self.integral_q16 + half(16)) >> 16);
+        // Behind its corner the drum answers as one with mass: with much for what lasts, with little
+        // where cables ring.
+        let most = i64::from(config.max_speed_umps);
+        let answer = saturate(answer.clamp(-most, most));
+        let answer = self.speed.answer.update(answer, config.corner_alpha_q16);
+        demand.planned_speed_umps.saturating_sub(answer)
+    }
+
+    /// The speed of the last tick, µm/s.
+    #[must_use]
+    pub const fn told_speed_umps(&self) -> i32 {
+        self.speed.told_umps
+    }
+
+    /// Motor speed for a speed of the cable (µm/s), rpm. What a whole number leaves over is made up
+    /// for by the next ones, so that slow drums turn as slowly as they shall.
+    pub fn rpm(&mut self, config: &CableConfig, speed_umps: i32) -> i16 {
+        if speed_umps == 0 {
+            self.speed.carry_q16 = 0;
+            return 0;
+        }
+        // 32 fractional bits and 65,536 times: at most 30,000 rpm are left in 31 bits.
+        let exact_q16 = mul_q32(speed_umps, config.rpm_per_speed_q32 << 16)
+            .saturating_add(self.speed.carry_q16);
+        let whole = (exact_q16.saturating_add(1 << 15)) >> 16;
+        self.speed.carry_q16 = exact_q16.wrapping_sub(whole << 16);
+        let most = i32::from(config.max_rpm);
+        let rpm = crate::fixed::saturate_i16(whole.clamp(-most, most));
+        if config.motor_reversed { -rpm } else { rpm }
+    }
+}

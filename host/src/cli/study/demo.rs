@@ -1,0 +1,105 @@
+//! `mcdpr study demo`: the figures of `mcdpr demo` over many seeds.
+
+use crate::cli::table::lay_out;
+use crate::cli::{Common, Failed, Outcome, print_json, write_out};
+use crate::experiment;
+use crate::machine::Mismatch;
+use crate::motion::{Model, Task};
+use crate::report::Figures;
+use crate::robot::Robot;
+
+/// The demo's figures as medians over many realistic machines, with their ranges
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Machines, one per seed
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: u64,
+}
+
+/// A figure's name, its key and unit, and where it is found.
+type Figure = (&'static str, &'static str, fn(&Figures) -> Option<f64>);
+
+const FIGURES: [Figure; 5] = [
+    ("path error of the tool, mean, mm", "path_mean_mm", |f| {
+        f.path_error_m.map(|e| e.mean * 1e3)
+    }),
+    ("path error of the tool, max, mm", "path_max_mm", |f| {
+        f.path_error_m.map(|e| e.max * 1e3)
+    }),
+    ("cable length error, mean, mm", "length_mean_mm", |f| {
+        Some(f.cable_length_error_m.mean * 1e3)
+    }),
+    ("cable-4 tension error, mean, N", "tension_mean_n", |f| {
+        Some(f.tension_error_n.mean_abs)
+    }),
+    ("cable-4 tension error, max, N", "tension_max_n", |f| {
+        Some(f.tension_error_n.max_abs)
+    }),
+];
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        if common.on != "sim" {
+            let reason = "a study needs the truth, which only the simulator knows";
+            return Err(Failed::from_error("--on")(reason).into());
+        }
+        let robot = Robot::find(&common.robot)?;
+        let model = Model::new(&robot)?;
+        let height_m = crate::cli::run::tool_height_m(&robot, crate::cli::demo::HEIGHT_MM);
+        let task = Task::find("paper:table7", height_m)?;
+        let mut runs = Vec::new();
+        for seed in 1..=self.seeds {
+            let mismatch = Mismatch::realistic();
+            let run = experiment::simulate(&model, task.clone(), &mismatch, seed, |_| {})?;
+            let figures = run.run.figures(&model)?;
+            if !common.json {
+                let path = figures.path_error_m;
+                let mm = |value: Option<f64>| value.map_or(f64::NAN, |v| v * 1e3);
+                eprintln!(
+                    "seed {seed}: path {:.3} / {:.3} mm",
+                    mm(path.map(|e| e.mean)),
+                    mm(path.map(|e| e.max))
+                );
+            }
+            runs.push(figures);
+        }
+        let rows: Vec<_> = FIGURES
+            .iter()
+            .map(|(name, key, of)| {
+                let mut all: Vec<f64> = runs.iter().filter_map(of).collect();
+                all.sort_by(f64::total_cmp);
+                let middle = crate::calibration::study::median(all.clone());
+                let (least, most) = (all.first().copied(), all.last().copied());
+                (*name, *key, middle, least, most)
+            })
+            .collect();
+        if common.json {
+            let figures: serde_json::Map<_, _> = rows
+                .iter()
+                .map(|(_, key, median, least, most)| {
+                    let cell = serde_json::json!({"median": median, "least": least, "most": most});
+                    ((*key).to_owned(), cell)
+                })
+                .collect();
+            return print_json(&serde_json::json!({
+                "study": "demo",
+                "seeds": format!("1 to {}", self.seeds),
+                "realistic": figures,
+            }));
+        }
+        let head = ["realistic machines", "median", "least", "most"];
+        let mut table = vec![head.map(str::to_owned).to_vec()];
+        for (name, _, median, least, most) in rows {
+            let cell = |value: Option<f64>| format!("{:.3}", value.unwrap_or(f64::NAN));
+            table.push(vec![
+                name.to_owned(),
+                cell(Some(median)),
+                cell(least),
+                cell(most),
+            ]);
+        }
+        write_out(&lay_out(&table));
+        say!("seeds 1 to {} of {}", self.seeds, robot.name);
+        Ok(())
+    }
+}

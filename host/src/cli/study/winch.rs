@@ -1,0 +1,95 @@
+//! `mcdpr study winch`: the tension loop on winches over the whole range of friction, loss and play.
+
+use crate::cli::table::lay_out;
+use crate::cli::{Common, Outcome, print_json, write_out};
+use crate::robot::Robot;
+use crate::tension::winch_study::{FIGURES, FRICTION_N, contenders, spread, study};
+
+/// The tension loop on machines drawn over the range of friction, gear efficiency and play that
+/// winches have: medians and 95th percentiles, the paper's law beside the default, and by friction
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Machines
+    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u64).range(1..=10000))]
+    seeds: u64,
+
+    /// Seed of the first machine
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Machines are told apart by their friction, N.
+const BINS_N: [[f64; 2]; 4] = [[1.0, 3.0], [3.0, 10.0], [10.0, 20.0], [20.0, 31.0]];
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        // The default robot has no gear; this study is about gears.
+        let robot = if common.robot == "paper-table5" {
+            Robot::find("paper-geared")?
+        } else {
+            Robot::find(&common.robot)?
+        };
+        let seeds = self.seed..self.seed.saturating_add(self.seeds);
+        let drawn = study(&robot, seeds.clone());
+        let last = seeds.end.saturating_sub(1);
+        if common.json {
+            return print_json(&serde_json::json!({
+                "study": "winch",
+                "robot": robot.name,
+                "seeds": format!("{} to {last}", self.seed),
+                "figures": FIGURES.map(|(name, unit, _)| format!("{name}, {unit}")),
+                "contenders": contenders(&robot).iter().map(|c| c.name).collect::<Vec<_>>(),
+                "machines": drawn,
+            }));
+        }
+        let all = [0.0, f64::INFINITY];
+        let names: Vec<_> = contenders(&robot).iter().map(|c| c.name).collect();
+        let mut head = vec![
+            "simulation, median / p95 (machines)".to_owned(),
+            String::new(),
+        ];
+        head.extend(names.iter().map(|name| (*name).to_owned()));
+        head.push("paper".to_owned());
+        let cell = |contender, figure, within| match spread(&drawn, contender, figure, within) {
+            Some((median, p95, count)) => format!("{median:.3} / {p95:.3} ({count})"),
+            None => "fault".to_owned(),
+        };
+        let mut rows = vec![head];
+        for (figure, (name, unit, paper)) in FIGURES.iter().enumerate() {
+            let mut cells = vec![(*name).to_owned(), (*unit).to_owned()];
+            cells.extend((0..names.len()).map(|contender| cell(contender, figure, all)));
+            cells.push((*paper).to_owned());
+            rows.push(cells);
+        }
+        write_out(&lay_out(&rows));
+        let mut head = vec![
+            "default, by friction at the cable".to_owned(),
+            String::new(),
+        ];
+        head.extend(
+            BINS_N.map(|[low, high]| format!("{low:.0} to {:.0} N", high.min(FRICTION_N[1]))),
+        );
+        let mut rows = vec![head];
+        for (figure, (name, unit, _)) in FIGURES.iter().enumerate() {
+            let mut cells = vec![(*name).to_owned(), (*unit).to_owned()];
+            cells.extend(BINS_N.map(|within| cell(0, figure, within)));
+            rows.push(cells);
+        }
+        write_out(&lay_out(&rows));
+        for machine in &drawn {
+            for (name, run) in names.iter().zip(&machine.runs) {
+                for fault in &run.faults {
+                    say!(
+                        "seed {}: {:.1} N, {:.0} %, {:.2} degrees, {name}: {fault}",
+                        machine.seed,
+                        machine.friction_n,
+                        machine.efficiency * 100.0,
+                        machine.play_deg
+                    );
+                }
+            }
+        }
+        say!("robot {}, seeds {} to {last}", robot.name, self.seed);
+        Ok(())
+    }
+}

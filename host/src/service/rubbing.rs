@@ -1,0 +1,173 @@
+//! What a bare winch rubs with, and the play between its motor and its drum: the drum is turned to
+//! and fro at two speeds, and motor current, motor counts and drum counts are compared on the middle
+//! of each way, where the speed hardly changes.
+//!
+//! Half the difference of the currents of both directions is friction; with the speed it grows by
+//! what is viscous. Half of the difference of motor and drum between both directions is half the
+//! play: nothing hangs on a bare drum, which stays where the flank left it.
+
+use super::{Bench, ServiceError};
+use crate::link::Link;
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// Friction and play of a bare winch, with standard errors.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Rubbing {
+    /// Coulomb friction of rotor, gear and bare drum, at the motor, N m.
+    pub friction_nm: f64,
+    /// Its standard error, N m.
+    pub friction_se_nm: f64,
+    /// Viscous friction at the motor, N m per rpm.
+    pub viscous_nm_per_rpm: f64,
+    /// Coulomb friction, felt at the cable, N.
+    pub friction_n: f64,
+    /// Play, as a turn of the drum, degrees.
+    pub play_deg: f64,
+    /// Its standard error, degrees.
+    pub play_se_deg: f64,
+}
+
+/// Ways to and fro at each speed.
+const PAIRS: usize = 3;
+/// Turn of the drum of one way, rad: over a quarter of it is looked at.
+const WAY_RAD: f64 = TAU / 8.0;
+/// Speeds, as shares of that of service.
+const SPEEDS: [f64; 2] = [1.0, 0.35];
+/// Time between two looks, ms.
+const LOOK_MS: u64 = 10;
+/// The standard error of the friction may be this share of it: else the data contradict the model.
+const MOST_ERROR: f64 = 0.2;
+
+/// The mean of one way.
+#[derive(Debug, Clone, Copy, Default)]
+struct Way {
+    current_a: f64,
+    rpm: f64,
+    /// Motor ahead of the drum, turns of the drum.
+    gap: f64,
+}
+
+impl<L: Link> Bench<'_, L> {
+    /// Identifies friction and play; the winch is enabled and rests at `at_rad`. `same_way` says
+    /// whether motor and drum encoder count the same way.
+    pub(super) fn rubbing(&mut self, at_rad: f64, same_way: bool) -> Result<Rubbing, ServiceError> {
+        // The first way takes up the play, whichever way it is.
+        self.turn(at_rad, at_rad + WAY_RAD)?;
+        let mut speeds = Vec::new();
+        for share in SPEEDS {
+            let mut pairs = Vec::new();
+            for _ in 0..PAIRS {
+                let back = self.way(at_rad + WAY_RAD, at_rad, share, same_way)?;
+                let out = self.way(at_rad, at_rad + WAY_RAD, share, same_way)?;
+                pairs.push((out, back));
+            }
+            speeds.push(pairs);
+        }
+        self.turn(at_rad + WAY_RAD, at_rad)?;
+        self.judge_rubbing(&speeds)
+    }
+
+    /// One way, and what its middle half shows.
+    fn way(
+        &mut self,
+        from_rad: f64,
+        to_rad: f64,
+        share: f64,
+        same_way: bool,
+    ) -> Result<Way, ServiceError> {
+        let time_s = self.begin_turn(from_rad, to_rad, share)?;
+        let start_us = self.client.now_us();
+        let winch = self.described();
+        let per_turn = winch.motor_counts_per_turn;
+        // By what was found, not by what the file says.
+        let sign = if same_way { 1.0 } else { -1.0 };
+        let drum_per_turn = f64::from(winch.encoder_counts_per_turn) * sign * per_turn.signum();
+        let (mut sum, mut count) = (Way::default(), 0.0);
+        let mut ends = None;
+        loop {
+            self.pause(LOOK_MS)?;
+            let since_s = (self.client.now_us() - start_us) as f64 * 1e-6;
+            if since_s > 0.75 * time_s {
+                break;
+            }
+            if since_s < 0.25 * time_s {
+                continue;
+            }
+            let look = self.look()?;
+            let motor = f64::from(look.motor_counts) / per_turn;
+            sum.current_a += f64::from(look.current_ma) * 1e-3;
+            sum.gap += motor - f64::from(look.drum_counts) / drum_per_turn;
+            count += 1.0;
+            let (first, _) = *ends.get_or_insert(((since_s, motor), (since_s, motor)));
+            ends = Some((first, (since_s, motor)));
+        }
+        crate::run::wait_for(
+            self.client,
+            mcdpr_protocol::BoardState::Holding,
+            time_s + 2.0,
+        )?;
+        let gear_ratio = self.described().gear_ratio;
+        let rpm = ends.map_or(0.0, |(first, last)| {
+            (last.1 - first.1) / (last.0 - first.0).max(1e-3) * 60.0 * gear_ratio
+        });
+        Ok(Way {
+            current_a: sum.current_a / f64::max(count, 1.0),
+            rpm: rpm.abs(),
+            gap: sum.gap / f64::max(count, 1.0),
+        })
+    }
+
+    fn judge_rubbing(&self, speeds: &[Vec<(Way, Way)>]) -> Result<Rubbing, ServiceError> {
+        let winch = self.described();
+        let torque = winch.torque_constant_nm_per_a;
+        // Friction as the current tells it, whichever sign the motor has.
+        let rubs = |(out, back): &(Way, Way)| 0.5 * (out.current_a - back.current_a).abs() * torque;
+        let rpm = |(out, back): &(Way, Way)| 0.5 * (out.rpm + back.rpm);
+        let at = [0, 1].map(|speed: usize| {
+            let pairs = speeds.get(speed).map_or(&[][..], Vec::as_slice);
+            (mean(pairs.iter().map(rpm)), mean(pairs.iter().map(rubs)))
+        });
+        let [
+            ((fast_rpm, _), (fast_nm, fast_se)),
+            ((slow_rpm, _), (slow_nm, slow_se)),
+        ] = at;
+        let span = (fast_rpm - slow_rpm).max(1e-9);
+        let viscous = (fast_nm - slow_nm) / span;
+        let friction_nm = slow_nm - viscous * slow_rpm;
+        // The straight line through both speeds, carried on to rest.
+        let friction_se_nm = (slow_rpm / span * fast_se).hypot(fast_rpm / span * slow_se);
+        let gaps = speeds
+            .iter()
+            .flatten()
+            .map(|(out, back)| (out.gap - back.gap).abs() * 360.0);
+        let (play_deg, play_se_deg) = mean(gaps);
+        if !(friction_nm > 0.0 && friction_se_nm <= MOST_ERROR * friction_nm) {
+            return Err(ServiceError::Rubs {
+                winch: self.index + 1,
+                friction_mnm: friction_nm * 1e3,
+                error_mnm: friction_se_nm * 1e3,
+            });
+        }
+        Ok(Rubbing {
+            friction_nm,
+            friction_se_nm,
+            viscous_nm_per_rpm: viscous.max(0.0),
+            friction_n: friction_nm * winch.gear_ratio / winch.drum_radius_m,
+            play_deg,
+            play_se_deg,
+        })
+    }
+}
+
+/// Mean of some numbers and its standard error.
+fn mean(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let values: Vec<f64> = values.collect();
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares = values
+        .iter()
+        .map(|value| (value - mean).powi(2))
+        .sum::<f64>();
+    (mean, (squares / (count - 1.0).max(1.0) / count).sqrt())
+}

@@ -1,0 +1,250 @@
+//! The tension loop on winches as winches are: machines drawn over the whole range of friction, gear
+//! efficiency and play that a geared winch may have. `mcdpr study winch` prints it, docs/tension.md
+//! quotes it.
+//!
+//! The controller knows of each machine what identification finds, within its accuracy; the rest is
+//! drawn by the machine's own mismatch and not told.
+
+use super::bench::{Bench, Change, Script};
+use super::measure::{at_rest, recovery};
+use crate::machine::Mismatch;
+use crate::motion::Task;
+use crate::robot::{LawKind, Robot, TensionOutput};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Friction of rotor and gear felt at the cable, N: drawn evenly in its logarithm.
+pub const FRICTION_N: [f64; 2] = [1.0, 30.0];
+/// Share of the motor's power that reaches the drum.
+pub const EFFICIENCY: [f64; 2] = [0.55, 0.85];
+/// Play at the drum, degrees.
+pub const PLAY_DEG: [f64; 2] = [0.2, 2.0];
+/// Height of the tool for the circle on a platform at z = -100 mm, m.
+const CIRCLE_Z_M: f64 = -0.18;
+/// When the platform is pulled and let go, s, with how much, N, and when the watch ends, s.
+const PULL_S: [f64; 2] = [0.5, 1.0];
+const PULL_N: f64 = 2.0;
+const END_S: f64 = 4.0;
+/// Cable that slips off a drum, m, within 0.2 s.
+const SLIP_M: f64 = 0.003;
+
+/// A law with its output and gains.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Contender {
+    /// Its heading.
+    pub name: &'static str,
+    /// The robot with this law.
+    #[serde(skip)]
+    pub robot: Robot,
+}
+
+/// What is measured of a machine, in this order.
+pub const FIGURES: [(&str, &str, &str); 8] = [
+    ("rest: mean error", "N", "0.2"),
+    ("rest: standard deviation", "N", ""),
+    ("rest: drum's way in the last second", "um", ""),
+    ("circle: mean absolute error", "N", "0.291"),
+    ("circle: greatest error", "N", ""),
+    ("pulled 2 N: 50 ms mean back within 0.5 N", "s", "1"),
+    ("pulled 2 N: least tension of any cable", "N", ""),
+    ("3 mm slack: greatest tension", "N", ""),
+];
+
+/// A machine that was drawn, and what each contender made of it.
+#[derive(Debug, Clone, Serialize)]
+pub struct Drawn {
+    /// Seed.
+    pub seed: u64,
+    /// Friction of rotor and gear, felt at the cable, N, as the controller knows it.
+    pub friction_n: f64,
+    /// Efficiency, likewise.
+    pub efficiency: f64,
+    /// Play, likewise, degrees.
+    pub play_deg: f64,
+    /// One a contender: its figures, and the faults that took some of them.
+    pub runs: Vec<Ran>,
+}
+
+/// What came of one contender on one machine.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ran {
+    /// As [`FIGURES`]; `None` where a fault ended the run.
+    pub figures: Vec<Option<f64>>,
+    /// What the board said, each with the experiment that it ended.
+    pub faults: Vec<String>,
+}
+
+/// The robot with a gear that is drawn by a seed: every winch the same type, each with its own play
+/// and friction of the machine's mismatch.
+#[must_use]
+pub fn machine(robot: &Robot, seed: u64) -> (Robot, [f64; 3]) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x7769_6E63);
+    let mut between = |[low, high]: [f64; 2]| {
+        let share = f64::from(rng.next_u32()) / f64::from(u32::MAX);
+        low + (high - low) * share
+    };
+    let friction_n = between(FRICTION_N.map(f64::ln)).exp();
+    let efficiency = between(EFFICIENCY);
+    let play_deg = between(PLAY_DEG);
+    let mut drawn = robot.clone();
+    for winch in &mut drawn.winches {
+        let torque_nm = friction_n * winch.drum_radius_m / winch.gear_ratio;
+        if let Some(gear) = &mut winch.gear {
+            (gear.rotor_friction_nm, gear.gear_friction_nm) = (0.5 * torque_nm, 0.5 * torque_nm);
+            gear.efficiency = efficiency;
+            gear.backdrive_efficiency = (2.0 - 1.0 / efficiency).max(0.0);
+            gear.play_rad = play_deg.to_radians();
+        }
+    }
+    (drawn, [friction_n, efficiency, play_deg])
+}
+
+/// The laws that are compared on a robot: its own, and the paper's with either output.
+#[must_use]
+pub fn contenders(robot: &Robot) -> Vec<Contender> {
+    let with = |name, output, kp, kd| {
+        let mut robot = robot.clone();
+        robot.tension.law = LawKind::Pd;
+        robot.tension.output = output;
+        (robot.tension.kp, robot.tension.kd) = (kp, kd);
+        Contender { name, robot }
+    };
+    vec![
+        Contender {
+            name: "default",
+            robot: robot.clone(),
+        },
+        with(
+            "pd, speed",
+            TensionOutput::Velocity,
+            PD_SPEED[0],
+            PD_SPEED[1],
+        ),
+        with("pd, current", TensionOutput::Current, 3.0, 0.05),
+    ]
+}
+
+/// Gains of Eq. 1 with a speed as its output, mm/s per N and mm/N: see docs/paper-notes.md.
+const PD_SPEED: [f64; 2] = [5.0, 0.0];
+
+/// Draws machines and runs every contender on each.
+#[must_use]
+pub fn study(robot: &Robot, seeds: std::ops::Range<u64>) -> Vec<Drawn> {
+    let contenders = contenders(robot);
+    let seeds: Vec<u64> = seeds.collect();
+    seeds
+        .into_par_iter()
+        .map(|seed| {
+            let (_, [friction_n, efficiency, play_deg]) = machine(robot, seed);
+            let runs = contenders
+                .iter()
+                .map(|contender| ran(&machine(&contender.robot, seed).0, seed))
+                .collect();
+            Drawn {
+                seed,
+                friction_n,
+                efficiency,
+                play_deg,
+                runs,
+            }
+        })
+        .collect()
+}
+
+/// Every experiment on one machine.
+#[must_use]
+pub fn ran(robot: &Robot, seed: u64) -> Ran {
+    let change = Change {
+        gears: Mismatch::realistic().gears,
+        ..Change::default()
+    };
+    let mut faults = Vec::new();
+    let mut figures = Vec::new();
+    // Another direction with every seed, by the golden angle.
+    #[expect(clippy::cast_precision_loss, reason = "a small count")]
+    let angle = seed as f64 * 2.399_963;
+    let force_n = [PULL_N * angle.cos(), PULL_N * angle.sin(), 0.0];
+    let mut act = |name: &str, count: usize, act: &dyn Fn(&mut Bench<'_>) -> Acted| {
+        let acted = Bench::start(robot, &change, seed)
+            .map_err(|error| error.to_string())
+            .and_then(|mut bench| act(&mut bench));
+        match acted {
+            Ok(values) => figures.extend(values.into_iter().map(Some)),
+            Err(fault) => {
+                faults.push(format!("{name}: {fault}"));
+                figures.extend(std::iter::repeat_n(None, count));
+            }
+        }
+    };
+    act("rest", 3, &|bench| {
+        let trace = whole(bench.run(&Script::rest(3.0)))?;
+        let steady = at_rest(&trace, 1.0, 3.0);
+        let late = trace.time_s.iter().zip(&trace.drum_m);
+        let late = late.filter(|(time_s, _)| **time_s > 2.0);
+        let (least, most) = late.fold((f64::INFINITY, f64::NEG_INFINITY), |range, (_, at)| {
+            (range.0.min(*at), range.1.max(*at))
+        });
+        Ok(vec![
+            steady.mean_error_n.abs(),
+            steady.sd_n,
+            (most - least) * 1e6,
+        ])
+    });
+    act("circle", 2, &|bench| {
+        let task = Task::find("paper:table7", CIRCLE_Z_M).map_err(|error| error.to_string())?;
+        let trace = whole(bench.follow(task))?;
+        let steady = at_rest(&trace, 0.0, f64::INFINITY);
+        Ok(vec![steady.mean_abs_n, steady.max_abs_n])
+    });
+    act("pull", 2, &|bench| {
+        let [on_s, off_s] = PULL_S;
+        let script = Script::platform_pull(force_n, on_s, off_s, END_S);
+        let back = recovery(&whole(bench.run(&script))?, on_s, off_s);
+        Ok(vec![back.mean_back_s, back.least_n])
+    });
+    act("slack", 1, &|bench| {
+        let [on_s, _] = PULL_S;
+        let script = Script::slip(bench.watched(), SLIP_M, on_s, on_s + 0.2, END_S);
+        let back = recovery(&whole(bench.run(&script))?, on_s + 0.2, END_S);
+        Ok(vec![back.greatest_n])
+    });
+    Ran { figures, faults }
+}
+
+type Acted = Result<Vec<f64>, String>;
+
+/// A trace that no fault ended.
+fn whole(trace: Result<super::Trace, crate::run::RunError>) -> Result<super::Trace, String> {
+    let trace = trace.map_err(|error| error.to_string())?;
+    trace.fault.clone().map_or(Ok(trace), Err)
+}
+
+/// Median and 95th percentile (nearest rank) of one figure of one contender over machines that no
+/// fault ended, and how many those are; `within` picks machines by their friction, N.
+#[must_use]
+pub fn spread(
+    drawn: &[Drawn],
+    contender: usize,
+    figure: usize,
+    within: [f64; 2],
+) -> Option<(f64, f64, usize)> {
+    let mut values: Vec<f64> = drawn
+        .iter()
+        .filter(|machine| (within[0]..within[1]).contains(&machine.friction_n))
+        .filter_map(|machine| *machine.runs.get(contender)?.figures.get(figure)?)
+        .collect();
+    values.sort_by(f64::total_cmp);
+    let rank = |share: f64| {
+        #[expect(
+            clippy::cast_precision_loss,
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "some machines"
+        )]
+        let at = ((values.len() as f64 * share).ceil() as usize).saturating_sub(1);
+        values.get(at).copied()
+    };
+    Some((rank(0.5)?, rank(0.95)?, values.len()))
+}

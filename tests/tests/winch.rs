@@ -1,0 +1,115 @@
+//! Geared winches as they are: friction, loss and play, held by the drive's own speed loop.
+//! `mcdpr study winch` measures the whole range.
+
+use mcdpr::robot::{Robot, TensionOutput};
+use mcdpr::tension::winch_study::{FIGURES, machine, ran};
+use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::Folder;
+use std::path::Path;
+use std::process::{Output, Stdio};
+
+fn robot_text() -> String {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    std::fs::read_to_string(root.join("robots/paper-geared.toml")).unwrap()
+}
+
+fn run(folder: &Folder, arguments: &[&str]) -> Output {
+    mcdpr()
+        .args(arguments)
+        .current_dir(folder.path())
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn commissioning_finds_friction_and_play_of_a_geared_winch() {
+    let folder = Folder::new("commission-geared");
+    let says = robot_text();
+    // The machine rubs more than its file says, and has more play: 0.48 and 0.40 mN m, 1.7 degrees.
+    let built = says
+        .replace("rotor_friction_mnm = 0.3", "rotor_friction_mnm = 0.48")
+        .replace("gear_friction_mnm = 0.25", "gear_friction_mnm = 0.40")
+        .replace("play_deg = 1.0", "play_deg = 1.7");
+    assert_ne!(says, built);
+    std::fs::write(folder.path().join("says.toml"), &says).unwrap();
+    std::fs::write(folder.path().join("built.toml"), built).unwrap();
+    let output = run(
+        &folder,
+        &[
+            "commission",
+            "2",
+            "--robot",
+            "says.toml",
+            "--machine",
+            "built.toml",
+            "--json",
+            "--out",
+            "two.toml",
+        ],
+    );
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let rubs = &found["rubbing"];
+    println!("{rubs}");
+    // Of the motor and, through the gear, of the drum: 0.5 N on 20 mm behind 371.13:1 at 65 %.
+    let expected_nm = 0.88e-3 + 0.5 * 0.02 / 371.13 / 0.65;
+    let friction_nm = rubs["friction_nm"].as_f64().unwrap();
+    assert!((friction_nm / expected_nm - 1.0).abs() < 0.1, "{rubs}");
+    assert!(
+        (rubs["play_deg"].as_f64().unwrap() - 1.7).abs() < 0.05,
+        "{rubs}"
+    );
+    let differs = found["differs"].to_string();
+    assert!(
+        differs.contains("play_deg") && differs.contains("friction"),
+        "{differs}"
+    );
+}
+
+#[test]
+fn a_winch_that_cannot_overcome_its_own_friction_is_refused() {
+    let folder = Folder::new("weak-winch");
+    let weak = robot_text().replace("max_current_a = 2.0", "max_current_a = 0.08");
+    std::fs::write(folder.path().join("weak.toml"), weak).unwrap();
+    let output = run(
+        &folder,
+        &["statics", "320", "0", "-200", "--robot", "weak.toml"],
+    );
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success(), "{errors}");
+    assert!(
+        errors.contains("cannot turn") && errors.contains("max_current_a"),
+        "{errors}"
+    );
+}
+
+#[test]
+fn machines_across_the_range_arm_and_hold_their_tension() {
+    let robot = Robot::find("paper-geared").unwrap();
+    assert_eq!(robot.tension.output, TensionOutput::Velocity);
+    // 1.2 N and 60 %, 2.2 N and 77 %, 16.9 N and 81 %; play from 0.8 to 1.4 degrees.
+    for seed in [3, 8, 10] {
+        let (drawn, [friction_n, efficiency, play_deg]) = machine(&robot, seed);
+        let done = ran(&drawn, seed);
+        println!("{friction_n:.1} N, {efficiency:.2}, {play_deg:.2} degrees: {done:?}");
+        // What slack they stand is in docs/results/winch.md.
+        let faults = done
+            .faults
+            .iter()
+            .filter(|fault| !fault.starts_with("slack"));
+        assert_eq!(faults.count(), 0, "seed {seed}: {:?}", done.faults);
+        assert_eq!(done.figures.len(), FIGURES.len());
+        let figure = |at: usize| done.figures[at].unwrap();
+        assert!(figure(0) <= 0.05, "seed {seed}: {} N at rest", figure(0));
+        // No limit cycle: what stands is left alone.
+        assert!(figure(2) <= 5.0, "seed {seed}: {} um at rest", figure(2));
+        assert!(
+            figure(3) <= 0.1,
+            "seed {seed}: {} N on the circle",
+            figure(3)
+        );
+        assert!(figure(5) <= 0.3, "seed {seed}: back after {} s", figure(5));
+    }
+}
