@@ -191,7 +191,7 @@ impl Incoming {
         state: &LinkState,
     ) -> bool {
         let arrived = line.arrived();
-        let kept_up = arrived.wrapping_sub(self.next) < RING as u32;
+        let kept_up = (arrived.wrapping_sub(self.next) as usize) < RING;
         if !kept_up {
             self.next = arrived;
         }

@@ -185,7 +185,7 @@ mod tests {
     fn a_stop_is_found_behind_a_delimiter_whatever_came_before() {
         let stop = frame(1, 2, Request::Stop(StopKind::Emergency));
         for before in [0, 1, LEAST, MOST - 1, MOST, MOST + 1, 300] {
-            let garbage: Vec<u8> = (0..before).map(|i| 1 + (i % 255) as u8).collect();
+            let garbage: Vec<u8> = (1..=255).cycle().take(before).collect();
             let bytes = [&garbage[..], &[0], &stop].concat();
             assert_eq!(found(&bytes), [StopKind::Emergency], "{before}");
         }

@@ -5,20 +5,29 @@ use mcdpr_protocol::{
 };
 use proptest::prelude::*;
 
+/// Rounded as the wire does it, by the language's own conversion.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "values of the tests fit, and beyond the cast saturates"
+)]
+fn rounded(value: f64) -> i32 {
+    value.round() as i32
+}
+
 #[test]
 fn halves_go_away_from_zero_and_what_is_out_of_range_saturates() {
     let counts = |value: f64| Micrometres::from_metres(value).0;
     for value in [0.0, 2.4e-6, 2.5e-6, 2.6e-6, -2.4e-6, -2.5e-6, -2.6e-6] {
-        assert_eq!(counts(value), (value * 1e6).round() as i32, "{value}");
+        assert_eq!(counts(value), rounded(value * 1e6), "{value}");
     }
     // The largest value below a half is not a half.
     let below = f64::from_bits(0.5_f64.to_bits() - 1);
     assert_eq!(Millinewtons::from_newtons(below / 1e3).0, 0);
     for value in [1e9, -1e9, f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
-        assert_eq!(counts(value), (value * 1e6).round() as i32, "{value}");
+        assert_eq!(counts(value), rounded(value * 1e6), "{value}");
     }
-    assert_eq!(counts(2147.483_647_3), i32::MAX);
-    assert_eq!(counts(-2147.483_648_9), i32::MIN);
+    assert_eq!(counts(2_147.483_647_3), i32::MAX);
+    assert_eq!(counts(-2_147.483_648_9), i32::MIN);
 }
 
 proptest! {
@@ -39,7 +48,7 @@ proptest! {
 
     #[test]
     fn rounding_is_that_of_the_standard_library(value in -3e3..3e3_f64) {
-        prop_assert_eq!(Micrometres::from_metres(value).0, (value * 1e6).round() as i32);
-        prop_assert_eq!(TenthMicrometres::from_metres(value * 0.1).0, (value * 0.1 * 1e7).round() as i32);
+        prop_assert_eq!(Micrometres::from_metres(value).0, rounded(value * 1e6));
+        prop_assert_eq!(TenthMicrometres::from_metres(value * 0.1).0, rounded(value * 0.1 * 1e7));
     }
 }

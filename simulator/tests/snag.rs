@@ -104,7 +104,10 @@ fn cable_value(key: CableKey, index: usize, winch: &WinchParams, law: [i32; 5]) 
         CableKey::BrakeCloseMs => 30,
         CableKey::FollowingError => 1000,
         CableKey::MaxSpeed => round(winch.max_speed_mps() * 1.02e6),
-        CableKey::LengthMin => 0,
+        CableKey::LengthMin
+        | CableKey::TensionOutput
+        | CableKey::Play
+        | CableKey::SpeedCornerMhz => 0,
         CableKey::LengthMax => 20_000_000,
         CableKey::Node => index as i32 + 1,
         CableKey::ReelSpeed => 5000,

@@ -213,7 +213,7 @@ fn entries() -> Vec<ConfigEntry> {
                 CableKey::TensionZeroUv => 235_500,
                 CableKey::TensionMax => 39_000,
                 CableKey::TensionFloor | CableKey::Friction => 500,
-                CableKey::TensionCeiling => 35_000,
+                CableKey::TensionCeiling => 34_000,
                 CableKey::TensionLaw => 1,
                 CableKey::TensionKp | CableKey::FollowingError => 1000,
                 CableKey::TensionKd => 20_000,

@@ -85,6 +85,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("study motion", Refuses),
     ("study real", Computes),
     ("study tension", Refuses),
+    ("study winch", Refuses),
     ("tune tension", Refuses),
     ("workspace", Computes),
 ];

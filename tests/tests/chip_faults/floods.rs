@@ -173,7 +173,7 @@ fn time_to_stop(
 fn k10_a_stop_in_a_flood_at_line_rate_acts_within_two_ticks_in_the_core() {
     let model = model();
     let mut most_us = 0;
-    for kind in 0..FLOODS.len() {
+    for (kind, flood) in FLOODS.iter().enumerate() {
         for (seed, stop) in
             (1..=6).zip([StopKind::Emergency, StopKind::Stop, StopKind::Hold].repeat(2))
         {
@@ -190,7 +190,7 @@ fn k10_a_stop_in_a_flood_at_line_rate_acts_within_two_ticks_in_the_core() {
             };
             let acts = |simulation: &Simulation| simulation.state() == stopped;
             let time = time_to_stop(&link, (kind, stop), &mut rng, acts);
-            let what = format!("{}, seed {seed}, {stop:?}", FLOODS[kind]);
+            let what = format!("{}, seed {seed}, {stop:?}", flood);
             let time_us = time.unwrap_or_else(|| panic!("{what}: not executed"));
             assert!(time_us <= BOUND_US, "{what}: {time_us} us");
             most_us = most_us.max(time_us);
@@ -203,7 +203,7 @@ fn k10_a_stop_in_a_flood_at_line_rate_acts_within_two_ticks_in_the_core() {
 fn k10_a_stop_in_a_flood_at_line_rate_acts_within_two_ticks_on_the_chip() {
     let model = model();
     let (mut most_us, mut most_cycles) = (0, 0);
-    for kind in 0..FLOODS.len() {
+    for (kind, flood) in FLOODS.iter().enumerate() {
         for (seed, stop) in [(1, StopKind::Emergency), (2, StopKind::Stop)] {
             let (link, chip): (_, SharedChip) = robot(&model);
             let client = armed(&model, &link);
@@ -211,7 +211,7 @@ fn k10_a_stop_in_a_flood_at_line_rate_acts_within_two_ticks_on_the_chip() {
             let mut rng = Rng(100 * kind as u64 + seed);
             let acts = |_: &Simulation| chip.with(|chip| !chip.pins().any_brake_open());
             let time = time_to_stop(&link, (kind, stop), &mut rng, acts);
-            let what = format!("{}, seed {seed}, {stop:?}", FLOODS[kind]);
+            let what = format!("{}, seed {seed}, {stop:?}", flood);
             let time_us = time.unwrap_or_else(|| panic!("{what}: not executed"));
             assert!(time_us <= BOUND_US, "{what}: {time_us} us");
             let stats = chip.with(|chip| chip.tick_stats());

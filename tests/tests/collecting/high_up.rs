@@ -25,7 +25,7 @@ fn tensions_n(robot: &Robot, seed: u64) -> Vec<[f64; 2]> {
     run::arm(&mut client, hash).unwrap();
     let reach = Reach::new(&model).unwrap();
     let at_m = Vector3::new(0.48, 0.11, -0.045);
-    let high_up = reach.rest(&at_m, 33.0, Some(&home)).unwrap();
+    let high_up = reach.rest(&at_m, 30.0, Some(&home)).unwrap();
     let way = way(&reach, robot, &home, &high_up, 0.5, &[0.0; 4]).unwrap();
     run::follow(&mut client, &way.knots, &mut Recorder::default(), |_| {}).unwrap();
     let arrived_us = client.now_us();

@@ -125,8 +125,9 @@ fn a_platform_that_shakes_on_its_way_costs_its_pose_and_goes_back() {
     let shaken = |s: f64| 4.0 * s.min(1.0) * (std::f64::consts::TAU * 10.0 * s).sin();
     for seed in [5, 6] {
         let (skipped, disarmed) = collected(seed, shaken);
-        assert_eq!((skipped.len(), disarmed), (1, 3), "{skipped:?}");
-        // It may be slack for a moment before it is seen to oscillate.
+        assert_eq!(skipped.len(), 1, "{skipped:?}");
+        // It may come near a limit before it is seen to oscillate: then no brake closes.
+        assert!((2..=3).contains(&disarmed), "{disarmed}");
         assert!(skipped[0].starts_with("cable "), "{skipped:?}");
     }
 }
@@ -137,7 +138,12 @@ fn a_cable_near_its_limit_on_the_way_costs_the_pose_and_no_brake_closes() {
     for seed in [5, 6, 7] {
         let (skipped, disarmed) = collected(seed, |s| s.min(4.0));
         assert_eq!((skipped.len(), disarmed), (1, 2), "{skipped:?}");
-        assert!(skipped[0].contains("came to"), "{skipped:?}");
+        // Seen on the way, or by the swing that is left where it stopped short of the limit.
+        let reasons = ["came to", "still swings"];
+        assert!(
+            reasons.iter().any(|reason| skipped[0].contains(reason)),
+            "{skipped:?}"
+        );
     }
 }
 

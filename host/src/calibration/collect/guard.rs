@@ -102,7 +102,7 @@ mod tests {
             (1..=all.len()).find_map(|n| halt(&reach, &all[..n]))
         };
         // Steep ways, and a short jolt.
-        assert_eq!(ended(&|t| 4.0 + 30.0 * t), None);
+        assert_eq!(ended(&|t| 4.0 + 25.0 * t), None);
         assert_eq!(
             ended(&|t| if (0.5..0.51).contains(&t) { 15.0 } else { 10.0 }),
             None
