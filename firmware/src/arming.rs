@@ -2,6 +2,7 @@
 //! them, stir every drum.
 
 use crate::HAS_SERVICE;
+use crate::adc;
 use crate::axis::Target;
 use crate::config::Active;
 use crate::io::{DriveInput, Inputs};
@@ -290,8 +291,8 @@ fn check_drives<const N: usize>(
 
 fn check_rails(cable: u8, adc: u16) -> Result<(), Abort> {
     let (fault, rail) = match adc {
-        tension::ADC_RAIL_HIGH.. => (FaultId::S7, tension::ADC_RAIL_HIGH),
-        ..=tension::ADC_RAIL_LOW => (FaultId::S8, tension::ADC_RAIL_LOW),
+        adc::RAIL_HIGH.. => (FaultId::S7, adc::RAIL_HIGH),
+        ..=adc::RAIL_LOW => (FaultId::S8, adc::RAIL_LOW),
         _ => return Ok(()),
     };
     Err((fault, cable, i32::from(adc), i32::from(rail)))

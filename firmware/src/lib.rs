@@ -13,6 +13,7 @@
 //! | [`drives`] | bringing a drive into its mode |
 //! | [`encoder`] | 16-bit counters to 64-bit positions, glitches rejected |
 //! | [`segment`] | motion buffer and Hermite cubics in fixed point |
+//! | [`adc`] | which readings of a tension channel are none of a sensor |
 //! | [`tension`] | sensor law and tension laws (Eq. 1, Eq. 52) |
 //! | `arming`, `proof` | checks before brakes open, and before torque goes |
 //! | [`watch`] | detectors: how faults are noticed |
@@ -25,6 +26,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod adc;
 mod arming;
 pub mod axis;
 pub mod config;

@@ -222,7 +222,7 @@ impl CableWatch {
         (motor, drum): (i32, i32),
         way: i32,
     ) -> bool {
-        if self.counting | !crate::tension::is_plausible(adc) | (adc == self.last_adc) {
+        if self.counting | !crate::adc::is_plausible(adc) | (adc == self.last_adc) {
             return false;
         }
         let turned = motor.wrapping_sub(self.polarity.motor).unsigned_abs();
@@ -247,8 +247,8 @@ impl CableWatch {
     /// Looks at one tick under torque; gives the first fault found, with value and limit.
     pub fn update(&mut self, view: &CableView) -> Option<(FaultId, i32, i32)> {
         let tension = view.tension_mn;
-        let open = view.adc >= crate::tension::ADC_RAIL_HIGH;
-        let short = view.adc <= crate::tension::ADC_RAIL_LOW;
+        let open = view.adc >= crate::adc::RAIL_HIGH;
+        let short = view.adc <= crate::adc::RAIL_LOW;
         let frozen = view.adc == self.last_adc && !open && !short;
         self.last_adc = view.adc;
         let most = (view.expected_mn / 2).max(LEAST_OFF_MN);
@@ -350,9 +350,9 @@ impl CableWatch {
         } else if age >= timeout {
             (FaultId::D3, (i32::from(age), i32::from(timeout)))
         } else if open {
-            (FaultId::S7, (adc, i32::from(crate::tension::ADC_RAIL_HIGH)))
+            (FaultId::S7, (adc, i32::from(crate::adc::RAIL_HIGH)))
         } else if short {
-            (FaultId::S8, (adc, i32::from(crate::tension::ADC_RAIL_LOW)))
+            (FaultId::S8, (adc, i32::from(crate::adc::RAIL_LOW)))
         } else if frozen {
             (FaultId::S11, (adc, i32::from(FROZEN_TICKS)))
         } else if snag {

@@ -96,7 +96,7 @@ mod tests {
     use std::path::PathBuf;
 
     fn refused(text: &str) -> PlanError {
-        let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
         let task = if text.starts_with('G') {
             Task::parse_gcode(text, PathBuf::from("any.gcode"))
         } else {
@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn an_hour_fits_and_one_second_more_does_not() {
-        let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
         let dwell = |duration_s| [Step::Dwell { duration_s }];
         assert!(check(&model, &dwell(LONGEST_S)).is_ok());
         assert!(check(&model, &dwell(LONGEST_S + 1.0)).is_err());

@@ -11,7 +11,7 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::gpio::vals::{CnfOut, Mode};
 use embassy_stm32::pac::interrupt;
-use mcdpr_firmware::link::{Line, RING};
+use mcdpr_firmware::io::{Line, RING};
 use mcdpr_protocol::frame::MAX_FRAME;
 use static_cell::StaticCell;
 

@@ -5,7 +5,7 @@ use crate::link::{Client, Link};
 use crate::robot::{DriveKind, Robot};
 use crate::run::{self, RunError};
 use crate::service::{scan, volts};
-use mcdpr_firmware::tension::{ADC_RAIL_HIGH, ADC_RAIL_LOW};
+use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
 use mcdpr_protocol::{Reply, Request, Status, Winch};
 
 /// Looks at every winch, and the time between them, µs.
@@ -227,10 +227,10 @@ pub(super) fn tensions(watched: &[Watched], robot: &Robot) -> Vec<Finding> {
             let what = "the board tells no tension";
             return Some(Finding::with(Verdict::Unseen, "tension", what, SERVICE_IMAGE).of(index));
         }
-        if mean >= f64::from(ADC_RAIL_HIGH) {
+        if mean >= f64::from(RAIL_HIGH) {
             return bad(format!("{read_v:.3} V is the upper rail: an open wire"), broken);
         }
-        if mean <= f64::from(ADC_RAIL_LOW) {
+        if mean <= f64::from(RAIL_LOW) {
             return bad(format!("{read_v:.3} V is the lower rail: a short"), broken);
         }
         if span(&watched.readings) == 0.0 {

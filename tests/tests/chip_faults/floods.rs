@@ -2,7 +2,6 @@
 //! before and behind it, by the core in this process and by the firmware's file.
 
 use super::{model, refusals, robot};
-use mcdpr::experiment;
 use mcdpr::link::{Client, SimulatedLink};
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::Model;
