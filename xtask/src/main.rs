@@ -1,7 +1,9 @@
 //! Chores of the project: `cargo xtask test`, `cargo xtask lint`, `cargo xtask firmware`.
 
 mod firmware;
+mod public;
 mod seams;
+mod source;
 mod tools;
 
 use std::process::{Command, ExitCode};
@@ -98,6 +100,7 @@ const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr/flash,mcdpr/onnx,mcdpr/v4l2,m
 /// What keeps the crates apart: no ring of modules, and no operating system below the host.
 fn seams() -> Result<(), String> {
     seams::check()?;
+    public::check()?;
     firmware::ensure_target(PAGE_TARGET)?;
     let mut arguments = vec!["check", "--locked", "--target", PAGE_TARGET];
     for name in WITHOUT_SYSTEM {
