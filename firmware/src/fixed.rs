@@ -188,13 +188,13 @@ const fn beyond(value: i64) -> i32 {
 
 /// The nearest `i16`.
 #[must_use]
-pub fn saturate_i16(value: i32) -> i16 {
+pub(crate) fn saturate_i16(value: i32) -> i16 {
     i16::try_from(value).unwrap_or(if value < 0 { i16::MIN } else { i16::MAX })
 }
 
 /// First-order low-pass filter with its state in 1/2^16 of the input's unit.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct LowPass {
+pub(crate) struct LowPass {
     state_q16: i64,
 }
 
@@ -223,7 +223,7 @@ impl LowPass {
 
     /// The filtered value with 16 fractional bits.
     #[must_use]
-    pub const fn value_q16(&self) -> i64 {
+    pub(crate) const fn value_q16(&self) -> i64 {
         self.state_q16
     }
 }

@@ -110,7 +110,7 @@ pub const TABLE: [[Cell; 15]; 9] = [
 
 /// The state that follows, or `None` where the event is not possible.
 #[must_use]
-pub fn transition(state: State, event: Event, fault_latched: bool) -> Option<State> {
+pub(crate) fn transition(state: State, event: Event, fault_latched: bool) -> Option<State> {
     let row = STATES.iter().position(|&known| known == state)?;
     let cell = TABLE.get(row)?.get(event as usize)?;
     match *cell {

@@ -130,7 +130,7 @@ pub fn corrected_length(
 ///
 /// # Errors
 /// [`Error::InvalidInput`]; [`Error::NotConverged`] if no taut catenary has so little tension.
-pub fn catenary_excess_m(
+pub(crate) fn catenary_excess_m(
     horizontal_m: f64,
     rise_m: f64,
     weight_n_per_m: f64,

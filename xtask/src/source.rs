@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// The source files under a `src` folder, by their path in it, with their texts.
+/// The source files under a folder, by their path in it, with their texts.
 pub(crate) fn sources(src: &Path) -> Result<Vec<(PathBuf, String)>, String> {
     let mut out = Vec::new();
     let mut waiting = vec![src.to_path_buf()];
@@ -11,8 +11,8 @@ pub(crate) fn sources(src: &Path) -> Result<Vec<(PathBuf, String)>, String> {
         for entry in std::fs::read_dir(&folder).map_err(failed)? {
             let path = entry.map_err(failed)?.path();
             if path.is_dir() {
-                // A program of its own, as the firmware's.
-                if !path.join("main.rs").exists() {
+                // Under `src`, a program of its own, as the firmware's.
+                if !(src.ends_with("src") && path.join("main.rs").exists()) {
                     waiting.push(path);
                 }
             } else if path.extension().is_some_and(|kind| kind == "rs") {

@@ -27,7 +27,7 @@ pub mod simulate;
 pub mod slip;
 pub mod solve;
 pub mod study;
-pub mod unknowns;
+pub(crate) mod unknowns;
 pub mod verdict;
 
 pub use data::Set;

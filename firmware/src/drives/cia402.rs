@@ -13,9 +13,9 @@ use crate::config::schedule::MODE_SYNCS;
 use crate::io::DriveDemand;
 
 /// The board's own node, for its heartbeat.
-pub const BOARD_NODE: u8 = 127;
+pub(crate) const BOARD_NODE: u8 = 127;
 /// Milliseconds between two heartbeats of the board.
-pub const BOARD_BEAT_MS: u32 = 50;
+pub(crate) const BOARD_BEAT_MS: u32 = 50;
 /// Milliseconds between two heartbeats of a drive.
 const BEAT_MS: u32 = 100;
 /// Milliseconds after which a drive without heartbeats is lost: two may be late.

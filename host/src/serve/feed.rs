@@ -131,13 +131,13 @@ impl Feed {
     }
 
     /// Says what the program is doing.
-    pub fn set_task(&self, task: &str) {
+    pub(crate) fn set_task(&self, task: &str) {
         self.change(false, |inner| task.clone_into(&mut inner.live.task));
     }
 
     /// Shows viewers beside the buttons why the robot cannot be reached or an order came to nothing;
     /// what is new goes into the log as well.
-    pub fn set_trouble(&self, reason: &str) {
+    pub(crate) fn set_trouble(&self, reason: &str) {
         if self.lock().live.trouble.as_deref() == Some(reason) {
             return;
         }
@@ -148,7 +148,7 @@ impl Feed {
     }
 
     /// Takes that away again.
-    pub fn clear_trouble(&self) {
+    pub(crate) fn clear_trouble(&self) {
         if self.lock().live.trouble.is_some() {
             self.change(false, |inner| inner.live.trouble = None);
         }
@@ -169,7 +169,7 @@ impl Feed {
 
     /// Waits until something is newer than a revision, at most this long.
     #[must_use]
-    pub fn wait_newer(&self, revision: u64, timeout: Duration) -> bool {
+    pub(crate) fn wait_newer(&self, revision: u64, timeout: Duration) -> bool {
         let inner = self.lock();
         let waited = self
             .shared
@@ -180,7 +180,7 @@ impl Feed {
 
     /// The plan, if it is another than the one of this number.
     #[must_use]
-    pub fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
+    pub(crate) fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
         let inner = self.lock();
         let plan = inner.plan.as_ref().filter(|_| inner.plans != number)?;
         Some((inner.plans, Arc::clone(plan)))
@@ -214,7 +214,7 @@ impl Feed {
 
     /// The picture, if it is another than the one of this number.
     #[must_use]
-    pub fn picture_after(&self, number: u64) -> Option<(u64, Arc<Picture>)> {
+    pub(crate) fn picture_after(&self, number: u64) -> Option<(u64, Arc<Picture>)> {
         let inner = self.lock();
         let picture = inner
             .picture
@@ -235,13 +235,13 @@ impl Feed {
 
     /// Whether anybody looks.
     #[must_use]
-    pub fn is_watched(&self) -> bool {
+    pub(crate) fn is_watched(&self) -> bool {
         self.lock().viewers > 0
     }
 
     /// Lines of the log after this number: number, link time (s), text.
     #[must_use]
-    pub fn log_after(&self, number: u64) -> Vec<(u64, f64, String)> {
+    pub(crate) fn log_after(&self, number: u64) -> Vec<(u64, f64, String)> {
         let inner = self.lock();
         let new = inner.log.iter().filter(|(index, ..)| *index > number);
         new.cloned().collect()
@@ -415,7 +415,7 @@ impl Watcher for FeedWatcher {
 
 /// What of a robot does not change, for the drawing.
 #[must_use]
-pub fn describe(robot: &Robot) -> serde_json::Value {
+pub(crate) fn describe(robot: &Robot) -> serde_json::Value {
     let cables = robot.cables.iter().enumerate().map(|(index, cable)| {
         let most = robot.winch_of(index).map(|winch| winch.tension_max_n);
         serde_json::json!({

@@ -20,7 +20,7 @@ pub struct SceneCamera {
 /// Takes pictures of a [`Scene`] with the simulated robot's true camera and finds the tags in
 /// them. Slower than corners by projection ([`super::SimulatedTags`]), and with nothing left out:
 /// blur, noise, shadows, a tag that is cut by the picture's side.
-pub struct PictureTags {
+pub(crate) struct PictureTags {
     link: SimulatedLink,
     camera: SceneCamera,
 }
@@ -70,7 +70,7 @@ impl SceneCamera {
 
     /// The same camera with pictures of a share of its size: for people, who need no more.
     #[must_use]
-    pub fn smaller(mut self, share: f64) -> Self {
+    pub(crate) fn smaller(mut self, share: f64) -> Self {
         let lens = &mut self.scene.lens;
         for values in [&mut lens.focal_px, &mut lens.center_px] {
             *values = values.map(|value| value * share);

@@ -34,7 +34,7 @@ impl SimulatedTags {
     }
 
     /// What is truly there, to move a tag.
-    pub const fn scene_mut(&mut self) -> &mut Scene {
+    pub(crate) const fn scene_mut(&mut self) -> &mut Scene {
         &mut self.scene
     }
 }
