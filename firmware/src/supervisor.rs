@@ -1,6 +1,6 @@
 //! The supervisor: what the board may do, as one table of states and events.
 //!
-//! [`transition`] is the whole of it: pure, total, and printed by [`TABLE`]'s readers. What a state
+//! `transition` is the whole of it: pure, total, and printed by [`TABLE`]'s readers. What a state
 //! does to drives and brakes is the controller's; which state follows is decided here and nowhere
 //! else. A stop always wins: it is possible in every state.
 

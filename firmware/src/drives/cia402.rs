@@ -4,7 +4,7 @@
 //! After a reset of its communication a drive is set up object by object (`SETUP`), started, and
 //! from then on told by one PDO in its slot (control word with position, speed or torque, acted
 //! on at once) and asked by SYNC for one PDO back (status word, position, torque), with the mode that it
-//! says it is in every [`MODE_SYNCS`] SYNCs. It watches the board's heartbeat, the board its.
+//! says it is in every `MODE_SYNCS` SYNCs. It watches the board's heartbeat, the board its.
 
 use super::can::CanFrame;
 use super::drive::{Drive, Mode, Phase, Step, mode_of};

@@ -104,13 +104,13 @@ impl<L: Link> Arm<L> {
         self.keep = true;
     }
 
-    /// What the board measured since [`Arm::keep_samples`], times from the start.
+    /// What the board measured since `Arm::keep_samples`, times from the start.
     #[must_use]
     pub fn samples(&self) -> &[Measured] {
         &self.samples
     }
 
-    /// Where the tool was to be since [`Arm::keep_samples`], s and m.
+    /// Where the tool was to be since `Arm::keep_samples`, s and m.
     #[must_use]
     pub fn planned(&self) -> &[(f64, [f64; 3])] {
         &self.planned

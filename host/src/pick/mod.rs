@@ -1,6 +1,6 @@
 //! Bin picking: look, choose, take, carry, release, again.
 //!
-//! The [`Picker`] works on any board behind a [`Link`](crate::link::Link) and any camera behind
+//! The `Picker` works on any board behind a [`Link`](crate::link::Link) and any camera behind
 //! [`Source`](mcdpr_vision::Source). Where the camera is follows from the state of the robot:
 //! measured lengths and tensions give the platform's pose with its tilt, and the robot file has
 //! the camera on it. A grasp is a point and a closing direction in the picture; the tool gets there

@@ -70,12 +70,6 @@ impl SimulatedEye {
     pub const fn camera(&self) -> &Rgbd {
         &self.camera
     }
-
-    /// Puts the colour lens and the depth lens at the same sizes, focal lengths and places, as
-    /// recorded sets with depth already aligned have them.
-    pub(crate) const fn set_camera(&mut self, camera: Rgbd) {
-        self.camera = camera;
-    }
 }
 
 /// The simulated D415 at a place on the platform, with the colour lens of a robot file.

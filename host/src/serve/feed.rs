@@ -9,8 +9,8 @@ use crate::robot::{Control, Robot};
 use crate::sight::Shown;
 use serde::Serialize;
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// Where a pose comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -108,7 +108,7 @@ pub struct Picture {
 /// The state that viewers share. Clones show the same.
 #[derive(Debug, Clone, Default)]
 pub struct Feed {
-    shared: Arc<(Mutex<Inner>, Condvar)>,
+    shared: Arc<Mutex<Inner>>,
 }
 
 /// Lines of the log that a new viewer gets.
@@ -117,7 +117,7 @@ const LOG: usize = 60;
 impl Feed {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         // A viewer that panicked must not blind the others.
-        self.shared.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn change(&self, heard: bool, change: impl FnOnce(&mut Inner)) {
@@ -127,7 +127,6 @@ impl Feed {
             inner.heard = Some(Instant::now());
         }
         inner.live.revision += 1;
-        self.shared.1.notify_all();
     }
 
     /// Says what the program is doing.
@@ -165,17 +164,6 @@ impl Feed {
         let inner = self.lock();
         let age = inner.heard.map(|heard| heard.elapsed().as_secs_f64());
         (inner.live.clone(), age)
-    }
-
-    /// Waits until something is newer than a revision, at most this long.
-    #[must_use]
-    pub(crate) fn wait_newer(&self, revision: u64, timeout: Duration) -> bool {
-        let inner = self.lock();
-        let waited = self
-            .shared
-            .1
-            .wait_timeout_while(inner, timeout, |inner| inner.live.revision <= revision);
-        waited.is_ok_and(|(_, result)| !result.timed_out())
     }
 
     /// The plan, if it is another than the one of this number.

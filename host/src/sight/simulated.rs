@@ -34,6 +34,7 @@ impl SimulatedTags {
     }
 
     /// What is truly there, to move a tag.
+    #[cfg(test)]
     pub(crate) const fn scene_mut(&mut self) -> &mut Scene {
         &mut self.scene
     }

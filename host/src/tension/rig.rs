@@ -99,7 +99,7 @@ impl<L: Link> Rig<L> {
         Ok(tensions.map(|t| t.newtons()).collect())
     }
 
-    /// Reels cables in slowly until each has [`TAKEN_UP_N`], at most `stretches` times a second and
+    /// Reels cables in slowly until each has `TAKEN_UP_N`, at most `stretches` times a second and
     /// a half; the first ones wait for the last. All cables, or `only` one (from 0) while the others
     /// stay slack. `watch` sees the tensions now and then.
     ///

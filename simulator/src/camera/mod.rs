@@ -2,7 +2,7 @@
 //! cameras.
 //!
 //! A [`Scene`] holds bodies made of boxes, cylinders and printed tags. [`render_color`] gives the
-//! colour picture (light, shadow, blur, noise), [`render_depth`] the picture of a stereo depth
+//! colour picture (light, shadow, blur, noise), `render_depth` the picture of a stereo depth
 //! camera (separate place and lens, disparity noise and steps, shadow where only one of its two
 //! imagers sees, drop-outs on shiny parts). All of it follows from the scene, the cameras' places
 //! and a seed.

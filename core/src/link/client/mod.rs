@@ -270,7 +270,7 @@ impl<L: Link> Client<L> {
         }
     }
 
-    /// Sends a sequenced request without waiting; its outcome comes by [`Client::next_outcome`].
+    /// Sends a sequenced request without waiting; its outcome comes by `Client::next_outcome`.
     /// Call only while [`Client::has_room`].
     ///
     /// # Errors
