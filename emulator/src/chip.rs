@@ -3,13 +3,14 @@
 use crate::bus::{Bus, FLASH, FLASH_BYTES, Halt, RAM_BYTES};
 use crate::core::decode::decode;
 use crate::core::op::Op;
-use crate::core::{Cpu, Switch, Trap};
+use crate::core::{Cpu, Switch};
 use crate::device::TICKS_PER_SECOND;
 use crate::device::gpio::Drive;
 use crate::device::rcc::{RESET_POWER, RESET_SOFTWARE, RESET_WATCHDOG};
 use crate::elf;
 use crate::error::{LoadError, ResetBy, Stop};
 use crate::scs::SYSTICK;
+use crate::trap::Trap;
 
 mod figures;
 mod wires;

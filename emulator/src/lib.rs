@@ -27,6 +27,7 @@ mod device;
 mod elf;
 mod error;
 mod scs;
+mod trap;
 
 pub use board::{ChipBoard, SharedChip};
 pub use chip::{CanErrors, Chip, Pins, Port, TickStats};

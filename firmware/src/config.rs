@@ -4,6 +4,7 @@ use mcdpr_protocol::config::ConfigDigest;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, KeyMeaning, Reject};
 
 mod building;
+pub mod schedule;
 
 /// Collects entries and builds [`Active`] from them.
 #[derive(Debug, Clone)]

@@ -1,6 +1,8 @@
 //! One tick of the board: measure, watch, move, command; and the requests in between.
 
-use crate::arming::{Arming, HAS_SERVICE, Phase, Service, Stir, concerns};
+use crate::HAS_SERVICE;
+use crate::adc::is_plausible;
+use crate::arming::{Arming, Phase, Service, Stir, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
 use crate::config::{Active, CableConfig, ConfigStore, Control};
 use crate::encoder::{Encoder, LengthScale, Sampled};
@@ -9,7 +11,7 @@ use crate::motion::{CAPACITY, Motion, Progress};
 use crate::proof::{Proof, Verdict};
 use crate::segment::{Point, StoredRow};
 use crate::supervisor::{self, Event, State, transition};
-use crate::tension::{Demand, TensionLoop, is_plausible, measured_mn};
+use crate::tension::{Demand, TensionLoop, measured_mn};
 use crate::watch::{CableWatch, Heartbeat, Latch, LineNoise, LinkHealth, Persist};
 use mcdpr_protocol::{
     ConfigHash, FaultId, FaultRecord, Info, Limit, Limits, List, PerCable, Reject, Reply, Request,

@@ -1,7 +1,6 @@
 //! What goes into a tick and what comes out, and the rim that a board implements.
 
 use crate::config::Active;
-use crate::link::Line;
 use crate::supervisor::State;
 use mcdpr_protocol::{Info, Tick};
 
@@ -150,8 +149,21 @@ impl<const N: usize> Default for Outputs<N> {
     }
 }
 
+/// Bytes that a board keeps of what its line has brought: more than five ticks' worth at
+/// 921600 baud (92.16 bytes each).
+pub const RING: usize = 512;
+
+/// What a line has brought. Its bytes are numbered from the start, wrapping; the last [`RING`] of
+/// them can be read.
+pub trait Line {
+    /// How many bytes the line has brought so far: the number of the next one.
+    fn arrived(&mut self) -> u32;
+    /// The byte with this number.
+    fn byte(&self, number: u32) -> u8;
+}
+
 /// The rim: all that [`Cycle`](crate::cycle::Cycle) needs of a board. Its [`Line`] is read by the
-/// tick for stops; below the tick, [`crate::link`] reads it for everything.
+/// tick for stops; below the tick, `link` reads it for everything.
 pub trait Board<const N: usize>: Line {
     /// Reads everything once, in place.
     fn read(&mut self, inputs: &mut Inputs<N>);

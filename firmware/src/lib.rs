@@ -8,13 +8,14 @@
 //! | module | what it is for |
 //! |---|---|
 //! | [`supervisor`] | states, events and the one table that joins them |
-//! | [`controller`] | one tick: measure, watch, move, command |
+//! | `controller` | one tick: measure, watch, move, command |
 //! | [`config`] | physical units from the wire, machine units for the tick |
 //! | [`drives`] | bringing a drive into its mode |
 //! | [`encoder`] | 16-bit counters to 64-bit positions, glitches rejected |
 //! | [`segment`] | motion buffer and Hermite cubics in fixed point |
+//! | [`adc`] | which readings of a tension channel are none of a sensor |
 //! | [`tension`] | sensor law and tension laws (Eq. 1, Eq. 52) |
-//! | [`arming`], [`proof`] | checks before brakes open, and before torque goes |
+//! | `arming`, `proof` | checks before brakes open, and before torque goes |
 //! | [`watch`] | detectors: how faults are noticed |
 //! | [`server`] | sessions, sequence numbers and frames in front of the controller |
 //! | [`cycle`] | what a board does once a millisecond, in one order on chip and simulator |
@@ -25,18 +26,19 @@
 #[cfg(test)]
 extern crate std;
 
-pub mod arming;
+pub mod adc;
+mod arming;
 pub mod axis;
 pub mod config;
-pub mod controller;
+mod controller;
 pub mod cycle;
 pub mod drives;
 pub mod encoder;
-pub mod fixed;
+mod fixed;
 pub mod io;
 pub mod link;
 pub mod motion;
-pub mod proof;
+mod proof;
 pub mod sampler;
 pub mod segment;
 pub mod server;
@@ -50,3 +52,6 @@ pub use cycle::Cycle;
 pub use io::{Brake, DriveDemand, DriveInput, Inputs, Outputs};
 pub use server::Server;
 pub use supervisor::{Event, Reaction, State};
+
+/// Whether this build can work on one bare winch.
+pub(crate) const HAS_SERVICE: bool = cfg!(feature = "service");

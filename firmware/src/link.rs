@@ -5,6 +5,7 @@
 //! the same code before and after its tick. Answers go before state, state before samples. Where
 //! the line is slower than the tick, samples are dropped and counted; the tick never waits.
 
+use crate::io::{Line, RING};
 use crate::sampler::{Row, Sampler};
 use crate::server::{Arrived, LinkCounters, Receiver};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -12,19 +13,6 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
 use mcdpr_protocol::message::{encode_answer, encode_status};
 use mcdpr_protocol::{Answer, Channel, Command, Hello, SampleBlock, Status};
-
-/// Bytes that a board keeps of what its line has brought: more than five ticks' worth at
-/// 921600 baud (92.16 bytes each).
-pub const RING: usize = 512;
-
-/// What a line has brought. Its bytes are numbered from the start, wrapping; the last [`RING`] of
-/// them can be read.
-pub trait Line {
-    /// How many bytes the line has brought so far: the number of the next one.
-    fn arrived(&mut self) -> u32;
-    /// The byte with this number.
-    fn byte(&self, number: u32) -> u8;
-}
 
 /// What tick and link tell each other besides the queues.
 #[derive(Debug, Default)]

@@ -9,17 +9,6 @@ mod speed;
 use crate::config::{CableConfig, TensionLaw};
 use crate::fixed::{LowPass, half, mul_q32, quotient, saturate};
 
-/// Steps of the tension channels that mean an open sensor: within 1 % of the rail (S7).
-pub const ADC_RAIL_HIGH: u16 = 64_900;
-/// Steps that mean a short: under 40 mV (S8).
-pub const ADC_RAIL_LOW: u16 = 800;
-
-/// Whether a reading can be one of a sensor that is connected.
-#[must_use]
-pub const fn is_plausible(adc: u16) -> bool {
-    adc > ADC_RAIL_LOW && adc < ADC_RAIL_HIGH
-}
-
 /// Tension in mN from the ADC: `y = k (u - u0)` (Eq. 52).
 #[must_use]
 pub fn measured_mn(config: &CableConfig, adc: u16) -> i32 {
@@ -95,12 +84,6 @@ impl TensionLoop {
             led: false,
             speed: speed::Speed::NONE,
         }
-    }
-
-    /// The filtered tension, mN.
-    #[must_use]
-    pub fn filtered_mn(&self) -> i32 {
-        self.filter.value()
     }
 
     /// One tick: the motor current in mA.

@@ -9,7 +9,7 @@ mod unix {
     use mcdpr::link::SerialLink;
     use mcdpr::motion::{Model, Plan, Task};
     use mcdpr::robot::Robot;
-    use mcdpr::run::{Homing, Recorder, Session, new_session};
+    use mcdpr::run::{Homing, LengthFiles, Recorder, Session, new_session};
     use std::io::{BufRead, BufReader};
     use std::process::{Child, Command, Stdio};
     use std::sync::Arc;
@@ -73,7 +73,8 @@ mod unix {
         let handle = Handle::new();
         let mut recorder = Recorder::default();
         let run = || {
-            let mut session = Session::open(model, link, new_session(), &handle, home)?;
+            let mut session =
+                Session::open(model, link, new_session(), &handle, home, &LengthFiles)?;
             session.arm()?;
             session.follow(plan, &mut recorder, |_| {})?;
             session.disarm()
@@ -83,9 +84,9 @@ mod unix {
     }
 
     pub fn run() {
-        let robot = Robot::find("lab-fast").expect("a built-in robot");
+        let robot = Robot::built_in("lab-fast").expect("a built-in robot");
         let model = Model::new(&robot).expect("three cables are held by length");
-        let task = Task::find("paper:table7", -0.18).expect("a built-in task");
+        let task = Task::built_in("paper:table7", -0.18).expect("a built-in task");
         let began = Instant::now();
         let plan = experiment::plan_from_home(&model, task).expect("it is feasible");
         println!(

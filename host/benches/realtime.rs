@@ -11,14 +11,14 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 fn circle(criterion: &mut Criterion) {
-    let robot = Robot::find("paper-table5").expect("a built-in robot");
+    let robot = Robot::built_in("paper-table5").expect("a built-in robot");
     let model = Model::new(&robot).expect("three cables are held by length");
     let run = || {
-        let task = Task::find("paper:table7", -0.18).expect("a built-in task");
+        let task = Task::built_in("paper:table7", -0.18).expect("a built-in task");
         experiment::simulate(&model, task, &Mismatch::realistic(), 1, |_| {}).expect("it runs")
     };
     let plan = || {
-        let task = Task::find("paper:table7", -0.18).expect("a built-in task");
+        let task = Task::built_in("paper:table7", -0.18).expect("a built-in task");
         experiment::plan_from_home(&model, task).expect("it is feasible")
     };
     // The planner's share, so that the simulator's own factor can be told.

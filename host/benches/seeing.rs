@@ -11,11 +11,11 @@
 use mcdpr::experiment::{self, Orders};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
-use mcdpr::record::replay::replay;
 use mcdpr::record::witness::{Patience, Watcher};
 use mcdpr::record::{
     FILE_NAME, Happening, Machine, RecordedRun, Recording, Scenario, TaskSource, Witness,
 };
+use mcdpr::replay::replay;
 use mcdpr::robot::Robot;
 use mcdpr::serve::{CameraWatcher, Desk, Feed, FeedWatcher, Server};
 use mcdpr_protocol::SessionId;
@@ -69,7 +69,7 @@ fn happenings(model: &Model) -> (Vec<Happening>, f64) {
     witness
         .add(Keep(Arc::clone(&kept)), Patience::Wait)
         .unwrap();
-    let task = Task::find("paper:table7", scenario.task.tool_z_m).unwrap();
+    let task = Task::built_in("paper:table7", scenario.task.tool_z_m).unwrap();
     let seen = (&witness, SessionId(1));
     let orders = Orders::default();
     let mismatch = Mismatch::realistic();
@@ -164,7 +164,7 @@ fn page(model: &Model, all: &[Happening], with_camera: bool) -> (f64, f64) {
 }
 
 fn main() -> std::process::ExitCode {
-    let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let folder = std::env::temp_dir().join(format!("mcdpr-bench-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join(FILE_NAME);

@@ -49,7 +49,7 @@ pub struct SimulatedRun {
 impl SimulatedRun {
     /// Simulated seconds per second.
     #[must_use]
-    pub fn realtime_factor(&self) -> f64 {
+    pub(crate) fn realtime_factor(&self) -> f64 {
         self.simulated_s / self.took.as_secs_f64().max(1e-9)
     }
 }
@@ -98,7 +98,7 @@ pub struct Orders {
 ///
 /// # Errors
 /// As [`simulate`].
-pub fn simulate_with(
+pub(crate) fn simulate_with(
     model: &Model,
     task: Task,
     mismatch: &Mismatch,
@@ -196,7 +196,7 @@ pub fn simulated_robot(
 ///
 /// # Errors
 /// Where it cannot hang there.
-pub fn simulated_robot_on(
+pub(crate) fn simulated_robot_on(
     model: &Model,
     mismatch: &Mismatch,
     seed: u64,
@@ -227,7 +227,7 @@ pub fn simulated_robot_on(
         seed,
         firmware,
     )
-    .map_err(|error| RunError::Client(crate::link::LinkError::from(error).into()))?;
+    .map_err(|error| RunError::Client(crate::link::plant_failed(error).into()))?;
     Ok(SimulatedLink::new(simulation))
 }
 
@@ -282,7 +282,7 @@ pub fn on_link_with<L: Link>(
 ///
 /// # Errors
 /// As [`on_link_with`].
-pub fn on_link_homed<L: Link>(
+pub(crate) fn on_link_homed<L: Link>(
     model: &Model,
     task: Task,
     link: L,
@@ -308,7 +308,7 @@ fn commanded<L: Link>(
     progress: impl FnMut(Progress),
 ) -> Result<Run, RunError> {
     let number = session.unwrap_or_else(run::new_session);
-    let mut session = Session::open(model, link, number, handle, homing)?;
+    let mut session = Session::open(model, link, number, handle, homing, &run::LengthFiles)?;
     let plan = session.plan(task, None)?;
     session.arm()?;
     let mut recorder = Recorder::default();

@@ -9,7 +9,8 @@
 //! | [`machine`] | the description as geometry, as a board's configuration, as physics |
 //! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
 //! | [`link`] | byte streams to a board and the host's half of the protocol |
-//! | [`record`] | runs kept in MCAP files, read back, replayed |
+//! | [`record`] | runs kept in MCAP files, read back |
+//! | [`replay`] | the host and the core run again on recorded bytes |
 //! | [`report`] | figures, plots and files of a run |
 //! | [`serve`] | the live page |
 //! | [`reproduce`] | the paper's experiments, its numbers beside ours |
@@ -17,14 +18,15 @@
 //! | [`scenario`] | faults on purpose, and what came of them |
 //! | [`tension`] | experiments on the tension loop, tuning and calibration of tension |
 //! | [`experiment`] | a task from connecting to disarming, and what came of it |
-//! | [`files`] | files from outside: read to a bound, written whole or not at all |
+//! | `stamp` | date and time for names and records |
+//! | `files` | files from outside: read to a bound, written whole or not at all |
 //! | [`sight`] | tags in the camera's pictures |
 //! | [`pick`] | bin picking: look, choose, take, carry, release |
 //! | [`study`] | studies in the simulator that the documents quote |
 //! | [`doctor`] | what is there, part by part, and what to do where it is not |
-//! | [`flash`] | the board's firmware: checked, then written through a debug probe |
+//! | `flash` | the board's firmware: checked, then written through a debug probe |
 //! | [`service`] | work on one unloaded winch |
-//! | [`units`] | numbers with units as people type them |
+//! | `units` | numbers with units as people type them |
 //! | [`cli`] | the command line |
 
 /// As the standard library's, but a terminal that is gone does not end the program: the robot may
@@ -55,15 +57,17 @@ pub mod calibration;
 pub mod cli;
 pub mod control;
 pub mod doctor;
-pub mod estimate;
 pub mod experiment;
-pub mod files;
-pub mod flash;
+mod files;
+// Without a probe only the check of a file is used.
+#[cfg_attr(not(feature = "flash"), allow(dead_code))]
+mod flash;
 pub mod link;
 pub mod machine;
 pub mod motion;
 pub mod pick;
 pub mod record;
+pub mod replay;
 pub mod report;
 pub mod reproduce;
 pub mod robot;
@@ -72,6 +76,9 @@ pub mod scenario;
 pub mod serve;
 pub mod service;
 pub mod sight;
+mod stamp;
 pub mod study;
 pub mod tension;
-pub mod units;
+mod units;
+
+pub use mcdpr_core::estimate;

@@ -32,15 +32,15 @@
 #![no_std]
 
 pub mod config;
-pub mod faults;
+mod faults;
 pub mod frame;
-pub mod hello;
-pub mod list;
+mod hello;
+mod list;
 pub mod message;
-pub mod motion;
+mod motion;
 pub mod stop;
 pub mod telemetry;
-pub mod units;
+mod units;
 
 pub use config::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, KeyMeaning, config_hash};
 pub use faults::{FaultId, FaultRecord, Limit, Limits};
@@ -53,8 +53,7 @@ pub use message::{
 pub use motion::{CableKnot, Coefficient, Knot, ResidualRow};
 pub use telemetry::{BoardState, Sample, SampleBlock, Status};
 pub use units::{
-    Micrometres, MicrometresPerSecond, Microseconds, Milliamps, Millinewtons, TenthMicrometres,
-    Tick,
+    Micrometres, MicrometresPerSecond, Milliamps, Millinewtons, TenthMicrometres, Tick,
 };
 
 /// Version of the wire format: a board and a host with another major version never move together.

@@ -3,8 +3,8 @@
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
 use mcdpr_firmware::drives::DriveBus;
-use mcdpr_firmware::io;
-use mcdpr_firmware::link::{Incoming, Line, LinkState, Outgoing, Queues, RING};
+use mcdpr_firmware::io::{self, Line, RING};
+use mcdpr_firmware::link::{Incoming, LinkState, Outgoing, Queues};
 use mcdpr_firmware::{Active, Brake, Cycle, Inputs, Outputs};
 use mcdpr_protocol::frame::MAX_FRAME;
 use mcdpr_protocol::{FaultRecord, Hello, Info, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick};

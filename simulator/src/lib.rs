@@ -14,8 +14,8 @@ mod board;
 pub mod camera;
 pub mod can;
 pub mod plant;
-pub mod simulation;
-pub mod wire;
+mod simulation;
+mod wire;
 
 pub use board::VirtualBoard;
 pub use simulation::{LinkOptions, Simulation, TracePoint};

@@ -228,7 +228,7 @@ fn f6_poses_of_one_tilt_are_refused() {
         );
         let pose = mcdpr_kinematics::Pose::level(nalgebra::Vector3::new(0.32 + x, y, -0.2));
         let lengths = truth.robot.lengths_m(&pose).unwrap();
-        let views = mcdpr::calibration::simulate::views_at(
+        let views = mcdpr::calibration::views::views_at(
             &data.camera,
             &data.tags,
             &truth.world_from_body,

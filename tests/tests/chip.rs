@@ -45,7 +45,7 @@ fn static_ram() -> u64 {
 }
 
 fn model() -> Model {
-    Model::new(&Robot::find("paper-table5").unwrap()).unwrap()
+    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
 }
 
 fn line() -> Task {
@@ -54,7 +54,7 @@ fn line() -> Task {
 
 /// The paper's robot at home in front of a chip, and the chip.
 fn robot(model: &Model) -> (SimulatedLink, SharedChip) {
-    let home = experiment::home(model).unwrap();
+    let home = model.rest_at_home().unwrap();
     let params = machine::plant_params(model.robot(), &Mismatch::realistic(), 3);
     let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
     let plant = machine::hang(params, pose, tensions, model.tension_held(), 3).unwrap();
@@ -214,7 +214,7 @@ fn arming_fails(protocol: &str, spoil: impl FnOnce(&mut DriveNodes)) -> (FaultId
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/paper-table5.toml");
     let text = std::fs::read_to_string(file).unwrap();
     let text = text.replace("drive = \"rmds\"", &format!("drive = \"{protocol}\""));
-    let model = Model::new(&Robot::parse(&text, Path::new(file)).unwrap()).unwrap();
+    let model = Model::new(&mcdpr::robot::parse(&text, Path::new(file)).unwrap()).unwrap();
     let (link, chip) = robot(&model);
     link.with(|simulation| spoil(simulation.drives_mut().nodes_mut()));
     let run = experiment::on_link_at_home(&model, line(), link, Some(SessionId(1)));

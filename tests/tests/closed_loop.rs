@@ -8,9 +8,9 @@ use mcdpr::report::Figures;
 use mcdpr::robot::Robot;
 
 fn circle(robot: &str, mismatch: &Mismatch, seed: u64) -> (SimulatedRun, Figures) {
-    let robot = Robot::find(robot).unwrap();
+    let robot = mcdpr::robot::find(robot).unwrap();
     let model = Model::new(&robot).unwrap();
-    let task = Task::find("paper:table7", -0.18).unwrap();
+    let task = Task::built_in("paper:table7", -0.18).unwrap();
     let run = experiment::simulate(&model, task, mismatch, seed, |_| {}).unwrap();
     let figures = run.run.figures(&model).unwrap();
     (run, figures)
@@ -80,7 +80,7 @@ fn a_run_repeats_bit_by_bit_for_a_seed_and_differs_for_another() {
 fn the_measured_lengths_are_the_true_ones_to_an_encoder_count() {
     // Path error and length error must not agree by both being wrong: the plant's own geometry
     // says where the tool was, the encoders what was paid out.
-    let robot = Robot::find("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
     let (run, _) = circle("paper-table5", &Mismatch::default(), 2);
     let truth = run.run.true_path.as_ref().unwrap();
@@ -110,7 +110,7 @@ fn the_measured_lengths_are_the_true_ones_to_an_encoder_count() {
 
 #[test]
 fn arming_and_disarming_leave_the_platform_where_it_hangs() {
-    let robot = Robot::find("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
     let link = experiment::simulated_robot(
         &model,

@@ -61,14 +61,14 @@ fn on_simulator(
 }
 
 fn with_board(name: &str) -> Robot {
-    let mut robot = Robot::find(name).unwrap();
+    let mut robot = mcdpr::robot::find(name).unwrap();
     robot.tags = target::tags(mcdpr::calibration::simulate::Target::Board);
     robot
 }
 
 #[test]
 fn collected_data_calibrate_the_robot() {
-    let robot = Robot::find("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let mut steps = Vec::new();
     let data = on_simulator(&robot, &options(12, 7), None, |_| Ok(()), |s| steps.push(s)).unwrap();
     assert_eq!(data.poses.len(), 12);
@@ -85,7 +85,7 @@ fn collected_data_calibrate_the_robot() {
 
 #[test]
 fn a_broken_off_collection_is_continued() {
-    let robot = Robot::find("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let mut kept: Option<Data> = None;
     // The disk is full after the fifth pose.
     let broken = on_simulator(
@@ -119,7 +119,7 @@ fn a_broken_off_collection_is_continued() {
     assert_eq!(whole.poses[..5], kept.poses[..]);
     assert!(joint(&whole, &Estimator::default()).is_ok());
     // Neither another robot's data nor another machine's are continued.
-    let other = Robot::find("paper-table3").unwrap();
+    let other = Robot::built_in("paper-table3").unwrap();
     let words = on_simulator(
         &other,
         &options(9, 3),
@@ -158,7 +158,7 @@ fn it_stops_when_the_expected_error_is_small_enough() {
 
 #[test]
 fn a_target_out_of_view_is_named() {
-    let robot = Robot::find("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
     let link =
         experiment::simulated_robot(&model, &Mismatch::as_built(), 1, &LinkOptions::default());
@@ -282,11 +282,7 @@ fn poses_that_all_give_nothing_end_it_and_the_robot_goes_home() {
     let words = ended.unwrap_err().to_string();
     assert!(words.contains("8 poses one after another"), "{words}");
     assert_eq!(going.get(), 8);
-    let home = experiment::home(&model)
-        .unwrap()
-        .equilibrium
-        .pose
-        .position_m;
+    let home = model.rest_at_home().unwrap().equilibrium.pose.position_m;
     let truth = link.with(|simulation| simulation.plant().truth()).unwrap();
     let off_m = (0..3).map(|k| (truth.pose.position_m[k] - home[k]).powi(2));
     // Anchors are off by 5 mm.
@@ -374,7 +370,7 @@ fn pictures_calibrate_a_robot() {
     };
     let mut found = Vec::new();
     let options = Options {
-        described: Some(Robot::find("paper-table5").unwrap().content_hash()),
+        described: Some(Robot::built_in("paper-table5").unwrap().content_hash()),
         ..options(12, SEED)
     };
     let photograph = |data: &Data| {
@@ -478,7 +474,7 @@ fn a_reassembled_robot_tracks_as_before() {
 #[test]
 fn f8_f9_a_calibration_is_kept_whole_and_used_only_where_it_belongs() {
     let folder = folder("kept");
-    let robot = Robot::find("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let data = on_simulator(&robot, &options(10, 2), None, |_| Ok(()), |_| {}).unwrap();
     let data_file = folder.join("data.json");
     std::fs::write(&data_file, data.to_json().to_string()).unwrap();

@@ -19,7 +19,7 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
-        let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
         let options = LinkOptions::default();
         let mismatch = Mismatch::realistic();
         let link = experiment::simulated_robot(&model, &mismatch, 1, &options).unwrap();
@@ -32,7 +32,7 @@ impl Rig {
     }
 
     fn run(&self, progress: impl FnMut(Progress)) -> Result<experiment::Run, RunError> {
-        let task = Task::find("paper:table7", -0.18).unwrap();
+        let task = Task::built_in("paper:table7", -0.18).unwrap();
         let session = Some(SessionId(1));
         let link = self.link.clone();
         experiment::on_link_with(&self.model, task, link, session, &self.handle, progress)

@@ -312,7 +312,12 @@ fn folders(word: &str) -> &'static [&'static str] {
         "core" => &["firmware/tests/core", "firmware/src/controller"],
         "protocol" => &["protocol/tests"],
         "chip" => &["tests/tests/chip_faults", "tests/tests", "emulator/tests"],
-        "host" => &["tests/tests", "host/src", "host/src/robot/tests"],
+        "host" => &[
+            "tests/tests",
+            "host/src",
+            "core/src",
+            "core/src/robot/tests",
+        ],
         _ => &["tests/tests"],
     }
 }

@@ -169,7 +169,7 @@ fn an_encoder_that_counts_the_other_way_shows_when_it_arms() {
 
 /// The simulated paper's robot with these faults, examined.
 fn examined(break_it: impl FnOnce(&mut Faults)) -> Vec<Finding> {
-    let robot = Robot::find("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
     let options = LinkOptions::default();
     let link: SimulatedLink =
@@ -223,7 +223,7 @@ impl Operator for Nobody {
 
 /// A bare machine with these faults, and its robot file.
 fn bare(break_it: impl FnOnce(&mut Faults)) -> (Client<SimulatedLink>, Robot) {
-    let robot = Robot::find("lab-fast").unwrap();
+    let robot = Robot::built_in("lab-fast").unwrap();
     let options = LinkOptions::default();
     let simulation =
         machine::simulate_unloaded(&robot, &Mismatch::realistic(), &options, 5).unwrap();

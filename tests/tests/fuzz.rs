@@ -194,7 +194,7 @@ fn any_robot_with_any_task_is_planned_or_refused() {
 fn robots_that_cannot_be_driven_are_refused_with_the_key() {
     use mcdpr::motion::Model;
     use mcdpr::robot::Robot;
-    let robot = Robot::find("paper-table5").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     let mut three = robot.clone();
     three.cables.truncate(3);
     three.winches.truncate(3);

@@ -7,8 +7,7 @@ use mcdpr::link::{Link, LinkError, SimulatedLink};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::path::{Path, Piece};
 use mcdpr::motion::{Model, Plan, PlanError, PlanOptions, Shaping, Step, Task};
-use mcdpr::robot::Robot;
-use mcdpr::run::{Homing, Recorder, Session};
+use mcdpr::run::{Homing, NoStore, Recorder, Session};
 use mcdpr::study::motion::{Job, Known, cases, run};
 use mcdpr_firmware::State;
 use mcdpr_protocol::SessionId;
@@ -17,7 +16,7 @@ use nalgebra::Vector3;
 use std::path::PathBuf;
 
 fn model(robot: &str) -> Model {
-    Model::new(&Robot::find(robot).unwrap()).unwrap()
+    Model::new(&mcdpr::robot::find(robot).unwrap()).unwrap()
 }
 
 fn at(x: f64, y: f64, z: f64) -> Vector3<f64> {
@@ -207,7 +206,7 @@ fn stalls_of_200_ms_never_starve_the_stream() {
         inner: inner.clone(),
         lost: std::rc::Rc::default(),
     };
-    let task = Task::find("paper:table7", -0.18).unwrap();
+    let task = Task::built_in("paper:table7", -0.18).unwrap();
     experiment::on_link(&model, task, link.clone(), Some(SessionId(1)), |_| {}).unwrap();
     assert!(
         link.lost.get() > 20,
@@ -229,10 +228,17 @@ fn stalls_of_200_ms_never_starve_the_stream() {
 fn least_buffered_s<L: Link>(model: &Model, link: L) -> f64 {
     let handle = Handle::new();
     let home = model.robot().tool.home_in_world_m;
-    let mut session =
-        Session::open(model, link, SessionId(1), &handle, Homing::Place(home)).unwrap();
+    let mut session = Session::open(
+        model,
+        link,
+        SessionId(1),
+        &handle,
+        Homing::Place(home),
+        &NoStore,
+    )
+    .unwrap();
     session.arm().unwrap();
-    let task = Task::find("paper:table7", -0.18).unwrap();
+    let task = Task::built_in("paper:table7", -0.18).unwrap();
     let plan = session.plan(task, None).unwrap();
     let mut recorder = Recorder::default();
     session.follow(&plan, &mut recorder, |_| {}).unwrap();
@@ -292,8 +298,15 @@ fn the_boards_clock_is_known_by_offset_and_drift() {
         };
         let handle = Handle::new();
         let home = model.robot().tool.home_in_world_m;
-        let mut session =
-            Session::open(&model, link, SessionId(1), &handle, Homing::Place(home)).unwrap();
+        let mut session = Session::open(
+            &model,
+            link,
+            SessionId(1),
+            &handle,
+            Homing::Place(home),
+            &NoStore,
+        )
+        .unwrap();
         let client = session.client();
         client.pump(30_000_000).unwrap();
         let drift = client.clock().drift();
@@ -319,6 +332,7 @@ fn a_jog_moves_as_told_stops_by_itself_and_at_a_limit() {
         SessionId(1),
         &handle,
         Homing::Place(home),
+        &NoStore,
     )
     .unwrap();
     session.arm().unwrap();
@@ -355,7 +369,7 @@ fn a_board_that_lost_its_lengths_is_not_taken_to_hang_at_home() {
     let handle = Handle::new();
     // Taught the wrong place, arming finds that the tensions are not those of that place.
     let homing = Homing::Place(at(500.0, 200.0, -300.0));
-    let mut session = Session::open(&model, link, SessionId(1), &handle, homing).unwrap();
+    let mut session = Session::open(&model, link, SessionId(1), &handle, homing, &NoStore).unwrap();
     assert!(session.arm().is_err());
     assert!(lower.paid_out_m.iter().all(|l| l.is_finite()));
 }

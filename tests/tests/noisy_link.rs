@@ -11,7 +11,7 @@ use mcdpr_protocol::{FaultId, PROTOCOL_MINOR, Request, SessionId};
 use mcdpr_simulator::{LinkOptions, WireFaults};
 
 fn model() -> Model {
-    Model::new(&Robot::find("paper-table5").unwrap()).unwrap()
+    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
 }
 
 fn robot(model: &Model, options: &LinkOptions, seed: u64) -> SimulatedLink {
@@ -232,7 +232,7 @@ fn a_second_session_is_refused_while_the_first_is_armed_l14() {
     let link = robot(&model, &LinkOptions::default(), 1);
     let mut first = Client::connect(link.clone(), SessionId(1)).unwrap();
     let hash = run::configure(&mut first, model.robot()).unwrap();
-    let home = experiment::home(&model).unwrap();
+    let home = model.rest_at_home().unwrap();
     let reference = mcdpr::machine::reference(&home.paid_out_m, home.tensions_n());
     first.request(reference).unwrap();
     run::arm(&mut first, hash).unwrap();

@@ -6,7 +6,7 @@ use mcdpr::robot::Robot;
 use mcdpr_simulator::camera::Order;
 
 fn robot() -> Robot {
-    study::picking_robot(&Robot::find("lab-fast").unwrap())
+    study::picking_robot(&Robot::built_in("lab-fast").unwrap())
 }
 
 fn wanted(count: usize, seed: u64) -> Wanted {
@@ -129,7 +129,7 @@ fn ten_scenes_are_picked_about_as_often_and_as_well_as_asked() {
         keep: None,
     };
     let mut seen = 0;
-    let robot = Robot::find("lab-fast").unwrap();
+    let robot = Robot::built_in("lab-fast").unwrap();
     let lines = study.run(&robot, |_, _| seen += 1).unwrap();
     assert_eq!(seen, 10);
     for (line, (is_cluttered, least)) in lines.iter().zip([(false, 0.94), (true, 0.85)]) {

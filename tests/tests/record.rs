@@ -5,11 +5,11 @@ use mcdpr::experiment::{self, Orders};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
 use mcdpr::record::mcap;
-use mcdpr::record::replay::{ReplayError, replay};
 use mcdpr::record::witness::{Patience, Watcher};
 use mcdpr::record::{
     FILE_NAME, Happening, LoadError, Machine, RecordedRun, Recording, Scenario, TaskSource, Witness,
 };
+use mcdpr::replay::{ReplayError, replay};
 use mcdpr::robot::Robot;
 use mcdpr_protocol::SessionId;
 use mcdpr_tests::process::Folder;
@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 const TASK: &str = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [275, -85, -180]\n";
 
 fn model() -> Model {
-    Model::new(&Robot::find("paper-table5").unwrap()).unwrap()
+    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
 }
 
 fn scenario() -> Scenario {

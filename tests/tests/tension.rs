@@ -34,13 +34,13 @@ fn pulled(robot: &Robot, change: &Change, newtons: f64, seed: u64) -> Trace {
 
 #[test]
 fn at_rest_and_on_the_circle_the_tension_is_what_was_asked_for() {
-    let robot = Robot::find("lab-direct").unwrap();
+    let robot = Robot::built_in("lab-direct").unwrap();
     let (mut rest, mut circle) = (Vec::new(), Vec::new());
     for seed in 1..=SEEDS {
         let mut bench = Bench::start(&robot, &Change::default(), seed).unwrap();
         let trace = bench.run(&Script::rest(2.0)).unwrap();
         rest.push(at_rest(&trace, 0.0, 2.0).mean_error_n.abs());
-        let task = Task::find("paper:table7", -0.18).unwrap();
+        let task = Task::built_in("paper:table7", -0.18).unwrap();
         let trace = bench.follow(task).unwrap();
         assert_eq!(trace.fault, None);
         circle.push(at_rest(&trace, 0.0, f64::INFINITY).mean_abs_n);
@@ -53,7 +53,7 @@ fn at_rest_and_on_the_circle_the_tension_is_what_was_asked_for() {
 
 #[test]
 fn a_pull_on_the_platform_is_answered_within_a_tenth_of_a_second() {
-    let robot = Robot::find("lab-direct").unwrap();
+    let robot = Robot::built_in("lab-direct").unwrap();
     for (newtons, peak_n) in [(2.0, 1.0), (5.0, 1.5)] {
         let (mut peaks, mut backs) = (Vec::new(), Vec::new());
         for seed in 1..=SEEDS {
@@ -72,7 +72,7 @@ fn a_pull_on_the_platform_is_answered_within_a_tenth_of_a_second() {
 
 #[test]
 fn other_cables_and_drums_stay_stable_with_the_same_gains() {
-    let robot = Robot::find("lab-direct").unwrap();
+    let robot = Robot::built_in("lab-direct").unwrap();
     for stiffness in [0.5, 2.0] {
         let change = Change {
             stiffness,
@@ -95,7 +95,7 @@ fn other_cables_and_drums_stay_stable_with_the_same_gains() {
 
 #[test]
 fn c1_a_slack_cable_comes_back_without_a_blow() {
-    let robot = Robot::find("lab-direct").unwrap();
+    let robot = Robot::built_in("lab-direct").unwrap();
     let mut bench = Bench::start(&robot, &Change::default(), 1).unwrap();
     let cable = bench.watched();
     let trace = bench
@@ -118,7 +118,7 @@ fn c1_a_slack_cable_comes_back_without_a_blow() {
 
 #[test]
 fn brakes_closed_in_hold_hold_and_open_for_the_motion() {
-    let mut robot = Robot::find("lab-direct").unwrap();
+    let mut robot = Robot::built_in("lab-direct").unwrap();
     robot.tension.hold_braked = true;
     let mut bench = Bench::start(&robot, &Change::default(), 1).unwrap();
     let closed = |bench: &mut Bench| {
@@ -145,7 +145,7 @@ fn brakes_closed_in_hold_hold_and_open_for_the_motion() {
 /// for it, so core and simulator are taken as they are.
 #[test]
 fn two_cables_of_eight_are_held_by_tension_at_once() {
-    let mut robot = Robot::find("eight-cable").unwrap();
+    let mut robot = Robot::built_in("eight-cable").unwrap();
     // The made-up tensions below leave one cable at 4.7 N.
     robot.limits.tension_min_n = 1.0;
     for (index, cable) in robot.cables.iter_mut().enumerate() {
@@ -216,8 +216,8 @@ fn a_robot_is_rigged_from_slack_and_let_down_again() {
     };
     let up = rig(&["rig", "tension", "--yes", "--json", "--robot", "lab-fast"]);
     // What statics say for the platform at home, all cables together.
-    let model = Model::new(&Robot::find("lab-fast").unwrap()).unwrap();
-    let home = mcdpr::experiment::home(&model).unwrap();
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    let home = model.rest_at_home().unwrap();
     for (up, home) in up.iter().zip(home.tensions_n()) {
         assert!((up - home).abs() < 0.5, "{up} N, not {home} N");
     }

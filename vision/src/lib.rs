@@ -5,8 +5,8 @@
 //! (0.5, 0.5). A camera's frame has x to the right, y down and z ahead.
 
 pub mod align;
-pub mod camera;
-pub mod frame;
+mod camera;
+mod frame;
 pub mod grasp;
 pub mod image;
 mod input;
@@ -14,7 +14,7 @@ pub mod live;
 #[cfg(feature = "realsense")]
 pub mod realsense;
 pub mod recorded;
-pub mod source;
+mod source;
 pub mod tag;
 #[cfg(all(feature = "v4l2", target_os = "linux"))]
 pub mod v4l2;

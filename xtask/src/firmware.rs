@@ -14,7 +14,7 @@ const RAM_BUDGET: u64 = 10 * 1024;
 
 /// Builds the firmware as it is flashed and checks it.
 pub(crate) fn build_and_check() -> Result<(), String> {
-    ensure_target()?;
+    ensure_target(TARGET)?;
     cargo(&["fw", "--locked"])?;
     let path = elf_path();
     let image = std::fs::read(&path).map_err(|error| format!("{}: {error}", path.display()))?;
@@ -24,7 +24,7 @@ pub(crate) fn build_and_check() -> Result<(), String> {
 /// Checks that `kinematics` does without the standard library, as its documentation claims: for a
 /// target that has none.
 pub(crate) fn kinematics_without_std() -> Result<(), String> {
-    ensure_target()?;
+    ensure_target(TARGET)?;
     cargo(&[
         "check",
         "--locked",
@@ -38,7 +38,7 @@ pub(crate) fn kinematics_without_std() -> Result<(), String> {
 
 /// Lints the firmware for its own target, where the board's code exists.
 pub(crate) fn lint() -> Result<(), String> {
-    ensure_target()?;
+    ensure_target(TARGET)?;
     cargo(&[
         "clippy",
         "--locked",
@@ -57,28 +57,28 @@ pub(crate) fn lint() -> Result<(), String> {
     ])
 }
 
-/// Makes sure that the standard library for the chip is there.
-fn ensure_target() -> Result<(), String> {
-    if target_is_installed() {
+/// Makes sure that the standard library for a target, the chip's for one, is there.
+pub(crate) fn ensure_target(target: &str) -> Result<(), String> {
+    if target_is_installed(target) {
         return Ok(());
     }
-    let added = run(Command::new("rustup").args(["target", "add", TARGET]));
-    if added.is_ok() && target_is_installed() {
+    let added = run(Command::new("rustup").args(["target", "add", target]));
+    if added.is_ok() && target_is_installed(target) {
         return Ok(());
     }
     Err(format!(
-        "xtask: the Rust target {TARGET} is not installed and `rustup target add {TARGET}` did not \
+        "xtask: the Rust target {target} is not installed and `rustup target add {target}` did not \
          bring it.\nOther ways: your distribution's package of Rust's standard library for that \
          target; or its rustc with its rust-src package, then\n  RUSTC_BOOTSTRAP=1 cargo fw \
          -Zbuild-std=core"
     ))
 }
 
-fn target_is_installed() -> bool {
+fn target_is_installed(target: &str) -> bool {
     let sysroot = Command::new("rustc").args(["--print", "sysroot"]).output();
     let Ok(sysroot) = sysroot else { return false };
     let sysroot = PathBuf::from(String::from_utf8_lossy(&sysroot.stdout).trim());
-    let libraries = sysroot.join("lib/rustlib").join(TARGET).join("lib");
+    let libraries = sysroot.join("lib/rustlib").join(target).join("lib");
     std::fs::read_dir(libraries).is_ok_and(|mut entries| {
         entries.any(|entry| {
             entry.is_ok_and(|entry| entry.file_name().to_string_lossy().starts_with("libcore"))

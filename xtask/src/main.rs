@@ -1,6 +1,9 @@
 //! Chores of the project: `cargo xtask test`, `cargo xtask lint`, `cargo xtask firmware`.
 
 mod firmware;
+mod public;
+mod seams;
+mod source;
 mod tools;
 
 use std::process::{Command, ExitCode};
@@ -11,12 +14,14 @@ test        every test: host crates, system tests with the real program, the fir
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
-lint        formatting, lints and documentation, warnings denied";
+seams       no ring of modules, no public item unused outside its crate; the crates without a system compile for wasm32
+lint        formatting, seams, lints and documentation, warnings denied";
 
 fn main() -> ExitCode {
     let outcome = match std::env::args().nth(1).as_deref() {
         Some("test") => test(),
         Some("firmware") => firmware::build_and_check(),
+        Some("seams") => seams(),
         Some("lint") => lint(),
         Some("study") => study(),
         Some("help" | "--help" | "-h") => {
@@ -54,6 +59,7 @@ fn test() -> Result<(), String> {
     // program, which the system tests start, is built with them.
     firmware::build_and_check()?;
     firmware::kinematics_without_std()?;
+    check_for_page()?;
     tools::ensure_browser()?;
     tools::ensure_mcap_reader()?;
     let arguments = [
@@ -91,8 +97,35 @@ const FEATURES: &str = "mcdpr-kinematics/rayon";
 /// known.
 const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr/flash,mcdpr/onnx,mcdpr/v4l2,mcdpr/realsense";
 
+/// What keeps the crates apart: no ring of modules, nothing public that only its own crate names, and no
+/// operating system below the host.
+fn seams() -> Result<(), String> {
+    let found = [seams::check(), public::check()];
+    let wrong: Vec<String> = found.into_iter().filter_map(Result::err).collect();
+    if !wrong.is_empty() {
+        return Err(wrong.join("\n"));
+    }
+    check_for_page()
+}
+
+/// Checks that what shall run in a page compiles for it.
+fn check_for_page() -> Result<(), String> {
+    firmware::ensure_target(PAGE_TARGET)?;
+    let mut arguments = vec!["check", "--locked", "--target", PAGE_TARGET];
+    for name in WITHOUT_SYSTEM {
+        arguments.extend(["-p", name]);
+    }
+    cargo(&arguments)
+}
+
+/// The target of a web page.
+const PAGE_TARGET: &str = "wasm32-unknown-unknown";
+/// Crates that need no operating system.
+const WITHOUT_SYSTEM: [&str; 2] = ["mcdpr-core", "mcdpr-calibration"];
+
 fn lint() -> Result<(), String> {
     cargo(&["fmt", "--all", "--check"])?;
+    seams()?;
     cargo(&[
         "clippy",
         "--locked",

@@ -3,7 +3,7 @@
 use super::can_line::{CanFrame, CanWiring};
 use super::tests::{bus, misuse, read, wait, write};
 use crate::bus::Bus;
-use crate::core::Trap;
+use crate::trap::Trap;
 
 const CAN: u32 = 0x4000_6400;
 const AFIO_MAPR: u32 = 0x4001_0004;

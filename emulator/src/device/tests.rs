@@ -1,7 +1,7 @@
 //! Peripherals through their registers, as firmware meets them.
 
 use crate::bus::{Bus, FLASH_BYTES, Halt, RAM, RAM_BYTES};
-use crate::core::Trap;
+use crate::trap::Trap;
 
 const RCC: u32 = 0x4002_1000;
 const FLASH_ACR: u32 = 0x4002_2000;

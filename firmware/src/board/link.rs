@@ -12,9 +12,8 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Poll;
 use embassy_executor::raw::Executor;
 use heapless::spsc::Producer;
-use mcdpr_firmware::link::{
-    self, Line, LinkEnds, LinkState, OutgoingEnds, Queues, TickEnds, Waiting,
-};
+use mcdpr_firmware::io::Line;
+use mcdpr_firmware::link::{self, LinkEnds, LinkState, OutgoingEnds, Queues, TickEnds, Waiting};
 use mcdpr_protocol::Hello;
 use static_cell::StaticCell;
 

@@ -7,6 +7,7 @@
 //! | `tension` | four tension channels by ADC and DMA |
 //! | `tick` | the control tick (SysTick, 1 kHz), sole owner of the control core |
 //! | `can` | the drives' bus (bxCAN) |
+//! | `clock` | clocks of the chip, ticks since the start |
 //! | `link` | bytes to commands, answers and telemetry to bytes (thread mode) |
 //! | `uart` | USART3, DMA in both directions |
 //! | `interrupts` | priorities, and critical sections that never hold the tick up |
@@ -22,6 +23,8 @@
 
 #[cfg(target_os = "none")]
 mod can;
+#[cfg(target_os = "none")]
+mod clock;
 #[cfg(target_os = "none")]
 mod encoders;
 #[cfg(target_os = "none")]

@@ -1,5 +1,6 @@
 //! From reset to the first tick.
 
+use crate::clock::CYCLES_PER_TICK;
 use crate::{can, encoders, fatal, identity, interrupts, link, pins, tension, tick, uart};
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
@@ -10,13 +11,6 @@ use embassy_stm32::pac::afio::vals::SwjCfg;
 use embassy_stm32::pac::flash::vals::Latency;
 use embassy_stm32::pac::rcc::vals::{Adcpre, Pllmul, Pllsrc, Ppre, Sw};
 use mcdpr_firmware::drives::DriveBus;
-
-/// Core clock, Hz.
-pub const CORE_HZ: u32 = 72_000_000;
-/// Clock of the slower half of the peripherals, Hz.
-pub const APB1_HZ: u32 = CORE_HZ / 2;
-/// Core clock cycles of one control tick.
-pub const CYCLES_PER_TICK: u32 = CORE_HZ / 1000;
 
 /// The voltage detector's line of EXTI.
 const SUPPLY_LINE: usize = 16;

@@ -11,8 +11,8 @@
 //! reference, as an injected conversion between two of a scan: with a supply that is not what the
 //! sensors were calibrated at, all of them read as shorted (S8), and nothing is raised on them.
 
+use crate::clock::CORE_HZ;
 use crate::pins::CABLES;
-use crate::start::CORE_HZ;
 use core::ops::RangeInclusive;
 use core::sync::atomic::{AtomicU32, Ordering, fence};
 use embassy_stm32::pac;

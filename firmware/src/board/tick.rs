@@ -1,18 +1,18 @@
 //! The control tick: SysTick, 1 kHz, above everything else. It alone owns the control core. What it
 //! does, and in what order, is the library's (`mcdpr_firmware::cycle`).
 
+use crate::clock::{self, CYCLES_PER_TICK};
 use crate::identity::{self, Reset};
 use crate::life::{self, Part};
 use crate::link;
 use crate::pins::{self, CABLES};
-use crate::start::CYCLES_PER_TICK;
 use crate::{can, encoders, tension, uart};
 use core::ptr;
-use core::sync::atomic::{AtomicPtr, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicPtr, Ordering};
 use cortex_m::peripheral::{DCB, DWT};
 use mcdpr_firmware::drives::DriveBus;
-use mcdpr_firmware::io::Board;
-use mcdpr_firmware::link::{Line, TickEnds};
+use mcdpr_firmware::io::{Board, Line};
+use mcdpr_firmware::link::TickEnds;
 use mcdpr_firmware::{Active, Cycle, Inputs, Outputs, State};
 use mcdpr_protocol::message::PANIC_BYTES;
 use mcdpr_protocol::{Info, List, Tick};
@@ -20,8 +20,6 @@ use static_cell::StaticCell;
 
 /// From one tick's start to the next, at most: a tenth late is an overrun (P5).
 const LATE_CYCLES: u32 = CYCLES_PER_TICK + CYCLES_PER_TICK / 10;
-
-static NOW: AtomicU32 = AtomicU32::new(0);
 
 /// Counts core clock cycles from here on.
 pub fn start_cycle_counter(mut dcb: DCB, mut dwt: DWT) {
@@ -91,8 +89,7 @@ impl Core {
     fn tick(&mut self) {
         let cycles = DWT::cycle_count();
         let last = self.started.replace(cycles);
-        let now = Tick(NOW.load(Ordering::Relaxed).wrapping_add(1));
-        NOW.store(now.0, Ordering::Relaxed);
+        let now = Tick(clock::advance());
 
         let late = last.is_some_and(|last| cycles.wrapping_sub(last) > LATE_CYCLES);
         self.cycle.tick(now, late, &mut self.rim, &mut self.ends);

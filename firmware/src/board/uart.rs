@@ -4,14 +4,14 @@
 //! DMA. It fills a ring without end and without interrupts. The tick looks how far it came, 92 bytes
 //! at most of 512, and searches what is new for stops; the link takes all of it at its own pace.
 
+use crate::clock::APB1_HZ;
 use crate::interrupts;
-use crate::start::APB1_HZ;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, fence};
 use embassy_stm32::pac;
 use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::gpio::vals::{CnfOut, Mode};
 use embassy_stm32::pac::interrupt;
-use mcdpr_firmware::link::{Line, RING};
+use mcdpr_firmware::io::{Line, RING};
 use mcdpr_protocol::frame::MAX_FRAME;
 use static_cell::StaticCell;
 

@@ -4,12 +4,12 @@
 //! then each cable is built and thrown away. Only when all is good, what is in use is overwritten,
 //! cable by cable: a refusal leaves it alone.
 
+use super::schedule::{MOST_LOAD_PERMILLE, load_permille};
 use super::{
     Active, CableConfig, ConfigStore, Control, DriveKind, Slots, TensionLaw, TensionOutput,
 };
-use crate::drives::schedule::{MOST_LOAD_PERMILLE, load_permille};
+use crate::adc;
 use crate::fixed::{division, half, quotient, saturate};
-use crate::tension::ADC_RAIL_HIGH;
 use core::ops::Range;
 use mcdpr_protocol::config::ConfigDigest;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Reject};
@@ -311,7 +311,7 @@ impl<const N: usize> ConfigStore<N> {
         let tension_zero_q24 = quotient::<1000>(quotient::<1000>(gain * zero_uv) << 24);
         // Over the rail a reading is no tension (S7): a ceiling that it never shows protects
         // nothing.
-        let rail_q24 = i64::from(ADC_RAIL_HIGH) * tension_per_adc_q24 - tension_zero_q24;
+        let rail_q24 = i64::from(adc::RAIL_HIGH) * tension_per_adc_q24 - tension_zero_q24;
         let trusted_mn = quotient::<10>(MOST_OF_RAIL_TENTHS * (rail_q24 >> 24));
         let most_mn = tension_max_mn.min(saturate(trusted_mn));
         let ceiling_mn = key(CableKey::TensionCeiling, floor_mn + 1, most_mn)?;

@@ -2,9 +2,9 @@
 //! as long as it is pulled too hard. Brakes wait for it: closed earlier, they would keep it so.
 
 use super::{Cable, Control, Controller, Inputs, Target, is_plausible};
+use crate::adc;
 use crate::config::CableConfig;
 use crate::fixed::{quotient, saturate};
-use crate::tension::ADC_RAIL_HIGH;
 
 /// Speed at which a cable is let out, µm/s for each 2 mN that it is over its goal: with a cable of
 /// 40 N/mm the excess is gone within 10 ms or so.
@@ -39,7 +39,7 @@ impl Cable {
 
     /// Lets out for a tick; whether the cable is under its limit and its drum stands.
     fn let_out(&mut self, config: &CableConfig, adc: u16) -> bool {
-        let is_tension = is_plausible(adc) || (adc >= ADC_RAIL_HIGH && self.watch.rose_to_rail());
+        let is_tension = is_plausible(adc) || (adc >= adc::RAIL_HIGH && self.watch.rose_to_rail());
         self.letting_umps = 0;
         self.target.speed_umps = 0;
         if self.abandoned | self.blind | !is_tension {

@@ -13,20 +13,18 @@
 //! |---|---|
 //! | [`can`] | frames, and the port that a board's CAN controller is |
 //! | [`rmds`], [`cia402`] | the two protocols |
-//! | [`schedule`] | how much of the bus they take |
 
 pub mod can;
 pub mod cia402;
 mod drive;
 pub mod rmds;
-pub mod schedule;
 #[cfg(test)]
 mod tests;
 
 pub use can::{BusState, CanFrame, CanPort, Full};
 pub use drive::{Mode, Phase};
 
-use crate::arming::HAS_SERVICE;
+use crate::HAS_SERVICE;
 use crate::config::{Active, DriveKind};
 use crate::io::{DriveDemand, DriveInput, Inputs, Outputs, Scan};
 use drive::{Drive, Step};

@@ -1,7 +1,7 @@
 //! Over-tension is met before it is there, and what happens behind closed brakes is seen.
 
 use crate::support::{BRAKE_MS, Bench, CABLES, adc_of, build, entries_with};
-use mcdpr_firmware::tension::ADC_RAIL_HIGH;
+use mcdpr_firmware::adc::RAIL_HIGH;
 use mcdpr_firmware::watch::{CableView, CableWatch};
 use mcdpr_firmware::{Brake, Inputs, State};
 use mcdpr_protocol::{CableKey, ConfigKey, FaultId, Reject, Request, StopKind};
@@ -17,11 +17,7 @@ fn rising(step_mn: i32, horizon_us: i32) -> (FaultId, i32) {
         }
         let open = tension_mn >= 38_700;
         let view = CableView {
-            adc: if open {
-                ADC_RAIL_HIGH
-            } else {
-                20_000 + tick % 2
-            },
+            adc: if open { RAIL_HIGH } else { 20_000 + tick % 2 },
             tension_mn,
             expected_mn: 10_000,
             floor_mn: 500,

@@ -1,7 +1,7 @@
 //! Every detector fires at its bound and not a tick before: first alone, then through the board.
 
 use crate::support::{Bench, adc_of};
-use mcdpr_firmware::tension::{ADC_RAIL_HIGH, ADC_RAIL_LOW};
+use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
 use mcdpr_firmware::watch::{CableView, CableWatch, Persist};
 use mcdpr_firmware::{Brake, Inputs, State};
 use mcdpr_protocol::FaultId;
@@ -137,7 +137,7 @@ fn c2_over_tension_fires_after_2_ticks() {
 #[test]
 fn s7_an_open_sensor_fires_after_5_ticks_and_is_no_over_tension() {
     let open = ticks_until(|v| {
-        v.adc = ADC_RAIL_HIGH;
+        v.adc = RAIL_HIGH;
         v.tension_mn = 39_000;
     });
     assert_eq!((open.0, open.1), (5, FaultId::S7));
@@ -146,7 +146,7 @@ fn s7_an_open_sensor_fires_after_5_ticks_and_is_no_over_tension() {
 #[test]
 fn s8_a_shorted_sensor_fires_after_5_ticks_and_is_no_slack() {
     let short = ticks_until(|v| {
-        v.adc = ADC_RAIL_LOW;
+        v.adc = RAIL_LOW;
         v.tension_mn = -2500;
     });
     assert_eq!((short.0, short.1), (5, FaultId::S8));

@@ -1,23 +1,15 @@
-//! A calibration as a file beside the robot file, and the robot that it makes.
-//!
-//! The file holds the answer with its covariance, the date, the hash of the data, and the hash of the
-//! description that it belongs to. It is written whole or not at all; the nominal values stay in the
-//! robot file.
+//! A calibration as a file beside the robot file. It is written whole or not at all.
+
+pub use mcdpr_calibration::result::*;
 
 use super::answer::Answer;
-use super::collect::CollectError;
+use super::collect::{CollectError, of_this_robot};
 use super::data::Data;
-use crate::motion::{Model, PlanError};
-use crate::report::utc_stamp;
-use crate::robot::{Calibrated, Robot, Tag};
-use mcdpr_kinematics::Pose;
+use crate::robot::Robot;
+use crate::stamp::utc_stamp;
 use miette::Diagnostic;
-use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
-
-/// Name of the file format.
-pub const SCHEMA: &str = "mcdpr-calibration-1";
 
 /// Why a calibration file cannot be used or written.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -50,15 +42,9 @@ pub enum FileError {
     },
 }
 
-/// CRC-32 of data in their file form.
-#[must_use]
-pub fn data_hash(data: &Data) -> u32 {
-    mcdpr_protocol::frame::crc32(data.to_json().to_string().as_bytes())
-}
-
 /// Where the calibration of a robot is kept: beside its file, or here for a built-in robot.
 #[must_use]
-pub fn path_for(robot: &str) -> PathBuf {
+pub(crate) fn path_for(robot: &str) -> PathBuf {
     let given = PathBuf::from(robot);
     if given.is_file() {
         return given.with_extension("calibration.json");
@@ -66,50 +52,16 @@ pub fn path_for(robot: &str) -> PathBuf {
     PathBuf::from(format!("{robot}.calibration.json"))
 }
 
-/// The file form of an answer for the robot that the data were collected on.
+/// The file form of an answer for the robot that the data were collected on, made now.
 ///
 /// # Errors
 /// Where the data do not say which robot that is.
 pub fn document(robot: &Robot, data: &Data, answer: &Answer) -> Result<Value, CollectError> {
-    super::collect::of_this_robot(robot, robot.content_hash(), data)?;
-    let mut solved = answer.to_json();
-    if let Some(fields) = solved.as_object_mut() {
-        fields.remove("holdout_dl_mm");
-        fields.remove("holdout_position_cov_mm2");
-    }
-    let covariance = answer.covariance.as_ref().map(|matrix| {
-        let row = |i: usize| matrix.row(i).iter().copied().collect::<Vec<f64>>();
-        (0..matrix.nrows()).map(row).collect::<Vec<_>>()
-    });
-    let bodies: Vec<u32> = (0..data.world_from_body.len())
-        .map(|index| {
-            // Numbered as in the robot file where the tags are its own.
-            let mut tags = data.tags.iter().filter(|tag| tag.body == index);
-            let found = tags.find_map(|tag| robot.tags.iter().find(|known| known.id == tag.id));
-            found.map_or(u32::try_from(index).unwrap_or(0), |tag| tag.body)
-        })
-        .collect();
-    let tags: Vec<Value> = data
-        .tags
-        .iter()
-        .map(|tag| {
-            json!({"id": tag.id, "size_mm": tag.size_m * 1e3, "body": bodies[tag.body],
-                   "corners_in_body_mm": tag.corners_in_body_m.each_ref().map(|c| [c.x * 1e3, c.y * 1e3, c.z * 1e3])})
-        })
-        .collect();
-    Ok(json!({
-        "schema": SCHEMA,
-        "robot": robot.name,
-        "robot_hash": format!("{:08x}", robot.content_hash()),
-        "date": utc_stamp(),
-        "data_id": data.id,
-        "data_hash": format!("{:08x}", data_hash(data)),
-        "simulated_seed": data.origin.as_ref().and_then(|origin| origin.simulated_seed),
-        "bodies": bodies,
-        "tags": tags,
-        "answer": solved,
-        "covariance_of_shared_unknowns_si": covariance,
-    }))
+    of_this_robot(robot, robot.content_hash(), data)?;
+    let date = utc_stamp();
+    Ok(mcdpr_calibration::result::document(
+        robot, data, answer, &date,
+    ))
 }
 
 /// Writes a file whole or not at all.
@@ -132,239 +84,8 @@ pub fn apply(robot: &Robot, path: &Path) -> Result<Robot, FileError> {
         path: path.to_owned(),
         source,
     })?;
-    let unusable = |what: String| FileError::Unusable {
+    apply_text(robot, &text, path).map_err(|what| FileError::Unusable {
         path: path.to_owned(),
         what,
-    };
-    let value: Value =
-        serde_json::from_str(&text).map_err(|error| unusable(format!("no JSON: {error}")))?;
-    if value["schema"] != SCHEMA {
-        return Err(unusable(format!(
-            "its schema is {}, not \"{SCHEMA}\"",
-            value["schema"]
-        )));
-    }
-    let hash = format!("{:08x}", robot.content_hash());
-    if value["robot_hash"] != hash.as_str() {
-        return Err(unusable(format!(
-            "it belongs to robot {} with hash {}, this is {} with hash {hash}: the description was \
-             changed since, or it is another machine",
-            value["robot"], value["robot_hash"], robot.name
-        )));
-    }
-    overlay(robot, &value, path).map_err(unusable)
-}
-
-/// The robot with a calibration that was just made ([`document`]) applied.
-///
-/// # Errors
-/// Which value of it cannot be used.
-pub fn applied(robot: &Robot, document: &Value) -> Result<Robot, String> {
-    overlay(robot, document, Path::new(""))
-}
-
-fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String> {
-    let answer = &value["answer"];
-    let mut robot = designed.clone();
-    let mut machine = designed.clone();
-    let count = robot.cables.len();
-    let anchors = points_mm(&answer["anchors_mm"], "anchors_mm")?;
-    let initial = numbers(&answer["initial_lengths_mm"], "initial_lengths_mm")?;
-    if anchors.len() != count || initial.len() != count {
-        return Err(format!("it has another number of cables than {count}"));
-    }
-    let attachments = optional(&answer["attachments_mm"], |v| {
-        points_mm(v, "attachments_mm")
-    })?;
-    let radii = optional(&answer["pulley_radius_mm"], |v| {
-        numbers(v, "pulley_radius_mm")
-    })?;
-    let compliance = answer["cable_compliance_per_N"]
-        .as_f64()
-        .filter(|c| *c > 1e-7);
-    for (i, cable) in robot.cables.iter_mut().enumerate() {
-        cable.anchor_in_world_m = anchors[i];
-        if let Some(at) = attachments.as_ref().and_then(|list| list.get(i)) {
-            cable.attachment_in_platform_m = *at;
-        }
-        if let Some(radius) = radii.as_ref().and_then(|list| list.get(i)) {
-            cable.pulley_radius_m = radius * 1e-3;
-        }
-        if let Some(compliance) = compliance {
-            cable.ea_n = 1.0 / compliance;
-        }
-    }
-    let drum = answer["drum_scale"].as_f64().unwrap_or(1.0);
-    for winch in &mut robot.winches {
-        winch.drum_radius_m *= drum;
-    }
-    if let Some(mass) = answer["platform_mass_kg"].as_f64() {
-        let scale = mass / robot.platform.mass_kg;
-        robot.platform.mass_kg = mass;
-        robot.platform.inertia_kg_m2 *= scale;
-    }
-    if let Some(center) = optional(&answer["platform_com_mm"], |v| {
-        point_mm(v, "platform_com_mm")
-    })? {
-        robot.platform.center_of_mass_m = center;
-    }
-    let camera = &answer["camera"];
-    let set = |slot: &mut f64, key: &str| {
-        if let Some(number) = camera[key].as_f64() {
-            *slot = number;
-        }
-    };
-    let lens = &mut robot.camera.lens;
-    set(&mut lens.focal_px[0], "fx");
-    set(&mut lens.focal_px[1], "fy");
-    set(&mut lens.center_px[0], "cx");
-    set(&mut lens.center_px[1], "cy");
-    if let Ok(list) = numbers(&camera["distortion"], "distortion") {
-        for (slot, number) in lens.distortion.iter_mut().zip(list) {
-            *slot = number;
-        }
-    }
-    robot.camera.camera_from_platform =
-        transform(&answer["H_camera_platform"], "H_camera_platform")?;
-    let tag_scale = answer["tag_scale"].as_f64().unwrap_or(1.0);
-    let tags = tags(&value["tags"])?;
-    machine.tags.clone_from(&tags);
-    robot.tags = tags
-        .into_iter()
-        .map(|tag| Tag {
-            size_m: tag.size_m * tag_scale,
-            corners_in_body_m: tag.corners_in_body_m.map(|c| c * tag_scale),
-            ..tag
-        })
-        .collect();
-    let places = list(&answer["H_world_tag_bodies"], "H_world_tag_bodies")?;
-    let numbers = list(&value["bodies"], "bodies")?;
-    let mut world_from_body = Vec::new();
-    for (number, place) in numbers.iter().zip(places) {
-        let number = number.as_u64().and_then(|n| u32::try_from(n).ok());
-        let number = number.ok_or("bodies must be whole numbers")?;
-        world_from_body.push((number, transform(place, "H_world_tag_bodies")?));
-    }
-    let home_m: Vec<f64> = initial.iter().map(|mm| mm * 1e-3).collect();
-    robot.tool.home_in_world_m = home_of(&robot, &home_m).map_err(|error| error.to_string())?;
-    robot.calibrated = Some(Box::new(Calibrated {
-        designed: machine,
-        world_from_body,
-        simulated_seed: value["simulated_seed"].as_u64(),
-        date: value["date"].as_str().unwrap_or("").to_owned(),
-        predicted_error_m: answer["predicted_tcp_error_mm"]
-            .as_f64()
-            .map(|mm| mm * 1e-3),
-        home_lengths_m: home_m,
-        drum_scale: drum,
-        covariance: optional(&value["covariance_of_shared_unknowns_si"], |v| {
-            square(v, "covariance_of_shared_unknowns_si")
-        })?,
-        file: path.to_owned(),
-    }));
-    Ok(robot)
-}
-
-/// Times that place and tensions at home are found from each other.
-const HOME_PASSES: usize = 4;
-
-/// Where the tool truly hangs at the lengths at which the encoders were zeroed.
-fn home_of(robot: &Robot, home_m: &[f64]) -> Result<Vector3<f64>, PlanError> {
-    let model = Model::new(robot)?;
-    // The tensions follow from the place, by the rule that set-points follow there, and the place
-    // from the lengths under these tensions: each pass leaves a hundredth of the error.
-    let mut place = robot.tool.home_in_world_m;
-    for _ in 0..HOME_PASSES {
-        let tensions = match model.rest(&place, None) {
-            Ok(rest) => rest.tensions_n().to_vec(),
-            // The place that the description says may be none to hang at.
-            Err(_) => vec![robot.tension.setpoint_n; home_m.len()],
-        };
-        place = model.tool_m(&model.rest_from_lengths(home_m, &tensions)?);
-    }
-    Ok(place)
-}
-
-fn list<'a>(value: &'a Value, name: &str) -> Result<&'a Vec<Value>, String> {
-    value.as_array().ok_or_else(|| format!("{name} is missing"))
-}
-
-fn optional<T>(
-    value: &Value,
-    read: impl Fn(&Value) -> Result<T, String>,
-) -> Result<Option<T>, String> {
-    if value.is_null() {
-        Ok(None)
-    } else {
-        read(value).map(Some)
-    }
-}
-
-fn numbers(value: &Value, name: &str) -> Result<Vec<f64>, String> {
-    let all: Option<Vec<f64>> = list(value, name)?.iter().map(Value::as_f64).collect();
-    all.ok_or_else(|| format!("{name} must hold numbers"))
-}
-
-fn square(value: &Value, name: &str) -> Result<DMatrix<f64>, String> {
-    let rows = list(value, name)?.iter().map(|row| numbers(row, name));
-    let rows = rows.collect::<Result<Vec<_>, _>>()?;
-    let size = rows.len();
-    if rows.iter().any(|row| row.len() != size) {
-        return Err(format!("{name} is not square"));
-    }
-    let all = rows.into_iter().flatten();
-    Ok(DMatrix::from_row_iterator(size, size, all))
-}
-
-fn point_mm(value: &Value, name: &str) -> Result<Vector3<f64>, String> {
-    match numbers(value, name)?.as_slice() {
-        [x, y, z] => Ok(Vector3::new(*x, *y, *z) * 1e-3),
-        _ => Err(format!("{name} must have three coordinates")),
-    }
-}
-
-fn points_mm(value: &Value, name: &str) -> Result<Vec<Vector3<f64>>, String> {
-    list(value, name)?
-        .iter()
-        .map(|v| point_mm(v, name))
-        .collect()
-}
-
-fn transform(value: &Value, name: &str) -> Result<Pose, String> {
-    let rows = list(value, name)?;
-    let mut numbers_of = Vec::new();
-    for row in rows {
-        numbers_of.push(numbers(row, name)?);
-    }
-    let whole = numbers_of.len() == 4 && numbers_of.iter().all(|row| row.len() == 4);
-    if !whole {
-        return Err(format!("{name} must be a 4x4 matrix"));
-    }
-    let rotation = Matrix3::from_fn(|i, j| numbers_of[i][j]);
-    if (rotation * rotation.transpose() - Matrix3::identity()).norm() > 1e-6 {
-        return Err(format!("{name} is no rigid transformation"));
-    }
-    Ok(Pose::new(
-        Vector3::from_fn(|i, _| numbers_of[i][3]) * 1e-3,
-        Rotation3::from_matrix_unchecked(rotation),
-    ))
-}
-
-fn tags(value: &Value) -> Result<Vec<Tag>, String> {
-    let read = |tag: &Value| {
-        let whole = |key: &str| tag[key].as_u64().and_then(|n| u32::try_from(n).ok());
-        let corners = points_mm(&tag["corners_in_body_mm"], "corners_in_body_mm")?;
-        Ok(Tag {
-            id: whole("id").ok_or("a tag's id is missing")?,
-            family: "36h11".to_owned(),
-            size_m: tag["size_mm"]
-                .as_f64()
-                .ok_or("a tag's size_mm is missing")?
-                * 1e-3,
-            body: whole("body").ok_or("a tag's body is missing")?,
-            corners_in_body_m: <[Vector3<f64>; 4]>::try_from(corners)
-                .map_err(|_| "a tag has four corners")?,
-        })
-    };
-    list(value, "tags")?.iter().map(read).collect()
+    })
 }

@@ -6,7 +6,6 @@ use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::pick::study::picking_robot;
 use crate::pick::{SimulatedEye, workcell};
-use crate::robot::Robot;
 use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::camera::{Order, Tray};
 use mcdpr_vision::recorded::{Recorded, Recording};
@@ -117,7 +116,7 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
         let recorded = Recorded::open(Path::new(&from.from)).into_diagnostic()?;
         return Ok(Box::new(recorded));
     }
-    let mut robot = picking_robot(&Robot::find(&common.robot)?);
+    let mut robot = picking_robot(&crate::robot::find(&common.robot)?);
     robot.tool.home_in_world_m = workcell::options(&robot)?.look_m;
     let model = Model::new(&robot)?;
     let options = LinkOptions::default();
@@ -141,7 +140,7 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
 
 #[cfg(feature = "realsense")]
 fn realsense(common: &Common) -> miette::Result<Box<dyn Source>> {
-    let size_px = Robot::find(&common.robot)?.camera.lens.size_px;
+    let size_px = crate::robot::find(&common.robot)?.camera.lens.size_px;
     let camera = mcdpr_vision::realsense::RealSense::open(size_px).into_diagnostic()?;
     Ok(Box::new(camera))
 }
@@ -154,7 +153,7 @@ fn realsense(_: &Common) -> miette::Result<Box<dyn Source>> {
 
 #[cfg(all(feature = "v4l2", target_os = "linux"))]
 fn show_device(common: &Common, path: &Path) -> Outcome {
-    let camera = Robot::find(&common.robot)?.camera.lens;
+    let camera = crate::robot::find(&common.robot)?.camera.lens;
     let size_px = camera.size_px;
     let mut device = mcdpr_vision::v4l2::V4l2::open(path, size_px).into_diagnostic()?;
     let picture = device.picture().into_diagnostic()?;

@@ -39,7 +39,7 @@ enum YesNo {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let robot = Robot::find(&common.robot)?;
+        let robot = crate::robot::find(&common.robot)?;
         let work = |(mut client, simulated): Connected<'_>| {
             let mut eyes = Eyes::new(self.paid_out, simulated, self.winch);
             Ok(commission(

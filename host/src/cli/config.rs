@@ -2,7 +2,7 @@
 
 use super::{Common, Failed, Outcome, print_json, write_out};
 use crate::machine;
-use crate::robot::{Robot, json_schema};
+use crate::robot::json_schema;
 use clap::Subcommand;
 use std::path::PathBuf;
 
@@ -46,7 +46,7 @@ impl Cmd {
                 Ok(())
             }
             What::Show { file } => {
-                let robot = Robot::find(&named(file))?;
+                let robot = crate::robot::find(&named(file))?;
                 if common.json {
                     return print_json(&robot);
                 }
@@ -59,7 +59,7 @@ impl Cmd {
 }
 
 fn init(file: &std::path::Path, common: &Common) -> Outcome {
-    Robot::find(&common.robot)?;
+    crate::robot::find(&common.robot)?;
     let folder = file.parent().map(PathBuf::from).unwrap_or_default();
     let failed = || Failed::from_error("writing the robot file");
     let mut written = Vec::new();
@@ -96,7 +96,7 @@ fn init(file: &std::path::Path, common: &Common) -> Outcome {
 }
 
 fn check(name: &str, common: &Common) -> Outcome {
-    let robot = Robot::find(name)?;
+    let robot = crate::robot::find(name)?;
     machine::geometry(&robot).map_err(Failed::from_error("the robot's geometry"))?;
     let entries = machine::configuration(&robot)?;
     let hash = machine::hash_of(&entries);

@@ -11,7 +11,6 @@ use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
 use crate::record::{Doing, TaskSource};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
-use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
 use crate::scenario::Scenario;
 use mcdpr_protocol::SessionId;
@@ -54,9 +53,9 @@ impl Cmd {
                 .into(),
             );
         }
-        let robot = Robot::find(&common.robot)?;
+        let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
-        let task = Task::find("paper:table7", tool_height_m(&robot, HEIGHT_MM))?;
+        let task = Task::built_in("paper:table7", tool_height_m(&robot, HEIGHT_MM))?;
         let cables = robot.cables.len();
         let scenario = match &self.scenario {
             Some(file) => Some(Scenario::load(file, cables)?),

@@ -8,7 +8,7 @@ use crate::link::{Client, ClientError, Link, SimulatedLink};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::robot::Robot;
-use crate::run::{Homing, RunError, Session, new_session, watch_for_interrupts};
+use crate::run::{Homing, LengthFiles, RunError, Session, new_session, watch_for_interrupts};
 use mcdpr_protocol::Request;
 use mcdpr_simulator::LinkOptions;
 
@@ -140,11 +140,12 @@ impl Cmd {
 /// Lets the board arm, which tries every part, and disarms it.
 fn arm(link: Box<dyn Link>, model: &Model, homing: Homing<'_>) -> Finding {
     let handle = crate::control::Handle::new();
-    let armed =
-        Session::open(model, link, new_session(), &handle, homing).and_then(|mut session| {
+    let armed = Session::open(model, link, new_session(), &handle, homing, &LengthFiles).and_then(
+        |mut session| {
             session.arm()?;
             session.disarm()
-        });
+        },
+    );
     handle.close("the command has ended");
     match armed {
         Ok(()) => Finding::good(

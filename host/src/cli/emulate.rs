@@ -5,7 +5,6 @@ use super::{Common, Failed, Outcome, sim};
 use crate::experiment;
 use crate::machine::{Firmware, Mismatch};
 use crate::motion::Model;
-use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
 use mcdpr_simulator::LinkOptions;
 use std::path::PathBuf;
@@ -28,7 +27,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
         let firmware = Firmware::find(Some(&self.file))?;
-        let robot = Robot::find(&common.robot)?;
+        let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
         let mismatch = if self.ideal {
             Mismatch::default()

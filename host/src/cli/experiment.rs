@@ -8,7 +8,7 @@ use crate::machine::Mismatch;
 use crate::motion::{Model, PlanOptions, Tensioning};
 use crate::record::Doing;
 use crate::report::RunFolder;
-use crate::robot::{LawKind, Robot};
+use crate::robot::LawKind;
 use crate::run::{RunError, watch_for_interrupts};
 use crate::tension::{
     Bench, Change, Curve, Experiment, Recovery, Steady, Trace, at_rest, draw, hold, recovery,
@@ -63,7 +63,7 @@ struct Document {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let mut robot = Robot::find(&common.robot)?;
+        let mut robot = crate::robot::find(&common.robot)?;
         match self.law {
             Some(Law::Pd) => robot.tension.law = LawKind::Pd,
             Some(Law::Default) => robot.tension.law = LawKind::Default,

@@ -79,7 +79,7 @@ struct Cli {
 
 /// Options that every command understands.
 #[derive(Debug, Clone, Args)]
-pub struct Common {
+pub(crate) struct Common {
     /// Robot file, or the name of a built-in robot
     #[arg(
         long,
@@ -229,7 +229,7 @@ impl Common {
     /// Where either file is unusable, or a calibration of the simulator is meant for a board.
     pub(crate) fn robot(&self) -> miette::Result<crate::robot::Robot> {
         use crate::calibration::result;
-        let designed = crate::robot::Robot::find(&self.robot)?;
+        let designed = crate::robot::find(&self.robot)?;
         let Some(path) = self.calibration_file() else {
             return Ok(designed);
         };

@@ -25,9 +25,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let terminal = std::io::stdout().is_terminal() && !common.json;
-        let most = crate::robot::Robot::find(&common.robot)?
-            .limits
-            .tension_max_n;
+        let most = crate::robot::find(&common.robot)?.limits.tension_max_n;
         let mut seen = false;
         while !interrupted() {
             let views = match call_all(&common.on, &common.robot, None) {

@@ -274,6 +274,7 @@ fn home_by_tag(common: &Common, model: &Model) -> Outcome {
         crate::run::new_session(),
         &crate::control::Handle::new(),
         Homing::Tags(&mut camera, places),
+        &crate::run::LengthFiles,
     )?;
     homed(common, ended(session)?, "homed")
 }

@@ -86,7 +86,7 @@ impl Cmd {
         // Without the calibration where it is not to be known, and where every scene makes its own.
         let plain = self.nominal || self.ideal || self.scenes.is_some();
         let robot = if plain {
-            Robot::find(&common.robot)?
+            crate::robot::find(&common.robot)?
         } else {
             common.robot()?
         };

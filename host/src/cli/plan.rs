@@ -50,7 +50,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = common.robot()?;
         let model = Model::new(&robot)?.with_options(self.options.chosen());
-        let task = Task::find(&self.task, tool_height_m(&robot, self.z_mm))?;
+        let task = crate::motion::find_task(&self.task, tool_height_m(&robot, self.z_mm))?;
         let watch = Watch {
             in_view_m: self.keep_in_view.as_deref().map(|mm| {
                 Vector3::from_iterator(mm.iter().copied().chain([f64::NAN; 3]).take(3)) * 1e-3

@@ -10,7 +10,7 @@ use crate::link::{ClientError, Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::Doing;
-use crate::run::{Homing, RunError, Session, watch_for_interrupts};
+use crate::run::{Homing, LengthFiles, RunError, Session, watch_for_interrupts};
 use mcdpr_simulator::LinkOptions;
 
 /// Opens the robot, does something with it, and lets orders from other terminals reach it. What
@@ -43,7 +43,8 @@ pub(crate) fn with_session<T>(
             let watched = record.watched(link).with_orders(&handle);
             (Box::new(watched), homing.unwrap_or(Homing::Known))
         };
-        let done = Session::open(model, link, record.session, &handle, homing).and_then(work);
+        let done = Session::open(model, link, record.session, &handle, homing, &LengthFiles)
+            .and_then(work);
         handle.close("the command has ended");
         Ok(done?)
     };

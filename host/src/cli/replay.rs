@@ -3,7 +3,7 @@
 use super::{Common, Outcome, print_json};
 use crate::record::RecordedRun;
 use crate::record::mcap::Damage;
-use crate::record::replay::replay;
+use crate::replay::replay;
 use std::path::PathBuf;
 use std::time::Instant;
 

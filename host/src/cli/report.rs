@@ -3,7 +3,7 @@
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::record::RecordedRun;
-use crate::record::replay::recorded_robot;
+use crate::replay::recorded_robot;
 use crate::report::{Judgement, html, judge};
 use crate::robot::Robot;
 use std::path::PathBuf;

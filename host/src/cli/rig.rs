@@ -3,7 +3,7 @@
 use super::recorded::{Work, on_record};
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment;
-use crate::link::{ClientError, Link, LinkError, SerialLink, SimulatedLink};
+use crate::link::{ClientError, Link, SerialLink, SimulatedLink, plant_failed};
 use crate::machine::{self, Mismatch};
 use crate::motion::Model;
 use crate::record::Doing;
@@ -120,7 +120,7 @@ const LONGEST_MM: f64 = 1000.0;
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let robot = Robot::find(&common.robot)?;
+        let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let slack = vec![0.0; robot.cables.len()];
@@ -150,7 +150,7 @@ impl Cmd {
                 })
             }
             What::Lower => {
-                let home = experiment::home(&model)?;
+                let home = model.rest_at_home()?;
                 let tensions = home.tensions_n();
                 self.on(common, &model, "rig-lower", (tensions, None), |line| {
                     self.lower(&model, line, tensions)
@@ -204,7 +204,7 @@ impl Cmd {
         tensions_n: &[f64],
         slack: Option<Slack>,
     ) -> Result<SimulatedLink, RunError> {
-        let broken = |error: PlantError| RunError::Client(LinkError::from(error).into());
+        let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
         let Some(slack) = slack else {
             let link = experiment::simulated_robot(
                 model,
@@ -217,7 +217,7 @@ impl Cmd {
         };
         let params = machine::plant_params(model.robot(), &Mismatch::default(), common.seed);
         let mut plant = Plant::new(params, common.seed).map_err(broken)?;
-        let pose = experiment::home(model)?.equilibrium.pose;
+        let pose = model.rest_at_home()?.equilibrium.pose;
         let matrix = pose.rotation.matrix();
         let rotation = [0, 1, 2].map(|row| [0, 1, 2].map(|column| matrix[(row, column)]));
         let at = mcdpr_simulator::plant::Pose::from_matrix(pose.position_m.into(), &rotation)
@@ -255,7 +255,7 @@ impl Cmd {
         ))?;
         let count = robot.cables.len();
         // Rough: what is on the drum is only counted from here on.
-        let lengths: Vec<f64> = experiment::home(model)?.paid_out_m;
+        let lengths: Vec<f64> = model.rest_at_home()?.paid_out_m;
         let mut rig = Rig::start(&robot, line, &lengths, &vec![0.0; count])?;
         rig.wind(cable, length_mm * 1e-3, speed)?;
         rig.finish()?;
@@ -268,7 +268,7 @@ impl Cmd {
              in, slack: arm and take it up",
             cable + 1
         ))?;
-        let lengths: Vec<f64> = experiment::home(model)?.paid_out_m;
+        let lengths: Vec<f64> = model.rest_at_home()?.paid_out_m;
         let slack = vec![0.0; lengths.len()];
         let mut rig = Rig::start(&rigged(model.robot()), line, &lengths, &slack)?;
         let now = rig.take_up(Some(cable), STRETCHES, |now| eprintln!("  {}", words(now)))?;
@@ -283,7 +283,7 @@ impl Cmd {
     }
 
     fn tension(&self, model: &Model, line: Line<'_>) -> miette::Result<Done> {
-        let home = experiment::home(model)?;
+        let home = model.rest_at_home()?;
         let goal = home.tensions_n().to_vec();
         self.confirm(
             "the platform stands on its stand at home, every cable is on and slack: arm and take \
@@ -316,7 +316,7 @@ impl Cmd {
 
     fn lower(&self, model: &Model, line: Line<'_>, tensions_n: &[f64]) -> miette::Result<Done> {
         self.confirm("the stand is under the platform, which hangs at home: arm and let it down")?;
-        let home = experiment::home(model)?;
+        let home = model.rest_at_home()?;
         let mut rig = Rig::start(&rigged(model.robot()), line, &home.paid_out_m, tensions_n)?;
         let low = vec![TAKEN_UP_N; tensions_n.len()];
         let now = rig.tension(&low)?;

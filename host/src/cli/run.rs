@@ -11,7 +11,7 @@ use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::experiment::{self, Orders, Run};
 use crate::machine::Mismatch;
-use crate::motion::{Model, Task, Watch};
+use crate::motion::{Model, Watch};
 use crate::record::witness::Patience;
 use crate::record::{Doing, TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
@@ -58,7 +58,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = common.robot()?;
         let model = Model::new(&robot)?.with_options(self.options.chosen());
-        let task = Task::find(&self.task, tool_height_m(&robot, self.z_mm))?;
+        let task = crate::motion::find_task(&self.task, tool_height_m(&robot, self.z_mm))?;
         if common.dry_run {
             return super::plan::show(common, &model, task, &Watch::default());
         }

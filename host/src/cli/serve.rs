@@ -11,7 +11,9 @@ use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
 use crate::record::witness::{Patience, TruthTap, Watched};
 use crate::record::{Doing, TaskSource, Witness};
-use crate::run::{self, Homing, RunError, Session, interrupted, new_session, watch_for_interrupts};
+use crate::run::{
+    self, Homing, LengthFiles, RunError, Session, interrupted, new_session, watch_for_interrupts,
+};
 use crate::serve::{CameraWatcher, Desk, Feed, FeedWatcher, Server};
 use mcdpr_protocol::{Request, SessionId};
 use mcdpr_simulator::LinkOptions;
@@ -133,7 +135,7 @@ impl Cmd {
         let robot = common.robot()?;
         let model = Model::new(&robot)?;
         let height_m = tool_height_m(&robot, self.z_mm);
-        let task = Task::find(&self.task, height_m)?;
+        let task = crate::motion::find_task(&self.task, height_m)?;
         let token = self.token.chosen()?;
         // A task that would be refused is refused before anything is shown.
         experiment::plan_from_home(&model, task.clone())?;
@@ -364,7 +366,14 @@ impl Show<'_> {
 
     /// Arms, and does the jogs that come until none has come for a while.
     fn jog(&self, link: impl Link, session: SessionId, homing: Homing<'_>) -> Result<(), RunError> {
-        let mut session = Session::open(self.model, link, session, &self.handle, homing)?;
+        let mut session = Session::open(
+            self.model,
+            link,
+            session,
+            &self.handle,
+            homing,
+            &LengthFiles,
+        )?;
         session.arm()?;
         self.feed.say("armed: hold a jog button to move the tool");
         loop {

@@ -2,7 +2,7 @@
 
 use super::recorded::{Work, on_record};
 use super::{Common, Failed};
-use crate::link::{Client, ClientError, Link, LinkError, SimulatedLink};
+use crate::link::{Client, ClientError, Link, SimulatedLink, plant_failed};
 use crate::machine::{self, Mismatch};
 use crate::record::Doing;
 use crate::report::RunFolder;
@@ -23,7 +23,7 @@ impl Machine {
     /// asked for.
     pub(crate) fn really(&self, robot: &Robot) -> miette::Result<Robot> {
         match &self.machine {
-            Some(name) => Ok(Robot::find(name)?),
+            Some(name) => Ok(crate::robot::find(name)?),
             None => Ok(robot.clone()),
         }
     }
@@ -57,7 +57,7 @@ pub(crate) fn connected<T>(
         let real = machine.really(robot)?;
         let options = LinkOptions::default();
         let simulation = machine::simulate_unloaded(&real, &mismatch, &options, common.seed)
-            .map_err(LinkError::from)
+            .map_err(plant_failed)
             .map_err(ClientError::from)?;
         let link = SimulatedLink::new(simulation);
         let line = record.simulated(link.clone());

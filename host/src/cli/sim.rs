@@ -6,7 +6,6 @@ use crate::calibration::target;
 use crate::experiment;
 use crate::machine::Mismatch;
 use crate::motion::Model;
-use crate::robot::Robot;
 use crate::run::{interrupted, watch_for_interrupts};
 use mcdpr_simulator::LinkOptions;
 use std::io::Write as _;
@@ -41,7 +40,7 @@ pub(crate) struct Cmd {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
-        let mut robot = Robot::find(&common.robot)?;
+        let mut robot = crate::robot::find(&common.robot)?;
         if let Some(target) = self.target.target() {
             robot.tags = target::tags(target);
         }

@@ -70,7 +70,7 @@ impl Cmd {
 
 impl Tension {
     fn run(&self, common: &Common) -> Outcome {
-        let robot = Robot::find(&common.robot)?;
+        let robot = crate::robot::find(&common.robot)?;
         if robot.tension.output == TensionOutput::Velocity {
             let why = "its gains are speeds per tension, and the model that tuning fits is that of a force: \
                        judge them with `mcdpr experiment` and `mcdpr study winch`";
@@ -242,7 +242,7 @@ impl Tries<'_> {
             } else {
                 record.line(common.open_port().map_err(ClientError::from)?)
             };
-            let home = experiment::home(&model)?;
+            let home = model.rest_at_home()?;
             let (lengths_m, tensions_n) = (&home.paid_out_m, home.tensions_n());
             let mut rig = Rig::start(model.robot(), (line, record.session), lengths_m, tensions_n)?;
             let answer = excite(&mut rig, self.cable, self.stages)?;

@@ -10,7 +10,8 @@ pub(crate) mod parts;
 use crate::link::{Client, Link, advice, describe_fault};
 use crate::robot::Robot;
 use crate::run::{self, RunError};
-use mcdpr_protocol::{BoardState, PROTOCOL_MAJOR, PROTOCOL_MINOR, Reject, Request, Status};
+use crate::service::has_service;
+use mcdpr_protocol::{BoardState, PROTOCOL_MAJOR, PROTOCOL_MINOR, Status};
 use serde::Serialize;
 
 /// How a part is.
@@ -114,13 +115,13 @@ pub fn examine<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<Vec<Fin
 
 /// Whether nothing must be mended.
 #[must_use]
-pub fn is_healthy(findings: &[Finding]) -> bool {
+pub(crate) fn is_healthy(findings: &[Finding]) -> bool {
     findings.iter().all(|f| f.verdict != Verdict::Bad)
 }
 
 /// A fault that arming has found, as a finding.
 #[must_use]
-pub fn arming_fault(record: &mcdpr_protocol::FaultRecord) -> Finding {
+pub(crate) fn arming_fault(record: &mcdpr_protocol::FaultRecord) -> Finding {
     let remedy = format!("{}; then `mcdpr clear --on PORT`", advice(record.fault));
     let finding = Finding::with(Verdict::Bad, "arming", describe_fault(record), remedy);
     match usize::from(record.cable) {
@@ -180,21 +181,6 @@ fn start<L: Link>(client: &Client<L>) -> Finding {
             "check the supply: a chip that does not know why it started has seen dips",
         ),
         _ => Finding::good("start", found),
-    }
-}
-
-/// Whether the board's image can look at single winches.
-///
-/// # Errors
-/// The line's.
-pub fn has_service<L: Link>(client: &mut Client<L>) -> Result<bool, RunError> {
-    match client.request(Request::Winch { cable: 1 }) {
-        Ok(_) => Ok(true),
-        Err(crate::link::ClientError::Refused {
-            reject: Reject::Unsupported,
-            ..
-        }) => Ok(false),
-        Err(error) => Err(error.into()),
     }
 }
 

@@ -4,14 +4,10 @@ use super::{Finding, SERVICE_IMAGE, Verdict};
 use crate::link::{Client, Link};
 use crate::robot::{DriveKind, Robot};
 use crate::run::{self, RunError};
-use crate::service::volts;
-use mcdpr_firmware::tension::{ADC_RAIL_HIGH, ADC_RAIL_LOW};
+use crate::service::{scan, volts};
+use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
 use mcdpr_protocol::{Reply, Request, Status, Winch};
 
-/// Time for drives that were just reset to answer again, µs.
-const RESET_US: u64 = 700_000;
-/// Time for a board to ask every number on the bus, µs.
-const SCAN_US: u64 = 5_000_000;
 /// Looks at every winch, and the time between them, µs.
 const LOOKS: usize = 40;
 const BETWEEN_US: u64 = 20_000;
@@ -115,29 +111,6 @@ pub(super) fn drives<L: Link>(
         ));
     }
     Ok(findings)
-}
-
-/// Every drive that answers; nothing where the board does not come to an end of asking, because
-/// it can send nothing.
-pub(crate) fn scan<L: Link>(client: &mut Client<L>) -> Result<Option<Vec<u8>>, RunError> {
-    let until = client.now_us() + RESET_US;
-    client.pump(until)?;
-    client.request(Request::Scan { restart: true })?;
-    let give_up = client.now_us() + SCAN_US;
-    while client.now_us() < give_up {
-        let until = client.now_us() + 50_000;
-        client.pump(until)?;
-        if let Reply::Drives { done: true, nodes } =
-            client.request(Request::Scan { restart: false })?
-        {
-            let answers = |node: &u8| {
-                let word = nodes.get(usize::from(*node >> 5));
-                word.is_some_and(|word| word & (1 << (node & 31)) != 0)
-            };
-            return Ok(Some((1..=126).filter(answers).collect()));
-        }
-    }
-    Ok(None)
 }
 
 fn look<L: Link>(client: &mut Client<L>, index: usize) -> Result<Winch, RunError> {
@@ -254,10 +227,10 @@ pub(super) fn tensions(watched: &[Watched], robot: &Robot) -> Vec<Finding> {
             let what = "the board tells no tension";
             return Some(Finding::with(Verdict::Unseen, "tension", what, SERVICE_IMAGE).of(index));
         }
-        if mean >= f64::from(ADC_RAIL_HIGH) {
+        if mean >= f64::from(RAIL_HIGH) {
             return bad(format!("{read_v:.3} V is the upper rail: an open wire"), broken);
         }
-        if mean <= f64::from(ADC_RAIL_LOW) {
+        if mean <= f64::from(RAIL_LOW) {
             return bad(format!("{read_v:.3} V is the lower rail: a short"), broken);
         }
         if span(&watched.readings) == 0.0 {

@@ -9,7 +9,7 @@
 mod probe;
 
 #[cfg(feature = "flash")]
-pub use probe::{Probe, probes, write};
+pub(crate) use probe::{probes, write};
 
 use crate::experiment;
 use crate::link::{Client, ClientError, LinkError};
@@ -23,7 +23,7 @@ use miette::Diagnostic;
 use thiserror::Error;
 
 /// The chip's name, as debug tools call it.
-pub const CHIP: &str = "STM32F103C8";
+pub(crate) const CHIP: &str = "STM32F103C8";
 
 /// Why nothing was written, or nothing answers.
 #[derive(Debug, Error, Diagnostic)]
@@ -47,6 +47,7 @@ pub enum FlashError {
     #[diagnostic(transparent)]
     Version(ClientError),
     /// This program cannot write a chip.
+    #[cfg(not(feature = "flash"))]
     #[error("the file is good, but this mcdpr was built without `flash`")]
     #[diagnostic(
         code(mcdpr::flash::feature),
@@ -161,7 +162,7 @@ impl Image {
             path: path.to_owned(),
             reason,
         };
-        let robot = Robot::find("paper-table5").map_err(|error| stranger(error.to_string()))?;
+        let robot = Robot::built_in("paper-table5").map_err(|error| stranger(error.to_string()))?;
         let model = Model::new(&robot).map_err(|error| stranger(error.to_string()))?;
         let link = experiment::simulated_robot_on(
             &model,
@@ -182,7 +183,7 @@ impl Image {
             Err(ClientError::Link(LinkError::Broken { reason })) => return Err(stranger(reason)),
             Err(error) => return Err(stranger(error.to_string())),
         };
-        let has_service = crate::doctor::has_service(&mut client)
+        let has_service = crate::service::has_service(&mut client)
             .map_err(|error: RunError| stranger(error.to_string()))?;
         Ok(Self {
             flash: firmware.flash(),
@@ -201,7 +202,7 @@ impl Image {
     ///
     /// # Errors
     /// [`FlashError::NotStarted`].
-    pub fn is_what_answers(&self, hello: &Hello) -> Result<(), FlashError> {
+    pub(crate) fn is_what_answers(&self, hello: &Hello) -> Result<(), FlashError> {
         if hello.git_hash == self.hello.git_hash {
             return Ok(());
         }

@@ -2,6 +2,7 @@
 
 use super::{Link, LinkError};
 use mcdpr_simulator::Simulation;
+use mcdpr_simulator::plant::PlantError;
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -41,8 +42,19 @@ impl Link for SimulatedLink {
     fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
         let mut simulation = self.simulation.borrow_mut();
         let mut arrived = Vec::new();
-        simulation.advance(until_us, &mut arrived)?;
+        simulation
+            .advance(until_us, &mut arrived)
+            .map_err(plant_failed)?;
         into.append(&mut arrived);
         Ok(simulation.now_us())
+    }
+}
+
+/// What a failure of the simulated robot is for whoever speaks to its board.
+#[must_use]
+pub(crate) fn plant_failed(error: PlantError) -> LinkError {
+    match error {
+        PlantError::Board { reason } => LinkError::Board { reason },
+        other => LinkError::Plant(Box::new(other)),
     }
 }

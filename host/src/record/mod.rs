@@ -9,7 +9,6 @@
 //! | [`load`] | a recorded run, read back |
 //! | [`scenario`] | what was run, so that it can be run again |
 //! | [`words`] | states and limits in words |
-//! | [`replay`] | the host and the core run again on recorded bytes |
 //!
 //! Whoever watches sees a run from outside: the bytes that pass (with the link's own times), and
 //! notes of the host (its plan). The thread that moves the robot copies a few hundred bytes into a
@@ -20,7 +19,6 @@ pub mod load;
 pub mod mcap;
 mod pack;
 pub mod recording;
-pub mod replay;
 pub mod scenario;
 mod schemas;
 pub mod witness;

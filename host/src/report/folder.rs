@@ -2,18 +2,18 @@
 
 use crate::motion::{Plan, PlanError};
 use crate::run::Measured;
+use crate::stamp::utc_stamp;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 /// A folder with one of these files holds results.
 const RESULTS: [&str; 3] = ["run.mcap", "summary.json", "plan.json"];
 
 /// A folder for one run.
 #[derive(Debug, Clone)]
-pub struct RunFolder {
+pub(crate) struct RunFolder {
     path: PathBuf,
 }
 
@@ -85,7 +85,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// The file system's.
-    pub fn write_json(&self, name: &str, value: &impl Serialize) -> io::Result<()> {
+    pub(crate) fn write_json(&self, name: &str, value: &impl Serialize) -> io::Result<()> {
         let text = serde_json::to_string_pretty(value)?;
         self.write(name, &format!("{text}\n"))
     }
@@ -95,7 +95,7 @@ impl RunFolder {
 ///
 /// # Errors
 /// [`PlanError::Path`]: not for a plan that was run.
-pub fn write_samples(
+pub(crate) fn write_samples(
     plan: &Plan,
     samples: &[Measured],
     true_path: Option<&[(f64, [f64; 3])]>,
@@ -152,44 +152,9 @@ fn cell(value: Option<f64>, digits: usize) -> String {
     value.map_or(String::new(), |value| format!("{value:.digits$}"))
 }
 
-/// The present time in UTC, such as `20260405-071530`.
-/// Date and time now, UTC, as in 20260301-120000.
-#[must_use]
-pub fn utc_stamp() -> String {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH);
-    stamp(since.map_or(0, |since| since.as_secs()))
-}
-
-/// Date and time of a Unix time, Gregorian calendar.
-fn stamp(seconds: u64) -> String {
-    let (mut days, clock) = (seconds / 86_400, seconds % 86_400);
-    let mut year = 1970;
-    let leap = |year: u64| {
-        (year.is_multiple_of(4) && !year.is_multiple_of(100)) || year.is_multiple_of(400)
-    };
-    while days >= 365 + u64::from(leap(year)) {
-        days -= 365 + u64::from(leap(year));
-        year += 1;
-    }
-    let february = 28 + u64::from(leap(year));
-    let mut month = 1;
-    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
-        if days < length {
-            break;
-        }
-        days -= length;
-        month += 1;
-    }
-    let (hour, minute, second) = (clock / 3600, clock / 60 % 60, clock % 60);
-    format!(
-        "{year}{month:02}{:02}-{hour:02}{minute:02}{second:02}",
-        days + 1
-    )
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{RunFolder, stamp};
+    use super::RunFolder;
 
     #[test]
     fn a_folder_that_holds_a_run_is_left_alone() {
@@ -210,16 +175,5 @@ mod tests {
         let kept = std::fs::read_to_string(asked.join("run.mcap")).unwrap();
         assert_eq!(kept, "0");
         std::fs::remove_dir_all(path).unwrap();
-    }
-
-    #[test]
-    fn stamps_follow_the_calendar() {
-        assert_eq!(stamp(0), "19700101-000000");
-        // Leap days: 2000-02-29 and 2024-02-29, and the day after.
-        assert_eq!(stamp(951_827_696), "20000229-123456");
-        assert_eq!(stamp(1_709_251_199), "20240229-235959");
-        assert_eq!(stamp(1_709_251_200), "20240301-000000");
-        assert_eq!(stamp(4_107_542_399), "21000228-235959");
-        assert_eq!(stamp(4_107_542_400), "21000301-000000");
     }
 }

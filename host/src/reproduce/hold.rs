@@ -7,7 +7,6 @@ use crate::link::{Client, Event, SimulatedLink};
 use crate::machine::{self, Firmware, Mismatch};
 use crate::motion::{Model, PlanOptions, Tensioning};
 use crate::report::chart::{Chart, Curve};
-use crate::robot::Robot;
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::{Request, SessionId};
 use mcdpr_simulator::LinkOptions;
@@ -64,7 +63,7 @@ fn hold(
     let link = experiment::simulated_robot_on(model, mismatch, seed, &options, firmware)?;
     let mut client = Client::connect(link.clone(), SessionId(1)).map_err(RunError::from)?;
     let hash = run::configure(&mut client, model.robot())?;
-    let home = experiment::home(model)?;
+    let home = model.rest_at_home()?;
     let reference = machine::reference(&home.paid_out_m, home.tensions_n());
     client.request(reference).map_err(RunError::from)?;
     run::arm(&mut client, hash)?;
@@ -94,7 +93,7 @@ fn hold(
     };
     let load = |force: [f64; 3]| {
         link.with(|simulation| simulation.plant_mut().set_load(force, [0.0; 3], [0.0; 3]))
-            .map_err(|error| RunError::Client(crate::link::LinkError::from(error).into()))
+            .map_err(|error| RunError::Client(crate::link::plant_failed(error).into()))
     };
     stage(PUSH_S, &mut client)?;
     if let Some(push) = push {
@@ -188,7 +187,7 @@ fn holding(robot: &str) -> Result<Model, ReproduceError> {
         tensioning: Tensioning::Setpoint,
         ..PlanOptions::default()
     };
-    let mut robot = Robot::find(robot)?;
+    let mut robot = crate::robot::find(robot)?;
     robot.tension.setpoint_n = SETPOINT_N;
     Ok(Model::new(&robot)?.with_options(options))
 }

@@ -4,7 +4,7 @@
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none, paper_robot};
 use crate::calibration::study::median;
 use crate::experiment;
-use crate::link::{Client, LinkError, SimulatedLink};
+use crate::link::{Client, SimulatedLink, plant_failed};
 use crate::machine::{self, Firmware, Mismatch};
 use crate::motion::Model;
 use crate::report::chart::{Chart, Curve};
@@ -14,6 +14,7 @@ use crate::service::{Ratio, ServiceError, measure_ratio};
 use crate::tension::calibrate::{Fit, Reading, fit, read_voltage};
 use mcdpr_protocol::{Request, SessionId};
 use mcdpr_simulator::LinkOptions;
+use mcdpr_simulator::plant::PlantError;
 use rayon::prelude::*;
 
 /// Turns of the drum each way.
@@ -21,9 +22,9 @@ const TURNS: u32 = 3;
 /// Weights that are hung on the sensor, kg, up and down again.
 const WEIGHTS_KG: [f64; 9] = [0.0, 0.5, 1.0, 2.0, 3.0, 2.0, 1.0, 0.5, 0.0];
 
-/// The line's own errors, as a run's.
-fn line(error: impl Into<LinkError>) -> RunError {
-    RunError::Client(error.into().into())
+/// The simulated robot's own errors, as a run's.
+fn line(error: PlantError) -> RunError {
+    RunError::Client(plant_failed(error).into())
 }
 
 /// The reduction of winch 1 of a bare machine, by turning its drum.

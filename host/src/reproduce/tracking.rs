@@ -35,7 +35,7 @@ pub(super) fn task(model: &Model, name: &str, text: Option<&str>) -> Result<Task
     let height_m = HEIGHT_M + model.robot().tool.tcp_in_platform_m.z;
     let found = match text {
         Some(text) => Task::parse(text, name.into()),
-        None => Task::find(name, height_m),
+        None => crate::motion::find_task(name, height_m),
     };
     found.map_err(|error| ReproduceError::Service(error.to_string()))
 }

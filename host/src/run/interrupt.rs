@@ -1,24 +1,14 @@
-//! Ctrl-C, hang-up and termination become a flag that the feeding loop reads: the robot is always
-//! stopped by the same thread that moves it.
+//! Signals of the system as the user's wish to stop.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
-
-/// Starts to watch. A second interrupt ends the program at once (the board then stops by itself).
+/// Starts to watch for Ctrl-C, hang-up and termination. A second one ends the program at once (the
+/// board then stops by itself).
 ///
 /// # Errors
 /// Where the system refuses a handler.
-pub fn watch_for_interrupts() -> Result<(), ctrlc::Error> {
+pub(crate) fn watch_for_interrupts() -> Result<(), ctrlc::Error> {
     ctrlc::set_handler(|| {
-        if INTERRUPTED.swap(true, Ordering::SeqCst) {
+        if mcdpr_core::run::interrupt() {
             std::process::exit(130);
         }
     })
-}
-
-/// Whether the user wants to stop.
-#[must_use]
-pub fn interrupted() -> bool {
-    INTERRUPTED.load(Ordering::SeqCst)
 }

@@ -2,7 +2,7 @@
 
 use super::inject::{HostSide, apply, mend};
 use super::{Injection, Phase, When};
-use crate::link::{Link, LinkError, SimulatedLink};
+use crate::link::{Link, LinkError, SimulatedLink, plant_failed};
 use mcdpr_firmware::State;
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -117,7 +117,10 @@ impl FaultyLink {
                 waiting.push(injection);
                 continue;
             }
-            let side = self.inner.with(|s| apply(s, &injection))?;
+            let side = self
+                .inner
+                .with(|s| apply(s, &injection))
+                .map_err(plant_failed)?;
             schedule.injected_us.push(now);
             if let HostSide::Silent(for_us) = side {
                 schedule.silent_until_us = now.saturating_add(for_us);

@@ -152,7 +152,7 @@ impl Server {
     /// The address for those who may give orders. The token stands behind a `#`: browsers do not
     /// send that part anywhere.
     #[must_use]
-    pub fn address_with_token(&self) -> String {
+    pub(crate) fn address_with_token(&self) -> String {
         format!("{}#token={}", self.address(), self.shared.orders.token())
     }
 }
@@ -382,7 +382,7 @@ mod tests {
     }
 
     fn server() -> Server {
-        let robot = Robot::find("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-table5").unwrap();
         Server::start(0, None, &robot, Feed::default(), Arc::new(Nothing)).unwrap()
     }
 

@@ -161,7 +161,7 @@ impl<L: Link> Bench<'_, L> {
     fn scan(&mut self) -> Result<Vec<u8>, ServiceError> {
         self.configure(Purpose::Turn)?;
         // A bus on which nothing can be sent comes to no end: then nobody answers.
-        Ok(crate::doctor::parts::scan(self.client)?.unwrap_or_default())
+        Ok(super::scan(self.client)?.unwrap_or_default())
     }
 
     fn choose(&self, found: &[u8], asked: Option<u8>) -> Result<u8, ServiceError> {

@@ -19,7 +19,7 @@ use crate::robot::Robot;
 use crate::run::{RunError, interrupted, send_configuration, status, wait_for};
 use mcdpr_protocol::{
     BoardState, CableKey, CableKnot, ConfigEntry, ConfigHash, ConfigKey, Knot,
-    MicrometresPerSecond, Millinewtons, PerCable, Reply, Request, TenthMicrometres, Winch,
+    MicrometresPerSecond, Millinewtons, PerCable, Reject, Reply, Request, TenthMicrometres, Winch,
 };
 use miette::Diagnostic;
 use thiserror::Error;
@@ -259,7 +259,7 @@ impl<'a, L: Link> Bench<'a, L> {
             let robot = count;
             return Err(RunError::Cables { board, robot }.into());
         }
-        if !crate::doctor::has_service(client)? {
+        if !has_service(client)? {
             return Err(ServiceError::WrongImage);
         }
         let index = winch.wrapping_sub(1);
@@ -480,6 +480,49 @@ impl<'a, L: Link> Bench<'a, L> {
         self.client.request(Request::Start)?;
         Ok(time_s)
     }
+}
+
+/// Whether the board's image can look at single winches.
+///
+/// # Errors
+/// The line's.
+pub(crate) fn has_service<L: Link>(client: &mut Client<L>) -> Result<bool, RunError> {
+    match client.request(Request::Winch { cable: 1 }) {
+        Ok(_) => Ok(true),
+        Err(ClientError::Refused {
+            reject: Reject::Unsupported,
+            ..
+        }) => Ok(false),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Time for drives that were just reset to answer again, µs.
+const RESET_US: u64 = 700_000;
+/// Time for a board to ask every number on the bus, µs.
+const SCAN_US: u64 = 5_000_000;
+
+/// Every drive that answers; nothing where the board does not come to an end of asking, because
+/// it can send nothing.
+pub(crate) fn scan<L: Link>(client: &mut Client<L>) -> Result<Option<Vec<u8>>, RunError> {
+    let until = client.now_us() + RESET_US;
+    client.pump(until)?;
+    client.request(Request::Scan { restart: true })?;
+    let give_up = client.now_us() + SCAN_US;
+    while client.now_us() < give_up {
+        let until = client.now_us() + 50_000;
+        client.pump(until)?;
+        if let Reply::Drives { done: true, nodes } =
+            client.request(Request::Scan { restart: false })?
+        {
+            let answers = |node: &u8| {
+                let word = nodes.get(usize::from(*node >> 5));
+                word.is_some_and(|word| word & (1 << (node & 31)) != 0)
+            };
+            return Ok(Some((1..=126).filter(answers).collect()));
+        }
+    }
+    Ok(None)
 }
 
 /// Volts at the converter for a reading of it.

@@ -1,7 +1,7 @@
 //! Where the tags of a simulated robot truly lie, and how its camera is truly mounted.
 
-use crate::calibration::simulate::Dice;
 use crate::robot::{Robot, Tag};
+use mcdpr_core::random::Dice;
 use mcdpr_kinematics::Pose;
 use mcdpr_vision::Camera;
 use nalgebra::{Rotation3, Vector3};
@@ -87,7 +87,7 @@ impl Scene {
     /// Where the simulator's world frame is in the world frame that a calibrated robot knows: they
     /// agree at the first body of tags. `None` for a robot that was not calibrated on the simulator.
     #[must_use]
-    pub fn known_from_true(robot: &Robot) -> Option<Pose> {
+    pub(crate) fn known_from_true(robot: &Robot) -> Option<Pose> {
         let calibrated = robot.calibrated.as_ref()?;
         let scene = Self::of(robot, calibrated.simulated_seed?);
         let (number, place) = calibrated.world_from_body.first()?;

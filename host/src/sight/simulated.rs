@@ -1,9 +1,8 @@
 //! Tags of the simulated robot at corner level: the plant's true pose, projected, with noise.
 
 use super::{Scene, SightError, TagSource, TagView};
-
-use crate::calibration::simulate::Dice;
 use crate::link::{Link, SimulatedLink};
+use mcdpr_core::random::Dice;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -35,7 +34,8 @@ impl SimulatedTags {
     }
 
     /// What is truly there, to move a tag.
-    pub const fn scene_mut(&mut self) -> &mut Scene {
+    #[cfg(test)]
+    pub(crate) const fn scene_mut(&mut self) -> &mut Scene {
         &mut self.scene
     }
 }
@@ -110,15 +110,15 @@ fn faces_camera(points: &[Vector3<f64>; 4]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::pnp;
     use crate::experiment;
     use crate::machine::Mismatch;
     use crate::motion::Model;
     use crate::robot::Robot;
+    use mcdpr_calibration::pnp;
     use mcdpr_simulator::LinkOptions;
 
     fn robot_at_home(seed: u64) -> (SimulatedLink, SimulatedTags) {
-        let robot = Robot::find("paper-table5").unwrap();
+        let robot = Robot::built_in("paper-table5").unwrap();
         let model = Model::new(&robot).unwrap();
         let link = experiment::simulated_robot(
             &model,

@@ -16,8 +16,7 @@ use crate::machine::Mismatch;
 use crate::motion::path::Path;
 use crate::motion::{Model, PlanError, PlanOptions, Planner, Shaping, Step, Task};
 use crate::report;
-use crate::robot::Robot;
-use crate::run::{Homing, Recorder, RunError, Session};
+use crate::run::{Homing, NoStore, Recorder, RunError, Session};
 use crate::sight::{Scene, SimulatedTags};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
@@ -165,7 +164,7 @@ impl Job {
 /// # Errors
 /// As a run on the simulator.
 pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
-    let mut robot = Robot::find(case.robot).map_err(|_| RunError::NoTag)?;
+    let mut robot = crate::robot::find(case.robot).map_err(|_| RunError::NoTag)?;
     if case.job == Job::FastMove {
         // As measured beforehand: 0.5 m/s with 2 m/s^2.
         robot.limits.speed_mps = 0.5;
@@ -216,7 +215,14 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
         Known::Absolute => Homing::Lengths(true_lengths_m(&link, robot.cables.len())?),
     };
     let handle = Handle::new();
-    let mut session = Session::open(&planned, link.clone(), SessionId(1), &handle, homing)?;
+    let mut session = Session::open(
+        &planned,
+        link.clone(),
+        SessionId(1),
+        &handle,
+        homing,
+        &NoStore,
+    )?;
     session.arm()?;
     let speed_mps = Some(0.15_f64.min(robot.limits.speed_mps));
     if case.known != Known::Absolute {
@@ -277,8 +283,7 @@ fn rest<L: crate::link::Link>(session: &mut Session<'_, L>, seconds: f64) -> Res
 
 fn true_lengths_m(link: &SimulatedLink, cables: usize) -> Result<Vec<f64>, RunError> {
     let truth = link.with(|simulation| simulation.plant().truth());
-    let truth =
-        truth.map_err(|error| RunError::Client(crate::link::LinkError::from(error).into()))?;
+    let truth = truth.map_err(|error| RunError::Client(crate::link::plant_failed(error).into()))?;
     Ok(truth
         .unstretched_lengths_m
         .iter()

@@ -2,7 +2,7 @@
 //! the real client and link, in virtual time.
 
 use crate::experiment;
-use crate::link::{Client, ClientError, Link, LinkError, SimulatedLink};
+use crate::link::{Client, ClientError, Link, SimulatedLink, plant_failed};
 use crate::machine::{self, GearMismatch, Mismatch};
 use crate::motion::{Model, Task};
 use crate::record::witness::TruthTap;
@@ -126,7 +126,7 @@ impl Script {
     /// One pull across a cable from `from_s` to `to_s`, rising and falling over 100 ms, smoothly,
     /// as a hand's does.
     #[must_use]
-    pub fn cable_pull(
+    pub(crate) fn cable_pull(
         cable: usize,
         force_n: [f64; 3],
         from_s: f64,
@@ -220,21 +220,21 @@ impl<'l> Bench<'l> {
     ///
     /// # Errors
     /// As [`Bench::start`].
-    pub fn start_on(
+    pub(crate) fn start_on(
         model: Model,
         change: &Change,
         seed: u64,
         watch: impl FnOnce(SimulatedLink, TruthTap) -> Box<dyn Link + 'l>,
     ) -> Result<Self, RunError> {
         let robot = &model.robot().clone();
-        let home = experiment::home(&model)?;
+        let home = model.rest_at_home()?;
         let mismatch = Mismatch {
             gears: change.gears,
             ..Mismatch::default()
         };
         let mut params = machine::plant_params(robot, &mismatch, seed);
         change.apply(&mut params);
-        let broken = |error: PlantError| RunError::Client(LinkError::from(error).into());
+        let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
         let simulation = machine::simulate(
             params,
             &home.equilibrium.pose,
@@ -282,7 +282,7 @@ impl<'l> Bench<'l> {
     ) -> Result<R, RunError> {
         self.link
             .with(|simulation| act(simulation.plant_mut()))
-            .map_err(|error| RunError::Client(ClientError::from(LinkError::from(error))))
+            .map_err(|error| RunError::Client(ClientError::from(plant_failed(error))))
     }
 
     /// Runs a script while the robot holds.

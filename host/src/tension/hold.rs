@@ -2,7 +2,6 @@
 
 use super::bench::Trace;
 use super::task::Experiment;
-use crate::experiment;
 use crate::link::{Client, Event, Link};
 use crate::machine;
 use crate::motion::Model;
@@ -27,7 +26,7 @@ pub fn hold<L: Link>(
         return Err(RunError::Latched { record });
     }
     if !status.referenced {
-        let home = experiment::home(model)?;
+        let home = model.rest_at_home()?;
         client.request(machine::reference(&home.paid_out_m, home.tensions_n()))?;
     }
     run::arm(&mut client, hash)?;

@@ -263,7 +263,7 @@ fn perform(robot: &Robot, change: &Change, act: Act, seed: u64) -> Option<Vec<f6
     let (on_s, off_s, end_s) = (0.5, 1.0, 4.0);
     let trace = match act {
         Act::Rest => bench.run(&Script::rest(2.0)),
-        Act::Circle => bench.follow(Task::find("paper:table7", CIRCLE_Z_M).ok()?),
+        Act::Circle => bench.follow(Task::built_in("paper:table7", CIRCLE_Z_M).ok()?),
         Act::Pull(n) => bench.run(&Script::platform_pull(pull(n), on_s, off_s, end_s)),
         Act::Cable(n) => {
             let cable = bench.watched();

@@ -66,7 +66,7 @@ pub fn frame_bits(frame: &CanFrame) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mcdpr_firmware::drives::schedule::worst_bits;
+    use mcdpr_firmware::config::schedule::worst_bits;
 
     #[test]
     fn an_empty_frame_of_zeros_takes_53_bits() {

@@ -3,13 +3,12 @@
 use mcdpr::calibration::Data;
 use mcdpr::calibration::simulate::{Setup, Target, simulate};
 use mcdpr::motion::{Model, Task};
-use mcdpr::robot::Robot;
 use mcdpr::scenario::{Injection, Scenario};
 use std::path::{Path, PathBuf};
 
 /// A robot file. One that is taken can be worked with; the message of a refusal can be shown.
 pub fn robot_file(text: &str) -> bool {
-    match Robot::parse(text, Path::new("no-such-folder/robot.toml")) {
+    match mcdpr::robot::parse(text, Path::new("no-such-folder/robot.toml")) {
         Ok(robot) => {
             let _ = robot.content_hash();
             assert!(robot.platform.mass_kg.is_finite() && robot.platform.mass_kg > 0.0);

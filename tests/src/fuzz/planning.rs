@@ -7,9 +7,9 @@ use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::{
     Model, Plan, PlanOptions, Planner, Shaping, Task, TaskError, Tensioning, Watch,
 };
-use mcdpr::robot::{BUILT_IN, Robot};
+use mcdpr::robot::{BUILT_IN, BuiltInModules, Robot};
 use mcdpr_simulator::LinkOptions;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What became of an input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -177,7 +177,7 @@ fn other_number(rng: &mut Rng, text: &str) -> String {
 /// Where a rule is broken: a panic of the planner, or a refusal without words.
 #[must_use]
 pub fn plan(input: &Input) -> Came {
-    let robot = match Robot::parse(&input.robot, Path::new("robots/robot.toml")) {
+    let robot = match Robot::parse(&input.robot, "robots/robot.toml", &BuiltInModules) {
         Ok(robot) => robot,
         Err(error) => return refused(&error, Came::NoRobot),
     };

@@ -2,7 +2,6 @@
 //! before and behind it, by the core in this process and by the firmware's file.
 
 use super::{model, refusals, robot};
-use mcdpr::experiment;
 use mcdpr::link::{Client, SimulatedLink};
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::Model;
@@ -117,7 +116,7 @@ fn flooded(kind: usize, count: usize, rng: &mut Rng) -> Vec<u8> {
 
 /// The paper's robot at home in front of the core in this process.
 fn in_process(model: &Model, seed: u64) -> SimulatedLink {
-    let home = experiment::home(model).unwrap();
+    let home = model.rest_at_home().unwrap();
     let params = machine::plant_params(model.robot(), &Mismatch::realistic(), seed);
     let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
     let plant = machine::hang(params, pose, tensions, model.tension_held(), seed).unwrap();
@@ -128,7 +127,7 @@ fn in_process(model: &Model, seed: u64) -> SimulatedLink {
 fn armed(model: &Model, link: &SimulatedLink) -> Client<SimulatedLink> {
     let mut client = Client::connect(link.clone(), SessionId(1)).unwrap();
     let hash = run::configure(&mut client, model.robot()).unwrap();
-    let home = experiment::home(model).unwrap();
+    let home = model.rest_at_home().unwrap();
     client
         .request(machine::reference(&home.paid_out_m, home.tensions_n()))
         .unwrap();

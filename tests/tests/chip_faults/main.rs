@@ -10,7 +10,6 @@ mod processor;
 mod reactions;
 mod refusals;
 
-use mcdpr::experiment;
 use mcdpr::link::SimulatedLink;
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::{Model, Task};
@@ -21,7 +20,7 @@ use mcdpr_simulator::{LinkOptions, Simulation};
 use mcdpr_tests::chip::{LINE, firmware};
 
 fn model() -> Model {
-    Model::new(&Robot::find("paper-table5").unwrap()).unwrap()
+    Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
 }
 
 fn line() -> Task {
@@ -46,7 +45,7 @@ fn run_with(words: &[&str]) -> Aftermath {
 
 /// The paper's robot at home in front of a chip, and the chip.
 fn robot(model: &Model) -> (SimulatedLink, SharedChip) {
-    let home = experiment::home(model).unwrap();
+    let home = model.rest_at_home().unwrap();
     let params = machine::plant_params(model.robot(), &Mismatch::realistic(), 3);
     let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
     let plant = machine::hang(params, pose, tensions, model.tension_held(), 3).unwrap();

@@ -1,7 +1,6 @@
 //! What the chip refuses, as the core does: frames, requests, motions, hosts.
 
 use super::{model, robot};
-use mcdpr::experiment;
 use mcdpr::link::{Client, ClientError, Link, LinkError, SimulatedLink};
 use mcdpr::machine;
 use mcdpr::run;
@@ -161,7 +160,7 @@ fn k3_k4_k5_k7_k10_f2_the_chip_refuses_motions_that_the_core_refuses() {
     let (link, _) = robot(&model);
     let mut client = Client::connect(link.clone(), SessionId(1)).unwrap();
     let hash = run::configure(&mut client, model.robot()).unwrap();
-    let home = experiment::home(&model).unwrap();
+    let home = model.rest_at_home().unwrap();
     // F2: tensions that the statics of the described robot do not give.
     let wrong: Vec<f64> = home.tensions_n().iter().map(|n| n + 6.0).collect();
     client
@@ -233,7 +232,7 @@ fn k6_a_buffer_that_runs_empty_while_the_host_lives_holds_the_robot_of_the_chip(
     let (link, _) = robot(&model);
     let mut client = Client::connect(link.clone(), SessionId(1)).unwrap();
     let hash = run::configure(&mut client, model.robot()).unwrap();
-    let home = experiment::home(&model).unwrap();
+    let home = model.rest_at_home().unwrap();
     client
         .request(machine::reference(&home.paid_out_m, home.tensions_n()))
         .unwrap();

@@ -19,7 +19,7 @@ fn tensions_n(robot: &Robot, seed: u64) -> Vec<[f64; 2]> {
     let link = experiment::simulated_robot(&model, &built, seed, &LinkOptions::default()).unwrap();
     let mut client = Client::connect(link, SessionId(1)).unwrap();
     let hash = run::configure(&mut client, robot).unwrap();
-    let home = experiment::home(&model).unwrap();
+    let home = model.rest_at_home().unwrap();
     let reference = machine::reference(&home.paid_out_m, home.tensions_n());
     client.request(reference).unwrap();
     run::arm(&mut client, hash).unwrap();
@@ -65,7 +65,7 @@ fn tensions_n(robot: &Robot, seed: u64) -> Vec<[f64; 2]> {
 
 #[test]
 fn a_platform_high_up_stands_still() {
-    let robot = Robot::find("lab-fast").unwrap();
+    let robot = Robot::built_in("lab-fast").unwrap();
     for seed in [5, 19, 21] {
         let seen = tensions_n(&robot, seed);
         println!("seed {seed}: {seen:.2?}");

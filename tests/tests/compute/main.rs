@@ -115,7 +115,7 @@ impl Seeded {
 
 /// Poses in the middle of a robot's box, tilted up to `angle`.
 fn poses(robot: &str, count: usize, angle: f64) -> Vec<Value> {
-    let [low, high] = Robot::find(robot).unwrap().search_box_in_world_m();
+    let [low, high] = mcdpr::robot::find(robot).unwrap().search_box_in_world_m();
     // The box's top may lie between the pulleys.
     let (low, high) = (low.lerp(&high, 0.2), low.lerp(&high, 0.8));
     let mut seeded = Seeded(11);
@@ -244,7 +244,7 @@ fn the_jacobian_is_the_derivative_of_the_lengths() {
 #[test]
 fn hanging_poses_balance_and_come_back_from_their_lengths() {
     for robot in ["paper-table5", "lab-fast", "point-anchor"] {
-        let description = Robot::find(robot).unwrap();
+        let description = mcdpr::robot::find(robot).unwrap();
         let mut seeded = Seeded(3);
         let places: Vec<_> = (0..200)
             .map(|_| {
@@ -326,7 +326,7 @@ fn a_cable_paid_out_too_far_is_slack() {
 
 #[test]
 fn eight_cables_share_the_load_within_their_limits() {
-    let robot = Robot::find("eight-cable").unwrap();
+    let robot = Robot::built_in("eight-cable").unwrap();
     let found = answer(&[
         "--robot",
         "eight-cable",

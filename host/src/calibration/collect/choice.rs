@@ -3,9 +3,9 @@
 use super::super::Options as Estimator;
 use super::super::data::Data;
 use super::super::plan::{Candidate, Design, Search};
-use super::super::simulate::Dice;
 use super::{CollectError, Options, Reach, Sketch};
 use crate::motion::Rest;
+use mcdpr_core::random::Dice;
 
 /// Poses where the platform shall be well known.
 const WORK: usize = 100;

@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn a_robot_stops_where_a_tension_oscillates_or_comes_near_its_limit() {
-        let model = Model::new(&Robot::find("lab-fast").unwrap()).unwrap();
+        let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
         let reach = Reach::new(&model).unwrap();
         let ended = |tension_n: &dyn Fn(f64) -> f64| {
             let all = measured(1000, tension_n);

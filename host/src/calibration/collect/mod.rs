@@ -10,14 +10,13 @@ mod travel;
 
 pub use reach::Reach;
 pub use recheck::recheck;
-pub use skeleton::{Sketch, of_this_robot};
-pub use still::{AT_REST_M, Still};
+pub(crate) use skeleton::{Sketch, of_this_robot};
+pub use still::Still;
 pub use travel::{Way, way};
 
 use super::data::{Data, Observation, View};
 use super::error::Refusal;
-use crate::experiment;
-use crate::link::{Client, Link};
+use crate::link::{Client, Link, meanwhile};
 use crate::machine;
 use crate::motion::{Model, PlanError, Rest};
 use crate::robot::Control;
@@ -176,7 +175,7 @@ pub fn collect<L: Link, S: TagSource>(
             "start again without --resume",
         ));
     }
-    let home = experiment::home(model)?;
+    let home = model.rest_at_home()?;
     let start = if status.referenced {
         let (metres, newtons) = measured(&status);
         let there = model.rest_from_lengths(&metres, &newtons)?;
@@ -245,7 +244,7 @@ impl<L: Link> Session<'_, L> {
             match self.measure(source, &sketch)? {
                 Ok(still) => {
                     let pose = &here.equilibrium.pose;
-                    self.client.meanwhile(|| sketch.add(pose, &still))?;
+                    meanwhile(&mut self.client, || sketch.add(pose, &still))?;
                 }
                 Err(reason) => {
                     return Err(CollectError::impossible(
@@ -259,7 +258,7 @@ impl<L: Link> Session<'_, L> {
         }
         let missing = options.poses.saturating_sub(sketch.data.poses.len());
         let (client, reach) = (&mut self.client, &self.reach);
-        let choice = client.meanwhile(|| {
+        let choice = meanwhile(client, || {
             let mut choice = Choice::new(reach, &sketch, missing, options)?;
             if options.target_error_m.is_none() {
                 choice.plan(missing);
@@ -270,7 +269,7 @@ impl<L: Link> Session<'_, L> {
         let mut lost = 0;
         loop {
             let count = sketch.data.poses.len();
-            let expected_error_m = self.client.meanwhile(|| choice.expected_error_m())?;
+            let expected_error_m = meanwhile(&mut self.client, || choice.expected_error_m())?;
             let reached = options.target_error_m.is_some_and(|target| {
                 expected_error_m < target && count >= super::check::POSES_MIN
             });
@@ -278,7 +277,7 @@ impl<L: Link> Session<'_, L> {
                 break;
             }
             let (client, here) = (&mut self.client, &self.here);
-            let Some((k, goal)) = client.meanwhile(|| choice.next(here))? else {
+            let Some((k, goal)) = meanwhile(client, || choice.next(here))? else {
                 break;
             };
             tell(Step::Going {
@@ -291,7 +290,7 @@ impl<L: Link> Session<'_, L> {
             };
             match tried {
                 Ok(still) => {
-                    let expected_error_m = self.client.meanwhile(|| {
+                    let expected_error_m = meanwhile(&mut self.client, || {
                         sketch.add(&goal.equilibrium.pose, &still);
                         choice.measured(k);
                         choice.expected_error_m()
@@ -331,7 +330,7 @@ impl<L: Link> Session<'_, L> {
         sketch: &Sketch,
     ) -> Result<Result<Still, String>, CollectError> {
         let (model, here) = (self.model, &self.here);
-        let slowest_s = self.client.meanwhile(|| slowest_s(model, here))?;
+        let slowest_s = meanwhile(&mut self.client, || slowest_s(model, here))?;
         still::measure(&mut self.client, source, |id| sketch.size_m(id), slowest_s)
     }
 
@@ -341,7 +340,7 @@ impl<L: Link> Session<'_, L> {
         let robot = model.robot();
         let (reach, offsets_m) = (&self.reach, &self.offsets_m);
         let (here, home) = (&self.here, &self.home);
-        let ways = self.client.meanwhile(|| {
+        let ways = meanwhile(&mut self.client, || {
             let slowest_s = slowest_s(model, goal).max(slowest_s(model, here));
             let straight =
                 |from: &Rest, to: &Rest| travel::way(reach, robot, from, to, slowest_s, offsets_m);
@@ -391,7 +390,7 @@ impl<L: Link> Session<'_, L> {
         self.join()?;
         let (model, reach, offsets_m) = (self.model, &self.reach, &self.offsets_m);
         let here = &self.here;
-        let back = self.client.meanwhile(|| {
+        let back = meanwhile(&mut self.client, || {
             let slowest_s = slowest_s(model, here);
             travel::back(reach, model.robot(), here, &began, slowest_s, offsets_m)
         })?;

@@ -1,11 +1,12 @@
 //! What a robot can reach at rest, in the terms of its own file.
 
 use super::super::plan::Candidate;
-use super::super::simulate::{Dice, MARGIN_PX, SEEN_PX, views_within};
+use super::super::views::{MARGIN_PX, SEEN_PX, views_within};
 use super::super::{Data, data::View};
 use super::skeleton::ANCHOR_TOLERANCE_M;
 use super::travel;
 use crate::motion::{Model, Rest};
+use mcdpr_core::random::Dice;
 use mcdpr_kinematics::{
     AnyRobot, Cable, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions,
 };
@@ -49,7 +50,7 @@ struct Build {
 
 fn builds(model: &Model) -> Vec<Build> {
     let mut dice = Dice::new(0x0062_7569_6C64);
-    let Ok(home) = crate::experiment::home(model) else {
+    let Ok(home) = model.rest_at_home() else {
         return Vec::new();
     };
     let pose = home.equilibrium.pose;
@@ -99,7 +100,7 @@ impl<'a> Reach<'a> {
             builds: builds(model),
             home: None,
         };
-        let home = crate::experiment::home(model).ok();
+        let home = model.rest_at_home().ok();
         out.home = home.filter(|home| out.within(home) && out.robust(home));
         Some(out)
     }
@@ -204,7 +205,7 @@ impl<'a> Reach<'a> {
     /// Whether robots as they may have been built keep within their tensions too, when their drums
     /// pay out what this resting state says.
     #[must_use]
-    pub fn robust(&self, rest: &Rest) -> bool {
+    pub(crate) fn robust(&self, rest: &Rest) -> bool {
         self.builds.iter().all(|build| {
             self.hung(build, rest).is_some_and(|hung| {
                 let mut pairs = hung.tensions_n.iter().enumerate();
@@ -371,9 +372,9 @@ mod tests {
 
     #[test]
     fn machines_as_built_keep_within_their_tensions_where_the_builds_do() {
-        let robot = Robot::find("lab-fast").unwrap();
+        let robot = Robot::built_in("lab-fast").unwrap();
         let model = Model::new(&robot).unwrap();
-        let home = crate::experiment::home(&model).unwrap();
+        let home = model.rest_at_home().unwrap();
         let reach = Reach::new(&model).unwrap();
         let mut machines = reach.clone();
         machines.builds = (1..=100).map(|seed| machine(&model, &home, seed)).collect();

@@ -6,7 +6,7 @@ use super::CollectError;
 use super::still::{self, Still};
 use crate::calibration::slip::{Reading, SelfCheck, Sigmas};
 use crate::estimate::{self, Measurements, TagPlace};
-use crate::link::Link;
+use crate::link::{Link, meanwhile};
 use crate::motion::{Model, Task};
 use crate::run::{Recorder, Session, plan_from};
 use crate::sight::{TagSource, TagView};
@@ -51,7 +51,7 @@ pub fn recheck<L: Link>(
             }
         };
         let at = session.tool_m();
-        let (reading, fits) = session.client().meanwhile(|| {
+        let (reading, fits) = meanwhile(session.client(), || {
             let reading = reading_of(model, &still, &at);
             let fits = check.add(&reading);
             (reading, fits)
@@ -85,7 +85,7 @@ fn go<L: Link>(
     let task = Task::go_to("check", to).map_err(crate::run::RunError::from)?;
     let at = session.tool_m();
     let plan = || plan_from(model, task, &at, None);
-    let Ok(plan) = session.client().meanwhile(plan)? else {
+    let Ok(plan) = meanwhile(session.client(), plan)? else {
         return Ok(None);
     };
     session.follow(&plan, &mut Recorder::default(), |_| {})?;
@@ -95,7 +95,7 @@ fn go<L: Link>(
 fn slowest_s<L: Link>(model: &Model, session: &mut Session<'_, L>) -> Result<f64, CollectError> {
     let here = session.at().clone();
     let slowest = || super::slowest_s(model, &here);
-    Ok(session.client().meanwhile(slowest)?)
+    Ok(meanwhile(session.client(), slowest)?)
 }
 
 fn measure<L: Link>(

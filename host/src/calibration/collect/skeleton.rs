@@ -1,13 +1,12 @@
 //! Calibration data of a robot file, to which poses are added as they are measured.
 
-use super::super::data::{Data, Noise, NominalRobot, Origin, Tag, View};
+use super::super::data::{Data, Limits, Noise, NominalRobot, Origin, Tag, View};
 use super::super::plan::Candidate;
 use super::super::pnp::{Square, sightings_of};
-use super::super::space::Limits;
 use super::{CollectError, Still, observation, still};
 use crate::motion::Rest;
-use crate::report::utc_stamp;
 use crate::robot::Robot;
+use crate::stamp::utc_stamp;
 use mcdpr_kinematics::{Cable, Pose};
 use mcdpr_vision::Camera;
 
@@ -16,11 +15,11 @@ const ENCODER_M: f64 = 2e-5;
 /// Noise of a mean tension: sensor, its zero, friction, N.
 const TENSION_N: f64 = 0.1;
 /// How far a frame is from its drawing where nothing else is said, m.
-pub const ANCHOR_TOLERANCE_M: f64 = 5e-3;
+pub(crate) const ANCHOR_TOLERANCE_M: f64 = 5e-3;
 
 /// Data under way.
 #[derive(Debug, Clone)]
-pub struct Sketch {
+pub(crate) struct Sketch {
     /// The data so far. Bodies and tags are those seen so far.
     pub data: Data,
     robot: Robot,
@@ -91,7 +90,7 @@ impl Sketch {
             })
             .collect();
         let model = crate::motion::Model::new(robot)?;
-        let home = crate::experiment::home(&model)?;
+        let home = model.rest_at_home()?;
         Ok(Self {
             data,
             robot: robot.clone(),
@@ -213,7 +212,7 @@ impl Sketch {
 ///
 /// # Errors
 /// [`CollectError::Impossible`] that names both.
-pub fn of_this_robot(robot: &Robot, hash: u32, data: &Data) -> Result<(), CollectError> {
+pub(crate) fn of_this_robot(robot: &Robot, hash: u32, data: &Data) -> Result<(), CollectError> {
     match &data.origin {
         Some(origin) if origin.robot_hash == hash => Ok(()),
         Some(origin) => Err(CollectError::impossible(

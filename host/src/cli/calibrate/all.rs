@@ -6,7 +6,6 @@ use crate::calibration::paper::{AnchorTerm, Weights, paper};
 use crate::calibration::{Answer, Data, Options, Refusal, joint, result};
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
-use crate::robot::Robot;
 use std::path::PathBuf;
 
 /// Find anchors, initial lengths, camera and tags: from recorded data, or collecting them first
@@ -114,7 +113,9 @@ impl Solve {
                 let wanted = data.origin.is_some() || self.out.is_some();
                 (
                     data,
-                    wanted.then(|| Robot::find(&common.robot)).transpose()?,
+                    wanted
+                        .then(|| crate::robot::find(&common.robot))
+                        .transpose()?,
                 )
             }
             None if common.dry_run => {
@@ -122,7 +123,7 @@ impl Solve {
                 return Err(crate::cli::dry::refusal(words).into());
             }
             None => {
-                let robot = Robot::find(&common.robot)?;
+                let robot = crate::robot::find(&common.robot)?;
                 let data = self.how.run(&robot, &data_path(&common.robot), common)?;
                 (data, Some(robot))
             }

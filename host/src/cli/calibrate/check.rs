@@ -12,7 +12,7 @@ use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::Doing;
 use crate::robot::Calibrated;
-use crate::run::{Homing, Session, watch_for_interrupts};
+use crate::run::{Homing, LengthFiles, Session, watch_for_interrupts};
 use crate::sight::{Scene, SimulatedTags, TagSource};
 use mcdpr_simulator::LinkOptions;
 
@@ -113,7 +113,8 @@ impl Cmd {
             let link = common.open_port().map_err(ClientError::from)?;
             (record.line(link), Homing::Known)
         };
-        let mut session = Session::open(model, link, record.session, &handle, homing)?;
+        let mut session =
+            Session::open(model, link, record.session, &handle, homing, &LengthFiles)?;
         let error_m = calibrated.predicted_error_m.unwrap_or(1e-3);
         let sigmas = Sigmas::calibrated(error_m, self.friction, calibrated.covariance.is_some());
         let mut source = tags.as_mut().map(|source| source as &mut dyn TagSource);

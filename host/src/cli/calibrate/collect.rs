@@ -94,7 +94,9 @@ pub(crate) fn data_path(robot: &str) -> PathBuf {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let path = self.out.clone().unwrap_or_else(|| data_path(&common.robot));
-        let data = self.how.run(&Robot::find(&common.robot)?, &path, common)?;
+        let data = self
+            .how
+            .run(&crate::robot::find(&common.robot)?, &path, common)?;
         if common.json {
             return print_json(&serde_json::json!({
                 "data": path.display().to_string(), "poses": data.poses.len(),

@@ -4,7 +4,6 @@ use super::collect::On;
 use crate::calibration::result::write_whole;
 use crate::calibration::target::{sheet, tables, tags};
 use crate::cli::{Common, Outcome, print_json, write_out};
-use crate::robot::Robot;
 use std::path::PathBuf;
 
 /// Draw tags to print, at true scale with a ruler, and the lines for the robot file
@@ -22,7 +21,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let tags = match self.target.target() {
             Some(target) => tags(target),
-            None => Robot::find(&common.robot)?.tags,
+            None => crate::robot::find(&common.robot)?.tags,
         };
         let mut bodies: Vec<u32> = tags.iter().map(|tag| tag.body).collect();
         bodies.sort_unstable();

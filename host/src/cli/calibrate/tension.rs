@@ -4,7 +4,7 @@ use super::super::recorded::{Work, on_record};
 use super::super::{Common, Failed, Outcome, print_json, table::lay_out};
 use crate::experiment;
 use crate::files::write_atomically;
-use crate::link::{Client, ClientError, Link, LinkError};
+use crate::link::{Client, ClientError, Link, plant_failed};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::Doing;
@@ -65,7 +65,7 @@ fn readings(path: &std::path::Path) -> miette::Result<Vec<Reading>> {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let robot = Robot::find(&common.robot)?;
+        let robot = crate::robot::find(&common.robot)?;
         let index = self.cable.wrapping_sub(1);
         let winch = robot.winch_of(index).ok_or_else(|| NoCable {
             cable: self.cable,
@@ -143,7 +143,7 @@ impl Cmd {
             self.guide(robot, winch, line, |mass_kg| {
                 let weight_n = mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
                 link.with(|s| s.plant_mut().hang_weight(self.cable - 1, Some(weight_n)))
-                    .map_err(|error| ClientError::from(LinkError::from(error)).into())
+                    .map_err(|error| ClientError::from(plant_failed(error)).into())
             })
         })?;
         Ok(readings)

@@ -3,7 +3,6 @@
 use crate::calibration::verify::{distances, rows};
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
-use crate::robot::Robot;
 use std::path::PathBuf;
 
 /// Compare the calibration with poses measured by other means, such as an external camera
@@ -18,7 +17,7 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let what = format!("measured poses {}", self.poses.display());
         let text = crate::files::read_text(&self.poses).map_err(Failed::from_error(&what))?;
-        let designed = Robot::find(&common.robot)?;
+        let designed = crate::robot::find(&common.robot)?;
         let rows = rows(&text, designed.cables.len())?;
         let calibrated = common.robot()?;
         let nominal = distances(&designed, &rows)?;

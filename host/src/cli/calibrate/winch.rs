@@ -2,7 +2,6 @@
 
 use crate::cli::service::{Machine, connected};
 use crate::cli::{Common, Outcome, print_json};
-use crate::robot::Robot;
 use crate::service::measure_ratio;
 
 /// Motor counts per drum encoder count of one bare winch (Eq. 50), with spread and backlash
@@ -21,7 +20,7 @@ pub(crate) struct Cmd {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let robot = Robot::find(&common.robot)?;
+        let robot = crate::robot::find(&common.robot)?;
         let name = format!("winch-ratio-{}", self.winch);
         let (ratio, folder) =
             connected(common, &robot, &self.machine, &name, |(mut client, _)| {

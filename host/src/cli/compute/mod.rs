@@ -33,7 +33,7 @@ struct Subject {
 
 impl Subject {
     fn find(common: &Common) -> miette::Result<Self> {
-        let robot = Robot::find(&common.robot)?;
+        let robot = crate::robot::find(&common.robot)?;
         let geometry = machine::geometry(&robot).map_err(ComputeError::from)?;
         let planar = is_planar(&geometry);
         Ok(Self {

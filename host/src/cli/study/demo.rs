@@ -4,9 +4,8 @@ use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::experiment;
 use crate::machine::Mismatch;
-use crate::motion::{Model, Task};
+use crate::motion::Model;
 use crate::report::Figures;
-use crate::robot::Robot;
 
 /// The demo's figures as medians over many realistic machines, with their ranges
 #[derive(Debug, clap::Args)]
@@ -43,10 +42,10 @@ impl Cmd {
             let reason = "a study needs the truth, which only the simulator knows";
             return Err(Failed::from_error("--on")(reason).into());
         }
-        let robot = Robot::find(&common.robot)?;
+        let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
         let height_m = crate::cli::run::tool_height_m(&robot, crate::cli::demo::HEIGHT_MM);
-        let task = Task::find("paper:table7", height_m)?;
+        let task = crate::motion::find_task("paper:table7", height_m)?;
         let mut runs = Vec::new();
         for seed in 1..=self.seeds {
             let mismatch = Mismatch::realistic();

@@ -16,7 +16,10 @@ pub(crate) struct Cmd {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let seeds = self.seeds;
-        let (light, geared) = (Robot::find("lab-direct")?, Robot::find("paper-table5")?);
+        let (light, geared) = (
+            Robot::built_in("lab-direct")?,
+            Robot::built_in("paper-table5")?,
+        );
         let table = study(&light, &geared, seeds)?;
         let text = serde_json::to_string(&table).map_err(Failed::from_error("the result"))?;
         let hash = mcdpr_protocol::frame::crc32(text.as_bytes());

@@ -25,9 +25,9 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         // The default robot has no gear; this study is about gears.
         let robot = if common.robot == "paper-table5" {
-            Robot::find("paper-geared")?
+            Robot::built_in("paper-geared")?
         } else {
-            Robot::find(&common.robot)?
+            crate::robot::find(&common.robot)?
         };
         let seeds = self.seed..self.seed.saturating_add(self.seeds);
         let drawn = study(&robot, seeds.clone());

@@ -268,7 +268,7 @@ mod tests {
         let path = std::env::temp_dir().join(format!("mcdpr-kept-{}", std::process::id()));
         let _ = std::fs::remove_file(&path);
         let study = study(&path);
-        let robot = picking_robot(&Robot::find("lab-fast").unwrap());
+        let robot = picking_robot(&Robot::built_in("lab-fast").unwrap());
         let how = How {
             program: program_crc(),
             robot: robot.content_hash(),

@@ -227,7 +227,7 @@ fn the_speed_that_is_told_is_the_speed() {
 #[test]
 fn the_bus_is_as_full_as_the_schedule_says() {
     use mcdpr_firmware::config::DriveKind;
-    use mcdpr_firmware::drives::schedule::load_permille;
+    use mcdpr_firmware::config::schedule::load_permille;
     for (protocol, kind) in [
         (Protocol::Rmds, DriveKind::Rmds),
         (Protocol::Cia402, DriveKind::Cia402),

@@ -1,0 +1,401 @@
+//! What is unknown about a real machine: the order of the unknowns, their names and their priors.
+
+use super::data::Set;
+use nalgebra::Vector3;
+
+/// How well things are known beforehand, as one standard deviation about the entered value.
+///
+/// The widths are those of a real four-cable robot's logs (IRMA4U, University of Bologna, logs of
+/// March 2025 in fzoffoli/UACDPR_SelfCalibration): cells -6 to +14 % and up to +20 N off, drums 0.2 to
+/// 0.7 %, 0.5 to 1.5 mm per homing, an inclinometer mounted 1.6 degrees off, centre of mass 3 to 5 mm,
+/// pulleys that lose 1.3 to 2.3 %.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Priors {
+    /// Gain of each load cell, share.
+    pub gain: f64,
+    /// Zero of each load cell, N, and how much it moves from session to session.
+    pub zero_n: f64,
+    /// Zero of each load cell from session to session, N.
+    pub zero_session_n: f64,
+    /// Gain of each drum, share.
+    pub drum: f64,
+    /// Offset of each absolute length, m.
+    pub offset_m: f64,
+    /// Offset of each length from homing to homing, m.
+    pub homing_m: f64,
+    /// Offset of a length that is told as a change only, m.
+    pub change_m: f64,
+    /// Mean and standard deviation of the tension that a pulley loses over half a turn, share.
+    pub loss: [f64; 2],
+    /// Offset of each swivel sensor, rad.
+    pub swivel_rad: f64,
+    /// The same from session to session, rad.
+    pub swivel_session_rad: f64,
+    /// Pulley radius, m.
+    pub radius_m: f64,
+    /// Each coordinate of an anchor, m.
+    pub anchor_m: f64,
+    /// Each coordinate of an attachment, m.
+    pub attachment_m: f64,
+    /// Each coordinate of the centre of mass, m.
+    pub center_of_mass_m: f64,
+    /// Mass, share.
+    pub mass: f64,
+    /// 1/EA, 1/N.
+    pub compliance_per_n: f64,
+    /// Each angle of the inclinometer's mounting, rad.
+    pub mount_rad: f64,
+    /// The same from session to session, rad.
+    pub mount_session_rad: f64,
+    /// Yaw at a session's start, rad, and its drift, rad/s.
+    pub yaw_rad: f64,
+    /// Drift of the yaw, rad/s.
+    pub yaw_rate_rps: f64,
+    /// Focal length, share.
+    pub focal: f64,
+    /// Principal point, px.
+    pub center_px: f64,
+    /// The lens's k1.
+    pub k1: f64,
+    /// Size of the tags, share.
+    pub tag: f64,
+}
+
+impl Default for Priors {
+    fn default() -> Self {
+        Self {
+            gain: 0.1,
+            zero_n: 10.0,
+            zero_session_n: 1.5,
+            drum: 0.01,
+            offset_m: 0.01,
+            homing_m: 6e-4,
+            change_m: 1.0,
+            loss: [0.01, 0.02],
+            swivel_rad: 0.05,
+            swivel_session_rad: 5e-3,
+            radius_m: 5e-4,
+            anchor_m: 1e-3,
+            attachment_m: 5e-4,
+            center_of_mass_m: 0.01,
+            mass: 0.02,
+            compliance_per_n: 2e-5,
+            mount_rad: 0.03,
+            mount_session_rad: 3e-3,
+            yaw_rad: 0.2,
+            yaw_rate_rps: 5e-4,
+            focal: 1e-3,
+            center_px: 1.0,
+            k1: 5e-4,
+            tag: 1e-3,
+        }
+    }
+}
+
+impl Priors {
+    /// For readings of which only changes are known: no offset, zero or mounting is.
+    #[must_use]
+    pub(crate) fn changes_only() -> Self {
+        Self {
+            zero_n: 100.0,
+            offset_m: 1.0,
+            swivel_rad: 0.5,
+            mount_rad: 0.05,
+            yaw_rad: 0.5,
+            ..Self::default()
+        }
+    }
+}
+
+/// Unknowns per cable: gain, zero, drum, offset, loss, swivel, radius, anchor, attachment.
+const PER_CABLE: usize = 13;
+/// Centre of mass, mass, compliance, mounting.
+const COMMON: usize = 8;
+/// Camera's place, focal length, principal point, k1, tag size.
+const CAMERA: usize = 11;
+
+/// Where each unknown sits in the vector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    /// Number of cables.
+    pub cables: usize,
+    /// Number of rigid bodies of tags; `None` without a camera.
+    pub bodies: Option<usize>,
+    /// The sessions that take part, as indices into the set's.
+    pub sessions: Vec<usize>,
+    /// Cables that slipped: cable, and the sample from which on it holds.
+    pub breaks: Vec<Break>,
+}
+
+/// A cable whose length has jumped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Break {
+    /// Index of the cable.
+    pub cable: usize,
+    /// Session in which it jumped.
+    pub session: usize,
+    /// Index of the first sample after it.
+    pub from: usize,
+}
+
+#[allow(missing_docs)] // The names say it.
+impl Layout {
+    #[must_use]
+    pub fn gain(&self, i: usize) -> usize {
+        PER_CABLE * i
+    }
+    #[must_use]
+    pub fn zero(&self, i: usize) -> usize {
+        PER_CABLE * i + 1
+    }
+    #[must_use]
+    pub fn drum(&self, i: usize) -> usize {
+        PER_CABLE * i + 2
+    }
+    #[must_use]
+    pub fn offset(&self, i: usize) -> usize {
+        PER_CABLE * i + 3
+    }
+    #[must_use]
+    pub fn loss(&self, i: usize) -> usize {
+        PER_CABLE * i + 4
+    }
+    #[must_use]
+    pub(crate) fn swivel(&self, i: usize) -> usize {
+        PER_CABLE * i + 5
+    }
+    #[must_use]
+    pub fn radius(&self, i: usize) -> usize {
+        PER_CABLE * i + 6
+    }
+    #[must_use]
+    pub fn anchor(&self, i: usize) -> usize {
+        PER_CABLE * i + 7
+    }
+    #[must_use]
+    pub fn attachment(&self, i: usize) -> usize {
+        PER_CABLE * i + 10
+    }
+    #[must_use]
+    pub(crate) fn center_of_mass(&self) -> usize {
+        PER_CABLE * self.cables
+    }
+    #[must_use]
+    pub fn mass(&self) -> usize {
+        self.center_of_mass() + 3
+    }
+    #[must_use]
+    pub(crate) fn compliance(&self) -> usize {
+        self.center_of_mass() + 4
+    }
+    #[must_use]
+    pub(crate) fn mount(&self) -> usize {
+        self.center_of_mass() + 5
+    }
+    /// First of the camera's: place (6), focal length, principal point (2), k1, tag size.
+    #[must_use]
+    pub fn camera(&self) -> usize {
+        self.center_of_mass() + COMMON
+    }
+    #[must_use]
+    pub fn body(&self, body: usize) -> usize {
+        self.camera() + CAMERA + 6 * body
+    }
+    fn after_camera(&self) -> usize {
+        self.bodies
+            .map_or_else(|| self.camera(), |bodies| self.body(bodies))
+    }
+    fn session(&self, slot: usize) -> usize {
+        self.after_camera() + slot * (3 * self.cables + 4)
+    }
+    #[must_use]
+    pub(crate) fn zero_of(&self, slot: usize, i: usize) -> usize {
+        self.session(slot) + i
+    }
+    #[must_use]
+    pub(crate) fn offset_of(&self, slot: usize, i: usize) -> usize {
+        self.session(slot) + self.cables + i
+    }
+    #[must_use]
+    pub(crate) fn swivel_of(&self, slot: usize, i: usize) -> usize {
+        self.session(slot) + 2 * self.cables + i
+    }
+    #[must_use]
+    pub(crate) fn mount_of(&self, slot: usize) -> usize {
+        self.session(slot) + 3 * self.cables
+    }
+    /// Yaw at the start, then its drift.
+    #[must_use]
+    pub(crate) fn yaw_of(&self, slot: usize) -> usize {
+        self.session(slot) + 3 * self.cables + 2
+    }
+    #[must_use]
+    pub fn jump(&self, k: usize) -> usize {
+        self.session(self.sessions.len()) + k
+    }
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.jump(self.breaks.len())
+    }
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.cables == 0
+    }
+    /// Unknowns of one sample: the pose's displacement and the tensions at the platform.
+    #[must_use]
+    pub fn own(&self) -> usize {
+        6 + self.cables
+    }
+    /// Slot of a session of the set.
+    #[must_use]
+    pub fn slot(&self, session: usize) -> Option<usize> {
+        self.sessions.iter().position(|s| *s == session)
+    }
+}
+
+/// One unknown: what it is, where it starts, how well it is known beforehand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unknown {
+    /// In words, as in "cable 2's drum".
+    pub name: String,
+    /// Expected value.
+    pub mean: f64,
+    /// Standard deviation; infinite where nothing is known.
+    pub sigma: f64,
+    /// Factor and unit for printing.
+    pub unit: (f64, &'static str),
+    /// The value entered in the robot's description, where it is a constant that somebody measured.
+    pub entered: Option<f64>,
+}
+
+/// All unknowns in the layout's order.
+#[must_use]
+pub(crate) fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unknown> {
+    let mut out: Vec<Unknown> = Vec::with_capacity(layout.len());
+    let mut add = |name: String, mean: f64, sigma: f64, unit, entered| {
+        out.push(Unknown {
+            name,
+            mean,
+            sigma,
+            unit,
+            entered,
+        });
+    };
+    const PERCENT: (f64, &str) = (100.0, "%");
+    const MM: (f64, &str) = (1e3, "mm");
+    const N: (f64, &str) = (1.0, "N");
+    let degrees = (1f64.to_degrees(), "deg");
+    let axes = ["x", "y", "z"];
+    let robot = &set.robot;
+    let offset = if robot.absolute {
+        priors.offset_m
+    } else {
+        priors.change_m
+    };
+    let anchor = robot
+        .anchor_half_tolerance_m
+        .map_or(priors.anchor_m, |half| half / 3f64.sqrt());
+    let three = |v: &Vector3<f64>| <[f64; 3]>::from(*v);
+    for (i, cable) in robot.cables.iter().enumerate() {
+        let of = format!("cable {}'s", i + 1);
+        add(format!("{of} cell gain"), 0.0, priors.gain, PERCENT, None);
+        add(format!("{of} cell zero"), 0.0, priors.zero_n, N, None);
+        add(format!("{of} drum"), 0.0, priors.drum, PERCENT, None);
+        add(format!("{of} length offset"), 0.0, offset, MM, None);
+        let [mean, sigma] = priors.loss;
+        add(format!("{of} pulley loss"), mean, sigma, PERCENT, None);
+        add(
+            format!("{of} swivel offset"),
+            0.0,
+            priors.swivel_rad,
+            degrees,
+            None,
+        );
+        let radius = cable.pulley_radius_m;
+        // An eyelet has no radius to be wrong.
+        let sigma = if radius > 0.0 { priors.radius_m } else { 1e-9 };
+        add(format!("{of} pulley radius"), 0.0, sigma, MM, Some(radius));
+        for (axis, at) in axes.iter().zip(three(&cable.anchor_m)) {
+            add(format!("{of} anchor in {axis}"), 0.0, anchor, MM, Some(at));
+        }
+        for (axis, at) in axes.iter().zip(three(&cable.attachment_m)) {
+            let name = format!("{of} attachment in {axis}");
+            add(name, 0.0, priors.attachment_m, MM, Some(at));
+        }
+    }
+    for (axis, at) in axes.iter().zip(three(&robot.center_of_mass_m)) {
+        let name = format!("the centre of mass in {axis}");
+        add(name, 0.0, priors.center_of_mass_m, MM, Some(at));
+    }
+    let kg = (robot.mass_kg, "kg");
+    add("the mass".to_owned(), 0.0, priors.mass, kg, Some(1.0));
+    let name = "the cables' compliance".to_owned();
+    add(name, 0.0, priors.compliance_per_n, (1e6, "1/MN"), None);
+    for axis in axes {
+        let name = format!("the inclinometer's mounting about {axis}");
+        add(name, 0.0, priors.mount_rad, degrees, None);
+    }
+    if let (Some(bodies), Some(eye)) = (layout.bodies, &set.eye) {
+        let place = |add: &mut dyn FnMut(String, f64, f64, (f64, &'static str), Option<f64>),
+                     what: &str| {
+            for axis in axes {
+                add(format!("{what} in {axis}"), 0.0, f64::INFINITY, MM, None);
+            }
+            for axis in axes {
+                let name = format!("{what} about {axis}");
+                add(name, 0.0, f64::INFINITY, degrees, None);
+            }
+        };
+        place(&mut add, "the camera's place");
+        let focal = eye.camera.focal_px[0];
+        let name = "the focal length".to_owned();
+        add(name, 0.0, priors.focal, (focal, "px"), Some(1.0));
+        for (axis, at) in ["u", "v"].iter().zip(eye.camera.center_px) {
+            let name = format!("the principal point in {axis}");
+            add(name, 0.0, priors.center_px, (1.0, "px"), Some(at));
+        }
+        let k1 = Some(eye.camera.distortion[0]);
+        add("the lens's k1".to_owned(), 0.0, priors.k1, (1.0, ""), k1);
+        let size = eye.tags.first().map_or(1.0, |tag| tag.size_m * 1e3);
+        let name = "the tags' size".to_owned();
+        add(name, 0.0, priors.tag, (size, "mm"), Some(1.0));
+        for body in 0..bodies {
+            place(&mut add, &format!("tag body {}", body + 1));
+        }
+    }
+    for &session in &layout.sessions {
+        let of =
+            |what: &str, i: usize| format!("cable {}'s {what} in {}", i + 1, set.sessions[session]);
+        // With one session alone its own part cannot be told from the common one.
+        for i in 0..layout.cables {
+            add(of("cell zero", i), 0.0, priors.zero_session_n, N, None);
+        }
+        let homing = if robot.absolute && set.homed[session] {
+            priors.homing_m
+        } else {
+            priors.change_m
+        };
+        for i in 0..layout.cables {
+            add(of("length offset", i), 0.0, homing, MM, None);
+        }
+        let swivel = priors.swivel_session_rad;
+        for i in 0..layout.cables {
+            add(of("swivel offset", i), 0.0, swivel, degrees, None);
+        }
+        let name = &set.sessions[session];
+        for axis in ["x", "y"] {
+            let what = format!("the inclinometer's mounting about {axis} in {name}");
+            add(what, 0.0, priors.mount_session_rad, degrees, None);
+        }
+        let yaw = format!("the yaw's zero in {name}");
+        add(yaw, 0.0, priors.yaw_rad, degrees, None);
+        let drift = (1f64.to_degrees() * 60.0, "deg/min");
+        let what = format!("the yaw's drift in {name}");
+        add(what, 0.0, priors.yaw_rate_rps, drift, None);
+    }
+    for jump in &layout.breaks {
+        let name = format!("cable {}'s slip at {}", jump.cable + 1, set.name(jump.from));
+        add(name, 0.0, 0.05, MM, None);
+    }
+    out
+}

@@ -1,0 +1,32 @@
+//! The joint estimate: the solution of one weighted problem, with closer looks at it.
+
+use super::answer::{Answer, Split};
+use super::assay;
+use super::data::Data;
+use super::error::Refusal;
+pub use super::fit::Options;
+use super::fit::fit;
+use super::general::slip;
+
+/// Calibrates with one weighted problem over anchors, initial lengths, camera, bodies of tags, the
+/// platform's pose at every measurement, and, with priors, everything that is never exactly known;
+/// where the platform hung at rest and tensions are given, also over those and the equations of
+/// equilibrium.
+///
+/// # Errors
+/// [`Refusal`] with the reason.
+pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
+    let mut answer = fit(data, options)?;
+    if options.closer_looks {
+        let slips = slip::in_data(data, answer.solved.as_ref());
+        let advice = "use the poses before or after only";
+        let words = slips.iter().map(|slip| format!("{slip}: {advice}"));
+        answer.warnings.extend(words);
+        answer.split = assay::split(data, options, &answer);
+        let warning = answer.split.as_ref().and_then(Split::warning);
+        answer.warnings.extend(warning);
+        answer.map = assay::error_map(data, &answer);
+        answer.next = assay::next_pose(data, &answer, options);
+    }
+    Ok(answer)
+}

@@ -1,0 +1,486 @@
+//! Normal equations in arrow form: unknowns of each pose, and unknowns shared by all. The former are
+//! eliminated pose by pose (Schur complement; Triggs et al., 2000), which leaves a small dense system.
+
+use super::rows::{Model, Row, Source, singles};
+use super::unknowns::{Priors, State};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// Factor on each row of each pose: 1 counts in full, 0 is rejected.
+pub type Weights = Vec<Vec<f64>>;
+
+/// Normal equations at a state, and the residuals they were made of.
+#[derive(Debug, Clone)]
+pub struct Normal {
+    own: usize,
+    shared: usize,
+    /// Pose after pose: own x own, row-major, lower triangle.
+    own_h: Vec<f64>,
+    own_g: Vec<f64>,
+    /// Pose after pose: own rows of `shared` numbers.
+    cross: Vec<f64>,
+    /// Lower triangle, row-major.
+    shared_h: Vec<f64>,
+    shared_g: DVector<f64>,
+    /// Weighted sum of squares of the measurements.
+    pub chi_square: f64,
+    /// Sum of squares of the priors.
+    pub prior_chi_square: f64,
+    /// Residuals of each pose's rows, in standard deviations, not weighted.
+    pub residuals: Vec<Vec<f64>>,
+}
+
+/// The system with the poses eliminated.
+#[derive(Debug, Clone)]
+pub struct Reduced {
+    own: usize,
+    /// Pose after pose: Cholesky factor of the own block, row-major.
+    factors: Vec<f64>,
+    /// `shared` x (poses * own): columns are the rows of L^-1 cross.
+    coupling: DMatrix<f64>,
+    /// L^-1 of the own gradients.
+    own_g: DVector<f64>,
+    /// Schur complement.
+    pub information: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+impl Normal {
+    /// Accumulates all rows and priors. `None` outside the model's domain.
+    #[must_use]
+    pub fn at(
+        model: &Model<'_>,
+        priors: &Priors,
+        state: &State,
+        weights: &Weights,
+    ) -> Option<Self> {
+        let (own, shared) = (model.layout.local(), model.layout.len());
+        let poses = state.poses.len();
+        let mut out = Self {
+            own,
+            shared,
+            own_h: vec![0.0; own * own * poses],
+            own_g: vec![0.0; own * poses],
+            cross: vec![0.0; own * shared * poses],
+            shared_h: vec![0.0; shared * shared],
+            shared_g: DVector::zeros(shared),
+            chi_square: 0.0,
+            prior_chi_square: 0.0,
+            residuals: vec![Vec::new(); poses],
+        };
+        let cables = singles(state).ok()?;
+        let mut corners = CornerSums::new();
+        for k in 0..poses {
+            let mut list = Vec::with_capacity(weights.get(k).map_or(0, Vec::len));
+            model
+                .rows(state, &cables, k, |row| {
+                    let weight = weights.get(k).and_then(|w| w.get(list.len()));
+                    list.push(row.residual);
+                    let weight = weight.copied().unwrap_or(1.0);
+                    if let Source::Corner(_, _, axis) = row.source {
+                        if corners.body != row.shared.get(6).map(|(at, _)| *at) {
+                            corners.flush_pose(k, &mut out);
+                            corners.flush_shared(&mut out);
+                        }
+                        corners.add(row, weight, axis);
+                    } else {
+                        out.add(k, row, weight);
+                    }
+                })
+                .ok()?;
+            corners.flush_pose(k, &mut out);
+            out.residuals[k] = list;
+        }
+        corners.flush_shared(&mut out);
+        for prior in state.priors(model.data, &model.layout, priors) {
+            let weight = 1.0 / (prior.sigma * prior.sigma);
+            out.shared_h[prior.index * (shared + 1)] += weight;
+            out.shared_g[prior.index] += weight * prior.deviation;
+            out.prior_chi_square += weight * prior.deviation * prior.deviation;
+        }
+        (out.chi_square + out.prior_chi_square)
+            .is_finite()
+            .then_some(out)
+    }
+
+    /// Weighted sum of squares with the priors: what is minimised.
+    #[must_use]
+    pub fn cost(&self) -> f64 {
+        self.chi_square + self.prior_chi_square
+    }
+
+    fn add(&mut self, k: usize, row: &Row<'_>, weight: f64) {
+        if weight == 0.0 {
+            return;
+        }
+        self.chi_square += weight * row.residual * row.residual;
+        let (own, shared) = (self.own, self.shared);
+        let h = &mut self.own_h[k * own * own..(k + 1) * own * own];
+        let g = &mut self.own_g[k * own..(k + 1) * own];
+        let cross = &mut self.cross[k * own * shared..(k + 1) * own * shared];
+        for (a, &value) in row.own.iter().enumerate() {
+            if value == 0.0 {
+                continue;
+            }
+            let value = value * weight;
+            g[a] += value * row.residual;
+            for (slot, other) in h[a * own..].iter_mut().zip(&row.own[..=a]) {
+                *slot += value * other;
+            }
+            let line = &mut cross[a * shared..(a + 1) * shared];
+            for &(j, other) in row.shared {
+                line[j] += value * other;
+            }
+        }
+        for (p, &(i, value)) in row.shared.iter().enumerate() {
+            let value = value * weight;
+            self.shared_g[i] += value * row.residual;
+            for &(j, other) in &row.shared[..=p] {
+                self.shared_h[i.max(j) * shared + i.min(j)] += value * other;
+            }
+        }
+    }
+
+    /// Eliminates the poses, with Marquardt's damping (relative to the diagonal). `None` where a
+    /// block is not positive definite.
+    #[must_use]
+    pub fn reduced(&self, damping: f64) -> Option<Reduced> {
+        let (own, shared) = (self.own, self.shared);
+        let poses = self.own_g.len() / own;
+        let mut coupling = DMatrix::zeros(shared, poses * own);
+        let mut own_g = DVector::from_column_slice(&self.own_g);
+        let mut factors = self.own_h.clone();
+        let values = coupling.as_mut_slice();
+        values.copy_from_slice(&self.cross);
+        for k in 0..poses {
+            let l = &mut factors[k * own * own..(k + 1) * own * own];
+            for a in 0..own {
+                let diagonal = &mut l[a * own + a];
+                // Next to nothing (1/m^2, against 1e8 and more), for what no row fixes: a tension
+                // without sensor, a pose whose picture was rejected.
+                *diagonal = *diagonal * (1.0 + damping) + 1.0;
+            }
+            factor(l, own)?;
+            let block = &mut values[k * own * shared..(k + 1) * own * shared];
+            let g = &mut own_g.as_mut_slice()[k * own..(k + 1) * own];
+            for a in 0..own {
+                let (done, rest) = block.split_at_mut(a * shared);
+                let line = &mut rest[..shared];
+                let mut rhs = g[a];
+                for b in 0..a {
+                    let f = l[a * own + b];
+                    if f != 0.0 {
+                        for (x, y) in line.iter_mut().zip(&done[b * shared..(b + 1) * shared]) {
+                            *x -= f * y;
+                        }
+                        rhs -= f * g[b];
+                    }
+                }
+                let inv = 1.0 / l[a * own + a];
+                for x in line.iter_mut() {
+                    *x *= inv;
+                }
+                g[a] = rhs * inv;
+            }
+        }
+        let mut information = DMatrix::from_row_slice(shared, shared, &self.shared_h);
+        for j in 0..shared {
+            information[(j, j)] *= 1.0 + damping;
+        }
+        // Only the lower triangle, in strips.
+        let turned = coupling.transpose();
+        const STRIP: usize = 16;
+        for first in (0..shared).step_by(STRIP) {
+            let width = STRIP.min(shared - first);
+            let rows = shared - first;
+            information.view_mut((first, first), (rows, width)).gemm(
+                -1.0,
+                &coupling.rows(first, rows),
+                &turned.columns(first, width),
+                1.0,
+            );
+        }
+        for j in 0..shared {
+            for i in 0..j {
+                information[(i, j)] = information[(j, i)];
+            }
+        }
+        let mut gradient = self.shared_g.clone();
+        gradient.gemv(-1.0, &coupling, &own_g, 1.0);
+        Some(Reduced {
+            own,
+            factors,
+            coupling,
+            own_g,
+            information,
+            gradient,
+        })
+    }
+}
+
+/// Unknowns that a corner depends on, and its residual: 6 of the pose, 6 of the camera, 6 of the
+/// body, focal length, principal point (2), k1, tag scale, residual.
+const CORNER: usize = 24;
+/// Of these, those of the pose.
+const OWN: usize = 6;
+
+/// Sums of products over the corners of one body: many rows on few unknowns, so that they are summed
+/// densely and go to the normal equations once per picture, the part shared by all pictures once.
+struct CornerSums {
+    /// First unknown of the body; `None` while empty.
+    body: Option<usize>,
+    /// Place of each shared unknown in the normal equations.
+    places: [usize; CORNER - 1 - OWN],
+    sums: Box<[[f64; CORNER]; CORNER]>,
+}
+
+impl CornerSums {
+    fn new() -> Self {
+        Self {
+            body: None,
+            places: [0; CORNER - 1 - OWN],
+            sums: Box::new([[0.0; CORNER]; CORNER]),
+        }
+    }
+
+    /// Adds a row in the order in which `Model::rows` gives the unknowns of a corner.
+    fn add(&mut self, row: &Row<'_>, weight: f64, axis: usize) {
+        if self.body.is_none() {
+            self.body = row.shared.get(6).map(|(at, _)| *at);
+            for (slot, (at, _)) in self.places.iter_mut().zip(&row.shared[..13]) {
+                *slot = *at;
+            }
+            let center = row.shared[13].0 - axis;
+            self.places[13] = center;
+            self.places[14] = center + 1;
+            self.places[15] = row.shared[14].0;
+            self.places[16] = row.shared[15].0;
+        }
+        if weight == 0.0 {
+            return;
+        }
+        let mut x = [0.0; CORNER];
+        x[..OWN].copy_from_slice(&row.own[..OWN]);
+        for (slot, (_, value)) in x[OWN..].iter_mut().zip(&row.shared[..13]) {
+            *slot = *value;
+        }
+        x[19 + axis] = row.shared[13].1;
+        x[21] = row.shared[14].1;
+        x[22] = row.shared[15].1;
+        x[23] = row.residual;
+        for (i, line) in self.sums.iter_mut().enumerate() {
+            let value = x[i] * weight;
+            // A multiple of four keeps the loop in whole vector registers; the rest is not read.
+            let upto = (i / 4 + 1) * 4;
+            for (slot, other) in line[..upto].iter_mut().zip(&x[..upto]) {
+                *slot += value * other;
+            }
+        }
+    }
+
+    /// What the corners of one pose say about its own unknowns.
+    fn flush_pose(&mut self, k: usize, out: &mut Normal) {
+        if self.body.is_none() {
+            return;
+        }
+        let last = CORNER - 1;
+        let (own, shared) = (out.own, out.shared);
+        for a in 0..OWN {
+            out.own_g[k * own + a] += self.sums[last][a];
+            let line = (k * own + a) * own;
+            for b in 0..=a {
+                out.own_h[line + b] += self.sums[a][b];
+            }
+            let line = &mut out.cross[(k * own + a) * shared..(k * own + a + 1) * shared];
+            for (at, sums) in self.places.iter().zip(&self.sums[OWN..last]) {
+                line[*at] += sums[a];
+            }
+        }
+        for line in self.sums.iter_mut() {
+            line[..OWN].fill(0.0);
+        }
+    }
+
+    /// What all corners so far say about the shared unknowns.
+    fn flush_shared(&mut self, out: &mut Normal) {
+        if self.body.take().is_none() {
+            return;
+        }
+        let last = CORNER - 1;
+        out.chi_square += self.sums[last][last];
+        for (c, &at) in (OWN..last).zip(&self.places) {
+            out.shared_g[at] += self.sums[last][c];
+            for (d, &other) in (OWN..=c).zip(&self.places) {
+                out.shared_h[at.max(other) * out.shared + at.min(other)] += self.sums[c][d];
+            }
+        }
+        *self.sums = [[0.0; CORNER]; CORNER];
+    }
+}
+
+/// Cholesky factor in place, lower triangle, row-major. `None` unless positive definite.
+fn factor(l: &mut [f64], n: usize) -> Option<()> {
+    for i in 0..n {
+        for j in 0..=i {
+            let mut sum = l[i * n + j];
+            for k in 0..j {
+                sum -= l[i * n + k] * l[j * n + k];
+            }
+            if i == j {
+                if sum.is_nan() || sum <= 0.0 {
+                    return None;
+                }
+                l[i * n + i] = sum.sqrt();
+            } else {
+                l[i * n + j] = sum / l[j * n + j];
+            }
+        }
+    }
+    Some(())
+}
+
+/// A symmetric positive definite matrix, scaled to a unit diagonal and factored: the unknowns differ
+/// by many orders of magnitude.
+#[derive(Debug, Clone)]
+pub(crate) struct Scaled {
+    scale: DVector<f64>,
+    cholesky: Cholesky<f64, Dyn>,
+}
+
+impl Scaled {
+    /// `None` unless positive definite.
+    #[must_use]
+    pub fn new(matrix: &DMatrix<f64>) -> Option<Self> {
+        let scale = matrix.diagonal().map(|d| 1.0 / d.sqrt());
+        if scale.iter().any(|s| !s.is_finite()) {
+            return None;
+        }
+        let n = matrix.nrows();
+        let unit = DMatrix::from_fn(n, n, |i, j| matrix[(i, j)] * scale[i] * scale[j]);
+        Some(Self {
+            scale,
+            cholesky: Cholesky::new(unit)?,
+        })
+    }
+
+    /// Solves the system.
+    #[must_use]
+    pub fn solve(&self, rhs: &DVector<f64>) -> DVector<f64> {
+        let scaled = rhs.component_mul(&self.scale);
+        self.cholesky.solve(&scaled).component_mul(&self.scale)
+    }
+
+    /// The inverse.
+    #[must_use]
+    pub fn inverse(&self) -> DMatrix<f64> {
+        let mut out = self.cholesky.inverse();
+        for j in 0..out.ncols() {
+            for i in 0..out.nrows() {
+                out[(i, j)] *= self.scale[i] * self.scale[j];
+            }
+        }
+        out
+    }
+}
+
+impl Reduced {
+    /// The step of the shared unknowns and of each pose's own, and the expected decrease of the cost.
+    #[must_use]
+    pub fn step(&self) -> Option<(DVector<f64>, DVector<f64>, f64)> {
+        let shared = Scaled::new(&self.information)?.solve(&-&self.gradient);
+        let mut own = -&self.own_g;
+        own.gemv_tr(-1.0, &self.coupling, &shared, 1.0);
+        let expected = own.norm_squared() + 0.0_f64.max(-self.gradient.dot(&shared));
+        let size = self.own * self.own;
+        for (k, l) in self.factors.chunks_exact(size).enumerate() {
+            let x = &mut own.as_mut_slice()[k * self.own..(k + 1) * self.own];
+            for a in (0..self.own).rev() {
+                let mut sum = x[a];
+                for b in a + 1..self.own {
+                    sum -= l[b * self.own + a] * x[b];
+                }
+                x[a] = sum / l[a * self.own + a];
+            }
+        }
+        (shared.iter().chain(own.iter()))
+            .all(|x| x.is_finite())
+            .then_some((shared, own, expected))
+    }
+
+    /// Covariance of the shared unknowns.
+    #[must_use]
+    pub fn covariance(&self) -> Option<DMatrix<f64>> {
+        Some(Scaled::new(&self.information)?.inverse())
+    }
+
+    /// What [`Reduced::leverage`] needs of a covariance, once for all rows.
+    #[must_use]
+    pub(crate) fn leverages(&self, covariance: &DMatrix<f64>) -> Leverages {
+        let spread = covariance * &self.coupling;
+        let poses = self.own_g.len() / self.own;
+        let own = (0..poses)
+            .map(|k| {
+                let columns = self.coupling.columns(k * self.own, self.own);
+                columns.tr_mul(&spread.columns(k * self.own, self.own))
+            })
+            .collect();
+        Leverages { spread, own }
+    }
+
+    /// Variance of a row's prediction, in the row's variances: 1 means that the estimate follows the
+    /// measurement wholly, 0 that it does not depend on it.
+    #[must_use]
+    pub(crate) fn leverage(
+        &self,
+        covariance: &DMatrix<f64>,
+        leverages: &Leverages,
+        k: usize,
+        row: &Row<'_>,
+    ) -> f64 {
+        let size = self.own * self.own;
+        let l = &self.factors[k * size..(k + 1) * size];
+        let mut a = [0.0; OWN_MAX];
+        let a = &mut a[..self.own];
+        a.copy_from_slice(row.own);
+        for i in 0..self.own {
+            let mut sum = a[i];
+            for j in 0..i {
+                sum -= l[i * self.own + j] * a[j];
+            }
+            a[i] = sum / l[i * self.own + i];
+        }
+        // With b = J - C a over the shared unknowns: b' V b, term by term, since J is sparse.
+        let mut sum = 0.0;
+        for &(i, x) in row.shared {
+            let mut inner = 0.0;
+            for &(j, y) in row.shared {
+                inner += covariance[(j, i)] * y;
+            }
+            let mut across = 0.0;
+            for (c, value) in a.iter().enumerate() {
+                across += leverages.spread[(i, k * self.own + c)] * value;
+            }
+            sum += x * (inner - 2.0 * across);
+        }
+        let own = &leverages.own[k];
+        for (i, x) in a.iter().enumerate() {
+            let mut inner = *x;
+            for (j, y) in a.iter().enumerate() {
+                inner += own[(j, i)] * y;
+            }
+            sum += x * inner;
+        }
+        sum
+    }
+}
+
+/// Most unknowns of one pose.
+const OWN_MAX: usize = 6 + mcdpr_kinematics::MAX_CABLES;
+
+/// Products of a covariance with the coupling between poses and shared unknowns.
+#[derive(Debug, Clone)]
+pub(crate) struct Leverages {
+    /// Covariance times coupling.
+    spread: DMatrix<f64>,
+    /// Per pose: coupling' x covariance x coupling.
+    own: Vec<DMatrix<f64>>,
+}

@@ -1,0 +1,473 @@
+//! The rows of the joint estimate: what each measurement says about the unknowns.
+//!
+//! Every row is whitened (divided by its standard deviation). Displacements of poses are those of
+//! [`Pose::displaced`]. With t, u the direction and arm of a cable, H the Hessian of its length:
+//! a change dA of the attachment's place and dB of the anchor turn t by H (dA - dB), a change of the
+//! pulley's radius by (1 - cos theta)/s n.
+
+use super::data::Data;
+use super::unknowns::{Layout, State};
+use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
+use nalgebra::{Matrix3, Vector3};
+
+/// What a row comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// A cable's encoder (index of the cable).
+    Encoder(usize),
+    /// A cable's tension sensor (index of the cable).
+    Tension(usize),
+    /// Equilibrium: force x, y, z, moment x, y, z.
+    Balance(usize),
+    /// A corner: index into the pose's views, corner, axis (0 = u, 1 = v).
+    Corner(usize, usize, usize),
+}
+
+/// One whitened row: residual = prediction minus measurement.
+#[derive(Debug)]
+pub struct Row<'a> {
+    /// Where it comes from.
+    pub source: Source,
+    /// Residual in standard deviations.
+    pub residual: f64,
+    /// Derivatives with respect to the pose's own unknowns, dense.
+    pub own: &'a [f64],
+    /// Derivatives with respect to shared unknowns: index and value.
+    pub shared: &'a [(usize, f64)],
+}
+
+/// Standard deviations of the rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scatter {
+    /// Force balance, N: how exactly the platform is at rest.
+    pub force_n: f64,
+    /// Moment balance, N m.
+    pub moment_nm: f64,
+    /// Part of a tension that its sensor's place (behind the pulley) makes uncertain.
+    pub tension_relative: f64,
+}
+
+impl Default for Scatter {
+    fn default() -> Self {
+        Self {
+            force_n: 2e-3,
+            moment_nm: 1e-4,
+            tension_relative: 0.0,
+        }
+    }
+}
+
+/// Everything that rows need besides the state.
+#[derive(Debug, Clone, Copy)]
+pub struct Model<'a> {
+    /// The measurements.
+    pub data: &'a Data,
+    /// Order of the unknowns.
+    pub layout: Layout,
+    /// Scatter of the rows that no sensor states.
+    pub scatter: Scatter,
+}
+
+/// One cable as a robot of its own: the kinematics crate's closed form for any number of cables.
+pub(crate) fn singles(state: &State) -> Result<Vec<Robot<1>>, Error> {
+    super::lengths::singles(&state.cables)
+}
+
+/// A cable's geometry at a pose.
+struct Path {
+    length_m: f64,
+    t: Vector3<f64>,
+    u: Vector3<f64>,
+    /// dL/d(radius) = theta - sin theta.
+    by_radius: f64,
+    /// dL/d(attachment) = R^T t.
+    by_attachment: Vector3<f64>,
+    turn: Matrix3<f64>,
+    turn_by_radius: Vector3<f64>,
+}
+
+fn path(robot: &Robot<1>, pose: &Pose, statics: bool) -> Result<Path, Error> {
+    let inverse: Inverse<1> = robot.inverse(pose)?;
+    let (mut turn, mut turn_by_radius) = (Matrix3::zeros(), Vector3::zeros());
+    if statics {
+        turn = inverse.point_hessian(robot, 0);
+        let [cable] = robot.cables();
+        let (sin, cos) = (inverse.wrap_sin[0], inverse.wrap_cos[0]);
+        let across = inverse.swivel_direction(0) * cos - cable.swivel_axis * sin;
+        turn_by_radius = across * ((1.0 - cos) / inverse.free_lengths_m[0]);
+    }
+    Ok(Path {
+        length_m: inverse.lengths_m[0],
+        t: inverse.direction(0),
+        u: inverse.arm_m(0),
+        by_radius: inverse.wraps_rad[0] - inverse.wrap_sin[0],
+        by_attachment: pose
+            .rotation
+            .inverse_transform_vector(&inverse.direction(0)),
+        turn,
+        turn_by_radius,
+    })
+}
+
+impl Model<'_> {
+    /// Calls `take` with every row of one pose, always in the same order.
+    ///
+    /// # Errors
+    /// [`Error`] where a cable has no geometry at the pose, or a corner is behind the camera.
+    pub fn rows(
+        &self,
+        state: &State,
+        cables: &[Robot<1>],
+        k: usize,
+        mut take: impl FnMut(&Row<'_>),
+    ) -> Result<(), Error> {
+        let pose = &state.poses[k];
+        let seen = &self.data.poses[k];
+        let statics = self.layout.statics && seen.tension_n.is_some();
+        let mut own = vec![0.0; self.layout.local()];
+        let mut shared: Vec<(usize, f64)> = Vec::with_capacity(64);
+        let mut paths = [const { None }; mcdpr_kinematics::MAX_CABLES];
+        for (slot, cable) in paths.iter_mut().zip(cables) {
+            *slot = Some(path(cable, pose, statics)?);
+        }
+        let paths = paths.iter().flatten();
+
+        let weight = 1.0 / self.data.noise.encoder_m;
+        let s = self.layout.scales();
+        for (i, path) in paths.clone().enumerate() {
+            let Some(reading) = seen.encoder_m[i] else {
+                continue;
+            };
+            let tension = match (&seen.tension_n, self.layout.statics) {
+                (Some(t), true) => t[i],
+                _ => 0.0,
+            };
+            // The encoder sees what is paid out, without the stretch.
+            let taut = 1.0 - state.compliance_per_n * tension;
+            own.fill(0.0);
+            put(&mut own, 0, &(path.t * (taut * weight)));
+            put(&mut own, 3, &(path.u.cross(&path.t) * (taut * weight)));
+            shared.clear();
+            spread(
+                &mut shared,
+                self.layout.anchor(i),
+                &(path.t * (-taut * weight)),
+            );
+            spread(
+                &mut shared,
+                self.layout.attachment(i),
+                &(path.by_attachment * (taut * weight)),
+            );
+            shared.push((self.layout.radius(i), path.by_radius * taut * weight));
+            shared.push((self.layout.initial_length(i), -weight));
+            shared.push((s, -reading * weight));
+            if self.layout.statics {
+                let stretching = path.length_m + state.routing_m[i];
+                shared.push((self.layout.statics(), -stretching * tension * weight));
+            }
+            // What is off the drum, less the routing's nominal length: (L + r)(1 - c T) - r.
+            let stretch = state.compliance_per_n * tension * state.routing_m[i];
+            let predicted = path.length_m * taut - stretch - state.initial_length_m[i];
+            take(&Row {
+                source: Source::Encoder(i),
+                residual: (predicted - state.drum_scale * reading) * weight,
+                own: &own,
+                shared: &shared,
+            });
+        }
+        if let (true, Some(tension_n), Some(sigma)) =
+            (statics, &seen.tension_n, self.data.noise.tension_n)
+        {
+            for (i, reading) in tension_n.iter().enumerate() {
+                let weight = 1.0
+                    / (sigma.hypot(self.scatter.tension_relative * reading) * seen.noise_factor);
+                own.fill(0.0);
+                own[6 + i] = weight;
+                shared.clear();
+                shared.push((self.layout.loss(i), reading * weight));
+                let expected = reading * (1.0 - state.loss[i]);
+                take(&Row {
+                    source: Source::Tension(i),
+                    residual: (state.tensions_n[k][i] - expected) * weight,
+                    own: &own,
+                    shared: &shared,
+                });
+            }
+            self.balance(state, k, paths, &mut take);
+        }
+        self.corners(state, k, &mut own, &mut shared, &mut take)
+    }
+
+    /// The six equations of equilibrium about the platform's origin, world axes.
+    fn balance<'p>(
+        &self,
+        state: &State,
+        k: usize,
+        paths: impl Iterator<Item = &'p Path>,
+        take: &mut impl FnMut(&Row<'_>),
+    ) {
+        let (layout, pose) = (&self.layout, &state.poses[k]);
+        let r = pose.rotation.matrix();
+        let factor = self.data.poses[k].noise_factor;
+        let weight = [
+            1.0 / (self.scatter.force_n * factor),
+            1.0 / (self.scatter.moment_nm * factor),
+        ];
+        let down = Vector3::z() * -GRAVITY_MPS2;
+        let arm = r * state.center_of_mass_m;
+        let load = down * state.mass_kg;
+        let mut residual = [load, arm.cross(&load)];
+        // Per block (force, moment): the derivatives by what is shared, six rows at a time.
+        let mut own = [[[0.0; 3]; 6 + mcdpr_kinematics::MAX_CABLES]; 2];
+        let mut shared: Vec<(usize, [Vector3<f64>; 2])> = Vec::with_capacity(64);
+        // d(arm x load) = -load x d(arm), d(arm) = phi x arm + R dc.
+        let by_arm = -load.cross_matrix();
+        add_own(&mut own, 1, 3, &(by_arm * -arm.cross_matrix()));
+        let s = layout.statics();
+        shared.push((s + 1, [down, arm.cross(&down)]));
+        let by_center = by_arm * r;
+        for j in 0..3 {
+            shared.push((
+                s + 2 + j,
+                [Vector3::zeros(), by_center.column(j).into_owned()],
+            ));
+        }
+        for (i, path) in paths.enumerate() {
+            let tension = state.tensions_n[k][i];
+            let (t, u) = (&path.t, &path.u);
+            let moment = u.cross(t);
+            residual[0] -= t * tension;
+            residual[1] -= moment * tension;
+            let (cross_t, cross_u) = (t.cross_matrix(), u.cross_matrix());
+            let force_by_place = path.turn * -tension;
+            let moment_by_place = cross_u * force_by_place;
+            // An arm that changes by du (the attachment moves along) adds T [t]x du to the moment.
+            let moment_by_arm = cross_t * tension + moment_by_place;
+            add_own(&mut own, 0, 0, &force_by_place);
+            add_own(&mut own, 0, 3, &(force_by_place * -cross_u));
+            add_own(&mut own, 1, 0, &moment_by_place);
+            add_own(&mut own, 1, 3, &(moment_by_arm * -cross_u));
+            for (block, by) in [-t, -moment].iter().enumerate() {
+                own_column(&mut own[block], 6 + i, by);
+            }
+            let (a, b) = (force_by_place * r, moment_by_arm * r);
+            for j in 0..3 {
+                shared.push((
+                    layout.anchor(i) + j,
+                    [
+                        -force_by_place.column(j).into_owned(),
+                        -moment_by_place.column(j).into_owned(),
+                    ],
+                ));
+                shared.push((
+                    layout.attachment(i) + j,
+                    [a.column(j).into_owned(), b.column(j).into_owned()],
+                ));
+            }
+            let by_radius = path.turn_by_radius * -tension;
+            shared.push((layout.radius(i), [by_radius, u.cross(&by_radius)]));
+        }
+        let mut row_own = vec![0.0; layout.local()];
+        let mut row_shared = Vec::with_capacity(shared.len());
+        for axis in 0..6 {
+            let (block, i) = (axis / 3, axis % 3);
+            for (slot, column) in row_own.iter_mut().zip(&own[block]) {
+                *slot = column[i] * weight[block];
+            }
+            row_shared.clear();
+            row_shared.extend(
+                shared
+                    .iter()
+                    .map(|(index, by)| (*index, by[block][i] * weight[block])),
+            );
+            take(&Row {
+                source: Source::Balance(axis),
+                residual: residual[block][i] * weight[block],
+                own: &row_own,
+                shared: &row_shared,
+            });
+        }
+    }
+
+    fn corners(
+        &self,
+        state: &State,
+        k: usize,
+        own: &mut [f64],
+        shared: &mut Vec<(usize, f64)>,
+        take: &mut impl FnMut(&Row<'_>),
+    ) -> Result<(), Error> {
+        let (layout, pose) = (&self.layout, &state.poses[k]);
+        let weight = 1.0 / (self.data.noise.corner_px * self.data.poses[k].noise_factor);
+        let s = layout.scales();
+        let camera_r = *state.camera_from_platform.rotation.matrix();
+        let camera_from_world = camera_r * pose.rotation.matrix().transpose();
+        own.fill(0.0);
+        for (v, view) in self.data.poses[k].views.iter().enumerate() {
+            let tag = &self.data.tags[view.tag];
+            let body = &state.world_from_body[tag.body];
+            for (c, (corner, pixel)) in tag
+                .corners_in_body_m
+                .iter()
+                .zip(view.corners_px)
+                .enumerate()
+            {
+                let arm = body.rotation * corner;
+                let on_body = arm * state.tag_scale;
+                let from_platform = body.position_m + on_body - pose.position_m;
+                let turned = camera_from_world * from_platform;
+                let point = turned + state.camera_from_platform.position_m;
+                let seen = state
+                    .camera
+                    .projection(&point.into())
+                    .ok_or(Error::InvalidInput {
+                        what: "a tag's corner is behind the camera",
+                        cable: None,
+                        value: point.z,
+                    })?;
+                for (axis, measured) in pixel.iter().enumerate() {
+                    let by_point = seen.by_point.row(axis).transpose() * weight;
+                    let by_world = camera_from_world.tr_mul(&by_point);
+                    put(own, 0, &-by_world);
+                    // d(R^T v) = R^T (v x phi): the row is (by_world x v).
+                    put(own, 3, &by_world.cross(&from_platform));
+                    shared.clear();
+                    spread(shared, layout.camera(), &by_point);
+                    spread(shared, layout.camera() + 3, &turned.cross(&by_point));
+                    let at = layout.body(tag.body);
+                    spread(shared, at, &by_world);
+                    spread(shared, at + 3, &on_body.cross(&by_world));
+                    let nominal = self.data.camera.focal_px[axis] / state.camera.focal_px[axis];
+                    shared.push((s + 1, seen.by_focal[axis] * nominal * weight));
+                    shared.push((s + 2 + axis, weight));
+                    shared.push((s + 4, seen.by_k1[axis] * weight));
+                    shared.push((s + 5, by_world.dot(&arm)));
+                    take(&Row {
+                        source: Source::Corner(v, c, axis),
+                        residual: (seen.pixel[axis] - measured) * weight,
+                        own,
+                        shared,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Derivatives of a pose's own unknowns: force and moment, columns of three.
+type OwnColumns = [[[f64; 3]; 6 + mcdpr_kinematics::MAX_CABLES]; 2];
+
+fn add_own(own: &mut OwnColumns, block: usize, at: usize, m: &Matrix3<f64>) {
+    for j in 0..3 {
+        for i in 0..3 {
+            own[block][at + j][i] += m[(i, j)];
+        }
+    }
+}
+
+fn own_column(own: &mut [[f64; 3]], at: usize, by: &Vector3<f64>) {
+    own[at] = [by.x, by.y, by.z];
+}
+
+fn put(own: &mut [f64], at: usize, v: &Vector3<f64>) {
+    own[at..at + 3].copy_from_slice(v.as_slice());
+}
+
+fn spread(shared: &mut Vec<(usize, f64)>, at: usize, v: &Vector3<f64>) {
+    for k in 0..3 {
+        shared.push((at + k, v[k]));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::simulate::{Setup, Silent, Target, simulate};
+    use super::super::unknowns::State;
+    use super::*;
+
+    /// A state off every nominal value, so that every derivative matters.
+    fn case(data: &Data, layout: &Layout) -> State {
+        let usable = super::super::check::usable(data).unwrap();
+        let mut state = super::super::fit::start(&usable, layout);
+        let wave = |k: usize, size: f64| (k as f64 * 1.7 + 0.3).sin() * size;
+        let shared: Vec<f64> = (0..layout.len()).map(|k| wave(k, 1e-3)).collect();
+        let own: Vec<f64> = (0..layout.local() * data.poses.len())
+            .map(|k| wave(k, 2e-3))
+            .collect();
+        state = state.stepped(data, layout, &shared, &own);
+        state.loss[1] = 0.01;
+        state.compliance_per_n = 2e-5;
+        state
+    }
+
+    fn residuals(model: &Model<'_>, state: &State, k: usize) -> Vec<f64> {
+        let mut out = Vec::new();
+        let cables = singles(state).unwrap();
+        model
+            .rows(state, &cables, k, |row| out.push(row.residual))
+            .unwrap();
+        out
+    }
+
+    #[test]
+    fn every_derivative_matches_differences() {
+        let setup = Setup {
+            target: Target::Loose,
+            poses: 8,
+            silent: Silent {
+                k1: 0.01,
+                ..Silent::default()
+            },
+            ..Setup::default()
+        };
+        let (data, _) = simulate(&setup).unwrap();
+        let layout = Layout {
+            cables: 4,
+            bodies: 3,
+            statics: true,
+        };
+        let model = Model {
+            data: &data,
+            layout,
+            scatter: Scatter::default(),
+        };
+        let state = case(&data, &layout);
+        let (own, shared) = (layout.local(), layout.len());
+        for k in 0..data.poses.len() {
+            let mut rows: Vec<(Source, Vec<f64>)> = Vec::new();
+            model
+                .rows(&state, &singles(&state).unwrap(), k, |row| {
+                    let mut dense = vec![0.0; own + shared];
+                    dense[..own].copy_from_slice(row.own);
+                    for &(j, value) in row.shared {
+                        dense[own + j] += value;
+                    }
+                    rows.push((row.source, dense));
+                })
+                .unwrap();
+            for j in 0..own + shared {
+                let moved = |step: f64| {
+                    let mut a = vec![0.0; shared];
+                    let mut b = vec![0.0; own * data.poses.len()];
+                    if j < own {
+                        b[own * k + j] = step;
+                    } else {
+                        a[j - own] = step;
+                    }
+                    residuals(&model, &state.stepped(&data, &layout, &a, &b), k)
+                };
+                let (up, down) = (moved(1e-6), moved(-1e-6));
+                for (i, (source, row)) in rows.iter().enumerate() {
+                    let slope = (up[i] - down[i]) / 2e-6;
+                    let scale = 1.0 + rows[i].1.iter().fold(0.0_f64, |a, x| a.max(x.abs()));
+                    assert!(
+                        (slope - row[j]).abs() < 1e-6 * scale,
+                        "pose {k}, {source:?}, unknown {j}: {slope} {}",
+                        row[j]
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! What a host of the robot does that needs no operating system: it runs on a computer, and in a
+//! web page.
+//!
+//! | module | what it is for |
+//! |---|---|
+//! | [`robot`] | the robot description, from text |
+//! | [`machine`] | the description as geometry and as a board's configuration |
+//! | [`random`] | random numbers from a seed |
+//! | [`sight`] | what sees tags |
+//! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
+//! | [`estimate`] | where the platform is, from lengths, tensions and tags, and which cable slipped |
+//! | [`faults`] | faults and refusals in words |
+//! | [`control`] | orders to a robot that is being moved |
+//! | [`link`] | the host's half of the protocol, over any byte stream |
+//! | [`run`] | running a plan on a board |
+//!
+//! Files, ports, clocks and threads are the business of whoever uses it: texts come in as strings, a
+//! [`link::Link`] brings its own clock, lengths are kept by a [`run::saved::LengthStore`].
+
+pub mod control;
+pub mod estimate;
+pub mod faults;
+pub mod link;
+pub mod machine;
+pub mod motion;
+pub mod random;
+pub mod robot;
+pub mod run;
+pub mod sight;

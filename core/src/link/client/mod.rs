@@ -1,0 +1,382 @@
+//! The host's half of the protocol: handshake, requests with retransmission, heartbeat, telemetry.
+//!
+//! One thread, one loop: [`Client::pump`] feeds the board, so the heartbeat stops when the feeding
+//! stops, which is what it is for. The loop reads no clock but the link's.
+
+mod upkeep;
+mod wire;
+
+use super::Link;
+use super::clock::BoardClock;
+use super::error::ClientError;
+use super::receiver::{Message, Receiver};
+use crate::control::Handle;
+use crate::faults::request_name;
+use mcdpr_protocol::{
+    BoardState, Compatibility, Hello, Info, Reject, Reply, Request, SampleBlock, SequenceNumber,
+    SessionId, Status, StopKind, WINDOW,
+};
+use std::collections::VecDeque;
+
+/// Time between heartbeats, µs: a board warns at 20 ms and stops at 100 ms.
+const HEARTBEAT_US: u64 = 8_000;
+/// A request without an answer is sent again after this, µs.
+const RETRY_US: u64 = 30_000;
+/// A request without an answer for this long means that the board is gone, µs.
+const GIVE_UP_US: u64 = 1_500_000;
+/// Time to wait for another session to end: a board whose host died holds for two seconds, µs.
+const CLAIM_US: u64 = 6_000_000;
+
+/// What a board said without being asked.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Event {
+    /// Samples of some ticks.
+    Samples(SampleBlock),
+    /// Its state.
+    Status(Status),
+}
+
+/// What the last heartbeat brought back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Beat {
+    /// The board's tick.
+    pub tick: u32,
+    /// What it does.
+    pub state: BoardState,
+    /// Path time, ms.
+    pub path_ms: u32,
+    /// Free knots.
+    pub knots_free: u8,
+    /// The number that the next knot must have.
+    pub next_knot: u16,
+    /// When the heartbeat was sent, link time, µs: the answer is no older than this.
+    pub sent_us: u64,
+    /// Time from sending the heartbeat to its answer, µs.
+    pub round_trip_us: u64,
+}
+
+struct Pending {
+    sequence: SequenceNumber,
+    request: Request,
+    sent_us: u64,
+    first_us: u64,
+    result: Option<Result<Reply, Reject>>,
+}
+
+/// A connection to one board.
+pub struct Client<L: Link> {
+    link: L,
+    hello: Hello,
+    info: Info,
+    session: SessionId,
+    next: SequenceNumber,
+    pending: VecDeque<Pending>,
+    done: VecDeque<(Request, Result<Reply, Reject>)>,
+    receiver: Receiver,
+    heartbeat_us: Option<u64>,
+    beat: Option<Beat>,
+    clock: BoardClock,
+    status: Option<Status>,
+    events: VecDeque<Event>,
+    resent_us: u64,
+    retransmissions: u64,
+    handle: Handle,
+    /// When the board was heard last, and when this loop ran last, µs.
+    heard_us: u64,
+    looped_us: u64,
+}
+
+impl<L: Link> Client<L> {
+    /// Finds the board, checks its version and claims it for this session.
+    ///
+    /// # Errors
+    /// [`ClientError::Silent`], [`ClientError::Version`], [`ClientError::Refused`] where another
+    /// host holds the board, or the link's errors. Nothing has moved then.
+    pub fn connect(mut link: L, session: SessionId) -> Result<Self, ClientError> {
+        let mut receiver = Receiver::default();
+        let hello = wire::find(&mut link, &mut receiver)?;
+        match hello.compatibility() {
+            Compatibility::Full => {}
+            other => {
+                return Err(ClientError::Version {
+                    board_major: hello.major,
+                    board_minor: hello.minor,
+                    remedy: if other == Compatibility::BoardOlder {
+                        "flash this program's firmware: `cargo flash-fw`"
+                    } else {
+                        "update this program to the board's version, or flash this program's firmware: `cargo flash-fw`"
+                    },
+                });
+            }
+        }
+        let mut client = Self {
+            link,
+            hello,
+            info: Info {
+                cables: 0,
+                knot_capacity: 0,
+                ticks_per_second: 1000,
+                drive_kinds: 0,
+                simulated: false,
+                last_panic: mcdpr_protocol::List::new(),
+            },
+            session,
+            next: SequenceNumber(0),
+            pending: VecDeque::new(),
+            done: VecDeque::new(),
+            receiver,
+            heartbeat_us: None,
+            beat: None,
+            clock: BoardClock::default(),
+            status: None,
+            events: VecDeque::new(),
+            resent_us: 0,
+            retransmissions: 0,
+            handle: Handle::new(),
+            heard_us: 0,
+            looped_us: 0,
+        };
+        (client.heard_us, client.looped_us) = (client.link.now_us(), client.link.now_us());
+        if let Reply::Info(info) = client.request(Request::Info)? {
+            client.info = info;
+        }
+        client.claim()?;
+        Ok(client)
+    }
+
+    fn claim(&mut self) -> Result<(), ClientError> {
+        let give_up = self.link.now_us() + CLAIM_US;
+        loop {
+            match self.request(Request::Open) {
+                Ok(_) => break,
+                Err(ClientError::Refused {
+                    reject: Reject::SessionHeld,
+                    ..
+                }) if self.link.now_us() < give_up => {
+                    let pause = self.link.now_us() + 100_000;
+                    self.pump(pause)?;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        self.heartbeat_us = Some(0);
+        self.heard_us = self.link.now_us();
+        Ok(())
+    }
+
+    /// Takes orders from this handle from now on, and shows its observers what the board says.
+    pub fn obey(&mut self, handle: Handle) {
+        self.handle = handle;
+    }
+
+    /// The handle that gives orders to whoever uses this client.
+    pub const fn handle(&self) -> &Handle {
+        &self.handle
+    }
+
+    /// Who the board is.
+    pub const fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// What the board is.
+    pub const fn info(&self) -> &Info {
+        &self.info
+    }
+
+    /// The last status, if one came.
+    pub const fn status(&self) -> Option<&Status> {
+        self.status.as_ref()
+    }
+
+    /// What the last heartbeat brought back.
+    pub const fn beat(&self) -> Option<Beat> {
+        self.beat
+    }
+
+    /// The board's clock, as its answers to heartbeats tell it.
+    pub const fn clock(&self) -> &BoardClock {
+        &self.clock
+    }
+
+    /// Path time of the motion under way by the board's clock now, s: what the last heartbeat
+    /// brought, and what has passed on the board since. `None` before the first answer.
+    pub fn path_s(&self) -> Option<f64> {
+        let beat = self.beat?;
+        let since_ms = match beat.state {
+            BoardState::Moving => self.clock.ticks_since(beat.tick, self.link.now_us()),
+            _ => 0.0,
+        };
+        Some((f64::from(beat.path_ms) + since_ms) * 1e-3)
+    }
+
+    /// The link's time, µs.
+    pub fn now_us(&self) -> u64 {
+        self.link.now_us()
+    }
+
+    /// Frames that were sent again, and frames that arrived damaged.
+    pub const fn link_errors(&self) -> (u64, u64) {
+        (self.retransmissions, self.receiver.frames_bad)
+    }
+
+    /// Requests under way.
+    pub(crate) fn in_flight(&self) -> usize {
+        self.pending.len()
+    }
+
+    /// Whether another sequenced request may be sent now.
+    pub fn has_room(&self) -> bool {
+        self.pending.len() < usize::from(WINDOW)
+    }
+
+    /// The next thing the board said without being asked.
+    pub fn next_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// The next outcome of a request sent by [`Client::enqueue`].
+    pub(crate) fn next_outcome(&mut self) -> Option<(Request, Result<Reply, Reject>)> {
+        self.done.pop_front()
+    }
+
+    /// Sends a request and waits for its outcome; everything else goes on meanwhile.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`] where the board refuses it.
+    pub fn request(&mut self, request: Request) -> Result<Reply, ClientError> {
+        let name = request_name(&request);
+        if !request.is_sequenced() {
+            return self.ask(request);
+        }
+        while !self.has_room() {
+            self.step()?;
+        }
+        let number = self.enqueue(request)?;
+        loop {
+            // Earlier outcomes stay in order for their own readers.
+            if self
+                .pending
+                .front()
+                .is_none_or(|first| first.sequence.since(number) > 0)
+                && let Some((_, result)) = self.done.pop_back()
+            {
+                return result.map_err(|reject| ClientError::Refused {
+                    request: name,
+                    reject,
+                });
+            }
+            self.step()?;
+        }
+    }
+
+    /// Sends a sequenced request without waiting; its outcome comes by `Client::next_outcome`.
+    /// Call only while [`Client::has_room`].
+    ///
+    /// # Errors
+    /// The link's.
+    pub fn enqueue(&mut self, request: Request) -> Result<SequenceNumber, ClientError> {
+        let sequence = self.next;
+        self.next = sequence.next();
+        let now = self.link.now_us();
+        self.transmit(sequence, &request)?;
+        self.pending.push_back(Pending {
+            sequence,
+            request,
+            sent_us: now,
+            first_us: now,
+            result: None,
+        });
+        Ok(sequence)
+    }
+
+    /// Asks to stop: first in line whatever else is under way, and repeated until it is confirmed.
+    ///
+    /// # Errors
+    /// The link's, or [`ClientError::Lost`].
+    pub fn stop(&mut self, kind: StopKind) -> Result<(), ClientError> {
+        self.ask(Request::Stop(kind)).map(|_| ())
+    }
+
+    /// An idempotent request: sent again until it is answered.
+    fn ask(&mut self, request: Request) -> Result<Reply, ClientError> {
+        let name = request_name(&request);
+        // Opening sets where the sequence starts; other numbers only tell answers apart and stay
+        // far from those of the window.
+        let sequence = match request {
+            Request::Open => {
+                let first = self.next;
+                self.next = first.next();
+                first
+            }
+            _ => SequenceNumber(self.next.0 ^ 0x8000),
+        };
+        let give_up = self.link.now_us() + GIVE_UP_US;
+        loop {
+            self.transmit(sequence, &request)?;
+            let retry = self.link.now_us() + RETRY_US;
+            while self.link.now_us() < retry {
+                for message in self.receiver.take(&mut self.link, retry)? {
+                    match message {
+                        Message::Answer(answer) if answer.sequence == sequence => {
+                            return answer.result.map_err(|reject| ClientError::Refused {
+                                request: name,
+                                reject,
+                            });
+                        }
+                        other => self.accept(other)?,
+                    }
+                }
+                self.upkeep()?;
+            }
+            if self.link.now_us() >= give_up {
+                return Err(ClientError::Lost { waiting: name });
+            }
+        }
+    }
+
+    /// Keeps the connection alive and takes what arrives, until `until_us`.
+    ///
+    /// # Errors
+    /// The link's, or [`ClientError::Lost`].
+    pub fn pump(&mut self, until_us: u64) -> Result<(), ClientError> {
+        loop {
+            self.upkeep()?;
+            let due = self.next_due_us().min(until_us);
+            for message in self.receiver.take(&mut self.link, due)? {
+                self.accept(message)?;
+            }
+            if self.link.now_us() >= until_us {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Like [`Client::pump`], but returns as soon as something arrived or is due.
+    ///
+    /// # Errors
+    /// The link's, or [`ClientError::Lost`].
+    pub fn step(&mut self) -> Result<(), ClientError> {
+        self.upkeep()?;
+        let due = self.next_due_us();
+        for message in self.receiver.take(&mut self.link, due)? {
+            self.accept(message)?;
+        }
+        Ok(())
+    }
+
+    /// Tells those who watch the line what the host knows.
+    pub fn note(&mut self, note: super::Note<'_>) {
+        self.link.note(note);
+    }
+
+    /// Whether the link's time goes on while nobody waits on it ([`Link::goes_on`]).
+    pub fn goes_on(&self) -> bool {
+        self.link.goes_on()
+    }
+
+    /// Gives the line back.
+    pub fn into_link(self) -> L {
+        self.link
+    }
+}

@@ -1,0 +1,145 @@
+//! What one plan may ask for: checked before anything is solved or allocated.
+
+use super::model::Model;
+use super::path::Path;
+use super::plan::{LONGEST_M, LONGEST_S, MOST_STEPS, PlanError};
+use super::timed::Step;
+use crate::robot::Robot;
+use nalgebra::Vector3;
+use std::f64::consts::{PI, TAU};
+
+/// A step's path is looked at in this many places at most.
+const LOOKS: u32 = 64;
+
+/// That steps are no more, no longer and no further than one plan takes.
+///
+/// # Errors
+/// [`PlanError::Large`], [`PlanError::Long`], [`PlanError::Reach`].
+pub(super) fn check(model: &Model, steps: &[Step]) -> Result<(), PlanError> {
+    let large = |what, asked: f64, limit: f64| Err(PlanError::Large { what, asked, limit });
+    if steps.len() > MOST_STEPS {
+        return large("steps", steps.len() as f64, MOST_STEPS as f64);
+    }
+    let robot = model.robot();
+    let reaches_m: Vec<f64> = (0..robot.cables.len())
+        .map(|cable| reach_m(robot, cable))
+        .collect();
+    let (mut length_m, mut least_s) = (0.0, 0.0);
+    for (number, step) in (1..).zip(steps) {
+        match step {
+            Step::Dwell { duration_s } => least_s += duration_s.max(0.0),
+            Step::Gripper { .. } => least_s += robot.gripper.close_s,
+            Step::Move {
+                path,
+                duration_s,
+                speed_mps,
+            } => {
+                length_m += path.length_m();
+                let most_mps = speed_mps.unwrap_or(robot.limits.speed_mps);
+                least_s += duration_s.unwrap_or(path.length_m() / most_mps);
+                reached(robot, &reaches_m, number, path)?;
+            }
+        }
+    }
+    if length_m > LONGEST_M {
+        return large("metres of path", length_m, LONGEST_M);
+    }
+    // What is not a number passes: the piece that it belongs to is refused by name.
+    if least_s > LONGEST_S {
+        return Err(PlanError::Long {
+            duration_s: least_s,
+        });
+    }
+    Ok(())
+}
+
+/// That no place of a path is further from an anchor than its cable reaches.
+fn reached(robot: &Robot, reaches_m: &[f64], step: usize, path: &Path) -> Result<(), PlanError> {
+    for look in 0..=LOOKS {
+        let way_m = path.length_m() * f64::from(look) / f64::from(LOOKS);
+        let tool_m = path.point(way_m)?.position_m;
+        for (index, (cable, reach_m)) in robot.cables.iter().zip(reaches_m).enumerate() {
+            let distance_m = (tool_m - cable.anchor_in_world_m).norm();
+            if distance_m > *reach_m {
+                return Err(PlanError::Reach {
+                    step,
+                    x_mm: tool_m.x * 1e3,
+                    y_mm: tool_m.y * 1e3,
+                    z_mm: tool_m.z * 1e3,
+                    cable: index + 1,
+                    distance_mm: distance_m * 1e3,
+                    reach_mm: reach_m * 1e3,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// How far from its anchor a cable can hold the tool at most, m: all that the drum takes, stretched
+/// by the greatest tension, with the pulley's wrap, and the platform between cable and tool.
+fn reach_m(robot: &Robot, index: usize) -> f64 {
+    let (Some(cable), Some(winch)) = (robot.cables.get(index), robot.winch_of(index)) else {
+        return f64::INFINITY;
+    };
+    let drum_m = winch.turns_max * TAU * winch.drum_radius_m;
+    let tension_n = robot.limits.tension_max_n.min(winch.tension_max_n);
+    let stretched_m = (drum_m + cable.routing_length_m) * (1.0 + tension_n / cable.ea_n);
+    let platform: Vector3<f64> = cable.attachment_in_platform_m - robot.tool.tcp_in_platform_m;
+    stretched_m + PI * cable.pulley_radius_m + platform.norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{Plan, Task};
+    use std::path::PathBuf;
+
+    fn refused(text: &str) -> PlanError {
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let task = if text.starts_with('G') {
+            Task::parse_gcode(text, PathBuf::from("any.gcode"))
+        } else {
+            Task::parse(text, PathBuf::from("any.toml"))
+        };
+        let task = task.unwrap();
+        Plan::unjudged(&model, &task.start_m().unwrap(), &task.steps).unwrap_err()
+    }
+
+    #[test]
+    fn what_would_fill_the_memory_is_refused_by_name() {
+        let began = std::time::Instant::now();
+        let head = "start_mm = [335, 0, -160]\n[[leg]]\n";
+        let deep = refused(&format!("{head}to_mm = [335, 0, -99999]"));
+        assert!(matches!(deep, PlanError::Reach { step: 1, .. }), "{deep}");
+        let wait = refused(&format!("{head}dwell_s = 1e12"));
+        assert!(matches!(wait, PlanError::Long { .. }), "{wait}");
+        let slow = refused(&format!("{head}to_mm = [340, 0, -160]\nspeed_mm_s = 1e-7"));
+        assert!(matches!(slow, PlanError::Long { .. }), "{slow}");
+        let wound = refused(
+            "start_mm = [335, 10, -160]\n[[leg]]\ncircle_center_mm = [335, 0, -160]\nsweep_deg = 1e12",
+        );
+        let PlanError::Large { what, .. } = wound else {
+            panic!("{wound}")
+        };
+        assert_eq!(what, "metres of path");
+        let program = refused("G0 X335 Y0 Z-160\nG4 P99999999999999");
+        assert!(matches!(program, PlanError::Long { .. }), "{program}");
+        assert!(began.elapsed().as_secs() < 5);
+    }
+
+    #[test]
+    fn an_hour_fits_and_one_second_more_does_not() {
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let dwell = |duration_s| [Step::Dwell { duration_s }];
+        assert!(check(&model, &dwell(LONGEST_S)).is_ok());
+        assert!(check(&model, &dwell(LONGEST_S + 1.0)).is_err());
+        assert!(
+            check(&model, &dwell(f64::NAN)).is_ok(),
+            "refused by its step"
+        );
+        let many = vec![Step::Gripper { closed: true }; MOST_STEPS + 1];
+        let error = check(&model, &many).unwrap_err();
+        assert!(error.to_string().starts_with("steps: 10001"), "{error}");
+    }
+}

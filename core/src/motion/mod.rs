@@ -1,0 +1,31 @@
+//! Motion planning: paths, time laws and splines; the robot at equilibrium along them; plans.
+
+mod bounds;
+mod curve;
+mod gcode;
+pub mod knot;
+pub mod knots;
+mod model;
+mod options;
+pub mod path;
+mod plan;
+mod schedule;
+mod shaper;
+pub mod spline;
+mod spline_solve;
+#[cfg(test)]
+mod spline_tests;
+mod task;
+pub mod time_law;
+mod timed;
+mod track;
+mod verdict;
+mod wire;
+
+pub use model::{Model, Rest};
+pub use options::{PlanOptions, Planner, Shaping, Tensioning};
+pub use plan::{Plan, PlanError};
+pub use shaper::Shaper;
+pub use task::{BUILT_IN, Task, TaskError};
+pub use timed::{Action, Step, Timed};
+pub use verdict::{Extremes, Watch, judge_place};

@@ -1,0 +1,236 @@
+//! Where the tool is, and what the cables must be for it: the planner's view of the robot.
+
+use super::options::{PlanOptions, Planner, Tensioning};
+use super::plan::PlanError;
+use super::schedule;
+use crate::machine;
+use crate::robot::{Control, Robot};
+use mcdpr_kinematics::{AnyRobot, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions};
+use nalgebra::{Rotation3, Vector3};
+
+/// Below this measured tension a cable tells nothing about how the platform hangs, N.
+const TAUT_N: f64 = 0.5;
+
+/// A robot with its geometry.
+#[derive(Debug, Clone)]
+pub struct Model {
+    robot: Robot,
+    geometry: AnyRobot,
+    options: PlanOptions,
+}
+
+/// The robot at rest with its tool at one place.
+#[derive(Debug, Clone)]
+pub struct Rest {
+    /// Pose, taut lengths and tensions.
+    pub equilibrium: Equilibrium,
+    /// Paid-out length of each cable, m: what the drum encoders show.
+    pub paid_out_m: Vec<f64>,
+}
+
+impl Rest {
+    /// Tension of each cable, N.
+    #[must_use]
+    pub fn tensions_n(&self) -> &[f64] {
+        &self.equilibrium.tensions_n
+    }
+}
+
+impl Model {
+    /// Prepares a robot for planning.
+    ///
+    /// # Errors
+    /// [`PlanError::Geometry`] where the geometry makes no sense, [`PlanError::Holding`] where not
+    /// exactly three cables are held by length: then the attitude is not the statics' to choose;
+    /// [`PlanError::NoTension`] where no cable is held by tension; [`PlanError::Cables`] where there
+    /// are more than a board drives.
+    pub fn new(robot: &Robot) -> Result<Self, PlanError> {
+        let by_length = |control| control == Control::Position;
+        let held = robot.cables.iter().filter(|c| by_length(c.control)).count();
+        if held != 3 {
+            return Err(PlanError::Holding { held });
+        }
+        let cables = robot.cables.len();
+        if cables == held {
+            return Err(PlanError::NoTension);
+        }
+        if cables > mcdpr_protocol::MAX_CABLES {
+            return Err(PlanError::Cables { cables });
+        }
+        Ok(Self {
+            robot: robot.clone(),
+            geometry: machine::geometry(robot)?,
+            options: PlanOptions::default(),
+        })
+    }
+
+    /// The robot.
+    #[must_use]
+    pub const fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// Its geometry.
+    #[must_use]
+    pub const fn geometry(&self) -> &AnyRobot {
+        &self.geometry
+    }
+
+    /// The first tension-held cable, from 0.
+    #[must_use]
+    pub fn tension_held(&self) -> Option<usize> {
+        let mut cables = self.robot.cables.iter();
+        cables.position(|cable| cable.control == Control::Tension)
+    }
+
+    /// The same robot, planned in another way.
+    #[must_use]
+    pub fn with_options(mut self, options: PlanOptions) -> Self {
+        self.options = options;
+        self
+    }
+
+    /// How plans are made.
+    #[must_use]
+    pub const fn options(&self) -> PlanOptions {
+        self.options
+    }
+
+    /// How the robot hangs with its tool at the robot file's home.
+    ///
+    /// # Errors
+    /// Where home is no place to hang.
+    pub fn rest_at_home(&self) -> Result<Rest, PlanError> {
+        self.rest(&self.robot.tool.home_in_world_m, None)
+    }
+
+    /// How the robot hangs with its tool at `tool_m` (world, m) and its tension-held cables at
+    /// the tension that the options ask for; `near` is a state close by.
+    ///
+    /// # Errors
+    /// [`PlanError::NoEquilibrium`] says why there is none.
+    pub fn rest(&self, tool_m: &Vector3<f64>, near: Option<&Rest>) -> Result<Rest, PlanError> {
+        let tension_n = match self.options.tensioning {
+            Tensioning::MaxMin => schedule::best_n(self, tool_m, near)?,
+            Tensioning::Setpoint => self.robot.tension.setpoint_n,
+        };
+        self.rest_with(tool_m, tension_n, near)
+    }
+
+    /// How the robot hangs with its tool at `tool_m` (world, m) and its tension-held cables at
+    /// `tension_n`; `near` is a state close by.
+    ///
+    /// # Errors
+    /// [`PlanError::NoEquilibrium`] says why there is none.
+    pub(crate) fn rest_with(
+        &self,
+        tool_m: &Vector3<f64>,
+        tension_n: f64,
+        near: Option<&Rest>,
+    ) -> Result<Rest, PlanError> {
+        let mut tensions = [None; mcdpr_kinematics::MAX_CABLES];
+        let count = self.robot.cables.len();
+        for (slot, cable) in tensions.iter_mut().zip(&self.robot.cables) {
+            *slot = (cable.control == Control::Tension).then_some(tension_n);
+        }
+        // The pose of a level plan is where nothing hangs.
+        let near = near.filter(|_| self.options.planner == Planner::Equilibrium);
+        let guess = near.map_or(EquilibriumGuess::Cold, |rest| {
+            EquilibriumGuess::Attitude(rest.equilibrium.pose.rotation)
+        });
+        let equilibrium = self
+            .geometry
+            .equilibrium_at(
+                &self.robot.tool.tcp_in_platform_m,
+                tool_m,
+                tensions.get(..count).unwrap_or_default(),
+                guess,
+                &StaticOptions::default(),
+            )
+            .map_err(|source| PlanError::NoEquilibrium {
+                x_mm: tool_m.x * 1e3,
+                y_mm: tool_m.y * 1e3,
+                z_mm: tool_m.z * 1e3,
+                source,
+            })?;
+        Ok(self.with_lengths(equilibrium))
+    }
+
+    /// The state that a plan commands: at equilibrium, or with the lengths of a level platform.
+    pub(super) fn rest_planned(
+        &self,
+        tool_m: &Vector3<f64>,
+        tension_n: f64,
+        near: Option<&Rest>,
+    ) -> Result<Rest, PlanError> {
+        let hanging = self.rest_with(tool_m, tension_n, near)?;
+        match self.options.planner {
+            Planner::Equilibrium => Ok(hanging),
+            Planner::Level => self.level(tool_m, hanging),
+        }
+    }
+
+    /// The lengths of a level platform (Eqs. 2 to 11), rigid cables; tensions as it really hangs.
+    fn level(&self, tool_m: &Vector3<f64>, mut hanging: Rest) -> Result<Rest, PlanError> {
+        let tool = &self.robot.tool.tcp_in_platform_m;
+        let pose = Pose::new(tool_m - tool, Rotation3::identity());
+        let lengths_m = self.geometry.lengths_m(&pose)?;
+        hanging.paid_out_m = lengths_m.iter().copied().collect();
+        hanging.equilibrium.pose = pose;
+        hanging.equilibrium.lengths_m = lengths_m;
+        Ok(hanging)
+    }
+
+    /// How the robot hangs when its drums have paid out `paid_out_m` under `tensions_n`, as
+    /// measured. A tension-held cable that measures none is taken to be at its set-point.
+    ///
+    /// # Errors
+    /// [`PlanError::Lengths`] where no resting pose fits these lengths.
+    pub fn rest_from_lengths(
+        &self,
+        paid_out_m: &[f64],
+        tensions_n: &[f64],
+    ) -> Result<Rest, PlanError> {
+        let cables = self.robot.cables.iter();
+        let held: Vec<_> = cables
+            .zip(paid_out_m.iter().zip(tensions_n))
+            .map(|(cable, (&paid_out, &tension))| match cable.control {
+                Control::Tension if tension > TAUT_N => Held::Tension(tension),
+                Control::Tension => Held::Tension(self.robot.tension.setpoint_n),
+                Control::Position => {
+                    let total = paid_out + cable.routing_length_m;
+                    let stretched = total * (1.0 + tension / cable.ea_n);
+                    Held::Length(stretched - cable.routing_length_m)
+                }
+            })
+            .collect();
+        let equilibrium = self
+            .geometry
+            .geometrico_static(&held, Start::Cold, &StaticOptions::default())
+            .map_err(|source| PlanError::Lengths { source })?;
+        Ok(self.with_lengths(equilibrium))
+    }
+
+    /// Where the tool is in a resting state, world, m.
+    #[must_use]
+    pub fn tool_m(&self, rest: &Rest) -> Vector3<f64> {
+        let tool = &self.robot.tool.tcp_in_platform_m;
+        rest.equilibrium.pose.transform(tool)
+    }
+
+    /// A resting state with the lengths that the drums have paid out for it.
+    #[must_use]
+    pub fn with_lengths(&self, equilibrium: Equilibrium) -> Rest {
+        let pairs = equilibrium.lengths_m.iter().zip(&equilibrium.tensions_n);
+        let paid_out_m = pairs
+            .enumerate()
+            .map(|(index, (&length, &tension))| {
+                machine::paid_out_m(&self.robot, index, length, tension)
+            })
+            .collect();
+        Rest {
+            equilibrium,
+            paid_out_m,
+        }
+    }
+}

@@ -1,0 +1,299 @@
+//! From a path to the knots that a board follows, judged before anything moves.
+//!
+//! At every instant the platform is taken to hang in equilibrium (three cables hold lengths, the
+//! others tensions): the planner asks for the tool's place and gets attitude, tensions and
+//! lengths. The platform's inertia is left out: at these accelerations it shifts the equilibrium
+//! by less than the plan's tolerance, and a planner with it can diverge.
+
+use super::model::{Model, Rest};
+use super::path::PathError;
+use super::spline::SplineError;
+use super::time_law::TimeLawError;
+use super::timed::{Step, Timed};
+use super::verdict::{Extremes, Watch};
+use super::{verdict, wire};
+use mcdpr_protocol::Knot;
+use miette::Diagnostic;
+use nalgebra::Vector3;
+use thiserror::Error;
+
+/// Knots are close enough together when no length between them is off by more than this, m.
+pub(crate) const TOLERANCE_M: f64 = 1e-5;
+/// Longest motion in one plan, s. Judging an hour takes about two seconds.
+pub(super) const LONGEST_S: f64 = 3600.0;
+/// Most steps of one task.
+pub(super) const MOST_STEPS: usize = 10_000;
+/// Longest path in one plan, m.
+pub(super) const LONGEST_M: f64 = 500.0;
+/// Most places at which one plan solves the statics; they take about 200 MB.
+pub(super) const MOST_PLACES: usize = 200_000;
+/// Most evaluations of the shaped law in one look over a plan: impulses times milliseconds, some
+/// seconds of work. Three modes shaped by ZVD have 27 impulses; six have 729.
+pub(super) const MOST_IMPULSES: f64 = 5e7;
+
+/// Why there is no plan. Nothing has moved.
+#[derive(Debug, Error, Diagnostic)]
+pub enum PlanError {
+    /// The robot's geometry makes no sense.
+    #[error("the robot's geometry is unusable")]
+    #[diagnostic(code(mcdpr::plan::geometry), help("correct the robot file"))]
+    Geometry(#[from] mcdpr_kinematics::Error),
+    /// The planner works for three length-held cables.
+    #[error(
+        "{held} cables are held by length: this planner needs exactly three, the rest by tension"
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::holding),
+        help("set control = \"tension\" for the cables of the robot file that keep it taut")
+    )]
+    Holding {
+        /// Cables that are.
+        held: usize,
+    },
+    /// Nothing would tell a cable that slipped or broke.
+    #[error("no cable of the robot is held by tension: this planner needs at least one")]
+    #[diagnostic(
+        code(mcdpr::plan::no_tension),
+        help(
+            "three cables held by length leave nothing to compare with: add a cable with control = \"tension\" to the robot file"
+        )
+    )]
+    NoTension,
+    /// More cables than a board drives.
+    #[error(
+        "the robot has {cables} cables, a board drives at most {}",
+        mcdpr_protocol::MAX_CABLES
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::cables),
+        help("leave out [[cable]] tables of the robot file")
+    )]
+    Cables {
+        /// How many it has.
+        cables: usize,
+    },
+    /// The tool may not accelerate or move as fast as a step asks.
+    #[error("{what} asks for {asked:.4} {unit}, limit {limit:.4} {unit}")]
+    #[diagnostic(
+        code(mcdpr::plan::step),
+        help("ask for less, or raise [limits] in the robot file if the machine can do it")
+    )]
+    Step {
+        /// Which step and what of it.
+        what: String,
+        /// What it asks for.
+        asked: f64,
+        /// What is allowed.
+        limit: f64,
+        /// Unit of both.
+        unit: &'static str,
+    },
+    /// The robot cannot hang there.
+    #[error("the robot cannot hold its tool at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm")]
+    #[diagnostic(
+        code(mcdpr::plan::no_equilibrium),
+        help("choose a place further inside the frame or lower, or another tension set-point")
+    )]
+    NoEquilibrium {
+        /// Tool, mm.
+        x_mm: f64,
+        /// Tool, mm.
+        y_mm: f64,
+        /// Tool, mm.
+        z_mm: f64,
+        /// Why.
+        source: mcdpr_kinematics::Error,
+    },
+    /// The lengths fit no pose.
+    #[error("the cable lengths that the board reports fit no resting pose")]
+    #[diagnostic(
+        code(mcdpr::plan::lengths),
+        help(
+            "the lengths were lost or belong to another robot: switch the board off and on at the home pose"
+        )
+    )]
+    Lengths {
+        /// Why.
+        source: mcdpr_kinematics::Error,
+    },
+    /// The path is none.
+    #[error(transparent)]
+    #[diagnostic(code(mcdpr::plan::path))]
+    Path(#[from] PathError),
+    /// The path cannot be followed in time.
+    #[error(transparent)]
+    #[diagnostic(
+        code(mcdpr::plan::time),
+        help("allow more time, or raise [limits] in the robot file if the machine can do it")
+    )]
+    TimeLaw(#[from] TimeLawError),
+    /// The lengths cannot be put into knots.
+    #[error(transparent)]
+    #[diagnostic(code(mcdpr::plan::knots))]
+    Spline(#[from] SplineError),
+    /// A motion that would fill the memory.
+    #[error("the motion would take {duration_s:.0} s, more than the {LONGEST_S:.0} s of one plan")]
+    #[diagnostic(
+        code(mcdpr::plan::long),
+        help("cut the task into several, or allow more speed")
+    )]
+    Long {
+        /// How long it would take, s.
+        duration_s: f64,
+    },
+    /// A task that would fill the memory.
+    #[error("{what}: {asked:.0}, more than the {limit:.0} of one plan")]
+    #[diagnostic(code(mcdpr::plan::large), help("cut the task into several"))]
+    Large {
+        /// What there is too much of.
+        what: &'static str,
+        /// How much.
+        asked: f64,
+        /// The most of one plan.
+        limit: f64,
+    },
+    /// A place that no cable of this length reaches.
+    #[error(
+        "step {step} goes to ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm, {distance_mm:.0} mm from the anchor of cable {cable}, which reaches {reach_mm:.0} mm at most"
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::reach),
+        help(
+            "choose a place nearer to the frame, or correct turns_max and drum_radius_mm of that [[winch]]"
+        )
+    )]
+    Reach {
+        /// Which step, from 1.
+        step: usize,
+        /// Tool, mm.
+        x_mm: f64,
+        /// Tool, mm.
+        y_mm: f64,
+        /// Tool, mm.
+        z_mm: f64,
+        /// Which cable, from 1.
+        cable: usize,
+        /// Distance of the tool from its anchor, mm.
+        distance_mm: f64,
+        /// What the drum, the platform and the stretch allow at most, mm.
+        reach_mm: f64,
+    },
+    /// A limit would be broken.
+    #[error(
+        "at {time_s:.2} s, tool at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm, {what} would be {value:.3} {unit}, limit {limit:.3} {unit}"
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::limit),
+        help("change the task, or the limit in the robot file if the machine allows it")
+    )]
+    Limit {
+        /// Time along the motion, s.
+        time_s: f64,
+        /// Tool, mm.
+        x_mm: f64,
+        /// Tool, mm.
+        y_mm: f64,
+        /// Tool, mm.
+        z_mm: f64,
+        /// What, with the cable where there is one.
+        what: String,
+        /// How much it would be.
+        value: f64,
+        /// The limit.
+        limit: f64,
+        /// Unit of both.
+        unit: &'static str,
+    },
+}
+
+/// A motion that a board can follow, and what is expected on the way.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// The motion of the tool.
+    pub timed: Timed,
+    /// What goes to the board.
+    pub knots: Vec<Knot>,
+    /// How the robot hangs at the start.
+    pub start: Rest,
+    model: Model,
+}
+
+impl Plan {
+    /// Plans a motion of the tool from `start_m` (world, m), where the first step must start, and
+    /// judges it.
+    ///
+    /// # Errors
+    /// The first limit that it would break, or why it cannot be followed at all.
+    pub fn new(model: &Model, start_m: &Vector3<f64>, steps: &[Step]) -> Result<Self, PlanError> {
+        Self::unjudged(model, start_m, steps)?.judged()
+    }
+
+    /// Plans without judging: for those who want to see what is wrong with it.
+    ///
+    /// # Errors
+    /// Why it cannot be followed at all.
+    pub fn unjudged(
+        model: &Model,
+        start_m: &Vector3<f64>,
+        steps: &[Step],
+    ) -> Result<Self, PlanError> {
+        let timed = Timed::new(model, start_m, steps)?;
+        let start = timed.rest(model, 0.0)?;
+        Ok(Self {
+            timed,
+            knots: Vec::new(),
+            start,
+            model: model.clone(),
+        })
+    }
+
+    /// The same plan, if it breaks no limit, with its knots.
+    ///
+    /// # Errors
+    /// The first limit that it would break.
+    pub fn judged(mut self) -> Result<Self, PlanError> {
+        verdict::judge(&self.model, &self.timed)?;
+        self.knots = wire::knots(&self.model, &self.timed)?;
+        Ok(self)
+    }
+
+    /// The same plan, if it keeps what is watched besides.
+    ///
+    /// # Errors
+    /// The first limit that it would break.
+    pub fn watched(self, watch: &Watch) -> Result<Self, PlanError> {
+        verdict::judge_watched(&self.model, &self.timed, watch)?;
+        Ok(self)
+    }
+
+    /// How close it comes to every limit; the first broken one is in the answer.
+    ///
+    /// # Errors
+    /// Not for a plan that was made.
+    pub fn extremes(&self, watch: &Watch) -> Result<Extremes, PlanError> {
+        verdict::extremes(&self.model, &self.timed, watch)
+    }
+
+    /// The model that it was made with.
+    #[must_use]
+    pub const fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The expected state at a time; at the ends before and after. `None` only for a time that is
+    /// not a number.
+    #[must_use]
+    pub fn state(&self, time_s: f64) -> Option<Rest> {
+        self.timed.rest(&self.model, time_s).ok()
+    }
+
+    /// Expected states at equal times, both ends included.
+    pub fn states(&self, step_s: f64) -> impl Iterator<Item = (f64, Rest)> + '_ {
+        let end_s = self.timed.duration_s();
+        let times = (0_u32..).map(move |index| f64::from(index) * step_s);
+        let times = times.take_while(move |time_s| *time_s < end_s);
+        times
+            .chain([end_s])
+            .filter_map(|time_s| Some((time_s, self.state(time_s)?)))
+    }
+}

@@ -1,0 +1,398 @@
+//! Tasks: what the tool shall do, by name or from a file.
+
+use super::gcode;
+use super::path::{Path, PathError, Piece};
+use super::plan::MOST_STEPS;
+use super::timed::Step;
+use miette::Diagnostic;
+use nalgebra::Vector3;
+use serde::Deserialize;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Names of the built-in tasks, with what they are.
+pub const BUILT_IN: &[(&str, &str)] = &[
+    (
+        "paper:table7",
+        "the paper's approach and circle of 65 mm, in 10 s (Table 7)",
+    ),
+    ("paper:table8", "the paper's line of 500 mm (Table 8)"),
+];
+
+/// Time for the paper's circle: what its geared drives allow, s.
+const CIRCLE_S: f64 = 10.0;
+
+/// Places closer than this are the same, m.
+const NEAR_M: f64 = 5e-7;
+
+/// A motion of the tool.
+#[derive(Debug, Clone)]
+pub struct Task {
+    /// Its name.
+    pub name: String,
+    /// Where it starts, world, m; `None`: wherever the tool is.
+    start_m: Option<Vector3<f64>>,
+    /// Steps from rest to rest, each starting where the one before ends.
+    pub steps: Vec<Step>,
+}
+
+/// Why there is no such task.
+#[derive(Debug, Error, Diagnostic)]
+pub enum TaskError {
+    /// Neither a built-in task nor a file.
+    #[error("there is no task {name}")]
+    #[diagnostic(
+        code(mcdpr::task::unknown),
+        help(
+            "built in are {}; anything else must be a task file (TOML), see docs/tasks.md",
+            names()
+        )
+    )]
+    Unknown {
+        /// What was asked for.
+        name: String,
+    },
+    /// The file cannot be read.
+    #[error("task file {path} cannot be read")]
+    #[diagnostic(code(mcdpr::task::unreadable))]
+    Unreadable {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is no task.
+    #[error("task file {path} is malformed: {message}")]
+    #[diagnostic(
+        code(mcdpr::task::malformed),
+        help("a task has start_mm and [[leg]] tables; see docs/tasks.md")
+    )]
+    Malformed {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong and where.
+        message: String,
+    },
+    /// The G-code cannot be followed.
+    #[error("{path}:{line}:{column}: {message}")]
+    #[diagnostic(
+        code(mcdpr::task::gcode),
+        help(
+            "G0 G1 G2 G3 G4 G17 G21 G90 G91 M3 M5 M2 M30 with X Y Z I J F P are understood; see docs/tasks.md"
+        )
+    )]
+    GCode {
+        /// Which file.
+        path: PathBuf,
+        /// Line, 1 for the first.
+        line: usize,
+        /// Column, 1 for the first.
+        column: usize,
+        /// What is wrong.
+        message: String,
+    },
+    /// A leg of the file is no path.
+    #[error("leg {leg} of {path} is no path")]
+    #[diagnostic(
+        code(mcdpr::task::leg),
+        help("give each leg a length and finite numbers")
+    )]
+    BadLeg {
+        /// Which file.
+        path: PathBuf,
+        /// Which leg, 1 for the first.
+        leg: usize,
+        /// Why.
+        source: PathError,
+    },
+    /// A built-in task at an impossible height.
+    #[error(transparent)]
+    #[diagnostic(code(mcdpr::task::path))]
+    Path(#[from] PathError),
+}
+
+fn names() -> String {
+    let names: Vec<_> = BUILT_IN.iter().map(|(name, _)| *name).collect();
+    names.join(", ")
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TaskFile {
+    name: Option<String>,
+    start_mm: [f64; 3],
+    speed_mm_s: Option<f64>,
+    #[serde(default)]
+    leg: Vec<LegFile>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LegFile {
+    to_mm: Option<[f64; 3]>,
+    points_mm: Option<Vec<[f64; 3]>>,
+    through_mm: Option<Vec<[f64; 3]>>,
+    circle_center_mm: Option<[f64; 3]>,
+    dwell_s: Option<f64>,
+    gripper: Option<GripperFile>,
+    sweep_deg: Option<f64>,
+    duration_s: Option<f64>,
+    speed_mm_s: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum GripperFile {
+    Open,
+    Close,
+}
+
+/// A step along a path as fast as the limits allow, or in a given time.
+fn moved(path: Path, duration_s: Option<f64>) -> Step {
+    Step::Move {
+        path,
+        duration_s,
+        speed_mps: None,
+    }
+}
+
+impl LegFile {
+    /// The keys of which exactly one says what the leg is.
+    fn kinds(&self) -> Vec<&'static str> {
+        let all = [
+            ("to_mm", self.to_mm.is_some()),
+            ("points_mm", self.points_mm.is_some()),
+            ("through_mm", self.through_mm.is_some()),
+            ("circle_center_mm", self.circle_center_mm.is_some()),
+            ("dwell_s", self.dwell_s.is_some()),
+            ("gripper", self.gripper.is_some()),
+        ];
+        let given = all.into_iter().filter(|(_, given)| *given);
+        given.map(|(name, _)| name).collect()
+    }
+
+    /// The pieces of path from `at_m` on: several where the tool rests between them.
+    fn pieces(&self, at_m: Vector3<f64>) -> Result<Vec<Piece>, PathError> {
+        if let Some(to) = self.to_mm {
+            return Ok(vec![Piece::line(at_m, point(to))?]);
+        }
+        if let Some(points) = &self.points_mm {
+            let mut from_m = at_m;
+            return points
+                .iter()
+                .map(|to| Piece::line(std::mem::replace(&mut from_m, point(*to)), point(*to)))
+                .collect();
+        }
+        if let Some(points) = &self.through_mm {
+            let all: Vec<_> = std::iter::once(at_m)
+                .chain(points.iter().map(|p| point(*p)))
+                .collect();
+            return Ok(vec![Piece::curve(&all)?]);
+        }
+        let Some(center) = self.circle_center_mm else {
+            return Ok(Vec::new());
+        };
+        let center_m = point(center);
+        let radius_m = (at_m - center_m).xy().norm();
+        let sweep_rad = self.sweep_deg.unwrap_or(360.0).to_radians();
+        Ok(vec![Piece::arc(center_m, radius_m, at_m, sweep_rad)?])
+    }
+}
+
+impl Task {
+    /// A built-in task by name. `z_m` is the height of the tool.
+    ///
+    /// # Errors
+    /// [`TaskError::Unknown`] names the built-in tasks; the path's where there is none at this height.
+    pub fn built_in(name: &str, z_m: f64) -> Result<Self, TaskError> {
+        match name {
+            "paper:table7" => Self::table7(z_m),
+            "paper:table8" => Ok(Self {
+                name: name.to_owned(),
+                start_m: Some(start_of(&Path::paper_line(z_m)?)),
+                steps: vec![moved(Path::paper_line(z_m)?, None)],
+            }),
+            _ => Err(TaskError::Unknown {
+                name: name.to_owned(),
+            }),
+        }
+    }
+
+    /// Table 7: the approach as fast as the limits allow, then the circle in ten seconds.
+    fn table7(z_m: f64) -> Result<Self, TaskError> {
+        let whole = Path::paper_circle(z_m)?;
+        let steps = whole.pieces().iter().map(|piece| {
+            let duration_s = piece.radius_m().map(|_| CIRCLE_S);
+            Ok(moved(Path::new(vec![piece.clone()])?, duration_s))
+        });
+        Ok(Self {
+            name: "paper:table7".to_owned(),
+            start_m: Some(start_of(&whole)),
+            steps: steps.collect::<Result<_, PathError>>()?,
+        })
+    }
+
+    /// Reads a task from the text of a G-code file; `path` names it in messages. `docs/tasks.md`
+    /// says which words are understood.
+    ///
+    /// # Errors
+    /// [`TaskError::GCode`] with line and column.
+    pub fn parse_gcode(text: &str, path: PathBuf) -> Result<Self, TaskError> {
+        let name = path.display().to_string();
+        match gcode::read(text) {
+            Ok((start_m, steps)) => Ok(Self {
+                name,
+                start_m,
+                steps,
+            }),
+            Err(error) => Err(TaskError::GCode {
+                path,
+                line: error.line,
+                column: error.column,
+                message: error.message,
+            }),
+        }
+    }
+
+    /// Reads a task from the text of a file; `path` names it in messages.
+    ///
+    /// # Errors
+    /// [`TaskError::Malformed`], [`TaskError::BadLeg`].
+    pub fn parse(text: &str, path: PathBuf) -> Result<Self, TaskError> {
+        let malformed = |message: String| TaskError::Malformed {
+            path: path.clone(),
+            message,
+        };
+        let file: TaskFile = toml::from_str(text).map_err(|error| malformed(error.to_string()))?;
+        if file.leg.is_empty() {
+            return Err(malformed("there is no [[leg]]".to_owned()));
+        }
+        let start_m = point(file.start_mm);
+        let mut at_m = start_m;
+        let mut steps = Vec::new();
+        let too_many = || malformed(format!("it has more than {MOST_STEPS} steps"));
+        for (number, leg) in (1..).zip(&file.leg) {
+            let wrong = |what: String| malformed(format!("leg {number}: {what}"));
+            let kind = match leg.kinds()[..] {
+                [kind] => kind,
+                _ => {
+                    return Err(wrong(
+                        "it needs exactly one of to_mm, points_mm, through_mm, circle_center_mm, \
+                         dwell_s, gripper"
+                            .to_owned(),
+                    ));
+                }
+            };
+            let moves = !matches!(kind, "dwell_s" | "gripper");
+            for (key, value, fits) in [
+                ("duration_s", leg.duration_s, moves && kind != "points_mm"),
+                ("speed_mm_s", leg.speed_mm_s, moves),
+                ("sweep_deg", leg.sweep_deg, kind == "circle_center_mm"),
+            ] {
+                if value.is_some() && !fits {
+                    return Err(wrong(format!("{key} does not go with {kind}")));
+                }
+                let positive = key == "sweep_deg" || value.is_none_or(|v| v > 0.0);
+                if !positive || value.is_some_and(|v| !v.is_finite()) {
+                    return Err(wrong(format!("{key} must be over 0")));
+                }
+            }
+            if leg.duration_s.is_some() && leg.speed_mm_s.is_some() {
+                return Err(wrong("give duration_s or speed_mm_s, not both".to_owned()));
+            }
+            if let Some(duration_s) = leg.dwell_s {
+                if !(duration_s.is_finite() && duration_s >= 0.0) {
+                    return Err(wrong("dwell_s must be 0 or more".to_owned()));
+                }
+                steps.push(Step::Dwell { duration_s });
+            }
+            if let Some(gripper) = leg.gripper {
+                steps.push(Step::Gripper {
+                    closed: gripper == GripperFile::Close,
+                });
+            }
+            let bad = |source| TaskError::BadLeg {
+                path: path.clone(),
+                leg: number,
+                source,
+            };
+            let pieces = leg.pieces(at_m).map_err(bad)?;
+            if moves && pieces.is_empty() {
+                return Err(wrong(format!("{kind} has no points")));
+            }
+            // A leg with a time of its own is not held to the file's general speed.
+            let general = file.speed_mm_s.filter(|_| leg.duration_s.is_none());
+            if steps.len() + pieces.len() > MOST_STEPS {
+                return Err(too_many());
+            }
+            for piece in pieces {
+                at_m = piece.end().position_m;
+                steps.push(Step::Move {
+                    path: Path::new(vec![piece]).map_err(bad)?,
+                    duration_s: leg.duration_s,
+                    speed_mps: leg.speed_mm_s.or(general).map(|mm_s| mm_s * 1e-3),
+                });
+            }
+        }
+        let name = file.name.unwrap_or_else(|| path.display().to_string());
+        Ok(Self {
+            name,
+            start_m: Some(start_m),
+            steps,
+        })
+    }
+
+    /// The task of the tool going straight to a place (world, m) from wherever it is.
+    ///
+    /// # Errors
+    /// [`TaskError::Path`] for a place that is no number.
+    pub fn go_to(name: &str, place_m: Vector3<f64>) -> Result<Self, TaskError> {
+        if place_m.iter().any(|value| !value.is_finite()) {
+            return Err(PathError::NotFinite { what: "the place" }.into());
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            start_m: Some(place_m),
+            steps: Vec::new(),
+        })
+    }
+
+    /// Where the task starts, world, m; `None`: wherever the tool is.
+    #[must_use]
+    pub fn start_m(&self) -> Option<Vector3<f64>> {
+        self.start_m
+    }
+
+    /// The same task with a straight way to its start from `from_m`, where that is further than
+    /// half a micrometre; that way keeps `speed_mps` if one is given.
+    ///
+    /// # Errors
+    /// [`TaskError::Path`].
+    pub fn approached_from(
+        mut self,
+        from_m: &Vector3<f64>,
+        speed_mps: Option<f64>,
+    ) -> Result<Self, TaskError> {
+        if let Some(start_m) = self.start_m
+            && (start_m - from_m).norm() > NEAR_M
+        {
+            let way = Step::Move {
+                path: Path::through(&[*from_m, start_m])?,
+                duration_s: None,
+                speed_mps,
+            };
+            self.steps.insert(0, way);
+            self.start_m = Some(*from_m);
+        }
+        Ok(self)
+    }
+}
+
+fn start_of(path: &Path) -> Vector3<f64> {
+    let first = path.pieces().first().map(|piece| piece.start().position_m);
+    first.unwrap_or_default()
+}
+
+fn point([x, y, z]: [f64; 3]) -> Vector3<f64> {
+    Vector3::new(x, y, z) / 1e3
+}

@@ -1,0 +1,348 @@
+//! Steps of a task in time: paths with their laws, waits, and what the gripper does when.
+
+use super::bounds;
+use super::model::{Model, Rest};
+use super::path::{Path, PathError};
+use super::plan::{LONGEST_S, MOST_IMPULSES, MOST_PLACES, PlanError};
+use super::shaper::Shaper;
+use super::time_law::{Bounds, TimeLaw};
+use super::track::Track;
+use nalgebra::Vector3;
+use std::f64::consts::SQRT_2;
+
+/// Time for a gripper whose robot file gives none, s.
+const LEAST_GRIPPER_S: f64 = 0.05;
+/// Share of a drum's greatest speed that a plan uses: the slope of a length is known between two
+/// places only.
+const DRUM_SHARE: f64 = 0.995;
+/// A step may start this far from where the one before ends, m.
+const JOIN_M: f64 = 1.1e-5;
+
+/// One step of a task; the tool is at rest between steps.
+#[derive(Debug, Clone)]
+pub enum Step {
+    /// Along a path.
+    Move {
+        /// Where.
+        path: Path,
+        /// Exact duration, shaping included; the fastest within the limits where none is given.
+        duration_s: Option<f64>,
+        /// Greatest speed, m/s; the robot's limit where none is given.
+        speed_mps: Option<f64>,
+    },
+    /// Wait in place.
+    Dwell {
+        /// How long, s.
+        duration_s: f64,
+    },
+    /// Open or close the gripper, and wait until it has.
+    Gripper {
+        /// Whether to close it.
+        closed: bool,
+    },
+}
+
+/// Something to do at a time of a motion, besides moving.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Action {
+    /// Open or close the gripper.
+    Gripper {
+        /// Whether to close it.
+        closed: bool,
+    },
+}
+
+#[derive(Debug, Clone)]
+struct Leg {
+    start_s: f64,
+    /// `None`: it stays at the track's only place.
+    path: Option<(Path, TimeLaw, Shaper)>,
+    /// Tool, where it stays.
+    at_m: Vector3<f64>,
+    track: Track,
+}
+
+/// A motion in time.
+#[derive(Debug, Clone)]
+pub struct Timed {
+    legs: Vec<Leg>,
+    actions: Vec<(f64, Action)>,
+    duration_s: f64,
+    /// Places at which the statics were solved.
+    places: usize,
+    /// Impulses of the shapers over all milliseconds so far.
+    impulses: f64,
+}
+
+impl Timed {
+    /// Gives each step its time and its states, from `start_m` (world, m) on.
+    ///
+    /// # Errors
+    /// [`PlanError::TimeLaw`] and [`PlanError::Step`] where a step asks for too much,
+    /// [`PlanError::NoEquilibrium`] where the robot cannot hang, [`PlanError::Path`] where a step
+    /// does not start where the one before ends; [`PlanError::Long`], [`PlanError::Large`] and
+    /// [`PlanError::Reach`] for more than one plan takes.
+    pub fn new(model: &Model, start_m: &Vector3<f64>, steps: &[Step]) -> Result<Self, PlanError> {
+        let mut timed = Self {
+            legs: Vec::new(),
+            actions: Vec::new(),
+            duration_s: 0.0,
+            places: 0,
+            impulses: 0.0,
+        };
+        bounds::check(model, steps)?;
+        let mut at_m = *start_m;
+        for (number, step) in (1..).zip(steps) {
+            match step {
+                Step::Move {
+                    path,
+                    duration_s,
+                    speed_mps,
+                } => {
+                    let gap_m = (path.point(0.0)?.position_m - at_m).norm();
+                    if gap_m > JOIN_M {
+                        return Err(PathError::Gap {
+                            next: number,
+                            gap_m,
+                        }
+                        .into());
+                    }
+                    at_m = path.point(path.length_m())?.position_m;
+                    timed.travel(model, number, path, *duration_s, *speed_mps)?;
+                }
+                Step::Dwell { duration_s } => {
+                    if !(duration_s.is_finite() && *duration_s >= 0.0) {
+                        return Err(PlanError::Step {
+                            what: format!("step {number}: a wait"),
+                            asked: *duration_s,
+                            limit: 0.0,
+                            unit: "s",
+                        });
+                    }
+                    timed.stay(model, &at_m, *duration_s)?;
+                }
+                Step::Gripper { closed } => {
+                    timed
+                        .actions
+                        .push((timed.duration_s, Action::Gripper { closed: *closed }));
+                    let wait_s = model.robot().gripper.close_s.max(LEAST_GRIPPER_S);
+                    timed.stay(model, &at_m, wait_s)?;
+                }
+            }
+        }
+        if timed.legs.is_empty() {
+            return Err(PathError::Empty.into());
+        }
+        if timed.duration_s > LONGEST_S {
+            return Err(PlanError::Long {
+                duration_s: timed.duration_s,
+            });
+        }
+        Ok(timed)
+    }
+
+    fn travel(
+        &mut self,
+        model: &Model,
+        number: usize,
+        path: &Path,
+        duration_s: Option<f64>,
+        speed_mps: Option<f64>,
+    ) -> Result<(), PlanError> {
+        let track = Track::along(model, path, self.last_rest())?;
+        let shaper = match track.nodes().last() {
+            Some(end) => {
+                let modes = model.geometry().stability(&end.equilibrium)?.modes_hz;
+                Shaper::new(model.options().shaping, &modes)
+            }
+            None => Shaper::none(),
+        };
+        self.places += track.nodes().len();
+        if self.places > MOST_PLACES {
+            return Err(PlanError::Large {
+                what: "places at which the statics are solved",
+                asked: self.places as f64,
+                limit: MOST_PLACES as f64,
+            });
+        }
+        let mut bounds = tool_bounds(model, path, number, speed_mps)?;
+        for (cable, slope) in track.slopes().into_iter().enumerate() {
+            if let Some(winch) = model.robot().winch_of(cable) {
+                let most_mps = winch.max_cable_speed_mps() * DRUM_SHARE / slope.max(1e-6);
+                bounds.speed_mps = bounds.speed_mps.min(most_mps);
+            }
+        }
+        let length_m = path.length_m();
+        let law = match duration_s {
+            Some(duration_s) => {
+                TimeLaw::fit_duration(length_m, bounds, duration_s - shaper.delay_s())?
+            }
+            None => TimeLaw::fastest(length_m, bounds)?,
+        };
+        let duration_s = law.duration_s() + shaper.delay_s();
+        self.impulses += duration_s * 1e3 * shaper.impulses().len() as f64;
+        if self.impulses > MOST_IMPULSES {
+            return Err(PlanError::Large {
+                what: "impulses of the shaper over all milliseconds of the motion (fewer with zv than with zvd)",
+                asked: self.impulses,
+                limit: MOST_IMPULSES,
+            });
+        }
+        let at_m = path.point(length_m)?.position_m;
+        let path = Some((path.clone(), law, shaper));
+        self.push(path, at_m, track, duration_s);
+        Ok(())
+    }
+
+    fn stay(
+        &mut self,
+        model: &Model,
+        at_m: &Vector3<f64>,
+        duration_s: f64,
+    ) -> Result<(), PlanError> {
+        if duration_s < 1e-3 {
+            return Ok(());
+        }
+        let rest = match self.last_rest() {
+            Some(rest) => rest.clone(),
+            None => {
+                let rest = model.rest(at_m, None)?;
+                let held = model.tension_held().unwrap_or(0);
+                let tension_n = rest.tensions_n().get(held).copied().unwrap_or(0.0);
+                model.rest_planned(at_m, tension_n, None)?
+            }
+        };
+        self.push(None, *at_m, Track::still(rest), duration_s);
+        Ok(())
+    }
+
+    /// Steps end on whole milliseconds, where a knot can be.
+    fn push(
+        &mut self,
+        path: Option<(Path, TimeLaw, Shaper)>,
+        at_m: Vector3<f64>,
+        track: Track,
+        duration_s: f64,
+    ) {
+        let start_s = self.duration_s;
+        self.duration_s = ((start_s + duration_s) * 1e3 - 1e-6).ceil() * 1e-3;
+        self.legs.push(Leg {
+            start_s,
+            path,
+            at_m,
+            track,
+        });
+    }
+
+    fn last_rest(&self) -> Option<&Rest> {
+        self.legs.last().and_then(|leg| leg.track.nodes().last())
+    }
+
+    /// The whole duration, s: a whole number of milliseconds.
+    #[must_use]
+    pub const fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// Times at which the tool is at rest between steps, s, both ends included.
+    #[must_use]
+    pub(crate) fn rests_s(&self) -> Vec<f64> {
+        let starts = self.legs.iter().map(|leg| leg.start_s);
+        starts.chain([self.duration_s]).collect()
+    }
+
+    /// What is to be done when, in order of time, s.
+    #[must_use]
+    pub fn actions(&self) -> &[(f64, Action)] {
+        &self.actions
+    }
+
+    /// The step under way at a time, and the way along its path, m.
+    fn locate(&self, time_s: f64) -> Result<(&Leg, f64), PlanError> {
+        // Steps are in order of time: the last that has begun.
+        let begun = self.legs.partition_point(|leg| leg.start_s <= time_s);
+        let leg = self
+            .legs
+            .get(begun.saturating_sub(1))
+            .ok_or(PathError::Empty)?;
+        let way_m = leg.path.as_ref().map_or(0.0, |(_, law, shaper)| {
+            shaper.at(law, time_s - leg.start_s).0
+        });
+        Ok((leg, way_m))
+    }
+
+    /// Where the tool shall be at a time, world, m; at the ends before and after.
+    ///
+    /// # Errors
+    /// [`PlanError::Path`]: not for a path that was built.
+    pub fn tool_m(&self, time_s: f64) -> Result<Vector3<f64>, PlanError> {
+        let (leg, way_m) = self.locate(time_s)?;
+        match &leg.path {
+            Some((path, ..)) => Ok(path.point(way_m.clamp(0.0, path.length_m()))?.position_m),
+            None => Ok(leg.at_m),
+        }
+    }
+
+    /// Speed of the tool along its path at a time, m/s.
+    #[must_use]
+    pub fn speed_mps(&self, time_s: f64) -> f64 {
+        self.locate(time_s).map_or(0.0, |(leg, _)| {
+            leg.path.as_ref().map_or(0.0, |(_, law, shaper)| {
+                shaper.at(law, time_s - leg.start_s).1
+            })
+        })
+    }
+
+    /// Paid-out lengths at a time, m.
+    ///
+    /// # Errors
+    /// [`PlanError::Path`], [`PlanError::Spline`]: not for a finite time.
+    pub fn lengths_m(&self, time_s: f64) -> Result<Vec<f64>, PlanError> {
+        let (leg, way_m) = self.locate(time_s)?;
+        leg.track.lengths_m(way_m)
+    }
+
+    /// How the robot hangs at a time.
+    ///
+    /// # Errors
+    /// As [`Timed::lengths_m`].
+    pub fn rest(&self, model: &Model, time_s: f64) -> Result<Rest, PlanError> {
+        let (leg, way_m) = self.locate(time_s)?;
+        leg.track.rest(model, way_m, &self.tool_m(time_s)?)
+    }
+}
+
+/// What the tool may do along a path. On a curve the acceleration across the path counts too: both
+/// parts get an equal share, so that their sum keeps the limit wherever they meet; and the jerk of
+/// going around, `v^3 / r^2`, keeps its own.
+fn tool_bounds(
+    model: &Model,
+    path: &Path,
+    number: usize,
+    speed_mps: Option<f64>,
+) -> Result<Bounds, PlanError> {
+    let limits = &model.robot().limits;
+    let mut bounds = Bounds {
+        speed_mps: limits.speed_mps,
+        acceleration_mps2: limits.acceleration_mps2,
+        jerk_mps3: limits.jerk_mps3,
+    };
+    if let Some(asked) = speed_mps {
+        if !(asked > 0.0 && asked <= limits.speed_mps) {
+            return Err(PlanError::Step {
+                what: format!("step {number}: its speed (limits.speed_mps)"),
+                asked,
+                limit: limits.speed_mps,
+                unit: "m/s",
+            });
+        }
+        bounds.speed_mps = asked;
+    }
+    if let Some(radius_m) = path.least_radius_m() {
+        bounds.acceleration_mps2 /= SQRT_2;
+        let across = (bounds.acceleration_mps2 * radius_m).sqrt();
+        let around = (limits.jerk_mps3 * radius_m * radius_m).cbrt();
+        bounds.speed_mps = bounds.speed_mps.min(across).min(around);
+    }
+    Ok(bounds)
+}

@@ -1,0 +1,246 @@
+//! A plan as the integers that a board follows.
+
+use super::knot::{self, milliseconds};
+use super::knots::{self, FitOptions, Spacing};
+use super::model::{Model, Rest};
+use super::options::Planner;
+use super::plan::{PlanError, TOLERANCE_M};
+use super::spline::{Ends, Spline};
+use super::timed::Timed;
+use crate::machine::CableRates;
+use mcdpr_protocol::{
+    CableKnot, Coefficient, Knot, List, Micrometres, Millinewtons, PerCable, ResidualRow,
+    TenthMicrometres,
+};
+
+/// Knots are at least this far apart, ms: the board's buffer of 16 then holds over 300 ms.
+const LEAST_SPACING_MS: usize = 21;
+/// Knots are at most this far apart, ms: tensions and residual rows go straight between them.
+const MOST_SPACING_MS: usize = 1000;
+/// A cable that slips shows as a closure error; this much is no slip, m. Swing, friction and a
+/// machine that is not quite as described stay below it.
+const CLOSURE_LIMIT_M: f64 = 0.004;
+
+/// What else than cables may carry or pull the platform before it is a contact, as a share of its
+/// weight: pulley losses, sensor gains and a mass that is not quite known stay below it.
+const CONTACT_SHARE: f64 = 0.2;
+
+/// Knots of the whole motion: clamped cubic splines from rest to rest (Eq. 53), as many knots as
+/// the tolerance needs, rounded to the wire's units. Numbers wrap after 65,536 knots.
+pub(super) fn knots(model: &Model, timed: &Timed) -> Result<Vec<Knot>, PlanError> {
+    let mut knots: Vec<Knot> = Vec::new();
+    let rests: Vec<_> = timed.rests_s().into_iter().map(milliseconds).collect();
+    for pair in rests.windows(2) {
+        let &[from, to] = pair else { continue };
+        let splines = fit(model, timed, (from, to))?;
+        let count = splines.first().map_or(0, |spline| spline.knots().len());
+        // A step's first knot is the last one of the step before.
+        for index in usize::from(!knots.is_empty())..count {
+            let at_s = splines
+                .first()
+                .and_then(|s| s.knots().get(index))
+                .map_or(0.0, |k| k.time_s);
+            let state = timed.rest(model, at_s)?;
+            let cables = knot::on_splines(&splines, index, state.tensions_n());
+            knots.push(Knot {
+                rows: rows(model, &state),
+                ..knot::knot(knots.len(), milliseconds(at_s), cables)
+            });
+        }
+    }
+    knot::end(&mut knots);
+    judge(model, timed, &knots)?;
+    Ok(knots)
+}
+
+/// That no cable's cubic accelerates more, or more abruptly, than the board would take (K3).
+fn judge(model: &Model, timed: &Timed, knots: &[Knot]) -> Result<(), PlanError> {
+    let most = CableRates::of(model.robot());
+    for pair in knots.windows(2) {
+        let [from, to] = pair else { continue };
+        for (cable, (a, b)) in (1..).zip(from.cables.iter().zip(to.cables.iter())) {
+            let spacing_s = f64::from(to.time_ms - from.time_ms) * 1e-3;
+            let [start, end] = accelerations(a, b, spacing_s);
+            let largest = start.abs().max(end.abs());
+            let jerk = (end - start).abs() / spacing_s;
+            let (what, value, limit, unit) = if largest > most.acceleration_mps2 {
+                ("acceleration", largest, most.acceleration_mps2, "m/s²")
+            } else if jerk > most.jerk_mps3 {
+                ("jerk", jerk, most.jerk_mps3, "m/s³")
+            } else {
+                continue;
+            };
+            let time_s = to.time_s();
+            let at_m = timed.tool_m(time_s)?;
+            return Err(PlanError::Limit {
+                time_s,
+                x_mm: at_m.x * 1e3,
+                y_mm: at_m.y * 1e3,
+                z_mm: at_m.z * 1e3,
+                what: format!("the {what} of cable {cable}"),
+                value,
+                limit,
+                unit,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Second derivative at both ends of the cubic between two knots, m/s².
+fn accelerations(from: &CableKnot, to: &CableKnot, spacing_s: f64) -> [f64; 2] {
+    let way = TenthMicrometres(to.length.0 - from.length.0).metres() / spacing_s;
+    let [start, end] = [from, to].map(|knot| knot.velocity.metres_per_second());
+    [
+        (6.0 * way - 4.0 * start - 2.0 * end) / spacing_s,
+        (2.0 * start + 4.0 * end - 6.0 * way) / spacing_s,
+    ]
+}
+
+/// Splines of all cables over one step, with common knots at whole milliseconds.
+fn fit(model: &Model, timed: &Timed, (from, to): (u32, u32)) -> Result<Vec<Spline>, PlanError> {
+    let seconds = |time_ms: u32| f64::from(time_ms) * 1e-3;
+    let span_ms = (to - from) as usize;
+    let most_segments = (span_ms / LEAST_SPACING_MS).max(1);
+    let options = FitOptions {
+        ends: Ends::Clamped {
+            start: 0.0,
+            end: 0.0,
+        },
+        spacing: Spacing::Ticks,
+        tolerance: TOLERANCE_M,
+        least_segments: span_ms.div_ceil(MOST_SPACING_MS).max(4).min(most_segments),
+        most_segments,
+    };
+    let cables = model.robot().cables.len();
+    let fit = knots::fit(
+        cables,
+        (seconds(from), seconds(to)),
+        options,
+        |time_s, values| {
+            values.copy_from_slice(&timed.lengths_m(time_s)?);
+            Ok::<(), PlanError>(())
+        },
+    )?;
+    Ok(fit.splines)
+}
+
+/// The consistency checks that a knot carries: the board takes the first for S5, the second for C5.
+/// A plan that does not ask for equilibrium has none.
+fn rows(model: &Model, rest: &Rest) -> List<ResidualRow, { ResidualRow::PER_KNOT }> {
+    let closure = (model.options().planner == Planner::Equilibrium)
+        .then(|| closure_row(model, rest))
+        .flatten();
+    let Some(closure) = closure else {
+        return List::new();
+    };
+    let both = [Some(closure), contact_row(model, rest)];
+    List::collect(both.into_iter().flatten())
+}
+
+/// What the cables carry together: the sum of the tensions' vertical parts is the platform's
+/// weight. What is missing, something else carries; what is too much, something pulls. The row's
+/// µm are mN here.
+fn contact_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
+    let count = model.robot().cables.len();
+    let jacobian = model
+        .geometry()
+        .twist_jacobian(&rest.equilibrium.pose)
+        .ok()?;
+    let mut tensions = PerCable::new();
+    let mut lengths = PerCable::new();
+    for cable in 0..count {
+        // A row begins with the direction in which the cable gets longer; it pulls the other way.
+        let upward = -jacobian.get(cable)?[2];
+        let scaled = rounded(upward * f64::from(ResidualRow::TENSION_SCALE));
+        tensions
+            .push(Coefficient(i16::try_from(scaled).ok()?))
+            .ok()?;
+        lengths.push(Coefficient(0)).ok()?;
+    }
+    let platform = &model.robot().platform;
+    let weight_n = platform.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
+    Some(ResidualRow {
+        lengths,
+        tensions,
+        // The row's µm are mN.
+        limit: Micrometres(Millinewtons::from_newtons(CONTACT_SHARE * weight_n).0),
+    })
+}
+
+/// How measured lengths and tensions must fit together here: at equilibrium the length of the
+/// tension-held cable follows from the other lengths and its tension.
+fn closure_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
+    let held = model.tension_held()?;
+    let response = model.geometry().linearise(&rest.equilibrium).ok()?.response;
+    let row = response.row(held)?;
+    let mut lengths = PerCable::new();
+    let mut tensions = PerCable::new();
+    for (cable, &by_input) in row.iter().enumerate() {
+        let (length, tension) = if cable == held {
+            // m/N is 1000 µm/mN.
+            (1.0, -by_input * 1e3)
+        } else {
+            (-by_input, 0.0)
+        };
+        let scaled = |value: f64, scale: i32| {
+            i16::try_from(rounded(value * f64::from(scale)))
+                .ok()
+                .map(Coefficient)
+        };
+        lengths
+            .push(scaled(length, ResidualRow::LENGTH_SCALE)?)
+            .ok()?;
+        tensions
+            .push(scaled(tension, ResidualRow::TENSION_SCALE)?)
+            .ok()?;
+    }
+    Some(ResidualRow {
+        lengths,
+        tensions,
+        limit: Micrometres::from_metres(CLOSURE_LIMIT_M),
+    })
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "saturates beyond any robot"
+)]
+fn rounded(value: f64) -> i32 {
+    value.round() as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::path::{Path, Piece};
+    use crate::motion::{Plan, Step};
+    use crate::robot::Robot;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn k3_a_length_that_is_off_by_a_millimetre_breaks_the_acceleration_or_the_jerk() {
+        for robot in ["paper-table5", "lab-fast"] {
+            let model = Model::new(&Robot::built_in(robot).unwrap()).unwrap();
+            let start_m = Vector3::new(0.335, 0.0, -0.3);
+            let end_m = start_m + Vector3::new(0.05, -0.05, 0.0);
+            let step = Step::Move {
+                path: Path::new(vec![Piece::line(start_m, end_m).unwrap()]).unwrap(),
+                duration_s: None,
+                speed_mps: None,
+            };
+            let plan = Plan::new(&model, &start_m, &[step]).unwrap();
+            assert!(plan.knots.len() > 8);
+            judge(&model, &plan.timed, &plan.knots).unwrap();
+            for knot in 1..plan.knots.len() - 1 {
+                let mut knots = plan.knots.clone();
+                knots[knot].cables[1].length.0 += 10_000;
+                let error = judge(&model, &plan.timed, &knots).unwrap_err().to_string();
+                assert!(
+                    error.contains("of cable 2 would be"),
+                    "{robot}, {knot}: {error}"
+                );
+            }
+        }
+    }
+}

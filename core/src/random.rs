@@ -1,0 +1,45 @@
+//! Random numbers from a seed.
+
+use mcdpr_kinematics::Pose;
+use nalgebra::Vector3;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+/// Random numbers.
+#[derive(Debug)]
+pub struct Dice(ChaCha8Rng);
+
+impl Dice {
+    /// The numbers of this seed.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    /// Uniform in [0, 1).
+    pub fn unit(&mut self) -> f64 {
+        (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Uniform in +-half.
+    pub fn within(&mut self, half: f64) -> f64 {
+        (self.unit() * 2.0 - 1.0) * half
+    }
+
+    /// Normal with standard deviation 1 (Box and Muller, 1958).
+    pub fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.unit()).cos()
+    }
+
+    /// A vector with each coordinate uniform in +-half.
+    pub fn point(&mut self, half: f64) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| self.within(half))
+    }
+
+    /// A pose moved and turned by up to these amounts per axis.
+    pub fn turned(&mut self, pose: &Pose, position_m: f64, angle_rad: f64) -> Pose {
+        let (p, r) = (self.point(position_m), self.point(angle_rad));
+        pose.displaced(&p, &r)
+    }
+}

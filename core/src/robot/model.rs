@@ -1,0 +1,475 @@
+//! The robot as the program uses it: SI units, every default filled in, checked.
+
+use mcdpr_kinematics::Pose;
+use mcdpr_vision::Camera as Lens;
+use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
+
+use std::f64::consts::PI;
+
+/// A complete, checked description of one robot.
+///
+/// Lengths in m, forces in N, masses in kg, times in s, angles in rad. Cable `i` of the file is
+/// `cables[i - 1]`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Robot {
+    /// Name of the robot.
+    pub name: String,
+    /// The moving platform.
+    pub platform: Platform,
+    /// The cables, cable 1 first; 1 to 16 of them.
+    pub cables: Vec<Cable>,
+    /// The winches in the order of the file; see [`Cable::winch_index`].
+    pub winches: Vec<Winch>,
+    /// The drives' bus.
+    pub bus: Bus,
+    /// The law of the tension-held cables.
+    pub tension: TensionLaw,
+    /// The tool.
+    pub tool: Tool,
+    /// The gripper.
+    pub gripper: Gripper,
+    /// The camera on the platform.
+    pub camera: Camera,
+    /// The tags in the scene.
+    pub tags: Vec<Tag>,
+    /// What a motion may not exceed.
+    pub limits: Limits,
+    /// Where these values come from, if not from the robot file alone. No part of the description.
+    #[serde(skip)]
+    pub calibrated: Option<Box<Calibrated>>,
+}
+
+/// The origin of a calibrated robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibrated {
+    /// The robot as its file describes it, with the tags that it was calibrated by.
+    pub designed: Robot,
+    /// Where each body of tags was found: its number and world_from_body.
+    pub world_from_body: Vec<(u32, Pose)>,
+    /// Seed of the simulated machine that was calibrated; `None` for a real one.
+    pub simulated_seed: Option<u64>,
+    /// When, UTC, as in 20260301-120000.
+    pub date: String,
+    /// Predicted root mean square position error, m.
+    pub predicted_error_m: Option<f64>,
+    /// Paid-out length of each cable where the encoders were zeroed, m.
+    pub home_lengths_m: Vec<f64>,
+    /// True length per length that the encoders reported while the data were taken.
+    pub drum_scale: f64,
+    /// Covariance of what was estimated, SI units, in the order of the file.
+    pub covariance: Option<nalgebra::DMatrix<f64>>,
+    /// The calibration file.
+    pub file: std::path::PathBuf,
+}
+
+/// The moving platform; vectors in its own frame.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Platform {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Centre of mass, m.
+    pub center_of_mass_m: Vector3<f64>,
+    /// Inertia tensor about the centre of mass, kg m2; symmetric, positive definite.
+    pub inertia_kg_m2: Matrix3<f64>,
+}
+
+/// What the winch of a cable holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Control {
+    /// The cable's length.
+    Position,
+    /// The cable's tension.
+    Tension,
+}
+
+/// One cable with its last pulley.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Cable {
+    /// Point B where the cable enters the pulley, on the swivel axis; world frame, m.
+    pub anchor_in_world_m: Vector3<f64>,
+    /// Unit vector along the swivel axis: the cable's direction of travel at B; world frame.
+    pub swivel_axis_in_world: Vector3<f64>,
+    /// Pulley radius, m; 0 is a point anchor.
+    pub pulley_radius_m: f64,
+    /// Attachment A, platform's frame, m.
+    pub attachment_in_platform_m: Vector3<f64>,
+    /// The winch that drives the cable: index into [`Robot::winches`].
+    pub winch_index: usize,
+    /// What the winch holds.
+    pub control: Control,
+    /// Axial stiffness EA, N.
+    pub ea_n: f64,
+    /// Axial damping over stiffness, s.
+    pub damping_time_s: f64,
+    /// Cable between drum and B, m.
+    pub routing_length_m: f64,
+    /// Share of the tension lost at the pulleys, 0 to below 1.
+    pub pulley_loss: f64,
+}
+
+/// Protocol of a motor drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum DriveKind {
+    /// RoboModule RMDS.
+    Rmds,
+    /// CiA 402 over CANopen.
+    Cia402,
+}
+
+/// One winch module.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Winch {
+    /// Number by which cables and commands name it.
+    pub id: u8,
+    /// Drum radius to the cable's centre, m.
+    pub drum_radius_m: f64,
+    /// Cable diameter, m.
+    pub cable_diameter_m: f64,
+    /// Turns of cable that the drum takes.
+    pub turns_max: f64,
+    /// Inertia of drum, screw and coupling about the drum's axis, kg m2.
+    pub drum_inertia_kg_m2: f64,
+    /// Drum encoder counts per drum turn.
+    pub encoder_counts_per_turn: u32,
+    /// 1 if the drum encoder counts up while cable is paid out, else -1.
+    pub encoder_sign: i8,
+    /// Motor encoder counts per drum turn.
+    pub motor_counts_per_turn: f64,
+    /// Motor turns per drum turn.
+    pub gear_ratio: f64,
+    /// Greatest motor speed, turns per minute.
+    pub max_motor_rpm: f64,
+    /// Greatest motor current, A.
+    pub max_current_a: f64,
+    /// Torque constant, Nm/A.
+    pub torque_constant_nm_per_a: f64,
+    /// Rotor inertia about the motor's axis, kg m2.
+    pub rotor_inertia_kg_m2: f64,
+    /// Coulomb friction of the drum's side, felt at the cable, N.
+    pub friction_n: f64,
+    /// What lies between motor and drum; `None` where they turn as one.
+    pub gear: Option<Gear>,
+    /// How far the drum is out of its axis, m.
+    pub drum_eccentricity_m: f64,
+    /// Time until the brake holds, s.
+    pub brake_close_s: f64,
+    /// k of tension = k (voltage - u_0), N/V.
+    pub tension_gain_n_per_v: f64,
+    /// u_0 of tension = k (voltage - u_0), V.
+    pub tension_zero_v: f64,
+    /// Full scale of the tension sensor, N.
+    pub tension_max_n: f64,
+    /// Protocol of the drive.
+    pub drive: DriveKind,
+    /// Number of the drive on the bus.
+    pub node: u8,
+    /// Bandwidth of the drive's position loop, rad/s.
+    pub drive_bandwidth_rad_s: f64,
+    /// Time constant of the drive's current loop, s.
+    pub current_lag_s: f64,
+}
+
+/// A gear with its friction, loss, play and twist; torques at the motor unless they say otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gear {
+    /// Coulomb friction of the rotor, Nm.
+    pub rotor_friction_nm: f64,
+    /// Coulomb friction of the gear without load, Nm.
+    pub gear_friction_nm: f64,
+    /// Friction at rest over Coulomb friction.
+    pub static_friction: f64,
+    /// Motor speed over which friction falls from the one to the other, rpm.
+    pub stribeck_rpm: f64,
+    /// Viscous friction, Nm per rpm.
+    pub viscous_nm_per_rpm: f64,
+    /// Share of the motor's power that reaches the drum.
+    pub efficiency: f64,
+    /// Share of the drum's power that reaches the motor.
+    pub backdrive_efficiency: f64,
+    /// Play as a turn of the drum, rad.
+    pub play_rad: f64,
+    /// Torque per twist at the drum, Nm/rad.
+    pub stiffness_nm_per_rad: f64,
+    /// Amplitude of the cogging torque, Nm.
+    pub cogging_nm: f64,
+    /// Cold friction over warm friction.
+    pub cold_friction: f64,
+}
+
+/// Steps of a tension channel from which on a board takes it for open.
+const OPEN_SENSOR_STEPS: f64 = 64_900.0;
+/// Share of that reading which a limit may be, as the board checks it, and a rounding less.
+const SENSOR_SHARE: f64 = 0.9 * 0.9999;
+
+impl Winch {
+    /// Coulomb friction of drum, gear and rotor together, felt at the cable, N.
+    pub fn total_friction_n(&self) -> f64 {
+        let at_motor_nm = self
+            .gear
+            .map_or(0.0, |gear| gear.rotor_friction_nm + gear.gear_friction_nm);
+        self.friction_n + at_motor_nm * self.gear_ratio / self.drum_radius_m
+    }
+
+    /// Play between motor and drum, as cable, m.
+    pub fn play_m(&self) -> f64 {
+        self.gear
+            .map_or(0.0, |gear| gear.play_rad * self.drum_radius_m)
+    }
+
+    /// Cable force for which the motor must give `force_n` and more: what the gear loses on the way
+    /// to the drum and what rubs, N.
+    pub(crate) fn driving_force_n(&self, force_n: f64) -> f64 {
+        let efficiency = self.gear.map_or(1.0, |gear| gear.efficiency);
+        (force_n + self.friction_n) / efficiency + self.total_friction_n() - self.friction_n
+    }
+
+    /// Cable speed at the greatest motor speed, m/s: `2 pi R rpm / (60 ratio)`.
+    pub fn max_cable_speed_mps(&self) -> f64 {
+        self.max_motor_rpm / 60.0 / self.gear_ratio * 2.0 * PI * self.drum_radius_m
+    }
+
+    /// Mass that the cable feels when it accelerates the winch, kg:
+    /// (rotor inertia x ratio^2 + drum inertia) / R^2.
+    pub fn effective_mass_kg(&self) -> f64 {
+        (self.rotor_inertia_kg_m2 * self.gear_ratio.powi(2) + self.drum_inertia_kg_m2)
+            / self.drum_radius_m.powi(2)
+    }
+
+    /// Cable force per motor current, N/A, without losses in the gear.
+    pub(crate) fn force_per_current_n_per_a(&self) -> f64 {
+        self.torque_constant_nm_per_a * self.gear_ratio / self.drum_radius_m
+    }
+
+    /// Cable force at the greatest current, N, without losses in the gear.
+    pub(crate) fn max_force_n(&self) -> f64 {
+        self.force_per_current_n_per_a() * self.max_current_a
+    }
+
+    /// Greatest tension that its sensor can be trusted to show, N: nine tenths of what it reads
+    /// where the board takes it for an open input (S7). A limit above that is never seen to be
+    /// passed.
+    pub fn trusted_tension_n(&self) -> f64 {
+        let rail_v = OPEN_SENSOR_STEPS / 65_536.0 * 3.3;
+        let reads_n = self.tension_gain_n_per_v * (rail_v - self.tension_zero_v);
+        (SENSOR_SHARE * reads_n).min(self.tension_max_n)
+    }
+
+    /// Motor counts per drum encoder count: the rho of the paper's Eqs. 50 and 54.
+    pub fn motor_counts_per_encoder_count(&self) -> f64 {
+        self.motor_counts_per_turn / f64::from(self.encoder_counts_per_turn)
+    }
+}
+
+/// The drives' bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Bus {
+    /// Bit rate, bit/s.
+    pub bitrate: u32,
+    /// Time between two commands to the same drive, us; whole milliseconds.
+    pub period_us: u32,
+    /// The same for drives of tension-held cables, µs.
+    pub tension_period_us: u32,
+}
+
+/// Which law holds the tension of a tension-held cable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum LawKind {
+    /// The paper's Eq. 1.
+    Pd,
+    /// The project's own: feed-forward, integral, damping besides.
+    Default,
+}
+
+/// What the law of the tension-held cables tells the drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum TensionOutput {
+    /// A current.
+    Current,
+    /// A speed.
+    Velocity,
+}
+
+/// The law of the tension-held cables; gains give winch force at the cable.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TensionLaw {
+    /// Set-point where the plan gives none, N.
+    pub setpoint_n: f64,
+    /// Which law.
+    pub law: LawKind,
+    /// What it tells the drive. With a speed, gains are in mm/s for N.
+    pub output: TensionOutput,
+    /// Force per tension error, N/N.
+    pub kp: f64,
+    /// Force per rate of tension error, N s/N.
+    pub kd: f64,
+    /// Force per integral of tension error, N/(N s).
+    pub ki: f64,
+    /// Force against cable speed beyond the planned one, N s/m.
+    pub damping_ns_per_m: f64,
+    /// Corner of the low-pass on the measured tension, Hz.
+    pub filter_hz: f64,
+    /// Corner of the low-pass on the default law's speed, Hz; 0 is none.
+    pub corner_hz: f64,
+    /// Whether the brakes close under torque while the robot holds.
+    pub hold_braked: bool,
+    /// Least tension that a plan may ask, N.
+    pub floor_n: f64,
+    /// Greatest tension that a plan may ask, N.
+    pub ceiling_n: f64,
+}
+
+/// The tool.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Tool {
+    /// Tool centre point, platform's frame, m.
+    pub tcp_in_platform_m: Vector3<f64>,
+    /// Where the tool hangs when the robot is switched on, world frame, m.
+    pub home_in_world_m: Vector3<f64>,
+}
+
+/// Kind of gripper.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum GripperKind {
+    /// No gripper.
+    None,
+    /// One output: open or closed.
+    Digital,
+}
+
+/// The gripper.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gripper {
+    /// Kind.
+    pub kind: GripperKind,
+    /// Greatest opening, m.
+    pub stroke_m: f64,
+    /// Time from open to closed, s.
+    pub close_s: f64,
+    /// Whether a switch reports that the fingers closed on nothing.
+    pub switch: bool,
+}
+
+/// The canonical form of a transform, see [`Robot::content_hash`].
+fn canonical<S: serde::Serializer>(pose: &Pose, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Canonical<'a> {
+        rotation: &'a Matrix3<f64>,
+        translation_m: &'a Vector3<f64>,
+    }
+    let form = Canonical {
+        rotation: pose.rotation.matrix(),
+        translation_m: &pose.position_m,
+    };
+    form.serialize(serializer)
+}
+
+/// The canonical form of a camera's numbers, see [`Robot::content_hash`].
+fn canonical_lens<S: serde::Serializer>(lens: &Lens, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Canonical {
+        width_px: usize,
+        height_px: usize,
+        fx_px: f64,
+        fy_px: f64,
+        cx_px: f64,
+        cy_px: f64,
+        distortion: [f64; 5],
+    }
+    let form = Canonical {
+        width_px: lens.size_px[0],
+        height_px: lens.size_px[1],
+        fx_px: lens.focal_px[0],
+        fy_px: lens.focal_px[1],
+        cx_px: lens.center_px[0],
+        cy_px: lens.center_px[1],
+        distortion: lens.distortion,
+    };
+    form.serialize(serializer)
+}
+
+/// The camera on the platform.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Camera {
+    /// Picture size, focal lengths, principal point and distortion.
+    #[serde(flatten, serialize_with = "canonical_lens")]
+    pub lens: Lens,
+    /// Whether the camera gives a depth picture.
+    pub depth: bool,
+    /// Maps platform coordinates to camera coordinates (x right, y down, z forward).
+    #[serde(serialize_with = "canonical")]
+    pub camera_from_platform: Pose,
+}
+
+/// A fiducial tag on a rigid body of the scene.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Tag {
+    /// Number that the tag encodes.
+    pub id: u32,
+    /// AprilTag family without the prefix "tag": `36h11`.
+    pub family: String,
+    /// Edge, m.
+    pub size_m: f64,
+    /// Rigid body that carries the tag.
+    pub body: u32,
+    /// Corners in the body's frame, in the detector's order, m.
+    pub corners_in_body_m: [Vector3<f64>; 4],
+}
+
+/// What a motion may not exceed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Limits {
+    /// Speed of the tool, m/s.
+    pub speed_mps: f64,
+    /// Acceleration of the tool along its path, m/s2.
+    pub acceleration_mps2: f64,
+    /// Jerk of the tool along its path, m/s3.
+    pub jerk_mps3: f64,
+    /// Least and greatest corner of the tool's box, world frame, m; `None`: no box.
+    pub box_in_world_m: Option<[Vector3<f64>; 2]>,
+    /// Least tension of any cable, N.
+    pub tension_min_n: f64,
+    /// Greatest tension of any cable, N.
+    pub tension_max_n: f64,
+    /// Greatest angle between the platform's z axis and the world's, rad.
+    pub tilt_max_rad: f64,
+}
+
+impl Robot {
+    /// The winch that drives cable `cable` (from 0), if there is such a cable.
+    pub fn winch_of(&self, cable: usize) -> Option<&Winch> {
+        self.winches.get(self.cables.get(cable)?.winch_index)
+    }
+
+    /// Box to search or draw in, world frame, m: the box of the limits where one is given, else
+    /// the box of the anchors. A robot whose anchors all lie near one height hangs below them:
+    /// its box reaches down by the diagonal of the anchors' rectangle.
+    pub fn search_box_in_world_m(&self) -> [Vector3<f64>; 2] {
+        if let Some(corners) = self.limits.box_in_world_m {
+            return corners;
+        }
+        let mut low = Vector3::repeat(f64::INFINITY);
+        let mut high = Vector3::repeat(f64::NEG_INFINITY);
+        for cable in &self.cables {
+            low = low.inf(&cable.anchor_in_world_m);
+            high = high.sup(&cable.anchor_in_world_m);
+        }
+        let diagonal_m = (high.x - low.x).hypot(high.y - low.y);
+        if high.z - low.z < 0.25 * diagonal_m {
+            low.z = high.z - diagonal_m;
+        }
+        [low, high]
+    }
+
+    /// CRC-32 (ISO-HDLC, as in zip) of the description in a canonical form.
+    ///
+    /// Two files that describe the same robot (other comments, other order of keys, defaults
+    /// written out) have the same hash; a change of any value changes it.
+    pub fn content_hash(&self) -> u32 {
+        // Field order is fixed by the types, and numbers are written in the shortest form that
+        // reads back exactly, so equal robots give equal bytes. Writing to memory cannot fail, and
+        // a checked robot holds no value that JSON lacks.
+        let canonical = serde_json::to_vec(self).unwrap_or_default();
+        mcdpr_protocol::frame::crc32(&canonical)
+    }
+}

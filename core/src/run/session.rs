@@ -1,0 +1,313 @@
+//! A robot from connecting to giving it back: where it is, arming, one motion after another.
+
+use super::saved::{Implausible, LengthStore, Saved, board_name};
+use super::{Progress, Recorder, RunError, follow_plan, joined_to, lead_in};
+use crate::control::Handle;
+use crate::estimate::{EstimateError, Measurements, Sigmas, TagPlace, estimate};
+use crate::link::{Client, Link, Note};
+use crate::machine;
+use crate::motion::{Model, Plan, PlanError, Rest, Task, TaskError};
+use crate::sight::TagSource;
+use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
+use nalgebra::Vector3;
+
+/// Pictures that one look at a tag takes the mean of.
+const PICTURES: usize = 30;
+/// Time between them, µs: thirty a second.
+const BETWEEN_PICTURES_US: u64 = 33_333;
+
+/// How the robot learns where it is.
+pub enum Homing<'a> {
+    /// What the board knows; else what was saved and is plausible; a simulated robot starts at
+    /// home.
+    Known,
+    /// The tool hangs here, world, m: a taught place, home for one.
+    Place(Vector3<f64>),
+    /// The drums have paid out these lengths, m.
+    Lengths(Vec<f64>),
+    /// What the camera sees of tags whose places are known.
+    Tags(&'a mut dyn TagSource, Vec<TagPlace>),
+}
+
+/// A robot under this program's control.
+pub struct Session<'m, L: Link> {
+    client: Client<L>,
+    model: &'m Model,
+    hash: ConfigHash,
+    at: Rest,
+    kept: &'m dyn LengthStore,
+}
+
+impl<'m, L: Link> Session<'m, L> {
+    /// Connects, configures, and finds out where the robot is. Nothing moves. Lengths of a real
+    /// robot are looked for in `kept`, and kept there at the end.
+    ///
+    /// # Errors
+    /// [`RunError`]; [`RunError::NotHomed`] where nobody knows where it is.
+    pub fn open(
+        model: &'m Model,
+        link: L,
+        session: SessionId,
+        handle: &Handle,
+        homing: Homing<'_>,
+        kept: &'m dyn LengthStore,
+    ) -> Result<Self, RunError> {
+        let mut client = Client::connect(link, session)?;
+        client.obey(handle.clone());
+        let hash = super::configure(&mut client, model.robot())?;
+        let status = super::status(&mut client)?;
+        if let Some(record) = status.fault {
+            return Err(RunError::Latched { record });
+        }
+        let tensions_n: Vec<_> = status.tensions_n().collect();
+        let known: Vec<_> = status.lengths_m().collect();
+        let home = |place: &Vector3<f64>| -> Result<(Rest, Vec<f64>), RunError> {
+            let rest = model.rest(place, None)?;
+            let lengths_m = rest.paid_out_m.clone();
+            Ok((rest, lengths_m))
+        };
+        let (at, lengths_m) = match homing {
+            Homing::Place(place) => home(&place)?,
+            Homing::Tags(source, places) => {
+                let start = if status.referenced {
+                    model.tool_m(&model.rest_from_lengths(&known, &tensions_n)?)
+                } else {
+                    model.robot().tool.home_in_world_m
+                };
+                let rest = seen(model, source, places, &tensions_n, &start, &mut || Ok(()))?;
+                let lengths_m = rest.paid_out_m.clone();
+                (rest, lengths_m)
+            }
+            Homing::Lengths(lengths_m) => {
+                (model.rest_from_lengths(&lengths_m, &tensions_n)?, lengths_m)
+            }
+            Homing::Known if status.referenced => {
+                (model.rest_from_lengths(&known, &tensions_n)?, known)
+            }
+            Homing::Known if client.info().simulated => home(&model.robot().tool.home_in_world_m)?,
+            Homing::Known => {
+                let saved = kept.load(&board_name(client.hello()));
+                let saved = saved.ok_or(Implausible::None).and_then(|saved| {
+                    saved.check(model, &tensions_n)?;
+                    Ok(saved)
+                });
+                let saved = saved.map_err(|reason| RunError::NotHomed { reason })?;
+                let rest = model.rest_from_lengths(&saved.lengths_m, &tensions_n)?;
+                (rest, saved.lengths_m)
+            }
+        };
+        // A board that knows its lengths keeps them; the tensions to expect are those of this
+        // place.
+        client.request(machine::reference(&lengths_m, at.tensions_n()))?;
+        Ok(Self {
+            client,
+            model,
+            hash,
+            at,
+            kept,
+        })
+    }
+
+    /// The line to the board.
+    pub const fn client(&mut self) -> &mut Client<L> {
+        &mut self.client
+    }
+
+    /// The model of the robot.
+    #[must_use]
+    pub const fn model(&self) -> &'m Model {
+        self.model
+    }
+
+    /// A motion that was made while it ran has ended here.
+    pub(super) fn set_at(&mut self, at: Rest) {
+        self.at = at;
+    }
+
+    /// How the robot hangs now.
+    #[must_use]
+    pub const fn at(&self) -> &Rest {
+        &self.at
+    }
+
+    /// Where the tool is now, world, m.
+    #[must_use]
+    pub fn tool_m(&self) -> Vector3<f64> {
+        self.model.tool_m(&self.at)
+    }
+
+    /// Plans a task from where the tool is.
+    ///
+    /// # Errors
+    /// The first limit that would be broken.
+    pub fn plan(&self, task: Task, speed_mps: Option<f64>) -> Result<Plan, RunError> {
+        plan_from(self.model, task, &self.tool_m(), speed_mps)
+    }
+
+    /// Enables drives, checks, opens brakes and holds.
+    ///
+    /// # Errors
+    /// As [`super::arm`].
+    pub fn arm(&mut self) -> Result<(), RunError> {
+        super::arm(&mut self.client, self.hash)
+    }
+
+    /// Follows a plan that starts where the robot is; it holds at its end.
+    ///
+    /// # Errors
+    /// As [`super::follow`].
+    pub fn follow(
+        &mut self,
+        plan: &Plan,
+        recorder: &mut Recorder,
+        progress: impl FnMut(Progress),
+    ) -> Result<(), RunError> {
+        self.client.note(Note::Plan(plan));
+        let mut status = super::status(&mut self.client)?;
+        if let Some(way) = lead_in(plan, &status, self.model) {
+            super::follow(&mut self.client, &way, &mut Recorder::default(), |_| {})?;
+            status = super::status(&mut self.client)?;
+        }
+        let knots = joined_to(plan, &status, self.model)?;
+        let done = follow_plan(&mut self.client, plan, &knots, recorder, progress);
+        if done.is_ok()
+            && let Some(rest) = plan.state(plan.timed.duration_s())
+        {
+            self.at = rest;
+        }
+        done
+    }
+
+    /// Looks at tags whose places are known while the robot holds, for a second, and takes the tool
+    /// to be where they show it: the motions from here start there. The board's lengths stay as
+    /// they are; what they are off by here becomes a constant offset of those motions, which is
+    /// refused over a millimetre.
+    ///
+    /// # Errors
+    /// [`RunError::NoTag`], the camera's, the client's; what was known stays known then.
+    pub fn look(
+        &mut self,
+        source: &mut dyn TagSource,
+        places: Vec<TagPlace>,
+    ) -> Result<(), RunError> {
+        let status = super::status(&mut self.client)?;
+        let tensions = status.tensions.iter();
+        let tensions_n: Vec<_> = tensions.map(|t| t.newtons()).collect();
+        let start_m = self.tool_m();
+        let client = &mut self.client;
+        let mut between = || {
+            let until_us = client.now_us() + BETWEEN_PICTURES_US;
+            Ok(client.pump(until_us)?)
+        };
+        self.at = seen(
+            self.model,
+            source,
+            places,
+            &tensions_n,
+            &start_m,
+            &mut between,
+        )?;
+        Ok(())
+    }
+
+    /// Opens or closes the gripper.
+    ///
+    /// # Errors
+    /// The client's.
+    pub fn gripper(&mut self, closed: bool) -> Result<(), RunError> {
+        self.client.request(Request::Gripper { closed })?;
+        Ok(())
+    }
+
+    /// Closes the brakes under torque, switches torque off, keeps the lengths, gives the board
+    /// back.
+    ///
+    /// # Errors
+    /// As [`super::disarm`].
+    pub fn disarm(mut self) -> Result<(), RunError> {
+        self.client.request(Request::Disarm)?;
+        super::wait_for(&mut self.client, BoardState::Disarmed, 3.0)?;
+        self.close()
+    }
+
+    /// Keeps the lengths and gives a disarmed board back.
+    ///
+    /// # Errors
+    /// The client's.
+    pub fn close(mut self) -> Result<(), RunError> {
+        let status = super::status(&mut self.client)?;
+        if !self.client.info().simulated && status.state == BoardState::Disarmed {
+            let saved = Saved::of(self.client.hello(), &status, self.model.robot());
+            self.kept.keep(&saved);
+        }
+        self.client.request(Request::Close)?;
+        Ok(())
+    }
+}
+
+/// The plan for a task from a place of the tool (world, m); the way to its start keeps
+/// `speed_mps`.
+///
+/// # Errors
+/// The first limit that would be broken.
+pub fn plan_from(
+    model: &Model,
+    task: Task,
+    start_m: &Vector3<f64>,
+    speed_mps: Option<f64>,
+) -> Result<Plan, RunError> {
+    let task = task
+        .approached_from(start_m, speed_mps)
+        .map_err(|error| match error {
+            TaskError::Path(error) => PlanError::from(error),
+            // Joining a way to a task that exists can fail only in the path.
+            _ => PlanError::from(crate::motion::path::PathError::Empty),
+        })?;
+    Ok(Plan::new(model, start_m, &task.steps)?)
+}
+
+/// How the robot hangs by what a camera sees of it.
+fn seen(
+    model: &Model,
+    source: &mut dyn TagSource,
+    places: Vec<TagPlace>,
+    tensions_n: &[f64],
+    start_m: &Vector3<f64>,
+    between: &mut dyn FnMut() -> Result<(), RunError>,
+) -> Result<Rest, RunError> {
+    let mut views = Vec::new();
+    for _ in 0..PICTURES {
+        between()?;
+        let found = source.look().map_err(RunError::Sight)?;
+        let known = |id: u32| {
+            let mut tags = model.robot().tags.iter();
+            tags.any(|tag| tag.id == id && places.iter().any(|place| place.body == tag.body))
+        };
+        views.extend(found.into_iter().filter(|view| known(view.id)));
+    }
+    if views.is_empty() {
+        return Err(RunError::NoTag);
+    }
+    let measured = Measurements {
+        lengths_m: Vec::new(),
+        tensions_n: tensions_n.to_vec(),
+        views,
+        places,
+    };
+    let found = estimate(model, &measured, &Sigmas::default(), start_m)?;
+    // What the platform's attitude is off by is not the lengths' to make up for: the tool's place
+    // is what counts, and the model's lengths for it.
+    Ok(found.rest)
+}
+
+impl From<EstimateError> for RunError {
+    fn from(error: EstimateError) -> Self {
+        Self::Estimate(error)
+    }
+}
+
+impl From<Implausible> for RunError {
+    fn from(reason: Implausible) -> Self {
+        Self::NotHomed { reason }
+    }
+}

@@ -1,0 +1,101 @@
+//! Where tags are in the camera's pictures: what homing, calibration and picking look through.
+//!
+//! A [`TagSource`] gives the tags of the newest picture as [`TagView`]s: corners in px with their
+//! covariance, and the time of the picture. Whoever makes them (a detector on real or rendered
+//! pictures, or a projection of the simulated robot's tags) stands behind this trait.
+
+mod shown;
+
+pub use shown::{GraspMark, Shown, TagMark, base64};
+
+use miette::Diagnostic;
+
+/// One tag in one picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TagView {
+    /// The number that the tag encodes.
+    pub id: u32,
+    /// Its corners in the order of [`crate::robot::Tag::corners_in_body_m`], px: u to the right, v
+    /// down. Pixel centres sit at whole numbers and a half: the first pixel's is (0.5, 0.5).
+    pub corners_px: [[f64; 2]; 4],
+    /// Covariance of each corner, px^2, row-major.
+    pub covariance_px2: [[[f64; 2]; 2]; 4],
+    /// When the picture was taken, on the clock of the link to the robot (`Link::now_us`), us.
+    pub image_time_us: u64,
+}
+
+impl TagView {
+    /// Standard deviation of a corner's coordinate, root mean square over the corners, px.
+    ///
+    /// ```
+    /// use mcdpr_core::sight::TagView;
+    /// let view = TagView {
+    ///     id: 0,
+    ///     corners_px: [[0.0; 2]; 4],
+    ///     covariance_px2: [[[0.01, 0.0], [0.0, 0.01]]; 4],
+    ///     image_time_us: 0,
+    /// };
+    /// assert!((view.sigma_px() - 0.1).abs() < 1e-15);
+    /// ```
+    #[must_use]
+    pub fn sigma_px(&self) -> f64 {
+        let sum: f64 = self.covariance_px2.iter().map(|c| c[0][0] + c[1][1]).sum();
+        (sum / 8.0).sqrt()
+    }
+}
+
+/// What sees tags.
+pub trait TagSource {
+    /// The tags of one new picture, in the order of their numbers; empty where none is in view.
+    /// A tag counts as in view only with all four corners in the picture.
+    ///
+    /// # Errors
+    /// [`SightError`] where there is no picture.
+    fn look(&mut self) -> Result<Vec<TagView>, SightError>;
+
+    /// As [`TagSource::look`], or `None` where the picture has not come yet: a caller with a robot to
+    /// feed asks again.
+    fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
+        Some(self.look())
+    }
+}
+
+impl<S: TagSource + ?Sized> TagSource for &mut S {
+    fn look(&mut self) -> Result<Vec<TagView>, SightError> {
+        (**self).look()
+    }
+    fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
+        (**self).poll()
+    }
+}
+
+impl<S: TagSource + ?Sized> TagSource for Box<S> {
+    fn look(&mut self) -> Result<Vec<TagView>, SightError> {
+        (**self).look()
+    }
+    fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
+        (**self).poll()
+    }
+}
+
+/// Why there is no picture.
+#[derive(Debug, Clone, PartialEq, thiserror::Error, Diagnostic)]
+pub enum SightError {
+    /// The camera gives nothing.
+    #[error("the camera gave no picture: {what}")]
+    #[diagnostic(
+        code(mcdpr::sight::camera),
+        help("check the camera's cable and that no other program has it")
+    )]
+    NoPicture {
+        /// What went wrong.
+        what: String,
+    },
+    /// The simulated robot failed, so there is nothing to see.
+    #[error("the simulated robot failed: {what}")]
+    #[diagnostic(code(mcdpr::sight::simulation))]
+    Simulation {
+        /// What the plant said.
+        what: String,
+    },
+}

@@ -1,0 +1,20 @@
+//! Why the core stops short.
+
+/// Why an instruction did not complete.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Trap {
+    /// No such instruction.
+    Undefined,
+    /// Nothing answers at this address.
+    Bus { address: u32, write: bool },
+    /// The peripheral at this address has no clock.
+    ClockOff { address: u32 },
+    /// The address must be a multiple of the size.
+    Unaligned { address: u32 },
+    /// A branch to an address without the Thumb bit.
+    State { address: u32 },
+    /// BKPT.
+    Breakpoint,
+    /// A peripheral is used in a way that cannot work on the chip.
+    Misuse { address: u32, what: &'static str },
+}

@@ -1,0 +1,40 @@
+//! Motion planning, with tasks from files.
+
+pub use mcdpr_core::motion::*;
+
+use crate::files::read_text_to;
+use std::path::PathBuf;
+
+/// Most bytes of a task file: far more than the steps that one plan takes.
+const MOST_BYTES: u64 = 4 << 20;
+
+/// A built-in task by name, or a task file by path. `z_m` is the height of the tool for the
+/// built-in ones.
+///
+/// # Errors
+/// [`TaskError`] says what is wrong and where.
+pub(crate) fn find_task(name: &str, z_m: f64) -> Result<Task, TaskError> {
+    match Task::built_in(name, z_m) {
+        Err(TaskError::Unknown { .. }) => load(name),
+        found => found,
+    }
+}
+
+fn load(name: &str) -> Result<Task, TaskError> {
+    let path = PathBuf::from(name);
+    let text = match read_text_to(&path, MOST_BYTES) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            return Err(TaskError::Unknown {
+                name: name.to_owned(),
+            });
+        }
+        Err(source) => return Err(TaskError::Unreadable { path, source }),
+    };
+    let kind = path.extension().and_then(|kind| kind.to_str());
+    let kind = kind.map(str::to_ascii_lowercase);
+    if matches!(kind.as_deref(), Some("gcode" | "nc" | "ngc" | "g")) {
+        return Task::parse_gcode(&text, path);
+    }
+    Task::parse(&text, path)
+}

@@ -1,0 +1,337 @@
+//! The host and the core run again on recorded bytes, and must do the same to the last bit.
+
+use crate::control::Handle;
+use crate::experiment;
+use crate::link::{Direction, Link, LinkError, RawFrame};
+use crate::motion::{Model, PlanError, Task, TaskError};
+use crate::record::scenario::chosen_firmware;
+use crate::record::{Doing, LoadError, Machine, RecordedRun};
+use crate::robot::{Robot, RobotError};
+use crate::run::{Homing, RunError};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::LinkOptions;
+use miette::Diagnostic;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Why a replay is not the run.
+#[derive(Debug, Error, Diagnostic)]
+pub enum ReplayError {
+    /// The record cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Load(#[from] LoadError),
+    /// The record has holes.
+    #[error("the record lacks {missing} calls of the line, so it cannot be replayed")]
+    #[diagnostic(
+        code(mcdpr::replay::gaps),
+        help("`mcdpr report` and `mcdpr export` still read what is there")
+    )]
+    Gaps {
+        /// How many.
+        missing: u64,
+    },
+    /// The recorded robot file is not accepted.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Robot(#[from] RobotError),
+    /// The recorded calibration is not accepted.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Calibration(#[from] crate::calibration::result::FileError),
+    /// Nothing of it can be done again.
+    #[error("nothing of this run can be done again: {reason}")]
+    #[diagnostic(
+        code(mcdpr::replay::nothing),
+        help("`mcdpr report` and `mcdpr export` show what is in it")
+    )]
+    Nothing {
+        /// Why.
+        reason: String,
+    },
+    /// The recorded task is not accepted.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Task(#[from] TaskError),
+    /// The recorded robot cannot be planned for.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Plan(#[from] PlanError),
+    /// The host did something else.
+    #[error("the {who} differs from the record at {time_s:.6} s, call {call} of the line: {what}")]
+    #[diagnostic(
+        code(mcdpr::replay::differs),
+        help(
+            "another version of the program ({program}) recorded it, or something in it depends on more than bytes and times"
+        )
+    )]
+    Differs {
+        /// Host or core.
+        who: &'static str,
+        /// The link's time.
+        time_s: f64,
+        /// Which call.
+        call: usize,
+        /// How.
+        what: String,
+        /// The recording program.
+        program: String,
+    },
+    /// The simulated robot cannot be set up as recorded.
+    #[error("the simulated robot cannot be set up as recorded: {reason}")]
+    #[diagnostic(code(mcdpr::replay::simulator))]
+    Simulator {
+        /// Why.
+        reason: String,
+    },
+    /// Files could not be laid out.
+    #[error("laying out the recorded robot file: {reason}")]
+    #[diagnostic(code(mcdpr::replay::files))]
+    Files {
+        /// Why.
+        reason: String,
+    },
+}
+
+/// What a replay proved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Proof {
+    /// Bytes that the host sent again, all equal; `None` where what it did depended on more than
+    /// the record.
+    pub host_bytes: Option<u64>,
+    /// Bytes that the core sent again, all equal; `None` where no simulator answered.
+    pub core_bytes: Option<u64>,
+    /// Calls of the line.
+    pub calls: usize,
+    /// Whether the host came to the record's end (a record that is cut short ends before it).
+    pub whole: bool,
+}
+
+/// Answers as recorded, and notes where it is asked otherwise.
+struct Recorded<'a> {
+    frames: &'a [RawFrame],
+    next: usize,
+    now_us: u64,
+    sent: u64,
+    differs: Option<String>,
+    ran_out: bool,
+}
+
+impl Recorded<'_> {
+    fn take(&mut self, direction: Direction) -> Result<RawFrame, LinkError> {
+        let stop = |reason: &str| LinkError::Broken {
+            reason: reason.to_owned(),
+        };
+        let Some(frame) = self.frames.get(self.next) else {
+            self.ran_out = true;
+            return Err(stop("the record ends here"));
+        };
+        if frame.direction != direction {
+            self.differs = Some(match direction {
+                Direction::ToBoard => "it sends where it waited".to_owned(),
+                Direction::ToHost => "it waits where it sent".to_owned(),
+            });
+            return Err(stop("replay differs"));
+        }
+        self.next += 1;
+        self.now_us = frame.time_us;
+        Ok(frame.clone())
+    }
+}
+
+impl Link for Recorded<'_> {
+    fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        let frame = self.take(Direction::ToBoard)?;
+        if frame.bytes != bytes {
+            self.next -= 1;
+            self.differs = Some("it sends other bytes".to_owned());
+            return Err(LinkError::Broken {
+                reason: "replay differs".to_owned(),
+            });
+        }
+        self.sent += bytes.len() as u64;
+        Ok(())
+    }
+
+    fn receive(&mut self, _until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        let frame = self.take(Direction::ToHost)?;
+        into.extend_from_slice(&frame.bytes);
+        Ok(frame.time_us)
+    }
+}
+
+/// A folder for the recorded robot file, gone when it is dropped.
+struct Folder(PathBuf);
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// The robot as it was recorded.
+///
+/// # Errors
+/// [`ReplayError::Files`], [`ReplayError::Robot`].
+pub(crate) fn recorded_robot(run: &RecordedRun) -> Result<Robot, ReplayError> {
+    let name = format!(
+        "mcdpr-replay-{}-{:x}",
+        std::process::id(),
+        run.scenario.started_unix_us
+    );
+    let folder = Folder(std::env::temp_dir().join(name));
+    let laid_out = run.scenario.lay_out_robot(&folder.0);
+    let failed = |error: std::io::Error| ReplayError::Files {
+        reason: error.to_string(),
+    };
+    let path = laid_out.map_err(failed)?;
+    let designed = crate::robot::load(&path)?;
+    let calibration = run.scenario.lay_out_calibration(&folder.0);
+    Ok(match calibration.map_err(failed)? {
+        Some(path) => crate::calibration::result::apply(&designed, &path)?,
+        None => designed,
+    })
+}
+
+/// The task as it was recorded.
+///
+/// # Errors
+/// [`ReplayError::Task`].
+pub(crate) fn recorded_task(run: &RecordedRun) -> Result<Task, ReplayError> {
+    let source = &run.scenario.task;
+    Ok(match &source.text {
+        Some(text) => Task::parse(text, source.name.clone().into())?,
+        None => crate::motion::find_task(&source.name, source.tool_z_m)?,
+    })
+}
+
+/// Runs host and core again and compares every byte.
+///
+/// # Errors
+/// [`ReplayError::Differs`] with the first difference; the others where it cannot be replayed.
+pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
+    if run.gaps > 0 {
+        return Err(ReplayError::Gaps { missing: run.gaps });
+    }
+    let scenario = &run.scenario;
+    let model = Model::new(&recorded_robot(run)?)?.with_options(scenario.options);
+    let (host_bytes, whole) = match scenario.doing {
+        Doing::Task => {
+            let (bytes, whole) = host(run, &model, recorded_task(run)?)?;
+            (Some(bytes), whole)
+        }
+        Doing::Orders | Doing::Pictures | Doing::Hands => (None, run.damage.is_none()),
+    };
+    let core_bytes = match &run.scenario.machine {
+        // What stood in the workcell, and what hands did, is not in the record.
+        _ if matches!(scenario.doing, Doing::Pictures | Doing::Hands) => None,
+        Machine::Simulated {
+            mismatch,
+            seed,
+            firmware,
+        } if *firmware == chosen_firmware() => {
+            let robot =
+                experiment::simulated_robot(&model, mismatch, *seed, &LinkOptions::default());
+            let robot = robot.map_err(|error| ReplayError::Simulator {
+                reason: error.to_string(),
+            })?;
+            Some(core(run, robot)?)
+        }
+        Machine::Simulated { .. } | Machine::Port { .. } => None,
+    };
+    if host_bytes.is_none() && core_bytes.is_none() {
+        let reason = match (scenario.doing, &scenario.machine) {
+            (Doing::Pictures, _) => {
+                "it went by pictures, and what it met was no part of the robot".to_owned()
+            }
+            (Doing::Hands, _) => {
+                "hands were a part of it (pulls, weights, rigging, a bare winch)".to_owned()
+            }
+            (_, Machine::Simulated { .. }) => {
+                "another firmware answered; name it with --on chip --firmware FILE".to_owned()
+            }
+            (_, Machine::Port { name }) => format!("a person gave the orders, and {name} answered"),
+        };
+        return Err(ReplayError::Nothing { reason });
+    }
+    Ok(Proof {
+        host_bytes,
+        core_bytes,
+        calls: run.frames.len(),
+        whole,
+    })
+}
+
+fn host(run: &RecordedRun, model: &Model, task: Task) -> Result<(u64, bool), ReplayError> {
+    let mut line = Recorded {
+        frames: &run.frames,
+        next: 0,
+        now_us: 0,
+        sent: 0,
+        differs: None,
+        ran_out: false,
+    };
+    let session = Some(SessionId(run.scenario.session));
+    let handle = Handle::scripted(run.orders.iter().copied());
+    let homing = if run.scenario.at_home {
+        Homing::Place(model.robot().tool.home_in_world_m)
+    } else {
+        Homing::Known
+    };
+    let outcome =
+        experiment::on_link_homed(model, task, &mut line, session, &handle, homing, |_| {});
+    if let Some(what) = line.differs {
+        return Err(differs("host", run, line.next, what));
+    }
+    let over = line.next == run.frames.len();
+    if !over {
+        let what = match outcome {
+            Ok(_) => "it has ended".to_owned(),
+            Err(error) => format!("it has ended: {error}"),
+        };
+        return Err(differs("host", run, line.next, what));
+    }
+    // A run that ended with a fault ends with it again; only a lack of record is incomplete.
+    let whole = !(line.ran_out && matches!(outcome, Err(RunError::Client(_))));
+    Ok((line.sent, whole))
+}
+
+fn core(run: &RecordedRun, mut robot: impl Link) -> Result<u64, ReplayError> {
+    let mut bytes = 0;
+    let mut answer = Vec::new();
+    for (call, frame) in run.frames.iter().enumerate() {
+        let failed = |error: LinkError| differs("core", run, call, error.to_string());
+        match frame.direction {
+            Direction::ToBoard => robot.send(&frame.bytes).map_err(failed)?,
+            Direction::ToHost => {
+                answer.clear();
+                let time_us = robot.receive(frame.time_us, &mut answer).map_err(failed)?;
+                if time_us != frame.time_us || answer != frame.bytes {
+                    return Err(differs(
+                        "core",
+                        run,
+                        call,
+                        "it answers otherwise".to_owned(),
+                    ));
+                }
+                bytes += answer.len() as u64;
+            }
+        }
+    }
+    Ok(bytes)
+}
+
+fn differs(who: &'static str, run: &RecordedRun, call: usize, what: String) -> ReplayError {
+    let frame = run.frames.get(call).or(run.frames.last());
+    ReplayError::Differs {
+        who,
+        time_s: frame.map_or(0.0, |frame| frame.time_us as f64 * 1e-6),
+        call,
+        what,
+        program: run.scenario.program.clone(),
+    }
+}

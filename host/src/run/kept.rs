@@ -1,0 +1,40 @@
+//! Lengths kept over a loss of power, in a file for each board.
+
+use mcdpr_core::run::saved::{LengthStore, Saved};
+use std::path::PathBuf;
+
+/// Lengths in files of the user: `$XDG_STATE_HOME/mcdpr/lengths-BOARD.json`, by default under
+/// `~/.local/state`.
+#[derive(Debug, Clone, Copy)]
+pub struct LengthFiles;
+
+impl LengthStore for LengthFiles {
+    fn load(&self, board: &str) -> Option<Saved> {
+        let text = std::fs::read(path_of(board)?).ok()?;
+        serde_json::from_slice(&text).ok()
+    }
+
+    fn keep(&self, saved: &Saved) {
+        if let Err(error) = store(saved) {
+            eprintln!("the lengths were not kept, home again after a loss of power: {error}");
+        }
+    }
+}
+
+/// Keeps them, whole, in place of the old ones.
+fn store(saved: &Saved) -> std::io::Result<()> {
+    let path = path_of(&saved.board).ok_or(std::io::ErrorKind::NotFound)?;
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder)?;
+    }
+    crate::files::write_atomically(&path, serde_json::to_vec_pretty(saved)?)
+}
+
+fn path_of(board: &str) -> Option<PathBuf> {
+    let given = std::env::var_os("XDG_STATE_HOME").filter(|dir| !dir.is_empty());
+    let folder = match given {
+        Some(folder) => PathBuf::from(folder),
+        None => PathBuf::from(std::env::var_os("HOME")?).join(".local/state"),
+    };
+    Some(folder.join("mcdpr").join(format!("lengths-{board}.json")))
+}
