@@ -2,7 +2,7 @@
 //! `mcdpr study winch` measures the whole range.
 
 use mcdpr::machine::{self, Mismatch};
-use mcdpr::robot::{Robot, TensionOutput};
+use mcdpr::robot::{self, Robot, TensionOutput};
 use mcdpr::tension::winch_study::{self, FIGURES, ran};
 use mcdpr_tests::mcdpr;
 use mcdpr_tests::process::Folder;
@@ -56,7 +56,7 @@ fn commissioning_finds_friction_and_play_of_a_geared_winch() {
     println!("{rubs}");
     // What the simulated machine of this seed was drawn with; of the motor and, through the gear, of
     // the drum: 0.5 N on 20 mm behind 371.13:1 at 65 %.
-    let built = Robot::load(&folder.path().join("built.toml")).unwrap();
+    let built = robot::load(&folder.path().join("built.toml")).unwrap();
     let drawn = machine::plant_params(&built, &Mismatch::realistic(), 1).winches[1].clone();
     let gear = drawn.gear.unwrap();
     let expected_nm = gear.rotor_friction_nm + gear.gear_friction_nm + 0.5 * 0.02 / 371.13 / 0.65;
