@@ -36,6 +36,8 @@ pub enum Port {
 pub struct Pins {
     /// PB12 to PB15: high opens a brake; floating, the driver's pull-down keeps it closed.
     pub brakes: [Drive; 4],
+    /// PB3: high lets the drives have their power; floating, a pull-down does not.
+    pub drive_enable: Drive,
     /// PA10: high closes.
     pub gripper: Drive,
     /// PC13: low lights.
@@ -195,6 +197,12 @@ impl Chip {
             new.applied = old.applied;
         }
         bus.adc.applied = old.adc.applied;
+        bus.adc.set_supply_v(old.adc.supply_v());
+        bus.rcc.crystal_dead = old.rcc.crystal_dead;
+        bus.rcc.pll_dead = old.rcc.pll_dead;
+        bus.watchdog.oscillator_hz = old.watchdog.oscillator_hz;
+        bus.identity = old.identity;
+        bus.can.broken = old.can.broken;
         bus.can_line = old.can_line.clone();
         bus.can_line.cut_off();
         bus.usart.sent = std::mem::take(&mut old.usart.sent);

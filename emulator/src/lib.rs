@@ -30,6 +30,7 @@ mod scs;
 mod trap;
 
 pub use board::{ChipBoard, SharedChip};
+pub use bus::Identity;
 pub use chip::{CanErrors, Chip, Pins, Port, TickStats};
 pub use device::can_line::{CanFrame, CanWiring};
 pub use device::gpio::Drive;

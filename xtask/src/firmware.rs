@@ -46,7 +46,6 @@ pub(crate) fn lint() -> Result<(), String> {
         "mcdpr-firmware",
         "--bin",
         "mcdpr-firmware",
-        "--no-default-features",
         "--features",
         "board",
         "--target",

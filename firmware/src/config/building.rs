@@ -20,6 +20,9 @@ const MAX_STOP_MS: i32 = 300;
 /// Largest limit of a jerk, mm/s³: its products with a spacing stay in 64 bits.
 const MAX_JERK_MMPS3: i32 = 10_000_000;
 
+/// Bit rates that the board's CAN clock gives exactly, bit/s.
+pub const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
+
 /// Ticks between two commands to a drive, by what holds its cable.
 #[derive(Clone, Copy)]
 struct Periods {
@@ -195,7 +198,11 @@ impl<const N: usize> ConfigStore<N> {
 
     fn bus_bitrate(&self) -> Result<u32, Reject> {
         let bits_per_s = self.board_key(BoardKey::BusBitrate, 125_000, 1_000_000)?;
-        Ok(bits_per_s.cast_unsigned())
+        let bits_per_s = bits_per_s.cast_unsigned();
+        if BIT_RATES.contains(&bits_per_s) {
+            return Ok(bits_per_s);
+        }
+        refused(ConfigKey::board(BoardKey::BusBitrate))
     }
 
     fn feedback_timeout_ms(&self) -> Result<u16, Reject> {
@@ -336,6 +343,10 @@ impl<const N: usize> ConfigStore<N> {
         let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
         // A bus has no drive 0: that number calls all of them. 127 is the board itself.
         let node = key(CableKey::Node, 1, 126)?;
+        // Numbers with four bits of 0 call every RMDS of a group.
+        if node & 15 == 0 && self.drive_kind()? == DriveKind::Rmds {
+            return Err(refuse(CableKey::Node));
+        }
         let control = match key(CableKey::Control, 0, 1)? {
             0 => Control::Length,
             _ => Control::Tension,

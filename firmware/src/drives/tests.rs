@@ -65,6 +65,8 @@ fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
         corner_alpha_q16: 0,
         friction_mn: 0,
         mass_g: 0,
+        most_force_mn: 1,
+        stop_q16: 0,
         play: 0,
         lead_us: 0,
         lead_square: 0,

@@ -90,15 +90,6 @@ pub enum ServiceError {
         /// Those that answer and that no other winch claims.
         found: String,
     },
-    /// The running image has no service functions.
-    #[error("the board runs the image for motion, which cannot work on a single winch")]
-    #[diagnostic(
-        code(mcdpr::service::image),
-        help(
-            "flash the image of the first day: `cargo flash-fw-service` (for `--on chip`: `cargo fw-service`); when the winches are done, `cargo flash-fw` brings the image for motion back"
-        )
-    )]
-    WrongImage,
     /// The tension sensor does not read a bare winch.
     #[error(
         "the tension sensor of winch {winch} reads {volts:.3} V, {newtons:.1} N by the robot file: not a bare winch"
@@ -258,9 +249,6 @@ impl<'a, L: Link> Bench<'a, L> {
         if usize::from(board) != count {
             let robot = count;
             return Err(RunError::Cables { board, robot }.into());
-        }
-        if !has_service(client)? {
-            return Err(ServiceError::WrongImage);
         }
         let index = winch.wrapping_sub(1);
         let Some(described) = robot.winch_of(index) else {
@@ -463,21 +451,6 @@ impl<'a, L: Link> Bench<'a, L> {
         }
         self.client.request(Request::Start)?;
         Ok(time_s)
-    }
-}
-
-/// Whether the board's image can look at single winches.
-///
-/// # Errors
-/// The line's.
-pub(crate) fn has_service<L: Link>(client: &mut Client<L>) -> Result<bool, RunError> {
-    match client.request(Request::Winch { cable: 1 }) {
-        Ok(_) => Ok(true),
-        Err(ClientError::Refused {
-            reject: Reject::Unsupported,
-            ..
-        }) => Ok(false),
-        Err(error) => Err(error.into()),
     }
 }
 
