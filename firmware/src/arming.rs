@@ -1,7 +1,6 @@
 //! Arming: enable drives under closed brakes, check the sensors, push against the brakes, open
 //! them, stir every drum.
 
-use crate::HAS_SERVICE;
 use crate::adc;
 use crate::axis::Target;
 use crate::config::Active;

@@ -40,6 +40,8 @@ pub struct CableWatch {
     saturated: Persist,
     hot: Persist,
     runaway: Persist,
+    /// How fast it ran when [`Self::runaway`] began to count, um/s.
+    ran_umps: u32,
     deaf: Persist,
     last_adc: u16,
     pace: Pace,
@@ -403,7 +405,13 @@ impl CableWatch {
             FaultId::S2
         };
         // All count, whichever is told: no way around the later ones.
-        let runs = self.runaway.update(now.runs, RUNAWAY_TICKS);
+        // A loop that works slows the drum down, whatever shakes the platform; a reversed one drives
+        // it on.
+        let ran_umps = view.too_fast_umps.unsigned_abs();
+        if self.runaway.ticks() == 0 {
+            self.ran_umps = ran_umps;
+        }
+        let runs = self.runaway.update(now.runs, RUNAWAY_TICKS) && ran_umps >= self.ran_umps;
         let open = self.open.update(now.open, RAIL_TICKS);
         let short = self.short.update(now.short, RAIL_TICKS);
         let frozen = self.frozen.update(now.frozen, self.pace.patience());

@@ -7,6 +7,9 @@ use mcdpr_tests::process::Folder;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
 
 /// Commands that a document shows and this test does not run, with the reason.
 const NOT_RUN: &[(&str, &str)] = &[
@@ -180,23 +183,41 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
+/// Takes the next one, and holds nothing meanwhile.
+fn next<T>(queue: &Mutex<impl Iterator<Item = T>>) -> Option<T> {
+    queue.lock().unwrap().next()
+}
+
 #[test]
 fn every_command_of_the_documentation_does_what_it_says() {
-    let mut ran = 0;
-    let mut wrong = Vec::new();
-    for (name, text) in documents() {
-        let folder = reader_folder(&name, &text);
-        for line in commands(&text) {
-            let output = run(&line, folder.path());
-            let expected = i32::from(line.ends_with("# refused"));
-            let message = String::from_utf8_lossy(&output.stderr);
-            let code = output.status.code();
-            if code != Some(expected) {
-                wrong.push(format!("{name}: {line} ({code:?})\n{message}"));
+    let (ran, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let documents = Mutex::new(documents().into_iter());
+    // A document's commands build on each other; documents do not.
+    let work = || {
+        while let Some((name, text)) = next(&documents) {
+            let folder = reader_folder(&name, &text);
+            for line in commands(&text) {
+                let began = Instant::now();
+                let output = run(&line, folder.path());
+                println!("{:6.1} s  {name}: {line}", began.elapsed().as_secs_f64());
+                let expected = i32::from(line.ends_with("# refused"));
+                let message = String::from_utf8_lossy(&output.stderr);
+                let code = output.status.code();
+                if code != Some(expected) {
+                    let what = format!("{name}: {line} ({code:?})\n{message}");
+                    wrong.lock().unwrap().push(what);
+                }
+                ran.fetch_add(1, Ordering::Relaxed);
             }
-            ran += 1;
         }
-    }
+    };
+    let workers = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..workers {
+            scope.spawn(work);
+        }
+    });
+    let (ran, wrong) = (ran.into_inner(), wrong.into_inner().unwrap());
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(ran >= 8, "only {ran} commands were found");
 }

@@ -91,7 +91,8 @@ fn every_row_is_shown_and_ends_safely_or_is_refused_with_a_reason() {
             } else {
                 let after = run(&[id], &words);
                 wrong.extend(judge(&[id], &words, &after));
-                if after.record().is_some() {
+                if let Some(record) = after.record() {
+                    println!("{}: {record:?}", words[0]);
                     noticed.push(words[0].clone());
                 }
             }

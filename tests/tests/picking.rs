@@ -114,8 +114,9 @@ fn an_empty_tray_ends_it_before_anything_is_tried() {
 }
 
 /// The short version of `mcdpr pick --robot lab-fast --scenes 300`. Its aims are 98 % and 90 %, and the
-/// study is what shows them (98.8 and 96.4 %); of the 37 or so attempts here one may fail, and two of
-/// the fifteen or so in three cluttered scenes.
+/// study is what shows them (98.8 and 96.4 %); of the 40 or so attempts here two may fail (at 98.8 % a
+/// third fails for one set of seeds in a hundred), and two of the fifteen or so in three cluttered
+/// scenes.
 #[test]
 fn ten_scenes_are_picked_about_as_often_and_as_well_as_asked() {
     let study = Study {
@@ -131,7 +132,7 @@ fn ten_scenes_are_picked_about_as_often_and_as_well_as_asked() {
     let robot = Robot::built_in("lab-fast").unwrap();
     let lines = study.run(&robot, |_, _| seen += 1).unwrap();
     assert_eq!(seen, 10);
-    for (line, least) in lines.iter().zip([0.96, 0.85]) {
+    for (line, least) in lines.iter().zip([0.94, 0.85]) {
         let figures = &line.figures;
         println!("{figures:?} {:?}", line.failures);
         assert_eq!(line.cluttered, least < 0.95);

@@ -194,7 +194,7 @@ fn checked(model: &Model, seed: u64, slip: (usize, f64)) -> Finding {
 fn a_running_robot_that_was_calibrated_shows_a_slip_where_it_hangs() {
     let sizes = [2e-4, 4e-4];
     let (mut alarms, mut shown, mut all) = (0, [0; 2], 0);
-    for seed in [21, 22] {
+    for seed in [21, 22, 23, 24] {
         let model = Model::new(&calibrated(seed)).unwrap();
         alarms += u32::from(checked(&model, seed, (0, 0.0)) != Finding::Holds);
         for cable in 0..4 {
@@ -205,7 +205,7 @@ fn a_running_robot_that_was_calibrated_shows_a_slip_where_it_hangs() {
             }
         }
     }
-    println!("{alarms} false alarms of 2; of 0.2 and 0.4 mm {shown:?} of {all}");
+    println!("{alarms} false alarms of 4; of 0.2 and 0.4 mm {shown:?} of {all}");
     assert_eq!(alarms, 0);
     assert!(shown[1] * 10 >= all * 9, "{shown:?} of {all}");
 }

@@ -55,9 +55,8 @@ fn study() -> Result<(), String> {
 }
 
 fn test() -> Result<(), String> {
-    // The system tests start the program itself, and the emulated chip executes the firmware's own
-    // file: both must be there before the tests run.
-    cargo(&["build", "--release", "--locked", "-p", "mcdpr"])?;
+    // The emulated chip executes the firmware's own file: it must be there before the tests run. The
+    // program, which the system tests start, is built with them.
     firmware::build_and_check()?;
     firmware::kinematics_without_std()?;
     tools::ensure_browser()?;

@@ -3,7 +3,7 @@
 use super::bounds;
 use super::model::{Model, Rest};
 use super::path::{Path, PathError};
-use super::plan::{LONGEST_S, MOST_PLACES, PlanError};
+use super::plan::{LONGEST_S, MOST_IMPULSES, MOST_PLACES, PlanError};
 use super::shaper::Shaper;
 use super::time_law::{Bounds, TimeLaw};
 use super::track::Track;
@@ -70,6 +70,8 @@ pub struct Timed {
     duration_s: f64,
     /// Places at which the statics were solved.
     places: usize,
+    /// Impulses of the shapers over all milliseconds so far.
+    impulses: f64,
 }
 
 impl Timed {
@@ -86,6 +88,7 @@ impl Timed {
             actions: Vec::new(),
             duration_s: 0.0,
             places: 0,
+            impulses: 0.0,
         };
         bounds::check(model, steps)?;
         let mut at_m = *start_m;
@@ -177,6 +180,14 @@ impl Timed {
             None => TimeLaw::fastest(length_m, bounds)?,
         };
         let duration_s = law.duration_s() + shaper.delay_s();
+        self.impulses += duration_s * 1e3 * shaper.impulses().len() as f64;
+        if self.impulses > MOST_IMPULSES {
+            return Err(PlanError::Large {
+                what: "impulses of the shaper over all milliseconds of the motion (fewer with zv than with zvd)",
+                asked: self.impulses,
+                limit: MOST_IMPULSES,
+            });
+        }
         let at_m = path.point(length_m)?.position_m;
         let path = Some((path.clone(), law, shaper));
         self.push(path, at_m, track, duration_s);

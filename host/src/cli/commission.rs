@@ -11,8 +11,8 @@ use std::path::PathBuf;
 
 /// Bring up one bare winch: find its drive, directions, brake and sensor zero; write its module file
 ///
-/// No cable may be on the drum. Only this winch moves: slowly, a sixteenth of a turn, with three tenths
-/// of its motor's current.
+/// No cable may be on the drum. Only this winch moves: slowly, at most three eighths of a turn, with
+/// three tenths of its motor's current.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Number of the winch, as its cable in the robot file, from 1
@@ -72,11 +72,19 @@ impl Cmd {
             found.tension_noise_v * 1e3
         );
         if let Some(rubs) = &found.rubbing {
+            if let Some(friction) = &rubs.friction {
+                say!(
+                    "friction {:.3} mN m at the motor (standard error {:.3}), {:.2} N at the cable",
+                    friction.friction_nm * 1e3,
+                    friction.friction_se_nm * 1e3,
+                    friction.friction_n,
+                );
+            }
+            if let Some(why) = &rubs.friction_unknown {
+                say!("friction is not known, the robot file's stands: {why}");
+            }
             say!(
-                "friction {:.3} mN m at the motor (standard error {:.3}), {:.2} N at the cable; play {:.2} degrees (standard error {:.2})",
-                rubs.friction_nm * 1e3,
-                rubs.friction_se_nm * 1e3,
-                rubs.friction_n,
+                "play {:.2} degrees (standard error {:.2})",
                 rubs.play_deg,
                 rubs.play_se_deg
             );
@@ -202,18 +210,26 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
 
 /// The lines of the module that say what rubs: on the gear, where the file has one.
 fn friction_text(found: &Commissioned, winch: &Winch) -> String {
-    let Some(rubs) = &found.rubbing else {
-        return format!("friction_n = {}", winch.friction_n);
-    };
+    let rubs = found.rubbing.as_ref();
+    let friction = rubs.and_then(|rubs| rubs.friction.as_ref());
     let Some(gear) = &winch.gear else {
-        return format!("friction_n = {:.2}", rubs.friction_n);
+        let friction_n = friction.map_or(winch.friction_n, |found| found.friction_n);
+        return format!("friction_n = {friction_n:.2}");
     };
     // A bare winch cannot tell the drum's own friction from the motor's: the file's stands.
     let drum_nm = winch.friction_n * winch.drum_radius_m / winch.gear_ratio;
-    let at_motor = (rubs.friction_nm - drum_nm).max(0.0);
+    let described_nm = gear.rotor_friction_nm + gear.gear_friction_nm;
+    let at_motor = friction.map_or(described_nm, |found| found.friction_nm - drum_nm);
+    let at_motor = at_motor.max(0.0);
+    let viscous = friction.map_or(gear.viscous_nm_per_rpm, |found| found.viscous_nm_per_rpm);
+    let play_deg = rubs.map_or(gear.play_rad.to_degrees(), |rubs| rubs.play_deg);
     let share = |part: f64| {
-        let both = gear.rotor_friction_nm + gear.gear_friction_nm;
-        1e3 * at_motor * if both > 0.0 { part / both } else { 0.5 }
+        let share = if described_nm > 0.0 {
+            part / described_nm
+        } else {
+            0.5
+        };
+        1e3 * at_motor * share
     };
     format!(
         "friction_n = {}\nrotor_friction_mnm = {:.4}\ngear_friction_mnm = {:.4}\n\
@@ -226,10 +242,10 @@ fn friction_text(found: &Commissioned, winch: &Winch) -> String {
         share(gear.gear_friction_nm),
         gear.static_friction,
         gear.stribeck_rpm,
-        rubs.viscous_nm_per_rpm * 1e6,
+        viscous * 1e6,
         gear.efficiency,
         gear.backdrive_efficiency,
-        rubs.play_deg,
+        play_deg,
         gear.stiffness_nm_per_rad,
         gear.cogging_nm * 1e3,
         gear.cold_friction,

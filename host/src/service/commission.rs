@@ -136,14 +136,16 @@ fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<Str
     let Some(rubs) = &found.rubbing else {
         return words;
     };
-    let file_n = described.total_friction_n();
-    // A board that knows its friction to a quarter reels in and proves brakes as it should.
-    tell(
-        (rubs.friction_n - file_n).abs() > (0.25 * file_n).max(0.3),
-        "friction at the cable",
-        format!("{file_n:.2} N"),
-        format!("{:.2} N", rubs.friction_n),
-    );
+    if let Some(friction) = &rubs.friction {
+        let file_n = described.total_friction_n();
+        // A board that knows its friction to a quarter reels in and proves brakes as it should.
+        tell(
+            (friction.friction_n - file_n).abs() > (0.25 * file_n).max(0.3),
+            "friction at the cable",
+            format!("{file_n:.2} N"),
+            format!("{:.2} N", friction.friction_n),
+        );
+    }
     let file_deg = (described.play_m() / described.drum_radius_m).to_degrees();
     tell(
         (rubs.play_deg - file_deg).abs() > 0.1,

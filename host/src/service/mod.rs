@@ -10,7 +10,7 @@ mod rubbing;
 
 pub use commission::{Commissioned, Operator, commission};
 pub use ratio::{Ratio, measure_ratio};
-pub use rubbing::Rubbing;
+pub use rubbing::{Friction, Rubbing};
 
 use crate::link::{Client, ClientError, Link};
 use crate::machine::{self, CableRates, OutOfRange};
@@ -412,27 +412,43 @@ impl<'a, L: Link> Bench<'a, L> {
         to_rad: f64,
         share_of_speed: f64,
     ) -> Result<f64, ServiceError> {
-        let winch = self.described();
-        let top = share_of_speed * winch.max_motor_rpm * SPEED_SHARE / winch.gear_ratio
-            * std::f64::consts::TAU
-            / 60.0;
+        let top = share_of_speed * self.service_rad_per_s();
         let way = to_rad - from_rad;
         // A quintic from rest to rest peaks at 15/8 of its mean speed.
-        let time_ms = (way.abs() / top * 1.875 * 1e3).ceil();
+        let time_s = way.abs() / top * 1.875;
+        self.send_turn((from_rad, way), time_s, |share| {
+            let done = share.powi(3) * (10.0 - 15.0 * share + 6.0 * share * share);
+            (done, 30.0 * share * share * (1.0 - share).powi(2))
+        })
+    }
+
+    /// Greatest speed of the drum in service, rad/s.
+    fn service_rad_per_s(&self) -> f64 {
+        let winch = self.described();
+        winch.max_motor_rpm * SPEED_SHARE / winch.gear_ratio * std::f64::consts::TAU / 60.0
+    }
+
+    /// Sends and starts a turn by `way_rad` that takes `time_s` or longer; `profile` gives the share
+    /// of the way and its derivative at a share of the time. Gives its duration, s.
+    fn send_turn(
+        &mut self,
+        (from_rad, way_rad): (f64, f64),
+        time_s: f64,
+        profile: impl Fn(f64) -> (f64, f64),
+    ) -> Result<f64, ServiceError> {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "some seconds"
         )]
-        let spacing_ms = ((time_ms / f64::from(KNOTS)) as u32 + 1).clamp(SPACING_MS, 4000);
+        let spacing_ms =
+            (((time_s * 1e3).ceil() / f64::from(KNOTS)) as u32 + 1).clamp(SPACING_MS, 4000);
         let time_s = f64::from(spacing_ms * KNOTS) * 1e-3;
         self.client.request(Request::Discard)?;
         for number in 0..=KNOTS {
-            let share = f64::from(number) / f64::from(KNOTS);
-            let done = share.powi(3) * (10.0 - 15.0 * share + 6.0 * share * share);
-            let rate = 30.0 * share * share * (1.0 - share).powi(2) / time_s;
-            let at = (from_rad + way * done) * RADIUS_UM * 10.0;
-            let speed = way * rate * RADIUS_UM;
+            let (done, slope) = profile(f64::from(number) / f64::from(KNOTS));
+            let at = (from_rad + way_rad * done) * RADIUS_UM * 10.0;
+            let speed = way_rad * slope / time_s * RADIUS_UM;
             #[expect(clippy::cast_possible_truncation, reason = "checked by the board")]
             let (at, speed) = (at.round() as i32, speed.round() as i32);
             let cables = (0..self.robot.cables.len()).map(|index| {

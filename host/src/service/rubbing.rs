@@ -12,8 +12,23 @@ use serde::Serialize;
 use std::f64::consts::TAU;
 
 /// Friction and play of a bare winch, with standard errors.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rubbing {
+    /// Friction; `None` where the current does not show it.
+    #[serde(flatten)]
+    pub friction: Option<Friction>,
+    /// Why friction is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction_unknown: Option<String>,
+    /// Play, as a turn of the drum, degrees.
+    pub play_deg: f64,
+    /// Its standard error, degrees.
+    pub play_se_deg: f64,
+}
+
+/// Friction of a bare winch.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Friction {
     /// Coulomb friction of rotor, gear and bare drum, at the motor, N m.
     pub friction_nm: f64,
     /// Its standard error, N m.
@@ -22,22 +37,28 @@ pub struct Rubbing {
     pub viscous_nm_per_rpm: f64,
     /// Coulomb friction, felt at the cable, N.
     pub friction_n: f64,
-    /// Play, as a turn of the drum, degrees.
-    pub play_deg: f64,
-    /// Its standard error, degrees.
-    pub play_se_deg: f64,
 }
 
 /// Ways to and fro at each speed.
 const PAIRS: usize = 3;
-/// Turn of the drum of one way, rad: over a quarter of it is looked at.
-const WAY_RAD: f64 = TAU / 8.0;
+/// Turn of the drum of one way, rad.
+const WAY_RAD: f64 = TAU / 4.0;
 /// Speeds, as shares of that of service.
-const SPEEDS: [f64; 2] = [1.0, 0.35];
+const SPEEDS: [f64; 2] = [0.5, 0.17];
+/// Speeding up and slowing down each take this share of the time of a way.
+const RAMP: f64 = 0.3;
+/// Readings begin at this share of the time: until then the drive's loops have settled.
+const SETTLED: f64 = 0.42;
 /// Time between two looks, ms.
 const LOOK_MS: u64 = 10;
 /// The standard error of the friction may be this share of it: else the data contradict the model.
 const MOST_ERROR: f64 = 0.2;
+/// Least share of the friction in the current of the faster ways. A drive samples its current in step
+/// with its set-points, whose ripple grows with the speed: where that is most of the current, what is
+/// left at no speed says nothing.
+const LEAST_SHARE: f64 = 0.5;
+/// A drive that reports less current than this, A, while its motor turns, reports none.
+const NO_CURRENT_A: f64 = 1e-3;
 
 /// The mean of one way.
 #[derive(Debug, Clone, Copy, Default)]
@@ -68,7 +89,7 @@ impl<L: Link> Bench<'_, L> {
         self.judge_rubbing(&speeds)
     }
 
-    /// One way, and what its middle half shows.
+    /// One way, and what its stretch of constant speed shows.
     fn way(
         &mut self,
         from_rad: f64,
@@ -76,7 +97,7 @@ impl<L: Link> Bench<'_, L> {
         share: f64,
         same_way: bool,
     ) -> Result<Way, ServiceError> {
-        let time_s = self.begin_turn(from_rad, to_rad, share)?;
+        let time_s = self.begin_cruise(from_rad, to_rad, share)?;
         let start_us = self.client.now_us();
         let winch = self.described();
         let per_turn = winch.motor_counts_per_turn;
@@ -88,10 +109,10 @@ impl<L: Link> Bench<'_, L> {
         loop {
             self.pause(LOOK_MS)?;
             let since_s = (self.client.now_us() - start_us) as f64 * 1e-6;
-            if since_s > 0.75 * time_s {
+            if since_s > (1.0 - RAMP) * time_s {
                 break;
             }
-            if since_s < 0.25 * time_s {
+            if since_s < SETTLED * time_s {
                 continue;
             }
             let look = self.look()?;
@@ -118,46 +139,91 @@ impl<L: Link> Bench<'_, L> {
         })
     }
 
+    /// Begins a way of constant speed between two ramps (a cubic from rest to speed); gives its
+    /// duration, s.
+    fn begin_cruise(
+        &mut self,
+        from_rad: f64,
+        to_rad: f64,
+        share_of_speed: f64,
+    ) -> Result<f64, ServiceError> {
+        let way = to_rad - from_rad;
+        let time_s = way.abs() / (share_of_speed * self.service_rad_per_s() * (1.0 - RAMP));
+        // Distance after a share `x` of the ramp, as a share of speed times duration.
+        let ramp = |x: f64| RAMP * (x.powi(3) - 0.5 * x.powi(4));
+        let speed = |x: f64| x * x * (3.0 - 2.0 * x);
+        self.send_turn((from_rad, way), time_s, |share| {
+            let (far, fast) = if share < RAMP {
+                (ramp(share / RAMP), speed(share / RAMP))
+            } else if share > 1.0 - RAMP {
+                let left = (1.0 - share) / RAMP;
+                (1.0 - RAMP - ramp(left), speed(left))
+            } else {
+                (share - 0.5 * RAMP, 1.0)
+            };
+            (far / (1.0 - RAMP), fast / (1.0 - RAMP))
+        })
+    }
+
     fn judge_rubbing(&self, speeds: &[Vec<(Way, Way)>]) -> Result<Rubbing, ServiceError> {
         let winch = self.described();
         let torque = winch.torque_constant_nm_per_a;
         // Friction as the current tells it, whichever sign the motor has.
         let rubs = |(out, back): &(Way, Way)| 0.5 * (out.current_a - back.current_a).abs() * torque;
+        let gap = |(out, back): &(Way, Way)| (out.gap - back.gap).abs() * 360.0;
         let rpm = |(out, back): &(Way, Way)| 0.5 * (out.rpm + back.rpm);
-        let at = [0, 1].map(|speed: usize| {
-            let pairs = speeds.get(speed).map_or(&[][..], Vec::as_slice);
-            (mean(pairs.iter().map(rpm)), mean(pairs.iter().map(rubs)))
-        });
-        let [
-            ((fast_rpm, _), (fast_nm, fast_se)),
-            ((slow_rpm, _), (slow_nm, slow_se)),
-        ] = at;
-        let span = (fast_rpm - slow_rpm).max(1e-9);
-        let viscous = (fast_nm - slow_nm) / span;
-        let friction_nm = slow_nm - viscous * slow_rpm;
-        // The straight line through both speeds, carried on to rest.
-        let friction_se_nm = (slow_rpm / span * fast_se).hypot(fast_rpm / span * slow_se);
-        let gaps = speeds
+        let pairs = |speed: usize| speeds.get(speed).map_or(&[][..], Vec::as_slice).iter();
+        let rpms = [0, 1].map(|speed| mean(pairs(speed).map(rpm)).0);
+        let nms = [0, 1].map(|speed| mean(pairs(speed).map(rubs)));
+        let gaps = [0, 1].map(|speed| mean(pairs(speed).map(gap)));
+        let most_a = speeds
             .iter()
             .flatten()
-            .map(|(out, back)| (out.gap - back.gap).abs() * 360.0);
-        let (play_deg, play_se_deg) = mean(gaps);
-        if !(friction_nm > 0.0 && friction_se_nm <= MOST_ERROR * friction_nm) {
+            .map(|(out, back)| out.current_a.abs().max(back.current_a.abs()))
+            .fold(0.0, f64::max);
+        let (viscous, friction_nm, friction_se_nm) = at_no_speed(rpms, nms);
+        if most_a < NO_CURRENT_A {
             return Err(ServiceError::Rubs {
                 winch: self.index + 1,
                 friction_mnm: friction_nm * 1e3,
                 error_mnm: friction_se_nm * 1e3,
             });
         }
-        Ok(Rubbing {
+        let known =
+            friction_nm >= LEAST_SHARE * nms[0].0 && friction_se_nm <= MOST_ERROR * friction_nm;
+        let friction = known.then(|| Friction {
             friction_nm,
             friction_se_nm,
             viscous_nm_per_rpm: viscous.max(0.0),
             friction_n: friction_nm * winch.gear_ratio / winch.drum_radius_m,
-            play_deg,
+        });
+        let friction_unknown = (!known).then(|| {
+            format!(
+                "the motor takes {:.2} mN m at {:.0} rpm and {:.2} at {:.0}: most of it is not dry friction",
+                nms[0].0 * 1e3,
+                rpms[0],
+                nms[1].0 * 1e3,
+                rpms[1]
+            )
+        });
+        // Motor and drum are read at different times: the gap of that grows with the speed.
+        let (_, play_deg, play_se_deg) = at_no_speed(rpms, gaps);
+        Ok(Rubbing {
+            friction,
+            friction_unknown,
+            play_deg: play_deg.max(0.0),
             play_se_deg,
         })
     }
+}
+
+/// The straight line through what two speeds give (mean and standard error), at no speed: its slope
+/// per rpm, its value, and the value's standard error.
+fn at_no_speed([fast_rpm, slow_rpm]: [f64; 2], [fast, slow]: [(f64, f64); 2]) -> (f64, f64, f64) {
+    let span = (fast_rpm - slow_rpm).max(1e-9);
+    let slope = (fast.0 - slow.0) / span;
+    let error = (slow_rpm / span * fast.1).hypot(fast_rpm / span * slow.1);
+    (slope, slow.0 - slope * slow_rpm, error)
 }
 
 /// Mean of some numbers and its standard error.

@@ -24,8 +24,20 @@ fn tensions_n(robot: &Robot, seed: u64) -> Vec<[f64; 2]> {
     client.request(reference).unwrap();
     run::arm(&mut client, hash).unwrap();
     let reach = Reach::new(&model).unwrap();
-    let at_m = Vector3::new(0.48, 0.11, -0.045);
-    let high_up = reach.rest(&at_m, 30.0, Some(&home)).unwrap();
+    // As high up as the limit of tension allows.
+    let high_up = (45..200)
+        .find_map(|below_mm| {
+            let at_m = Vector3::new(0.48, 0.11, -1e-3 * f64::from(below_mm));
+            (20..34)
+                .rev()
+                .find_map(|tension_n| reach.rest(&at_m, f64::from(tension_n), Some(&home)))
+        })
+        .unwrap();
+    println!(
+        "at {:.3?}, tensions {:.1?} N",
+        high_up.equilibrium.pose.position_m,
+        high_up.tensions_n()
+    );
     let way = way(&reach, robot, &home, &high_up, 0.5, &[0.0; 4]).unwrap();
     run::follow(&mut client, &way.knots, &mut Recorder::default(), |_| {}).unwrap();
     let arrived_us = client.now_us();
