@@ -10,7 +10,7 @@ use mcdpr::link::{Client, SimulatedLink};
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
-use mcdpr::run::{Homing, Session};
+use mcdpr::run::{Homing, NoStore, Session};
 use mcdpr_emulator::{Chip, Identity, SharedChip};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{LinkOptions, Simulation};
@@ -18,7 +18,7 @@ use mcdpr_tests::chip::firmware;
 
 /// A chip, prepared before it runs, in front of the paper's robot; the board has no configuration.
 fn board(prepare: impl FnOnce(&mut Chip)) -> (SimulatedLink, SharedChip) {
-    let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let home = experiment::home(&model).unwrap();
     let params = machine::plant_params(model.robot(), &Mismatch::realistic(), 3);
     let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
@@ -153,7 +153,7 @@ fn an_unknown_chip_another_firmware_and_a_board_without_a_chip_are_refused() {
     assert!(matches!(refused, Err(BenchError::OtherFirmware { .. })));
     assert!(!chip.with(|chip| chip.brakes_ever_opened()));
 
-    let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let line = LinkOptions::default();
     let link = experiment::simulated_robot(&model, &Mismatch::realistic(), 1, &line).unwrap();
     let mut client = Client::connect(link, SessionId(7)).unwrap();
@@ -163,7 +163,7 @@ fn an_unknown_chip_another_firmware_and_a_board_without_a_chip_are_refused() {
 
 #[test]
 fn an_armed_board_is_neither_tested_nor_flashed() {
-    let model = Model::new(&Robot::find("paper-table5").unwrap()).unwrap();
+    let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let line = LinkOptions::default();
     let link = experiment::simulated_robot(&model, &Mismatch::realistic(), 1, &line).unwrap();
     // Disarmed, and given back: it may be written.
@@ -179,6 +179,7 @@ fn an_armed_board_is_neither_tested_nor_flashed() {
         SessionId(6),
         &handle,
         homing,
+        &NoStore,
     )
     .unwrap();
     session.arm().unwrap();

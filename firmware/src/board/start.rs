@@ -1,7 +1,7 @@
 //! From reset to the first tick.
 
 use crate::bench::Gauge;
-use crate::clock::{CORE_HZ, CYCLES_PER_TICK};
+use crate::clock::CYCLES_PER_TICK;
 use crate::life::Keeper;
 use crate::{can, encoders, fatal, identity, interrupts, keep, link, pins, tension, tick, uart};
 use cortex_m::peripheral::syst::SystClkSource;

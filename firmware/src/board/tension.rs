@@ -14,7 +14,6 @@
 
 use crate::clock::CORE_HZ;
 use crate::pins::CABLES;
-use core::ops::RangeInclusive;
 use core::sync::atomic::{AtomicU32, Ordering, fence};
 use embassy_stm32::pac;
 use embassy_stm32::pac::adc::vals::SampleTime;

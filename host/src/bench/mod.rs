@@ -6,7 +6,7 @@
 
 mod seal;
 
-pub use seal::{SealError, seal, sha256, verify};
+pub(crate) use seal::{seal, sha256, verify};
 
 use crate::doctor::{Finding, Verdict, hash_of};
 use crate::link::{Client, Link};

@@ -11,7 +11,7 @@ const BLOCK: usize = 64;
 
 /// Why a record cannot be trusted.
 #[derive(Debug, Error, Diagnostic)]
-pub enum SealError {
+pub(crate) enum SealError {
     /// It is no record.
     #[error("this is no record of `mcdpr bench`: {reason}")]
     #[diagnostic(
@@ -65,7 +65,7 @@ fn words(record: &Map<String, Value>, key: Option<&[u8]>) -> (&'static str, Stri
 
 /// SHA-256 of bytes, in hexadecimal digits.
 #[must_use]
-pub fn sha256(bytes: &[u8]) -> String {
+pub(crate) fn sha256(bytes: &[u8]) -> String {
     digest(&[bytes])
         .iter()
         .map(|byte| format!("{byte:02x}"))
@@ -74,7 +74,7 @@ pub fn sha256(bytes: &[u8]) -> String {
 
 /// Adds the member `seal` to a record.
 #[must_use]
-pub fn seal(mut record: Map<String, Value>, key: Option<&[u8]>) -> Value {
+pub(crate) fn seal(mut record: Map<String, Value>, key: Option<&[u8]>) -> Value {
     record.remove("seal");
     let (algorithm, value) = words(&record, key);
     record.insert(
@@ -88,7 +88,7 @@ pub fn seal(mut record: Map<String, Value>, key: Option<&[u8]>) -> Value {
 ///
 /// # Errors
 /// [`SealError`].
-pub fn verify(text: &str, key: Option<&[u8]>) -> Result<String, SealError> {
+pub(crate) fn verify(text: &str, key: Option<&[u8]>) -> Result<String, SealError> {
     let no_record = |reason: &str| SealError::NoRecord {
         reason: reason.to_owned(),
     };

@@ -103,7 +103,7 @@ fn open(common: &Common) -> miette::Result<Box<dyn Link>> {
     if machine::chosen_firmware().is_none() {
         return Err(BenchError::NoChip.into());
     }
-    let robot = Robot::find("paper-table5")?;
+    let robot = Robot::built_in("paper-table5")?;
     let link = experiment::simulated_robot(
         &Model::new(&robot)?,
         &Mismatch::realistic(),

@@ -182,7 +182,7 @@ pub fn ask_before<L: Link>(
 
 /// What a file turned out to be.
 #[derive(Debug, Clone)]
-pub struct Image {
+pub(crate) struct Image {
     /// Bytes of flash from its start, without what stays erased.
     pub flash: Vec<u8>,
     /// What it says of itself on the emulated chip.
@@ -194,7 +194,7 @@ impl Image {
     ///
     /// # Errors
     /// [`FlashError::Stranger`], [`FlashError::Version`].
-    pub fn examine(path: &str, firmware: &Firmware) -> Result<Self, FlashError> {
+    pub(crate) fn examine(path: &str, firmware: &Firmware) -> Result<Self, FlashError> {
         let stranger = |reason: String| FlashError::Stranger {
             path: path.to_owned(),
             reason,
@@ -228,7 +228,7 @@ impl Image {
 
     /// The commit that it was built from, in words.
     #[must_use]
-    pub fn commit(&self) -> String {
+    pub(crate) fn commit(&self) -> String {
         crate::doctor::hash_of(&self.hello.git_hash).unwrap_or_else(|| "an unknown commit".into())
     }
 

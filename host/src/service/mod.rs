@@ -19,7 +19,7 @@ use crate::robot::Robot;
 use crate::run::{RunError, interrupted, send_configuration, status, wait_for};
 use mcdpr_protocol::{
     BoardState, CableKey, CableKnot, ConfigEntry, ConfigHash, ConfigKey, Knot,
-    MicrometresPerSecond, Millinewtons, PerCable, Reject, Reply, Request, TenthMicrometres, Winch,
+    MicrometresPerSecond, Millinewtons, PerCable, Reply, Request, TenthMicrometres, Winch,
 };
 use miette::Diagnostic;
 use thiserror::Error;

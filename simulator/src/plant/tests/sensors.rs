@@ -1,7 +1,6 @@
 //! Encoders and tension sensors: their law, their noise, their faults, and determinism.
 
 use super::*;
-use crate::plant::sensors::ADC_FULL_SCALE;
 
 /// Turns winch 1's drum by `metres` in position mode.
 fn turn_to(plant: &mut Plant, metres: f64) {
