@@ -233,7 +233,8 @@ fn entries() -> Vec<ConfigEntry> {
                 CableKey::LengthMin
                 | CableKey::TensionOutput
                 | CableKey::Play
-                | CableKey::SpeedCornerMhz => 0,
+                | CableKey::SpeedCornerMhz
+                | CableKey::BrakePlay => 0,
                 CableKey::LengthMax => 200_000_000,
                 CableKey::Node => i32::from(index) + 1,
             };

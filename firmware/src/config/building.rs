@@ -356,6 +356,7 @@ impl<const N: usize> ConfigStore<N> {
             Control::Length => (periods.by_length, periods.by_length / periods.by_tension),
             Control::Tension => (periods.by_tension, 1),
         };
+        let brake_play = key(CableKey::BrakePlay, 0, MOST_PLAY)?;
         let built = CableConfig {
             control,
             per_count_q24,
@@ -392,7 +393,8 @@ impl<const N: usize> ConfigStore<N> {
             corner_alpha_q16: saturate(corner_alpha_q16),
             friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
             mass_g,
-            play: key(CableKey::Play, 0, MOST_PLAY)?,
+            play: key(CableKey::Play, 0, MOST_PLAY)? + brake_play,
+            brake_play,
             lead_us,
             lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
             most_force_mn: saturate(most_force_mn),
@@ -426,7 +428,7 @@ const fn alpha_q16_of(corner_mhz: i64) -> i64 {
     rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24)
 }
 
-/// Most play between motor and drum, 0.1 µm.
+/// Most play between motor and drum, and of a brake, 0.1 µm.
 const MOST_PLAY: i32 = 20_000;
 
 /// Adds the values that are there, of keys at these places.

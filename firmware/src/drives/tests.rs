@@ -68,6 +68,7 @@ fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
         most_force_mn: 1,
         stop_q16: 0,
         play: 0,
+        brake_play: 0,
         lead_us: 0,
         lead_square: 0,
         most_force_mn: 0,

@@ -225,6 +225,8 @@ enum Purpose {
     Turn,
     /// Pull with little current against its closed brake.
     Press,
+    /// The same the other way round, as by a motor with the opposite sign.
+    PressOut,
 }
 
 /// One winch of a connected board.
@@ -286,15 +288,19 @@ impl<'a, L: Link> Bench<'a, L> {
         let mut entries = machine::configuration(self.robot)?;
         let changed = |key: CableKey| {
             let value = match key {
-                CableKey::Control => f64::from(u8::from(purpose == Purpose::Press)),
+                CableKey::Control => f64::from(u8::from(purpose != Purpose::Turn)),
                 CableKey::DrumRadius => RADIUS_UM * 10.0,
                 CableKey::MaxCurrentMa => self.current_a() * 1e3,
+                CableKey::ForcePerCurrent if purpose == Purpose::PressOut => -1e3,
                 CableKey::ForcePerCurrent => 1e3,
                 CableKey::TensionZeroUv => self.zero_v * 1e6,
                 CableKey::TensionMax => winch.tension_max_n * 1e3,
                 CableKey::TensionFloor | CableKey::TensionKd | CableKey::TensionKi => 0.0,
                 CableKey::TensionCeiling => CEILING_N.min(winch.trusted_tension_n()) * 1e3,
-                CableKey::TensionLaw | CableKey::TensionOutput | CableKey::Play => 0.0,
+                CableKey::TensionLaw
+                | CableKey::TensionOutput
+                | CableKey::Play
+                | CableKey::BrakePlay => 0.0,
                 CableKey::TensionKp => 100e3,
                 CableKey::LeadUs => 0.0,
                 CableKey::FollowingError => 1e6,
@@ -348,7 +354,7 @@ impl<'a, L: Link> Bench<'a, L> {
         let count = self.robot.cables.len();
         let pull = Millinewtons(match purpose {
             Purpose::Turn => 0,
-            Purpose::Press => 10_000,
+            Purpose::Press | Purpose::PressOut => 10_000,
         });
         self.client.request(Request::Reference {
             lengths: PerCable::collect((0..count).map(|_| TenthMicrometres(0))),
