@@ -11,7 +11,7 @@ use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
 use mcdpr::run::{Homing, NoStore, Session};
-use mcdpr_emulator::{Chip, Identity, SharedChip};
+use mcdpr_emulator::{Chip, Identity, Jumpers, SharedChip};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{LinkOptions, Simulation};
 use mcdpr_tests::chip::firmware;
@@ -33,7 +33,7 @@ fn board(prepare: impl FnOnce(&mut Chip)) -> (SimulatedLink, SharedChip) {
 fn test(prepare: impl FnOnce(&mut Chip)) -> Result<Report, BenchError> {
     let (link, _chip) = board(prepare);
     let mut client = Client::connect(link, SessionId(7)).unwrap();
-    examine(&mut client, None, &mut |_| false)
+    examine(&mut client, None, false, &mut |_| false)
 }
 
 /// Parts that must be mended.
@@ -50,7 +50,7 @@ fn a_good_board_passes_with_every_output_tried() {
     let (link, chip) = board(|_| {});
     let mut client = Client::connect(link, SessionId(7)).unwrap();
     let mut asked = Vec::new();
-    let report = examine(&mut client, None, &mut |name| {
+    let report = examine(&mut client, None, false, &mut |name| {
         asked.push(name.to_owned());
         true
     })
@@ -138,6 +138,41 @@ fn each_fault_of_a_board_fails_it_and_is_named() {
     }
 }
 
+/// The self-test with jumper wires, every output confirmed: what is bad about them.
+fn with_jumpers(wires: Jumpers) -> Vec<String> {
+    let (link, _chip) = board(|chip| chip.set_jumpers(wires));
+    let mut client = Client::connect(link, SessionId(7)).unwrap();
+    let report = examine(&mut client, None, true, &mut |_| true).unwrap();
+    let findings = report.findings.into_iter();
+    let bad = findings.filter(|finding| finding.verdict == Verdict::Bad);
+    bad.map(|finding| format!("{}: {}", finding.part, finding.found))
+        .collect()
+}
+
+#[test]
+fn jumper_wires_from_outputs_to_inputs_prove_each_of_them() {
+    let complete = Jumpers::COMPLETE;
+    assert_eq!(with_jumpers(complete), Vec::<String>::new());
+    let mut open_a = complete;
+    open_a.a[1] = None;
+    let mut crossed = complete;
+    crossed.a.swap(2, 3);
+    let mut exchanged = complete;
+    (exchanged.a[0], exchanged.b[0]) = (exchanged.b[0], exchanged.a[0]);
+    let mut open_tension = complete;
+    open_tension.tension[3] = Some(2);
+    for (wires, names) in [
+        (open_a, "encoder 2"),
+        (crossed, "encoder 3"),
+        (exchanged, "encoder 1"),
+        (open_tension, "tension input 4"),
+    ] {
+        let bad = with_jumpers(wires);
+        let found = bad.iter().any(|found| found.contains(names));
+        assert!(found, "{names}: {bad:?}");
+    }
+}
+
 #[test]
 fn an_unknown_chip_another_firmware_and_a_board_without_a_chip_are_refused() {
     let unknown = Identity {
@@ -149,7 +184,7 @@ fn an_unknown_chip_another_firmware_and_a_board_without_a_chip_are_refused() {
 
     let (link, chip) = board(|_| {});
     let mut client = Client::connect(link, SessionId(7)).unwrap();
-    let refused = examine(&mut client, Some("00000000"), &mut |_| true);
+    let refused = examine(&mut client, Some("00000000"), false, &mut |_| true);
     assert!(matches!(refused, Err(BenchError::OtherFirmware { .. })));
     assert!(!chip.with(|chip| chip.brakes_ever_opened()));
 
@@ -157,7 +192,7 @@ fn an_unknown_chip_another_firmware_and_a_board_without_a_chip_are_refused() {
     let line = LinkOptions::default();
     let link = experiment::simulated_robot(&model, &Mismatch::realistic(), 1, &line).unwrap();
     let mut client = Client::connect(link, SessionId(7)).unwrap();
-    let refused = examine(&mut client, None, &mut |_| true);
+    let refused = examine(&mut client, None, false, &mut |_| true);
     assert!(matches!(refused, Err(BenchError::NoChip)));
 }
 

@@ -1,6 +1,6 @@
 //! What the chip is wired to, and what may go wrong with it: pins, voltages, lines, supply, crystal.
 
-use super::{CanErrors, Chip, Pins, Port, TICKS_PER_US};
+use super::{CanErrors, Chip, Drive, Jumpers, Pins, Port, TICKS_PER_US};
 use crate::bus::{Identity, RAM, RAM_BYTES};
 use crate::device::can_line::{CanFrame, CanWiring};
 use crate::scs::HARD_FAULT;
@@ -103,6 +103,19 @@ impl Chip {
             gripper: self.bus.gpio[0].drive(10),
             led: self.bus.gpio[2].drive(13),
         }
+    }
+
+    /// Puts jumper wires between outputs and inputs, in place of encoders and sensors.
+    pub fn set_jumpers(&mut self, jumpers: Jumpers) {
+        self.jumpers = Some(jumpers);
+    }
+
+    /// Whether an output is high: the brakes from 0, then gripper and drive enable.
+    pub(crate) fn is_high(&self, output: usize) -> bool {
+        let pins = self.pins();
+        let others = [pins.gripper, pins.drive_enable];
+        let mut outputs = pins.brakes.into_iter().chain(others);
+        outputs.nth(output) == Some(Drive::High)
     }
 
     /// Whether any brake was open at any time since power-on, as seen after every write to a

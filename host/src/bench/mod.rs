@@ -46,6 +46,11 @@ const FLICKER: i32 = 1;
 const NOISE_V: f64 = 0.008;
 /// Within this of a rail a channel is open or shorted, V: the board's own bounds (S7, S8).
 const RAIL_V: (f64, f64) = (0.0403, 3.268);
+/// A tension input with 10 kOhm to 3.3 V and 22 kOhm to an output that is low or high, V, and how far it may
+/// be off: resistors of 5 %, and the output's own drop.
+const JUMPER_LOW_V: f64 = 3.3 * 22.0 / 32.0;
+const JUMPER_HIGH_V: f64 = 3.3;
+const JUMPER_OFF_V: f64 = 0.15;
 /// Until the board has counted its slow oscillator, us.
 const COUNTED_US: u64 = 2_300_000;
 
@@ -150,13 +155,16 @@ fn bad(part: &'static str, found: impl Into<String>, remedy: &str) -> Finding {
 }
 
 /// Tests the board behind this client. `expects` is the commit that it should run; `confirm` is asked
-/// before each output is raised, with its name, and `false` leaves it out.
+/// before each output is raised, with its name, and `false` leaves it out. With `jumpers`, wires lead
+/// from outputs to inputs: brake n to A of encoder n and over 22 kOhm to tension input n, drive enable to
+/// B of all encoders. Then each output must be seen where it leads to, and nowhere else.
 ///
 /// # Errors
 /// [`BenchError`]: nothing was tried, or the board stopped answering.
 pub fn examine<L: Link>(
     client: &mut Client<L>,
     expects: Option<&str>,
+    jumpers: bool,
     confirm: &mut dyn FnMut(&str) -> bool,
 ) -> Result<Report, BenchError> {
     let state = status(client)?.state;
@@ -199,7 +207,7 @@ pub fn examine<L: Link>(
     let seen = ask(client, BenchTest::Look)?;
     findings.extend(clocks(&seen));
     findings.extend(pins(&seen));
-    outputs(client, confirm, &mut findings)?;
+    outputs(client, jumpers, confirm, &mut findings)?;
     let last = ask(client, BenchTest::Look)?;
     findings.push(tick(&last));
     findings.push(stack(&last));
@@ -501,6 +509,7 @@ const OUTPUTS: [&str; BENCH_OUTPUTS as usize] = [
 /// Each output in turn: it alone rises, and falls by itself.
 fn outputs<L: Link>(
     client: &mut Client<L>,
+    jumpers: bool,
     confirm: &mut dyn FnMut(&str) -> bool,
     findings: &mut Vec<Finding>,
 ) -> Result<(), BenchError> {
@@ -514,6 +523,7 @@ fn outputs<L: Link>(
             ));
             continue;
         }
+        let before = look(client)?;
         if let Err(error) = ask(client, BenchTest::Output { output }) {
             let found = format!("{name} was not tried: {error}");
             findings.push(bad(
@@ -525,6 +535,7 @@ fn outputs<L: Link>(
         }
         wait(client, 100_000)?;
         let raised = ask(client, BenchTest::Look)?.outputs;
+        let during = look(client)?;
         wait(client, 1000 * u64::from(BENCH_OUTPUT_MS))?;
         let after = ask(client, BenchTest::Look)?.outputs;
         findings.push(if raised == 1 << (output - 1) && after == 0 {
@@ -536,6 +547,52 @@ fn outputs<L: Link>(
                 "look for a short at the pin, or between it and its neighbour",
             )
         });
+        if jumpers {
+            findings.push(jumper(usize::from(output), name, &before, &during));
+        }
     }
     Ok(())
+}
+
+/// Every winch's inputs now: encoder counts and the voltage of the tension input.
+fn look<L: Link>(client: &mut Client<L>) -> Result<Vec<(i32, f64)>, RunError> {
+    let mut inputs = Vec::new();
+    for cable in 1..=client.info().cables {
+        if let Reply::Winch(winch) = client.request(Request::Winch { cable })? {
+            inputs.push((winch.drum_counts, volts(f64::from(winch.tension_adc))));
+        }
+    }
+    Ok(inputs)
+}
+
+/// What jumper wires must show while an output is high, and what they show.
+fn jumper(output: usize, name: &str, before: &[(i32, f64)], during: &[(i32, f64)]) -> Finding {
+    let drive_enable = usize::from(BENCH_OUTPUTS);
+    for (winch, (before, during)) in (1..).zip(before.iter().zip(during)) {
+        // The first edge of A counts up, that of B down.
+        let (counts, volts) = match output {
+            _ if output == drive_enable => (-1, JUMPER_LOW_V),
+            _ if output == winch => (1, JUMPER_HIGH_V),
+            _ => (0, JUMPER_LOW_V),
+        };
+        let counted = during.0 - before.0;
+        let reads = |read_v: f64, wanted_v: f64| (read_v - wanted_v).abs() < JUMPER_OFF_V;
+        if counted != counts {
+            let found = format!("{name}: encoder {winch} counted {counted}, not {counts}");
+            let remedy = "look at the wire from that output to A (brakes) or B (drive enable) of this encoder, at its buffer, and whether A and B are exchanged";
+            return bad("jumper", found, remedy);
+        }
+        if !reads(before.1, JUMPER_LOW_V) || !reads(during.1, volts) {
+            let found = format!(
+                "{name}: tension input {winch} went from {:.2} V to {:.2} V, not from {JUMPER_LOW_V:.2} V to {volts:.2} V",
+                before.1, during.1
+            );
+            let remedy = "look at the 22 kOhm from the brake's output to this input, and at the input's 10 kOhm to 3.3 V";
+            return bad("jumper", found, remedy);
+        }
+    }
+    Finding::good(
+        "jumper",
+        format!("{name} is seen where it leads to, and nowhere else"),
+    )
 }

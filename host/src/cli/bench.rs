@@ -29,6 +29,9 @@ pub(crate) struct Cmd {
     /// Try the outputs, too: each after its name was typed
     #[arg(long)]
     outputs: bool,
+    /// Jumper wires lead from outputs to inputs (docs/wiring.md): each output must be seen there
+    #[arg(long, requires = "outputs")]
+    jumpers: bool,
     /// Write the record to this file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -36,7 +39,7 @@ pub(crate) struct Cmd {
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
     /// Only check that a record is what was sealed
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["outputs", "out"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["outputs", "jumpers", "out"])]
     verify: Option<PathBuf>,
 }
 
@@ -70,7 +73,7 @@ impl Cmd {
         let expects = image.as_ref().map(Image::commit);
         let outputs = self.outputs;
         let mut confirm = |name: &str| outputs && typed(name);
-        let examined = bench::examine(&mut client, expects.as_deref(), &mut confirm);
+        let examined = bench::examine(&mut client, expects.as_deref(), self.jumpers, &mut confirm);
         // Whatever was found, the board is left to others.
         let closed = client.request(Request::Close);
         let report = examined?;
