@@ -261,7 +261,7 @@ impl<L: Link> Bench<'_, L> {
         let per_turn = f64::from(self.described().encoder_counts_per_turn);
         let most = BRAKE_GIVES as f64 + per_turn * MOST_BRAKE_PLAY_DEG / 360.0;
         let give_up = self.client.now_us() + most_ms * 1000;
-        let (mut held_from, mut most_a) = (None, 0.0_f64);
+        let (mut held_from, mut most_a) = (None::<(u64, i64)>, 0.0_f64);
         while self.client.now_us() < give_up {
             self.pause(20)?;
             if let Some(record) = crate::run::status(self.client)?.fault {
