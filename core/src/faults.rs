@@ -43,6 +43,13 @@ pub fn describe_fault(record: &FaultRecord) -> String {
             f64::from(record.value) * 3.3 / 65_536.0,
             f64::from(record.limit) * 3.3 / 65_536.0
         ),
+        // A refused object of its set-up, not a time: the lowest index is 0x1000.
+        FaultId::D5 if record.limit >= 0x10_0000 => format!(
+            ": it refuses object {:04x}:{:02x} with abort code 0x{:08x}",
+            record.limit >> 8,
+            record.limit & 0xFF,
+            record.value
+        ),
         FaultId::L10 | FaultId::D3 | FaultId::D5 => {
             format!(" for {} ms, limit {} ms", record.value, record.limit)
         }
@@ -108,7 +115,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
         }
         FaultId::D4 => "the motor gives all it can: less load, less acceleration, or free a jam",
         FaultId::D5 => {
-            "the drive did not come up: check its supply, its number on the bus and the CAN wiring"
+            "the drive did not come up: check its supply, its number on the bus and the CAN wiring; a refused object is in its manual with its abort code"
         }
         FaultId::D6 => "let the drive cool; less load, slower, or more air",
         FaultId::D7 => {
@@ -204,6 +211,10 @@ pub fn describe_reject(reject: &Reject) -> String {
         Reject::KnotSpeed { cable } => format!("cable {cable} would be too fast"),
         Reject::KnotAcceleration { cable } => format!("cable {cable} would accelerate too much"),
         Reject::KnotJerk { cable } => format!("cable {cable} would accelerate too abruptly"),
+        Reject::Configured => {
+            "the board has a configuration: only one that was just started tries its bus and its outputs"
+                .to_owned()
+        }
         Reject::KnotTension { cable } => format!("the tension of cable {cable} is out of range"),
         Reject::KnotEnd => "the motion has ended, or does not end at rest".to_owned(),
         Reject::NothingToStart => "there is no motion to start".to_owned(),
@@ -261,6 +272,7 @@ pub(crate) fn request_name(request: &Request) -> String {
         Request::Service { cable, .. } => return format!("to enable winch {cable} alone"),
         Request::Winch { cable } => return format!("to tell how winch {cable} is"),
         Request::Scan { .. } => "to look for drives",
+        Request::Bench { .. } => "the self-test",
     };
     text.to_owned()
 }

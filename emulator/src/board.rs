@@ -25,6 +25,10 @@ const CABLES: usize = 4;
 /// ADC channels of the tension sensors.
 const TENSION: [u8; CABLES] = [4, 5, 8, 9];
 
+/// What a tension input reads at the supply, and between 22 kOhm to 0 V and its 10 kOhm to the supply.
+const FULL: u16 = 65_520;
+const PULLED: u16 = 45_044;
+
 /// A chip that a [`ChipBoard`] runs, to look at and to disturb from outside.
 #[derive(Debug, Clone)]
 pub struct SharedChip(Arc<Mutex<Chip>>);
@@ -103,9 +107,16 @@ impl ChipBoard {
         for (index, position) in self.positions.iter_mut().enumerate() {
             let step = counters[index].wrapping_sub(before[index]).cast_signed();
             *position += i64::from(step);
-            chip.set_encoder(index + 1, *position);
+            // Edges of A count up, edges of B down: one output is high at a time.
+            let shown = chip.jumpers.map_or(*position, |wires| {
+                let high = |wire: Option<usize>| wire.is_some_and(|out| chip.is_high(out));
+                i64::from(high(wires.a[index])) - i64::from(high(wires.b[index]))
+            });
+            chip.set_encoder(index + 1, shown);
         }
-        for (channel, sum) in TENSION.into_iter().zip(sensors.adc) {
+        for (index, (channel, read)) in TENSION.into_iter().zip(sensors.adc).enumerate() {
+            let wire = chip.jumpers.and_then(|wires| wires.tension[index]);
+            let sum = wire.map_or(read, |out| if chip.is_high(out) { FULL } else { PULLED });
             chip.set_adc_sixteenths(channel, sum);
         }
         chip.set_input(Port::B, 5, Some(sensors.e_stop));

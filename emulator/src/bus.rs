@@ -1,5 +1,6 @@
 //! Memory map, time and what happens at given times.
 
+use crate::device::TICKS_PER_SECOND;
 use crate::device::adc::Adc;
 use crate::device::can::Can;
 use crate::device::can_line::{CanLine, CanWiring};
@@ -73,7 +74,11 @@ pub(crate) struct Bus {
     pub usart: Usart,
     pub can: Can,
     pub can_line: CanLine,
-    watchdog: Watchdog,
+    pub watchdog: Watchdog,
+    /// What it says that it is.
+    pub identity: Identity,
+    /// The real-time clock's divider: what it was loaded with, and when.
+    rtc: (u32, u64),
     afio: [u32; 8],
     exti: [u32; 6],
     debug: u32,
@@ -81,6 +86,39 @@ pub(crate) struct Bus {
     pub supply_low: bool,
     /// A DMA transfer went wrong; told at the next opportunity.
     pub dma_trap: Option<Trap>,
+}
+
+/// What a chip says that it is: an STM32F103C8, unless told otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Identity {
+    /// DBGMCU_IDCODE: revision above, device below.
+    pub id_code: u32,
+    /// Maker of the chip in the core's table of components (JEP106 code).
+    pub maker: u32,
+    /// Factory's register of the flash's size, KiB.
+    pub flash_kib: u32,
+}
+
+impl Default for Identity {
+    fn default() -> Self {
+        Self {
+            id_code: 0x2003_6410,
+            maker: 0x20,
+            flash_kib: 64,
+        }
+    }
+}
+
+impl Identity {
+    /// The identification registers at the end of the table of components.
+    const fn component(&self, address: u32) -> u32 {
+        match address & 0xFFF {
+            0xFE0 => self.id_code & 0xFF,
+            0xFE4 => (self.id_code >> 8 & 0xF) | (self.maker & 0xF) << 4,
+            0xFE8 => 8 | self.maker >> 4 & 7,
+            _ => 0,
+        }
+    }
 }
 
 /// The peripherals on the bus, with the bit of the clock that each needs.
@@ -99,6 +137,8 @@ enum Place {
     Flash,
     Debug,
     Power,
+    Backup,
+    Clock,
 }
 
 impl Bus {
@@ -128,6 +168,8 @@ impl Bus {
             can: Can::new(),
             can_line: CanLine::new(),
             watchdog: Watchdog::new(),
+            identity: Identity::default(),
+            rtc: (0x8000, 0),
             afio: [0; 8],
             exti: [0; 6],
             debug: 0,
@@ -200,6 +242,7 @@ impl Bus {
         match address {
             // Boot pins choose flash: it appears at zero too.
             0..FLASH_BYTES => self.read(address + FLASH, size),
+            0xE00F_F000..0xE010_0000 if size == 4 => Ok(self.identity.component(address)),
             0x4000_0000..0x4002_4000 | 0xE000_0000..=0xE00F_FFFF => {
                 if address & (size - 1) != 0 {
                     return Err(Trap::Unaligned { address });
@@ -212,7 +255,7 @@ impl Bus {
                 };
                 Ok(word >> (8 * (address & 3)) & mask)
             }
-            0x1FFF_F7E0 if size == 2 => Ok(64),
+            0x1FFF_F7E0 if size == 2 || size == 4 => Ok(self.identity.flash_kib),
             0x1FFF_F7E8..0x1FFF_F7F4 if size == 4 && address & 3 == 0 => {
                 Ok(UID[((address - 0x1FFF_F7E8) / 4) as usize])
             }
@@ -316,6 +359,7 @@ impl Bus {
     pub(crate) fn serve_can(&mut self) {
         let (now, bit, wired) = (self.now, self.can_bit(), self.can_wired());
         self.can_line.service(&mut self.can, now, bit, wired);
+        self.can.loop_back();
     }
 
     /// One DMA transfer.

@@ -36,6 +36,8 @@ pub enum Port {
 pub struct Pins {
     /// PB12 to PB15: high opens a brake; floating, the driver's pull-down keeps it closed.
     pub brakes: [Drive; 4],
+    /// PB3: high lets the drives have their power; floating, a pull-down does not.
+    pub drive_enable: Drive,
     /// PA10: high closes.
     pub gripper: Drive,
     /// PC13: low lights.
@@ -102,6 +104,27 @@ impl Profile {
     }
 }
 
+/// Jumper wires of a board on a bench, from its outputs (the brakes from 0, then gripper and drive enable) to
+/// its inputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Jumpers {
+    /// To A of each encoder.
+    pub a: [Option<usize>; 4],
+    /// To B of each encoder.
+    pub b: [Option<usize>; 4],
+    /// Over 22 kOhm to each tension input, which has its 10 kOhm to 3.3 V.
+    pub tension: [Option<usize>; 4],
+}
+
+impl Jumpers {
+    /// Brake n to A of encoder n and to tension n, drive enable to B of all four.
+    pub const COMPLETE: Self = Self {
+        a: [Some(0), Some(1), Some(2), Some(3)],
+        b: [Some(5); 4],
+        tension: [Some(0), Some(1), Some(2), Some(3)],
+    };
+}
+
 /// An STM32F103C8 with a firmware file in its flash.
 #[derive(Debug, Clone)]
 pub struct Chip {
@@ -128,6 +151,7 @@ pub struct Chip {
     hangs: bool,
     /// Instructions take this many times their time.
     slowness: u64,
+    pub(crate) jumpers: Option<Jumpers>,
 }
 
 impl Chip {
@@ -175,6 +199,7 @@ impl Chip {
             resets: Vec::new(),
             hangs: false,
             slowness: 1,
+            jumpers: None,
         })
     }
 
@@ -195,6 +220,12 @@ impl Chip {
             new.applied = old.applied;
         }
         bus.adc.applied = old.adc.applied;
+        bus.adc.set_supply_v(old.adc.supply_v());
+        bus.rcc.crystal_dead = old.rcc.crystal_dead;
+        bus.rcc.pll_dead = old.rcc.pll_dead;
+        bus.watchdog.oscillator_hz = old.watchdog.oscillator_hz;
+        bus.identity = old.identity;
+        bus.can.broken = old.can.broken;
         bus.can_line = old.can_line.clone();
         bus.can_line.cut_off();
         bus.usart.sent = std::mem::take(&mut old.usart.sent);

@@ -30,7 +30,8 @@ mod scs;
 mod trap;
 
 pub use board::{ChipBoard, SharedChip};
-pub use chip::{CanErrors, Chip, Pins, Port, TickStats};
+pub use bus::Identity;
+pub use chip::{CanErrors, Chip, Jumpers, Pins, Port, TickStats};
 pub use device::can_line::{CanFrame, CanWiring};
 pub use device::gpio::Drive;
 pub use elf::flash_image;

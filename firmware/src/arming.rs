@@ -1,7 +1,6 @@
 //! Arming: enable drives under closed brakes, check the sensors, push against the brakes, open
 //! them, stir every drum.
 
-use crate::HAS_SERVICE;
 use crate::adc;
 use crate::axis::Target;
 use crate::config::Active;
@@ -71,7 +70,7 @@ pub struct Service {
 /// Whether a winch (1 for the first) is enabled.
 #[must_use]
 pub(crate) fn concerns(service: Option<Service>, cable: u8) -> bool {
-    !HAS_SERVICE || service.is_none_or(|service| service.cable == cable)
+    service.is_none_or(|service| service.cable == cable)
 }
 
 /// Why arming is aborted: fault, cable (1 for the first), value, limit.
@@ -109,10 +108,23 @@ impl Arming {
                 let limit = config.enable_ms + ENABLE_GRACE_MS;
                 match pending {
                     None => {
-                        if !HAS_SERVICE || service.is_none() {
+                        if service.is_none() {
                             check_tensions(config, inputs, expected_mn)?;
                         }
                         self.enter(Phase::Preload);
+                    }
+                    // It will not come up: no need to wait for it. Value and limit are the drive's
+                    // abort code and the object, its index above its sub-index.
+                    Some((
+                        cable,
+                        &DriveInput {
+                            refused: Some(refused),
+                            ..
+                        },
+                    )) => {
+                        let (code, object) = (refused.code, refused.object);
+                        let words = (code.cast_signed(), object.cast_signed());
+                        return Err((FaultId::D5, cable, words.0, words.1));
                     }
                     Some((cable, _)) if self.ticks >= limit => {
                         let ms = |ticks: u32| i32::try_from(ticks).unwrap_or(i32::MAX);
@@ -122,10 +134,10 @@ impl Arming {
                 }
             }
             // A closed brake is what shall be tried: until somebody ends it.
-            Phase::Preload if HAS_SERVICE && service.is_some_and(|service| !service.open) => {}
+            Phase::Preload if service.is_some_and(|service| !service.open) => {}
             // Nothing hangs on a bare winch: there is no load that its brake must prove to hold.
             Phase::Preload if self.ticks >= PRELOAD_MS => {
-                self.enter(if HAS_SERVICE && service.is_some() {
+                self.enter(if service.is_some() {
                     Phase::Opening
                 } else {
                     Phase::Proving
@@ -137,7 +149,7 @@ impl Arming {
                 return Err((FaultId::D7, unproven, 0, 0));
             }
             Phase::Opening if self.ticks >= OPEN_MS => {
-                self.enter(if HAS_SERVICE && service.is_some() {
+                self.enter(if service.is_some() {
                     Phase::Settling
                 } else {
                     Phase::Stirring(0)

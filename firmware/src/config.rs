@@ -6,6 +6,8 @@ use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Key
 mod building;
 pub mod schedule;
 
+pub use building::BIT_RATES;
+
 /// Collects entries and builds [`Active`] from them.
 #[derive(Debug, Clone)]
 pub struct ConfigStore<const N: usize> {
@@ -163,8 +165,10 @@ pub struct CableConfig {
     pub friction_mn: i32,
     /// Effective mass, g.
     pub mass_g: i32,
-    /// Play between motor and drum, 0.1 µm.
+    /// Play between motor and frame with a closed brake: the gear's and the brake's, 0.1 µm.
     pub play: i32,
+    /// How far the drum turns in its closed brake, 0.1 µm.
+    pub brake_play: i32,
     /// Lead of position commands, µs.
     pub lead_us: i32,
     /// Its square, 1000 µs².
@@ -234,6 +238,7 @@ impl CableConfig {
         friction_mn: 0,
         mass_g: 0,
         play: 0,
+        brake_play: 0,
         lead_us: 0,
         lead_square: 0,
         most_force_mn: 0,

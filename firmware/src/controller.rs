@@ -1,6 +1,5 @@
 //! One tick of the board: measure, watch, move, command; and the requests in between.
 
-use crate::HAS_SERVICE;
 use crate::adc::is_plausible;
 use crate::arming::{Arming, Phase, Service, Stir, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
@@ -30,6 +29,9 @@ use parking::Parked;
 
 /// Torque is held this long after the brakes have closed, ms.
 const HOLD_TORQUE_MS: u16 = 150;
+/// Ticks for which the emergency input must show a change: one disturbed sample is none. The power
+/// is cut by its own contacts meanwhile.
+const E_STOP_TICKS: u16 = 3;
 /// Control ticks per second.
 const TICKS_PER_SECOND: u16 = 1000;
 /// A motion may start this far from the set-point, 0.1 µm (K4).
@@ -128,7 +130,11 @@ pub struct Controller<const N: usize> {
     stir: Stir,
     gripper_closed: bool,
     gripper_switch: bool,
+    /// The emergency input, filtered, and for how long it has shown something else.
     e_stop: bool,
+    e_stop_differs: Persist,
+    /// A fault of the board itself that no request mends (P6).
+    lasting: Option<FaultId>,
     outputs: Outputs<N>,
     /// What the drives last said, and the tension channels.
     drives: [DriveInput; N],
@@ -137,6 +143,9 @@ pub struct Controller<const N: usize> {
     service: Option<Service>,
     scan: Scan,
     scan_asked: bool,
+    /// An output of the self-test, and for how many ticks it is still raised.
+    trial: (u8, u16),
+    loop_asked: bool,
 }
 
 impl<const N: usize> Default for Controller<N> {
@@ -171,12 +180,16 @@ impl<const N: usize> Default for Controller<N> {
             gripper_closed: false,
             gripper_switch: false,
             e_stop: false,
+            e_stop_differs: Persist::default(),
+            lasting: None,
             outputs: Outputs::default(),
             drives: [DriveInput::default(); N],
             adc: [0; N],
             service: None,
             scan: Scan::default(),
             scan_asked: false,
+            trial: (0, 0),
+            loop_asked: false,
         }
     }
 }
@@ -224,6 +237,12 @@ impl<const N: usize> Controller<N> {
         self.latch_fault(fault, 0, 0, 0);
     }
 
+    /// As [`Self::start_in_fault`], and the cause stays: it cannot be cleared (P6).
+    pub fn start_in_lasting_fault(&mut self, fault: FaultId) {
+        self.lasting = Some(fault);
+        self.start_in_fault(fault);
+    }
+
     /// One control tick: what the board must do now. `now` advances by one per call.
     pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
         self.tick(now, inputs);
@@ -233,13 +252,16 @@ impl<const N: usize> Controller<N> {
     /// As [`Self::step`], without a copy: [`Self::outputs`] tells what the board must do.
     pub fn tick(&mut self, now: Tick, inputs: &Inputs<N>) {
         self.now = now;
-        self.e_stop = inputs.e_stop;
+        let differs = inputs.e_stop != self.e_stop;
+        if self.e_stop_differs.update(differs, E_STOP_TICKS) {
+            self.e_stop = inputs.e_stop;
+        }
         self.gripper_switch = inputs.gripper_switch;
         self.overruns = self.overruns.wrapping_add(u32::from(inputs.overrun));
         if self.state == State::Boot {
             self.raise(Event::Booted);
         }
-        match (inputs.e_stop, self.state == State::EStop) {
+        match (self.e_stop, self.state == State::EStop) {
             (true, false) => {
                 self.latch_fault(FaultId::P7, 0, 0, 0);
                 self.raise(Event::EStopPressed);
@@ -382,11 +404,9 @@ impl<const N: usize> Controller<N> {
 
     #[inline(never)]
     fn measure(&mut self, inputs: &Inputs<N>) {
-        if HAS_SERVICE {
-            self.scan = inputs.scan;
-            self.adc = inputs.tension_adc;
-            self.drives = inputs.drives;
-        }
+        self.scan = inputs.scan;
+        self.adc = inputs.tension_adc;
+        self.drives = inputs.drives;
         let armed = self.is_armed();
         let watched = armed && self.watches_cables();
         let readings = inputs.encoders.iter().zip(&inputs.tension_adc);
@@ -413,6 +433,9 @@ impl<const N: usize> Controller<N> {
             }
             // Here, where all that it compares is at hand.
             cable.well = watched && cable.is_well(config, drive, adc, timeout_ms);
+            if armed && !watched {
+                cable.watch.learn(adc);
+            }
         }
         // Whatever the state: these lengths are guesses from here on.
         self.referenced &= !lost;
@@ -521,10 +544,15 @@ impl<const N: usize> Controller<N> {
         let armed = self.is_armed();
         let outputs = &mut self.outputs;
         outputs.gripper_closed = self.gripper_closed;
-        outputs.scan = HAS_SERVICE && core::mem::take(&mut self.scan_asked);
+        outputs.drive_enable = self.active.is_some() && self.state != State::EStop;
+        outputs.scan = core::mem::take(&mut self.scan_asked);
         let Some(active) = self.active.as_ref().filter(|_| armed) else {
             for (demand, brake) in outputs.drives.iter_mut().zip(&mut outputs.brakes) {
                 (*demand, *brake) = (DriveDemand::Off, Brake::Closed);
+            }
+            outputs.can_loop = core::mem::take(&mut self.loop_asked);
+            if self.trial.1 > 0 {
+                self.try_output();
             }
             return;
         };
@@ -560,7 +588,7 @@ impl<const N: usize> Controller<N> {
                 (Control::Tension, false) => DriveDemand::EnableCurrent,
                 (Control::Length, true) => {
                     // Sign and scale of the encoder may be what is looked for: it corrects nothing.
-                    if brake == Brake::Open && !(HAS_SERVICE && self.service.is_some()) {
+                    if brake == Brake::Open && self.service.is_none() {
                         cable
                             .axis
                             .learn(config, &cable.target, cable.by_motor, cable.length);
@@ -607,7 +635,7 @@ impl<const N: usize> Controller<N> {
                     } else if self.relieving && self.closing.is_none() {
                         let force = cable.relief_mn(config);
                         cable.tension_loop.give(config, force)
-                    } else if held || (blind && HAS_SERVICE && self.service.is_some()) {
+                    } else if held || (blind && self.service.is_some()) {
                         // A bare winch has no plan to go on with.
                         cable.tension_loop.hold()
                     } else {
@@ -618,6 +646,30 @@ impl<const N: usize> Controller<N> {
                     }
                 }
             };
+        }
+    }
+}
+
+impl<const N: usize> Controller<N> {
+    /// Raises what the self-test tries; it falls by itself, and at once where anything else begins.
+    #[inline(never)]
+    fn try_output(&mut self) {
+        let (output, ticks) = self.trial;
+        self.trial.1 = ticks - 1;
+        if self.state != State::Disarmed || self.active.is_some() {
+            self.trial.1 = 0;
+            return;
+        }
+        let outputs = &mut self.outputs;
+        match output {
+            5 => outputs.gripper_closed = true,
+            6 => outputs.drive_enable = true,
+            _ => {
+                let brake = outputs.brakes.get_mut(usize::from(output).wrapping_sub(1));
+                if let Some(brake) = brake {
+                    *brake = Brake::Open;
+                }
+            }
         }
     }
 }

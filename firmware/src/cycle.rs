@@ -52,6 +52,11 @@ impl<const N: usize> Cycle<N> {
         self.server.start_in_fault(fault);
     }
 
+    /// See [`Server::start_in_lasting_fault`]. Before the first tick.
+    pub fn start_in_lasting_fault(&mut self, fault: mcdpr_protocol::FaultId) {
+        self.server.start_in_lasting_fault(fault);
+    }
+
     /// One tick. `late` says that it started late (P5).
     #[inline]
     pub fn tick<B: Board<N>>(
@@ -124,8 +129,10 @@ impl<const N: usize> Cycle<N> {
             let counters = ends.state.counters();
             let mut answer = self.server.receive(now, &waiting.command, &counters);
             ends.commands.dequeue();
-            if let Ok(Reply::Info(info)) = &mut answer.result {
-                board.complete(info);
+            match &mut answer.result {
+                Ok(Reply::Info(info)) => board.complete(info),
+                Ok(Reply::Bench(report)) => board.measure(report, &self.inputs),
+                _ => {}
             }
             // There is room: it was just seen, and nobody else fills it.
             let _ = ends.answers.enqueue(answer);

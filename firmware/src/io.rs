@@ -2,13 +2,15 @@
 
 use crate::config::Active;
 use crate::supervisor::State;
-use mcdpr_protocol::{Info, Tick};
+use mcdpr_protocol::{Bench, Info, Tick};
 
 /// What one drive last said.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct DriveInput {
     /// The drive takes commands in the mode it was asked for.
     pub ready: bool,
+    /// The motor has torque, by what the drive has fed back: it obeys, or its current flows.
+    pub torque: bool,
     /// The drive reports a fault of its own.
     pub fault: bool,
     /// Milliseconds since its last feedback; `u16::MAX` if there was none.
@@ -25,6 +27,17 @@ pub struct DriveInput {
     pub warning: bool,
     /// The drive says that it, its motor or its supply is too hot (D6; CiA 402).
     pub over_temperature: bool,
+    /// An object of its set-up that the drive refused (CiA 402).
+    pub refused: Option<Refused>,
+}
+
+/// An object that a drive refused to take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Refused {
+    /// Index in bits 8 to 23, sub-index in bits 0 to 7.
+    pub object: u32,
+    /// The drive's abort code (CiA 301).
+    pub code: u32,
 }
 
 /// Which drives answer on the bus.
@@ -132,10 +145,14 @@ pub struct Outputs<const N: usize> {
     pub drives: [DriveDemand; N],
     /// Brakes.
     pub brakes: [Brake; N],
+    /// Let the drives have their power: there is a configuration, and no emergency stop.
+    pub drive_enable: bool,
     /// Close the gripper.
     pub gripper_closed: bool,
     /// Begin to ask which drives are on the bus.
     pub scan: bool,
+    /// Send frames through the CAN controller and back, without the bus.
+    pub can_loop: bool,
 }
 
 impl<const N: usize> Default for Outputs<N> {
@@ -143,8 +160,10 @@ impl<const N: usize> Default for Outputs<N> {
         Self {
             drives: [DriveDemand::Off; N],
             brakes: [Brake::Closed; N],
+            drive_enable: false,
             gripper_closed: false,
             scan: false,
+            can_loop: false,
         }
     }
 }
@@ -171,6 +190,11 @@ pub trait Board<const N: usize>: Line {
     fn apply(&mut self, now: Tick, config: Option<&Active<N>>, outputs: &Outputs<N>);
     /// Adds to the core's description of itself what only the board knows.
     fn complete(&self, info: &mut Info);
+    /// Adds to a self-test what only the board knows, with what it read in this tick. A simulation
+    /// has no chip, and leaves zeros.
+    fn measure(&mut self, report: &mut Bench, inputs: &Inputs<N>) {
+        let _ = (report, inputs);
+    }
     /// Shows the state to people who stand beside the board.
     fn show(&mut self, state: State, now: Tick) {
         let _ = (state, now);

@@ -14,6 +14,7 @@
 //! | [`encoder`] | 16-bit counters to 64-bit positions, glitches rejected |
 //! | [`segment`] | motion buffer and Hermite cubics in fixed point |
 //! | [`adc`] | which readings of a tension channel are none of a sensor |
+//! | [`supply`] | what the converter's supply does to a reading |
 //! | [`tension`] | sensor law and tension laws (Eq. 1, Eq. 52) |
 //! | `arming`, `proof` | checks before brakes open, and before torque goes |
 //! | [`watch`] | detectors: how faults are noticed |
@@ -43,6 +44,7 @@ pub mod sampler;
 pub mod segment;
 pub mod server;
 pub mod supervisor;
+pub mod supply;
 pub mod tension;
 pub mod watch;
 
@@ -52,6 +54,3 @@ pub use cycle::Cycle;
 pub use io::{Brake, DriveDemand, DriveInput, Inputs, Outputs};
 pub use server::Server;
 pub use supervisor::{Event, Reaction, State};
-
-/// Whether this build can work on one bare winch.
-pub(crate) const HAS_SERVICE: bool = cfg!(feature = "service");

@@ -2,7 +2,7 @@
 //! load and pushes against the closed brake. Only a brake that holds more than the load is trusted
 //! with it (B2, B3).
 //!
-//! Between a motor and its drum there is play, and the motor's current says nothing about the brake
+//! Between a motor and its drum, and between drum and brake, there is play, and the motor's current says nothing about the brake
 //! before the motor is through it, nor what its own friction takes: both are the configuration's.
 //! After the push the motor comes back to where it carried the load, so that no drum falls through
 //! the play when its brake opens.
@@ -24,7 +24,7 @@ const FASTER_UMPS: i32 = 50;
 /// Ticks that a current must last behind play: a flank that is hit rings.
 const LASTS: u8 = 5;
 
-/// What the play of the widest gear adds to the time that a proof may take, ms: there and back at
+/// What the play of the widest winch adds to the time that a proof may take, ms: there and back at
 /// [`THROUGH_PLAY`], and as much again for its gentle start.
 #[must_use]
 pub(crate) fn play_ms<const N: usize>(config: &Active<N>) -> u16 {
@@ -78,8 +78,9 @@ impl Proof {
         }
         let from = *self.from.get_or_insert(length);
         let turned = length.saturating_sub(from);
-        // A drum under a closed brake may turn by four encoder counts.
-        if turned.unsigned_abs() > config.four_counts.unsigned_abs() {
+        // A drum under a closed brake may turn by the brake's play and four encoder counts.
+        let most = config.four_counts + config.brake_play;
+        if turned.unsigned_abs() > most.unsigned_abs() {
             return Verdict::Slips(turned);
         }
         // The push pays out: it adds to the load on the brake. Friction takes its share first, at

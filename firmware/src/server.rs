@@ -112,6 +112,11 @@ impl<const N: usize> Server<N> {
         self.controller.start_in_fault(fault);
     }
 
+    /// See [`Controller::start_in_lasting_fault`]. Before the first tick.
+    pub fn start_in_lasting_fault(&mut self, fault: mcdpr_protocol::FaultId) {
+        self.controller.start_in_lasting_fault(fault);
+    }
+
     /// One control tick.
     pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
         self.tick(now, inputs);

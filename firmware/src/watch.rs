@@ -44,6 +44,7 @@ pub struct CableWatch {
     ran_umps: u32,
     deaf: Persist,
     last_adc: u16,
+    pace: Pace,
     /// Tension of the last ticks, mN: a cable that breaks falls below half of it at once.
     recent_mn: i32,
     broke: bool,
@@ -83,6 +84,61 @@ impl Conditions {
             | self.saturated
             | self.hot
             | self.deaf
+    }
+}
+
+/// How often a reading repeats by itself: how many ticks alike mean that it is frozen (S11).
+///
+/// Of a channel that repeats a reading with the chance p, n alike come by chance with p to the power
+/// of n - 1. Each step of the table keeps that under 1e-9: a quiet sensor is no broken one. What a
+/// channel's chance is follows from the mean number of ticks for which its reading stays.
+#[derive(Debug, Clone, Copy)]
+struct Pace {
+    /// Mean ticks from one change of the reading to the next, 8 fractional bits.
+    mean_q8: i32,
+    /// Ticks since the last.
+    run: i32,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self {
+            mean_q8: 256,
+            run: 1,
+        }
+    }
+}
+
+impl Pace {
+    /// Up to this mean, so many ticks: p is 1 - 1 / mean.
+    const TABLE: [(i32, u16); 5] = [
+        (256 * 9 / 8, FROZEN_TICKS),
+        (256 * 4 / 3, 16),
+        (256 * 2, 31),
+        (256 * 4, 73),
+        (256 * 16, 322),
+    ];
+
+    #[inline]
+    const fn changed(&mut self) {
+        // Soon longer and slowly shorter: who is patient for too long misses little, who is not stops a
+        // robot for nothing.
+        let longer = 256 * self.run - self.mean_q8;
+        self.mean_q8 += if longer > 0 { longer / 8 } else { longer / 128 };
+        self.run = 1;
+    }
+
+    const fn repeated(&mut self) {
+        if self.run < 4096 {
+            self.run += 1;
+        }
+    }
+
+    /// Ticks alike that mean a frozen reading.
+    fn patience(&self) -> u16 {
+        let mut steps = Self::TABLE.iter();
+        let step = steps.find(|(mean_q8, _)| self.mean_q8 <= *mean_q8);
+        step.map_or(2000, |&(_, ticks)| ticks)
     }
 }
 
@@ -212,6 +268,18 @@ pub(crate) const fn is_deaf(told: i32, given: i32) -> bool {
 }
 
 impl CableWatch {
+    /// One reading while nothing is watched yet: how often this channel repeats one.
+    pub fn learn(&mut self, adc: u16) {
+        if adc == self.last_adc {
+            self.pace.repeated();
+            // One that never changes is as quiet as that, or frozen already: then it says so later.
+            self.pace.mean_q8 = self.pace.mean_q8.max(256 * self.pace.run);
+        } else {
+            self.last_adc = adc;
+            self.pace.changed();
+        }
+    }
+
     /// A quick look at a tick under torque in which the caller saw nothing wrong: whether nothing
     /// is to be counted here either. If so, the tick is over for this cable; if not, nothing was
     /// done, and [`Self::update`] has to look. Lengths are by motor and drum, `way` is that of
@@ -233,6 +301,7 @@ impl CableWatch {
         }
         let change = tension_mn.saturating_sub(self.recent_mn);
         self.last_adc = adc;
+        self.pace.changed();
         self.broke = false;
         self.noise_q6 = self.noise_after(change);
         self.recent_mn = self.recent_mn.saturating_add(change / 2);
@@ -253,6 +322,11 @@ impl CableWatch {
         let short = view.adc <= crate::adc::RAIL_LOW;
         let frozen = view.adc == self.last_adc && !open && !short;
         self.last_adc = view.adc;
+        if !frozen {
+            self.pace.changed();
+        } else {
+            self.pace.repeated();
+        }
         let most = (view.expected_mn / 2).max(LEAST_OFF_MN);
         // A fall to the floor from one tick to the next is a break, a slow one is slack.
         let slack = tension < view.floor_mn && !short;
@@ -340,7 +414,7 @@ impl CableWatch {
         let runs = self.runaway.update(now.runs, RUNAWAY_TICKS) && ran_umps >= self.ran_umps;
         let open = self.open.update(now.open, RAIL_TICKS);
         let short = self.short.update(now.short, RAIL_TICKS);
-        let frozen = self.frozen.update(now.frozen, FROZEN_TICKS);
+        let frozen = self.frozen.update(now.frozen, self.pace.patience());
         let snag = self.snag.update(now.snag, SNAG_TICKS);
         let slack = self.slack.update(now.slack, slack_ticks);
         let astray = self.following.update(now.astray, FOLLOWING_TICKS);
@@ -362,7 +436,7 @@ impl CableWatch {
         } else if short {
             (FaultId::S8, (adc, i32::from(crate::adc::RAIL_LOW)))
         } else if frozen {
-            (FaultId::S11, (adc, i32::from(FROZEN_TICKS)))
+            (FaultId::S11, (adc, i32::from(self.pace.patience())))
         } else if snag {
             (FaultId::C2, (tension, view.ceiling_mn))
         } else if broken && now.slack {

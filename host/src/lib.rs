@@ -24,7 +24,8 @@
 //! | [`pick`] | bin picking: look, choose, take, carry, release |
 //! | [`study`] | studies in the simulator that the documents quote |
 //! | [`doctor`] | what is there, part by part, and what to do where it is not |
-//! | `flash` | the board's firmware: checked, then written through a debug probe |
+//! | [`bench`] | the self-test of a board without a robot |
+//! | [`flash`] | the board's firmware: checked, then written through a debug probe |
 //! | [`service`] | work on one unloaded winch |
 //! | `units` | numbers with units as people type them |
 //! | [`cli`] | the command line |
@@ -53,6 +54,7 @@ fn tell(what: std::fmt::Arguments<'_>) {
     let _ = std::io::stderr().write_fmt(what);
 }
 
+pub mod bench;
 pub mod calibration;
 pub mod cli;
 pub mod control;
@@ -61,7 +63,7 @@ pub mod experiment;
 mod files;
 // Without a probe only the check of a file is used.
 #[cfg_attr(not(feature = "flash"), allow(dead_code))]
-mod flash;
+pub mod flash;
 pub mod link;
 pub mod machine;
 pub mod motion;

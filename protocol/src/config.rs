@@ -166,6 +166,8 @@ keys! {
         Play = 34,
         /// Corner of the low-pass behind a default law that tells speeds, mHz; 0 is none.
         SpeedCornerMhz = 35,
+        /// How far the drum turns in its closed brake, 0.1 µm of cable.
+        BrakePlay = 36,
     }
 }
 

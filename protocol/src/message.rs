@@ -132,6 +132,11 @@ pub enum Request {
         /// Begins to ask anew; else tells what has been found so far.
         restart: bool,
     },
+    /// The board's self-test, while nothing has torque: answered with [`Reply::Bench`].
+    Bench {
+        /// What is tried first.
+        test: BenchTest,
+    },
 }
 
 impl Request {
@@ -149,6 +154,26 @@ impl Request {
         )
     }
 }
+
+/// What a self-test tries. Append only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub enum BenchTest {
+    /// Nothing: the board tells what it is and has measured.
+    Look,
+    /// Frames through the CAN controller and back, without the bus. Only without a configuration.
+    CanLoop,
+    /// Raises one output for [`BENCH_OUTPUT_MS`]; it falls by itself. Only without a configuration,
+    /// so that no drive was told anything.
+    Output {
+        /// 1 to 4: a brake opens. 5: the gripper closes. 6: the drives get power.
+        output: u8,
+    },
+}
+
+/// Outputs that a self-test can raise.
+pub const BENCH_OUTPUTS: u8 = 6;
+/// How long it does, ms.
+pub const BENCH_OUTPUT_MS: u16 = 300;
 
 /// Ways to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
@@ -213,6 +238,43 @@ pub enum Reply {
         /// Bit n of word m: drive 32 m + n answers.
         nodes: [u32; 4],
     },
+    /// To [`Request::Bench`].
+    Bench(Bench),
+}
+
+/// What a board tells of itself in a self-test; zeros where a simulation has no chip.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct Bench {
+    /// The chip's own identity (DBGMCU_IDCODE).
+    pub id_code: u32,
+    /// The core's (CPUID).
+    pub core_id: u32,
+    /// The maker by the core's table of components (JEP106 code; ST is 0x20).
+    pub maker: u16,
+    /// Size of the flash by the factory's register, KiB.
+    pub flash_kib: u16,
+    /// Why it started: RCC_CSR, bits 24 to 31.
+    pub reset_flags: u8,
+    /// It runs from its crystal.
+    pub crystal: bool,
+    /// Supply by the internal reference, mV.
+    pub supply_mv: u16,
+    /// The slow oscillator's frequency by the crystal, Hz; 0 in the first two seconds.
+    pub slow_hz: u32,
+    /// CAN: transmit and receive error counters.
+    pub can_errors: (u8, u8),
+    /// CAN: received frames that were lost.
+    pub can_lost: u32,
+    /// CAN: whether the last loop of [`BenchTest::CanLoop`] gave back what was sent; `None` before.
+    pub can_loop: Option<bool>,
+    /// Greatest time of a control tick since the start, core cycles, self-tests left out.
+    pub tick_cycles: u32,
+    /// Stack that was never used, bytes.
+    pub stack_free: u16,
+    /// Bit 0: the emergency input is open; bit 1: the gripper's switch is closed.
+    pub inputs: u8,
+    /// Levels of the outputs at the pins, in the order of [`BenchTest::Output`].
+    pub outputs: u8,
 }
 
 /// One winch as its board sees it in a tick.
@@ -365,6 +427,9 @@ pub enum Reject {
         /// The cable, 1 for the first.
         cable: u8,
     },
+    /// The board has a configuration, so its drives may have been told something: only one that was
+    /// just started tries its outputs.
+    Configured,
 }
 
 /// Every message fits a frame; a message that outgrows it does not compile.

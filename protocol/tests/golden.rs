@@ -329,6 +329,7 @@ fn configuration_keys_keep_their_numbers() {
         "TensionOutput",
         "Play",
         "SpeedCornerMhz",
+        "BrakePlay",
     ];
     let names: Vec<_> = BoardKey::ALL.iter().map(|key| key.name()).collect();
     assert_eq!(names, board);

@@ -107,7 +107,8 @@ fn cable_value(key: CableKey, index: usize, winch: &WinchParams, law: [i32; 5]) 
         CableKey::LengthMin
         | CableKey::TensionOutput
         | CableKey::Play
-        | CableKey::SpeedCornerMhz => 0,
+        | CableKey::SpeedCornerMhz
+        | CableKey::BrakePlay => 0,
         CableKey::LengthMax => 20_000_000,
         CableKey::Node => index as i32 + 1,
         CableKey::ReelSpeed => 5000,

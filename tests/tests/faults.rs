@@ -135,6 +135,35 @@ fn s7_s8_s11_a_dead_tension_sensor_stops_the_robot() {
 }
 
 #[test]
+fn s6_inputs_of_an_encoder_that_float_count_noise_and_stop_the_robot() {
+    for cable in [0, 3] {
+        let after = with_fault(0.8, |plant| {
+            plant.faults_mut().cables[cable].encoder = EncoderFault::Floating;
+        });
+        let id = after.record.fault;
+        assert!(
+            matches!(id, FaultId::S6 | FaultId::S4 | FaultId::S2 | FaultId::S5),
+            "{id:?}"
+        );
+        assert!(after.detected_after() <= 150, "{}", after.detected_after());
+        after.assert_safe();
+    }
+}
+
+#[test]
+fn s7_an_open_input_is_told_with_the_pull_up_of_the_wiring_and_not_with_a_weak_one() {
+    let wired = with_fault(0.8, |plant| {
+        plant.faults_mut().cables[3].tension = TensionFault::OpenWith(10_000);
+    });
+    assert_eq!(wired.record.fault, FaultId::S7);
+    // 1 MOhm: a reading like any other, until something else goes wrong with the cable.
+    let weak = with_fault(0.8, |plant| {
+        plant.faults_mut().cables[3].tension = TensionFault::OpenWith(1_000_000);
+    });
+    assert_ne!(weak.record.fault, FaultId::S7);
+}
+
+#[test]
 fn d3_a_silent_drive_is_noticed_and_its_brake_closes() {
     let after = with_fault(0.8, |plant| {
         plant.faults_mut().cables[2].drive.silent = true

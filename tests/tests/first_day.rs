@@ -1,6 +1,14 @@
 //! The first day of a bare winch, by the real program: the simulated machine is not what the robot
 //! file says, and the commands find out.
 
+use mcdpr::control::Handle;
+use mcdpr::experiment;
+use mcdpr::machine::Mismatch;
+use mcdpr::motion::Model;
+use mcdpr::robot::Robot;
+use mcdpr::run::{Homing, NoStore, Session};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::LinkOptions;
 use mcdpr_tests::mcdpr;
 use mcdpr_tests::process::Folder;
 use serde_json::Value;
@@ -255,4 +263,56 @@ fn a_winch_that_is_not_there_is_named() {
         let words = String::from_utf8_lossy(&output.stderr);
         assert!(words.contains("no winch"), "{words}");
     }
+}
+
+/// Arms a robot whose brakes have play, and disarms it again; `told` is what the board knows of it.
+fn armed_and_disarmed(play_m: f64, told_m: f64) -> Result<(), String> {
+    let mut built = Robot::built_in("paper-table5").unwrap();
+    let mut says = built.clone();
+    for (winch, told) in built.winches.iter_mut().zip(&mut says.winches) {
+        winch.brake_play_m = play_m;
+        told.brake_play_m = told_m;
+    }
+    let (built, says) = (Model::new(&built).unwrap(), Model::new(&says).unwrap());
+    let line = LinkOptions::default();
+    let link = experiment::simulated_robot(&built, &Mismatch::realistic(), 3, &line).unwrap();
+    let handle = Handle::new();
+    let homing = Homing::Place(says.robot().tool.home_in_world_m);
+    let link = Box::new(link);
+    let mut session = Session::open(&says, link, SessionId(6), &handle, homing, &NoStore).unwrap();
+    session.arm().map_err(|error| format!("arming: {error}"))?;
+    let disarmed = session.disarm();
+    disarmed.map_err(|error| format!("disarming: {error}"))?;
+    Ok(())
+}
+
+#[test]
+fn a_brake_with_play_is_taken_for_a_slipping_one_only_where_the_board_does_not_know_of_it() {
+    // 1 degree on a drum of 20 mm.
+    let play_m = 0.35e-3;
+    assert_eq!(armed_and_disarmed(play_m, play_m), Ok(()));
+    let untold = armed_and_disarmed(play_m, 0.0).unwrap_err();
+    assert!(untold.contains("B2"), "{untold}");
+}
+
+#[test]
+fn commissioning_measures_the_play_of_the_brake() {
+    let folder = Folder::new("commission-brake-play");
+    let (says, built) = really("rmds");
+    let built = with(&built, 2, "brake_play_deg", "0.8");
+    std::fs::write(folder.path().join("says.toml"), &says).unwrap();
+    std::fs::write(folder.path().join("built.toml"), built).unwrap();
+    let arguments = ["commission", "2", "--robot", "says.toml"];
+    let more = ["--machine", "built.toml", "--json", "--out", "two.toml"];
+    let found = document(&run(&folder, &[&arguments[..], &more].concat()));
+    let play_deg = found["brake_play_deg"].as_f64().unwrap();
+    let counts = number(&says, "encoder_counts_per_turn");
+    assert!((play_deg - 0.8).abs() <= 2.0 * 360.0 / counts, "{found}");
+    let differs = found["differs"].to_string();
+    assert!(differs.contains("brake_play_deg"), "{differs}");
+    let module = std::fs::read_to_string(folder.path().join("two.toml")).unwrap();
+    assert!(
+        (number(&module, "brake_play_deg") - play_deg).abs() < 1e-3,
+        "{module}"
+    );
 }

@@ -9,7 +9,7 @@ use std::process::Command;
 const TARGET: &str = "thumbv7m-none-eabi";
 /// Most flash, bytes (the chip has 64 KB).
 const FLASH_BUDGET: u64 = 60 * 1024;
-/// Most static RAM, bytes (the chip has 20 KB; stack and static RAM together have 12 KB).
+/// Most static RAM, bytes (the chip has 20 KB; stack and static RAM together have 13 KB).
 const RAM_BUDGET: u64 = 10 * 1024;
 
 /// Builds the firmware as it is flashed and checks it.
@@ -46,7 +46,6 @@ pub(crate) fn lint() -> Result<(), String> {
         "mcdpr-firmware",
         "--bin",
         "mcdpr-firmware",
-        "--no-default-features",
         "--features",
         "board",
         "--target",

@@ -334,6 +334,12 @@ pub(crate) static WINCH: Section = Section {
             30.0,
             "time from the command until the brake holds, ms",
         ),
+        key(
+            "brake_play_deg",
+            Kind::Number(Within(0.0, 2.0)),
+            Absent::Number(0.0),
+            "how far the drum turns in its closed brake, degrees; `mcdpr commission` measures it",
+        ),
         positive(
             "tension_gain_n_per_v",
             12.77,

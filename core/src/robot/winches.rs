@@ -151,9 +151,10 @@ fn winch(table: &Values, default_id: i64) -> Winch {
     let small = |number: i64| u8::try_from(number).unwrap_or(u8::MAX);
     let id = table.whole_given(key!(WINCH, "id")).unwrap_or(default_id);
     let gear_ratio = table.number(key!(WINCH, "gear_ratio"));
+    let drum_radius_m = table.number(key!(WINCH, "drum_radius_mm")) / MM_PER_M;
     Winch {
         id: small(id),
-        drum_radius_m: table.number(key!(WINCH, "drum_radius_mm")) / MM_PER_M,
+        drum_radius_m,
         cable_diameter_m: table.number(key!(WINCH, "cable_diameter_mm")) / MM_PER_M,
         turns_max: table.number(key!(WINCH, "turns_max")),
         drum_inertia_kg_m2: table.number(key!(WINCH, "drum_inertia_kg_m2")),
@@ -176,6 +177,7 @@ fn winch(table: &Values, default_id: i64) -> Winch {
         gear: gear(table),
         drum_eccentricity_m: table.number(key!(WINCH, "drum_eccentricity_mm")) / MM_PER_M,
         brake_close_s: table.number(key!(WINCH, "brake_close_ms")) / MS_PER_S,
+        brake_play_m: table.number(key!(WINCH, "brake_play_deg")).to_radians() * drum_radius_m,
         tension_gain_n_per_v: table.number(key!(WINCH, "tension_gain_n_per_v")),
         tension_zero_v: table.number(key!(WINCH, "tension_zero_v")),
         tension_max_n: table.number(key!(WINCH, "tension_max_n")),

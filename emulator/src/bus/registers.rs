@@ -10,9 +10,11 @@ impl Bus {
             0x4000_0000 => (Place::Timer(1), apb1),
             0x4000_0400 => (Place::Timer(2), apb1 >> 1),
             0x4000_0800 => (Place::Timer(3), apb1 >> 2),
+            0x4000_2800 => (Place::Clock, apb1 >> 27),
             0x4000_3000 => (Place::Watchdog, always),
             0x4000_4800 => (Place::Usart, apb1 >> 18),
             0x4000_6400 => (Place::Can, apb1 >> 25),
+            0x4000_6C00 => (Place::Backup, apb1 >> 27),
             0x4000_7000 => (Place::Power, apb1 >> 28),
             0x4001_0000 => (Place::Afio, apb2),
             0x4001_0400 => (Place::Exti, always),
@@ -74,8 +76,28 @@ impl Bus {
                 let low = self.supply_low && self.power & PVDE != 0;
                 [self.power, if low { PVDO } else { 0 }].get(index).copied()
             }
+            Place::Backup => Some(0),
+            Place::Clock => {
+                let (from, since) = self.rtc;
+                let hz = self.watchdog.oscillator_hz;
+                // Source LSI, enabled.
+                let runs = self.rcc.backup() & 0x8300 == 0x8200;
+                let passed = if runs {
+                    (now - since) * hz / TICKS_PER_SECOND
+                } else {
+                    0
+                };
+                let left = u64::from(from) - passed % (u64::from(from) + 1);
+                match offset {
+                    // Synchronised, and ready for a write.
+                    0x04 => Some(0x28),
+                    0x10 => Some((left >> 16) as u32 & 15),
+                    0x14 => Some(left as u32 & 0xFFFF),
+                    _ => Some(0),
+                }
+            }
             Place::Debug => match offset {
-                0 => Some(0x2003_6410),
+                0 => Some(self.identity.id_code),
                 4 => Some(self.debug),
                 _ => None,
             },
@@ -129,6 +151,19 @@ impl Bus {
             }
             Place::Power if offset == 0 => {
                 self.power = value;
+                Ok(())
+            }
+            Place::Backup => Ok(()),
+            Place::Clock if self.power & 1 << 8 == 0 => {
+                Err("the backup domain is write-protected (DBP)")
+            }
+            Place::Clock => {
+                let from = self.rtc.0;
+                match offset {
+                    0x08 => self.rtc = ((from & 0xFFFF) | (value & 15) << 16, now),
+                    0x0C => self.rtc = ((from & 0xF_0000) | (value & 0xFFFF), now),
+                    _ => {}
+                }
                 Ok(())
             }
             Place::Debug if offset == 4 => {

@@ -23,6 +23,13 @@ impl Chip {
         self.ticks_done
     }
 
+    /// How often the core went to sleep (`WFE`) though a handler had returned since it last looked:
+    /// what that had to tell waits for the next interrupt.
+    #[must_use]
+    pub const fn slept_through(&self) -> u64 {
+        self.cpu.slept_through
+    }
+
     /// From now on keeps where the SysTick handler's instructions lie.
     pub fn profile_ticks(&mut self) {
         self.profile = Some(Box::default());

@@ -1,7 +1,7 @@
 //! What the chip is wired to, and what may go wrong with it: pins, voltages, lines, supply, crystal.
 
-use super::{CanErrors, Chip, Pins, Port, TICKS_PER_US};
-use crate::bus::{RAM, RAM_BYTES};
+use super::{CanErrors, Chip, Drive, Jumpers, Pins, Port, TICKS_PER_US};
+use crate::bus::{Identity, RAM, RAM_BYTES};
 use crate::device::can_line::{CanFrame, CanWiring};
 use crate::scs::HARD_FAULT;
 
@@ -51,6 +51,43 @@ impl Chip {
         watched
     }
 
+    /// Whether the crystal starts when it is told to, from the next reset on.
+    pub fn set_crystal(&mut self, works: bool) {
+        self.bus.rcc.crystal_dead = !works;
+    }
+
+    /// Whether the PLL locks when it is told to, from the next reset on.
+    pub fn set_pll(&mut self, works: bool) {
+        self.bus.rcc.pll_dead = !works;
+    }
+
+    /// Frequency of the watchdog's oscillator (LSI), Hz: 30 to 60 kHz in chips, 40 kHz here unless
+    /// told otherwise. Counts from the watchdog's next feed on.
+    pub fn set_slow_oscillator(&mut self, hz: u32) {
+        self.bus.watchdog.oscillator_hz = u64::from(hz.max(1));
+    }
+
+    /// What the chip says that it is: a clone says something else.
+    pub fn set_identity(&mut self, identity: Identity) {
+        self.bus.identity = identity;
+    }
+
+    /// The CAN controller sends and receives nothing any more, or works again.
+    pub fn break_can(&mut self, broken: bool) {
+        self.bus.can.broken = broken;
+    }
+
+    /// A debugger halts the core until [`Self::resume`]; its peripherals, the watchdog among them,
+    /// go on.
+    pub fn halt(&mut self) {
+        self.hangs = true;
+    }
+
+    /// A debugger lets the core go on.
+    pub fn resume(&mut self) {
+        self.hangs = false;
+    }
+
     /// Virtual time since power-on, microseconds.
     #[must_use]
     pub fn now_us(&self) -> u64 {
@@ -62,9 +99,23 @@ impl Chip {
     pub fn pins(&self) -> Pins {
         Pins {
             brakes: [12, 13, 14, 15].map(|pin| self.bus.gpio[1].drive(pin)),
+            drive_enable: self.bus.gpio[1].drive(3),
             gripper: self.bus.gpio[0].drive(10),
             led: self.bus.gpio[2].drive(13),
         }
+    }
+
+    /// Puts jumper wires between outputs and inputs, in place of encoders and sensors.
+    pub fn set_jumpers(&mut self, jumpers: Jumpers) {
+        self.jumpers = Some(jumpers);
+    }
+
+    /// Whether an output is high: the brakes from 0, then gripper and drive enable.
+    pub(crate) fn is_high(&self, output: usize) -> bool {
+        let pins = self.pins();
+        let others = [pins.gripper, pins.drive_enable];
+        let mut outputs = pins.brakes.into_iter().chain(others);
+        outputs.nth(output) == Some(Drive::High)
     }
 
     /// Whether any brake was open at any time since power-on, as seen after every write to a
@@ -94,18 +145,18 @@ impl Chip {
         timer.map_or(0, |timer| timer.lost)
     }
 
-    /// Applies a voltage to an ADC channel, as the 12 bits that it converts to.
+    /// Applies a voltage to an ADC channel, as the 12 bits that it converts to at 3.3 V.
     pub fn set_adc(&mut self, channel: u8, raw: u16) {
         self.set_adc_sixteenths(channel, raw.min(4095) * 16);
     }
 
-    /// The supply as the ADC sees it, V: its internal reference is a share of it. The pins' voltages
-    /// are given as shares anyhow, and the voltage detector has [`Self::set_supply_low`].
+    /// The supply as the ADC sees it, V: its full scale. What is applied to a pin stays the voltage
+    /// that it is; the voltage detector has [`Self::set_supply_low`].
     pub fn set_supply_v(&mut self, volts: f64) {
         self.bus.adc.set_supply_v(volts);
     }
 
-    /// Applies a voltage to an ADC channel, in sixteenths of a conversion's step (0 to 65520): as
+    /// Applies a voltage to an ADC channel, in sixteenths of a step at 3.3 V (0 to 65520): as
     /// with a little noise, sixteen conversions add up to it.
     pub(crate) fn set_adc_sixteenths(&mut self, channel: u8, sum: u16) {
         if let Some(applied) = self.bus.adc.applied.get_mut(usize::from(channel)) {

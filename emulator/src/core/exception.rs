@@ -1,4 +1,8 @@
 //! Exceptions: entry, return and who is next (ARMv7-M Architecture Reference Manual, B1.5).
+//!
+//! The architecture has both set the event register of `WFE`. The core of this chip, r1p1, sets it on
+//! neither (Arm erratum 563915, ST ES096): software that relies on it sleeps through what came between
+//! its last look and the `WFE`.
 
 use super::{Cpu, EXCEPTION_CYCLES, Switch, Trap};
 use crate::bus::Bus;
@@ -80,7 +84,6 @@ impl Cpu {
         self.pc = vector & !1;
         self.it = 0;
         self.exclusive = None;
-        self.event = true;
         self.switched = Some(Switch::Enter(number));
         Ok(())
     }
@@ -124,7 +127,7 @@ impl Cpu {
             bus.scs.faultmask = false;
         }
         self.exclusive = None;
-        self.event = true;
+        self.unheard = true;
         self.switched = Some(Switch::Leave(number));
         if bus.scs.sleeps_on_exit() && !nested {
             self.sleeping = true;

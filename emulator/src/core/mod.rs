@@ -49,6 +49,9 @@ pub(crate) struct Cpu {
     pub exclusive: Option<u32>,
     /// The event register of WFE.
     pub event: bool,
+    /// A handler has returned since the last WFE, and how often a WFE slept all the same.
+    unheard: bool,
+    pub slept_through: u64,
     pub sleeping: bool,
     pub instructions: u64,
     /// Lowest stack pointer since it was last taken.
@@ -78,6 +81,8 @@ impl Cpu {
             other_sp: 0,
             exclusive: None,
             event: false,
+            unheard: false,
+            slept_through: 0,
             sleeping: false,
             instructions: 0,
             lowest_sp: stack,

@@ -39,7 +39,9 @@ impl Cpu {
             Op::Wfe => {
                 if self.event {
                     self.event = false;
+                    self.unheard = false;
                 } else {
+                    self.slept_through += u64::from(std::mem::take(&mut self.unheard));
                     self.sleeping = true;
                     bus.scs.attention = true;
                 }

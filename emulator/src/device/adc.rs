@@ -49,10 +49,12 @@ pub(crate) struct Adc {
     /// An injected conversion's end and result.
     injected_at: Option<u64>,
     injected: u32,
-    /// What lies at each channel, in sixteenths of a step.
+    /// What lies at each channel, in sixteenths of a step of a supply of 3.3 V.
     pub applied: [u16; 18],
     /// What conversions have not told yet, in sixteenths.
     rest: [u16; 18],
+    /// The supply, which is the converter's full scale, V.
+    supply_v: f64,
 }
 
 impl Default for Adc {
@@ -72,6 +74,7 @@ impl Default for Adc {
             injected: 0,
             applied: [0; 18],
             rest: [0; 18],
+            supply_v: 3.3,
         };
         adc.set_supply_v(3.3);
         adc
@@ -79,16 +82,33 @@ impl Default for Adc {
 }
 
 impl Adc {
-    /// The supply, to which the reference is compared. What else is applied stays what share of it
-    /// it is.
+    /// The supply, to which everything is compared.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "saturates"
     )]
     pub fn set_supply_v(&mut self, volts: f64) {
-        let sum = (REFERENCE_V / volts * 65_536.0).min(4095.0 * 16.0);
-        self.applied[REFERENCE] = sum as u16;
+        self.supply_v = volts;
+        self.applied[REFERENCE] = (REFERENCE_V / 3.3 * 65_536.0) as u16;
+    }
+
+    pub const fn supply_v(&self) -> f64 {
+        self.supply_v
+    }
+
+    /// What a channel converts to, in sixteenths.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates"
+    )]
+    fn share(&self, index: usize) -> u16 {
+        if self.supply_v == 3.3 {
+            return self.applied[index];
+        }
+        let sum = f64::from(self.applied[index]) * (3.3 / self.supply_v);
+        sum.min(4095.0 * 16.0) as u16
     }
 
     /// When a conversion ends next.
@@ -126,7 +146,7 @@ impl Adc {
         if self.injected_at.is_some_and(|at| at <= now) {
             self.injected_at = None;
             let channel = usize::from((self.others[0x38 / 4] >> 15 & 31) as u8).min(17);
-            self.injected = u32::from(self.applied[channel] >> 4);
+            self.injected = u32::from(self.share(channel) >> 4);
             self.sr |= JEOC;
         }
     }
@@ -244,7 +264,7 @@ impl Adc {
     pub fn finish(&mut self, cycle: u64) -> (u8, bool) {
         let channel = self.channel(self.position);
         let index = usize::from(channel).min(17);
-        let whole = self.applied[index] + self.rest[index];
+        let whole = self.share(index) + self.rest[index];
         self.data = u32::from((whole >> 4).min(4095));
         self.rest[index] = whole & 15;
         self.sr |= EOC;

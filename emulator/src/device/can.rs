@@ -70,6 +70,8 @@ pub(crate) struct Can {
     banks: [[u32; 2]; BANKS],
     /// When it will have seen enough of an idle bus to take part (or to leave bus-off).
     pub joins_at: Option<u64>,
+    /// It receives nothing, not even from itself.
+    pub broken: bool,
 }
 
 impl Can {
@@ -95,6 +97,7 @@ impl Can {
             filter_on: 0,
             banks: [[0; 2]; BANKS],
             joins_at: None,
+            broken: false,
         }
     }
 
@@ -123,6 +126,25 @@ impl Can {
         if !self.takes_part() || self.btr & SILENT != 0 {
             return None;
         }
+        self.next_waiting()
+    }
+
+    /// Silent loop back (RM0008, 24.4.4): what waits comes back, and the bus hears nothing. Without
+    /// the time that it takes.
+    pub fn loop_back(&mut self) {
+        if self.btr & LOOP_BACK == 0 || !self.takes_part() {
+            return;
+        }
+        while let Some((mailbox, frame)) = self.next_waiting() {
+            self.mailboxes[mailbox].pending = false;
+            self.results[mailbox] |= RQCP | TXOK;
+            if !self.broken {
+                self.received(&frame, Outcome::Good);
+            }
+        }
+    }
+
+    fn next_waiting(&self) -> Option<(usize, CanFrame)> {
         let waiting = (0..3).filter(|&index| self.mailboxes[index].pending);
         let frames = waiting.map(|index| (index, frame_of(&self.mailboxes[index].words)));
         if self.mcr & TXFP != 0 {
@@ -352,7 +374,12 @@ impl Can {
     ) -> Result<(), &'static str> {
         let initialising = self.msr & INAK != 0;
         match offset {
-            0x00 if value & RESET != 0 => *self = Self::new(),
+            0x00 if value & RESET != 0 => {
+                *self = Self {
+                    broken: self.broken,
+                    ..Self::new()
+                };
+            }
             0x00 => self.write_mcr(value, idle_at, bit),
             0x04 => self.msr &= !(value & 0x1C),
             0x08 => self.write_tsr(value),
@@ -366,7 +393,9 @@ impl Can {
             0x14 => self.ier = value,
             0x18 => self.last_error = value >> 4 & 7,
             0x1C if !initialising => return Err("CAN's bit timing changes outside of its set-up"),
-            0x1C if value & LOOP_BACK != 0 => return Err("CAN's loop back is not emulated"),
+            0x1C if value & LOOP_BACK != 0 && value & SILENT == 0 => {
+                return Err("CAN's loop back onto the bus is not emulated");
+            }
             0x1C => self.btr = value,
             0x180..0x1B0 => return self.write_mailbox(offset, value),
             0x200 => self.filter_init = value & 1 != 0,

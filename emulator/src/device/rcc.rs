@@ -30,6 +30,9 @@ pub(crate) struct Rcc {
     crystal_at: u64,
     pll_at: u64,
     pub flash_acr: u32,
+    /// The crystal, and the PLL, never start.
+    pub crystal_dead: bool,
+    pub pll_dead: bool,
 }
 
 /// Ticks per cycle of each clock.
@@ -56,14 +59,19 @@ impl Rcc {
             crystal_at: 0,
             pll_at: 0,
             flash_acr: 0x30,
+            crystal_dead: false,
+            pll_dead: false,
         }
     }
 
     pub fn read(&self, offset: u32, now: u64) -> Option<u32> {
         Some(match offset {
             0x00 => {
-                let crystal = self.cr & CR_HSEON != 0 && now >= self.crystal_at;
-                let pll = self.cr & CR_PLLON != 0 && now >= self.pll_at;
+                let crystal =
+                    self.cr & CR_HSEON != 0 && now >= self.crystal_at && !self.crystal_dead;
+                // Without its crystal it has nothing to lock to.
+                let fed = self.cfgr & 1 << 16 == 0 || crystal;
+                let pll = self.cr & CR_PLLON != 0 && now >= self.pll_at && fed && !self.pll_dead;
                 self.cr | u32::from(crystal) << 17 | u32::from(pll) << 25
             }
             // What is chosen is in use at once.
@@ -122,6 +130,11 @@ impl Rcc {
             _ => return Err("no such register"),
         }
         Ok(())
+    }
+
+    /// BDCR: the source of the real-time clock.
+    pub const fn backup(&self) -> u32 {
+        self.bdcr
     }
 
     /// Whether a stop of the crystal would be noticed.

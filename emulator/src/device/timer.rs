@@ -31,15 +31,16 @@ const ARR: usize = 11;
 
 impl Timer {
     pub fn new() -> Self {
-        let mut timer = Self::default();
-        timer.registers[ARR] = 0xFFFF;
-        timer
+        // RM0008 gives 0xFFFF or 0 for the reload register after a reset, by revision, and clones
+        // have either. The worse one: at 0 nothing is counted (15.3.1).
+        Self::default()
     }
 
     /// Counts per count of the encoder: 1 or -1; `None` where no edges count.
     fn sense(&self) -> Option<i64> {
         let inputs = self.registers[CCMR1] & 0x0303 == 0x0101;
         let counts = self.registers[CR1] & 1 != 0 && self.registers[SMCR] & 7 == 3;
+        let counts = counts && self.registers[ARR] & 0xFFFF != 0;
         let turned = (self.registers[CCER] >> 1 ^ self.registers[CCER] >> 5) & 1 != 0;
         (inputs && counts).then_some(if turned { -1 } else { 1 })
     }
@@ -111,7 +112,9 @@ impl Timer {
                 if self.registers[CR1] & 1 != 0 && self.registers[SMCR] & 7 != 3 {
                     return Err("only quadrature decoding is emulated");
                 }
-                if self.registers[CR1] & 1 != 0 && self.registers[ARR] & 0xFFFF != 0xFFFF {
+                if self.registers[CR1] & 1 != 0
+                    && !matches!(self.registers[ARR] & 0xFFFF, 0 | 0xFFFF)
+                {
                     return Err("only counting through all 16 bits is emulated");
                 }
             }

@@ -2,14 +2,15 @@
 
 use super::TICKS_PER_SECOND;
 
-/// Its oscillator, nominally. A chip's has 30 to 60 kHz.
-const OSCILLATOR_HZ: u64 = 40_000;
+/// Its oscillator (LSI), nominally. A chip's has 30 to 60 kHz (data sheet, 5.3.7).
+pub(crate) const OSCILLATOR_HZ: u64 = 40_000;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Watchdog {
     open: bool,
     prescaler: u32,
     reload: u32,
+    pub oscillator_hz: u64,
     /// When it resets the chip, once started.
     pub barks_at: Option<u64>,
 }
@@ -20,6 +21,7 @@ impl Watchdog {
             open: false,
             prescaler: 0,
             reload: 0xFFF,
+            oscillator_hz: OSCILLATOR_HZ,
             barks_at: None,
         }
     }
@@ -31,7 +33,7 @@ impl Watchdog {
             } else {
                 self.prescaler
             };
-        (self.reload as u64 + 1) * prescaler * TICKS_PER_SECOND / OSCILLATOR_HZ
+        (self.reload as u64 + 1) * prescaler * TICKS_PER_SECOND / self.oscillator_hz
     }
 
     pub const fn read(&self, offset: u32) -> Option<u32> {

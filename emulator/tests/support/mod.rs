@@ -44,11 +44,17 @@ pub struct Bench {
 impl Bench {
     /// Powered up and running: emergency stop released, 10 N at every sensor.
     pub fn new() -> Self {
+        Self::on(|_| {})
+    }
+
+    /// As [`Self::new`], on a board that is not as it should be from power-on.
+    pub fn on(prepare: impl FnOnce(&mut Chip)) -> Self {
         let mut chip = Chip::load(&firmware()).expect("the firmware file loads");
         chip.set_input(Port::B, 5, Some(false));
         for channel in [4, 5, 8, 9] {
             chip.set_adc(channel, RAW_10_N);
         }
+        prepare(&mut chip);
         let mut bench = Self {
             chip,
             deframer: Deframer::new(),
@@ -227,7 +233,8 @@ fn entries() -> Vec<ConfigEntry> {
                 CableKey::LengthMin
                 | CableKey::TensionOutput
                 | CableKey::Play
-                | CableKey::SpeedCornerMhz => 0,
+                | CableKey::SpeedCornerMhz
+                | CableKey::BrakePlay => 0,
                 CableKey::LengthMax => 200_000_000,
                 CableKey::Node => i32::from(index) + 1,
             };

@@ -3,15 +3,17 @@
 //! The tick never touches a mailbox and takes no lock: it puts frames into a queue and takes
 //! received ones from another. The controller's interrupts, below the tick and both of one
 //! priority, move them on. Mailboxes are sent in the order of their requests, so that two frames of
-//! one identifier never overtake each other. After bus-off the controller comes back by itself
+//! one identifier never overtake each other. Received frames come through both FIFOs, drive by drive,
+//! so that one burst does not cost the other drives their frames; what is lost is counted. After bus-off the controller comes back by itself
 //! (128 times 11 recessive bits); what that means for the robot is the core's to say (D1).
 
 use crate::interrupts;
 use core::ptr;
-use core::sync::atomic::{AtomicPtr, AtomicU32, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicPtr, AtomicU8, AtomicU32, AtomicUsize, Ordering};
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::pac;
 use embassy_stm32::pac::can::regs::{Mcr, Rfr, Tir, Tsr};
+use embassy_stm32::pac::can::vals::Silm;
 use embassy_stm32::pac::gpio::vals::{CnfOut, Mode};
 use embassy_stm32::pac::interrupt;
 use heapless::spsc::{Consumer, Producer, Queue};
@@ -25,6 +27,9 @@ const BEFORE_SAMPLE: u8 = 14;
 const AFTER_SAMPLE: u8 = 3;
 /// Quanta by which an edge may shift a bit.
 const JUMP: u8 = 2;
+/// Bits of an identifier in a filter's registers.
+const BIT_0: u32 = 1 << 21;
+const BIT_4: u32 = 1 << 25;
 /// Loops until the controller is ready to be set up: it ends the frame under way, 0.3 ms at most.
 const PATIENCE: u32 = 5000;
 /// Ticks without a single frame that got through, while some wait: then they are void. A drive
@@ -44,12 +49,53 @@ static DROP: AtomicUsize = AtomicUsize::new(0);
 /// Frames that got through.
 static DELIVERED: AtomicU32 = AtomicU32::new(0);
 
+/// Frames that were received and lost: a FIFO was overrun, or the queue to the tick full.
+static LOST: AtomicU32 = AtomicU32::new(0);
+
+/// Frames lost since the start.
+pub fn lost() -> u32 {
+    LOST.load(Ordering::Relaxed)
+}
+
+/// How the last loop through the controller went: 0 never asked for, 1 under way, 2 good, 3 not.
+static LOOP: AtomicU8 = AtomicU8::new(0);
+
+/// Whether the last loop through the controller gave back what was sent; `None` before the first.
+pub fn looped() -> Option<bool> {
+    match LOOP.load(Ordering::Relaxed) {
+        2 => Some(true),
+        3 => Some(false),
+        _ => None,
+    }
+}
+
+/// What a loop sends: one frame through each FIFO.
+const LOOPED: [CanFrame; 2] = [
+    CanFrame {
+        id: 0x7EE,
+        len: 8,
+        data: [0x55; 8],
+    },
+    CanFrame {
+        id: 0x7EF,
+        len: 8,
+        data: [0xAA, 0, 0xFF, 0x33, 0xCC, 0, 0xFF, 0x0F],
+    },
+];
+/// Ticks that a loop may take: 0.3 ms of frames, after 11 bits of an idle bus.
+const LOOP_TICKS: u8 = 10;
+/// Its bit rate.
+const LOOP_BITS_PER_S: u32 = 1_000_000;
+
 /// The tick's end.
 pub struct Bus {
     outgoing: Producer<'static, CanFrame>,
     incoming: Consumer<'static, CanFrame>,
     delivered: u32,
     stale: u32,
+    /// Ticks that a loop through the controller still has, and what has come back.
+    loop_ticks: u8,
+    came_back: u8,
 }
 
 /// The interrupts' end.
@@ -79,7 +125,11 @@ pub fn open() -> Bus {
         w.set_mode(1, Mode::OUTPUT50MHZ);
         w.set_cnf_out(1, CnfOut::ALT_PUSH_PULL);
     });
-    for line in [interrupt::USB_HP_CAN1_TX, interrupt::USB_LP_CAN1_RX0] {
+    for line in [
+        interrupt::USB_HP_CAN1_TX,
+        interrupt::USB_LP_CAN1_RX0,
+        interrupt::CAN1_RX1,
+    ] {
         interrupts::enable_link(line);
     }
     Bus {
@@ -87,12 +137,44 @@ pub fn open() -> Bus {
         incoming,
         delivered: 0,
         stale: 0,
+        loop_ticks: 0,
+        came_back: 0,
     }
 }
 
 impl Bus {
+    /// Sends frames through the controller and back, off the bus. The bus must not be in use.
+    pub fn begin_loop(&mut self) {
+        LOOP.store(1, Ordering::Relaxed);
+        (self.loop_ticks, self.came_back) = (LOOP_TICKS, 0);
+        self.set_bitrate(LOOP_BITS_PER_S);
+        for frame in &LOOPED {
+            // They wait in the queue until the controller is ready.
+            let _ = self.outgoing.enqueue(*frame);
+        }
+    }
+
+    /// One tick of a loop.
+    fn watch_loop(&mut self) {
+        while let Some(frame) = self.incoming.dequeue() {
+            self.came_back += u8::from(LOOPED.contains(&frame));
+        }
+        self.loop_ticks -= 1;
+        if self.loop_ticks == 0 {
+            let good = usize::from(self.came_back) == LOOPED.len();
+            LOOP.store(if good { 2 } else { 3 }, Ordering::Relaxed);
+            // Asleep again, until a configuration gives it a bit rate.
+            let mut mode = Mcr(0);
+            mode.set_reset(true);
+            pac::CAN.mcr().write_value(mode);
+        }
+    }
+
     /// Once per tick: what nobody hears for too long is dropped.
     pub fn watch(&mut self) {
+        if self.loop_ticks > 0 {
+            return self.watch_loop();
+        }
         let delivered = DELIVERED.load(Ordering::Relaxed);
         let tsr = pac::CAN.tsr().read();
         let waits = !(tsr.tme(0) && tsr.tme(1) && tsr.tme(2));
@@ -191,12 +273,18 @@ impl Controller {
         }
     }
 
-    fn receive(&mut self) {
-        let fifo = pac::CAN.rfr(0);
+    fn receive(&mut self, number: usize) {
+        let fifo = pac::CAN.rfr(number);
+        if fifo.read().fovr() {
+            LOST.fetch_add(1, Ordering::Relaxed);
+            let mut clear = Rfr(0);
+            clear.set_fovr(true);
+            fifo.write_value(clear);
+        }
         let mut release = Rfr(0);
         release.set_rfom(true);
         while fifo.read().fmp() > 0 {
-            let from = pac::CAN.rx(0);
+            let from = pac::CAN.rx(number);
             let mut frame = CanFrame {
                 id: from.rir().read().stid(),
                 len: from.rdtr().read().dlc().min(8),
@@ -208,7 +296,9 @@ impl Controller {
                 *slot = byte;
             }
             // What finds no room is lost, as on the wire: drives say all they say again.
-            let _ = self.incoming.enqueue(frame);
+            if self.incoming.enqueue(frame).is_err() {
+                LOST.fetch_add(1, Ordering::Relaxed);
+            }
             fifo.write_value(release);
             while fifo.read().rfom() {}
         }
@@ -235,26 +325,34 @@ fn set_up(bits_per_s: u32) -> bool {
     if !(0..PATIENCE).any(ready) {
         return false;
     }
-    // The configuration lets only such bit rates through that this divides.
+    // The configuration lets only bit rates through that this divides (`config::BIT_RATES`).
     let prescaler = u16::try_from(QUANTA_HZ / bits_per_s.max(1)).unwrap_or(1);
     can.btr().write(|w| {
         w.set_brp(prescaler.saturating_sub(1));
         w.set_ts(0, BEFORE_SAMPLE - 1);
         w.set_ts(1, AFTER_SAMPLE - 1);
         w.set_sjw(JUMP - 1);
+        let loops = LOOP.load(Ordering::Relaxed) == 1;
+        w.set_lbkm(loops);
+        w.set_silm(if loops { Silm::SILENT } else { Silm::NORMAL });
     });
-    // One mask of 32 bits: data frames with 11 bits of identifier, whatever they are.
+    // Four masks of 32 bits: data frames with 11 bits of identifier, whatever they are. Identifier
+    // bits 0 and 4 alike go to FIFO 0, others to FIFO 1: the lowest bit of a drive's number is bit 4
+    // for an RMDS, whose bit 0 never changes, and bit 0 for CiA 402.
     can.fmr().modify(|w| w.set_finit(true));
-    can.fs1r().write(|w| w.0 = 1);
+    can.fs1r().write(|w| w.0 = 0b1111);
     can.fm1r().write(|w| w.0 = 0);
-    can.ffa1r().write(|w| w.0 = 0);
-    can.fb(0).fr1().write(|w| w.0 = 0);
-    can.fb(0).fr2().write(|w| w.0 = 0b110);
-    can.fa1r().write(|w| w.0 = 1);
+    can.ffa1r().write(|w| w.0 = 0b1100);
+    for (bank, identifier) in [0, BIT_0 | BIT_4, BIT_0, BIT_4].into_iter().enumerate() {
+        can.fb(bank).fr1().write(|w| w.0 = identifier);
+        can.fb(bank).fr2().write(|w| w.0 = BIT_0 | BIT_4 | 0b110);
+    }
+    can.fa1r().write(|w| w.0 = 0b1111);
     can.fmr().modify(|w| w.set_finit(false));
     can.ier().write(|w| {
         w.set_tmeie(true);
         w.set_fmpie(0, true);
+        w.set_fmpie(1, true);
     });
     mode.set_inrq(false);
     can.mcr().write_value(mode);
@@ -263,9 +361,9 @@ fn set_up(bits_per_s: u32) -> bool {
 
 /// The controller, from `open` on.
 fn controller() -> Option<&'static mut Controller> {
-    #[allow(unsafe_code, reason = "one owner, two interrupts of one priority")]
-    // SAFETY: null, or the one reference that `open` made and gave up. Only the two handlers below
-    // load it; they have the same priority, so neither runs while the other does.
+    #[allow(unsafe_code, reason = "one owner, three interrupts of one priority")]
+    // SAFETY: null, or the one reference that `open` made and gave up. Only the handlers below
+    // load it; they have the same priority, so none runs while another does.
     unsafe {
         CONTROLLER.load(Ordering::Acquire).as_mut()
     }
@@ -276,11 +374,21 @@ fn USB_HP_CAN1_TX() {
     if let Some(controller) = controller() {
         controller.send();
     }
+    interrupts::leave_event();
 }
 
 #[interrupt]
 fn USB_LP_CAN1_RX0() {
     if let Some(controller) = controller() {
-        controller.receive();
+        controller.receive(0);
     }
+    interrupts::leave_event();
+}
+
+#[interrupt]
+fn CAN1_RX1() {
+    if let Some(controller) = controller() {
+        controller.receive(1);
+    }
+    interrupts::leave_event();
 }

@@ -26,6 +26,9 @@ pub fn start() {
                 w.set_icf(input, FILTER);
             }
         });
+        // What it holds after a reset differs between manuals and makers of the chip; at 0 the
+        // counter stands.
+        timer.arr().write(|w| w.0 = u16::MAX.into());
         timer.smcr().write(|w| w.set_sms(Sms::ENCODER_MODE_3));
         timer.cr1().write(|w| w.set_cen(true));
     }

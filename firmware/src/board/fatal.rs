@@ -77,7 +77,7 @@ impl Message {
     /// Starts with this text. Closes the brakes first: nothing is worth waiting for.
     pub fn new(text: &str) -> Self {
         cortex_m::interrupt::disable();
-        pins::close_brakes();
+        pins::safe_off();
         Self(List::new()).text(text)
     }
 
@@ -182,7 +182,7 @@ unsafe extern "C" fn HardFault() -> ! {
 }
 
 extern "C" fn hard_fault(stack: usize) -> ! {
-    pins::close_brakes();
+    pins::safe_off();
     let low = &raw const _stack_end as usize;
     let high = &raw const _stack_start as usize;
     // SAFETY: a register that can be read at any time without effect.

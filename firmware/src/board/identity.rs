@@ -12,6 +12,8 @@ const GIT_HASH: &[u8] = env!("MCDPR_GIT_HASH").as_bytes();
 pub struct Reset {
     /// Why.
     pub cause: ResetCause,
+    /// The chip's flags for it, as in the upper byte of RCC_CSR.
+    pub flags: u8,
     /// What the last fatal error since power-on said.
     pub last_panic: List<u8, PANIC_BYTES>,
 }
@@ -52,6 +54,7 @@ pub fn reset_cause(record: Record) -> Reset {
     };
     Reset {
         cause,
+        flags: flags.0.to_le_bytes()[3],
         last_panic: record.text,
     }
 }

@@ -9,6 +9,10 @@
 //! A critical section raises `BASEPRI` to 1: it masks all of these but the tick. So the tick must
 //! never use one, and does not: no locks, no defmt. What it has to tell it leaves in queues and
 //! atomics; that it ran wakes the link's loop.
+//!
+//! A core of this age does not set its event register on exceptions (Arm erratum 563915, in ST's
+//! ES096 for r1p1): one that comes between the link's last look and its `WFE` would be slept
+//! through. So every handler that returns leaves the event itself ([`leave_event`]).
 #![allow(
     unsafe_code,
     reason = "critical sections and interrupt priorities are the processor's own registers"
@@ -50,6 +54,12 @@ unsafe impl critical_section::Impl for BelowTick {
         // SAFETY: restores what `acquire` found; the caller pairs the two.
         unsafe { basepri::write(before) }
     }
+}
+
+/// The last thing that a handler does.
+#[inline]
+pub fn leave_event() {
+    cortex_m::asm::sev();
 }
 
 /// Puts every interrupt below the tick: what is not set would stay beside it at 0.

@@ -1,4 +1,5 @@
-//! The watchdog: fed only when the tick and both halves of the link have shown life since.
+//! The watchdog: it runs before anything that could hang, the clocks included, and is fed only when
+//! the tick and both halves of the link have shown life since.
 
 use core::sync::atomic::{AtomicU8, Ordering};
 use embassy_stm32::pac;
@@ -41,6 +42,11 @@ impl Keeper {
         watchdog.rlr().write(|w| w.set_rl(RELOAD));
         watchdog.kr().write(|w| w.set_key(Key::START));
         Self(())
+    }
+
+    /// Feeds it while the board starts: each step of that has its own end.
+    pub fn feed_at_start(&mut self) {
+        pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
     }
 
     /// Feeds it if every part has lived since it was last fed.

@@ -51,7 +51,8 @@ pub fn run(incoming: &'static mut Incoming, outgoing: &'static mut Outgoing) -> 
         unsafe {
             executor.poll();
         }
-        // Whatever came since the last look has left its event: nothing is slept through.
+        // Whatever came since the last look has left its event: handlers end with SEV, since those
+        // of this core set none (`interrupts`). Nothing is slept through.
         cortex_m::asm::wfe();
     }
 }
@@ -111,11 +112,12 @@ pub struct Outgoing {
     sender: Sender,
 }
 
-/// Both halves from their parts; starts the watchdog.
+/// Both halves from their parts.
 pub fn open(
     ends: LinkEnds<'static, CABLES>,
     sender: Sender,
     ring: Ring,
+    keeper: Keeper,
     hello: Hello,
 ) -> (&'static mut Incoming, &'static mut Outgoing) {
     // Not on the stack: they live for good.
@@ -125,7 +127,7 @@ pub fn open(
         half: link::Incoming::default(),
         commands: ends.commands,
         ring,
-        keeper: Keeper::new(),
+        keeper,
         line_errors: 0,
         error_at: None,
     });

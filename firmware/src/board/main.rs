@@ -14,6 +14,8 @@
 //! | `memory` | copying and clearing, small |
 //! | `life` | the watchdog, fed only while tick and link both live |
 //! | `fatal` | brakes first, then a record that survives the reset |
+//! | `keep` | which drives to stop after a reset, in memory that it leaves |
+//! | `bench` | what only the chip can tell of itself |
 //! | `identity` | who this board is and why it started |
 //!
 //! Three priorities share the work. The tick preempts everything and takes no lock: it meets the
@@ -21,6 +23,8 @@
 //! thread mode.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
+#[cfg(target_os = "none")]
+mod bench;
 #[cfg(target_os = "none")]
 mod can;
 #[cfg(target_os = "none")]
@@ -33,6 +37,8 @@ mod fatal;
 mod identity;
 #[cfg(target_os = "none")]
 mod interrupts;
+#[cfg(target_os = "none")]
+mod keep;
 #[cfg(target_os = "none")]
 mod life;
 #[cfg(target_os = "none")]

@@ -2,20 +2,21 @@
 //!
 //! | pin | use | at reset | note |
 //! |---|---|---|---|
-//! | PA0, PA1 | encoder 2 A, B (TIM2) | input | |
+//! | PA0, PA1 | encoder 2 A, B (TIM2) | input | 3.3 V only: buffer; pull-up |
 //! | PA2 | reserved: fault line between boards | input | not driven |
 //! | PA3 | gripper switch | input | pull-up; closed to ground |
-//! | PA4, PA5 | tension 1, 2 (ADC 4, 5) | input | 0 to 3.3 V, not 5 V tolerant |
-//! | PA6, PA7 | encoder 3 A, B (TIM3) | input | not 5 V tolerant: divide |
-//! | PA8, PA9 | encoder 1 A, B (TIM1) | input | |
+//! | PA4, PA5 | tension 1, 2 (ADC 4, 5) | input | 3.3 V only; 10 kOhm to 3.3 V |
+//! | PA6, PA7 | encoder 3 A, B (TIM3) | input | 3.3 V only: buffer; pull-up |
+//! | PA8, PA9 | encoder 1 A, B (TIM1) | input | buffer; pull-up |
 //! | PA10 | gripper | input | high closes |
 //! | PA11, PA12 | free | input | USB socket of common boards |
 //! | PA13, PA14 | SWDIO, SWCLK | SWD | kept |
-//! | PA15, PB3, PB4 | free | JTAG | freed: SWD only |
-//! | PB0, PB1 | tension 3, 4 (ADC 8, 9) | input | 0 to 3.3 V, not 5 V tolerant |
+//! | PA15, PB4 | free | JTAG, pulled up | freed: SWD only |
+//! | PB0, PB1 | tension 3, 4 (ADC 8, 9) | input | 3.3 V only; 10 kOhm to 3.3 V |
 //! | PB2 | BOOT1 | input | |
-//! | PB5 | emergency stop | input | pull-up; contact to ground opens when pressed |
-//! | PB6, PB7 | encoder 4 A, B (TIM4) | input | |
+//! | PB3 | drive enable | JTAG, floats | high lets the drives' contactor close; pull-down of 10 kOhm |
+//! | PB5 | emergency stop | input | 3.3 V only; 2.2 kOhm to 3.3 V; contact to ground opens when pressed |
+//! | PB6, PB7 | encoder 4 A, B (TIM4) | input | buffer; pull-up |
 //! | PB8, PB9 | CAN RX, TX (remapped) | input | 3.3 V transceiver; its TXD pulled up |
 //! | PB10, PB11 | host link TX, RX (USART3) | input | 921600 baud |
 //! | PB12 to PB15 | brakes 1 to 4 | input | high opens; needs a pull-down at the driver |
@@ -23,7 +24,7 @@
 //! | PD0, PD1 | 8 MHz crystal | oscillator | |
 //!
 //! Every output floats from reset until `set_up`: the brakes' pull-downs (10 kOhm) keep the
-//! drivers off meanwhile. An emergency stop that is not wired reads as pressed.
+//! drivers off meanwhile, and that of the drive enable the contactor. An emergency stop that is not wired reads as pressed.
 //!
 //! LED: on while armed; a second on, a second off when disarmed; 4 Hz at a fault or emergency stop.
 
@@ -37,6 +38,8 @@ use mcdpr_protocol::Tick;
 const FIRST_BRAKE: u32 = 12;
 /// All four.
 const BRAKES: u32 = 0xF << FIRST_BRAKE;
+/// Lets the drives have their power, in port B.
+const DRIVE_ENABLE: u32 = 1 << 3;
 /// Winches of this board.
 pub const CABLES: usize = 4;
 
@@ -54,14 +57,14 @@ pub fn set_up() {
     // Levels first: pull-ups, and what outputs start with.
     set(pac::GPIOA, GRIPPER_SWITCH, GRIPPER);
     set(pac::GPIOB, E_STOP | CAN_RX | LINK_RX, 0);
-    close_brakes();
+    safe_off();
     set(pac::GPIOC, LED, 0);
     // Four bits a pin, pin 0 last: 0 analog, 2 output of 2 MHz, 4 floating input, 8 input with pull.
     pac::GPIOA.cr(0).write_value(Cr(0x4400_8444));
     pac::GPIOA.cr(1).write_value(Cr(0x4444_4244));
-    pac::GPIOB.cr(0).write_value(Cr(0x4484_4400));
+    pac::GPIOB.cr(0).write_value(Cr(0x4484_2400));
     pac::GPIOB.cr(1).write_value(Cr(0x2222_8448));
-    pac::GPIOC.cr(1).write_value(Cr(0x4424_4444));
+    drive_led();
 }
 
 /// Raises some pins of a port and lowers others, at once.
@@ -83,16 +86,25 @@ pub fn gripper_switch() -> bool {
     !is_high(pac::GPIOA, GRIPPER_SWITCH)
 }
 
-/// Sets brakes and gripper.
+/// Sets brakes, drive enable and gripper.
 pub fn apply(outputs: &Outputs<CABLES>) {
     let mut open = 0;
     for brake in outputs.brakes.iter().rev() {
         open = (open << 1) | u32::from(*brake == Brake::Open);
     }
-    let open = open << FIRST_BRAKE;
-    set(pac::GPIOB, open, BRAKES & !open);
+    let high = (open << FIRST_BRAKE) | (u32::from(outputs.drive_enable) * DRIVE_ENABLE);
+    set(pac::GPIOB, high, (BRAKES | DRIVE_ENABLE) & !high);
     let gripper = u32::from(outputs.gripper_closed) * GRIPPER;
     set(pac::GPIOA, gripper, GRIPPER & !gripper);
+}
+
+/// Levels of the outputs at their pins: brakes 1 to 4, gripper, drive enable.
+pub fn outputs() -> u8 {
+    let brakes = (pac::GPIOB.idr().read().0 & BRAKES) >> FIRST_BRAKE;
+    let gripper = u32::from(is_high(pac::GPIOA, GRIPPER));
+    let drives = u32::from(is_high(pac::GPIOB, DRIVE_ENABLE));
+    let all = brakes | (gripper << 4) | (drives << 5);
+    all.to_le_bytes()[0]
 }
 
 /// Shows the state.
@@ -104,11 +116,22 @@ pub fn show(state: State, now: Tick) {
         State::Fault | State::EStop => now.0 & 128 != 0,
         _ => true,
     };
+    light(lit);
+}
+
+/// Lights the LED, or not.
+pub fn light(lit: bool) {
     let low = u32::from(lit) * LED;
     set(pac::GPIOC, LED & !low, low);
 }
 
-/// Closes every brake, in one write and without any state: for handlers of fatal errors.
-pub fn close_brakes() {
-    set(pac::GPIOB, 0, BRAKES);
+/// Makes the LED's pin an output, for a start that comes no further.
+pub fn drive_led() {
+    pac::GPIOC.cr(1).write_value(Cr(0x4424_4444));
+}
+
+/// Closes every brake and takes the drives' power, in one write and without any state: for handlers
+/// of fatal errors.
+pub fn safe_off() {
+    set(pac::GPIOB, 0, BRAKES | DRIVE_ENABLE);
 }

@@ -1,9 +1,11 @@
 //! From reset to the first tick.
 
+use crate::bench::Gauge;
 use crate::clock::CYCLES_PER_TICK;
-use crate::{can, encoders, fatal, identity, interrupts, link, pins, tension, tick, uart};
-use cortex_m::peripheral::SYST;
+use crate::life::Keeper;
+use crate::{can, encoders, fatal, identity, interrupts, keep, link, pins, tension, tick, uart};
 use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{DWT, SYST};
 // The log's transport registers itself.
 use defmt_rtt as _;
 use embassy_stm32::pac;
@@ -11,6 +13,14 @@ use embassy_stm32::pac::afio::vals::SwjCfg;
 use embassy_stm32::pac::flash::vals::Latency;
 use embassy_stm32::pac::rcc::vals::{Adcpre, Pllmul, Pllsrc, Ppre, Sw};
 use mcdpr_firmware::drives::DriveBus;
+use mcdpr_firmware::supply::Supply;
+
+/// Clock after a reset, by the chip's own oscillator, Hz.
+const RESET_HZ: u32 = 8_000_000;
+/// A crystal takes 2 ms to start (data sheet, 5.3.6), a slow one some more; the PLL 0.2 ms at most.
+/// Together they stay far under what the watchdog waits, 25 ms at least.
+const CRYSTAL_MS: u32 = 12;
+const PLL_MS: u32 = 1;
 
 /// The voltage detector's line of EXTI.
 const SUPPLY_LINE: usize = 16;
@@ -34,6 +44,8 @@ fn bring_up() -> (
     &'static mut link::Outgoing,
     SYST,
 ) {
+    // Before anything that could hang. It cannot be stopped again.
+    let mut keeper = Keeper::new();
     let reset = identity::reset_cause(fatal::read_record());
     let Some(core) = cortex_m::Peripherals::take() else {
         fatal::stop("started twice")
@@ -41,7 +53,8 @@ fn bring_up() -> (
     interrupts::lower_all(core.NVIC, core.SCB);
     tick::start_cycle_counter(core.DCB, core.DWT);
 
-    clocks();
+    let crystal = clocks(&mut keeper);
+    keeper.feed_at_start();
     pins::set_up();
     watch_supply();
     encoders::start();
@@ -49,18 +62,30 @@ fn bring_up() -> (
     let (sender, ring, tap) = uart::open();
 
     let (for_tick, for_link) = link::queues();
-    let rim = tick::Rim {
+    let mut rim = tick::Rim {
         can: can::open(),
+        supply: Supply::default(),
         drives: DriveBus::default(),
         tap,
         last_panic: reset.last_panic.clone(),
+        gauge: Gauge::new(reset.flags, crystal),
     };
-    tick::hand_over(rim, for_tick, &reset);
-    let (incoming, outgoing) = link::open(for_link, sender, ring, identity::hello(&reset));
+    // The drives go on by their last command until somebody stops them.
+    if let Some(last) = keep::last() {
+        rim.drives.stop_at_start(&last, &mut rim.can);
+    }
+    tick::hand_over(rim, for_tick, &reset, crystal);
+    let hello = identity::hello(&reset);
+    let (incoming, outgoing) = link::open(for_link, sender, ring, keeper, hello);
 
     let mut syst = core.SYST;
     syst.set_clock_source(SystClkSource::Core);
-    syst.set_reload(CYCLES_PER_TICK - 1);
+    let cycles = if crystal {
+        CYCLES_PER_TICK
+    } else {
+        CYCLES_PER_TICK / 2
+    };
+    syst.set_reload(cycles - 1);
     syst.clear_current();
     syst.enable_interrupt();
     defmt::info!("started, reset cause {=u8}", reset.cause as u8);
@@ -82,31 +107,52 @@ fn watch_supply() {
     }
 }
 
+/// Whether something comes in time; the core runs from its own oscillator, of 8 MHz, meanwhile.
+fn comes(within_ms: u32, is_there: impl Fn() -> bool) -> bool {
+    let began = DWT::cycle_count();
+    while !is_there() {
+        if DWT::cycle_count().wrapping_sub(began) > within_ms * (RESET_HZ / 1000) {
+            return false;
+        }
+    }
+    true
+}
+
 /// 72 MHz from the 8 MHz crystal; both APB within their limits; ADC at 12 MHz of at most 14. Then
 /// clocks for all that is used, and CAN on PB8 and PB9. After a reset the chip runs from its own
 /// oscillator of 8 MHz.
-fn clocks() {
+///
+/// A crystal that does not start leaves 36 MHz from the oscillator. The slower peripherals keep
+/// their 36 MHz, so that line and bus need no other settings; the board says P6 and does not arm.
+/// Gives whether the crystal runs.
+fn clocks(keeper: &mut Keeper) -> bool {
     let rcc = pac::RCC;
     pac::FLASH.acr().write(|w| {
         w.set_latency(Latency::WS2);
         w.set_prftbe(true);
     });
     rcc.cr().modify(|w| w.set_hseon(true));
-    while !rcc.cr().read().hserdy() {}
+    let crystal = comes(CRYSTAL_MS, || rcc.cr().read().hserdy());
     rcc.cfgr().write(|w| {
         w.set_pllmul(Pllmul::MUL9);
-        w.set_pllsrc(Pllsrc::HSE_DIV_PREDIV);
-        w.set_ppre1(Ppre::DIV2);
         w.set_adcpre(Adcpre::DIV6);
+        if crystal {
+            w.set_pllsrc(Pllsrc::HSE_DIV_PREDIV);
+            w.set_ppre1(Ppre::DIV2);
+        }
     });
     // A crystal that stops raises an NMI, which closes the brakes (P6).
     rcc.cr().modify(|w| {
+        w.set_hseon(crystal);
         w.set_pllon(true);
-        w.set_csson(true);
+        w.set_csson(crystal);
     });
-    while !rcc.cr().read().pllrdy() {}
+    if !comes(PLL_MS, || rcc.cr().read().pllrdy()) {
+        blink(keeper);
+    }
     rcc.cfgr().modify(|w| w.set_sw(Sw::PLL1_P));
-    while rcc.cfgr().read().sws() != Sw::PLL1_P {}
+    // The switch takes a few cycles of both clocks, which run.
+    let _ = comes(PLL_MS, || rcc.cfgr().read().sws() == Sw::PLL1_P);
     rcc.ahbenr().modify(|w| w.set_dma1en(true));
     rcc.apb1enr().write(|w| {
         w.set_tim2en(true);
@@ -130,4 +176,19 @@ fn clocks() {
     });
     // A probe can read the log while the processor sleeps.
     pac::DBGMCU.cr().modify(|w| w.set_dbg_sleep(true));
+    crystal
+}
+
+/// Without a PLL there is no clock for the line: all that is left is the LED, some Hz. Pins float, so
+/// brakes are closed and drives without power.
+fn blink(keeper: &mut Keeper) -> ! {
+    pac::RCC.apb2enr().modify(|w| w.set_gpiocen(true));
+    pins::drive_led();
+    for step in 0_u32.. {
+        // Some times longer than it says, with the flash's wait states.
+        cortex_m::asm::delay(RESET_HZ / 1000);
+        keeper.feed_at_start();
+        pins::light(step % 64 < 32);
+    }
+    fatal::stop("P6: no PLL")
 }

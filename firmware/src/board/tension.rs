@@ -8,16 +8,17 @@
 //! halves of a word: the lower one cannot carry into the upper one.
 //!
 //! What a step is worth depends on the supply. So each tick the converter also looks at its internal
-//! reference, as an injected conversion between two of a scan: with a supply that is not what the
-//! sensors were calibrated at, all of them read as shorted (S8), and nothing is raised on them.
+//! reference, as an injected conversion between two of a scan, and readings are scaled by it
+//! ([`Supply`]). With a supply that the converter does not work at all of them read as shorted (S8),
+//! and nothing is raised on them.
 
 use crate::clock::CORE_HZ;
 use crate::pins::CABLES;
-use core::ops::RangeInclusive;
 use core::sync::atomic::{AtomicU32, Ordering, fence};
 use embassy_stm32::pac;
 use embassy_stm32::pac::adc::vals::SampleTime;
 use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
+use mcdpr_firmware::supply::Supply;
 
 /// ADC channels of PA4, PA5, PB0, PB1.
 const CHANNELS: [u8; CABLES] = [4, 5, 8, 9];
@@ -27,9 +28,6 @@ const OVERSAMPLING: usize = 16;
 const EXTSEL_SWSTART: u8 = 7;
 /// Channel of the internal reference, 1.16 to 1.24 V (data sheet, 5.3.4).
 const REFERENCE: u8 = 17;
-/// What it reads at 3.6 V with the lowest reference, and at 3.0 V with the highest.
-const SUPPLIED: RangeInclusive<u16> = 1319..=1693;
-
 const SAMPLES: usize = CABLES * OVERSAMPLING;
 /// A scan is two words of two samples.
 const _: () = assert!(CABLES == 4 && OVERSAMPLING.is_multiple_of(4));
@@ -91,11 +89,11 @@ pub fn start() {
     adc.cr2().modify(|w| w.set_swstart(true));
 }
 
-/// Sums of the last sixteen samples, cable 1 first; all 0 while the supply is under 3.0 V or over
-/// 3.6 V. Looks at the supply again for the next call.
-pub fn read() -> [u16; CABLES] {
+/// Sums of the last sixteen samples as they would be at 3.3 V, cable 1 first; all 0 while the supply
+/// is under 3.0 V or over 3.6 V. Looks at the supply again for the next call.
+pub fn read(supply: &mut Supply) -> [u16; CABLES] {
     let adc = pac::ADC1;
-    let supplied = SUPPLIED.contains(&adc.jdr(0).read().jdata());
+    let supplied = supply.update(adc.jdr(0).read().jdata());
     adc.cr2().modify(|w| w.set_jswstart(true));
     if !supplied {
         return [0; CABLES];
@@ -112,5 +110,5 @@ pub fn read() -> [u16; CABLES] {
     }
     let [a, b, c, d] = first.to_le_bytes();
     let [e, f, g, h] = second.to_le_bytes();
-    [[a, b], [c, d], [e, f], [g, h]].map(u16::from_le_bytes)
+    [[a, b], [c, d], [e, f], [g, h]].map(|sum| supply.scale(u16::from_le_bytes(sum)))
 }

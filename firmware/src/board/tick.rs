@@ -1,21 +1,23 @@
 //! The control tick: SysTick, 1 kHz, above everything else. It alone owns the control core. What it
 //! does, and in what order, is the library's (`mcdpr_firmware::cycle`).
 
+use crate::bench::Gauge;
 use crate::clock::{self, CYCLES_PER_TICK};
 use crate::identity::{self, Reset};
 use crate::life::{self, Part};
 use crate::link;
 use crate::pins::{self, CABLES};
-use crate::{can, encoders, tension, uart};
+use crate::{can, encoders, interrupts, keep, tension, uart};
 use core::ptr;
 use core::sync::atomic::{AtomicPtr, Ordering};
 use cortex_m::peripheral::{DCB, DWT};
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::io::{Board, Line};
 use mcdpr_firmware::link::TickEnds;
+use mcdpr_firmware::supply::Supply;
 use mcdpr_firmware::{Active, Cycle, Inputs, Outputs, State};
 use mcdpr_protocol::message::PANIC_BYTES;
-use mcdpr_protocol::{Info, List, Tick};
+use mcdpr_protocol::{Bench, FaultId, Info, List, Tick};
 use static_cell::StaticCell;
 
 /// From one tick's start to the next, at most: a tenth late is an overrun (P5).
@@ -31,12 +33,16 @@ pub fn start_cycle_counter(mut dcb: DCB, mut dwt: DWT) {
 pub struct Rim {
     /// The drives' bus.
     pub can: can::Bus,
+    /// What the converter's readings are worth.
+    pub supply: Supply,
     /// What the drives are told and what they say.
     pub drives: DriveBus<CABLES>,
     /// What the host's line has brought.
     pub tap: uart::Tap,
     /// What the last fatal error said.
     pub last_panic: List<u8, PANIC_BYTES>,
+    /// What the chip measures of itself.
+    pub gauge: Gauge,
 }
 
 impl Line for Rim {
@@ -53,7 +59,7 @@ impl Line for Rim {
 impl Board<CABLES> for Rim {
     fn read(&mut self, inputs: &mut Inputs<CABLES>) {
         inputs.encoders = encoders::read();
-        inputs.tension_adc = tension::read();
+        inputs.tension_adc = tension::read(&mut self.supply);
         inputs.e_stop = pins::e_stop();
         inputs.gripper_switch = pins::gripper_switch();
         inputs.line_errors = link::take_line_errors();
@@ -65,10 +71,20 @@ impl Board<CABLES> for Rim {
     fn apply(&mut self, now: Tick, config: Option<&Active<CABLES>>, outputs: &Outputs<CABLES>) {
         pins::apply(outputs);
         self.drives.tick(now, config, outputs, &mut self.can);
+        if outputs.can_loop {
+            self.can.begin_loop();
+        }
+        if let Some(last) = self.drives.take_new() {
+            keep::store(&last);
+        }
     }
 
     fn complete(&self, info: &mut Info) {
         identity::complete(info, &self.last_panic);
+    }
+
+    fn measure(&mut self, report: &mut Bench, inputs: &Inputs<CABLES>) {
+        self.gauge.tell(report, self.supply.millivolts(), inputs);
     }
 
     fn show(&mut self, state: State, now: Tick) {
@@ -94,6 +110,9 @@ impl Core {
         let late = last.is_some_and(|last| cycles.wrapping_sub(last) > LATE_CYCLES);
         self.cycle.tick(now, late, &mut self.rim, &mut self.ends);
         life::show(Part::Tick);
+        let gauge = &mut self.rim.gauge;
+        gauge.count(now.0);
+        gauge.took(DWT::cycle_count().wrapping_sub(cycles));
     }
 }
 
@@ -101,11 +120,16 @@ impl Core {
 static CORE: AtomicPtr<Core> = AtomicPtr::new(ptr::null_mut());
 
 /// Gives the tick all that it owns. Before SysTick counts.
-pub fn hand_over(rim: Rim, ends: TickEnds<'static, CABLES>, reset: &Reset) {
+///
+/// Without its crystal the board is in `Fault` for good (P6): its ticks are as inaccurate as the
+/// chip's own oscillator, and half as long in cycles.
+pub fn hand_over(rim: Rim, ends: TickEnds<'static, CABLES>, reset: &Reset, crystal: bool) {
     static PLACE: StaticCell<Core> = StaticCell::new();
     static CYCLE: StaticCell<Cycle<CABLES>> = StaticCell::new();
     let cycle = CYCLE.init_with(|| Cycle::new(false));
-    if let Some(fault) = reset.fault() {
+    if !crystal {
+        cycle.start_in_lasting_fault(FaultId::P6);
+    } else if let Some(fault) = reset.fault() {
         cycle.start_in_fault(fault);
     }
     let core = PLACE.init(Core {
@@ -126,4 +150,5 @@ fn SysTick() {
     if let Some(core) = core {
         core.tick();
     }
+    interrupts::leave_event();
 }

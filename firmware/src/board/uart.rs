@@ -128,6 +128,7 @@ fn DMA1_CHANNEL2() {
     // Off, so that address and count can be written again.
     pac::DMA1.ch(SEND_CHANNEL).cr().write(|_| ());
     SENDING.store(false, Ordering::Release);
+    interrupts::leave_event();
 }
 
 /// Bytes that have come so far, wrapping.

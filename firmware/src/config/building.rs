@@ -20,6 +20,9 @@ const MAX_STOP_MS: i32 = 300;
 /// Largest limit of a jerk, mm/s³: its products with a spacing stay in 64 bits.
 const MAX_JERK_MMPS3: i32 = 10_000_000;
 
+/// Bit rates that the board's CAN clock gives exactly, bit/s.
+pub const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
+
 /// Ticks between two commands to a drive, by what holds its cable.
 #[derive(Clone, Copy)]
 struct Periods {
@@ -195,7 +198,11 @@ impl<const N: usize> ConfigStore<N> {
 
     fn bus_bitrate(&self) -> Result<u32, Reject> {
         let bits_per_s = self.board_key(BoardKey::BusBitrate, 125_000, 1_000_000)?;
-        Ok(bits_per_s.cast_unsigned())
+        let bits_per_s = bits_per_s.cast_unsigned();
+        if BIT_RATES.contains(&bits_per_s) {
+            return Ok(bits_per_s);
+        }
+        refused(ConfigKey::board(BoardKey::BusBitrate))
     }
 
     fn feedback_timeout_ms(&self) -> Result<u16, Reject> {
@@ -336,6 +343,10 @@ impl<const N: usize> ConfigStore<N> {
         let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
         // A bus has no drive 0: that number calls all of them. 127 is the board itself.
         let node = key(CableKey::Node, 1, 126)?;
+        // Numbers with four bits of 0 call every RMDS of a group.
+        if node & 15 == 0 && self.drive_kind()? == DriveKind::Rmds {
+            return Err(refuse(CableKey::Node));
+        }
         let control = match key(CableKey::Control, 0, 1)? {
             0 => Control::Length,
             _ => Control::Tension,
@@ -345,6 +356,7 @@ impl<const N: usize> ConfigStore<N> {
             Control::Length => (periods.by_length, periods.by_length / periods.by_tension),
             Control::Tension => (periods.by_tension, 1),
         };
+        let brake_play = key(CableKey::BrakePlay, 0, MOST_PLAY)?;
         let built = CableConfig {
             control,
             per_count_q24,
@@ -381,7 +393,8 @@ impl<const N: usize> ConfigStore<N> {
             corner_alpha_q16: saturate(corner_alpha_q16),
             friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
             mass_g,
-            play: key(CableKey::Play, 0, MOST_PLAY)?,
+            play: key(CableKey::Play, 0, MOST_PLAY)? + brake_play,
+            brake_play,
             lead_us,
             lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),
             most_force_mn: saturate(most_force_mn),
@@ -415,7 +428,7 @@ const fn alpha_q16_of(corner_mhz: i64) -> i64 {
     rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24)
 }
 
-/// Most play between motor and drum, 0.1 µm.
+/// Most play between motor and drum, and of a brake, 0.1 µm.
 const MOST_PLAY: i32 = 20_000;
 
 /// Adds the values that are there, of keys at these places.

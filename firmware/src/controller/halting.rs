@@ -1,8 +1,8 @@
 //! What happens under and around closed brakes: the checks of arming, and the end of a stop.
 
 use super::{
-    Control, Controller, Event, FaultId, HAS_SERVICE, HOLD_TORQUE_MS, Inputs, Limit, Phase, Proof,
-    Stir, Target, Verdict, is_plausible, slowest_brake_ms,
+    Control, Controller, Event, FaultId, HOLD_TORQUE_MS, Inputs, Limit, Phase, Proof, Stir, Target,
+    Verdict, is_plausible, slowest_brake_ms,
 };
 use crate::config::TensionLaw;
 use crate::proof::play_ms;
@@ -51,7 +51,7 @@ impl<const N: usize> Controller<N> {
             Err((fault, cable, value, limit)) => self.trip(fault, cable, value, limit),
             Ok(Phase::Preload) if before == Phase::Enabling => self.take_up(inputs),
             Ok(Phase::Done) => {
-                if !HAS_SERVICE || self.service.is_none() {
+                if self.service.is_none() {
                     self.hangs();
                 }
                 self.raise(Event::Armed);

@@ -58,7 +58,7 @@ impl<const N: usize> Controller<N> {
                 cable.target.length = cable.length;
             }
             let turned = cable.length.saturating_sub(cable.target.length);
-            let most = MOST_FOURS * config.four_counts;
+            let most = MOST_FOURS * config.four_counts + config.brake_play;
             let fault = if cable.lost {
                 Some((FaultId::S6, 0, 0))
             } else if turned.unsigned_abs() > most.unsigned_abs() {

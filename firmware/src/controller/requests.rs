@@ -1,11 +1,13 @@
 //! What a host may ask, and when: every refusal leaves everything as it was.
 
 use super::{
-    CAPACITY, ConfigHash, Controller, Event, FaultId, HAS_SERVICE, Info, List, PerCable, Reject,
-    Reply, Request, Service, State, StopKind, TICKS_PER_SECOND, Tick, Winch,
+    CAPACITY, ConfigHash, Controller, Event, FaultId, Info, List, PerCable, Reject, Reply, Request,
+    Service, State, StopKind, TICKS_PER_SECOND, Tick, Winch,
 };
 use crate::watch::LinkHealth;
-use mcdpr_protocol::{Millinewtons, TenthMicrometres};
+use mcdpr_protocol::{
+    BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, Millinewtons, TenthMicrometres,
+};
 
 /// Largest length that makes sense, 0.1 µm (200 m).
 const LENGTH_LIMIT: i32 = 2_000_000_000;
@@ -50,11 +52,6 @@ impl<const N: usize> Controller<N> {
             }
             Request::Reference { lengths, tensions } => self.handle_reference(lengths, tensions),
             Request::Arm { config_hash } => self.handle_arm(now, *config_hash, None),
-            Request::Service { .. } | Request::Winch { .. } | Request::Scan { .. }
-                if !HAS_SERVICE =>
-            {
-                Err(Reject::Unsupported)
-            }
             Request::Service {
                 config_hash,
                 cable,
@@ -79,6 +76,7 @@ impl<const N: usize> Controller<N> {
                     nodes: self.scan.nodes,
                 })
             }
+            Request::Bench { test } => self.handle_bench(*test),
             Request::Disarm => {
                 self.only_in(&[State::Arming, State::Holding, State::Disarmed])?;
                 self.raise(Event::Stop);
@@ -170,6 +168,31 @@ impl<const N: usize> Controller<N> {
         self.heartbeat.beat(now);
         self.raise(Event::Arm);
         Ok(Reply::Done)
+    }
+
+    /// The board fills in what only it can tell.
+    fn handle_bench(&mut self, test: BenchTest) -> Result<Reply, Reject> {
+        self.only_in(&[State::Disarmed, State::Fault, State::EStop])?;
+        if test != BenchTest::Look {
+            self.only_in(&[State::Disarmed])?;
+            if self.active.is_some() {
+                return Err(Reject::Configured);
+            }
+        }
+        match test {
+            BenchTest::Look => {}
+            BenchTest::CanLoop => self.loop_asked = true,
+            BenchTest::Output { output } if (1..=BENCH_OUTPUTS).contains(&output) => {
+                self.trial = (output, BENCH_OUTPUT_MS);
+            }
+            BenchTest::Output { output } => {
+                return Err(Reject::CableCount {
+                    expected: BENCH_OUTPUTS,
+                    got: output,
+                });
+            }
+        }
+        Ok(Reply::Bench(Bench::default()))
     }
 
     /// One winch; refuses a number that no winch has.
@@ -311,6 +334,9 @@ impl<const N: usize> Controller<N> {
             }
             Some(FaultId::P7) if self.e_stop => {
                 return Err(Reject::CauseRemains { fault: FaultId::P7 });
+            }
+            Some(fault) if self.lasting == Some(fault) => {
+                return Err(Reject::CauseRemains { fault });
             }
             _ => {}
         }

@@ -1,7 +1,7 @@
 //! What the board tells of itself: state, measurements, advice.
 
 use super::{Cable, Controller};
-use crate::io::{Brake, DriveDemand};
+use crate::io::Brake;
 use mcdpr_protocol::{Limits, Millinewtons, PerCable, Status, TenthMicrometres};
 
 impl<const N: usize> Controller<N> {
@@ -48,7 +48,8 @@ impl<const N: usize> Controller<N> {
             config: self.active.as_ref().map(|active| active.hash),
             referenced: self.referenced,
             brakes_open: bits(&self.outputs.brakes.map(|brake| brake == Brake::Open)),
-            torque_on: bits(&self.outputs.drives.map(DriveDemand::gives_torque)),
+            // What the drives say, not what they were told.
+            torque_on: bits(&self.drives.map(|drive| drive.torque)),
             gripper_closed: self.gripper_closed,
             gripper_switch: self.gripper_switch,
             tick_overruns: self.overruns,

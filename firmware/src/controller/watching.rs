@@ -2,8 +2,7 @@
 
 use super::relieving::horizon_us;
 use super::{
-    Cable, Control, Controller, Event, FaultId, HAS_SERVICE, Inputs, Limit, Limits, LinkHealth,
-    Phase, concerns,
+    Cable, Control, Controller, Event, FaultId, Inputs, Limit, Limits, LinkHealth, Phase, concerns,
 };
 use crate::config::{CableConfig, TensionLaw};
 use crate::io::DriveInput;
@@ -213,7 +212,7 @@ impl<const N: usize> Controller<N> {
                 Phase::Stirring(cable) => cable + 1,
                 _ => 0,
             },
-            bare: HAS_SERVICE && self.service.is_some(),
+            bare: self.service.is_some(),
             braked: self.is_braked(),
             feedback_timeout_ms: active.feedback_timeout_ms,
         };

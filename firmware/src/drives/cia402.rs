@@ -10,12 +10,15 @@ use super::can::CanFrame;
 use super::drive::{Drive, Mode, Phase, Step, mode_of};
 use crate::config::CableConfig;
 use crate::config::schedule::MODE_SYNCS;
-use crate::io::DriveDemand;
+use crate::io::{DriveDemand, Refused};
 
 /// The board's own node, for its heartbeat.
 pub(crate) const BOARD_NODE: u8 = 127;
 /// Milliseconds between two heartbeats of the board.
 pub(crate) const BOARD_BEAT_MS: u32 = 50;
+/// Transmission type of a command that is acted on at the next SYNC (CiA 301): for drives that do not
+/// act at once.
+const AT_SYNC: u32 = 1;
 /// Milliseconds between two heartbeats of a drive.
 const BEAT_MS: u32 = 100;
 /// Milliseconds after which a drive without heartbeats is lost: two may be late.
@@ -38,6 +41,7 @@ const SDO_REQUEST: u16 = 0x600;
 const HEARTBEAT: u16 = 0x700;
 
 const START: u8 = 0x01;
+const RESET_NODE: u8 = 0x81;
 const RESET_COMMUNICATION: u8 = 0x82;
 const OPERATIONAL: u8 = 0x05;
 const BOOT_UP: u8 = 0x00;
@@ -77,7 +81,7 @@ enum From {
     Drive,
 }
 
-/// An object of the set-up, in eight bytes: there are thirty of them, and little flash.
+/// An object of the set-up, in eight bytes: there are thirty-one of them, and little flash.
 struct Object {
     index: u16,
     /// Sub-index in bits 0 to 3, bytes in bits 4 to 6, bit 7: a drive without it is no worse.
@@ -119,7 +123,10 @@ const fn optional(index: u16, sub: u8, size: u8, from: From, value: u32) -> Obje
 
 /// What a drive is told before it starts, in this order. A PDO is switched off while its content
 /// changes. Bit 31: off; bit 30: not to be asked for.
-static SETUP: [Object; 30] = [
+///
+/// Where a drive lacks an optional object it falls back: one that cannot act on a command at once
+/// acts at SYNC ([`AT_SYNC`]), one that cannot report its mode is believed to be in the one it took.
+static SETUP: [Object; 31] = [
     // Feedback: status word, position, torque, at SYNC.
     object(0x1800, 1, 4, From::Node, 0xC000_0000 | FEEDBACK as u32),
     object(0x1800, 2, 1, From::Syncs, 0),
@@ -130,18 +137,18 @@ static SETUP: [Object; 30] = [
     object(0x1A00, 0, 1, From::Number, 3),
     object(0x1800, 1, 4, From::Node, 0x4000_0000 | FEEDBACK as u32),
     // The mode that it is in.
-    object(0x1801, 1, 4, From::Node, 0xC000_0000 | MODE_REPORT as u32),
-    object(0x1801, 2, 1, From::Number, MODE_SYNCS as u32),
-    object(0x1A01, 0, 1, From::Number, 0),
-    object(0x1A01, 1, 4, From::Number, 0x6061_0008),
-    object(0x1A01, 0, 1, From::Number, 1),
-    object(0x1801, 1, 4, From::Node, 0x4000_0000 | MODE_REPORT as u32),
+    optional(0x1801, 1, 4, From::Node, 0xC000_0000 | MODE_REPORT as u32),
+    optional(0x1801, 2, 1, From::Number, MODE_SYNCS as u32),
+    optional(0x1A01, 0, 1, From::Number, 0),
+    optional(0x1A01, 1, 4, From::Number, 0x6061_0008),
+    optional(0x1A01, 0, 1, From::Number, 1),
+    optional(0x1801, 1, 4, From::Node, 0x4000_0000 | MODE_REPORT as u32),
     // What else it would send by itself would cost the bus.
     optional(0x1802, 1, 4, From::Node, 0xC000_0380),
     optional(0x1803, 1, 4, From::Node, 0xC000_0480),
     // Command: control word and target, at once.
     object(0x1400, 1, 4, From::Node, 0x8000_0000 | COMMAND as u32),
-    object(0x1400, 2, 1, From::Number, 255),
+    optional(0x1400, 2, 1, From::Number, 255),
     object(0x1600, 0, 1, From::Number, 0),
     object(0x1600, 1, 4, From::Number, 0x6040_0010),
     object(0x1600, 2, 4, From::Target, 0),
@@ -156,6 +163,8 @@ static SETUP: [Object; 30] = [
         From::Number,
         ((BOARD_NODE as u32) << 16) | 200,
     ),
+    // What it does then, and when it is stopped: disable voltage.
+    optional(0x6007, 0, 2, From::Number, 2),
     object(0x6060, 0, 1, From::Mode, 0),
     object(0x6075, 0, 4, From::Drive, 0),
     optional(0x6072, 0, 2, From::Torque, 0),
@@ -194,6 +203,11 @@ pub(super) fn sync() -> CanFrame {
     frame(SYNC, &[])
 }
 
+/// Takes the torque of a drive, whatever it does: NMT reset of the whole node (CiA 301).
+pub(super) fn reset(node: u8) -> CanFrame {
+    frame(NMT, &[RESET_NODE, node])
+}
+
 /// The board lives.
 pub(super) fn beat() -> CanFrame {
     frame(HEARTBEAT | u16::from(BOARD_NODE), &[OPERATIONAL])
@@ -222,6 +236,7 @@ pub(super) fn probed(received: &CanFrame) -> Option<u8> {
 
 fn set_up(drive: &Drive, cable: &CableConfig, object: &Object) -> CanFrame {
     let value = match object.from {
+        From::Number if object.index == 0x1400 && drive.at_sync => AT_SYNC,
         From::Number => object.value,
         From::Node => object.value | u32::from(cable.node),
         From::Mode => u32::from(mode_number(Mode::of(cable))),
@@ -346,6 +361,8 @@ pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
                 drive.phase = Phase::Setup;
                 drive.step = 0;
                 drive.timer = 0;
+                drive.tells_mode = true;
+                drive.at_sync = false;
                 drive.emergency = 0;
             } else if a & 0x7F != OPERATIONAL && drive.phase as u8 > Phase::Idle as u8 {
                 drive.phase = Phase::Cold;
@@ -387,15 +404,35 @@ fn answered(drive: &mut Drive, received: &CanFrame) {
     }
     let refused = command == 0x80;
     if refused && !object.is_optional() {
+        // Arming tells it (D5). It may be of a start that came too early: once more, later.
+        drive.refused = Some(Refused {
+            object: u32::from(object.index) << 8 | u32::from(sub),
+            code: u32::from_le_bytes([a, b, c, d]),
+        });
         drive.phase = Phase::Waiting;
         drive.timer = BOOT_MS;
         return;
     }
-    if object.from == From::Drive {
+    match (object.index, refused) {
+        (0x1801 | 0x1A01, true) => drive.tells_mode = false,
+        (0x1400, true) if !drive.at_sync => {
+            drive.at_sync = true;
+            drive.timer = 0;
+            return;
+        }
+        _ => {}
+    }
+    if object.index == 0x6060 && !drive.tells_mode {
+        drive.mode = drive.wanted_mode;
+    }
+    if object.from == From::Drive && !refused {
         // More than 60 A is no drive of these winches; nothing is not a rated current.
         let rated = i32::from_le_bytes([a, b, c, d]);
         drive.rated_ma = rated.clamp(1, 60_000);
     }
     drive.step += 1;
     drive.timer = 0;
+    if setup(drive.step).is_none() {
+        drive.refused = None;
+    }
 }

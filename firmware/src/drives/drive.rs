@@ -2,7 +2,7 @@
 
 use super::can::CanFrame;
 use crate::config::{CableConfig, Control, TensionOutput};
-use crate::io::{DriveDemand, DriveInput};
+use crate::io::{DriveDemand, DriveInput, Refused};
 
 /// Modes that the core uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,6 +71,12 @@ pub(super) struct Drive {
     pub mode: u8,
     /// Mode that it shall be in (CiA 402).
     pub wanted_mode: u8,
+    /// It reports the mode that it is in (CiA 402).
+    pub tells_mode: bool,
+    /// It acts on commands at SYNC, not at once (CiA 402).
+    pub at_sync: bool,
+    /// An object that it refused (CiA 402).
+    pub refused: Option<Refused>,
     /// Last emergency code, 0 where it is over (CiA 402).
     pub emergency: u16,
     /// Motor current of a thousand thousandths of torque, mA (CiA 402).

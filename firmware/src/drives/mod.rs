@@ -13,10 +13,12 @@
 //! |---|---|
 //! | [`can`] | frames, and the port that a board's CAN controller is |
 //! | [`rmds`], [`cia402`] | the two protocols |
+//! | [`last`] | what to stop after a reset |
 
 pub mod can;
 pub mod cia402;
 mod drive;
+pub mod last;
 pub mod rmds;
 #[cfg(test)]
 mod tests;
@@ -24,10 +26,10 @@ mod tests;
 pub use can::{BusState, CanFrame, CanPort, Full};
 pub use drive::{Mode, Phase};
 
-use crate::HAS_SERVICE;
 use crate::config::{Active, DriveKind};
 use crate::io::{DriveDemand, DriveInput, Inputs, Outputs, Scan};
 use drive::{Drive, Step};
+use last::LastDrives;
 use mcdpr_protocol::{ConfigHash, Tick};
 
 /// Frames taken in per tick, at most: more than a bus of 1 Mbit/s brings in a millisecond.
@@ -36,6 +38,15 @@ const FRAMES_PER_TICK: usize = 24;
 const LAST_NODE: u8 = 126;
 /// A scan is over 50 ms after the last drive was asked.
 const SCANNED: u8 = LAST_NODE + 50;
+
+/// How often drives are stopped after a reset of the board, and every how many ticks: one frame may
+/// meet a bus that is not there yet.
+const STOPS: u8 = 5;
+const STOP_EVERY: u32 = 10;
+/// Feedback that is older says nothing about torque, ms.
+const TORQUE_MS: u16 = 20;
+/// More current than a motor without torque is measured to have, mA.
+const TORQUE_MA: u16 = 200;
 
 /// Every drive of a board.
 #[derive(Debug, Clone)]
@@ -52,6 +63,10 @@ pub struct DriveBus<const N: usize> {
     /// for late answers.
     asking: u8,
     found: [u32; 4],
+    /// How often the drives of before a reset are still to be stopped.
+    stops: u8,
+    /// A configuration has just been taken up.
+    new: Option<LastDrives<N>>,
 }
 
 impl<const N: usize> Default for DriveBus<N> {
@@ -72,6 +87,8 @@ impl<const N: usize> Default for DriveBus<N> {
             bus: BusState::Active,
             asking: SCANNED,
             found: [0; 4],
+            stops: 0,
+            new: None,
         }
     }
 }
@@ -91,7 +108,7 @@ impl<const N: usize> DriveBus<N> {
         }
         for _ in 0..FRAMES_PER_TICK {
             let Some(frame) = port.receive() else { break };
-            if HAS_SERVICE && self.asking < SCANNED {
+            if self.asking < SCANNED {
                 self.note_answer(&frame);
             }
             match self.kind {
@@ -115,23 +132,59 @@ impl<const N: usize> DriveBus<N> {
         self.bus = port.state();
     }
 
+    /// After a reset of the board, before the first tick: these drives go on by their last command,
+    /// and are stopped.
+    pub fn stop_at_start(&mut self, last: &LastDrives<N>, port: &mut impl CanPort) {
+        port.set_bitrate(last.bits_per_s);
+        self.kind = last.kind;
+        self.stops = STOPS;
+        for (drive, node) in self.drives.iter_mut().zip(last.nodes) {
+            drive.node = node;
+        }
+    }
+
+    /// The drives of a configuration that was just taken up, once: to be kept over a reset.
+    pub fn take_new(&mut self) -> Option<LastDrives<N>> {
+        self.new.take()
+    }
+
+    /// No configuration yet.
+    fn stop_drives(&mut self, now: Tick, port: &mut impl CanPort) {
+        if self.stops == 0 || !now.0.is_multiple_of(STOP_EVERY) {
+            return;
+        }
+        self.stops -= 1;
+        for drive in self.drives.iter().filter(|drive| drive.node != 0) {
+            // One that finds no room is sent the next time.
+            let _ = port.send(&match self.kind {
+                DriveKind::Cia402 => cia402::reset(drive.node),
+                _ => rmds::reset(drive.node),
+            });
+        }
+    }
+
     /// Puts in what the drives last said, as the control core takes it.
     pub fn fill(&self, inputs: &mut Inputs<N>) {
-        if HAS_SERVICE {
-            inputs.scan = Scan {
-                done: self.asking >= SCANNED,
-                nodes: self.found,
-            };
-        }
+        inputs.scan = Scan {
+            done: self.asking >= SCANNED,
+            nodes: self.found,
+        };
         for (input, drive) in inputs.drives.iter_mut().zip(&self.drives) {
             *input = drive.input;
+            let fresh = drive.input.age_ms < TORQUE_MS;
+            let pulls = fresh && drive.input.current_ma.unsigned_abs() > TORQUE_MA;
             input.bus_off = self.bus == BusState::Off;
             match self.kind {
                 DriveKind::None => {}
-                DriveKind::Rmds => input.ready = rmds::is_ready(drive),
+                DriveKind::Rmds => {
+                    input.ready = rmds::is_ready(drive);
+                    input.torque = pulls || (fresh && input.ready);
+                }
                 DriveKind::Cia402 => {
                     input.ready = drive.phase == Phase::Enabled && cia402::is_enabled(drive);
+                    input.torque = pulls || (fresh && cia402::is_enabled(drive));
                     input.fault = cia402::has_failed(drive);
+                    input.refused = drive.refused;
                     input.warning = drive.status & cia402::WARNING != 0;
                     // Excess temperature of device (42) or motor and its supply (43).
                     input.over_temperature = matches!(drive.emergency >> 8, 0x42 | 0x43);
@@ -151,17 +204,19 @@ impl<const N: usize> DriveBus<N> {
         outputs: &Outputs<N>,
         port: &mut impl CanPort,
     ) {
-        let Some(active) = active else { return };
+        let Some(active) = active else {
+            return self.stop_drives(now, port);
+        };
         if self.follows != Some(active.hash) {
             self.follow(active, port);
         }
         if self.kind == DriveKind::Cia402 {
             self.beat_and_sync(now, active, port);
         }
-        if HAS_SERVICE && outputs.scan {
+        if outputs.scan {
             (self.asking, self.found) = (1, [0; 4]);
         }
-        if HAS_SERVICE && self.asking < SCANNED {
+        if self.asking < SCANNED {
             self.ask(port);
         }
         let slots = outputs.drives.iter().zip(&active.cables);
@@ -196,6 +251,7 @@ impl<const N: usize> DriveBus<N> {
         *self = Self {
             follows: Some(active.hash),
             kind: active.drive_kind,
+            new: Some(LastDrives::of(active)),
             ..Self::default()
         };
         for (drive, cable) in self.drives.iter_mut().zip(&active.cables) {

@@ -43,6 +43,11 @@ fn frame(node: u8, function: u16, start: &[u8]) -> CanFrame {
     }
 }
 
+/// Takes the torque of a drive, whatever it does.
+pub(super) fn reset(node: u8) -> CanFrame {
+    frame(node, RESET, &[])
+}
+
 /// Asks whether a drive is there.
 pub(super) fn probe(node: u8) -> CanFrame {
     frame(node, ONLINE, &[])
@@ -58,10 +63,10 @@ pub(super) fn probed(received: &CanFrame) -> Option<u8> {
 /// What goes to the drive in its slot, and what it makes of the drive once it is on its way.
 pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> Option<Step> {
     let node = cable.node;
-    let reset = Step::new(frame(node, RESET, &[]), Phase::Waiting, RESET_MS + SLACK_MS);
+    let again = Step::new(reset(node), Phase::Waiting, RESET_MS + SLACK_MS);
     let wanted = mode_of(demand);
     match drive.phase {
-        Phase::Cold => Some(reset),
+        Phase::Cold => Some(again),
         Phase::Waiting if drive.timer == 0 => {
             let start = [cable.period_ticks, 0];
             Some(Step::new(
@@ -70,10 +75,10 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
                 LOST_MS,
             ))
         }
-        Phase::Idle if drive.timer == 0 && drive.input.age_ms > LOST_MS => Some(reset),
+        Phase::Idle if drive.timer == 0 && drive.input.age_ms > LOST_MS => Some(again),
         // There is no command "off": a reset takes the torque whatever the drive does. So does a
         // change of mind.
-        Phase::Enabling if wanted != Some(Mode::of(cable)) => Some(reset),
+        Phase::Enabling if wanted != Some(Mode::of(cable)) => Some(again),
         Phase::Idle => {
             // Torque that is asked of a drive that was not enabled never comes by itself; and a
             // drive that does not answer is not enabled.

@@ -57,6 +57,28 @@ fn f2_zero_signs_and_ratios_and_contradicting_limits_are_named() {
 }
 
 #[test]
+fn only_bit_rates_that_the_boards_clock_gives_exactly_are_taken() {
+    let key = ConfigKey::board(BoardKey::BusBitrate);
+    for bits_per_s in [
+        800_000, 300_000, 400_000, 999_999, 125_001, 100_000, 200_000,
+    ] {
+        let refused = refusal(&entries_with(key, bits_per_s));
+        assert_eq!(refused, Reject::ConfigValue { key: key.0 }, "{bits_per_s}");
+    }
+    assert!(build(&entries_with(key, 1_000_000)).is_ok());
+}
+
+#[test]
+fn a_number_that_calls_every_rmds_of_a_group_is_no_drives_own() {
+    for node in [16, 32, 48, 64, 96, 112] {
+        let key = ConfigKey::cable(2, CableKey::Node);
+        let refused = refusal(&entries_with(key, node));
+        assert_eq!(refused, Reject::ConfigValue { key: key.0 }, "{node}");
+    }
+    assert!(build(&entries_with(ConfigKey::cable(2, CableKey::Node), 17)).is_ok());
+}
+
+#[test]
 fn another_number_of_cables_is_named() {
     let refused = refusal(&entries_with(ConfigKey::board(BoardKey::Cables), 8));
     assert_eq!(

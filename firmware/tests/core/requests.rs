@@ -58,7 +58,7 @@ fn bench_in(state: State) -> Bench {
         }
         State::EStop => {
             bench.e_stop = true;
-            bench.run(2);
+            bench.run(4);
         }
     }
     assert_eq!(bench.state(), state);

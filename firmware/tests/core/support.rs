@@ -103,7 +103,10 @@ pub fn entries() -> Vec<ConfigEntry> {
                 CableKey::ReelSpeed => 10_000,
                 CableKey::MaxAcceleration => MOST_UMPS2,
                 CableKey::MaxJerk => MOST_MMPS3,
-                CableKey::TensionOutput | CableKey::Play | CableKey::SpeedCornerMhz => 0,
+                CableKey::TensionOutput
+                | CableKey::Play
+                | CableKey::SpeedCornerMhz
+                | CableKey::BrakePlay => 0,
             };
             all.push(ConfigEntry {
                 key: ConfigKey::cable(index, key),

@@ -159,6 +159,52 @@ fn s11_a_frozen_reading_fires_after_10_repetitions() {
     assert_eq!(ticks_until(|v| v.adc = 20_001).1, FaultId::S11);
 }
 
+/// Readings of a sensor with Gaussian noise of so many steps, rounded to whole conversions where
+/// `coarse`; the longest run of one reading and whether S11 fired in so many ticks.
+fn quiet_channel(sigma: f64, coarse: bool, seed: u64, ticks: u32) -> (u32, bool) {
+    let mut rng = crate::support::Rng(seed);
+    let mut watch = CableWatch::default();
+    let (mut last, mut run, mut longest) = (0, 0, 0);
+    let mut fired = false;
+    for tick in 0..ticks {
+        // The sum of twelve even ones is nearly Gaussian.
+        let sum: f64 = (0..12).map(|_| rng.between(0, 1000) as f64 * 1e-3).sum();
+        let step = if coarse { 16.0 } else { 1.0 };
+        let adc = (((20_004.0 + (sum - 6.0) * sigma) / step).round() * step) as u16;
+        run = if adc == last { run + 1 } else { 1 };
+        (last, longest) = (adc, longest.max(run));
+        if tick < 200 {
+            watch.learn(adc);
+            continue;
+        }
+        let view = CableView {
+            adc,
+            ..healthy(tick)
+        };
+        fired |= watch.update(&view).is_some();
+    }
+    (longest, fired)
+}
+
+#[test]
+fn s11_a_quiet_channel_is_not_frozen() {
+    for seed in 1..=20 {
+        for (sigma, coarse) in [
+            (0.25, false),
+            (0.4, false),
+            (1.0, false),
+            (6.0, true),
+            (4.0, true),
+        ] {
+            let (longest, fired) = quiet_channel(sigma, coarse, seed, 60_000);
+            assert!(!fired, "seed {seed}, sigma {sigma}: {longest} alike");
+        }
+    }
+    // They repeat themselves for longer than ten ticks: what fired before.
+    assert!(quiet_channel(0.4, false, 1, 60_000).0 > 10);
+    assert!(quiet_channel(4.0, true, 1, 60_000).0 > 30);
+}
+
 #[test]
 fn d4_saturation_fires_after_100_ticks() {
     assert_eq!(

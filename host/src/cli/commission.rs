@@ -58,11 +58,12 @@ impl Cmd {
             return print_json(&found);
         }
         say!(
-            "winch {}: drive {} ({} answer), brake held {:.2} A, opens and closes",
+            "winch {}: drive {} ({} answer), brake held {:.2} A with {:.2} degrees of play, opens and closes",
             found.winch,
             found.node,
             found.nodes_found.len(),
-            found.brake_held_a
+            found.brake_held_a,
+            found.brake_play_deg
         );
         say!(
             "motor_counts_per_turn {}, encoder_sign {}, tension_zero_v {:.4} (one reading varies by {:.1} mV)",
@@ -182,6 +183,7 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
          rotor_inertia_kg_m2 = {rotor}\n\
          {friction}\n\
          brake_close_ms = {brake}\n\
+         brake_play_deg = {play:.3}\n\
          drive_bandwidth_rad_s = {bandwidth}\n\
          current_lag_ms = {lag}\n",
         winch = found.winch,
@@ -203,6 +205,7 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
         rotor = w.rotor_inertia_kg_m2,
         friction = friction_text(found, w),
         brake = milli(w.brake_close_s),
+        play = found.brake_play_deg.min(2.0),
         bandwidth = w.drive_bandwidth_rad_s,
         lag = milli(w.current_lag_s),
     )

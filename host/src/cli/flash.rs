@@ -2,17 +2,19 @@
 
 use super::{Common, Outcome, print_json};
 use crate::flash::{FlashError, Image};
+use crate::link::ClientError;
 use crate::machine::Firmware;
+use crate::run::new_session;
 use std::path::PathBuf;
 
 /// Write firmware to the board through a debug probe, verify it, and wait until it says hello
 ///
 /// The file is checked first, and executed on an emulated chip: what is no firmware of this board is
-/// refused before a probe is looked for. With --dry-run that is all. With --on PORT the board must
-/// answer there, with what was written.
+/// refused before a probe is looked for. With --dry-run that is all. With --on PORT the board is asked
+/// first whether it is armed, and must answer there afterwards, with what was written.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// The firmware's file (ELF), as `cargo fw` or `cargo fw-service` builds it
+    /// The firmware's file (ELF), as `cargo fw` builds it
     #[arg(value_name = "FIRMWARE", required_unless_present = "list")]
     file: Option<PathBuf>,
     /// List the probes that are plugged in
@@ -32,13 +34,8 @@ impl Cmd {
         let shown = path.display().to_string();
         let firmware = Firmware::find(Some(&path))?;
         let image = Image::examine(&shown, &firmware)?;
-        let kind = if image.has_service {
-            "for the first day of winches"
-        } else {
-            "for motion"
-        };
         eprintln!(
-            "{shown}: firmware {}, {} bytes of flash, protocol {}.{}, the image {kind}; it runs on the emulated chip",
+            "{shown}: firmware {}, {} bytes of flash, protocol {}.{}; it runs on the emulated chip",
             image.commit(),
             image.flash.len(),
             image.hello.major,
@@ -47,13 +44,13 @@ impl Cmd {
         let board = if common.dry_run {
             None
         } else {
+            ask_before(common)?;
             write(&image, self.probe.as_deref(), common)?
         };
         if common.json {
             return print_json(&serde_json::json!({
                 "firmware": image.commit(),
                 "flash_bytes": image.flash.len(),
-                "has_service": image.has_service,
                 "written": !common.dry_run,
                 "board_id": board,
             }));
@@ -67,6 +64,22 @@ impl Cmd {
         }
         Ok(())
     }
+}
+
+/// Refuses to write a board that is armed, where there is a port to ask it on.
+fn ask_before(common: &Common) -> Outcome {
+    let warning = if common.on == "sim" {
+        Some(
+            "no port is named, so the board is not asked whether it is armed: brakes close as soon as it is written; `--on PORT` asks",
+        )
+    } else {
+        let link = common.open_port().map_err(ClientError::from)?;
+        crate::flash::ask_before(link, new_session())?
+    };
+    if let Some(warning) = warning {
+        eprintln!("{warning}");
+    }
+    Ok(())
 }
 
 #[cfg(feature = "flash")]
@@ -90,8 +103,7 @@ fn list(common: &Common) -> Outcome {
 
 #[cfg(feature = "flash")]
 fn write(image: &Image, probe: Option<&str>, common: &Common) -> miette::Result<Option<String>> {
-    use crate::link::{Client, ClientError};
-    use crate::run::new_session;
+    use crate::link::Client;
 
     let mut written = 0;
     crate::flash::write(&image.flash, probe, |bytes| {

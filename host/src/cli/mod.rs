@@ -10,6 +10,7 @@ macro_rules! say {
     };
 }
 
+mod bench;
 mod calibrate;
 mod camera;
 mod clear;
@@ -200,6 +201,7 @@ enum Command {
     Emulate(emulate::Cmd),
     Ports(ports::Cmd),
     Doctor(doctor::Cmd),
+    Bench(bench::Cmd),
     #[cfg_attr(not(feature = "flash"), command(hide = true))]
     Flash(flash::Cmd),
     States(states::Cmd),
@@ -311,6 +313,7 @@ pub fn main() -> ExitCode {
         Command::Emulate(cmd) => cmd.run(common),
         Command::Ports(cmd) => cmd.run(common),
         Command::Doctor(cmd) => cmd.run(common),
+        Command::Bench(cmd) => cmd.run(common),
         Command::Flash(cmd) => cmd.run(common),
         Command::States(cmd) => cmd.run(common),
         Command::Study(cmd) => cmd.run(common),

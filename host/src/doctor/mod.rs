@@ -10,7 +10,6 @@ pub(crate) mod parts;
 use crate::link::{Client, Link, advice, describe_fault};
 use crate::robot::Robot;
 use crate::run::{self, RunError};
-use crate::service::has_service;
 use mcdpr_protocol::{BoardState, PROTOCOL_MAJOR, PROTOCOL_MINOR, Status};
 use serde::Serialize;
 
@@ -81,9 +80,6 @@ impl Finding {
     }
 }
 
-/// What drives, encoders and sensors can be asked without a service image.
-const SERVICE_IMAGE: &str = "the image of the first day shows it (`cargo flash-fw-service`); `mcdpr doctor --arm` proves it with any image, by arming";
-
 /// Looks at everything behind this client, in the order in which a builder would mend it.
 ///
 /// Sends the robot's configuration (a board that has it already keeps its reference lengths), and
@@ -94,8 +90,6 @@ const SERVICE_IMAGE: &str = "the image of the first day shows it (`cargo flash-f
 pub fn examine<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<Vec<Finding>, RunError> {
     let mut findings = vec![identity(client)];
     findings.push(start(client));
-    let has_service = has_service(client)?;
-    findings.push(image(has_service));
     let status = run::status(client)?;
     findings.push(state(&status));
     findings.extend(protocols(client, robot));
@@ -103,8 +97,8 @@ pub fn examine<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<Vec<Fin
     let usable = configured.verdict == Verdict::Good;
     findings.push(configured);
     if usable {
-        findings.extend(parts::drives(client, robot, has_service)?);
-        let watched = parts::watch(client, robot, has_service)?;
+        findings.extend(parts::drives(client, robot)?);
+        let watched = parts::watch(client, robot)?;
         findings.extend(parts::encoders(&watched));
         findings.extend(parts::tensions(&watched, robot));
         findings.push(parts::brakes(&run::status(client)?));
@@ -182,21 +176,6 @@ fn start<L: Link>(client: &Client<L>) -> Finding {
         ),
         _ => Finding::good("start", found),
     }
-}
-
-fn image(has_service: bool) -> Finding {
-    if has_service {
-        return Finding::good(
-            "image",
-            "has the service functions: `commission` and `calibrate winch` work",
-        );
-    }
-    Finding::with(
-        Verdict::Note,
-        "image",
-        "the one for motion, without the service functions",
-        "fine for running; `commission` and `calibrate winch` need `cargo flash-fw-service`, and `cargo flash-fw` afterwards",
-    )
 }
 
 fn state(status: &Status) -> Finding {

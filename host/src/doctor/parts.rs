@@ -1,9 +1,9 @@
 //! Drives, encoders, tension sensors and brakes, at rest.
 
-use super::{Finding, SERVICE_IMAGE, Verdict};
+use super::{Finding, Verdict};
 use crate::link::{Client, Link};
 use crate::robot::{DriveKind, Robot};
-use crate::run::{self, RunError};
+use crate::run::RunError;
 use crate::service::{scan, volts};
 use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
 use mcdpr_protocol::{Reply, Request, Status, Winch};
@@ -22,16 +22,7 @@ const BELOW_ZERO_N: f64 = 1.0;
 pub(super) fn drives<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
-    has_service: bool,
 ) -> Result<Vec<Finding>, RunError> {
-    if !has_service {
-        return Ok(vec![Finding::with(
-            Verdict::Unseen,
-            "drives",
-            "this image cannot ask drives while they are off",
-            SERVICE_IMAGE,
-        )]);
-    }
     // A bus on which nothing can be sent comes to no end: then nobody answers.
     let found = scan(client)?.unwrap_or_default();
     let names = |nodes: &mut dyn Iterator<Item = u8>| {
@@ -133,7 +124,6 @@ pub(super) struct Watched {
 pub(super) fn watch<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
-    has_service: bool,
 ) -> Result<Vec<Watched>, RunError> {
     let mut watched: Vec<_> = (0..robot.cables.len())
         .map(|_| Watched {
@@ -144,30 +134,10 @@ pub(super) fn watch<L: Link>(
     for _ in 0..LOOKS {
         let until = client.now_us() + BETWEEN_US;
         client.pump(until)?;
-        if has_service {
-            for (index, watched) in watched.iter_mut().enumerate() {
-                let winch = look(client, index)?;
-                watched.drum_counts.push(f64::from(winch.drum_counts));
-                watched.readings.push(f64::from(winch.tension_adc));
-            }
-            continue;
-        }
-        // In the image for motion the state carries the same, in the robot file's units.
-        let status = run::status(client)?;
         for (index, watched) in watched.iter_mut().enumerate() {
-            let Some(winch) = robot.winch_of(index) else {
-                continue;
-            };
-            let counts_per_m = f64::from(winch.encoder_counts_per_turn)
-                / (std::f64::consts::TAU * winch.drum_radius_m);
-            if let Some(length) = status.lengths.get(index) {
-                watched.drum_counts.push(length.metres() * counts_per_m);
-            }
-            if let Some(tension) = status.tensions.get(index) {
-                let newtons = tension.newtons();
-                let read_v = newtons / winch.tension_gain_n_per_v + winch.tension_zero_v;
-                watched.readings.push(read_v / volts(1.0));
-            }
+            let winch = look(client, index)?;
+            watched.drum_counts.push(f64::from(winch.drum_counts));
+            watched.readings.push(f64::from(winch.tension_adc));
         }
     }
     Ok(watched)
@@ -183,14 +153,7 @@ fn span(values: &[f64]) -> f64 {
 pub(super) fn encoders(watched: &[Watched]) -> Vec<Finding> {
     let each = watched.iter().enumerate().map(|(index, watched)| {
         let moved = span(&watched.drum_counts);
-        let finding = if watched.drum_counts.is_empty() {
-            Finding::with(
-                Verdict::Unseen,
-                "encoder",
-                "the board tells no length",
-                SERVICE_IMAGE,
-            )
-        } else if moved > FLICKER {
+        let finding = if moved > FLICKER {
             Finding::with(
                 Verdict::Bad,
                 "encoder",
@@ -223,10 +186,6 @@ pub(super) fn tensions(watched: &[Watched], robot: &Robot) -> Vec<Finding> {
         let bad = |found: String, remedy: &str| {
             Some(Finding::with(Verdict::Bad, "tension", found, remedy).of(index))
         };
-        if watched.readings.is_empty() {
-            let what = "the board tells no tension";
-            return Some(Finding::with(Verdict::Unseen, "tension", what, SERVICE_IMAGE).of(index));
-        }
         if mean >= f64::from(RAIL_HIGH) {
             return bad(format!("{read_v:.3} V is the upper rail: an open wire"), broken);
         }

@@ -12,12 +12,11 @@ mod probe;
 pub(crate) use probe::{probes, write};
 
 use crate::experiment;
-use crate::link::{Client, ClientError, LinkError};
+use crate::link::{Client, ClientError, Link, LinkError};
 use crate::machine::{Firmware, Mismatch};
 use crate::motion::Model;
 use crate::robot::Robot;
-use crate::run::RunError;
-use mcdpr_protocol::{Hello, SessionId};
+use mcdpr_protocol::{BoardState, Hello, Reject, Request, SessionId};
 use mcdpr_simulator::LinkOptions;
 use miette::Diagnostic;
 use thiserror::Error;
@@ -32,9 +31,7 @@ pub enum FlashError {
     #[error("{path} is no firmware of this board: on an emulated chip {reason}")]
     #[diagnostic(
         code(mcdpr::flash::stranger),
-        help(
-            "`cargo fw` builds the image for motion, `cargo fw-service` the one for a winch's first day; nothing was written"
-        )
+        help("`cargo fw` builds the board's firmware; nothing was written")
     )]
     Stranger {
         /// The file.
@@ -125,6 +122,15 @@ pub enum FlashError {
         /// What the probe said.
         reason: String,
     },
+    /// Drives have torque, or may get it.
+    #[error("the board is armed or held by another program: nothing was written")]
+    #[diagnostic(
+        code(mcdpr::flash::armed),
+        help(
+            "flashing resets the board: brakes close and the drives lose their commands in the middle of what they do; stop and disarm it first (`mcdpr stop --on PORT`)"
+        )
+    )]
+    Armed,
     /// What answers after flashing is not what was written.
     #[error("the board that answers runs {board}, not the {file} that was written")]
     #[diagnostic(
@@ -141,15 +147,46 @@ pub enum FlashError {
     },
 }
 
+/// Asks the board that will be written whether it is armed. One that does not answer, or that
+/// speaks another version, cannot be asked: what then happens is given in words.
+///
+/// # Errors
+/// [`FlashError::Armed`] where it is, or where another program holds it.
+pub fn ask_before<L: Link>(
+    link: L,
+    session: SessionId,
+) -> Result<Option<&'static str>, FlashError> {
+    const UNKNOWN: &str = "nobody could be asked whether the robot is armed: as soon as the chip is written its brakes close and its drives get no commands; hold the platform by other means";
+    let mut client = match Client::connect(link, session) {
+        Ok(client) => client,
+        Err(ClientError::Refused {
+            reject: Reject::SessionHeld,
+            ..
+        }) => return Err(FlashError::Armed),
+        Err(_) => return Ok(Some(UNKNOWN)),
+    };
+    let Ok(status) = crate::run::status(&mut client) else {
+        return Ok(Some(UNKNOWN));
+    };
+    let rests = matches!(
+        status.state,
+        BoardState::Disarmed | BoardState::Fault | BoardState::EStop
+    );
+    if !rests || status.torque_on != 0 {
+        return Err(FlashError::Armed);
+    }
+    // Gives the board back; one that does not take that is about to be reset anyhow.
+    let _ = client.request(Request::Close);
+    Ok(None)
+}
+
 /// What a file turned out to be.
 #[derive(Debug, Clone)]
-pub struct Image {
+pub(crate) struct Image {
     /// Bytes of flash from its start, without what stays erased.
     pub flash: Vec<u8>,
     /// What it says of itself on the emulated chip.
     pub hello: Hello,
-    /// Whether it can work on single winches.
-    pub has_service: bool,
 }
 
 impl Image {
@@ -157,7 +194,7 @@ impl Image {
     ///
     /// # Errors
     /// [`FlashError::Stranger`], [`FlashError::Version`].
-    pub fn examine(path: &str, firmware: &Firmware) -> Result<Self, FlashError> {
+    pub(crate) fn examine(path: &str, firmware: &Firmware) -> Result<Self, FlashError> {
         let stranger = |reason: String| FlashError::Stranger {
             path: path.to_owned(),
             reason,
@@ -172,7 +209,7 @@ impl Image {
             Some(firmware),
         )
         .map_err(|error| stranger(error.to_string()))?;
-        let mut client = match Client::connect(link, SessionId(1)) {
+        let client = match Client::connect(link, SessionId(1)) {
             Ok(client) => client,
             Err(error @ ClientError::Version { .. }) => return Err(FlashError::Version(error)),
             Err(ClientError::Silent) => {
@@ -183,18 +220,15 @@ impl Image {
             Err(ClientError::Link(LinkError::Broken { reason })) => return Err(stranger(reason)),
             Err(error) => return Err(stranger(error.to_string())),
         };
-        let has_service = crate::service::has_service(&mut client)
-            .map_err(|error: RunError| stranger(error.to_string()))?;
         Ok(Self {
             flash: firmware.flash(),
             hello: *client.hello(),
-            has_service,
         })
     }
 
     /// The commit that it was built from, in words.
     #[must_use]
-    pub fn commit(&self) -> String {
+    pub(crate) fn commit(&self) -> String {
         crate::doctor::hash_of(&self.hello.git_hash).unwrap_or_else(|| "an unknown commit".into())
     }
 

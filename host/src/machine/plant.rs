@@ -175,6 +175,7 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
                 close_delay_s: winch.brake_close_s,
                 open_delay_s: winch.brake_close_s,
                 holding_n: BRAKE_HOLDING_N,
+                play_m: winch.brake_play_m,
             },
             drive: DriveParams {
                 position_bandwidth_rad_s: winch.drive_bandwidth_rad_s

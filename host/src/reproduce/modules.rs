@@ -84,7 +84,6 @@ pub(super) fn motor(bench: &Bench) -> Result<Outcome, ReproduceError> {
     let on_chip = |show: &dyn Fn(&Ratio) -> String| match &chip {
         None => none(),
         Some(Ok(ratio)) => show(ratio),
-        Some(Err(ServiceError::WrongImage)) => "needs cargo fw-service".to_owned(),
         Some(Err(error)) => format!("failed: {error}"),
     };
     Ok(Outcome {

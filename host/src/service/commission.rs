@@ -8,8 +8,10 @@ use crate::robot::{DriveKind, Robot};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// Drum counts that a closed brake may give under load: the play of its disc.
-const BRAKE_PLAY: i64 = 4;
+/// Drum counts that a drum which rests in its closed brake may give under load.
+const BRAKE_GIVES: i64 = 4;
+/// Most that a drum may turn in a brake that holds, degrees: a robot file takes no more either.
+const MOST_BRAKE_PLAY_DEG: f64 = 2.0;
 /// Time that the drive pushes against the closed brake, ms.
 const PUSH_MS: u64 = 1500;
 /// Readings of the tension sensor for its zero.
@@ -40,6 +42,8 @@ pub struct Commissioned {
     pub tension_noise_v: f64,
     /// Current at which the closed brake held, A.
     pub brake_held_a: f64,
+    /// How far the drum turns in its closed brake, degrees; told to one encoder count.
+    pub brake_play_deg: f64,
     /// Friction and play.
     pub rubbing: Option<Rubbing>,
     /// What differs from the robot file, in words.
@@ -61,7 +65,8 @@ pub fn commission<L: Link>(
     let nodes_found = bench.scan()?;
     bench.node = bench.choose(&nodes_found, node)?;
     let noise_v = bench.find_zero()?;
-    let held_a = bench.push_against_brake()?;
+    let (held_a, pulled) = bench.push_against_brake(Purpose::Press)?;
+    let (_, pushed) = bench.push_against_brake(Purpose::PressOut)?;
     bench.enable(Purpose::Turn)?;
     let turned = bench.turn_and_ask(operator);
     let rubs = match &turned {
@@ -73,6 +78,8 @@ pub fn commission<L: Link>(
     let rubbing = rubs?;
     closed?;
     let described = bench.described();
+    let per_turn = f64::from(described.encoder_counts_per_turn);
+    let brake_play_deg = 360.0 * (pushed - pulled).abs() as f64 / per_turn;
     let out = if paid_out { 1 } else { -1 };
     // By the motor's own counts: what the file says of its sign has no part in it.
     let motor_sign = if motor * out > 0 { 1.0 } else { -1.0 };
@@ -95,6 +102,7 @@ pub fn commission<L: Link>(
         tension_zero_v: (bench.zero_v * 1e4).round() / 1e4,
         tension_noise_v: noise_v,
         brake_held_a: held_a,
+        brake_play_deg,
         rubbing,
         differs: Vec::new(),
     };
@@ -133,6 +141,13 @@ fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<Str
         described.tension_zero_v.to_string(),
         found.tension_zero_v.to_string(),
     );
+    let file_deg = (described.brake_play_m / described.drum_radius_m).to_degrees();
+    tell(
+        (found.brake_play_deg - file_deg).abs() > brake_play_unsure_deg(described),
+        "brake_play_deg",
+        format!("{file_deg:.2}"),
+        format!("{:.2}", found.brake_play_deg),
+    );
     let Some(rubs) = &found.rubbing else {
         return words;
     };
@@ -154,6 +169,11 @@ fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<Str
         format!("{:.2}", rubs.play_deg),
     );
     words
+}
+
+/// What the counts of a drum leave open of its brake's play: what a closed brake gives by itself.
+fn brake_play_unsure_deg(described: &crate::robot::Winch) -> f64 {
+    360.0 * BRAKE_GIVES as f64 / f64::from(described.encoder_counts_per_turn)
 }
 
 impl<L: Link> Bench<'_, L> {
@@ -220,25 +240,28 @@ impl<L: Link> Bench<'_, L> {
         Ok(volts(spread))
     }
 
-    /// Lets the drive push against the closed brake; gives the current at which it held, A.
-    fn push_against_brake(&mut self) -> Result<f64, ServiceError> {
+    /// Lets the drive push against the closed brake; gives the current at which it held, A, and the
+    /// drum's counts then.
+    fn push_against_brake(&mut self, purpose: Purpose) -> Result<(f64, i64), ServiceError> {
         let before = self.look()?.drum_counts;
-        self.enable(Purpose::Press)?;
+        self.enable(purpose)?;
         let enable_ms = match self.described().drive {
             DriveKind::Rmds => 2200,
             DriveKind::Cia402 => 1500,
         };
         let outcome = self.watch_brake(before, enable_ms + PUSH_MS);
         let closed = self.disable();
-        let held_a = outcome?;
+        let held = outcome?;
         closed?;
-        Ok(held_a)
+        Ok(held)
     }
 
-    fn watch_brake(&mut self, before: i32, most_ms: u64) -> Result<f64, ServiceError> {
+    fn watch_brake(&mut self, before: i32, most_ms: u64) -> Result<(f64, i64), ServiceError> {
         let asked_a = self.current_a();
+        let per_turn = f64::from(self.described().encoder_counts_per_turn);
+        let most = BRAKE_GIVES as f64 + per_turn * MOST_BRAKE_PLAY_DEG / 360.0;
         let give_up = self.client.now_us() + most_ms * 1000;
-        let (mut held_since, mut most_a) = (None, 0.0_f64);
+        let (mut held_from, mut most_a) = (None::<(u64, i64)>, 0.0_f64);
         while self.client.now_us() < give_up {
             self.pause(20)?;
             if let Some(record) = crate::run::status(self.client)?.fault {
@@ -248,7 +271,9 @@ impl<L: Link> Bench<'_, L> {
             let current_a = f64::from(winch.current_ma).abs() * 1e-3;
             most_a = most_a.max(current_a);
             let counted = i64::from(winch.drum_counts) - i64::from(before);
-            if counted.abs() > BRAKE_PLAY {
+            // Through its play a drum turns at once; what goes on turning slips.
+            let crept = held_from.map_or(0, |(_, from)| counted - from);
+            if counted.abs() as f64 > most || crept.abs() > BRAKE_GIVES {
                 return Err(ServiceError::BrakeSlips {
                     winch: self.index + 1,
                     counted,
@@ -256,9 +281,10 @@ impl<L: Link> Bench<'_, L> {
                 });
             }
             if current_a > 0.5 * asked_a {
-                let since = *held_since.get_or_insert(self.client.now_us());
-                if self.client.now_us() - since > 300_000 {
-                    return Ok(most_a);
+                let now_us = self.client.now_us();
+                let (since, _) = *held_from.get_or_insert((now_us, counted));
+                if now_us - since > 300_000 {
+                    return Ok((most_a, i64::from(winch.drum_counts)));
                 }
             }
         }

@@ -19,7 +19,7 @@ use crate::robot::Robot;
 use crate::run::{RunError, interrupted, send_configuration, status, wait_for};
 use mcdpr_protocol::{
     BoardState, CableKey, CableKnot, ConfigEntry, ConfigHash, ConfigKey, Knot,
-    MicrometresPerSecond, Millinewtons, PerCable, Reject, Reply, Request, TenthMicrometres, Winch,
+    MicrometresPerSecond, Millinewtons, PerCable, Reply, Request, TenthMicrometres, Winch,
 };
 use miette::Diagnostic;
 use thiserror::Error;
@@ -90,15 +90,6 @@ pub enum ServiceError {
         /// Those that answer and that no other winch claims.
         found: String,
     },
-    /// The running image has no service functions.
-    #[error("the board runs the image for motion, which cannot work on a single winch")]
-    #[diagnostic(
-        code(mcdpr::service::image),
-        help(
-            "flash the image of the first day: `cargo flash-fw-service` (for `--on chip`: `cargo fw-service`); when the winches are done, `cargo flash-fw` brings the image for motion back"
-        )
-    )]
-    WrongImage,
     /// The tension sensor does not read a bare winch.
     #[error(
         "the tension sensor of winch {winch} reads {volts:.3} V, {newtons:.1} N by the robot file: not a bare winch"
@@ -234,6 +225,8 @@ enum Purpose {
     Turn,
     /// Pull with little current against its closed brake.
     Press,
+    /// The same the other way round, as by a motor with the opposite sign.
+    PressOut,
 }
 
 /// One winch of a connected board.
@@ -258,9 +251,6 @@ impl<'a, L: Link> Bench<'a, L> {
         if usize::from(board) != count {
             let robot = count;
             return Err(RunError::Cables { board, robot }.into());
-        }
-        if !has_service(client)? {
-            return Err(ServiceError::WrongImage);
         }
         let index = winch.wrapping_sub(1);
         let Some(described) = robot.winch_of(index) else {
@@ -298,15 +288,19 @@ impl<'a, L: Link> Bench<'a, L> {
         let mut entries = machine::configuration(self.robot)?;
         let changed = |key: CableKey| {
             let value = match key {
-                CableKey::Control => f64::from(u8::from(purpose == Purpose::Press)),
+                CableKey::Control => f64::from(u8::from(purpose != Purpose::Turn)),
                 CableKey::DrumRadius => RADIUS_UM * 10.0,
                 CableKey::MaxCurrentMa => self.current_a() * 1e3,
+                CableKey::ForcePerCurrent if purpose == Purpose::PressOut => -1e3,
                 CableKey::ForcePerCurrent => 1e3,
                 CableKey::TensionZeroUv => self.zero_v * 1e6,
                 CableKey::TensionMax => winch.tension_max_n * 1e3,
                 CableKey::TensionFloor | CableKey::TensionKd | CableKey::TensionKi => 0.0,
                 CableKey::TensionCeiling => CEILING_N.min(winch.trusted_tension_n()) * 1e3,
-                CableKey::TensionLaw | CableKey::TensionOutput | CableKey::Play => 0.0,
+                CableKey::TensionLaw
+                | CableKey::TensionOutput
+                | CableKey::Play
+                | CableKey::BrakePlay => 0.0,
                 CableKey::TensionKp => 100e3,
                 CableKey::LeadUs => 0.0,
                 CableKey::FollowingError => 1e6,
@@ -360,7 +354,7 @@ impl<'a, L: Link> Bench<'a, L> {
         let count = self.robot.cables.len();
         let pull = Millinewtons(match purpose {
             Purpose::Turn => 0,
-            Purpose::Press => 10_000,
+            Purpose::Press | Purpose::PressOut => 10_000,
         });
         self.client.request(Request::Reference {
             lengths: PerCable::collect((0..count).map(|_| TenthMicrometres(0))),
@@ -479,21 +473,6 @@ impl<'a, L: Link> Bench<'a, L> {
         }
         self.client.request(Request::Start)?;
         Ok(time_s)
-    }
-}
-
-/// Whether the board's image can look at single winches.
-///
-/// # Errors
-/// The line's.
-pub(crate) fn has_service<L: Link>(client: &mut Client<L>) -> Result<bool, RunError> {
-    match client.request(Request::Winch { cable: 1 }) {
-        Ok(_) => Ok(true),
-        Err(ClientError::Refused {
-            reject: Reject::Unsupported,
-            ..
-        }) => Ok(false),
-        Err(error) => Err(error.into()),
     }
 }
 

@@ -197,6 +197,12 @@ pub fn requests() -> Vec<(&'static str, Request)> {
         ),
         ("Winch", Request::Winch { cable: 4 }),
         ("Scan", Request::Scan { restart: true }),
+        (
+            "Bench",
+            Request::Bench {
+                test: BenchTest::Output { output: 5 },
+            },
+        ),
     ]
 }
 
@@ -251,6 +257,26 @@ pub fn replies() -> Vec<(&'static str, Reply)> {
                 done: true,
                 nodes: [0b11110, 0, 0, 1],
             },
+        ),
+        (
+            "Bench",
+            Reply::Bench(Bench {
+                id_code: 0x2003_6410,
+                core_id: 0x411F_C231,
+                maker: 0x20,
+                flash_kib: 64,
+                reset_flags: 0x0C,
+                crystal: true,
+                supply_mv: 3300,
+                slow_hz: 40_000,
+                can_errors: (0, 1),
+                can_lost: 2,
+                can_loop: Some(true),
+                tick_cycles: 9000,
+                stack_free: 3500,
+                inputs: 1,
+                outputs: 0,
+            }),
         ),
     ]
 }
@@ -315,6 +341,7 @@ pub fn rejects() -> Vec<(&'static str, Reject)> {
         ),
         ("KnotAcceleration", Reject::KnotAcceleration { cable: 8 }),
         ("KnotJerk", Reject::KnotJerk { cable: 1 }),
+        ("Configured", Reject::Configured),
     ]
 }
 

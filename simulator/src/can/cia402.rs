@@ -80,7 +80,7 @@ impl Cia402 {
             rated_ma: self.rated_ma,
             objects: Objects::new(self.node(fault) as u8, self.rated_ma),
             network: Network::Off,
-            boots_at_us: now_us + BOOT_US,
+            boots_at_us: now_us + BOOT_US + 1000 * u64::from(fault.boots_late_ms),
             power: self.power,
             last_control: 0,
             next_beat_us: u64::MAX,
@@ -115,7 +115,7 @@ impl Cia402 {
             }
             (id, bytes) if id == 0x600 + node && bytes.len() == 8 => {
                 if matches!(self.network, Network::PreOperational | Network::Operational) {
-                    self.serve(node, at_us, bytes, out);
+                    self.serve(fault, at_us, bytes, out);
                 }
                 Ok(())
             }
@@ -156,10 +156,12 @@ impl Cia402 {
     }
 
     /// Expedited transfers only: no object of such a drive is longer than four bytes.
-    fn serve(&mut self, node: u16, at_us: u64, request: &[u8], out: Outbox<'_>) {
+    fn serve(&mut self, fault: &NodeFault, at_us: u64, request: &[u8], out: Outbox<'_>) {
+        let node = self.node(fault);
         let address = (u16::from_le_bytes([request[1], request[2]]), request[3]);
         let value = u32::from_le_bytes([request[4], request[5], request[6], request[7]]);
         let outcome = match request[0] {
+            _ if fault.lacks == Some(address) => Err(NO_OBJECT),
             0x40 => self.objects.read(address).map(|(size, value)| {
                 let command = 0x43 | ((4 - size) << 2);
                 (command, value)
@@ -382,7 +384,12 @@ impl Cia402 {
             && self
                 .heard_board_us
                 .is_some_and(|at| now_us.saturating_sub(at) > most_us);
-        let code = fault.fault.or(lost.then_some(BOARD_LOST));
+        // Without an abort connection option it says so, and goes on.
+        let acts = self.objects.get(0x6007, 0) != 0;
+        if lost && !acts && self.emergency != BOARD_LOST {
+            self.tell(fault, BOARD_LOST, now_us, out);
+        }
+        let code = fault.fault.or((lost && acts).then_some(BOARD_LOST));
         if let Some(code) = code
             && self.power != Power::Fault
         {

@@ -21,6 +21,10 @@ pub struct NodeFault {
     pub fault: Option<u16>,
     /// It is too hot, and says so (CiA 402).
     pub hot: bool,
+    /// It has no such object, by index and sub-index (CiA 402).
+    pub lacks: Option<(u16, u8)>,
+    /// It takes so much longer to start its communication, ms (CiA 402).
+    pub boots_late_ms: u32,
 }
 
 /// One drive's electronics.

@@ -59,6 +59,8 @@ impl Objects {
                 add(0x1A00 + pdo, sub, size, 0, true);
             }
         }
+        // Abort connection option: 0 nothing, 1 fault, 2 disable voltage. Many drives come with 0.
+        add(0x6007, 0, 2, 0, true);
         add(0x6040, 0, 2, 0, true);
         add(0x6041, 0, 2, 0, false);
         add(0x6060, 0, 1, 0, true);

@@ -11,8 +11,10 @@ pub enum EncoderFault {
     None,
     /// The count stays where it was when the fault began.
     Stuck,
-    /// Open inputs: the count stays where it was and flickers by one.
+    /// Open inputs behind pull-ups: the count stays where it was and flickers by one.
     Disconnected,
+    /// Open inputs without pull-ups: they float, and count what they pick up, to either side.
+    Floating,
     /// Swapped channels: the count runs backwards from where the fault began.
     Reversed,
     /// The next reading alone is off by this many counts; then the fault is gone.
@@ -25,8 +27,10 @@ pub enum TensionFault {
     /// Nothing.
     #[default]
     None,
-    /// Open input: pulled to the upper rail.
+    /// Open input: pulled up as docs/wiring.md has it.
     Open,
+    /// Open input with another pull-up, ohm.
+    OpenWith(u32),
     /// Short: lower rail.
     Short,
     /// The same reading for ever, bit by bit.

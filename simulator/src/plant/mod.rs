@@ -31,6 +31,7 @@ mod faults;
 mod gear;
 mod hook;
 mod inputs;
+mod open;
 mod params;
 mod placing;
 mod platform;

@@ -138,6 +138,10 @@ pub struct BrakeParams {
     pub open_delay_s: f64,
     /// Force at the cable above which it slips (N); it keeps rubbing with that force.
     pub holding_n: f64,
+    /// How far the drum turns in the closed brake, at the cable (m). A brake's rotor sits on a toothed
+    /// hub with backlash, which grows with every start and stop (operating instructions of Kendrion's
+    /// INTORQ BFK557, "wear of spring-applied brakes"); a belt between brake and drum adds its own.
+    pub play_m: f64,
 }
 
 /// A servo drive in the manner of the RoboModule RMDS (an inference from the paper's words).
@@ -278,6 +282,7 @@ impl Default for WinchParams {
                 close_delay_s: 0.03,
                 open_delay_s: 0.03,
                 holding_n: 150.0,
+                play_m: 0.0,
             },
             drive: DriveParams {
                 position_bandwidth_rad_s: 150.0,

@@ -14,6 +14,10 @@ pub(crate) const ADC_REFERENCE_V: f64 = 3.3;
 /// Steps of the reference voltage: 16 conversions of 4096 steps; the last step is never reached.
 pub(crate) const ADC_STEPS_PER_REFERENCE: f64 = 65_536.0;
 
+/// Counts that a floating pair of inputs picks up at most, Hz: beside motor cables that switch at
+/// 20 kHz, both edges of both lines.
+const FLOATING_HZ: f64 = 80e3;
+
 /// One reading of all inputs. Entries beyond the robot's cables are 0 or `None`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sensors {
@@ -38,6 +42,9 @@ pub(crate) struct CableSensors {
     sensor: TensionSensorParams,
     held_counts: Option<(EncoderFault, i64)>,
     held_adc: Option<u16>,
+    /// Voltage at the pin, and when it was read last.
+    pin_v: f64,
+    read_s: f64,
     /// Noise of the last reading that drew some, standard normal.
     noise: f64,
     drift_n: f64,
@@ -53,6 +60,8 @@ impl CableSensors {
             sensor: p.sensor.clone(),
             held_counts: None,
             held_adc: None,
+            pin_v: 0.0,
+            read_s: 0.0,
             noise: 0.0,
             drift_n: 0.0,
             drift_since_s: None,
@@ -66,7 +75,13 @@ impl CableSensors {
 
     /// Counter value; the low 16 bits of the count.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    fn encoder(&mut self, drum_m: f64, fault: &mut EncoderFault, noise: &mut Noise) -> u16 {
+    fn encoder(
+        &mut self,
+        drum_m: f64,
+        fault: &mut EncoderFault,
+        noise: &mut Noise,
+        passed_s: f64,
+    ) -> u16 {
         let counts = self.true_counts(drum_m);
         if let Some((kind, held)) = self.held_counts
             && kind != *fault
@@ -82,6 +97,12 @@ impl CableSensors {
         let counts = self.true_counts(drum_m);
         let shown = match *fault {
             EncoderFault::None => counts,
+            EncoderFault::Floating => {
+                let (_, held) = self.held_counts.get_or_insert((*fault, counts));
+                let most = FLOATING_HZ * passed_s;
+                *held += ((2.0 * noise.uniform() - 1.0) * most).round() as i64;
+                *held
+            }
             EncoderFault::Glitch(by) => {
                 *fault = EncoderFault::None;
                 counts + i64::from(by)
@@ -111,7 +132,18 @@ impl CableSensors {
         }
         let sensed = tension_n.min(s.max_n) + noise_n + fault.tension_offset_n + self.drift_n;
         let voltage = sensed / s.gain_n_per_v + s.zero_v;
-        let share = (voltage / ADC_REFERENCE_V).clamp(0.0, 1.0);
+        let pull_up = match fault.tension {
+            TensionFault::Open => Some(super::open::WIRED_OHM),
+            TensionFault::OpenWith(ohm) => Some(ohm.max(1)),
+            _ => None,
+        };
+        let passed_s = (now_s - self.read_s).max(0.0);
+        self.pin_v = match pull_up {
+            Some(ohm) => super::open::open_v(self.pin_v, f64::from(ohm), passed_s),
+            None => voltage,
+        };
+        self.read_s = now_s;
+        let share = (self.pin_v / ADC_REFERENCE_V).clamp(0.0, 1.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let reading = (share * ADC_STEPS_PER_REFERENCE)
             .min(f64::from(ADC_FULL_SCALE))
@@ -120,8 +152,7 @@ impl CableSensors {
             self.held_adc = None;
         }
         match fault.tension {
-            TensionFault::None => reading,
-            TensionFault::Open => ADC_FULL_SCALE,
+            TensionFault::None | TensionFault::Open | TensionFault::OpenWith(_) => reading,
             TensionFault::Short => 0,
             TensionFault::Frozen => *self.held_adc.get_or_insert(reading),
         }
@@ -136,7 +167,8 @@ impl CableSensors {
         fault: &mut CableFaults,
         (noise, fresh): (&mut Noise, bool),
     ) -> (u16, u16) {
-        let counts = self.encoder(drum_m, &mut fault.encoder, noise);
+        let passed_s = now_s - self.read_s;
+        let counts = self.encoder(drum_m, &mut fault.encoder, noise, passed_s);
         if fresh {
             // In every case, so that a fault on one sensor leaves the others' noise alone.
             self.noise = noise.normal();

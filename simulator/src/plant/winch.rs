@@ -5,6 +5,9 @@ use super::faults::BrakeFault;
 use super::gear::Gear;
 use super::params::WinchParams;
 
+/// Teeth that are this close to each other touch (m).
+const TOUCHING_M: f64 = 1e-9;
+
 /// A spring-applied brake: commands act after a delay, and an open brake costs nothing.
 #[derive(Debug, Clone)]
 pub(crate) struct Brake {
@@ -14,6 +17,10 @@ pub(crate) struct Brake {
     close_delay_s: f64,
     open_delay_s: f64,
     holding_n: f64,
+    half_play_m: f64,
+    /// Where the disc stands, as displacement of the drum: the drum turns by half of the play to either
+    /// side of it.
+    disc_m: f64,
 }
 
 impl Brake {
@@ -25,6 +32,9 @@ impl Brake {
             close_delay_s: p.brake.close_delay_s,
             open_delay_s: p.brake.open_delay_s,
             holding_n: p.brake.holding_n,
+            half_play_m: 0.5 * p.brake.play_m,
+            // The cable has pulled the drum against the disc.
+            disc_m: -0.5 * p.brake.play_m,
         }
     }
 
@@ -40,12 +50,22 @@ impl Brake {
         }
     }
 
+    /// Friction at the drum, which stands at `drum_m` and is pushed towards `way`. A disc has no mass of
+    /// its own: the drum takes it along where their teeth meet, and between them feels nothing of it.
     #[inline(always)]
-    fn friction_n(&mut self, now_s: f64, fault: &BrakeFault) -> f64 {
+    fn friction_n(&mut self, (drum_m, way): (f64, f64), now_s: f64, fault: &BrakeFault) -> f64 {
         if self.engaged != self.asked_closed && now_s >= self.change_at_s {
             self.engaged = self.asked_closed;
         }
-        if self.engaged || fault.stays_closed {
+        let mut meets = true;
+        if self.half_play_m > 0.0 {
+            let ahead = drum_m - self.disc_m;
+            let within = ahead.clamp(-self.half_play_m, self.half_play_m);
+            self.disc_m = drum_m - within;
+            // In the last nanometre they meet: the disc's place is a difference of rounded numbers.
+            meets = ahead * way > 0.0 && ahead.abs() > self.half_play_m - TOUCHING_M;
+        }
+        if meets && (self.engaged || fault.stays_closed) {
             self.holding_n * fault.holding_factor
         } else {
             0.0
@@ -164,9 +184,10 @@ impl Winch {
                 shaft_n
             }
         };
-        let rubbing = self.friction_n + fault.drag_n + self.brake.friction_n(now_s, fault);
         let hm = h / self.mass_kg;
         let free = (self.drum_rate + hm * (pull_n + motor)) / (1.0 + hm * self.viscous);
+        let braked_n = self.brake.friction_n((self.drum_m, free), now_s, fault);
+        let rubbing = self.friction_n + fault.drag_n + braked_n;
         let stopped_by = hm * rubbing;
         self.drum_rate = if free.abs() <= stopped_by {
             0.0

@@ -79,6 +79,8 @@ fn the_set_up_is_the_objects_of_the_profile() {
             "603 2B 17 10 00 64 00 00 00",
             "603 23 16 10 01 C8 00 7F 00",
             // Cyclic synchronous position.
+            // Without them: disable voltage.
+            "603 2B 07 60 00 02 00 00 00",
             "603 2F 60 60 00 08 00 00 00",
             "603 40 75 60 00 00 00 00 00",
             // 3000 mA of 2000 mA: 1500 thousandths; 8000 rpm; 2 ms.
@@ -92,6 +94,81 @@ fn the_set_up_is_the_objects_of_the_profile() {
     let has = |line: &str| hex(&frames).iter().any(|frame| frame == line);
     assert!(has("605 2F 60 60 00 0A 00 00 00"));
     assert!(has("605 23 00 16 02 10 00 71 60"));
+}
+
+/// As `run`, with drives that refuse one object.
+fn run_without(bench: &mut Bench, ticks: u32, lacks: (u16, u8)) -> List<(u16, Vec<u8, 8>)> {
+    let mut all = List::new();
+    for _ in 0..ticks {
+        bench.tick(OFF);
+        for (id, data) in bench.sent() {
+            if id == 0x000 && data[0] == 0x82 {
+                bench.give(0x700 | u16::from(data[1]), &[0]);
+            } else if (0x600..0x680).contains(&id) {
+                let asked = (u16::from_le_bytes([data[1], data[2]]), data[3]);
+                let [a, b, c, d] = RATED_MA.to_le_bytes();
+                // It does not exist (CiA 301), or its value is not supported.
+                let refuses = asked == lacks && !(lacks == (0x1400, 2) && data[4] == 1);
+                let answer = match (refuses, data[0]) {
+                    (true, _) => [0x80, data[1], data[2], data[3], 0, 0, 2, 6],
+                    (_, 0x40) => [0x43, data[1], data[2], data[3], a, b, c, d],
+                    _ => [0x60, data[1], data[2], data[3], 0, 0, 0, 0],
+                };
+                bench.give(id - 0x80, &answer);
+            }
+            all.push((id, data));
+        }
+    }
+    all
+}
+
+#[test]
+fn a_refused_object_is_named_with_its_abort_code() {
+    let mut bench = Bench::new(DriveKind::Cia402);
+    run_without(&mut bench, 300, (0x6060, 0));
+    let inputs = bench.tick(OFF);
+    for drive in inputs {
+        let refused = drive.refused.unwrap();
+        assert_eq!((refused.object, refused.code), (0x0060_6000, 0x0602_0000));
+        assert!(!drive.ready);
+    }
+    // It is not asked without end: once in a start of its communication, a second apart.
+    let frames = run_without(&mut bench, 3000, (0x6060, 0));
+    let asked = frames
+        .iter()
+        .filter(|(id, data)| *id == 0x603 && u16::from_le_bytes([data[1], data[2]]) == 0x6060);
+    let asked = asked.count();
+    assert!((1..=4).contains(&asked), "{asked}");
+}
+
+#[test]
+fn a_drive_without_an_optional_object_falls_back() {
+    for lacks in [
+        (0x1801, 1),
+        (0x1801, 2),
+        (0x1A01, 1),
+        (0x1802, 1),
+        (0x1016, 1),
+        (0x6007, 0),
+        (0x6072, 0),
+        (0x6080, 0),
+        (0x60C2, 1),
+    ] {
+        let mut bench = Bench::new(DriveKind::Cia402);
+        let frames = run_without(&mut bench, 200, lacks);
+        let started = hex(&frames).iter().any(|frame| frame == "000 01 03");
+        assert!(started, "{lacks:x?}");
+        assert_eq!(bench.tick(OFF)[0].refused, None, "{lacks:x?}");
+    }
+    // One that does not act at once acts at SYNC.
+    let mut bench = Bench::new(DriveKind::Cia402);
+    let frames = hex(&run_without(&mut bench, 200, (0x1400, 2)));
+    assert!(
+        frames
+            .iter()
+            .any(|frame| frame == "603 2F 00 14 02 01 00 00 00")
+    );
+    assert!(frames.iter().any(|frame| frame == "000 01 03"));
 }
 
 /// Both drives in their mode, as an obedient drive would go there.

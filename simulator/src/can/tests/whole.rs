@@ -3,6 +3,7 @@
 use super::{BusState, DriveLine, DriveState, Mode, Plant, PlantParams, Protocol};
 use mcdpr_firmware::config::{Active, ConfigStore, TensionOutput};
 use mcdpr_firmware::drives::DriveBus;
+use mcdpr_firmware::drives::last::LastDrives;
 use mcdpr_firmware::{DriveDemand, Inputs, Outputs};
 use mcdpr_protocol::config::config_hash;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigKey, Tick};
@@ -331,6 +332,69 @@ fn a_drive_whose_board_died_gives_no_torque() {
     for cable in 0..4 {
         assert_eq!(bench.plant.drive_state(cable), Ok(DriveState::Idle));
     }
+}
+
+#[test]
+fn a_drive_without_an_abort_connection_option_goes_on_when_its_board_died() {
+    let mut bench = Bench::new(Protocol::Cia402);
+    bench.line.nodes_mut().fault_mut(1).expect("drive").lacks = Some((0x6007, 0));
+    bench.run(1200, OFF);
+    bench.run(700, ENABLE);
+    assert_eq!(bench.ready(), [true; 4], "the object is optional");
+    let demands = hold(&bench);
+    bench.run(20, demands);
+    let end = u64::from(bench.tick) * 1000 + 300_000;
+    let done = bench.line.advance(&mut bench.plant, end);
+    done.expect("no failure");
+    assert_eq!(bench.plant.drive_state(0), Ok(DriveState::Idle));
+    assert_ne!(bench.plant.drive_state(1), Ok(DriveState::Idle));
+}
+
+#[test]
+fn the_drives_of_before_a_reset_of_the_board_lose_their_torque() {
+    for protocol in BOTH {
+        let mut bench = enabled(protocol);
+        let demands = hold(&bench);
+        bench.run(20, demands);
+        let last = LastDrives::of(&bench.active);
+        // The board was reset: nothing but this is left.
+        bench.bus = DriveBus::default();
+        bench.bus.stop_at_start(&last, &mut bench.line.port());
+        for _ in 0..40 {
+            bench.tick += 1;
+            let until = u64::from(bench.tick) * 1000;
+            let done = bench.line.advance(&mut bench.plant, until);
+            done.expect("no failure");
+            bench.bus.listen(&mut bench.line.port());
+            let now = Tick(bench.tick);
+            let outputs = Outputs::default();
+            bench.bus.tick(now, None, &outputs, &mut bench.line.port());
+        }
+        for cable in 0..4 {
+            let state = bench.plant.drive_state(cable);
+            assert!(
+                !matches!(state, Ok(DriveState::Ready(_))),
+                "{protocol:?}: {state:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_drive_that_boots_late_comes_up_and_one_without_its_mode_says_which_object() {
+    let mut bench = Bench::new(Protocol::Cia402);
+    bench
+        .line
+        .nodes_mut()
+        .fault_mut(0)
+        .expect("drive")
+        .boots_late_ms = 700;
+    bench.line.nodes_mut().fault_mut(2).expect("drive").lacks = Some((0x6060, 0));
+    bench.run(3000, OFF);
+    bench.run(700, ENABLE);
+    assert_eq!(bench.ready(), [true, true, false, true]);
+    let refused = bench.inputs.drives[2].refused.expect("a refusal");
+    assert_eq!((refused.object, refused.code), (0x0060_6000, 0x0602_0000));
 }
 
 #[test]

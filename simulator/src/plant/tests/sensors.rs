@@ -1,7 +1,6 @@
 //! Encoders and tension sensors: their law, their noise, their faults, and determinism.
 
 use super::*;
-use crate::plant::sensors::ADC_FULL_SCALE;
 
 /// Turns winch 1's drum by `metres` in position mode.
 fn turn_to(plant: &mut Plant, metres: f64) {
@@ -155,7 +154,9 @@ fn tension_faults_do_as_they_are_named() {
         plant.faults_mut().cables[3].tension = fault;
         [plant.read_sensors().adc[3], plant.read_sensors().adc[3]]
     };
-    assert_eq!(fault(&mut plant, TensionFault::Open), [ADC_FULL_SCALE; 2]);
+    // Within 1 % of the rail, which the board calls open.
+    let open = fault(&mut plant, TensionFault::Open);
+    assert!(open.iter().all(|adc| *adc > 64_900), "{open:?}");
     assert_eq!(fault(&mut plant, TensionFault::Short), [0; 2]);
     let [a, b] = fault(&mut plant, TensionFault::Frozen);
     assert_eq!(a, b);

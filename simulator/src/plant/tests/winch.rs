@@ -97,6 +97,40 @@ fn a_brake_holds_up_to_its_force_and_slips_beyond() {
 }
 
 #[test]
+fn a_drum_turns_by_the_brakes_play_and_no_farther() {
+    let play_m = 0.35e-3;
+    let mut params = weight_on_a_line(1.0);
+    params.winches[0].brake.play_m = play_m;
+    let mut plant = hang(params);
+    // The weight has pulled the drum against the disc: there it stays.
+    plant.advance(0.5).expect("held");
+    assert!(drum(&plant).abs() < 1e-8, "{}", drum(&plant));
+    // The drive pulls in: through the play, and no farther.
+    make_ready(&mut plant, 0, Mode::Current);
+    let mut pull = |milliamps: i16| {
+        let command = DriveCommand::Current { milliamps };
+        plant.command(0, command).expect("cable");
+        plant.advance(0.5).expect("held");
+        drum(&plant)
+    };
+    let pulled = pull(-500).min(pull(500));
+    let back = pull(0);
+    assert!((pulled + play_m).abs() < 0.02 * play_m, "{pulled}");
+    assert!(back.abs() < 0.02 * play_m, "{back}");
+    // Closing takes the drum as it stands: it falls by the play at most.
+    let mut params = weight_on_a_line(1.0);
+    params.winches[0].brake.play_m = play_m;
+    let mut plant = hang(params);
+    plant.set_brake(0, false).expect("cable");
+    plant.advance(0.05).expect("falls");
+    plant.set_brake(0, true).expect("cable");
+    plant.advance(0.2).expect("held");
+    let caught = drum(&plant);
+    plant.advance(1.0).expect("held");
+    assert!(drum(&plant) - caught < 1e-8, "{caught}");
+}
+
+#[test]
 fn a_brake_opens_and_closes_after_its_delays() {
     let mut plant = hang(weight_on_a_line(1.0));
     plant.set_brake(0, false).expect("cable");

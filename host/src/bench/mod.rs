@@ -1,0 +1,598 @@
+//! The self-test of a board without a robot: what the chip is, its clocks, supply, bus, inputs and
+//! outputs, each with what was found, what is allowed, and what to do.
+//!
+//! Nothing has torque: the board refuses every trial while it has a configuration, so that no drive
+//! was told anything, and raises an output for 0.3 s at most.
+
+mod seal;
+
+pub(crate) use seal::{seal, sha256, verify};
+
+use crate::doctor::{Finding, Verdict, hash_of};
+use crate::link::{Client, Link};
+use crate::run::{RunError, status};
+use crate::service::volts;
+use mcdpr_protocol::{
+    BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, BoardState, Reply, Request, Winch,
+};
+use miette::Diagnostic;
+use serde::Serialize;
+use thiserror::Error;
+
+/// The device of an STM32F103x8 or xB in its identity (RM0008, 31.6.1).
+const DEVICE: u32 = 0x410;
+/// Revisions that ST has sold (RM0008, 31.6.1).
+const REVISIONS: [u32; 4] = [0x0000, 0x2000, 0x2001, 0x2003];
+/// The core that ST has put in: Cortex-M3 r1p1. Clones have r2p0 and later.
+const CORE: u32 = 0x411F_C231;
+/// ST's code in JEP106.
+const ST: u16 = 0x20;
+/// KiB that the firmware needs.
+const FLASH_KIB: u16 = 64;
+/// 3.3 V, with 2 % of the regulator and 3.4 % of the chip's reference, mV.
+const SUPPLY_MV: std::ops::RangeInclusive<u16> = 3120..=3480;
+/// The slow oscillator (data sheet, 5.3.7), Hz.
+const SLOW_HZ: std::ops::RangeInclusive<u32> = 30_000..=60_000;
+/// A quarter of a millisecond at 72 MHz.
+const TICK_CYCLES: u32 = 18_000;
+/// Stack that must never have been used: a fault's handler needs that much.
+const STACK_FREE: u16 = 1024;
+/// Looks at every winch's inputs.
+const LOOKS: usize = 100;
+const BETWEEN_US: u64 = 8_000;
+/// Counts by which a drum at rest may flicker.
+const FLICKER: i32 = 1;
+/// More noise than this of a channel is no good wiring, V.
+const NOISE_V: f64 = 0.008;
+/// Within this of a rail a channel is open or shorted, V: the board's own bounds (S7, S8).
+const RAIL_V: (f64, f64) = (0.0403, 3.268);
+/// A tension input with 10 kOhm to 3.3 V and 22 kOhm to an output that is low or high, V, and how far it may
+/// be off: resistors of 5 %, and the output's own drop.
+const JUMPER_LOW_V: f64 = 3.3 * 22.0 / 32.0;
+const JUMPER_HIGH_V: f64 = 3.3;
+const JUMPER_OFF_V: f64 = 0.15;
+/// Until the board has counted its slow oscillator, us.
+const COUNTED_US: u64 = 2_300_000;
+
+/// Why there is no verdict.
+#[derive(Debug, Error, Diagnostic)]
+pub enum BenchError {
+    /// The line, or the board.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Run(#[from] RunError),
+    /// It works.
+    #[error("the board is {state:?}: a self-test is for a board without a robot")]
+    #[diagnostic(
+        code(mcdpr::bench::armed),
+        help("stop and disarm it first (`mcdpr stop --on PORT`), and disconnect the drives")
+    )]
+    Armed {
+        /// What it does.
+        state: BoardState,
+    },
+    /// Another chip.
+    #[error("the chip says that it is 0x{id_code:08x}, no STM32F103x8: nothing was tried")]
+    #[diagnostic(
+        code(mcdpr::bench::chip),
+        help("use a board with an STM32F103C8; nothing is known of this one's pins")
+    )]
+    UnknownChip {
+        /// Its identity.
+        id_code: u32,
+    },
+    /// Another image than the file.
+    #[error("the board runs firmware {board}, the file is {file}: nothing was tried")]
+    #[diagnostic(
+        code(mcdpr::bench::firmware),
+        help(
+            "`mcdpr flash FILE --on PORT` writes the file, or name the right one with --firmware"
+        )
+    )]
+    OtherFirmware {
+        /// The board's commit.
+        board: String,
+        /// The file's.
+        file: String,
+    },
+    /// There is no chip.
+    #[error("the simulator's board has no chip to test")]
+    #[diagnostic(
+        code(mcdpr::bench::no_chip),
+        help("name a serial port with `--on PORT`, or the emulated chip with `--on chip`")
+    )]
+    NoChip,
+}
+
+/// What an input channel of the converter has read.
+#[derive(Debug, Clone, Serialize)]
+pub struct Channel {
+    /// Winch, 1 for the first.
+    pub winch: usize,
+    /// Mean and standard deviation, V.
+    pub mean_v: f64,
+    /// As above.
+    pub sigma_v: f64,
+    /// Readings in bins of one sigma about the mean: under -3, ..., over 3.
+    pub histogram: [usize; 8],
+    /// Encoder counts of the drum at the first look, and the greatest change while it rested.
+    pub drum_counts: i32,
+    /// As above.
+    pub flicker: i32,
+}
+
+/// What a self-test has found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// The chip's serial number.
+    pub serial: String,
+    /// The commit of the firmware that runs.
+    pub firmware: Option<String>,
+    /// Part by part.
+    pub findings: Vec<Finding>,
+    /// The inputs, winch by winch.
+    pub channels: Vec<Channel>,
+    /// Greatest time of a control tick, core cycles.
+    pub tick_cycles: u32,
+    /// Stack that was never used, bytes.
+    pub stack_free_bytes: u16,
+    /// Supply, mV.
+    pub supply_mv: u16,
+    /// Slow oscillator, Hz.
+    pub slow_hz: u32,
+}
+
+impl Report {
+    /// Whether nothing must be mended.
+    #[must_use]
+    pub fn passes(&self) -> bool {
+        crate::doctor::is_healthy(&self.findings)
+    }
+}
+
+fn bad(part: &'static str, found: impl Into<String>, remedy: &str) -> Finding {
+    Finding::with(Verdict::Bad, part, found, remedy)
+}
+
+/// Tests the board behind this client. `expects` is the commit that it should run; `confirm` is asked
+/// before each output is raised, with its name, and `false` leaves it out. With `jumpers`, wires lead
+/// from outputs to inputs: brake n to A of encoder n and over 22 kOhm to tension input n, drive enable to
+/// B of all encoders. Then each output must be seen where it leads to, and nowhere else.
+///
+/// # Errors
+/// [`BenchError`]: nothing was tried, or the board stopped answering.
+pub fn examine<L: Link>(
+    client: &mut Client<L>,
+    expects: Option<&str>,
+    jumpers: bool,
+    confirm: &mut dyn FnMut(&str) -> bool,
+) -> Result<Report, BenchError> {
+    let state = status(client)?.state;
+    if !matches!(
+        state,
+        BoardState::Disarmed | BoardState::Fault | BoardState::EStop
+    ) {
+        return Err(BenchError::Armed { state });
+    }
+    let hello = *client.hello();
+    let firmware = hash_of(&hello.git_hash);
+    if let (Some(file), Some(board)) = (expects, &firmware)
+        && file != board
+    {
+        return Err(BenchError::OtherFirmware {
+            board: board.clone(),
+            file: file.to_owned(),
+        });
+    }
+    let first = ask(client, BenchTest::Look)?;
+    if first == Bench::default() {
+        return Err(BenchError::NoChip);
+    }
+    if first.id_code & 0xFFF != DEVICE {
+        return Err(BenchError::UnknownChip {
+            id_code: first.id_code,
+        });
+    }
+    wait(client, COUNTED_US)?;
+    let mut findings = vec![chip(&first), start(&first)];
+    if let Some(record) = status(client)?.fault {
+        findings.push(bad(
+            "state",
+            crate::link::describe_fault(&record),
+            crate::link::advice(record.fault),
+        ));
+    }
+    let channels = inputs(client, &mut findings)?;
+    can(client, &mut findings)?;
+    let seen = ask(client, BenchTest::Look)?;
+    findings.extend(clocks(&seen));
+    findings.extend(pins(&seen));
+    outputs(client, jumpers, confirm, &mut findings)?;
+    let last = ask(client, BenchTest::Look)?;
+    findings.push(tick(&last));
+    findings.push(stack(&last));
+    Ok(Report {
+        serial: hello.board_id.iter().map(|b| format!("{b:02x}")).collect(),
+        firmware,
+        findings,
+        channels,
+        tick_cycles: last.tick_cycles,
+        stack_free_bytes: last.stack_free,
+        supply_mv: last.supply_mv,
+        slow_hz: last.slow_hz,
+    })
+}
+
+fn ask<L: Link>(client: &mut Client<L>, test: BenchTest) -> Result<Bench, RunError> {
+    match client.request(Request::Bench { test })? {
+        Reply::Bench(report) => Ok(report),
+        _ => Ok(Bench::default()),
+    }
+}
+
+fn wait<L: Link>(client: &mut Client<L>, us: u64) -> Result<(), RunError> {
+    let until = client.now_us() + us;
+    Ok(client.pump(until)?)
+}
+
+fn chip(report: &Bench) -> Finding {
+    let revision = report.id_code >> 16;
+    let found = format!(
+        "device 0x{:03x}, revision 0x{revision:04x}, core 0x{:08x}, maker 0x{:02x}, {} KiB of flash",
+        report.id_code & 0xFFF,
+        report.core_id,
+        report.maker,
+        report.flash_kib
+    );
+    let genuine = REVISIONS.contains(&revision) && report.core_id == CORE && report.maker == ST;
+    if !genuine {
+        bad(
+            "chip",
+            format!("a clone: {found}"),
+            "use a board with ST's own chip: of a clone neither the tolerance of its pins nor its converter is known",
+        )
+    } else if report.flash_kib < FLASH_KIB {
+        bad("chip", found, "use a chip with 64 KiB of flash")
+    } else {
+        Finding::good("chip", found)
+    }
+}
+
+fn start(report: &Bench) -> Finding {
+    let names = [
+        "pin",
+        "power",
+        "software",
+        "watchdog",
+        "window watchdog",
+        "low power",
+    ];
+    let set = names
+        .iter()
+        .zip(2..)
+        .filter(|(_, bit)| report.reset_flags & (1 << bit) != 0);
+    let causes: Vec<_> = set.map(|(name, _)| *name).collect();
+    let found = format!("started by: {}", causes.join(", "));
+    if report.reset_flags & 0b1110_0000 != 0 {
+        return bad(
+            "start",
+            found,
+            "switch the supply off and on, and run this again; if the watchdog fires again, flash the firmware anew",
+        );
+    }
+    Finding::good("start", found)
+}
+
+fn clocks(report: &Bench) -> [Finding; 3] {
+    let crystal = if report.crystal {
+        Finding::good("crystal", "runs, and the core from it")
+    } else {
+        bad(
+            "crystal",
+            "does not start: the core runs from its own oscillator",
+            "replace crystal or board",
+        )
+    };
+    let found = format!("{} mV by the internal reference", report.supply_mv);
+    let supply = if SUPPLY_MV.contains(&report.supply_mv) {
+        Finding::good("supply", found)
+    } else {
+        bad(
+            "supply",
+            found,
+            "measure 3.3 V at the chip; replace the regulator",
+        )
+    };
+    let found = format!("{} Hz", report.slow_hz);
+    let slow = if SLOW_HZ.contains(&report.slow_hz) {
+        Finding::good("slow clock", found)
+    } else {
+        bad(
+            "slow clock",
+            found,
+            "the watchdog's time follows this oscillator: 30 to 60 kHz; replace the chip",
+        )
+    };
+    [crystal, supply, slow]
+}
+
+fn can<L: Link>(client: &mut Client<L>, findings: &mut Vec<Finding>) -> Result<(), BenchError> {
+    if let Err(error) = ask(client, BenchTest::CanLoop) {
+        findings.push(bad(
+            "CAN",
+            format!("was not tried: {error}"),
+            "mend what is named above, press reset and run this again: only a board without a configuration tries its bus and its outputs",
+        ));
+        return Ok(());
+    }
+    wait(client, 50_000)?;
+    let seen = ask(client, BenchTest::Look)?;
+    let (sent, received) = seen.can_errors;
+    let found = format!(
+        "loop through the controller {}, error counters {sent} and {received}, {} frames lost",
+        if seen.can_loop == Some(true) {
+            "good"
+        } else {
+            "failed"
+        },
+        seen.can_lost
+    );
+    findings.push(if seen.can_loop == Some(true) && seen.can_lost == 0 {
+        Finding::good("CAN", found)
+    } else {
+        bad(
+            "CAN",
+            found,
+            "replace the chip: its CAN controller does not give back what it sends",
+        )
+    });
+    Ok(())
+}
+
+fn pins(report: &Bench) -> [Finding; 2] {
+    let emergency = if report.inputs & 1 == 0 {
+        Finding::good("emergency", "the emergency input is closed")
+    } else {
+        bad(
+            "emergency",
+            "the emergency input is open",
+            "release the emergency stop, or bridge PB5 to ground on a bench",
+        )
+    };
+    let outputs = if report.outputs == 0 {
+        Finding::good("outputs", "all low")
+    } else {
+        bad(
+            "outputs",
+            format!("high at rest: {:06b}", report.outputs),
+            "look for a short to 3.3 V, or a missing pull-down",
+        )
+    };
+    [emergency, outputs]
+}
+
+fn tick(report: &Bench) -> Finding {
+    let found = format!("{} of {TICK_CYCLES} cycles at most", report.tick_cycles);
+    if report.tick_cycles > 0 && report.tick_cycles <= TICK_CYCLES {
+        Finding::good("tick", found)
+    } else {
+        bad(
+            "tick",
+            found,
+            "flash the firmware of this release; a probe that halts the core counts, too",
+        )
+    }
+}
+
+fn stack(report: &Bench) -> Finding {
+    let found = format!("{} bytes were never used", report.stack_free);
+    if report.stack_free >= STACK_FREE {
+        Finding::good("stack", found)
+    } else {
+        bad("stack", found, "flash the firmware of this release")
+    }
+}
+
+/// Encoders and tension channels, which nothing may move meanwhile.
+fn inputs<L: Link>(
+    client: &mut Client<L>,
+    findings: &mut Vec<Finding>,
+) -> Result<Vec<Channel>, BenchError> {
+    let count = client.info().cables;
+    let mut looks: Vec<Vec<Winch>> = vec![Vec::with_capacity(LOOKS); usize::from(count)];
+    for _ in 0..LOOKS {
+        wait(client, BETWEEN_US)?;
+        for (cable, looks) in (1..=count).zip(&mut looks) {
+            let reply = client
+                .request(Request::Winch { cable })
+                .map_err(RunError::from)?;
+            if let Reply::Winch(winch) = reply {
+                looks.push(winch);
+            }
+        }
+    }
+    let channels: Vec<_> = looks
+        .iter()
+        .enumerate()
+        .map(|(index, looks)| channel(index + 1, looks))
+        .collect();
+    for channel in &channels {
+        let found = format!(
+            "at {} counts, flickers by {}",
+            channel.drum_counts, channel.flicker
+        );
+        let encoder = if channel.flicker <= FLICKER {
+            Finding::good("encoder", found)
+        } else {
+            bad(
+                "encoder",
+                found,
+                "an input that counts at rest is open, or disturbed: check plug, buffer and pull-ups",
+            )
+        };
+        let found = format!(
+            "mean {:.4} V, sigma {:.2} mV",
+            channel.mean_v,
+            channel.sigma_v * 1e3
+        );
+        let tension = if channel.mean_v <= RAIL_V.0 || channel.mean_v >= RAIL_V.1 {
+            bad(
+                "tension",
+                found,
+                "at a rail: an open wire reads 3.3 V, a short or an amplifier without supply 0 V",
+            )
+        } else if channel.sigma_v > NOISE_V {
+            bad(
+                "tension",
+                found,
+                "noise: check shield, ground and the 10 nF at the pin",
+            )
+        } else {
+            Finding::good("tension", found)
+        };
+        for finding in [encoder, tension] {
+            findings.push(Finding {
+                cable: Some(channel.winch),
+                ..finding
+            });
+        }
+    }
+    Ok(channels)
+}
+
+fn channel(winch: usize, looks: &[Winch]) -> Channel {
+    let count = looks.len().max(1) as f64;
+    let read: Vec<_> = looks
+        .iter()
+        .map(|look| volts(f64::from(look.tension_adc)))
+        .collect();
+    let mean_v = read.iter().sum::<f64>() / count;
+    let squares = read.iter().map(|volts| (volts - mean_v).powi(2));
+    let sigma_v = (squares.sum::<f64>() / count).sqrt();
+    let mut histogram = [0; 8];
+    for volts in &read {
+        let bin = ((volts - mean_v) / sigma_v.max(1e-9))
+            .floor()
+            .clamp(-4.0, 3.0);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "0 to 7"
+        )]
+        let bin = (bin + 4.0) as usize;
+        histogram[bin] += 1;
+    }
+    let drum_counts = looks.first().map_or(0, |look| look.drum_counts);
+    let ways = looks
+        .iter()
+        .map(|look| (look.drum_counts - drum_counts).abs());
+    Channel {
+        winch,
+        mean_v,
+        sigma_v,
+        histogram,
+        drum_counts,
+        flicker: ways.max().unwrap_or(0),
+    }
+}
+
+/// Names of the outputs, in the order of [`BenchTest::Output`].
+const OUTPUTS: [&str; BENCH_OUTPUTS as usize] = [
+    "brake 1",
+    "brake 2",
+    "brake 3",
+    "brake 4",
+    "gripper",
+    "drive enable",
+];
+
+/// Each output in turn: it alone rises, and falls by itself.
+fn outputs<L: Link>(
+    client: &mut Client<L>,
+    jumpers: bool,
+    confirm: &mut dyn FnMut(&str) -> bool,
+    findings: &mut Vec<Finding>,
+) -> Result<(), BenchError> {
+    for (output, name) in (1..).zip(OUTPUTS) {
+        if !confirm(name) {
+            findings.push(Finding::with(
+                Verdict::Unseen,
+                "output",
+                format!("{name} was not tried"),
+                "run this with --outputs, and type the output's name when it is asked for",
+            ));
+            continue;
+        }
+        let before = look(client)?;
+        if let Err(error) = ask(client, BenchTest::Output { output }) {
+            let found = format!("{name} was not tried: {error}");
+            findings.push(bad(
+                "output",
+                found,
+                "mend what is named above, press reset and run this again",
+            ));
+            continue;
+        }
+        wait(client, 100_000)?;
+        let raised = ask(client, BenchTest::Look)?.outputs;
+        let during = look(client)?;
+        wait(client, 1000 * u64::from(BENCH_OUTPUT_MS))?;
+        let after = ask(client, BenchTest::Look)?.outputs;
+        findings.push(if raised == 1 << (output - 1) && after == 0 {
+            Finding::good("output", format!("{name} rose alone and fell by itself"))
+        } else {
+            bad(
+                "output",
+                format!("{name}: levels {raised:06b} while it was raised, {after:06b} after"),
+                "look for a short at the pin, or between it and its neighbour",
+            )
+        });
+        if jumpers {
+            findings.push(jumper(usize::from(output), name, &before, &during));
+        }
+    }
+    Ok(())
+}
+
+/// Every winch's inputs now: encoder counts and the voltage of the tension input.
+fn look<L: Link>(client: &mut Client<L>) -> Result<Vec<(i32, f64)>, RunError> {
+    let mut inputs = Vec::new();
+    for cable in 1..=client.info().cables {
+        if let Reply::Winch(winch) = client.request(Request::Winch { cable })? {
+            inputs.push((winch.drum_counts, volts(f64::from(winch.tension_adc))));
+        }
+    }
+    Ok(inputs)
+}
+
+/// What jumper wires must show while an output is high, and what they show.
+fn jumper(output: usize, name: &str, before: &[(i32, f64)], during: &[(i32, f64)]) -> Finding {
+    let drive_enable = usize::from(BENCH_OUTPUTS);
+    for (winch, (before, during)) in (1..).zip(before.iter().zip(during)) {
+        // The first edge of A counts up, that of B down.
+        let (counts, volts) = match output {
+            _ if output == drive_enable => (-1, JUMPER_LOW_V),
+            _ if output == winch => (1, JUMPER_HIGH_V),
+            _ => (0, JUMPER_LOW_V),
+        };
+        let counted = during.0 - before.0;
+        let reads = |read_v: f64, wanted_v: f64| (read_v - wanted_v).abs() < JUMPER_OFF_V;
+        if counted != counts {
+            let found = format!("{name}: encoder {winch} counted {counted}, not {counts}");
+            let remedy = "look at the wire from that output to A (brakes) or B (drive enable) of this encoder, at its buffer, and whether A and B are exchanged";
+            return bad("jumper", found, remedy);
+        }
+        if !reads(before.1, JUMPER_LOW_V) || !reads(during.1, volts) {
+            let found = format!(
+                "{name}: tension input {winch} went from {:.2} V to {:.2} V, not from {JUMPER_LOW_V:.2} V to {volts:.2} V",
+                before.1, during.1
+            );
+            let remedy = "look at the 22 kOhm from the brake's output to this input, and at the input's 10 kOhm to 3.3 V";
+            return bad("jumper", found, remedy);
+        }
+    }
+    Finding::good(
+        "jumper",
+        format!("{name} is seen where it leads to, and nowhere else"),
+    )
+}

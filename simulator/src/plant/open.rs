@@ -1,0 +1,51 @@
+//! An input of the converter whose wire is open: what its pull-up, its capacitor, the pin's leakage
+//! and the converter's own sampling make of it.
+//!
+//! Every conversion connects the sampling capacitor, charged to what the channel before had, with the
+//! pin (data sheet of the STM32F103x8, table 46: 8 pF at most; leakage of a pin 1 uA at most). So a
+//! weak pull-up does not hold an open input at its rail.
+
+use super::sensors::ADC_REFERENCE_V;
+
+/// Sampling capacitor, F.
+const SAMPLING_F: f64 = 8e-12;
+/// Conversions of one channel a second: four channels of 84 cycles at 12 MHz.
+const CONVERSIONS_HZ: f64 = 12e6 / 84.0 / 4.0;
+/// What the channel that is converted before has, V: a cable at some newtons.
+const BEFORE_V: f64 = 0.8;
+/// Capacitor at the pin (docs/wiring.md), F.
+const PIN_F: f64 = 10e-9;
+/// Leakage of a warm pin to ground, A.
+const LEAKAGE_A: f64 = 0.1e-6;
+/// The pull-up of docs/wiring.md, ohm.
+pub(super) const WIRED_OHM: u32 = 10_000;
+
+/// The voltage of an open input after `passed_s`, from `from_v`, with a pull-up to the supply.
+pub(super) fn open_v(from_v: f64, pull_up_ohm: f64, passed_s: f64) -> f64 {
+    let sampling = SAMPLING_F * CONVERSIONS_HZ;
+    let conducts = 1.0 / pull_up_ohm + sampling;
+    let rests = (ADC_REFERENCE_V / pull_up_ohm - LEAKAGE_A + sampling * BEFORE_V) / conducts;
+    rests + (from_v - rests) * (-passed_s * conducts / PIN_F).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_weak_pull_up_leaves_an_open_input_among_good_readings() {
+        let weak = open_v(1.0, 1e6, 10.0);
+        assert!((2.5..2.9).contains(&weak), "{weak} V");
+        // The board calls 3.268 V open.
+        let wired = open_v(1.0, f64::from(WIRED_OHM), 10.0);
+        assert!(wired > 3.28, "{wired} V");
+    }
+
+    #[test]
+    fn the_wired_one_is_at_its_rail_within_a_tick() {
+        let after = open_v(0.5, f64::from(WIRED_OHM), 1e-3);
+        assert!(after > 3.268, "{after} V");
+        let meanwhile = open_v(0.5, f64::from(WIRED_OHM), 50e-6);
+        assert!((1.0..2.5).contains(&meanwhile), "{meanwhile} V");
+    }
+}
