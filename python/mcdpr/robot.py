@@ -246,17 +246,19 @@ class Robot:
             return Robot(self._native.calibrated(os.fspath(calibration)))
         return Robot(self._native.calibrated_by(calibration.file_text(self), "the calibration"))
 
-    def to_mjcf(self) -> str:
+    def to_mjcf(self, *, every_winch: bool = False) -> str:
         """The robot at home as a MuJoCo model: what ``mcdpr model export --to mjcf`` writes.
+
+        With ``every_winch`` the tension-held cables are elastic and hang on winches, too.
 
         Raises:
             KinematicsError: it cannot hang at home, or all its cables lie in one plane.
         """
-        return self._native.model_file("mjcf")
+        return self._native.model_file("mjcf", every_winch)
 
     def to_urdf(self) -> str:
         """The robot at home as URDF, for display: a URDF is a tree and holds no cables."""
-        return self._native.model_file("urdf")
+        return self._native.model_file("urdf", False)
 
     # -- geometry ---------------------------------------------------------------------------------
 
@@ -680,17 +682,23 @@ class Robot:
         port: str,
         home_m: Numbers | None = None,
         *,
+        time_scale: float = 1.0,
         planner: Planner = "equilibrium",
         tensioning: Tensioning = "max_min",
         shaping: Shaping = "none",
     ) -> Session:
         """The robot behind a serial port. Nothing moves until it is armed.
 
-        ``home_m`` is where the tool hangs now (world, m), if the board has lost its lengths.
+        Args:
+            port: a board's serial device, or the one that ``mcdpr sim --pty`` prints.
+            home_m: (3,) where the tool hangs now (world, m), if the board has lost its lengths.
+            time_scale: that of ``mcdpr sim --pty --time-scale``; a board has 1.
         """
         from .session import Session
 
         home = None if home_m is None else vector("home_m", home_m, 3, "x, y, z")
         return Session(
-            _mcdpr.Session.connect(self._native, port, home, planner, tensioning, shaping)
+            _mcdpr.Session.connect(
+                self._native, port, home, time_scale, planner, tensioning, shaping
+            )
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
@@ -9,6 +10,14 @@ from typing import Any
 from . import _mcdpr
 from ._arrays import Numbers, vector
 from .plan import Plan, Task, what_of
+
+
+Engine = Callable[
+    [list[float], list[float], float], tuple[Sequence[float], Sequence[float], Sequence[float]]
+]
+"""Called with unstretched lengths (n,) m from anchor to attachment at the end of a duration, their
+rates (n,) m/s and that duration, s; gives the platform's position (3,) m, its quaternion w, x, y, z and
+the tensions (n,) N."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +135,14 @@ class Session:
         """Loads a simulated platform at its origin: force (3,) N and moment (3,) N m, world."""
         force = vector("force_n", force_n, 3, "x, y, z")
         self._native.load(force, vector("moment_nm", moment_nm, 3, "x, y, z"))
+
+    def fly(self, engine: Engine) -> None:
+        """Another engine has a simulated robot's platform and cables from now on.
+
+        Winches, drives, brakes, sensors and the control core stay; every millisecond the engine is
+        called. :class:`mcdpr.mujoco_model.MujocoPlant` is one.
+        """
+        self._native.fly(engine)
 
     @property
     def now_s(self) -> float:

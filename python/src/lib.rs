@@ -3,6 +3,7 @@
 
 mod calibrate;
 mod edit;
+mod engine;
 mod failure;
 mod followed;
 mod plan;

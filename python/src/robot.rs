@@ -5,7 +5,7 @@ use crate::failure::{Failure, to_python};
 use crate::rows::{Answers, Table, fill};
 use mcdpr::calibration::result;
 use mcdpr::compute::{ComputeError, Free, Subject};
-use mcdpr::model_file::{self, Format};
+use mcdpr::model_file::{self, Format, Winches};
 use mcdpr_core::machine;
 use mcdpr_core::robot::{BUILT_IN, BuiltInModules, ModuleFiles};
 use mcdpr_kinematics::{
@@ -444,12 +444,17 @@ impl Robot {
     }
 
     /// As a model file for other programs.
-    fn model_file(&self, format: &str) -> PyResult<String> {
+    fn model_file(&self, format: &str, every_winch: bool) -> PyResult<String> {
+        let winches = if every_winch {
+            Winches::All
+        } else {
+            Winches::Held
+        };
         let format = match format {
             "mjcf" => Format::Mjcf,
             _ => Format::Urdf,
         };
-        let text = model_file::write(&self.subject.robot, format);
+        let text = model_file::write(&self.subject.robot, format, winches);
         Ok(text.map_err(Failure::from)?)
     }
 

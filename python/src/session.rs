@@ -3,6 +3,7 @@
 //! A thread of its own holds the session, so that the link is served while Python does something
 //! else: a board behind a port hears its heartbeats, and virtual time stands.
 
+use crate::engine::Engine;
 use crate::failure::{Failure, of_fault, to_python};
 use crate::followed::{Followed, truth_arrays};
 use crate::plan::{self, Plan, What};
@@ -89,6 +90,7 @@ impl Session {
         robot: &Robot,
         port: &str,
         home_m: Option<[f64; 3]>,
+        time_scale: f64,
         planner: &str,
         tensioning: &str,
         shaping: &str,
@@ -99,9 +101,14 @@ impl Session {
             return Err(Failure::new("RunError", words).into());
         }
         let model = plan::model(robot, plan::options(planner, tensioning, shaping)?)?;
+        if !(0.01..=100.0).contains(&time_scale) {
+            let words = format!("time_scale: {time_scale} is not between 0.01 and 100");
+            return Err(Failure::input(words).into());
+        }
         let port = port.to_owned();
         let open = move |_: &Model| -> Result<Opened, RunError> {
             let link = SerialLink::open(&port).map_err(ClientError::from)?;
+            let link = link.at_scale(time_scale);
             let homing = home_m.map_or(Homing::Known, |at| Homing::Place(at.into()));
             Ok((Box::new(link) as Box<dyn Link>, None, homing))
         };
@@ -120,19 +127,14 @@ impl Session {
 
     /// Closes the brakes, switches torque off, gives the board back.
     fn disarm(&self, py: Python<'_>) -> PyResult<()> {
-        self.ask(py, |world| {
-            world.armed = false;
-            match world.session.take() {
-                Some(session) => Ok(session.disarm()?),
-                None => Ok(()),
-            }
-        })
+        self.ask(py, World::give_back)
     }
 
     /// Acknowledges a fault; gives it in words.
     fn clear(&self, py: Python<'_>) -> PyResult<Option<String>> {
         self.ask(py, |world| {
             world.armed = false;
+            world.come_to_rest()?;
             let client = world.session()?.client();
             let fault = mcdpr_core::run::status(client)?.fault;
             if fault.is_some() {
@@ -284,6 +286,14 @@ impl Session {
         })
     }
 
+    /// Another engine has the platform and the cables from now on; see `Engine`.
+    fn fly(&self, py: Python<'_>, engine: Py<PyAny>) -> PyResult<()> {
+        let engine = Engine(engine);
+        self.ask(py, move |world| {
+            world.simulation(|simulation| simulation.plant_mut().set_foreign(engine))
+        })
+    }
+
     /// Virtual time since the board got power, s.
     fn now_s(&self, py: Python<'_>) -> PyResult<f64> {
         self.ask(py, |world| {
@@ -336,16 +346,7 @@ impl Session {
         if !open {
             return Ok(());
         }
-        let ended = self.ask(py, |world| {
-            let Some(session) = world.session.take() else {
-                return Ok(());
-            };
-            Ok(if world.armed {
-                session.disarm()?
-            } else {
-                session.close()?
-            })
-        });
+        let ended = self.ask(py, World::give_back);
         self.end(py);
         ended
     }

@@ -13,6 +13,8 @@ use mcdpr_simulator::Simulation;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
+/// A stop takes this long at most, µs.
+const MOST_STOPPING_US: u64 = 3_000_000;
 /// How often an idle line is served.
 const SERVE: Duration = Duration::from_millis(2);
 
@@ -88,6 +90,38 @@ impl<'m> World<'m> {
         Ok(done?)
     }
 
+    /// Waits until a robot that stopped by itself has come to rest: before, a board gives nothing up.
+    pub(crate) fn come_to_rest(&mut self) -> Result<(), Failure> {
+        let client = self.session()?.client();
+        let until_us = client.now_us() + MOST_STOPPING_US;
+        while client.now_us() < until_us {
+            let status = mcdpr_core::run::status(client)?;
+            if status.state != BoardState::Stopping {
+                break;
+            }
+            let pause_us = client.now_us() + 20_000;
+            client.pump(pause_us).map_err(RunError::from)?;
+        }
+        Ok(())
+    }
+
+    /// Ends the session: brakes closed, the board given back.
+    pub(crate) fn give_back(&mut self) -> Result<(), Failure> {
+        if self.session.is_none() {
+            return Ok(());
+        }
+        if !self.armed {
+            self.come_to_rest()?;
+        }
+        let Some(session) = self.session.take() else {
+            return Ok(());
+        };
+        Ok(match std::mem::take(&mut self.armed) {
+            true => session.disarm()?,
+            false => session.close()?,
+        })
+    }
+
     pub(crate) fn simulation<T>(
         &self,
         look: impl FnOnce(&mut Simulation) -> T,
@@ -117,14 +151,8 @@ pub(crate) fn serve(mut world: World<'_>, queue: &Receiver<Job>) {
             Err(RecvTimeoutError::Timeout) => idle(&mut world),
         }
     }
-    if let Some(session) = world.session.take() {
-        // Nobody is left to hear of it; a board that loses its host stops by itself.
-        let _ = if world.armed {
-            session.disarm()
-        } else {
-            session.close()
-        };
-    }
+    // Nobody is left to hear of a failure; a board that loses its host stops by itself.
+    let _ = world.give_back();
 }
 
 /// Serves a real line while Python does something else.

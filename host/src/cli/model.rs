@@ -1,7 +1,7 @@
 //! `mcdpr model export`: the robot as a model file for other programs.
 
 use super::{Common, Failed, Outcome, print_json};
-use crate::model_file::{self, Format};
+use crate::model_file::{self, Format, Winches};
 use clap::Subcommand;
 use std::path::PathBuf;
 
@@ -19,6 +19,9 @@ enum What {
         /// The format
         #[arg(long, value_enum, value_name = "FORMAT")]
         to: Format,
+        /// MJCF: which cables are elastic and hang on a winch; the others are forces
+        #[arg(long, value_enum, value_name = "WHICH", default_value_t = Winches::Held)]
+        winches: Winches,
         /// The file
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
@@ -27,9 +30,9 @@ enum What {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let What::Export { to, out } = &self.what;
+        let What::Export { to, winches, out } = &self.what;
         let robot = common.robot()?;
-        let text = model_file::write(&robot, *to)?;
+        let text = model_file::write(&robot, *to, *winches)?;
         crate::files::write_atomically(out, &text)
             .map_err(Failed::from_error("writing the model"))?;
         let path = out.display().to_string();

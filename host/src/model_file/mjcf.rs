@@ -1,16 +1,18 @@
-//! MuJoCo's XML. A pulley is a cylinder around which its cable wraps, on a hinge about its swivel
-//! axis: the geometry of the kinematics crate, without approximation. A winch is a slide behind the
-//! pulley that takes cable up.
+//! MuJoCo's XML. A pulley is a sphere around which its cable wraps, on a hinge about its swivel axis:
+//! the cable lies in the plane of the sphere's middle, the drum and the attachment, which at rest is
+//! the pulley's own, so that its way is that of the kinematics crate, without approximation. On a
+//! cylinder MuJoCo's cables slide sideways, as in no groove, and turn the pulley away. A winch is a
+//! slide behind the pulley that takes cable up.
 
-use super::{Home, by_length, escaped, list, platform_half_size_m, pulley_frame, quaternion};
+use super::{Home, escaped, list, on_winch, platform_half_size_m, pulley_frame, quaternion};
 use crate::robot::Robot;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::fmt::Write as _;
 
 /// Time step, s: cables and winch drives are stiff.
 const STEP_S: f64 = 2e-4;
-/// Stiffness of a winch that holds a length, N/m: 0.01 mm under 100 N.
-const HOLDING_N_PER_M: f64 = 1e7;
+/// Stiffness of a winch that holds a length, N/m: a micrometre under 100 N.
+const HOLDING_N_PER_M: f64 = 1e8;
 /// Mass and inertia of a swivelling pulley: enough to integrate, too little to matter.
 const PULLEY_KG: f64 = 0.02;
 const PULLEY_KG_M2: f64 = 2e-6;
@@ -30,9 +32,9 @@ pub(super) fn write(robot: &Robot, home: &Home) -> String {
         r#"<?xml version="1.0"?>
 <!-- Written by mcdpr {version}. SI units, world z up, cables counted from 1.
 
-  cable_i     tendon from winch_i's drum around pulley_i to the platform. Pulleys are exact: the tangent
-              points are the robot's at every pose.
-  winch_i     of a length-held cable: how much it has taken up since home, m; paid-out length =
+  cable_i     tendon from winch_i's drum around pulley_i to the platform. Pulleys are exact: where they
+              have swivelled towards the platform, the tangent points are the robot's.
+  winch_i     of a cable on a winch: how much it has taken up since home, m; paid-out length =
               home's less that. Its spring has the stiffness EA / (paid-out length + routing) of home:
               elsewhere EA is off by as much as that length has changed (set tendon_stiffness to follow).
   tension_i   of a tension-held cable: its tension, N; such a cable has no stretch of its own.
@@ -67,7 +69,7 @@ pub(super) fn write(robot: &Robot, home: &Home) -> String {
     }
     out.push_str("  </tendon>\n  <actuator>\n");
     for cable in 0..robot.cables.len() {
-        actuator(&mut out, robot, cable);
+        actuator(&mut out, robot, home, cable);
     }
     out.push_str("  </actuator>\n  <sensor>\n");
     for number in 1..=robot.cables.len() {
@@ -79,7 +81,7 @@ pub(super) fn write(robot: &Robot, home: &Home) -> String {
             out,
             "    <tendonvel name=\"speed_{number}\" tendon=\"cable_{number}\"/>"
         );
-        let actuator = if by_length(robot, number - 1) {
+        let actuator = if on_winch(robot, home, number - 1) {
             "winch"
         } else {
             "tension"
@@ -117,7 +119,7 @@ fn winch(out: &mut String, robot: &Robot, home: &Home, index: usize) {
     };
     let anchor = cable.anchor_in_world_m;
     let drum = anchor - cable.swivel_axis_in_world * behind_m(robot, index);
-    if by_length(robot, index) {
+    if on_winch(robot, home, index) {
         let mass_kg = robot
             .winch_of(index)
             .map_or(WINCH_KG, |winch| winch.effective_mass_kg().max(WINCH_KG));
@@ -153,7 +155,8 @@ fn winch(out: &mut String, robot: &Robot, home: &Home, index: usize) {
         r#"    <body name="pulley_{number}" pos="{at}" quat="{turn}" gravcomp="1">
       <inertial pos="0 0 0" mass="{PULLEY_KG}" diaginertia="{PULLEY_KG_M2} {PULLEY_KG_M2} {PULLEY_KG_M2}"/>
       <joint name="swivel_{number}" type="hinge" axis="0 0 1" damping="{SWIVEL_NMS}"/>
-      <geom name="pulley_{number}" type="cylinder" size="{radius_m} {half}" pos="{radius_m} 0 0" zaxis="0 1 0" rgba="0.6 0.6 0.65 1"/>
+      <geom name="pulley_{number}" type="sphere" size="{radius_m}" pos="{radius_m} 0 0" rgba="0 0 0 0"/>
+      <geom type="cylinder" size="{radius_m} {half}" pos="{radius_m} 0 0" zaxis="0 1 0" rgba="0.6 0.6 0.65 1"/>
       <site name="side_{number}" pos="{radius_m} 0 {side}" size="0.001" rgba="0 0 0 0"/>
     </body>
 "#,
@@ -255,7 +258,7 @@ fn tendon(out: &mut String, robot: &Robot, home: &Home, index: usize) {
     let Some((cable, paid_out)) = robot.cables.get(index).zip(home.paid_out_m.get(index)) else {
         return;
     };
-    let spring = if by_length(robot, index) {
+    let spring = if on_winch(robot, home, index) {
         let stiffness = cable.ea_n / (paid_out + cable.routing_length_m);
         // From no length on: a cable pulls and does not push.
         format!(
@@ -278,12 +281,12 @@ fn tendon(out: &mut String, robot: &Robot, home: &Home, index: usize) {
     );
 }
 
-fn actuator(out: &mut String, robot: &Robot, index: usize) {
+fn actuator(out: &mut String, robot: &Robot, home: &Home, index: usize) {
     let number = index + 1;
     let Some(winch) = robot.winch_of(index) else {
         return;
     };
-    if by_length(robot, index) {
+    if on_winch(robot, home, index) {
         let mass_kg = winch.effective_mass_kg().max(WINCH_KG);
         let damping = 2.0 * (HOLDING_N_PER_M * mass_kg).sqrt();
         let _ = writeln!(
@@ -306,7 +309,7 @@ fn keyframe(out: &mut String, robot: &Robot, home: &Home) {
     let mut places = Vec::new();
     let mut controls = Vec::new();
     for (index, cable) in robot.cables.iter().enumerate() {
-        let held = by_length(robot, index);
+        let held = on_winch(robot, home, index);
         if held {
             places.push(0.0);
         }

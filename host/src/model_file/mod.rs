@@ -28,13 +28,23 @@ pub enum Format {
     Urdf,
 }
 
+/// Which cables are elastic and hang on a winch, in MJCF; the others are forces.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Winches {
+    /// Those that hold a length; a tension-held cable's actuator is its tension
+    #[default]
+    Held,
+    /// All: for a controller of one's own that holds tensions by its winches
+    All,
+}
+
 /// The robot as a file of a format, hanging at its home with its tension-held cables at their
 /// set-point (robots with six and more length-held cables: level, tensions in the middle).
 ///
 /// # Errors
 /// [`ComputeError`] where it cannot hang there, or its cables all lie in one plane.
-pub fn write(robot: &Robot, format: Format) -> Result<String, ComputeError> {
-    let home = Home::of(robot)?;
+pub fn write(robot: &Robot, format: Format, winches: Winches) -> Result<String, ComputeError> {
+    let home = Home::of(robot, winches)?;
     Ok(match format {
         Format::Mjcf => mjcf::write(robot, &home),
         Format::Urdf => urdf::write(robot, &home),
@@ -47,12 +57,13 @@ struct Home {
     paths: Vec<CablePath>,
     tensions_n: Vec<f64>,
     paid_out_m: Vec<f64>,
+    winches: Winches,
     /// Place of each body of tags: its number and world_from_body.
     bodies: Vec<(u32, Pose)>,
 }
 
 impl Home {
-    fn of(robot: &Robot) -> Result<Self, ComputeError> {
+    fn of(robot: &Robot, winches: Winches) -> Result<Self, ComputeError> {
         let subject = Subject::new(robot.clone())?;
         let at_m = robot.tool.home_in_world_m;
         let (found, _) = subject.hang(&at_m, true, &subject.own_tensions(), None)?;
@@ -69,15 +80,16 @@ impl Home {
                 .map(|(i, (length, tension))| machine::paid_out_m(robot, i, *length, *tension))
                 .collect(),
             tensions_n: found.tensions_n.to_vec(),
+            winches,
             bodies,
         })
     }
 }
 
-/// Whether a cable's winch holds its length.
-fn by_length(robot: &Robot, cable: usize) -> bool {
+/// Whether a cable is elastic and hangs on a winch.
+fn on_winch(robot: &Robot, home: &Home, cable: usize) -> bool {
     let cable = robot.cables.get(cable);
-    cable.is_some_and(|cable| cable.control == Control::Position)
+    home.winches == Winches::All || cable.is_some_and(|cable| cable.control == Control::Position)
 }
 
 /// Half edges of the homogeneous box that has the platform's mass and inertia, m; 1 mm at least.
@@ -144,7 +156,7 @@ mod tests {
         let mut robot = Robot::built_in("paper-table5").unwrap();
         robot.name = "a \"b\" <c> & d--e\n".to_owned();
         for format in [Format::Mjcf, Format::Urdf] {
-            let text = write(&robot, format).unwrap();
+            let text = write(&robot, format, Winches::Held).unwrap();
             assert!(
                 text.contains("a &quot;b&quot; &lt;c&gt; &amp; d--e"),
                 "{text}"
@@ -155,7 +167,7 @@ mod tests {
     #[test]
     fn a_robot_in_one_plane_is_refused() {
         let robot = Robot::built_in("planar-four").unwrap();
-        let error = write(&robot, Format::Mjcf).unwrap_err();
+        let error = write(&robot, Format::Mjcf, Winches::All).unwrap_err();
         assert!(error.to_string().contains("planar"), "{error}");
     }
 }
