@@ -190,7 +190,7 @@ pub struct Solved {
 impl Answer {
     /// An answer with the values of a state and everything else empty.
     #[must_use]
-    pub fn of_state(method: &'static str, state: &State, statics: bool) -> Self {
+    pub(crate) fn of_state(method: &'static str, state: &State, statics: bool) -> Self {
         Self {
             method,
             cables: state.cables.clone(),

@@ -121,7 +121,7 @@ const MAP: [usize; 3] = [7, 7, 6];
 
 /// The predicted error over the robot's space, see [`Space::of`].
 #[must_use]
-pub fn error_map(data: &Data, answer: &Answer) -> Vec<MapPoint> {
+pub(crate) fn error_map(data: &Data, answer: &Answer) -> Vec<MapPoint> {
     let (Some(solved), Some(covariance)) = (&answer.solved, &answer.covariance) else {
         return Vec::new();
     };
@@ -151,7 +151,7 @@ pub fn error_map(data: &Data, answer: &Answer) -> Vec<MapPoint> {
 /// The pose of the robot's space that would help most. For robots with four cables; `None` for
 /// others.
 #[must_use]
-pub fn next_pose(data: &Data, answer: &Answer, options: &Options) -> Option<NextPose> {
+pub(crate) fn next_pose(data: &Data, answer: &Answer, options: &Options) -> Option<NextPose> {
     const CANDIDATES: usize = 150;
     let solved = answer.solved.as_ref()?;
     let mut known = data.clone();

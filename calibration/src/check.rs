@@ -8,7 +8,7 @@ use mcdpr_kinematics::Pose;
 /// Fewest poses of a calibration.
 pub const POSES_MIN: usize = 7;
 /// Least variation of the platform's tilt, degrees.
-pub const TILT_MIN_DEG: f64 = 1.0;
+pub(crate) const TILT_MIN_DEG: f64 = 1.0;
 
 /// The poses that can be used, with a start value each.
 #[derive(Debug, Clone)]

@@ -140,7 +140,7 @@ impl Data {
     /// Whether the equations of equilibrium can be used: the platform hung at rest and at least one
     /// pose has tensions of a sensor with a known scatter.
     #[must_use]
-    pub fn has_statics(&self) -> bool {
+    pub(crate) fn has_statics(&self) -> bool {
         self.at_rest
             && self.noise.tension_n.is_some()
             && self.poses.iter().any(|pose| pose.tension_n.is_some())
@@ -249,7 +249,7 @@ impl Data {
 
 /// A pose as a row-major 4x4 matrix in mm.
 #[must_use]
-pub fn matrix_mm(pose: &Pose) -> [[f64; 4]; 4] {
+pub(crate) fn matrix_mm(pose: &Pose) -> [[f64; 4]; 4] {
     let r = pose.rotation.matrix();
     let mut out = [[0.0, 0.0, 0.0, 1.0]; 4];
     for (i, row) in out.iter_mut().take(3).enumerate() {

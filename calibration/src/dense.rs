@@ -1,5 +1,5 @@
 //! Least squares as a plain implementation does it: all unknowns in one dense system, slopes by
-//! differences. What the speed of [`super::lengths`] and [`mod@super::joint`] is told against
+//! differences. What the speed of `lengths` and [`mod@super::joint`] is told against
 //! (`benches/calibration.rs`), and a second way to the same minimum.
 
 use super::check::usable;

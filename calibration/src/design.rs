@@ -45,7 +45,7 @@ impl Search {
         nearer: 0.65,
     };
     /// For plans made beforehand; takes some seconds.
-    pub const THOROUGH: Self = Self {
+    pub(crate) const THOROUGH: Self = Self {
         rounds: 30,
         tried: 10,
         nearer: 0.88,

@@ -341,7 +341,7 @@ fn factor(l: &mut [f64], n: usize) -> Option<()> {
 /// A symmetric positive definite matrix, scaled to a unit diagonal and factored: the unknowns differ
 /// by many orders of magnitude.
 #[derive(Debug, Clone)]
-pub struct Scaled {
+pub(crate) struct Scaled {
     scale: DVector<f64>,
     cholesky: Cholesky<f64, Dyn>,
 }
@@ -414,7 +414,7 @@ impl Reduced {
 
     /// What [`Reduced::leverage`] needs of a covariance, once for all rows.
     #[must_use]
-    pub fn leverages(&self, covariance: &DMatrix<f64>) -> Leverages {
+    pub(crate) fn leverages(&self, covariance: &DMatrix<f64>) -> Leverages {
         let spread = covariance * &self.coupling;
         let poses = self.own_g.len() / self.own;
         let own = (0..poses)
@@ -429,7 +429,7 @@ impl Reduced {
     /// Variance of a row's prediction, in the row's variances: 1 means that the estimate follows the
     /// measurement wholly, 0 that it does not depend on it.
     #[must_use]
-    pub fn leverage(
+    pub(crate) fn leverage(
         &self,
         covariance: &DMatrix<f64>,
         leverages: &Leverages,
@@ -478,7 +478,7 @@ const OWN_MAX: usize = 6 + mcdpr_kinematics::MAX_CABLES;
 
 /// Products of a covariance with the coupling between poses and shared unknowns.
 #[derive(Debug, Clone)]
-pub struct Leverages {
+pub(crate) struct Leverages {
     /// Covariance times coupling.
     spread: DMatrix<f64>,
     /// Per pose: coupling' x covariance x coupling.

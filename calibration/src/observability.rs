@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 
 /// Rank of the core unknowns (anchors, initial lengths, camera, bodies) without their priors.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Observability {
+pub(crate) struct Observability {
     /// Directions that the data fix.
     pub rank: usize,
     /// Number of core unknowns.
@@ -26,7 +26,7 @@ const NOTHING: f64 = 1e-7;
 ///
 /// # Errors
 /// [`Refusal::NotConverged`] where the information cannot be computed.
-pub fn observability(
+pub(crate) fn observability(
     model: &Model<'_>,
     anchor_sigma_m: f64,
     minimum: &Minimum,

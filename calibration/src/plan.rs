@@ -1,5 +1,5 @@
 //! Choice of poses: out of many that the mechanism can reach, those that leave the least expected
-//! position error, see [`super::design`].
+//! position error, see `design`.
 
 use super::data::Data;
 pub use super::design::{Candidate, Design, Search};

@@ -28,7 +28,7 @@ pub struct Square {
 /// The candidates (one or two, best first) for a body's pose in one picture. Empty where the body
 /// is not seen or the corners make no sense.
 #[must_use]
-pub fn sightings(data: &Data, pose: &Observation, body: usize) -> Vec<Sighting> {
+pub(crate) fn sightings(data: &Data, pose: &Observation, body: usize) -> Vec<Sighting> {
     let on_body = |view: &&View| data.tags.get(view.tag).is_some_and(|tag| tag.body == body);
     let squares: Vec<Square> = (pose.views.iter().filter(on_body))
         .map(|view| Square {

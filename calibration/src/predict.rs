@@ -81,7 +81,7 @@ pub fn predict(
 ///
 /// # Errors
 /// Domain errors of the geometry.
-pub fn displacement(
+pub(crate) fn displacement(
     cables: &[mcdpr_kinematics::Robot<1>],
     pose: &Pose,
     error_m: &[f64],

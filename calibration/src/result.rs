@@ -17,7 +17,7 @@ pub const SCHEMA: &str = "mcdpr-calibration-1";
 
 /// CRC-32 of data in their file form.
 #[must_use]
-pub fn data_hash(data: &Data) -> u32 {
+pub(crate) fn data_hash(data: &Data) -> u32 {
     mcdpr_protocol::frame::crc32(data.to_json().to_string().as_bytes())
 }
 

@@ -107,7 +107,7 @@ pub struct Truth {
 
 /// The paper's robot with nominal anchors (Table 5, theoretical values) and 1 kg.
 #[must_use]
-pub fn nominal_robot() -> NominalRobot {
+pub(crate) fn nominal_robot() -> NominalRobot {
     let anchors = [
         [25.0, -370.0],
         [40.0, 385.0],
@@ -155,7 +155,7 @@ fn robot_of(nominal: &NominalRobot, anchors_off: &[Vector3<f64>]) -> Option<Robo
 
 /// The tags of a target and the number of bodies.
 #[must_use]
-pub fn tags_of(target: Target) -> (Vec<Tag>, usize) {
+pub(crate) fn tags_of(target: Target) -> (Vec<Tag>, usize) {
     let square = |id: u32, size_m: f64, x: f64, y: f64, body: usize| {
         let h = size_m / 2.0;
         let corner = |sx: f64, sy: f64| Vector3::new(x + sx * h, y + sy * h, 0.0);

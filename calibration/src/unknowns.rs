@@ -24,7 +24,7 @@ impl Layout {
     }
     /// A cable's initial length.
     #[must_use]
-    pub fn initial_length(&self, cable: usize) -> usize {
+    pub(crate) fn initial_length(&self, cable: usize) -> usize {
         3 * self.cables + cable
     }
     /// First of the six coordinates of camera_from_platform.
@@ -173,7 +173,7 @@ impl Default for Priors {
 
 /// One prior: where the unknown sits, how far it is from nominal, and its standard deviation.
 #[derive(Debug, Clone, Copy)]
-pub struct Prior {
+pub(crate) struct Prior {
     /// Index into the shared unknowns.
     pub index: usize,
     /// Value minus nominal.
@@ -185,7 +185,7 @@ pub struct Prior {
 impl State {
     /// The priors at this state.
     #[must_use]
-    pub fn priors(&self, data: &Data, layout: &Layout, priors: &Priors) -> Vec<Prior> {
+    pub(crate) fn priors(&self, data: &Data, layout: &Layout, priors: &Priors) -> Vec<Prior> {
         let mut out = Vec::with_capacity(layout.len());
         let mut add = |index, deviation, sigma| {
             out.push(Prior {

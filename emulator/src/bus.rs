@@ -143,7 +143,7 @@ impl Bus {
     }
 
     /// Ticks of a timer's clock.
-    pub const fn timer_cycle(&self, timer: usize) -> u64 {
+    pub(crate) const fn timer_cycle(&self, timer: usize) -> u64 {
         if timer == 0 {
             self.clocks.apb2
         } else {
@@ -303,7 +303,7 @@ impl Bus {
     }
 
     /// Changes what the CAN pins are connected to.
-    pub fn rewire_can(&mut self, wiring: CanWiring) {
+    pub(crate) fn rewire_can(&mut self, wiring: CanWiring) {
         self.can_line.wiring = wiring;
         // Who waited for a shorted bus to be idle waits anew.
         if self.can.joins_at == Some(u64::MAX) && !wiring.shorted {
@@ -313,7 +313,7 @@ impl Bus {
     }
 
     /// Brings the CAN bus up to the present.
-    pub fn serve_can(&mut self) {
+    pub(crate) fn serve_can(&mut self) {
         let (now, bit, wired) = (self.now, self.can_bit(), self.can_wired());
         self.can_line.service(&mut self.can, now, bit, wired);
     }
@@ -422,7 +422,7 @@ impl Bus {
     }
 
     /// Shows the interrupt lines to the NVIC.
-    pub fn raise_lines(&mut self) {
+    pub(crate) fn raise_lines(&mut self) {
         for (irq, channel) in (DMA_IRQ..).zip(0..7) {
             if self.dma.interrupts(channel) {
                 self.scs.raise(irq);

@@ -116,7 +116,7 @@ impl Scs {
     }
 
     /// Pends an interrupt of the chip.
-    pub fn pend_irq(&mut self, irq: u8) {
+    pub(crate) fn pend_irq(&mut self, irq: u8) {
         self.pend(FIRST_IRQ + irq);
     }
 
@@ -145,7 +145,7 @@ impl Scs {
     }
 
     /// The pending exception that comes first.
-    pub fn most_urgent(&self) -> Option<(u8, i32)> {
+    pub(crate) fn most_urgent(&self) -> Option<(u8, i32)> {
         let mut left = self.pending & self.enabled;
         let mut best: Option<(u8, i32, u8)> = None;
         while left != 0 {
@@ -172,7 +172,7 @@ impl Scs {
     }
 
     /// As [`Self::execution_priority`], but for PRIMASK.
-    pub fn unmasked_priority(&self) -> i32 {
+    pub(crate) fn unmasked_priority(&self) -> i32 {
         let mut priority = self.active_priority();
         if self.basepri != 0 {
             priority = priority.min(self.grouped(self.basepri));
@@ -184,7 +184,7 @@ impl Scs {
     }
 
     /// Only what has a lower number than this may preempt.
-    pub fn execution_priority(&self) -> i32 {
+    pub(crate) fn execution_priority(&self) -> i32 {
         let priority = self.unmasked_priority();
         if self.primask {
             priority.min(0)
@@ -193,7 +193,7 @@ impl Scs {
         }
     }
 
-    pub fn activate(&mut self, number: u8) {
+    pub(crate) fn activate(&mut self, number: u8) {
         self.pending &= !(1 << number);
         self.active |= 1 << number;
         if number >= 4 && self.chosen & 1 << number == 0 && self.unset_priority.is_none() {
@@ -202,7 +202,7 @@ impl Scs {
     }
 
     /// Ends an exception; whether another one is still active.
-    pub fn deactivate(&mut self, number: u8) -> bool {
+    pub(crate) fn deactivate(&mut self, number: u8) -> bool {
         self.active &= !(1 << number);
         self.attention = true;
         self.active != 0
@@ -212,26 +212,26 @@ impl Scs {
         self.vtor + 4 * u32::from(number)
     }
 
-    pub const fn aligns_stack(&self) -> bool {
+    pub(crate) const fn aligns_stack(&self) -> bool {
         self.ccr & CCR_STKALIGN != 0
     }
 
-    pub const fn traps_division(&self) -> bool {
+    pub(crate) const fn traps_division(&self) -> bool {
         self.ccr & CCR_DIV_0 != 0
     }
 
-    pub const fn sleeps_on_exit(&self) -> bool {
+    pub(crate) const fn sleeps_on_exit(&self) -> bool {
         self.scr & 2 != 0
     }
 
-    pub fn note_stacking_error(&mut self) {
+    pub(crate) fn note_stacking_error(&mut self) {
         self.cfsr |= CFSR_STKERR;
         self.hfsr |= HFSR_FORCED;
     }
 
     /// A fault becomes a hard fault, as no other fault is ever enabled here. Within a hard fault
     /// the core locks up: `false`.
-    pub fn escalate(&mut self, trap: Trap) -> bool {
+    pub(crate) fn escalate(&mut self, trap: Trap) -> bool {
         self.cfsr |= match trap {
             Trap::Bus { address, .. } | Trap::ClockOff { address } => {
                 self.bfar = address;
@@ -416,7 +416,7 @@ impl Scs {
     }
 
     /// Sets those of four priorities that `lanes` names.
-    pub fn set_priorities(&mut self, first: u8, value: u32, lanes: u8) {
+    pub(crate) fn set_priorities(&mut self, first: u8, value: u32, lanes: u8) {
         let at = usize::from(first & !3);
         for (lane, byte) in value.to_le_bytes().into_iter().enumerate() {
             if lanes & 1 << lane != 0 {

@@ -7,6 +7,6 @@ pub const RAIL_LOW: u16 = 800;
 
 /// Whether a reading can be one of a sensor that is connected.
 #[must_use]
-pub const fn is_plausible(adc: u16) -> bool {
+pub(crate) const fn is_plausible(adc: u16) -> bool {
     adc > RAIL_LOW && adc < RAIL_HIGH
 }

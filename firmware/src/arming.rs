@@ -47,7 +47,7 @@ pub enum Phase {
 impl Phase {
     /// Whether the brakes have had time to open: the drums are the drives' alone.
     #[must_use]
-    pub const fn is_free(self) -> bool {
+    pub(crate) const fn is_free(self) -> bool {
         matches!(self, Self::Stirring(_) | Self::Settling | Self::Done)
     }
 }
@@ -70,7 +70,7 @@ pub struct Service {
 
 /// Whether a winch (1 for the first) is enabled.
 #[must_use]
-pub fn concerns(service: Option<Service>, cable: u8) -> bool {
+pub(crate) fn concerns(service: Option<Service>, cable: u8) -> bool {
     !HAS_SERVICE || service.is_none_or(|service| service.cable == cable)
 }
 
@@ -183,7 +183,7 @@ const STIR_HALVES: [i32; 12] = [1, -1, -1, 1, -2, 2, 2, -2, 1, -1, -1, 1];
 /// One drum's way out, in and out again: half a lobe, a whole one, half a one. Neither area nor
 /// first moment are left, so that the platform, whose swing hardly decays, hardly swings.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Stir {
+pub(crate) struct Stir {
     ticks: u32,
     /// Displacement and speed now, 1/256 of 0.1 µm and of 0.1 µm/ms.
     at_q8: i32,
@@ -198,7 +198,7 @@ pub struct Stir {
 
 impl Stir {
     /// Duration, ticks.
-    pub const TICKS: u32 = 12 * QUARTER;
+    pub(crate) const TICKS: u32 = 12 * QUARTER;
 
     /// How far a drum is stirred, 0.1 µm, for its encoder's resolution.
     #[must_use]

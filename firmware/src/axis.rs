@@ -98,7 +98,12 @@ impl Axis {
     /// time of the feedback to now by its speed (µm/s).
     #[must_use]
     #[inline]
-    pub fn by_motor(&self, config: &CableConfig, drive: &DriveInput, speed_umps: i32) -> i32 {
+    pub(crate) fn by_motor(
+        &self,
+        config: &CableConfig,
+        drive: &DriveInput,
+        speed_umps: i32,
+    ) -> i32 {
         let counts = drive.counts.wrapping_sub(self.zero_counts);
         let moved = floor_q32(counts, config.length_per_motor_q32);
         // µm/s times ms is 1e-3 µm, that is 1/100 of 0.1 µm.
@@ -108,7 +113,7 @@ impl Axis {
 
     /// Whether the trim is at its bound.
     #[must_use]
-    pub const fn trim_saturated(&self) -> bool {
+    pub(crate) const fn trim_saturated(&self) -> bool {
         self.trim_q9.abs() >= TRIM_MAX * TRIM_TIME_MS
     }
 

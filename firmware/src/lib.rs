@@ -54,4 +54,4 @@ pub use server::Server;
 pub use supervisor::{Event, Reaction, State};
 
 /// Whether this build can work on one bare winch.
-pub const HAS_SERVICE: bool = cfg!(feature = "service");
+pub(crate) const HAS_SERVICE: bool = cfg!(feature = "service");

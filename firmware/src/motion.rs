@@ -116,7 +116,7 @@ impl<const N: usize> Motion<N> {
 
     /// Whether a motion is buffered that has not begun.
     #[must_use]
-    pub fn is_fresh(&self) -> bool {
+    pub(crate) fn is_fresh(&self) -> bool {
         self.segment.is_none() && self.knots.len() > 1
     }
 
@@ -268,7 +268,7 @@ impl<const N: usize> Motion<N> {
     }
 
     /// The checks of the segment under way, once for each segment.
-    pub fn take_rows(&mut self) -> Option<&[StoredRow<N>; ResidualRow::PER_KNOT]> {
+    pub(crate) fn take_rows(&mut self) -> Option<&[StoredRow<N>; ResidualRow::PER_KNOT]> {
         let is_new = core::mem::take(&mut self.new_rows);
         let knot = self.start.as_ref().filter(|_| is_new);
         knot.map(|knot| &knot.rows)

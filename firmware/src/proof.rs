@@ -27,7 +27,7 @@ const LASTS: u8 = 5;
 /// What the play of the widest gear adds to the time that a proof may take, ms: there and back at
 /// [`THROUGH_PLAY`], and as much again for its gentle start.
 #[must_use]
-pub fn play_ms<const N: usize>(config: &Active<N>) -> u16 {
+pub(crate) fn play_ms<const N: usize>(config: &Active<N>) -> u16 {
     let widest = config.cables.iter().map(|cable| cable.play).max();
     u16::try_from(widest.unwrap_or(0) * 4 / THROUGH_PLAY).unwrap_or(u16::MAX)
 }
@@ -60,7 +60,7 @@ pub struct Proof {
 impl Proof {
     /// How far the drive shall let go of what it holds: 0.1 µm, mN or µm/s, as the cable is held.
     #[must_use]
-    pub const fn relief(&self) -> i32 {
+    pub(crate) const fn relief(&self) -> i32 {
         self.relief
     }
 

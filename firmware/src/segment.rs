@@ -45,7 +45,7 @@ impl Point {
 
 /// One cable's cubic over one segment.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Cubic {
+pub(crate) struct Cubic {
     /// 0.1 µm.
     start: i32,
     /// 1/256 of 0.1 µm.
@@ -178,7 +178,7 @@ impl<const N: usize> StoredRow<N> {
 
 impl<const N: usize> StoredKnot<N> {
     /// A knot to be filled.
-    pub const EMPTY: Self = Self {
+    pub(crate) const EMPTY: Self = Self {
         time_ms: 0,
         last: false,
         cables: [CableKnot {

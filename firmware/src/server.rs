@@ -138,7 +138,7 @@ impl<const N: usize> Server<N> {
 
     /// Whether the state is due: ten times a second and at every change.
     #[must_use]
-    pub fn status_is_due(&self) -> bool {
+    pub(crate) fn status_is_due(&self) -> bool {
         self.status_in == 0 || self.controller.state() != self.told_state
     }
 
@@ -186,7 +186,7 @@ impl<const N: usize> Server<N> {
 
     /// What is received next was sent before a stop that has been executed: in this tick nothing
     /// may start (K10).
-    pub const fn outrun(&mut self, now: Tick) {
+    pub(crate) const fn outrun(&mut self, now: Tick) {
         self.stopped_at = Some(now);
     }
 
@@ -322,7 +322,7 @@ pub enum Incoming {
 
 /// As [`Incoming`], where a command went elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Arrived {
+pub(crate) enum Arrived {
     /// Someone asks who this is.
     HelloQuery,
     /// A command.
@@ -354,7 +354,7 @@ impl Receiver {
     /// Takes one byte; hands a command straight to `take`. A command is large: it should not lie
     /// on the stack once for everybody who passes it on.
     #[inline]
-    pub fn push_into(&mut self, byte: u8, take: impl FnOnce(Command)) -> Option<Arrived> {
+    pub(crate) fn push_into(&mut self, byte: u8, take: impl FnOnce(Command)) -> Option<Arrived> {
         let arrived = match self.deframer.push(byte)? {
             Ok((Channel::HelloQuery, _)) => Arrived::HelloQuery,
             Ok((Channel::Command, body)) => match mcdpr_protocol::message::decode_command(body) {

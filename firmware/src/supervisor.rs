@@ -1,6 +1,6 @@
 //! The supervisor: what the board may do, as one table of states and events.
 //!
-//! [`transition`] is the whole of it: pure, total, and printed by [`TABLE`]'s readers. What a state
+//! `transition` is the whole of it: pure, total, and printed by [`TABLE`]'s readers. What a state
 //! does to drives and brakes is the controller's; which state follows is decided here and nowhere
 //! else. A stop always wins: it is possible in every state.
 
@@ -110,7 +110,7 @@ pub const TABLE: [[Cell; 15]; 9] = [
 
 /// The state that follows, or `None` where the event is not possible.
 #[must_use]
-pub fn transition(state: State, event: Event, fault_latched: bool) -> Option<State> {
+pub(crate) fn transition(state: State, event: Event, fault_latched: bool) -> Option<State> {
     let row = STATES.iter().position(|&known| known == state)?;
     let cell = TABLE.get(row)?.get(event as usize)?;
     match *cell {

@@ -86,12 +86,6 @@ impl TensionLoop {
         }
     }
 
-    /// The filtered tension, mN.
-    #[must_use]
-    pub fn filtered_mn(&self) -> i32 {
-        self.filter.value()
-    }
-
     /// One tick: the motor current in mA.
     pub fn update(&mut self, config: &CableConfig, demand: &Demand) -> i32 {
         let before_q16 = self.filter.value_q16();

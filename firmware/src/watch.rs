@@ -215,7 +215,7 @@ impl CableWatch {
     /// done, and [`Self::update`] has to look. Lengths are by motor and drum, `way` is that of
     /// [`CableView::polarity_way`].
     #[inline]
-    pub fn is_quiet(
+    pub(crate) fn is_quiet(
         &mut self,
         adc: u16,
         tension_mn: i32,
@@ -381,31 +381,31 @@ impl CableWatch {
 
     /// Whether the current has begun to be at its limit.
     #[must_use]
-    pub const fn saturates(&self) -> bool {
+    pub(crate) const fn saturates(&self) -> bool {
         self.saturated.ticks() > 0
     }
 
     /// How fast the tension rises, mN per tick: what it is above the mean of the last ones.
     #[must_use]
-    pub const fn rise_mn(&self, tension_mn: i32) -> i32 {
+    pub(crate) const fn rise_mn(&self, tension_mn: i32) -> i32 {
         tension_mn.saturating_sub(self.recent_mn)
     }
 
     /// Whether a reading at the upper rail is a tension that rose up to it.
     #[must_use]
-    pub const fn rose_to_rail(&self) -> bool {
+    pub(crate) const fn rose_to_rail(&self) -> bool {
         self.rising > 0
     }
 
     /// Ticks since the tension fell to the floor from one tick to the next, 0 where it did not.
     #[must_use]
-    pub const fn breaks_ticks(&self) -> u16 {
+    pub(crate) const fn breaks_ticks(&self) -> u16 {
         if self.broke { self.slack.ticks() } else { 0 }
     }
 
     /// Ticks that the tension has been over its ceiling or on its way there.
     #[must_use]
-    pub const fn snag_ticks(&self) -> u16 {
+    pub(crate) const fn snag_ticks(&self) -> u16 {
         self.snag.ticks()
     }
 
@@ -418,7 +418,7 @@ impl CableWatch {
 
 /// Errors on the serial line, as a bucket that leaks one error every 20 ms (L18).
 #[derive(Debug, Clone, Copy, Default)]
-pub struct LineNoise {
+pub(crate) struct LineNoise {
     level: u16,
 }
 
@@ -484,7 +484,7 @@ impl Heartbeat {
 
     /// Forgets a heartbeat that has expired, once per tick: else it would seem new again when the
     /// tick counter has gone half around (K9).
-    pub fn forget_expired(&mut self, now: Tick) {
+    pub(crate) fn forget_expired(&mut self, now: Tick) {
         if self.health(now) == LinkHealth::Expired {
             self.last = None;
         }
@@ -499,7 +499,7 @@ impl Heartbeat {
 
 /// The latched fault: the first cause stays until it is cleared.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Latch {
+pub(crate) struct Latch {
     record: Option<FaultRecord>,
 }
 

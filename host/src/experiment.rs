@@ -49,7 +49,7 @@ pub struct SimulatedRun {
 impl SimulatedRun {
     /// Simulated seconds per second.
     #[must_use]
-    pub fn realtime_factor(&self) -> f64 {
+    pub(crate) fn realtime_factor(&self) -> f64 {
         self.simulated_s / self.took.as_secs_f64().max(1e-9)
     }
 }
@@ -98,7 +98,7 @@ pub struct Orders {
 ///
 /// # Errors
 /// As [`simulate`].
-pub fn simulate_with(
+pub(crate) fn simulate_with(
     model: &Model,
     task: Task,
     mismatch: &Mismatch,
@@ -196,7 +196,7 @@ pub fn simulated_robot(
 ///
 /// # Errors
 /// Where it cannot hang there.
-pub fn simulated_robot_on(
+pub(crate) fn simulated_robot_on(
     model: &Model,
     mismatch: &Mismatch,
     seed: u64,
@@ -282,7 +282,7 @@ pub fn on_link_with<L: Link>(
 ///
 /// # Errors
 /// As [`on_link_with`].
-pub fn on_link_homed<L: Link>(
+pub(crate) fn on_link_homed<L: Link>(
     model: &Model,
     task: Task,
     link: L,

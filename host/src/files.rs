@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub const MOST_TEXT_BYTES: u64 = 32 << 20;
 
 /// Most bytes of a robot file or a winch module: a hundred times what the longest takes.
-pub const MOST_ROBOT_BYTES: u64 = 2 << 20;
+pub(crate) const MOST_ROBOT_BYTES: u64 = 2 << 20;
 
 /// The whole of a text file of at most [`MOST_TEXT_BYTES`].
 ///
@@ -27,7 +27,7 @@ pub fn read_text(path: impl AsRef<Path>) -> Result<String> {
 ///
 /// # Errors
 /// As [`read_text`].
-pub fn read_text_to(path: impl AsRef<Path>, most: u64) -> Result<String> {
+pub(crate) fn read_text_to(path: impl AsRef<Path>, most: u64) -> Result<String> {
     let bytes = read_bytes(path, most)?;
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -42,7 +42,7 @@ pub fn read_text_to(path: impl AsRef<Path>, most: u64) -> Result<String> {
 ///
 /// # Errors
 /// As [`read_text`].
-pub fn read_bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
+pub(crate) fn read_bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
     let file = open(path.as_ref())?;
     let too_large = || {
         let reason = format!("it is longer than {most} bytes");
@@ -84,7 +84,7 @@ pub fn open(path: &Path) -> Result<File> {
 ///
 /// # Errors
 /// The system's; what was there before stays.
-pub fn write_atomically(path: &Path, contents: impl AsRef<[u8]>) -> Result<()> {
+pub(crate) fn write_atomically(path: &Path, contents: impl AsRef<[u8]>) -> Result<()> {
     let part = beside(path)?;
     let write = || {
         // Whatever is there under this name, a link included, is not written through.

@@ -177,7 +177,7 @@ impl Drop for Folder {
 ///
 /// # Errors
 /// [`ReplayError::Files`], [`ReplayError::Robot`].
-pub fn recorded_robot(run: &RecordedRun) -> Result<Robot, ReplayError> {
+pub(crate) fn recorded_robot(run: &RecordedRun) -> Result<Robot, ReplayError> {
     let name = format!(
         "mcdpr-replay-{}-{:x}",
         std::process::id(),
@@ -201,7 +201,7 @@ pub fn recorded_robot(run: &RecordedRun) -> Result<Robot, ReplayError> {
 ///
 /// # Errors
 /// [`ReplayError::Task`].
-pub fn recorded_task(run: &RecordedRun) -> Result<Task, ReplayError> {
+pub(crate) fn recorded_task(run: &RecordedRun) -> Result<Task, ReplayError> {
     let source = &run.scenario.task;
     Ok(match &source.text {
         Some(text) => Task::parse(text, source.name.clone().into())?,

@@ -4,7 +4,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Date and time now, UTC, as in 20260301-120000.
 #[must_use]
-pub fn utc_stamp() -> String {
+pub(crate) fn utc_stamp() -> String {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     stamp(since.map_or(0, |since| since.as_secs()))
 }

@@ -342,19 +342,6 @@ impl AnyRobot {
         dispatch!(self, r => r.pose(&fixed(lengths_m)?, start, position_known, options))
     }
 
-    /// Columns of the structure matrix, one `[force, moment]` per cable and unit tension. See
-    /// [`crate::Inverse::structure_matrix`].
-    ///
-    /// # Errors
-    /// As [`Robot::inverse`].
-    pub fn structure_columns(&self, pose: &Pose) -> Result<CableVec<[f64; 6]>, Error> {
-        let mut rows = self.twist_jacobian(pose)?;
-        for row in rows.iter_mut() {
-            *row = row.map(|x| -x);
-        }
-        Ok(rows)
-    }
-
     /// Tensions that balance gravity and an external wrench (`[force, moment]`, N, N m, world, about
     /// the platform's origin; with [`Balance::Forces`] its moment is ignored). See
     /// [`Robot::distribute`] and [`Robot::distribute_forces`].

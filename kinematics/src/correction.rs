@@ -50,7 +50,7 @@ pub struct CorrectedLength {
 /// The length to pay out for a cable at a pose under a tension at the platform (N).
 ///
 /// Source: Hooke's law over cable and routing; parabola: w^2 l^2 s/(24 T^2) with horizontal span l
-/// and chord s (Irvine, 1981, to first order); catenary: [`catenary_excess_m`].
+/// and chord s (Irvine, 1981, to first order); catenary: `catenary_excess_m`.
 ///
 /// # Errors
 /// [`Error::InvalidInput`] for a value that is not finite, positive tension included;
@@ -130,7 +130,7 @@ pub fn corrected_length(
 ///
 /// # Errors
 /// [`Error::InvalidInput`]; [`Error::NotConverged`] if no taut catenary has so little tension.
-pub fn catenary_excess_m(
+pub(crate) fn catenary_excess_m(
     horizontal_m: f64,
     rise_m: f64,
     weight_n_per_m: f64,

@@ -118,7 +118,7 @@ fn ends(path: &CablePath) -> [Vector3<f64>; 2] {
 
 /// Shortest distance between two segments (units of the points). Source: Eberly, 2001 (clamped
 /// minimisation of the quadratic distance).
-pub fn segment_distance(a: &[Vector3<f64>; 2], b: &[Vector3<f64>; 2]) -> f64 {
+pub(crate) fn segment_distance(a: &[Vector3<f64>; 2], b: &[Vector3<f64>; 2]) -> f64 {
     let (u, v, w) = (a[1] - a[0], b[1] - b[0], a[0] - b[0]);
     let (uu, uv, vv) = (u.norm_squared(), u.dot(&v), v.norm_squared());
     let (uw, vw) = (u.dot(&w), v.dot(&w));

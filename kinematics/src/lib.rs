@@ -36,16 +36,14 @@ mod workspace;
 
 pub use any_robot::{AnyGoal, AnyRobot, AnyWorkspaceTest, Balance};
 pub use cable_vec::{CableMatrix, CableSet, CableVec, MAX_CABLES};
-pub use correction::{
-    CableMaterial, CorrectedLength, Correction, catenary_excess_m, corrected_length,
-};
+pub use correction::{CableMaterial, CorrectedLength, Correction, corrected_length};
 pub use descent::{Attempt, Damping, Descent, descend};
 pub use equilibrium::EquilibriumGuess;
 pub use equilibrium_state::{Equilibrium, Held, Start, StaticOptions};
 pub use error::{Bound, Error, Solver};
 pub use example::{EXAMPLE_TOOL_M, eight_cables, example_platform, four_cables};
 pub use forward::{Forward, ForwardOptions};
-pub use interference::{CablePair, CableToPlatform, PlatformBox, segment_distance};
+pub use interference::{CablePair, CableToPlatform, PlatformBox};
 pub use inverse::{CablePath, Inverse};
 pub use jacobian::LengthDerivatives;
 pub use pose::{Pose, angular_velocity_from_rates, rotation_from_rpy, rpy_from_rotation};

@@ -12,13 +12,13 @@ mod imp {
     pub fn atan2(y: f64, x: f64) -> f64 {
         y.atan2(x)
     }
-    pub fn sinh(x: f64) -> f64 {
+    pub(crate) fn sinh(x: f64) -> f64 {
         x.sinh()
     }
-    pub fn cosh(x: f64) -> f64 {
+    pub(crate) fn cosh(x: f64) -> f64 {
         x.cosh()
     }
-    pub fn asinh(x: f64) -> f64 {
+    pub(crate) fn asinh(x: f64) -> f64 {
         x.asinh()
     }
 }
@@ -35,13 +35,13 @@ mod imp {
     pub fn atan2(y: f64, x: f64) -> f64 {
         libm::atan2(y, x)
     }
-    pub fn sinh(x: f64) -> f64 {
+    pub(crate) fn sinh(x: f64) -> f64 {
         libm::sinh(x)
     }
-    pub fn cosh(x: f64) -> f64 {
+    pub(crate) fn cosh(x: f64) -> f64 {
         libm::cosh(x)
     }
-    pub fn asinh(x: f64) -> f64 {
+    pub(crate) fn asinh(x: f64) -> f64 {
         libm::asinh(x)
     }
 }

@@ -35,7 +35,7 @@ pub struct Platform {
 
 impl Platform {
     /// The inertia (kg m^2, about its centre, along its edges) of a homogeneous box.
-    pub fn box_inertia(mass_kg: f64, size_m: Vector3<f64>) -> Matrix3<f64> {
+    pub(crate) fn box_inertia(mass_kg: f64, size_m: Vector3<f64>) -> Matrix3<f64> {
         let s = size_m.component_mul(&size_m);
         Matrix3::from_diagonal(&Vector3::new(s.y + s.z, s.x + s.z, s.x + s.y)) * (mass_kg / 12.0)
     }

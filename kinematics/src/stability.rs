@@ -308,7 +308,7 @@ impl<const N: usize> Robot<N> {
 
     /// Mass matrix (6 x 6, kg, kg m, kg m^2, world axes, about the platform's origin) at an
     /// equilibrium's pose; `None` without inertia.
-    pub fn mass_matrix(&self, eq: &Equilibrium) -> Option<Matrix6<f64>> {
+    pub(crate) fn mass_matrix(&self, eq: &Equilibrium) -> Option<Matrix6<f64>> {
         let platform = self.platform();
         let r = eq.pose.rotation.matrix();
         let inertia = r * platform.inertia_kg_m2? * r.transpose();

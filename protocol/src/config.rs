@@ -205,9 +205,6 @@ pub enum KeyMeaning {
     Cable(u8, CableKey),
 }
 
-/// Entries that a full configuration may have.
-pub const MAX_ENTRIES: usize = BoardKey::ALL.len() + MAX_CABLES * CableKey::ALL.len();
-
 /// The hash both sides must agree on before the robot arms: CRC-32 over key (u16) and value (i32),
 /// little-endian, in ascending order of keys.
 ///

@@ -53,8 +53,7 @@ pub use message::{
 pub use motion::{CableKnot, Coefficient, Knot, ResidualRow};
 pub use telemetry::{BoardState, Sample, SampleBlock, Status};
 pub use units::{
-    Micrometres, MicrometresPerSecond, Microseconds, Milliamps, Millinewtons, TenthMicrometres,
-    Tick,
+    Micrometres, MicrometresPerSecond, Milliamps, Millinewtons, TenthMicrometres, Tick,
 };
 
 /// Version of the wire format: a board and a host with another major version never move together.

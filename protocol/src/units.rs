@@ -8,7 +8,6 @@
 //! | [`MicrometresPerSecond`] | ±20 m/s | 1 µm/s | m/s |
 //! | [`Millinewtons`] | ±2 MN | 1 mN | N |
 //! | [`Milliamps`] | ±2 MA | 1 mA | A |
-//! | [`Microseconds`] | 0 to 71 min, wraps | 1 µs | |
 //! | [`Tick`] | 0 to 49.7 days, wraps | 1 ms | |
 //!
 //! The signed units convert to and from SI in `f64`. This is for hosts and tests: the control core
@@ -88,7 +87,6 @@ assert_eq!(Millinewtons(12_500).newtons(), 12.5);
 ```
 */ Millinewtons(i32));
 unit!(/** Current in mA. */ Milliamps(i32));
-unit!(/** Time in µs, wrapping. */ Microseconds(u32));
 unit!(/** A board's control tick (1 ms), wrapping after 49.7 days. */ Tick(u32));
 
 si!(TenthMicrometres, metres, from_metres, "m", 1e7, 1e-7);

@@ -55,7 +55,7 @@ impl Wire {
     }
 
     /// Makes the noise of the time up to `now_us`, where the line is noisy.
-    pub fn make_noise(&mut self, now_us: u64) {
+    pub(crate) fn make_noise(&mut self, now_us: u64) {
         let now_ns = now_us * 1000;
         let rate = self.faults.noise_per_s;
         if rate <= 0.0 || rate.is_nan() {
@@ -117,7 +117,7 @@ impl Wire {
     }
 
     /// Framing errors that a receiver has seen by `now_us` since the last call.
-    pub fn take_framing_errors(&mut self, now_us: u64) -> u16 {
+    pub(crate) fn take_framing_errors(&mut self, now_us: u64) -> u16 {
         let due = |arrival: &u64| *arrival <= now_us * 1000;
         let count = self.framing_errors.iter().take_while(|a| due(a)).count();
         self.framing_errors.drain(..count);
@@ -126,20 +126,20 @@ impl Wire {
 
     /// When the next byte arrives, µs, rounded up.
     #[must_use]
-    pub fn next_arrival_us(&self) -> Option<u64> {
+    pub(crate) fn next_arrival_us(&self) -> Option<u64> {
         let (arrival, _) = self.bytes.front()?;
         Some(arrival.div_ceil(1000))
     }
 
     /// Bytes given to the line that it has not sent yet.
     #[must_use]
-    pub fn backlog(&self, now_us: u64) -> usize {
+    pub(crate) fn backlog(&self, now_us: u64) -> usize {
         let left_ns = self.free_ns.saturating_sub(now_us * 1000);
         usize::try_from(left_ns / self.byte_ns).unwrap_or(usize::MAX)
     }
 
     /// Changes what goes wrong from now on.
-    pub fn set_faults(&mut self, faults: WireFaults) {
+    pub(crate) fn set_faults(&mut self, faults: WireFaults) {
         self.faults = faults;
     }
 

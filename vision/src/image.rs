@@ -93,7 +93,7 @@ impl<T: Copy> Image<T> {
     }
 
     /// All pixels, row by row, to change.
-    pub fn pixels_mut(&mut self) -> &mut [T] {
+    pub(crate) fn pixels_mut(&mut self) -> &mut [T] {
         &mut self.pixels
     }
 

@@ -240,7 +240,7 @@ pub fn read_color(path: &Path) -> Result<RgbImage, SourceError> {
 ///
 /// # Errors
 /// [`SourceError::Unreadable`], [`SourceError::Malformed`] for another form.
-pub fn read_depth(path: &Path) -> Result<Image<u16>, SourceError> {
+pub(crate) fn read_depth(path: &Path) -> Result<Image<u16>, SourceError> {
     let wanted = [(png::ColorType::Grayscale, png::BitDepth::Sixteen)];
     let (bytes, info) = read_png(path, "depth pictures must be 16-bit grey", &wanted)?;
     let pixels = bytes

@@ -127,7 +127,7 @@ fn device(name: &str, reason: &dyn Display) -> SourceError {
 ///
 /// # Errors
 /// Where the bytes are too few for the size, or the width is odd.
-pub fn rgb_from_yuyv(
+pub(crate) fn rgb_from_yuyv(
     bytes: &[u8],
     [width, height]: [usize; 2],
     bytes_per_line: usize,

@@ -81,7 +81,7 @@ pub struct Sample {
     pub length_m: Vec<Option<f64>>,
     /// Tension of each cable at its winch, N.
     pub tension_n: Vec<Option<f64>>,
-    /// Angle of each pulley about its swivel axis, rad: see [`super::model::swivel_reference`].
+    /// Angle of each pulley about its swivel axis, rad: see `model::swivel_reference`.
     pub swivel_rad: Vec<Option<f64>>,
     /// Roll, pitch and yaw of an inclinometer or inertial unit, R = Rz Ry Rx, rad.
     pub rpy_rad: [Option<f64>; 3],

@@ -21,7 +21,7 @@ pub struct First {
 ///
 /// # Errors
 /// In words, where the samples fix nothing.
-pub fn first_pose(set: &Set) -> Result<First, String> {
+pub(crate) fn first_pose(set: &Set) -> Result<First, String> {
     let options = Options {
         priors: Priors::changes_only(),
         rounds: 0,

@@ -87,7 +87,7 @@ impl Fit {
 
     /// The scatter with which a new reading is predicted: the variance of the whole distribution.
     #[must_use]
-    pub fn predictive_scatter(&self) -> Scatter {
+    pub(crate) fn predictive_scatter(&self) -> Scatter {
         self.scatter.map(|s| s * TAILS.sqrt())
     }
 }
@@ -150,7 +150,7 @@ pub fn fit(set: &Set, options: &Options) -> Result<Fit, String> {
 ///
 /// # Errors
 /// As [`fit`].
-pub fn fit_with(
+pub(crate) fn fit_with(
     set: &Set,
     options: &Options,
     breaks: Vec<Break>,

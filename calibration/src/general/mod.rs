@@ -8,9 +8,9 @@
 //! | file | what it is for |
 //! |---|---|
 //! | [`data`], `read` | samples by session, from files |
-//! | [`unknowns`], [`model`] | what is unknown, and what each reading says about it |
-//! | [`solve`], [`fit`] | one weighted problem; the scatter of the readings |
-//! | [`predict`] | readings that were left out, with intervals |
+//! | `unknowns`, [`model`] | what is unknown, and what each reading says about it |
+//! | [`solve`], [`mod@fit`] | one weighted problem; the scatter of the readings |
+//! | [`mod@predict`] | readings that were left out, with intervals |
 //! | [`slip`] | cables that slipped while samples were taken |
 //! | [`mod@simulate`] | data of a known machine, as such machines are found |
 //! | [`verdict`] | what the data do not fix, contradict or do not fit |
@@ -27,7 +27,7 @@ pub mod simulate;
 pub mod slip;
 pub mod solve;
 pub mod study;
-pub mod unknowns;
+pub(crate) mod unknowns;
 pub mod verdict;
 
 pub use data::Set;

@@ -73,7 +73,7 @@ impl Group {
     }
     /// Whether a sensor reads it.
     #[must_use]
-    pub const fn is_sensor(self) -> bool {
+    pub(crate) const fn is_sensor(self) -> bool {
         !matches!(self, Self::Force | Self::Moment)
     }
 }
@@ -130,7 +130,7 @@ const SWING_ARM_M: f64 = 0.1;
 /// The direction in which a swivel sensor reads zero, and the one where it reads 90 degrees: for an
 /// axis k that is not vertical straight down and k x down, otherwise x and k x x.
 #[must_use]
-pub fn swivel_reference(axis: &Vector3<f64>) -> [Vector3<f64>; 2] {
+pub(crate) fn swivel_reference(axis: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let k = axis.normalize();
     let aim = if k.z.abs() < 0.9 {
         -Vector3::z()
@@ -602,7 +602,7 @@ impl Model<'_> {
 
 /// A pose and tensions after a step of a sample's own unknowns.
 #[must_use]
-pub fn stepped_own(pose: &Pose, tensions_n: &[f64], step: &[f64]) -> (Pose, Vec<f64>) {
+pub(crate) fn stepped_own(pose: &Pose, tensions_n: &[f64], step: &[f64]) -> (Pose, Vec<f64>) {
     let pose = pose.displaced(&three(step, 0), &three(step, 3));
     let tensions = tensions_n.iter().zip(&step[6..]).map(|(t, s)| t + s);
     (pose, tensions.collect())

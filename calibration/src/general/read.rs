@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 use serde_json::{Value, json};
 
 /// Name of version 2 of the format.
-pub const SCHEMA_2: &str = "mcdpr-calibration-data-2";
+pub(crate) const SCHEMA_2: &str = "mcdpr-calibration-data-2";
 
 impl Set {
     /// Reads a data set of any of the three layouts. A reading that is not a finite number is left

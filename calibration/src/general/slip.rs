@@ -15,7 +15,7 @@ use nalgebra::DVector;
 
 /// Gain in the sum of weighted squares from which on a jump is believed. The best of some 80 places
 /// exceeds it by chance in fewer than 1 of 100 data sets.
-pub const GAIN: f64 = 22.0;
+pub(crate) const GAIN: f64 = 22.0;
 
 /// A jump that a cable may have made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,7 +99,7 @@ const ROUNDS: usize = 10;
 /// The cables that slipped while data of version 1 were collected, in words, the earliest first.
 /// `solved` is where another estimate ended; without it the search starts from the nominal robot.
 #[must_use]
-pub fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<String> {
+pub(crate) fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<String> {
     let (true, Ok(mut set)) = (data.has_statics(), Set::from_data(data)) else {
         return Vec::new();
     };

@@ -39,7 +39,7 @@ impl Block {
 
     /// Variance of a row's prediction, the reading's own scatter not counted.
     #[must_use]
-    pub fn predicted_variance(&self, row: &Row, covariance: &DMatrix<f64>) -> f64 {
+    pub(crate) fn predicted_variance(&self, row: &Row, covariance: &DMatrix<f64>) -> f64 {
         let total = self.total(row);
         let own = DVector::from_column_slice(&row.own);
         total.dot(&(covariance * &total)) + own.dot(&(&self.inverse * &own))
@@ -117,7 +117,7 @@ pub fn start(model: &Model<'_>, unknowns: &[Unknown]) -> State {
 ///
 /// # Errors
 /// Where a cable has no geometry at a pose.
-pub fn all_rows(
+pub(crate) fn all_rows(
     model: &Model<'_>,
     state: &State,
 ) -> Result<Vec<Vec<Row>>, mcdpr_kinematics::Error> {

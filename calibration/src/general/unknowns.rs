@@ -95,7 +95,7 @@ impl Default for Priors {
 impl Priors {
     /// For readings of which only changes are known: no offset, zero or mounting is.
     #[must_use]
-    pub fn changes_only() -> Self {
+    pub(crate) fn changes_only() -> Self {
         Self {
             zero_n: 100.0,
             offset_m: 1.0,
@@ -161,7 +161,7 @@ impl Layout {
         PER_CABLE * i + 4
     }
     #[must_use]
-    pub fn swivel(&self, i: usize) -> usize {
+    pub(crate) fn swivel(&self, i: usize) -> usize {
         PER_CABLE * i + 5
     }
     #[must_use]
@@ -177,7 +177,7 @@ impl Layout {
         PER_CABLE * i + 10
     }
     #[must_use]
-    pub fn center_of_mass(&self) -> usize {
+    pub(crate) fn center_of_mass(&self) -> usize {
         PER_CABLE * self.cables
     }
     #[must_use]
@@ -185,11 +185,11 @@ impl Layout {
         self.center_of_mass() + 3
     }
     #[must_use]
-    pub fn compliance(&self) -> usize {
+    pub(crate) fn compliance(&self) -> usize {
         self.center_of_mass() + 4
     }
     #[must_use]
-    pub fn mount(&self) -> usize {
+    pub(crate) fn mount(&self) -> usize {
         self.center_of_mass() + 5
     }
     /// First of the camera's: place (6), focal length, principal point (2), k1, tag size.
@@ -209,24 +209,24 @@ impl Layout {
         self.after_camera() + slot * (3 * self.cables + 4)
     }
     #[must_use]
-    pub fn zero_of(&self, slot: usize, i: usize) -> usize {
+    pub(crate) fn zero_of(&self, slot: usize, i: usize) -> usize {
         self.session(slot) + i
     }
     #[must_use]
-    pub fn offset_of(&self, slot: usize, i: usize) -> usize {
+    pub(crate) fn offset_of(&self, slot: usize, i: usize) -> usize {
         self.session(slot) + self.cables + i
     }
     #[must_use]
-    pub fn swivel_of(&self, slot: usize, i: usize) -> usize {
+    pub(crate) fn swivel_of(&self, slot: usize, i: usize) -> usize {
         self.session(slot) + 2 * self.cables + i
     }
     #[must_use]
-    pub fn mount_of(&self, slot: usize) -> usize {
+    pub(crate) fn mount_of(&self, slot: usize) -> usize {
         self.session(slot) + 3 * self.cables
     }
     /// Yaw at the start, then its drift.
     #[must_use]
-    pub fn yaw_of(&self, slot: usize) -> usize {
+    pub(crate) fn yaw_of(&self, slot: usize) -> usize {
         self.session(slot) + 3 * self.cables + 2
     }
     #[must_use]
@@ -270,7 +270,7 @@ pub struct Unknown {
 
 /// All unknowns in the layout's order.
 #[must_use]
-pub fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unknown> {
+pub(crate) fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unknown> {
     let mut out: Vec<Unknown> = Vec::with_capacity(layout.len());
     let mut add = |name: String, mean: f64, sigma: f64, unit, entered| {
         out.push(Unknown {

@@ -8,7 +8,7 @@ use super::solve::variance;
 
 /// Faster than this a sample was taken in motion, m/s: the inertia of the platform is then more than
 /// the equations of equilibrium are off by at rest.
-pub const MOVING_MPS: f64 = 0.05;
+pub(crate) const MOVING_MPS: f64 = 0.05;
 
 /// What is said of a data set and its estimate, in words.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -69,7 +69,7 @@ pub fn verdict(fit: &Fit) -> Verdict {
 
 /// A slip in words, as in "cable 2 slipped by +3.05 mm (1 sigma 0.04) before pose 12".
 #[must_use]
-pub fn slip_words(fit: &Fit, slip: usize) -> String {
+pub(crate) fn slip_words(fit: &Fit, slip: usize) -> String {
     let jump = &fit.layout.breaks[slip];
     let at = fit.layout.jump(slip);
     format!(

@@ -58,7 +58,7 @@ impl Order {
 
     /// Whether it ends everything that is under way.
     #[must_use]
-    pub const fn is_stop(&self) -> bool {
+    pub(crate) const fn is_stop(&self) -> bool {
         matches!(self, Self::Stop | Self::Emergency)
     }
 }
@@ -337,7 +337,8 @@ impl Observer {
 
     /// Waits for something newer than a view that was seen ([`View::revision`]).
     #[must_use]
-    pub fn newer_than(&self, revision: u64, timeout: Duration) -> Option<View> {
+    #[cfg(test)]
+    pub(crate) fn newer_than(&self, revision: u64, timeout: Duration) -> Option<View> {
         self.shared.wait_until(timeout, |inner| {
             (inner.view.revision > revision).then(|| inner.view.clone())
         })

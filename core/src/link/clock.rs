@@ -171,7 +171,7 @@ impl BoardClock {
 
     /// Ticks from `tick`, which an answer told, to a link time, µs; never under zero.
     #[must_use]
-    pub fn ticks_since(&self, tick: u32, time_us: u64) -> f64 {
+    pub(crate) fn ticks_since(&self, tick: u32, time_us: u64) -> f64 {
         let (Some(line), Some((last, ticks))) = (&self.line, self.last) else {
             return 0.0;
         };

@@ -1,103 +1,12 @@
-//! Choosing knots, and rounding them to the integers that the wire carries.
+//! Choosing knots.
 
 use super::spline::{Ends, Spline, SplineError};
 
 /// Ticks of the board's clock in a second.
 const TICKS_PER_S: f64 = 1e3;
 
-/// Units of the wire's length in a metre: 0.1 um.
-const LENGTHS_PER_M: f64 = 1e7;
-
-/// Units of the wire's velocity in a metre per second: 1 um/s.
-const VELOCITIES_PER_MPS: f64 = 1e6;
-
 /// Places inside a segment at which a fit is compared with its function.
 const PLACES_PER_SEGMENT: u32 = 8;
-
-/// A knot of one cable in the integers of the wire.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WireKnot {
-    /// Time, ms since the start of the motion.
-    pub tick_ms: u32,
-    /// Cable length, 0.1 um.
-    pub length_tenth_um: i32,
-    /// Cable velocity, um/s.
-    pub velocity_um_per_s: i32,
-}
-
-/// Rounds a spline of lengths in m to wire knots.
-///
-/// A knot that does not lie on a tick moves to the nearest one, with the spline's own value and
-/// velocity there. (A last knot that would move beyond the spline keeps its value and velocity:
-/// the motion ends up to half a tick later.)
-///
-/// # Errors
-/// [`SplineError::Unrepresentable`] for a negative time or a value beyond the integer's range,
-/// [`SplineError::Order`] if two knots meet on one tick.
-pub fn quantise(spline: &Spline) -> Result<Vec<WireKnot>, SplineError> {
-    let (start_s, end_s) = spline.span_s();
-    let mut wire: Vec<WireKnot> = Vec::with_capacity(spline.knots().len());
-    for (index, knot) in spline.knots().iter().enumerate() {
-        let tick = (knot.time_s * TICKS_PER_S).round();
-        let at = spline.sample((tick / TICKS_PER_S).clamp(start_s, end_s))?;
-        let knot = WireKnot {
-            tick_ms: u32::try_from(integer(index, "time (ms)", tick)?)
-                .map_err(|_| unrepresentable(index, "time (ms)", tick))?,
-            length_tenth_um: i32_of(index, "length (0.1 um)", at.value * LENGTHS_PER_M)?,
-            velocity_um_per_s: i32_of(index, "velocity (um/s)", at.velocity * VELOCITIES_PER_MPS)?,
-        };
-        if let Some(before) = wire.last()
-            && before.tick_ms >= knot.tick_ms
-        {
-            return Err(SplineError::Order {
-                knot: index + 1,
-                time_s: f64::from(knot.tick_ms) / TICKS_PER_S,
-                before_s: f64::from(before.tick_ms) / TICKS_PER_S,
-            });
-        }
-        wire.push(knot);
-    }
-    Ok(wire)
-}
-
-/// The spline that wire knots stand for, lengths in m: what the board plays, but for its own
-/// rounding.
-///
-/// # Errors
-/// [`SplineError::Count`], [`SplineError::Order`].
-pub fn reconstruct(wire: &[WireKnot]) -> Result<Spline, SplineError> {
-    Spline::from_knots(
-        wire.iter()
-            .map(|knot| super::spline::Knot {
-                time_s: f64::from(knot.tick_ms) / TICKS_PER_S,
-                value: f64::from(knot.length_tenth_um) / LENGTHS_PER_M,
-                velocity: f64::from(knot.velocity_um_per_s) / VELOCITIES_PER_MPS,
-            })
-            .collect(),
-    )
-}
-
-fn integer(index: usize, what: &'static str, value: f64) -> Result<i64, SplineError> {
-    let rounded = value.round();
-    if rounded.abs() < 9e15 {
-        // Whole and far inside i64: the cast is exact.
-        Ok(rounded as i64)
-    } else {
-        Err(unrepresentable(index, what, value))
-    }
-}
-
-fn i32_of(index: usize, what: &'static str, value: f64) -> Result<i32, SplineError> {
-    i32::try_from(integer(index, what, value)?).map_err(|_| unrepresentable(index, what, value))
-}
-
-fn unrepresentable(index: usize, what: &'static str, value: f64) -> SplineError {
-    SplineError::Unrepresentable {
-        knot: index + 1,
-        what,
-        value,
-    }
-}
 
 /// Where the knots of a fit may lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

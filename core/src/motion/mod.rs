@@ -24,9 +24,8 @@ mod wire;
 
 pub use model::{Model, Rest};
 pub use options::{PlanOptions, Planner, Shaping, Tensioning};
-pub use plan::{Plan, PlanError, TOLERANCE_M};
+pub use plan::{Plan, PlanError};
 pub use shaper::Shaper;
 pub use task::{BUILT_IN, Task, TaskError};
 pub use timed::{Action, Step, Timed};
-pub use track::Track;
 pub use verdict::{Extremes, Watch, judge_place};

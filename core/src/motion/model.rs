@@ -122,7 +122,7 @@ impl Model {
     ///
     /// # Errors
     /// [`PlanError::NoEquilibrium`] says why there is none.
-    pub fn rest_with(
+    pub(crate) fn rest_with(
         &self,
         tool_m: &Vector3<f64>,
         tension_n: f64,

@@ -14,10 +14,10 @@ const LEAST_LENGTH_M: f64 = 1e-6;
 
 /// No coordinate of a path is greater, m: twice what the wire's lengths can say. A number beyond it
 /// is a typing error or an unfriendly file.
-pub const FURTHEST_M: f64 = 400.0;
+pub(crate) const FURTHEST_M: f64 = 400.0;
 
 /// Most points of one curve; its table of arc lengths then takes 10 MB.
-pub const MOST_CURVE_POINTS: usize = 10_000;
+pub(crate) const MOST_CURVE_POINTS: usize = 10_000;
 
 /// Why there is no such path.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -362,7 +362,7 @@ impl Path {
     /// Least radius of curvature on the path, m; `None` if all of it is straight. At speed v the
     /// acceleration across the path is up to v^2 over this radius, which a time law along the path
     /// does not know: hold the speed below `sqrt(acceleration radius)`.
-    pub fn least_radius_m(&self) -> Option<f64> {
+    pub(crate) fn least_radius_m(&self) -> Option<f64> {
         self.pieces
             .iter()
             .filter_map(Piece::radius_m)

@@ -18,7 +18,7 @@ use nalgebra::Vector3;
 use thiserror::Error;
 
 /// Knots are close enough together when no length between them is off by more than this, m.
-pub const TOLERANCE_M: f64 = 1e-5;
+pub(crate) const TOLERANCE_M: f64 = 1e-5;
 /// Longest motion in one plan, s. Judging an hour takes about two seconds.
 pub(super) const LONGEST_S: f64 = 3600.0;
 /// Most steps of one task.

@@ -57,18 +57,6 @@ pub enum SplineError {
         /// Last knot, s.
         end_s: f64,
     },
-    /// A value that the wire's integers cannot hold.
-    #[error(
-        "knot {knot}: {what} {value} does not fit the wire's integer: the robot or the motion is too large, or the time is negative"
-    )]
-    Unrepresentable {
-        /// Which knot, from 1.
-        knot: usize,
-        /// Which value, with its unit.
-        what: &'static str,
-        /// The value.
-        value: f64,
-    },
     /// The tolerance is not reached with the knots allowed.
     #[error(
         "{segments} segments leave an error of {error:e}, more than the tolerance {tolerance:e}: allow more segments, or ask for a slower or smoother motion"
@@ -148,7 +136,7 @@ impl Spline {
     ///
     /// # Errors
     /// [`SplineError::Count`] below two knots, [`SplineError::NotFinite`], [`SplineError::Order`].
-    pub fn from_knots(knots: Vec<Knot>) -> Result<Self, SplineError> {
+    pub(crate) fn from_knots(knots: Vec<Knot>) -> Result<Self, SplineError> {
         if knots.len() < 2 {
             return Err(SplineError::Count {
                 least: 2,
@@ -217,7 +205,7 @@ impl Spline {
     }
 
     /// Times of the first and the last knot, s.
-    pub fn span_s(&self) -> (f64, f64) {
+    pub(crate) fn span_s(&self) -> (f64, f64) {
         match (self.knots.first(), self.knots.last()) {
             (Some(first), Some(last)) => (first.time_s, last.time_s),
             // There are at least two knots.
@@ -261,7 +249,8 @@ impl Spline {
 
     /// Greatest difference to `function` over the span, sought at `per_segment` places inside each
     /// segment.
-    pub fn greatest_error(&self, per_segment: u32, function: impl Fn(f64) -> f64) -> f64 {
+    #[cfg(test)]
+    pub(crate) fn greatest_error(&self, per_segment: u32, function: impl Fn(f64) -> f64) -> f64 {
         let mut greatest: f64 = 0.0;
         for pair in self.knots.windows(2) {
             let [a, b] = pair else { continue };

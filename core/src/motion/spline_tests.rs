@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::knots::{Fit, FitOptions, Spacing, WireKnot, fit, quantise, reconstruct};
+use super::knots::{Fit, FitOptions, Spacing, fit};
 use super::path::{Path, Piece};
 use super::spline::{Ends, Knot, Spline, SplineError};
 use super::time_law::{Bounds, TimeLaw};
@@ -256,86 +256,6 @@ fn a_fit_has_the_knots_its_tolerance_takes_and_not_many_more() {
         let (_, too_few) = circle_fit(tolerance, fitted.segments * 2 / 3);
         assert!(matches!(too_few, Err(SplineError::Tolerance { .. })));
     }
-}
-
-#[test]
-fn rounding_to_the_wire_costs_less_than_a_tenth_of_a_micrometre() {
-    let (_, fitted) = circle_fit(1e-5, 2000);
-    for spline in fitted.unwrap().splines {
-        let wire = quantise(&spline).unwrap();
-        let played = reconstruct(&wire).unwrap();
-        let longest_s = spline
-            .knots()
-            .windows(2)
-            .map(|pair| pair[1].time_s - pair[0].time_s)
-            .fold(0.0, f64::max);
-        // Half a unit of length, and half a unit of velocity at both ends of a segment: between
-        // the knots the two Hermite functions add up to a quarter of the step.
-        let bound_m = 0.5e-7 + 0.5e-6 * longest_s / 4.0;
-        let error_m = played.greatest_error(16, |t| spline.sample(t).unwrap().value);
-        println!(
-            "rounding: {:.4} um, bound {:.4} um",
-            error_m * 1e6,
-            bound_m * 1e6
-        );
-        assert!(
-            error_m <= bound_m * (1.0 + 1e-9) && error_m > 1e-9,
-            "{error_m} {bound_m}"
-        );
-        assert!(error_m < 1e-7);
-        assert_eq!(quantise(&played).unwrap(), wire);
-    }
-}
-
-#[test]
-fn knots_between_ticks_move_to_the_nearest_with_the_splines_own_value() {
-    let values: Vec<f64> = [0.0004, 0.5003, 1.0004].map(|t: f64| 0.1 * t).to_vec();
-    let spline = Spline::interpolate(&[0.0004, 0.5003, 1.0004], &values, Ends::NotAKnot).unwrap();
-    let wire = quantise(&spline).unwrap();
-    let ticks: Vec<u32> = wire.iter().map(|knot| knot.tick_ms).collect();
-    assert_eq!(ticks, [0, 500, 1000]);
-    // 0.05 m exactly at 500 ms; the first knot cannot move before the spline.
-    assert_eq!(wire[1].length_tenth_um, 500_000);
-    assert_eq!(wire[1].velocity_um_per_s, 100_000);
-    assert_eq!(wire[0].length_tenth_um, 400);
-}
-
-#[test]
-fn what_the_wire_cannot_hold_is_refused() {
-    let line = |times: [f64; 2], values: [f64; 2]| {
-        Spline::interpolate(&times, &values, Ends::NotAKnot).unwrap()
-    };
-    for (times, values) in [
-        ([-1.0, 1.0], [0.0, 0.0]),
-        ([0.0, 5e6], [0.0, 0.0]),
-        ([0.0, 1.0], [0.0, 300.0]),
-        ([0.0, 1e-2], [0.0, 100.0]),
-        ([0.0, 1.0], [0.0, 1e30]),
-    ] {
-        let refused = quantise(&line(times, values));
-        assert!(
-            matches!(refused, Err(SplineError::Unrepresentable { .. })),
-            "{times:?} {values:?} {refused:?}"
-        );
-    }
-    let close = line([0.0, 1e-4], [0.0, 0.0]);
-    assert!(matches!(
-        quantise(&close),
-        Err(SplineError::Order { knot: 2, .. })
-    ));
-    let one = WireKnot {
-        tick_ms: 0,
-        length_tenth_um: 0,
-        velocity_um_per_s: 0,
-    };
-    assert!(matches!(
-        reconstruct(&[one]),
-        Err(SplineError::Count { .. })
-    ));
-    assert!(matches!(
-        reconstruct(&[one, one]),
-        Err(SplineError::Order { .. })
-    ));
 }
 
 #[test]

@@ -124,7 +124,7 @@ impl TimeLaw {
     ///
     /// # Errors
     /// [`TimeLawError::TooShort`] names the bound in the way; [`TimeLawError::OutOfRange`].
-    pub fn fit_duration(
+    pub(crate) fn fit_duration(
         length_m: f64,
         bounds: Bounds,
         duration_s: f64,
@@ -185,27 +185,29 @@ impl TimeLaw {
     }
 
     /// Duration of the cruise at peak speed, s; 0 if there is none.
-    pub fn cruise_s(&self) -> f64 {
+    #[cfg(test)]
+    pub(crate) fn cruise_s(&self) -> f64 {
         self.cruise_s
     }
 
     /// Greatest speed, m/s. (The mean over a rise is half of it.)
-    pub fn peak_speed_mps(&self) -> f64 {
+    pub(crate) fn peak_speed_mps(&self) -> f64 {
         self.length_m / (self.rise_s + self.cruise_s)
     }
 
     /// Greatest acceleration, m/s2.
-    pub fn peak_acceleration_mps2(&self) -> f64 {
+    pub(crate) fn peak_acceleration_mps2(&self) -> f64 {
         self.peak_speed_mps() / (self.rise_s - self.jerk_s)
     }
 
     /// Greatest jerk, m/s3.
-    pub fn peak_jerk_mps3(&self) -> f64 {
+    pub(crate) fn peak_jerk_mps3(&self) -> f64 {
         self.peak_acceleration_mps2() / self.jerk_s
     }
 
     /// Times at which the phases begin, and the end, s; phases without duration included.
-    pub fn phase_times_s(&self) -> [f64; 8] {
+    #[cfg(test)]
+    pub(crate) fn phase_times_s(&self) -> [f64; 8] {
         let end = self.duration_s();
         let rise = [0.0, self.jerk_s, self.rise_s - self.jerk_s, self.rise_s];
         let [a, b, c, d] = rise;

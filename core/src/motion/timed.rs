@@ -235,7 +235,7 @@ impl Timed {
 
     /// Times at which the tool is at rest between steps, s, both ends included.
     #[must_use]
-    pub fn rests_s(&self) -> Vec<f64> {
+    pub(crate) fn rests_s(&self) -> Vec<f64> {
         let starts = self.legs.iter().map(|leg| leg.start_s);
         starts.chain([self.duration_s]).collect()
     }

@@ -26,7 +26,7 @@ const MANY_PLACES: usize = 50_000;
 
 /// The robot along one path.
 #[derive(Debug, Clone)]
-pub struct Track {
+pub(crate) struct Track {
     length_m: f64,
     nodes: Vec<Rest>,
     /// Over the way along the path: lengths, tensions, rotation vector, tool.

@@ -92,7 +92,8 @@ pub struct Invalid {
 
 impl RobotError {
     /// The mistakes of an invalid file, first one first; empty for the other errors.
-    pub fn problems(&self) -> Vec<&Problem> {
+    #[cfg(test)]
+    pub(crate) fn problems(&self) -> Vec<&Problem> {
         match self {
             RobotError::Invalid(invalid) => std::iter::once(&invalid.first)
                 .chain(&invalid.others)

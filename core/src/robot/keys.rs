@@ -37,7 +37,7 @@ const fn non_negative(name: &'static str, absent: f64, meaning: &'static str) ->
 const POINT: Kind = Kind::List(&[3], Finite);
 
 /// The whole file.
-pub static ROBOT: Section = Section {
+pub(crate) static ROBOT: Section = Section {
     title: "the robot file",
     keys: &[
         key(
@@ -110,7 +110,7 @@ pub static ROBOT: Section = Section {
 };
 
 /// `[platform]`.
-pub static PLATFORM: Section = Section {
+pub(crate) static PLATFORM: Section = Section {
     title: "[platform]",
     keys: &[
         positive("mass_kg", 1.4, "mass with tool and gripper, kg"),
@@ -130,7 +130,7 @@ pub static PLATFORM: Section = Section {
 };
 
 /// `[[cable]]`.
-pub static CABLE: Section = Section {
+pub(crate) static CABLE: Section = Section {
     title: "[[cable]]",
     keys: &[
         key(
@@ -189,7 +189,7 @@ pub static CABLE: Section = Section {
 };
 
 /// `[[winch]]`, and a winch module file (without `module`, `id` and `node`).
-pub static WINCH: Section = Section {
+pub(crate) static WINCH: Section = Section {
     title: "[[winch]]",
     keys: &[
         key(
@@ -376,7 +376,7 @@ pub static WINCH: Section = Section {
 };
 
 /// `[bus]`.
-pub static BUS: Section = Section {
+pub(crate) static BUS: Section = Section {
     title: "[bus]",
     keys: &[
         key(
@@ -567,7 +567,7 @@ pub static CAMERA: Section = Section {
 };
 
 /// `camera_from_platform` of `[camera]`.
-pub static CAMERA_FROM_PLATFORM: Section = Section {
+pub(crate) static CAMERA_FROM_PLATFORM: Section = Section {
     title: "camera_from_platform",
     keys: &[
         key(
@@ -586,7 +586,7 @@ pub static CAMERA_FROM_PLATFORM: Section = Section {
 };
 
 /// `[[tag]]`.
-pub static TAG: Section = Section {
+pub(crate) static TAG: Section = Section {
     title: "[[tag]]",
     keys: &[
         key(
@@ -662,7 +662,7 @@ pub static LIMITS: Section = Section {
 };
 
 /// Every section of the file, the file itself first.
-pub static SECTIONS: [&Section; 12] = [
+pub(crate) static SECTIONS: [&Section; 12] = [
     &ROBOT,
     &PLATFORM,
     &CABLE,

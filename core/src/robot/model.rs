@@ -219,7 +219,7 @@ impl Winch {
 
     /// Cable force for which the motor must give `force_n` and more: what the gear loses on the way
     /// to the drum and what rubs, N.
-    pub fn driving_force_n(&self, force_n: f64) -> f64 {
+    pub(crate) fn driving_force_n(&self, force_n: f64) -> f64 {
         let efficiency = self.gear.map_or(1.0, |gear| gear.efficiency);
         (force_n + self.friction_n) / efficiency + self.total_friction_n() - self.friction_n
     }
@@ -237,12 +237,12 @@ impl Winch {
     }
 
     /// Cable force per motor current, N/A, without losses in the gear.
-    pub fn force_per_current_n_per_a(&self) -> f64 {
+    pub(crate) fn force_per_current_n_per_a(&self) -> f64 {
         self.torque_constant_nm_per_a * self.gear_ratio / self.drum_radius_m
     }
 
     /// Cable force at the greatest current, N, without losses in the gear.
-    pub fn max_force_n(&self) -> f64 {
+    pub(crate) fn max_force_n(&self) -> f64 {
         self.force_per_current_n_per_a() * self.max_current_a
     }
 
@@ -253,16 +253,6 @@ impl Winch {
         let rail_v = OPEN_SENSOR_STEPS / 65_536.0 * 3.3;
         let reads_n = self.tension_gain_n_per_v * (rail_v - self.tension_zero_v);
         (SENSOR_SHARE * reads_n).min(self.tension_max_n)
-    }
-
-    /// Cable length per drum encoder count, m.
-    pub fn cable_per_encoder_count_m(&self) -> f64 {
-        2.0 * PI * self.drum_radius_m / f64::from(self.encoder_counts_per_turn)
-    }
-
-    /// Cable length per motor encoder count, m.
-    pub fn cable_per_motor_count_m(&self) -> f64 {
-        2.0 * PI * self.drum_radius_m / self.motor_counts_per_turn
     }
 
     /// Motor counts per drum encoder count: the rho of the paper's Eqs. 50 and 54.

@@ -53,7 +53,7 @@ pub(super) struct Reader {
 
 impl Reader {
     /// Takes a file's text in; its values will point at it.
-    pub fn add_file(&mut self, name: &str, text: &str) -> usize {
+    pub(crate) fn add_file(&mut self, name: &str, text: &str) -> usize {
         self.files.push((name.to_owned(), Arc::from(text)));
         self.files.len() - 1
     }
@@ -77,12 +77,12 @@ impl Reader {
     }
 
     /// Whether no mistake has been found.
-    pub fn is_clean(&self) -> bool {
+    pub(crate) fn is_clean(&self) -> bool {
         self.problems.is_empty()
     }
 
     /// The mistakes as an error, in the order of the files; `None` if there are none.
-    pub fn into_error(mut self) -> Option<RobotError> {
+    pub(crate) fn into_error(mut self) -> Option<RobotError> {
         self.problems
             .sort_by_key(|(at, _)| (at.file, at.span.start));
         let mut problems = self.problems.into_iter().map(|(_, problem)| problem);
@@ -279,7 +279,7 @@ impl Reader {
 
 impl Values {
     /// An empty table of a section that is absent from the file: everything is default.
-    pub fn absent(section: &'static Section, place: &str, at: At) -> Self {
+    pub(crate) fn absent(section: &'static Section, place: &str, at: At) -> Self {
         Self {
             section,
             place: place.to_owned(),
@@ -301,14 +301,14 @@ impl Values {
     }
 
     /// Keys of `base` that this table does not give itself are taken over.
-    pub fn fill_from(&mut self, base: Values) {
+    pub(crate) fn fill_from(&mut self, base: Values) {
         for (name, found) in base.found {
             self.found.entry(name).or_insert(found);
         }
     }
 
     /// Treats the key as absent, after it has been refused.
-    pub fn forget(&mut self, key: Named) {
+    pub(crate) fn forget(&mut self, key: Named) {
         self.found.remove(self.own(key));
     }
 
@@ -340,7 +340,7 @@ impl Values {
     }
 
     /// The number given.
-    pub fn number_given(&self, key: Named) -> Option<f64> {
+    pub(crate) fn number_given(&self, key: Named) -> Option<f64> {
         match self.given(key) {
             Some(Value::Number(number)) => Some(*number),
             _ => None,
@@ -356,7 +356,7 @@ impl Values {
     }
 
     /// The whole number given.
-    pub fn whole_given(&self, key: Named) -> Option<i64> {
+    pub(crate) fn whole_given(&self, key: Named) -> Option<i64> {
         match self.given(key) {
             Some(Value::Whole(number)) => Some(*number),
             _ => None,
@@ -390,7 +390,7 @@ impl Values {
     }
 
     /// The numbers given, rows one after the other.
-    pub fn numbers_given(&self, key: Named) -> Option<&[f64]> {
+    pub(crate) fn numbers_given(&self, key: Named) -> Option<&[f64]> {
         match self.given(key) {
             Some(Value::Numbers(numbers)) => Some(numbers),
             _ => None,
@@ -398,7 +398,7 @@ impl Values {
     }
 
     /// Takes the sub-table out; an empty one of defaults if it is absent.
-    pub fn take_table(&mut self, key: Named, section: &'static Section) -> Values {
+    pub(crate) fn take_table(&mut self, key: Named, section: &'static Section) -> Values {
         match self.found.remove(self.own(key)) {
             Some((Value::Table(table), _)) => table,
             _ => Values::absent(section, section.title, self.at.clone()),
@@ -406,7 +406,7 @@ impl Values {
     }
 
     /// Takes the list of sub-tables out; empty if it is absent.
-    pub fn take_tables(&mut self, key: Named) -> Vec<Values> {
+    pub(crate) fn take_tables(&mut self, key: Named) -> Vec<Values> {
         match self.found.remove(self.own(key)) {
             Some((Value::Tables(tables), _)) => tables,
             _ => Vec::new(),

@@ -1,6 +1,6 @@
 //! The keys of the robot file, each with its unit, range, default and meaning, as data.
 //!
-//! The table itself is in [`SECTIONS`] and what it points at. It serves the parser (what is known, what is in range, what an absent key means), the
+//! The table itself is in `SECTIONS` and what it points at. It serves the parser (what is known, what is in range, what an absent key means), the
 //! error messages (which key was probably meant) and the check that `docs/robot-file.md` tells all
 //! of it. A key that is not here is refused, so the three cannot drift apart.
 
@@ -135,7 +135,7 @@ pub struct Section {
 }
 
 impl Section {
-    /// The key of a name that the program writes: [`key!`] looks it up at compile time.
+    /// The key of a name that the program writes: `key!` looks it up at compile time.
     ///
     /// # Panics
     /// Where the section has no such key.
@@ -159,7 +159,7 @@ impl Section {
     }
 }
 
-/// A key that is in the table, see [`key!`].
+/// A key that is in the table, see `key!`.
 #[derive(Debug, Clone, Copy)]
 pub struct Named {
     /// The section that has it.

@@ -13,7 +13,8 @@ pub use orders::stop_wanted;
 pub use record::{Measured, Recorder};
 pub use saved::{LengthStore, NoStore};
 pub use session::{Homing, Session, plan_from};
-pub use stream::{Halt, Progress, follow, follow_plan, follow_watched};
+pub(crate) use stream::follow_plan;
+pub use stream::{Halt, Progress, follow, follow_watched};
 
 use crate::control::Order;
 use crate::faults::{advice, describe_fault};

@@ -63,7 +63,7 @@ pub fn follow_watched<L: Link>(
 ///
 /// # Errors
 /// As [`follow`].
-pub fn follow_plan<L: Link>(
+pub(crate) fn follow_plan<L: Link>(
     client: &mut Client<L>,
     plan: &Plan,
     knots: &[Knot],

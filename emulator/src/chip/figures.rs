@@ -19,7 +19,7 @@ impl Chip {
 
     /// Runs of the SysTick handler since the last reset that have ended.
     #[must_use]
-    pub const fn ticks_since_reset(&self) -> u32 {
+    pub(crate) const fn ticks_since_reset(&self) -> u32 {
         self.ticks_done
     }
 

@@ -7,7 +7,7 @@ use crate::scs::HARD_FAULT;
 
 impl Chip {
     /// Whether faults go to the firmware's handler, as on the chip, instead of stopping the run.
-    pub fn deliver_faults(&mut self, deliver: bool) {
+    pub(crate) fn deliver_faults(&mut self, deliver: bool) {
         self.bus.scs.delivers_faults = deliver;
     }
 
@@ -107,7 +107,7 @@ impl Chip {
 
     /// Applies a voltage to an ADC channel, in sixteenths of a conversion's step (0 to 65520): as
     /// with a little noise, sixteen conversions add up to it.
-    pub fn set_adc_sixteenths(&mut self, channel: u8, sum: u16) {
+    pub(crate) fn set_adc_sixteenths(&mut self, channel: u8, sum: u16) {
         if let Some(applied) = self.bus.adc.applied.get_mut(usize::from(channel)) {
             *applied = sum.min(4095 * 16);
         }
@@ -121,7 +121,7 @@ impl Chip {
     }
 
     /// So many of the next bytes to USART3 arrive without a stop bit.
-    pub fn uart_damage(&mut self, bytes: u16) {
+    pub(crate) fn uart_damage(&mut self, bytes: u16) {
         let damaged = &mut self.bus.usart.damaged;
         *damaged = damaged.saturating_add(bytes);
     }
@@ -143,7 +143,7 @@ impl Chip {
     }
 
     /// Destroys the next frames on the bus, whoever sends them.
-    pub fn destroy_can_frames(&mut self, count: u32) {
+    pub(crate) fn destroy_can_frames(&mut self, count: u32) {
         self.bus.can_line.destroy = count;
     }
 

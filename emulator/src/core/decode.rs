@@ -9,7 +9,7 @@ const fn low(word: u16, at: u32) -> u8 {
 }
 
 /// Sign-extends the lowest `bits` bits.
-pub const fn sign_extend(value: u32, bits: u32) -> i32 {
+pub(crate) const fn sign_extend(value: u32, bits: u32) -> i32 {
     ((value << (32 - bits)) as i32) >> (32 - bits)
 }
 
@@ -184,7 +184,7 @@ const fn transfer(load: bool, width: Width, rt: u8, rn: u8, offset: i32) -> Op {
 }
 
 /// Kind and amount of a shift as encoded: zero stands for 32, or for RRX.
-pub const fn immediate_shift(kind: u8, amount: u8) -> (Shift, u8) {
+pub(crate) const fn immediate_shift(kind: u8, amount: u8) -> (Shift, u8) {
     match (kind & 3, amount) {
         (0, amount) => (Shift::Lsl, amount),
         (1, 0) => (Shift::Lsr, 32),

@@ -14,7 +14,7 @@ struct Fields {
     amount: u8,
 }
 
-pub fn decode32(pc: u32, a: u16, b: u16) -> Op {
+pub(crate) fn decode32(pc: u32, a: u16, b: u16) -> Op {
     let f = Fields {
         rn: (a & 15) as u8,
         rd: ((b >> 8) & 15) as u8,

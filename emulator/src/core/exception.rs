@@ -11,7 +11,7 @@ const THUMB: u32 = 1 << 24;
 impl Cpu {
     /// Enters the pending exception of the highest priority, if it may preempt. Gives the core
     /// cycles that took; 0 if there was none.
-    pub fn take_exception(&mut self, bus: &mut Bus) -> Result<u64, Trap> {
+    pub(crate) fn take_exception(&mut self, bus: &mut Bus) -> Result<u64, Trap> {
         bus.scs.attention = false;
         let Some((number, priority)) = bus.scs.most_urgent() else {
             return Ok(0);

@@ -86,7 +86,7 @@ impl Cpu {
     }
 
     #[inline(always)]
-    pub fn reg(&self, register: u8) -> u32 {
+    pub(crate) fn reg(&self, register: u8) -> u32 {
         self.regs[usize::from(register & 31)]
     }
 
@@ -146,7 +146,7 @@ impl Cpu {
         basic != (cond & 1 != 0)
     }
 
-    pub fn apsr(&self) -> u32 {
+    pub(crate) fn apsr(&self) -> u32 {
         u32::from(self.n) << 31
             | u32::from(self.z) << 30
             | u32::from(self.c) << 29
@@ -154,7 +154,7 @@ impl Cpu {
             | u32::from(self.q) << 27
     }
 
-    pub fn set_apsr(&mut self, value: u32) {
+    pub(crate) fn set_apsr(&mut self, value: u32) {
         self.n = value >> 31 != 0;
         self.z = value & 1 << 30 != 0;
         self.c = value & 1 << 29 != 0;
@@ -163,7 +163,7 @@ impl Cpu {
     }
 
     /// A branch that may leave an exception, by BX, POP or LDR.
-    pub fn branch_exchange(&mut self, bus: &mut Bus, target: u32) -> Result<u64, Trap> {
+    pub(crate) fn branch_exchange(&mut self, bus: &mut Bus, target: u32) -> Result<u64, Trap> {
         if self.ipsr != 0 && target >= 0xF000_0000 {
             self.leave(bus, target)?;
             return Ok(EXCEPTION_CYCLES);

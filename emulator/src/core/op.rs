@@ -1,7 +1,7 @@
 //! Decoded instructions: one value per encoding class, fields ready to use.
 
 /// Index of a register that nothing reads: where compare instructions write to.
-pub const DISCARD: u8 = 16;
+pub(crate) const DISCARD: u8 = 16;
 /// Index of a register that nothing writes and that is zero.
 pub const ZERO: u8 = 17;
 

@@ -122,7 +122,7 @@ impl Adc {
     }
 
     /// Ends an injected conversion that is due.
-    pub fn finish_injected(&mut self, now: u64) {
+    pub(crate) fn finish_injected(&mut self, now: u64) {
         if self.injected_at.is_some_and(|at| at <= now) {
             self.injected_at = None;
             let channel = usize::from((self.others[0x38 / 4] >> 15 & 31) as u8).min(17);

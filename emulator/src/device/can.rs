@@ -99,7 +99,7 @@ impl Can {
     }
 
     /// Length of a bit, in cycles of APB1.
-    pub const fn bit_cycles(&self) -> u64 {
+    pub(crate) const fn bit_cycles(&self) -> u64 {
         let prescaler = (self.btr & 0x3FF) as u64 + 1;
         let (first, second) = ((self.btr >> 16 & 15) as u64, (self.btr >> 20 & 7) as u64);
         prescaler * (3 + first + second)
@@ -110,11 +110,11 @@ impl Can {
         self.msr & (INAK | SLAK) == 0 && !self.bus_off && self.joins_at.is_none()
     }
 
-    pub const fn is_bus_off(&self) -> bool {
+    pub(crate) const fn is_bus_off(&self) -> bool {
         self.bus_off
     }
 
-    pub const fn is_passive(&self) -> bool {
+    pub(crate) const fn is_passive(&self) -> bool {
         self.tec > 127 || self.rec > 127
     }
 
@@ -133,7 +133,7 @@ impl Can {
     }
 
     /// It was not the most urgent on the bus.
-    pub fn lose(&mut self, mailbox: usize) {
+    pub(crate) fn lose(&mut self, mailbox: usize) {
         if self.mcr & NART != 0 {
             self.mailboxes[mailbox].pending = false;
             self.results[mailbox] |= RQCP;
@@ -267,7 +267,7 @@ impl Can {
     }
 
     /// Bits of an idle bus until it takes part.
-    pub const fn join_bits(&self) -> u64 {
+    pub(crate) const fn join_bits(&self) -> u64 {
         SYNC_BITS * if self.bus_off { RECOVERY } else { 1 }
     }
 
@@ -420,7 +420,7 @@ impl Can {
     }
 
     /// Gives up what was to be given up and is not `busy` on the bus.
-    pub fn abort_waiting(&mut self, busy: Option<usize>) {
+    pub(crate) fn abort_waiting(&mut self, busy: Option<usize>) {
         for (index, mailbox) in self.mailboxes.iter_mut().enumerate() {
             if mailbox.abort && busy != Some(index) {
                 (mailbox.pending, mailbox.abort) = (false, false);

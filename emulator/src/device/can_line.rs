@@ -185,7 +185,7 @@ impl CanLine {
     }
 
     /// When the bus is free for who wants to join; never while it is shorted.
-    pub fn idle_from(&self, now: u64) -> u64 {
+    pub(crate) fn idle_from(&self, now: u64) -> u64 {
         if self.wiring.shorted {
             u64::MAX
         } else {
@@ -207,7 +207,7 @@ impl CanLine {
     }
 
     /// The chip was reset: what it was sending is cut off.
-    pub fn cut_off(&mut self) {
+    pub(crate) fn cut_off(&mut self) {
         if self.busy().is_some() {
             self.transfer = None;
         }

@@ -36,11 +36,11 @@ impl Gpio {
         (self.config >> (4 * (pin & 15))) as u8 & 15
     }
 
-    pub const fn is_analog(&self, pin: u8) -> bool {
+    pub(crate) const fn is_analog(&self, pin: u8) -> bool {
         self.mode(pin) == 0
     }
 
-    pub const fn is_digital_input(&self, pin: u8) -> bool {
+    pub(crate) const fn is_digital_input(&self, pin: u8) -> bool {
         self.mode(pin) & 3 == 0 && self.mode(pin) != 0
     }
 

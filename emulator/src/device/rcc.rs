@@ -125,7 +125,7 @@ impl Rcc {
     }
 
     /// Whether a stop of the crystal would be noticed.
-    pub const fn watches_crystal(&self) -> bool {
+    pub(crate) const fn watches_crystal(&self) -> bool {
         self.cr & CR_CSSON != 0
     }
 

@@ -55,11 +55,11 @@ impl Usart {
         BITS * u64::from(self.brr) * cycle
     }
 
-    pub const fn wants_byte(&self) -> bool {
+    pub(crate) const fn wants_byte(&self) -> bool {
         self.cr3 & DMAT != 0 && self.cr1 & (UE | TE) == UE | TE && self.sr & TXE != 0
     }
 
-    pub const fn offers_byte(&self) -> bool {
+    pub(crate) const fn offers_byte(&self) -> bool {
         self.cr3 & DMAR != 0 && self.sr & RXNE != 0
     }
 
@@ -80,7 +80,7 @@ impl Usart {
     }
 
     /// The byte that is due has arrived; `wired`: the pin is an input.
-    pub fn arrive(&mut self, cycle: u64, wired: bool) {
+    pub(crate) fn arrive(&mut self, cycle: u64, wired: bool) {
         let Some(byte) = self.line.pop_front() else {
             self.arrives_at = None;
             self.sr |= IDLE;

@@ -3,10 +3,10 @@
 use super::DriveKind;
 
 /// SYNCs from one report of the mode to the next.
-pub const MODE_SYNCS: u8 = 10;
+pub(crate) const MODE_SYNCS: u8 = 10;
 /// Most of the bus that cyclic frames may take, in thousandths: the rest is for what is not cyclic,
 /// and for repeats.
-pub const MOST_LOAD_PERMILLE: u32 = 700;
+pub(crate) const MOST_LOAD_PERMILLE: u32 = 700;
 
 /// Bits of a data frame with an 11-bit identifier and `bytes` of data, gap between frames
 /// included, when every stuff bit that can be is there: the 34 bits from start to checksum that are
@@ -20,7 +20,7 @@ pub const fn worst_bits(bytes: u32) -> u32 {
 
 /// Bits on the bus per cycle of one drive: its command and its answer.
 #[must_use]
-pub const fn bits_per_cycle(kind: DriveKind, by_tension: bool) -> u32 {
+pub(crate) const fn bits_per_cycle(kind: DriveKind, by_tension: bool) -> u32 {
     match kind {
         DriveKind::None => 0,
         DriveKind::Rmds => 2 * worst_bits(8),
@@ -32,7 +32,7 @@ pub const fn bits_per_cycle(kind: DriveKind, by_tension: bool) -> u32 {
 /// Bits per second that are not a command and its answer: the SYNC of every shortest period, and
 /// from each drive the mode ([`MODE_SYNCS`] SYNCs apart) and ten heartbeats.
 #[must_use]
-pub const fn overhead_bits_per_s(kind: DriveKind, drives: u32, shortest_us: u32) -> u32 {
+pub(crate) const fn overhead_bits_per_s(kind: DriveKind, drives: u32, shortest_us: u32) -> u32 {
     match kind {
         DriveKind::None | DriveKind::Rmds => 0,
         DriveKind::Cia402 => {

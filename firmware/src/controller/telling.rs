@@ -22,7 +22,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Forgets the advice collected so far; it was told.
-    pub fn forget_limits(&mut self) {
+    pub(crate) fn forget_limits(&mut self) {
         self.limits = Limits::default();
     }
 

@@ -4,7 +4,7 @@
 //! After a reset of its communication a drive is set up object by object (`SETUP`), started, and
 //! from then on told by one PDO in its slot (control word with position, speed or torque, acted
 //! on at once) and asked by SYNC for one PDO back (status word, position, torque), with the mode that it
-//! says it is in every [`MODE_SYNCS`] SYNCs. It watches the board's heartbeat, the board its.
+//! says it is in every `MODE_SYNCS` SYNCs. It watches the board's heartbeat, the board its.
 
 use super::can::CanFrame;
 use super::drive::{Drive, Mode, Phase, Step, mode_of};
@@ -13,9 +13,9 @@ use crate::config::schedule::MODE_SYNCS;
 use crate::io::DriveDemand;
 
 /// The board's own node, for its heartbeat.
-pub const BOARD_NODE: u8 = 127;
+pub(crate) const BOARD_NODE: u8 = 127;
 /// Milliseconds between two heartbeats of the board.
-pub const BOARD_BEAT_MS: u32 = 50;
+pub(crate) const BOARD_BEAT_MS: u32 = 50;
 /// Milliseconds between two heartbeats of a drive.
 const BEAT_MS: u32 = 100;
 /// Milliseconds after which a drive without heartbeats is lost: two may be late.

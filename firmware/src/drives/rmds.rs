@@ -11,9 +11,9 @@ use crate::config::CableConfig;
 use crate::io::DriveDemand;
 
 /// Milliseconds of silence after a reset.
-pub const RESET_MS: u16 = 500;
+pub(crate) const RESET_MS: u16 = 500;
 /// Milliseconds from the choice of a mode until its commands are obeyed.
-pub const MODE_MS: u16 = 500;
+pub(crate) const MODE_MS: u16 = 500;
 /// Slack: a frame may wait for the bus.
 const SLACK_MS: u16 = 10;
 /// A drive that was told to answer and does not for so long has lost its power: start again.

@@ -121,7 +121,7 @@ impl TensionLoop {
 
     /// The speed of the last tick, µm/s.
     #[must_use]
-    pub const fn told_speed_umps(&self) -> i32 {
+    pub(crate) const fn told_speed_umps(&self) -> i32 {
         self.speed.told_umps
     }
 

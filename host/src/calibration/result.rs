@@ -44,7 +44,7 @@ pub enum FileError {
 
 /// Where the calibration of a robot is kept: beside its file, or here for a built-in robot.
 #[must_use]
-pub fn path_for(robot: &str) -> PathBuf {
+pub(crate) fn path_for(robot: &str) -> PathBuf {
     let given = PathBuf::from(robot);
     if given.is_file() {
         return given.with_extension("calibration.json");

@@ -80,7 +80,7 @@ struct Cli {
 
 /// Options that every command understands.
 #[derive(Debug, Clone, Args)]
-pub struct Common {
+pub(crate) struct Common {
     /// Robot file, or the name of a built-in robot
     #[arg(
         long,

@@ -5,4 +5,6 @@ mod socket;
 
 pub use mcdpr_core::control::*;
 #[cfg(unix)]
-pub use socket::{Server, SocketError, call, call_all, live_sockets, runtime_dir};
+pub(crate) use socket::call_all;
+#[cfg(unix)]
+pub use socket::{Server, SocketError, call};

@@ -89,7 +89,7 @@ struct Answer {
 ///
 /// # Errors
 /// [`SocketError::Folder`], [`SocketError::System`].
-pub fn runtime_dir() -> Result<PathBuf, SocketError> {
+pub(crate) fn runtime_dir() -> Result<PathBuf, SocketError> {
     let path = match std::env::var_os("XDG_RUNTIME_DIR").filter(|dir| !dir.is_empty()) {
         Some(dir) => PathBuf::from(dir).join("mcdpr"),
         None => {
@@ -265,7 +265,7 @@ fn obey(line: &str, handle: &Handle) -> Result<(), String> {
 ///
 /// # Errors
 /// As [`runtime_dir`].
-pub fn live_sockets(on: &str, robot: &str) -> Result<Vec<PathBuf>, SocketError> {
+pub(crate) fn live_sockets(on: &str, robot: &str) -> Result<Vec<PathBuf>, SocketError> {
     let dir = runtime_dir()?;
     let name = key(on, robot);
     let entries = std::fs::read_dir(&dir).map_err(|source| SocketError::System {
@@ -322,7 +322,11 @@ pub fn call(path: &Path, order: Option<Order>) -> Result<View, SocketError> {
 /// # Errors
 /// [`SocketError::Nobody`] where there is none; the first that failed otherwise, after all were
 /// told.
-pub fn call_all(on: &str, robot: &str, order: Option<Order>) -> Result<Vec<View>, SocketError> {
+pub(crate) fn call_all(
+    on: &str,
+    robot: &str,
+    order: Option<Order>,
+) -> Result<Vec<View>, SocketError> {
     let sockets = live_sockets(on, robot)?;
     if sockets.is_empty() {
         return Err(SocketError::Nobody {

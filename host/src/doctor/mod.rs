@@ -115,13 +115,13 @@ pub fn examine<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<Vec<Fin
 
 /// Whether nothing must be mended.
 #[must_use]
-pub fn is_healthy(findings: &[Finding]) -> bool {
+pub(crate) fn is_healthy(findings: &[Finding]) -> bool {
     findings.iter().all(|f| f.verdict != Verdict::Bad)
 }
 
 /// A fault that arming has found, as a finding.
 #[must_use]
-pub fn arming_fault(record: &mcdpr_protocol::FaultRecord) -> Finding {
+pub(crate) fn arming_fault(record: &mcdpr_protocol::FaultRecord) -> Finding {
     let remedy = format!("{}; then `mcdpr clear --on PORT`", advice(record.fault));
     let finding = Finding::with(Verdict::Bad, "arming", describe_fault(record), remedy);
     match usize::from(record.cable) {

@@ -9,7 +9,7 @@
 mod probe;
 
 #[cfg(feature = "flash")]
-pub use probe::{Probe, probes, write};
+pub(crate) use probe::{probes, write};
 
 use crate::experiment;
 use crate::link::{Client, ClientError, LinkError};
@@ -23,7 +23,7 @@ use miette::Diagnostic;
 use thiserror::Error;
 
 /// The chip's name, as debug tools call it.
-pub const CHIP: &str = "STM32F103C8";
+pub(crate) const CHIP: &str = "STM32F103C8";
 
 /// Why nothing was written, or nothing answers.
 #[derive(Debug, Error, Diagnostic)]
@@ -47,6 +47,7 @@ pub enum FlashError {
     #[diagnostic(transparent)]
     Version(ClientError),
     /// This program cannot write a chip.
+    #[cfg(not(feature = "flash"))]
     #[error("the file is good, but this mcdpr was built without `flash`")]
     #[diagnostic(
         code(mcdpr::flash::feature),
@@ -201,7 +202,7 @@ impl Image {
     ///
     /// # Errors
     /// [`FlashError::NotStarted`].
-    pub fn is_what_answers(&self, hello: &Hello) -> Result<(), FlashError> {
+    pub(crate) fn is_what_answers(&self, hello: &Hello) -> Result<(), FlashError> {
         if hello.git_hash == self.hello.git_hash {
             return Ok(());
         }

@@ -18,7 +18,7 @@ const FLASH_KB: u16 = 64;
 
 /// A probe that is plugged in.
 #[derive(Debug, Clone)]
-pub struct Probe {
+pub(crate) struct Probe {
     item: ProbeListItem,
 }
 
@@ -48,7 +48,7 @@ impl Probe {
 
 /// The probes that are plugged in now.
 #[must_use]
-pub fn probes() -> Vec<Probe> {
+pub(crate) fn probes() -> Vec<Probe> {
     let items = Lister::new().list_all_with_access();
     items.into_iter().map(|item| Probe { item }).collect()
 }

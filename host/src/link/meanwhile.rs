@@ -15,7 +15,7 @@ const WORK_LOOK_US: u64 = 2_000;
 ///
 /// # Panics
 /// Where the work does.
-pub fn meanwhile<L: Link, T: Send>(
+pub(crate) fn meanwhile<L: Link, T: Send>(
     client: &mut Client<L>,
     work: impl FnOnce() -> T + Send,
 ) -> Result<T, ClientError> {

@@ -7,7 +7,9 @@ mod simulated;
 
 pub use mcdpr_core::faults::{advice, describe_fault, describe_reject};
 pub use mcdpr_core::link::*;
-pub use meanwhile::meanwhile;
-pub use paced::Paced;
-pub use serial::{BAUD, PortInfo, SerialLink, list_ports};
-pub use simulated::{SimulatedLink, plant_failed};
+pub(crate) use meanwhile::meanwhile;
+pub(crate) use paced::Paced;
+pub(crate) use serial::list_ports;
+pub use serial::{BAUD, SerialLink};
+pub use simulated::SimulatedLink;
+pub(crate) use simulated::plant_failed;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 /// A link in virtual time that waits, so that its time never runs ahead of real time times a
 /// scale. What comes over it is the same as without: only people can tell the difference.
 #[derive(Debug)]
-pub struct Paced<L> {
+pub(crate) struct Paced<L> {
     inner: L,
     began: Instant,
     first_us: u64,

@@ -45,7 +45,7 @@ impl SerialLink {
     /// Counts time as a simulated robot does that runs `scale` simulated seconds per second, over
     /// 0: its ticks are milliseconds of that time. A board has scale 1.
     #[must_use]
-    pub const fn at_scale(mut self, scale: f64) -> Self {
+    pub(crate) const fn at_scale(mut self, scale: f64) -> Self {
         self.scale = scale;
         self
     }
@@ -159,7 +159,7 @@ fn broken(error: &std::io::Error) -> LinkError {
 
 /// A serial port of this machine.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct PortInfo {
+pub(crate) struct PortInfo {
     /// What to pass to `--on`.
     pub name: String,
     /// What is plugged in there.
@@ -168,7 +168,7 @@ pub struct PortInfo {
 
 /// The serial ports that exist now, in the order of their names.
 #[must_use]
-pub fn list_ports() -> Vec<PortInfo> {
+pub(crate) fn list_ports() -> Vec<PortInfo> {
     let mut ports: Vec<_> = serialport::available_ports()
         .unwrap_or_default()
         .into_iter()

@@ -52,7 +52,7 @@ impl Link for SimulatedLink {
 
 /// What a failure of the simulated robot is for whoever speaks to its board.
 #[must_use]
-pub fn plant_failed(error: PlantError) -> LinkError {
+pub(crate) fn plant_failed(error: PlantError) -> LinkError {
     match error {
         PlantError::Board { reason } => LinkError::Board { reason },
         other => LinkError::Plant(Box::new(other)),

@@ -153,6 +153,6 @@ pub fn choose_firmware(firmware: Firmware) {
 
 /// What [`choose_firmware`] was given.
 #[must_use]
-pub fn chosen_firmware() -> Option<&'static Firmware> {
+pub(crate) fn chosen_firmware() -> Option<&'static Firmware> {
     CHOSEN.get()
 }

@@ -3,9 +3,10 @@
 mod firmware;
 mod plant;
 
-pub use firmware::{Firmware, FirmwareError, choose_firmware, chosen_firmware};
+pub(crate) use firmware::chosen_firmware;
+pub use firmware::{Firmware, FirmwareError, choose_firmware};
 pub use mcdpr_core::machine::*;
+pub(crate) use plant::simulate_unloaded_on;
 pub use plant::{
-    GearMismatch, Mismatch, hang, plant_params, simulate, simulate_unloaded, simulate_unloaded_on,
-    with_board,
+    GearMismatch, Mismatch, hang, plant_params, simulate, simulate_unloaded, with_board,
 };

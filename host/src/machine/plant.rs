@@ -285,7 +285,7 @@ pub fn simulate_unloaded(
 ///
 /// # Errors
 /// Where the description is no machine.
-pub fn simulate_unloaded_on(
+pub(crate) fn simulate_unloaded_on(
     robot: &Robot,
     mismatch: &Mismatch,
     link: &LinkOptions,

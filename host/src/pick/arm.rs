@@ -100,17 +100,17 @@ impl<L: Link> Arm<L> {
     }
 
     /// From now on keeps what the board measures and where the tool was to be.
-    pub const fn keep_samples(&mut self) {
+    pub(crate) const fn keep_samples(&mut self) {
         self.keep = true;
     }
 
-    /// What the board measured since [`Arm::keep_samples`], times from the start.
+    /// What the board measured since `Arm::keep_samples`, times from the start.
     #[must_use]
     pub fn samples(&self) -> &[Measured] {
         &self.samples
     }
 
-    /// Where the tool was to be since [`Arm::keep_samples`], s and m.
+    /// Where the tool was to be since `Arm::keep_samples`, s and m.
     #[must_use]
     pub fn planned(&self) -> &[(f64, [f64; 3])] {
         &self.planned
@@ -201,7 +201,7 @@ impl<L: Link> Arm<L> {
     ///
     /// # Errors
     /// The line's.
-    pub fn meanwhile<T: Send>(
+    pub(crate) fn meanwhile<T: Send>(
         &mut self,
         work: impl FnOnce(&Model) -> T + Send,
     ) -> Result<T, PickError> {
@@ -345,7 +345,7 @@ impl<L: Link> Arm<L> {
     ///
     /// # Errors
     /// The line's.
-    pub fn mean_tensions_n(&mut self) -> Result<Vec<f64>, PickError> {
+    pub(crate) fn mean_tensions_n(&mut self) -> Result<Vec<f64>, PickError> {
         let mut sum = vec![0.0; self.model.robot().cables.len()];
         for _ in 0..WEIGH_READINGS {
             self.wait(WEIGH_S / f64::from(WEIGH_READINGS))?;
@@ -362,7 +362,7 @@ impl<L: Link> Arm<L> {
     ///
     /// # Errors
     /// Where the robot cannot hang there.
-    pub fn lift_n(&mut self, before_n: &[f64], now_n: &[f64]) -> Result<f64, PickError> {
+    pub(crate) fn lift_n(&mut self, before_n: &[f64], now_n: &[f64]) -> Result<f64, PickError> {
         let tool_m = self.tool_m;
         let rest = self.meanwhile(|model| model.rest(&tool_m, None))??;
         let pose = &rest.equilibrium.pose;

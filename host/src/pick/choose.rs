@@ -47,7 +47,7 @@ impl Choice {
 
 /// What came of all grasps of a picture.
 #[derive(Debug, Clone, Default)]
-pub struct Choices {
+pub(crate) struct Choices {
     /// Those that can be done, best first.
     pub good: Vec<Choice>,
     /// Grasps out of the robot's reach.

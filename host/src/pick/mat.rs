@@ -66,7 +66,7 @@ impl MatSight {
 
     /// The distance along the camera's axis at which the mat's plane lies, m.
     #[must_use]
-    pub fn ahead_m(&self) -> f64 {
+    pub(crate) fn ahead_m(&self) -> f64 {
         let up = self.camera_from_mat.rotation * Vector3::z();
         up.dot(&self.camera_from_mat.translation.vector) / up.z
     }
@@ -75,7 +75,7 @@ impl MatSight {
 impl Mat {
     /// The mat by the tags in a picture; `None` where too few are seen.
     #[must_use]
-    pub fn in_picture(&self, camera: &Camera, picture: &RgbImage) -> Option<MatSight> {
+    pub(crate) fn in_picture(&self, camera: &Camera, picture: &RgbImage) -> Option<MatSight> {
         let options = Options {
             edge_min_px: EDGE_MIN_PX,
             ..Options::default()

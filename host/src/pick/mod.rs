@@ -1,6 +1,6 @@
 //! Bin picking: look, choose, take, carry, release, again.
 //!
-//! The [`Picker`] works on any board behind a [`Link`](crate::link::Link) and any camera behind
+//! The `Picker` works on any board behind a [`Link`](crate::link::Link) and any camera behind
 //! [`Source`](mcdpr_vision::Source). Where the camera is follows from the state of the robot:
 //! measured lengths and tensions give the platform's pose with its tilt, and the robot file has
 //! the camera on it. A grasp is a point and a closing direction in the picture; the tool gets there
@@ -16,14 +16,15 @@ mod mat;
 mod report;
 pub mod study;
 mod task;
-pub mod workcell;
+pub(crate) mod workcell;
 
 pub use arm::Arm;
 pub use budget::{Budget, Uncertainty};
 pub use calibrated::calibrated;
-pub use choose::{Choice, Choices};
+pub use choose::Choice;
 pub use error::PickError;
 pub use mat::{Mat, MatSight};
 pub use report::{Attempt, End, Outcome, Report};
-pub use task::{Options, Picker, Watcher};
-pub use workcell::SimulatedEye;
+pub(crate) use task::Picker;
+pub use task::{Options, Watcher};
+pub(crate) use workcell::SimulatedEye;

@@ -191,7 +191,7 @@ pub fn scene(robot: &Robot, wanted: &Wanted) -> Result<SceneReport, PickError> {
 ///
 /// # Errors
 /// What stops the robot; [`RunError::Interrupted`](crate::run::RunError) where the handle does.
-pub fn scene_with(
+pub(crate) fn scene_with(
     robot: &Robot,
     wanted: &Wanted,
     handle: &Handle,
@@ -204,7 +204,7 @@ pub fn scene_with(
 ///
 /// # Errors
 /// As [`scene_with`].
-pub fn scene_by(
+pub(crate) fn scene_by(
     robot: &Robot,
     wanted: &Wanted,
     handle: &Handle,

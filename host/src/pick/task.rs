@@ -68,7 +68,7 @@ pub trait Watcher {
 }
 
 /// Picks on a robot with a camera.
-pub struct Picker<'a, L: Link> {
+pub(crate) struct Picker<'a, L: Link> {
     /// The robot.
     pub arm: &'a mut Arm<L>,
     /// The camera.

@@ -30,7 +30,7 @@ pub struct Mounting {
 }
 
 /// The simulated camera on the platform, as a source of pictures.
-pub struct SimulatedEye {
+pub(crate) struct SimulatedEye {
     link: SimulatedLink,
     camera: Rgbd,
     seed: u64,
@@ -70,12 +70,6 @@ impl SimulatedEye {
     pub const fn camera(&self) -> &Rgbd {
         &self.camera
     }
-
-    /// Puts the colour lens and the depth lens at the same sizes, focal lengths and places, as
-    /// recorded sets with depth already aligned have them.
-    pub const fn set_camera(&mut self, camera: Rgbd) {
-        self.camera = camera;
-    }
 }
 
 /// The simulated D415 at a place on the platform, with the colour lens of a robot file.
@@ -86,7 +80,7 @@ pub fn d415(robot: &Robot, platform_from_color: &Isometry3<f64>) -> Rgbd {
 
 /// What a simulated depth camera says of itself.
 #[must_use]
-pub fn cameras_of(rgbd: &Rgbd) -> Cameras {
+pub(crate) fn cameras_of(rgbd: &Rgbd) -> Cameras {
     Cameras {
         color: camera(&rgbd.color),
         depth: camera(&rgbd.depth),
@@ -96,7 +90,7 @@ pub fn cameras_of(rgbd: &Rgbd) -> Cameras {
 
 /// The colour camera of a robot file in the mode that picking uses.
 #[must_use]
-pub fn color_camera(robot: &Robot) -> Camera {
+pub(crate) fn color_camera(robot: &Robot) -> Camera {
     robot.camera.lens.mode(PICTURE_PX)
 }
 
@@ -189,7 +183,7 @@ fn lens(camera: &Camera) -> Lens {
 
 /// A frame of the simulator as an isometry.
 #[must_use]
-pub fn isometry_of(place: &Place) -> Isometry3<f64> {
+pub(crate) fn isometry_of(place: &Place) -> Isometry3<f64> {
     let rotation = Matrix3::from_fn(|i, j| place.rotation[i][j]);
     Isometry3::from_parts(
         Translation3::from(Vector3::from(place.position_m)),
@@ -211,7 +205,7 @@ pub fn place(pose: &Isometry3<f64>) -> Place {
 ///
 /// # Errors
 /// [`PickError::NoGripper`], [`PickError::NoDepth`].
-pub fn gripper_of(robot: &Robot) -> Result<(Gripper, Hand), PickError> {
+pub(crate) fn gripper_of(robot: &Robot) -> Result<(Gripper, Hand), PickError> {
     let name = || robot.name.clone();
     if robot.gripper.kind == GripperKind::None {
         return Err(PickError::NoGripper { robot: name() });
@@ -323,13 +317,13 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
 }
 
 /// Room that fingers keep where the mat tells where they are, m.
-pub const MARGIN_BY_MAT_M: f64 = 0.002;
+pub(crate) const MARGIN_BY_MAT_M: f64 = 0.002;
 
 /// Places around the first view from which a tray is seen too, m.
 const VIEWS_M: [[f64; 2]; 2] = [[0.0, 0.04], [-0.03, -0.03]];
 
 /// More views for a task: `count` in all, three at most.
-pub fn look_from(options: &mut Options, count: usize) {
+pub(crate) fn look_from(options: &mut Options, count: usize) {
     let more = VIEWS_M.iter().take(count.saturating_sub(1));
     options.more_views_m = more
         .map(|[x, y]| options.look_m + Vector3::new(*x, *y, 0.0))
@@ -341,16 +335,16 @@ pub fn look_from(options: &mut Options, count: usize) {
 const NEAR_M: f64 = 0.25;
 
 /// The paper's grasp point, world, m.
-pub const PAPER_GRASP_M: [f64; 3] = [0.252, -0.039, -0.517];
+pub(crate) const PAPER_GRASP_M: [f64; 3] = [0.252, -0.039, -0.517];
 /// Its pixel, px.
-pub const PAPER_PIXEL: [f64; 2] = [360.0, 285.0];
+pub(crate) const PAPER_PIXEL: [f64; 2] = [360.0, 285.0];
 /// Where the paper's robot releases, world, m.
-pub const PAPER_RELEASE_M: [f64; 3] = [0.335, 0.1, -0.51];
+pub(crate) const PAPER_RELEASE_M: [f64; 3] = [0.335, 0.1, -0.51];
 /// Beside the tray, world, m: at the paper's place, 25 mm from its wall, what hangs to one side of the
 /// jaws comes down in the tray again.
 const RELEASE_M: [f64; 3] = [0.335, 0.14, -0.51];
 /// Where the paper's robot returns to, world, m.
-pub const PAPER_RETURN_M: [f64; 3] = [0.335, 0.0, -0.009];
+pub(crate) const PAPER_RETURN_M: [f64; 3] = [0.335, 0.0, -0.009];
 
 /// The paper's task: one box of 28 mm whose top's middle is the paper's grasp point, seen from where
 /// that point lies at the paper's pixel, released and returned where the paper does.

@@ -14,7 +14,7 @@ const SPAN_US: u64 = 10_000;
 
 /// Calls that gather.
 #[derive(Debug, Default)]
-pub struct Pack {
+pub(crate) struct Pack {
     bytes: Vec<u8>,
     first_us: u64,
     last_us: u64,

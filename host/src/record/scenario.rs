@@ -137,7 +137,7 @@ impl Scenario {
     ///
     /// # Errors
     /// The system's; a name that leaves the folder is refused.
-    pub fn lay_out_robot(&self, folder: &Path) -> std::io::Result<PathBuf> {
+    pub(crate) fn lay_out_robot(&self, folder: &Path) -> std::io::Result<PathBuf> {
         let mut first = None;
         for file in &self.robot {
             let inside = Path::new(&file.name)
@@ -163,7 +163,7 @@ impl Scenario {
     ///
     /// # Errors
     /// The system's.
-    pub fn lay_out_calibration(&self, folder: &Path) -> std::io::Result<Option<PathBuf>> {
+    pub(crate) fn lay_out_calibration(&self, folder: &Path) -> std::io::Result<Option<PathBuf>> {
         let Some(file) = &self.calibration else {
             return Ok(None);
         };
@@ -175,7 +175,7 @@ impl Scenario {
 
 /// CRC-32 of the firmware that an emulated chip executes in this program, if one does.
 #[must_use]
-pub fn chosen_firmware() -> Option<u32> {
+pub(crate) fn chosen_firmware() -> Option<u32> {
     let firmware = crate::machine::chosen_firmware()?;
     Some(mcdpr_protocol::frame::crc32(firmware.bytes()))
 }

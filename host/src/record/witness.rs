@@ -85,7 +85,7 @@ impl PlanNote {
 
     /// Where the tool shall be at a path time, m, between the points.
     #[must_use]
-    pub fn tool_at(&self, time_s: f64) -> Option<[f64; 3]> {
+    pub(crate) fn tool_at(&self, time_s: f64) -> Option<[f64; 3]> {
         let after = self.points.partition_point(|point| point.time_s <= time_s);
         let from = self.points.get(after.checked_sub(1)?)?;
         let Some(to) = self.points.get(after) else {
@@ -309,7 +309,7 @@ fn watch(mut watcher: impl Watcher, receiver: &Receiver<Arc<Happening>>) {
 
 /// The truth of a simulated robot, followed while its time passes.
 #[derive(Clone)]
-pub struct TruthTap {
+pub(crate) struct TruthTap {
     link: SimulatedLink,
     cables: usize,
     kept: Option<Rc<RefCell<Vec<TracePoint>>>>,
@@ -332,7 +332,7 @@ impl TruthTap {
 
     /// Starts to follow for those who watch, and keeps nothing: for a robot that runs for days.
     #[must_use]
-    pub fn forgetful(link: SimulatedLink, cables: usize) -> Self {
+    pub(crate) fn forgetful(link: SimulatedLink, cables: usize) -> Self {
         Self {
             kept: None,
             ..Self::new(link, cables)
@@ -390,14 +390,14 @@ impl<'a, L: Link> Watched<'a, L> {
 
     /// Shows what is true of the simulated robot as well.
     #[must_use]
-    pub fn with_truth(mut self, tap: TruthTap) -> Self {
+    pub(crate) fn with_truth(mut self, tap: TruthTap) -> Self {
         self.truth = Some(tap);
         self
     }
 
     /// Shows the orders that come to this handle as well; a new run begins.
     #[must_use]
-    pub fn with_orders(mut self, handle: &Handle) -> Self {
+    pub(crate) fn with_orders(mut self, handle: &Handle) -> Self {
         handle.count_anew();
         self.orders = Some(handle.clone());
         self

@@ -30,7 +30,7 @@ impl Curve {
 
     /// The same, dashed.
     #[must_use]
-    pub const fn dashed(mut self) -> Self {
+    pub(crate) const fn dashed(mut self) -> Self {
         self.dashed = true;
         self
     }

@@ -13,7 +13,7 @@ const RESULTS: [&str; 3] = ["run.mcap", "summary.json", "plan.json"];
 
 /// A folder for one run.
 #[derive(Debug, Clone)]
-pub struct RunFolder {
+pub(crate) struct RunFolder {
     path: PathBuf,
 }
 
@@ -85,7 +85,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// The file system's.
-    pub fn write_json(&self, name: &str, value: &impl Serialize) -> io::Result<()> {
+    pub(crate) fn write_json(&self, name: &str, value: &impl Serialize) -> io::Result<()> {
         let text = serde_json::to_string_pretty(value)?;
         self.write(name, &format!("{text}\n"))
     }
@@ -95,7 +95,7 @@ impl RunFolder {
 ///
 /// # Errors
 /// [`PlanError::Path`]: not for a plan that was run.
-pub fn write_samples(
+pub(crate) fn write_samples(
     plan: &Plan,
     samples: &[Measured],
     true_path: Option<&[(f64, [f64; 3])]>,

@@ -36,7 +36,7 @@ pub fn page(title: &str, body: &str) -> String {
 
 /// Text that can stand in a page.
 #[must_use]
-pub fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
@@ -455,7 +455,7 @@ pub fn compare(runs: [(&RecordedRun, &Judgement); 2]) -> String {
 
 /// The figures of two runs as rows, the head first.
 #[must_use]
-pub fn compare_rows(runs: [(&RecordedRun, &Judgement); 2]) -> Vec<Vec<String>> {
+pub(crate) fn compare_rows(runs: [(&RecordedRun, &Judgement); 2]) -> Vec<Vec<String>> {
     let name = |run: &RecordedRun| {
         let folder = run.path.parent().unwrap_or(&run.path);
         folder.display().to_string()

@@ -125,7 +125,7 @@ pub fn judge(run: &RecordedRun, robot: &Robot) -> Judgement {
 
 /// Path time (s) and distance of the simulated tool from where it should have been (m).
 #[must_use]
-pub fn path_errors(run: &RecordedRun) -> Vec<(f64, f64)> {
+pub(crate) fn path_errors(run: &RecordedRun) -> Vec<(f64, f64)> {
     let Some(plan) = &run.plan else {
         return Vec::new();
     };

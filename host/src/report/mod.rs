@@ -1,19 +1,20 @@
 //! What a run was: figures, plots, files.
 
-pub mod chart;
+pub(crate) mod chart;
 mod figures;
 mod folder;
-pub mod html;
+pub(crate) mod html;
 mod judge;
 mod plan_plot;
 mod plot;
 pub mod tables;
 
 pub use figures::{Figures, MeanMax, MeanSdMax, TensionError, measure};
-pub use folder::{RunFolder, write_samples};
-pub use judge::{CableFigures, Judgement, Verdict, judge, path_errors};
-pub use plan_plot::draw_plan;
-pub use plot::{PathTrace, draw_path};
+pub(crate) use folder::{RunFolder, write_samples};
+pub use judge::{CableFigures, Judgement, Verdict, judge};
+pub(crate) use plan_plot::draw_plan;
+pub(crate) use plot::PathTrace;
+pub(crate) use plot::draw_path;
 
 use mcdpr_simulator::TracePoint;
 

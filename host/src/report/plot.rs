@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use plotters::prelude::*;
 
 /// One measured path to draw.
-pub struct PathTrace<'a> {
+pub(crate) struct PathTrace<'a> {
     /// Its name in the legend.
     pub name: &'a str,
     /// Path time (s) and place (m).
@@ -21,7 +21,11 @@ const MOST_POINTS: usize = 1500;
 ///
 /// # Errors
 /// [`PlanError::Path`] for a plan that cannot be evaluated.
-pub fn draw_path(title: &str, plan: &Plan, traces: &[PathTrace]) -> Result<String, PlanError> {
+pub(crate) fn draw_path(
+    title: &str,
+    plan: &Plan,
+    traces: &[PathTrace],
+) -> Result<String, PlanError> {
     let duration_s = plan.timed.duration_s();
     let mut desired = Vec::new();
     let mut errors: Vec<Vec<(f64, f64)>> = Vec::new();

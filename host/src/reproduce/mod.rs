@@ -130,7 +130,7 @@ pub struct Experiment {
 }
 
 /// All experiments, in the paper's order.
-pub const EXPERIMENTS: [Experiment; 12] = [
+pub(crate) const EXPERIMENTS: [Experiment; 12] = [
     Experiment {
         id: "calibration",
         title: "Self-calibration in simulation (Table 3, Figure 12, Section 6.1.1)",
@@ -194,7 +194,7 @@ pub const EXPERIMENTS: [Experiment; 12] = [
 ];
 
 /// What is not reproduced, and why.
-pub const NOT_REPRODUCED: [(&str, &str); 7] = [
+pub(crate) const NOT_REPRODUCED: [(&str, &str); 7] = [
     (
         "Table 3, the printed values themselves",
         "the printed initial lengths are geometrically impossible, and with vertical swivel axes \

@@ -5,7 +5,7 @@
 ///
 /// # Errors
 /// Where the system refuses a handler.
-pub fn watch_for_interrupts() -> Result<(), ctrlc::Error> {
+pub(crate) fn watch_for_interrupts() -> Result<(), ctrlc::Error> {
     ctrlc::set_handler(|| {
         if mcdpr_core::run::interrupt() {
             std::process::exit(130);

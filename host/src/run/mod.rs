@@ -3,7 +3,7 @@
 mod interrupt;
 mod kept;
 
-pub use interrupt::watch_for_interrupts;
+pub(crate) use interrupt::watch_for_interrupts;
 pub use kept::LengthFiles;
 pub use mcdpr_core::run::*;
 

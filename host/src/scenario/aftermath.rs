@@ -129,7 +129,7 @@ impl Aftermath {
     /// The largest tension over its cable's limit, as a share of it, and the longest time in ms
     /// that a cable was over its limit by 10 %, from the first fault on.
     #[must_use]
-    pub fn over_tension(&self) -> (f64, usize) {
+    pub(crate) fn over_tension(&self) -> (f64, usize) {
         let mut worst = (0.0_f64, 0);
         for (cable, ceiling) in self.limits.ceiling_n.iter().enumerate() {
             let pull = |point: &TracePoint| point.truth.tensions_winch_n.get(cable).copied();
@@ -149,7 +149,7 @@ impl Aftermath {
 
     /// The same, but for some cables (from 0): what can be held tight without them.
     #[must_use]
-    pub fn slack_but(&self, without: &[usize]) -> (usize, usize) {
+    pub(crate) fn slack_but(&self, without: &[usize]) -> (usize, usize) {
         let mut worst = (0, 0);
         for cable in (0..self.limits.cables).filter(|cable| !without.contains(cable)) {
             let pull = |point: &TracePoint| point.truth.tensions_platform_n.get(cable).copied();

@@ -108,7 +108,7 @@ pub struct Scenario {
 }
 
 /// Most that a scenario can hold.
-pub const MOST_INJECTIONS: usize = 32;
+pub(crate) const MOST_INJECTIONS: usize = 32;
 
 /// Time that a stopped robot gets to come to rest, µs: the two seconds that a lost link is held,
 /// and a stop.

@@ -9,8 +9,8 @@ use crate::robot::{Control, Robot};
 use crate::sight::Shown;
 use serde::Serialize;
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// Where a pose comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -108,7 +108,7 @@ pub struct Picture {
 /// The state that viewers share. Clones show the same.
 #[derive(Debug, Clone, Default)]
 pub struct Feed {
-    shared: Arc<(Mutex<Inner>, Condvar)>,
+    shared: Arc<Mutex<Inner>>,
 }
 
 /// Lines of the log that a new viewer gets.
@@ -117,7 +117,7 @@ const LOG: usize = 60;
 impl Feed {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         // A viewer that panicked must not blind the others.
-        self.shared.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn change(&self, heard: bool, change: impl FnOnce(&mut Inner)) {
@@ -127,17 +127,16 @@ impl Feed {
             inner.heard = Some(Instant::now());
         }
         inner.live.revision += 1;
-        self.shared.1.notify_all();
     }
 
     /// Says what the program is doing.
-    pub fn set_task(&self, task: &str) {
+    pub(crate) fn set_task(&self, task: &str) {
         self.change(false, |inner| task.clone_into(&mut inner.live.task));
     }
 
     /// Shows viewers beside the buttons why the robot cannot be reached or an order came to nothing;
     /// what is new goes into the log as well.
-    pub fn set_trouble(&self, reason: &str) {
+    pub(crate) fn set_trouble(&self, reason: &str) {
         if self.lock().live.trouble.as_deref() == Some(reason) {
             return;
         }
@@ -148,7 +147,7 @@ impl Feed {
     }
 
     /// Takes that away again.
-    pub fn clear_trouble(&self) {
+    pub(crate) fn clear_trouble(&self) {
         if self.lock().live.trouble.is_some() {
             self.change(false, |inner| inner.live.trouble = None);
         }
@@ -167,20 +166,9 @@ impl Feed {
         (inner.live.clone(), age)
     }
 
-    /// Waits until something is newer than a revision, at most this long.
-    #[must_use]
-    pub fn wait_newer(&self, revision: u64, timeout: Duration) -> bool {
-        let inner = self.lock();
-        let waited = self
-            .shared
-            .1
-            .wait_timeout_while(inner, timeout, |inner| inner.live.revision <= revision);
-        waited.is_ok_and(|(_, result)| !result.timed_out())
-    }
-
     /// The plan, if it is another than the one of this number.
     #[must_use]
-    pub fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
+    pub(crate) fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
         let inner = self.lock();
         let plan = inner.plan.as_ref().filter(|_| inner.plans != number)?;
         Some((inner.plans, Arc::clone(plan)))
@@ -214,7 +202,7 @@ impl Feed {
 
     /// The picture, if it is another than the one of this number.
     #[must_use]
-    pub fn picture_after(&self, number: u64) -> Option<(u64, Arc<Picture>)> {
+    pub(crate) fn picture_after(&self, number: u64) -> Option<(u64, Arc<Picture>)> {
         let inner = self.lock();
         let picture = inner
             .picture
@@ -235,13 +223,13 @@ impl Feed {
 
     /// Whether anybody looks.
     #[must_use]
-    pub fn is_watched(&self) -> bool {
+    pub(crate) fn is_watched(&self) -> bool {
         self.lock().viewers > 0
     }
 
     /// Lines of the log after this number: number, link time (s), text.
     #[must_use]
-    pub fn log_after(&self, number: u64) -> Vec<(u64, f64, String)> {
+    pub(crate) fn log_after(&self, number: u64) -> Vec<(u64, f64, String)> {
         let inner = self.lock();
         let new = inner.log.iter().filter(|(index, ..)| *index > number);
         new.cloned().collect()
@@ -415,7 +403,7 @@ impl Watcher for FeedWatcher {
 
 /// What of a robot does not change, for the drawing.
 #[must_use]
-pub fn describe(robot: &Robot) -> serde_json::Value {
+pub(crate) fn describe(robot: &Robot) -> serde_json::Value {
     let cables = robot.cables.iter().enumerate().map(|(index, cable)| {
         let most = robot.winch_of(index).map(|winch| winch.tension_max_n);
         serde_json::json!({

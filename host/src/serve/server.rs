@@ -152,7 +152,7 @@ impl Server {
     /// The address for those who may give orders. The token stands behind a `#`: browsers do not
     /// send that part anywhere.
     #[must_use]
-    pub fn address_with_token(&self) -> String {
+    pub(crate) fn address_with_token(&self) -> String {
         format!("{}#token={}", self.address(), self.shared.orders.token())
     }
 }

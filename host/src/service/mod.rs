@@ -470,7 +470,7 @@ impl<'a, L: Link> Bench<'a, L> {
 ///
 /// # Errors
 /// The line's.
-pub fn has_service<L: Link>(client: &mut Client<L>) -> Result<bool, RunError> {
+pub(crate) fn has_service<L: Link>(client: &mut Client<L>) -> Result<bool, RunError> {
     match client.request(Request::Winch { cable: 1 }) {
         Ok(_) => Ok(true),
         Err(ClientError::Refused {

@@ -166,7 +166,7 @@ impl Source for Camera {
 }
 
 /// The tags in a camera's pictures, found on a thread of their own.
-pub struct CameraTags {
+pub(crate) struct CameraTags {
     asks: Sender<()>,
     answers: Receiver<Result<Vec<TagView>, SightError>>,
     asked: bool,

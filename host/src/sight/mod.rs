@@ -5,8 +5,9 @@ mod pictures;
 mod scene;
 mod simulated;
 
-pub use camera::{Camera, CameraTags};
+pub use camera::Camera;
+pub(crate) use camera::CameraTags;
 pub use mcdpr_core::sight::*;
-pub use pictures::{PictureTags, SceneCamera};
+pub use pictures::SceneCamera;
 pub use scene::Scene;
 pub use simulated::SimulatedTags;

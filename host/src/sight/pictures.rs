@@ -1,8 +1,7 @@
 //! Tags of the simulated robot through pictures: rendered, then detected as a real camera's are.
 
 use super::camera::views;
-use super::{Scene, SightError, TagSource, TagView};
-use crate::link::{Link, SimulatedLink};
+use super::{Scene, SightError, TagView};
 use mcdpr_simulator::camera::{
     Body, Frame as Place, Lens, Optics, Scene as Surroundings, render_color,
 };
@@ -10,6 +9,8 @@ use mcdpr_vision::RgbImage;
 use nalgebra::Matrix3;
 
 /// The simulated camera on the platform: pictures of a [`Scene`] from wherever the platform is.
+/// Slower than corners by projection ([`super::SimulatedTags`]), and with nothing left out: blur,
+/// noise, shadows, a tag that is cut by the picture's side.
 #[derive(Debug, Clone)]
 pub struct SceneCamera {
     scene: Scene,
@@ -17,45 +18,8 @@ pub struct SceneCamera {
     taken: u64,
 }
 
-/// Takes pictures of a [`Scene`] with the simulated robot's true camera and finds the tags in
-/// them. Slower than corners by projection ([`super::SimulatedTags`]), and with nothing left out:
-/// blur, noise, shadows, a tag that is cut by the picture's side.
-pub struct PictureTags {
-    link: SimulatedLink,
-    camera: SceneCamera,
-}
-
 /// The floor that tags lie on.
 const FLOOR: [f64; 3] = [0.4, 0.38, 0.35];
-
-impl PictureTags {
-    /// A view of the robot behind `link`.
-    #[must_use]
-    pub const fn new(link: SimulatedLink, scene: Scene, seed: u64) -> Self {
-        Self {
-            link,
-            camera: SceneCamera::new(scene, seed),
-        }
-    }
-
-    /// What is truly there.
-    #[must_use]
-    pub const fn scene(&self) -> &Scene {
-        &self.camera.scene
-    }
-
-    /// A picture with the platform where it truly is, and its time on the link's clock, us.
-    ///
-    /// # Errors
-    /// [`SightError::Simulation`].
-    pub fn picture(&mut self) -> Result<(RgbImage, u64), SightError> {
-        let failed = |what: String| SightError::Simulation { what };
-        let truth = self.link.with(|simulation| simulation.plant().truth());
-        let truth = truth.map_err(|error| failed(error.to_string()))?;
-        let picture = self.camera.picture(&Place::from(truth.pose))?;
-        Ok((picture, self.link.now_us()))
-    }
-}
 
 impl SceneCamera {
     /// The camera of a scene.
@@ -70,7 +34,7 @@ impl SceneCamera {
 
     /// The same camera with pictures of a share of its size: for people, who need no more.
     #[must_use]
-    pub fn smaller(mut self, share: f64) -> Self {
+    pub(crate) fn smaller(mut self, share: f64) -> Self {
         let lens = &mut self.scene.lens;
         for values in [&mut lens.focal_px, &mut lens.center_px] {
             *values = values.map(|value| value * share);
@@ -166,16 +130,9 @@ fn place(pose: &mcdpr_kinematics::Pose) -> Place {
     }
 }
 
-impl TagSource for PictureTags {
-    fn look(&mut self) -> Result<Vec<TagView>, SightError> {
-        let (picture, image_time_us) = self.picture()?;
-        Ok(self.camera.tags(&picture, image_time_us))
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::SimulatedTags;
+    use super::super::{SimulatedTags, TagSource};
     use super::*;
     use crate::experiment;
     use crate::machine::Mismatch;
@@ -192,8 +149,10 @@ mod tests {
         let link = experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
         let scene = Scene::on_floor(&robot, 1e-3, 1e-3, 3);
         let mut exact = SimulatedTags::new(link.clone(), scene.clone(), 0.0, 1);
-        let mut pictures = PictureTags::new(link, scene, 1);
-        let (wanted, seen) = (exact.look().unwrap(), pictures.look().unwrap());
+        let truth = link.with(|simulation| simulation.plant().truth()).unwrap();
+        let mut camera = SceneCamera::new(scene, 1);
+        let picture = camera.picture(&Place::from(truth.pose)).unwrap();
+        let (wanted, seen) = (exact.look().unwrap(), camera.tags(&picture, 0));
         assert!(!wanted.is_empty() && wanted.len() == seen.len());
         for (wanted, seen) in wanted.iter().zip(&seen) {
             assert_eq!(wanted.id, seen.id);

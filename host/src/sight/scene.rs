@@ -87,7 +87,7 @@ impl Scene {
     /// Where the simulator's world frame is in the world frame that a calibrated robot knows: they
     /// agree at the first body of tags. `None` for a robot that was not calibrated on the simulator.
     #[must_use]
-    pub fn known_from_true(robot: &Robot) -> Option<Pose> {
+    pub(crate) fn known_from_true(robot: &Robot) -> Option<Pose> {
         let calibrated = robot.calibrated.as_ref()?;
         let scene = Self::of(robot, calibrated.simulated_seed?);
         let (number, place) = calibrated.world_from_body.first()?;

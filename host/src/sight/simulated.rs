@@ -34,7 +34,8 @@ impl SimulatedTags {
     }
 
     /// What is truly there, to move a tag.
-    pub const fn scene_mut(&mut self) -> &mut Scene {
+    #[cfg(test)]
+    pub(crate) const fn scene_mut(&mut self) -> &mut Scene {
         &mut self.scene
     }
 }

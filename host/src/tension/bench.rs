@@ -126,7 +126,7 @@ impl Script {
     /// One pull across a cable from `from_s` to `to_s`, rising and falling over 100 ms, smoothly,
     /// as a hand's does.
     #[must_use]
-    pub fn cable_pull(
+    pub(crate) fn cable_pull(
         cable: usize,
         force_n: [f64; 3],
         from_s: f64,
@@ -220,7 +220,7 @@ impl<'l> Bench<'l> {
     ///
     /// # Errors
     /// As [`Bench::start`].
-    pub fn start_on(
+    pub(crate) fn start_on(
         model: Model,
         change: &Change,
         seed: u64,

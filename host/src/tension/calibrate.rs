@@ -254,7 +254,7 @@ const PAUSE_US: u64 = 10_000;
 ///
 /// # Errors
 /// The client's.
-pub fn read_voltage<L: Link>(
+pub(crate) fn read_voltage<L: Link>(
     client: &mut Client<L>,
     winch: &Winch,
     cable: usize,
@@ -273,7 +273,7 @@ pub fn read_voltage<L: Link>(
 
 /// A winch file's text with this calibration in place of what it says, every other line as it was.
 #[must_use]
-pub fn written_into(text: &str, fit: &Fit, note: &str) -> String {
+pub(crate) fn written_into(text: &str, fit: &Fit, note: &str) -> String {
     let values = [
         ("tension_gain_n_per_v", format!("{:.5}", fit.gain_n_per_v)),
         ("tension_zero_v", format!("{:.6}", fit.zero_v)),

@@ -4,14 +4,14 @@
 //! is read behind the client's back, and a simulated hand pulls.
 
 mod bench;
-pub mod calibrate;
+pub(crate) mod calibrate;
 mod draw;
 mod hold;
 mod measure;
 pub mod rig;
 mod study;
 mod task;
-pub mod tune;
+pub(crate) mod tune;
 pub mod winch_study;
 
 pub use bench::{Bench, Change, Hand, Script, Trace};

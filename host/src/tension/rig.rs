@@ -10,7 +10,7 @@ use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::{CableKnot, SessionId};
 
 /// Tension at which a cable counts as taken up, N: enough to lie in its pulleys.
-pub const TAKEN_UP_N: f64 = 1.0;
+pub(crate) const TAKEN_UP_N: f64 = 1.0;
 /// Under this tension a cable of a robot that is being rigged is reeled in, N.
 const FLOOR_N: f64 = 0.5;
 /// Rate at which tensions rise and fall, N/s.
@@ -22,7 +22,7 @@ const SNAG_N: f64 = 5.0;
 
 /// The robot with all cables held by their tension and slack allowed.
 #[must_use]
-pub fn rigged(robot: &Robot) -> Robot {
+pub(crate) fn rigged(robot: &Robot) -> Robot {
     let mut robot = robot.clone();
     for cable in &mut robot.cables {
         cable.control = Control::Tension;
@@ -40,7 +40,7 @@ pub fn rigged(robot: &Robot) -> Robot {
 
 /// The robot with one cable wound by length and the others left alone, a light snag guard on all.
 #[must_use]
-pub fn winding(robot: &Robot, cable: usize) -> Robot {
+pub(crate) fn winding(robot: &Robot, cable: usize) -> Robot {
     let mut robot = rigged(robot);
     if let Some(wound) = robot.cables.get_mut(cable) {
         wound.control = Control::Position;
@@ -90,7 +90,7 @@ impl<L: Link> Rig<L> {
     ///
     /// # Errors
     /// The client's, or the fault that the board has latched.
-    pub fn measured_n(&mut self) -> Result<Vec<f64>, RunError> {
+    pub(crate) fn measured_n(&mut self) -> Result<Vec<f64>, RunError> {
         let status = run::status(&mut self.client)?;
         if let Some(record) = status.fault {
             return Err(RunError::Fault { record });
@@ -99,7 +99,7 @@ impl<L: Link> Rig<L> {
         Ok(tensions.map(|t| t.newtons()).collect())
     }
 
-    /// Reels cables in slowly until each has [`TAKEN_UP_N`], at most `stretches` times a second and
+    /// Reels cables in slowly until each has `TAKEN_UP_N`, at most `stretches` times a second and
     /// a half; the first ones wait for the last. All cables, or `only` one (from 0) while the others
     /// stay slack. `watch` sees the tensions now and then.
     ///
@@ -154,7 +154,7 @@ impl<L: Link> Rig<L> {
     ///
     /// # Errors
     /// A fault: a snag stops at 5 N.
-    pub fn wind(&mut self, cable: usize, by_m: f64, speed_mps: f64) -> Result<(), RunError> {
+    pub(crate) fn wind(&mut self, cable: usize, by_m: f64, speed_mps: f64) -> Result<(), RunError> {
         // A cubic from rest to rest peaks at one and a half times its mean speed.
         let duration_s = (1.5 * by_m.abs() / speed_mps).max(0.2);
         if let Some(length) = self.lengths_m.get_mut(cable) {

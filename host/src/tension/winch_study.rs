@@ -16,11 +16,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 /// Friction of rotor and gear felt at the cable, N: drawn evenly in its logarithm.
-pub const FRICTION_N: [f64; 2] = [1.0, 30.0];
+pub(crate) const FRICTION_N: [f64; 2] = [1.0, 30.0];
 /// Share of the motor's power that reaches the drum.
-pub const EFFICIENCY: [f64; 2] = [0.55, 0.85];
+pub(crate) const EFFICIENCY: [f64; 2] = [0.55, 0.85];
 /// Play at the drum, degrees.
-pub const PLAY_DEG: [f64; 2] = [0.2, 2.0];
+pub(crate) const PLAY_DEG: [f64; 2] = [0.2, 2.0];
 /// Height of the tool for the circle on a platform at z = -100 mm, m.
 const CIRCLE_Z_M: f64 = -0.18;
 /// When the platform is pulled and let go, s, with how much, N, and when the watch ends, s.
@@ -32,7 +32,7 @@ const SLIP_M: f64 = 0.003;
 
 /// A law with its output and gains.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Contender {
+pub(crate) struct Contender {
     /// Its heading.
     pub name: &'static str,
     /// The robot with this law.
@@ -103,7 +103,7 @@ pub fn machine(robot: &Robot, seed: u64) -> (Robot, [f64; 3]) {
 
 /// The laws that are compared on a robot: its own, and the paper's with either output.
 #[must_use]
-pub fn contenders(robot: &Robot) -> Vec<Contender> {
+pub(crate) fn contenders(robot: &Robot) -> Vec<Contender> {
     let with = |name, output, kp, kd| {
         let mut robot = robot.clone();
         robot.tension.law = LawKind::Pd;

@@ -60,7 +60,7 @@ pub struct DepthPicture {
 
 /// The depth picture of a stereo camera whose first imager is at `world_from_camera`.
 #[must_use]
-pub fn render_depth(
+pub(crate) fn render_depth(
     scene: &Scene,
     lens: &Lens,
     world_from_camera: &Frame,

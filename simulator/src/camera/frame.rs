@@ -72,7 +72,7 @@ impl Frame {
 
     /// A direction of the parent in the frame.
     #[must_use]
-    pub fn direction_inside(&self, direction: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn direction_inside(&self, direction: [f64; 3]) -> [f64; 3] {
         mul_t(&self.rotation, direction)
     }
 

@@ -2,7 +2,7 @@
 //! cameras.
 //!
 //! A [`Scene`] holds bodies made of boxes, cylinders and printed tags. [`render_color`] gives the
-//! colour picture (light, shadow, blur, noise), [`render_depth`] the picture of a stereo depth
+//! colour picture (light, shadow, blur, noise), `render_depth` the picture of a stereo depth
 //! camera (separate place and lens, disparity noise and steps, shadow where only one of its two
 //! imagers sees, drop-outs on shiny parts). All of it follows from the scene, the cameras' places
 //! and a seed.
@@ -43,10 +43,10 @@ mod tracer;
 pub use arrange::{Order, Tray};
 pub use cell::{Cell, Happening, Rgbd};
 pub use color::{ColorPicture, Optics, render_color};
-pub use depth::{DepthPicture, Stereo, render_depth};
+pub use depth::{DepthPicture, Stereo};
 pub use frame::Frame;
 pub use grasp::{Grip, Gripper};
 pub use lens::Lens;
 pub use objects::{Kind, kinds, too_wide};
-pub use scene::{Body, Hit, Light, Part, Scene};
+pub use scene::{Body, Light, Part, Scene};
 pub use shape::{Shape, Surface, TagRows};

@@ -62,7 +62,7 @@ pub struct Scene {
 
 /// Where a ray meets the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hit {
+pub(crate) struct Hit {
     /// Along the ray, in lengths of its direction.
     pub way: f64,
     /// Which body.

@@ -93,7 +93,6 @@ pub struct CanBus {
     busy_until_us: u64,
     faults: BusFaults,
     counters: BusCounters,
-    sent: Vec<(u64, u16)>,
 }
 
 impl CanBus {
@@ -114,7 +113,6 @@ impl CanBus {
             busy_until_us: 0,
             faults: BusFaults::default(),
             counters: BusCounters::default(),
-            sent: Vec::new(),
         }
     }
 
@@ -178,12 +176,6 @@ impl CanBus {
         self.counters
     }
 
-    /// Ends and identifiers of the frames that passed since the last call, for the sender's
-    /// "transmission complete".
-    pub fn take_sent(&mut self) -> Vec<(u64, u16)> {
-        std::mem::take(&mut self.sent)
-    }
-
     /// The next frame that is whole by `until_us`; call it again until it gives none. Time that was
     /// once reached does not come back.
     pub fn next(&mut self, until_us: u64) -> Option<Delivery> {
@@ -237,7 +229,6 @@ impl CanBus {
             self.busy_until_us = end;
             self.counters.frames += 1;
             self.counters.busy_us += whole_us;
-            self.sent.push((end, frame.id));
             if self.faults.drop > 0 {
                 self.faults.drop -= 1;
                 continue;

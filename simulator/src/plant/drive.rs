@@ -61,7 +61,7 @@ impl DriveCommand {
 
 /// Where a drive is on its way to obedience.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum DriveState {
+pub(crate) enum DriveState {
     /// No reset since power came on: silent, torque off.
     Unpowered,
     /// Restarting: silent, torque off.

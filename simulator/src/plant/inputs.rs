@@ -24,7 +24,11 @@ impl Plant {
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`].
-    pub fn command_drive(&mut self, cable: usize, command: DriveCommand) -> Result<(), PlantError> {
+    pub(crate) fn command_drive(
+        &mut self,
+        cable: usize,
+        command: DriveCommand,
+    ) -> Result<(), PlantError> {
         self.known(cable)?;
         if self.powered && !self.faults.cables[cable].drive.ignores_commands {
             let now_s = self.time_s();
@@ -39,7 +43,7 @@ impl Plant {
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`].
-    pub fn drive_feedback(&self, cable: usize) -> Result<Feedback, PlantError> {
+    pub(crate) fn drive_feedback(&self, cable: usize) -> Result<Feedback, PlantError> {
         self.known(cable)?;
         let winch = &self.winches[cable];
         Ok(Feedback::measure(
@@ -274,16 +278,6 @@ impl Plant {
         Ok(())
     }
 
-    /// Shifts an encoder's count for good: lost counts, or the counter's value at power-on.
-    ///
-    /// # Errors
-    /// [`PlantError::NoSuchCable`].
-    pub fn slip_encoder(&mut self, cable: usize, counts: i32) -> Result<(), PlantError> {
-        self.known(cable)?;
-        self.sensors[cable].slip(i64::from(counts));
-        Ok(())
-    }
-
     /// Switches the gripper's output pin. What the jaws get is the surroundings' affair.
     pub const fn set_gripper(&mut self, closed: bool) {
         self.gripper_closed = closed;
@@ -296,7 +290,7 @@ impl Plant {
     }
 
     /// Presses or releases the gripper's switch, which tells that the jaws closed on nothing.
-    pub const fn set_gripper_switch(&mut self, pressed: bool) {
+    pub(crate) const fn set_gripper_switch(&mut self, pressed: bool) {
         self.gripper_switch = pressed;
     }
 

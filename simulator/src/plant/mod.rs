@@ -47,7 +47,8 @@ pub(crate) mod vec3;
 mod winch;
 
 pub use bus::Feedback;
-pub use drive::{DriveCommand, DriveState, Mode};
+pub(crate) use drive::DriveState;
+pub use drive::{DriveCommand, Mode};
 pub use error::PlantError;
 pub use faults::{BrakeFault, CableFaults, DriveFault, EncoderFault, Faults, TensionFault};
 pub use foreign::{Foreign, Hanging};
@@ -56,7 +57,7 @@ pub use params::{
     PlatformParams, Protocol, TensionSensorParams, WinchParams, box_inertia_kg_m2,
 };
 pub use platform::Pose;
-pub use sensors::{ADC_FULL_SCALE, ADC_REFERENCE_V, ADC_STEPS_PER_REFERENCE, Sensors};
+pub use sensors::Sensors;
 pub use truth::Truth;
 
 use bus::Port;
@@ -200,7 +201,7 @@ impl Plant {
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`].
-    pub fn drive_state(&self, cable: usize) -> Result<DriveState, PlantError> {
+    pub(crate) fn drive_state(&self, cable: usize) -> Result<DriveState, PlantError> {
         self.known(cable)?;
         Ok(self.winches[cable].drive.state())
     }

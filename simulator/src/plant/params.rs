@@ -180,7 +180,7 @@ pub enum Protocol {
 impl DriveParams {
     /// Its number on the bus, for the winch with this index (from 0).
     #[must_use]
-    pub fn node_of(&self, index: usize) -> u8 {
+    pub(crate) fn node_of(&self, index: usize) -> u8 {
         let own = u8::try_from(index + 1).unwrap_or(u8::MAX);
         self.node.unwrap_or(own)
     }
@@ -380,13 +380,13 @@ impl WinchParams {
 
     /// Rotor inertia as a mass at the cable (kg).
     #[must_use]
-    pub fn rotor_mass_kg(&self) -> f64 {
+    pub(crate) fn rotor_mass_kg(&self) -> f64 {
         self.rotor_inertia_kg_m2 * (self.gear_ratio / self.drum_radius_m).powi(2)
     }
 
     /// Mass at the cable of all that cannot but turn with the motor (kg).
     #[must_use]
-    pub fn mass_on_drive_kg(&self) -> f64 {
+    pub(crate) fn mass_on_drive_kg(&self) -> f64 {
         if self.gear.is_some() {
             self.rotor_mass_kg()
         } else {
@@ -396,7 +396,7 @@ impl WinchParams {
 
     /// Stiffness of the shaft at the cable (N/m).
     #[must_use]
-    pub fn shaft_stiffness_n_per_m(&self, gear: &GearParams) -> f64 {
+    pub(crate) fn shaft_stiffness_n_per_m(&self, gear: &GearParams) -> f64 {
         gear.stiffness_nm_per_rad / (self.drum_radius_m * self.drum_radius_m)
     }
 
@@ -414,19 +414,19 @@ impl WinchParams {
 
     /// Cable speed per motor rpm (m/s).
     #[must_use]
-    pub fn mps_per_rpm(&self) -> f64 {
+    pub(crate) fn mps_per_rpm(&self) -> f64 {
         std::f64::consts::TAU * self.drum_radius_m / (60.0 * self.gear_ratio)
     }
 
     /// Cable per motor count (m).
     #[must_use]
-    pub fn metres_per_motor_count(&self) -> f64 {
+    pub(crate) fn metres_per_motor_count(&self) -> f64 {
         std::f64::consts::TAU * self.drum_radius_m / self.motor_counts_per_drum_turn
     }
 
     /// Cable per encoder count (m).
     #[must_use]
-    pub fn metres_per_encoder_count(&self) -> f64 {
+    pub(crate) fn metres_per_encoder_count(&self) -> f64 {
         std::f64::consts::TAU * self.drum_radius_m / self.encoder_counts_per_turn
     }
 }

@@ -8,11 +8,11 @@ use super::faults::{CableFaults, EncoderFault, TensionFault};
 use super::params::{MAX_CABLES, TensionSensorParams, WinchParams};
 
 /// Full scale of the tension converter: 16 conversions of 12 bits, summed.
-pub const ADC_FULL_SCALE: u16 = 65_520;
+pub(crate) const ADC_FULL_SCALE: u16 = 65_520;
 /// Reference voltage (V): what [`ADC_STEPS_PER_REFERENCE`] would be.
-pub const ADC_REFERENCE_V: f64 = 3.3;
+pub(crate) const ADC_REFERENCE_V: f64 = 3.3;
 /// Steps of the reference voltage: 16 conversions of 4096 steps; the last step is never reached.
-pub const ADC_STEPS_PER_REFERENCE: f64 = 65_536.0;
+pub(crate) const ADC_STEPS_PER_REFERENCE: f64 = 65_536.0;
 
 /// One reading of all inputs. Entries beyond the robot's cables are 0 or `None`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,14 +59,9 @@ impl CableSensors {
         }
     }
 
-    pub(crate) fn slip(&mut self, counts: i64) {
-        self.shift = self.shift.wrapping_add(counts);
-    }
-
     #[allow(clippy::cast_possible_truncation)]
     fn true_counts(&self, drum_m: f64) -> i64 {
-        let counts = (drum_m * self.counts_per_metre + self.phase).floor() as i64;
-        counts.wrapping_add(self.shift)
+        (drum_m * self.counts_per_metre + self.phase).floor() as i64
     }
 
     /// Counter value; the low 16 bits of the count.

@@ -98,7 +98,7 @@ impl Antipodal {
     ///
     /// # Errors
     /// Why there is no grasp.
-    pub fn detect_in(
+    pub(crate) fn detect_in(
         &self,
         map: &HeightMap,
         picture: &Aligned,

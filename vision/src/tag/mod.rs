@@ -19,7 +19,7 @@ mod quad;
 mod refine;
 mod threshold;
 
-pub use pose::{PoseError, TagPose, pose_of_points, pose_of_tag};
+pub use pose::{PoseError, TagPose, pose_of_tag};
 
 use crate::camera::Camera;
 use crate::image::GrayImage;

@@ -77,7 +77,7 @@ pub fn pose_of_tag(
 ///
 /// # Errors
 /// [`PoseError::TooFew`], [`PoseError::NoFit`].
-pub fn pose_of_points(
+pub(crate) fn pose_of_points(
     camera: &Camera,
     points_m: &[Point3<f64>],
     pixels: &[Vector2<f64>],

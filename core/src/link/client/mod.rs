@@ -221,7 +221,7 @@ impl<L: Link> Client<L> {
     }
 
     /// Requests under way.
-    pub fn in_flight(&self) -> usize {
+    pub(crate) fn in_flight(&self) -> usize {
         self.pending.len()
     }
 
@@ -236,7 +236,7 @@ impl<L: Link> Client<L> {
     }
 
     /// The next outcome of a request sent by [`Client::enqueue`].
-    pub fn next_outcome(&mut self) -> Option<(Request, Result<Reply, Reject>)> {
+    pub(crate) fn next_outcome(&mut self) -> Option<(Request, Result<Reply, Reject>)> {
         self.done.pop_front()
     }
 
@@ -270,7 +270,7 @@ impl<L: Link> Client<L> {
         }
     }
 
-    /// Sends a sequenced request without waiting; its outcome comes by [`Client::next_outcome`].
+    /// Sends a sequenced request without waiting; its outcome comes by `Client::next_outcome`.
     /// Call only while [`Client::has_room`].
     ///
     /// # Errors

@@ -89,8 +89,6 @@ fn paper_table5_has_the_papers_numbers_in_si() {
         assert!((winch.max_cable_speed_mps() - 0.045_147).abs() < 1e-6);
         assert!((winch.effective_mass_kg() - 34.534).abs() < 1e-2);
         assert!((winch.max_force_n() - 55.67).abs() < 1e-2);
-        assert!((winch.cable_per_encoder_count_m() - 3.068e-5).abs() < 1e-8);
-        assert!((winch.cable_per_motor_count_m() - 8.2666e-8).abs() < 1e-11);
         assert!(robot.limits.speed_mps <= winch.max_cable_speed_mps());
     }
     let rotation = robot.camera.camera_from_platform.rotation;

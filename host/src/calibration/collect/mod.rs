@@ -10,8 +10,8 @@ mod travel;
 
 pub use reach::Reach;
 pub use recheck::recheck;
-pub use skeleton::{Sketch, of_this_robot};
-pub use still::{AT_REST_M, Still};
+pub(crate) use skeleton::{Sketch, of_this_robot};
+pub use still::Still;
 pub use travel::{Way, way};
 
 use super::data::{Data, Observation, View};

@@ -200,7 +200,7 @@ impl<'a> Reach<'a> {
     /// Whether robots as they may have been built keep within their tensions too, when their drums
     /// pay out what this resting state says.
     #[must_use]
-    pub fn robust(&self, rest: &Rest) -> bool {
+    pub(crate) fn robust(&self, rest: &Rest) -> bool {
         self.builds.iter().all(|build| {
             self.hung(build, rest).is_some_and(|hung| {
                 let mut pairs = hung.tensions_n.iter().enumerate();

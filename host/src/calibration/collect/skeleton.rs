@@ -15,11 +15,11 @@ const ENCODER_M: f64 = 2e-5;
 /// Noise of a mean tension: sensor, its zero, friction, N.
 const TENSION_N: f64 = 0.1;
 /// How far a frame is from its drawing where nothing else is said, m.
-pub const ANCHOR_TOLERANCE_M: f64 = 5e-3;
+pub(crate) const ANCHOR_TOLERANCE_M: f64 = 5e-3;
 
 /// Data under way.
 #[derive(Debug, Clone)]
-pub struct Sketch {
+pub(crate) struct Sketch {
     /// The data so far. Bodies and tags are those seen so far.
     pub data: Data,
     robot: Robot,
@@ -212,7 +212,7 @@ impl Sketch {
 ///
 /// # Errors
 /// [`CollectError::Impossible`] that names both.
-pub fn of_this_robot(robot: &Robot, hash: u32, data: &Data) -> Result<(), CollectError> {
+pub(crate) fn of_this_robot(robot: &Robot, hash: u32, data: &Data) -> Result<(), CollectError> {
     match &data.origin {
         Some(origin) if origin.robot_hash == hash => Ok(()),
         Some(origin) => Err(CollectError::impossible(

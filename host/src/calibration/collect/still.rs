@@ -11,7 +11,7 @@ use crate::sight::{TagSource, TagView};
 use mcdpr_protocol::StopKind;
 
 /// Swing below which the platform is at rest, m.
-pub const AT_REST_M: f64 = 5e-5;
+pub(crate) const AT_REST_M: f64 = 5e-5;
 /// Time between pictures, us.
 const FRAME_US: u64 = 33_333;
 /// Time between two questions whether a picture has come, us.
@@ -31,7 +31,7 @@ const PERIODS: f64 = 5.0;
 /// What the window leaves of a swing at twice its own frequency and above.
 const LEAK: f64 = 0.027;
 /// What no averaging removes (lens, print, detector), px.
-pub const CORNER_FLOOR_PX: f64 = 0.03;
+pub(crate) const CORNER_FLOOR_PX: f64 = 0.03;
 
 /// What was measured at one place.
 #[derive(Debug, Clone)]

@@ -9,7 +9,8 @@ mod read;
 mod write;
 
 pub use read::{Attachment, Contents, Damage, Message, ReadError, read};
-pub use write::{ChannelId, Writer};
+pub use write::ChannelId;
+pub(crate) use write::Writer;
 
 /// What every MCAP file starts and ends with.
 const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];

@@ -22,7 +22,7 @@ struct ChunkEntry {
 
 /// Writes one file. Messages gather in a chunk; a chunk is written when it is full, by
 /// [`Writer::flush`] and at the end. Whatever was flushed can be read though the rest is missing.
-pub struct Writer<W: Write> {
+pub(crate) struct Writer<W: Write> {
     out: W,
     offset: u64,
     chunk_bytes: usize,

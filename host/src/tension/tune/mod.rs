@@ -28,7 +28,7 @@ pub struct Answer {
 
 /// What was identified.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Identified {
+pub(crate) struct Identified {
     /// Force at the cable over the force that was asked for.
     pub gain: f64,
     /// Time from a demand to its force, bus, drive and all, s.
@@ -60,7 +60,7 @@ pub struct Margins {
 
 /// Why there are no gains.
 #[derive(Debug, Error, Diagnostic)]
-pub enum TuneError {
+pub(crate) enum TuneError {
     /// The answer is no answer.
     #[error("the step response is not credible: {what}; nothing was changed")]
     #[diagnostic(
@@ -129,7 +129,7 @@ pub const LEAST: Margins = Margins {
 };
 /// The set-points of the excitation about `around_n`: up and down by `step_n`, N a millisecond.
 #[must_use]
-pub fn excitation(around_n: f64, step_n: f64) -> Vec<(f64, f64)> {
+pub(crate) fn excitation(around_n: f64, step_n: f64) -> Vec<(f64, f64)> {
     let mut stages = vec![(0.3, around_n)];
     for (up, hold_s) in [
         (1.0, 0.35),
@@ -149,7 +149,7 @@ pub fn excitation(around_n: f64, step_n: f64) -> Vec<(f64, f64)> {
 ///
 /// # Errors
 /// As a run.
-pub fn excite<L: Link>(
+pub(crate) fn excite<L: Link>(
     rig: &mut Rig<L>,
     cable: usize,
     stages: &[(f64, f64)],
@@ -183,7 +183,7 @@ pub fn excite<L: Link>(
 ///
 /// # Errors
 /// [`TuneError::Response`] where the answer is not credible.
-pub fn identify(
+pub(crate) fn identify(
     robot: &Robot,
     cable: usize,
     winch: &Winch,
@@ -300,7 +300,11 @@ impl Identified {
     ///
     /// # Errors
     /// [`TuneError::Gains`] where a gain is not finite or negative, [`TuneError::Unstable`].
-    pub fn margins(&self, law: &TensionLaw, damping_time_s: f64) -> Result<Margins, TuneError> {
+    pub(crate) fn margins(
+        &self,
+        law: &TensionLaw,
+        damping_time_s: f64,
+    ) -> Result<Margins, TuneError> {
         let gains = [
             ("kp", law.kp),
             ("ki", law.ki),
@@ -343,7 +347,7 @@ impl Identified {
     ///
     /// # Errors
     /// [`TuneError::None`].
-    pub fn propose(
+    pub(crate) fn propose(
         &self,
         law: &TensionLaw,
         damping_time_s: f64,

@@ -110,7 +110,7 @@ impl Model {
     /// Whether the loop without friction comes to rest after a push, and does not drive the
     /// platform's swing on. The swing itself hardly decays, whatever the loop does: so the first is
     /// judged as if it did.
-    pub fn is_stable(&self, law: &TensionLaw) -> bool {
+    pub(crate) fn is_stable(&self, law: &TensionLaw) -> bool {
         let smooth = Self {
             friction_n: 0.0,
             ..*self

@@ -189,10 +189,12 @@ fn stick_slip_is_that_of_the_literature() {
     // pulled over a spring of 2 N/m at 0.1 m/s, Coulomb 1 N, static 1.5 N, Stribeck 1 mm/s,
     // 0.4 N s/m: it sticks until 1.5 N, 7.5 s, slips for a little more than half a period of the
     // spring, and sticks again.
-    let mut params = WinchParams::default();
-    params.drum_radius_m = 1.0;
-    params.gear_ratio = 1.0;
-    params.rotor_inertia_kg_m2 = 1.0;
+    let params = WinchParams {
+        drum_radius_m: 1.0,
+        gear_ratio: 1.0,
+        rotor_inertia_kg_m2: 1.0,
+        ..WinchParams::default()
+    };
     let per_rpm = params.mps_per_rpm();
     let gear = GearParams {
         rotor_friction_nm: 1.0,

@@ -115,7 +115,6 @@ fn bad_poses_tensions_and_indices_are_refused_and_change_nothing() {
     assert_eq!(plant.set_brake(4, true), missing);
     assert_eq!(plant.break_cable(4), missing);
     assert_eq!(plant.slip_cable(4, 0.1), missing);
-    assert_eq!(plant.slip_encoder(4, 1), missing);
     assert_eq!(plant.set_winding_gain(4, 1.0), missing);
     assert_eq!(plant.settle_at(&here, &[5.0; 4], Some(4)), missing);
     assert_eq!(plant.settle_with_tension(&here, 4, 5.0), missing);

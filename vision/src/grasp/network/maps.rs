@@ -263,7 +263,7 @@ fn depth(picture: &Aligned, corner: [usize; 2], size: usize) -> Result<Vec<f32>,
 impl Maps {
     /// The maps smoothed as their head is ([`Head`]).
     #[must_use]
-    pub fn smoothed(&self, head: Head) -> Self {
+    pub(crate) fn smoothed(&self, head: Head) -> Self {
         let blur = |map: &[f32], sigma_px| blurred(map, self.size, sigma_px);
         match head {
             Head::Affga => Self {
