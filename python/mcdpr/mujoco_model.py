@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,10 +38,10 @@ class MujocoModel:
     data: Any
 
     def __init__(self, robot: Robot, *, every_winch: bool = False) -> None:
-        import mujoco
-
+        # It has no type stubs, and is no dependency of the package.
+        mujoco: Any = importlib.import_module("mujoco")
         self.robot = robot
-        self._mj: Any = mujoco
+        self._mj = mujoco
         self.model = mujoco.MjModel.from_xml_string(
             robot.to_mjcf(every_winch=every_winch)
         )

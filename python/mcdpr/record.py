@@ -119,4 +119,5 @@ def table(columns: dict[str, Any]) -> pandas.DataFrame:
         vector = {"tool_m": "xyz", "position_m": "xyz", "rotation_xyzw": "xyzw"}.get(name)
         for k in range(values.shape[1]):
             flat[f"{name}.{vector[k] if vector else k + 1}"] = values[:, k]
-    return pandas.DataFrame(flat)
+    frame: pandas.DataFrame = pandas.DataFrame(flat)
+    return frame

@@ -120,7 +120,7 @@ class Workspace:
     @property
     def feasible(self) -> npt.NDArray[np.bool_]:
         """(nx, ny, nz): where the robot can be."""
-        return self.verdicts == 0
+        return np.asarray(self.verdicts == 0)
 
     @property
     def feasible_fraction(self) -> float:

@@ -14,6 +14,7 @@ from conftest import PROGRAM, ROBOTS, ROOT, program
 sys.path.insert(0, str(ROOT / "python" / "studies"))
 
 from mcdpr.mujoco_model import MujocoModel  # noqa: E402
+from mujoco_flight import fly  # noqa: E402
 from mujoco_statics import study  # noqa: E402
 
 
@@ -89,3 +90,28 @@ def test_urdf_is_read_as_it_was_written() -> None:
 def test_a_robot_that_the_format_cannot_express_is_refused() -> None:
     with pytest.raises(mcdpr.KinematicsError, match="planar"):
         mcdpr.Robot.load("planar-four").to_mjcf()
+
+
+def test_the_control_core_flies_mujoco() -> None:
+    seen = fly("paper-table5", "paper:table7", seed=1)
+    assert seen["ratio_mean"] < 1.2, seen
+    assert seen["mujoco_max_mm"] < 1.0, seen
+
+
+def test_an_engine_that_fails_stops_the_run_with_its_words() -> None:
+    robot = mcdpr.Robot.load("paper-table5")
+
+    def broken(lengths: list[float], rates: list[float], seconds: float) -> object:
+        assert len(lengths) == len(rates) == 4 and 0.0 < seconds <= 1e-3
+        raise ArithmeticError("no more physics")
+
+    with robot.sim(seed=1) as session, pytest.raises(mcdpr.RunError, match="no more physics"):
+        session.fly(broken)  # type: ignore[arg-type]
+        session.arm()
+
+    def short(*_: object) -> object:
+        return [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [1.0]
+
+    with robot.sim(seed=1) as session, pytest.raises(mcdpr.RunError, match="1 tensions for 4"):
+        session.fly(short)  # type: ignore[arg-type]
+        session.step(0.1)

@@ -14,6 +14,8 @@ const JUDGES: &[&str] = &[
     "mypy>=1.13",
     "mujoco>=3.1",
     "pandas>=2",
+    "mcap>=1.2,<2",
+    "foxglove-schemas-protobuf>=0.3",
 ];
 
 /// Builds the wheel of this machine's kind; gives its file.

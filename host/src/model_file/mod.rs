@@ -93,7 +93,7 @@ fn on_winch(robot: &Robot, home: &Home, cable: usize) -> bool {
 }
 
 /// Half edges of the homogeneous box that has the platform's mass and inertia, m; 1 mm at least.
-fn platform_half_size_m(robot: &Robot) -> Vector3<f64> {
+pub(crate) fn platform_half_size_m(robot: &Robot) -> Vector3<f64> {
     let moments: Vector3<f64> = robot.platform.inertia_kg_m2.diagonal();
     let sum = moments.sum() / 2.0;
     let edges = moments.map(|moment| (12.0 / robot.platform.mass_kg * (sum - moment)).max(0.0));
