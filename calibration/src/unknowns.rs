@@ -24,7 +24,7 @@ impl Layout {
     }
     /// A cable's initial length.
     #[must_use]
-    pub(crate) fn initial_length(&self, cable: usize) -> usize {
+    pub fn initial_length(&self, cable: usize) -> usize {
         3 * self.cables + cable
     }
     /// First of the six coordinates of camera_from_platform.

@@ -249,9 +249,13 @@ impl From<ComputeError> for Failure {
 
 impl From<RobotError> for Failure {
     fn from(error: RobotError) -> Self {
-        let problems: Vec<_> = error
-            .problems()
+        let invalid = match &error {
+            RobotError::Invalid(invalid) => Some(invalid),
+            _ => None,
+        };
+        let problems: Vec<_> = invalid
             .into_iter()
+            .flat_map(|invalid| std::iter::once(&invalid.first).chain(&invalid.others))
             .map(|problem| {
                 json!({
                     "file": problem.file,

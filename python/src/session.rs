@@ -127,7 +127,7 @@ impl Session {
 
     /// Closes the brakes, switches torque off, gives the board back.
     fn disarm(&self, py: Python<'_>) -> PyResult<()> {
-        self.ask(py, World::give_back)
+        self.ask(py, |world| world.give_back())
     }
 
     /// Acknowledges a fault; gives it in words.
@@ -346,7 +346,7 @@ impl Session {
         if !open {
             return Ok(());
         }
-        let ended = self.ask(py, World::give_back);
+        let ended = self.ask(py, |world| world.give_back());
         self.end(py);
         ended
     }

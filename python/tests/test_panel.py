@@ -8,7 +8,6 @@ from typing import Any
 
 import mcdpr
 import numpy as np
-from conftest import ROOT  # noqa: F401  (the tests' folder is on the path)
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -70,3 +69,13 @@ def test_the_record_opens_as_a_robot(recorded: tuple[Path, Any]) -> None:
     assert len(scenes["frame"]["spheres"]) == 4
     colors = {tuple(c.values()) for c in scenes["cables"]["lines"][0]["colors"]}
     assert len(colors) >= 2, "cables are coloured by their tension"
+
+
+def test_the_record_is_packed_to_a_third(recorded: tuple[Path, Any]) -> None:
+    with (recorded[0] / "run.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunks = summary.chunk_indexes
+    assert {chunk.compression for chunk in chunks} == {"lz4"}
+    packed = sum(chunk.compressed_size for chunk in chunks)
+    assert packed * 3 <= sum(chunk.uncompressed_size for chunk in chunks)
