@@ -24,7 +24,7 @@ impl Layout {
     }
     /// A cable's initial length.
     #[must_use]
-    pub(crate) fn initial_length(&self, cable: usize) -> usize {
+    pub fn initial_length(&self, cable: usize) -> usize {
         3 * self.cables + cable
     }
     /// First of the six coordinates of camera_from_platform.
@@ -54,7 +54,7 @@ impl Layout {
     }
     /// First of drum scale, focal scale, cx, cy, k1, tag scale.
     #[must_use]
-    pub(crate) fn scales(&self) -> usize {
+    pub fn scales(&self) -> usize {
         self.core() + 4 * self.cables
     }
     /// First of compliance (1/EA), mass, centre of mass (3).

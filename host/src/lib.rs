@@ -6,6 +6,8 @@
 //! | [`calibration`] | the robot's parameters from lengths, tensions and pictures of tags |
 //! | [`control`] | orders to a robot that is being moved, from this process or another |
 //! | [`estimate`] | where the platform is, from lengths, tensions and tags, and which cable slipped |
+//! | [`compute`] | the robot's mathematics as commands and programs ask for it |
+//! | [`model_file`] | the description as a model of MuJoCo, or for viewers |
 //! | [`machine`] | the description as geometry, as a board's configuration, as physics |
 //! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
 //! | [`link`] | byte streams to a board and the host's half of the protocol |
@@ -57,6 +59,7 @@ fn tell(what: std::fmt::Arguments<'_>) {
 pub mod bench;
 pub mod calibration;
 pub mod cli;
+pub mod compute;
 pub mod control;
 pub mod doctor;
 pub mod experiment;
@@ -66,6 +69,7 @@ mod files;
 pub mod flash;
 pub mod link;
 pub mod machine;
+pub mod model_file;
 pub mod motion;
 pub mod pick;
 pub mod record;

@@ -2,6 +2,7 @@
 
 mod firmware;
 mod public;
+mod python;
 mod seams;
 mod source;
 mod tools;
@@ -11,6 +12,7 @@ use std::process::{Command, ExitCode};
 const USAGE: &str = "usage: cargo xtask COMMAND
 
 test        every test: host crates, system tests with the real program, the firmware's contracts
+wheel       build the Python package mcdpr (target/wheels)
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
@@ -20,6 +22,7 @@ lint        formatting, seams, lints and documentation, warnings denied";
 fn main() -> ExitCode {
     let outcome = match std::env::args().nth(1).as_deref() {
         Some("test") => test(),
+        Some("wheel") => python::wheel().map(|file| println!("{}", file.display())),
         Some("firmware") => firmware::build_and_check(),
         Some("seams") => seams(),
         Some("lint") => lint(),
@@ -88,7 +91,8 @@ fn test() -> Result<(), String> {
     let file = std::path::absolute(firmware::elf_path());
     run(Command::new(cargo_program())
         .args(arguments)
-        .env("MCDPR_FIRMWARE", file.map_err(|error| error.to_string())?))
+        .env("MCDPR_FIRMWARE", file.map_err(|error| error.to_string())?))?;
+    python::test()
 }
 
 /// Features that are off by default and tested all the same.
@@ -157,7 +161,8 @@ fn run(command: &mut Command) -> Result<(), String> {
         .get_args()
         .map(|word| word.to_string_lossy())
         .collect();
-    let line = format!("cargo {}", words.join(" "));
+    let program = command.get_program().to_string_lossy();
+    let line = format!("{program} {}", words.join(" "));
     eprintln!("xtask: {line}");
     match command.status() {
         Ok(status) if status.success() => Ok(()),

@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Libraries, and folders in the workspace that may name their items.
-const CRATES: [&str; 10] = [
+const CRATES: [&str; 11] = [
     "protocol",
     "kinematics",
     "vision",
@@ -22,6 +22,7 @@ const CRATES: [&str; 10] = [
     "simulator",
     "emulator",
     "host",
+    "python",
     "tests",
 ];
 /// Folders of a crate that are crates of their own.

@@ -13,12 +13,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Where the modules of the workspace's crates are.
-const SOURCES: [&str; 12] = [
+const SOURCES: [&str; 13] = [
     "protocol/src",
     "kinematics/src",
     "vision/src",
     "core/src",
     "calibration/src",
+    "python/src",
     "firmware/src",
     "firmware/src/board",
     "simulator/src",

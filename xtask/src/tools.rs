@@ -30,27 +30,39 @@ pub(crate) fn ensure_browser() -> Result<(), String> {
 
 /// Makes sure that Python's `mcap` is there, below the target folder.
 pub(crate) fn ensure_mcap_reader() -> Result<(), String> {
-    let folder = target().join("python");
-    let python = folder.join("bin").join("python");
-    let check = || {
-        Command::new(&python)
-            .args(["-c", "import mcap"])
-            .stderr(Stdio::null())
-            .status()
-            .is_ok_and(|status| status.success())
-    };
+    let python = target().join("python").join("bin").join("python");
+    let check = || works(&python, "import mcap");
     if check() {
         return Ok(());
     }
-    if make_venv(&folder).is_err() {
-        install(&["python3-venv"]);
-        make_venv(&folder)?;
-    }
+    ensure_python()?;
     run(Command::new(&python).args(["-m", "pip", "install", "--quiet", MCAP_READER]))?;
     if check() {
         return Ok(());
     }
     Err("xtask: Python's mcap cannot be imported after its installation".to_owned())
+}
+
+/// Makes sure that there is a virtual environment below the target folder; gives its Python.
+pub(crate) fn ensure_python() -> Result<PathBuf, String> {
+    let folder = target().join("python");
+    let python = folder.join("bin").join("python");
+    if works(&python, "import pip") {
+        return Ok(python);
+    }
+    if make_venv(&folder).is_err() {
+        install(&["python3-venv"]);
+        make_venv(&folder)?;
+    }
+    Ok(python)
+}
+
+fn works(python: &Path, words: &str) -> bool {
+    Command::new(python)
+        .args(["-c", words])
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success())
 }
 
 fn make_venv(folder: &Path) -> Result<(), String> {
@@ -76,6 +88,6 @@ fn starts(program: &str, argument: &str) -> bool {
         .is_ok_and(|status| status.success())
 }
 
-fn target() -> PathBuf {
+pub(crate) fn target() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| "target".into(), PathBuf::from)
 }

@@ -59,6 +59,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("ik", Computes),
     ("jog", Judges),
     ("man", Computes),
+    ("model export", Computes),
     ("monitor", Looks),
     ("move", Judges),
     ("park", Judges),

@@ -27,6 +27,7 @@ mod export;
 mod eye;
 mod faults;
 mod flash;
+mod model;
 #[cfg(unix)]
 mod monitor;
 mod movement;
@@ -187,6 +188,7 @@ enum Command {
     Report(report::Report),
     Compare(report::Compare),
     Export(export::Cmd),
+    Model(model::Cmd),
     Reproduce(reproduce::Cmd),
     Estimate(estimate::Cmd),
     Ik(compute::ik::Cmd),
@@ -300,6 +302,7 @@ pub fn main() -> ExitCode {
         Command::Compare(cmd) => cmd.run(common),
         Command::Reproduce(cmd) => cmd.run(common),
         Command::Export(cmd) => cmd.run(common),
+        Command::Model(cmd) => cmd.run(common),
         Command::Estimate(cmd) => cmd.run(common),
         Command::Ik(cmd) => cmd.run(common),
         Command::Fk(cmd) => cmd.run(common),

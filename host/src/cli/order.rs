@@ -49,6 +49,7 @@ const ORDER: &[&str] = &[
     "fk",
     "statics",
     "workspace",
+    "model",
     // Simulate.
     "sim",
     "emulate",

@@ -45,7 +45,7 @@ impl SerialLink {
     /// Counts time as a simulated robot does that runs `scale` simulated seconds per second, over
     /// 0: its ticks are milliseconds of that time. A board has scale 1.
     #[must_use]
-    pub(crate) const fn at_scale(mut self, scale: f64) -> Self {
+    pub const fn at_scale(mut self, scale: f64) -> Self {
         self.scale = scale;
         self
     }

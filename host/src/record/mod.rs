@@ -6,6 +6,7 @@
 //! | [`decode`] | bytes of a line, both ways, as what they mean |
 //! | [`witness`] | hands what happens to watchers on threads of their own |
 //! | [`recording`] | the watcher that writes the MCAP file |
+//! | `panel` | the robot in Foxglove's terms, for its 3-D panel |
 //! | [`load`] | a recorded run, read back |
 //! | [`scenario`] | what was run, so that it can be run again |
 //! | [`words`] | states and limits in words |
@@ -18,6 +19,7 @@ pub mod decode;
 pub mod load;
 pub mod mcap;
 mod pack;
+mod panel;
 pub mod recording;
 pub mod scenario;
 mod schemas;

@@ -6,11 +6,13 @@ use super::pack::Pack;
 use super::schemas::{self, TOPICS};
 use super::witness::{Happening, Level, Watcher};
 use super::words::{LIMITS, limit};
-use super::{PlanNote, Scenario, TruthPoint};
+use super::{PlanNote, Scenario, TruthPoint, panel};
 use crate::link::{RawFrame, describe_fault, describe_reject};
 use crate::motion::Model;
 use crate::sight::{Shown, base64};
+use mcdpr_kinematics::Pose;
 use mcdpr_protocol::{BoardState, FaultRecord, Knot, Status};
+use nalgebra::{Quaternion, UnitQuaternion};
 use serde::Serialize;
 use std::fs::File;
 use std::io::{self, Write};
@@ -50,6 +52,10 @@ pub struct Recording<W: Write + Send + 'static = File> {
     fault: Option<FaultRecord>,
     limits: u16,
     plan: Option<PlanNote>,
+    /// Where a simulated platform truly is.
+    true_pose: Option<Pose>,
+    /// Whether what never changes has been shown.
+    shown: bool,
     flushed: Instant,
     sync: fn(&W) -> io::Result<()>,
     summary: Arc<Mutex<Summary>>,
@@ -156,6 +162,8 @@ impl<W: Write + Send + 'static> Recording<W> {
             fault: None,
             limits: 0,
             plan: None,
+            true_pose: None,
+            shown: false,
             flushed: Instant::now(),
             sync,
             summary: Arc::default(),
@@ -344,18 +352,50 @@ impl<W: Write + Send + 'static> Recording<W> {
         self.estimated(status, &metres, &newtons, time_ns);
     }
 
-    /// Where the platform hangs by its lengths and tensions.
+    /// Where the platform hangs by its lengths and tensions, and what a 3-D panel shows of it.
     fn estimated(&mut self, status: &Status, lengths_m: &[f64], tensions_n: &[f64], time_ns: u64) {
-        let Some(model) = self.model.as_ref().filter(|_| status.referenced) else {
+        let Some(model) = self.model.take() else {
             return;
         };
-        let Ok(rest) = model.rest_from_lengths(lengths_m, tensions_n) else {
-            return;
-        };
-        let pose = &rest.equilibrium.pose;
+        let referenced = status.referenced;
+        let rest = referenced.then(|| model.rest_from_lengths(lengths_m, tensions_n).ok());
+        let estimate = rest.flatten().map(|rest| rest.equilibrium.pose);
+        if let Some(pose) = &estimate {
+            let turn = pose.quaternion();
+            let (at, turn) = (pose.position_m.into(), [turn.i, turn.j, turn.k, turn.w]);
+            self.pose(schemas::POSE_ESTIMATED, at, turn, time_ns);
+            if self.true_pose.is_none() {
+                self.transform("world", "platform", pose, time_ns);
+            }
+        }
+        let stamp = Stamp::of(time_ns);
+        if !std::mem::replace(&mut self.shown, true) {
+            self.write(schemas::SCENE, time_ns, &panel::frame(&model, &stamp));
+            self.write(schemas::SCENE, time_ns, &panel::platform(&model, &stamp));
+            let lens = panel::calibration(&model, &stamp);
+            self.write(schemas::LENS, time_ns, &lens);
+            for (name, platform_from_it) in panel::fixed(&model) {
+                self.transform("platform", name, &platform_from_it, time_ns);
+            }
+        }
+        let pose = self.true_pose.or(estimate);
+        let cables = pose.and_then(|pose| panel::cables(&model, &pose, tensions_n, &stamp));
+        if let Some(cables) = cables {
+            self.write(schemas::SCENE, time_ns, &cables);
+        }
+        self.model = Some(model);
+    }
+
+    fn transform(&mut self, parent: &str, child: &str, pose: &Pose, time_ns: u64) {
         let turn = pose.quaternion();
-        let (at, turn) = (pose.position_m.into(), [turn.i, turn.j, turn.k, turn.w]);
-        self.pose(schemas::POSE_ESTIMATED, at, turn, time_ns);
+        let body = serde_json::json!({
+            "timestamp": Stamp::of(time_ns),
+            "parent_frame_id": parent,
+            "child_frame_id": child,
+            "translation": xyz(pose.position_m.into()),
+            "rotation": xyzw([turn.i, turn.j, turn.k, turn.w]),
+        });
+        self.write(schemas::TRANSFORM, time_ns, &body);
     }
 
     fn pose(&mut self, topic: usize, at: [f64; 3], turn: [f64; 4], time_ns: u64) {
@@ -374,14 +414,11 @@ impl<W: Write + Send + 'static> Recording<W> {
             truth.rotation_xyzw,
             time_ns,
         );
-        let body = serde_json::json!({
-            "timestamp": Stamp::of(time_ns),
-            "parent_frame_id": "world",
-            "child_frame_id": "platform",
-            "translation": xyz(truth.position_m),
-            "rotation": xyzw(truth.rotation_xyzw),
-        });
-        self.write(schemas::TRANSFORM, time_ns, &body);
+        let [x, y, z, w] = truth.rotation_xyzw;
+        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let pose = Pose::from_quaternion(truth.position_m.into(), turn);
+        self.transform("world", "platform", &pose, time_ns);
+        self.true_pose = Some(pose);
         let timestamp = Stamp::of(time_ns);
         self.write(
             schemas::TRUTH,
@@ -499,6 +536,8 @@ impl<W: Write + Send + 'static> Watcher for Recording<W> {
                         body: plan,
                     },
                 );
+                let path = panel::path(plan, &Stamp::of(time_ns));
+                self.write(schemas::SCENE, time_ns, &path);
                 self.plan = Some(plan.clone());
             }
         }

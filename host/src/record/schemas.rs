@@ -23,9 +23,11 @@ pub(super) const TRUTH: usize = 10;
 pub(super) const ORDER: usize = 11;
 pub(super) const IMAGE: usize = 12;
 pub(super) const MARKS: usize = 13;
+pub(super) const SCENE: usize = 14;
+pub(super) const LENS: usize = 15;
 
 /// The topics in the order of the numbers above.
-pub(super) const TOPICS: [Topic; 14] = [
+pub(super) const TOPICS: [Topic; 16] = [
     topic("/cables", "mcdpr.Cables", cables),
     topic("/status", "mcdpr.Status", status),
     topic("/knot", "mcdpr.Knot", knot),
@@ -40,6 +42,12 @@ pub(super) const TOPICS: [Topic; 14] = [
     topic("/order", "mcdpr.Order", order),
     topic("/camera/image", "foxglove.CompressedImage", image),
     topic("/camera/marks", "foxglove.ImageAnnotations", marks),
+    topic("/scene", "foxglove.SceneUpdate", scene),
+    topic(
+        "/camera/calibration",
+        "foxglove.CameraCalibration",
+        calibration,
+    ),
 ];
 
 const fn topic(topic: &'static str, schema: &'static str, body: fn() -> Value) -> Topic {
@@ -292,6 +300,49 @@ fn transform() -> Value {
             "child_frame_id": { "type": "string" },
             "translation": vector(),
             "rotation": quaternion(),
+        }),
+    )
+}
+
+fn scene() -> Value {
+    let list = |items: Value| json!({ "type": "array", "items": items });
+    let things = || list(json!({ "type": "object" }));
+    object(
+        "foxglove.SceneUpdate",
+        json!({
+            "deletions": things(),
+            "entities": list(json!({
+                "type": "object",
+                "title": "foxglove.SceneEntity",
+                "properties": {
+                    "timestamp": time(),
+                    "frame_id": { "type": "string" },
+                    "id": { "type": "string" },
+                    "lifetime": time(),
+                    "frame_locked": { "type": "boolean" },
+                    "metadata": things(),
+                    "arrows": things(), "cubes": things(), "spheres": things(),
+                    "cylinders": things(), "lines": things(), "triangles": things(),
+                    "texts": things(), "models": things(),
+                },
+            })),
+        }),
+    )
+}
+
+fn calibration() -> Value {
+    object(
+        "foxglove.CameraCalibration",
+        json!({
+            "timestamp": time(),
+            "frame_id": { "type": "string" },
+            "width": { "type": "integer", "minimum": 0 },
+            "height": { "type": "integer", "minimum": 0 },
+            "distortion_model": { "type": "string" },
+            "D": numbers("distortion: k1, k2, p1, p2, k3"),
+            "K": numbers("intrinsic matrix, 3 x 3, row by row"),
+            "R": numbers("rectification, 3 x 3"),
+            "P": numbers("projection, 3 x 4"),
         }),
     )
 }

@@ -12,7 +12,7 @@ pub mod tables;
 pub use figures::{Figures, MeanMax, MeanSdMax, TensionError, measure};
 pub(crate) use folder::{RunFolder, write_samples};
 pub use judge::{CableFigures, Judgement, Verdict, judge};
-pub(crate) use plan_plot::draw_plan;
+pub use plan_plot::draw_plan;
 pub(crate) use plot::PathTrace;
 pub(crate) use plot::draw_path;
 

@@ -15,7 +15,7 @@ type Curve = (String, Vec<(f64, f64)>);
 
 /// Draws a plan as SVG text; empty where it cannot be drawn.
 #[must_use]
-pub(crate) fn draw_plan(title: &str, plan: &Plan) -> String {
+pub fn draw_plan(title: &str, plan: &Plan) -> String {
     let mut svg = String::new();
     if render(title, plan, &mut svg).is_err() {
         svg.clear();

@@ -70,6 +70,11 @@ impl FaultyLink {
         }
     }
 
+    /// One more fault; one of [`When::Start`] happens with the next byte or wait.
+    pub fn add(&self, injection: Injection) {
+        self.schedule.borrow_mut().pending.push(injection);
+    }
+
     /// When each fault happened, ms since power-on, in the order of happening.
     #[must_use]
     pub fn injected_ms(&self) -> Vec<u64> {

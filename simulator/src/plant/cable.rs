@@ -16,7 +16,7 @@ pub(crate) struct Cable {
     pub attachment: V3,
     pub ea_n: f64,
     damping_time_s: f64,
-    routing_m: f64,
+    pub(super) routing_m: f64,
     loss: f64,
     presliding_m: f64,
     /// Unstretched length from drum to attachment when the drum's displacement is 0 (m).

@@ -28,6 +28,7 @@ mod cable;
 mod drive;
 mod error;
 mod faults;
+mod foreign;
 mod gear;
 mod hook;
 mod inputs;
@@ -51,6 +52,7 @@ pub(crate) use drive::DriveState;
 pub use drive::{DriveCommand, Mode};
 pub use error::PlantError;
 pub use faults::{BrakeFault, CableFaults, DriveFault, EncoderFault, Faults, TensionFault};
+pub use foreign::{Foreign, Hanging};
 pub use params::{
     BrakeParams, BusParams, CableParams, DriveParams, GearParams, MAX_CABLES, PlantParams,
     PlatformParams, Protocol, TensionSensorParams, WinchParams, box_inertia_kg_m2,
@@ -83,6 +85,7 @@ pub struct Plant {
     load: Load,
     stand: Option<stand::Stand>,
     hook: Option<hook::Hook>,
+    outside: Option<foreign::Outside>,
     hung_n: [Option<f64>; MAX_CABLES],
     e_stop: bool,
     gripper_closed: bool,
@@ -137,6 +140,7 @@ impl Plant {
             load: Load::default(),
             stand: None,
             hook: None,
+            outside: None,
             hung_n: [None; MAX_CABLES],
             e_stop: false,
             gripper_closed: false,
@@ -319,6 +323,9 @@ impl Plant {
             }
             self.steps += 1;
             return Ok(());
+        }
+        if self.outside.is_some() {
+            return self.step_outside(now_s);
         }
         self.motion.drift(&self.body, half);
         let rotation = q_matrix(self.motion.attitude);

@@ -86,8 +86,10 @@ impl Plant {
             );
             let rate = dot(path.direction, velocity);
             let off_drum = winch.paid_out();
-            let tension: Tension =
-                cable.tension(path.length_m, rate, off_drum.length_m, off_drum.rate_mps);
+            let tension: Tension = match self.outside_tension(i) {
+                Some(_) => cable.tension,
+                None => cable.tension(path.length_m, rate, off_drum.length_m, off_drum.rate_mps),
+            };
             truth.cable_lengths_m[i] = path.length_m;
             truth.unstretched_lengths_m[i] =
                 cable.unstretched_m(off_drum.length_m) - self.params.cables[i].routing_length_m;

@@ -1,7 +1,8 @@
 //! `--batch`: JSON lines on standard input, one result per line on standard output.
 
 use super::super::{Failed, Outcome};
-use super::error::{ComputeError, LinesFailed};
+use crate::compute::ComputeError;
+use miette::Diagnostic;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -14,6 +15,20 @@ const MOST_BYTES: u64 = 1 << 16;
 struct Tally {
     lines: u64,
     failed: u64,
+}
+
+/// A batch in which lines failed.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{failed} of {lines} lines failed")]
+#[diagnostic(
+    code(mcdpr::compute::batch),
+    help("each failed line's result on standard output is an object with `error` and `line`")
+)]
+struct LinesFailed {
+    /// Lines that failed.
+    failed: u64,
+    /// Lines read.
+    lines: u64,
 }
 
 #[derive(Serialize)]

@@ -1,17 +1,12 @@
 //! `mcdpr fk`: where the platform is, from cable lengths.
 
 use super::super::{Common, Outcome};
-use super::error::ComputeError;
 use super::lists::{ByCable, List};
 use super::statics::say_cables;
-use super::{
-    Subject, UNITS, batch, conclude, numbers, numbers_in_words, quantity, say_pose, triple,
-};
+use super::{UNITS, batch, conclude, numbers, numbers_in_words, quantity, say_pose, triple};
+use crate::compute::{ComputeError, Free, Subject};
 use crate::units::Quantity;
-use mcdpr_kinematics::{
-    Forward, ForwardOptions, Held, MAX_CABLES, Pose, Start, StaticOptions, rotation_from_rpy,
-};
-use nalgebra::Vector3;
+use mcdpr_kinematics::{ForwardOptions, Pose};
 use serde::{Deserialize, Serialize};
 
 /// Pose from cable lengths: for a given attitude, with free yaw, or hanging at rest
@@ -49,15 +44,6 @@ pub(in super::super) struct Cmd {
     /// --static {"lengths_m":[...],"tensions_n":{"4":10.0}}
     #[arg(long, conflicts_with = "lengths")]
     batch: bool,
-}
-
-/// Which angles are unknown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Free {
-    /// Yaw, for a given roll and pitch; four cables and more
-    Yaw,
-    /// The whole attitude; six cables and more
-    All,
 }
 
 /// A batch line without `--static`.
@@ -108,12 +94,12 @@ struct StaticAnswer {
 
 impl Cmd {
     pub(in super::super) fn run(&self, common: &Common) -> Outcome {
-        let prepared = Subject::find(common).and_then(|subject| {
+        let prepared = super::find(common).and_then(|subject| {
             let attitude = self.attitude.as_deref();
             let attitude = attitude
                 .map(|texts| triple("--attitude", Quantity::Angle, texts))
                 .transpose()?;
-            let tensions = subject.tensions(&self.tensions)?;
+            let tensions = super::tensions(&subject, &self.tensions)?;
             let options = ForwardOptions {
                 max_residual_m: quantity("--max-residual", Quantity::Length, &self.max_residual)?,
                 ..ForwardOptions::default()
@@ -131,7 +117,7 @@ impl Cmd {
             }),
             (true, true) => batch::run(|question: StaticQuestion| {
                 let tensions = match &question.tensions_n {
-                    Some(by_cable) => subject.tensions_of_line(by_cable)?,
+                    Some(by_cable) => super::tensions_of_line(&subject, by_cable)?,
                     None => tensions,
                 };
                 rest(&subject, &question.lengths_m.0, &tensions)
@@ -175,31 +161,7 @@ impl Cmd {
         attitude_rad: Option<[f64; 3]>,
         options: &ForwardOptions,
     ) -> Result<Answer, ComputeError> {
-        let count = subject.count();
-        if lengths_m.len() != count {
-            return Err(ComputeError::Count {
-                what: "lengths (one per cable, cable 1 first)",
-                expected: count.to_string(),
-                got: lengths_m.len(),
-            });
-        }
-        // Six cables and more say where the platform is, unless the attitude is known.
-        let free = match (self.free, attitude_rad) {
-            (None, None) if count >= 6 => Some(Free::All),
-            (free, _) => free,
-        };
-        let level = [0.0; 3];
-        let given = attitude_rad.unwrap_or(level);
-        let rotation = rotation_from_rpy(given);
-        let start = Pose::new(Vector3::zeros(), rotation);
-        let geometry = &subject.geometry;
-        let found: Result<Forward, _> = match free {
-            None => geometry.position(lengths_m, &rotation, None, options),
-            Some(Free::Yaw) => geometry.position_and_yaw(lengths_m, &start, false, options),
-            Some(Free::All) if count < 6 => return Err(ComputeError::TooFewForAll { count }),
-            Some(Free::All) => geometry.pose(lengths_m, &start, false, options),
-        };
-        let found = found.map_err(|error| subject.refused(error))?;
+        let (found, free) = subject.forward(lengths_m, attitude_rad, self.free, options)?;
         Ok(Answer {
             position_m: found.pose.position_m.into(),
             residual_m: found.residual_m,
@@ -211,50 +173,14 @@ impl Cmd {
     }
 }
 
-/// The pose at rest. `lengths_m` has one entry per cable, or one per length-held cable.
+/// The answer for a pose at rest.
 fn rest(
     subject: &Subject,
     lengths_m: &[Option<f64>],
     tensions_n: &[Option<f64>],
 ) -> Result<StaticAnswer, ComputeError> {
+    let (found, stability) = subject.rest(lengths_m, tensions_n)?;
     let count = subject.count();
-    let by_length = tensions_n.iter().filter(|t| t.is_none()).count();
-    if lengths_m.len() != count && lengths_m.len() != by_length {
-        let expected = if by_length == count {
-            format!("{count} (fewer where --tension or \"tensions_n\" names tension-held cables)")
-        } else {
-            format!("{by_length}, or {count} with gaps")
-        };
-        return Err(ComputeError::Count {
-            what: "lengths",
-            expected,
-            got: lengths_m.len(),
-        });
-    }
-    let has_gaps = lengths_m.len() == count;
-    let mut lengths = lengths_m.iter().copied();
-    let mut held = [Held::Tension(0.0); MAX_CABLES];
-    for (index, (slot, tension)) in held.iter_mut().zip(tensions_n).enumerate() {
-        let cable = index + 1;
-        let length = if has_gaps || tension.is_none() {
-            lengths.next().flatten()
-        } else {
-            None
-        };
-        *slot = match (length, tension) {
-            (None, Some(tension)) => Held::Tension(*tension),
-            (Some(length), None) => Held::Length(length),
-            (Some(_), Some(_)) => return Err(ComputeError::BothHeld { cable }),
-            (None, None) => return Err(ComputeError::NeitherHeld { cable }),
-        };
-    }
-    let held = held.get(..count).unwrap_or_default();
-    let geometry = &subject.geometry;
-    let refused = |error| subject.refused(error);
-    let found = geometry
-        .geometrico_static(held, Start::Cold, &StaticOptions::default())
-        .map_err(refused)?;
-    let stability = geometry.stability(&found).map_err(refused)?;
     Ok(StaticAnswer {
         position_m: found.pose.position_m.into(),
         attitude_rad: found.pose.rpy(),

@@ -1,8 +1,7 @@
 //! The grid of `mcdpr workspace`: points, verdicts, counts.
 
-use super::Subject;
-use super::error::ComputeError;
 use super::workspace::{Question, Test};
+use crate::compute::{ComputeError, Subject};
 use crate::units::Quantity;
 use mcdpr_kinematics::{
     AnyRobot, Bound, EquilibriumGuess, Error, Grid, Pose, StaticOptions, Verdict,

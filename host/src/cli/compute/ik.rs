@@ -2,9 +2,9 @@
 
 use super::super::table::lay_out;
 use super::super::{Common, Outcome, write_out};
-use super::error::ComputeError;
 use super::lists::List;
-use super::{Subject, UNITS, batch, conclude, numbers_in_words, triple};
+use super::{UNITS, batch, conclude, numbers_in_words, triple};
+use crate::compute::{ComputeError, Subject};
 use crate::units::Quantity;
 use mcdpr_kinematics::{CableVec, Pose, rotation_from_rpy};
 use nalgebra::Vector3;
@@ -71,7 +71,7 @@ struct Answer {
 
 impl Cmd {
     pub(in super::super) fn run(&self, common: &Common) -> Outcome {
-        let subject = match Subject::find(common) {
+        let subject = match super::find(common) {
             Ok(subject) => subject,
             Err(error) => return conclude::<Answer>(common, Err(error), |_| {}),
         };

@@ -2,16 +2,13 @@
 
 use super::super::table::lay_out;
 use super::super::{Common, Outcome, write_out};
-use super::error::ComputeError;
 use super::fk::{held_in_words, say_rest};
 use super::lists::{ByCable, List};
-use super::{Subject, UNITS, batch, conclude, say_pose, triple};
+use super::{UNITS, batch, conclude, say_pose, triple};
+use crate::compute::{ComputeError, Subject};
 use crate::units::Quantity;
-use mcdpr_kinematics::{
-    AnyGoal, Balance, CableMaterial, CableSet, CableVec, Correction, Equilibrium, EquilibriumGuess,
-    Error, GRAVITY_MPS2, Pose, StaticOptions, corrected_length, rotation_from_rpy,
-};
-use nalgebra::{Vector3, Vector6};
+use mcdpr_kinematics::{CableMaterial, CableVec, Correction, GRAVITY_MPS2, Pose, corrected_length};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 /// Attitude, lengths and tensions at equilibrium, for a place and the tension-held cables' tensions
@@ -102,12 +99,12 @@ struct Answer {
 
 impl Cmd {
     pub(in super::super) fn run(&self, common: &Common) -> Outcome {
-        let prepared = Subject::find(common).and_then(|subject| {
+        let prepared = super::find(common).and_then(|subject| {
             let attitude = self.attitude.as_deref();
             let attitude = attitude
                 .map(|texts| triple("--attitude", Quantity::Angle, texts))
                 .transpose()?;
-            let tensions = subject.tensions_or_own(&self.tensions)?;
+            let tensions = super::tensions_or_own(&subject, &self.tensions)?;
             Ok((subject, attitude, tensions))
         });
         let (subject, attitude, tensions) = match prepared {
@@ -122,7 +119,7 @@ impl Cmd {
         if self.batch {
             return batch::run(|question: Question| {
                 let tensions = match &question.tensions_n {
-                    Some(by_cable) => subject.tensions_of_line(by_cable)?,
+                    Some(by_cable) => super::tensions_of_line(&subject, by_cable)?,
                     None => tensions,
                 };
                 solve(
@@ -182,7 +179,7 @@ impl Cmd {
     }
 }
 
-/// Equilibrium with the platform's origin or the tool at a place (world, m).
+/// The answer for a place.
 fn solve(
     subject: &Subject,
     place_m: &Vector3<f64>,
@@ -190,28 +187,7 @@ fn solve(
     tensions_n: &[Option<f64>],
     attitude_rad: Option<[f64; 3]>,
 ) -> Result<Answer, ComputeError> {
-    let held = tensions_n.iter().filter(|t| t.is_none()).count();
-    let geometry = &subject.geometry;
-    let point = subject.point(tool);
-    let found = match held {
-        3 if attitude_rad.is_some() => return Err(ComputeError::AttitudeFollows),
-        3 => geometry.equilibrium_at(
-            &point,
-            place_m,
-            tensions_n,
-            EquilibriumGuess::Cold,
-            &StaticOptions::default(),
-        ),
-        6.. => {
-            let rotation = rotation_from_rpy(attitude_rad.unwrap_or([0.0; 3]));
-            let pose = Pose::new(place_m - rotation * point, rotation);
-            distributed(subject, &pose, tensions_n)
-        }
-        _ => return Err(subject.length_held(held)),
-    };
-    let refused = |error| subject.refused(error);
-    let found = found.map_err(refused)?;
-    let stability = geometry.stability(&found).map_err(refused)?;
+    let (found, stability) = subject.hang(place_m, tool, tensions_n, attitude_rad)?;
     Ok(Answer {
         attitude_rad: found.pose.rpy(),
         lengths_m: List(found.lengths_m),
@@ -220,48 +196,6 @@ fn solve(
         modes_hz: List(stability.modes_hz),
         corrected: None,
         pose: found.pose,
-    })
-}
-
-/// Tensions for a chosen pose: within the robot's limits, nearest to their middle, those of
-/// `tensions_n` as given. The cables are elastic, or nothing could vibrate.
-fn distributed(
-    subject: &Subject,
-    pose: &Pose,
-    tensions_n: &[Option<f64>],
-) -> Result<Equilibrium, Error> {
-    let limits = &subject.robot.limits;
-    let given = |i: usize| tensions_n.get(i).copied().flatten();
-    let bound = |limit: f64| CableVec::from_fn(tensions_n.len(), |i| given(i).unwrap_or(limit));
-    let tensions = subject.geometry.distribute(
-        pose,
-        &Vector6::zeros(),
-        Balance::Wrench,
-        &bound(limits.tension_min_n),
-        &bound(limits.tension_max_n),
-        AnyGoal::Middle,
-    )?;
-    let lengths_m = subject.geometry.lengths_m(pose)?;
-    let mut tension_held = CableSet::default();
-    for index in (0..tensions_n.len()).filter(|&i| given(i).is_some()) {
-        tension_held.insert(index);
-    }
-    let axial = |i: usize| {
-        let cable = subject.robot.cables.get(i)?;
-        let length_m = lengths_m.get(i)? + cable.routing_length_m;
-        given(i).is_none().then(|| cable.ea_n / length_m)
-    };
-    Ok(Equilibrium {
-        pose: *pose,
-        tensions_n: tensions,
-        lengths_m,
-        slack: CableSet::default(),
-        tension_held,
-        axial_stiffness_n_per_m: CableVec::from_fn(tensions_n.len(), |i| axial(i).unwrap_or(0.0)),
-        residual_n: 0.0,
-        residual_m: 0.0,
-        iterations: 0,
-        stable: false,
     })
 }
 

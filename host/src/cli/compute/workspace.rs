@@ -2,9 +2,9 @@
 
 use super::super::table::lay_out;
 use super::super::{Common, Failed, Outcome, write_out};
-use super::error::ComputeError;
 use super::grid::{self, Axis, Counts};
-use super::{Subject, UNITS, conclude, quantity, slice, triple};
+use super::{UNITS, conclude, quantity, slice, triple};
+use crate::compute::{ComputeError, Subject};
 use crate::report::RunFolder;
 use crate::units::Quantity;
 use mcdpr_kinematics::{AnyWorkspaceTest, Balance, CableVec, PlatformBox, rotation_from_rpy};
@@ -139,7 +139,7 @@ impl Cmd {
     }
 
     fn answer(&self, common: &Common) -> miette::Result<Answer> {
-        let subject = Subject::find(common)?;
+        let subject = super::find(common)?;
         let question = self.question(&subject)?;
         let step_m = quantity("--step", Quantity::Length, &self.step)?;
         let places = self.slices.iter().map(|text| Axis::parse(text));
@@ -171,7 +171,7 @@ impl Cmd {
     }
 
     fn question(&self, subject: &Subject) -> Result<Question, ComputeError> {
-        let tensions_n = subject.tensions_or_own(&self.tensions)?;
+        let tensions_n = super::tensions_or_own(subject, &self.tensions)?;
         let by_length = tensions_n.iter().filter(|t| t.is_none()).count();
         let test = self.test.unwrap_or(match by_length {
             3 => Test::Equilibrium,

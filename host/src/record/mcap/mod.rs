@@ -1,5 +1,5 @@
-//! The MCAP container (version 0, `mcap.dev/spec`): as much of it as a run needs, without
-//! compression.
+//! The MCAP container (version 0, `mcap.dev/spec`): as much of it as a run needs, its
+//! chunks packed by LZ4.
 //!
 //! Own code, because the published crate brings three procedural-macro stacks into the first build
 //! and hides when a chunk reaches the disk, which is what "readable after a crash" is about. That
@@ -14,6 +14,11 @@ pub(crate) use write::Writer;
 
 /// What every MCAP file starts and ends with.
 const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
+
+/// The name of the packing in a chunk.
+const LZ4: &str = "lz4";
+/// Most bytes that a packed chunk may have unpacked: far more than a writer gathers.
+const MOST_CHUNK_BYTES: u64 = 64 << 20;
 
 /// Kinds of records.
 mod op {

@@ -1,7 +1,9 @@
 //! Reading MCAP, front to back, so that a file without its end gives what it has.
 
-use super::{MAGIC, crc32, op};
+use super::{LZ4, MAGIC, MOST_CHUNK_BYTES, crc32, op};
+use lz4_flex::frame::FrameDecoder;
 use std::collections::BTreeMap;
+use std::io::Read as _;
 use thiserror::Error;
 
 /// One message.
@@ -199,22 +201,39 @@ fn plain(kind: u8, body: &[u8], contents: &mut Contents) -> Option<()> {
     Some(())
 }
 
+/// The records of a packed chunk, if it has as many bytes as it says and no more than a chunk has.
+fn unpack(stored: &[u8], size: u64) -> Option<Vec<u8>> {
+    if size > MOST_CHUNK_BYTES {
+        return None;
+    }
+    let mut records = Vec::new();
+    let mut decoder = FrameDecoder::new(stored).take(size + 1);
+    decoder.read_to_end(&mut records).ok()?;
+    (records.len() as u64 == size).then_some(records)
+}
+
 fn chunk(body: &[u8], contents: &mut Contents) -> Result<Option<()>, ReadError> {
     let mut fields = Fields(body);
     let mut head = || {
         let _start_ns = fields.u64()?;
         let _end_ns = fields.u64()?;
-        let _size = fields.u64()?;
+        let size = fields.u64()?;
         let checksum = fields.u32()?;
         let compression = fields.text()?;
-        Some((checksum, compression, fields.bytes64()?))
+        Some((size, checksum, compression, fields.bytes64()?))
     };
-    let Some((checksum, compression, records)) = head() else {
+    let Some((size, checksum, compression, stored)) = head() else {
         return Ok(None);
     };
-    if !compression.is_empty() {
-        return Err(ReadError::Compressed { how: compression });
-    }
+    let unpacked = match compression.as_str() {
+        "" => None,
+        LZ4 => match unpack(stored, size) {
+            Some(records) => Some(records),
+            None => return Ok(None),
+        },
+        _ => return Err(ReadError::Compressed { how: compression }),
+    };
+    let records = unpacked.as_deref().unwrap_or(stored);
     if checksum != 0 && crc32(records) != checksum {
         return Ok(None);
     }

@@ -1,6 +1,7 @@
 //! Writing MCAP, chunk by chunk.
 
-use super::{MAGIC, crc32, op};
+use super::{LZ4, MAGIC, crc32, op};
+use lz4_flex::frame::FrameEncoder;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
@@ -18,6 +19,14 @@ struct ChunkEntry {
     indexes: BTreeMap<u16, u64>,
     indexes_length: u64,
     size: u64,
+    packed_size: u64,
+}
+
+/// The records of a chunk as a frame of LZ4.
+fn pack(records: &[u8]) -> io::Result<Vec<u8>> {
+    let mut encoder = FrameEncoder::new(Vec::with_capacity(records.len() / 2));
+    encoder.write_all(records)?;
+    encoder.finish().map_err(io::Error::other)
 }
 
 /// Writes one file. Messages gather in a chunk; a chunk is written when it is full, by
@@ -250,9 +259,11 @@ impl<W: Write> Writer<W> {
         body.extend_from_slice(&end_ns.to_le_bytes());
         body.extend_from_slice(&size.to_le_bytes());
         body.extend_from_slice(&crc32(&records).to_le_bytes());
-        put_text(&mut body, "");
-        body.extend_from_slice(&size.to_le_bytes());
-        body.extend_from_slice(&records);
+        put_text(&mut body, LZ4);
+        let packed = pack(&records)?;
+        let packed_size = packed.len() as u64;
+        body.extend_from_slice(&packed_size.to_le_bytes());
+        body.extend_from_slice(&packed);
         let span = self.record(op::CHUNK, &body)?;
         let before = self.offset;
         let mut indexes = BTreeMap::new();
@@ -273,6 +284,7 @@ impl<W: Write> Writer<W> {
             indexes,
             indexes_length: self.offset - before,
             size,
+            packed_size,
         });
         Ok(())
     }
@@ -379,8 +391,8 @@ fn chunk_index(chunk: &ChunkEntry) -> Vec<u8> {
         body.extend_from_slice(&at.to_le_bytes());
     }
     body.extend_from_slice(&chunk.indexes_length.to_le_bytes());
-    put_text(&mut body, "");
-    body.extend_from_slice(&chunk.size.to_le_bytes());
+    put_text(&mut body, LZ4);
+    body.extend_from_slice(&chunk.packed_size.to_le_bytes());
     body.extend_from_slice(&chunk.size.to_le_bytes());
     body
 }

@@ -10,7 +10,7 @@ const MORE: &str =
 
 /// Why there is no answer. Cables are counted from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]
-pub(crate) enum ComputeError {
+pub enum ComputeError {
     /// The mathematics refused.
     #[error(transparent)]
     #[diagnostic(code(mcdpr::compute), help("{MORE}"))]
@@ -148,18 +148,4 @@ pub(crate) enum ComputeError {
         /// Its value.
         value_mm: f64,
     },
-}
-
-/// A batch in which lines failed.
-#[derive(Debug, thiserror::Error, Diagnostic)]
-#[error("{failed} of {lines} lines failed")]
-#[diagnostic(
-    code(mcdpr::compute::batch),
-    help("each failed line's result on standard output is an object with `error` and `line`")
-)]
-pub(crate) struct LinesFailed {
-    /// Lines that failed.
-    pub(crate) failed: u64,
-    /// Lines read.
-    pub(crate) lines: u64,
 }

@@ -1,0 +1,584 @@
+//! The robot: its file, its calibration, and its mathematics over rows of poses.
+
+use crate::edit::set;
+use crate::failure::{Failure, to_python};
+use crate::rows::{Answers, Table, fill};
+use mcdpr::calibration::result;
+use mcdpr::compute::{ComputeError, Free, Subject};
+use mcdpr::model_file::{self, Format, Winches};
+use mcdpr_core::machine;
+use mcdpr_core::robot::{BUILT_IN, BuiltInModules, ModuleFiles};
+use mcdpr_kinematics::{
+    AnyGoal, AnyWorkspaceTest, Balance, Bound as Side, Equilibrium, Error, ForwardOptions, Grid,
+    Pose, Stability, Verdict, rotation_from_rpy,
+};
+use nalgebra::{Vector3, Vector6};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use serde_json::Value;
+use std::path::Path;
+
+/// Columns of natural frequencies; missing ones are NaN.
+const MODES: usize = 6;
+
+/// A robot with its geometry and the texts that it was read from.
+#[pyclass(frozen, name = "Robot", module = "mcdpr._mcdpr")]
+pub(crate) struct Robot {
+    pub(crate) subject: Subject,
+    /// The robot file and the winch module files that it names: name and text.
+    files: Vec<(String, String)>,
+    origin: String,
+}
+
+/// Winch module files that were read with a robot, then the built-in ones.
+struct Kept<'a>(&'a [(String, String)]);
+
+impl ModuleFiles for Kept<'_> {
+    fn open(&self, asked: &str) -> Result<(String, String), (String, String)> {
+        let mut files = self.0.iter().skip(1);
+        match files.find(|(name, _)| name == asked) {
+            Some(found) => Ok(found.clone()),
+            None => BuiltInModules.open(asked),
+        }
+    }
+}
+
+type Two = Py<PyArray2<f64>>;
+
+/// Names of the built-in robots.
+#[pyfunction]
+pub(crate) fn built_in() -> Vec<&'static str> {
+    BUILT_IN.iter().map(|(name, _)| *name).collect()
+}
+
+#[pymethods]
+impl Robot {
+    /// By path, or by the name of a built-in robot.
+    #[staticmethod]
+    fn load(name: &str) -> PyResult<Self> {
+        let robot = mcdpr::robot::find(name).map_err(Failure::from)?;
+        Ok(Self {
+            subject: Subject::new(robot).map_err(Failure::from)?,
+            files: mcdpr::robot::sources(name),
+            origin: name.to_owned(),
+        })
+    }
+
+    /// From the text of a robot file.
+    #[staticmethod]
+    fn parse(text: &str, origin: &str) -> PyResult<Self> {
+        let robot = mcdpr::robot::parse(text, Path::new(origin)).map_err(Failure::from)?;
+        Ok(Self {
+            subject: Subject::new(robot).map_err(Failure::from)?,
+            files: vec![(origin.to_owned(), text.to_owned())],
+            origin: origin.to_owned(),
+        })
+    }
+
+    /// With other values: an object of dotted keys, in the robot file's units.
+    fn edited(&self, changes: &str) -> PyResult<Self> {
+        let (name, text) = self
+            .files
+            .first()
+            .ok_or_else(|| Failure::input("this robot has no file to edit"))?;
+        let mut table: toml::Table = text
+            .parse()
+            .map_err(|error| Failure::input(format!("{name}: {error}")))?;
+        let changes: serde_json::Map<String, Value> = serde_json::from_str(changes)
+            .map_err(|error| Failure::input(format!("values: {error}")))?;
+        for (key, value) in changes {
+            let value = toml::Value::try_from(&value)
+                .map_err(|error| Failure::input(format!("{key}: {error}")))?;
+            set(&mut table, &key, value)?;
+        }
+        let text = toml::to_string(&table)
+            .map_err(|error| Failure::input(format!("the edited robot: {error}")))?;
+        let mut files = self.files.clone();
+        if let Some(first) = files.first_mut() {
+            first.1.clone_from(&text);
+        }
+        let origin = format!("{} (edited)", self.origin);
+        let robot = mcdpr_core::robot::Robot::parse(&text, &origin, &Kept(&files));
+        Ok(Self {
+            subject: Subject::new(robot.map_err(Failure::from)?).map_err(Failure::from)?,
+            files,
+            origin,
+        })
+    }
+
+    /// With the calibration of a file applied.
+    fn calibrated(&self, path: &str) -> PyResult<Self> {
+        let robot = result::apply(&self.subject.robot, Path::new(path))
+            .map_err(|error| Failure::of("CalibrationError", &error))?;
+        self.with_robot(robot)
+    }
+
+    /// With the calibration of a document applied; `name` names it in messages.
+    fn calibrated_by(&self, text: &str, name: &str) -> PyResult<Self> {
+        let robot = result::apply_text(&self.subject.robot, text, Path::new(name))
+            .map_err(|what| Failure::new("CalibrationError", format!("{name}: {what}")))?;
+        self.with_robot(robot)
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.subject.robot.name
+    }
+
+    #[getter]
+    fn cable_count(&self) -> usize {
+        self.subject.count()
+    }
+
+    #[getter]
+    fn is_calibrated(&self) -> bool {
+        self.subject.robot.calibrated.is_some()
+    }
+
+    #[getter]
+    fn content_hash(&self) -> u32 {
+        self.subject.robot.content_hash()
+    }
+
+    /// The robot file and the module files that it names.
+    #[getter]
+    fn files(&self) -> Vec<(String, String)> {
+        self.files.clone()
+    }
+
+    /// Cables (from 0) that are held by tension.
+    #[getter]
+    fn tension_held(&self) -> Vec<usize> {
+        let own = self.subject.own_tensions();
+        let held = own.iter().enumerate().filter(|(_, own)| own.is_some());
+        held.map(|(index, _)| index).collect()
+    }
+
+    /// Every value, SI.
+    fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let value = serde_json::to_value(&self.subject.robot)
+            .map_err(|error| Failure::input(error.to_string()))?;
+        to_python(py, &value)
+    }
+
+    /// Lengths alone.
+    fn lengths(
+        &self,
+        py: Python<'_>,
+        position_m: PyReadonlyArray2<'_, f64>,
+        attitude_rad: Option<PyReadonlyArray2<'_, f64>>,
+        tool: bool,
+        nan: bool,
+    ) -> PyResult<Two> {
+        let count = position_m.shape()[0];
+        let poses = self.poses(&position_m, attitude_rad.as_ref(), tool)?;
+        let cables = self.subject.count();
+        let geometry = &self.subject.geometry;
+        let answers = Answers::solve(py, count, [cables], nan, |index, [lengths]| {
+            fill(lengths, &*geometry.lengths_m(&poses.at(index))?);
+            Ok(())
+        })?;
+        let [lengths] = answers.arrays(py)?;
+        Ok(lengths)
+    }
+
+    /// Lengths, wrap angles, directions, tangent points.
+    fn ik(
+        &self,
+        py: Python<'_>,
+        position_m: PyReadonlyArray2<'_, f64>,
+        attitude_rad: Option<PyReadonlyArray2<'_, f64>>,
+        tool: bool,
+        nan: bool,
+    ) -> PyResult<[Two; 4]> {
+        let count = position_m.shape()[0];
+        let poses = self.poses(&position_m, attitude_rad.as_ref(), tool)?;
+        let cables = self.subject.count();
+        let widths = [cables, cables, 3 * cables, 3 * cables];
+        let geometry = &self.subject.geometry;
+        let answers = Answers::solve(py, count, widths, nan, |index, rows| {
+            let [lengths, wraps, directions, tangents] = rows;
+            let paths = geometry.paths(&poses.at(index))?;
+            fill(lengths, paths.iter().map(|path| &path.length_m));
+            fill(wraps, paths.iter().map(|path| &path.wrap_rad));
+            fill(
+                directions,
+                paths.iter().flat_map(|path| path.direction.iter()),
+            );
+            fill(
+                tangents,
+                paths.iter().flat_map(|path| path.tangent_point_m.iter()),
+            );
+            Ok(())
+        })?;
+        answers.arrays(py)
+    }
+
+    /// Rows of the Jacobian, by twist or by the rates of the angles.
+    fn jacobian(
+        &self,
+        py: Python<'_>,
+        position_m: PyReadonlyArray2<'_, f64>,
+        attitude_rad: Option<PyReadonlyArray2<'_, f64>>,
+        tool: bool,
+        euler: bool,
+        nan: bool,
+    ) -> PyResult<Two> {
+        let count = position_m.shape()[0];
+        let poses = self.poses(&position_m, attitude_rad.as_ref(), tool)?;
+        let geometry = &self.subject.geometry;
+        let width = 6 * self.subject.count();
+        let answers = Answers::solve(py, count, [width], nan, |index, [row]| {
+            let pose = poses.at(index);
+            let rows = match euler {
+                true => geometry.euler_jacobian(&pose)?,
+                false => geometry.twist_jacobian(&pose)?,
+            };
+            fill(row, rows.iter().flatten());
+            Ok(())
+        })?;
+        let [rows] = answers.arrays(py)?;
+        Ok(rows)
+    }
+
+    /// Position, attitude, residual, iterations from lengths alone.
+    fn forward(
+        &self,
+        py: Python<'_>,
+        lengths_m: PyReadonlyArray2<'_, f64>,
+        attitude_rad: Option<PyReadonlyArray2<'_, f64>>,
+        free: Option<&str>,
+        max_residual_m: f64,
+        nan: bool,
+    ) -> PyResult<[Two; 4]> {
+        let count = lengths_m.shape()[0];
+        let lengths = Table::of("lengths_m", &lengths_m, self.subject.count())?;
+        let attitude = table_of("attitude_rad", attitude_rad.as_ref(), 3)?;
+        let free = match free {
+            None => None,
+            Some("yaw") => Some(Free::Yaw),
+            Some("all") => Some(Free::All),
+            Some(other) => {
+                let words = format!("free: \"{other}\"; it is \"yaw\", \"all\" or None");
+                return Err(Failure::input(words).into());
+            }
+        };
+        let options = ForwardOptions {
+            max_residual_m,
+            ..ForwardOptions::default()
+        };
+        let answers = Answers::solve(py, count, [3, 3, 1, 1], nan, |index, rows| {
+            let [position, angles, residual, iterations] = rows;
+            let attitude = attitude.as_ref().map(|table| table.triple(index));
+            let (found, _) = self
+                .subject
+                .forward(lengths.row(index), attitude, free, &options)?;
+            fill(position, found.pose.position_m.iter());
+            fill(angles, &found.pose.rpy());
+            fill(residual, &[found.residual_m]);
+            fill(iterations, &[found.iterations as f64]);
+            Ok(())
+        })?;
+        answers.arrays(py)
+    }
+
+    /// The pose at rest for held lengths and tensions; NaN for what is not held.
+    fn rest(
+        &self,
+        py: Python<'_>,
+        lengths_m: PyReadonlyArray2<'_, f64>,
+        tensions_n: PyReadonlyArray2<'_, f64>,
+        nan: bool,
+    ) -> PyResult<[Two; 9]> {
+        let count = lengths_m.shape()[0];
+        let cables = self.subject.count();
+        let lengths = Table::of("lengths_m", &lengths_m, cables)?;
+        let tensions = Table::of("tensions_n", &tensions_n, cables)?;
+        self.equilibria(py, count, nan, |index| {
+            let tensions = held(tensions.row(index));
+            self.subject.rest(&held(lengths.row(index)), &tensions)
+        })
+    }
+
+    /// Equilibrium at a place; NaN for the tension of a length-held cable.
+    fn hang(
+        &self,
+        py: Python<'_>,
+        position_m: PyReadonlyArray2<'_, f64>,
+        tensions_n: PyReadonlyArray2<'_, f64>,
+        attitude_rad: Option<PyReadonlyArray2<'_, f64>>,
+        tool: bool,
+        nan: bool,
+    ) -> PyResult<[Two; 9]> {
+        let count = position_m.shape()[0];
+        let position = Table::of("position_m", &position_m, 3)?;
+        let tensions = Table::of("tensions_n", &tensions_n, self.subject.count())?;
+        let attitude = table_of("attitude_rad", attitude_rad.as_ref(), 3)?;
+        self.equilibria(py, count, nan, |index| {
+            let place = Vector3::from(position.triple(index));
+            let tensions = held(tensions.row(index));
+            let attitude = attitude.as_ref().map(|table| table.triple(index));
+            self.subject.hang(&place, tool, &tensions, attitude)
+        })
+    }
+
+    /// Tensions that balance gravity and a wrench.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the arguments of one Python call"
+    )]
+    fn distribute(
+        &self,
+        py: Python<'_>,
+        position_m: PyReadonlyArray2<'_, f64>,
+        attitude_rad: Option<PyReadonlyArray2<'_, f64>>,
+        wrench: PyReadonlyArray2<'_, f64>,
+        min_n: Vec<f64>,
+        max_n: Vec<f64>,
+        forces_only: bool,
+        minimum_norm: bool,
+        near_n: Option<Vec<f64>>,
+        nan: bool,
+    ) -> PyResult<Two> {
+        let count = position_m.shape()[0];
+        let poses = self.poses(&position_m, attitude_rad.as_ref(), false)?;
+        let wrench = Table::of("wrench", &wrench, 6)?;
+        let balance = if forces_only {
+            Balance::Forces
+        } else {
+            Balance::Wrench
+        };
+        let cables = self.subject.count();
+        let answers = Answers::solve(py, count, [cables], nan, |index, [row]| {
+            let goal = match (&near_n, minimum_norm) {
+                (Some(near), _) => AnyGoal::NearestTo(near),
+                (None, true) => AnyGoal::MinimumNorm,
+                (None, false) => AnyGoal::Middle,
+            };
+            let wrench = Vector6::from_iterator(wrench.row(index).iter().copied());
+            let found = self
+                .subject
+                .geometry
+                .distribute(&poses.at(index), &wrench, balance, &min_n, &max_n, goal)
+                .map_err(|error| self.subject.refused(error))?;
+            fill(row, &*found);
+            Ok(())
+        })?;
+        let [tensions] = answers.arrays(py)?;
+        Ok(tensions)
+    }
+
+    /// Verdicts on a grid, x fastest: a code and the cable (from 1, or 0) of each point.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the arguments of one Python call"
+    )]
+    fn workspace(
+        &self,
+        py: Python<'_>,
+        min_m: [f64; 3],
+        max_m: [f64; 3],
+        counts: [usize; 3],
+        test: &str,
+        tool: bool,
+        attitude_rad: [f64; 3],
+        tensions_n: Vec<f64>,
+        min_n: Vec<f64>,
+        max_n: Vec<f64>,
+        tilt_max_rad: f64,
+    ) -> PyResult<(Py<PyArray1<u8>>, Py<PyArray1<u8>>)> {
+        let tensions = held(&tensions_n);
+        let fixed = |balance| AnyWorkspaceTest::Fixed {
+            balance,
+            rotation: rotation_from_rpy(attitude_rad),
+            min_n: &min_n,
+            max_n: &max_n,
+        };
+        let planar = self.subject.planar.then(|| {
+            self.subject.refused(Error::TooFewCables {
+                solver: mcdpr_kinematics::Solver::TensionDistribution,
+                needed: 6,
+                got: self.subject.count(),
+            })
+        });
+        if let Some(error) = planar {
+            return Err(Failure::from(error).into());
+        }
+        let test = match test {
+            "wrench" => fixed(Balance::Wrench),
+            "forces" => fixed(Balance::Forces),
+            _ => {
+                let by_length = tensions.iter().filter(|t| t.is_none()).count();
+                if by_length != 3 {
+                    return Err(Failure::from(self.subject.length_held(by_length)).into());
+                }
+                AnyWorkspaceTest::Equilibrium {
+                    tool_in_platform_m: self.subject.point(tool),
+                    tensions_n: &tensions,
+                    min_n: &min_n,
+                    max_n: &max_n,
+                    tilt_max_rad,
+                }
+            }
+        };
+        // The place of the tool at this attitude, as a place of the platform's origin.
+        let shift = match test {
+            AnyWorkspaceTest::Fixed { rotation, .. } => rotation * self.subject.point(tool),
+            AnyWorkspaceTest::Equilibrium { .. } => Vector3::zeros(),
+        };
+        let grid = Grid {
+            min_m: Vector3::from(min_m) - shift,
+            max_m: Vector3::from(max_m) - shift,
+            counts,
+        };
+        let verdicts = py
+            .detach(|| self.subject.geometry.workspace_parallel(&grid, &test))
+            .map_err(Failure::from)?;
+        let codes = verdicts.iter().map(|verdict| code(*verdict)).collect();
+        let cable = |verdict: &Verdict| verdict.limiting_cable().unwrap_or(0).try_into();
+        let cables = verdicts.iter().map(|verdict| cable(verdict).unwrap_or(0));
+        Ok((
+            PyArray1::from_vec(py, codes).unbind(),
+            PyArray1::from_vec(py, cables.collect()).unbind(),
+        ))
+    }
+
+    /// As a model file for other programs.
+    fn model_file(&self, format: &str, every_winch: bool) -> PyResult<String> {
+        let winches = if every_winch {
+            Winches::All
+        } else {
+            Winches::Held
+        };
+        let format = match format {
+            "mjcf" => Format::Mjcf,
+            _ => Format::Urdf,
+        };
+        let text = model_file::write(&self.subject.robot, format, winches);
+        Ok(text.map_err(Failure::from)?)
+    }
+
+    /// Lowest and highest corner of the box to search in, world, m.
+    #[getter]
+    fn search_box_m(&self) -> [[f64; 3]; 2] {
+        self.subject.robot.search_box_in_world_m().map(Into::into)
+    }
+}
+
+/// A verdict as a number; `mcdpr.robot.VERDICTS` has the names.
+fn code(verdict: Verdict) -> u8 {
+    match verdict {
+        Verdict::Feasible => 0,
+        Verdict::Limited {
+            bound: Side::Minimum,
+            ..
+        } => 1,
+        Verdict::Limited {
+            bound: Side::Maximum,
+            ..
+        } => 2,
+        Verdict::NoPath { .. } => 3,
+        Verdict::Tilted => 4,
+        Verdict::Unstable => 5,
+        Verdict::Unbalanced => 6,
+    }
+}
+
+/// NaN stands for what is not held.
+fn held(values: &[f64]) -> Vec<Option<f64>> {
+    let given = |value: &f64| (!value.is_nan()).then_some(*value);
+    values.iter().map(given).collect()
+}
+
+fn table_of(
+    name: &str,
+    array: Option<&PyReadonlyArray2<'_, f64>>,
+    width: usize,
+) -> PyResult<Option<Table>> {
+    array.map(|array| Table::of(name, array, width)).transpose()
+}
+
+/// Poses of the platform, row by row.
+struct Poses {
+    position: Table,
+    attitude: Option<Table>,
+    point_m: Vector3<f64>,
+}
+
+impl Poses {
+    fn at(&self, index: usize) -> Pose {
+        let position = Vector3::from(self.position.triple(index));
+        let rotation = match &self.attitude {
+            Some(attitude) => rotation_from_rpy(attitude.triple(index)),
+            None => rotation_from_rpy([0.0; 3]),
+        };
+        Pose::new(position - rotation * self.point_m, rotation)
+    }
+}
+
+impl Robot {
+    fn with_robot(&self, robot: mcdpr_core::robot::Robot) -> PyResult<Self> {
+        Ok(Self {
+            subject: Subject::new(robot).map_err(Failure::from)?,
+            files: self.files.clone(),
+            origin: self.origin.clone(),
+        })
+    }
+
+    fn poses(
+        &self,
+        position: &PyReadonlyArray2<'_, f64>,
+        attitude: Option<&PyReadonlyArray2<'_, f64>>,
+        tool: bool,
+    ) -> PyResult<Poses> {
+        Ok(Poses {
+            position: Table::of("position_m", position, 3)?,
+            attitude: table_of("attitude_rad", attitude, 3)?,
+            point_m: self.subject.point(tool),
+        })
+    }
+
+    /// Position, attitude, lengths, tensions, paid-out lengths, slack, stable, modes, stiffness.
+    fn equilibria(
+        &self,
+        py: Python<'_>,
+        count: usize,
+        nan: bool,
+        solve: impl Fn(usize) -> Result<(Equilibrium, Stability), ComputeError> + Sync,
+    ) -> PyResult<[Two; 9]> {
+        let n = self.subject.count();
+        let widths = [3, 3, n, n, n, n, 1, MODES, 36];
+        let robot = &self.subject.robot;
+        let answers = Answers::solve(py, count, widths, nan, |index, rows| {
+            let [
+                position,
+                attitude,
+                lengths,
+                tensions,
+                paid_out,
+                slack,
+                stable,
+                modes,
+                stiffness,
+            ] = rows;
+            let (found, stability) = solve(index)?;
+            fill(position, found.pose.position_m.iter());
+            fill(attitude, &found.pose.rpy());
+            fill(lengths, &*found.lengths_m);
+            fill(tensions, &*found.tensions_n);
+            let pairs = found.lengths_m.iter().zip(&found.tensions_n);
+            for (cable, (slot, (length, tension))) in paid_out.iter_mut().zip(pairs).enumerate() {
+                *slot = machine::paid_out_m(robot, cable, *length, *tension);
+            }
+            for (cable, slot) in slack.iter_mut().enumerate() {
+                *slot = f64::from(u8::from(found.slack.contains(cable)));
+            }
+            fill(stable, &[f64::from(u8::from(stability.stable))]);
+            fill(modes, &*stability.modes_hz);
+            // Symmetric: its order does not matter.
+            fill(stiffness, stability.stiffness.iter());
+            Ok(())
+        })?;
+        answers.arrays(py)
+    }
+}
