@@ -4,27 +4,17 @@
 ///
 /// The chip multiplies 32 by 32 bits to 64 in one instruction: `b` is taken in two halves, so that
 /// no product is wider.
-///
-/// ```
-/// assert_eq!(mcdpr_firmware::fixed::mul_q32(3, 5 << 32), 15);
-/// assert_eq!(mcdpr_firmware::fixed::mul_q32(-3, 1 << 31), -1);
-/// assert_eq!(mcdpr_firmware::fixed::mul_q32(i32::MAX, 1 << 33), i32::MAX);
-/// ```
 #[must_use]
 #[inline]
-pub const fn mul_q32(a: i32, b: i64) -> i32 {
+pub(crate) const fn mul_q32(a: i32, b: i64) -> i32 {
     let (high, low) = products(a, b);
     saturate(high + ((low + half(32)) >> 32))
 }
 
 /// `a * b / 2^32`, rounded down. `b` is under 2^62 in size.
-///
-/// ```
-/// assert_eq!(mcdpr_firmware::fixed::floor_q32(-3, 1 << 31), -2);
-/// ```
 #[must_use]
 #[inline]
-pub const fn floor_q32(a: i32, b: i64) -> i64 {
+pub(crate) const fn floor_q32(a: i32, b: i64) -> i64 {
     let (high, low) = products(a, b);
     high + (low >> 32)
 }
@@ -49,12 +39,8 @@ pub const fn half(bits: u32) -> i64 {
 
 /// `value * factor / 2^bits`, rounded down, exact: the product may be wider than 64 bits as long as
 /// the result is not. `factor` is not negative and under 2^32, `bits` at most 31.
-///
-/// ```
-/// assert_eq!(mcdpr_firmware::fixed::scale_down(-(1 << 50), 3 << 20, 22), -3 * (1 << 48));
-/// ```
 #[must_use]
-pub const fn scale_down(value: i64, factor: i64, bits: u32) -> i64 {
+pub(crate) const fn scale_down(value: i64, factor: i64, bits: u32) -> i64 {
     let low = value & ((1 << bits) - 1);
     (value >> bits) * factor + ((low * factor) >> bits)
 }
@@ -62,15 +48,9 @@ pub const fn scale_down(value: i64, factor: i64, bits: u32) -> i64 {
 /// `value / DIVISOR`, rounded towards zero; `DIVISOR` is positive and, without its factors of two,
 /// under 2^15. Most values fit 32 bits, and the chip divides those in one instruction; [`division`]
 /// takes it a hundred and more.
-///
-/// ```
-/// use mcdpr_firmware::fixed::quotient;
-/// assert_eq!((quotient::<100>(-250), quotient::<100>(1 << 40)), (-2, (1 << 40) / 100));
-/// assert_eq!(quotient::<1_000_000>(i64::MIN), i64::MIN / 1_000_000);
-/// ```
 #[must_use]
 #[inline]
-pub const fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
+pub(crate) const fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
     const { assert!(DIVISOR > 0 && DIVISOR >> DIVISOR.trailing_zeros() < 1 << 15) };
     match narrow(value) {
         Some(value) => (value / DIVISOR) as i64,
@@ -111,12 +91,6 @@ const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
 /// eight bits of the value go at once, as on paper. The library's division of 64 bits
 /// would take a kilobyte of its flash.
 ///
-/// ```
-/// use mcdpr_firmware::fixed::division;
-/// assert_eq!((division(-7, 2), division(7, -2), division(-7, -2)), (-3, -3, 3));
-/// assert_eq!(division(i64::MIN, 49_766), i64::MIN / 49_766);
-/// ```
-///
 /// # Panics
 /// For a divisor of 0.
 #[must_use]
@@ -125,7 +99,7 @@ const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
     clippy::cast_possible_truncation,
     reason = "parts of a number are meant"
 )]
-pub const fn division(value: i64, divisor: i64) -> i64 {
+pub(crate) const fn division(value: i64, divisor: i64) -> i64 {
     let (mut size, mut by) = (value.unsigned_abs(), divisor.unsigned_abs());
     while by >> 24 != 0 {
         (size, by) = (size >> 1, by >> 1);
@@ -164,14 +138,9 @@ pub(crate) const fn narrow(value: i64) -> Option<i32> {
 }
 
 /// The nearest `i32`.
-///
-/// ```
-/// use mcdpr_firmware::fixed::saturate;
-/// assert_eq!((saturate(-7), saturate(1 << 31), saturate(-1 << 40)), (-7, i32::MAX, i32::MIN));
-/// ```
 #[must_use]
 #[inline]
-pub const fn saturate(value: i64) -> i32 {
+pub(crate) const fn saturate(value: i64) -> i32 {
     match narrow(value) {
         Some(value) => value,
         None => beyond(value),
@@ -245,6 +214,29 @@ mod tests {
         } else {
             size.cast_signed()
         }
+    }
+
+    #[test]
+    fn values_are_rounded_and_bounded_as_described() {
+        assert_eq!(mul_q32(3, 5 << 32), 15);
+        assert_eq!(mul_q32(-3, 1 << 31), -1);
+        assert_eq!(mul_q32(i32::MAX, 1 << 33), i32::MAX);
+        assert_eq!(floor_q32(-3, 1 << 31), -2);
+        assert_eq!(scale_down(-(1 << 50), 3 << 20, 22), -3 * (1 << 48));
+        assert_eq!(
+            (quotient::<100>(-250), quotient::<100>(1 << 40)),
+            (-2, (1 << 40) / 100)
+        );
+        assert_eq!(quotient::<1_000_000>(i64::MIN), i64::MIN / 1_000_000);
+        assert_eq!(
+            (division(-7, 2), division(7, -2), division(-7, -2)),
+            (-3, -3, 3)
+        );
+        assert_eq!(division(i64::MIN, 49_766), i64::MIN / 49_766);
+        assert_eq!(
+            (saturate(-7), saturate(1 << 31), saturate(-1 << 40)),
+            (-7, i32::MAX, i32::MIN)
+        );
     }
 
     #[test]

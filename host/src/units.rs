@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 /// What a number measures: which units it may have, and which one is meant without any.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Quantity {
+pub(crate) enum Quantity {
     /// A length; mm without a unit.
     Length,
     /// An angle; degrees without a unit.
@@ -45,15 +45,6 @@ impl Quantity {
     ///
     /// # Errors
     /// [`UnitError`] for a text that is no finite number followed by one of the units, or by none.
-    ///
-    /// ```
-    /// use mcdpr::units::Quantity;
-    /// assert_eq!(Quantity::Length.parse("12cm")?, 0.12);
-    /// assert_eq!(Quantity::Length.parse("-40")?, -0.04);
-    /// assert_eq!(Quantity::Angle.parse("0.1 rad")?, 0.1);
-    /// assert!(Quantity::Length.parse("5deg").is_err());
-    /// # Ok::<(), mcdpr::units::UnitError>(())
-    /// ```
     pub fn parse(self, text: &str) -> Result<f64, UnitError> {
         let (name, units) = self.table();
         let text = text.trim();

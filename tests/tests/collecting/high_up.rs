@@ -25,12 +25,14 @@ fn tensions_n(robot: &Robot, seed: u64) -> Vec<[f64; 2]> {
     run::arm(&mut client, hash).unwrap();
     let reach = Reach::new(&model).unwrap();
     // As high up as the limit of tension allows.
-    let high_up = (45..200)
+    let (high_up, way) = (45..200)
         .find_map(|below_mm| {
             let at_m = Vector3::new(0.48, 0.11, -1e-3 * f64::from(below_mm));
-            (20..34)
-                .rev()
-                .find_map(|tension_n| reach.rest(&at_m, f64::from(tension_n), Some(&home)))
+            (20..34).rev().find_map(|tension_n| {
+                let rest = reach.rest(&at_m, f64::from(tension_n), Some(&home))?;
+                let way = way(&reach, robot, &home, &rest, 0.5, &[0.0; 4])?;
+                Some((rest, way))
+            })
         })
         .unwrap();
     println!(
@@ -38,7 +40,6 @@ fn tensions_n(robot: &Robot, seed: u64) -> Vec<[f64; 2]> {
         high_up.equilibrium.pose.position_m,
         high_up.tensions_n()
     );
-    let way = way(&reach, robot, &home, &high_up, 0.5, &[0.0; 4]).unwrap();
     run::follow(&mut client, &way.knots, &mut Recorder::default(), |_| {}).unwrap();
     let arrived_us = client.now_us();
     client.pump(arrived_us + 3_000_000).unwrap();

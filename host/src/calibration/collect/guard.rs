@@ -39,7 +39,9 @@ pub(super) fn halt(reach: &Reach<'_>, samples: &[Measured]) -> Option<Halt> {
             });
         }
         let swing_n = self::swing_n(samples, cable);
-        if swing_n > SHAKING_N {
+        // A cable near its least tension has less room than that.
+        let slackens = swing_n > STILL_N && mean_n - swing_n < reach.least_n();
+        if swing_n > SHAKING_N || slackens {
             return Some(Halt {
                 kind: StopKind::Stop,
                 reason: format!(

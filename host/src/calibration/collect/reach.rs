@@ -184,6 +184,11 @@ impl<'a> Reach<'a> {
         (least_n..=most_n * (1.0 - TENSION_ROOM)).contains(&tension_n)
     }
 
+    /// Least tension of a cable, N.
+    pub(super) fn least_n(&self) -> f64 {
+        self.model.robot().limits.tension_min_n
+    }
+
     /// Whether a measured tension is nearer to a limit than half of the room that planning leaves.
     pub(super) fn beyond(&self, cable: usize, tension_n: f64) -> bool {
         let least_n = self.model.robot().limits.tension_min_n + 0.5 * TENSION_ROOM_N;
