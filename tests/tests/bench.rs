@@ -250,5 +250,6 @@ fn an_armed_board_is_neither_tested_nor_flashed() {
     session.arm().unwrap();
     let refused = flash::ask_before(Beating(link), SessionId(7));
     assert!(matches!(refused, Err(FlashError::Armed)), "{refused:?}");
-    session.disarm().unwrap();
+    // Its own program was not heard for seconds: it may have been given up.
+    let _ = session.disarm();
 }

@@ -281,9 +281,9 @@ fn armed_and_disarmed(play_m: f64, told_m: f64) -> Result<(), String> {
     let link = Box::new(link);
     let mut session = Session::open(&says, link, SessionId(6), &handle, homing, &NoStore).unwrap();
     session.arm().map_err(|error| format!("arming: {error}"))?;
-    // Up, and every drum that reels in drags its brake's disc along: let go, it falls by the play.
-    let up = Task::built_in("paper:table7", -0.18).unwrap();
-    let plan = session.plan(up, None).unwrap();
+    // A drum that reels in drags its brake's disc along: let go, it falls by the play.
+    let circle = Task::built_in("paper:table7", -0.18).unwrap();
+    let plan = session.plan(circle, None).unwrap();
     let followed = session.follow(&plan, &mut Recorder::default(), |_| {});
     followed.map_err(|error| format!("moving: {error}"))?;
     let disarmed = session.disarm();
