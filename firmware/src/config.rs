@@ -165,7 +165,7 @@ pub struct CableConfig {
     pub friction_mn: i32,
     /// Effective mass, g.
     pub mass_g: i32,
-    /// Play between motor and frame with a closed brake: the gear's and the brake's, 0.1 µm.
+    /// Play between motor and drum, 0.1 µm.
     pub play: i32,
     /// How far the drum turns in its closed brake, 0.1 µm.
     pub brake_play: i32,

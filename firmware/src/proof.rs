@@ -28,7 +28,8 @@ const LASTS: u8 = 5;
 /// [`THROUGH_PLAY`], and as much again for its gentle start.
 #[must_use]
 pub(crate) fn play_ms<const N: usize>(config: &Active<N>) -> u16 {
-    let widest = config.cables.iter().map(|cable| cable.play).max();
+    let widest = config.cables.iter();
+    let widest = widest.map(|cable| cable.play + cable.brake_play).max();
     u16::try_from(widest.unwrap_or(0) * 4 / THROUGH_PLAY).unwrap_or(u16::MAX)
 }
 
@@ -136,11 +137,11 @@ impl Proof {
             self.relief = match config.control {
                 // Slowly at first: a stiff drive has all its force within micrometres.
                 Control::Length if config.play == 0 => {
-                    (self.relief + 1 + self.relief / 32).min(RELIEF_MOST)
+                    (self.relief + 1 + self.relief / 32).min(RELIEF_MOST + config.brake_play)
                 }
                 Control::Length => {
                     let step = (1 + self.relief / 64).min(THROUGH_PLAY);
-                    (self.relief + step).min(RELIEF_MOST + config.play)
+                    (self.relief + step).min(RELIEF_MOST + config.play + config.brake_play)
                 }
                 // What the drive gave before is not quite the load.
                 Control::Tension => {

@@ -6,13 +6,14 @@ use mcdpr::control::Handle;
 use mcdpr::doctor::Verdict;
 use mcdpr::experiment;
 use mcdpr::flash::{self, FlashError};
-use mcdpr::link::{Client, SimulatedLink};
+use mcdpr::link::{Client, Link, LinkError, SimulatedLink};
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
 use mcdpr::run::{Homing, NoStore, Session};
 use mcdpr_emulator::{Chip, Identity, Jumpers, SharedChip};
-use mcdpr_protocol::SessionId;
+use mcdpr_protocol::frame::{MAX_FRAME, encode_frame};
+use mcdpr_protocol::{Channel, Command, Request, SequenceNumber, SessionId};
 use mcdpr_simulator::{LinkOptions, Simulation};
 use mcdpr_tests::chip::firmware;
 
@@ -196,6 +197,35 @@ fn an_unknown_chip_another_firmware_and_a_board_without_a_chip_are_refused() {
     assert!(matches!(refused, Err(BenchError::NoChip)));
 }
 
+/// A line on which the program that holds the board (session 6) is heard, too.
+struct Beating(SimulatedLink);
+
+impl Link for Beating {
+    fn now_us(&self) -> u64 {
+        self.0.now_us()
+    }
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.0.send(bytes)
+    }
+    fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
+        loop {
+            let beat = Command {
+                session: SessionId(6),
+                sequence: SequenceNumber(0),
+                request: Request::Heartbeat { host_time_us: 0 },
+            };
+            let mut frame = [0; MAX_FRAME];
+            let used = encode_frame(Channel::Command, &beat, &mut frame).unwrap();
+            self.0.send(&frame[..used])?;
+            let next_us = until_us.min(self.now_us() + 20_000);
+            let now_us = self.0.receive(next_us, into)?;
+            if now_us >= until_us {
+                return Ok(now_us);
+            }
+        }
+    }
+}
+
 #[test]
 fn an_armed_board_is_neither_tested_nor_flashed() {
     let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
@@ -218,8 +248,8 @@ fn an_armed_board_is_neither_tested_nor_flashed() {
     )
     .unwrap();
     session.arm().unwrap();
-    let refused = flash::ask_before(link, SessionId(7));
+    let refused = flash::ask_before(Beating(link), SessionId(7));
     assert!(matches!(refused, Err(FlashError::Armed)), "{refused:?}");
-    // It may have lost its host meanwhile: then it has stopped by itself.
+    // Its own program was not heard for seconds: it may have been given up.
     let _ = session.disarm();
 }

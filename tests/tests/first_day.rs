@@ -4,9 +4,9 @@
 use mcdpr::control::Handle;
 use mcdpr::experiment;
 use mcdpr::machine::Mismatch;
-use mcdpr::motion::Model;
+use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;
-use mcdpr::run::{Homing, NoStore, Session};
+use mcdpr::run::{Homing, NoStore, Recorder, Session};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
 use mcdpr_tests::mcdpr;
@@ -281,6 +281,11 @@ fn armed_and_disarmed(play_m: f64, told_m: f64) -> Result<(), String> {
     let link = Box::new(link);
     let mut session = Session::open(&says, link, SessionId(6), &handle, homing, &NoStore).unwrap();
     session.arm().map_err(|error| format!("arming: {error}"))?;
+    // A drum that reels in drags its brake's disc along: let go, it falls by the play.
+    let circle = Task::built_in("paper:table7", -0.18).unwrap();
+    let plan = session.plan(circle, None).unwrap();
+    let followed = session.follow(&plan, &mut Recorder::default(), |_| {});
+    followed.map_err(|error| format!("moving: {error}"))?;
     let disarmed = session.disarm();
     disarmed.map_err(|error| format!("disarming: {error}"))?;
     Ok(())

@@ -393,7 +393,7 @@ impl<const N: usize> ConfigStore<N> {
             corner_alpha_q16: saturate(corner_alpha_q16),
             friction_mn: key(CableKey::Friction, 0, 1_000_000)?,
             mass_g,
-            play: key(CableKey::Play, 0, MOST_PLAY)? + brake_play,
+            play: key(CableKey::Play, 0, MOST_PLAY)?,
             brake_play,
             lead_us,
             lead_square: saturate(quotient::<1000>(i64::from(lead_us) * i64::from(lead_us))),

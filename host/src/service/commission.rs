@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 /// Drum counts that a drum which rests in its closed brake may give under load.
 const BRAKE_GIVES: i64 = 4;
 /// Most that a drum may turn in a brake that holds, degrees: a robot file takes no more either.
-const MOST_BRAKE_PLAY_DEG: f64 = 2.0;
+pub(super) const MOST_BRAKE_PLAY_DEG: f64 = 2.0;
 /// Time that the drive pushes against the closed brake, ms.
 const PUSH_MS: u64 = 1500;
 /// Readings of the tension sensor for its zero.

@@ -297,10 +297,11 @@ impl<'a, L: Link> Bench<'a, L> {
                 CableKey::TensionMax => winch.tension_max_n * 1e3,
                 CableKey::TensionFloor | CableKey::TensionKd | CableKey::TensionKi => 0.0,
                 CableKey::TensionCeiling => CEILING_N.min(winch.trusted_tension_n()) * 1e3,
-                CableKey::TensionLaw
-                | CableKey::TensionOutput
-                | CableKey::Play
-                | CableKey::BrakePlay => 0.0,
+                CableKey::TensionLaw | CableKey::TensionOutput | CableKey::Play => 0.0,
+                // It is what is looked for.
+                CableKey::BrakePlay => {
+                    commission::MOST_BRAKE_PLAY_DEG.to_radians() * RADIUS_UM * 10.0
+                }
                 CableKey::TensionKp => 100e3,
                 CableKey::LeadUs => 0.0,
                 CableKey::FollowingError => 1e6,

@@ -152,7 +152,11 @@ impl WinchParams {
             ("brake close_delay_s", self.brake.close_delay_s, NotNegative),
             ("brake open_delay_s", self.brake.open_delay_s, NotNegative),
             ("brake holding_n", self.brake.holding_n, NotNegative),
-            ("brake play_m", self.brake.play_m, Rule::UpTo(0.01, "0 to 0.01")),
+            (
+                "brake play_m",
+                self.brake.play_m,
+                Rule::UpTo(0.01, "0 to 0.01"),
+            ),
             (
                 "position_bandwidth_rad_s",
                 drive.position_bandwidth_rad_s,
