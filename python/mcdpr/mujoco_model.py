@@ -183,7 +183,8 @@ class MujocoPlant:
                 lengths = np.where(held, paid_out, np.nan)
                 judge.put(judge.robot.fk_static(lengths, np.where(held, np.nan, tension)))
         model.tendon_stiffness[:] = judge._ea_n / (paid_out + judge._routing_m)
-        data.ctrl[:] = judge._home_m - paid_out - self._lag_s * rates
+        # The demand is held through the slice: on average it leads by half of it.
+        data.ctrl[:] = judge._home_m - paid_out - (self._lag_s - 0.5 * duration_s) * rates
         if not self._begun:
             self._begun = True
             if not judge.settle(2.0, speed=1e-6):

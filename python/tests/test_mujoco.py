@@ -105,13 +105,13 @@ def test_an_engine_that_fails_stops_the_run_with_its_words() -> None:
         assert len(lengths) == len(rates) == 4 and 0.0 < seconds <= 1e-3
         raise ArithmeticError("no more physics")
 
-    with robot.sim(seed=1) as session, pytest.raises(mcdpr.RunError, match="no more physics"):
+    with pytest.raises(mcdpr.RunError, match="no more physics"), robot.sim(seed=1) as session:
         session.fly(broken)  # type: ignore[arg-type]
         session.arm()
 
     def short(*_: object) -> object:
         return [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [1.0]
 
-    with robot.sim(seed=1) as session, pytest.raises(mcdpr.RunError, match="1 tensions for 4"):
+    with pytest.raises(mcdpr.RunError, match="1 tensions for 4"), robot.sim(seed=1) as session:
         session.fly(short)  # type: ignore[arg-type]
         session.step(0.1)
