@@ -110,7 +110,12 @@ fn a_changed_byte_in_either_direction_is_found() {
     let answers = run.frames.iter_mut().rev().skip(50);
     let answers = answers.filter(|f| f.direction == Direction::ToHost && !f.bytes.is_empty());
     answers.take(1).for_each(|frame| frame.bytes[0] ^= 1);
-    assert!(matches!(replay(&run), Err(ReplayError::Differs { .. })));
+    let changed = replay(&run);
+    assert!(
+        matches!(changed, Err(ReplayError::Differs { .. })),
+        "{:?}",
+        changed.err()
+    );
     // Another machine than the recorded one.
     let mut run = whole;
     run.scenario.machine = Machine::Simulated {

@@ -70,7 +70,8 @@ impl CableSensors {
 
     #[allow(clippy::cast_possible_truncation)]
     fn true_counts(&self, drum_m: f64) -> i64 {
-        (drum_m * self.counts_per_metre + self.phase).floor() as i64
+        let counts = (drum_m * self.counts_per_metre + self.phase).floor() as i64;
+        counts.wrapping_add(self.shift)
     }
 
     /// Counter value; the low 16 bits of the count.

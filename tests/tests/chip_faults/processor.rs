@@ -190,7 +190,7 @@ fn tick_counter() -> u32 {
     let file = object::File::parse(&*bytes).unwrap();
     let mut found = file.symbols().filter(|symbol| {
         let name = symbol.name().unwrap_or_default();
-        name.contains("4tick3NOW")
+        name.contains("5clock3NOW")
     });
     let symbol = found.next().expect("the tick counter has a symbol");
     u32::try_from(symbol.address()).unwrap()
