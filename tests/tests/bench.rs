@@ -211,7 +211,7 @@ impl Link for Beating {
         loop {
             let beat = Command {
                 session: SessionId(6),
-                sequence: SequenceNumber(0),
+                sequence: SequenceNumber(30_000),
                 request: Request::Heartbeat { host_time_us: 0 },
             };
             let mut frame = [0; MAX_FRAME];
