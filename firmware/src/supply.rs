@@ -10,7 +10,7 @@ use crate::adc::{RAIL_HIGH, RAIL_LOW, is_plausible};
 use core::ops::RangeInclusive;
 
 /// What the reference reads at 3.3 V, when it is 1.20 V: 1.20 / 3.3 * 4096, with 8 fractional bits.
-pub const NOMINAL_Q8: u32 = 381_300;
+pub(crate) const NOMINAL_Q8: u32 = 381_300;
 /// What it reads at 3.6 V with the lowest reference, and at 3.0 V with the highest.
 const SUPPLIED: RangeInclusive<u16> = 1319..=1693;
 /// Readings that the mean is of, as a power of two.

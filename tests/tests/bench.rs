@@ -198,7 +198,7 @@ fn an_unknown_chip_another_firmware_and_a_board_without_a_chip_are_refused() {
 }
 
 /// A line on which the program that holds the board (session 6) is heard, too.
-struct Beating(SimulatedLink);
+struct Beating(SimulatedLink, u64);
 
 impl Link for Beating {
     fn now_us(&self) -> u64 {
@@ -209,14 +209,17 @@ impl Link for Beating {
     }
     fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError> {
         loop {
-            let beat = Command {
-                session: SessionId(6),
-                sequence: SequenceNumber(0),
-                request: Request::Heartbeat { host_time_us: 0 },
-            };
-            let mut frame = [0; MAX_FRAME];
-            let used = encode_frame(Channel::Command, &beat, &mut frame).unwrap();
-            self.0.send(&frame[..used])?;
+            if self.now_us() >= self.1 {
+                let beat = Command {
+                    session: SessionId(6),
+                    sequence: SequenceNumber(30_000),
+                    request: Request::Heartbeat { host_time_us: 0 },
+                };
+                let mut frame = [0; MAX_FRAME];
+                let used = encode_frame(Channel::Command, &beat, &mut frame).unwrap();
+                self.0.send(&frame[..used])?;
+                self.1 = self.now_us() + 20_000;
+            }
             let next_us = until_us.min(self.now_us() + 20_000);
             let now_us = self.0.receive(next_us, into)?;
             if now_us >= until_us {
@@ -248,7 +251,7 @@ fn an_armed_board_is_neither_tested_nor_flashed() {
     )
     .unwrap();
     session.arm().unwrap();
-    let refused = flash::ask_before(Beating(link), SessionId(7));
+    let refused = flash::ask_before(Beating(link, 0), SessionId(7));
     assert!(matches!(refused, Err(FlashError::Armed)), "{refused:?}");
     // Its own program was not heard for seconds: it may have been given up.
     let _ = session.disarm();

@@ -90,7 +90,6 @@ fn a_robot_that_is_well_is_well_in_every_part_and_when_it_arms() {
         "program",
         "port",
         "board",
-        "image",
         "state",
         "configuration",
         "brakes",

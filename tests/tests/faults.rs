@@ -112,7 +112,8 @@ fn s7_s8_s11_a_dead_tension_sensor_stops_the_robot() {
     for (fault, id, ticks) in [
         (TensionFault::Open, FaultId::S7, 7),
         (TensionFault::Short, FaultId::S8, 7),
-        (TensionFault::Frozen, FaultId::S11, 12),
+        // 31 ticks alike, for a channel whose reading stays for up to two ticks by itself.
+        (TensionFault::Frozen, FaultId::S11, 33),
     ] {
         for cable in [1, 3] {
             let after = with_fault(0.8, |plant| {
@@ -214,7 +215,8 @@ fn c3_a_broken_cable_stops_the_rest() {
 fn p7_the_emergency_stop_is_recorded_and_nothing_restarts() {
     let after = with_fault(0.8, |plant| plant.set_e_stop(true));
     assert_eq!(after.record.fault, FaultId::P7);
-    assert!(after.detected_after() <= 2, "{}", after.detected_after());
+    // Three ticks of its filter, and the one in which it falls.
+    assert!(after.detected_after() <= 4, "{}", after.detected_after());
     let end = after.trace.last().unwrap();
     assert_eq!(end.state, State::EStop);
     assert!(end.truth.brakes_closed[..4].iter().all(|closed| *closed));

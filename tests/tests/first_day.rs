@@ -312,7 +312,10 @@ fn commissioning_measures_the_play_of_the_brake() {
     let found = document(&run(&folder, &[&arguments[..], &more].concat()));
     let play_deg = found["brake_play_deg"].as_f64().unwrap();
     let counts = number(&says, "encoder_counts_per_turn");
-    assert!((play_deg - 0.8).abs() <= 2.0 * 360.0 / counts, "{found}");
+    // The drum hits its stop and takes the disc along by a few counts: more than the play, not less.
+    let count_deg = 360.0 / counts;
+    let range = 0.8 - count_deg..=0.8 + 4.0 * count_deg;
+    assert!(range.contains(&play_deg), "{found}");
     let differs = found["differs"].to_string();
     assert!(differs.contains("brake_play_deg"), "{differs}");
     let module = std::fs::read_to_string(folder.path().join("two.toml")).unwrap();

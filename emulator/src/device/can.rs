@@ -131,7 +131,7 @@ impl Can {
 
     /// Silent loop back (RM0008, 24.4.4): what waits comes back, and the bus hears nothing. Without
     /// the time that it takes.
-    pub fn loop_back(&mut self) {
+    pub(crate) fn loop_back(&mut self) {
         if self.btr & LOOP_BACK == 0 || !self.takes_part() {
             return;
         }

@@ -133,7 +133,7 @@ impl Rcc {
     }
 
     /// BDCR: the source of the real-time clock.
-    pub const fn backup(&self) -> u32 {
+    pub(crate) const fn backup(&self) -> u32 {
         self.bdcr
     }
 

@@ -21,7 +21,7 @@ const MAX_STOP_MS: i32 = 300;
 const MAX_JERK_MMPS3: i32 = 10_000_000;
 
 /// Bit rates that the board's CAN clock gives exactly, bit/s.
-pub const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
+pub(crate) const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
 
 /// Ticks between two commands to a drive, by what holds its cable.
 #[derive(Clone, Copy)]
