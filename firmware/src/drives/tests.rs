@@ -71,8 +71,6 @@ fn cable(control: Control, node: u8, slot: u8) -> CableConfig {
         brake_play: 0,
         lead_us: 0,
         lead_square: 0,
-        most_force_mn: 0,
-        stop_q16: 0,
         brake_close_ms: 30,
         following_error: 1000,
         max_speed_umps: 1,
