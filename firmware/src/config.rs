@@ -6,7 +6,6 @@ use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Key
 mod building;
 pub mod schedule;
 
-
 /// Collects entries and builds [`Active`] from them.
 #[derive(Debug, Clone)]
 pub struct ConfigStore<const N: usize> {

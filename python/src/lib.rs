@@ -1,6 +1,11 @@
 //! The native half of the Python package `mcdpr`: rows of numbers in and out. Shapes, names and
 //! documentation for users are in the package itself (`python/mcdpr`).
 
+#![expect(
+    clippy::result_large_err,
+    reason = "a failure ends the call: it becomes a Python exception at once"
+)]
+
 mod calibrate;
 mod edit;
 mod engine;

@@ -44,6 +44,8 @@ impl ModuleFiles for Kept<'_> {
 }
 
 type Two = Py<PyArray2<f64>>;
+/// Codes of the verdicts of a grid, and the cable that limits each.
+type Verdicts = (Py<PyArray1<u8>>, Py<PyArray1<u8>>);
 
 /// Names of the built-in robots.
 #[pyfunction]
@@ -386,7 +388,7 @@ impl Robot {
         min_n: Vec<f64>,
         max_n: Vec<f64>,
         tilt_max_rad: f64,
-    ) -> PyResult<(Py<PyArray1<u8>>, Py<PyArray1<u8>>)> {
+    ) -> PyResult<Verdicts> {
         let tensions = held(&tensions_n);
         let fixed = |balance| AnyWorkspaceTest::Fixed {
             balance,

@@ -116,10 +116,12 @@ impl<'m> World<'m> {
         let Some(session) = self.session.take() else {
             return Ok(());
         };
-        Ok(match std::mem::take(&mut self.armed) {
-            true => session.disarm()?,
-            false => session.close()?,
-        })
+        if std::mem::take(&mut self.armed) {
+            session.disarm()?;
+        } else {
+            session.close()?;
+        }
+        Ok(())
     }
 
     pub(crate) fn simulation<T>(
