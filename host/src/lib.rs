@@ -26,7 +26,7 @@
 //! | [`pick`] | bin picking: look, choose, take, carry, release |
 //! | [`study`] | studies in the simulator that the documents quote |
 //! | [`doctor`] | what is there, part by part, and what to do where it is not |
-//! | [`bench`] | the self-test of a board without a robot |
+//! | [`mod@bench`] | the self-test of a board without a robot |
 //! | [`flash`] | the board's firmware: checked, then written through a debug probe |
 //! | [`service`] | work on one unloaded winch |
 //! | `units` | numbers with units as people type them |
