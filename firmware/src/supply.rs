@@ -2,7 +2,7 @@
 //!
 //! A step of the converter is worth what its supply says: a regulator that drifts by 3 % moves every
 //! tension by 3 %. The chip converts its internal reference in every tick; readings are scaled to
-//! what they would be at [`NOMINAL`]. The reference is 1.16 to 1.24 V from chip to chip (data sheet of
+//! what they would be at a nominal supply. The reference is 1.16 to 1.24 V from chip to chip (data sheet of
 //! the STM32F103x8, 5.3.4), which a sensor's calibration takes up; what stays is its drift, 10 mV at
 //! most over the whole range of temperature.
 

@@ -13,6 +13,7 @@ const USAGE: &str = "usage: cargo xtask COMMAND
 
 test        every test: host crates, system tests with the real program, the firmware's contracts
 wheel       build the Python package mcdpr (target/wheels)
+python      the same, and its tests (mypy, pytest; minutes of build of its own)
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
@@ -22,6 +23,7 @@ lint        formatting, seams, lints and documentation, warnings denied";
 fn main() -> ExitCode {
     let outcome = match std::env::args().nth(1).as_deref() {
         Some("test") => test(),
+        Some("python") => python::test(),
         Some("wheel") => python::wheel().map(|file| println!("{}", file.display())),
         Some("firmware") => firmware::build_and_check(),
         Some("seams") => seams(),
@@ -91,8 +93,7 @@ fn test() -> Result<(), String> {
     let file = std::path::absolute(firmware::elf_path());
     run(Command::new(cargo_program())
         .args(arguments)
-        .env("MCDPR_FIRMWARE", file.map_err(|error| error.to_string())?))?;
-    python::test()
+        .env("MCDPR_FIRMWARE", file.map_err(|error| error.to_string())?))
 }
 
 /// Features that are off by default and tested all the same.

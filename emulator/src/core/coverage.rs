@@ -53,6 +53,7 @@ const BY_HAND: &[(&str, &str)] = &[
     ),
     ("TableBranch {", "table_branches_jump_by_twice_the_entry"),
     ("Undefined", "what_this_core_lacks_is_undefined"),
+    ("Sev", "sleep_ends_with_an_event_or_an_interrupt"),
     ("Wfe", "sleep_ends_with_an_event_or_an_interrupt"),
 ];
 

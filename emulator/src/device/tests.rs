@@ -218,6 +218,8 @@ fn the_reference_is_converted_between_two_conversions_of_a_scan() {
 fn decoders_count_what_passes_their_filter() {
     let mut bus = bus();
     write(&mut bus, TIM2 + 8, 3);
+    // Its reload value after a reset is not relied on.
+    write(&mut bus, TIM2 + 0x2C, 0xFFFF);
     // Filters of 16 * 8 cycles: 1152 ticks at 8 MHz.
     write(&mut bus, TIM2 + 0x18, 0xC1C1);
     write(&mut bus, TIM2, 1);

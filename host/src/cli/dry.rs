@@ -22,6 +22,7 @@ use DryRun::{Computes, Judges, Looks, Refuses};
 /// Every command by its words.
 pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("arm", Refuses),
+    ("bench", Refuses),
     ("calibrate all", Judges),
     ("calibrate camera", Judges),
     ("calibrate check", Refuses),

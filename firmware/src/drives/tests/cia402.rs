@@ -319,7 +319,7 @@ fn a_drive_that_restarts_is_set_up_again() {
         .iter()
         .filter(|frame| frame.starts_with("603"))
         .count();
-    assert_eq!(again, 30);
+    assert_eq!(again, 31);
 }
 
 #[test]
