@@ -37,6 +37,7 @@ const WORDS: &[(&str, &[&str])] = &[
     ("predict", &["--data", "data.json", "--train", "1"]),
     ("replay", &["a-run"]),
     ("report", &["a-run"]),
+    ("model export", &["--to", "urdf", "--out", "robot.urdf"]),
     ("rig attach", &["1"]),
     ("rig spool", &["1", "10"]),
     ("run", &["paper:table8"]),
