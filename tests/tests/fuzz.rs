@@ -172,8 +172,8 @@ fn taken(name: &str, count: u64, texts: &[&str], read: fn(&str) -> bool) {
     );
 }
 
-/// The short part of `cargo xtask study planning`. A bound on time is a bound on work here: the
-/// slowest of a million inputs takes a second of a processor of its own.
+/// The short part of `cargo xtask study planning`. A bound on time is a bound on work here:
+/// the study measures the processor time of each input.
 #[test]
 fn any_robot_with_any_task_is_planned_or_refused() {
     let counts: [std::sync::atomic::AtomicU32; planning::Came::ALL.len()] = Default::default();

@@ -92,7 +92,7 @@ fn reach_m(robot: &Robot, index: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::{Plan, Task};
+    use crate::motion::{Plan, PlanOptions, Shaping, Task};
     use std::path::PathBuf;
 
     fn refused(text: &str) -> PlanError {
@@ -126,6 +126,37 @@ mod tests {
         let program = refused("G0 X335 Y0 Z-160\nG4 P99999999999999");
         assert!(matches!(program, PlanError::Long { .. }), "{program}");
         assert!(began.elapsed().as_secs() < 5);
+    }
+
+    #[test]
+    fn a_motion_of_too_many_impulses_is_refused_and_a_shorter_one_is_not() {
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let planned = |shaping, speed_mm_s: f64| {
+            let options = PlanOptions {
+                shaping,
+                ..PlanOptions::default()
+            };
+            let model = model.clone().with_options(options);
+            let text = format!(
+                "start_mm = [335, 0, -160]\n[[leg]]\nto_mm = [345, 0, -160]\nspeed_mm_s = {speed_mm_s}"
+            );
+            let task = Task::parse(&text, PathBuf::from("any.toml")).unwrap();
+            Plan::unjudged(&model, &task.start_m().unwrap(), &task.steps).map(|_| ())
+        };
+        // Three modes: 27 impulses, and 2,500 s; the same without a shaper, and in 250 s.
+        let refused = planned(Shaping::Zvd, 0.004).unwrap_err();
+        let PlanError::Large { what, .. } = refused else {
+            panic!("{refused}")
+        };
+        assert!(what.starts_with("impulses"), "{what}");
+        assert_eq!(
+            planned(Shaping::None, 0.004).map_err(|e| e.to_string()),
+            Ok(())
+        );
+        assert_eq!(
+            planned(Shaping::Zvd, 0.04).map_err(|e| e.to_string()),
+            Ok(())
+        );
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use super::{Common, Failed, Outcome, print_json};
 use crate::bench::{self, BenchError, Report};
-use crate::doctor::Verdict;
 use crate::experiment;
 use crate::files;
 use crate::flash::Image;
@@ -145,20 +144,7 @@ fn record(common: &Common, report: &Report, image: Option<&Image>, key: Option<&
 fn tell(report: &Report) {
     say!("board {}", report.serial);
     for finding in &report.findings {
-        let mark = match finding.verdict {
-            Verdict::Good => "ok  ",
-            Verdict::Note => "note",
-            Verdict::Bad => "BAD ",
-            Verdict::Unseen => "-   ",
-        };
-        let part = match finding.cable {
-            Some(cable) => format!("{} {cable}", finding.part),
-            None => finding.part.to_owned(),
-        };
-        say!("{mark}  {part:<14} {}", finding.found);
-        if let Some(remedy) = &finding.remedy {
-            say!("                     -> {remedy}");
-        }
+        super::doctor::tell(finding);
     }
     say!("verdict: {}", if report.passes() { "pass" } else { "fail" });
 }

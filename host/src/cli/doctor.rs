@@ -161,7 +161,8 @@ fn arm(link: Box<dyn Link>, model: &Model, homing: Homing<'_>) -> Finding {
     }
 }
 
-fn tell(finding: &Finding) {
+/// Prints a finding, and below it what to do.
+pub(super) fn tell(finding: &Finding) {
     let mark = match finding.verdict {
         Verdict::Good => "ok  ",
         Verdict::Note => "note",
