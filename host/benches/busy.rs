@@ -5,7 +5,7 @@
 #[cfg(unix)]
 mod unix {
     use mcdpr::control::Handle;
-    use mcdpr::experiment;
+    use mcdpr::experiment::Experiment;
     use mcdpr::link::SerialLink;
     use mcdpr::motion::{Model, Plan, Task};
     use mcdpr::robot::Robot;
@@ -88,7 +88,9 @@ mod unix {
         let model = Model::new(&robot).expect("three cables are held by length");
         let task = Task::built_in("paper:table7", -0.18).expect("a built-in task");
         let began = Instant::now();
-        let plan = experiment::plan_from_home(&model, task).expect("it is feasible");
+        let plan = Experiment::new(&model, task)
+            .plan()
+            .expect("it is feasible");
         println!(
             "planning {:.1} s of motion took {:.3} s",
             plan.timed.duration_s(),

@@ -2,7 +2,7 @@
 //! 10 kHz, client, wire and telemetry included, on one core.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use mcdpr::experiment;
+use mcdpr::experiment::{Experiment, SimulatedRobot};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::path::Path;
 use mcdpr::motion::{Model, Plan, Step, Task};
@@ -15,11 +15,15 @@ fn circle(criterion: &mut Criterion) {
     let model = Model::new(&robot).expect("three cables are held by length");
     let run = || {
         let task = Task::built_in("paper:table7", -0.18).expect("a built-in task");
-        experiment::simulate(&model, task, &Mismatch::realistic(), 1, |_| {}).expect("it runs")
+        Experiment::new(&model, task)
+            .simulate(&SimulatedRobot::new(Mismatch::realistic(), 1))
+            .expect("it runs")
     };
     let plan = || {
         let task = Task::built_in("paper:table7", -0.18).expect("a built-in task");
-        experiment::plan_from_home(&model, task).expect("it is feasible")
+        Experiment::new(&model, task)
+            .plan()
+            .expect("it is feasible")
     };
     // The planner's share, so that the simulator's own factor can be told.
     let timed = |work: &dyn Fn()| {

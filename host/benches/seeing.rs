@@ -8,8 +8,8 @@
 //! - replay: time that the run lasts over processor time of its replay, loading included. It is one
 //!   thread, so on an idle machine the wall's time is the same; it is printed, too.
 
-use mcdpr::experiment::{self, Orders};
-use mcdpr::machine::Mismatch;
+use mcdpr::experiment::{Experiment, SimulatedRobot};
+use mcdpr::machine::{Controller, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::record::witness::{Patience, Watcher};
 use mcdpr::record::{
@@ -18,7 +18,6 @@ use mcdpr::record::{
 use mcdpr::replay::replay;
 use mcdpr::robot::Robot;
 use mcdpr::serve::{CameraWatcher, Desk, Feed, FeedWatcher, Server};
-use mcdpr_protocol::SessionId;
 use std::io::Write as _;
 use std::net::TcpStream;
 use std::sync::{Arc, Mutex};
@@ -70,10 +69,10 @@ fn happenings(model: &Model) -> (Vec<Happening>, f64) {
         .add(Keep(Arc::clone(&kept)), Patience::Wait)
         .unwrap();
     let task = Task::built_in("paper:table7", scenario.task.tool_z_m).unwrap();
-    let seen = (&witness, SessionId(1));
-    let orders = Orders::default();
-    let mismatch = Mismatch::realistic();
-    experiment::simulate_seen(model, task, &mismatch, 1, seen, &orders, |_| {}).unwrap();
+    Experiment::new(model, task)
+        .recorded_by(&witness)
+        .simulate(&SimulatedRobot::new(Mismatch::realistic(), 1))
+        .unwrap();
     witness.finish();
     let all = std::mem::take(&mut *kept.lock().unwrap());
     let last = all.iter().rev().find_map(|happening| match happening {
@@ -174,7 +173,7 @@ fn main() -> std::process::ExitCode {
     for _ in 0..TIMES {
         let (began, began_s) = (Instant::now(), thread_s());
         let run = RecordedRun::load(&folder).unwrap();
-        let proof = replay(&run).unwrap();
+        let proof = replay(&run, &Controller::InProcess).unwrap();
         assert!(proof.whole && proof.core_bytes.is_some());
         factor = factor.max(lasts_s / (thread_s() - began_s));
         by_wall = by_wall.max(lasts_s / began.elapsed().as_secs_f64());

@@ -1,15 +1,35 @@
-//! A task on a robot, from connecting to disarming, and what came of it.
+//! A task on a robot, from connecting to disarming, and its result.
+//!
+//! [`SimulatedRobot`] says which robot is simulated, [`Experiment`] what is done with a robot.
+//!
+//! ```
+//! use mcdpr::experiment::{Experiment, SimulatedRobot};
+//! use mcdpr::machine::Mismatch;
+//! use mcdpr::motion::{Model, Task};
+//!
+//! let model = Model::new(&mcdpr::robot::Robot::built_in("paper-table5")?)?;
+//! let home = model.robot().tool.home_in_world_m * 1e3;
+//! let text = format!(
+//!     "start_mm = [{0}, {1}, {2}]\n[[leg]]\nto_mm = [{0}, {1}, {3}]\n",
+//!     home.x, home.y, home.z, home.z + 5.0
+//! );
+//! let task = Task::parse(&text, "up.toml".into())?;
+//! let robot = SimulatedRobot::new(Mismatch::default(), 1);
+//! let done = Experiment::new(&model, task).simulate(&robot)?;
+//! assert!(done.run.figures(&model)?.motion_s > 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use crate::control::Handle;
-use crate::link::{Link, Paced, SimulatedLink};
-use crate::machine::{self, Mismatch};
-use crate::motion::{Model, Plan, PlanError, PlanOptions, Rest, Task};
+use crate::link::{Link, Paced, SimulatedLink, plant_failed};
+use crate::machine::{self, Controller, Mismatch};
+use crate::motion::{Model, Plan, PlanError, PlanOptions, Task};
 use crate::record::witness::{TruthTap, Watched, Witness};
 use crate::report::{self, Figures};
 use crate::run::{self, Homing, Measured, Progress, Recorder, RunError, Session};
 use crate::sight::Scene;
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::LinkOptions;
+use mcdpr_simulator::{LinkOptions, Simulation};
 use std::time::{Duration, Instant};
 
 /// A task that was run.
@@ -54,114 +74,233 @@ impl SimulatedRun {
     }
 }
 
-/// How the robot hangs when it is switched on.
-///
-/// # Errors
-/// Where the robot file's home is no place to hang.
-pub fn home(model: &Model) -> Result<Rest, PlanError> {
-    model.rest(&model.robot().tool.home_in_world_m, None)
-}
-
-/// The plan for a task that starts from home: also the judgement before anything is connected.
-///
-/// # Errors
-/// The first limit that would be broken.
-pub fn plan_from_home(model: &Model, task: Task) -> Result<Plan, RunError> {
-    let start = model.robot().tool.home_in_world_m;
-    run::plan_from(model, task, &start, None)
-}
-
-/// Runs a task on a simulated robot that hangs at home, `mismatch` away from its description.
-///
-/// # Errors
-/// As [`on_link`]; also where the simulated robot cannot hang at home.
-pub fn simulate(
-    model: &Model,
-    task: Task,
-    mismatch: &Mismatch,
+/// A simulated robot at home behind a line, to be made.
+#[derive(Debug, Clone)]
+pub struct SimulatedRobot {
+    mismatch: Mismatch,
     seed: u64,
-    progress: impl FnMut(Progress),
-) -> Result<SimulatedRun, RunError> {
-    simulate_with(model, task, mismatch, seed, &Orders::default(), progress)
+    line: LinkOptions,
+    controller: Controller,
 }
 
-/// Who may interfere with a run, and how fast a simulated one goes.
-#[derive(Debug, Clone, Default)]
-pub struct Orders {
+impl SimulatedRobot {
+    /// A robot that differs from its description by `mismatch`, drawn with `seed`, behind a line
+    /// without errors, controlled by the control core in this process.
+    #[must_use]
+    pub fn new(mismatch: Mismatch, seed: u64) -> Self {
+        Self {
+            mismatch,
+            seed,
+            line: LinkOptions::default(),
+            controller: Controller::InProcess,
+        }
+    }
+
+    /// Behind a line with these properties.
+    #[must_use]
+    pub const fn line(mut self, line: LinkOptions) -> Self {
+        self.line = line;
+        self
+    }
+
+    /// Controlled by this controller.
+    #[must_use]
+    pub fn controller(mut self, controller: &Controller) -> Self {
+        self.controller = controller.clone();
+        self
+    }
+
+    /// The robot at home, with the tensions that the model's options have there. A robot that was
+    /// calibrated on the simulator is the machine of that calibration, with its mismatch and seed.
+    ///
+    /// # Errors
+    /// Where it cannot hang there.
+    pub fn at_home(&self, model: &Model) -> Result<SimulatedLink, RunError> {
+        let (machine, mismatch, seed) = match &model.robot().calibrated {
+            Some(calibrated) => match calibrated.simulated_seed {
+                Some(seed) => (&calibrated.designed, &Mismatch::as_built(), seed),
+                None => (model.robot(), &self.mismatch, self.seed),
+            },
+            None => (model.robot(), &self.mismatch, self.seed),
+        };
+        // A planner that takes the platform for level knows no other way to hang than the others.
+        let hanging = PlanOptions {
+            tensioning: model.options().tensioning,
+            ..PlanOptions::default()
+        };
+        let home = Model::new(machine)?.with_options(hanging).rest_at_home()?;
+        let params = machine::plant_params(machine, mismatch, seed);
+        let (pose, held) = (&home.equilibrium.pose, model.tension_held());
+        let simulation = machine::hang(params, pose, home.tensions_n(), held, seed)
+            .and_then(|plant| machine::with_board(plant, &self.line, seed, &self.controller))
+            .map_err(|error| RunError::Client(plant_failed(error).into()))?;
+        Ok(SimulatedLink::new(simulation))
+    }
+}
+
+/// A task to be run on a robot: a simulated one ([`Self::simulate`]) or any board behind a line
+/// ([`Self::run_on`]).
+pub struct Experiment<'a> {
+    model: &'a Model,
+    task: Task,
+    homing: Option<Homing<'a>>,
+    session: Option<SessionId>,
+    handle: Handle,
+    progress: Box<dyn FnMut(Progress) + 'a>,
+    recorder: Option<&'a Witness>,
+    time_scale: Option<f64>,
+}
+
+impl<'a> Experiment<'a> {
+    /// A task on this robot.
+    #[must_use]
+    pub fn new(model: &'a Model, task: Task) -> Self {
+        Self {
+            model,
+            task,
+            homing: None,
+            session: None,
+            handle: Handle::new(),
+            progress: Box::new(|_| {}),
+            recorder: None,
+            time_scale: None,
+        }
+    }
+
+    /// How the robot learns where it is. By default a simulated robot is known to hang at home,
+    /// and a board behind a line uses [`Homing::Known`].
+    #[must_use]
+    pub(crate) fn homing(mut self, homing: Homing<'a>) -> Self {
+        self.homing = Some(homing);
+        self
+    }
+
+    /// The robot hangs at home, whatever the board behind the line says. A chip's firmware does
+    /// not know that its robot is simulated, and lengths saved by an earlier run do not apply.
+    #[must_use]
+    pub fn at_home(self) -> Self {
+        let home = self.model.robot().tool.home_in_world_m;
+        self.homing(Homing::Place(home))
+    }
+
+    /// Number of the session on the wire. By default 1 on the simulator, a new one on a line.
+    #[must_use]
+    pub const fn session(mut self, session: SessionId) -> Self {
+        self.session = Some(session);
+        self
+    }
+
     /// Gives orders to the run, and shows it to observers.
-    pub handle: Handle,
-    /// Simulated seconds per second; as fast as it goes where none is given.
-    pub time_scale: Option<f64>,
-}
+    #[must_use]
+    pub fn handle(mut self, handle: &Handle) -> Self {
+        self.handle = handle.clone();
+        self
+    }
 
-/// As [`simulate`], with orders from a handle.
-///
-/// # Errors
-/// As [`simulate`].
-pub(crate) fn simulate_with(
-    model: &Model,
-    task: Task,
-    mismatch: &Mismatch,
-    seed: u64,
-    orders: &Orders,
-    progress: impl FnMut(Progress),
-) -> Result<SimulatedRun, RunError> {
-    let began = Instant::now();
-    let link = simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
-    link.with(mcdpr_simulator::Simulation::record_truth);
-    let session = SessionId(1);
-    let paced: Box<dyn Link> = match orders.time_scale {
-        Some(scale) => Box::new(Paced::new(link.clone(), scale)),
-        None => Box::new(link.clone()),
-    };
-    let homing = Homing::Place(model.robot().tool.home_in_world_m);
-    let (session, handle) = (Some(session), &orders.handle);
-    let mut run = on_link_homed(model, task, paced, session, handle, homing, progress)?;
-    let trace = link.with(mcdpr_simulator::Simulation::take_trace);
-    // A chip's firmware does not know that its robot is simulated.
-    run.simulated = true;
-    run.true_path = Some(in_calibrated_frame(model, report::true_path(&trace)));
-    Ok(SimulatedRun {
-        run,
-        simulated_s: link.with(|simulation| simulation.now_us() as f64 * 1e-6),
-        took: began.elapsed(),
-    })
-}
+    /// Called as the run advances.
+    #[must_use]
+    pub fn progress(mut self, progress: impl FnMut(Progress) + 'a) -> Self {
+        self.progress = Box::new(progress);
+        self
+    }
 
-/// As [`simulate`], seen by a witness.
-///
-/// # Errors
-/// As [`simulate`].
-pub fn simulate_seen(
-    model: &Model,
-    task: Task,
-    mismatch: &Mismatch,
-    seed: u64,
-    (witness, session): (&Witness, SessionId),
-    orders: &Orders,
-    progress: impl FnMut(Progress),
-) -> Result<SimulatedRun, RunError> {
-    let began = Instant::now();
-    let link = simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
-    let tap = TruthTap::new(link.clone(), model.robot().cables.len());
-    let watched = Watched::new(link.clone(), witness)
-        .with_truth(tap.clone())
-        .with_orders(&orders.handle);
-    let paced: Box<dyn Link> = match orders.time_scale {
-        Some(scale) => Box::new(Paced::new(watched, scale)),
-        None => Box::new(watched),
-    };
-    let homing = Homing::Place(model.robot().tool.home_in_world_m);
-    let (session, handle) = (Some(session), &orders.handle);
-    let mut run = on_link_homed(model, task, paced, session, handle, homing, progress)?;
-    // A chip's firmware does not know that its robot is simulated.
-    run.simulated = true;
-    run.true_path = Some(in_calibrated_frame(model, report::true_path(&tap.take())));
-    Ok(SimulatedRun {
-        run,
-        simulated_s: link.with(|simulation| simulation.now_us() as f64 * 1e-6),
-        took: began.elapsed(),
-    })
+    /// Records a simulated run. A line brings its own recording ([`Watched`]).
+    #[must_use]
+    pub const fn recorded_by(mut self, recorder: &'a Witness) -> Self {
+        self.recorder = Some(recorder);
+        self
+    }
+
+    /// Simulated seconds per second; by default as fast as it goes.
+    #[must_use]
+    pub(crate) const fn time_scale(mut self, scale: Option<f64>) -> Self {
+        self.time_scale = scale;
+        self
+    }
+
+    /// The plan from home: also the judgement before anything is connected.
+    ///
+    /// # Errors
+    /// The first limit that would be broken.
+    pub fn plan(&self) -> Result<Plan, RunError> {
+        let start = self.model.robot().tool.home_in_world_m;
+        run::plan_from(self.model, self.task.clone(), &start, None)
+    }
+
+    /// Runs the task on a simulated robot.
+    ///
+    /// # Errors
+    /// As [`Self::run_on`]; also where the simulated robot cannot hang at home.
+    pub fn simulate(mut self, robot: &SimulatedRobot) -> Result<SimulatedRun, RunError> {
+        let began = Instant::now();
+        let model = self.model;
+        let link = robot.at_home(model)?;
+        self.session.get_or_insert(SessionId(1));
+        let home = Homing::Place(model.robot().tool.home_in_world_m);
+        self.homing.get_or_insert(home);
+        let scale = self.time_scale;
+        let paced = |line: Box<dyn Link + 'a>| -> Box<dyn Link + 'a> {
+            match scale {
+                Some(scale) => Box::new(Paced::new(line, scale)),
+                None => line,
+            }
+        };
+        let (mut run, trace) = if let Some(recorder) = self.recorder {
+            let tap = TruthTap::new(link.clone(), model.robot().cables.len());
+            let watched = Watched::new(link.clone(), recorder)
+                .with_truth(tap.clone())
+                .with_orders(&self.handle);
+            (self.run_on(paced(Box::new(watched)))?, tap.take())
+        } else {
+            link.with(Simulation::record_truth);
+            let run = self.run_on(paced(Box::new(link.clone())))?;
+            (run, link.with(Simulation::take_trace))
+        };
+        // A chip's firmware does not know that its robot is simulated.
+        run.simulated = true;
+        run.true_path = Some(in_calibrated_frame(model, report::true_path(&trace)));
+        Ok(SimulatedRun {
+            run,
+            simulated_s: link.with(|simulation| simulation.now_us() as f64 * 1e-6),
+            took: began.elapsed(),
+        })
+    }
+
+    /// Runs the task on the board behind a line: connects, configures, references the lengths if
+    /// the board has lost them, arms, moves, disarms.
+    ///
+    /// # Errors
+    /// [`RunError`]; whatever it is, the robot stands still with its brakes closed, or the board
+    /// has lost the line and stops by itself. [`RunError::Interrupted`] where the handle ordered a
+    /// stop.
+    pub fn run_on<L: Link>(self, link: L) -> Result<Run, RunError> {
+        let handle = self.handle.clone();
+        let name = self.task.name.clone();
+        handle.publish(|view| view.task = Some(name));
+        let run = self.commanded(link);
+        handle.close("the run has ended");
+        handle.publish(|view| view.task = None);
+        run
+    }
+
+    fn commanded<L: Link>(self, link: L) -> Result<Run, RunError> {
+        let number = self.session.unwrap_or_else(run::new_session);
+        let homing = self.homing.unwrap_or(Homing::Known);
+        let (model, handle) = (self.model, &self.handle);
+        let mut session = Session::open(model, link, number, handle, homing, &run::LengthFiles)?;
+        let plan = session.plan(self.task, None)?;
+        session.arm()?;
+        let mut recorder = Recorder::default();
+        session.follow(&plan, &mut recorder, self.progress)?;
+        let simulated = session.client().info().simulated;
+        session.disarm()?;
+        Ok(Run {
+            plan,
+            samples: recorder.samples,
+            true_path: None,
+            simulated,
+        })
+    }
 }
 
 /// A true path in the world frame that the robot knows. A calibration cannot tell where the world
@@ -174,151 +313,4 @@ fn in_calibrated_frame(model: &Model, path: Vec<(f64, [f64; 3])>) -> Vec<(f64, [
     let moved =
         |(time_s, at): (f64, [f64; 3])| (time_s, known_from_true.transform(&at.into()).into());
     path.into_iter().map(moved).collect()
-}
-
-/// A simulated robot at home behind a line, with the tensions that the model's options have there,
-/// controlled by the firmware that this program has
-/// chosen ([`machine::choose_firmware`]), or by the control core in this process.
-///
-/// # Errors
-/// Where it cannot hang there.
-pub fn simulated_robot(
-    model: &Model,
-    mismatch: &Mismatch,
-    seed: u64,
-    link: &LinkOptions,
-) -> Result<SimulatedLink, RunError> {
-    simulated_robot_on(model, mismatch, seed, link, machine::chosen_firmware())
-}
-
-/// As [`simulated_robot`], controlled by this firmware on an emulated chip, or by the control core
-/// in this process.
-///
-/// # Errors
-/// Where it cannot hang there.
-pub(crate) fn simulated_robot_on(
-    model: &Model,
-    mismatch: &Mismatch,
-    seed: u64,
-    link: &LinkOptions,
-    firmware: Option<&machine::Firmware>,
-) -> Result<SimulatedLink, RunError> {
-    // A robot that was calibrated on the simulator is that machine, whatever is asked for.
-    let (machine, mismatch, seed) = match &model.robot().calibrated {
-        Some(calibrated) => match calibrated.simulated_seed {
-            Some(seed) => (&calibrated.designed, &Mismatch::as_built(), seed),
-            None => (model.robot(), mismatch, seed),
-        },
-        None => (model.robot(), mismatch, seed),
-    };
-    // A planner that takes the platform for level knows no other way to hang than the others.
-    let hanging = PlanOptions {
-        tensioning: model.options().tensioning,
-        ..PlanOptions::default()
-    };
-    let home = home(&Model::new(machine)?.with_options(hanging))?;
-    let params = machine::plant_params(machine, mismatch, seed);
-    let simulation = machine::simulate(
-        params,
-        &home.equilibrium.pose,
-        home.tensions_n(),
-        model.tension_held(),
-        link,
-        seed,
-        firmware,
-    )
-    .map_err(|error| RunError::Client(crate::link::plant_failed(error).into()))?;
-    Ok(SimulatedLink::new(simulation))
-}
-
-/// Runs a task on the board behind a line: connects, configures, references the lengths if the
-/// board has lost them (the robot then hangs at home), arms, moves, disarms.
-///
-/// # Errors
-/// [`RunError`]; whatever it is, the robot stands still with its brakes closed, or the board has
-/// lost the line and stops by itself.
-pub fn on_link<L: Link>(
-    model: &Model,
-    task: Task,
-    link: L,
-    session: Option<SessionId>,
-    progress: impl FnMut(Progress),
-) -> Result<Run, RunError> {
-    on_link_with(model, task, link, session, &Handle::new(), progress)
-}
-
-/// As [`on_link`], for a simulated robot that hangs at home, whichever board stands in front of it:
-/// a chip's firmware does not know that its robot is simulated, and no lengths of an earlier run
-/// are its own.
-///
-/// # Errors
-/// As [`on_link`].
-pub fn on_link_at_home<L: Link>(
-    model: &Model,
-    task: Task,
-    link: L,
-    session: Option<SessionId>,
-) -> Result<Run, RunError> {
-    let homing = Homing::Place(model.robot().tool.home_in_world_m);
-    on_link_homed(model, task, link, session, &Handle::new(), homing, |_| {})
-}
-
-/// As [`on_link`], with orders from a handle.
-///
-/// # Errors
-/// As [`on_link`]; [`RunError::Interrupted`] where the handle ordered a stop.
-pub fn on_link_with<L: Link>(
-    model: &Model,
-    task: Task,
-    link: L,
-    session: Option<SessionId>,
-    handle: &Handle,
-    progress: impl FnMut(Progress),
-) -> Result<Run, RunError> {
-    on_link_homed(model, task, link, session, handle, Homing::Known, progress)
-}
-
-/// As [`on_link_with`], for a robot that learns where it is in a given way.
-///
-/// # Errors
-/// As [`on_link_with`].
-pub(crate) fn on_link_homed<L: Link>(
-    model: &Model,
-    task: Task,
-    link: L,
-    session: Option<SessionId>,
-    handle: &Handle,
-    homing: Homing<'_>,
-    progress: impl FnMut(Progress),
-) -> Result<Run, RunError> {
-    handle.publish(|view| view.task = Some(task.name.clone()));
-    let run = commanded(model, task, link, session, handle, homing, progress);
-    handle.close("the run has ended");
-    handle.publish(|view| view.task = None);
-    run
-}
-
-fn commanded<L: Link>(
-    model: &Model,
-    task: Task,
-    link: L,
-    session: Option<SessionId>,
-    handle: &Handle,
-    homing: Homing<'_>,
-    progress: impl FnMut(Progress),
-) -> Result<Run, RunError> {
-    let number = session.unwrap_or_else(run::new_session);
-    let mut session = Session::open(model, link, number, handle, homing, &run::LengthFiles)?;
-    let plan = session.plan(task, None)?;
-    session.arm()?;
-    let mut recorder = Recorder::default();
-    session.follow(&plan, &mut recorder, progress)?;
-    let simulated = session.client().info().simulated;
-    session.disarm()?;
-    Ok(Run {
-        plan,
-        samples: recorder.samples,
-        true_path: None,
-        simulated,
-    })
 }

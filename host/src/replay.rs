@@ -1,15 +1,14 @@
 //! The host and the core run again on recorded bytes, and must do the same to the last bit.
 
 use crate::control::Handle;
-use crate::experiment;
+use crate::experiment::{Experiment, SimulatedRobot};
 use crate::link::{Direction, Link, LinkError, RawFrame};
+use crate::machine::Controller;
 use crate::motion::{Model, PlanError, Task, TaskError};
-use crate::record::scenario::chosen_firmware;
 use crate::record::{Doing, LoadError, Machine, RecordedRun};
 use crate::robot::{Robot, RobotError};
 use crate::run::{Homing, RunError};
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::LinkOptions;
 use miette::Diagnostic;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -209,11 +208,12 @@ pub(crate) fn recorded_task(run: &RecordedRun) -> Result<Task, ReplayError> {
     })
 }
 
-/// Runs host and core again and compares every byte.
+/// Runs host and core again and compares every byte. The core's side is compared where
+/// `controller` is what controlled the recorded robot.
 ///
 /// # Errors
 /// [`ReplayError::Differs`] with the first difference; the others where it cannot be replayed.
-pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
+pub fn replay(run: &RecordedRun, controller: &Controller) -> Result<Proof, ReplayError> {
     if run.gaps > 0 {
         return Err(ReplayError::Gaps { missing: run.gaps });
     }
@@ -233,9 +233,8 @@ pub fn replay(run: &RecordedRun) -> Result<Proof, ReplayError> {
             mismatch,
             seed,
             firmware,
-        } if *firmware == chosen_firmware() => {
-            let robot =
-                experiment::simulated_robot(&model, mismatch, *seed, &LinkOptions::default());
+        } if *firmware == controller.firmware_crc() => {
+            let robot = SimulatedRobot::new(*mismatch, *seed).at_home(&model);
             let robot = robot.map_err(|error| ReplayError::Simulator {
                 reason: error.to_string(),
             })?;
@@ -275,15 +274,18 @@ fn host(run: &RecordedRun, model: &Model, task: Task) -> Result<(u64, bool), Rep
         differs: None,
         ran_out: false,
     };
-    let session = Some(SessionId(run.scenario.session));
+    let session = SessionId(run.scenario.session);
     let handle = Handle::scripted(run.orders.iter().copied());
     let homing = if run.scenario.at_home {
         Homing::Place(model.robot().tool.home_in_world_m)
     } else {
         Homing::Known
     };
-    let outcome =
-        experiment::on_link_homed(model, task, &mut line, session, &handle, homing, |_| {});
+    let outcome = Experiment::new(model, task)
+        .session(session)
+        .handle(&handle)
+        .homing(homing)
+        .run_on(&mut line);
     if let Some(what) = line.differs {
         return Err(differs("host", run, line.next, what));
     }

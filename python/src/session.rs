@@ -9,7 +9,7 @@ use crate::followed::{Followed, truth_arrays};
 use crate::plan::{self, Plan, What};
 use crate::robot::Robot;
 use crate::world::{Job, Opened, World, serve};
-use mcdpr::experiment::simulated_robot;
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::link::SerialLink;
 use mcdpr::machine::Mismatch;
 use mcdpr::run::{LengthFiles, new_session};
@@ -64,7 +64,7 @@ impl Session {
         let mismatch = mismatch_of(mismatch)?;
         let model = plan::model(robot, plan::options(planner, tensioning, shaping)?)?;
         let open = move |model: &Model| -> Result<Opened, RunError> {
-            let link = simulated_robot(model, &mismatch, seed, &LinkOptions::default())?;
+            let link = SimulatedRobot::new(mismatch, seed).at_home(model)?;
             if keep_truth {
                 link.with(Simulation::record_truth);
             }

@@ -4,7 +4,7 @@
 use mcdpr::bench::{BenchError, Report, examine};
 use mcdpr::control::Handle;
 use mcdpr::doctor::Verdict;
-use mcdpr::experiment;
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::flash::{self, FlashError};
 use mcdpr::link::{Client, Link, LinkError, SimulatedLink};
 use mcdpr::machine::{self, Mismatch};
@@ -20,7 +20,7 @@ use mcdpr_tests::chip::firmware;
 /// A chip, prepared before it runs, in front of the paper's robot; the board has no configuration.
 fn board(prepare: impl FnOnce(&mut Chip)) -> (SimulatedLink, SharedChip) {
     let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
-    let home = experiment::home(&model).unwrap();
+    let home = model.rest_at_home().unwrap();
     let params = machine::plant_params(model.robot(), &Mismatch::realistic(), 3);
     let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
     let plant = machine::hang(params, pose, tensions, model.tension_held(), 3).unwrap();
@@ -191,7 +191,10 @@ fn an_unknown_chip_another_firmware_and_a_board_without_a_chip_are_refused() {
 
     let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let line = LinkOptions::default();
-    let link = experiment::simulated_robot(&model, &Mismatch::realistic(), 1, &line).unwrap();
+    let link = SimulatedRobot::new(Mismatch::realistic(), 1)
+        .line(line)
+        .at_home(&model)
+        .unwrap();
     let mut client = Client::connect(link, SessionId(7)).unwrap();
     let refused = examine(&mut client, None, false, &mut |_| true);
     assert!(matches!(refused, Err(BenchError::NoChip)));
@@ -233,7 +236,10 @@ impl Link for Beating {
 fn an_armed_board_is_neither_tested_nor_flashed() {
     let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let line = LinkOptions::default();
-    let link = experiment::simulated_robot(&model, &Mismatch::realistic(), 1, &line).unwrap();
+    let link = SimulatedRobot::new(Mismatch::realistic(), 1)
+        .line(line)
+        .at_home(&model)
+        .unwrap();
     // Disarmed, and given back: it may be written.
     assert!(matches!(
         flash::ask_before(link.clone(), SessionId(5)),

@@ -3,9 +3,9 @@
 //!
 //! `cargo xtask test` builds the file and says where it is.
 
-use mcdpr::experiment;
+use mcdpr::experiment::Experiment;
 use mcdpr::link::SimulatedLink;
-use mcdpr::machine::{self, Mismatch};
+use mcdpr::machine::{self, Controller, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;
 use mcdpr::run::RunError;
@@ -67,13 +67,14 @@ fn robot(model: &Model) -> (SimulatedLink, SharedChip) {
 
 /// Runs the line with these faults.
 fn run(words: &[&str]) -> Aftermath {
-    machine::choose_firmware(firmware());
+    let robot =
+        SimulatedRobot::new(Mismatch::realistic(), 3).controller(&Controller::Chip(firmware()));
     let injections = words.iter().map(|word| Injection::parse(word, 4).unwrap());
     let scenario = Scenario {
         name: words.join(" "),
         injections: injections.collect(),
     };
-    scenario::run(&model(), line(), &Mismatch::realistic(), 3, &scenario).unwrap()
+    scenario::run(&model(), line(), &robot, &scenario).unwrap()
 }
 
 /// Runs the line with a fault, which must be latched within so many ms (the board tells its state
@@ -152,7 +153,11 @@ fn a_motion_costs_no_more_than_it_may() {
     if profile.is_some() {
         chip.with(mcdpr_emulator::Chip::profile_ticks);
     }
-    let run = experiment::on_link_at_home(&model, line(), link, Some(SessionId(1))).unwrap();
+    let run = Experiment::new(&model, line())
+        .at_home()
+        .session(SessionId(1))
+        .run_on(link)
+        .unwrap();
     if let Some(file) = profile {
         let rows = chip.with(|chip| chip.tick_profile());
         let rows = rows
@@ -190,7 +195,11 @@ fn two_runs_on_the_chip_are_equal() {
     let model = model();
     let one = || {
         let (link, chip) = robot(&model);
-        let run = experiment::on_link_at_home(&model, line(), link, Some(SessionId(1))).unwrap();
+        let run = Experiment::new(&model, line())
+            .at_home()
+            .session(SessionId(1))
+            .run_on(link)
+            .unwrap();
         (run.samples, chip.with(|chip| chip.instructions()))
     };
     assert_eq!(one(), one());
@@ -219,7 +228,10 @@ fn arming_fails(protocol: &str, spoil: impl FnOnce(&mut DriveNodes)) -> (FaultId
     let model = Model::new(&mcdpr::robot::parse(&text, Path::new(file)).unwrap()).unwrap();
     let (link, chip) = robot(&model);
     link.with(|simulation| spoil(simulation.drives_mut().nodes_mut()));
-    let run = experiment::on_link_at_home(&model, line(), link, Some(SessionId(1)));
+    let run = Experiment::new(&model, line())
+        .at_home()
+        .session(SessionId(1))
+        .run_on(link);
     let Err(RunError::Fault { record, .. }) = run else {
         panic!("{protocol}: {:?}", run.map(|run| run.samples.len()));
     };

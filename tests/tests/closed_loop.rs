@@ -1,7 +1,7 @@
 //! The whole chain in the simulator: planner, client, wire, control core, plant. Tolerances are
 //! requirements; the figures are those of a simulator.
 
-use mcdpr::experiment::{self, SimulatedRun};
+use mcdpr::experiment::{Experiment, SimulatedRobot, SimulatedRun};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
 use mcdpr::report::Figures;
@@ -11,7 +11,9 @@ fn circle(robot: &str, mismatch: &Mismatch, seed: u64) -> (SimulatedRun, Figures
     let robot = mcdpr::robot::find(robot).unwrap();
     let model = Model::new(&robot).unwrap();
     let task = Task::built_in("paper:table7", -0.18).unwrap();
-    let run = experiment::simulate(&model, task, mismatch, seed, |_| {}).unwrap();
+    let run = Experiment::new(&model, task)
+        .simulate(&SimulatedRobot::new(*mismatch, seed))
+        .unwrap();
     let figures = run.run.figures(&model).unwrap();
     (run, figures)
 }
@@ -112,18 +114,15 @@ fn the_measured_lengths_are_the_true_ones_to_an_encoder_count() {
 fn arming_and_disarming_leave_the_platform_where_it_hangs() {
     let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
-    let link = experiment::simulated_robot(
-        &model,
-        &Mismatch::default(),
-        1,
-        &mcdpr_simulator::LinkOptions::default(),
-    )
-    .unwrap();
+    let link = SimulatedRobot::new(Mismatch::default(), 1)
+        .line(mcdpr_simulator::LinkOptions::default())
+        .at_home(&model)
+        .unwrap();
     let before = link.with(|simulation| simulation.plant().truth().unwrap());
     let line = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [255, -104, -180]";
     let task = Task::parse(line, "short.toml".into()).unwrap();
     link.with(mcdpr_simulator::Simulation::record_truth);
-    experiment::on_link(&model, task, link.clone(), None, |_| {}).unwrap();
+    Experiment::new(&model, task).run_on(link.clone()).unwrap();
     let trace = link.with(mcdpr_simulator::Simulation::take_trace);
     let height = |z: f64| (z - before.tool_position_m[2]) * 1e3;
     let drop = trace

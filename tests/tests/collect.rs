@@ -7,7 +7,7 @@ mod collecting;
 use mcdpr::calibration::collect::{CollectError, Options, Step, collect};
 use mcdpr::calibration::data::View;
 use mcdpr::calibration::{Data, Options as Estimator, joint, result, target};
-use mcdpr::experiment;
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::link::SimulatedLink;
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::Model;
@@ -48,12 +48,7 @@ fn on_simulator(
     tell: impl FnMut(Step),
 ) -> Result<Data, CollectError> {
     let model = Model::new(robot)?;
-    let link = experiment::simulated_robot(
-        &model,
-        &Mismatch::as_built(),
-        options.seed,
-        &LinkOptions::default(),
-    )?;
+    let link = SimulatedRobot::new(Mismatch::as_built(), options.seed).at_home(&model)?;
     let scene = Scene::of(robot, options.seed);
     let mut tags = SimulatedTags::new(link.clone(), scene, 0.1, options.seed);
     let link = (link, Some(SessionId(1)));
@@ -160,8 +155,7 @@ fn it_stops_when_the_expected_error_is_small_enough() {
 fn a_target_out_of_view_is_named() {
     let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
-    let link =
-        experiment::simulated_robot(&model, &Mismatch::as_built(), 1, &LinkOptions::default());
+    let link = SimulatedRobot::new(Mismatch::as_built(), 1).at_home(&model);
     let link = link.unwrap();
     let mut scene = Scene::of(&robot, 1);
     scene.world_from_body[0].1.position_m.x += 2.0;
@@ -205,8 +199,7 @@ impl TagSource for Unreliable {
 fn s12_lost_tags_cost_their_pose_and_a_wrong_sight_is_named_and_moves_nothing() {
     let robot = with_board("paper-table5");
     let model = Model::new(&robot).unwrap();
-    let link =
-        experiment::simulated_robot(&model, &Mismatch::as_built(), 6, &LinkOptions::default());
+    let link = SimulatedRobot::new(Mismatch::as_built(), 6).at_home(&model);
     let link = link.unwrap();
     let going = Rc::new(Cell::new(0));
     let mut eye = Unreliable {
@@ -269,7 +262,7 @@ fn poses_that_all_give_nothing_end_it_and_the_robot_goes_home() {
     let robot = with_board("paper-table5");
     let model = Model::new(&robot).unwrap();
     let built = Mismatch::as_built();
-    let link = experiment::simulated_robot(&model, &built, 4, &LinkOptions::default()).unwrap();
+    let link = SimulatedRobot::new(built, 4).at_home(&model).unwrap();
     let going = Rc::new(Cell::new(0));
     let mut eye = Blinded {
         tags: SimulatedTags::new(link.clone(), Scene::of(&robot, 4), 0.1, 4),
@@ -359,7 +352,10 @@ fn pictures_calibrate_a_robot() {
     let robot = with_board("paper-table5");
     let model = Model::new(&robot).unwrap();
     let (built, on) = (Mismatch::as_built(), LinkOptions::default());
-    let link = experiment::simulated_robot(&model, &built, SEED, &on).unwrap();
+    let link = SimulatedRobot::new(built, SEED)
+        .line(on)
+        .at_home(&model)
+        .unwrap();
     let scene = Scene::of(&robot, SEED);
     let mut camera = SceneCamera::new(scene.clone(), SEED);
     let places = Rc::new(RefCell::new(Vec::new()));

@@ -1,7 +1,7 @@
 //! Orders to a robot that moves: how soon they reach it, and what it does then.
 
 use mcdpr::control::{Handle, Order};
-use mcdpr::experiment;
+use mcdpr::experiment::{self, Experiment, SimulatedRobot};
 use mcdpr::link::SimulatedLink;
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
@@ -20,9 +20,8 @@ struct Rig {
 impl Rig {
     fn new() -> Self {
         let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
-        let options = LinkOptions::default();
         let mismatch = Mismatch::realistic();
-        let link = experiment::simulated_robot(&model, &mismatch, 1, &options).unwrap();
+        let link = SimulatedRobot::new(mismatch, 1).at_home(&model).unwrap();
         link.with(Simulation::record_truth);
         Self {
             model,
@@ -33,9 +32,12 @@ impl Rig {
 
     fn run(&self, progress: impl FnMut(Progress)) -> Result<experiment::Run, RunError> {
         let task = Task::built_in("paper:table7", -0.18).unwrap();
-        let session = Some(SessionId(1));
         let link = self.link.clone();
-        experiment::on_link_with(&self.model, task, link, session, &self.handle, progress)
+        Experiment::new(&self.model, task)
+            .session(SessionId(1))
+            .handle(&self.handle)
+            .progress(progress)
+            .run_on(link)
     }
 
     fn trace(&self) -> Vec<TracePoint> {

@@ -3,7 +3,7 @@
 //! otherwise than its file says.
 
 use mcdpr::doctor::{self, Finding, Verdict};
-use mcdpr::experiment;
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::link::{Client, SimulatedLink};
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::Model;
@@ -170,9 +170,9 @@ fn an_encoder_that_counts_the_other_way_shows_when_it_arms() {
 fn examined(break_it: impl FnOnce(&mut Faults)) -> Vec<Finding> {
     let robot = Robot::built_in("paper-table5").unwrap();
     let model = Model::new(&robot).unwrap();
-    let options = LinkOptions::default();
-    let link: SimulatedLink =
-        experiment::simulated_robot(&model, &Mismatch::realistic(), 5, &options).unwrap();
+    let link: SimulatedLink = SimulatedRobot::new(Mismatch::realistic(), 5)
+        .at_home(&model)
+        .unwrap();
     link.with(|simulation| break_it(simulation.plant_mut().faults_mut()));
     let mut client = Client::connect(link, SessionId(7)).unwrap();
     doctor::examine(&mut client, &robot).unwrap()

@@ -2,6 +2,7 @@
 //! to be noticed, and ends safely, or it is refused with a reason; and pairs of them. Which reaction a
 //! row has is the core's own tests' business.
 
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
 use mcdpr::robot::{DriveKind, Robot};
@@ -27,7 +28,13 @@ fn run(ids: &[FaultId], words: &[String]) -> Aftermath {
     let task = Task::parse(text, "line.toml".into()).unwrap();
     let scenario = Scenario::from_words(words, 4).unwrap();
     scenario.suits(&robot(ids)).unwrap();
-    scenario::run(&model, task, &Mismatch::realistic(), 3, &scenario).unwrap()
+    scenario::run(
+        &model,
+        task,
+        &SimulatedRobot::new(Mismatch::realistic(), 3),
+        &scenario,
+    )
+    .unwrap()
 }
 
 /// What holds whatever happened: the first fault stays, nothing re-energises, all ends braked and

@@ -1,7 +1,7 @@
 //! Faults at pins, bus and plant while the robot moves in the simulator: what the board does and
 //! how far the platform falls. The id of each row of docs/faults.md is in the test's name.
 
-use mcdpr::experiment;
+use mcdpr::experiment::{Experiment, SimulatedRobot};
 use mcdpr::link::SimulatedLink;
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
@@ -24,20 +24,23 @@ fn with_fault(at_s: f64, inject: impl Fn(&mut Plant)) -> Aftermath {
     let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
     let text = "start_mm = [255, -105, -180]\n[[leg]]\nto_mm = [335, -65, -180]\n";
     let task = Task::parse(text, "line.toml".into()).unwrap();
-    let options = LinkOptions::default();
-    let link = experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
+    let link = SimulatedRobot::new(Mismatch::default(), 1)
+        .at_home(&model)
+        .unwrap();
     link.with(Simulation::record_truth);
     let injector = link.clone();
     let mut injected_us = None;
-    let error = experiment::on_link(&model, task, link.clone(), None, |progress| {
-        if progress.path_s >= at_s && injected_us.is_none() {
-            injected_us = Some(injector.with(|simulation| {
-                inject(simulation.plant_mut());
-                simulation.now_us()
-            }));
-        }
-    })
-    .unwrap_err();
+    let error = Experiment::new(&model, task)
+        .progress(|progress| {
+            if progress.path_s >= at_s && injected_us.is_none() {
+                injected_us = Some(injector.with(|simulation| {
+                    inject(simulation.plant_mut());
+                    simulation.now_us()
+                }));
+            }
+        })
+        .run_on(link.clone())
+        .unwrap_err();
     let RunError::Fault { record } = error else {
         panic!("{error:?}");
     };

@@ -2,7 +2,7 @@
 //! file says, and the commands find out.
 
 use mcdpr::control::Handle;
-use mcdpr::experiment;
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;
@@ -275,7 +275,10 @@ fn armed_and_disarmed(play_m: f64, told_m: f64) -> Result<(), String> {
     }
     let (built, says) = (Model::new(&built).unwrap(), Model::new(&says).unwrap());
     let line = LinkOptions::default();
-    let link = experiment::simulated_robot(&built, &Mismatch::realistic(), 3, &line).unwrap();
+    let link = SimulatedRobot::new(Mismatch::realistic(), 3)
+        .line(line)
+        .at_home(&built)
+        .unwrap();
     let handle = Handle::new();
     let homing = Homing::Place(says.robot().tool.home_in_world_m);
     let link = Box::new(link);

@@ -2,7 +2,7 @@
 //! stream do no harm, jogs keep their limits, figures of the study hold.
 
 use mcdpr::control::Handle;
-use mcdpr::experiment;
+use mcdpr::experiment::{Experiment, SimulatedRobot};
 use mcdpr::link::{Link, LinkError, SimulatedLink};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::path::{Path, Piece};
@@ -118,7 +118,9 @@ fn curves_waits_and_the_gripper_run_and_long_tasks_are_planned_at_once() {
         [[leg]]\nthrough_mm=[[275,-95,-175],[295,-105,-180],[315,-95,-185]]\n\
         [[leg]]\ngripper=\"close\"\n[[leg]]\ndwell_s=0.5\n[[leg]]\npoints_mm=[[300,-100,-180],[290,-100,-180]]";
     let task = Task::parse(text, PathBuf::from("t.toml")).unwrap();
-    let done = experiment::simulate(&model, task, &Mismatch::default(), 1, |_| {}).unwrap();
+    let done = Experiment::new(&model, task)
+        .simulate(&SimulatedRobot::new(Mismatch::default(), 1))
+        .unwrap();
     let figures = done.run.figures(&model).unwrap();
     assert!(figures.path_error_m.unwrap().mean < 2e-4, "{figures:?}");
     assert_eq!(done.run.plan.timed.actions().len(), 1);
@@ -199,15 +201,19 @@ impl Link for Stalling {
 #[test]
 fn stalls_of_200_ms_never_starve_the_stream() {
     let model = model("lab-fast");
-    let options = LinkOptions::default();
-    let inner = experiment::simulated_robot(&model, &Mismatch::realistic(), 1, &options).unwrap();
+    let inner = SimulatedRobot::new(Mismatch::realistic(), 1)
+        .at_home(&model)
+        .unwrap();
     inner.with(Simulation::record_truth);
     let link = Stalling {
         inner: inner.clone(),
         lost: std::rc::Rc::default(),
     };
     let task = Task::built_in("paper:table7", -0.18).unwrap();
-    experiment::on_link(&model, task, link.clone(), Some(SessionId(1)), |_| {}).unwrap();
+    Experiment::new(&model, task)
+        .session(SessionId(1))
+        .run_on(link.clone())
+        .unwrap();
     assert!(
         link.lost.get() > 20,
         "only {} frames were lost",
@@ -250,8 +256,9 @@ fn least_buffered_s<L: Link>(model: &Model, link: L) -> f64 {
 fn a_quarter_of_a_second_of_motion_is_always_ahead() {
     let model = model("lab-fast");
     let robot = || {
-        let options = LinkOptions::default();
-        experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap()
+        SimulatedRobot::new(Mismatch::default(), 1)
+            .at_home(&model)
+            .unwrap()
     };
     let free = least_buffered_s(&model, robot());
     assert!(free >= 0.25, "{free} s");
@@ -290,8 +297,9 @@ impl Link for Drifting {
 fn the_boards_clock_is_known_by_offset_and_drift() {
     let model = model("lab-fast");
     for share in [0.0, 90e-6, -140e-6] {
-        let options = LinkOptions::default();
-        let inner = experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
+        let inner = SimulatedRobot::new(Mismatch::default(), 1)
+            .at_home(&model)
+            .unwrap();
         let link = Drifting {
             inner: inner.clone(),
             share,
@@ -322,8 +330,9 @@ fn the_boards_clock_is_known_by_offset_and_drift() {
 #[test]
 fn a_jog_moves_as_told_stops_by_itself_and_at_a_limit() {
     let model = model("lab-fast");
-    let options = LinkOptions::default();
-    let link = experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
+    let link = SimulatedRobot::new(Mismatch::default(), 1)
+        .at_home(&model)
+        .unwrap();
     let home = model.robot().tool.home_in_world_m;
     let handle = Handle::new();
     let mut session = Session::open(
@@ -363,8 +372,9 @@ fn a_jog_moves_as_told_stops_by_itself_and_at_a_limit() {
 #[test]
 fn a_board_that_lost_its_lengths_is_not_taken_to_hang_at_home() {
     let model = model("paper-table5");
-    let options = LinkOptions::default();
-    let link = experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
+    let link = SimulatedRobot::new(Mismatch::default(), 1)
+        .at_home(&model)
+        .unwrap();
     let lower = model.rest(&at(300.0, 0.0, -250.0), None).unwrap();
     let handle = Handle::new();
     // Taught the wrong place, arming finds that the tensions are not those of that place.

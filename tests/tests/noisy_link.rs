@@ -1,6 +1,6 @@
 //! Both production halves of the link over a line that drops, corrupts, duplicates and delays.
 
-use mcdpr::experiment;
+use mcdpr::experiment::{Experiment, SimulatedRobot};
 use mcdpr::link::{Client, ClientError, Link, SimulatedLink};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
@@ -15,7 +15,10 @@ fn model() -> Model {
 }
 
 fn robot(model: &Model, options: &LinkOptions, seed: u64) -> SimulatedLink {
-    experiment::simulated_robot(model, &Mismatch::default(), seed, options).unwrap()
+    SimulatedRobot::new(Mismatch::default(), seed)
+        .line(*options)
+        .at_home(model)
+        .unwrap()
 }
 
 fn short_task() -> Task {
@@ -30,7 +33,7 @@ fn l1_l3_l4_l9_a_motion_is_the_same_over_a_noisy_line_as_over_a_perfect_one() {
     let path = |options: &LinkOptions, seed: u64| {
         let link = robot(&model, options, seed);
         link.with(mcdpr_simulator::Simulation::record_truth);
-        let run = experiment::on_link(&model, short_task(), link.clone(), None, |_| {});
+        let run = Experiment::new(&model, short_task()).run_on(link.clone());
         let run = run.unwrap_or_else(|error| panic!("seed {seed}: {error:?}"));
         let trace = link.with(mcdpr_simulator::Simulation::take_trace);
         let path = mcdpr::report::true_path(&trace);
@@ -153,7 +156,7 @@ fn a_board_of_another_protocol_version_is_named_and_never_moved_l17() {
             ..LinkOptions::default()
         };
         let link = robot(&model, &options, 1);
-        let error = experiment::on_link(&model, short_task(), link.clone(), None, |_| {});
+        let error = Experiment::new(&model, short_task()).run_on(link.clone());
         let Err(RunError::Client(error @ ClientError::Version { .. })) = error else {
             panic!("{version:?}: {error:?}");
         };
@@ -212,7 +215,7 @@ fn a_motion_runs_across_the_wrap_of_the_tick_counter_k9() {
             ..LinkOptions::default()
         };
         let link = robot(&model, &options, 1);
-        let run = experiment::on_link(&model, short_task(), link, None, |_| {}).unwrap();
+        let run = Experiment::new(&model, short_task()).run_on(link).unwrap();
         let ticks: Vec<_> = run.samples.iter().map(|sample| sample.tick).collect();
         assert!(
             ticks
@@ -285,9 +288,11 @@ fn a_dead_host_is_noticed_and_the_platform_does_not_fall_l10_l12_l15() {
     link.with(mcdpr_simulator::Simulation::record_truth);
     // The host dies in the middle of the motion: its client simply stops being run.
     let died = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-        let _ = experiment::on_link(&model, short_task(), link.clone(), None, |progress| {
-            assert!(progress.path_s < 1.0, "the host dies here");
-        });
+        let _ = Experiment::new(&model, short_task())
+            .progress(|progress| {
+                assert!(progress.path_s < 1.0, "the host dies here");
+            })
+            .run_on(link.clone());
     }));
     assert!(died.is_err());
     link.with(mcdpr_simulator::Simulation::take_trace);
@@ -325,7 +330,9 @@ fn a_dead_host_is_noticed_and_the_platform_does_not_fall_l10_l12_l15() {
     let drop = drop.fold(0.0, f64::max);
     assert!(drop < 5e-3, "dropped by {drop} m");
     // The next host is told, clears it, and moves on from where the robot is.
-    let error = experiment::on_link(&model, short_task(), link.clone(), None, |_| {}).unwrap_err();
+    let error = Experiment::new(&model, short_task())
+        .run_on(link.clone())
+        .unwrap_err();
     let RunError::Latched { record } = error else {
         panic!("{error:?}");
     };
@@ -333,5 +340,5 @@ fn a_dead_host_is_noticed_and_the_platform_does_not_fall_l10_l12_l15() {
     let mut client = Client::connect(link.clone(), SessionId(77)).unwrap();
     client.request(Request::ClearFault).unwrap();
     client.request(Request::Close).unwrap();
-    experiment::on_link(&model, short_task(), link, None, |_| {}).unwrap();
+    Experiment::new(&model, short_task()).run_on(link).unwrap();
 }

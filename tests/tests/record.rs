@@ -1,8 +1,8 @@
 //! Recorded runs: what is in them, that they survive crashes and full disks, and that host and core
 //! do the same again on their bytes.
 
-use mcdpr::experiment::{self, Orders};
-use mcdpr::machine::Mismatch;
+use mcdpr::experiment::{Experiment, SimulatedRobot, SimulatedRun};
+use mcdpr::machine::{Controller, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::record::mcap;
 use mcdpr::record::witness::{Patience, Watcher};
@@ -37,19 +37,13 @@ fn scenario() -> Scenario {
 }
 
 /// Runs the short task, seen by a witness.
-fn run(witness: &Witness) -> experiment::SimulatedRun {
+fn run(witness: &Witness) -> SimulatedRun {
     let task = Task::parse(TASK, "short.toml".into()).unwrap();
-    let seen = (witness, SessionId(11));
-    experiment::simulate_seen(
-        &model(),
-        task,
-        &Mismatch::realistic(),
-        3,
-        seen,
-        &Orders::default(),
-        |_| {},
-    )
-    .unwrap()
+    Experiment::new(&model(), task)
+        .session(SessionId(11))
+        .recorded_by(witness)
+        .simulate(&SimulatedRobot::new(Mismatch::realistic(), 3))
+        .unwrap()
 }
 
 /// A recorded run's file, recorded once for all tests.
@@ -79,7 +73,7 @@ fn load(name: &str, bytes: &[u8]) -> Result<RecordedRun, LoadError> {
 fn a_run_replays_bit_by_bit_host_and_core() {
     let run = load("replay", recorded()).unwrap();
     assert!(run.damage.is_none());
-    let proof = replay(&run).unwrap();
+    let proof = replay(&run, &Controller::InProcess).unwrap();
     assert!(
         proof.whole && proof.host_bytes.is_some_and(|b| b > 3000),
         "{proof:?}"
@@ -100,7 +94,7 @@ fn a_changed_byte_in_either_direction_is_found() {
     let sent = run.frames.iter_mut().skip(middle);
     let sent = sent.filter(|f| f.direction == Direction::ToBoard);
     sent.take(1).for_each(|frame| frame.bytes[2] ^= 1);
-    let error = replay(&run).unwrap_err();
+    let error = replay(&run, &Controller::InProcess).unwrap_err();
     assert!(
         matches!(error, ReplayError::Differs { who: "host", .. }),
         "{error}"
@@ -110,7 +104,7 @@ fn a_changed_byte_in_either_direction_is_found() {
     let answers = run.frames.iter_mut().rev().skip(50);
     let answers = answers.filter(|f| f.direction == Direction::ToHost && !f.bytes.is_empty());
     answers.take(1).for_each(|frame| frame.bytes[0] ^= 1);
-    let changed = replay(&run);
+    let changed = replay(&run, &Controller::InProcess);
     assert!(
         matches!(changed, Err(ReplayError::Differs { .. })),
         "{:?}",
@@ -123,7 +117,7 @@ fn a_changed_byte_in_either_direction_is_found() {
         seed: 3,
         firmware: None,
     };
-    let error = replay(&run).unwrap_err();
+    let error = replay(&run, &Controller::InProcess).unwrap_err();
     assert!(
         matches!(error, ReplayError::Differs { who: "core", .. }),
         "{error}"
@@ -181,7 +175,7 @@ fn a_record_without_its_end_is_read_and_replayed_as_far_as_it_goes() {
     let run = load("cut", &bytes[..bytes.len() * 2 / 3]).unwrap();
     assert!(matches!(run.damage, Some(mcap::Damage::Truncated { .. })));
     assert!(run.frames.len() > 100 && run.gaps == 0);
-    let proof = replay(&run).unwrap();
+    let proof = replay(&run, &Controller::InProcess).unwrap();
     assert!(!proof.whole);
     // In front of the first chunk there is the scenario already; without it, the reason is told.
     let error = load("tiny", &bytes[..100]).unwrap_err();
@@ -197,7 +191,9 @@ fn a_corrupt_chunk_is_left_out_and_the_hole_is_noticed() {
     bytes[middle] ^= 0xFF;
     let run = load("corrupt", &bytes).unwrap();
     assert!(matches!(run.damage, Some(mcap::Damage::Corrupt { .. })));
-    assert!(matches!(replay(&run), Err(ReplayError::Gaps { missing }) if missing > 0));
+    assert!(
+        matches!(replay(&run, &Controller::InProcess), Err(ReplayError::Gaps { missing }) if missing > 0)
+    );
 }
 
 #[test]
@@ -429,7 +425,7 @@ fn every_command_that_moves_a_drum_leaves_a_record() {
         assert!(run.damage.is_none(), "{words:?}");
         assert_eq!(run.gaps, 0, "{words:?}");
         assert!(run.frames.len() > 100, "{words:?}");
-        match replay(&run) {
+        match replay(&run, &Controller::InProcess) {
             Ok(proof) if doing == ORDERS => {
                 assert!(proof.core_bytes.is_some_and(|bytes| bytes > 10_000));
                 assert!(proof.whole && proof.host_bytes.is_none());

@@ -1,7 +1,7 @@
 //! A run's bytes and times are all that the host's logic depends on: fed the same again, it sends
 //! the same again. Longer recordings and their files are built on this.
 
-use mcdpr::experiment;
+use mcdpr::experiment::{Experiment, SimulatedRobot};
 use mcdpr::link::{Direction, Link, LinkError, RawFrame, Tee};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
@@ -63,11 +63,17 @@ fn a_recorded_run_replays_bit_by_bit_noise_and_retransmissions_included() {
         to_host: faults,
         ..LinkOptions::default()
     };
-    let robot = experiment::simulated_robot(&model, &Mismatch::realistic(), 3, &options).unwrap();
+    let robot = SimulatedRobot::new(Mismatch::realistic(), 3)
+        .line(options)
+        .at_home(&model)
+        .unwrap();
     let mut frames = Vec::new();
     let tee = Tee::new(robot, |frame| frames.push(frame));
-    let session = Some(SessionId(11));
-    let recorded = experiment::on_link(&model, task(), tee, session, |_| {}).unwrap();
+    let session = SessionId(11);
+    let recorded = Experiment::new(&model, task())
+        .session(session)
+        .run_on(tee)
+        .unwrap();
     assert!(frames.len() > 1000, "{}", frames.len());
 
     let mut replay = Replay {
@@ -75,7 +81,10 @@ fn a_recorded_run_replays_bit_by_bit_noise_and_retransmissions_included() {
         now_us: 0,
         sent: 0,
     };
-    let again = experiment::on_link(&model, task(), &mut replay, session, |_| {}).unwrap();
+    let again = Experiment::new(&model, task())
+        .session(session)
+        .run_on(&mut replay)
+        .unwrap();
     assert_eq!(again.samples, recorded.samples);
     assert_eq!(
         replay.frames.len(),

@@ -1,5 +1,6 @@
 //! Faults on the line and in the host's program, injected by the user's own tool.
 
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::{Model, Task};
 use mcdpr::robot::{DriveKind, Robot};
@@ -22,7 +23,13 @@ fn run_on(robot: &Robot, words: &[&str]) -> Aftermath {
         name: words.join(" "),
         injections: injections.collect(),
     };
-    scenario::run(&model, task, &Mismatch::realistic(), 3, &scenario).unwrap()
+    scenario::run(
+        &model,
+        task,
+        &SimulatedRobot::new(Mismatch::realistic(), 3),
+        &scenario,
+    )
+    .unwrap()
 }
 
 /// When the board entered a state, ms after the fault.

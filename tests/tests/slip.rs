@@ -5,7 +5,7 @@ use mcdpr::calibration::simulate::Target;
 use mcdpr::calibration::slip::{Finding, Reading, SelfCheck, Sigmas};
 use mcdpr::calibration::{Options as Estimator, joint, result, target};
 use mcdpr::control::Handle;
-use mcdpr::experiment;
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
@@ -142,7 +142,10 @@ fn calibrated(seed: u64) -> Robot {
     robot.tags = target::tags(Target::Board);
     let model = Model::new(&robot).unwrap();
     let (built, on) = (Mismatch::as_built(), LinkOptions::default());
-    let link = experiment::simulated_robot(&model, &built, seed, &on).unwrap();
+    let link = SimulatedRobot::new(built, seed)
+        .line(on)
+        .at_home(&model)
+        .unwrap();
     let mut tags = SimulatedTags::new(link.clone(), Scene::of(&robot, seed), 0.1, seed);
     let options = Options {
         poses: 14,
@@ -162,7 +165,10 @@ fn calibrated(seed: u64) -> Robot {
 /// What the check of a running robot says at where it hangs, by lengths and tensions alone.
 fn checked(model: &Model, seed: u64, slip: (usize, f64)) -> Finding {
     let (built, on) = (Mismatch::as_built(), LinkOptions::default());
-    let link = experiment::simulated_robot(model, &built, seed, &on).unwrap();
+    let link = SimulatedRobot::new(built, seed)
+        .line(on)
+        .at_home(model)
+        .unwrap();
     let known = model.robot().calibrated.as_ref().unwrap();
     let sigmas = Sigmas::calibrated(known.predicted_error_m.unwrap(), 0.02, true);
     let home = Homing::Lengths(known.home_lengths_m.clone());

@@ -2,16 +2,15 @@
 
 use super::{Common, Failed, Outcome, print_json};
 use crate::bench::{self, BenchError, Report};
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::files;
 use crate::flash::Image;
 use crate::link::{Client, ClientError, Link};
-use crate::machine::{self, Firmware, Mismatch};
+use crate::machine::{Firmware, Mismatch};
 use crate::motion::Model;
 use crate::robot::Robot;
 use crate::run::{RunError, new_session};
 use mcdpr_protocol::Request;
-use mcdpr_simulator::LinkOptions;
 use serde_json::{Value, json};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -59,7 +58,7 @@ impl Cmd {
             return Ok(());
         }
         // The file is compared with what runs, where there is one; a file that is named must be good.
-        let firmware = match machine::chosen_firmware() {
+        let firmware = match common.controller.firmware() {
             Some(firmware) => Some(firmware.clone()),
             None if common.firmware.is_some() => Some(Firmware::find(common.firmware.as_deref())?),
             None => Firmware::find(None).ok(),
@@ -102,16 +101,13 @@ fn open(common: &Common) -> miette::Result<Box<dyn Link>> {
     if common.on != "sim" {
         return Ok(Box::new(common.open_port().map_err(ClientError::from)?));
     }
-    if machine::chosen_firmware().is_none() {
+    if common.controller.firmware().is_none() {
         return Err(BenchError::NoChip.into());
     }
     let robot = Robot::built_in("paper-table5")?;
-    let link = experiment::simulated_robot(
-        &Model::new(&robot)?,
-        &Mismatch::realistic(),
-        common.seed,
-        &LinkOptions::default(),
-    )?;
+    let link = SimulatedRobot::new(Mismatch::realistic(), common.seed)
+        .controller(&common.controller)
+        .at_home(&Model::new(&robot)?)?;
     Ok(Box::new(link))
 }
 

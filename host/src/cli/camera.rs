@@ -1,12 +1,11 @@
 //! `mcdpr camera`: which cameras there are, what they see, and pictures for later.
 
 use super::{Common, Failed, Outcome, print_json};
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::pick::study::picking_robot;
 use crate::pick::{SimulatedEye, workcell};
-use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::camera::{Order, Tray};
 use mcdpr_vision::recorded::{Recorded, Recording};
 use mcdpr_vision::tag::{Options, detect};
@@ -119,8 +118,9 @@ fn open(common: &Common, from: &From) -> miette::Result<Box<dyn Source>> {
     let mut robot = picking_robot(&crate::robot::find(&common.robot)?);
     robot.tool.home_in_world_m = workcell::options(&robot)?.look_m;
     let model = Model::new(&robot)?;
-    let options = LinkOptions::default();
-    let link = experiment::simulated_robot(&model, &Mismatch::realistic(), common.seed, &options)?;
+    let link = SimulatedRobot::new(Mismatch::realistic(), common.seed)
+        .controller(&common.controller)
+        .at_home(&model)?;
     let cell = workcell::cell(
         &robot,
         Tray::default(),

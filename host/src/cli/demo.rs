@@ -6,7 +6,7 @@ use super::recorded::{About, Recorded};
 use super::run::{figure_rows, tool_height_m};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
-use crate::experiment::{self, Orders, SimulatedRun};
+use crate::experiment::{Experiment, SimulatedRobot, SimulatedRun};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
 use crate::record::{Doing, TaskSource};
@@ -65,7 +65,7 @@ impl Cmd {
         if let Some(scenario) = &scenario {
             scenario.suits(&robot)?;
         }
-        let plan = experiment::plan_from_home(&model, task.clone())?;
+        let plan = Experiment::new(&model, task.clone()).plan()?;
         if common.dry_run {
             eprintln!(
                 "{:.1} s, within every limit; nothing was moved",
@@ -79,9 +79,13 @@ impl Cmd {
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let one = |name: &'static str, mismatch: &Mismatch| {
             let bar = Bar::new(name);
-            let run = experiment::simulate(&model, task.clone(), mismatch, common.seed, |p| {
-                bar.update(p);
-            });
+            let run = Experiment::new(&model, task.clone())
+                .progress(|p| {
+                    bar.update(p);
+                })
+                .simulate(
+                    &SimulatedRobot::new(*mismatch, common.seed).controller(&common.controller),
+                );
             bar.finish();
             run
         };
@@ -111,11 +115,12 @@ fn recorded(
     };
     let recorded = Recorded::start(common, Some(model), about)?;
     let bar = Bar::new("realistic machine");
-    let seen = (&recorded.witness, session);
-    let orders = Orders::default();
-    let run = experiment::simulate_seen(model, task, &mismatch, common.seed, seen, &orders, |p| {
-        bar.update(p);
-    });
+    let robot = SimulatedRobot::new(mismatch, common.seed).controller(&common.controller);
+    let run = Experiment::new(model, task)
+        .session(session)
+        .recorded_by(&recorded.witness)
+        .progress(|p| bar.update(p))
+        .simulate(&robot);
     bar.finish();
     let folder = recorded.finish();
     Ok((run?, folder))

@@ -3,14 +3,13 @@
 use super::service::Machine;
 use super::{Common, Failed, Outcome, print_json};
 use crate::doctor::{self, Finding, Verdict};
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::{Client, ClientError, Link, SimulatedLink};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::robot::Robot;
 use crate::run::{Homing, LengthFiles, RunError, Session, new_session, watch_for_interrupts};
 use mcdpr_protocol::Request;
-use mcdpr_simulator::LinkOptions;
 
 /// Check port, board, firmware, drives, encoders, tensions and brakes; say what to do
 ///
@@ -80,7 +79,7 @@ impl Cmd {
         };
         findings.push(Finding::good(
             "port",
-            match (&simulated, crate::machine::chosen_firmware()) {
+            match (&simulated, common.controller.firmware()) {
                 (Some(_), Some(_)) => {
                     "a simulated robot with the firmware on an emulated chip".into()
                 }
@@ -127,12 +126,9 @@ impl Cmd {
             return Ok(link.map(|link| -> Opened { (Box::new(link), None) }));
         }
         let real = self.machine.really(robot)?;
-        let link = experiment::simulated_robot(
-            &Model::new(&real)?,
-            &Mismatch::realistic(),
-            common.seed,
-            &LinkOptions::default(),
-        )?;
+        let link = SimulatedRobot::new(Mismatch::realistic(), common.seed)
+            .controller(&common.controller)
+            .at_home(&Model::new(&real)?)?;
         Ok(Ok((Box::new(link.clone()), Some(link))))
     }
 }

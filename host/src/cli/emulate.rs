@@ -2,8 +2,8 @@
 //! robot around it, as a serial device for another program.
 
 use super::{Common, Failed, Outcome, sim};
-use crate::experiment;
-use crate::machine::{Firmware, Mismatch};
+use crate::experiment::SimulatedRobot;
+use crate::machine::{Controller, Firmware, Mismatch};
 use crate::motion::Model;
 use crate::run::watch_for_interrupts;
 use mcdpr_simulator::LinkOptions;
@@ -39,9 +39,10 @@ impl Cmd {
             latency_us: 0,
             ..LinkOptions::default()
         };
-        let firmware = Some(&firmware);
-        let robot =
-            experiment::simulated_robot_on(&model, &mismatch, common.seed, &options, firmware)?;
+        let robot = SimulatedRobot::new(mismatch, common.seed)
+            .line(options)
+            .controller(&Controller::Chip(firmware))
+            .at_home(&model)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         sim::serve(robot, common, scale, None)
     }

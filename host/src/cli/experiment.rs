@@ -116,10 +116,13 @@ impl Cmd {
                     pulley_loss: self.pulley_loss,
                     ..Change::default()
                 };
-                let mut bench =
-                    Bench::start_on(model.clone(), &change, common.seed, |link, tap| {
-                        record.tapped(link, tap)
-                    })?;
+                let mut bench = Bench::start_on(
+                    model.clone(),
+                    &change,
+                    common.seed,
+                    &common.controller,
+                    |link, tap| record.tapped(link, tap),
+                )?;
                 return Ok(bench.run(&experiment.script)?);
             }
             let link = common

@@ -61,7 +61,7 @@ mod tune;
 pub use dry::{DRY_RUNS, DryRun, commands};
 
 use crate::link::{LinkError, SerialLink};
-use crate::machine::{self, Firmware};
+use crate::machine::{Controller, Firmware};
 use crate::run::RunError;
 use clap::{Args, Parser, Subcommand};
 use miette::Diagnostic;
@@ -121,18 +121,34 @@ pub(crate) struct Common {
     /// is simulated as fast as it goes. To a `sim --pty` with a scale talk with the same one
     #[arg(long, global = true, value_name = "X")]
     pub time_scale: Option<f64>,
+    /// What controls a simulated robot; `--on chip` sets it.
+    #[arg(skip)]
+    pub controller: Controller,
 }
 
 impl Common {
-    /// Puts the emulated chip in front of every simulated robot, where `--on chip` asks for it.
-    /// From there on the robot is a simulated one for every command.
+    /// Lets the emulated chip control every simulated robot, where `--on chip` asks for it. From
+    /// there on the robot is a simulated one for every command.
     fn take_up_chip(&mut self) -> Outcome {
         self.checked_time_scale()?;
         if self.on == "chip" {
-            machine::choose_firmware(Firmware::find(self.firmware.as_deref())?);
+            self.controller = Controller::Chip(Firmware::find(self.firmware.as_deref())?);
             "sim".clone_into(&mut self.on);
         }
         Ok(())
+    }
+
+    /// Refuses the emulated chip for what simulates many robots in this process.
+    ///
+    /// # Errors
+    /// Where `--on chip` was given.
+    pub(crate) fn no_chip(&self, command: &str) -> Result<(), Failed> {
+        match self.controller.firmware() {
+            None => Ok(()),
+            Some(_) => Err(Failed::from_error(command)(
+                "it simulates many robots, each with the control core in this process; leave out --on chip",
+            )),
+        }
     }
 
     /// Opens the serial port of `--on`, on which time goes as fast as `--time-scale` says.

@@ -259,7 +259,10 @@ fn home_by_tag(common: &Common, model: &Model) -> Outcome {
     use crate::sight::{Scene, SimulatedTags};
     let options = mcdpr_simulator::LinkOptions::default();
     let mismatch = crate::machine::Mismatch::realistic();
-    let link = crate::experiment::simulated_robot(model, &mismatch, common.seed, &options)?;
+    let link = crate::experiment::SimulatedRobot::new(mismatch, common.seed)
+        .line(options)
+        .controller(&common.controller)
+        .at_home(model)?;
     let scene = Scene::on_floor(model.robot(), 0.0, 0.0, common.seed);
     let places = scene.world_from_body.iter().map(|(body, pose)| TagPlace {
         body: *body,

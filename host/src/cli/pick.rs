@@ -168,7 +168,14 @@ impl Cmd {
             time_scale: common.checked_time_scale()?.or(self.serve.map(|_| 1.0)),
             keep: false,
         };
-        let outcome = study::scene_by(robot, wanted, handle, detector.as_mut(), &watching);
+        let outcome = study::scene_by(
+            robot,
+            wanted,
+            handle,
+            detector.as_mut(),
+            &watching,
+            &common.controller,
+        );
         drop(page);
         let folder = recorded.finish();
         if let Ok(scene) = &outcome
@@ -188,6 +195,7 @@ impl Cmd {
     }
 
     fn study(&self, common: &Common, robot: &Robot, scenes: usize, known: Knowledge) -> Outcome {
+        common.no_chip("pick --scenes")?;
         let both = [Knowledge::Calibrated, Knowledge::Nominal];
         let knowledges = if self.ideal || self.nominal {
             vec![known]

@@ -5,13 +5,12 @@ use super::orders::listen;
 use super::recorded::{OnRecord, Work, off_record, on_record};
 use super::{Common, Failed};
 use crate::control::Handle;
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::{ClientError, Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::Doing;
 use crate::run::{Homing, LengthFiles, RunError, Session, watch_for_interrupts};
-use mcdpr_simulator::LinkOptions;
 
 /// Opens the robot, does something with it, and lets orders from other terminals reach it. What
 /// has a name is recorded under it.
@@ -29,8 +28,9 @@ pub(crate) fn with_session<T>(
     let mismatch = Mismatch::realistic();
     let done = |record: &OnRecord<'_>| {
         let (link, homing): (Box<dyn Link + '_>, _) = if common.on == "sim" {
-            let options = LinkOptions::default();
-            let link = experiment::simulated_robot(model, &mismatch, common.seed, &options)?;
+            let link = SimulatedRobot::new(mismatch, common.seed)
+                .controller(&common.controller)
+                .at_home(model)?;
             let home = Homing::Place(model.robot().tool.home_in_world_m);
             let watched = record.watched_simulated(link).with_orders(&handle);
             let link: Box<dyn Link + '_> = match common.checked_time_scale()? {

@@ -1,6 +1,7 @@
 //! What `mcdpr demo --fault` prints: the timeline of the robot's reaction.
 
 use super::{Common, Outcome, print_json};
+use crate::experiment::SimulatedRobot;
 use crate::link::advice;
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
@@ -29,8 +30,9 @@ struct Document<'a> {
 
 /// Runs the task with these faults and prints what came of it.
 pub(super) fn show(model: &Model, task: Task, scenario: &Scenario, common: &Common) -> Outcome {
-    let machine = Mismatch::realistic();
-    let after = scenario::run(model, task, &machine, common.seed, scenario)?;
+    let robot =
+        SimulatedRobot::new(Mismatch::realistic(), common.seed).controller(&common.controller);
+    let after = scenario::run(model, task, &robot, scenario)?;
     if common.json {
         return print_json(&document(scenario, &after, common.seed));
     }

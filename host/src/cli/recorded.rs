@@ -74,7 +74,7 @@ impl Recorded {
             Machine::Simulated {
                 mismatch: *mismatch,
                 seed: common.seed,
-                firmware: crate::record::scenario::chosen_firmware(),
+                firmware: common.controller.firmware_crc(),
             }
         } else {
             Machine::Port {

@@ -21,7 +21,7 @@ impl Cmd {
             eprintln!("{}", describe(damage));
         }
         let began = Instant::now();
-        let proof = replay(&run)?;
+        let proof = replay(&run, &common.controller)?;
         let took_s = began.elapsed().as_secs_f64();
         let factor = run.duration_s() / took_s.max(1e-9);
         if common.json {

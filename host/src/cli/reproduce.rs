@@ -21,6 +21,8 @@ pub(crate) struct Cmd {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
+        // The chip has a column of its own there.
+        common.no_chip("reproduce")?;
         // A firmware that was named must be there; the default one may not have been built.
         let firmware = match &common.firmware {
             Some(path) => Some(Firmware::find(Some(path))?),

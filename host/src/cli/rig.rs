@@ -2,7 +2,7 @@
 
 use super::recorded::{Work, on_record};
 use super::{Common, Failed, Outcome, print_json};
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::{ClientError, Link, SerialLink, SimulatedLink, plant_failed};
 use crate::machine::{self, Mismatch};
 use crate::motion::Model;
@@ -206,12 +206,9 @@ impl Cmd {
     ) -> Result<SimulatedLink, RunError> {
         let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
         let Some(slack) = slack else {
-            let link = experiment::simulated_robot(
-                model,
-                &Mismatch::default(),
-                common.seed,
-                &LinkOptions::default(),
-            )?;
+            let link = SimulatedRobot::new(Mismatch::default(), common.seed)
+                .controller(&common.controller)
+                .at_home(model)?;
             link.with(|s| s.plant_mut().touch_stand());
             return Ok(link);
         };
@@ -233,8 +230,8 @@ impl Cmd {
             plant.break_cable(cable).map_err(broken)?;
         }
         let options = LinkOptions::default();
-        let chip = machine::chosen_firmware();
-        let simulation = machine::with_board(plant, &options, common.seed, chip).map_err(broken)?;
+        let simulation = machine::with_board(plant, &options, common.seed, &common.controller)
+            .map_err(broken)?;
         Ok(SimulatedLink::new(simulation))
     }
 

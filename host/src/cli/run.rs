@@ -9,7 +9,7 @@ use super::serve::{PageDesk, announce};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
-use crate::experiment::{self, Orders, Run};
+use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Watch};
 use crate::record::witness::Patience;
@@ -64,13 +64,11 @@ impl Cmd {
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = Bar::new("running");
-        let orders = Orders {
-            // What people watch keeps real time.
-            time_scale: common.checked_time_scale()?.or(self.serve.map(|_| 1.0)),
-            ..Orders::default()
-        };
+        // What people watch keeps real time.
+        let time_scale = common.checked_time_scale()?.or(self.serve.map(|_| 1.0));
+        let handle = Handle::new();
         #[cfg(unix)]
-        let _listening = listen(common, &orders.handle)?;
+        let _listening = listen(common, &handle)?;
         let name = task.name.clone();
         let mismatch = if self.ideal {
             Mismatch::default()
@@ -78,7 +76,7 @@ impl Cmd {
             Mismatch::realistic()
         };
         // Judge before a robot is even simulated: nothing may move for a task that is refused.
-        experiment::plan_from_home(&model, task.clone())?;
+        Experiment::new(&model, task.clone()).plan()?;
         let source = TaskSource::of(&self.task, tool_height_m(&robot, self.z_mm));
         // The same seed shall give the same run, bytes on the wire included.
         let session = if common.on == "sim" {
@@ -98,16 +96,18 @@ impl Cmd {
         let mut recorded = Recorded::start(common, Some(&model), about)?;
         let _page = self
             .serve
-            .map(|port| page(port, &model, &orders.handle, &mut recorded, common))
+            .map(|port| page(port, &model, &handle, &mut recorded, common))
             .transpose()?;
         let witness = &recorded.witness;
         let outcome = if common.on == "sim" {
-            let seen = (witness, session);
-            let (seed, orders) = (common.seed, &orders);
-            experiment::simulate_seen(&model, task, &mismatch, seed, seen, orders, |p| {
-                bar.update(p);
-            })
-            .map(|simulated| {
+            let robot = SimulatedRobot::new(mismatch, common.seed).controller(&common.controller);
+            let experiment = Experiment::new(&model, task)
+                .session(session)
+                .handle(&handle)
+                .recorded_by(witness)
+                .time_scale(time_scale)
+                .progress(|p| bar.update(p));
+            experiment.simulate(&robot).map(|simulated| {
                 let factor = simulated.realtime_factor();
                 (simulated.run, Some(factor))
             })
@@ -116,17 +116,20 @@ impl Cmd {
                 .open_port()
                 .map_err(|error| crate::link::ClientError::from(error).into())
                 .and_then(|link| {
-                    let link = Watched::new(link, witness).with_orders(&orders.handle);
-                    let handle = &orders.handle;
+                    let link = Watched::new(link, witness).with_orders(&handle);
                     let homing = if self.at_home {
                         Homing::Place(robot.tool.home_in_world_m)
                     } else {
                         Homing::Known
                     };
-                    let number = Some(session);
-                    experiment::on_link_homed(&model, task, link, number, handle, homing, |p| {
-                        bar.update(p);
-                    })
+                    Experiment::new(&model, task)
+                        .session(session)
+                        .handle(&handle)
+                        .homing(homing)
+                        .progress(|p| {
+                            bar.update(p);
+                        })
+                        .run_on(link)
                 })
                 .map(|run| (run, None))
         };

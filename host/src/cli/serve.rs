@@ -5,7 +5,7 @@ use super::run::tool_height_m;
 use super::token::Token;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::{Handle, Order};
-use crate::experiment;
+use crate::experiment::{Experiment, SimulatedRobot};
 use crate::link::{Client, ClientError, Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
@@ -16,7 +16,6 @@ use crate::run::{
 };
 use crate::serve::{CameraWatcher, Desk, Feed, FeedWatcher, Server};
 use mcdpr_protocol::{Request, SessionId};
-use mcdpr_simulator::LinkOptions;
 use std::cell::Cell;
 use std::io::Write as _;
 use std::sync::Arc;
@@ -138,7 +137,7 @@ impl Cmd {
         let task = crate::motion::find_task(&self.task, height_m)?;
         let token = self.token.chosen()?;
         // A task that would be refused is refused before anything is shown.
-        experiment::plan_from_home(&model, task.clone())?;
+        Experiment::new(&model, task.clone()).plan()?;
         if common.dry_run {
             eprintln!("the task is within every limit; nothing was started");
             if common.json {
@@ -173,9 +172,10 @@ impl Cmd {
         };
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
         if simulated {
-            let options = LinkOptions::default();
             let mismatch = Mismatch::realistic();
-            let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
+            let link = SimulatedRobot::new(mismatch, common.seed)
+                .controller(&common.controller)
+                .at_home(&model)?;
             let tap = TruthTap::forgetful(link.clone(), robot.cables.len());
             show.go(|| Ok(Paced::new(link.clone(), scale)), Some(&tap))
         } else {
@@ -316,8 +316,11 @@ impl Show<'_> {
         let outcome = if jogs {
             self.jog(line, session, homing)
         } else {
-            let number = Some(session);
-            experiment::on_link_homed(self.model, task, line, number, handle, homing, |_| {})
+            Experiment::new(self.model, task)
+                .session(session)
+                .handle(handle)
+                .homing(homing)
+                .run_on(line)
                 .map(|_| ())
         };
         self.feed.set_task("");

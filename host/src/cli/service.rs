@@ -56,9 +56,10 @@ pub(crate) fn connected<T>(
         }
         let real = machine.really(robot)?;
         let options = LinkOptions::default();
-        let simulation = machine::simulate_unloaded(&real, &mismatch, &options, common.seed)
-            .map_err(plant_failed)
-            .map_err(ClientError::from)?;
+        let simulation =
+            machine::simulate_unloaded(&real, &mismatch, &options, common.seed, &common.controller)
+                .map_err(plant_failed)
+                .map_err(ClientError::from)?;
         let link = SimulatedLink::new(simulation);
         let line = record.simulated(link.clone());
         work((Client::connect(line, record.session)?, Some(link)))

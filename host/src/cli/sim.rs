@@ -3,7 +3,7 @@
 use super::calibrate::On;
 use super::{Common, Failed, Outcome, print_json};
 use crate::calibration::target;
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::run::{interrupted, watch_for_interrupts};
@@ -55,7 +55,10 @@ impl Cmd {
             latency_us: 0,
             ..LinkOptions::default()
         };
-        let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
+        let link = SimulatedRobot::new(mismatch, common.seed)
+            .line(options)
+            .controller(&common.controller)
+            .at_home(&model)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let below = Below {
             objects: self.objects,

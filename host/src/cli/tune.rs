@@ -3,7 +3,7 @@
 use super::recorded::{Work, on_record};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::ClientError;
 use crate::machine::Mismatch;
 use crate::motion::Model;
@@ -14,7 +14,6 @@ use crate::run::{RunError, watch_for_interrupts};
 use crate::tension::rig::Rig;
 use crate::tension::tune::{Answer, Identified, LEAST, Margins, excitation, excite, identify};
 use crate::tension::{Curve, draw};
-use mcdpr_simulator::LinkOptions;
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
 
@@ -236,8 +235,9 @@ impl Tries<'_> {
         let work = Work::new("tune-tension", Doing::Orders, mismatch, &model);
         let (answer, _) = on_record(&common, &work, |record| {
             let line = if common.on == "sim" {
-                let options = LinkOptions::default();
-                let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
+                let link = SimulatedRobot::new(mismatch, common.seed)
+                    .controller(&common.controller)
+                    .at_home(&model)?;
                 record.simulated(link)
             } else {
                 record.line(common.open_port().map_err(ClientError::from)?)

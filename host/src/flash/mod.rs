@@ -11,13 +11,12 @@ mod probe;
 #[cfg(feature = "flash")]
 pub(crate) use probe::{probes, write};
 
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::{Client, ClientError, Link, LinkError};
-use crate::machine::{Firmware, Mismatch};
+use crate::machine::{Controller, Firmware, Mismatch};
 use crate::motion::Model;
 use crate::robot::Robot;
 use mcdpr_protocol::{BoardState, Hello, Reject, Request, SessionId};
-use mcdpr_simulator::LinkOptions;
 use miette::Diagnostic;
 use thiserror::Error;
 
@@ -201,14 +200,10 @@ impl Image {
         };
         let robot = Robot::built_in("paper-table5").map_err(|error| stranger(error.to_string()))?;
         let model = Model::new(&robot).map_err(|error| stranger(error.to_string()))?;
-        let link = experiment::simulated_robot_on(
-            &model,
-            &Mismatch::default(),
-            1,
-            &LinkOptions::default(),
-            Some(firmware),
-        )
-        .map_err(|error| stranger(error.to_string()))?;
+        let link = SimulatedRobot::new(Mismatch::default(), 1)
+            .controller(&Controller::Chip(firmware.clone()))
+            .at_home(&model)
+            .map_err(|error| stranger(error.to_string()))?;
         let client = match Client::connect(link, SessionId(1)) {
             Ok(client) => client,
             Err(error @ ClientError::Version { .. }) => return Err(FlashError::Version(error)),

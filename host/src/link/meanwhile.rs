@@ -43,7 +43,6 @@ mod tests {
     use crate::motion::Model;
     use crate::robot::Robot;
     use mcdpr_protocol::{BoardState, SessionId};
-    use mcdpr_simulator::LinkOptions;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU64, Ordering};
     use std::time::{Duration, Instant};
@@ -73,9 +72,9 @@ mod tests {
     #[test]
     fn a_board_hears_its_host_while_the_host_works() {
         let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
-        let options = LinkOptions::default();
-        let link =
-            crate::experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
+        let link = crate::experiment::SimulatedRobot::new(Mismatch::default(), 1)
+            .at_home(&model)
+            .unwrap();
         let sent = Arc::new(AtomicU64::new(0));
         let mut client = Client::connect(Live(link, sent.clone()), SessionId(7)).unwrap();
         let (before_us, before) = (client.now_us(), sent.load(Ordering::Relaxed));

@@ -2,7 +2,7 @@
 
 use miette::Diagnostic;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Where `cargo fw` leaves the file.
@@ -142,17 +142,36 @@ impl Firmware {
     }
 }
 
-/// What stands in front of every simulated robot of this program.
-static CHOSEN: OnceLock<Firmware> = OnceLock::new();
-
-/// From now on every simulated robot of this program is controlled by an emulated chip with this
-/// file, instead of the control core in this process. The first choice stays.
-pub fn choose_firmware(firmware: Firmware) {
-    let _ = CHOSEN.set(firmware);
+/// What controls a simulated robot.
+#[derive(Debug, Clone, Default)]
+pub enum Controller {
+    /// The control core, in this process.
+    #[default]
+    InProcess,
+    /// The firmware's own file, executed by an emulated chip.
+    Chip(Firmware),
 }
 
-/// What [`choose_firmware`] was given.
-#[must_use]
-pub(crate) fn chosen_firmware() -> Option<&'static Firmware> {
-    CHOSEN.get()
+impl Controller {
+    /// The chip with this firmware, or the control core in this process.
+    #[must_use]
+    pub(crate) fn of(firmware: Option<&Firmware>) -> Self {
+        firmware.map_or(Self::InProcess, |firmware| Self::Chip(firmware.clone()))
+    }
+
+    /// The firmware that the emulated chip executes.
+    #[must_use]
+    pub(crate) const fn firmware(&self) -> Option<&Firmware> {
+        match self {
+            Self::InProcess => None,
+            Self::Chip(firmware) => Some(firmware),
+        }
+    }
+
+    /// CRC-32 of the firmware's file, which records name.
+    #[must_use]
+    pub(crate) fn firmware_crc(&self) -> Option<u32> {
+        let firmware = self.firmware()?;
+        Some(mcdpr_protocol::frame::crc32(firmware.bytes()))
+    }
 }

@@ -3,10 +3,6 @@
 mod firmware;
 mod plant;
 
-pub(crate) use firmware::chosen_firmware;
-pub use firmware::{Firmware, FirmwareError, choose_firmware};
+pub use firmware::{Controller, Firmware, FirmwareError};
 pub use mcdpr_core::machine::*;
-pub(crate) use plant::simulate_unloaded_on;
-pub use plant::{
-    GearMismatch, Mismatch, hang, plant_params, simulate, simulate_unloaded, with_board,
-};
+pub use plant::{GearMismatch, Mismatch, hang, plant_params, simulate_unloaded, with_board};

@@ -1,5 +1,6 @@
 //! The robot description as physics for the simulator, exact or off by a stated mismatch.
 
+use super::Controller;
 use crate::robot::{DriveKind, Gear, Robot};
 use mcdpr_simulator::plant::{
     BrakeParams, BusParams, CableParams, DriveParams, GearParams, Plant, PlantError, PlantParams,
@@ -277,50 +278,16 @@ pub fn simulate_unloaded(
     mismatch: &Mismatch,
     link: &LinkOptions,
     seed: u64,
-) -> Result<Simulation, PlantError> {
-    simulate_unloaded_on(robot, mismatch, link, seed, super::chosen_firmware())
-}
-
-/// As [`simulate_unloaded`], controlled by this firmware on an emulated chip, or by the control core
-/// in this process.
-///
-/// # Errors
-/// Where the description is no machine.
-pub(crate) fn simulate_unloaded_on(
-    robot: &Robot,
-    mismatch: &Mismatch,
-    link: &LinkOptions,
-    seed: u64,
-    firmware: Option<&super::Firmware>,
+    controller: &Controller,
 ) -> Result<Simulation, PlantError> {
     let params = PlantParams {
         cables_attached: false,
         ..plant_params(robot, mismatch, seed)
     };
-    with_board(Plant::new(params, seed)?, link, seed, firmware)
+    with_board(Plant::new(params, seed)?, link, seed, controller)
 }
 
-/// A simulated robot that hangs at rest near a pose (position m, rotation world_from_platform),
-/// brakes closed, its tension-held cable at its tension, behind a line. `firmware` controls it on an
-/// emulated chip; without it, the control core in this process does.
-///
-/// # Errors
-/// Where the plant finds no equilibrium near the pose.
-pub fn simulate(
-    params: PlantParams,
-    pose: &mcdpr_kinematics::Pose,
-    tensions_n: &[f64],
-    held: Option<usize>,
-    link: &LinkOptions,
-    seed: u64,
-    firmware: Option<&super::Firmware>,
-) -> Result<Simulation, PlantError> {
-    let plant = hang(params, pose, tensions_n, held, seed)?;
-    with_board(plant, link, seed, firmware)
-}
-
-/// A plant as it stands, behind a line, controlled by this firmware on an emulated chip, or by the
-/// control core in this process.
+/// A plant as it stands, behind a line, with a board in front of it.
 ///
 /// # Errors
 /// Where no board is for such a plant.
@@ -328,9 +295,9 @@ pub fn with_board(
     plant: Plant,
     link: &LinkOptions,
     seed: u64,
-    firmware: Option<&super::Firmware>,
+    controller: &Controller,
 ) -> Result<Simulation, PlantError> {
-    let Some(firmware) = firmware else {
+    let Controller::Chip(firmware) = controller else {
         return Simulation::new(plant, link, seed);
     };
     let board = firmware.board().ok_or_else(|| PlantError::Board {

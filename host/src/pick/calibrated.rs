@@ -8,13 +8,12 @@ use super::PickError;
 use crate::calibration::collect::{Options, collect};
 use crate::calibration::simulate::Target;
 use crate::calibration::{Options as Estimator, joint, result, target};
-use crate::experiment;
-use crate::machine::Mismatch;
+use crate::experiment::SimulatedRobot;
+use crate::machine::{Controller, Mismatch};
 use crate::motion::Model;
 use crate::robot::Robot;
 use crate::sight::{Scene, SimulatedTags};
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::LinkOptions;
 use std::fmt::Display;
 
 /// Poses that are measured, out of so many that can be.
@@ -33,7 +32,7 @@ const CORNER_PX: f64 = 0.1;
 ///
 /// # Errors
 /// Where the poses cannot be driven to, or the estimate is refused.
-pub fn calibrated(robot: &Robot, seed: u64) -> Result<Robot, PickError> {
+pub fn calibrated(robot: &Robot, seed: u64, controller: &Controller) -> Result<Robot, PickError> {
     let failed = |error: &dyn Display| PickError::Calibration {
         reason: error.to_string(),
     };
@@ -42,7 +41,9 @@ pub fn calibrated(robot: &Robot, seed: u64) -> Result<Robot, PickError> {
     let model = Model::new(&with_board)?;
     let mismatch = Mismatch::as_built();
     let measure = |set: u64| {
-        let link = experiment::simulated_robot(&model, &mismatch, seed, &LinkOptions::default())?;
+        let link = SimulatedRobot::new(mismatch, seed)
+            .controller(controller)
+            .at_home(&model)?;
         let scene = Scene::of(&with_board, seed);
         let mut tags = SimulatedTags::new(link.clone(), scene, CORNER_PX, seed);
         let options = Options {

@@ -5,16 +5,15 @@ use super::task::Picker;
 use super::workcell::{self, Mounting, SimulatedEye, Witness};
 use super::{Arm, PickError, calibrated};
 use crate::control::Handle;
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::{Link, Paced};
-use crate::machine::Mismatch;
+use crate::machine::{Controller, Mismatch};
 use crate::motion::{Model, PlanOptions, Shaping, Tensioning};
 use crate::record::witness::{TruthTap, Watched};
 use crate::robot::Robot;
 use crate::run::Measured;
 use crate::sight::Shown;
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::LinkOptions;
 use mcdpr_simulator::camera::{Order, Tray};
 use mcdpr_vision::grasp::{Antipodal, Detector};
 use nalgebra::Vector3;
@@ -197,7 +196,9 @@ pub(crate) fn scene_with(
     handle: &Handle,
     watching: &Watching<'_>,
 ) -> Result<SceneReport, PickError> {
-    scene_by(robot, wanted, handle, &mut Antipodal::default(), watching)
+    let detector = &mut Antipodal::default();
+    let controller = &Controller::InProcess;
+    scene_by(robot, wanted, handle, detector, watching, controller)
 }
 
 /// As [`scene_with`], with another detector.
@@ -210,6 +211,7 @@ pub(crate) fn scene_by(
     handle: &Handle,
     detector: &mut dyn Detector,
     watching: &Watching<'_>,
+    controller: &Controller,
 ) -> Result<SceneReport, PickError> {
     let Wanted {
         order,
@@ -225,12 +227,16 @@ pub(crate) fn scene_by(
     } = *wanted;
     let (mismatch, mounting) = knowledge.mismatch();
     let known = match knowledge {
-        Knowledge::Calibrated if robot.calibrated.is_none() => &calibrated(robot, seed)?,
+        Knowledge::Calibrated if robot.calibrated.is_none() => {
+            &calibrated(robot, seed, controller)?
+        }
         _ => robot,
     };
     let model = Model::new(known)?.with_options(planning());
     let robot = known;
-    let link = experiment::simulated_robot(&model, &mismatch, seed, &LinkOptions::default())?;
+    let link = SimulatedRobot::new(mismatch, seed)
+        .controller(controller)
+        .at_home(&model)?;
     let (cell, mut options) = if paper {
         workcell::paper(&model)?
     } else {

@@ -173,13 +173,6 @@ impl Scenario {
     }
 }
 
-/// CRC-32 of the firmware that an emulated chip executes in this program, if one does.
-#[must_use]
-pub(crate) fn chosen_firmware() -> Option<u32> {
-    let firmware = crate::machine::chosen_firmware()?;
-    Some(mcdpr_protocol::frame::crc32(firmware.bytes()))
-}
-
 /// Version of the wire format that this program speaks.
 #[must_use]
 pub fn protocol_version() -> String {

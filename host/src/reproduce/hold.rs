@@ -2,14 +2,13 @@
 
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none};
 use crate::calibration::study::median;
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::{Client, Event, SimulatedLink};
-use crate::machine::{self, Firmware, Mismatch};
+use crate::machine::{self, Controller, Firmware, Mismatch};
 use crate::motion::{Model, PlanOptions, Tensioning};
 use crate::report::chart::{Chart, Curve};
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::{Request, SessionId};
-use mcdpr_simulator::LinkOptions;
 use rayon::prelude::*;
 
 /// Time at rest, s.
@@ -59,8 +58,9 @@ fn hold(
     push: Option<Push>,
     firmware: Option<&Firmware>,
 ) -> Result<Trace, ReproduceError> {
-    let options = LinkOptions::default();
-    let link = experiment::simulated_robot_on(model, mismatch, seed, &options, firmware)?;
+    let link = SimulatedRobot::new(*mismatch, seed)
+        .controller(&Controller::of(firmware))
+        .at_home(model)?;
     let mut client = Client::connect(link.clone(), SessionId(1)).map_err(RunError::from)?;
     let hash = run::configure(&mut client, model.robot())?;
     let home = model.rest_at_home()?;

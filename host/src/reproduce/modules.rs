@@ -3,9 +3,9 @@
 
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none, paper_robot};
 use crate::calibration::study::median;
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::{Client, SimulatedLink, plant_failed};
-use crate::machine::{self, Firmware, Mismatch};
+use crate::machine::{self, Controller, Firmware, Mismatch};
 use crate::motion::Model;
 use crate::report::chart::{Chart, Curve};
 use crate::robot::Robot;
@@ -35,8 +35,9 @@ fn ratio(
     firmware: Option<&Firmware>,
 ) -> Result<Ratio, ServiceError> {
     let options = LinkOptions::default();
-    let simulation = machine::simulate_unloaded_on(robot, mismatch, &options, seed, firmware)
-        .map_err(|error| ServiceError::Run(line(error)))?;
+    let simulation =
+        machine::simulate_unloaded(robot, mismatch, &options, seed, &Controller::of(firmware))
+            .map_err(|error| ServiceError::Run(line(error)))?;
     let link = SimulatedLink::new(simulation);
     let mut client = Client::connect(link, SessionId(1))?;
     measure_ratio(&mut client, robot, 1, TURNS)
@@ -137,8 +138,9 @@ fn sensor_line(
     let Some(winch) = robot.winch_of(0) else {
         return Err(ReproduceError::Service("the robot has no winch".to_owned()));
     };
-    let options = LinkOptions::default();
-    let link = experiment::simulated_robot_on(model, mismatch, seed, &options, firmware)?;
+    let link = SimulatedRobot::new(*mismatch, seed)
+        .controller(&Controller::of(firmware))
+        .at_home(model)?;
     let mut client = Client::connect(link.clone(), SessionId(1)).map_err(RunError::from)?;
     run::configure(&mut client, robot)?;
     let mut readings = Vec::new();

@@ -2,15 +2,15 @@
 
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none, paper_robot};
 use crate::calibration::study::median;
-use crate::experiment::{self, Run};
-use crate::machine::{Firmware, Mismatch};
+use crate::experiment::{Experiment, Run, SimulatedRobot};
+use crate::machine::{Controller, Firmware, Mismatch};
 use crate::motion::{Model, PlanOptions, Rest, Task, Tensioning};
 use crate::report::chart::{Chart, Curve};
 use crate::report::{Figures, true_path};
 use crate::run::Measured;
 use mcdpr_kinematics::Pose;
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_simulator::Simulation;
 use nalgebra::{Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 
@@ -47,10 +47,14 @@ pub(super) fn run(
     seed: u64,
     firmware: Option<&Firmware>,
 ) -> Result<Ran, ReproduceError> {
-    let options = LinkOptions::default();
-    let link = experiment::simulated_robot_on(model, mismatch, seed, &options, firmware)?;
+    let link = SimulatedRobot::new(*mismatch, seed)
+        .controller(&Controller::of(firmware))
+        .at_home(model)?;
     link.with(Simulation::record_truth);
-    let mut run = experiment::on_link_at_home(model, task, link.clone(), Some(SessionId(1)))?;
+    let mut run = Experiment::new(model, task)
+        .at_home()
+        .session(SessionId(1))
+        .run_on(link.clone())?;
     let trace = link.with(Simulation::take_trace);
     let path = true_path(&trace);
     // The motion's own points: those before it belong to the way to its start.

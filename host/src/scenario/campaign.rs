@@ -2,6 +2,7 @@
 //! each: the invariants of the project's fault list.
 
 use super::{Aftermath, Injection, Scenario, When};
+use crate::experiment::{Experiment, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
 use crate::robot::Robot;
@@ -199,7 +200,7 @@ fn task(draw: &mut Draw, model: &Model) -> Option<(Task, f64)> {
         let Ok(task) = Task::parse(&text, "drawn.toml".into()) else {
             continue;
         };
-        if let Ok(plan) = crate::experiment::plan_from_home(model, task.clone()) {
+        if let Ok(plan) = Experiment::new(model, task.clone()).plan() {
             return Some((task, plan.timed.duration_s()));
         }
     }
@@ -251,7 +252,12 @@ pub fn run(seed: u64) -> Option<Verdict> {
         slack_ms: 0,
         violations: Vec::new(),
     };
-    match super::run(&model, task, &Mismatch::realistic(), seed, &scenario) {
+    match super::run(
+        &model,
+        task,
+        &SimulatedRobot::new(Mismatch::realistic(), seed),
+        &scenario,
+    ) {
         Ok(after) => judge(&mut verdict, &model, &after),
         Err(error) => verdict.violations.push(format!("no run: {error}")),
     }

@@ -15,12 +15,11 @@ pub use inject::{How, how};
 pub use link::FaultyLink;
 pub use parse::ScenarioError;
 
-use crate::experiment;
-use crate::machine::Mismatch;
+use crate::experiment::{Experiment, SimulatedRobot};
 use crate::motion::{Model, Task};
 use crate::run::RunError;
 use mcdpr_protocol::{FaultId, SessionId};
-use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_simulator::Simulation;
 
 /// When a fault begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,16 +121,17 @@ const SETTLE_US: u64 = 4_000_000;
 pub fn run(
     model: &Model,
     task: Task,
-    mismatch: &Mismatch,
-    seed: u64,
+    robot: &SimulatedRobot,
     scenario: &Scenario,
 ) -> Result<Aftermath, RunError> {
-    let simulated = experiment::simulated_robot(model, mismatch, seed, &LinkOptions::default())?;
+    let simulated = robot.at_home(model)?;
     simulated.with(Simulation::record_truth);
     let planned_height_m = planned_heights(model, task.clone())?;
     let link = FaultyLink::new(simulated.clone(), &scenario.injections);
-    let (first, second) = (Some(SessionId(1)), Some(SessionId(2)));
-    let mut outcome = experiment::on_link_at_home(model, task.clone(), link.clone(), first);
+    let mut outcome = Experiment::new(model, task.clone())
+        .at_home()
+        .session(SessionId(1))
+        .run_on(link.clone());
     let settle = || {
         let settled = link.settle(SETTLE_US);
         settled.map_err(crate::link::ClientError::from)
@@ -139,7 +139,10 @@ pub fn run(
     settle()?;
     let again = |injection: &Injection| matches!(injection.when, When::After(Phase::Rearming, _));
     if scenario.injections.iter().any(again) && outcome.is_ok() {
-        outcome = experiment::on_link_at_home(model, task, link.clone(), second);
+        outcome = Experiment::new(model, task)
+            .at_home()
+            .session(SessionId(2))
+            .run_on(link.clone());
         settle()?;
     }
     let error = match outcome {
@@ -160,7 +163,7 @@ pub fn run(
 
 /// Height of the tool at each millisecond of the task's path time, m.
 fn planned_heights(model: &Model, task: Task) -> Result<Vec<f64>, RunError> {
-    let plan = experiment::plan_from_home(model, task)?;
+    let plan = Experiment::new(model, task).plan()?;
     let mut heights = Vec::new();
     while heights.len() as f64 * 1e-3 <= plan.timed.duration_s() {
         heights.push(plan.timed.tool_m(heights.len() as f64 * 1e-3)?.z);

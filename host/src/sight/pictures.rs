@@ -134,19 +134,19 @@ fn place(pose: &mcdpr_kinematics::Pose) -> Place {
 mod tests {
     use super::super::{SimulatedTags, TagSource};
     use super::*;
-    use crate::experiment;
+    use crate::experiment::SimulatedRobot;
     use crate::machine::Mismatch;
     use crate::motion::Model;
     use crate::robot::Robot;
-    use mcdpr_simulator::LinkOptions;
     use nalgebra::Vector3;
 
     #[test]
     fn pictures_show_the_tags_where_projection_has_them() {
         let robot = Robot::built_in("paper-table5").unwrap();
         let model = Model::new(&robot).unwrap();
-        let options = LinkOptions::default();
-        let link = experiment::simulated_robot(&model, &Mismatch::default(), 1, &options).unwrap();
+        let link = SimulatedRobot::new(Mismatch::default(), 1)
+            .at_home(&model)
+            .unwrap();
         let scene = Scene::on_floor(&robot, 1e-3, 1e-3, 3);
         let mut exact = SimulatedTags::new(link.clone(), scene.clone(), 0.0, 1);
         let truth = link.with(|simulation| simulation.plant().truth()).unwrap();

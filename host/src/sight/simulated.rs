@@ -110,23 +110,18 @@ fn faces_camera(points: &[Vector3<f64>; 4]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment;
+    use crate::experiment::SimulatedRobot;
     use crate::machine::Mismatch;
     use crate::motion::Model;
     use crate::robot::Robot;
     use mcdpr_calibration::pnp;
-    use mcdpr_simulator::LinkOptions;
 
     fn robot_at_home(seed: u64) -> (SimulatedLink, SimulatedTags) {
         let robot = Robot::built_in("paper-table5").unwrap();
         let model = Model::new(&robot).unwrap();
-        let link = experiment::simulated_robot(
-            &model,
-            &Mismatch::realistic(),
-            seed,
-            &LinkOptions::default(),
-        )
-        .unwrap();
+        let link = SimulatedRobot::new(Mismatch::realistic(), seed)
+            .at_home(&model)
+            .unwrap();
         let scene = Scene::on_floor(&robot, 5e-3, 0.02, seed);
         let tags = SimulatedTags::new(link.clone(), scene, 0.1, seed);
         (link, tags)

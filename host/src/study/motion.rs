@@ -10,7 +10,7 @@ use crate::calibration::simulate::Target;
 use crate::calibration::target;
 use crate::control::Handle;
 use crate::estimate::TagPlace;
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::SimulatedLink;
 use crate::machine::Mismatch;
 use crate::motion::path::Path;
@@ -19,7 +19,7 @@ use crate::report;
 use crate::run::{Homing, NoStore, Recorder, RunError, Session};
 use crate::sight::{Scene, SimulatedTags};
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
+use mcdpr_simulator::{Simulation, TracePoint};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -193,8 +193,7 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
             ..Mismatch::default()
         }
     };
-    let options = LinkOptions::default();
-    let link = experiment::simulated_robot(&model, &mismatch, seed, &options)?;
+    let link = SimulatedRobot::new(mismatch, seed).at_home(&model)?;
     let planned = model.clone().with_options(PlanOptions {
         planner: case.planner,
         shaping: case.shaping,

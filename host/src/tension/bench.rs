@@ -1,9 +1,9 @@
 //! A simulated robot that holds a tension while hands pull on it: the real control core, behind
 //! the real client and link, in virtual time.
 
-use crate::experiment;
+use crate::experiment::Experiment;
 use crate::link::{Client, ClientError, Link, SimulatedLink, plant_failed};
-use crate::machine::{self, GearMismatch, Mismatch};
+use crate::machine::{self, Controller, GearMismatch, Mismatch};
 use crate::motion::{Model, Task};
 use crate::record::witness::TruthTap;
 use crate::robot::Robot;
@@ -212,7 +212,8 @@ impl<'l> Bench<'l> {
     /// # Errors
     /// As a run: the robot cannot hang at home, or a check of arming failed.
     pub fn start(robot: &Robot, change: &Change, seed: u64) -> Result<Self, RunError> {
-        Self::start_on(Model::new(robot)?, change, seed, |link, _| Box::new(link))
+        let (model, core) = (Model::new(robot)?, Controller::InProcess);
+        Self::start_on(model, change, seed, &core, |link, _| Box::new(link))
     }
 
     /// As [`Bench::start`], with the tension that the model's options ask for at home, on the line
@@ -224,6 +225,7 @@ impl<'l> Bench<'l> {
         model: Model,
         change: &Change,
         seed: u64,
+        controller: &Controller,
         watch: impl FnOnce(SimulatedLink, TruthTap) -> Box<dyn Link + 'l>,
     ) -> Result<Self, RunError> {
         let robot = &model.robot().clone();
@@ -235,16 +237,10 @@ impl<'l> Bench<'l> {
         let mut params = machine::plant_params(robot, &mismatch, seed);
         change.apply(&mut params);
         let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
-        let simulation = machine::simulate(
-            params,
-            &home.equilibrium.pose,
-            home.tensions_n(),
-            model.tension_held(),
-            &LinkOptions::default(),
-            seed,
-            machine::chosen_firmware(),
-        )
-        .map_err(broken)?;
+        let (pose, held) = (&home.equilibrium.pose, model.tension_held());
+        let simulation = machine::hang(params, pose, home.tensions_n(), held, seed)
+            .and_then(|plant| machine::with_board(plant, &LinkOptions::default(), seed, controller))
+            .map_err(broken)?;
         let link = SimulatedLink::new(simulation);
         let truth = TruthTap::new(link.clone(), robot.cables.len());
         let line = watch(link.clone(), truth.clone());
@@ -308,7 +304,7 @@ impl<'l> Bench<'l> {
     /// As a run.
     pub fn follow(&mut self, task: Task) -> Result<Trace, RunError> {
         let start = self.model.robot().tool.home_in_world_m;
-        let plan = experiment::plan_from_home(&self.model, task)?;
+        let plan = Experiment::new(&self.model, task).plan()?;
         debug_assert!((self.model.tool_m(&plan.start) - start).norm() < 1e-3);
         let status = run::status(&mut self.client)?;
         let knots = run::joined_to(&plan, &status, &self.model)?;

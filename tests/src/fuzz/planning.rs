@@ -2,7 +2,7 @@
 //! time and memory.
 
 use super::mutate::{Rng, mistake};
-use mcdpr::experiment;
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::{
     Model, Plan, PlanOptions, Planner, Shaping, Task, TaskError, Tensioning, Watch,
@@ -190,7 +190,10 @@ pub fn plan(input: &Input) -> Came {
     }
     if input.simulate {
         let (mismatch, options) = (Mismatch::realistic(), LinkOptions::default());
-        match experiment::simulated_robot(&model, &mismatch, 1, &options) {
+        match SimulatedRobot::new(mismatch, 1)
+            .line(options)
+            .at_home(&model)
+        {
             Ok(link) => link.with(|simulation| assert!(simulation.now_us() < 60_000_000)),
             Err(error) => {
                 let _ = refused(&error, Came::NoModel);

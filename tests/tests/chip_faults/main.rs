@@ -10,8 +10,9 @@ mod processor;
 mod reactions;
 mod refusals;
 
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::link::SimulatedLink;
-use mcdpr::machine::{self, Mismatch};
+use mcdpr::machine::{self, Controller, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::robot::Robot;
 use mcdpr::scenario::{self, Aftermath, Injection, Scenario};
@@ -29,13 +30,14 @@ fn line() -> Task {
 
 /// Runs the line on the chip with these faults.
 fn run_on(model: &Model, words: &[&str]) -> Aftermath {
-    machine::choose_firmware(firmware());
+    let robot =
+        SimulatedRobot::new(Mismatch::realistic(), 3).controller(&Controller::Chip(firmware()));
     let injections = words.iter().map(|word| Injection::parse(word, 4).unwrap());
     let scenario = Scenario {
         name: words.join(" "),
         injections: injections.collect(),
     };
-    scenario::run(model, line(), &Mismatch::realistic(), 3, &scenario).unwrap()
+    scenario::run(model, line(), &robot, &scenario).unwrap()
 }
 
 /// The same, on the paper's robot.

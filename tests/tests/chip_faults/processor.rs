@@ -2,7 +2,7 @@
 //! take too long, counters that wrap, a host that does not read.
 
 use super::{line, model, robot};
-use mcdpr::experiment;
+use mcdpr::experiment::Experiment;
 use mcdpr::link::{Link, LinkError, SimulatedLink};
 use mcdpr::scenario::{FaultyLink, Injection};
 use mcdpr_emulator::{Chip, SharedChip};
@@ -88,7 +88,10 @@ fn run(due: &[Disturbance]) -> (bool, After) {
         due,
         moving_us: None,
     };
-    let outcome = experiment::on_link_at_home(&model, line(), link, Some(SessionId(1)));
+    let outcome = Experiment::new(&model, line())
+        .at_home()
+        .session(SessionId(1))
+        .run_on(link);
     let mut line = inner.clone();
     let until = line.now_us() + 1_500_000;
     while line.now_us() < until {
@@ -173,7 +176,10 @@ fn l16_a_host_that_does_not_read_costs_the_chip_no_tick() {
     let (inner, chip) = robot(&model);
     let deaf = Injection::parse("L16@0.5s", 4).unwrap();
     let link = FaultyLink::new(inner.clone(), &[deaf]);
-    let outcome = experiment::on_link_at_home(&model, line(), link.clone(), Some(SessionId(1)));
+    let outcome = Experiment::new(&model, line())
+        .at_home()
+        .session(SessionId(1))
+        .run_on(link.clone());
     assert!(outcome.is_err());
     link.settle(4_000_000).unwrap();
     let stats = chip.with(|chip| chip.tick_stats());
@@ -206,7 +212,10 @@ fn k9_the_chip_moves_on_through_the_wrap_of_its_tick_counter() {
     let mut link = inner.clone();
     link.receive(30_000, &mut Vec::new()).unwrap();
     assert!(chip.with(|chip| chip.write_ram(at, near)));
-    let run = experiment::on_link_at_home(&model, line(), inner.clone(), Some(SessionId(1)));
+    let run = Experiment::new(&model, line())
+        .at_home()
+        .session(SessionId(1))
+        .run_on(inner.clone());
     let run = run.unwrap();
     let (first, last) = (run.samples.first().unwrap(), run.samples.last().unwrap());
     println!("ticks {} to {}", first.tick, last.tick);

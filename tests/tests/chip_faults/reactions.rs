@@ -1,7 +1,7 @@
 //! Faults while the robot moves, or before it arms: what is latched, when, and how it ends.
 
 use super::{line, model, run_on, run_with};
-use mcdpr::experiment;
+use mcdpr::experiment::Experiment;
 use mcdpr::machine;
 use mcdpr::motion::Model;
 use mcdpr::robot::{DriveKind, Robot};
@@ -190,10 +190,13 @@ fn d2_d6_what_a_drive_reports_stops_the_robot_of_the_chip() {
 /// cannot both do without a wrap.
 #[test]
 fn s3_counters_of_the_chip_wrap_without_a_step() {
-    machine::choose_firmware(super::firmware());
     let model = model();
     let (link, chip) = super::robot(&model);
-    let run = experiment::on_link_at_home(&model, line(), link, Some(SessionId(1))).unwrap();
+    let run = Experiment::new(&model, line())
+        .at_home()
+        .session(SessionId(1))
+        .run_on(link)
+        .unwrap();
     let first = run.samples.first().unwrap();
     let (mut longest, mut shortest) = (0.0_f64, 0.0_f64);
     for pair in run.samples.windows(2) {

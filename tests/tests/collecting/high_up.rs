@@ -2,7 +2,7 @@
 //! the machine of seed 21 shakes at 8 Hz there, more and more, until its board stops it.
 
 use mcdpr::calibration::collect::{Reach, way};
-use mcdpr::experiment;
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::link::{Client, Event};
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::Model;
@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 fn tensions_n(robot: &Robot, seed: u64) -> Vec<[f64; 2]> {
     let model = Model::new(robot).unwrap();
     let built = Mismatch::as_built();
-    let link = experiment::simulated_robot(&model, &built, seed, &LinkOptions::default()).unwrap();
+    let link = SimulatedRobot::new(built, seed).at_home(&model).unwrap();
     let mut client = Client::connect(link, SessionId(1)).unwrap();
     let hash = run::configure(&mut client, robot).unwrap();
     let home = model.rest_at_home().unwrap();

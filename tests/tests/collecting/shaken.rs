@@ -4,7 +4,7 @@
 use crate::{options, with_board};
 use mcdpr::calibration::collect::{CollectError, Step, collect};
 use mcdpr::calibration::{Options as Estimator, joint};
-use mcdpr::experiment;
+use mcdpr::experiment::SimulatedRobot;
 use mcdpr::link::{Link, LinkError, SimulatedLink};
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::Model;
@@ -75,7 +75,7 @@ fn collected(seed: u64, load_n: fn(f64) -> f64) -> Result<(Vec<String>, usize), 
     let robot = with_board("paper-table5");
     let model = Model::new(&robot).unwrap();
     let built = Mismatch::as_built();
-    let link = experiment::simulated_robot(&model, &built, seed, &LinkOptions::default()).unwrap();
+    let link = SimulatedRobot::new(built, seed).at_home(&model).unwrap();
     let mut tags = SimulatedTags::new(link.clone(), Scene::of(&robot, seed), 0.1, seed);
     let (wanted, disarmed) = (Rc::new(Cell::new(false)), Rc::new(Cell::new(0)));
     let line = Loaded {

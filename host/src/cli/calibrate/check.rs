@@ -6,7 +6,7 @@ use crate::cli::eye::Eye;
 use crate::cli::recorded::{OnRecord, Work, on_record};
 use crate::cli::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::ClientError;
 use crate::machine::Mismatch;
 use crate::motion::Model;
@@ -14,7 +14,6 @@ use crate::record::Doing;
 use crate::robot::Calibrated;
 use crate::run::{Homing, LengthFiles, Session, watch_for_interrupts};
 use crate::sight::{Scene, SimulatedTags, TagSource};
-use mcdpr_simulator::LinkOptions;
 
 /// Part of a tension that pulleys hide from the sensor at the winch.
 const PULLEYS: f64 = 0.02;
@@ -95,12 +94,9 @@ impl Cmd {
         let mut tags: Option<Box<dyn TagSource>> = None;
         let (link, homing) = if common.on == "sim" {
             self.eye.refused_on_simulator()?;
-            let link = experiment::simulated_robot(
-                model,
-                &Mismatch::as_built(),
-                common.seed,
-                &LinkOptions::default(),
-            )?;
+            let link = SimulatedRobot::new(Mismatch::as_built(), common.seed)
+                .controller(&common.controller)
+                .at_home(model)?;
             let scene = Scene::of(model.robot(), common.seed);
             let seen = SimulatedTags::new(link.clone(), scene, 0.1, common.seed);
             tags = Some(Box::new(seen));

@@ -9,7 +9,7 @@ use crate::cli::eye::Eye;
 use crate::cli::numbers::positive;
 use crate::cli::recorded::{Work, on_record};
 use crate::cli::{Common, Failed, Outcome, print_json};
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::link::ClientError;
 use crate::machine::Mismatch;
 use crate::motion::Model;
@@ -17,7 +17,6 @@ use crate::record::Doing;
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
 use crate::sight::{Scene, SimulatedTags, TagSource};
-use mcdpr_simulator::LinkOptions;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
@@ -134,8 +133,9 @@ impl How {
         let simulated = common.on == "sim";
         let (link, mut tags) = if simulated {
             self.eye.refused_on_simulator()?;
-            let options = LinkOptions::default();
-            let link = experiment::simulated_robot(&model, &mismatch, common.seed, &options)?;
+            let link = SimulatedRobot::new(mismatch, common.seed)
+                .controller(&common.controller)
+                .at_home(&model)?;
             let scene = Scene::of(&robot, common.seed);
             let tags = SimulatedTags::new(link.clone(), scene, self.corner_px, common.seed);
             (Some(link), Box::new(tags) as Box<dyn TagSource>)

@@ -2,7 +2,7 @@
 
 use super::super::recorded::{Work, on_record};
 use super::super::{Common, Failed, Outcome, print_json, table::lay_out};
-use crate::experiment;
+use crate::experiment::SimulatedRobot;
 use crate::files::write_atomically;
 use crate::link::{Client, ClientError, Link, plant_failed};
 use crate::machine::Mismatch;
@@ -14,7 +14,6 @@ use crate::run::{self, RunError};
 use crate::tension::calibrate::{Fit, Reading, fit, parse, read_voltage, written_into};
 use crate::tension::{Curve, draw};
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::LinkOptions;
 use miette::{Diagnostic, IntoDiagnostic as _};
 use std::io::{BufRead as _, Write as _};
 use std::path::PathBuf;
@@ -137,8 +136,9 @@ impl Cmd {
             }
             // The sensor of the simulated machine is off by up to 1 %: there is something to find.
             let model = Model::new(robot)?;
-            let options = LinkOptions::default();
-            let link = experiment::simulated_robot(&model, &about.mismatch, common.seed, &options)?;
+            let link = SimulatedRobot::new(about.mismatch, common.seed)
+                .controller(&common.controller)
+                .at_home(&model)?;
             let line = (record.simulated(link.clone()), record.session);
             self.guide(robot, winch, line, |mass_kg| {
                 let weight_n = mass_kg * mcdpr_kinematics::GRAVITY_MPS2;

@@ -2,7 +2,7 @@
 
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
-use crate::experiment;
+use crate::experiment::{Experiment, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::report::Figures;
@@ -49,7 +49,8 @@ impl Cmd {
         let mut runs = Vec::new();
         for seed in 1..=self.seeds {
             let mismatch = Mismatch::realistic();
-            let run = experiment::simulate(&model, task.clone(), &mismatch, seed, |_| {})?;
+            let run = Experiment::new(&model, task.clone())
+                .simulate(&SimulatedRobot::new(mismatch, seed).controller(&common.controller))?;
             let figures = run.run.figures(&model)?;
             if !common.json {
                 let path = figures.path_error_m;

@@ -26,6 +26,7 @@ enum Which {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
+        common.no_chip("study")?;
         match &self.which {
             Which::Demo(cmd) => cmd.run(common),
             Which::Motion(cmd) => cmd.run(common),
