@@ -2,7 +2,7 @@
 
 use mcdpr_protocol::{FaultId, FaultRecord, KeyMeaning, Reject, Request};
 
-/// What a latched fault says: id, cable, numbers.
+/// The data of a latched fault: id, cable, numbers.
 #[must_use]
 pub fn describe_fault(record: &FaultRecord) -> String {
     let cable = match record.cable {
@@ -11,13 +11,13 @@ pub fn describe_fault(record: &FaultRecord) -> String {
     };
     let id = record.fault;
     let numbers = match id {
-        // Without a limit, arming found it: nothing was to move yet.
+        // Without a limit, arming found it: no motion was commanded yet.
         FaultId::S2 | FaultId::D7 if record.limit > 0 => format!(
             ": {:.2} mm behind its command, limit {:.2} mm",
             f64::from(record.value) * 1e-3,
             f64::from(record.limit) * 1e-3
         ),
-        // With a limit, it was told by the current; else the drive said so.
+        // With a limit, the current revealed it; otherwise the drive reported it.
         FaultId::D2 if record.limit > 0 => format!(
             ": the motor takes {} mA of the {} mA that it was told",
             record.value,
@@ -43,7 +43,7 @@ pub fn describe_fault(record: &FaultRecord) -> String {
             f64::from(record.value) * 3.3 / 65_536.0,
             f64::from(record.limit) * 3.3 / 65_536.0
         ),
-        // A refused object of its set-up, not a time: the lowest index is 0x1000.
+        // A refused object of its set-up, not a time: the lowest object index is 0x1000.
         FaultId::D5 if record.limit >= 0x10_0000 => format!(
             ": it refuses object {:04x}:{:02x} with abort code 0x{:08x}",
             record.limit >> 8,
@@ -247,7 +247,7 @@ pub(crate) fn reject_advice(reject: &Reject) -> String {
     }
 }
 
-/// What a request asks for, as it stands behind "the board refused".
+/// What a request asks for, as it follows "the board refused".
 pub(crate) fn request_name(request: &Request) -> String {
     let text = match request {
         Request::Info => "to tell what it is",

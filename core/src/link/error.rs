@@ -1,4 +1,4 @@
-//! Why a board did not do what was asked, in words with a remedy.
+//! Why a board did not execute a request, in words with a remedy.
 
 use super::LinkError;
 use crate::faults::{describe_reject, reject_advice};
@@ -6,14 +6,14 @@ use mcdpr_protocol::{PROTOCOL_MAJOR, PROTOCOL_MINOR, Reject};
 use miette::Diagnostic;
 use thiserror::Error;
 
-/// Why a board did not do what was asked.
+/// Why a board did not execute a request.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ClientError {
     /// The line is gone.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Link(#[from] LinkError),
-    /// Nobody answers.
+    /// No answer.
     #[error("no board answers on this line")]
     #[diagnostic(
         code(mcdpr::board::silent),
