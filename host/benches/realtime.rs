@@ -21,7 +21,7 @@ fn circle(criterion: &mut Criterion) {
         let task = Task::built_in("paper:table7", -0.18).expect("a built-in task");
         experiment::plan_from_home(&model, task).expect("it is feasible")
     };
-    // The planner's share, so that the simulator's own factor can be told.
+    // The planner's share, so that the simulator's own factor can be separated.
     let timed = |work: &dyn Fn()| {
         let began = Instant::now();
         work();

@@ -1,4 +1,4 @@
-//! A task on a robot, from connecting to disarming, and what came of it.
+//! A task on a robot, from connecting to disarming, and its results.
 
 use crate::control::Handle;
 use crate::link::{Link, Paced, SimulatedLink};
@@ -17,11 +17,11 @@ use std::time::{Duration, Instant};
 pub struct Run {
     /// What was planned.
     pub plan: Plan,
-    /// What the board measured.
+    /// The measurements of the board.
     pub samples: Vec<Measured>,
-    /// Where the tool truly was; `None` on hardware.
+    /// True positions of the tool; `None` on hardware.
     pub true_path: Option<Vec<(f64, [f64; 3])>>,
-    /// Whether a simulator answered.
+    /// Whether the board was simulated.
     pub simulated: bool,
 }
 
@@ -29,7 +29,7 @@ impl Run {
     /// Judges the run.
     ///
     /// # Errors
-    /// Not for a plan that was run.
+    /// Never for a plan that was run.
     pub fn figures(&self, model: &Model) -> Result<Figures, PlanError> {
         report::measure(model, &self.plan, &self.samples, self.true_path.as_deref())
     }
@@ -57,7 +57,7 @@ impl SimulatedRun {
 /// How the robot hangs when it is switched on.
 ///
 /// # Errors
-/// Where the robot file's home is no place to hang.
+/// If the robot cannot hang at the robot file's home.
 pub fn home(model: &Model) -> Result<Rest, PlanError> {
     model.rest(&model.robot().tool.home_in_world_m, None)
 }
@@ -71,10 +71,10 @@ pub fn plan_from_home(model: &Model, task: Task) -> Result<Plan, RunError> {
     run::plan_from(model, task, &start, None)
 }
 
-/// Runs a task on a simulated robot that hangs at home, `mismatch` away from its description.
+/// Runs a task on a simulated robot that hangs at home, with this `mismatch` from its description.
 ///
 /// # Errors
-/// As [`on_link`]; also where the simulated robot cannot hang at home.
+/// As [`on_link`]; also if the simulated robot cannot hang at home.
 pub fn simulate(
     model: &Model,
     task: Task,
@@ -85,12 +85,12 @@ pub fn simulate(
     simulate_with(model, task, mismatch, seed, &Orders::default(), progress)
 }
 
-/// Who may interfere with a run, and how fast a simulated one goes.
+/// Control of a run, and the speed of a simulated one.
 #[derive(Debug, Clone, Default)]
 pub struct Orders {
     /// Gives orders to the run, and shows it to observers.
     pub handle: Handle,
-    /// Simulated seconds per second; as fast as it goes where none is given.
+    /// Simulated seconds per second; as fast as possible if not given.
     pub time_scale: Option<f64>,
 }
 
@@ -128,7 +128,7 @@ pub(crate) fn simulate_with(
     })
 }
 
-/// As [`simulate`], seen by a witness.
+/// As [`simulate`], with a witness.
 ///
 /// # Errors
 /// As [`simulate`].
@@ -164,9 +164,9 @@ pub fn simulate_seen(
     })
 }
 
-/// A true path in the world frame that the robot knows. A calibration cannot tell where the world
-/// frame is, only where things are to each other: of a robot that was calibrated on the simulator,
-/// the tags that it was calibrated by tie both frames together.
+/// A true path in the world frame that the robot knows. A calibration cannot determine the world
+/// frame, only relative positions: for a robot that was calibrated on the simulator, the tags used
+/// relate both frames.
 fn in_calibrated_frame(model: &Model, path: Vec<(f64, [f64; 3])>) -> Vec<(f64, [f64; 3])> {
     let Some(known_from_true) = Scene::known_from_true(model.robot()) else {
         return path;
@@ -181,7 +181,7 @@ fn in_calibrated_frame(model: &Model, path: Vec<(f64, [f64; 3])>) -> Vec<(f64, [
 /// chosen ([`machine::choose_firmware`]), or by the control core in this process.
 ///
 /// # Errors
-/// Where it cannot hang there.
+/// If it cannot hang there.
 pub fn simulated_robot(
     model: &Model,
     mismatch: &Mismatch,
@@ -195,7 +195,7 @@ pub fn simulated_robot(
 /// in this process.
 ///
 /// # Errors
-/// Where it cannot hang there.
+/// If it cannot hang there.
 pub(crate) fn simulated_robot_on(
     model: &Model,
     mismatch: &Mismatch,
@@ -203,7 +203,7 @@ pub(crate) fn simulated_robot_on(
     link: &LinkOptions,
     firmware: Option<&machine::Firmware>,
 ) -> Result<SimulatedLink, RunError> {
-    // A robot that was calibrated on the simulator is that machine, whatever is asked for.
+    // A robot that was calibrated on the simulator is that machine, whatever is requested.
     let (machine, mismatch, seed) = match &model.robot().calibrated {
         Some(calibrated) => match calibrated.simulated_seed {
             Some(seed) => (&calibrated.designed, &Mismatch::as_built(), seed),
@@ -211,7 +211,7 @@ pub(crate) fn simulated_robot_on(
         },
         None => (model.robot(), mismatch, seed),
     };
-    // A planner that takes the platform for level knows no other way to hang than the others.
+    // A planner for a level platform does not use other attitudes.
     let hanging = PlanOptions {
         tensioning: model.options().tensioning,
         ..PlanOptions::default()
@@ -235,8 +235,8 @@ pub(crate) fn simulated_robot_on(
 /// board has lost them (the robot then hangs at home), arms, moves, disarms.
 ///
 /// # Errors
-/// [`RunError`]; whatever it is, the robot stands still with its brakes closed, or the board has
-/// lost the line and stops by itself.
+/// [`RunError`]; in every case the robot is at rest with its brakes closed, or the board has lost
+/// the line and stops by itself.
 pub fn on_link<L: Link>(
     model: &Model,
     task: Task,
@@ -247,9 +247,9 @@ pub fn on_link<L: Link>(
     on_link_with(model, task, link, session, &Handle::new(), progress)
 }
 
-/// As [`on_link`], for a simulated robot that hangs at home, whichever board stands in front of it:
-/// a chip's firmware does not know that its robot is simulated, and no lengths of an earlier run
-/// are its own.
+/// As [`on_link`], for a simulated robot that hangs at home, with any kind of board in front of it:
+/// a chip's firmware does not know that its robot is simulated, and lengths of an earlier run do
+/// not apply.
 ///
 /// # Errors
 /// As [`on_link`].
@@ -266,7 +266,7 @@ pub fn on_link_at_home<L: Link>(
 /// As [`on_link`], with orders from a handle.
 ///
 /// # Errors
-/// As [`on_link`]; [`RunError::Interrupted`] where the handle ordered a stop.
+/// As [`on_link`]; [`RunError::Interrupted`] if the handle ordered a stop.
 pub fn on_link_with<L: Link>(
     model: &Model,
     task: Task,
@@ -278,7 +278,7 @@ pub fn on_link_with<L: Link>(
     on_link_homed(model, task, link, session, handle, Homing::Known, progress)
 }
 
-/// As [`on_link_with`], for a robot that learns where it is in a given way.
+/// As [`on_link_with`], for a robot with a given way of homing.
 ///
 /// # Errors
 /// As [`on_link_with`].

@@ -1,4 +1,4 @@
-//! Topics of a record and the JSON schemas of their messages: Foxglove's where they exist.
+//! Topics of a record and the JSON schemas of their messages: Foxglove's if they exist.
 
 use serde_json::{Value, json};
 

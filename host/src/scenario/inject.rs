@@ -1,4 +1,5 @@
-//! What each row of the fault list is at the plant, the bus, the pins, the line or the host.
+//! Implementation of each row of the fault list at the plant, the bus, the pins, the line or the
+//! host.
 
 use super::{Injection, Snag};
 use mcdpr_protocol::FaultId;
@@ -87,7 +88,7 @@ pub const fn how(fault: FaultId) -> How {
     }
 }
 
-/// What a fault does to the host's side of the line.
+/// Effect of a fault on the host's side of the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum HostSide {
     /// Nothing.
@@ -96,10 +97,10 @@ pub(super) enum HostSide {
     Silent(u64),
 }
 
-/// Does it.
+/// Injects it.
 ///
 /// # Errors
-/// The plant's, where a strength makes no sense there.
+/// The plant's, if a strength is invalid there.
 pub(super) fn apply(
     simulation: &mut Simulation,
     injection: &Injection,
@@ -216,7 +217,7 @@ fn apply_to_plant(
     Ok(())
 }
 
-/// Takes the cause away again, where that is possible: what broke or slipped stays so.
+/// Removes the cause again, if possible: broken or slipped cables stay so.
 pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
     let fine = WireFaults::default();
     if injection.snag.is_some() {
@@ -240,7 +241,7 @@ pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
             }
         }
         FaultId::C5 => {
-            // A load of nothing is finite.
+            // A load of zero is finite.
             let _ = simulation
                 .plant_mut()
                 .set_load([0.0; 3], [0.0; 3], [0.0; 3]);
