@@ -446,7 +446,7 @@ fn blame(model: &Model<'_>, minimum: &Minimum) -> String {
             "{who} contributes most ({:.0} % of it)",
             100.0 * sum / total
         ),
-        None => "nothing stands out".to_owned(),
+        None => "no single cause".to_owned(),
     }
 }
 

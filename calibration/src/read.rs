@@ -465,7 +465,7 @@ impl<'a> Node<'a> {
         let square = (m * m.transpose() - Matrix3::identity()).norm();
         if square > 1e-3 || m.determinant() < 0.0 || rows[3] != [0.0, 0.0, 0.0, 1.0] {
             return Err(self.wrong(
-                "is no rigid transformation: its upper left 3x3 must be a rotation, its last row \
+                "is not a rigid transformation: its upper left 3x3 must be a rotation, its last row \
                  0, 0, 0, 1",
             ));
         }

@@ -275,7 +275,7 @@ fn transform(value: &Value, name: &str) -> Result<Pose, String> {
     }
     let rotation = Matrix3::from_fn(|i, j| numbers_of[i][j]);
     if (rotation * rotation.transpose() - Matrix3::identity()).norm() > 1e-6 {
-        return Err(format!("{name} is no rigid transformation"));
+        return Err(format!("{name} is not a rigid transformation"));
     }
     Ok(Pose::new(
         Vector3::from_fn(|i, _| numbers_of[i][3]) * 1e-3,

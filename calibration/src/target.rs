@@ -55,7 +55,7 @@ pub fn tables(tags: &[Tag]) -> String {
 #[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
 pub enum TargetError {
     /// The sheet is empty.
-    #[error("there is no tag of body {body} to draw")]
+    #[error("body {body} has no tag to draw")]
     #[diagnostic(
         code(mcdpr_calibration::target),
         help("the robot file's [[tag]] tables list bodies")

@@ -35,7 +35,7 @@ pub enum VerifyError {
         column: String,
     },
     /// A cell is not a finite number.
-    #[error("line {line}, column {column}: \"{text}\" is no finite number")]
+    #[error("line {line}, column {column}: \"{text}\" is not a finite number")]
     Cell {
         /// Line of the file, from 1.
         line: usize,

@@ -19,7 +19,7 @@ pub fn describe_fault(record: &FaultRecord) -> String {
         ),
         // With a limit, the current revealed it; otherwise the drive reported it.
         FaultId::D2 if record.limit > 0 => format!(
-            ": the motor takes {} mA of the {} mA that it was told",
+            ": the motor takes {} mA of the commanded {} mA",
             record.value,
             4 * record.limit
         ),
@@ -119,11 +119,11 @@ pub const fn advice(fault: FaultId) -> &'static str {
         }
         FaultId::D6 => "let the drive cool; less load, slower, or more air",
         FaultId::D7 => {
-            "the drum did not turn as told: check the motor's plug, the drive, the brake and for a jam"
+            "the drum did not follow its command: check the motor's plug, the drive, the brake and for a jam"
         }
         FaultId::B1 => "check the brake's supply and coil; it must click when the robot arms",
         FaultId::B2 => {
-            "the robot stands under torque: let it down by a motion (clear the fault first), or hold the platform by other means, then give an emergency stop; clean or replace the brake"
+            "the robot is held by torque: lower it by a motion (clear the fault first), or hold the platform by other means, then give an emergency stop; clean or replace the brake"
         }
         FaultId::B3 => {
             "hold the platform by other means before you switch off; check the brake's spring, its gap and its diode"
@@ -133,7 +133,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
         }
         FaultId::P2 => "when the supply is back: reference the lengths and arm",
         FaultId::P3 | FaultId::P4 => {
-            "`mcdpr doctor` tells what the firmware said last; report it; then clear the fault, reference the lengths and re-arm"
+            "`mcdpr doctor` shows the firmware's last message; report it; then clear the fault, reference the lengths and re-arm"
         }
         FaultId::P5 => "report it with the record; then clear the fault and re-arm",
         FaultId::P6 => {
@@ -250,8 +250,8 @@ pub(crate) fn reject_advice(reject: &Reject) -> String {
 /// What a request asks for, as it follows "the board refused".
 pub(crate) fn request_name(request: &Request) -> String {
     let text = match request {
-        Request::Info => "to tell what it is",
-        Request::Status => "to tell its state",
+        Request::Info => "to report its identity",
+        Request::Status => "to report its state",
         Request::Open => "the connection",
         Request::Close => "to end the connection",
         Request::Heartbeat { .. } => "the heartbeat",
@@ -270,7 +270,7 @@ pub(crate) fn request_name(request: &Request) -> String {
         Request::Samples { .. } => "the samples",
         Request::Gripper { .. } => "the gripper command",
         Request::Service { cable, .. } => return format!("to enable winch {cable} alone"),
-        Request::Winch { cable } => return format!("to tell how winch {cable} is"),
+        Request::Winch { cable } => return format!("to report the state of winch {cable}"),
         Request::Scan { .. } => "to look for drives",
         Request::Bench { .. } => "the self-test",
     };

@@ -61,7 +61,7 @@ pub enum ResetBy {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Stop {
     /// The address is not mapped.
-    #[error("{} of {address:#010x}, where nothing is, at pc {pc:#010x}", if *.write { "write" } else { "read" })]
+    #[error("{} of the unmapped address {address:#010x}, at pc {pc:#010x}", if *.write { "write" } else { "read" })]
     Unmapped {
         /// Address of the access.
         address: u32,
@@ -96,7 +96,7 @@ pub enum Stop {
     },
     /// A branch to something other than Thumb code, or a return without a matching exception.
     #[error(
-        "branch to {address:#010x}, which is no Thumb code or exception return, at pc {pc:#010x}"
+        "branch to {address:#010x}, which is neither Thumb code nor an exception return, at pc {pc:#010x}"
     )]
     BadBranch {
         /// Target.

@@ -32,7 +32,7 @@ pub(crate) fn read_text_to(path: impl AsRef<Path>, most: u64) -> Result<String> 
         let at = error.utf8_error().valid_up_to();
         Error::new(
             ErrorKind::InvalidData,
-            format!("byte {at} is no UTF-8 text"),
+            format!("byte {at} is not UTF-8 text"),
         )
     })
 }

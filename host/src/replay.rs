@@ -41,7 +41,7 @@ pub enum ReplayError {
     #[diagnostic(transparent)]
     Calibration(#[from] crate::calibration::result::FileError),
     /// No part of it can be repeated.
-    #[error("nothing of this run can be done again: {reason}")]
+    #[error("no part of this run can be repeated: {reason}")]
     #[diagnostic(
         code(mcdpr::replay::nothing),
         help("`mcdpr report` and `mcdpr export` show what is in it")

@@ -120,7 +120,7 @@ fn number_length(text: &str) -> usize {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum UnitError {
     /// It does not begin with a number.
-    #[error("`{text}` is no {quantity}: write a number, with one of the units {units} or without")]
+    #[error("`{text}` is not a {quantity}: write a number, with one of the units {units} or without")]
     NotANumber {
         /// The text.
         text: String,
@@ -130,7 +130,7 @@ pub enum UnitError {
         units: String,
     },
     /// Its unit is not one of the quantity's.
-    #[error("`{text}`: `{unit}` is no unit of a {quantity} here; use one of {units}")]
+    #[error("`{text}`: `{unit}` is not a unit of a {quantity} here; use one of {units}")]
     UnknownUnit {
         /// The text.
         text: String,

@@ -37,7 +37,7 @@ pub enum ClientError {
     #[diagnostic(
         code(mcdpr::board::clock),
         help(
-            "it may have restarted: it stands with closed brakes then; connect again. Of a `sim --pty --time-scale X`, give the same --time-scale"
+            "it may have restarted; its brakes are closed then: connect again. For a `sim --pty --time-scale X`, give the same --time-scale"
         )
     )]
     ClockRanBack {

@@ -118,7 +118,7 @@ fn words(line: &str) -> Result<Vec<Word>, Wrong> {
                     (at + 1, format!("{c} needs a number, there is {shown}"))
                 })?;
                 if !value.is_finite() {
-                    return Err((at + 1, format!("{c}{number} is no finite number")));
+                    return Err((at + 1, format!("{c}{number} is not a finite number")));
                 }
                 words.push(Word {
                     letter: c.to_ascii_uppercase(),

@@ -92,7 +92,7 @@ pub enum TaskError {
         message: String,
     },
     /// A leg of the file is not a valid path.
-    #[error("leg {leg} of {path} is no path")]
+    #[error("leg {leg} of {path} is not a valid path")]
     #[diagnostic(
         code(mcdpr::task::leg),
         help("give each leg a length and finite numbers")

@@ -13,7 +13,7 @@ const BLOCK: usize = 64;
 #[derive(Debug, Error, Diagnostic)]
 pub(crate) enum SealError {
     /// It is not a record.
-    #[error("this is no record of `mcdpr bench`: {reason}")]
+    #[error("this is not a record of `mcdpr bench`: {reason}")]
     #[diagnostic(
         code(mcdpr::bench::record),
         help("give the file that `mcdpr bench --out FILE` wrote")

@@ -118,7 +118,7 @@ fn open(common: &Common) -> miette::Result<Box<dyn Link>> {
 
 /// Whether the user types the output's name.
 fn typed(name: &str) -> bool {
-    eprint!("{name} will be on for 0.3 s, with no drive told anything. Type `{name}` to go on: ");
+    eprint!("{name} will be on for 0.3 s; no drive gets a command. Type `{name}` to continue: ");
     let _ = std::io::stderr().flush();
     let mut line = String::new();
     let read = std::io::stdin().lock().read_line(&mut line);

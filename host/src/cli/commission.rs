@@ -82,7 +82,7 @@ impl Cmd {
                 );
             }
             if let Some(why) = &rubs.friction_unknown {
-                say!("friction is not known, the robot file's stands: {why}");
+                say!("friction is not known, the robot file's value is kept: {why}");
             }
             say!(
                 "play {:.2} degrees (standard error {:.2})",

@@ -229,12 +229,12 @@ impl Home {
         // A position where the robot cannot hang is refused before a board is even opened.
         let rest = model.rest(&place, None)?;
         if common.dry_run {
-            let home = "the board was not told";
+            let home = "the board was not changed";
             return homed(common, (place, rest.paid_out_m), home);
         }
         let session = if self.tag {
             if common.on != "sim" {
-                let reason = "no camera stands behind this port; give the place with --at X Y Z";
+                let reason = "there is no camera behind this port; give the place with --at X Y Z";
                 return Err(Failed::from_error("--tag")(reason).into());
             }
             return home_by_tag(common, &model);
@@ -303,7 +303,7 @@ impl Arm {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let model = Model::new(&common.robot()?)?;
         if let Some(seconds) = self.seconds.filter(|s| !(s.is_finite() && *s >= 0.0)) {
-            return Err(Failed::from_error("--for")(format!("{seconds} is no time")).into());
+            return Err(Failed::from_error("--for")(format!("{seconds} is not a time")).into());
         }
         // A simulated robot in this process is not used by other terminals.
         let seconds = self.seconds.or((common.on == "sim").then_some(1.0));

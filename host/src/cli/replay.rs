@@ -42,7 +42,7 @@ impl Cmd {
                 say!("host: sent the same {bytes} bytes again in {calls} calls of the line")
             }
             None => say!(
-                "host: not run again; people or pictures told it what to do ({calls} calls of the \
+                "host: not run again; people or pictures controlled it ({calls} calls of the \
                  line)"
             ),
         }

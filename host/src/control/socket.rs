@@ -249,12 +249,12 @@ fn serve(stream: UnixStream, handle: &Handle) {
 
 fn obey(line: &str, handle: &Handle) -> Result<(), String> {
     let value: serde_json::Value =
-        serde_json::from_str(line).map_err(|error| format!("this is no order: {error}"))?;
+        serde_json::from_str(line).map_err(|error| format!("this is not an order: {error}"))?;
     if value.get("order").and_then(|order| order.as_str()) == Some("view") {
         return Ok(());
     }
     let order: Order =
-        serde_json::from_value(value).map_err(|error| format!("this is no order: {error}"))?;
+        serde_json::from_value(value).map_err(|error| format!("this is not an order: {error}"))?;
     let ticket = handle.order(order);
     handle
         .wait(ticket, CONFIRM)
@@ -423,7 +423,7 @@ mod tests {
         stream.write_all(b"{\"order\":\"dance\"}\n").unwrap();
         let mut line = String::new();
         BufReader::new(stream).read_line(&mut line).unwrap();
-        assert!(line.contains("this is no order"), "{line}");
+        assert!(line.contains("this is not an order"), "{line}");
         assert_eq!(handle.take(), None);
         let path = server.path().to_owned();
         drop(server);

@@ -28,7 +28,7 @@ pub(crate) const CHIP: &str = "STM32F103C8";
 #[derive(Debug, Error, Diagnostic)]
 pub enum FlashError {
     /// It is a program for such a chip, but not this board's.
-    #[error("{path} is no firmware of this board: on an emulated chip {reason}")]
+    #[error("{path} is not firmware of this board: on an emulated chip {reason}")]
     #[diagnostic(
         code(mcdpr::flash::stranger),
         help("`cargo fw` builds the board's firmware; nothing was written")
@@ -58,7 +58,7 @@ pub enum FlashError {
     #[diagnostic(
         code(mcdpr::flash::no_probe),
         help(
-            "plug an ST-Link/V2, a J-Link or a CMSIS-DAP v2 probe into USB, and wire SWDIO to PA13, SWCLK to PA14, GND to GND, 3.3 V to its reference (docs/wiring.md); the serial port of the board is no probe"
+            "plug an ST-Link/V2, a J-Link or a CMSIS-DAP v2 probe into USB, and wire SWDIO to PA13, SWCLK to PA14, GND to GND, 3.3 V to its reference (docs/wiring.md); the serial port of the board is not a probe"
         )
     )]
     NoProbe,

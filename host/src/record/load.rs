@@ -40,7 +40,7 @@ pub enum LoadError {
         source: ReadError,
     },
     /// It is an MCAP file with other content.
-    #[error("{path} is no record of a run: {reason}")]
+    #[error("{path} is not a record of a run: {reason}")]
     #[diagnostic(
         code(mcdpr::record::other),
         help("it must hold the attachment scenario.json and the wire's bytes")

@@ -345,7 +345,7 @@ impl<W: Write + Send + 'static> Recording<W> {
                 self.log(
                     time_ns,
                     Level::Warning,
-                    &format!("at its edge: {}", limit(one)),
+                    &format!("warning: {}", limit(one)),
                 );
             }
         }

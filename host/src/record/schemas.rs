@@ -184,7 +184,7 @@ fn status() -> Value {
             "length_m": numbers("measured lengths, m"),
             "tension_n": numbers("measured tensions, N"),
             "fault": { "type": ["string", "null"] },
-            "limits": { "type": "integer", "description": "bit set of what works at its edge" },
+            "limits": { "type": "integer", "description": "bit set of warnings" },
             "brakes_open": { "type": "integer" },
             "torque_on": { "type": "integer" },
             "referenced": { "type": "boolean" },

@@ -256,7 +256,7 @@ pub(super) fn picking(bench: &Bench) -> Result<Outcome, ReproduceError> {
     let assembled = sum_up(&scenes(Knowledge::Nominal, false));
     let row = |quantity: &str, as_described: String, realistic: String| Row {
         quantity: quantity.to_owned(),
-        paper: "not told".to_owned(),
+        paper: "not stated".to_owned(),
         origin: Origin::Simulation,
         as_described,
         realistic,

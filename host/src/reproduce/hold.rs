@@ -321,7 +321,7 @@ pub(super) fn disturbed(bench: &Bench) -> Result<Outcome, ReproduceError> {
         };
         rows.push(row(
             format!("{winch}: greatest push aside that leaves the tension in the band, N"),
-            "not told",
+            "not stated",
             [told(ideal), told(median(real?)), none()],
         ));
     }

@@ -100,7 +100,7 @@ pub(super) fn motor(bench: &Bench) -> Result<Outcome, ReproduceError> {
                 ],
             ),
             row(
-                "backlash, motor counts (least that can be told)",
+                "backlash, motor counts (least that can be detected)",
                 "-",
                 [
                     format!("{:.0} ({:.0})", of(&ideal).2, ideal.backlash_resolution),

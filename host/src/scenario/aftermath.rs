@@ -225,7 +225,7 @@ const fn meaning(state: State) -> &'static str {
         State::Boot => "Boot: the board starts",
         State::Disarmed => "Disarmed: brakes closed, no torque",
         State::Arming => "Arming: drives come up, checks run",
-        State::Holding => "Holding: it stands under tension",
+        State::Holding => "Holding: it is at rest under tension",
         State::Moving => "Moving",
         State::Pausing => "Pausing: it decelerates along its path",
         State::Stopping => "Stopping: it decelerates, then brakes close under torque",

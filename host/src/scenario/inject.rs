@@ -68,7 +68,7 @@ pub const fn how(fault: FaultId) -> How {
             How::Not("no run of the demo looks through the camera; tests/tests/collect.rs shows it")
         }
         FaultId::S3 | FaultId::K9 => {
-            How::Not("a counter that wraps is no fault; tests begin just before it")
+            How::Not("a counter that wraps is not a fault; tests begin just before it")
         }
         FaultId::L2 | FaultId::L5 | FaultId::L6 | FaultId::L7 => {
             How::Not("this program sends no such frame; tests of the board's side do")
@@ -82,7 +82,7 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::F3 | FaultId::F4 => How::Not("it cannot happen: the board stores nothing"),
         FaultId::F8 => How::Not("it happens to the disk; tests show it"),
         FaultId::K4 | FaultId::K5 | FaultId::K6 | FaultId::K7 | FaultId::K8 | FaultId::K10 => {
-            How::Not("this program sends nothing of that kind; tests of the board's side do")
+            How::Not("this program sends no such request; tests of the board's side do")
         }
         _ => How::Not("it is refused before anything moves; tests show it"),
     }

@@ -17,7 +17,7 @@ const LATEST_S: f64 = 3600.0;
 #[derive(Debug, Error, Diagnostic)]
 pub enum ScenarioError {
     /// Not of the form `ID[:CABLE]@TIME`.
-    #[error("{text:?} is no fault to inject: {what}")]
+    #[error("{text:?} is not a fault to inject: {what}")]
     #[diagnostic(
         code(mcdpr::scenario::form),
         help(
@@ -151,7 +151,7 @@ impl Injection {
         let (what, when) = text
             .split_once('@')
             .ok_or_else(|| form("it has no @TIME"))?;
-        let when = parse_time(when.trim()).ok_or_else(|| form("its time is none"))?;
+        let when = parse_time(when.trim()).ok_or_else(|| form("its time is not valid"))?;
         let (id, cable) = match what.split_once(':') {
             Some((id, axis)) if is_snag(id) => {
                 let along = axis_named(axis.trim());
@@ -161,7 +161,7 @@ impl Injection {
             None if is_snag(what) => return Ok(Self::snagged(Snag::Fast, when)),
             Some((id, cable)) => {
                 let cable = cable.trim().parse::<usize>();
-                (id, Some(cable.map_err(|_| form("its cable is no number"))?))
+                (id, Some(cable.map_err(|_| form("its cable is not a number"))?))
             }
             None => (what, None),
         };

@@ -64,7 +64,7 @@ impl Orders {
         let message: Value = serde_json::from_str(text).unwrap_or_default();
         let knows = self.knows(message["token"].as_str());
         let outcome = match message["order"].as_str() {
-            None => Err("this is no order".to_owned()),
+            None => Err("this is not an order".to_owned()),
             Some(name) => match self.may(page, name, knows) {
                 Err(reason) => Err(reason.to_owned()),
                 // The page asks whether its buttons should work.

@@ -69,7 +69,7 @@ pub enum ExperimentError {
         source: std::io::Error,
     },
     /// The file is no experiment.
-    #[error("task file {path} is no tension experiment: {message}")]
+    #[error("task file {path} is not a tension experiment: {message}")]
     #[diagnostic(
         code(mcdpr::tension::malformed),
         help(

@@ -226,7 +226,7 @@ impl RealSense {
         let rotation = Matrix3::from_column_slice(&place.rotation.map(f64::from));
         if (rotation.determinant() - 1.0).abs() > 1e-3 {
             return Err(device(
-                &"what it says of the place of its cameras is no rotation",
+                &"the rotation between its cameras is not a rotation matrix",
             ));
         }
         let rotation = Rotation3::from_matrix(&rotation);

@@ -46,7 +46,7 @@ impl Cmd {
         };
         if !(0.0..=0.5).contains(&self.friction) {
             return Err(Failed::from_error("--friction")(format!(
-                "{} is no part of a tension: give 0 to 0.5",
+                "{} is not a share of a tension: give 0 to 0.5",
                 self.friction
             ))
             .into());

@@ -112,7 +112,7 @@ fn parse<Q: DeserializeOwned>(line: &[u8]) -> Result<Q, String> {
     // A list would be read as the object's values in order: too easily a mistake.
     match line.trim_ascii_start().first() {
         Some(b'{') => {}
-        Some(_) => return Err("the line is no JSON object; write one per line".to_owned()),
+        Some(_) => return Err("the line is not a JSON object; write one per line".to_owned()),
         None => return Err("the line is empty; write one JSON object per line".to_owned()),
     }
     serde_json::from_slice(line).map_err(|error| {

@@ -199,7 +199,7 @@ impl Study {
             let whole = text.rfind('\n').map_or(0, |at| at + 1);
             let cut = &text[whole..];
             if !cut.starts_with(LINE_BEGINS) && !LINE_BEGINS.starts_with(cut) {
-                return Err(std::io::Error::other("its last line is no kept scene"));
+                return Err(std::io::Error::other("its last line is not a kept scene"));
             }
             let mut tallies = Vec::new();
             for line in text[..whole].lines() {

@@ -78,7 +78,7 @@ impl Contents {
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum ReadError {
     /// It is not an MCAP file.
-    #[error("this is no MCAP file: it does not start as one")]
+    #[error("this is not an MCAP file: it does not start like one")]
     Magic,
     /// Its chunks use an unknown compression.
     #[error("its chunks are compressed ({how}), which this program does not read")]
