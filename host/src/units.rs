@@ -120,7 +120,9 @@ fn number_length(text: &str) -> usize {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum UnitError {
     /// It does not begin with a number.
-    #[error("`{text}` is not a {quantity}: write a number, with one of the units {units} or without")]
+    #[error(
+        "`{text}` is not a {quantity}: write a number, with one of the units {units} or without"
+    )]
     NotANumber {
         /// The text.
         text: String,

@@ -342,11 +342,7 @@ impl<W: Write + Send + 'static> Recording<W> {
         self.limits = status.limits.0;
         for one in LIMITS {
             if new & (1 << (one as u8)) != 0 {
-                self.log(
-                    time_ns,
-                    Level::Warning,
-                    &format!("warning: {}", limit(one)),
-                );
+                self.log(time_ns, Level::Warning, &format!("warning: {}", limit(one)));
             }
         }
         self.estimated(status, &metres, &newtons, time_ns);

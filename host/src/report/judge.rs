@@ -183,7 +183,9 @@ fn verdicts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Verd
         "ended at rest, brakes closed",
         ended && moved,
         last.as_ref()
-            .map_or("no status was received".to_owned(), |s| format!("{:?}", s.state)),
+            .map_or("no status was received".to_owned(), |s| {
+                format!("{:?}", s.state)
+            }),
     );
     let limits = &robot.limits;
     let low = judgement

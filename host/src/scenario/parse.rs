@@ -161,7 +161,10 @@ impl Injection {
             None if is_snag(what) => return Ok(Self::snagged(Snag::Fast, when)),
             Some((id, cable)) => {
                 let cable = cable.trim().parse::<usize>();
-                (id, Some(cable.map_err(|_| form("its cable is not a number"))?))
+                (
+                    id,
+                    Some(cable.map_err(|_| form("its cable is not a number"))?),
+                )
             }
             None => (what, None),
         };
