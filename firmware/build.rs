@@ -1,4 +1,4 @@
-//! Puts the linker's memory map and the git hash in place, for the board only.
+//! Provides the linker's memory map and the git hash, for the board only.
 
 use std::env;
 use std::error::Error;

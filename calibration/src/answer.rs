@@ -1,4 +1,4 @@
-//! What a calibration found, and its file form.
+//! The result of a calibration, and its file form.
 
 use super::data::matrix_mm;
 use super::unknowns::{Layout, State};
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 /// Ratio of squared error to expectation above which the lower poses contradict the upper ones.
 const RATIO_MAX: f64 = 4.0;
 
-/// What a calibration of the upper poses alone is worth at the lower ones.
+/// The accuracy at the lower poses of a calibration from the upper poses alone.
 #[derive(Debug, Clone)]
 pub struct Split {
     /// Poses that it was trained on.
@@ -19,16 +19,16 @@ pub struct Split {
     pub lower: usize,
     /// Root mean square position error there, m.
     pub error_m: f64,
-    /// What its covariance lets expect, m.
+    /// Error expected from its covariance, m.
     pub expected_m: f64,
-    /// Mean squared error in units of its covariance; 1 for honest data.
+    /// Mean squared error in units of its covariance; 1 for consistent data.
     pub ratio: f64,
-    /// The quantity that is farthest from what is stated, in words.
+    /// The quantity that differs most from its stated value, in words.
     pub suspect: String,
 }
 
 impl Split {
-    /// The warning, where the lower poses contradict the upper ones.
+    /// The warning, if the lower poses contradict the upper ones.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
         (self.ratio > RATIO_MAX).then(|| {
@@ -58,7 +58,7 @@ pub struct NextPose {
     pub expected_error_m: [f64; 2],
 }
 
-/// Expected error at one place.
+/// Expected error at one position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapPoint {
     /// Platform's origin, world, m.
@@ -67,7 +67,7 @@ pub struct MapPoint {
     pub rms_m: f64,
 }
 
-/// A measurement that fits nothing else.
+/// A measurement that is inconsistent with the rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RejectedRow {
     /// Pose, from 1.
@@ -80,11 +80,11 @@ pub struct RejectedRow {
     pub tag: Option<u32>,
     /// Corner of the tag, from 0.
     pub corner: Option<usize>,
-    /// How far off, in standard deviations of the measurement.
+    /// Residual, in standard deviations of the measurement.
     pub sigmas: f64,
 }
 
-/// What was estimated besides the core.
+/// Quantities estimated besides the core unknowns.
 #[derive(Debug, Clone)]
 pub struct Further {
     /// True length per length that the encoder reports.
@@ -93,7 +93,7 @@ pub struct Further {
     pub tag_scale: f64,
     /// The camera.
     pub camera: Camera,
-    /// What the equations of equilibrium told, where they took part.
+    /// Results from the equations of equilibrium, if they were used.
     pub statics: Option<Statics>,
 }
 
@@ -110,10 +110,10 @@ pub struct Statics {
     pub loss: Vec<f64>,
 }
 
-/// How much of a linear problem its data fix.
+/// Rank of a linear problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rank {
-    /// Directions that they fix.
+    /// Directions that the data determine.
     pub rank: usize,
     /// Unknowns.
     pub unknowns: usize,
@@ -132,7 +132,7 @@ pub struct Answer {
     pub world_from_body: Vec<Pose>,
     /// camera_from_platform.
     pub camera_from_platform: Pose,
-    /// What else was estimated; `None` where nothing was.
+    /// Further estimates; `None` if there are none.
     pub further: Option<Further>,
     /// Predicted encoder readings at the held-out poses, m.
     pub holdout_encoder_m: Vec<Vec<f64>>,
@@ -140,9 +140,9 @@ pub struct Answer {
     pub holdout_covariance_m2: Vec<Matrix3<f64>>,
     /// Weighted sum of squares of the measurements used.
     pub chi_square: Option<f64>,
-    /// Its expectation: measurements less what the estimate follows them by.
+    /// Its expected value: number of measurements less the degrees of freedom of the estimate.
     pub degrees_of_freedom: Option<f64>,
-    /// Directions of the core unknowns that the data fix.
+    /// Directions of the core unknowns that the data determine.
     pub rank: usize,
     /// Number of core unknowns.
     pub core_unknowns: usize,
@@ -154,7 +154,7 @@ pub struct Answer {
     pub rejected: Vec<RejectedRow>,
     /// Relative scatter of tensions found beyond the sensor's.
     pub tension_scatter_relative: Option<f64>,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
     /// Predicted root mean square position error over the held-out (or else the measured) poses, m.
     pub predicted_error_m: f64,
@@ -166,7 +166,7 @@ pub struct Answer {
     pub covariance: Option<DMatrix<f64>>,
     /// The estimate itself, of the joint method.
     pub solved: Option<Solved>,
-    /// Expected error over the work space, where closer looks were asked for.
+    /// Expected error over the work space, if the assay was asked for.
     pub map: Vec<MapPoint>,
     /// The pose that would help most.
     pub next: Option<NextPose>,
@@ -188,7 +188,7 @@ pub struct Solved {
 }
 
 impl Answer {
-    /// An answer with the values of a state and everything else empty.
+    /// An answer with the values of a state and all other fields empty.
     #[must_use]
     pub(crate) fn of_state(method: &'static str, state: &State, statics: bool) -> Self {
         Self {

@@ -1,5 +1,5 @@
-//! Closer looks at an answer: does what the upper poses say hold for the lower ones, how far off the
-//! platform would be where, and what to measure next.
+//! Further checks of an answer: whether a calibration from the upper poses is valid for the lower
+//! ones, the expected position error over the work space, and the pose to measure next.
 
 use super::answer::{Answer, MapPoint, NextPose, Split};
 use super::check::POSES_MIN;
@@ -16,9 +16,9 @@ use nalgebra::{Matrix3, Vector3};
 /// Uncertainty of a measured pose itself, m: the picture's and the encoders' noise.
 const FLOOR_M: f64 = 1e-4;
 
-/// Trains on the upper half of the poses, with tags, drums and lens held to what is stated, and
-/// tests on the lower half. A scale that is not as stated is the same at all heights for a random
-/// split, and shows here. `None` below 14 poses, or where the half cannot be solved.
+/// Trains on the upper half of the poses, with tags, drums and lens held to their stated values,
+/// and tests on the lower half. A scale error is the same at all heights for a random split, but
+/// shows here. `None` below 14 poses, or if the half cannot be solved.
 #[must_use]
 pub fn split(data: &Data, options: &Options, full: &Answer) -> Option<Split> {
     let solved = full.solved.as_ref()?;
@@ -116,7 +116,7 @@ fn suspect(full: &Answer, options: &Options) -> Option<String> {
     ))
 }
 
-/// Places of the map along x and y, and in height.
+/// Grid points of the map along x and y, and in height.
 const MAP: [usize; 3] = [7, 7, 6];
 
 /// The predicted error over the robot's space, see [`Space::of`].

@@ -1,4 +1,4 @@
-//! What can be said against data before anything is solved.
+//! Checks of the data before anything is solved.
 
 use super::data::Data;
 use super::error::Refusal;
@@ -119,8 +119,8 @@ fn tilt_spread_deg(poses: &[Pose]) -> f64 {
     angles.get(angles.len() * 9 / 10).copied().unwrap_or(0.0)
 }
 
-/// The platform's pose from the body that shows most corners, and of its candidates the one that
-/// explains the corners, or where both do, the more level one.
+/// The platform's pose from the body that shows most corners: of its candidates the one that
+/// explains the corners, or if both do, the more level one.
 fn start(data: &Data, k: usize) -> Option<Pose> {
     let seen = &data.poses[k];
     let count = |body: usize| {

@@ -1,5 +1,5 @@
-//! Calibration data: what was measured at the poses, and what is known beforehand. SI units; the
-//! file form (mm, N, px) is read by [`Data::from_json`] and written by [`Data::to_json`].
+//! Calibration data: the measurements at the poses, and the prior knowledge. SI units; the file
+//! form (mm, N, px) is read by [`Data::from_json`] and written by [`Data::to_json`].
 
 use mcdpr_kinematics::{Cable, Pose};
 use mcdpr_vision::Camera;
@@ -9,22 +9,22 @@ use serde_json::{Value, json};
 /// Name of the file format.
 pub const SCHEMA: &str = "mcdpr-calibration-data-1";
 
-/// Everything that a calibration starts from.
+/// All input of a calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Data {
     /// Name of the data set.
     pub id: String,
-    /// The robot as it was meant to be.
+    /// The robot as designed.
     pub robot: NominalRobot,
     /// The camera on the platform.
     pub camera: Camera,
     /// The tags, in the order of their ids in the file.
     pub tags: Vec<Tag>,
-    /// How much the sensors scatter.
+    /// Noise of the sensors.
     pub noise: Noise,
     /// Start value per rigid body of tags, world_from_body.
     pub world_from_body: Vec<Pose>,
-    /// Start value of the camera's place: camera_from_platform.
+    /// Start value of the camera's pose: camera_from_platform.
     pub camera_from_platform: Pose,
     /// The measurements.
     pub poses: Vec<Observation>,
@@ -107,7 +107,7 @@ pub struct Noise {
     pub tension_n: Option<f64>,
 }
 
-/// What was measured at one pose.
+/// The measurements at one pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
     /// Change of each cable's length since the encoders were zeroed, m; `None` where missing.

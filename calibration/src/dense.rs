@@ -1,6 +1,6 @@
-//! Least squares as a plain implementation does it: all unknowns in one dense system, slopes by
-//! differences. What the speed of `lengths` and [`mod@super::joint`] is told against
-//! (`benches/calibration.rs`), and a second way to the same minimum.
+//! Least squares in a plain implementation: all unknowns in one dense system, derivatives by
+//! differences. The reference for the speed of `lengths` and [`mod@super::joint`]
+//! (`benches/calibration.rs`), and an independent solver for the same minimum.
 
 use super::check::usable;
 use super::data::Data;
@@ -66,8 +66,8 @@ pub fn minimise<S: Clone>(
     Some((found.at, cost))
 }
 
-/// The joint problem of [`mod@super::joint`] in this way, without its search for outliers. Returns
-/// the estimate and its cost.
+/// Solves the joint problem of [`mod@super::joint`] in this way, without its search for outliers.
+/// Returns the estimate and its cost.
 ///
 /// # Errors
 /// [`Refusal`] of the data, or of a start outside the robot's domain.

@@ -1,7 +1,7 @@
-//! The worth of poses: what each candidate would tell about the unknowns, and which of them leave the
-//! least expected position error (I-optimal design; Atkinson, Donev and Tobias, 2007): one after
-//! another, each the best addition, then exchanged one by one as long as that helps (Fedorov, 1972),
-//! then for others near them.
+//! Selection of poses: the information of each candidate about the unknowns, and the subset with
+//! the least expected position error (I-optimal design; Atkinson, Donev and Tobias, 2007).
+//! Candidates are added one after another, each the best addition, then exchanged one by one as
+//! long as that helps (Fedorov, 1972), then exchanged for others near them.
 
 use super::check::Usable;
 use super::data::{Data, Observation, View};
@@ -26,7 +26,7 @@ pub struct Candidate {
     pub views: Vec<View>,
 }
 
-/// How thoroughly better candidates are looked for near those taken.
+/// Effort of the search for better candidates near those taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Search {
     /// Rounds, each nearer than the one before.
@@ -52,7 +52,7 @@ impl Search {
     };
 }
 
-/// The information of every candidate, what has been taken of it, and what it is wanted for.
+/// The information of every candidate, the sum over those taken, and the working poses.
 #[derive(Debug, Clone)]
 pub struct Design {
     informations: Vec<DMatrix<f64>>,
@@ -75,7 +75,7 @@ impl Design {
             taken: Vec::new(),
         };
         let (layout, state) = out.learn(data, first, options)?;
-        // What has no prior is known to metres and radians at worst.
+        // An unknown without a prior is known to metres and radians at worst.
         out.sum = DMatrix::identity(layout.len(), layout.len());
         for p in state.priors(data, &layout, &options.priors) {
             out.sum[(p.index, p.index)] += 1.0 / (p.sigma * p.sigma);
@@ -105,8 +105,8 @@ impl Design {
         candidate: &Candidate,
         options: &Options,
     ) -> Option<(Layout, State)> {
-        // As encoders would read that were zero at no length at all: a drum's scale shows in the whole
-        // length, as it does in the prediction.
+        // Readings of encoders whose zero is at zero length: a drum's scale then affects the whole
+        // length, as in the prediction.
         let cables = super::lengths::singles(&data.robot.cables).ok()?;
         let length_m = |cable: &Robot<1>| cable.lengths_m(&candidate.pose).ok().map(|[m]| Some(m));
         let encoder_m = cables.iter().map(length_m).collect::<Option<_>>()?;
@@ -156,13 +156,13 @@ impl Design {
         Some(covariance.component_mul(&self.loss).sum().max(0.0).sqrt())
     }
 
-    /// Takes a candidate: its measurement is or will be there.
+    /// Takes a candidate: it is or will be measured.
     pub fn take(&mut self, k: usize) {
         self.sum += &self.informations[k];
         self.taken.push(k);
     }
 
-    /// Forgets all that was taken but the first `keep`.
+    /// Drops all that were taken but the first `keep`.
     pub fn release(&mut self, keep: usize) {
         for k in self.taken.split_off(keep.min(self.taken.len())) {
             self.sum -= &self.informations[k];
@@ -175,7 +175,8 @@ impl Design {
         let covariance = Scaled::new(&self.sum)?.inverse();
         let before = covariance.component_mul(&self.loss).sum();
         let slope = &covariance * &self.loss * &covariance;
-        // What an addition gains is at most its first-order gain, so that most need no closer look.
+        // The gain of an addition is at most its first-order gain, so most need no exact
+        // evaluation.
         let mut bounds: Vec<(usize, f64)> = (0..self.informations.len())
             .filter(|k| allowed(*k) && !self.taken.contains(k))
             .map(|k| (k, self.informations[k].component_mul(&slope).sum()))
@@ -197,7 +198,7 @@ impl Design {
         best.map(|(k, expected)| (k, expected.max(0.0).sqrt()))
     }
 
-    /// Replaces taken candidates one by one where another is worth more, but for the first `keep`.
+    /// Replaces taken candidates one by one if another is worth more, except for the first `keep`.
     pub fn exchange(&mut self, keep: usize) {
         self.exchange_with(keep, 0, 6);
     }
@@ -209,7 +210,7 @@ impl Design {
             for place in keep..self.taken.len() {
                 let old = self.taken[place];
                 self.sum -= &self.informations[old];
-                // The slot is free for any, the old one included.
+                // Any candidate may fill the slot, including the old one.
                 self.taken[place] = usize::MAX;
                 let next = self
                     .best(|k| k >= first || k == old)
@@ -224,9 +225,10 @@ impl Design {
         }
     }
 
-    /// Replaces taken candidates, but for the first `keep`, by others near to them where those are
-    /// worth more: a few hundred at random are far apart from each other. `near` gives a candidate
-    /// near another; what is tried is added to `all`, which are the candidates of this design.
+    /// Replaces taken candidates, except for the first `keep`, by others near them if those are
+    /// worth more: a few hundred random candidates are far apart from each other. `near` gives a
+    /// candidate near another; the candidates tried are added to `all`, which are the candidates of
+    /// this design.
     pub fn refine(
         &mut self,
         data: &Data,
@@ -235,7 +237,7 @@ impl Design {
         (keep, search): (usize, Search),
         mut near: impl FnMut(&Candidate, f64) -> Option<Candidate>,
     ) {
-        // From half of a distance that matters.
+        // Start at half of a distance that makes a difference.
         let mut size = 0.5;
         for _ in 0..search.rounds {
             let first = all.len();

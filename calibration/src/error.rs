@@ -2,15 +2,15 @@
 
 use miette::Diagnostic;
 
-/// Why there is no calibration. Cables, poses and tags are named as the user knows them: cables and
-/// poses are counted from 1, tags by their id.
+/// Why a calibration was refused. Cables, poses and tags are named as the user knows them: cables
+/// and poses are counted from 1, tags by their id.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, Diagnostic)]
 #[diagnostic(
     code(mcdpr::calibration),
     help("docs/calibration.md explains the data and the checks")
 )]
 pub enum Refusal {
-    /// The text is no JSON.
+    /// The text is not valid JSON.
     #[error("the data are not readable as JSON: {0}; write the file again")]
     NotJson(String),
     /// The document is of another format.
@@ -19,10 +19,10 @@ pub enum Refusal {
         super::data::SCHEMA
     )]
     Schema {
-        /// What the file says, quoted, or that it says nothing.
+        /// The schema in the file, quoted, or a note that it is missing.
         found: String,
     },
-    /// A value is missing or makes no sense.
+    /// A value is missing or invalid.
     #[error("{path}: {what}")]
     Field {
         /// Where in the document, such as `poses[3].encoder_dl_mm[2]` (counted from 0, as in JSON).
@@ -45,7 +45,7 @@ pub enum Refusal {
         /// Why poses did not count, or empty.
         note: String,
     },
-    /// Two poses hold the very same numbers.
+    /// Two poses contain identical numbers.
     #[error(
         "poses {first} and {second} hold the same numbers: one measurement was written twice; remove \
          pose {second}"
@@ -56,7 +56,7 @@ pub enum Refusal {
         /// The later pose, from 1.
         second: usize,
     },
-    /// The platform is never tilted differently.
+    /// The platform's tilt does not vary.
     #[error(
         "all poses have one tilt: the platform's tilt varies by {spread_deg:.2} degrees over the data, \
          at least {needed_deg} are needed to find where the camera sits; record poses farther from \
@@ -68,7 +68,7 @@ pub enum Refusal {
         /// Angle needed.
         needed_deg: f64,
     },
-    /// The data do not fix the unknowns.
+    /// The data do not determine the unknowns.
     #[error(
         "the data do not fix the robot: rank {rank} of {expected}; free: {directions}; record poses \
          that move and tilt the platform in more ways"
@@ -92,7 +92,7 @@ pub enum Refusal {
     /// The data contradict the model.
     #[error("{what}")]
     Contradiction {
-        /// What contradicts what, by how much, who is to blame, and what to do.
+        /// The contradiction, its size, the likely cause, and the remedy.
         what: String,
     },
 }

@@ -1,4 +1,4 @@
-//! One weighted problem over everything that the measurements depend on, solved and judged.
+//! One weighted problem over all unknowns that affect the measurements, solved and judged.
 
 use super::answer::{Answer, RejectedRow, Solved};
 use super::check::{Usable, usable};
@@ -15,20 +15,20 @@ use mcdpr_kinematics::Pose;
 /// Choices of the joint estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Options {
-    /// How well things are known beforehand.
+    /// Standard deviations of the priors.
     pub priors: Priors,
-    /// Scatter of the rows that no sensor states.
+    /// Scatter of the rows for which no sensor noise is stated.
     pub scatter: Scatter,
-    /// Leave the equations of equilibrium out even where they could be used.
+    /// Leave the equations of equilibrium out even if they could be used.
     pub without_statics: bool,
-    /// Also test the lower poses by the upper ones, map the expected error, and say what to measure
-    /// next: as much work again.
+    /// Also test the lower poses by the upper ones, map the expected error, and recommend the next
+    /// pose: doubles the work.
     pub closer_looks: bool,
 }
 
 impl Options {
-    /// For a robot whose winch modules, platform and lens are known: what they keep is held to what
-    /// is known of them, ten times as closely.
+    /// For a robot whose winch modules, platform and lens are known: their parameters are held to
+    /// the known values ten times as closely.
     #[must_use]
     pub fn frame_only() -> Self {
         let mut out = Self::default();
@@ -56,7 +56,7 @@ impl Options {
     }
 }
 
-/// One joint estimate, without closer looks; see [`joint`](super::joint::joint).
+/// One joint estimate, without further checks; see [`joint`](super::joint::joint).
 pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     let usable = usable(data)?;
     match attempt(data, &usable, options) {
@@ -110,7 +110,7 @@ pub(crate) fn model<'a>(usable: &'a Usable, options: &Options) -> Model<'a> {
     }
 }
 
-/// Whether tags of another size would explain data that nothing explains as they are.
+/// Whether another tag size would explain data that do not fit as they are.
 fn diagnosis(data: &Data, usable: &Usable, options: &Options) -> Option<Refusal> {
     let mut open = *options;
     open.priors.tag = 0.5;
@@ -144,7 +144,7 @@ fn wrong_size(data: &Data, scale: f64) -> Refusal {
     }
 }
 
-/// Nominal values and the poses of the pictures.
+/// Nominal values and the poses from the pictures.
 pub(crate) fn start(usable: &Usable, layout: &Layout) -> State {
     let data = &usable.data;
     State {
@@ -221,7 +221,7 @@ fn answer(
         out.holdout_encoder_m.push(found.encoder_m);
         out.holdout_covariance_m2.push(found.position_covariance_m2);
     }
-    // Without other poses, where the data were taken.
+    // Without other poses, the poses of the data.
     let tag_from_world = state.world_from_body[0].inverse();
     let mut squares: Vec<f64> = out
         .holdout_covariance_m2
@@ -306,7 +306,7 @@ fn rejected_row(usable: &Usable, minimum: &Minimum, k: usize, j: usize) -> Rejec
     row
 }
 
-/// Refuses what contradicts the model and warns of what is near to it.
+/// Refuses data that contradict the model and warns of doubtful ones.
 #[allow(clippy::too_many_arguments)]
 fn judge(
     data: &Data,
@@ -416,7 +416,7 @@ fn judge(
     Ok(())
 }
 
-/// Who contributes most to the misfit.
+/// Finds the cable, pose or tag that contributes most to the misfit.
 fn blame(model: &Model<'_>, minimum: &Minimum) -> String {
     let mut sums: Vec<(String, f64)> = Vec::new();
     let mut add = |who: String, square: f64| match sums.iter_mut().find(|(name, _)| *name == who) {
@@ -446,7 +446,7 @@ fn blame(model: &Model<'_>, minimum: &Minimum) -> String {
             "{who} contributes most ({:.0} % of it)",
             100.0 * sum / total
         ),
-        None => "nothing stands out".to_owned(),
+        None => "no single cause".to_owned(),
     }
 }
 

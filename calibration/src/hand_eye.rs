@@ -5,8 +5,8 @@ use super::pnp::nearest_rotation;
 use mcdpr_kinematics::Pose;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-/// X and Y of A X = Y B from pairs (A, B). `None` with fewer than three pairs or where they do not
-/// fix the answer.
+/// X and Y of A X = Y B from pairs (A, B). `None` with fewer than three pairs or if they do not
+/// determine the answer.
 ///
 /// Rotations: with x = (vec X, vec Y) the pairs give K x = 0; x is the right singular vector of the
 /// least singular value, of either sign and any scale. Its sign is fixed by the determinant, its
@@ -32,7 +32,7 @@ pub fn solve(pairs: &[(Pose, Pose)]) -> Option<(Pose, Pose)> {
     let svd = k.svd(false, true);
     let mut order: Vec<usize> = (0..18).collect();
     order.sort_by(|&p, &q| svd.singular_values[p].total_cmp(&svd.singular_values[q]));
-    // A second solution as good as the first: the rotations are not fixed.
+    // A second solution that fits equally well: the rotations are not determined.
     if svd.singular_values[order[1]] < 1e-6 * svd.singular_values[order[17]] {
         return None;
     }

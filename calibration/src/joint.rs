@@ -1,4 +1,4 @@
-//! The joint estimate: the solution of one weighted problem, with closer looks at it.
+//! The joint estimate: the solution of one weighted problem, with further checks.
 
 use super::answer::{Answer, Split};
 use super::assay;
@@ -9,9 +9,9 @@ use super::fit::fit;
 use super::general::slip;
 
 /// Calibrates with one weighted problem over anchors, initial lengths, camera, bodies of tags, the
-/// platform's pose at every measurement, and, with priors, everything that is never exactly known;
-/// where the platform hung at rest and tensions are given, also over those and the equations of
-/// equilibrium.
+/// platform's pose at every measurement, and, with priors, all parameters that are never exactly
+/// known. If the platform hung at rest and tensions are given, the tensions and the equations of
+/// equilibrium are included.
 ///
 /// # Errors
 /// [`Refusal`] with the reason.

@@ -8,14 +8,14 @@ use super::error::Refusal;
 use mcdpr_kinematics::{Attempt, Cable, Damping, Error, Platform, Pose, Robot, descend};
 use nalgebra::{DMatrix, Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
 
-/// How the anchors' distance from nominal enters Eq. 44.
+/// Form of the penalty on the anchors' distance from nominal in Eq. 44.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AnchorTerm {
     /// Its coordinates in mm, like the lengths: a quadratic cost.
     #[default]
     Millimetres,
-    /// Its square in m^2 beside lengths in m, as Eq. 41 is printed: a cost of fourth power, next to
-    /// nothing for errors of millimetres.
+    /// Its square in m^2 beside lengths in m, as Eq. 41 is printed: a cost of fourth power,
+    /// negligible for errors of millimetres.
     SquaredMetres,
 }
 
@@ -40,7 +40,7 @@ impl Default for Weights {
     }
 }
 
-/// Lengths and tag poses: what Eq. 44 is made of.
+/// Lengths and tag poses: the input of Eq. 44.
 #[derive(Debug, Clone)]
 pub struct Problem {
     /// Nominal cables.
@@ -76,10 +76,10 @@ const DAMPING: Damping = Damping {
 
 /// Unknowns of tag and camera.
 const SHARED: usize = 12;
-/// What a row is made of: derivatives by tag and camera, by the initial length, residual. Those by
-/// the anchor are those by the tag's place with the other sign. Two more fill vector registers.
+/// Elements of a row: derivatives by tag and camera, by the initial length, residual. Those by the
+/// anchor are those by the tag's position with the opposite sign. Two more fill vector registers.
 const ROW: usize = 16;
-/// Places of the initial length and of the residual in a row.
+/// Indices of the initial length and of the residual in a row.
 const LENGTH: usize = SHARED;
 const RESIDUAL: usize = SHARED + 1;
 
@@ -274,7 +274,7 @@ struct Part {
     cross: SMatrix<f64, 4, SHARED>,
 }
 
-/// Place of each of a cable's own unknowns in a row, and its sign there.
+/// Index of each of a cable's own unknowns in a row, and its sign there.
 const OWN: [(usize, f64); 4] = [(0, -1.0), (1, -1.0), (2, -1.0), (LENGTH, 1.0)];
 
 impl Linear {
@@ -370,7 +370,7 @@ mod tests {
     use super::*;
     use nalgebra::DVector;
 
-    /// Off the minimum in every unknown.
+    /// A state off the minimum in every unknown.
     fn case() -> (Problem, Estimate) {
         let (problem, mut estimate) = super::super::paper::tests::case();
         estimate.cables[2].anchor_m.x += 3e-3;
@@ -439,7 +439,7 @@ mod tests {
         problem.encoder_m[3][1] = None;
         let fewer = problem.linear(&estimate, &weights).unwrap().cost;
         assert!(fewer < all);
-        // One cable after another gives what all at once do.
+        // One cable after another gives the same result as all at once.
         let (five, more) = (&mut problem.clone(), &mut estimate.clone());
         five.nominal.push(five.nominal[0]);
         more.cables.push(more.cables[0]);

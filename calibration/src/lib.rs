@@ -3,22 +3,26 @@
 //!
 //! | file | what it is for |
 //! |---|---|
-//! | [`data`] | what was measured, and what is known beforehand; `read` is its file form |
-//! | [`check`] | what can be said against data before anything is solved |
-//! | [`pnp`] | where tags are in one picture |
-//! | `unknowns`, `rows` | what the joint method estimates, and what each measurement says about it |
+//! | [`data`] | measurements and prior knowledge; `read` is its file form |
+//! | [`check`] | checks of the data before anything is solved |
+//! | [`pnp`] | poses of tags from one picture |
+//! | `unknowns`, `rows` | the unknowns of the joint method, and the row of each measurement |
 //! | `normal`, `solve` | elimination of the poses; Levenberg-Marquardt; outliers |
-//! | [`dense`] | the same as a plain implementation solves it, for comparison |
-//! | `observability`, `predict` | what the data fix, and how far off the platform would be |
+//! | [`dense`] | the same in a plain implementation, for comparison |
+//! | `observability`, `predict` | which unknowns the data determine, and the expected position
+//!   error |
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
-//! | `assay` | upper poses against lower ones, the map of the expected error, what to measure next |
-//! | [`mod@paper`], `hand_eye`, `lengths` | the paper's method, for comparison; anchors from lengths where tag poses are given |
-//! | `design`, [`space`], [`views`], [`plan`] | worth of poses, where they can be, what is seen there, their choice |
-//! | [`result`] | the calibration in its file form, and the robot that it makes |
+//! | `assay` | upper poses against lower ones, the map of the expected error, the next pose to
+//!   measure |
+//! | [`mod@paper`], `hand_eye`, `lengths` | the paper's method, for comparison; anchors from
+//!   lengths if tag poses are given |
+//! | `design`, [`space`], [`views`], [`plan`] | information of poses, reachable poses, tags in
+//!   view, selection |
+//! | [`result`] | the calibration in its file form, and the calibrated robot |
 //! | [`target`] | tags to print |
-//! | [`general`] | whatever sensors there are, real scatter, several sessions |
-//! | [`slip`] | is the calibration of the running robot still true, and which cable slipped |
-//! | [`verify`] | against poses measured by other means |
+//! | [`general`] | any combination of sensors, real scatter, several sessions |
+//! | [`slip`] | checks the calibration of the running robot, and names the cable that slipped |
+//! | [`verify`] | comparison with poses measured by other means |
 //! | [`mod@simulate`], [`study`] | data of a known robot, and errors over them |
 
 pub mod answer;

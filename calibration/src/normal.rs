@@ -8,7 +8,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 /// Factor on each row of each pose: 1 counts in full, 0 is rejected.
 pub type Weights = Vec<Vec<f64>>;
 
-/// Normal equations at a state, and the residuals they were made of.
+/// Normal equations at a state, with the residuals they were built from.
 #[derive(Debug, Clone)]
 pub struct Normal {
     own: usize,
@@ -102,7 +102,7 @@ impl Normal {
             .then_some(out)
     }
 
-    /// Weighted sum of squares with the priors: what is minimised.
+    /// Weighted sum of squares with the priors: the cost.
     #[must_use]
     pub fn cost(&self) -> f64 {
         self.chi_square + self.prior_chi_square
@@ -155,8 +155,8 @@ impl Normal {
             let l = &mut factors[k * own * own..(k + 1) * own * own];
             for a in 0..own {
                 let diagonal = &mut l[a * own + a];
-                // Next to nothing (1/m^2, against 1e8 and more), for what no row fixes: a tension
-                // without sensor, a pose whose picture was rejected.
+                // A tiny diagonal (1/m^2, against 1e8 and more), for unknowns without rows: a
+                // tension without sensor, a pose whose picture was rejected.
                 *diagonal = *diagonal * (1.0 + damping) + 1.0;
             }
             factor(l, own)?;
@@ -228,7 +228,7 @@ const OWN: usize = 6;
 struct CornerSums {
     /// First unknown of the body; `None` while empty.
     body: Option<usize>,
-    /// Place of each shared unknown in the normal equations.
+    /// Index of each shared unknown in the normal equations.
     places: [usize; CORNER - 1 - OWN],
     sums: Box<[[f64; CORNER]; CORNER]>,
 }
@@ -277,7 +277,7 @@ impl CornerSums {
         }
     }
 
-    /// What the corners of one pose say about its own unknowns.
+    /// Adds the information of the corners of one pose about its own unknowns.
     fn flush_pose(&mut self, k: usize, out: &mut Normal) {
         if self.body.is_none() {
             return;
@@ -300,7 +300,7 @@ impl CornerSums {
         }
     }
 
-    /// What all corners so far say about the shared unknowns.
+    /// Adds the information of all corners so far about the shared unknowns.
     fn flush_shared(&mut self, out: &mut Normal) {
         if self.body.take().is_none() {
             return;
@@ -412,7 +412,7 @@ impl Reduced {
         Some(Scaled::new(&self.information)?.inverse())
     }
 
-    /// What [`Reduced::leverage`] needs of a covariance, once for all rows.
+    /// The parts of a covariance that [`Reduced::leverage`] needs, computed once for all rows.
     #[must_use]
     pub(crate) fn leverages(&self, covariance: &DMatrix<f64>) -> Leverages {
         let spread = covariance * &self.coupling;
@@ -426,8 +426,8 @@ impl Reduced {
         Leverages { spread, own }
     }
 
-    /// Variance of a row's prediction, in the row's variances: 1 means that the estimate follows the
-    /// measurement wholly, 0 that it does not depend on it.
+    /// Variance of a row's prediction, in the row's variances: 1 means that the estimate follows
+    /// the measurement completely, 0 that it does not depend on it.
     #[must_use]
     pub(crate) fn leverage(
         &self,

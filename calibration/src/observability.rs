@@ -1,4 +1,4 @@
-//! Which directions of the unknowns the data fix, and the others in words.
+//! Directions of the unknowns that the data determine, and a description of the others.
 
 use super::error::Refusal;
 use super::rows::Model;
@@ -9,23 +9,23 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 /// Rank of the core unknowns (anchors, initial lengths, camera, bodies) without their priors.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Observability {
-    /// Directions that the data fix.
+    /// Directions that the data determine.
     pub rank: usize,
     /// Number of core unknowns.
     pub unknowns: usize,
     /// The others in words: harmless shifts of the frame.
     pub harmless: Vec<String>,
-    /// The others in words: what would be needed.
+    /// The others in words: what measurements would be needed.
     pub harmful: Vec<String>,
 }
 
-/// Relative size below which a direction's information counts as none.
+/// Relative size below which a direction counts as undetermined.
 const NOTHING: f64 = 1e-7;
 
 /// Judges the estimate's information.
 ///
 /// # Errors
-/// [`Refusal::NotConverged`] where the information cannot be computed.
+/// [`Refusal::NotConverged`] if the information cannot be computed.
 pub(crate) fn observability(
     model: &Model<'_>,
     anchor_sigma_m: f64,
@@ -35,7 +35,7 @@ pub(crate) fn observability(
     let core = layout.core();
     let all = layout.len();
     let information = &minimum.reduced.information;
-    // Everything but the core is marginalised, with its priors.
+    // All other unknowns are marginalised, with their priors.
     let mut core_information = information.view((0, 0), (core, core)).into_owned();
     let cross = information.view((0, core), (core, all - core)).into_owned();
     let rest = information
@@ -49,7 +49,7 @@ pub(crate) fn observability(
     for i in 0..layout.initial_length(0) {
         core_information[(i, i)] -= prior;
     }
-    // 1 mm and 1 mrad are of one size here.
+    // 1 mm and 1 mrad count as equal here.
     let eigen = SymmetricEigen::new(core_information.clone() * 1e-6);
     let largest = eigen.eigenvalues.amax();
     let rank = eigen
@@ -67,7 +67,7 @@ pub(crate) fn observability(
         harmless: Vec::new(),
         harmful: Vec::new(),
     };
-    // What part of a known shift of the frame lies in the free directions.
+    // The part of a known shift of the frame that lies in the free directions.
     let within = |shift: &DVector<f64>| {
         free.iter().map(|v| v.dot(shift).powi(2)).sum::<f64>() / shift.norm_squared()
     };

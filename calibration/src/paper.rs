@@ -2,7 +2,7 @@
 //! A X = Y B (Eqs. 27-39), Levenberg-Marquardt on Eq. 44.
 //!
 //! Its weights are constants instead of the ratio of variances, so that it is biased towards the
-//! nominal anchors even without noise; and a picture counts as an exact pose.
+//! nominal anchors even without noise; and it takes a picture as an exact pose.
 
 use super::answer::{Answer, Rank};
 use super::check::{Usable, usable};
@@ -273,7 +273,7 @@ pub(super) mod tests {
     use super::super::study::errors;
     use super::*;
 
-    /// Eight poses and the truth, but for nominal anchors.
+    /// Eight poses and the truth, except for nominal anchors.
     pub(in super::super) fn case() -> (Problem, Estimate) {
         let setup = Setup {
             poses: 8,
@@ -293,7 +293,7 @@ pub(super) mod tests {
 
     #[test]
     fn pictures_that_fit_the_start_exactly_are_read_as_they_are() {
-        // One of these has two readings, and the right one turns by nothing but rounding.
+        // One of these has two readings; the right one differs only by rounding.
         let setup = Setup {
             target: Target::Tag,
             corner_px: 0.001,

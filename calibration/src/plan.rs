@@ -13,11 +13,11 @@ use nalgebra::Vector3;
 /// A choice of poses.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// The poses, those first that are worth most.
+    /// The poses, most valuable first.
     pub chosen: Vec<Candidate>,
     /// Expected root mean square position error after each of them, m.
     pub expected_error_m: Vec<f64>,
-    /// What would be worth most after them, for poses that turn out not to be reached or to see no
+    /// The next most valuable ones, to replace poses that turn out to be unreachable or to show no
     /// tag.
     pub spare: Vec<Candidate>,
 }
@@ -30,7 +30,7 @@ pub fn candidates(data: &Data, space: &Space, count: usize, seed: u64) -> Option
     let robot = nominal(data)?;
     let mut dice = Dice::new(seed);
     let mut out = Vec::with_capacity(count);
-    // Where no tag is ever in view, the search must end.
+    // If no tag is ever in view, the search must end.
     for _ in 0..count * 200 {
         if out.len() == count {
             break;
@@ -42,8 +42,7 @@ pub fn candidates(data: &Data, space: &Space, count: usize, seed: u64) -> Option
     Some(out)
 }
 
-/// Where the robot will work: poses of the nominal robot within `space` at random, tags in view or
-/// not.
+/// Working poses: random poses of the nominal robot within `space`, with or without tags in view.
 ///
 /// `None` unless the robot has four cables.
 #[must_use]

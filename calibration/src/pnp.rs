@@ -1,6 +1,6 @@
-//! Where a body of tags is in the camera's frame, from its corners in one picture: a homography of
-//! the largest tag as a start (and its mirror image, the second minimum of a small planar target;
-//! Schweighofer and Pinz, 2006), then Gauss-Newton over all corners.
+//! The pose of a body of tags in the camera's frame, from its corners in one picture: a homography
+//! of the largest tag as a start (and its mirror image, the second minimum of a small planar
+//! target; Schweighofer and Pinz, 2006), then Gauss-Newton over all corners.
 
 use super::data::{Data, Observation, View};
 use mcdpr_kinematics::{Attempt, Damping, Pose, descend};
@@ -25,8 +25,8 @@ pub struct Square {
     pub corners_px: [[f64; 2]; 4],
 }
 
-/// The candidates (one or two, best first) for a body's pose in one picture. Empty where the body
-/// is not seen or the corners make no sense.
+/// The candidates (one or two, best first) for a body's pose in one picture. Empty if the body is
+/// not in view or the corners are invalid.
 #[must_use]
 pub(crate) fn sightings(data: &Data, pose: &Observation, body: usize) -> Vec<Sighting> {
     let on_body = |view: &&View| data.tags.get(view.tag).is_some_and(|tag| tag.body == body);
@@ -40,7 +40,7 @@ pub(crate) fn sightings(data: &Data, pose: &Observation, body: usize) -> Vec<Sig
 }
 
 /// The candidates (one or two, best first) for the pose of the body that carries these tags. Empty
-/// without tags, or where the corners make no sense.
+/// without tags, or if the corners are invalid.
 #[must_use]
 pub fn sightings_of(camera: &Camera, squares: &[Square]) -> Vec<Sighting> {
     let largest = squares.iter().max_by(|a, b| area(a).total_cmp(&area(b)));
@@ -103,8 +103,8 @@ fn from_square(camera: &Camera, square: &Square) -> Option<Pose> {
     Some(Pose::new(at - rotation * center, rotation))
 }
 
-/// Angle between two rotations, rad. By sine and cosine: the arc cosine of the trace alone is not a
-/// number where rounding lifts that over 1.
+/// Angle between two rotations, rad. Computed from sine and cosine: the arc cosine of the trace is
+/// NaN if rounding lifts it over 1.
 #[must_use]
 pub fn angle(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
     let turn = a.matrix().tr_mul(b.matrix());

@@ -1,5 +1,5 @@
-//! What a calibration predicts: cable lengths at platform poses given in the tags' frame, which do not
-//! depend on where the world frame happens to be, and how far off the platform would be.
+//! Predictions of a calibration: cable lengths at platform poses given in the tags' frame, which do
+//! not depend on the choice of the world frame, and the expected position error.
 
 use super::rows::singles;
 use super::unknowns::{Layout, State};
@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Vector3};
 /// Prediction at one pose.
 #[derive(Debug, Clone)]
 pub struct Prediction {
-    /// Change of each cable's length from its initial length as its encoder would read it, m.
+    /// Change of each cable's length from its initial length as its encoder would report it, m.
     pub encoder_m: Vec<f64>,
     /// Covariance of the platform's position (world axes) when those lengths are commanded, m^2.
     pub position_covariance_m2: Matrix3<f64>,
@@ -67,7 +67,7 @@ pub fn predict(
         }
     }
     let slopes = motion_from_lengths(&motion).rows(0, 3) * &by;
-    // In this order: tall columns are what vectorises.
+    // Multiplied in this order because tall columns vectorise.
     let cov = &slopes * (covariance * slopes.transpose());
     Ok(Prediction {
         encoder_m,
@@ -76,8 +76,9 @@ pub fn predict(
     })
 }
 
-/// How far the platform is off (m, world axes, and yaw, rad) when lengths are commanded that are wrong
-/// by `error_m`: x, y, z and yaw move, roll and pitch stay (reading of the paper, section 3, (ii)).
+/// Displacement of the platform (m, world axes, and yaw, rad) when the commanded lengths are wrong
+/// by `error_m`: x, y, z and yaw change, roll and pitch stay (reading of the paper, section 3,
+/// (ii)).
 ///
 /// # Errors
 /// Domain errors of the geometry.
@@ -99,8 +100,8 @@ pub(crate) fn displacement(
     Ok((Vector3::new(moved[0], moved[1], moved[2]), moved[3]))
 }
 
-/// 4 x n: motion of x, y, z and yaw per change of lengths (least squares). With three cables, or
-/// where the yaw is not fixed by them, it stays.
+/// 4 x n: motion of x, y, z and yaw per change of lengths (least squares). With three cables, or if
+/// they do not determine the yaw, it stays.
 fn motion_from_lengths(motion: &DMatrix<f64>) -> DMatrix<f64> {
     // A lever of 0.1 m makes yaw and position comparable.
     let lever = 0.1;

@@ -1,4 +1,4 @@
-//! Reads calibration data, and says where in the document something is wrong.
+//! Reads calibration data, and reports errors with their path in the document.
 
 use super::data::Limits;
 use super::data::{Data, Noise, NominalRobot, Observation, Origin, SCHEMA, Tag, View};
@@ -102,8 +102,8 @@ impl Data {
     }
 }
 
-/// The document. Other programs write NaN and Infinity, which JSON does not know: read as words,
-/// they can be named by their place.
+/// The document. Other programs write NaN and Infinity, which JSON does not allow: they are read as
+/// words, so that their place can be reported.
 pub(super) fn parsed(text: &str) -> Read<Value> {
     serde_json::from_str(text).or_else(|error| {
         serde_json::from_str(&quoted(text)).map_err(|_| Refusal::NotJson(error.to_string()))
@@ -465,7 +465,7 @@ impl<'a> Node<'a> {
         let square = (m * m.transpose() - Matrix3::identity()).norm();
         if square > 1e-3 || m.determinant() < 0.0 || rows[3] != [0.0, 0.0, 0.0, 1.0] {
             return Err(self.wrong(
-                "is no rigid transformation: its upper left 3x3 must be a rotation, its last row \
+                "is not a rigid transformation: its upper left 3x3 must be a rotation, its last row \
                  0, 0, 0, 1",
             ));
         }
@@ -497,7 +497,7 @@ fn quoted(text: &str) -> String {
         if c == '"' {
             inside = !inside;
         } else if c == '\\' && inside {
-            // Whatever is escaped does not end the string.
+            // An escaped character does not end the string.
             length += rest[1..].chars().next().map_or(0, char::len_utf8);
         }
         out.push_str(&rest[..length]);

@@ -1,4 +1,4 @@
-//! A calibration in its file form, and the robot that it makes.
+//! A calibration in its file form, and the calibrated robot.
 //!
 //! It holds the answer with its covariance, the date, the hash of the data, and the hash of the
 //! description that it belongs to; the nominal values stay in the robot file.
@@ -36,7 +36,7 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer, date: &str) -> Valu
     });
     let bodies: Vec<u32> = (0..data.world_from_body.len())
         .map(|index| {
-            // Numbered as in the robot file where the tags are its own.
+            // Numbered as in the robot file if the tags are those of the file.
             let mut tags = data.tags.iter().filter(|tag| tag.body == index);
             let found = tags.find_map(|tag| robot.tags.iter().find(|known| known.id == tag.id));
             found.map_or(u32::try_from(index).unwrap_or(0), |tag| tag.body)
@@ -65,10 +65,10 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer, date: &str) -> Valu
     })
 }
 
-/// The robot with a calibration that was just made ([`document`]) applied.
+/// The robot with a new calibration ([`document`]) applied.
 ///
 /// # Errors
-/// Which value of it cannot be used.
+/// The value that cannot be used.
 pub fn applied(robot: &Robot, document: &Value) -> Result<Robot, String> {
     overlay(robot, document, Path::new(""))
 }
@@ -76,7 +76,7 @@ pub fn applied(robot: &Robot, document: &Value) -> Result<Robot, String> {
 /// The robot with the text of a calibration file applied; `path` names it in the robot.
 ///
 /// # Errors
-/// What is wrong with it: it is of another format, or of another description, or no JSON at all.
+/// What is wrong: another format, another description, or invalid JSON.
 pub fn apply_text(robot: &Robot, text: &str, path: &Path) -> Result<Robot, String> {
     let value: Value = serde_json::from_str(text).map_err(|error| format!("no JSON: {error}"))?;
     if value["schema"] != SCHEMA {
@@ -198,19 +198,19 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
     Ok(robot)
 }
 
-/// Times that place and tensions at home are found from each other.
+/// Iterations between position and tensions at home.
 const HOME_PASSES: usize = 4;
 
-/// Where the tool truly hangs at the lengths at which the encoders were zeroed.
+/// True position of the tool at the lengths at which the encoders were zeroed.
 fn home_of(robot: &Robot, home_m: &[f64]) -> Result<Vector3<f64>, PlanError> {
     let model = Model::new(robot)?;
-    // The tensions follow from the place, by the rule that set-points follow there, and the place
-    // from the lengths under these tensions: each pass leaves a hundredth of the error.
+    // The tensions follow from the position by the rule for set-points, and the position from the
+    // lengths under these tensions: each pass reduces the error to a hundredth.
     let mut place = robot.tool.home_in_world_m;
     for _ in 0..HOME_PASSES {
         let tensions = match model.rest(&place, None) {
             Ok(rest) => rest.tensions_n().to_vec(),
-            // The place that the description says may be none to hang at.
+            // The robot may be unable to hang at the position in the description.
             Err(_) => vec![robot.tension.setpoint_n; home_m.len()],
         };
         place = model.tool_m(&model.rest_from_lengths(home_m, &tensions)?);
@@ -275,7 +275,7 @@ fn transform(value: &Value, name: &str) -> Result<Pose, String> {
     }
     let rotation = Matrix3::from_fn(|i, j| numbers_of[i][j]);
     if (rotation * rotation.transpose() - Matrix3::identity()).norm() > 1e-6 {
-        return Err(format!("{name} is no rigid transformation"));
+        return Err(format!("{name} is not a rigid transformation"));
     }
     Ok(Pose::new(
         Vector3::from_fn(|i, _| numbers_of[i][3]) * 1e-3,

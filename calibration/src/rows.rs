@@ -1,4 +1,4 @@
-//! The rows of the joint estimate: what each measurement says about the unknowns.
+//! The rows of the joint estimate: each measurement as a function of the unknowns.
 //!
 //! Every row is whitened (divided by its standard deviation). Displacements of poses are those of
 //! [`Pose::displaced`]. With t, u the direction and arm of a cable, H the Hessian of its length:
@@ -10,7 +10,7 @@ use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
 use nalgebra::{Matrix3, Vector3};
 
-/// What a row comes from.
+/// Source of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// A cable's encoder (index of the cable).
@@ -26,7 +26,7 @@ pub enum Source {
 /// One whitened row: residual = prediction minus measurement.
 #[derive(Debug)]
 pub struct Row<'a> {
-    /// Where it comes from.
+    /// Its source.
     pub source: Source,
     /// Residual in standard deviations.
     pub residual: f64,
@@ -39,11 +39,11 @@ pub struct Row<'a> {
 /// Standard deviations of the rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scatter {
-    /// Force balance, N: how exactly the platform is at rest.
+    /// Force balance, N: the disturbance of the platform at rest.
     pub force_n: f64,
     /// Moment balance, N m.
     pub moment_nm: f64,
-    /// Part of a tension that its sensor's place (behind the pulley) makes uncertain.
+    /// Relative uncertainty of a tension due to the sensor's position behind the pulley.
     pub tension_relative: f64,
 }
 
@@ -57,14 +57,14 @@ impl Default for Scatter {
     }
 }
 
-/// Everything that rows need besides the state.
+/// All inputs of the rows besides the state.
 #[derive(Debug, Clone, Copy)]
 pub struct Model<'a> {
     /// The measurements.
     pub data: &'a Data,
     /// Order of the unknowns.
     pub layout: Layout,
-    /// Scatter of the rows that no sensor states.
+    /// Scatter of the rows for which no sensor noise is stated.
     pub scatter: Scatter,
 }
 
@@ -142,7 +142,7 @@ impl Model<'_> {
                 (Some(t), true) => t[i],
                 _ => 0.0,
             };
-            // The encoder sees what is paid out, without the stretch.
+            // The encoder measures the paid-out length, without the stretch.
             let taut = 1.0 - state.compliance_per_n * tension;
             own.fill(0.0);
             put(&mut own, 0, &(path.t * (taut * weight)));
@@ -165,7 +165,7 @@ impl Model<'_> {
                 let stretching = path.length_m + state.routing_m[i];
                 shared.push((self.layout.statics(), -stretching * tension * weight));
             }
-            // What is off the drum, less the routing's nominal length: (L + r)(1 - c T) - r.
+            // The length off the drum, less the routing's nominal length: (L + r)(1 - c T) - r.
             let stretch = state.compliance_per_n * tension * state.routing_m[i];
             let predicted = path.length_m * taut - stretch - state.initial_length_m[i];
             take(&Row {
@@ -217,7 +217,7 @@ impl Model<'_> {
         let arm = r * state.center_of_mass_m;
         let load = down * state.mass_kg;
         let mut residual = [load, arm.cross(&load)];
-        // Per block (force, moment): the derivatives by what is shared, six rows at a time.
+        // Per block (force, moment): the derivatives by the shared unknowns, six rows at a time.
         let mut own = [[[0.0; 3]; 6 + mcdpr_kinematics::MAX_CABLES]; 2];
         let mut shared: Vec<(usize, [Vector3<f64>; 2])> = Vec::with_capacity(64);
         // d(arm x load) = -load x d(arm), d(arm) = phi x arm + R dc.
@@ -241,7 +241,8 @@ impl Model<'_> {
             let (cross_t, cross_u) = (t.cross_matrix(), u.cross_matrix());
             let force_by_place = path.turn * -tension;
             let moment_by_place = cross_u * force_by_place;
-            // An arm that changes by du (the attachment moves along) adds T [t]x du to the moment.
+            // If the arm changes by du (the attachment moves along), T [t]x du is added to the
+            // moment.
             let moment_by_arm = cross_t * tension + moment_by_place;
             add_own(&mut own, 0, 0, &force_by_place);
             add_own(&mut own, 0, 3, &(force_by_place * -cross_u));

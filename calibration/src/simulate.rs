@@ -1,8 +1,8 @@
-//! Calibration data of a robot that is known, to test the estimators with: equilibrium poses of the
-//! paper's robot, its anchors off nominal, a camera on the platform and tags on the floor.
+//! Calibration data of a known robot, to test the estimators: equilibrium poses of the paper's
+//! robot, with errors of its anchors, a camera on the platform and tags on the floor.
 //!
-//! Geometry and statics are those of the kinematics crate, on which the estimators rest as well:
-//! this tests the estimation, not the model.
+//! Geometry and statics are those of the kinematics crate, which the estimators use too: this tests
+//! the estimation, not the model.
 
 use super::data::{Data, Noise, NominalRobot, Observation, Tag, View};
 use super::fit::Options;
@@ -26,7 +26,7 @@ pub enum Target {
     Loose,
 }
 
-/// A true effect that the data contain although nothing says so.
+/// A true effect in the data that their description does not mention.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Silent {
     /// The tags are larger than stated by this part.
@@ -56,14 +56,16 @@ pub struct Setup {
     pub anchor_m: f64,
     /// Noise of each encoder length, m.
     pub encoder_m: f64,
-    /// Poses as the paper's simulation has them: any position and attitude, held by nothing.
+    /// Poses as in the paper's simulation: any position and attitude, without regard to
+    /// equilibrium.
     pub free_poses: bool,
     /// Choose the poses out of this many reachable ones (I-optimal); 0 takes them at random.
     pub chosen_from: usize,
-    /// Draw what the estimators hold by priors from these priors (pulley radii, attachments, drums,
-    /// lens, tag size, mass, centre of mass), rather than leave it as stated.
+    /// Draw the parameters that the estimators hold by priors from these priors (pulley radii,
+    /// attachments, drums, lens, tag size, mass, centre of mass), instead of leaving them as
+    /// stated.
     pub drawn: bool,
-    /// Effects that the data do not tell.
+    /// Effects that the data's description does not mention.
     pub silent: Silent,
     /// Seed of everything random.
     pub seed: u64,
@@ -86,7 +88,7 @@ impl Default for Setup {
     }
 }
 
-/// The robot that the data come from.
+/// The robot behind the data.
 #[derive(Debug, Clone)]
 pub struct Truth {
     /// The true cables.
@@ -198,7 +200,7 @@ const PAPER_SPACE: Space = Space {
 };
 
 impl Truth {
-    /// Has the methods judged at these poses (world_from_platform) in place of random ones.
+    /// Evaluates the methods at these poses (world_from_platform) instead of random ones.
     pub fn judge_at(&mut self, data: &mut Data, poses: &[Pose]) {
         let Some(body) = self.world_from_body.first() else {
             return;
@@ -219,7 +221,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     let off: Vec<_> = (0..4).map(|_| dice.point(half)).collect();
     let mut made = nominal.clone();
     let mut silent = setup.silent;
-    // Dice of their own: the rest of the data stays what it is without.
+    // A separate random generator: the rest of the data does not change.
     let mut own = Dice::new(setup.seed ^ 0x6472_6177);
     let priors = Priors::default();
     if setup.drawn {
@@ -281,7 +283,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         tension_n: Some(0.1),
     };
     let tag_scale = 1.0 + silent.tag;
-    // The paper's simulation has the tag in view wherever the camera is.
+    // The paper's simulation has the tag in view at every pose of the camera.
     let margin_px = if setup.free_poses {
         f64::NEG_INFINITY
     } else {
@@ -304,7 +306,8 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         holdout: Vec::new(),
         origin: None,
     };
-    // Poses chosen for the nominal robot, driven to with the true one: it hangs a little elsewhere.
+    // Poses chosen for the nominal robot, driven to with the true one: it hangs slightly
+    // differently.
     let mut planned = Vec::new();
     if setup.chosen_from > 0 {
         let space = &PAPER_SPACE;

@@ -1,4 +1,4 @@
-//! Levenberg-Marquardt on the joint problem, and rows that do not fit left out.
+//! Levenberg-Marquardt on the joint problem, with rejection of rows that do not fit.
 
 use super::data::Data;
 use super::error::Refusal;
@@ -28,9 +28,9 @@ pub struct Minimum {
     pub weights: Weights,
     /// Leverage of each row.
     pub leverage: Weights,
-    /// What each row comes from.
+    /// Source of each row.
     pub sources: Vec<Vec<Source>>,
-    /// Relative scatter of the tensions that was found beyond the sensor's.
+    /// Relative scatter of the tensions beyond the sensor's.
     pub tension_relative: f64,
     /// Steps taken.
     pub iterations: usize,
@@ -65,7 +65,7 @@ fn descend(
             return Some(Attempt::Worse);
         };
         if damping < 1e-4 && expected < little {
-            // A three hundredth of a standard deviation: not worth another look.
+            // A three hundredth of a standard deviation: another step is not worthwhile.
             return Some(Attempt::Enough);
         }
         let trial = state.stepped(model.data, &model.layout, shared.as_slice(), own.as_slice());
@@ -110,7 +110,7 @@ pub(super) fn initial_lengths(data: &Data, state: &mut State) -> Result<(), Refu
     Ok(())
 }
 
-/// What a minimum's rows say one by one.
+/// Leverage and residual of each row at a minimum.
 struct Rows {
     leverage: Weights,
     sources: Vec<Vec<Source>>,
@@ -143,7 +143,7 @@ fn examine(
     Some(out)
 }
 
-/// What each row comes from.
+/// Source of each row.
 fn sources_of(model: &Model<'_>, state: &State) -> Option<Vec<Vec<Source>>> {
     let cables = singles(state).ok()?;
     let mut out = Vec::with_capacity(state.poses.len());
@@ -162,7 +162,7 @@ fn studentised(residual: f64, leverage: f64) -> f64 {
     residual / (1.0 - leverage).max(0.05).sqrt()
 }
 
-/// Robust ratio of the tensions' scatter to what is assumed (from the median of the squares).
+/// Robust ratio of the tensions' scatter to the assumed one (from the median of the squares).
 fn tension_ratio(normal: &Normal, rows: &Rows, weights: &Weights) -> Option<(f64, usize)> {
     let mut squares = Vec::new();
     for (k, sources) in rows.sources.iter().enumerate() {
@@ -205,7 +205,7 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
     if worst(&descent.linear) > REJECT {
         let sources = sources_of(&model, &descent.at)
             .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
-        // Outliers bend the fit: weigh them down from a wide loss to a narrow one.
+        // Outliers bias the fit: reduce their weight in steps, from a wide loss to a narrow one.
         let mut scale = spread(&descent.linear) * 4.0;
         for _ in 0..14 {
             scale = (scale * 0.5).min(spread(&descent.linear) * 4.0).max(ROBUST);
@@ -260,7 +260,7 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
                 );
                 let fits = matches!(rows.sources[k][j], Source::Balance(_)) || off < REJECT;
                 let next = if fits { 1.0 } else { 0.0 };
-                // After some rounds a row on the border stays out: it must not oscillate.
+                // After some rounds a row at the limit stays rejected: it must not oscillate.
                 if *weight != next && !(round > 4 && next == 1.0) {
                     *weight = next;
                     settled = false;

@@ -1,12 +1,12 @@
-//! Where the robot of some data can be asked to hang: the space that planned poses, the map of the
-//! expected error and the recommended next pose are taken from.
+//! The space in which the robot of some data can hang: planned poses, the map of the expected error
+//! and the recommended next pose are taken from it.
 
 use super::data::{Data, Limits};
 use mcdpr_core::random::Dice;
 use mcdpr_kinematics::{EquilibriumGuess, GRAVITY_MPS2, Pose, Robot, StaticOptions};
 use nalgebra::Vector3;
 
-/// Resting places of a robot of four cables, one of them held by its tension.
+/// Resting poses of a robot of four cables, one of them held by its tension.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Space {
     /// Middle of the box of the platform's origin, world, m.
@@ -32,21 +32,21 @@ pub(crate) struct Hanging {
     pub held: usize,
 }
 
-/// Share of the anchors' width left free at either side where nothing is known of the robot's box,
-/// and of the height between the tags and the lowest anchor.
+/// Share of the anchors' width left free at either side if the robot's box is not known, and of the
+/// height between the tags and the lowest anchor.
 const SIDE: f64 = 0.15;
-/// The same below the lowest anchor: cables run ever flatter there.
+/// The same below the lowest anchor: near it cables become flat.
 const TOP: f64 = 0.1;
-/// Tensions and the held tension as shares of the platform's weight where no limits are known. The
+/// Tensions and the held tension as shares of the platform's weight if no limits are known. The
 /// paper's robot has 0.05 to 4 with a platform of 1 kg and sensors of 39 N.
 const TENSIONS: [f64; 2] = [0.05, 4.0];
 const HELD: [f64; 2] = [0.05, 3.0];
-/// Greatest tilt where no limit is known, rad.
+/// Greatest tilt if no limit is known, rad.
 const TILT_RAD: f64 = 25.0 * std::f64::consts::PI / 180.0;
 
 impl Space {
-    /// The space of the data's robot: by the limits that the data carry; for data without, what lies
-    /// between the anchors and above the tags, with tensions in proportion to the weight.
+    /// The space of the data's robot: from the limits in the data; without them, the region between
+    /// the anchors and above the tags, with tensions in proportion to the weight.
     #[must_use]
     pub fn of(data: &Data) -> Self {
         match &data.robot.limits {
@@ -98,7 +98,7 @@ impl Space {
         [self.middle_m - self.half_m, self.middle_m + self.half_m]
     }
 
-    /// A random resting place; `None` where the place and tension that were drawn give none.
+    /// A random resting pose; `None` if the drawn position and tension have none.
     pub(crate) fn random(&self, robot: &Robot<4>, dice: &mut Dice) -> Option<Hanging> {
         let at = Vector3::new(
             self.middle_m.x + dice.within(self.half_m.x),
@@ -112,7 +112,8 @@ impl Space {
         self.hang(robot, &at, held, held_n)
     }
 
-    /// The resting place nearest to a place and a tension of the held cable that lies in this space.
+    /// The resting pose nearest to a position and a tension of the held cable that lies in this
+    /// space.
     pub(crate) fn nearest(
         &self,
         robot: &Robot<4>,
@@ -126,8 +127,8 @@ impl Space {
         self.hang(robot, &at_m, held, held_n.clamp(least_n, most_n))
     }
 
-    /// How the robot hangs with the platform's origin at a place and one cable's tension held; `None`
-    /// where it does not, is not stable, or a tension or the tilt is out of range.
+    /// How the robot hangs with the platform's origin at a position and one cable's tension held;
+    /// `None` if it cannot, is not stable, or a tension or the tilt is out of range.
     pub(crate) fn hang(
         &self,
         robot: &Robot<4>,
@@ -205,7 +206,7 @@ mod tests {
             }
             all
         });
-        // The same poses, twice as far apart, with tensions as the weights are.
+        // The same poses, twice as far apart, with tensions in proportion to the weights.
         for (small, large) in plans[0].iter().zip(&plans[1]) {
             let off = large.pose.position_m - small.pose.position_m * 2.0;
             assert!(off.norm() < 1e-9, "{off}");
@@ -213,7 +214,7 @@ mod tests {
                 assert!((b - 8.0 * a).abs() < 1e-6, "{a} {b}");
             }
         }
-        // What the paper's robot cannot reach.
+        // Poses that the paper's robot cannot reach.
         let beyond = |c: &super::super::plan::Candidate| c.pose.position_m.z < -0.724;
         assert!(plans[1].iter().any(beyond));
     }

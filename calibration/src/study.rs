@@ -1,4 +1,4 @@
-//! How accurate the estimators are: errors that do not depend on the frame, over simulated data.
+//! Accuracy of the estimators: errors that do not depend on the frame, over simulated data.
 
 use super::answer::Answer;
 use super::data::Data;
@@ -71,8 +71,8 @@ pub fn errors(truth: &Truth, predicted_m: &[Vec<f64>], answer: Option<&Answer>) 
     })
 }
 
-/// Predicted readings of the robot as it was meant to be: what no calibration at all amounts to. The
-/// initial lengths are taken from the first pose's picture.
+/// Predicted readings of the robot as designed, without calibration. The initial lengths are taken
+/// from the first pose's picture.
 #[must_use]
 pub fn uncalibrated(data: &Data) -> Option<Vec<Vec<f64>>> {
     let usable = super::check::usable(data).ok()?;
@@ -111,7 +111,7 @@ pub struct Trial {
     pub predicted_m: f64,
     /// Number of measurements that it rejected.
     pub rejected: usize,
-    /// Errors of the paper's method, where it found an answer.
+    /// Errors of the paper's method, if it found an answer.
     pub paper: Option<Errors>,
     /// Errors without calibration.
     pub none: Option<Errors>,
@@ -137,7 +137,7 @@ pub fn trial(setup: &Setup, options: &Options) -> Result<Trial, String> {
     })
 }
 
-/// The middle of some numbers.
+/// The median of some numbers.
 #[must_use]
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Targets to print: the tags, where they are on the sheet, and the drawing at true scale.
+//! Targets to print: the tags, their positions on the sheet, and the drawing at true scale.
 //!
 //! Tag family 36h11 (Olson, 2011); the code words are those of the detector.
 
@@ -15,7 +15,7 @@ const MARGIN_MM: f64 = 15.0;
 /// Height of the ruler's strip, mm.
 const RULER_MM: f64 = 25.0;
 
-/// Tags of a standard target as the robot file would list them.
+/// Tags of a standard target as in the robot file.
 #[must_use]
 pub fn tags(target: Target) -> Vec<Tag> {
     let (tags, _) = tags_of(target);
@@ -54,8 +54,8 @@ pub fn tables(tags: &[Tag]) -> String {
 /// Why a sheet cannot be drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
 pub enum TargetError {
-    /// There is nothing on it.
-    #[error("there is no tag of body {body} to draw")]
+    /// The sheet is empty.
+    #[error("body {body} has no tag to draw")]
     #[diagnostic(
         code(mcdpr_calibration::target),
         help("the robot file's [[tag]] tables list bodies")
@@ -64,7 +64,7 @@ pub enum TargetError {
         /// The body asked for.
         body: u32,
     },
-    /// The tag is of no known family or number.
+    /// The tag's family or number is not known.
     #[error("tag {id} of family {family} cannot be drawn")]
     #[diagnostic(
         code(mcdpr_calibration::target),
@@ -89,7 +89,7 @@ pub enum TargetError {
 }
 
 /// A sheet with the tags of one body as SVG: millimetres are millimetres, y points down as in the
-/// tags' frame. A ruler of 100 mm tells whether the printer kept the scale.
+/// tags' frame. A ruler of 100 mm shows whether the printer kept the scale.
 ///
 /// # Errors
 /// [`TargetError`].
@@ -166,7 +166,7 @@ fn draw(tag: &Tag, origin: [f64; 2], out: &mut String) -> Result<(), TargetError
     Ok(())
 }
 
-/// 100 mm with a mark every 10, and what to compare.
+/// 100 mm with a mark every 10, and a note on what to compare.
 fn ruler(x: f64, y: f64, tags: &[&Tag], out: &mut String) {
     let mut line = |x1: f64, y1: f64, x2: f64, y2: f64| {
         let _ = writeln!(

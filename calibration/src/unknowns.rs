@@ -5,7 +5,7 @@ use mcdpr_kinematics::{Cable, Pose};
 use mcdpr_vision::Camera;
 use nalgebra::Vector3;
 
-/// Where each unknown sits. Core unknowns come first: anchors, initial lengths, camera, bodies.
+/// Index of each unknown. Core unknowns come first: anchors, initial lengths, camera, bodies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
     /// Number of cables.
@@ -115,7 +115,7 @@ pub struct State {
     pub mass_kg: f64,
     /// Centre of mass, platform frame, m.
     pub center_of_mass_m: Vector3<f64>,
-    /// Part of each winch's tension that does not reach the platform.
+    /// Share of each winch's tension that does not reach the platform.
     pub loss: Vec<f64>,
     /// world_from_platform of each pose.
     pub poses: Vec<Pose>,
@@ -123,7 +123,7 @@ pub struct State {
     pub tensions_n: Vec<Vec<f64>>,
 }
 
-/// How well things are known beforehand: standard deviations about nominal.
+/// Priors: standard deviations about nominal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Priors {
     /// Pulley radius, m.
@@ -140,9 +140,9 @@ pub struct Priors {
     pub k1: f64,
     /// Tag size, relative.
     pub tag: f64,
-    /// 1/EA about what is specified, relative.
+    /// 1/EA about the specified value, relative.
     pub compliance: f64,
-    /// 1/EA about zero where nothing is specified, 1/N.
+    /// 1/EA about zero if not specified, 1/N.
     pub compliance_per_n: f64,
     /// Mass, relative.
     pub mass: f64,
@@ -171,7 +171,7 @@ impl Default for Priors {
     }
 }
 
-/// One prior: where the unknown sits, how far it is from nominal, and its standard deviation.
+/// One prior: index of the unknown, its difference from nominal, and its standard deviation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Prior {
     /// Index into the shared unknowns.
@@ -260,7 +260,7 @@ impl State {
         for (i, cable) in out.cables.iter_mut().enumerate() {
             cable.anchor_m += three(shared, layout.anchor(i));
             cable.attachment_m += three(shared, layout.attachment(i));
-            // Not below a point anchor.
+            // The radius of a point anchor is the minimum.
             cable.pulley_radius_m = (cable.pulley_radius_m + shared[layout.radius(i)]).max(0.0);
             out.initial_length_m[i] += shared[layout.initial_length(i)];
         }

@@ -1,5 +1,5 @@
-//! A calibration against poses measured by other means, such as an external camera (the paper's
-//! Table 6): where the lengths say the platform was, and where it was seen.
+//! Compares a calibration with poses measured by other means, such as an external camera (the
+//! paper's Table 6): the position from the lengths, and the observed one.
 
 use mcdpr_core::motion::{Model, PlanError};
 use mcdpr_core::robot::{Control, Robot};
@@ -13,9 +13,9 @@ pub struct Row {
     pub line: usize,
     /// Change of each cable's length since home, as the encoders read it, m.
     pub encoder_m: Vec<f64>,
-    /// Tension of the tension-held cable, N; the robot's set-point where not given.
+    /// Tension of the tension-held cable, N; the robot's set-point if not given.
     pub tension_n: Option<f64>,
-    /// The platform's origin as seen, in the frame of whatever saw it, m.
+    /// The observed origin of the platform, in the frame of the other instrument, m.
     pub seen_m: Vector3<f64>,
 }
 
@@ -34,23 +34,23 @@ pub enum VerifyError {
         /// Its name.
         column: String,
     },
-    /// A cell is no finite number.
-    #[error("line {line}, column {column}: \"{text}\" is no finite number")]
+    /// A cell is not a finite number.
+    #[error("line {line}, column {column}: \"{text}\" is not a finite number")]
     Cell {
         /// Line of the file, from 1.
         line: usize,
         /// The column.
         column: String,
-        /// What is there.
+        /// Its content.
         text: String,
     },
-    /// Too few poses to find where the other instrument's frame is.
+    /// Too few poses to determine the other instrument's frame.
     #[error("{got} poses are given, at least 4 are needed to find the other instrument's frame")]
     Few {
         /// How many.
         got: usize,
     },
-    /// The lengths belong to no pose.
+    /// The lengths do not belong to any pose.
     #[error("line {line}: the lengths fit no resting pose: {what}")]
     Pose {
         /// Line of the file, from 1.
@@ -58,7 +58,7 @@ pub enum VerifyError {
         /// Why.
         what: String,
     },
-    /// The poses lie so that a frame cannot be fitted.
+    /// The poses do not determine a frame.
     #[error("the poses lie in one place or on one line, so that no frame can be fitted to them")]
     Degenerate,
 }
@@ -114,8 +114,8 @@ pub fn rows(text: &str, cables: usize) -> Result<Vec<Row>, VerifyError> {
     Ok(out)
 }
 
-/// Distances between where the lengths say the platform was and where it was seen, after the best
-/// rigid motion between both frames, m, one a row.
+/// Distances between the position from the lengths and the observed one, after the best rigid
+/// motion between both frames, m, one per row.
 ///
 /// # Errors
 /// [`VerifyError`].
@@ -203,7 +203,7 @@ mod tests {
     use super::*;
     use nalgebra::Rotation3;
 
-    /// Poses of a robot, seen in a frame that is turned and shifted.
+    /// Poses of a robot, observed in a frame that is turned and shifted.
     fn table(robot: &Robot) -> String {
         let model = Model::new(robot).unwrap();
         let home = model.rest_at_home().unwrap();

@@ -1,16 +1,17 @@
-//! Which tags the camera sees wholly at a pose of the platform.
+//! The tags that the camera sees completely at a pose of the platform.
 
 use super::data::{Tag, View};
 use mcdpr_kinematics::Pose;
 use mcdpr_vision::Camera;
 
-/// Margin that a tag keeps from the picture's edge where poses are planned, px.
+/// Margin that a tag keeps from the picture's edge when poses are planned, px.
 pub const MARGIN_PX: f64 = 40.0;
-/// The same where a picture is looked at: a detector needs some paper around the tag. The rest of
-/// the planned margin is what the robot hangs elsewhere than planned.
+/// The same for a real picture: a detector needs some paper around the tag. The rest of the planned
+/// margin allows for the deviation of the real pose from the planned one.
 pub const SEEN_PX: f64 = 10.0;
 
-/// The tags wholly in the picture at a platform pose, 40 px from its edge, with their corners.
+/// The tags that are completely in the picture at a platform pose, 40 px from its edge, with their
+/// corners.
 #[must_use]
 pub fn views_at(
     camera: &Camera,

@@ -2,7 +2,7 @@
 
 use mcdpr_protocol::{FaultId, FaultRecord, KeyMeaning, Reject, Request};
 
-/// What a latched fault says: id, cable, numbers.
+/// The data of a latched fault: id, cable, numbers.
 #[must_use]
 pub fn describe_fault(record: &FaultRecord) -> String {
     let cable = match record.cable {
@@ -11,15 +11,15 @@ pub fn describe_fault(record: &FaultRecord) -> String {
     };
     let id = record.fault;
     let numbers = match id {
-        // Without a limit, arming found it: nothing was to move yet.
+        // Without a limit, arming found it: no motion was commanded yet.
         FaultId::S2 | FaultId::D7 if record.limit > 0 => format!(
             ": {:.2} mm behind its command, limit {:.2} mm",
             f64::from(record.value) * 1e-3,
             f64::from(record.limit) * 1e-3
         ),
-        // With a limit, it was told by the current; else the drive said so.
+        // With a limit, the current revealed it; otherwise the drive reported it.
         FaultId::D2 if record.limit > 0 => format!(
-            ": the motor takes {} mA of the {} mA that it was told",
+            ": the motor takes {} mA of the commanded {} mA",
             record.value,
             4 * record.limit
         ),
@@ -43,7 +43,7 @@ pub fn describe_fault(record: &FaultRecord) -> String {
             f64::from(record.value) * 3.3 / 65_536.0,
             f64::from(record.limit) * 3.3 / 65_536.0
         ),
-        // A refused object of its set-up, not a time: the lowest index is 0x1000.
+        // A refused object of its set-up, not a time: the lowest object index is 0x1000.
         FaultId::D5 if record.limit >= 0x10_0000 => format!(
             ": it refuses object {:04x}:{:02x} with abort code 0x{:08x}",
             record.limit >> 8,
@@ -119,11 +119,11 @@ pub const fn advice(fault: FaultId) -> &'static str {
         }
         FaultId::D6 => "let the drive cool; less load, slower, or more air",
         FaultId::D7 => {
-            "the drum did not turn as told: check the motor's plug, the drive, the brake and for a jam"
+            "the drum did not follow its command: check the motor's plug, the drive, the brake and for a jam"
         }
         FaultId::B1 => "check the brake's supply and coil; it must click when the robot arms",
         FaultId::B2 => {
-            "the robot stands under torque: let it down by a motion (clear the fault first), or hold the platform by other means, then give an emergency stop; clean or replace the brake"
+            "the robot is held by torque: lower it by a motion (clear the fault first), or hold the platform by other means, then give an emergency stop; clean or replace the brake"
         }
         FaultId::B3 => {
             "hold the platform by other means before you switch off; check the brake's spring, its gap and its diode"
@@ -133,7 +133,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
         }
         FaultId::P2 => "when the supply is back: reference the lengths and arm",
         FaultId::P3 | FaultId::P4 => {
-            "`mcdpr doctor` tells what the firmware said last; report it; then clear the fault, reference the lengths and re-arm"
+            "`mcdpr doctor` shows the firmware's last message; report it; then clear the fault, reference the lengths and re-arm"
         }
         FaultId::P5 => "report it with the record; then clear the fault and re-arm",
         FaultId::P6 => {
@@ -247,11 +247,11 @@ pub(crate) fn reject_advice(reject: &Reject) -> String {
     }
 }
 
-/// What a request asks for, as it stands behind "the board refused".
+/// What a request asks for, as it follows "the board refused".
 pub(crate) fn request_name(request: &Request) -> String {
     let text = match request {
-        Request::Info => "to tell what it is",
-        Request::Status => "to tell its state",
+        Request::Info => "to report its identity",
+        Request::Status => "to report its state",
         Request::Open => "the connection",
         Request::Close => "to end the connection",
         Request::Heartbeat { .. } => "the heartbeat",
@@ -270,7 +270,7 @@ pub(crate) fn request_name(request: &Request) -> String {
         Request::Samples { .. } => "the samples",
         Request::Gripper { .. } => "the gripper command",
         Request::Service { cable, .. } => return format!("to enable winch {cable} alone"),
-        Request::Winch { cable } => return format!("to tell how winch {cable} is"),
+        Request::Winch { cable } => return format!("to report the state of winch {cable}"),
         Request::Scan { .. } => "to look for drives",
         Request::Bench { .. } => "the self-test",
     };

@@ -14,7 +14,7 @@
 //! | [`link`] | the host's half of the protocol, over any byte stream |
 //! | [`run`] | running a plan on a board |
 //!
-//! Files, ports, clocks and threads are the business of whoever uses it: texts come in as strings, a
+//! Files, ports, clocks and threads are left to the caller: texts come in as strings, a
 //! [`link::Link`] brings its own clock, lengths are kept by a [`run::saved::LengthStore`].
 
 pub mod control;

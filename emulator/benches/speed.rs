@@ -17,8 +17,8 @@ const SPAN_US: u64 = 100_000;
 const FEEDBACK: u16 = 0xB;
 const NODE_SHIFT: u16 = 4;
 
-/// A slice of virtual time; every millisecond two of the four drives tell where they are, as they
-/// do on a bus at 500 Hz.
+/// A slice of virtual time; every millisecond two of the four drives report their positions, as on
+/// a bus at 500 Hz.
 fn slice(chip: &mut Chip, slice: u64, drives: bool) {
     if drives && slice.is_multiple_of(20) {
         let first = 1 + 2 * (slice / 20 % 2) as u16;

@@ -1,8 +1,8 @@
 //! The chip as the board of a simulated robot: its pins, its line and its CAN bus, in lockstep with
 //! the plant.
 //!
-//! Time advances in slices of 50 us: the plant first, then the chip with what its sensors now show.
-//! So a reading is at most a slice old, and an output reaches the plant within one.
+//! Time advances in slices of 50 us: the plant first, then the chip with the new sensor values. So
+//! a reading is at most a slice old, and an output reaches the plant within one.
 
 use crate::chip::{Chip, Port};
 use crate::device::can_line::{CanFrame, CanWiring};
@@ -18,34 +18,35 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Slice of lockstep, us.
 const SLICE_US: u64 = 50;
-/// Ticks after which the host, too, knows what was measured in one.
+/// Ticks after which the measurements of a tick have reached the host.
 const BEHIND_TICKS: usize = 40;
 /// Winches of the board.
 const CABLES: usize = 4;
 /// ADC channels of the tension sensors.
 const TENSION: [u8; CABLES] = [4, 5, 8, 9];
 
-/// What a tension input reads at the supply, and between 22 kOhm to 0 V and its 10 kOhm to the supply.
+/// Reading of a tension input at the supply, and between 22 kOhm to 0 V and its 10 kOhm to the
+/// supply.
 const FULL: u16 = 65_520;
 const PULLED: u16 = 45_044;
 
-/// A chip that a [`ChipBoard`] runs, to look at and to disturb from outside.
+/// A chip that a [`ChipBoard`] runs, for inspection and fault injection.
 #[derive(Debug, Clone)]
 pub struct SharedChip(Arc<Mutex<Chip>>);
 
 impl SharedChip {
-    /// Looks at the chip between two slices.
+    /// Accesses the chip between two slices.
     pub fn with<R>(&self, look: impl FnOnce(&mut Chip) -> R) -> R {
         look(&mut self.lock())
     }
 
     fn lock(&self) -> MutexGuard<'_, Chip> {
-        // A chip after a panic elsewhere is what it was before it.
+        // A panic elsewhere does not change the chip.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// An emulated chip in the place of the control core. Resets are survived as on the board.
+/// An emulated chip in place of the control core. Resets are survived as on the board.
 #[derive(Debug)]
 pub struct ChipBoard {
     chip: SharedChip,
@@ -65,7 +66,7 @@ impl ChipBoard {
     /// A chip with this firmware file (ELF) that just got power.
     ///
     /// # Errors
-    /// The file is no firmware for this chip.
+    /// The file is not firmware for this chip.
     pub fn load(elf: &[u8]) -> Result<Self, LoadError> {
         let mut chip = Chip::load(elf)?;
         // Faults go to the firmware's handler, as on the board.
@@ -102,7 +103,7 @@ impl ChipBoard {
         self.read_at = self.now;
         let mut counters = [0; CABLES];
         counters.copy_from_slice(&sensors.encoder_counts[..CABLES]);
-        // What the counters show at power-on is where the timers start.
+        // The counters' value at power-on is where the timers start.
         let before = self.counters.replace(counters).unwrap_or(counters);
         for (index, position) in self.positions.iter_mut().enumerate() {
             let step = counters[index].wrapping_sub(before[index]).cast_signed();
@@ -133,7 +134,7 @@ impl ChipBoard {
         Ok(())
     }
 
-    /// What a host can know of the board, from what the board tells it.
+    /// What a host can know of the board, from the board's messages.
     fn overhear(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             match self.deframer.push(byte) {
@@ -147,7 +148,7 @@ impl ChipBoard {
                 Some(Ok((Channel::Samples, body))) => {
                     if let Some(block) = decode::<SampleBlock>(body) {
                         let ticks = SampleBlock::ticks(CABLES) as u32;
-                        // The path clock stands at zero while nothing moves.
+                        // The path clock is zero while no motion runs.
                         let moves = u32::from(block.path_ms > 0);
                         let times =
                             (0..ticks).map(|i| (block.tick.after(i), moves * (block.path_ms + i)));
@@ -165,7 +166,8 @@ impl VirtualBoard for ChipBoard {
         SLICE_US
     }
 
-    /// The drives' electronics hear what the chip's CAN controller has sent, and send over its bus.
+    /// The drives' electronics receive the frames of the chip's CAN controller, and send over its
+    /// bus.
     fn advance(
         &mut self,
         plant: &mut Plant,
@@ -249,7 +251,7 @@ impl VirtualBoard for ChipBoard {
     }
 
     fn path_ms(&self) -> u32 {
-        // Known only when the board has told: see `take_path_times`.
+        // Known only after the board has reported it: see `take_path_times`.
         0
     }
 

@@ -1,4 +1,4 @@
-//! Memory map, time and what happens at given times.
+//! Memory map, time and scheduled events.
 
 use crate::device::TICKS_PER_SECOND;
 use crate::device::adc::Adc;
@@ -46,7 +46,7 @@ const CAN_ON_B: u32 = 2 << 13;
 /// Field of AFIO_MAPR that cannot be read.
 const SWJ_CFG: u32 = 7 << 24;
 
-/// What the chip did to itself.
+/// Requests of the chip for a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Halt {
     Watchdog,
@@ -75,7 +75,7 @@ pub(crate) struct Bus {
     pub can: Can,
     pub can_line: CanLine,
     pub watchdog: Watchdog,
-    /// What it says that it is.
+    /// Its identification.
     pub identity: Identity,
     /// The real-time clock's divider: what it was loaded with, and when.
     rtc: (u32, u64),
@@ -84,11 +84,11 @@ pub(crate) struct Bus {
     debug: u32,
     power: u32,
     pub supply_low: bool,
-    /// A DMA transfer went wrong; told at the next opportunity.
+    /// A failed DMA transfer; reported at the next opportunity.
     pub dma_trap: Option<Trap>,
 }
 
-/// What a chip says that it is: an STM32F103C8, unless told otherwise.
+/// A chip's identification: an STM32F103C8, unless changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Identity {
     /// DBGMCU_IDCODE: revision above, device below.
@@ -302,7 +302,7 @@ impl Bus {
         }
     }
 
-    /// The supply falls under every threshold, or recovers. Gives whether the chip watches it.
+    /// The supply falls below every threshold, or recovers. Returns whether the chip monitors it.
     pub fn set_supply_low(&mut self, low: bool) -> bool {
         let fell = low && !self.supply_low;
         self.supply_low = low;
@@ -345,17 +345,17 @@ impl Bus {
         Ok(())
     }
 
-    /// Changes what the CAN pins are connected to.
+    /// Changes the connection of the CAN pins.
     pub(crate) fn rewire_can(&mut self, wiring: CanWiring) {
         self.can_line.wiring = wiring;
-        // Who waited for a shorted bus to be idle waits anew.
+        // Nodes that waited for a shorted bus to be idle start waiting anew.
         if self.can.joins_at == Some(u64::MAX) && !wiring.shorted {
             self.can.joins_at = Some(self.now + self.can.join_bits() * self.can_bit());
         }
         self.plan();
     }
 
-    /// Brings the CAN bus up to the present.
+    /// Brings the CAN bus up to date.
     pub(crate) fn serve_can(&mut self) {
         let (now, bit, wired) = (self.now, self.can_bit(), self.can_wired());
         self.can_line.service(&mut self.can, now, bit, wired);
@@ -403,7 +403,7 @@ impl Bus {
         }
     }
 
-    /// Brings everything up to the present.
+    /// Brings all peripherals up to date.
     pub fn service(&mut self) {
         let now = self.now;
         self.adc.finish_injected(now);
@@ -452,7 +452,7 @@ impl Bus {
         self.plan();
     }
 
-    /// When something happens next.
+    /// Time of the next event.
     pub fn plan(&mut self) {
         let never = u64::MAX;
         self.next_event = self

@@ -31,12 +31,12 @@ pub enum Port {
     D,
 }
 
-/// What the board's outputs do.
+/// Effect of the board's outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pins {
     /// PB12 to PB15: high opens a brake; floating, the driver's pull-down keeps it closed.
     pub brakes: [Drive; 4],
-    /// PB3: high lets the drives have their power; floating, a pull-down does not.
+    /// PB3: high enables the drives' power; floating, a pull-down does not.
     pub drive_enable: Drive,
     /// PA10: high closes.
     pub gripper: Drive,
@@ -59,19 +59,18 @@ pub struct CanErrors {
     pub transmit: u32,
     /// Receive error counter.
     pub receive: u32,
-    /// One of them is over 127: it no longer disturbs others.
+    /// One of them is above 127: it no longer disturbs others.
     pub passive: bool,
     /// The transmit error counter has passed 255: it is off the bus.
     pub bus_off: bool,
 }
 
-/// What the SysTick handler took, over all its runs since power-on or
-/// [`Chip::take_tick_stats`].
+/// Duration of the SysTick handler, over all its runs since power-on or [`Chip::take_tick_stats`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct TickStats {
     /// Handlers that ended.
     pub count: usize,
-    /// Median of the instructions of a run.
+    /// Most instructions of a run: observed, not proven.
     pub median: u32,
     /// Most instructions of a run: seen, not proven.
     pub max: u32,
@@ -134,7 +133,7 @@ pub struct Chip {
     rtt: Option<u32>,
     /// End of the slice, in ticks.
     until: u64,
-    /// Where each encoder stands, and where it is to stand after the next slice, in counts.
+    /// Position of each encoder, and its position after the next slice, in counts.
     encoders: [(i64, i64); 4],
     tick_began: u64,
     /// Core cycles when it began.
@@ -155,11 +154,11 @@ pub struct Chip {
 }
 
 impl Chip {
-    /// Takes a firmware file (ELF) and powers the chip up. RAM holds arbitrary, but always the
+    /// Loads a firmware file (ELF) and powers the chip up. RAM contains arbitrary, but always the
     /// same, bytes.
     ///
     /// # Errors
-    /// The file is no firmware for this chip.
+    /// The file is not firmware for this chip.
     pub fn load(elf: &[u8]) -> Result<Self, LoadError> {
         let image = elf::load(elf)?;
         let mut noise = 0x2545_F491_u32;
@@ -203,8 +202,8 @@ impl Chip {
         })
     }
 
-    /// Goes on after [`Stop::Reset`]: RAM keeps what it holds, all else is as after a reset by
-    /// `by`. What the world applies (levels, voltages, encoders) stays.
+    /// Continues after [`Stop::Reset`]: RAM is kept, everything else is as after a reset by `by`.
+    /// External inputs (levels, voltages, encoders) stay.
     pub fn restart(&mut self, by: ResetBy) {
         let flags = match by {
             ResetBy::Watchdog => RESET_WATCHDOG,
@@ -240,7 +239,7 @@ impl Chip {
     /// Runs for a slice of virtual time. Encoders reach their set positions at its end.
     ///
     /// # Errors
-    /// The firmware did something that the chip does not forgive, or was reset.
+    /// The firmware did something that is invalid on the chip, or was reset.
     pub fn run_us(&mut self, us: u64) -> Result<(), Stop> {
         let begin = self.until.max(self.bus.now);
         self.until += us * TICKS_PER_US;
@@ -298,7 +297,7 @@ impl Chip {
         }
     }
 
-    /// Whatever may let an exception in, or ends the run.
+    /// Conditions that may let an exception in, or end the run.
     #[inline(never)]
     fn attend(&mut self) -> Result<(), Stop> {
         let pc = self.cpu.pc;

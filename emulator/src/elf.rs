@@ -1,4 +1,4 @@
-//! The parts of an ELF file that a chip's memory takes, and its symbols (Tool Interface Standard,
+//! The parts of an ELF file that go to a chip's memory, and its symbols (Tool Interface Standard,
 //! ELF 1.2).
 
 use crate::bus::{FLASH, FLASH_BYTES, RAM, RAM_BYTES};
@@ -88,11 +88,11 @@ pub(crate) fn load(bytes: &[u8]) -> Result<Image, LoadError> {
     Ok(Image { flash, rtt })
 }
 
-/// What a firmware file (ELF) puts into flash, from 0x08000000 on, without the erased rest: what a
-/// debug probe has to write.
+/// The flash content of a firmware file (ELF), from 0x08000000 on, without the erased rest: what a
+/// debug probe must write.
 ///
 /// # Errors
-/// The file is no firmware for this chip.
+/// The file is not firmware for this chip.
 pub fn flash_image(elf: &[u8]) -> Result<Vec<u8>, LoadError> {
     let mut flash = load(elf)?.flash;
     let used = flash.iter().rposition(|byte| *byte != 0xFF);

@@ -1,12 +1,12 @@
-//! What can go wrong: a file that is no firmware, and firmware that misuses the chip.
+//! Errors: a file that is not firmware, and firmware that misuses the chip.
 
 /// Why a file cannot be loaded.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LoadError {
-    /// It does not start as an ELF file does.
+    /// It does not start like an ELF file.
     #[error("this is not an ELF file: pass the file that `cargo fw` builds")]
     NotElf,
-    /// It is an ELF file of 64 bits, big-endian, or no executable.
+    /// It is an ELF file of 64 bits, big-endian, or not executable.
     #[error(
         "this ELF file is not a 32-bit little-endian executable: pass the file that `cargo fw` builds"
     )]
@@ -16,14 +16,14 @@ pub enum LoadError {
         "this ELF file is for machine {0}, not for ARM (40): pass the file that `cargo fw` builds"
     )]
     WrongMachine(u16),
-    /// It ends before its headers say.
+    /// It ends before the end given by its headers.
     #[error(
         "this ELF file ends at byte {length}, but its headers reach to byte {needed}: build or copy it again"
     )]
     Truncated {
         /// Bytes in the file.
         length: usize,
-        /// Bytes that its headers speak of.
+        /// Bytes according to its headers.
         needed: usize,
     },
     /// A part lies outside of flash.
@@ -31,12 +31,12 @@ pub enum LoadError {
         "{bytes} bytes at {address:#010x} lie outside of the 64 KiB of flash at 0x08000000: this file is for another chip"
     )]
     Outside {
-        /// Where the part is loaded.
+        /// Address of the part.
         address: u32,
         /// Its size.
         bytes: u32,
     },
-    /// The first two words of flash are no stack in RAM and entry in flash.
+    /// The first two words of flash are not a stack in RAM and an entry in flash.
     #[error(
         "the vector table's stack {stack:#010x} and entry {entry:#010x} do not fit this chip's RAM and flash: this file is for another chip"
     )]
@@ -60,8 +60,8 @@ pub enum ResetBy {
 /// Why the emulation stopped. Every variant names the instruction (`pc`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Stop {
-    /// Nothing answers at this address.
-    #[error("{} of {address:#010x}, where nothing is, at pc {pc:#010x}", if *.write { "write" } else { "read" })]
+    /// The address is not mapped.
+    #[error("{} of the unmapped address {address:#010x}, at pc {pc:#010x}", if *.write { "write" } else { "read" })]
     Unmapped {
         /// Address of the access.
         address: u32,
@@ -94,9 +94,9 @@ pub enum Stop {
         /// Address of the instruction.
         pc: u32,
     },
-    /// A branch to something that is no Thumb code, or a return that no exception matches.
+    /// A branch to something other than Thumb code, or a return without a matching exception.
     #[error(
-        "branch to {address:#010x}, which is no Thumb code or exception return, at pc {pc:#010x}"
+        "branch to {address:#010x}, which is neither Thumb code nor an exception return, at pc {pc:#010x}"
     )]
     BadBranch {
         /// Target.
@@ -104,7 +104,7 @@ pub enum Stop {
         /// Address of the instruction.
         pc: u32,
     },
-    /// An interrupt was taken whose priority nobody has set since reset.
+    /// An interrupt was taken whose priority has not been set since reset.
     #[error("exception {exception} taken with a priority that was never set, at pc {pc:#010x}")]
     UnsetPriority {
         /// Number of the exception; interrupts start at 16.
@@ -134,10 +134,10 @@ pub enum Stop {
         /// Address of the instruction.
         pc: u32,
     },
-    /// The chip was reset: `Chip::restart` goes on from there.
+    /// The chip was reset: `Chip::restart` continues.
     #[error("reset by {by:?} at pc {pc:#010x}")]
     Reset {
-        /// Who.
+        /// The source of the reset.
         by: ResetBy,
         /// Address of the instruction.
         pc: u32,

@@ -1,13 +1,13 @@
-//! An STM32F103C8 in the computer that executes the real firmware file.
+//! An emulated STM32F103C8 that executes the real firmware file.
 //!
 //! An ARMv7-M core (Cortex-M3, integers), its exceptions, and the peripherals this firmware uses.
-//! Unforgiving: whatever would go wrong unseen on a bench stops the run with a [`Stop`] that says
-//! what, where and at which instruction. Deterministic: time is counted in ticks of 1/72 us that
+//! Strict: a misuse that would go unnoticed on a bench stops the run with a [`Stop`] that names the
+//! error, the address and the instruction. Deterministic: time is counted in ticks of 1/72 us that
 //! follow from the instructions alone.
 //!
 //! Cycles are estimated: one per instruction, one more per word moved, two more per branch taken,
 //! twelve per exception entry and exit; no wait states. Instruction counts are exact. A maximum
-//! over runs is no proven worst case.
+//! over runs is not a proven worst case.
 //!
 //! | module | what it is for |
 //! |---|---|
@@ -16,7 +16,7 @@
 //! | `bus` | memory map, time, DMA transfers |
 //! | `device` | RCC, ports, timers, ADC, DMA, USART, CAN, watchdog |
 //! | `elf` | the firmware file |
-//! | `chip` | all of it, from outside |
+//! | `chip` | the whole chip, from outside |
 //! | `board` | the chip in lockstep with the simulated robot |
 
 mod board;

@@ -38,7 +38,7 @@ struct SysTick {
     held: u32,
 }
 
-/// What lies in the system control space, and what of the core it concerns.
+/// The registers of the system control space, with the core state that they affect.
 #[derive(Debug, Clone)]
 pub(crate) struct Scs {
     pending: u64,
@@ -73,7 +73,7 @@ pub(crate) struct Scs {
     pub tick_due: u64,
     /// SysTick came due while the one before was still pending.
     pub ticks_lost: u64,
-    /// An interrupt came whose priority nobody set.
+    /// An interrupt was taken whose priority was not set.
     pub unset_priority: Option<u8>,
 }
 
@@ -120,7 +120,7 @@ impl Scs {
         self.pend(FIRST_IRQ + irq);
     }
 
-    /// An interrupt's line is high. It pends unless its handler is about to see to it.
+    /// An interrupt's line is high. It pends unless its handler is about to serve it.
     pub fn raise(&mut self, irq: u8) {
         let bit = 1 << (FIRST_IRQ + irq);
         if self.active & bit == 0 {
@@ -128,7 +128,7 @@ impl Scs {
         }
     }
 
-    /// Reset, NMI and hard fault stand above all that can be set.
+    /// Reset, NMI and hard fault have fixed priorities above all others.
     fn priority_of(&self, number: u8) -> i32 {
         match number {
             1 => -3,
@@ -160,7 +160,7 @@ impl Scs {
         best.map(|(number, group, _)| (number, group))
     }
 
-    /// The priority that runs, without what masks set.
+    /// The current execution priority, without masks.
     fn active_priority(&self) -> i32 {
         let mut left = self.active;
         let mut priority = 256;
@@ -183,7 +183,7 @@ impl Scs {
         priority
     }
 
-    /// Only what has a lower number than this may preempt.
+    /// Only an exception with a lower number may preempt.
     pub(crate) fn execution_priority(&self) -> i32 {
         let priority = self.unmasked_priority();
         if self.primask {
@@ -201,7 +201,7 @@ impl Scs {
         }
     }
 
-    /// Ends an exception; whether another one is still active.
+    /// Ends an exception; returns whether another one is still active.
     pub(crate) fn deactivate(&mut self, number: u8) -> bool {
         self.active &= !(1 << number);
         self.attention = true;
@@ -317,7 +317,7 @@ impl Scs {
         })
     }
 
-    /// Writes a word. `None` where there is nothing to write.
+    /// Writes a word. `None` if there is no such register.
     pub fn write(
         &mut self,
         address: u32,
@@ -343,7 +343,7 @@ impl Scs {
             0xE000_E010 => {
                 let held = self.current(now, cost);
                 let was = self.systick.control & ENABLE != 0;
-                // The external reference is not connected to anything that tests need.
+                // The external reference is not connected.
                 if value & ENABLE != 0 && value & CORE_CLOCK == 0 {
                     return None;
                 }
@@ -383,7 +383,7 @@ impl Scs {
             }
             0xE000_ED0C => {}
             0xE000_ED10 => self.scr = value & 0x16,
-            // Traps of unaligned access are not emulated: better to say so than to let it pass.
+            // Traps of unaligned access are not emulated: report it instead of ignoring it.
             0xE000_ED14 if value & 8 == 0 => self.ccr = value & 0x313,
             0xE000_ED18..=0xE000_ED23 => {
                 self.set_priorities(4 + (address - 0xE000_ED18) as u8, value, 0xF);

@@ -1,11 +1,11 @@
-//! Why the core stops short.
+//! Why an instruction stopped.
 
 /// Why an instruction did not complete.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Trap {
     /// No such instruction.
     Undefined,
-    /// Nothing answers at this address.
+    /// The address is not mapped.
     Bus { address: u32, write: bool },
     /// The peripheral at this address has no clock.
     ClockOff { address: u32 },
@@ -15,6 +15,6 @@ pub(crate) enum Trap {
     State { address: u32 },
     /// BKPT.
     Breakpoint,
-    /// A peripheral is used in a way that cannot work on the chip.
+    /// A peripheral is used in a way that does not work on the chip.
     Misuse { address: u32, what: &'static str },
 }

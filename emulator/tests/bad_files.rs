@@ -1,4 +1,4 @@
-//! Files that are no firmware for this chip: each is refused, and told apart.
+//! Files that are not firmware for this chip: each is refused with its own error.
 
 mod support;
 

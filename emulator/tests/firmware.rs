@@ -1,4 +1,4 @@
-//! The file that is flashed, executed: what a host sees of it over the line, and what its pins do.
+//! The firmware file on the emulated chip: its answers to a host over the line, and its pins.
 
 mod support;
 
@@ -11,7 +11,8 @@ use support::{Bench, SLICE_US, START};
 /// Top of the stack (memory.x).
 const STACK_TOP: u32 = 0x2000_1800;
 /// Core cycles of a tick at most, with configuration, moving encoders and full telemetry, by the
-/// emulator's estimate: a quarter of the millisecond, 18,000, is the limit; this is what is reached.
+/// emulator's estimate: a quarter of the millisecond, 18,000, is the limit; this is the measured
+/// value.
 const TICK_CYCLES: u64 = 6700;
 /// As above, for start and configuration, which the board takes in slices, one a tick.
 const CONFIGURING_CYCLES: u64 = 7300;
@@ -19,7 +20,7 @@ const CONFIGURING_CYCLES: u64 = 7300;
 /// Static RAM and the deepest stack together, bytes.
 const RAM_AND_STACK: u64 = 13 * 1024;
 
-/// Bytes of RAM that the file takes for good.
+/// Bytes of static RAM.
 fn static_ram() -> u64 {
     use object::{Object, ObjectSection, SectionFlags};
     let bytes = support::firmware();
@@ -227,7 +228,7 @@ fn each_situation_stays_within_a_quarter_of_the_tick() {
     check("with samples", &mut bench);
 }
 
-/// Runs to the reset that must come, goes on, and gives what the board then says.
+/// Runs to the expected reset, continues, and returns the board's messages after it.
 fn after_reset(bench: &mut Bench) -> (ResetCause, String) {
     let stopped = (0..40).find_map(|_| bench.chip.run_us(SLICE_US).err());
     assert!(
@@ -264,7 +265,7 @@ fn p4_a_fault_closes_the_brakes_and_is_told_after_the_reset() {
     shows(&mut bench, FaultId::P4);
 }
 
-/// The board stands in `Fault` for this reason, until it is cleared.
+/// The board is in `Fault` for this reason, until it is cleared.
 fn shows(bench: &mut Bench, fault: FaultId) {
     let status = bench.status();
     let why = status.fault.map(|record| record.fault);
@@ -278,7 +279,7 @@ fn shows(bench: &mut Bench, fault: FaultId) {
 fn p1_a_falling_supply_closes_the_brakes_and_keeps_the_board_down_until_it_is_back() {
     let mut bench = Bench::new();
     assert!(bench.chip.set_supply_low(true), "the supply is watched");
-    // It starts again and again: brakes closed, no tick.
+    // It restarts repeatedly: brakes closed, no tick.
     for _ in 0..5 {
         let stopped = (0..200).find_map(|_| bench.chip.run_us(SLICE_US).err());
         assert!(matches!(

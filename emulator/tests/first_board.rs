@@ -1,5 +1,5 @@
-//! What a first real board does that an ideal one does not: each test shows the firmware's own file one
-//! fact of the chip, its supply, its pins or its drives.
+//! Properties of a real board that an ideal one does not have: each test runs the firmware file
+//! with one property of the chip, its supply, its pins or its drives.
 
 mod support;
 
@@ -93,7 +93,7 @@ fn a_crystal_that_never_starts_leaves_a_board_that_says_p6_and_does_not_arm() {
     );
     assert!(blinks(&mut bench, 1000) >= 6, "its LED blinks");
     assert!(bench.chip.resets().is_empty() && !bench.chip.brakes_ever_opened());
-    // The crystal is mended: so is the board.
+    // The crystal works again: so does the board.
     bench.chip.set_crystal(true);
     bench.chip.inject_hard_fault();
     reset(&mut bench, ResetBy::Software, 5);
@@ -113,8 +113,8 @@ fn a_pll_that_never_locks_leaves_a_board_that_blinks_with_every_output_off() {
 
 #[test]
 fn the_watchdog_runs_before_the_clocks_do() {
-    // The core stops while it waits for a crystal that does not start: 12 ms, after some 4 ms in
-    // which memory is cleared.
+    // The core waits for a crystal that does not start: 12 ms, after about 4 ms in which memory is
+    // cleared.
     let mut bench = Bench::on(|chip| {
         chip.set_crystal(false);
         assert_eq!(chip.run_us(9000), Ok(()));
@@ -140,7 +140,7 @@ fn the_watchdog_waits_25_to_50_ms_with_any_oscillator_that_a_chip_may_have() {
     for (hz, least_ms, most_ms) in [(30_000, 45, 51), (40_000, 33, 39), (60_000, 22, 26)] {
         let mut bench = Bench::on(|chip| {
             chip.set_slow_oscillator(hz);
-            // The slowest start: a crystal that never comes.
+            // The slowest start: a crystal that never starts.
             chip.set_crystal(hz != 60_000);
         });
         bench.run_ms(500);
@@ -271,7 +271,7 @@ fn the_state_tells_the_torque_that_a_drive_has_not_the_one_it_was_told() {
     reset(&mut bench, ResetBy::Watchdog, 60);
     bench.run_ms(20);
     assert_eq!(bench.status().torque_on, 0);
-    // Drive 2 goes on: 1500 mA.
+    // Drive 2 continues: 1500 mA.
     for _ in 0..10 {
         let now = bench.chip.now_us();
         let frame = CanFrame::standard(0x2B, &[0x05, 0xDC, 0, 0, 0, 0, 0, 0]);

@@ -1,5 +1,5 @@
 //! Arming: enable drives under closed brakes, check the sensors, push against the brakes, open
-//! them, stir every drum.
+//! them, then turn each drum slightly out and in.
 
 use crate::adc;
 use crate::axis::Target;
@@ -15,15 +15,15 @@ const ENABLE_GRACE_MS: u32 = 500;
 const PRELOAD_MS: u32 = 30;
 /// Milliseconds for the test of the brakes, at most.
 const PROOF_MS: u32 = 500;
-/// Milliseconds for the platform to come to rest after the drums were stirred: some of its stiff
-/// modes, near 10 Hz, ring on for half a second.
+/// Milliseconds for the platform to come to rest after the drums were moved: some of its stiff
+/// modes, near 10 Hz, decay within half a second.
 const SETTLE_MS: u32 = 500;
-/// Milliseconds over which brakes are given to open.
+/// Milliseconds that brakes are given to open.
 const OPEN_MS: u32 = 50;
-/// Tension may differ from what the static model expects by this, mN, or by a fifth of it (S10).
+/// The tension may differ from the static model by this, mN, or by a fifth of it (S10).
 const TENSION_BAND_MN: i32 = 2000;
 
-/// Where arming is.
+/// Phase of arming.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Default)]
 pub enum Phase {
     /// Drives enable; brakes closed.
@@ -35,16 +35,16 @@ pub enum Phase {
     Proving,
     /// Brakes open.
     Opening,
-    /// One drum after the other goes out and in a little: brake, encoder and motor agree (B1, S4).
+    /// Each drum in turn moves out and in slightly: brake, encoder and motor must agree (B1, S4).
     Stirring(u8),
-    /// All is free; waiting for rest.
+    /// All drums are free; waiting for rest.
     Settling,
     /// Done.
     Done,
 }
 
 impl Phase {
-    /// Whether the brakes have had time to open: the drums are the drives' alone.
+    /// Whether the brakes have had time to open: only the drives hold the drums.
     #[must_use]
     pub(crate) const fn is_free(self) -> bool {
         matches!(self, Self::Stirring(_) | Self::Settling | Self::Done)
@@ -58,10 +58,10 @@ pub struct Arming {
     ticks: u32,
 }
 
-/// Work on one winch alone.
+/// Work on a single winch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Service {
-    /// Which, 1 for the first.
+    /// Its number, 1 for the first.
     pub cable: u8,
     /// Whether its brake opens.
     pub open: bool,
@@ -77,14 +77,14 @@ pub(crate) fn concerns(service: Option<Service>, cable: u8) -> bool {
 pub type Abort = (FaultId, u8, i32, i32);
 
 impl Arming {
-    /// Where it is.
+    /// Its phase.
     #[must_use]
     pub const fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// One tick; `expected_mn` are the tensions that the static model expects, `proven` whether
-    /// all brakes hold.
+    /// One tick; `expected_mn` are the tensions of the static model, `proven` is whether all brakes
+    /// hold.
     ///
     /// # Errors
     /// The check that failed.
@@ -113,7 +113,7 @@ impl Arming {
                         }
                         self.enter(Phase::Preload);
                     }
-                    // It will not come up: no need to wait for it. Value and limit are the drive's
+                    // It will not come up: waiting is useless. Value and limit are the drive's
                     // abort code and the object, its index above its sub-index.
                     Some((
                         cable,
@@ -133,9 +133,9 @@ impl Arming {
                     Some(_) => {}
                 }
             }
-            // A closed brake is what shall be tried: until somebody ends it.
+            // The closed brake itself is being tested: the host ends the test.
             Phase::Preload if service.is_some_and(|service| !service.open) => {}
-            // Nothing hangs on a bare winch: there is no load that its brake must prove to hold.
+            // No load hangs on a bare winch: there is nothing for its brake to prove.
             Phase::Preload if self.ticks >= PRELOAD_MS => {
                 self.enter(if service.is_some() {
                     Phase::Opening
@@ -144,7 +144,7 @@ impl Arming {
                 });
             }
             Phase::Proving if unproven == 0 => self.enter(Phase::Opening),
-            // Neither does a drum move nor does a drive push: it obeys nothing.
+            // Here no drum moves and no drive pushes: the drive does not follow commands.
             Phase::Proving if self.ticks >= PROOF_MS + u32::from(proof::play_ms(config)) => {
                 return Err((FaultId::D7, unproven, 0, 0));
             }
@@ -170,7 +170,7 @@ impl Arming {
         Ok(self.phase)
     }
 
-    /// Nothing more is tried: torque is on, and stays.
+    /// No further attempt: torque is on, and stays on.
     pub const fn end(&mut self) {
         self.phase = Phase::Done;
         self.ticks = 0;
@@ -182,29 +182,29 @@ impl Arming {
     }
 }
 
-/// A quarter of a lobe of the stirring motion, ticks.
+/// A quarter of a lobe of the test motion, ticks.
 const QUARTER: u32 = 10;
-/// Encoder counts that a drum is stirred by.
+/// Encoder counts by which a drum is moved.
 const STIR_COUNTS: i64 = 2;
-/// Most that a drum is stirred by, 0.1 µm, however coarse its encoder.
+/// Greatest test motion, 0.1 µm, however coarse the encoder.
 const STIR_MOST: i64 = 20_000;
 
-/// Acceleration in each quarter, as halves of the largest.
+/// Acceleration in each quarter, in halves of the largest.
 const STIR_HALVES: [i32; 12] = [1, -1, -1, 1, -2, 2, 2, -2, 1, -1, -1, 1];
 
-/// One drum's way out, in and out again: half a lobe, a whole one, half a one. Neither area nor
-/// first moment are left, so that the platform, whose swing hardly decays, hardly swings.
+/// One drum's motion out, in and out again: half a lobe, a whole one, half a one. Area and first
+/// moment are both zero, so that the platform, whose swing decays slowly, hardly swings.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Stir {
     ticks: u32,
     /// Displacement and speed now, 1/256 of 0.1 µm and of 0.1 µm/ms.
     at_q8: i32,
     speed_q8: i32,
-    /// The length to come back to, 0.1 µm.
+    /// The length to return to, 0.1 µm.
     base: Option<i32>,
-    /// Where motor and drum were before, 0.1 µm.
+    /// Previous positions of motor and drum, 0.1 µm.
     from: Option<(i32, i32)>,
-    /// Farthest that the motor came, and where the drum was then, 0.1 µm.
+    /// Greatest motor displacement, and the drum's position at it, 0.1 µm.
     farthest: (i32, i32),
 }
 
@@ -212,20 +212,20 @@ impl Stir {
     /// Duration, ticks.
     pub(crate) const TICKS: u32 = 12 * QUARTER;
 
-    /// How far a drum is stirred, 0.1 µm, for its encoder's resolution.
+    /// Test motion of a drum, 0.1 µm, for its encoder's resolution.
     #[must_use]
     pub fn amplitude(per_count_q24: i64) -> i32 {
         let counts = (per_count_q24.abs() * STIR_COUNTS) >> 24;
         crate::fixed::saturate(counts.clamp(16, STIR_MOST))
     }
 
-    /// The length that the drum was stirred about, 0.1 µm.
+    /// The length around which the drum was moved, 0.1 µm.
     #[must_use]
     pub fn base(&self, length: i32) -> i32 {
         self.base.unwrap_or(length)
     }
 
-    /// One tick: what the drum shall do. `length` is its target before the first.
+    /// One tick: the drum's set-point. `length` is its target before the first.
     pub fn step(&mut self, amplitude: i32, length: i32) -> Target {
         let base = *self.base.get_or_insert(length);
         let quarter = usize::try_from(self.ticks / QUARTER).unwrap_or(usize::MAX);
@@ -244,7 +244,7 @@ impl Stir {
         }
     }
 
-    /// Sees where motor and drum are, 0.1 µm.
+    /// Takes the positions of motor and drum, 0.1 µm.
     pub fn observe(&mut self, motor: i32, drum: i32) {
         let from = *self.from.get_or_insert((motor, drum));
         let gone = (motor.wrapping_sub(from.0), drum.wrapping_sub(from.1));
@@ -253,11 +253,11 @@ impl Stir {
         }
     }
 
-    /// What the whole way has shown.
+    /// The result of the whole motion.
     ///
     /// # Errors
-    /// B1 where the motor could not turn, S4 where the drum turned the other way, S2 where it did
-    /// not turn at all; with how far it came and how far it should, µm.
+    /// B1 if the motor could not turn, S4 if the drum turned the other way, S2 if it did not turn
+    /// at all; with the measured and the expected displacement, µm.
     pub fn verdict(&self, amplitude: i32) -> Result<(), (FaultId, i32, i32)> {
         let (motor, drum) = self.farthest;
         let along = if motor < 0 { -drum } else { drum };
@@ -279,7 +279,7 @@ fn alive<const N: usize>(config: &Active<N>, drive: &DriveInput) -> bool {
     drive.ready && !drive.fault && drive.age_ms < config.feedback_timeout_ms
 }
 
-/// A drive or a sensor that came up can still go: no brake may open on it, or stay open.
+/// A drive or a sensor that came up can still fail: then no brake may open, or stay open.
 fn check_drives<const N: usize>(
     config: &Active<N>,
     inputs: &Inputs<N>,

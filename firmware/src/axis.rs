@@ -8,18 +8,18 @@ use crate::io::DriveInput;
 /// A gap between motor and drum encoder is closed within about this many milliseconds.
 const TRIM_TIME_MS: i32 = 1 << TRIM_BITS;
 const TRIM_BITS: u32 = 9;
-/// Most trim, 0.1 µm: more is not backlash or a wrong ratio, but a fault.
+/// Greatest trim, 0.1 µm: more is not backlash or a wrong ratio, but a fault.
 const TRIM_MAX: i32 = 50_000;
-/// What the drive lags beyond its stated lead is made up within about this many milliseconds:
-/// slow against any drive's position loop, fast against any path.
+/// The drive's lag beyond its stated lead is compensated within about this many milliseconds: slow
+/// against any drive's position loop, fast against any path.
 const LAG_TIME_MS: i32 = 1 << LAG_BITS;
 const LAG_BITS: u32 = 6;
-/// Most lag that is made up, 0.1 µm.
+/// Greatest lag that is compensated, 0.1 µm.
 const LAG_MAX: i32 = 20_000;
-/// Speed that a position command may exceed the plan by, as a share of the largest, in percent.
+/// A position command may exceed the plan's speed by this share of the largest, in percent.
 const CATCH_UP_PERCENT: i32 = 20;
 
-/// What a position-held cable shall do in a tick.
+/// Set-point of a position-held cable in a tick.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Target {
     /// Length now, 0.1 µm.
@@ -32,19 +32,19 @@ pub struct Target {
 
 /// State of one cable's position command.
 ///
-/// The motor's counts are fine but know nothing of the drum; the drum's are true but coarse. So the
-/// difference of the two is learnt slowly (`trim_q9`), and with it the motor tells how far
-/// the drum lags its set-point.
+/// The motor's counts are fine but do not measure the drum; the drum's measure it but are coarse.
+/// So the difference of the two is learnt slowly (`trim_q9`), and with it the motor's counts give
+/// the drum's lag behind its set-point.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Axis {
     /// Motor counts when the axis was enabled.
     zero_counts: i32,
     /// Length when the axis was enabled, 0.1 µm.
     zero_length: i32,
-    /// Length by the drum encoder minus length by the motor, in shares of 0.1 µm that a tick can
-    /// close: 1/512.
+    /// Length by the drum encoder minus length by the motor, in the fractions of 0.1 µm that a tick
+    /// can correct: 1/512.
     trim_q9: i32,
-    /// Lead that makes up for the drive's lag, likewise: 1/64 of 0.1 µm.
+    /// Lead that compensates the drive's lag, likewise: 1/64 of 0.1 µm.
     lag_q6: i32,
 }
 
@@ -63,7 +63,7 @@ impl Axis {
     /// Learns from one tick under torque: lengths by the motor and by the drum encoder, 0.1 µm.
     #[inline]
     pub fn learn(&mut self, config: &CableConfig, target: &Target, by_motor: i32, length: i32) {
-        // Within half an encoder count the difference is quantisation and teaches nothing.
+        // Within half an encoder count the difference is quantisation and carries no information.
         let half_count = config.half_count;
         let with_trim = by_motor.saturating_add(self.trim_q9 >> TRIM_BITS);
         let gap = length.saturating_sub(with_trim);
@@ -76,17 +76,17 @@ impl Axis {
         self.lag_q6 = self.lag_q6.saturating_add(behind).clamp(-most, most);
     }
 
-    /// How far the motor is behind the target, 0.1 µm, whatever the drum encoder says: tells a dead
-    /// drive from a dead encoder.
+    /// How far the motor is behind the target, 0.1 µm, independent of the drum encoder:
+    /// distinguishes a dead drive from a dead encoder.
     #[must_use]
     pub fn motor_error(&self, target: &Target, by_motor: i32) -> i32 {
         let by_motor = i64::from(by_motor) + i64::from(self.trim_q9 >> TRIM_BITS);
         saturate(i64::from(target.length) - by_motor)
     }
 
-    /// How far motor and drum are apart beyond what a sixty-fourth of the way explains (a drum
-    /// that is not quite as round as described), 0.1 µm: a stuck encoder on a cable that no length
-    /// holds (S2).
+    /// How far motor and drum are apart beyond a sixty-fourth of the distance travelled (a drum
+    /// that is not exactly as described), 0.1 µm: detects a stuck encoder on a cable that is not
+    /// held by length (S2).
     #[must_use]
     pub fn slipped(&self, by_motor: i32, length: i32) -> i32 {
         let way = by_motor.saturating_sub(self.zero_length).saturating_abs();
@@ -120,8 +120,8 @@ impl Axis {
     /// Motor counts for the target, led by the drive's lag.
     #[must_use]
     pub fn counts(&self, config: &CableConfig, target: &Target) -> i32 {
-        // µm/s times µs is 1e-6 µm; 1e5 of them are 0.1 µm. The square term carries another 2e6,
-        // of which 1e3 went off in the configuration.
+        // µm/s times µs is 1e-6 µm; 1e5 of them are 0.1 µm. The square term carries another 2e6, of
+        // which the configuration has already taken 1e3.
         let by_speed =
             quotient::<100_000>(i64::from(target.speed_umps) * i64::from(config.lead_us));
         let by_acceleration = quotient::<200>(quotient::<1_000_000>(
@@ -134,7 +134,7 @@ impl Axis {
         self.zero_counts.wrapping_add(counts)
     }
 
-    /// Speed limit for the drive: what the plan needs and some to catch up.
+    /// Speed limit for the drive: the plan's speed and a reserve to catch up.
     #[must_use]
     pub fn rpm(config: &CableConfig, target: &Target) -> u16 {
         let speed = target.speed_umps.saturating_abs();

@@ -14,7 +14,7 @@ pub struct ConfigStore<const N: usize> {
     announced: u16,
     received: u16,
     last_key: Option<ConfigKey>,
-    /// Slices of the building that are done, and the hash so far.
+    /// Finished slices of the build, and the hash so far.
     done: u8,
     digest: ConfigDigest,
 }
@@ -33,11 +33,11 @@ impl<const N: usize> Default for ConfigStore<N> {
     }
 }
 
-/// Values that may be missing. An array of options would take the board twice the memory.
+/// Optional values. An array of options would take twice the memory.
 #[derive(Debug, Clone, Copy)]
 struct Slots<const K: usize> {
     values: [i32; K],
-    /// Bit n: value n is there.
+    /// Bit n: value n is present.
     present: u64,
 }
 
@@ -74,16 +74,16 @@ pub enum DriveKind {
     Cia402,
 }
 
-/// Which law holds a tension.
+/// Type of tension law.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TensionLaw {
-    /// Eq. 1 of the paper, nothing else.
+    /// Eq. 1 of the paper.
     Pd,
     /// Feed-forward, PI and damping about the planned motion.
     Default,
 }
 
-/// What a tension law tells the drive.
+/// Type of command that a tension law sends to the drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TensionOutput {
     /// A current.
@@ -112,12 +112,12 @@ pub struct CableConfig {
     pub half_count: i32,
     /// Of four.
     pub four_counts: i32,
-    /// Largest believable change of the encoder in a tick, counts.
+    /// Largest plausible change of the encoder in a tick, counts.
     pub max_encoder_step: u16,
     /// Motor counts per 0.1 µm of length, 32 fractional bits, signed.
     pub motor_per_length_q32: i64,
-    /// Length in 0.1 µm per motor count, 32 fractional bits, signed: the tick multiplies, a
-    /// division would cost it as much as all the rest of an axis.
+    /// Length in 0.1 µm per motor count, 32 fractional bits, signed: the tick multiplies; a
+    /// division would cost as much as the rest of an axis.
     pub length_per_motor_q32: i64,
     /// Motor rpm per µm/s, 32 fractional bits, positive.
     pub rpm_per_speed_q32: i64,
@@ -129,7 +129,7 @@ pub struct CableConfig {
     pub max_rpm: u16,
     /// Largest motor current, mA.
     pub max_current_ma: i32,
-    /// What comes near to it, mA.
+    /// Threshold for a current near the limit, mA.
     pub most_ma: i32,
     /// mA per mN of force that reels in, 32 fractional bits, signed.
     pub current_per_force_q32: i64,
@@ -145,7 +145,7 @@ pub struct CableConfig {
     pub ceiling_mn: i32,
     /// Law.
     pub law: TensionLaw,
-    /// What it tells the drive.
+    /// Type of command to the drive.
     pub output: TensionOutput,
     /// Proportional gain, thousandths.
     pub kp_milli: i32,
@@ -157,7 +157,7 @@ pub struct CableConfig {
     pub damping_mns_per_m: i32,
     /// Share of a new tension sample in the filter, 16 fractional bits.
     pub filter_alpha_q16: i32,
-    /// Share of a new speed in the low-pass behind a law that tells speeds, 16 fractional bits.
+    /// Share of a new speed in the low-pass behind a law with speed output, 16 fractional bits.
     pub corner_alpha_q16: i32,
     /// Coulomb friction, mN.
     pub friction_mn: i32,
@@ -204,7 +204,7 @@ pub struct CableConfig {
 }
 
 impl CableConfig {
-    /// Before anything is known: zeros, which take the board no memory to copy them from.
+    /// All zeros, which need no copy in the board's memory.
     const NOTHING: Self = Self {
         control: Control::Length,
         per_count_q24: 0,
@@ -256,7 +256,7 @@ impl CableConfig {
         rpm_per_count_q16: 0,
     };
 
-    /// Whether a tension law tells the drive of this cable a speed.
+    /// Whether the tension law of this cable sends a speed to the drive.
     #[must_use]
     pub fn tells_speed(&self) -> bool {
         self.control == Control::Tension && self.output == TensionOutput::Speed
@@ -272,7 +272,7 @@ impl CableConfig {
 /// A configuration in use.
 #[derive(Debug, Clone)]
 pub struct Active<const N: usize> {
-    /// What host and board agreed on.
+    /// The hash that host and board agreed on.
     pub hash: ConfigHash,
     /// Drives.
     pub drive_kind: DriveKind,
@@ -307,7 +307,7 @@ impl<const N: usize> Active<N> {
 }
 
 impl<const N: usize> ConfigStore<N> {
-    /// Forgets everything and expects `entries` entries.
+    /// Discards all entries and expects `entries` new ones.
     ///
     /// # Errors
     /// [`Reject::ConfigSequence`] for none or more than exist.
@@ -321,7 +321,7 @@ impl<const N: usize> ConfigStore<N> {
         Ok(())
     }
 
-    /// Forgets everything, in place: a fresh store would pass over the stack of the board.
+    /// Discards all entries, in place: a fresh store would go over the board's stack.
     pub fn clear(&mut self) {
         self.board.present = 0;
         for fields in &mut self.cables {
@@ -350,7 +350,7 @@ impl<const N: usize> ConfigStore<N> {
             last_key = Some(entry.key);
             received += 1;
         }
-        // All are good: only now is anything taken.
+        // All entries are valid: only now are they taken.
         for entry in entries {
             match entry.key.meaning() {
                 Some(KeyMeaning::Board(key)) => self.board.put(key as usize - 1, entry.value),

@@ -1,4 +1,4 @@
-//! One tick of the board: measure, watch, move, command; and the requests in between.
+//! One tick of the board: measure, monitor, move, command; and the requests in between.
 
 use crate::adc::is_plausible;
 use crate::arming::{Arming, Phase, Service, Stir, concerns};
@@ -29,15 +29,15 @@ use parking::Parked;
 
 /// Torque is held this long after the brakes have closed, ms.
 const HOLD_TORQUE_MS: u16 = 150;
-/// Ticks for which the emergency input must show a change: one disturbed sample is none. The power
-/// is cut by its own contacts meanwhile.
+/// Ticks for which the emergency input must show a change: one disturbed sample does not count. Its
+/// own contacts cut the power meanwhile.
 const E_STOP_TICKS: u16 = 3;
 /// Control ticks per second.
 const TICKS_PER_SECOND: u16 = 1000;
 /// A motion may start this far from the set-point, 0.1 µm (K4).
 const START_TOLERANCE: i32 = 50;
 
-/// What the controller knows of one cable.
+/// State of one cable.
 #[derive(Debug, Clone, Copy, Default)]
 struct Cable {
     encoder: Encoder,
@@ -59,22 +59,22 @@ struct Cable {
     reference_mn: i32,
     /// The encoder cannot be trusted.
     lost: bool,
-    /// A quick look found nothing wrong in this tick.
+    /// A quick check found no fault in this tick.
     well: bool,
     /// Drive or encoder were lost since the board armed: its brake stays closed.
     abandoned: bool,
-    /// Its tension reading froze since the board armed: its law goes on without.
+    /// Its tension reading froze since the board armed: its law continues without it.
     blind: bool,
     /// How far the cable gave way while the robot stops, 0.1 µm.
     give: i32,
-    /// Speed at which it is let out because it is pulled too hard, µm/s.
+    /// Speed at which it is paid out because its tension is too high, µm/s.
     letting_umps: i32,
     /// The test of its brake.
     proof: Proof,
 }
 
 impl Cable {
-    /// Counts the encoder's steps; whether it cannot be trusted.
+    /// Counts the encoder's steps; returns whether it cannot be trusted.
     #[inline]
     fn count(&mut self, encoder: u16, max_step: u16) -> bool {
         self.lost = self.encoder.sample(encoder, max_step) == Sampled::Lost;
@@ -96,7 +96,7 @@ pub struct Controller<const N: usize> {
     now: Tick,
     store: ConfigStore<N>,
     active: Option<Active<N>>,
-    /// What became of building it, until it is told.
+    /// The outcome of building it, until it is reported.
     built: Option<Result<(), Reject>>,
     cables: [Cable; N],
     motion: Motion<N>,
@@ -105,7 +105,7 @@ pub struct Controller<const N: usize> {
     arming: Arming,
     heartbeat: Heartbeat,
     latch: Latch,
-    /// Advice since it was last told.
+    /// Warnings since they were last reported.
     limits: Limits,
     referenced: bool,
     overruns: u32,
@@ -113,37 +113,38 @@ pub struct Controller<const N: usize> {
     line_noise: LineNoise,
     /// Ticks since the stop began.
     stopping: u16,
-    /// Ticks since the brakes were told to close while stopping.
+    /// Ticks since the brakes were commanded to close while stopping.
     closing: Option<u16>,
     /// Ticks that brakes which are closed while holding take to open again.
     opening: u16,
-    /// How often a brake slipped when torque was about to go.
+    /// How often a brake slipped before torque was switched off.
     slips: u16,
     /// The winch whose brake has failed since the board armed, 1 for the first; 0 for none.
     unsound: u8,
-    /// The robot hangs on its brakes, and has hung on its drives before.
+    /// The robot hangs on its brakes after it has hung on its drives.
     parked: Parked,
-    /// A cable was pulled too hard: the stop under way lets out, and follows no path.
+    /// The tension of a cable was too high: the stop in progress pays out, and does not follow the
+    /// path.
     relieving: bool,
-    /// Ticks since none is.
+    /// Ticks since no cable is above its limit.
     calm_ticks: u16,
     stir: Stir,
     gripper_closed: bool,
     gripper_switch: bool,
-    /// The emergency input, filtered, and for how long it has shown something else.
+    /// The emergency input, filtered, and for how long its raw value has differed.
     e_stop: bool,
     e_stop_differs: Persist,
-    /// A fault of the board itself that no request mends (P6).
+    /// A fault of the board itself that no request can clear (P6).
     lasting: Option<FaultId>,
     outputs: Outputs<N>,
-    /// What the drives last said, and the tension channels.
+    /// The drives' last feedback, and the tension channels.
     drives: [DriveInput; N],
     adc: [u16; N],
-    /// One winch alone is enabled.
+    /// A single winch is enabled.
     service: Option<Service>,
     scan: Scan,
     scan_asked: bool,
-    /// An output of the self-test, and for how many ticks it is still raised.
+    /// An output of the self-test, and the remaining ticks that it is set.
     trial: (u8, u16),
     loop_asked: bool,
 }
@@ -195,7 +196,7 @@ impl<const N: usize> Default for Controller<N> {
 }
 
 impl<const N: usize> Controller<N> {
-    /// What the board does.
+    /// The board's state.
     #[must_use]
     pub const fn state(&self) -> State {
         self.state
@@ -213,7 +214,7 @@ impl<const N: usize> Controller<N> {
         supervisor::may_give_torque(self.state)
     }
 
-    /// How long ago the host showed life.
+    /// Age of the host's last sign of life.
     #[must_use]
     pub fn link_health(&self, now: Tick) -> LinkHealth {
         self.heartbeat.health(now)
@@ -232,7 +233,8 @@ impl<const N: usize> Controller<N> {
     }
 
     /// The board starts after a crash, a hang or a supply that failed: the next tick goes to
-    /// `Fault` with this cause (P1, P3, P4), and a host must clear it. Before the first tick.
+    /// `Fault` with this cause (P1, P3, P4), and a host must clear it. Must be called before the
+    /// first tick.
     pub fn start_in_fault(&mut self, fault: FaultId) {
         self.latch_fault(fault, 0, 0, 0);
     }
@@ -243,13 +245,13 @@ impl<const N: usize> Controller<N> {
         self.start_in_fault(fault);
     }
 
-    /// One control tick: what the board must do now. `now` advances by one per call.
+    /// One control tick: the outputs of the board. `now` advances by one per call.
     pub fn step(&mut self, now: Tick, inputs: &Inputs<N>) -> Outputs<N> {
         self.tick(now, inputs);
         self.outputs
     }
 
-    /// As [`Self::step`], without a copy: [`Self::outputs`] tells what the board must do.
+    /// As [`Self::step`], without a copy: [`Self::outputs`] gives the outputs.
     pub fn tick(&mut self, now: Tick, inputs: &Inputs<N>) {
         self.now = now;
         let differs = inputs.e_stop != self.e_stop;
@@ -288,7 +290,7 @@ impl<const N: usize> Controller<N> {
         self.command(inputs);
     }
 
-    /// Brakes are told to hold the drums, or are about to open.
+    /// Brakes are commanded to hold the drums, or are about to open.
     fn is_braked(&self) -> bool {
         let holds = self
             .active
@@ -306,7 +308,7 @@ impl<const N: usize> Controller<N> {
         self.unsound > 0 && self.state == State::Holding
     }
 
-    /// What the board must do after the last tick.
+    /// The outputs after the last tick.
     #[must_use]
     pub const fn outputs(&self) -> &Outputs<N> {
         &self.outputs
@@ -378,8 +380,8 @@ impl<const N: usize> Controller<N> {
 
     fn trip(&mut self, fault: FaultId, cable: u8, value: i32, limit: i32) {
         self.latch_fault(fault, cable, value, limit);
-        // A robot that stands under torque because a brake failed has nothing safer to go to: only
-        // a host's stop tries the brake again.
+        // A robot that is held by torque because a brake failed has no safer state: only a host's
+        // stop tries the brake again.
         let reaction = supervisor::reaction(fault);
         if reaction != supervisor::Reaction::Stop || !self.stands_for_its_brake() {
             self.raise(reaction.event());
@@ -390,10 +392,11 @@ impl<const N: usize> Controller<N> {
         let failed = matches!(fault, FaultId::D2 | FaultId::D3 | FaultId::D7 | FaultId::S6);
         let failed = failed && self.state == State::Stopping;
         if let Some(cable) = self.cables.get_mut(usize::from(cable).wrapping_sub(1)) {
-            // A reading at a rail (S7, S8) tells itself.
+            // A reading at a rail is reported by its own detectors (S7, S8).
             cable.blind |= fault == FaultId::S11;
-            // The failed drum is braked at once: the others must not go on pulling against it. A
-            // drive that does not obey (D7) may give no torque: an RMDS has no other way to say so.
+            // The failed drum is braked at once: the others must not continue to pull against it. A
+            // drive that does not follow commands (D7) must not give torque: an RMDS has no other
+            // way to report it.
             cable.abandoned |= failed;
         }
         if failed {
@@ -431,13 +434,13 @@ impl<const N: usize> Controller<N> {
             if armed {
                 cable.sense_motor(config, drive);
             }
-            // Here, where all that it compares is at hand.
+            // Here, because all values that it compares are available.
             cable.well = watched && cable.is_well(config, drive, adc, timeout_ms);
             if armed && !watched {
                 cable.watch.learn(adc);
             }
         }
-        // Whatever the state: these lengths are guesses from here on.
+        // In every state: these lengths are uncertain from here on.
         self.referenced &= !lost;
     }
 
@@ -448,7 +451,7 @@ impl<const N: usize> Controller<N> {
         };
         match self.state {
             State::Arming => self.act_arming(inputs),
-            // The path's clock stands until the brakes that held are open.
+            // The path clock stops until the brakes that held are open.
             State::Moving if self.opening > 0 => self.opening -= 1,
             State::Moving | State::Pausing => {
                 self.follow(stop_ms);
@@ -477,7 +480,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Torque comes on where the robot is: nothing jumps.
+    /// Torque is switched on at the present position: no set-point jumps.
     fn take_up(&mut self, inputs: &Inputs<N>) {
         let Some(active) = &self.active else { return };
         let cables = self.cables.iter_mut().zip(&active.cables);
@@ -493,7 +496,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Follows the motion for a tick; whether it is at rest.
+    /// Follows the motion for a tick; returns whether it is at rest.
     fn follow(&mut self, stop_ms: u32) -> bool {
         let Some(progress) = self.motion.tick(stop_ms) else {
             self.rest();
@@ -574,7 +577,8 @@ impl<const N: usize> Controller<N> {
                 (*demand, *brake_slot) = (DriveDemand::Off, Brake::Closed);
                 continue;
             }
-            // A drive that is gone holds nothing: its brake does, now, whatever the others do.
+            // A drive that is lost holds nothing: its brake must close now, independent of the
+            // others.
             let gone = drive.fault || drive.age_ms >= active.feedback_timeout_ms;
             cable.abandoned |= torque && gone;
             *brake_slot = if cable.abandoned {
@@ -587,7 +591,8 @@ impl<const N: usize> Controller<N> {
                 (Control::Tension, false) if config.tells_speed() => DriveDemand::EnableSpeed,
                 (Control::Tension, false) => DriveDemand::EnableCurrent,
                 (Control::Length, true) => {
-                    // Sign and scale of the encoder may be what is looked for: it corrects nothing.
+                    // Sign and scale of the encoder may be what is being determined: it must not
+                    // correct anything.
                     if brake == Brake::Open && self.service.is_none() {
                         cable
                             .axis
@@ -611,9 +616,9 @@ impl<const N: usize> Controller<N> {
                         stops: self.state == State::Stopping,
                         blind,
                     };
-                    // Against a brake a law would only wind up.
+                    // Against a closed brake a law would only wind up.
                     let held = (brake == Brake::Closed && phase == Phase::Done) || self.opening > 0;
-                    // A brake that does not hold leaves the load to the law.
+                    // If a brake does not hold, the law carries the load.
                     let held = held && self.unsound != number;
                     let relief = cable.proof.relief();
                     if config.tells_speed() {
@@ -636,7 +641,7 @@ impl<const N: usize> Controller<N> {
                         let force = cable.relief_mn(config);
                         cable.tension_loop.give(config, force)
                     } else if held || (blind && self.service.is_some()) {
-                        // A bare winch has no plan to go on with.
+                        // A bare winch has no plan to continue.
                         cable.tension_loop.hold()
                     } else {
                         cable.tension_loop.update(config, &measured)
@@ -651,7 +656,8 @@ impl<const N: usize> Controller<N> {
 }
 
 impl<const N: usize> Controller<N> {
-    /// Raises what the self-test tries; it falls by itself, and at once where anything else begins.
+    /// Sets the output that the self-test tries; it falls by itself, and at once if anything else
+    /// begins.
     #[inline(never)]
     fn try_output(&mut self) {
         let (output, ticks) = self.trial;
@@ -674,7 +680,7 @@ impl<const N: usize> Controller<N> {
     }
 }
 
-/// The longest time that a brake takes, ms.
+/// The longest closing time of a brake, ms.
 #[inline(never)]
 fn slowest_brake_ms<const N: usize>(active: &Active<N>) -> u16 {
     let cables = active.cables.iter();

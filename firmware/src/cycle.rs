@@ -1,9 +1,9 @@
-//! What a board does once a millisecond, on the chip and in the simulator alike.
+//! The steps of a board in each millisecond, on the chip and in the simulator alike.
 //!
-//! Order within a tick: read; find stops; step; apply; one request; tell. Inputs are read first, at
-//! a constant time after the tick's start. Stops are found next among all bytes that came since the
-//! last tick, so that one that has arrived acts in this tick, whatever waits before it on the line.
-//! Requests come after the outputs and act from the next tick on.
+//! Order within a tick: read; find stops; step; apply; one request; report. Inputs are read first,
+//! at a constant time after the tick's start. Stops are searched next among all bytes that arrived
+//! since the last tick, so that a stop takes effect in this tick, whatever waits before it on the
+//! line. Requests are executed after the outputs and take effect from the next tick on.
 
 use crate::io::{Board, Inputs};
 use crate::link::TickEnds;
@@ -11,16 +11,16 @@ use crate::server::Server;
 use mcdpr_protocol::stop::StopFinder;
 use mcdpr_protocol::{Reply, Tick};
 
-/// The control core with what it needs from tick to tick.
+/// The control core with its state from tick to tick.
 #[derive(Debug)]
 pub struct Cycle<const N: usize> {
     server: Server<N>,
-    /// What was read in this tick; here, so that it is not made anew in each.
+    /// The inputs of this tick; stored here, so that they are not built anew in each.
     inputs: Inputs<N>,
     finder: StopFinder,
-    /// Number of the byte that is to be searched next.
+    /// Number of the next byte to be searched.
     searched: u32,
-    /// Number of the byte behind the last stop that was found, until what came before it has been
+    /// Number of the byte after the last stop that was found, until everything before it has been
     /// executed.
     stop_at: Option<u32>,
     /// The last tick executed a request.
@@ -28,7 +28,7 @@ pub struct Cycle<const N: usize> {
 }
 
 impl<const N: usize> Cycle<N> {
-    /// A board that just started; `simulated` is what it says about itself.
+    /// A board that just started; `simulated` is reported in its identity.
     #[must_use]
     pub fn new(simulated: bool) -> Self {
         Self {
@@ -47,17 +47,17 @@ impl<const N: usize> Cycle<N> {
         &self.server
     }
 
-    /// See [`Server::start_in_fault`]. Before the first tick.
+    /// See [`Server::start_in_fault`]. Must be called before the first tick.
     pub fn start_in_fault(&mut self, fault: mcdpr_protocol::FaultId) {
         self.server.start_in_fault(fault);
     }
 
-    /// See [`Server::start_in_lasting_fault`]. Before the first tick.
+    /// See [`Server::start_in_lasting_fault`]. Must be called before the first tick.
     pub fn start_in_lasting_fault(&mut self, fault: mcdpr_protocol::FaultId) {
         self.server.start_in_lasting_fault(fault);
     }
 
-    /// One tick. `late` says that it started late (P5).
+    /// One tick. `late`: it started late (P5).
     #[inline]
     pub fn tick<B: Board<N>>(
         &mut self,
@@ -68,15 +68,15 @@ impl<const N: usize> Cycle<N> {
     ) {
         self.control(now, late, board);
         let executed = self.execute(now, board, ends);
-        // A request and the state each take their time: not both in one tick, unless one request
-        // follows the other.
+        // A request and the state each take time: they are not handled in the same tick, unless one
+        // request follows the other.
         let tells_state = !executed || self.executed_before;
         self.executed_before = executed;
         self.tell(tells_state, ends);
         board.show(self.server.controller().state(), now);
     }
 
-    /// Out of line, as are the others: the stack of one is gone before the next one's comes.
+    /// Out of line, like the others: the stack of one is released before the next one's is used.
     #[inline(never)]
     fn control<B: Board<N>>(&mut self, now: Tick, late: bool, board: &mut B) {
         board.read(&mut self.inputs);
@@ -100,7 +100,7 @@ impl<const N: usize> Cycle<N> {
         }
     }
 
-    /// Executes a request, if one waits; whether it did.
+    /// Executes a request, if one waits; returns whether it did.
     #[inline(never)]
     fn execute<B: Board<N>>(
         &mut self,
@@ -119,7 +119,7 @@ impl<const N: usize> Cycle<N> {
                 return executed;
             }
             if let Some(stop_at) = self.stop_at {
-                // It is older than a stop that has been executed: it starts nothing (K10).
+                // It is older than a stop that has been executed: it must not start anything (K10).
                 if stop_at.wrapping_sub(waiting.at).cast_signed() >= 0 {
                     self.server.outrun(now);
                 } else {
@@ -134,7 +134,7 @@ impl<const N: usize> Cycle<N> {
                 Ok(Reply::Bench(report)) => board.measure(report, &self.inputs),
                 _ => {}
             }
-            // There is room: it was just seen, and nobody else fills it.
+            // There is room: it was just checked, and there is no other producer.
             let _ = ends.answers.enqueue(answer);
         }
         if ends.state.is_damaged()

@@ -3,18 +3,18 @@
 use crate::fixed::{half, narrow, products, saturate};
 use mcdpr_protocol::TenthMicrometres;
 
-/// Samples that may be rejected in a row before a jump is believed to be a dead encoder.
+/// Samples that may be rejected in a row before the encoder counts as dead.
 const MAX_REJECTED: u8 = 2;
 
-/// What one sample was.
+/// Result of one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sampled {
     /// Plausible.
     Good,
-    /// A jump that no drum can make: ignored, the last velocity carries on (S1).
+    /// A jump that a drum cannot make: ignored, the last velocity is continued (S1).
     Rejected,
-    /// Jumps went on: the encoder cannot be trusted (S6). Counting goes on from the new place, so
-    /// that a new reference can mend it; the old reference is worth nothing.
+    /// Jumps continued: the encoder cannot be trusted (S6). Counting continues from the new
+    /// position, so that a new reference can repair it; the old reference is invalid.
     Lost,
 }
 
@@ -28,8 +28,8 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Takes the counter's value of this tick. `max_step` is the largest believable change per
-    /// tick, in counts.
+    /// Takes the counter's value of this tick. `max_step` is the largest plausible change per tick,
+    /// in counts.
     ///
     /// ```
     /// use mcdpr_firmware::encoder::Encoder;
@@ -45,7 +45,7 @@ impl Encoder {
             return Sampled::Good;
         };
         let step = counter.wrapping_sub(last).cast_signed();
-        // Nearly every sample.
+        // The most frequent case.
         if self.rejected == 0 && step.unsigned_abs() <= max_step {
             self.counts += i64::from(step);
             self.step = step;
@@ -55,7 +55,7 @@ impl Encoder {
         self.doubt(counter, step, max_step)
     }
 
-    /// A sample that is no plain step from the last one.
+    /// A sample that is not a plain step from the last one.
     #[inline(never)]
     fn doubt(&mut self, counter: u16, step: i16, max_step: u16) -> Sampled {
         // After rejected samples the drum may have moved on for several ticks.
@@ -85,7 +85,7 @@ impl Encoder {
     }
 }
 
-/// Turns encoder counts into paid-out length.
+/// Converts encoder counts to paid-out length.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LengthScale {
     /// Length per count in 0.1 µm with 24 fractional bits; carries the encoder's sign.
@@ -113,7 +113,7 @@ impl LengthScale {
         TenthMicrometres(saturate(length + i64::from(self.reference)))
     }
 
-    /// Of more counts than drums make.
+    /// For more counts than drums make.
     #[inline(never)]
     const fn far(&self, moved: i64) -> i64 {
         let length = moved.saturating_mul(self.per_count_q24);

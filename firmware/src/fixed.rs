@@ -72,7 +72,7 @@ pub(crate) const fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
 const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
     let size = value.unsigned_abs() >> twos;
     let (high, low) = ((size >> 32) as u32, size as u32);
-    // The rest is under the divisor: a digit below it, it fits 31 bits.
+    // The remainder is below the divisor: with another digit it fits 31 bits.
     let top = high / divisor;
     let rest = ((high % divisor) << 16) | (low >> 16);
     let middle = rest / divisor;
@@ -86,10 +86,10 @@ const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
     }
 }
 
-/// `value / divisor`, rounded towards zero; of a divisor that is wider than 24 bits only the upper 24
-/// count, so that the quotient is good to 1 in 2^22. The chip divides 32 bits by 32:
-/// eight bits of the value go at once, as on paper. The library's division of 64 bits
-/// would take a kilobyte of its flash.
+/// `value / divisor`, rounded towards zero; of a divisor wider than 24 bits only the upper 24
+/// count, so that the quotient is accurate to 1 in 2^22. The chip divides 32 bits by 32: eight bits
+/// of the value are processed at once, as in long division. The library's division of 64 bits would
+/// take a kilobyte of its flash.
 ///
 /// # Panics
 /// For a divisor of 0.
@@ -107,7 +107,7 @@ pub(crate) const fn division(value: i64, divisor: i64) -> i64 {
     let by = by as u32;
     let (mut left, mut rest, mut found) = (u64::BITS / 8, 0, 0);
     while left > 0 {
-        // Under the divisor, the rest leaves room for eight bits.
+        // Below the divisor, the remainder leaves room for eight bits.
         rest = (rest << 8) | (size >> 56) as u32;
         size <<= 8;
         found = (found << 8) + (rest / by) as u64;
@@ -147,8 +147,8 @@ pub(crate) const fn saturate(value: i64) -> i32 {
     }
 }
 
-/// The bound that a value is beyond. Out of line: else the compiler compares every value with both
-/// bounds in 64 bits, which takes the chip three times as long.
+/// The bound that a value exceeds. Out of line: otherwise the compiler compares every value with
+/// both bounds in 64 bits, which takes the chip three times as long.
 #[cold]
 #[inline(never)]
 const fn beyond(value: i64) -> i32 {

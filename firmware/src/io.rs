@@ -1,15 +1,15 @@
-//! What goes into a tick and what comes out, and the rim that a board implements.
+//! Inputs and outputs of a tick, and the interface that a board implements.
 
 use crate::config::Active;
 use crate::supervisor::State;
 use mcdpr_protocol::{Bench, Info, Tick};
 
-/// What one drive last said.
+/// Last feedback of one drive.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct DriveInput {
-    /// The drive takes commands in the mode it was asked for.
+    /// The drive accepts commands in the requested mode.
     pub ready: bool,
-    /// The motor has torque, by what the drive has fed back: it obeys, or its current flows.
+    /// The motor has torque, according to its feedback: the drive is enabled, or its current flows.
     pub torque: bool,
     /// The drive reports a fault of its own.
     pub fault: bool,
@@ -21,17 +21,17 @@ pub struct DriveInput {
     pub rpm: i16,
     /// Motor current, mA.
     pub current_ma: i16,
-    /// The bus to all drives is off: none obeys (D1).
+    /// The bus to all drives is off: none receives commands (D1).
     pub bus_off: bool,
     /// The drive warns (CiA 402).
     pub warning: bool,
-    /// The drive says that it, its motor or its supply is too hot (D6; CiA 402).
+    /// The drive reports that it, its motor or its supply is too hot (D6; CiA 402).
     pub over_temperature: bool,
     /// An object of its set-up that the drive refused (CiA 402).
     pub refused: Option<Refused>,
 }
 
-/// An object that a drive refused to take.
+/// An object that a drive refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Refused {
     /// Index in bits 8 to 23, sub-index in bits 0 to 7.
@@ -40,7 +40,7 @@ pub struct Refused {
     pub code: u32,
 }
 
-/// Which drives answer on the bus.
+/// Drives that answer on the bus.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct Scan {
     /// Every number has been asked.
@@ -49,7 +49,7 @@ pub struct Scan {
     pub nodes: [u32; 4],
 }
 
-/// What a board measured for this tick. `N` cables.
+/// Measurements of this tick. `N` cables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Inputs<const N: usize> {
     /// Drum encoder counters, wrapping.
@@ -86,13 +86,13 @@ impl<const N: usize> Default for Inputs<N> {
     }
 }
 
-/// What a drive shall do. The bus behind it brings the drive into the mode.
+/// Demand on a drive. The bus behind it brings the drive into the mode.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub enum DriveDemand {
     /// No torque.
     #[default]
     Off,
-    /// Be enabled in position mode, and stay where you are.
+    /// Be enabled in position mode, and hold the present position.
     EnablePosition,
     /// Be enabled in current mode, without current.
     EnableCurrent,
@@ -128,7 +128,7 @@ impl DriveDemand {
     }
 }
 
-/// What a spring-applied brake shall do.
+/// Command to a spring-applied brake.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub enum Brake {
     /// Unpowered: the spring holds the drum.
@@ -138,18 +138,18 @@ pub enum Brake {
     Open,
 }
 
-/// What a board must do after a tick.
+/// Outputs of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outputs<const N: usize> {
     /// Drives.
     pub drives: [DriveDemand; N],
     /// Brakes.
     pub brakes: [Brake; N],
-    /// Let the drives have their power: there is a configuration, and no emergency stop.
+    /// Allow the drives their power: there is a configuration, and no emergency stop.
     pub drive_enable: bool,
     /// Close the gripper.
     pub gripper_closed: bool,
-    /// Begin to ask which drives are on the bus.
+    /// Start a scan for drives on the bus.
     pub scan: bool,
     /// Send frames through the CAN controller and back, without the bus.
     pub can_loop: bool,
@@ -168,34 +168,34 @@ impl<const N: usize> Default for Outputs<N> {
     }
 }
 
-/// Bytes that a board keeps of what its line has brought: more than five ticks' worth at
-/// 921600 baud (92.16 bytes each).
+/// Bytes that a board keeps of its line: more than five ticks' worth at 921600 baud (92.16 bytes
+/// each).
 pub const RING: usize = 512;
 
-/// What a line has brought. Its bytes are numbered from the start, wrapping; the last [`RING`] of
+/// The received bytes of a line. They are numbered from the start, wrapping; the last [`RING`] of
 /// them can be read.
 pub trait Line {
-    /// How many bytes the line has brought so far: the number of the next one.
+    /// Number of bytes received so far: the number of the next one.
     fn arrived(&mut self) -> u32;
     /// The byte with this number.
     fn byte(&self, number: u32) -> u8;
 }
 
-/// The rim: all that [`Cycle`](crate::cycle::Cycle) needs of a board. Its [`Line`] is read by the
-/// tick for stops; below the tick, `link` reads it for everything.
+/// The board as [`Cycle`](crate::cycle::Cycle) needs it. Its [`Line`] is searched by the tick for
+/// stops; below the tick, `link` reads it completely.
 pub trait Board<const N: usize>: Line {
-    /// Reads everything once, in place.
+    /// Reads all inputs once, in place.
     fn read(&mut self, inputs: &mut Inputs<N>);
-    /// Applies everything: pins at once, drives by their bus.
+    /// Applies all outputs: pins at once, drives by their bus.
     fn apply(&mut self, now: Tick, config: Option<&Active<N>>, outputs: &Outputs<N>);
-    /// Adds to the core's description of itself what only the board knows.
+    /// Adds board-specific values to the core's identity.
     fn complete(&self, info: &mut Info);
-    /// Adds to a self-test what only the board knows, with what it read in this tick. A simulation
-    /// has no chip, and leaves zeros.
+    /// Adds board-specific values to a self-test, with the inputs of this tick. A simulation has no
+    /// chip, and leaves zeros.
     fn measure(&mut self, report: &mut Bench, inputs: &Inputs<N>) {
         let _ = (report, inputs);
     }
-    /// Shows the state to people who stand beside the board.
+    /// Shows the state to people near the board.
     fn show(&mut self, state: State, now: Tick) {
         let _ = (state, now);
     }

@@ -1,27 +1,27 @@
 //! The control core of a winch board, free of hardware.
 //!
-//! [`Controller::step`] is called once per millisecond with what the board has measured and gives
-//! what the board must do; [`Controller::handle`] answers requests between steps. Time is an
-//! argument, numbers are fixed-point integers, nothing allocates, blocks or panics. The same code
-//! runs inside the simulator, inside an emulated chip and on the STM32F103.
+//! [`Controller::step`] is called once per millisecond with the board's measurements and returns
+//! its outputs; [`Controller::handle`] answers requests between steps. Time is an argument, numbers
+//! are fixed-point integers; the code does not allocate, block or panic. The same code runs inside
+//! the simulator, inside an emulated chip and on the STM32F103.
 //!
 //! | module | what it is for |
 //! |---|---|
-//! | [`supervisor`] | states, events and the one table that joins them |
-//! | `controller` | one tick: measure, watch, move, command |
+//! | [`supervisor`] | states, events and their transition table |
+//! | `controller` | one tick: measure, monitor, move, command |
 //! | [`config`] | physical units from the wire, machine units for the tick |
 //! | [`drives`] | bringing a drive into its mode |
 //! | [`encoder`] | 16-bit counters to 64-bit positions, glitches rejected |
 //! | [`segment`] | motion buffer and Hermite cubics in fixed point |
-//! | [`adc`] | which readings of a tension channel are none of a sensor |
-//! | [`supply`] | what the converter's supply does to a reading |
+//! | [`adc`] | valid readings of a tension channel |
+//! | [`supply`] | effect of the converter's supply on a reading |
 //! | [`tension`] | sensor law and tension laws (Eq. 1, Eq. 52) |
-//! | `arming`, `proof` | checks before brakes open, and before torque goes |
-//! | [`watch`] | detectors: how faults are noticed |
+//! | `arming`, `proof` | checks before brakes open, and before torque is switched off |
+//! | [`watch`] | fault detectors |
 //! | [`server`] | sessions, sequence numbers and frames in front of the controller |
-//! | [`cycle`] | what a board does once a millisecond, in one order on chip and simulator |
+//! | [`cycle`] | the steps of a board in each millisecond, in one order on chip and simulator |
 //! | [`link`] | bytes to commands, answers and telemetry to bytes, below the tick |
-//! | [`io`] | what goes in and out of a tick |
+//! | [`io`] | inputs and outputs of a tick |
 #![no_std]
 
 #[cfg(test)]

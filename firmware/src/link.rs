@@ -1,9 +1,9 @@
 //! Both halves of the link below the tick: bytes to commands, answers and telemetry to bytes.
 //!
-//! On the chip they run in thread mode and the tick preempts them, so all that passes between goes
-//! through queues with one producer and one consumer, or through atomics. A simulated board runs
-//! the same code before and after its tick. Answers go before state, state before samples. Where
-//! the line is slower than the tick, samples are dropped and counted; the tick never waits.
+//! On the chip they run in thread mode and the tick preempts them, so they communicate through
+//! queues with one producer and one consumer, or through atomics. A simulated board runs the same
+//! code before and after its tick. Answers go before state, state before samples. If the line is
+//! slower than the tick, samples are dropped and counted; the tick never waits.
 
 use crate::io::{Line, RING};
 use crate::sampler::{Row, Sampler};
@@ -14,20 +14,20 @@ use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes};
 use mcdpr_protocol::message::{encode_answer, encode_status};
 use mcdpr_protocol::{Answer, Channel, Command, Hello, SampleBlock, Status};
 
-/// What tick and link tell each other besides the queues.
+/// Data shared by tick and link besides the queues.
 #[derive(Debug, Default)]
 pub struct LinkState {
     frames_ok: AtomicU32,
     frames_bad: AtomicU32,
     telemetry_dropped: AtomicU32,
-    /// A damaged frame came: the core should say which number it waits for.
+    /// A damaged frame arrived: the core should report which number it waits for.
     damaged: AtomicBool,
-    /// Someone asked who this is.
+    /// A host asked for the board's identity.
     hello_due: AtomicBool,
 }
 
 impl LinkState {
-    /// Nothing has come yet.
+    /// Initial state.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -39,7 +39,7 @@ impl LinkState {
         }
     }
 
-    /// What was counted so far.
+    /// The counts so far.
     #[must_use]
     pub fn counters(&self) -> LinkCounters {
         LinkCounters {
@@ -49,17 +49,17 @@ impl LinkState {
         }
     }
 
-    /// Samples found no room.
+    /// Samples were dropped.
     pub(crate) fn drop_telemetry(&self) {
         self.telemetry_dropped.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Whether a damaged frame came that was not answered.
+    /// Whether a damaged frame arrived that was not answered.
     pub(crate) fn is_damaged(&self) -> bool {
         self.damaged.load(Ordering::Relaxed)
     }
 
-    /// Whether a damaged frame came since the last call.
+    /// Whether a damaged frame arrived since the last call.
     pub(crate) fn take_damaged(&self) -> bool {
         self.damaged.swap(false, Ordering::Relaxed)
     }
@@ -70,7 +70,7 @@ impl LinkState {
 pub struct Waiting {
     /// The command.
     pub command: Command,
-    /// Number of the byte behind its frame; see [`Line`].
+    /// Number of the byte after its frame; see [`Line`].
     pub at: u32,
 }
 
@@ -130,13 +130,13 @@ impl<const N: usize> Queues<N> {
 
 /// The tick's ends of the queues.
 pub struct TickEnds<'a, const N: usize> {
-    /// What the host asks.
+    /// The host's requests.
     pub(crate) commands: Consumer<'a, Waiting>,
-    /// What became of it.
+    /// Their outcomes.
     pub(crate) answers: Producer<'a, Answer>,
-    /// State, unasked.
+    /// State, sent without a request.
     pub(crate) states: Producer<'a, Status>,
-    /// What the ticks measured, unasked.
+    /// Samples of the ticks, sent without a request.
     pub(crate) rows: Producer<'a, Row<N>>,
     /// Counters.
     pub(crate) state: &'a LinkState,
@@ -144,15 +144,15 @@ pub struct TickEnds<'a, const N: usize> {
 
 /// The link's ends of the queues.
 pub struct LinkEnds<'a, const N: usize> {
-    /// What the receiving half fills.
+    /// Filled by the receiving half.
     pub commands: Producer<'a, Waiting>,
-    /// What the sending half empties.
+    /// Emptied by the sending half.
     pub outgoing: OutgoingEnds<'a, N>,
     /// Counters.
     pub state: &'a LinkState,
 }
 
-/// What the sending half empties.
+/// The queues that the sending half empties.
 pub struct OutgoingEnds<'a, const N: usize> {
     answers: Consumer<'a, Answer>,
     states: Consumer<'a, Status>,
@@ -164,14 +164,14 @@ pub struct OutgoingEnds<'a, const N: usize> {
 #[derive(Debug, Default)]
 pub struct Incoming {
     receiver: Receiver,
-    /// Number of the byte to be taken next.
+    /// Number of the next byte to be taken.
     next: u32,
 }
 
 impl Incoming {
-    /// Turns what has arrived into commands, as long as there is room for one. Bytes wait on the
-    /// line while the tick is behind. Gives `false` if bytes were lost, because they came faster
-    /// than they were taken: then all that was not taken is dropped.
+    /// Decodes the received bytes into commands, as long as there is room for one. Bytes wait on
+    /// the line while the tick is behind. Returns `false` if bytes were lost because they arrived
+    /// faster than they were taken: then all bytes not taken are dropped.
     pub fn receive(
         &mut self,
         line: &mut impl Line,
@@ -183,7 +183,7 @@ impl Incoming {
         if !kept_up {
             self.next = arrived;
         }
-        // Room is seen first, and nobody else fills it.
+        // Room was checked first, and there is no other producer.
         while commands.ready() && self.next != arrived {
             let byte = line.byte(self.next);
             self.next = self.next.wrapping_add(1);
@@ -217,7 +217,7 @@ pub struct Outgoing<const N: usize> {
 }
 
 impl<const N: usize> Outgoing<N> {
-    /// What greets as `hello`.
+    /// With this greeting.
     #[must_use]
     pub fn new(hello: Hello) -> Self {
         Self {
@@ -227,7 +227,7 @@ impl<const N: usize> Outgoing<N> {
         }
     }
 
-    /// Packs what the ticks measured; where the line is too slow, whole blocks are dropped.
+    /// Packs the samples of the ticks; if the line is too slow, whole blocks are dropped.
     pub fn pack(&mut self, ends: &mut OutgoingEnds<'_, N>) {
         while let Some(row) = ends.rows.dequeue() {
             let Some(block) = self.sampler.push(&row) else {
@@ -241,7 +241,7 @@ impl<const N: usize> Outgoing<N> {
         }
     }
 
-    /// Encodes the most urgent message; its size, or 0 where nothing waits.
+    /// Encodes the most urgent message; returns its size, or 0 if there is none.
     pub fn next(&mut self, ends: &mut OutgoingEnds<'_, N>, frame: &mut [u8; MAX_FRAME]) -> usize {
         let used = if ends.state.hello_due.swap(false, Ordering::Relaxed) {
             encode_bytes(Channel::Hello, &self.hello.to_bytes(), frame)
@@ -260,7 +260,7 @@ impl<const N: usize> Outgoing<N> {
         } else {
             Ok(0)
         };
-        // Every message fits a frame: the protocol asserts it when it is compiled.
+        // Every message fits a frame: the protocol crate asserts it at compile time.
         used.unwrap_or(0)
     }
 }

@@ -1,4 +1,4 @@
-//! The motion under way: a buffer of knots, a path clock that can run slower than time, and the
+//! The motion in progress: a buffer of knots, a path clock that can run slower than time, and the
 //! stop segment for a buffer that ran empty.
 
 use crate::fixed::{quotient, saturate};
@@ -12,10 +12,10 @@ pub const CAPACITY: usize = 16;
 /// Full speed of the path clock, ms per tick with 16 fractional bits.
 const FULL_RATE_Q16: u32 = 1 << 16;
 
-/// Slowest that the clock gets because a motor gives all it can.
+/// Slowest rate of the clock while a motor is at its limit.
 const EASED_RATE_Q16: u32 = FULL_RATE_Q16 / 4;
 
-/// What a tick of motion brought.
+/// Result of a tick of motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
     /// Under way.
@@ -41,22 +41,22 @@ pub struct Motion<const N: usize> {
     clock_q16: u64,
     rate_q16: u32,
     rate_step_q16: u32,
-    /// Where the rate is going: rest while braking, full otherwise.
+    /// Target rate of the clock: zero while braking, full otherwise.
     braking: bool,
-    /// A motor gives all it can (D4).
+    /// A motor is at its limit (D4).
     eased: bool,
     stop_segment: bool,
     next_index: u16,
     /// Change of the clock's rate in the last tick.
     change_q16: i32,
-    /// The segment's checks were not taken yet.
+    /// The segment's checks are not done yet.
     new_rows: bool,
 }
 
 impl<const N: usize> Default for Motion<N> {
     fn default() -> Self {
         Self {
-            // A constant: else the board makes it on its stack first.
+            // A constant: otherwise the board builds it on its stack first.
             knots: const { Deque::new() },
             start: None,
             segment: None,
@@ -74,7 +74,7 @@ impl<const N: usize> Default for Motion<N> {
 }
 
 impl<const N: usize> Motion<N> {
-    /// Forgets everything, in place: a fresh one would pass over the stack of the board.
+    /// Resets in place: a fresh one would go over the board's stack.
     pub fn clear(&mut self) {
         self.knots.clear();
         self.start = None;
@@ -107,10 +107,10 @@ impl<const N: usize> Motion<N> {
         u32::try_from(self.clock_q16 >> 16).unwrap_or(u32::MAX)
     }
 
-    /// The knot that was appended last.
+    /// The last knot that was appended.
     #[must_use]
     pub fn newest(&self) -> Option<&StoredKnot<N>> {
-        // Where the buffer is empty, it was taken out last.
+        // If the buffer is empty, it was the last one taken out.
         self.knots.back().or(self.start.as_ref())
     }
 
@@ -120,7 +120,7 @@ impl<const N: usize> Motion<N> {
         self.segment.is_none() && self.knots.len() > 1
     }
 
-    /// Whether a motion was held on its path and can go on.
+    /// Whether a motion was held on its path and can be resumed.
     #[must_use]
     pub fn is_paused(&self) -> bool {
         self.segment.is_some() && !self.stop_segment
@@ -134,7 +134,7 @@ impl<const N: usize> Motion<N> {
         })
     }
 
-    /// Times that a next knot may have, ms: from, to.
+    /// Permitted times of the next knot, ms: from, to.
     #[must_use]
     pub fn time_window_ms(&self) -> (u32, u32) {
         let Some(newest) = self.newest() else {
@@ -156,7 +156,7 @@ impl<const N: usize> Motion<N> {
         slot.map(|slot| *slot = knot).is_some()
     }
 
-    /// A new place at the buffer's end, to be filled; `None` when full (K7).
+    /// A new place at the buffer's end, to be filled; `None` if full (K7).
     pub fn append(&mut self) -> Option<&mut StoredKnot<N>> {
         if self.stop_segment || self.knots.push_back(StoredKnot::EMPTY).is_err() {
             return None;
@@ -183,14 +183,14 @@ impl<const N: usize> Motion<N> {
         self.rate_step_q16 = rate_step_q16(stop_ms);
     }
 
-    /// While a motor gives all it can, the clock slows down as in a stop, but only to a quarter:
-    /// the path stays, its time stretches (D4).
+    /// While a motor is at its limit, the clock slows down as in a stop, but only to a quarter: the
+    /// path does not change, its time stretches (D4).
     pub const fn ease(&mut self, eased: bool) {
         self.eased = eased;
     }
 
-    /// Moves the clock on by one tick; `None` without a path. Where the path is then,
-    /// [`Self::evaluate`] tells.
+    /// Advances the clock by one tick; `None` without a path. [`Self::evaluate`] gives the path's
+    /// point then.
     pub fn tick(&mut self, stop_ms: u32) -> Option<Progress> {
         self.segment.as_ref()?;
         let before_q16 = self.rate_q16;
@@ -198,7 +198,7 @@ impl<const N: usize> Motion<N> {
             self.rate_q16.saturating_sub(self.rate_step_q16)
         } else if self.eased {
             let slower = self.rate_q16.saturating_sub(self.rate_step_q16);
-            // One that is still coming up from rest stays where it is.
+            // One that is still coming up from rest keeps its rate.
             slower.max(self.rate_q16.min(EASED_RATE_Q16))
         } else {
             (self.rate_q16 + self.rate_step_q16).min(FULL_RATE_Q16)
@@ -228,7 +228,7 @@ impl<const N: usize> Motion<N> {
                 Progress::Paused
             };
         }
-        // At rest on the path nothing accelerates.
+        // At rest on the path there is no acceleration.
         self.change_q16 = if self.rate_q16 == 0 {
             0
         } else {
@@ -237,8 +237,8 @@ impl<const N: usize> Motion<N> {
         Some(progress)
     }
 
-    /// Gives point and expected tension (mN) of one cable after the other: velocities and
-    /// accelerations in real time, the clock's rate included.
+    /// Calls back with point and expected tension (mN) of each cable: velocities and accelerations
+    /// in real time, the clock's rate included.
     #[inline]
     pub fn evaluate(&self, mut take: impl FnMut(usize, &Point, i32)) {
         let (Some(segment), Some(elapsed)) = (&self.segment, self.elapsed_q16()) else {
@@ -253,9 +253,9 @@ impl<const N: usize> Motion<N> {
         });
     }
 
-    /// Chain rule: real time runs faster than the path clock while it brakes, and the clock's own
-    /// change, per second, accelerates along the path.
-    // Out of line, as a motion is at full speed nearly always.
+    /// Chain rule: the path clock runs slower than real time while it brakes, and its change of
+    /// rate, per second, adds an acceleration along the path.
+    // Out of line, because a motion nearly always runs at full rate.
     #[inline(never)]
     fn slow(&self, point: &mut Point) {
         let rate = i64::from(self.rate_q16);
@@ -267,7 +267,7 @@ impl<const N: usize> Motion<N> {
         point.acceleration_umps2 = crate::fixed::saturate(twice + along);
     }
 
-    /// The checks of the segment under way, once for each segment.
+    /// The checks of the current segment, once for each segment.
     pub(crate) fn take_rows(&mut self) -> Option<&[StoredRow<N>; ResidualRow::PER_KNOT]> {
         let is_new = core::mem::take(&mut self.new_rows);
         let knot = self.start.as_ref().filter(|_| is_new);
@@ -289,7 +289,7 @@ impl<const N: usize> Motion<N> {
     }
 
     /// The stop segment: the tangent of the path, run with a braking clock, so that a buffer that
-    /// ran empty decelerates as any stop does, and a stop under way goes on as it began.
+    /// ran empty decelerates like any stop, and a stop in progress continues as it began.
     // Out of line: rare, and its temporaries would be on the stack of every tick.
     #[inline(never)]
     fn append_stop(&mut self, from: &StoredKnot<N>, stop_ms: u32) {

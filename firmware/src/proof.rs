@@ -1,31 +1,31 @@
-//! Proving a brake: before torque may go, and before a brake may open, the drive lets go of the
-//! load and pushes against the closed brake. Only a brake that holds more than the load is trusted
-//! with it (B2, B3).
+//! Test of a brake, before torque may be switched off and before a brake may open: the drive
+//! releases the load and pushes against the closed brake. Only a brake that holds more than the
+//! load passes (B2, B3).
 //!
-//! Between a motor and its drum, and between drum and brake, there is play, and the motor's current says nothing about the brake
-//! before the motor is through it, nor what its own friction takes: both are the configuration's.
-//! After the push the motor comes back to where it carried the load, so that no drum falls through
-//! the play when its brake opens.
+//! Between a motor and its drum, and between drum and brake, there is play. Until the motor is
+//! through it, the motor's current gives no information about the brake; afterwards the motor's
+//! friction must be subtracted. Both are in the configuration. After the push the motor returns to
+//! where it carried the load, so that no drum falls through the play when its brake opens.
 
 use crate::config::{Active, CableConfig, Control};
 
 /// The push beyond the load is half of the load, or at least this, mN.
 const LEAST_PUSH_MN: i32 = 1000;
-/// Farthest that a position-held drive lets go beyond the play, 0.1 µm.
+/// Greatest distance that a position-held drive releases beyond the play, 0.1 µm.
 const RELIEF_MOST: i32 = 5000;
-/// Force that a tension-held drive lets go per tick, mN.
+/// Force that a tension-held drive releases per tick, mN.
 const RELEASE_MN: i32 = 256;
-/// Through play a motor turns no faster than this, 0.1 µm per tick (5 mm/s), and a drive that is told
-/// speeds speeds up by no more than this per tick, µm/s (0.05 m/s²): its current is then that of its
-/// friction, not of its inertia.
+/// In the play a motor turns no faster than this, 0.1 µm per tick (5 mm/s), and a drive commanded
+/// by speed changes it by no more than this per tick, µm/s (0.05 m/s²): its current is then that of
+/// its friction, not of its inertia.
 const THROUGH_PLAY: i32 = 50;
 const FASTEST_UMPS: i32 = 5000;
 const FASTER_UMPS: i32 = 50;
-/// Ticks that a current must last behind play: a flank that is hit rings.
+/// Ticks that a current must last behind play: the impact at its end causes ringing.
 const LASTS: u8 = 5;
 
-/// What the play of the widest winch adds to the time that a proof may take, ms: there and back at
-/// [`THROUGH_PLAY`], and as much again for its gentle start.
+/// Addition for the play of the widest winch to the duration of a test, ms: there and back at
+/// [`THROUGH_PLAY`], and as much again for its slow start.
 #[must_use]
 pub(crate) fn play_ms<const N: usize>(config: &Active<N>) -> u16 {
     let widest = config.cables.iter();
@@ -33,10 +33,10 @@ pub(crate) fn play_ms<const N: usize>(config: &Active<N>) -> u16 {
     u16::try_from(widest.unwrap_or(0) * 4 / THROUGH_PLAY).unwrap_or(u16::MAX)
 }
 
-/// What is known of a brake.
+/// Result of a brake's test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// Nothing yet.
+    /// Unknown.
     Pending,
     /// It held the load and half as much again.
     Holds,
@@ -49,24 +49,25 @@ pub enum Verdict {
 pub struct Proof {
     /// Length before, 0.1 µm.
     from: Option<i32>,
-    /// How far the drive has let go: 0.1 µm where it holds a position, mN where it gives a force, µm/s
-    /// where it is told a speed.
+    /// How far the drive has released: 0.1 µm if it holds a position, mN if it gives a force, µm/s
+    /// if it is commanded by speed.
     relief: i32,
-    /// The brake has held the push; the motor is on its way back.
+    /// The brake has held the push; the motor is returning.
     pushed: bool,
     lasted: u8,
     holds: bool,
 }
 
 impl Proof {
-    /// How far the drive shall let go of what it holds: 0.1 µm, mN or µm/s, as the cable is held.
+    /// The drive's release of its set-point: 0.1 µm, mN or µm/s, depending on how the cable is
+    /// held.
     #[must_use]
     pub(crate) const fn relief(&self) -> i32 {
         self.relief
     }
 
     /// One tick under a closed brake: the drum's length (0.1 µm), the motor's current and the load
-    /// that the brake is to hold.
+    /// that the brake must hold.
     pub fn tick(
         &mut self,
         config: &CableConfig,
@@ -84,10 +85,10 @@ impl Proof {
         if turned.unsigned_abs() > most.unsigned_abs() {
             return Verdict::Slips(turned);
         }
-        // The push pays out: it adds to the load on the brake. Friction takes its share first, at
-        // rest half as much again.
+        // The push pays out: it adds to the load on the brake. Friction is subtracted first; at
+        // rest it is half as much again.
         let push_mn = (load_mn / 2).max(LEAST_PUSH_MN);
-        // What gives a force comes back by itself, with the force that it held before.
+        // A force-controlled drive returns by itself, with the force that it held before.
         let gives_force = config.control == Control::Tension && !config.tells_speed();
         let geared = config.play > 0 || config.tells_speed();
         let rubbing_mn = if geared {
@@ -96,7 +97,7 @@ impl Proof {
             0
         };
         let wanted_mn = if self.pushed {
-            // Back on the flank that carries the load.
+            // Back at the side of the play that carries the load.
             load_mn + rubbing_mn
         } else {
             -(push_mn + rubbing_mn)
@@ -135,7 +136,7 @@ impl Proof {
             self.relief = (self.relief + step).clamp(-FASTEST_UMPS, FASTEST_UMPS);
         } else {
             self.relief = match config.control {
-                // Slowly at first: a stiff drive has all its force within micrometres.
+                // Slowly at first: a stiff drive reaches its full force within micrometres.
                 Control::Length if config.play == 0 => {
                     (self.relief + 1 + self.relief / 32).min(RELIEF_MOST + config.brake_play)
                 }
@@ -143,7 +144,7 @@ impl Proof {
                     let step = (1 + self.relief / 64).min(THROUGH_PLAY);
                     (self.relief + step).min(RELIEF_MOST + config.play + config.brake_play)
                 }
-                // What the drive gave before is not quite the load.
+                // The drive's force before is not exactly the load.
                 Control::Tension => {
                     let most = 2 * (load_mn + push_mn) + rubbing_mn;
                     (self.relief + RELEASE_MN).min(most)

@@ -1,19 +1,19 @@
-//! Packs what every tick measured into sample blocks.
+//! Packs the measurements of every tick into sample blocks.
 //!
-//! Not in the tick: that leaves a [`Row`], and whatever sends telemetry packs it.
+//! Not done in the tick: the tick leaves a [`Row`], and the sending half packs it.
 
 use mcdpr_protocol::{
     Milliamps, Millinewtons, PerCable, Sample, SampleBlock, TenthMicrometres, Tick,
 };
 
-/// What one tick measured.
+/// Measurements of one tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Row<const N: usize> {
     /// The tick.
     pub tick: Tick,
     /// Path time of the motion, ms.
     pub path_ms: u32,
-    /// Whether the host asked for samples just before: what was collected until then is void.
+    /// Whether the host asked for samples just before: samples collected until then are void.
     pub first: bool,
     /// Cable by cable: paid-out length (0.1 µm), tension (mN), motor current (mA).
     pub cables: [(i32, i32, i16); N],
@@ -40,8 +40,8 @@ impl<const N: usize> Default for Sampler<N> {
 }
 
 impl<const N: usize> Sampler<N> {
-    /// Takes one tick; gives a block when one is full. Where ticks are missing, the block that
-    /// they would have been in is void: a block's ticks follow each other.
+    /// Takes one tick; returns a block when one is full. If ticks are missing, the block that they
+    /// belong to is void: a block's ticks are consecutive.
     pub fn push(&mut self, row: &Row<N>) -> Option<SampleBlock> {
         let follows = row.tick == self.block.tick.after(self.position);
         if row.first || (self.position > 0 && !follows) {

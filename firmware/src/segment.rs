@@ -1,8 +1,8 @@
 //! Motion between knots: Hermite cubics in fixed point (the cubic of Eq. 53 in another basis).
 //!
 //! With `s = (t - t0) / h` in 0..1 a cable's length is `c0 + c1 s + c2 s^2 + c3 s^3`. All four
-//! coefficients are integers of 1/256 of 0.1 µm, formed so that their sum is the next knot exactly:
-//! segments join without a step, whatever the rounding.
+//! coefficients are integers of 1/256 of 0.1 µm, chosen so that their sum is exactly the next knot:
+//! segments join without a step, independent of rounding.
 
 use crate::fixed::{division, half, quotient, saturate, scale_down};
 use mcdpr_protocol::{
@@ -68,11 +68,11 @@ impl Cubic {
         }
     }
 
-    /// Whether all that is formed of the coefficients fits 32 bits, and 64 where it is multiplied:
-    /// then products of 32 bits give the same values.
+    /// Whether all sums of the coefficients fit 32 bits, and 64 where they are multiplied: then
+    /// products of 32 bits give the same values.
     fn is_narrow(&self, spacing_ms: u32) -> bool {
-        // No value or derivative in `s` is larger, but for what is rounded down; times 1000 and the
-        // square of 2^30 / spacing, of which 30 bits go off in between, it must stay under 2^63.
+        // No value or derivative in `s` is larger, except for rounding; times 1000 and the square
+        // of 2^30 / spacing, of which 30 bits are shifted out in between, it must stay under 2^63.
         let [c1, c2, c3] = self.c.map(i64::unsigned_abs);
         let largest = c1 + 2 * c2 + 6 * c3 + 8;
         largest < (1 << 31).min(u64::from(spacing_ms) << 23)
@@ -103,7 +103,7 @@ impl Cubic {
     }
 }
 
-/// The same in 64 bits: for motions that no winch of this project makes.
+/// The same in 64 bits: for motions beyond the winches of this project.
 #[inline(never)]
 fn wide(c1: i64, c2: i64, c3: i64, phase: &Phase) -> (i64, i64, i64) {
     let s = i64::from(phase.s_q24);
@@ -122,14 +122,14 @@ fn product(value: i32, factor: i32, bits: u32) -> i32 {
     low((i64::from(value) * i64::from(factor)) >> bits)
 }
 
-/// What is known to fit.
+/// A value known to fit.
 #[inline]
 #[expect(clippy::cast_possible_truncation, reason = "the caller knows its size")]
 const fn low(value: i64) -> i32 {
     value as i32
 }
 
-/// Where in a segment a time lies.
+/// Position of a time in a segment.
 #[derive(Debug, Clone, Copy)]
 struct Phase {
     s_q24: i32,
@@ -138,7 +138,7 @@ struct Phase {
     narrow: bool,
 }
 
-/// A knot as the board keeps it.
+/// A knot in the board's form.
 #[derive(Debug, Clone, Copy)]
 pub struct StoredKnot<const N: usize> {
     /// Path time, ms.
@@ -151,7 +151,7 @@ pub struct StoredKnot<const N: usize> {
     pub rows: [StoredRow<N>; ResidualRow::PER_KNOT],
 }
 
-/// A residual row as the board keeps it; a limit of 0 means no row.
+/// A residual row in the board's form; a limit of 0 means no row.
 #[derive(Debug, Clone, Copy)]
 pub struct StoredRow<const N: usize> {
     /// Coefficients of lengths.
@@ -280,7 +280,7 @@ impl<const N: usize> Segment<N> {
         tensions
     }
 
-    /// Gives point and expected tension (mN) of one cable after the other.
+    /// Calls back with point and expected tension (mN) of each cable.
     #[inline]
     pub fn evaluate(&self, elapsed_q16: u64, mut take: impl FnMut(usize, Point, i32)) {
         let phase = self.phase(elapsed_q16);

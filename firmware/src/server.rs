@@ -1,7 +1,7 @@
 //! Sessions, sequence numbers and telemetry in front of the controller.
 //!
 //! [`Server`] works on decoded messages and belongs to the control tick; [`Receiver`] and the
-//! `encode_*` functions turn bytes into messages and back and belong to whatever moves bytes.
+//! `encode_*` functions convert between bytes and messages and belong to the code that moves bytes.
 
 use crate::controller::Controller;
 use crate::io::{Inputs, Outputs};
@@ -45,12 +45,12 @@ impl Outcome {
     }
 }
 
-/// What the link has counted.
+/// The link's counters.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct LinkCounters {
-    /// Frames received whole.
+    /// Frames received intact.
     pub frames_ok: u32,
-    /// Frames that were none.
+    /// Damaged frames.
     pub frames_bad: u32,
     /// Telemetry frames dropped because the link was full.
     pub telemetry_dropped: u32,
@@ -61,14 +61,14 @@ pub struct LinkCounters {
 pub struct Server<const N: usize> {
     controller: Controller<N>,
     session: Option<SessionId>,
-    /// The last session that was given back, and the number of the request that did it.
+    /// The last closed session, and the number of the request that closed it.
     closed: Option<(SessionId, SequenceNumber)>,
     expected: SequenceNumber,
     outcomes: [Option<(SequenceNumber, Outcome)>; WINDOW as usize],
     sequence_errors: u32,
     /// Tick of the last stop request: nothing may start in the same tick (K10).
     stopped_at: Option<Tick>,
-    /// Samples are wanted; whether the first one was taken.
+    /// Samples are requested; whether the first one was taken.
     sampling: Option<bool>,
     status_in: u32,
     told_state: State,
@@ -82,7 +82,7 @@ impl<const N: usize> Default for Server<N> {
 }
 
 impl<const N: usize> Server<N> {
-    /// A board that just started; `simulated` is what it tells about itself.
+    /// A board that just started; `simulated` is reported in its identity.
     #[must_use]
     pub fn new(simulated: bool) -> Self {
         Self {
@@ -100,19 +100,19 @@ impl<const N: usize> Server<N> {
         }
     }
 
-    /// The controller behind.
+    /// The controller.
     #[must_use]
     pub const fn controller(&self) -> &Controller<N> {
         &self.controller
     }
 
     /// The board starts after a crash, a hang or a failed supply; see
-    /// [`Controller::start_in_fault`]. Before the first tick.
+    /// [`Controller::start_in_fault`]. Must be called before the first tick.
     pub fn start_in_fault(&mut self, fault: mcdpr_protocol::FaultId) {
         self.controller.start_in_fault(fault);
     }
 
-    /// See [`Controller::start_in_lasting_fault`]. Before the first tick.
+    /// See [`Controller::start_in_lasting_fault`]. Must be called before the first tick.
     pub fn start_in_lasting_fault(&mut self, fault: mcdpr_protocol::FaultId) {
         self.controller.start_in_lasting_fault(fault);
     }
@@ -123,14 +123,14 @@ impl<const N: usize> Server<N> {
         *self.controller.outputs()
     }
 
-    /// As [`Self::step`], without a copy: [`Controller::outputs`] tells what the board must do.
+    /// As [`Self::step`], without a copy: [`Controller::outputs`] gives the outputs.
     pub fn tick(&mut self, now: Tick, inputs: &Inputs<N>) {
         self.controller.tick(now, inputs);
         self.status_in = self.status_in.saturating_sub(1);
     }
 
-    /// What the tick measured, if the host wants samples. Once per tick: whatever sends telemetry
-    /// packs the rows with a [`Sampler`](crate::sampler::Sampler).
+    /// The tick's measurements, if the host wants samples. Once per tick: the sending half packs
+    /// the rows with a [`Sampler`](crate::sampler::Sampler).
     pub fn take_row(&mut self) -> Option<Row<N>> {
         let taken = self.sampling.as_mut()?;
         Some(Row {
@@ -171,7 +171,7 @@ impl<const N: usize> Server<N> {
         }
     }
 
-    /// What to say after a damaged frame, so that the host need not wait for its timeout (L1, L3).
+    /// The reply to a damaged frame, so that the host need not wait for its timeout (L1, L3).
     #[must_use]
     pub fn complain(&self) -> Option<Answer> {
         self.session.map(|_| Answer {
@@ -182,20 +182,21 @@ impl<const N: usize> Server<N> {
         })
     }
 
-    /// Executes a stop ahead of all that waits; the same stop, when its turn comes, is answered.
+    /// Executes a stop before everything that waits; when the same stop's turn comes, it is
+    /// answered.
     pub fn stop(&mut self, now: Tick, kind: StopKind) {
         self.stopped_at = Some(now);
         // It cannot be refused.
         let _ = self.controller.handle(now, &Request::Stop(kind));
     }
 
-    /// What is received next was sent before a stop that has been executed: in this tick nothing
-    /// may start (K10).
+    /// The next received message was sent before a stop that has been executed: in this tick
+    /// nothing may start (K10).
     pub(crate) const fn outrun(&mut self, now: Tick) {
         self.stopped_at = Some(now);
     }
 
-    /// Executes a command, or says why not.
+    /// Executes a command, or returns the reason for its refusal.
     pub fn receive(&mut self, now: Tick, command: &Command, counters: &LinkCounters) -> Answer {
         let mut result = self.dispatch(now, command);
         match &mut result {
@@ -209,9 +210,9 @@ impl<const N: usize> Server<N> {
         }
     }
 
-    /// Does what a control tick has time for of a command that takes longer; whether
-    /// [`Self::receive`] can execute it now. Until then the same command has to be given again in
-    /// the next tick, before any other.
+    /// Does a slice of a command that takes longer than a control tick; returns whether
+    /// [`Self::receive`] can execute it now. Until then the same command must be given again in the
+    /// next tick, before any other.
     pub fn prepare(&mut self, command: &Command) -> bool {
         match command.request {
             Request::ConfigCommit { hash }
@@ -233,7 +234,7 @@ impl<const N: usize> Server<N> {
                 self.controller.handle(now, &command.request)
             }
             Request::Open => self.open(now, command),
-            // Its answer was lost: it is answered alike (L4).
+            // Its answer was lost: it gets the same answer again (L4).
             Request::Close if self.closed == Some((command.session, command.sequence)) => {
                 self.sequence_errors = self.sequence_errors.wrapping_add(1);
                 Ok(Reply::Done)
@@ -313,11 +314,11 @@ impl<const N: usize> Server<N> {
     }
 }
 
-/// What a byte completed.
+/// Result of a byte.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[expect(clippy::large_enum_variant, reason = "no allocation on the board")]
 pub enum Incoming {
-    /// Someone asks who this is.
+    /// A host asks for the board's identity.
     HelloQuery,
     /// A command.
     Command(Command),
@@ -325,10 +326,10 @@ pub enum Incoming {
     Damaged(FrameError),
 }
 
-/// As [`Incoming`], where a command went elsewhere.
+/// As [`Incoming`], after a command was handed on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Arrived {
-    /// Someone asks who this is.
+    /// A host asks for the board's identity.
     HelloQuery,
     /// A command.
     Command,
@@ -336,11 +337,11 @@ pub(crate) enum Arrived {
     Damaged(FrameError),
 }
 
-/// Turns bytes into commands.
+/// Decodes bytes into commands.
 #[derive(Debug, Default)]
 pub struct Receiver {
     deframer: Deframer,
-    /// Frames counted here; the link adds what it drops.
+    /// Frames counted here; the link adds those that it drops.
     pub counters: LinkCounters,
 }
 
@@ -356,8 +357,8 @@ impl Receiver {
         })
     }
 
-    /// Takes one byte; hands a command straight to `take`. A command is large: it should not lie
-    /// on the stack once for everybody who passes it on.
+    /// Takes one byte; passes a command straight to `take`. A command is large: it should not be
+    /// copied to the stack by every caller.
     #[inline]
     pub(crate) fn push_into(&mut self, byte: u8, take: impl FnOnce(Command)) -> Option<Arrived> {
         let arrived = match self.deframer.push(byte)? {
@@ -369,7 +370,7 @@ impl Receiver {
                 }
                 None => Arrived::Damaged(FrameError::Malformed),
             },
-            // Frames of the other direction: an echo, or a crossed cable.
+            // Frames of the other direction: an echo, or swapped wires.
             Ok(_) => Arrived::Damaged(FrameError::UnknownChannel),
             Err(error) => Arrived::Damaged(error),
         };

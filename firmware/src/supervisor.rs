@@ -1,8 +1,8 @@
-//! The supervisor: what the board may do, as one table of states and events.
+//! The supervisor: the permitted transitions, as one table of states and events.
 //!
-//! `transition` is the whole of it: pure, total, and printed by [`TABLE`]'s readers. What a state
-//! does to drives and brakes is the controller's; which state follows is decided here and nowhere
-//! else. A stop always wins: it is possible in every state.
+//! `transition` is complete, without side effects, and defined for every state and event; [`TABLE`]
+//! can be printed. The controller decides the outputs of a state; the next state is decided only
+//! here. A stop always has priority: it is possible in every state.
 
 pub use mcdpr_protocol::BoardState as State;
 use mcdpr_protocol::FaultId;
@@ -23,7 +23,7 @@ pub enum Event {
     MotionDone,
     /// A host asks to hold, or a fault asks for it.
     Hold,
-    /// A host asks to go on.
+    /// A host asks to resume.
     Resume,
     /// A deceleration has ended.
     AtRest,
@@ -33,7 +33,7 @@ pub enum Event {
     Emergency,
     /// Brakes are closed and torque is off.
     TorqueOff,
-    /// A brake does not hold what hangs on it: torque must stay.
+    /// A brake does not hold its load: torque must stay on.
     BrakeFails,
     /// A host acknowledges the fault and its cause is gone.
     Clear,
@@ -77,10 +77,10 @@ pub const STATES: [State; 9] = [
     State::EStop,
 ];
 
-/// What an event does in a state.
+/// Effect of an event in a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cell {
-    /// The event has no meaning here: a request is refused, a detection is ignored.
+    /// The event is not allowed here: a request is refused, a detection is ignored.
     No,
     /// Accepted, the state stays.
     Stay,
@@ -108,7 +108,7 @@ pub const TABLE: [[Cell; 15]; 9] = [
 /* EStop    */ [No,           No,         No,          No,         No,          Stay,        No,         No,          Stay,         Stay,       No,        No,          No,           Stay,        To(Fault)],
 ];
 
-/// The state that follows, or `None` where the event is not possible.
+/// The next state, or `None` if the event is not possible.
 #[must_use]
 pub(crate) fn transition(state: State, event: Event, fault_latched: bool) -> Option<State> {
     let row = STATES.iter().position(|&known| known == state)?;
@@ -128,7 +128,7 @@ pub const fn may_give_torque(state: State) -> bool {
     matches!(state, Arming | Holding | Moving | Pausing | Stopping)
 }
 
-/// What the board does about a fault.
+/// Reaction of the board to a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reaction {
     /// Latch it, decelerate along the path and hold under tension.

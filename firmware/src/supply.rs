@@ -1,22 +1,22 @@
 //! The converter's supply, measured against the chip's own reference.
 //!
-//! A step of the converter is worth what its supply says: a regulator that drifts by 3 % moves every
-//! tension by 3 %. The chip converts its internal reference in every tick; readings are scaled to
-//! what they would be at a nominal supply. The reference is 1.16 to 1.24 V from chip to chip (data sheet of
-//! the STM32F103x8, 5.3.4), which a sensor's calibration takes up; what stays is its drift, 10 mV at
-//! most over the whole range of temperature.
+//! The value of a converter's step is proportional to its supply: a regulator that drifts by 3 %
+//! shifts every tension by 3 %. The chip converts its internal reference in every tick; readings
+//! are scaled to a nominal supply. The reference is 1.16 to 1.24 V from chip to chip (data sheet of
+//! the STM32F103x8, 5.3.4), which a sensor's calibration absorbs; its drift remains, 10 mV at most
+//! over the whole range of temperature.
 
 use crate::adc::{RAIL_HIGH, RAIL_LOW, is_plausible};
 use core::ops::RangeInclusive;
 
-/// What the reference reads at 3.3 V, when it is 1.20 V: 1.20 / 3.3 * 4096, with 8 fractional bits.
+/// Reading of the reference at 3.3 V, when it is 1.20 V: 1.20 / 3.3 * 4096, with 8 fractional bits.
 pub(crate) const NOMINAL_Q8: u32 = 381_300;
-/// What it reads at 3.6 V with the lowest reference, and at 3.0 V with the highest.
+/// Its reading at 3.6 V with the lowest reference, and at 3.0 V with the highest.
 const SUPPLIED: RangeInclusive<u16> = 1319..=1693;
-/// Readings that the mean is of, as a power of two.
+/// Number of readings in the mean, as a power of two.
 const MEAN_SHIFT: u32 = 6;
-/// The factor in use stays while the mean is within this of what it was made from, 8 fractional
-/// bits: a reading that stands must not seem to move (S11).
+/// The factor is kept while the mean is within this of its value at the last update, 8 fractional
+/// bits: a constant reading must not appear to change (S11).
 const STAYS_Q8: u32 = 128;
 
 /// The converter's supply.
@@ -24,7 +24,7 @@ const STAYS_Q8: u32 = 128;
 pub struct Supply {
     /// Mean of the readings, 8 + 6 fractional bits; 0 before the first.
     mean: u32,
-    /// The mean that the factor was made from, 8 fractional bits.
+    /// The mean at the last update of the factor, 8 fractional bits.
     used_q8: u32,
     /// What readings are multiplied with, 15 fractional bits.
     factor_q15: u32,
@@ -41,8 +41,8 @@ impl Default for Supply {
 }
 
 impl Supply {
-    /// One reading of the reference, 12 bits. Gives whether the supply is one that the converter
-    /// works at, 3.0 to 3.6 V.
+    /// One reading of the reference, 12 bits. Returns whether the supply is in the converter's
+    /// range, 3.0 to 3.6 V.
     pub fn update(&mut self, reading: u16) -> bool {
         if !SUPPLIED.contains(&reading) {
             self.mean = 0;
@@ -61,8 +61,8 @@ impl Supply {
         true
     }
 
-    /// A sum of sixteen readings as it would be at 3.3 V. What is at a rail stays there, and what
-    /// is not does not come to one.
+    /// A sum of sixteen readings as it would be at 3.3 V. A reading at a rail stays there, and any
+    /// other does not reach one.
     #[must_use]
     pub fn scale(&self, sum: u16) -> u16 {
         if !is_plausible(sum) {
@@ -73,7 +73,7 @@ impl Supply {
         u16::try_from(scaled.clamp(low, high)).unwrap_or(sum)
     }
 
-    /// The supply, mV, for a reference of 1.20 V; 0 where it is not known.
+    /// The supply, mV, for a reference of 1.20 V; 0 if unknown.
     #[must_use]
     pub fn millivolts(&self) -> u16 {
         let mean_q8 = self.mean >> MEAN_SHIFT;
@@ -92,7 +92,7 @@ impl Supply {
 mod tests {
     use super::*;
 
-    /// What the reference (1.20 V) and an input read at a supply.
+    /// Readings of the reference (1.20 V) and an input at a supply.
     fn read(supply_v: f64, input_v: f64) -> (u16, u16) {
         let reference = (1.20 / supply_v * 4096.0) as u16;
         (reference, (input_v / supply_v * 65_536.0) as u16)

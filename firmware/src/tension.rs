@@ -1,8 +1,8 @@
-//! Tension: the sensor's law and the laws that hold a cable by its tension.
+//! Tension: the sensor's law and the laws that control a cable's tension.
 //!
 //! Signs: tensions and drum forces are positive as they pull; lengths and speeds are positive as
-//! the cable pays out. So a drum that pays out faster than planned is pulled back by a positive
-//! damping force.
+//! the cable pays out. So a positive damping force pulls back a drum that pays out faster than
+//! planned.
 
 mod speed;
 
@@ -16,7 +16,7 @@ pub fn measured_mn(config: &CableConfig, adc: u16) -> i32 {
     saturate((force_q24 + half(24)) >> 24)
 }
 
-/// What a tension law works from in a tick.
+/// Inputs of a tension law in a tick.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Demand {
     /// Set-point, mN.
@@ -31,22 +31,23 @@ pub struct Demand {
     pub measured_speed_umps: i32,
     /// The robot stops: a cable that was slack is needed soon.
     pub stops: bool,
-    /// What was measured as tension cannot be true (S7, S8, S11): it enters nowhere.
+    /// The measured tension is invalid (S7, S8, S11): it is not used.
     pub blind: bool,
 }
 
-/// Friction is compensated by this share: more would start stick-slip. Out of 256.
+/// Share of the friction that is compensated: more would cause stick-slip. Out of 256.
 const FRICTION_SHARE: i32 = 205;
-/// At this drum speed a drum moves for certain, µm/s; under it, friction's sign is the plan's.
+/// Above this drum speed a drum certainly moves, µm/s; below it, the plan gives the sign of
+/// friction.
 const FRICTION_SPEED_UMPS: i32 = 4000;
-/// After slack or overload the set-point comes back this fast, mN per ms (20 N/s).
+/// After slack or overload the set-point returns this fast, mN per ms (20 N/s).
 const RECOVERY_MNPMS: i32 = 20;
-/// While the robot stops: what is not tight when the brakes close stays so.
+/// While the robot stops: a cable that is slack when the brakes close stays slack.
 const STOP_RECOVERY_MNPMS: i32 = 100;
-/// Under this planned speed friction feed-forward fades in linearly, µm/s.
+/// Below this planned speed friction feed-forward fades in linearly, µm/s.
 const FRICTION_FADE_UMPS: i32 = 500;
 
-/// Largest error that is integrated as it is, mN with 16 fractional bits (8 kN): its product with
+/// Largest error that is integrated unclipped, mN with 16 fractional bits (8 kN): its product with
 /// the largest gain fits 64 bits.
 const MOST_ERROR_Q16: i64 = 1 << 39;
 
@@ -58,20 +59,21 @@ pub struct TensionLoop {
     integral_q16: i64,
     /// Whether the last current was cut at its limit.
     pub saturated: bool,
-    /// The force that asked for the last current, mN.
+    /// The force from which the last current was computed, mN.
     force_mn: i32,
     /// The last current, mA.
     current_ma: i32,
-    /// How far the set-point in use is from the asked one, mN: after slack it comes back slowly.
+    /// Difference of the set-point in use from the requested one, mN: after slack it returns
+    /// slowly.
     short_mn: i32,
-    /// The cable was out of its band in the last tick: its drum is led by speed.
+    /// The cable was out of its band in the last tick: its drum is speed-controlled.
     led: bool,
-    /// Where the law's output is a speed.
+    /// State of a law with speed output.
     speed: speed::Speed,
 }
 
 impl TensionLoop {
-    /// Starts at rest with this tension, so that nothing jumps.
+    /// Starts at rest with this tension, without a jump.
     #[must_use]
     pub const fn at(tension_mn: i32) -> Self {
         Self {
@@ -97,7 +99,7 @@ impl TensionLoop {
         // The derivative of the filtered tension is a filtered derivative; per ms to per s.
         let slope_mnps = saturate(((after_q16 - before_q16) * 1000) >> 16);
         let force_mn = match config.law {
-            // It knows no plan: nothing but its last current.
+            // It does not use the plan: the last current is kept.
             TensionLaw::Pd if demand.blind => return self.hold(),
             TensionLaw::Pd => {
                 let error_q16 = (i64::from(demand.setpoint_mn) << 16) - after_q16;
@@ -115,23 +117,24 @@ impl TensionLoop {
     }
 
     /// Feed-forward, PI and damping about the planned motion; out of the band of floor and ceiling,
-    /// a slow law of its own. Blind: what the plan needs, and damping. A current that only stayed as
-    /// it was would go on accelerating the drum as the plan did at that moment.
+    /// a separate slow law. Without a valid measurement: the plan's force, and damping. A current
+    /// that was merely held would continue to accelerate the drum as the plan did at that moment.
     fn default_law(&mut self, config: &CableConfig, demand: &Demand, slope_mnps: i32) -> i64 {
         let tension_mn = self.filter.value();
-        // Without a floor nothing is slack: a free end must not be reeled in because a sensor's
-        // noise is below zero.
+        // Without a floor no cable counts as slack: a free end must not be reeled in because a
+        // sensor's noise is below zero.
         let slack = config.floor_mn > 0
             && tension_mn < config.floor_mn
             && demand.setpoint_mn >= config.floor_mn;
         if !demand.blind && (slack || tension_mn > config.ceiling_mn) {
-            // A light drum that is pulled against nothing is soon fast, and the cable's end stop is
-            // a hammer: so the speed is led, in while slack, out while too tight.
+            // A light drum without a counter-force becomes fast quickly, and the end of the slack
+            // is then an impact: so the speed is controlled, in while slack, out while too tight.
             self.led = true;
             return lead(config, demand, tension_mn, slack);
         }
         if self.led {
-            // The cable is back: from its own tension on, and without what the integral learnt.
+            // The cable is tight again: continue from its actual tension, without the learnt
+            // integral.
             self.led = false;
             self.integral_q16 = 0;
             if !demand.blind {
@@ -152,13 +155,13 @@ impl TensionLoop {
         ahead + ((self.integral_q16 + half(16)) >> 16)
     }
 
-    /// Gives this drum force, mN, positive as it reels in: what relieves a cable that is pulled too
-    /// hard. The current, mA.
+    /// Gives this drum force, mN, positive as it reels in: to relieve a cable with too high a
+    /// tension. Returns the current, mA.
     pub fn give(&mut self, config: &CableConfig, force_mn: i32) -> i32 {
         let most = config.max_current_ma;
         self.force_mn = force_mn;
         self.current_ma = config.current_ma(force_mn).clamp(-most, most);
-        // It is as large as the drum needs: that is not what D4 looks for.
+        // It is as large as the drum needs: D4 does not apply.
         self.saturated = false;
         self.current_ma
     }
@@ -171,7 +174,7 @@ impl TensionLoop {
 
     fn integrate(&mut self, config: &CableConfig, error_q16: i64) {
         if self.saturated && (error_q16 > 0) == (self.force_mn > 0) {
-            // Winding up would only delay the way back; the way back itself is open.
+            // More wind-up would only delay the return; the return itself is open.
             return;
         }
         // ki is in thousandths per second and a tick is a millisecond.
@@ -182,7 +185,7 @@ impl TensionLoop {
     }
 }
 
-/// How far the set-point in use is from the asked one a tick later, mN.
+/// Difference of the set-point in use from the requested one a tick later, mN.
 fn recovered(short_mn: i32, stops: bool) -> i32 {
     let step = if stops {
         STOP_RECOVERY_MNPMS
@@ -201,8 +204,8 @@ fn pd(config: &CableConfig, error_q16: i64, slope_mnps: i32) -> i64 {
     ((proportional + half(16)) >> 16) - derivative
 }
 
-/// Force that leads a drum at the cable's reel speed: balances tension and friction, and pulls the
-/// speed to its place.
+/// Force that drives a drum at the cable's reel speed: balances tension and friction, and corrects
+/// the speed.
 fn lead(config: &CableConfig, demand: &Demand, tension_mn: i32, slack: bool) -> i64 {
     let sign = if slack { -1 } else { 1 };
     let wanted = sign * i64::from(config.reel_speed_umps);
@@ -211,14 +214,13 @@ fn lead(config: &CableConfig, demand: &Demand, tension_mn: i32, slack: bool) -> 
         + quotient::<1_000_000>(i64::from(config.damping_mns_per_m) * too_fast)
 }
 
-/// What the planned motion needs without any error: friction, inertia; and damping of the drum
-/// about its planned speed.
+/// Force for the planned motion without any error: friction, inertia; and damping of the drum about
+/// its planned speed.
 fn feed_forward(config: &CableConfig, demand: &Demand) -> i64 {
     let planned = demand.planned_speed_umps;
     let measured = i64::from(demand.measured_speed_umps);
-    // Where the drum moves for certain, friction is against its motion; where it seems to stand,
-    // the plan says which way it is about to go. A platform that swings reverses drums that no
-    // plan moves.
+    // If the drum certainly moves, friction acts against its motion; if it seems to be at rest, the
+    // plan gives the coming direction. A swinging platform reverses drums that no plan moves.
     let moves = demand
         .measured_speed_umps
         .clamp(-FRICTION_SPEED_UMPS, FRICTION_SPEED_UMPS)

@@ -1,4 +1,4 @@
-//! Detectors: how faults are noticed. Each counts ticks and says when its time is over; none acts.
+//! Fault detectors. Each counts ticks and reports when its time has passed; none acts.
 
 use crate::fixed::saturate;
 use mcdpr_protocol::{FaultId, FaultRecord, Tick};
@@ -10,7 +10,7 @@ pub struct Persist {
 }
 
 impl Persist {
-    /// Whether the condition has now held for `limit` ticks or more.
+    /// Whether the condition has now been true for `limit` ticks or more.
     #[inline]
     pub fn update(&mut self, condition: bool, limit: u16) -> bool {
         self.ticks = if condition {
@@ -40,7 +40,7 @@ pub struct CableWatch {
     saturated: Persist,
     hot: Persist,
     runaway: Persist,
-    /// How fast it ran when [`Self::runaway`] began to count, um/s.
+    /// Drum speed when [`Self::runaway`] began to count, um/s.
     ran_umps: u32,
     deaf: Persist,
     last_adc: u16,
@@ -48,16 +48,16 @@ pub struct CableWatch {
     /// Tension of the last ticks, mN: a cable that breaks falls below half of it at once.
     recent_mn: i32,
     broke: bool,
-    /// The tension rose so fast in the last ticks that it was about to pass its ceiling.
+    /// The tension rose so fast in the last ticks that it was about to exceed its ceiling.
     rising: u8,
     /// Mean change of the tension from tick to tick, 1/64 mN.
     noise_q6: i32,
     polarity: Polarity,
-    /// A condition held in the last tick: some count is not zero.
+    /// A condition was true in the last tick: some count is not zero.
     counting: bool,
 }
 
-/// What is seen in a tick; each becomes a fault when it lasts.
+/// Conditions of a tick; each becomes a fault when it lasts.
 struct Conditions {
     runs: bool,
     open: bool,
@@ -87,11 +87,12 @@ impl Conditions {
     }
 }
 
-/// How often a reading repeats by itself: how many ticks alike mean that it is frozen (S11).
+/// Natural repetition of a reading: the number of equal readings that means a frozen channel (S11).
 ///
-/// Of a channel that repeats a reading with the chance p, n alike come by chance with p to the power
-/// of n - 1. Each step of the table keeps that under 1e-9: a quiet sensor is no broken one. What a
-/// channel's chance is follows from the mean number of ticks for which its reading stays.
+/// If a channel repeats a reading with the probability p, n equal readings in a row occur by chance
+/// with p to the power of n - 1. Each step of the table keeps that under 1e-9: a quiet sensor is
+/// not a broken one. The probability follows from the mean number of ticks for which a reading
+/// stays.
 #[derive(Debug, Clone, Copy)]
 struct Pace {
     /// Mean ticks from one change of the reading to the next, 8 fractional bits.
@@ -110,7 +111,7 @@ impl Default for Pace {
 }
 
 impl Pace {
-    /// Up to this mean, so many ticks: p is 1 - 1 / mean.
+    /// Up to this mean, this many ticks: p is 1 - 1 / mean.
     const TABLE: [(i32, u16); 5] = [
         (256 * 9 / 8, FROZEN_TICKS),
         (256 * 4 / 3, 16),
@@ -121,8 +122,8 @@ impl Pace {
 
     #[inline]
     const fn changed(&mut self) {
-        // Soon longer and slowly shorter: who is patient for too long misses little, who is not stops a
-        // robot for nothing.
+        // Increase fast and decrease slowly: a limit that is too long misses little, one that is
+        // too short stops a robot without cause.
         let longer = 256 * self.run - self.mean_q8;
         self.mean_q8 += if longer > 0 { longer / 8 } else { longer / 128 };
         self.run = 1;
@@ -134,7 +135,7 @@ impl Pace {
         }
     }
 
-    /// Ticks alike that mean a frozen reading.
+    /// Number of equal readings that means a frozen channel.
     fn patience(&self) -> u16 {
         let mut steps = Self::TABLE.iter();
         let step = steps.find(|(mean_q8, _)| self.mean_q8 <= *mean_q8);
@@ -142,7 +143,7 @@ impl Pace {
     }
 }
 
-/// Tells a drum that turns against its motor, every few encoder counts (S4).
+/// Detects a drum that turns against its motor, every few encoder counts (S4).
 #[derive(Debug, Clone, Copy, Default)]
 struct Polarity {
     motor: i32,
@@ -151,7 +152,7 @@ struct Polarity {
 }
 
 impl Polarity {
-    /// As [`Self::update`], where they did not go apart; else nothing is done.
+    /// As [`Self::update`], if they did not diverge; otherwise nothing is changed.
     #[inline(never)]
     fn agrees(&mut self, motor: i32, drum: i32, way: i32) -> bool {
         let mut next = *self;
@@ -162,8 +163,8 @@ impl Polarity {
         agrees
     }
 
-    /// Lengths by motor and drum, and the way after which they are compared, 0.1 µm; whether they
-    /// went apart twice in a row.
+    /// Lengths by motor and drum, and the distance after which they are compared, 0.1 µm; returns
+    /// whether they diverged twice in a row.
     fn update(&mut self, motor: i32, drum: i32, way: i32) -> bool {
         let by_motor = motor.wrapping_sub(self.motor);
         if by_motor.unsigned_abs() < way.unsigned_abs() {
@@ -185,7 +186,7 @@ impl Polarity {
     }
 }
 
-/// What a cable's detectors look at in a tick.
+/// Inputs of a cable's detectors in a tick.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CableView {
     /// Tension channel.
@@ -198,17 +199,18 @@ pub struct CableView {
     pub reels_in: bool,
     /// Ceiling, mN.
     pub ceiling_mn: i32,
-    /// Time that it takes until a drum that is told to stop no longer pulls, µs.
+    /// Time until a drum that is commanded to stop no longer pulls, µs.
     pub horizon_us: i32,
-    /// Commanded minus measured length, 0.1 µm; zero where the cable is held by tension.
+    /// Commanded minus measured length, 0.1 µm; zero if the cable is held by tension.
     pub length_error: i32,
     /// Its limit, 0.1 µm.
     pub length_error_max: i32,
-    /// The same difference by the motor's own counts: tells a dead encoder from a dead drive.
+    /// The same difference by the motor's own counts: distinguishes a dead encoder from a dead
+    /// drive.
     pub motor_error: i32,
-    /// Current (mA) or speed (µm/s) that was told and that the drive gives, without signs.
+    /// Commanded and actual current (mA) or speed (µm/s), without signs.
     pub told: i32,
-    /// As the drive says.
+    /// As the drive reports.
     pub given: i32,
     /// The current is at its limit.
     pub saturated: bool,
@@ -230,18 +232,19 @@ pub struct CableView {
     pub motor_length: i32,
     /// By the drum.
     pub drum_length: i32,
-    /// The way after which the two are compared.
+    /// The distance after which the two are compared.
     pub polarity_way: i32,
 }
 
 /// Times of `docs/faults.md`, ticks.
 const SLACK_TICKS: u16 = 20;
-/// What a tension-held cable of a robot that stands has for being reeled in.
+/// Time that a tension-held cable of a robot at rest has for being reeled in.
 const REEL_TICKS: u16 = 2000;
 const SNAG_TICKS: u16 = 2;
-/// A reading at the rail within so many ticks of a steep rise is a tension, not a plug.
+/// A reading at the rail within this many ticks of a steep rise is a tension, not a disconnected
+/// plug.
 const RISING_TICKS: u8 = 3;
-/// Less than this over what is planned, mN, is not on its way to the ceiling, however it rises.
+/// Below this above the plan, mN, a rising tension does not count as about to exceed the ceiling.
 const COMING_OFF_MN: i32 = 3000;
 const RAIL_TICKS: u16 = 5;
 const FROZEN_TICKS: u16 = 10;
@@ -251,28 +254,31 @@ const SATURATED_TICKS: u16 = 100;
 const BREAK_TICKS: u16 = 10;
 const HOT_TICKS: u16 = 100;
 const RUNAWAY_TICKS: u16 = 10;
-/// A tension loop that moves its drum faster than this in the wrong direction runs away, µm/s.
+/// A tension loop that moves its drum faster than this in the wrong direction counts as a runaway,
+/// µm/s.
 const RUNAWAY_UMPS: i32 = 2000;
-/// A tension that is this close to what is expected neither runs away nor breaks, mN: a cable that
-/// is being taken up bounces by more than half of its small tension.
+/// A tension this close to the expected one is neither a runaway nor a break, mN: a cable that is
+/// being tightened bounces by more than half of its small tension.
 pub(crate) const LEAST_OFF_MN: i32 = 2000;
-/// Mean change of a tension from tick to tick that is noise, 1/64 mN.
+/// Mean change of a tension from tick to tick that counts as noise, 1/64 mN.
 const NOISE_Q6: i32 = 250 * 64;
 
-/// Whether a drive gives less than a quarter of the current or speed that it was told (D2): all that tells
-/// an RMDS whose motor has died, on a cable that no length holds. Sizes alone are compared, since
-/// feedback is some milliseconds late and a drum that is stirred changes its current's sign.
+/// Whether a drive gives less than a quarter of its commanded current or speed (D2): the only
+/// symptom of an RMDS whose motor has died, on a cable that is not held by length. Only sizes are
+/// compared, since feedback is some milliseconds late and the current of a drum that arming moves
+/// changes its sign.
 #[inline]
 pub(crate) const fn is_deaf(told: i32, given: i32) -> bool {
     given.saturating_mul(4) < told
 }
 
 impl CableWatch {
-    /// One reading while nothing is watched yet: how often this channel repeats one.
+    /// One reading before monitoring starts: learns how often this channel repeats a value.
     pub fn learn(&mut self, adc: u16) {
         if adc == self.last_adc {
             self.pace.repeated();
-            // One that never changes is as quiet as that, or frozen already: then it says so later.
+            // A channel that never changes is either that quiet, or frozen already: then it is
+            // reported later.
             self.pace.mean_q8 = self.pace.mean_q8.max(256 * self.pace.run);
         } else {
             self.last_adc = adc;
@@ -280,9 +286,9 @@ impl CableWatch {
         }
     }
 
-    /// A quick look at a tick under torque in which the caller saw nothing wrong: whether nothing
-    /// is to be counted here either. If so, the tick is over for this cable; if not, nothing was
-    /// done, and [`Self::update`] has to look. Lengths are by motor and drum, `way` is that of
+    /// A quick check of a tick under torque in which the caller saw no fault: whether no count
+    /// changes here either. If so, the tick is complete for this cable; if not, nothing was
+    /// changed, and [`Self::update`] must run. Lengths are by motor and drum, `way` is that of
     /// [`CableView::polarity_way`].
     #[inline]
     pub(crate) fn is_quiet(
@@ -315,7 +321,7 @@ impl CableWatch {
             + ((change_mn.unsigned_abs().min(10_000) * 64).cast_signed() - self.noise_q6) / 128
     }
 
-    /// Looks at one tick under torque; gives the first fault found, with value and limit.
+    /// Checks one tick under torque; returns the first fault found, with value and limit.
     pub fn update(&mut self, view: &CableView) -> Option<(FaultId, i32, i32)> {
         let tension = view.tension_mn;
         let open = view.adc >= crate::adc::RAIL_HIGH;
@@ -336,9 +342,9 @@ impl CableWatch {
         }
         self.noise_q6 = self.noise_after(change);
         self.recent_mn = self.recent_mn.saturating_add(change / 2);
-        // Half or one and a half times the tension, and still the drum goes on making it worse.
+        // Half or one and a half times the tension, and the drum still makes it worse.
         let off = tension.saturating_sub(view.expected_mn);
-        // What cannot be true says nothing about the loop.
+        // An invalid reading gives no information about the loop.
         let runs = view.by_tension
             && !(open | short)
             && ((off < -most && view.too_fast_umps > RUNAWAY_UMPS)
@@ -346,13 +352,13 @@ impl CableWatch {
         let reversed = self
             .polarity
             .update(view.motor_length, view.drum_length, view.polarity_way);
-        // Half of `change` is the rise of a tick. A drum that is told to stop goes on for its
-        // horizon: what the tension will be then counts, where it is off what is planned.
+        // Half of `change` is the rise of a tick. A drum that is commanded to stop continues for
+        // its horizon: the predicted tension at that time counts, if it deviates from the plan.
         let coming = crate::fixed::quotient::<2000>(i64::from(change) * i64::from(view.horizon_us));
         let coming = saturate(coming);
         let coming = off > COMING_OFF_MN && tension.saturating_add(coming) > view.ceiling_mn;
         let over = tension > view.ceiling_mn;
-        // A tension that was on its way to the rail is there now; a plug that comes off jumps.
+        // A tension that was rising towards the rail has reached it; a plug that comes off jumps.
         let at_rail = open && self.rising > 0;
         self.rising = if (coming | over) && !open {
             RISING_TICKS
@@ -382,7 +388,7 @@ impl CableWatch {
         self.judge(view, &now, reversed)
     }
 
-    /// Counts how long conditions have held.
+    /// Counts how long conditions have been true.
     #[inline(never)]
     fn judge(
         &mut self,
@@ -398,15 +404,15 @@ impl CableWatch {
             SLACK_TICKS
         };
         let broken = self.broke && self.slack.ticks() + 1 >= BREAK_TICKS;
-        // A dead drive leaves the motor behind, too; a dead encoder does not.
+        // A dead drive also leaves the motor behind; a dead encoder does not.
         let dead = if view.motor_error.unsigned_abs() > view.length_error_max.unsigned_abs() / 2 {
             FaultId::D7
         } else {
             FaultId::S2
         };
-        // All count, whichever is told: no way around the later ones.
-        // A loop that works slows the drum down, whatever shakes the platform; a reversed one drives
-        // it on.
+        // All of them count, whichever is reported: no early exit may skip the later ones. A
+        // working loop slows the drum down, whatever moves the platform; a reversed one accelerates
+        // it.
         let ran_umps = view.too_fast_umps.unsigned_abs();
         if self.runaway.ticks() == 0 {
             self.ran_umps = ran_umps;
@@ -467,7 +473,7 @@ impl CableWatch {
         self.saturated.ticks() > 0
     }
 
-    /// How fast the tension rises, mN per tick: what it is above the mean of the last ones.
+    /// Rate of rise of the tension, mN per tick: its excess over the mean of the last ones.
     #[must_use]
     pub(crate) const fn rise_mn(&self, tension_mn: i32) -> i32 {
         tension_mn.saturating_sub(self.recent_mn)
@@ -479,13 +485,13 @@ impl CableWatch {
         self.rising > 0
     }
 
-    /// Ticks since the tension fell to the floor from one tick to the next, 0 where it did not.
+    /// Ticks since the tension fell to the floor from one tick to the next, 0 if it did not.
     #[must_use]
     pub(crate) const fn breaks_ticks(&self) -> u16 {
         if self.broke { self.slack.ticks() } else { 0 }
     }
 
-    /// Ticks that the tension has been over its ceiling or on its way there.
+    /// Ticks that the tension has been above its ceiling or about to exceed it.
     #[must_use]
     pub(crate) const fn snag_ticks(&self) -> u16 {
         self.snag.ticks()
@@ -504,13 +510,13 @@ pub(crate) struct LineNoise {
     level: u16,
 }
 
-/// What an error fills and a tick leaks; what is too much: ten errors at once, or 150 per second
+/// Increment per error and decrement per tick; the limit: ten errors at once, or 150 per second
 /// over a tenth of a second.
 const ERROR_LEVEL: u16 = 20;
 const NOISE_LEVEL: u16 = 200;
 
 impl LineNoise {
-    /// One tick with so many errors; whether it is too much.
+    /// One tick with this many errors; returns whether it is too much.
     pub fn update(&mut self, errors: u16) -> bool {
         let filled = errors.saturating_mul(ERROR_LEVEL);
         self.level = self
@@ -534,7 +540,7 @@ pub struct Heartbeat {
     last: Option<Tick>,
 }
 
-/// Where on the timeline a link is.
+/// Phase of a link on the timeline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum LinkHealth {
     /// In time.
@@ -548,12 +554,12 @@ pub enum LinkHealth {
 }
 
 impl Heartbeat {
-    /// A heartbeat came.
+    /// A heartbeat arrived.
     pub const fn beat(&mut self, now: Tick) {
         self.last = Some(now);
     }
 
-    /// Where the link is now; lost where there never was one.
+    /// The present phase; lost if there never was a heartbeat.
     #[must_use]
     pub fn health(&self, now: Tick) -> LinkHealth {
         match self.last.map(|last| now.since(last)) {
@@ -564,8 +570,8 @@ impl Heartbeat {
         }
     }
 
-    /// Forgets a heartbeat that has expired, once per tick: else it would seem new again when the
-    /// tick counter has gone half around (K9).
+    /// Discards a heartbeat that has expired, once per tick: otherwise it would seem new again when
+    /// the tick counter has gone half around (K9).
     pub(crate) fn forget_expired(&mut self, now: Tick) {
         if self.health(now) == LinkHealth::Expired {
             self.last = None;
@@ -591,13 +597,13 @@ impl Latch {
         self.record.get_or_insert(record);
     }
 
-    /// What is latched.
+    /// The latched fault.
     #[must_use]
     pub const fn get(&self) -> Option<FaultRecord> {
         self.record
     }
 
-    /// Forgets it.
+    /// Clears it.
     pub const fn clear(&mut self) {
         self.record = None;
     }

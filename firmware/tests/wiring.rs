@@ -1,4 +1,4 @@
-//! docs/wiring.md tells the pins that the firmware uses, and its drawing is one.
+//! docs/wiring.md documents the pins that the firmware uses, and its drawing exists.
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)]
 
 use std::path::Path;
@@ -54,7 +54,7 @@ impl Net {
     }
 }
 
-/// What stands in quotes behind each `(key "` of a line.
+/// The quoted text after each `(key "` of a line.
 fn quoted<'t>(line: &'t str, key: &str) -> Option<&'t str> {
     let from = line.find(&format!("({key} \""))? + key.len() + 3;
     line.get(from..)?.split('"').next()
@@ -190,7 +190,7 @@ fn the_net_list_keeps_every_pin_within_what_it_stands() {
         assert!(joins(gate, "GND", "10k"), "{pin}");
         assert!(gate.parts().any(|part| value(part) == "AO3400A"), "{pin}");
     }
-    // 24 V comes near no pin of the chip: not through one part either.
+    // 24 V is connected to no pin of the chip, not even through one part.
     for net in nets.iter().filter(|net| net.name.starts_with("+24V")) {
         for part in net
             .parts()

@@ -1,6 +1,6 @@
-//! A busy host: a motion is streamed in real time to `mcdpr sim --pty`, a process of its own, while
-//! threads keep every core busy, once and twice over. Told is the least motion that was in the
-//! board's buffer; a buffer that ran empty would have stopped the robot (K6), and this fails.
+//! A busy host: a motion is streamed in real time to `mcdpr sim --pty`, a separate process, while
+//! threads keep every core busy, once and twice over. Reports the least motion that was in the
+//! board's buffer; an empty buffer would have stopped the robot (K6), and fails the benchmark.
 
 #[cfg(unix)]
 mod unix {
@@ -48,7 +48,7 @@ mod unix {
         }
     }
 
-    /// Streams the circle with so many threads in the way; the least motion buffered, s.
+    /// Streams the circle with this many competing threads; returns the least motion buffered, s.
     fn stream(model: &Model, plan: &Plan, threads: usize) -> Result<f64, String> {
         let simulator = Simulator::start();
         let over = Arc::new(AtomicBool::new(false));

@@ -101,8 +101,8 @@ fn plain(problem: &Problem, start: &Estimate) -> Option<(Estimate, f64)> {
     dense::minimise(start, 28, 1e-12, of, stepped)
 }
 
-/// Times both ways in turn and prints medians and their ratio: whatever else the machine does then
-/// slows both.
+/// Times both in turn and prints medians and their ratio: other load on the machine then slows
+/// both.
 fn compare(name: &str, aim: Duration, rounds: usize, fast: &dyn Fn(), plain: &dyn Fn()) {
     let time = |f: &dyn Fn()| {
         let start = Instant::now();
@@ -146,7 +146,7 @@ fn calibration(c: &mut Criterion) {
     };
     let (tag, board) = (Target::Tag, Target::Board);
     let all = Options::default();
-    // With an aim: beside the plain way, which takes seconds.
+    // With a target time: next to the plain implementation, which takes seconds.
     let cases = [
         ("pixels, one tag, 60 poses", tag, 60, without, Some(3)),
         ("board, 60 poses, statics", board, 60, all, Some(15)),

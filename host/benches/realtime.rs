@@ -25,7 +25,7 @@ fn circle(criterion: &mut Criterion) {
             .plan()
             .expect("it is feasible")
     };
-    // The planner's share, so that the simulator's own factor can be told.
+    // The planner's share, so that the simulator's own factor can be separated.
     let timed = |work: &dyn Fn()| {
         let began = Instant::now();
         work();

@@ -1,5 +1,5 @@
-//! What seeing costs: `cargo bench -p mcdpr --bench seeing`. Prints each figure as a ratio of two
-//! times of the same run, with its bound, and fails where a bound is broken.
+//! Cost of recording and viewing: `cargo bench -p mcdpr --bench seeing`. Prints each figure as a
+//! ratio of two times of the same run, with its bound, and fails if a bound is exceeded.
 //!
 //! - recording: processor time of the recording thread over the time that the run lasts, at full
 //!   rate;
@@ -60,7 +60,7 @@ fn scenario(model: &Model) -> Scenario {
     Scenario::new("paper-table5", task, 1, machine)
 }
 
-/// Everything that is seen of the paper's circle, and how long it lasts, s.
+/// The record of the paper's circle, and its duration, s.
 fn happenings(model: &Model) -> (Vec<Happening>, f64) {
     let scenario = scenario(model);
     let kept = Arc::new(Mutex::new(Vec::new()));

@@ -37,11 +37,11 @@ use std::time::{Duration, Instant};
 pub struct Run {
     /// What was planned.
     pub plan: Plan,
-    /// What the board measured.
+    /// The measurements of the board.
     pub samples: Vec<Measured>,
-    /// Where the tool truly was; `None` on hardware.
+    /// True positions of the tool; `None` on hardware.
     pub true_path: Option<Vec<(f64, [f64; 3])>>,
-    /// Whether a simulator answered.
+    /// Whether the board was simulated.
     pub simulated: bool,
 }
 
@@ -49,7 +49,7 @@ impl Run {
     /// Judges the run.
     ///
     /// # Errors
-    /// Not for a plan that was run.
+    /// Never for a plan that was run.
     pub fn figures(&self, model: &Model) -> Result<Figures, PlanError> {
         report::measure(model, &self.plan, &self.samples, self.true_path.as_deref())
     }
@@ -303,9 +303,9 @@ impl<'a> Experiment<'a> {
     }
 }
 
-/// A true path in the world frame that the robot knows. A calibration cannot tell where the world
-/// frame is, only where things are to each other: of a robot that was calibrated on the simulator,
-/// the tags that it was calibrated by tie both frames together.
+/// A true path in the world frame that the robot knows. A calibration cannot determine the world
+/// frame, only relative positions: for a robot that was calibrated on the simulator, the tags used
+/// relate both frames.
 fn in_calibrated_frame(model: &Model, path: Vec<(f64, [f64; 3])>) -> Vec<(f64, [f64; 3])> {
     let Some(known_from_true) = Scene::known_from_true(model.robot()) else {
         return path;

@@ -1,4 +1,4 @@
-//! Files from outside: read to a bound, written whole or not at all.
+//! External files: read up to a size limit, written completely or not at all.
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Most bytes of a text that people or other programs write (robots, tasks, data sets): far more
-/// than any real one has, and little enough to be read at once.
+/// than any real one has, and few enough to be read at once.
 pub const MOST_TEXT_BYTES: u64 = 32 << 20;
 
 /// Most bytes of a robot file or a winch module: a hundred times what the longest takes.
@@ -16,9 +16,8 @@ pub(crate) const MOST_ROBOT_BYTES: u64 = 2 << 20;
 /// The whole of a text file of at most [`MOST_TEXT_BYTES`].
 ///
 /// # Errors
-/// The system's; [`ErrorKind::FileTooLarge`] for a file that is longer;
-/// [`ErrorKind::InvalidInput`] for what is not a file, [`ErrorKind::InvalidData`] for what is not
-/// UTF-8.
+/// The system's; [`ErrorKind::FileTooLarge`] for a longer file; [`ErrorKind::InvalidInput`] for
+/// anything that is not a file, [`ErrorKind::InvalidData`] for anything that is not UTF-8.
 pub fn read_text(path: impl AsRef<Path>) -> Result<String> {
     read_text_to(path, MOST_TEXT_BYTES)
 }
@@ -33,7 +32,7 @@ pub(crate) fn read_text_to(path: impl AsRef<Path>, most: u64) -> Result<String> 
         let at = error.utf8_error().valid_up_to();
         Error::new(
             ErrorKind::InvalidData,
-            format!("byte {at} is no UTF-8 text"),
+            format!("byte {at} is not UTF-8 text"),
         )
     })
 }
@@ -52,7 +51,7 @@ pub(crate) fn read_bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
         return Err(too_large());
     }
     let mut bytes = Vec::new();
-    // It may grow meanwhile, and files of the system's own say no length.
+    // It may grow meanwhile, and special files of the system report no length.
     file.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
         return Err(too_large());
@@ -60,11 +59,11 @@ pub(crate) fn read_bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Opens a file for reading. A named pipe would keep the caller waiting for a writer, and a device
-/// may have no end: what is not a file is refused before it is opened.
+/// Opens a file for reading. A named pipe would block the caller until there is a writer, and a
+/// device may have no end: anything that is not a file is refused before it is opened.
 ///
 /// # Errors
-/// The system's; [`ErrorKind::InvalidInput`] says what it is instead of a file.
+/// The system's; [`ErrorKind::InvalidInput`] with what it is instead of a file.
 pub fn open(path: &Path) -> Result<File> {
     let kind = std::fs::metadata(path)?.file_type();
     if !kind.is_file() {
@@ -78,30 +77,31 @@ pub fn open(path: &Path) -> Result<File> {
     File::open(path)
 }
 
-/// Writes a file so that whoever reads it sees the old one or the new one, never half of it: beside
-/// it under a name that no other writer has, flushed to the disk, then renamed. Of several writers at
-/// once the last one stays.
+/// Writes a file so that every reader sees the old one or the new one, never a part of it: beside
+/// it under a name that no other writer uses, flushed to the disk, then renamed. Of several
+/// simultaneous writers the last one wins.
 ///
 /// # Errors
-/// The system's; what was there before stays.
+/// The system's; an existing file is not changed.
 pub(crate) fn write_atomically(path: &Path, contents: impl AsRef<[u8]>) -> Result<()> {
     let part = beside(path)?;
     let write = || {
-        // Whatever is there under this name, a link included, is not written through.
+        // An existing entry of this name, including a link, is not written through.
         let mut file = File::options().write(true).create_new(true).open(&part)?;
         file.write_all(contents.as_ref())?;
         file.sync_all()?;
         std::fs::rename(&part, path)
     };
     write().inspect_err(|_| {
-        // Half a file must not stay, and the reason counts more than whether it could be removed.
+        // A partial file must not stay; a failure to remove it is less important than the first
+        // error.
         let _ = std::fs::remove_file(&part);
     })?;
     sync_folder_of(path)
 }
 
-/// A name beside a file for what is not whole yet: with the number of this process and of this
-/// writing, so that no two writers share it.
+/// A name beside a file for incomplete content: with the number of this process and of this write,
+/// so that no two writers share it.
 fn beside(path: &Path) -> Result<PathBuf> {
     static WRITINGS: AtomicU64 = AtomicU64::new(0);
     let name = path.file_name();
@@ -113,7 +113,7 @@ fn beside(path: &Path) -> Result<PathBuf> {
     Ok(path.with_file_name(part))
 }
 
-/// Flushes the folder of a file, without which a new name may be gone after a power cut.
+/// Flushes the folder of a file, without which a new name may be lost after a power cut.
 #[cfg(unix)]
 fn sync_folder_of(path: &Path) -> Result<()> {
     let folder = path
@@ -121,7 +121,7 @@ fn sync_folder_of(path: &Path) -> Result<()> {
         .filter(|folder| !folder.as_os_str().is_empty());
     let synced = File::open(folder.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all());
     match synced {
-        // Some file systems cannot, and some folders may be written but not read.
+        // Some file systems do not support it, and some folders may be written but not read.
         Err(error)
             if matches!(
                 error.kind(),
@@ -181,7 +181,8 @@ mod tests {
         std::fs::remove_dir_all(folder).unwrap();
     }
 
-    /// Writers of different sizes at once: every reader sees one of them whole, and nothing stays.
+    /// Simultaneous writers of different sizes: every reader sees one of them completely, and no
+    /// temporary file stays.
     #[test]
     fn f8_several_writers_and_readers_never_see_a_torn_file() {
         let folder = folder("stress");
@@ -233,7 +234,7 @@ mod tests {
         write_atomically(&path, "old").unwrap();
         write_atomically(&path, "new").unwrap();
         assert_eq!(read_text(&path).unwrap(), "new");
-        // A folder is in the way: the renaming fails.
+        // A folder is in the way: renaming fails.
         let blocked = folder.join("blocked");
         std::fs::create_dir_all(blocked.join("in")).unwrap();
         assert!(write_atomically(&blocked, "x").is_err());

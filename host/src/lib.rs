@@ -1,39 +1,40 @@
-//! The host of a modular cable-driven parallel robot: everything that is not on the board.
+//! The host of a modular cable-driven parallel robot: all parts that do not run on the board.
 //!
 //! | module | what it is for |
 //! |---|---|
 //! | [`robot`] | the robot description file |
 //! | [`calibration`] | the robot's parameters from lengths, tensions and pictures of tags |
-//! | [`control`] | orders to a robot that is being moved, from this process or another |
-//! | [`estimate`] | where the platform is, from lengths, tensions and tags, and which cable slipped |
-//! | [`compute`] | the robot's mathematics as commands and programs ask for it |
+//! | [`control`] | orders to a running robot, from this process or another |
+//! | [`estimate`] | the platform's pose, from lengths, tensions and tags, and the cable that
+//!   slipped |
+//! | [`compute`] | the robot's mathematics for commands and programs |
 //! | [`model_file`] | the description as a model of MuJoCo, or for viewers |
 //! | [`machine`] | the description as geometry, as a board's configuration, as physics |
-//! | [`motion`] | tasks, paths, plans: what the tool does and what the cables must do for it |
+//! | [`motion`] | tasks, paths, plans: motions of the tool and of the cables |
 //! | [`link`] | byte streams to a board and the host's half of the protocol |
-//! | [`record`] | runs kept in MCAP files, read back |
+//! | [`record`] | runs saved in MCAP files, and read back |
 //! | [`replay`] | the host and the core run again on recorded bytes |
 //! | [`report`] | figures, plots and files of a run |
 //! | [`serve`] | the live page |
-//! | [`reproduce`] | the paper's experiments, its numbers beside ours |
+//! | [`reproduce`] | the paper's experiments, compared with its numbers |
 //! | [`run`] | running a plan on a board |
-//! | [`scenario`] | faults on purpose, and what came of them |
+//! | [`scenario`] | fault injection, and its results |
 //! | [`tension`] | experiments on the tension loop, tuning and calibration of tension |
-//! | [`experiment`] | a task from connecting to disarming, and what came of it |
+//! | [`experiment`] | a task from connecting to disarming, and its results |
 //! | `stamp` | date and time for names and records |
-//! | `files` | files from outside: read to a bound, written whole or not at all |
+//! | `files` | external files: read up to a limit, written completely or not at all |
 //! | [`sight`] | tags in the camera's pictures |
 //! | [`pick`] | bin picking: look, choose, take, carry, release |
 //! | [`study`] | studies in the simulator that the documents quote |
-//! | [`doctor`] | what is there, part by part, and what to do where it is not |
+//! | [`doctor`] | checks of all parts, and remedies |
 //! | [`mod@bench`] | the self-test of a board without a robot |
 //! | [`flash`] | the board's firmware: checked, then written through a debug probe |
 //! | [`service`] | work on one unloaded winch |
-//! | `units` | numbers with units as people type them |
+//! | `units` | numbers with units on the command line |
 //! | [`cli`] | the command line |
 
-/// As the standard library's, but a terminal that is gone does not end the program: the robot may
-/// be moving, and has to be stopped in good order.
+/// Like the standard library's macro, but a closed terminal does not end the program: the robot may
+/// be moving, and must be stopped properly.
 macro_rules! eprintln {
     () => {
         $crate::tell(format_args!("\n"))
@@ -43,7 +44,7 @@ macro_rules! eprintln {
     };
 }
 
-/// As `eprintln`, without the end of the line.
+/// Like `eprintln`, without the end of the line.
 macro_rules! eprint {
     ($($what:tt)*) => {
         $crate::tell(format_args!($($what)*))

@@ -5,14 +5,14 @@ pub use mcdpr_core::motion::*;
 use crate::files::read_text_to;
 use std::path::PathBuf;
 
-/// Most bytes of a task file: far more than the steps that one plan takes.
+/// Most bytes of a task file: far more than one plan's steps need.
 const MOST_BYTES: u64 = 4 << 20;
 
 /// A built-in task by name, or a task file by path. `z_m` is the height of the tool for the
 /// built-in ones.
 ///
 /// # Errors
-/// [`TaskError`] says what is wrong and where.
+/// [`TaskError`] with what is wrong and where.
 pub fn find_task(name: &str, z_m: f64) -> Result<Task, TaskError> {
     match Task::built_in(name, z_m) {
         Err(TaskError::Unknown { .. }) => load(name),

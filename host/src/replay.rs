@@ -1,4 +1,5 @@
-//! The host and the core run again on recorded bytes, and must do the same to the last bit.
+//! Runs the host and the core again on recorded bytes; their output must be identical to the last
+//! bit.
 
 use crate::control::Handle;
 use crate::experiment::{Experiment, SimulatedRobot};
@@ -13,7 +14,7 @@ use miette::Diagnostic;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a replay is not the run.
+/// Why a replay differs or is not possible.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ReplayError {
     /// The record cannot be read.
@@ -27,7 +28,7 @@ pub enum ReplayError {
         help("`mcdpr report` and `mcdpr export` still read what is there")
     )]
     Gaps {
-        /// How many.
+        /// Number of missing calls.
         missing: u64,
     },
     /// The recorded robot file is not accepted.
@@ -38,8 +39,8 @@ pub enum ReplayError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Calibration(#[from] crate::calibration::result::FileError),
-    /// Nothing of it can be done again.
-    #[error("nothing of this run can be done again: {reason}")]
+    /// No part of it can be repeated.
+    #[error("no part of this run can be repeated: {reason}")]
     #[diagnostic(
         code(mcdpr::replay::nothing),
         help("`mcdpr report` and `mcdpr export` show what is in it")
@@ -56,7 +57,7 @@ pub enum ReplayError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),
-    /// The host did something else.
+    /// The host acted differently.
     #[error("the {who} differs from the record at {time_s:.6} s, call {call} of the line: {what}")]
     #[diagnostic(
         code(mcdpr::replay::differs),
@@ -92,21 +93,21 @@ pub enum ReplayError {
     },
 }
 
-/// What a replay proved.
+/// Result of a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Proof {
-    /// Bytes that the host sent again, all equal; `None` where what it did depended on more than
-    /// the record.
+    /// Bytes that the host sent again, all equal; `None` if its output depended on more than the
+    /// record.
     pub host_bytes: Option<u64>,
-    /// Bytes that the core sent again, all equal; `None` where no simulator answered.
+    /// Bytes that the core sent again, all equal; `None` if no simulator was used.
     pub core_bytes: Option<u64>,
     /// Calls of the line.
     pub calls: usize,
-    /// Whether the host came to the record's end (a record that is cut short ends before it).
+    /// Whether the host reached the record's end (a truncated record ends before it).
     pub whole: bool,
 }
 
-/// Answers as recorded, and notes where it is asked otherwise.
+/// Answers as recorded, and notes a different request.
 struct Recorded<'a> {
     frames: &'a [RawFrame],
     next: usize,
@@ -163,7 +164,7 @@ impl Link for Recorded<'_> {
     }
 }
 
-/// A folder for the recorded robot file, gone when it is dropped.
+/// A folder for the recorded robot file, removed when it is dropped.
 struct Folder(PathBuf);
 
 impl Drop for Folder {
@@ -227,7 +228,7 @@ pub fn replay(run: &RecordedRun, controller: &Controller) -> Result<Proof, Repla
         Doing::Orders | Doing::Pictures | Doing::Hands => (None, run.damage.is_none()),
     };
     let core_bytes = match &run.scenario.machine {
-        // What stood in the workcell, and what hands did, is not in the record.
+        // The content of the workcell, and actions of people, are not in the record.
         _ if matches!(scenario.doing, Doing::Pictures | Doing::Hands) => None,
         Machine::Simulated {
             mismatch,

@@ -14,8 +14,8 @@ impl ModuleFiles for Folder {
     }
 }
 
-/// The texts that [`find`] reads for a robot: the robot file first, then the winch modules
-/// that it names, each with its path relative to the robot file. Empty where there is none.
+/// The texts that [`find`] reads for a robot: the robot file first, then the winch modules that it
+/// names, each with its path relative to the robot file. Empty if there is none.
 pub fn sources(name_or_path: &str) -> Vec<(String, String)> {
     let as_path = PathBuf::from(name_or_path);
     let built_in = BUILT_IN.iter().find(|(name, _)| *name == name_or_path);
@@ -64,7 +64,7 @@ pub fn sources(name_or_path: &str) -> Vec<(String, String)> {
 /// and in `robots/`.
 ///
 /// # Errors
-/// [`RobotError::NotFound`] names what was tried and the built-in robots; otherwise as
+/// [`RobotError::NotFound`] lists the paths that were tried and the built-in robots; otherwise as
 /// [`load`].
 pub fn find(name_or_path: &str) -> Result<Robot, RobotError> {
     let as_path = PathBuf::from(name_or_path);
@@ -206,7 +206,7 @@ attachment_mm = [0, 0, 0]
         assert_eq!(robot.winches[0].drum_radius_m, 0.03, "module");
         assert_eq!(robot.winches[1].drum_radius_m, 0.02, "default");
 
-        // A mistake in the module file is told with the module file's name and line.
+        // A mistake in the module file is reported with the module file's name and line.
         let error = with("friction_n = 2\ndrum_radius = 30\n", use_it).unwrap_err();
         let said = error.to_string();
         assert!(

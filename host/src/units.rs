@@ -1,8 +1,8 @@
-//! Numbers with units as people type them: `0.255m`, `12cm`, `-4 deg`, `10`.
+//! Numbers with units on the command line: `0.255m`, `12cm`, `-4 deg`, `10`.
 
 use std::f64::consts::PI;
 
-/// What a number measures: which units it may have, and which one is meant without any.
+/// Quantity of a number: its permitted units, and its default unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Quantity {
     /// A length; mm without a unit.
@@ -17,7 +17,7 @@ impl Quantity {
     /// Name and unit table: spelling and SI value of one.
     const fn table(self) -> (&'static str, &'static [(&'static str, f64)]) {
         match self {
-            // The first is meant when none is written.
+            // The first is the default.
             Self::Length => (
                 "length",
                 &[
@@ -44,7 +44,8 @@ impl Quantity {
     /// The value in SI units (m, rad, N) of a text such as `12cm`.
     ///
     /// # Errors
-    /// [`UnitError`] for a text that is no finite number followed by one of the units, or by none.
+    /// [`UnitError`] for a text that is not a finite number followed by one of the units, or by
+    /// none.
     pub fn parse(self, text: &str) -> Result<f64, UnitError> {
         let (name, units) = self.table();
         let text = text.trim();
@@ -74,8 +75,8 @@ impl Quantity {
                 });
             }
         };
-        // Division by a round number is exact to the last digit where multiplication by its
-        // reciprocal is not: 255 mm shall be 0.255 m.
+        // Division by a round number is exact to the last digit; multiplication by its reciprocal
+        // is not: 255 mm must be 0.255 m.
         let value = if factor < 1.0 && (1.0 / factor).fract() == 0.0 {
             value / (1.0 / factor)
         } else {
@@ -115,11 +116,13 @@ fn number_length(text: &str) -> usize {
     end
 }
 
-/// A text is no quantity.
+/// A text is not a quantity.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum UnitError {
     /// It does not begin with a number.
-    #[error("`{text}` is no {quantity}: write a number, with one of the units {units} or without")]
+    #[error(
+        "`{text}` is not a {quantity}: write a number, with one of the units {units} or without"
+    )]
     NotANumber {
         /// The text.
         text: String,
@@ -129,7 +132,7 @@ pub enum UnitError {
         units: String,
     },
     /// Its unit is not one of the quantity's.
-    #[error("`{text}`: `{unit}` is no unit of a {quantity} here; use one of {units}")]
+    #[error("`{text}`: `{unit}` is not a unit of a {quantity} here; use one of {units}")]
     UnknownUnit {
         /// The text.
         text: String,

@@ -16,10 +16,10 @@ use crate::stability::{Linearisation, Stability, ToolSensitivity};
 use crate::tension::{Goal, TensionLimits};
 use crate::workspace::{Grid, Verdict, WorkspaceTest};
 
-/// Which equations a tension distribution must satisfy.
+/// Equations that a tension distribution must satisfy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Balance {
-    /// Forces only: the platform is taken to stay at its attitude (the paper's model).
+    /// Forces only: the platform is assumed to keep its attitude (the paper's model).
     Forces,
     /// Forces and moments.
     Wrench,

@@ -1,13 +1,13 @@
 //! Corrections to the length of an ideal cable: stretch, and sag under its own weight.
 //!
 //! The tangent point on the pulley is that of the straight cable; for the small sags where these
-//! corrections are of use, its shift changes the length in second order only.
+//! corrections are useful, its shift changes the length in second order only.
 
 use crate::error::{Error, Solver};
 use crate::inverse::CablePath;
 use crate::math::{asinh, cosh, sinh, sqrt};
 
-/// What a cable is made of.
+/// Material and routing of a cable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CableMaterial {
     /// Axial stiffness EA, N; `None` for inextensible.
@@ -32,7 +32,7 @@ pub enum Correction {
     Catenary,
 }
 
-/// A length and what the corrections contributed.
+/// A length and the contributions of the corrections.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CorrectedLength {
     /// Unstretched length from anchor to attachment to pay out, m:

@@ -1,51 +1,52 @@
-//! The loop of Levenberg and Marquardt (Levenberg, 1944; Marquardt, 1963), for least squares outside
-//! the hot solvers of this crate: damp less after a step that helped, more after one that did not.
+//! The loop of Levenberg and Marquardt (Levenberg, 1944; Marquardt, 1963), for least squares
+//! outside the hot solvers of this crate: the damping falls after a successful step and rises after
+//! a failed one.
 
-/// How the damping begins, changes and ends.
+/// Start, change and end of the damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Damping {
-    /// Damping of the first step; what it means is up to the step, mostly a share of the diagonal.
+    /// Damping of the first step; its meaning depends on the step, mostly a share of the diagonal.
     pub start: f64,
     /// Least damping.
     pub least: f64,
-    /// Over this it ends: no step helps any more.
+    /// Above this the descent ends: no step reduces the cost any more.
     pub most: f64,
-    /// Factor after a step that helped, below 1.
+    /// Factor after a successful step, below 1.
     pub after_success: f64,
-    /// Factor after one that did not, above 1.
+    /// Factor after a failed step, above 1.
     pub after_failure: f64,
-    /// Most steps, those that do not help included.
+    /// Most steps, failed ones included.
     pub steps: usize,
 }
 
-/// What came of a step: `S` is the state, `L` what was computed there (cost, normal equations).
+/// Result of a step: `S` is the state, `L` the quantities computed there (cost, normal equations).
 #[derive(Clone, Debug)]
 pub enum Attempt<S, L> {
-    /// The cost is no greater there: go on from it.
+    /// The cost is not greater there: continue from it.
     Better(S, L),
-    /// As [`Attempt::Better`], and so little was gained that it ends there.
+    /// As [`Attempt::Better`], but the gain is so small that the descent ends there.
     Last(S, L),
-    /// The step is taken, but too small to be worth a look at what it brings. It ends there.
+    /// The step is taken, but is too small to evaluate the state after it. The descent ends there.
     Unseen(S),
     /// The cost is greater there, or cannot be computed, or there is no such step.
     Worse,
-    /// No step is worth taking. It ends where it is.
+    /// No step is worth taking. The descent ends at the present state.
     Enough,
 }
 
-/// Where a descent ended.
+/// The end of a descent.
 #[derive(Clone, Debug)]
 pub struct Descent<S, L> {
     /// The state.
     pub at: S,
-    /// What was computed there; after [`Attempt::Unseen`], a step before.
+    /// The quantities computed there; after [`Attempt::Unseen`], those of a step before.
     pub linear: L,
     /// Steps tried.
     pub steps: usize,
 }
 
-/// Goes down from a state by steps that `attempt` computes with a damping; `None` as soon as it gives
-/// `None`.
+/// Descends from a state by steps that `attempt` computes with a damping; `None` as soon as it
+/// returns `None`.
 ///
 /// ```
 /// use mcdpr_kinematics::{Attempt, Damping, descend};

@@ -1,5 +1,5 @@
-//! The inverse problem of an under-constrained robot: where must the tool be, and how does the
-//! platform then hang?
+//! The inverse problem of an under-constrained robot: the resting pose of the platform for a given
+//! tool position.
 //!
 //! Given the position of a platform point and the tensions of all but three cables, the six
 //! equations of equilibrium fix the attitude and the other three tensions; lengths follow. The
@@ -38,10 +38,10 @@ impl<const N: usize> Robot<N> {
     /// Equilibrium with a platform point at a given place.
     ///
     /// `point_in_platform_m` is the point (zero for the platform's origin, the TCP for the tool),
-    /// `point_in_world_m` where it must be. `tensions_n[i]` is `Some(T)` for a tension-held cable and
-    /// `None` for a length-held one; exactly three cables must be length-held (for four cables: one
-    /// tension is given). Robots with more length-held cables choose their attitude and use
-    /// [`Robot::distribute`] instead.
+    /// `point_in_world_m` its required position. `tensions_n[i]` is `Some(T)` for a tension-held
+    /// cable and `None` for a length-held one; exactly three cables must be length-held (for four
+    /// cables: one tension is given). Robots with more length-held cables choose their attitude and
+    /// use [`Robot::distribute`] instead.
     ///
     /// The answer may be unstable: see [`Equilibrium::stable`].
     /// Frame: world. Units: m, N.
@@ -100,7 +100,7 @@ impl<const N: usize> Robot<N> {
         };
         let hanging = match direct {
             Ok(hanging) => hanging,
-            // A wrong place stays wrong along the way.
+            // An invalid position stays invalid along the way.
             Err(error @ (Error::InsidePulley { .. } | Error::OnSwivelAxis { .. })) => {
                 return Err(error);
             }
@@ -228,7 +228,7 @@ impl<const N: usize> Robot<N> {
         })
     }
 
-    /// The three free tensions from the force balance, and the moment that is then left.
+    /// The three free tensions from the force balance, and the remaining moment.
     fn balance_forces(
         &self,
         pose: &Pose,

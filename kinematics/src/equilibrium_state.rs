@@ -1,9 +1,9 @@
-//! What the static solvers take and give.
+//! Inputs and results of the static solvers.
 
 use crate::cable_vec::{CableSet, CableVec};
 use crate::pose::Pose;
 
-/// What a winch keeps constant.
+/// The quantity that a winch keeps constant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Held {
     /// The length from anchor to attachment, m, of an inextensible cable. The cable may go slack.
@@ -52,7 +52,7 @@ impl Default for StaticOptions {
 /// Where a static solver starts.
 #[derive(Clone, Copy, Debug)]
 pub enum Start<'a> {
-    /// Nothing is known: below the middle of the anchors, level.
+    /// No estimate: below the middle of the anchors, level.
     Cold,
     /// Near this pose.
     Pose(&'a Pose),

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// Which solver speaks, for messages.
+/// The solver, for messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Solver {
     /// Position for a given attitude.
@@ -59,18 +59,18 @@ impl fmt::Display for Bound {
     }
 }
 
-/// Everything that can go wrong in this crate. Cable numbers are 1-based.
+/// All errors of this crate. Cable numbers are 1-based.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Error {
-    /// A list does not have one entry per cable, or a robot has none or too many.
+    /// A list does not have one entry per cable, or a robot has no cables or too many.
     CableCount {
         /// Number of cables needed.
         expected: usize,
         /// Number given.
         got: usize,
     },
-    /// A geometric value of one cable is not usable.
+    /// A geometric value of one cable is invalid.
     InvalidCable {
         /// Cable number, from 1.
         cable: usize,
@@ -79,18 +79,18 @@ pub enum Error {
         /// The value given.
         value: f64,
     },
-    /// A value of the platform is not usable.
+    /// A value of the platform is invalid.
     InvalidPlatform {
         /// The value and what it must be.
         what: &'static str,
         /// The value given.
         value: f64,
     },
-    /// An argument is not usable (not finite, wrong sign).
+    /// An argument is invalid (not finite, wrong sign).
     InvalidInput {
         /// The argument and what it must be.
         what: &'static str,
-        /// The cable concerned, from 1, where there is one.
+        /// The cable concerned, from 1, if there is one.
         cable: Option<usize>,
         /// The value given.
         value: f64,
@@ -150,19 +150,19 @@ pub enum Error {
     },
     /// No tensions within the limits balance the wrench.
     OutsideTensionLimits {
-        /// The cable that is worst off, from 1.
+        /// The cable with the largest violation, from 1.
         cable: usize,
         /// Which of its limits.
         bound: Bound,
         /// By how much it would have to be exceeded.
         violation_n: f64,
     },
-    /// The cables cannot produce the wrench at all, whatever the tensions.
+    /// The cables cannot produce the wrench with any tensions.
     WrenchNotBalanced {
-        /// Norm of what is left of the wrench (newtons, and newton metres for moments).
+        /// Norm of the unbalanced part of the wrench (newtons, and newton metres for moments).
         residual_n: f64,
     },
-    /// Nothing holds the platform: its energy has no minimum for these tensions.
+    /// The platform is not supported: its energy has no minimum for these tensions.
     Unbounded {
         /// The solver.
         solver: Solver,

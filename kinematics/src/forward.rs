@@ -2,9 +2,9 @@
 //! position at a given attitude, position and yaw, all six degrees of freedom.
 //!
 //! Gauss-Newton on the length residuals: the lengths fit exactly or nearly so, which makes it
-//! converge quadratically (cubically for the position, with the second derivatives along the step). What it cannot solve goes to a damped (Levenberg-Marquardt) iteration
-//! from several starts. For the resting pose of a hanging platform see
-//! [`Robot::geometrico_static`].
+//! converge quadratically (cubically for the position, with the second derivatives along the step).
+//! Cases that it cannot solve go to a damped (Levenberg-Marquardt) iteration from several starts.
+//! For the resting pose of a hanging platform see [`Robot::geometrico_static`].
 
 use nalgebra::{Rotation3, Vector3};
 
@@ -15,7 +15,7 @@ use crate::math::sqrt;
 use crate::pose::Pose;
 use crate::robot::Robot;
 
-/// What the forward solvers accept.
+/// Acceptance criteria of the forward solvers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForwardOptions {
     /// Largest root-mean-square length residual of an accepted pose, m.
@@ -189,8 +189,8 @@ impl<const N: usize> Robot<N> {
         Ok(())
     }
 
-    /// Where to look for a pose with unknown angles. Lengths may fit several poses exactly, some with
-    /// the cables twisted about each other; from the position that fits them best at the start's
+    /// Start for a pose with unknown angles. Lengths may fit several poses exactly, some with the
+    /// cables twisted about each other; from the position that fits them best at the start's
     /// attitude the one nearest to that attitude is found.
     fn start_pose(&self, lengths_m: &[f64; N], start: &Pose, position_known: bool) -> Pose {
         if position_known {
@@ -458,7 +458,7 @@ impl<const N: usize> Robot<N> {
                 damping = f64::max(4.0 * damping, 1e-6);
             }
             if !accepted {
-                // No descent left: a minimum to rounding, if the gradient agrees.
+                // No further descent: a minimum to rounding, if the gradient agrees.
                 let slope: f64 = (0..K).map(|k| g[k] * g[k] / scale(k)).sum();
                 if slope <= 1e-20 * (cost + 1e-20) {
                     self.check_determined(&normal, solver)?;
@@ -487,7 +487,7 @@ impl<const N: usize> Robot<N> {
         let mut m = *normal;
         for a in 0..K {
             for b in 0..=a {
-                // Radians as metres at the lever, then remove what a regular robot has to spare.
+                // Radians as metres at the lever, then remove the redundancy of a regular robot.
                 let scale = |k: usize| if k < 3 { 1.0 } else { self.lever_m };
                 m[a][b] /= scale(a) * scale(b);
             }

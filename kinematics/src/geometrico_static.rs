@@ -30,7 +30,7 @@ struct Problem<const N: usize> {
     size: f64,
 }
 
-/// Where the iteration stands.
+/// State of the iteration.
 struct State<const N: usize> {
     pose: Pose,
     inverse: Inverse<N>,
@@ -229,7 +229,7 @@ impl<const N: usize> Robot<N> {
         sqrt(force.max(moment))
     }
 
-    /// Full primal-dual steps. `None` if they do not converge: the state is then of no use.
+    /// Full primal-dual steps. `None` if they do not converge: the state is then invalid.
     fn polish(
         &self,
         problem: &Problem<N>,
@@ -263,8 +263,8 @@ impl<const N: usize> Robot<N> {
                     } else {
                         (penalty, state.tensions[i])
                     };
-                    // A taut cable stays in the active set until its tension has come out negative;
-                    // being somewhat too long at a warm start is no sign of slack.
+                    // A taut cable stays in the active set until its tension has become negative;
+                    // being slightly too long at a warm start does not indicate slack.
                     let active = state.tensions[i] > 0.0 || excess > 0.0;
                     stiffness[i] = if active { k } else { 0.0 };
                     predicted[i] = if active { base + k * excess } else { 0.0 };

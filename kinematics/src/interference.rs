@@ -131,8 +131,8 @@ pub(crate) fn segment_distance(a: &[Vector3<f64>; 2], b: &[Vector3<f64>; 2]) -> 
         }
     };
     let det = uu * vv - uv * uv;
-    // The inner minimum, when the lines are not parallel, is one candidate; the best point of each
-    // segment against each end of the other are the rest.
+    // If the lines are not parallel, the inner minimum is one candidate; the others are each end of
+    // a segment against the best point of the other.
     let mut best = f64::INFINITY;
     if det > 1e-14 * uu * vv {
         let (s, t) = ((uv * vw - vv * uw) / det, (uu * vw - uv * uw) / det);

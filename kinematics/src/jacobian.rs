@@ -1,4 +1,5 @@
-//! First and second derivatives of the cable lengths (paper, Eq. 12, and what calibration needs).
+//! First and second derivatives of the cable lengths (paper, Eq. 12, and those needed by
+//! calibration).
 //!
 //! With t the cable's direction and u = R A the arm: the row of the twist Jacobian is
 //! `[t, u x t]`. Further, per cable: dL/d(anchor) = -t, dL/d(attachment) = R^T t,

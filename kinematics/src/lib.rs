@@ -9,7 +9,7 @@
 #![cfg_attr(not(feature = "std"), no_std)]
 // Component loops over parallel arrays read better, and vectorise, with an index.
 #![allow(clippy::needless_range_loop)]
-// `!(a < b)` is how NaN is made to fail a check.
+// `!(a < b)` makes NaN fail a check.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod any_robot;

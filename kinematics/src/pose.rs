@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 use crate::error::Error;
 use crate::math::sin_cos;
 
-/// A rigid transform `a_from_b`: where frame b is in frame a. Most are world_from_platform.
+/// A rigid transform `a_from_b`: the pose of frame b in frame a. Most are world_from_platform.
 ///
 /// A point of frame b (the platform) has the coordinates `position_m + rotation * point` in frame a
 /// (the world: z up, gravity along -z). Units: m. Transforms are named `a_from_b`, so that equal
@@ -180,7 +180,7 @@ pub fn rpy_from_rotation(rotation: &Rotation3<f64>) -> [f64; 3] {
     let m = rotation.matrix();
     let horizontal = crate::math::sqrt(m[(0, 0)] * m[(0, 0)] + m[(1, 0)] * m[(1, 0)]);
     let ry = crate::math::atan2(-m[(2, 0)], horizontal);
-    // Below this the first column carries no direction any more.
+    // Below this the first column gives no direction any more.
     if horizontal < 1e-14 {
         return [0.0, ry, crate::math::atan2(-m[(0, 1)], m[(1, 1)])];
     }
@@ -256,7 +256,7 @@ mod tests {
         let point = Vector3::new(0.2, 0.1, -0.4);
         let by_parts = a_from_b.transform(&b_from_c.transform(&point));
         assert!((a_from_c.transform(&point) - by_parts).norm() < 1e-14);
-        // nalgebra's own composition, with quaternions, is an independent judge.
+        // nalgebra's own composition, with quaternions, is an independent reference.
         let judge = Isometry3::from(a_from_b) * Isometry3::from(b_from_c);
         let back = Pose::from(judge);
         assert!((back.position_m - a_from_c.position_m).norm() < 1e-14);

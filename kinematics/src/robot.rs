@@ -8,7 +8,7 @@ use crate::error::Error;
 /// Standard acceleration of gravity, m/s^2.
 pub const GRAVITY_MPS2: f64 = 9.806_65;
 
-/// One cable: where it leaves the frame and where it holds the platform.
+/// One cable: its anchor on the frame and its attachment on the platform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cable {
     /// Entry point of the cable on the swivel axis, world frame, m.
@@ -41,7 +41,7 @@ impl Platform {
     }
 }
 
-/// Component-wise arrays over the cables: what the vectorised loops read.
+/// Component-wise arrays over the cables, for the vectorised loops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lanes<const N: usize> {
     pub anchor: [[f64; N]; 3],

@@ -9,7 +9,7 @@ use crate::linear::{DENSE, eliminate};
 use crate::math::sqrt;
 use crate::robot::Robot;
 
-/// How an equilibrium answers small changes of what the winches hold.
+/// Response of an equilibrium to small changes of the held quantities.
 ///
 /// Inputs, one per cable: its held length (m) or, for a tension-held cable, its tension (N).
 /// Outputs, one per cable: its tension (N) if it is length-held and taut; otherwise its length (m).
@@ -24,8 +24,8 @@ pub struct Linearisation {
     pub pose: CableVec<[f64; 6]>,
 }
 
-/// How lengths, tensions and attitude follow the tool at equilibrium, when the length-held winches
-/// are moved so that the tool goes where it should.
+/// Derivatives of lengths, tensions and attitude by the tool position at equilibrium, when the
+/// length-held winches move the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToolSensitivity {
     /// d(length of cable)/d(tool position), dimensionless, world frame.
@@ -238,8 +238,8 @@ impl<const N: usize> Robot<N> {
 
     /// Stiffness, reduced Hessian and natural modes at an equilibrium.
     ///
-    /// The winches hold what they hold (lengths or tensions); drums do not move in length-held cables
-    /// and follow without inertia in tension-held ones.
+    /// The winches keep their held quantities (lengths or tensions); drums do not move in
+    /// length-held cables and follow without inertia in tension-held ones.
     ///
     /// # Errors
     /// [`Error::CableCount`] for an equilibrium of another robot; domain errors.
@@ -324,7 +324,7 @@ impl<const N: usize> Robot<N> {
     }
 }
 
-/// Unit vector of what is left of `v` outside the span of orthonormal vectors.
+/// Unit vector of the component of `v` outside the span of orthonormal vectors.
 fn orthogonal_part(v: &Vector6<f64>, span: &[Vector6<f64>]) -> Option<Vector6<f64>> {
     let size = v.norm();
     let mut rest = *v;

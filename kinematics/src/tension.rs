@@ -63,7 +63,7 @@ impl<const N: usize> TensionLimits<N> {
     }
 }
 
-/// Which of the balanced distributions is wanted.
+/// Which of the balanced distributions to return.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Goal<const N: usize> {
     /// Nearest (least squares) to the middle of the limits.
@@ -102,7 +102,7 @@ impl<const N: usize> Inverse<N> {
         -self.twist_jacobian().transpose()
     }
 
-    /// Rows of the structure matrix as arrays: what [`distribute`] reads.
+    /// Rows of the structure matrix as arrays, for [`distribute`].
     #[inline(always)]
     pub(crate) fn structure_rows(&self) -> [[f64; N]; 6] {
         let (t, u) = (&self.directions, &self.arms_m);

@@ -55,7 +55,7 @@ impl Grid {
     }
 }
 
-/// What makes a position count as feasible.
+/// Criterion for a feasible position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WorkspaceTest<const N: usize> {
     /// Tensions within limits balance gravity's force at a fixed attitude; moments are ignored (the
@@ -88,7 +88,7 @@ pub enum WorkspaceTest<const N: usize> {
     },
 }
 
-/// What holds at a position.
+/// Result at a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Verdict {
     /// It is in the workspace.
@@ -110,7 +110,7 @@ pub enum Verdict {
     Tilted,
     /// The equilibrium is unstable.
     Unstable,
-    /// No equilibrium or no balance, whatever the tensions.
+    /// No equilibrium or no balance with any tensions.
     #[default]
     Unbalanced,
 }
@@ -121,7 +121,7 @@ impl Verdict {
         self == Verdict::Feasible
     }
 
-    /// The limiting cable (1-based), where there is one.
+    /// The limiting cable (1-based), if there is one.
     pub fn limiting_cable(self) -> Option<usize> {
         match self {
             Verdict::Limited { cable, .. } | Verdict::NoPath { cable } => Some(usize::from(cable)),
@@ -155,7 +155,7 @@ impl<const N: usize> Robot<N> {
     /// Tests one position (world, m).
     ///
     /// # Errors
-    /// [`Error::InvalidInput`] for limits that are not usable or a position that is not finite.
+    /// [`Error::InvalidInput`] for invalid limits or a position that is not finite.
     pub fn assess(
         &self,
         position_m: &Vector3<f64>,
@@ -291,7 +291,7 @@ impl<const N: usize> Robot<N> {
         first: usize,
         out: &mut [Verdict],
     ) {
-        // Attachment minus anchor: the position is all that changes from point to point.
+        // Attachment minus anchor: only the position changes from point to point.
         let offsets: [Vector3<f64>; N] = self
             .cables()
             .map(|c| rotation * c.attachment_m - c.anchor_m);

@@ -381,7 +381,8 @@ fn position_and_yaw_needs_no_position_and_never_crosses_the_cables() {
         let pose = random_pose(&mut rng);
         let [rx, ry, rz] = pose.rpy();
         let lengths = robot.lengths_m(&pose).unwrap();
-        // Lengths fit a second pose, turned by half a turn, exactly: only the start tells them apart.
+        // Lengths fit a second pose, turned by half a turn, exactly: only the start distinguishes
+        // them.
         let start = Pose::from_rpy(Vector3::zeros(), [rx, ry, 0.0]);
         let found = robot
             .position_and_yaw(&lengths, &start, false, &options)

@@ -519,7 +519,7 @@ fn what_cannot_hang_is_refused_by_name() {
         solve(&held, Start::Cold),
         Err(Error::InvalidInput { cable: Some(3), .. })
     ));
-    // Nothing but weak tensions: the platform falls. The message says so.
+    // Only weak tensions: the platform falls. The message must say so.
     assert!(solve(&[Held::Tension(0.1); 4], Start::Cold).is_err());
 }
 

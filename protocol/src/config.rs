@@ -29,7 +29,7 @@ pub struct ConfigKey(pub u16);
 /// One key with its value.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct ConfigEntry {
-    /// Which.
+    /// Its key.
     pub key: ConfigKey,
     /// Its value in the key's unit.
     pub value: i32,
@@ -102,14 +102,14 @@ keys! {
         EncoderCountsPerTurn = 3,
         /// +1 or -1: sign of the encoder count when the cable pays out.
         EncoderSign = 4,
-        /// Motor counts per drum turn; negative where the motor counts down as the cable pays out.
+        /// Motor counts per drum turn; negative if the motor counts down as the cable pays out.
         MotorCountsPerTurn = 5,
         /// Largest motor speed, rpm.
         MaxMotorRpm = 6,
         /// Largest motor current, mA.
         MaxCurrentMa = 7,
-        /// Force at the drum's surface per motor current, mN/A; negative where a positive current
-        /// pays out.
+        /// Force at the drum's surface per motor current, mN/A; negative if a positive current pays
+        /// out.
         ForcePerCurrent = 8,
         /// Tension sensor gain k, mN/V (Eq. 52).
         TensionGain = 9,
@@ -159,12 +159,12 @@ keys! {
         MaxAcceleration = 31,
         /// Largest jerk of the cable that may be commanded, mm/s³.
         MaxJerk = 32,
-        /// What a tension law tells the drive: 0 a current, 1 a speed. With a speed, gains are in
-        /// mm/s per N, mm/N and mm/s per N s.
+        /// Command of a tension law to the drive: 0 a current, 1 a speed. With a speed, gains are
+        /// in mm/s per N, mm/N and mm/s per N s.
         TensionOutput = 33,
         /// Play between motor and drum, 0.1 µm of cable.
         Play = 34,
-        /// Corner of the low-pass behind a default law that tells speeds, mHz; 0 is none.
+        /// Corner of the low-pass behind a default law with speed output, mHz; 0 is none.
         SpeedCornerMhz = 35,
         /// How far the drum turns in its closed brake, 0.1 µm of cable.
         BrakePlay = 36,
@@ -198,7 +198,7 @@ impl ConfigKey {
     }
 }
 
-/// A key, taken apart.
+/// A key, split into its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum KeyMeaning {
     /// Of the board.
@@ -220,7 +220,7 @@ pub fn config_hash(sorted: impl IntoIterator<Item = ConfigEntry>) -> ConfigHash 
     digest.finish()
 }
 
-/// [`config_hash`] entry by entry, for who has no time for all of them at once.
+/// [`config_hash`] entry by entry, for code that cannot process all of them at once.
 #[derive(Debug, Clone)]
 pub struct ConfigDigest(frame::Digest);
 
@@ -237,7 +237,7 @@ impl ConfigDigest {
         self.0.update(&entry.value.to_le_bytes());
     }
 
-    /// The hash of all that was taken.
+    /// The hash of the entries so far.
     #[must_use]
     pub fn finish(self) -> ConfigHash {
         ConfigHash(self.0.finalize())

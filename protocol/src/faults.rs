@@ -1,4 +1,4 @@
-//! Stable numbers of everything that can go wrong.
+//! Stable numbers of all faults.
 //!
 //! A fault's number is `16 * group + row`: L = 0 and 1 (18 rows), S = 2, D = 3, B = 4, P = 5,
 //! C = 6, K = 7, F = 8. Numbers are never reused.
@@ -150,9 +150,9 @@ impl MaxSize for FaultId {
 /// A latched fault: the first cause, where and when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct FaultRecord {
-    /// What.
+    /// Which fault.
     pub fault: FaultId,
-    /// The cable, 1 for the first; 0 where no single cable is to blame.
+    /// The cable, 1 for the first; 0 if no single cable is the cause.
     pub cable: u8,
     /// When it was detected.
     pub tick: Tick,
@@ -162,7 +162,7 @@ pub struct FaultRecord {
     pub limit: i32,
 }
 
-/// Advice: nothing was refused or stopped, but something works at its edge.
+/// Warning: nothing was refused or stopped, but a value is near its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Limit {
@@ -182,11 +182,11 @@ pub enum Limit {
     BufferShort = 6,
     /// The correction between motor counts and drum encoder is at its bound.
     TrimSaturated = 7,
-    /// A brake let its drum turn when torque was about to go; torque stays on.
+    /// A brake slipped before torque was switched off; torque stays on.
     BrakeSlips = 8,
     /// A tension reading is noisy.
     TensionNoisy = 9,
-    /// A drive warns, of heat or of something else.
+    /// A drive warns, of heat or another condition.
     DriveWarns = 10,
 }
 

@@ -1,7 +1,7 @@
 //! Framing: `COBS(channel, body, CRC-32 little-endian) 0x00`.
 //!
 //! The CRC is CRC-32/ISO-HDLC over channel and body. A receiver that starts in the middle, or that
-//! meets garbage, loses at most the frame under way: it finds the next `0x00` and goes on.
+//! receives noise, loses at most the current frame: it resynchronises at the next `0x00`.
 
 use serde::Serialize;
 
@@ -13,7 +13,8 @@ const MAX_PLAIN: usize = 254;
 pub const MAX_BODY: usize = MAX_PLAIN - 1 - CRC_SIZE;
 const CRC_SIZE: usize = 4;
 
-/// What four bits do to the checksum: 64 bytes of a board's flash, where a table of bytes is 1 KB.
+/// Effect of four bits on the checksum: 64 bytes of a board's flash, where a table of bytes is 1
+/// KB.
 const CRC_TABLE: [u32; 16] = {
     let mut table = [0; 16];
     let mut nibble = 0;
@@ -70,17 +71,17 @@ impl Digest {
     }
 }
 
-/// What a frame's body is.
+/// Type of a frame's body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Channel {
-    /// "Who are you?" Frozen.
+    /// Asks for the board's identity. Frozen.
     HelloQuery = 0x01,
     /// The answer. Frozen.
     Hello = 0x02,
     /// A request.
     Command = 0x10,
-    /// What became of it.
+    /// Its outcome.
     Answer = 0x20,
     /// Samples of every tick.
     Samples = 0x30,
@@ -102,16 +103,16 @@ impl Channel {
     }
 }
 
-/// Why bytes were no frame.
+/// Why bytes are not a valid frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameError {
-    /// The checksum does not fit the bytes (L1).
+    /// The checksum does not match the bytes (L1).
     Checksum,
     /// No delimiter within [`MAX_FRAME`] bytes (L7).
     TooLong,
     /// Too short for a channel and a checksum, or not valid COBS (L6).
     Malformed,
-    /// The checksum fits, but no such channel exists here.
+    /// The checksum matches, but there is no such channel.
     UnknownChannel,
     /// The message is larger than a frame, or cannot be encoded.
     Encode,
@@ -120,7 +121,7 @@ pub enum FrameError {
 /// Encodes a message into `out` as one frame and gives the bytes used, the delimiter included.
 ///
 /// # Errors
-/// [`FrameError::Encode`] where the message does not fit; every message of this crate does.
+/// [`FrameError::Encode`] if the message does not fit; every message of this crate does.
 pub fn encode_frame<T: Serialize>(
     channel: Channel,
     message: &T,
@@ -133,10 +134,10 @@ pub fn encode_frame<T: Serialize>(
     encode_bytes(channel, body.get(..used).unwrap_or_default(), out)
 }
 
-/// Encodes a body that is already bytes; see [`encode_frame`].
+/// Encodes a body given as bytes; see [`encode_frame`].
 ///
 /// # Errors
-/// [`FrameError::Encode`] where the body is longer than [`MAX_BODY`].
+/// [`FrameError::Encode`] if the body is longer than [`MAX_BODY`].
 pub fn encode_bytes(
     channel: Channel,
     body: &[u8],
@@ -185,7 +186,7 @@ impl Deframer {
         }
     }
 
-    /// Takes one byte; at a delimiter gives the frame that ends there, or why it was none.
+    /// Takes one byte; at a delimiter returns the frame that ends there, or why it is invalid.
     ///
     /// Empty frames (two delimiters in a row) are silently skipped, so that a sender may open with
     /// a delimiter.
@@ -211,7 +212,7 @@ impl Deframer {
     }
 }
 
-/// Decodes, in place, what came between two delimiters.
+/// Decodes, in place, the bytes between two delimiters.
 pub(crate) fn decode_frame(coded: &mut [u8]) -> Result<(Channel, &[u8]), FrameError> {
     let used = cobs::decode_in_place(coded).map_err(|_| FrameError::Malformed)?;
     let plain = coded.get(..used).ok_or(FrameError::Malformed)?;

@@ -1,23 +1,23 @@
-//! `Hello`: the one message whose bytes never change, so that any host can name any board.
+//! `Hello`: the one message whose bytes never change, so that any host can identify any board.
 
 use crate::{PROTOCOL_MAJOR, PROTOCOL_MINOR};
 
-/// Why the chip last started.
+/// Cause of the chip's last start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u8)]
 pub enum ResetCause {
-    /// Not known, or a number of a later version.
+    /// Unknown, or a number of a later version.
     #[default]
     Unknown = 0,
     /// Power came on, or dipped.
     Power = 1,
     /// The reset pin.
     Pin = 2,
-    /// The firmware asked for it.
+    /// The firmware requested it.
     Software = 3,
     /// The watchdog.
     Watchdog = 4,
-    /// A panic or a processor fault; [`crate::Info::last_panic`] says which.
+    /// A panic or a processor fault; [`crate::Info::last_panic`] has the text.
     Panic = 5,
 }
 
@@ -34,8 +34,8 @@ impl ResetCause {
     }
 }
 
-/// Who answers. Layout (little-endian): `"MCDPR\0"`, major u16, minor u16, board id 12 bytes,
-/// git hash 8 bytes, reset cause u8. Frozen for all versions: later boards append only.
+/// The board's identity. Layout (little-endian): `"MCDPR\0"`, major u16, minor u16, board id 12
+/// bytes, git hash 8 bytes, reset cause u8. Frozen for all versions: later boards append only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Hello {
     /// Major version of the wire format.
@@ -46,11 +46,11 @@ pub struct Hello {
     pub board_id: [u8; 12],
     /// First characters of the firmware's git hash, ASCII, padded with zeros.
     pub git_hash: [u8; 8],
-    /// Why the chip last started.
+    /// Cause of the chip's last start.
     pub reset_cause: ResetCause,
 }
 
-/// Whether host and board may move together.
+/// Whether host and board are compatible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Compatibility {
     /// Same wire format.
@@ -87,7 +87,7 @@ impl Hello {
 
     /// Reads the frozen bytes; what a later version appended is ignored.
     ///
-    /// Gives `None` where the bytes are too short or another device answers.
+    /// Returns `None` if the bytes are too short or another device answers.
     #[must_use]
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let rest = bytes.strip_prefix(MAGIC)?;

@@ -1,4 +1,4 @@
-//! The wire between a host and a winch board, and its only description.
+//! The wire format between a host and a winch board, and its only definition.
 //!
 //! A byte stream (UART, USB-UART bridge, pseudo-terminal or memory) carries frames in both
 //! directions. A frame is `COBS(channel, body, CRC-32) 0x00`, at most [`frame::MAX_FRAME`] bytes;
@@ -13,21 +13,20 @@
 //! | [`Channel::Samples`] | board to host | [`SampleBlock`], postcard, best effort |
 //! | [`Channel::Status`] | board to host | [`Status`], postcard, best effort |
 //!
-//! # A command's life
-//! Requests that change something carry a sequence number that the board executes strictly in
-//! order and exactly once ([`Request::is_sequenced`]). The host may have [`WINDOW`] of them under
-//! way. A frame that arrives again is answered from the board's cache, a frame out of order is
-//! refused with [`Reject::Sequence`], which names the number that the board waits for. Queries,
-//! heartbeats and stops are idempotent: they are executed whenever they arrive, and a stop needs
-//! no session.
+//! # Lifecycle of a command
+//! Requests that change something carry a sequence number; the board executes them strictly in
+//! order and exactly once ([`Request::is_sequenced`]). The host may have [`WINDOW`] of them in
+//! progress. A repeated frame is answered from the board's cache, a frame out of order is refused
+//! with [`Reject::Sequence`], which names the number that the board waits for. Queries, heartbeats
+//! and stops are idempotent: they are executed whenever they arrive, and a stop needs no session.
 //!
-//! # Three kinds of "no"
-//! [`Reject`] refuses one request and changes nothing. [`FaultId`] is latched on the board with
-//! its first cause and tick, has a stable number and needs an explicit clear. [`Limit`] is advice:
-//! something works at its edge.
+//! # Refusals, faults and warnings
+//! [`Reject`] refuses one request and changes nothing. [`FaultId`] is latched on the board with its
+//! first cause and tick, has a stable number and needs an explicit clear. [`Limit`] is a warning: a
+//! value is near its limit.
 //!
 //! # Versions
-//! Enums and structs are append-only. While the major version is 0 the minor version must agree,
+//! Enums and structs are append-only. While the major version is 0 the minor version must be equal,
 //! too; see [`Hello::compatibility`]. Golden bytes are in `tests/golden.rs`.
 #![no_std]
 
@@ -57,7 +56,7 @@ pub use units::{
     Micrometres, MicrometresPerSecond, Milliamps, Millinewtons, TenthMicrometres, Tick,
 };
 
-/// Version of the wire format: a board and a host with another major version never move together.
+/// Version of the wire format: a board is never moved by a host of another major version.
 pub const PROTOCOL_MAJOR: u16 = 0;
 /// Minor version: additions only, once the major version is 1.
 pub const PROTOCOL_MINOR: u16 = 2;
@@ -65,5 +64,5 @@ pub const PROTOCOL_MINOR: u16 = 2;
 /// Most cables that one board can drive.
 pub const MAX_CABLES: usize = 8;
 
-/// Most sequenced requests under way at once.
+/// Most sequenced requests in progress at once.
 pub const WINDOW: u16 = 8;

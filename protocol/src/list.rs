@@ -25,7 +25,7 @@ impl<T, const N: usize> List<T, N> {
     /// Appends a value.
     ///
     /// # Errors
-    /// Gives the value back when the list is full.
+    /// Returns the value when the list is full.
     pub fn push(&mut self, value: T) -> Result<(), T> {
         self.0.push(value)
     }

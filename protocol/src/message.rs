@@ -1,4 +1,4 @@
-//! Requests, and what becomes of them.
+//! Requests and their outcomes.
 
 use crate::frame::{Channel, FrameError, MAX_FRAME, encode_frame};
 use crate::{
@@ -8,7 +8,7 @@ use crate::{
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
 
-/// A host's claim on a board: random, not zero, new at every start of a host program.
+/// A host's session with a board: random, not zero, new at every start of a host program.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct SessionId(pub u32);
 
@@ -33,36 +33,36 @@ impl SequenceNumber {
 /// A request with its session and number.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct Command {
-    /// Who asks.
+    /// The session of the sender.
     pub session: SessionId,
     /// Which request of the session this is; echoed in the [`Answer`].
     pub sequence: SequenceNumber,
-    /// What is asked.
+    /// The request.
     pub request: Request,
 }
 
 /// Configuration entries that travel in one request.
 pub const CONFIG_CHUNK: usize = 24;
 
-/// What a host can ask of a board. Append only.
+/// Requests of a host to a board. Append only.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub enum Request {
-    /// What the board is: answered with [`Reply::Info`].
+    /// Properties of the board: answered with [`Reply::Info`].
     Info,
-    /// How the board is: answered with [`Reply::Status`].
+    /// State of the board: answered with [`Reply::Status`].
     Status,
-    /// Claims the board for this session and resets the sequence to the number after this one.
+    /// Claims the board for this session and sets the sequence to the number after this one.
     Open,
-    /// Gives the claim back; refused while armed.
+    /// Ends the session; refused while armed.
     Close,
-    /// Shows that the host lives; answered with [`Reply::Beat`].
+    /// Shows that the host is alive; answered with [`Reply::Beat`].
     Heartbeat {
         /// The host's clock, echoed, µs, wrapping.
         host_time_us: u32,
     },
     /// Stops. Accepted from anyone, in any state, before everything else.
     Stop(StopKind),
-    /// Forgets the entries received so far and expects this many.
+    /// Discards the entries received so far and expects this many.
     ConfigBegin {
         /// How many entries will follow.
         entries: u16,
@@ -72,12 +72,12 @@ pub enum Request {
         /// The entries.
         entries: List<ConfigEntry, CONFIG_CHUNK>,
     },
-    /// Takes the entries into use if the hash agrees and every value makes sense.
+    /// Activates the entries if the hash matches and every value is valid.
     ConfigCommit {
         /// Hash over all entries.
         hash: ConfigHash,
     },
-    /// Says how long each cable is now (paid out, as the drum encoder sees it).
+    /// Sets the present length of each cable (paid out, as the drum encoder measures it).
     Reference {
         /// The lengths.
         lengths: PerCable<TenthMicrometres>,
@@ -86,7 +86,7 @@ pub enum Request {
     },
     /// Enables drives, checks, opens brakes and holds.
     Arm {
-        /// The configuration that the host believes in.
+        /// The configuration that the host expects.
         config_hash: ConfigHash,
     },
     /// Closes brakes under torque, then switches torque off.
@@ -95,9 +95,9 @@ pub enum Request {
     Knot(Knot),
     /// Starts the buffered motion.
     Start,
-    /// Goes on after a hold, along the same path.
+    /// Continues after a hold, along the same path.
     Resume,
-    /// Throws away what is buffered; refused while moving.
+    /// Discards the buffered motion; refused while moving.
     Discard,
     /// Acknowledges the latched fault.
     ClearFault,
@@ -111,11 +111,11 @@ pub enum Request {
         /// Whether to close it.
         closed: bool,
     },
-    /// Enables one drive alone, for work on one winch: every other drive stays off and every other
-    /// brake closed, a slack cable is no fault, and tensions need not be what a model expects.
-    /// Everything else holds: heartbeat, stops, limits, the configuration's hash.
+    /// Enables a single drive, for work on one winch: every other drive stays off and every other
+    /// brake closed, a slack cable is not a fault, and tensions need not agree with a model.
+    /// Everything else applies: heartbeat, stops, limits, the configuration's hash.
     Service {
-        /// The configuration that the host believes in.
+        /// The configuration that the host expects.
         config_hash: ConfigHash,
         /// The winch, 1 for the first.
         cable: u8,
@@ -124,17 +124,17 @@ pub enum Request {
     },
     /// One winch, unfiltered: answered with [`Reply::Winch`].
     Winch {
-        /// Which, 1 for the first.
+        /// Its number, 1 for the first.
         cable: u8,
     },
-    /// Which drives are on the bus: answered with [`Reply::Drives`].
+    /// Drives found on the bus: answered with [`Reply::Drives`].
     Scan {
-        /// Begins to ask anew; else tells what has been found so far.
+        /// Starts a new scan; otherwise returns the drives found so far.
         restart: bool,
     },
     /// The board's self-test, while nothing has torque: answered with [`Reply::Bench`].
     Bench {
-        /// What is tried first.
+        /// What is tested first.
         test: BenchTest,
     },
 }
@@ -155,24 +155,24 @@ impl Request {
     }
 }
 
-/// What a self-test tries. Append only.
+/// Tests of a self-test. Append only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub enum BenchTest {
-    /// Nothing: the board tells what it is and has measured.
+    /// None: the board only reports its identity and measurements.
     Look,
     /// Frames through the CAN controller and back, without the bus. Only without a configuration.
     CanLoop,
-    /// Raises one output for [`BENCH_OUTPUT_MS`]; it falls by itself. Only without a configuration,
-    /// so that no drive was told anything.
+    /// Sets one output for [`BENCH_OUTPUT_MS`]; it falls by itself. Only without a configuration,
+    /// so that no drive has received a command.
     Output {
         /// 1 to 4: a brake opens. 5: the gripper closes. 6: the drives get power.
         output: u8,
     },
 }
 
-/// Outputs that a self-test can raise.
+/// Number of outputs that a self-test can set.
 pub const BENCH_OUTPUTS: u8 = 6;
-/// How long it does, ms.
+/// Duration of the output, ms.
 pub const BENCH_OUTPUT_MS: u16 = 300;
 
 /// Ways to stop.
@@ -182,11 +182,11 @@ pub enum StopKind {
     Hold,
     /// Decelerate along the path, close brakes under torque, torque off (STOP1).
     Stop,
-    /// Brakes and torque off at once (STOP0); only where drive control is lost.
+    /// Brakes and torque off at once (STOP0); only if drive control is lost.
     Emergency,
 }
 
-/// What became of a request.
+/// Outcome of a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct Answer {
     /// The request's number.
@@ -195,7 +195,7 @@ pub struct Answer {
     pub result: Result<Reply, Reject>,
 }
 
-/// A request was done, or begun where doing takes time.
+/// A request was executed, or started if it takes time.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub enum Reply {
     /// Done.
@@ -210,9 +210,9 @@ pub enum Reply {
         host_time_us: u32,
         /// The board's tick when it took the heartbeat.
         tick: Tick,
-        /// What the board does.
+        /// The board's state.
         state: BoardState,
-        /// Path time of the motion under way, ms.
+        /// Path time of the motion in progress, ms.
         path_ms: u32,
         /// Free knots of the motion buffer.
         knots_free: u8,
@@ -242,7 +242,7 @@ pub enum Reply {
     Bench(Bench),
 }
 
-/// What a board tells of itself in a self-test; zeros where a simulation has no chip.
+/// Results of a board's self-test; zeros in a simulation without a chip.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct Bench {
     /// The chip's own identity (DBGMCU_IDCODE).
@@ -253,7 +253,7 @@ pub struct Bench {
     pub maker: u16,
     /// Size of the flash by the factory's register, KiB.
     pub flash_kib: u16,
-    /// Why it started: RCC_CSR, bits 24 to 31.
+    /// Cause of the start: RCC_CSR, bits 24 to 31.
     pub reset_flags: u8,
     /// It runs from its crystal.
     pub crystal: bool,
@@ -265,7 +265,8 @@ pub struct Bench {
     pub can_errors: (u8, u8),
     /// CAN: received frames that were lost.
     pub can_lost: u32,
-    /// CAN: whether the last loop of [`BenchTest::CanLoop`] gave back what was sent; `None` before.
+    /// CAN: whether the last [`BenchTest::CanLoop`] returned the frames sent; `None` before the
+    /// first.
     pub can_loop: Option<bool>,
     /// Greatest time of a control tick since the start, core cycles, self-tests left out.
     pub tick_cycles: u32,
@@ -277,10 +278,10 @@ pub struct Bench {
     pub outputs: u8,
 }
 
-/// One winch as its board sees it in a tick.
+/// State of one winch in a tick.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct Winch {
-    /// The drive obeys.
+    /// The drive is enabled and follows commands.
     pub ready: bool,
     /// The drive reports a fault.
     pub fault: bool,
@@ -294,16 +295,17 @@ pub struct Winch {
     pub motor_counts: i32,
     /// Motor current, mA.
     pub current_ma: i16,
-    /// Drum encoder, counts since the board started, as the pins count: without any sign.
+    /// Drum encoder, counts since the board started, as the pins count: without the configured
+    /// sign.
     pub drum_counts: i32,
     /// Tension channel: 0 to 65520 for 0 V to 3.3 V.
     pub tension_adc: u16,
 }
 
-/// Bytes of a panic message that survive a reset.
+/// Greatest size of a panic message that survives a reset, bytes.
 pub const PANIC_BYTES: usize = 96;
 
-/// What a board is; append-only.
+/// Properties of a board; append-only.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct Info {
     /// Cables that this board can drive.
@@ -314,9 +316,9 @@ pub struct Info {
     pub ticks_per_second: u16,
     /// Bit set of drive kinds that the firmware speaks: bit n is drive kind n.
     pub drive_kinds: u8,
-    /// Whether a simulator answers, not a board.
+    /// Whether the board is simulated.
     pub simulated: bool,
-    /// What the last panic said, UTF-8, empty if none.
+    /// The last panic message, UTF-8, empty if none.
     pub last_panic: List<u8, PANIC_BYTES>,
 }
 
@@ -346,9 +348,9 @@ pub enum Reject {
         /// Received.
         got: u8,
     },
-    /// No configuration in use.
+    /// No active configuration.
     NotConfigured,
-    /// The configuration in use is another one (F9).
+    /// Another configuration is active (F9).
     ConfigHash {
         /// The board's.
         board: ConfigHash,
@@ -357,7 +359,7 @@ pub enum Reject {
     },
     /// Entries missing, repeated, unsorted or too many.
     ConfigSequence,
-    /// A key is not known here.
+    /// The key is unknown.
     ConfigUnknownKey {
         /// The key.
         key: u16,
@@ -378,7 +380,7 @@ pub enum Reject {
     },
     /// A knot's time is not after the one before, or too far after it, or already past (K5).
     KnotTime {
-        /// Earliest path time that would be taken, ms.
+        /// Earliest path time that would be accepted, ms.
         earliest_ms: u32,
     },
     /// The motion does not start where the robot is (K4).
@@ -407,7 +409,7 @@ pub enum Reject {
     KnotEnd,
     /// Nothing is buffered.
     NothingToStart,
-    /// A fault is latched: read it, mend its cause, clear it.
+    /// A fault is latched: read it, remove its cause, clear it.
     Faulted {
         /// The fault.
         record: FaultRecord,
@@ -427,36 +429,36 @@ pub enum Reject {
         /// The cable, 1 for the first.
         cable: u8,
     },
-    /// The board has a configuration, so its drives may have been told something: only one that was
-    /// just started tries its outputs.
+    /// The board has a configuration, so its drives may have received commands: only a board that
+    /// was just started tests its outputs.
     Configured,
 }
 
-/// Every message fits a frame; a message that outgrows it does not compile.
+/// Every message fits a frame; a message that does not fit is a compile error.
 const _: () = {
     use crate::frame::MAX_BODY;
     assert!(Command::POSTCARD_MAX_SIZE <= MAX_BODY);
     assert!(Answer::POSTCARD_MAX_SIZE <= MAX_BODY);
     assert!(Status::POSTCARD_MAX_SIZE <= MAX_BODY);
-    // No block has both the most cables and the most packed bytes, so the sum of the fields'
-    // maxima says nothing; the worst block has five cables.
+    // No block has both the most cables and the most packed bytes, so the sum of the fields' maxima
+    // is too large; the worst block has five cables.
     assert!(crate::telemetry::SAMPLE_BYTES + 2 + 5 + 5 + 1 + 5 * 5 <= MAX_BODY);
 };
 
-/// Decodes a request; `None` where the body is none, or has bytes to spare. A board's only decoder:
-/// compiled here, for size, and not where it is used, for speed.
+/// Decodes a request; `None` if the body is invalid, or has bytes to spare. The only decoder on a
+/// board: compiled here, for size, and not where it is used, for speed.
 #[must_use]
 #[inline(never)]
 pub fn decode_command(body: &[u8]) -> Option<Command> {
     decode(body)
 }
 
-/// Position of [`Request::Stop`] in its enum, which is what postcard writes.
+/// Index of [`Request::Stop`] in its enum, as postcard writes it.
 pub(crate) const STOP: u32 = 5;
 
-/// The stop that a command's body asks for, if it asks for one; see [`crate::stop`].
+/// The stop that a command's body requests, if any; see [`crate::stop`].
 pub(crate) fn stop_in(body: &[u8]) -> Option<StopKind> {
-    // Not as a `Command`: that is large, and all but this one is not looked for.
+    // Not decoded as a `Command`: that is large, and only a stop is searched for.
     match decode::<(SessionId, SequenceNumber, u32, StopKind)>(body) {
         Some((_, _, STOP, kind)) => Some(kind),
         _ => None,
@@ -467,7 +469,7 @@ pub(crate) fn stop_in(body: &[u8]) -> Option<StopKind> {
 /// [`decode_command`].
 ///
 /// # Errors
-/// None: every answer fits.
+/// Never: every answer fits.
 pub fn encode_answer(answer: &Answer, out: &mut [u8; MAX_FRAME]) -> Result<usize, FrameError> {
     encode_frame(Channel::Answer, answer, out)
 }
@@ -475,12 +477,12 @@ pub fn encode_answer(answer: &Answer, out: &mut [u8; MAX_FRAME]) -> Result<usize
 /// Encodes a state, as [`encode_answer`] does an answer.
 ///
 /// # Errors
-/// None: every state fits.
+/// Never: every state fits.
 pub fn encode_status(status: &Status, out: &mut [u8; MAX_FRAME]) -> Result<usize, FrameError> {
     encode_frame(Channel::Status, status, out)
 }
 
-/// Decodes a body that a frame carried; `None` where it is no such message, or has bytes to spare.
+/// Decodes the body of a frame; `None` if it is not this message, or has bytes to spare.
 #[must_use]
 pub fn decode<'a, T: Deserialize<'a>>(body: &'a [u8]) -> Option<T> {
     match postcard::take_from_bytes(body) {

@@ -2,20 +2,20 @@
 //!
 //! Between two knots the board evaluates the cubic with these end values and end velocities for
 //! each cable, every tick. Two segments share their knot, so they join exactly, and a late frame
-//! cannot reach a motor.
+//! has no effect on a motor.
 
 use crate::{List, Micrometres, MicrometresPerSecond, Millinewtons, PerCable, TenthMicrometres};
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
 
-/// What one cable is at a knot.
+/// State of one cable at a knot.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct CableKnot {
     /// Paid-out length from the drum's reference, as the drum encoder sees it (unstretched).
     pub length: TenthMicrometres,
     /// Its rate; positive pays out.
     pub velocity: MicrometresPerSecond,
-    /// Expected tension at the winch; the set-point where the cable is held by tension.
+    /// Expected tension at the winch; the set-point if the cable is held by tension.
     pub tension: Millinewtons,
 }
 
@@ -30,7 +30,7 @@ pub struct Knot {
     pub last: bool,
     /// Cable by cable.
     pub cables: PerCable<CableKnot>,
-    /// Consistency checks that hold from this knot to the next.
+    /// Consistency checks that apply from this knot to the next.
     pub rows: List<ResidualRow, { ResidualRow::PER_KNOT }>,
 }
 
@@ -61,7 +61,7 @@ impl Knot {
     }
 }
 
-/// A coefficient of a [`ResidualRow`]; two bytes on the wire whatever its value.
+/// A coefficient of a [`ResidualRow`]; always two bytes on the wire.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Coefficient(#[serde(with = "postcard::fixint::le")] pub i16);
 
@@ -69,16 +69,16 @@ impl MaxSize for Coefficient {
     const POSTCARD_MAX_SIZE: usize = 2;
 }
 
-/// One linear consistency check between measured lengths and tensions, linearised by the host
-/// about the planned state: `sum(a_i dl_i) + sum(b_i dT_i)` must stay within ±`limit`, where
-/// `dl_i` and `dT_i` are measured minus planned. It is how a slipping cable shows (S5).
+/// One linear consistency check between measured lengths and tensions, linearised by the host about
+/// the planned state: `sum(a_i dl_i) + sum(b_i dT_i)` must stay within ±`limit`, where `dl_i` and
+/// `dT_i` are measured minus planned. It detects a slipping cable (S5).
 #[derive(Debug, Default, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct ResidualRow {
     /// `a_i` in µm per µm, times [`ResidualRow::LENGTH_SCALE`].
     pub lengths: PerCable<Coefficient>,
     /// `b_i` in µm per mN, times [`ResidualRow::TENSION_SCALE`].
     pub tensions: PerCable<Coefficient>,
-    /// Largest residual that is no fault.
+    /// Largest residual that is not a fault.
     pub limit: Micrometres,
 }
 

@@ -1,9 +1,9 @@
-//! Finding stops among the bytes of a line, without decoding what else it carries.
+//! Finds stops among the bytes of a line, without decoding the rest.
 //!
-//! A stop must not wait behind other requests (K10). A board can execute one request a tick and a
-//! line brings more than eight, so whatever collects whole frames falls behind a line that is
-//! full. [`StopFinder`] looks at every byte as it comes, keeps the few that a stop can have, and
-//! gives the stop at its frame's end.
+//! A stop must not wait behind other requests (K10). A board can execute one request per tick and a
+//! line brings more than eight, so a reader of whole frames falls behind on a full line.
+//! [`StopFinder`] checks every byte as it arrives, keeps the few that a stop can have, and returns
+//! the stop at its frame's end.
 
 use crate::frame::{Channel, decode_frame};
 use crate::message::{STOP, StopKind, stop_in};
@@ -39,7 +39,7 @@ pub struct StopFinder {
 }
 
 impl StopFinder {
-    /// Takes the line's next byte; gives the stop whose frame ends with it.
+    /// Takes the line's next byte; returns the stop whose frame ends with it.
     #[inline]
     pub fn push(&mut self, byte: u8) -> Option<StopKind> {
         if byte != 0 {
@@ -59,8 +59,8 @@ impl StopFinder {
         }
     }
 
-    /// What is no stop is seen before its checksum is computed: a line that is full brings eight
-    /// short frames a tick.
+    /// Other frames are rejected before their checksum is computed: a full line brings eight short
+    /// frames per tick.
     #[inline(never)]
     fn finish(&mut self, used: usize) -> Option<StopKind> {
         let coded = self.frame.get(..used)?;
@@ -74,11 +74,11 @@ impl StopFinder {
     }
 }
 
-/// Whether these bytes of a frame, still in COBS, have a stop's channel and request; `None` where
-/// they end before.
+/// Whether these bytes of a frame, still in COBS, have a stop's channel and request; `None` if they
+/// are too few.
 fn asks_to_stop(coded: &[u8]) -> Option<bool> {
     let mut bytes = coded.iter();
-    // Under 254 bytes every byte that a code leads to is a zero's place.
+    // In a frame under 254 bytes every byte that a code points to stands for a zero.
     let mut left = *bytes.next()?;
     let mut next = || {
         left -= 1;

@@ -1,4 +1,4 @@
-//! What the board tells without being asked: samples of every tick, and its state.
+//! Telemetry that the board sends without a request: samples of every tick, and its state.
 
 use crate::frame::{Channel, FrameError, MAX_FRAME, encode_frame};
 use crate::{
@@ -18,7 +18,7 @@ pub enum BoardState {
     Disarmed,
     /// Enabling drives and checking.
     Arming,
-    /// Standing still under tension.
+    /// At rest under tension.
     Holding,
     /// Following the buffered motion.
     Moving,
@@ -35,11 +35,11 @@ pub enum BoardState {
 /// Counters and state, sent ten times a second and at every change of state.
 #[derive(Debug, Default, Clone, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct Status {
-    /// When.
+    /// Its tick.
     pub tick: Tick,
-    /// What the board does.
+    /// The board's state.
     pub state: BoardState,
-    /// Path time of the motion under way, ms.
+    /// Path time of the motion in progress, ms.
     pub path_ms: u32,
     /// Commanded length of each cable; where the next motion must start.
     pub setpoints: PerCable<TenthMicrometres>,
@@ -53,9 +53,9 @@ pub struct Status {
     pub next_knot: u16,
     /// First fault since the last clear.
     pub fault: Option<FaultRecord>,
-    /// What works at its edge.
+    /// Values near their limits.
     pub limits: Limits,
-    /// Configuration in use.
+    /// The active configuration.
     pub config: Option<ConfigHash>,
     /// Whether the lengths are referenced.
     pub referenced: bool,
@@ -67,9 +67,9 @@ pub struct Status {
     pub gripper_closed: bool,
     /// Whether the gripper's switch is closed.
     pub gripper_switch: bool,
-    /// Frames received whole.
+    /// Frames received intact.
     pub frames_ok: u32,
-    /// Frames that were none: checksum, length, form.
+    /// Damaged frames: checksum, length, form.
     pub frames_bad: u32,
     /// Requests out of order or repeated.
     pub sequence_errors: u32,
@@ -149,7 +149,7 @@ impl SampleBlock {
     /// Appends one tick; `samples` holds one entry per cable, `previous` their lengths a tick ago.
     ///
     /// A change of length over 3.2 mm in a tick saturates; the next block starts from absolute
-    /// lengths again. Gives `false` when the block has no room.
+    /// lengths again. Returns `false` if the block has no room.
     pub fn append(
         &mut self,
         position: usize,
@@ -182,7 +182,7 @@ impl SampleBlock {
     /// answer.
     ///
     /// # Errors
-    /// None: every block fits.
+    /// Never: every block fits.
     pub fn encode(&self, out: &mut [u8; MAX_FRAME]) -> Result<usize, FrameError> {
         encode_frame(Channel::Samples, self, out)
     }

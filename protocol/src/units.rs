@@ -11,7 +11,7 @@
 //! | [`Tick`] | 0 to 49.7 days, wraps | 1 ms | |
 //!
 //! The signed units convert to and from SI in `f64`. This is for hosts and tests: the control core
-//! has no floating point, and what it does not call is not in its flash.
+//! has no floating point, and unused functions take no flash.
 
 use postcard::experimental::max_size::MaxSize;
 use serde::{Deserialize, Serialize};
@@ -36,8 +36,8 @@ macro_rules! unit {
     };
 }
 
-/// A signed unit with its conversion: the names of both functions, the SI unit in words, how many of
-/// the wire's unit one of SI is, and how many of SI one of the wire's is.
+/// A signed unit with its conversion: the names of both functions, the SI unit in words, the number
+/// of wire units in one SI unit, and its inverse.
 macro_rules! si {
     ($name:ident, $to:ident, $from:ident, $si:literal, $per_si:literal, $in_si:literal) => {
         impl $name {

@@ -1,4 +1,4 @@
-//! `docs/protocol.md` and `docs/faults.md` say what the code does: every name with its number, the
+//! `docs/protocol.md` and `docs/faults.md` agree with the code: every name with its number, the
 //! limits, and the bytes of the worked examples.
 #![allow(
     clippy::unwrap_used,
@@ -225,7 +225,7 @@ fn every_fault_is_in_both_documents_with_its_number_and_words() {
             assert!(text.contains(&row), "{row}");
         }
     }
-    // Every row of the fault table has all its columns, and says where it stands.
+    // Every row of the fault table has all its columns, and its status.
     for line in faults
         .lines()
         .filter(|line| line.starts_with("| ") && !line.starts_with("| id"))

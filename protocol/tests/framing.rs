@@ -1,4 +1,4 @@
-//! Frames over a bad line: nothing is lost but what was hit, and nothing false is taken.
+//! Frames over a bad line: only damaged frames are lost, and no false one is accepted.
 //!
 //! Seeded and bounded: the same cases in every run, a few seconds in all.
 #![allow(
@@ -65,7 +65,7 @@ fn channel() -> impl Strategy<Value = Channel> {
 }
 
 fn body() -> impl Strategy<Value = Vec<u8>> {
-    // Zeros and long runs without any are what COBS is about.
+    // Zeros and long runs without zeros are the cases that COBS treats differently.
     prop_oneof![
         vec(any::<u8>(), 0..=MAX_BODY),
         vec(1..=255_u8, 200..=MAX_BODY),
@@ -202,7 +202,7 @@ proptest! {
             stream.extend(framed(*c, b));
         }
         prop_assert_eq!(&accepted(whole(&stream)), &frames);
-        // Run into a frame: that one is lost, the others are not.
+        // Appended to a frame: that one is lost, the others are not.
         let mut stream = vec![0x55];
         stream.extend_from_slice(&noise[0]);
         for (c, b) in &frames {
@@ -256,7 +256,7 @@ proptest! {
         let frames = accepted(whole(&out[..used]));
         prop_assert_eq!(frames.len(), 1);
         prop_assert_eq!(decode::<Command>(&frames[0].1), Some(command.clone()));
-        // Neither a byte more nor a byte less is the same message.
+        // Neither a byte more nor a byte less decodes to the same message.
         let body = &frames[0].1;
         let longer: Vec<u8> = body.iter().copied().chain([0]).collect();
         prop_assert_eq!(decode::<Command>(&longer), None);
@@ -321,7 +321,7 @@ proptest! {
         let frames = accepted(whole(&framed(Channel::Command, &b)));
         prop_assert_eq!(&frames[0].1, &b);
         if let Some(command) = decode::<Command>(&b) {
-            // What is taken is a message: it can be sent again.
+            // An accepted message can be encoded again.
             prop_assert!(Encoded::of(&command).body <= Command::POSTCARD_MAX_SIZE);
         }
         let _ = decode::<Answer>(&b);

@@ -1,5 +1,5 @@
-//! The bytes of version 0.1, kept. While the major version is 0 they may change with a line in the
-//! changelog: `MCDPR_BLESS=1 cargo test -p mcdpr-protocol --test golden` writes them anew.
+//! The stored bytes of version 0.1. While the major version is 0 they may change with a line in the
+//! changelog: `MCDPR_BLESS=1 cargo test -p mcdpr-protocol --test golden` rewrites them.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -83,7 +83,7 @@ fn golden_bytes_decode_to_their_messages() {
 }
 
 /// The first byte of an enum is its variant: the examples must cover all of them, and the number
-/// after the last must be none.
+/// after the last must be invalid.
 fn covers_every_variant<T>(values: &[T])
 where
     T: serde_shim::Both,
@@ -218,7 +218,7 @@ fn the_frozen_hello_is_where_it_always_is() {
     assert_eq!(bytes[10..22], common::hello().board_id);
     assert_eq!(&bytes[22..30], b"2f674ec0");
     assert_eq!(bytes[30], 2);
-    // Later boards append; shorter ones and other devices are none.
+    // Later boards append; shorter messages and other devices are rejected.
     let mut longer = bytes.to_vec();
     longer.extend(b"and more");
     assert_eq!(Hello::from_bytes(&longer), Some(common::hello()));
@@ -274,7 +274,7 @@ fn faults_keep_their_numbers() {
             FaultId::from_number(number).map(FaultId::number),
             known.then_some(number)
         );
-        // One byte on the wire, and no other is taken.
+        // One byte on the wire, and no other is accepted.
         assert_eq!(decode::<FaultId>(&[number]).is_some(), known);
     }
 }

@@ -1,4 +1,4 @@
-//! The largest of every message, built and measured against its constant and the frame.
+//! The largest of every message, built and compared with its constant and the frame.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

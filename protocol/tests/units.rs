@@ -5,7 +5,7 @@ use mcdpr_protocol::{
 };
 use proptest::prelude::*;
 
-/// Rounded as the wire does it, by the language's own conversion.
+/// Rounded like the wire, by the language's own conversion.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "values of the tests fit, and beyond the cast saturates"

@@ -1,4 +1,4 @@
-//! The virtual board: the real control core on simulated pins.
+//! The virtual board: the real control core with simulated pins.
 
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
@@ -9,27 +9,27 @@ use mcdpr_firmware::{Active, Brake, Cycle, Inputs, Outputs};
 use mcdpr_protocol::frame::MAX_FRAME;
 use mcdpr_protocol::{FaultRecord, Hello, Info, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause, Tick};
 
-/// Bytes that a line at 921600 baud sends in a tick: a board hands it frames until then. The next
-/// one waits for the next tick, so that an answer never queues behind much telemetry.
+/// Bytes that a line at 921600 baud sends in a tick: a board passes it frames up to this amount.
+/// The next one waits for the next tick, so that an answer never queues behind much telemetry.
 const BYTES_PER_TICK: usize = 92;
 
-/// What a board looks like to the simulation, whatever its number of winches.
+/// A board as the simulation sees it, independent of its number of winches.
 pub trait VirtualBoard {
     /// Time between two calls of [`Self::tick`], µs: a whole part of a millisecond.
     fn slice_us(&self) -> u64 {
         1000
     }
-    /// Path times that are now known of ticks that have passed; nothing where
-    /// [`Self::path_ms`] always is what the board itself knows.
+    /// Path times of past ticks that are now known; empty if [`Self::path_ms`] always equals the
+    /// board's own value.
     fn take_path_times(&mut self) -> Vec<(Tick, u32)> {
         Vec::new()
     }
-    /// Ticks after which [`Self::take_path_times`] has told of a tick, if it ever does.
+    /// Delay in ticks of [`Self::take_path_times`], if it reports any.
     fn path_times_behind(&self) -> usize {
         0
     }
-    /// Lets plant and drives work until `until_us`, a slice from now. A board with a bus of its own
-    /// does that itself, with the drives' electronics of `line` alone.
+    /// Runs plant and drives until `until_us`, a slice from now. A board with its own bus does that
+    /// itself, using only the drives' electronics of `line`.
     ///
     /// # Errors
     /// The plant's.
@@ -41,11 +41,12 @@ pub trait VirtualBoard {
     ) -> Result<(), PlantError> {
         line.advance(plant, until_us)
     }
-    /// One slice of time, for which [`Self::advance`] was just called: takes the bytes that have
-    /// arrived, leaves the bytes to send. `backlog` is what the line has not sent yet.
+    /// One slice of time, for which [`Self::advance`] was just called: takes the received bytes,
+    /// returns the bytes to send. `backlog` is the number of bytes that the line has not sent yet.
     ///
     /// # Errors
-    /// The plant is no such robot; [`PlantError::Board`] where the board itself cannot go on.
+    /// The plant does not match the board; [`PlantError::Board`] if the board itself cannot
+    /// continue.
     fn tick(
         &mut self,
         plant: &mut Plant,
@@ -54,24 +55,24 @@ pub trait VirtualBoard {
         backlog: usize,
         send: &mut Vec<u8>,
     ) -> Result<(), PlantError>;
-    /// Errors that the line's receiver has counted since the last tick. A board that has a receiver
-    /// of its own counts for itself.
+    /// Errors that the line's receiver has counted since the last tick. A board with its own
+    /// receiver counts them itself.
     fn line_errors(&mut self, errors: u16) {
         let _ = errors;
     }
-    /// What the board does.
+    /// The board's state.
     fn state(&self) -> mcdpr_firmware::State;
-    /// Path time of the motion under way, ms.
+    /// Path time of the motion in progress, ms.
     fn path_ms(&self) -> u32;
     /// Ticks since it started.
     fn now(&self) -> Tick;
     /// The latched fault.
     fn fault(&self) -> Option<FaultRecord>;
-    /// Whether any drive was told to give torque in the last tick.
+    /// Whether any drive was commanded to give torque in the last tick.
     fn torque_on(&self) -> bool;
 }
 
-/// The bytes that the line has brought, as a chip's DMA keeps them.
+/// The received bytes of the line, as a chip's DMA stores them.
 struct Ring {
     bytes: [u8; RING],
     arrived: u32,
@@ -100,7 +101,7 @@ impl Line for Ring {
     }
 }
 
-/// The control core for `N` winches with all that surrounds it on a board.
+/// The control core for `N` winches with the other parts of a board.
 pub(crate) struct Board<const N: usize> {
     cycle: Cycle<N>,
     queues: Queues<N>,
@@ -144,14 +145,14 @@ impl<const N: usize> Board<N> {
     }
 }
 
-/// The rim of a simulated board: a plant's sensors and brakes, and the drives' line.
+/// The inputs and outputs of a simulated board: a plant's sensors and brakes, and the drives' line.
 struct Rim<'a, const N: usize> {
     plant: &'a mut Plant,
     line: &'a mut DriveLine,
     ring: &'a mut Ring,
     drives: &'a mut DriveBus<N>,
     line_errors: u16,
-    /// What the plant said to the outputs.
+    /// The plant's result for the outputs.
     applied: Result<(), PlantError>,
 }
 
@@ -192,7 +193,7 @@ impl<const N: usize> io::Board<N> for Rim<'_, N> {
     }
 
     fn complete(&self, info: &mut Info) {
-        // RMDS and CiA 402, as the board of the same core.
+        // RMDS and CiA 402, as on the real board.
         info.drive_kinds = 0b110;
     }
 }

@@ -8,20 +8,20 @@ use crate::wire::{Wire, WireFaults};
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultRecord, Tick};
 
-/// How the line to the board is.
+/// Properties of the line to the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkOptions {
     /// Bit/s.
     pub baud: u32,
     /// One-way latency of bridges and drivers, µs.
     pub latency_us: u32,
-    /// What goes wrong on the way to the board.
+    /// Faults on the way to the board.
     pub to_board: WireFaults,
-    /// What goes wrong on the way to the host.
+    /// Faults on the way to the host.
     pub to_host: WireFaults,
     /// The board's tick when it starts (a test of the counter's wrap starts near the end).
     pub first_tick: u32,
-    /// Wire format that the board claims to speak, if not this one.
+    /// Wire format that the board reports, if not this one.
     pub version: Option<(u16, u16)>,
 }
 
@@ -38,24 +38,24 @@ impl Default for LinkOptions {
     }
 }
 
-/// What was true in one tick. For reports and tests: no host sees it.
+/// The true state in one tick. For reports and tests: a host cannot see it.
 #[derive(Debug, Clone)]
 pub struct TracePoint {
     /// Board tick.
     pub tick: Tick,
-    /// What the board did.
+    /// The board's state.
     pub state: State,
     /// Path time of the motion, ms.
     pub path_ms: u32,
     /// The fault that the board has latched.
     pub fault: Option<FaultRecord>,
-    /// Whether the board told any drive to give torque.
+    /// Whether the board commanded any drive to give torque.
     pub torque_on: bool,
     /// The plant.
     pub truth: Truth,
 }
 
-/// A robot, its board and the line to it, advanced by whoever holds it.
+/// A robot, its board and the line to it, advanced by the caller.
 pub struct Simulation {
     plant: Plant,
     drives: DriveLine,
@@ -71,10 +71,10 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// A board that just got power, on a plant that stands where it was placed.
+    /// A board just after power-on, on a plant that was placed before.
     ///
     /// # Errors
-    /// [`PlantError::CableCount`] for a number of cables that no board drives.
+    /// [`PlantError::CableCount`] for a number of cables that a board cannot drive.
     pub fn new(plant: Plant, link: &LinkOptions, seed: u64) -> Result<Self, PlantError> {
         let tick = Tick(link.first_tick);
         let count = plant.cable_count();
@@ -92,8 +92,8 @@ impl Simulation {
         Ok(Self::with_board(plant, board, link, seed))
     }
 
-    /// Any board that just got power, on a plant that stands where it was placed. `first_tick` and
-    /// `version` of the options are the board's own affair.
+    /// Any board just after power-on, on a plant that was placed before. The board itself handles
+    /// `first_tick` and `version` of the options.
     #[must_use]
     pub fn with_board(
         plant: Plant,
@@ -128,11 +128,11 @@ impl Simulation {
         self.to_board.send(self.now_us, bytes);
     }
 
-    /// Lets time pass until `until_us`, or until bytes have arrived for the host, which are
-    /// appended to `into`. Time never runs backwards.
+    /// Advances until `until_us`, or until bytes have arrived for the host, which are appended to
+    /// `into`. Time never runs backwards.
     ///
     /// # Errors
-    /// The plant left the region where its physics holds.
+    /// The plant left the region in which its physics is valid.
     pub fn advance(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<(), PlantError> {
         loop {
             self.to_host.receive(self.now_us, into);
@@ -196,13 +196,13 @@ impl Simulation {
         Ok(())
     }
 
-    /// Starts to keep what was true in every tick.
+    /// Starts recording the true state of every tick.
     pub fn record_truth(&mut self) {
         self.trace.get_or_insert_default();
     }
 
-    /// What was true since the last call, tick by tick: up to now, or to the last tick whose path
-    /// time is known by now.
+    /// The true states since the last call, tick by tick: up to now, or to the last tick whose path
+    /// time is known.
     pub fn take_trace(&mut self) -> Vec<TracePoint> {
         let behind = self.board.path_times_behind();
         let Some(trace) = &mut self.trace else {
@@ -212,12 +212,12 @@ impl Simulation {
         trace.drain(..known).collect()
     }
 
-    /// Puts the robot into a workcell: from now on its gripper moves what is there.
+    /// Puts the robot into a workcell: from now on its gripper moves the objects there.
     pub fn set_cell(&mut self, cell: Cell) {
         self.cell = Some(cell);
     }
 
-    /// The workcell, where there is one.
+    /// The workcell, if there is one.
     #[must_use]
     pub const fn cell(&self) -> Option<&Cell> {
         self.cell.as_ref()
@@ -250,13 +250,13 @@ impl Simulation {
         &mut self.drives
     }
 
-    /// What the board does; for tests, a host asks over the line.
+    /// The board's state; for tests, a host asks over the line.
     #[must_use]
     pub fn state(&self) -> State {
         self.board.state()
     }
 
-    /// Path time of the motion under way, ms; for tests and fault injection.
+    /// Path time of the motion in progress, ms; for tests and fault injection.
     #[must_use]
     pub fn path_ms(&self) -> u32 {
         self.board.path_ms()
@@ -268,7 +268,7 @@ impl Simulation {
         self.board.fault()
     }
 
-    /// Changes what goes wrong on the line from now on.
+    /// Changes the faults on the line from now on.
     pub fn set_link_faults(&mut self, to_board: WireFaults, to_host: WireFaults) {
         self.to_board.set_faults(to_board);
         self.to_host.set_faults(to_host);

@@ -1,13 +1,13 @@
-//! One direction of a serial line in virtual time: byte rate, latency, and what goes wrong on it.
+//! One direction of a serial line in virtual time: byte rate, latency, and faults.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::VecDeque;
 
-/// What a line does to bytes. Probabilities are per byte, 0 for a perfect line.
+/// Faults of a line. Probabilities are per byte, 0 for a perfect line.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WireFaults {
-    /// A byte vanishes.
+    /// A byte is lost.
     pub drop: f64,
     /// One bit of a byte flips.
     pub corrupt: f64,
@@ -17,8 +17,8 @@ pub struct WireFaults {
     pub delay: f64,
     /// Longest pause, µs.
     pub longest_delay_us: u32,
-    /// Bytes of noise that a receiver sees per second, in between whatever is sent: random bits, half
-    /// of them without a stop bit.
+    /// Bytes of noise that a receiver sees per second, between the transmitted ones: random bits,
+    /// half of them without a stop bit.
     pub noise_per_s: f64,
 }
 
@@ -29,12 +29,12 @@ pub struct Wire {
     latency_ns: u64,
     faults: WireFaults,
     rng: ChaCha8Rng,
-    /// Time at which the line has sent all it was given, ns.
+    /// Time at which the line has sent all bytes it was given, ns.
     free_ns: u64,
     bytes: VecDeque<(u64, u8)>,
     /// Arrival times of bytes whose start or stop bit was hit, ns.
     framing_errors: VecDeque<u64>,
-    /// Up to when the line has made its noise, ns.
+    /// Time up to which noise has been generated, ns.
     noise_ns: u64,
 }
 
@@ -54,7 +54,7 @@ impl Wire {
         }
     }
 
-    /// Makes the noise of the time up to `now_us`, where the line is noisy.
+    /// Generates the noise up to `now_us`, if the line is noisy.
     pub(crate) fn make_noise(&mut self, now_us: u64) {
         let now_ns = now_us * 1000;
         let rate = self.faults.noise_per_s;
@@ -92,7 +92,7 @@ impl Wire {
             let arrival = self.free_ns + self.latency_ns;
             if self.happens(self.faults.corrupt) {
                 // Ten bits are on the line: a start or stop bit that flips is a framing error for
-                // the receiver, and the byte is wrong all the same.
+                // the receiver, and the byte is wrong as well.
                 let bit = self.rng.next_u32() % 10;
                 if bit >= 8 {
                     self.framing_errors.push_back(arrival);
@@ -106,7 +106,7 @@ impl Wire {
         }
     }
 
-    /// Takes what has arrived by `now_us`.
+    /// Takes the bytes that have arrived by `now_us`.
     pub fn receive(&mut self, now_us: u64, into: &mut Vec<u8>) {
         while let Some(&(arrival, byte)) = self.bytes.front()
             && arrival <= now_us * 1000
@@ -131,20 +131,20 @@ impl Wire {
         Some(arrival.div_ceil(1000))
     }
 
-    /// Bytes given to the line that it has not sent yet.
+    /// Bytes given to the line that are not sent yet.
     #[must_use]
     pub(crate) fn backlog(&self, now_us: u64) -> usize {
         let left_ns = self.free_ns.saturating_sub(now_us * 1000);
         usize::try_from(left_ns / self.byte_ns).unwrap_or(usize::MAX)
     }
 
-    /// Changes what goes wrong from now on.
+    /// Changes the faults from now on.
     pub(crate) fn set_faults(&mut self, faults: WireFaults) {
         self.faults = faults;
     }
 
     fn happens(&mut self, probability: f64) -> bool {
-        // A perfect line draws nothing, so that faults elsewhere do not change its run.
+        // A perfect line draws no random numbers, so that faults elsewhere do not change its run.
         probability > 0.0 && f64::from(self.rng.next_u32()) < probability * 2f64.powi(32)
     }
 

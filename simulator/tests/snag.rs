@@ -30,7 +30,7 @@ const HELD: usize = 3;
 /// Time between two knots, ms.
 const SPACING_MS: u32 = 40;
 
-/// The winches that are tried.
+/// The winches under test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Winches {
     /// 371:1, 34 kg at the cable, 45 mm/s (robots/paper-table5.toml).
@@ -339,7 +339,7 @@ impl Robot {
     }
 }
 
-/// What came of a hook.
+/// Result of a snag.
 #[derive(Debug)]
 struct Snagged {
     /// Largest tension over its limit, on the way and at the end.
@@ -353,7 +353,7 @@ struct Snagged {
 }
 
 /// The robot moves along a line with this largest speed and is caught in its middle: in every
-/// direction, or against one.
+/// direction, or in one.
 fn snagged(
     winches: Winches,
     along: [f64; 3],

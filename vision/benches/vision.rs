@@ -1,4 +1,4 @@
-//! Speed of what a robot waits for: tags at 1280 x 720, grasps at 640 x 480, one core.
+//! Speed of the steps that a robot waits for: tags at 1280 x 720, grasps at 640 x 480, one core.
 
 #[path = "../tests/common/mod.rs"]
 #[allow(dead_code)]

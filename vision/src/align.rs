@@ -1,14 +1,14 @@
 //! The depth picture as the colour camera would see it (Eq. 46 of the paper).
 //!
-//! Every measured pixel is a small square patch of surface at its distance. Its four corners are taken
-//! through both cameras' intrinsics and the transform between them, and it covers the colour pixels
-//! whose centres lie inside; the nearer patch wins. What stays open:
+//! Every measured pixel is a small square patch of surface at its distance. Its four corners are
+//! taken through both cameras' intrinsics and the transform between them, and it covers the colour
+//! pixels whose centres lie inside; the nearer patch wins. The remaining gaps:
 //!
 //! - **Cracks** up to one pixel wide, where the colour camera's pixels are finer: filled with the
 //!   mean of the neighbours, if at least five of eight are known and agree within 1 % of the
 //!   distance.
-//! - **Edges and shadows**: everything else stays unknown (0). No distance is made up between an
-//!   object and what lies behind it.
+//! - **Edges and shadows**: all other gaps stay unknown (0). No distance is interpolated between an
+//!   object and its background.
 
 use crate::camera::Camera;
 use crate::frame::Frame;
@@ -130,7 +130,7 @@ fn cover(nearest: &mut [f32], [width, height]: [usize; 2], low: [f64; 2], high: 
         }
         let first = (from - 0.5).ceil().min(middle.floor()).max(0.0) as usize;
         let last = ((to - 0.5).ceil() - 1.0).max(middle.floor()) as usize;
-        // A patch never covers more than a few pixels; anything larger is a broken camera file.
+        // A patch covers at most a few pixels; a larger one means an invalid camera file.
         Some((first, last.min(size - 1).min(first + 4)))
     };
     let (Some((left, right)), Some((top, bottom))) = (range(0, width), range(1, height)) else {

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Matrix2x3, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Numbers that are no camera.
+/// Invalid camera intrinsics.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[error("camera intrinsics: {name} is {value}, it must be {rule}")]
 pub struct CameraError {
@@ -47,7 +47,7 @@ pub struct Projection {
     pub by_k1: Vector2<f64>,
 }
 
-/// A direction behind the lens, with its derivative by the direction in front of it, which is
+/// A direction after distortion, with its derivative by the direction before it, which is
 /// symmetric.
 struct Bent {
     at: Vector2<f64>,
@@ -60,7 +60,7 @@ impl Camera {
     /// Checks the numbers.
     ///
     /// # Errors
-    /// The first that is none.
+    /// The first invalid value.
     pub fn validate(&self) -> Result<(), CameraError> {
         let fail = |name, value, rule| Err(CameraError { name, value, rule });
         for (value, name) in self.size_px.into_iter().zip(["width", "height"]) {
@@ -91,7 +91,7 @@ impl Camera {
         Ok(())
     }
 
-    /// A direction (x/z, y/z) as the lens bends it.
+    /// A direction (x/z, y/z) after the lens's distortion.
     fn bend(&self, direction: &Vector2<f64>) -> Bent {
         let (x, y) = (direction.x, direction.y);
         let [k1, k2, p1, p2, k3] = self.distortion;
@@ -196,7 +196,7 @@ impl Camera {
     }
 
     /// The point at a distance along z that appears at a pixel, camera frame, m: Eq. 48 of the
-    /// paper before the camera's place is known, with z where it prints 1/z.
+    /// paper before the camera's pose is applied, with z in place of the printed 1/z.
     ///
     /// ```
     /// use mcdpr_vision::Camera;

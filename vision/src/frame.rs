@@ -23,7 +23,7 @@ pub enum FrameError {
     /// A picture does not fit its camera.
     #[error(transparent)]
     Size(#[from] SizeError),
-    /// A camera's numbers make no sense.
+    /// A camera's numbers are invalid.
     #[error("{which} {source}")]
     Camera {
         /// Which camera.
@@ -36,16 +36,16 @@ pub enum FrameError {
         "the depth picture holds no distance at all: is the depth camera covered, too near, or switched off?"
     )]
     NoDepth,
-    /// The distances cannot be what the camera sees.
+    /// The distances are implausible for this camera.
     #[error(
         "half of the distances are over {median_m:.3} m, which is outside {least_m} to {most_m} m: is the depth unit {unit_m} m right?"
     )]
     Unit {
         /// Median distance, m.
         median_m: f64,
-        /// Least that is believed, m.
+        /// Least plausible distance, m.
         least_m: f64,
-        /// Most that is believed, m.
+        /// Greatest plausible distance, m.
         most_m: f64,
         /// Unit of the picture, m.
         unit_m: f64,
@@ -70,7 +70,7 @@ impl Frame {
     /// Checks sizes, intrinsics and distances.
     ///
     /// # Errors
-    /// What is wrong, with what to look at.
+    /// What is wrong, with advice on what to check.
     pub fn checked(self) -> Result<Self, FrameError> {
         for (camera, which) in [
             (&self.cameras.color, "colour"),
@@ -118,7 +118,7 @@ fn fits<T: Copy>(picture: &Image<T>, camera: &Camera, what: &'static str) -> Res
     })
 }
 
-/// The cameras as they stand in a file.
+/// The cameras as stored in a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CamerasFile {
@@ -152,7 +152,7 @@ impl CamerasFile {
         }
     }
 
-    /// The cameras; `Err` says which number makes no sense.
+    /// The cameras; `Err` names the invalid number.
     pub(crate) fn cameras(&self) -> Result<Cameras, String> {
         let [w, i, j, k] = self.color_from_depth.rotation_wxyz;
         let q = Quaternion::new(w, i, j, k);

@@ -1,4 +1,4 @@
-//! Files from outside, read to a bound.
+//! External files, read up to a size limit.
 
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read as _, Result};
@@ -7,8 +7,8 @@ use std::path::Path;
 /// Most bytes of a text that describes pictures.
 const MOST_TEXT_BYTES: u64 = 1 << 20;
 
-/// Opens a file for reading. What is not a file is refused before it is opened: a named pipe would
-/// keep the caller waiting for a writer.
+/// Opens a file for reading. Anything that is not a file is refused before it is opened: a named
+/// pipe would block the caller until there is a writer.
 pub(crate) fn open(path: &Path) -> Result<File> {
     if !std::fs::metadata(path)?.is_file() {
         return Err(Error::new(ErrorKind::InvalidInput, "it is not a file"));

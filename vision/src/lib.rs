@@ -1,8 +1,8 @@
-//! From pictures to what a robot needs of them: tags with their poses, objects with their grasps.
+//! Tags with their poses and objects with their grasps, from pictures.
 //!
-//! The crate knows no robot and no network link. Lengths are metres, angles radians, pixels are
-//! counted from the top left corner of the picture, so that the first pixel's centre lies at
-//! (0.5, 0.5). A camera's frame has x to the right, y down and z ahead.
+//! The crate does not depend on a robot or a network link. Lengths are metres, angles radians,
+//! pixels are counted from the top left corner of the picture, so that the first pixel's centre
+//! lies at (0.5, 0.5). A camera's frame has x to the right, y down and z ahead.
 
 pub mod align;
 mod camera;

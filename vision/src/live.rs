@@ -1,4 +1,4 @@
-//! Live folders: pictures of a camera that a program of the user's writes, in any language.
+//! Live folders: pictures of a camera written by a user's program, in any language.
 //!
 //! ```text
 //! intrinsics.json     as of a recorded folder
@@ -9,12 +9,12 @@
 //! wanted              written by the reader: when it last asked for a picture
 //! ```
 //!
-//! Numbers rise, also when the writer starts anew, or it deletes what it finds. A picture counts once
-//! its `frame` file is there: it is written under another name and then renamed, after the pictures.
-//! `taken_s` is when the exposure began, in seconds since 1970 by the
-//! clock of this machine; a picture taken before it was asked for is not used. Who takes pictures on
-//! demand takes one whenever `wanted` changes; who takes them all the time need not look at it. Old
-//! pictures are the writer's to delete.
+//! Numbers rise, also when the writer starts anew; otherwise it deletes existing pictures. A
+//! picture counts once its `frame` file exists: it is written under another name and then renamed,
+//! after the pictures. `taken_s` is when the exposure began, in seconds since 1970 by the clock of
+//! this machine; a picture taken before it was requested is not used. A writer that takes pictures
+//! on demand takes one whenever `wanted` changes; one that takes them continuously may ignore it.
+//! The writer deletes old pictures.
 
 use crate::frame::{Cameras, Frame};
 use crate::image::{DepthImage, RgbImage, SizeError};
@@ -26,14 +26,14 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Name of the file that asks for a picture; it holds the time of the request, s since 1970.
 pub const WANTED: &str = "wanted";
-/// A picture that does not come within this time does not come.
+/// Timeout of a picture.
 pub const PATIENCE: Duration = Duration::from_secs(10);
-/// Time between two looks into the folder.
+/// Polling interval of the folder.
 const LOOK_EVERY: Duration = Duration::from_millis(4);
-/// A picture that was taken this much later than now has another clock, s.
+/// A picture taken later than now by more than this has another clock, s.
 const AHEAD_S: f64 = 1.0;
 
-/// What a `frame` file holds.
+/// Content of a `frame` file.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct FrameFile {
     /// When the exposure began, s since 1970.
@@ -67,14 +67,14 @@ impl LiveFolder {
         })
     }
 
-    /// Waits so long for a picture, in place of [`PATIENCE`].
+    /// Sets the timeout of a picture, instead of [`PATIENCE`].
     #[must_use]
     pub const fn patient(mut self, patience: Duration) -> Self {
         self.patience = patience;
         self
     }
 
-    /// Asks for a picture and waits until `read` has one that was taken since.
+    /// Requests a picture and waits until `read` returns one that was taken since.
     fn next<T>(
         &self,
         read: impl Fn(&Self, u64) -> Result<T, SourceError>,
@@ -222,7 +222,7 @@ impl Source for LiveFolder {
     }
 }
 
-/// Writes a live folder: the camera program's half.
+/// Writes a live folder: the camera program's side.
 #[derive(Debug)]
 pub struct LiveWriter {
     folder: PathBuf,
@@ -230,15 +230,15 @@ pub struct LiveWriter {
     answered: String,
 }
 
-/// Pictures that stay in the folder.
+/// Pictures that are kept in the folder.
 const KEPT: u64 = 4;
 
 impl LiveWriter {
-    /// Makes the folder and writes the cameras into it. What an earlier writer left is deleted.
+    /// Makes the folder and writes the cameras into it. Deletes the files of an earlier writer.
     ///
     /// # Errors
-    /// Where it cannot be written; where it holds pictures that no such writer left, as a recorded
-    /// folder does.
+    /// If it cannot be written; if it contains pictures of another origin, such as a recorded
+    /// folder.
     pub fn create(
         folder: &Path,
         cameras: &Cameras,
@@ -256,7 +256,7 @@ impl LiveWriter {
         })
     }
 
-    /// What an earlier writer left.
+    /// The files of an earlier writer.
     fn left(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
         if !folder.exists() {
             return Ok(Vec::new());
@@ -283,7 +283,7 @@ impl LiveWriter {
         Err(recorded::unwritable(folder, reason))
     }
 
-    /// Whether a picture was asked for since this was last true.
+    /// Whether a picture was requested since the last call that returned true.
     pub fn is_wanted(&mut self) -> bool {
         let wanted = std::fs::read_to_string(self.folder.join(WANTED)).unwrap_or_default();
         let new = !wanted.is_empty() && wanted != self.answered;
@@ -318,7 +318,7 @@ impl LiveWriter {
         write_whole(&path, &text)?;
         self.written = number;
         if let Some(old) = number.checked_sub(KEPT) {
-            // The frame file first: what it stands for is then no longer complete.
+            // The frame file first: without it the picture counts as incomplete.
             let of = |kind: &str| recorded::picture_path(&self.folder, kind, old);
             for path in [frame_path(&self.folder, old), of("color"), of("depth")] {
                 // A reader on another system may hold it open, and there may be no depth.
@@ -340,7 +340,7 @@ fn frame_path(folder: &Path, number: u64) -> PathBuf {
     folder.join(format!("frame_{number:04}.json"))
 }
 
-/// Under its name at once: a reader sees all of it or nothing.
+/// Renamed in one step: a reader sees the whole file or none.
 fn write_whole(path: &Path, text: &str) -> Result<(), SourceError> {
     let part = path.with_extension("part");
     std::fs::write(&part, text)

@@ -1,4 +1,4 @@
-//! Recorded folders: pictures as PNG files beside their cameras' numbers.
+//! Recorded folders: pictures as PNG files with their cameras' numbers.
 //!
 //! ```text
 //! intrinsics.json     the two cameras, color_from_depth, depth_unit_m
@@ -24,7 +24,7 @@ pub struct Recorded {
     read: u64,
 }
 
-/// What a folder's `intrinsics.json` says.
+/// Content of a folder's `intrinsics.json`.
 #[derive(Debug)]
 pub(crate) struct Intrinsics {
     pub cameras: Cameras,
@@ -124,7 +124,7 @@ impl Recording {
     /// Makes the folder and writes the cameras.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn create(
         folder: &Path,
         cameras: &Cameras,
@@ -140,7 +140,7 @@ impl Recording {
     /// Adds a pair of pictures.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// If it cannot be written.
     pub fn add(&mut self, frame: &Frame) -> Result<(), SourceError> {
         let number = self.written + 1;
         write_color(&picture_path(&self.folder, "color", number), &frame.color)?;
@@ -182,8 +182,8 @@ pub(crate) fn unwritable(path: &Path, error: impl std::fmt::Display) -> SourceEr
 const MOST_PIXELS: u64 = 50_000_000;
 
 /// Pixels of a PNG file with its width, height and form, which must be one of those wanted. A file
-/// says its size before its pixels, and a small one can say any: both are checked before memory is
-/// taken.
+/// states its size before its pixels, and a small file can state any size: both are checked before
+/// memory is allocated.
 fn read_png(
     path: &Path,
     what: &str,

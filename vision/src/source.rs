@@ -1,13 +1,13 @@
-//! Where pictures come from: one trait, one file per kind of camera.
+//! Sources of pictures: one trait, one file per kind of camera.
 
 use crate::frame::{Cameras, Frame, FrameError};
 use crate::image::RgbImage;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// A camera, or something that stands for one.
+/// A camera, real or replaced by a file.
 pub trait Source {
-    /// What it is, for people.
+    /// Its description for users.
     fn name(&self) -> String;
 
     /// Its cameras.
@@ -16,11 +16,11 @@ pub trait Source {
     /// The next pair of pictures, checked ([`Frame::checked`]).
     ///
     /// # Errors
-    /// [`SourceError`] says what is missing or wrong.
+    /// [`SourceError`] with what is missing or wrong.
     fn frame(&mut self) -> Result<Frame, SourceError>;
 
-    /// The next colour picture alone, for who needs no distances: nearer than a depth camera
-    /// measures there are none.
+    /// The next colour picture alone, for callers that need no distances: nearer than its least
+    /// range a depth camera measures none.
     ///
     /// # Errors
     /// [`SourceError`].
@@ -28,13 +28,13 @@ pub trait Source {
         Ok(self.frame()?.color)
     }
 
-    /// The next pair of pictures as by [`Source::frame`], or `None` where it has not come yet: a caller
-    /// with something else to do asks again. Most sources wait.
+    /// The next pair of pictures as by [`Source::frame`], or `None` if it has not arrived yet: a
+    /// caller with other work asks again. Most sources wait.
     fn poll_frame(&mut self) -> Option<Result<Frame, SourceError>> {
         Some(self.frame())
     }
 
-    /// The next colour picture as by [`Source::color`], or `None` where it has not come yet.
+    /// The next colour picture as by [`Source::color`], or `None` if it has not arrived yet.
     fn poll_color(&mut self) -> Option<Result<RgbImage, SourceError>> {
         Some(self.color())
     }
@@ -43,7 +43,7 @@ pub trait Source {
 /// Why there is no picture.
 #[derive(Debug, Error)]
 pub enum SourceError {
-    /// A file is not there or cannot be read.
+    /// A file is missing or cannot be read.
     #[error("{path} cannot be read: {reason}")]
     Unreadable {
         /// Which.
@@ -59,12 +59,12 @@ pub enum SourceError {
         /// Why.
         reason: String,
     },
-    /// A file holds something else than it should.
+    /// The content of a file is invalid.
     #[error("{path}: {what}")]
     Malformed {
         /// Which.
         path: PathBuf,
-        /// What is wrong, and what it should be.
+        /// What is wrong, and what is expected.
         what: String,
     },
     /// No more pictures.
@@ -75,7 +75,7 @@ pub enum SourceError {
         /// Pictures so far.
         count: usize,
     },
-    /// The pictures are there but cannot be used.
+    /// The pictures exist but cannot be used.
     #[error("picture {number} of {name}: {reason}")]
     Frame {
         /// Which source.
@@ -85,7 +85,7 @@ pub enum SourceError {
         /// Why.
         reason: FrameError,
     },
-    /// The camera does not answer as it should.
+    /// The camera does not answer as expected.
     #[error("camera {name}: {reason}")]
     Device {
         /// Which.

@@ -1,8 +1,8 @@
 //! Colour pictures from a camera of the Linux kernel (V4L2; feature `v4l2`).
 //!
-//! Such a camera has no distances: it is for tags, not for picking. It must give YUYV, which every
-//! USB camera does at 640 x 480. Not run here on a device: the machines that test this project
-//! have none; what becomes of the bytes is tested.
+//! Such a camera has no distances: it is for tags, not for picking. It must provide YUYV, which
+//! every USB camera does at 640 x 480. Not tested on a device: the machines that test this project
+//! have none; the processing of the bytes is tested.
 
 use crate::image::RgbImage;
 use crate::source::SourceError;
@@ -20,7 +20,7 @@ pub struct V4l2 {
     bytes_per_line: usize,
 }
 
-/// Pictures that are thrown away first: exposure settles meanwhile.
+/// Pictures that are discarded first: exposure settles meanwhile.
 const SETTLE: usize = 5;
 /// Pictures that may wait in a driver.
 const WAITING_MAX: usize = 32;
@@ -29,7 +29,7 @@ impl V4l2 {
     /// Opens a device at a picture size and lets its exposure settle.
     ///
     /// # Errors
-    /// [`SourceError::Device`] where it is not there, gives no YUYV or not this size.
+    /// [`SourceError::Device`] if it is missing, or does not provide YUYV or this size.
     pub fn open(path: &Path, size_px: [usize; 2]) -> Result<Self, SourceError> {
         let name = path.display().to_string();
         let failed = |error: std::io::Error| device(&name, &error);
@@ -74,7 +74,7 @@ impl V4l2 {
         Ok(camera)
     }
 
-    /// What it is, for people.
+    /// Its description for users.
     #[must_use]
     pub fn name(&self) -> String {
         format!("V4L2 camera {}", self.name)
@@ -93,8 +93,8 @@ impl V4l2 {
             .map_err(|reason| device(&self.name, &reason))
     }
 
-    /// A picture whose exposure began after the call: what waited in the driver is old, and one may be
-    /// under way.
+    /// A picture whose exposure began after the call: pictures waiting in the driver are old, and
+    /// one may be in progress.
     ///
     /// # Errors
     /// [`SourceError::Device`].
@@ -126,7 +126,7 @@ fn device(name: &str, reason: &dyn Display) -> SourceError {
 /// RGB from YUYV (BT.601, limited range): two pixels share their colour.
 ///
 /// # Errors
-/// Where the bytes are too few for the size, or the width is odd.
+/// If the bytes are too few for the size, or the width is odd.
 pub(crate) fn rgb_from_yuyv(
     bytes: &[u8],
     [width, height]: [usize; 2],

@@ -1,4 +1,4 @@
-//! Recorded folders: what was written is read again, and what is wrong is told.
+//! Recorded folders: written pictures are read again, and errors are reported.
 
 use mcdpr_vision::recorded::{Recorded, Recording, read_color, write_color, write_depth};
 use mcdpr_vision::{Camera, Cameras, DepthImage, Frame, Image, RgbImage, Source};
@@ -140,7 +140,7 @@ fn depth_with_eight_bits_and_unknown_keys_are_told() {
     assert!(read_color(&folder.join("color_0001.png")).is_err());
 }
 
-/// A file of a hundred bytes that says it holds 2.7 GB: what it says is checked before memory is taken.
+/// A file of a hundred bytes that states 2.7 GB: the size is checked before memory is allocated.
 #[test]
 fn a_picture_that_would_fill_the_memory_is_refused_by_its_size() {
     let folder = written("huge");

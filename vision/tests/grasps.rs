@@ -20,7 +20,7 @@ fn grasps(cell: &Cell, seed: u64) -> (Result<Vec<Grasp>, NoGrasp>, Place) {
     (found, camera)
 }
 
-/// The tray's floor as the area, a little clear of its walls.
+/// The tray's floor as the area, slightly inside its walls.
 fn wanted(camera: &Place, closing: Closing) -> Wanted {
     let tray = Tray::default();
     let world_from_area = isometry(&Place::at(tray.center_m));

@@ -1,4 +1,5 @@
-//! Live folders: the reader takes what was taken after it asked, whole, and tells what is missing.
+//! Live folders: the reader accepts complete pictures taken after its request, and reports what is
+//! missing.
 
 use mcdpr_vision::live::{LiveFolder, LiveWriter, WANTED, now_s};
 use mcdpr_vision::{Camera, Cameras, DepthImage, Image, RgbImage, Source};
@@ -69,7 +70,7 @@ fn beside<T>(
 fn each_picture_is_one_that_was_taken_after_it_was_asked_for() {
     let path = folder("fresh");
     let mut writer = LiveWriter::create(&path, &cameras(), 1e-4).unwrap();
-    // What was there before counts for nothing.
+    // Older pictures do not count.
     writer.add(now_s(), &color(1), Some(&depth())).unwrap();
     let mut reader = LiveFolder::open(&path).unwrap();
     let answer = |writer: &mut LiveWriter, count: u64| {

@@ -1,4 +1,4 @@
-//! Grasp networks: small ones made here, against the same sums done plainly.
+//! Grasp networks: small ones made here, compared with the same sums computed plainly.
 #![cfg(feature = "onnx")]
 
 #[allow(dead_code)]
@@ -50,7 +50,8 @@ fn both_heads_give_what_the_sums_give() {
             .collect();
         let mean: f64 = match head {
             Head::Affga => raw.iter().sum::<f64>() / raw.len() as f64,
-            // Filled holes belong to the mean, which the input shows where there is a distance.
+            // Filled holes are included in the mean, which shows in the input where there is a
+            // distance.
             Head::Ggcnn => {
                 let known = raw.iter().position(|value| !value.is_nan()).unwrap();
                 raw[known] - f64::from(input[known])
@@ -104,13 +105,13 @@ fn smoothing_is_a_gaussian_and_peaks_are_its_maxima() {
         let found = f64::from(smooth[y * size + x]);
         assert!((found - wanted).abs() < 1e-4, "{found} {wanted}");
     }
-    // What is the same everywhere stays so, up to the border.
+    // A constant map stays constant, up to the border.
     let same = blurred(&vec![0.7; size * size], size, 1.0);
     assert!(apart(&same, &vec![0.7; size * size]) < 1e-6);
 }
 
 /// Quality grows with height over the mean of the picture, jaws close along x, width is 30 px: a
-/// network that is known to take hold of what stands highest.
+/// network that is known to choose the highest object.
 fn highest() -> Net {
     let layer = |from: usize, side: usize, weights: Vec<f32>, bias: f32| Layer {
         from,

@@ -1,5 +1,5 @@
-//! The RealSense source against a library that answers as librealsense2's C interface says. What
-//! it does not show: that Intel's own library does, and that a camera works.
+//! The RealSense source with a library that answers according to librealsense2's C interface. Not
+//! covered: Intel's own library, and a real camera.
 
 use mcdpr_vision::Source;
 use mcdpr_vision::realsense::RealSense;

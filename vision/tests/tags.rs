@@ -1,4 +1,4 @@
-//! Rendered tags, found again: the simulator's camera against the detector, which share no code.
+//! Rendered tags are found again: the simulator's camera and the detector share no code.
 
 use mcdpr_simulator::camera::{Body, Frame, Lens, Light, Optics, Scene, render_color};
 use mcdpr_vision::tag::{Detection, Options, detect, pose_of_tag};
@@ -164,7 +164,7 @@ fn corners_are_found_to_a_twentieth_of_a_pixel_and_poses_follow() {
         assert!(worst < 0.2, "{name}: worst corner error {worst} px");
         assert!(position < 0.3e-3, "{name}: {position} m");
         assert!(turn < 2e-3, "{name}: {turn} rad");
-        // The covariance is believable: neither ten times too small nor too large.
+        // The covariance is plausible: neither ten times too small nor too large.
         assert!((0.3..3.0).contains(&spread), "{name}: {spread}");
     }
 }

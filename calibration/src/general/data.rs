@@ -1,4 +1,4 @@
-//! A data set: a robot as it was meant to be, and samples with whatever sensors there are.
+//! A data set: a robot as designed, and samples of any combination of sensors.
 
 use crate::data::{Tag, View};
 use mcdpr_kinematics::{Cable, Pose};
@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 pub struct Set {
     /// Name of the data set.
     pub id: String,
-    /// The robot as it was meant to be.
+    /// The robot as designed.
     pub robot: Machine,
     /// The camera on the platform and the tags it looks at; `None` without a camera.
     pub eye: Option<Eye>,
@@ -20,13 +20,13 @@ pub struct Set {
     pub homed: Vec<bool>,
     /// The samples in the order in which they were taken.
     pub samples: Vec<Sample>,
-    /// What was left out while reading, in words.
+    /// Notes on what was left out while reading.
     pub notes: Vec<String>,
-    /// How much the sensors are said to scatter. The estimate starts there and goes by the data.
+    /// Stated noise of the sensors. The estimate starts from it and follows the data.
     pub stated: Stated,
 }
 
-/// The robot as it was meant to be.
+/// The robot as designed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Machine {
     /// Nominal cables, m.
@@ -57,7 +57,7 @@ pub struct Eye {
     pub camera_from_platform: Pose,
 }
 
-/// Stated standard deviations; `None` where nothing is stated.
+/// Stated standard deviations; `None` if not stated.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Stated {
     /// Lengths, m.
@@ -68,7 +68,7 @@ pub struct Stated {
     pub corner_px: Option<f64>,
 }
 
-/// What was measured at one moment. Anything may be missing.
+/// The measurements at one moment. Any of them may be missing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sample {
     /// Index into [`Set::sessions`].
@@ -77,7 +77,7 @@ pub struct Sample {
     pub number: usize,
     /// Time within the session, s.
     pub time_s: Option<f64>,
-    /// Length of each cable as its encoder tells it, arc on the pulley included, m.
+    /// Length of each cable as its encoder reports it, arc on the pulley included, m.
     pub length_m: Vec<Option<f64>>,
     /// Tension of each cable at its winch, N.
     pub tension_n: Vec<Option<f64>>,
@@ -93,7 +93,7 @@ pub struct Sample {
     pub views: Vec<View>,
     /// Factor on the scatter of tensions, corners and equilibrium: above 1 where the platform swung.
     pub noise_factor: f64,
-    /// Where the platform is about, where a picture says so.
+    /// Approximate pose of the platform, if a picture gives one.
     pub start: Option<Pose>,
 }
 
@@ -143,7 +143,7 @@ impl Set {
         out
     }
 
-    /// The samples of this choice alone, in their order.
+    /// The samples of this selection, in their order.
     #[must_use]
     pub fn only(&self, keep: impl Fn(usize, &Sample) -> bool) -> Self {
         let mut out = self.clone();

@@ -6,7 +6,7 @@ use super::unknowns::Priors;
 use mcdpr_kinematics::Pose;
 use nalgebra::Matrix6;
 
-/// Where the platform hung at the first sample.
+/// Pose of the platform at the first sample.
 #[derive(Debug, Clone)]
 pub struct First {
     /// world_from_platform.
@@ -15,12 +15,12 @@ pub struct First {
     pub covariance: Matrix6<f64>,
 }
 
-/// The pose of the first sample, with no homing: lengths, swivel angles, tilt and tensions count
-/// by their changes only, since their offsets are unknown to a metre, half a radian, 3 degrees and
-/// 100 N. The scatter is that which is stated or expected; nothing of it is estimated.
+/// The pose of the first sample, without homing: lengths, swivel angles, tilt and tensions are used
+/// only through their changes, since their offsets are unknown to 1 m, 0.5 rad, 3 degrees and 100
+/// N. The scatter is the stated or expected one; it is not estimated.
 ///
 /// # Errors
-/// In words, where the samples fix nothing.
+/// In words, if the samples do not determine the pose.
 pub(crate) fn first_pose(set: &Set) -> Result<First, String> {
     let options = Options {
         priors: Priors::changes_only(),

@@ -1,9 +1,9 @@
 //! The estimate: values of the unknowns together with the scatter of every kind of reading.
 //!
-//! The scatter is estimated by expectation and maximisation over variance components (Dempster, Laird
-//! and Rubin, 1977): a kind's variance is the mean of its squared residuals plus the variance that
-//! their predictions have. Readings follow Student's distribution with six degrees of freedom (Lange,
-//! Little and Taylor, 1989), so that one wild reading loses its weight by itself.
+//! The scatter is estimated by expectation and maximisation over variance components (Dempster,
+//! Laird and Rubin, 1977): the variance of a kind of reading is the mean of its squared residuals
+//! plus the variance of their predictions. Readings follow Student's distribution with six degrees
+//! of freedom (Lange, Little and Taylor, 1989), so an outlier loses its weight automatically.
 
 use super::data::Set;
 use super::model::{GROUPS, Group, Model, Row};
@@ -18,11 +18,11 @@ const TAILS: f64 = FREEDOM / (FREEDOM - 2.0);
 /// Choices of the estimate.
 #[derive(Debug, Clone, Copy)]
 pub struct Options {
-    /// How well things are known beforehand.
+    /// Standard deviations of the priors.
     pub priors: Priors,
-    /// Rounds of estimating the scatter; 0 keeps the scatter that is stated.
+    /// Rounds of estimating the scatter; 0 keeps the stated scatter.
     pub rounds: usize,
-    /// How many slips are looked for and modelled as jumps.
+    /// Number of slips that are searched for and modelled as jumps.
     pub slips: usize,
 }
 
@@ -36,7 +36,7 @@ impl Default for Options {
     }
 }
 
-/// What the data say.
+/// The estimate from the data.
 #[derive(Debug, Clone)]
 pub struct Fit {
     /// The samples that took part.
@@ -45,19 +45,19 @@ pub struct Fit {
     pub layout: Layout,
     /// The unknowns.
     pub unknowns: Vec<Unknown>,
-    /// Length about which the drums' gains turn, m.
+    /// Length at which the drums' gains have no effect, m.
     pub middle_m: f64,
     /// Values, covariance, rows.
     pub solution: Solution,
     /// Scale of each kind's distribution.
     pub scatter: Scatter,
-    /// How far each row is trusted, 0 to some 1.2, per sample.
+    /// Weight of each row by Student's distribution, 0 to about 1.2, per sample.
     pub trust: Vec<Vec<f64>>,
-    /// Rounds that the scatter took.
+    /// Rounds until the scatter settled.
     pub rounds: usize,
 }
 
-/// What scatter is expected, before the data say: of the sizes that a real robot's logs showed.
+/// The scatter expected before the data are seen: typical sizes from a real robot's logs.
 pub(super) fn expected(set: &Set) -> Scatter {
     let weight = set.robot.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
     let stated = &set.stated;
@@ -67,7 +67,7 @@ pub(super) fn expected(set: &Set) -> Scatter {
     out[Group::Swivel.index()] = 3e-3;
     out[Group::Tilt.index()] = 3e-3;
     out[Group::Yaw.index()] = 3e-3;
-    // 0.42 % of the weight and 0.78 mm times the weight: what statics did not close by there.
+    // 0.42 % of the weight and 0.78 mm times the weight: the residual of statics there.
     out[Group::Force.index()] = 0.0042 * weight;
     out[Group::Moment.index()] = 0.00078 * weight;
     out[Group::Corner.index()] = stated.corner_px.unwrap_or(0.3);
@@ -92,7 +92,7 @@ impl Fit {
     }
 }
 
-/// The length about which drums' gains turn: the middle of the readings, or of the robot.
+/// The length at which drums' gains have no effect: the middle of the readings, or of the robot.
 fn middle_m(set: &Set) -> f64 {
     let all: Vec<f64> = set
         .samples
@@ -129,7 +129,7 @@ fn layout(set: &Set, breaks: Vec<Break>) -> Layout {
 /// Estimates all unknowns and the scatter of the readings.
 ///
 /// # Errors
-/// In words, where the data fix nothing.
+/// In words, if the data do not determine the unknowns.
 pub fn fit(set: &Set, options: &Options) -> Result<Fit, String> {
     let mut found = fit_with(set, options, Vec::new(), None)?;
     while found.layout.breaks.len() < options.slips {
@@ -165,7 +165,7 @@ pub(crate) fn fit_with(
         middle_m,
     };
     let centre = expected(set);
-    // Begins wide: a start is far from the answer.
+    // Start with a wide scatter: the start is far from the answer.
     let mut scatter = if options.rounds == 0 {
         centre
     } else {
@@ -231,7 +231,7 @@ pub(crate) fn fit_with(
     })
 }
 
-/// Expected squares of all errors: residual and the variance of its prediction.
+/// Expected squares of all errors: squared residual plus the variance of its prediction.
 fn expected_squares(solution: &Solution) -> Vec<Vec<f64>> {
     solution
         .blocks
@@ -249,7 +249,7 @@ fn expected_squares(solution: &Solution) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// How far each row is trusted; the equations of equilibrium of one sample together.
+/// Weight of each row; the equations of equilibrium of one sample share one.
 fn trusted(solution: &Solution, squares: &[Vec<f64>], scatter: &Scatter) -> Vec<Vec<f64>> {
     solution
         .blocks
@@ -281,7 +281,7 @@ fn trusted(solution: &Solution, squares: &[Vec<f64>], scatter: &Scatter) -> Vec<
         .collect()
 }
 
-/// The scatter that the expected squares say, with one reading's worth of what was expected.
+/// The scatter from the expected squares, with the expected scatter counted as one reading.
 fn components(
     solution: &Solution,
     squares: &[Vec<f64>],

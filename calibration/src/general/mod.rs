@@ -1,9 +1,10 @@
-//! Calibration with whatever sensors a robot has.
+//! Calibration with any combination of sensors.
 //!
-//! Every reading is one row of one weighted problem, every sensor may be missing, and the scatter of
-//! every kind of reading is estimated from the data. Gains and zeros of load cells, gains of drums,
-//! offsets of homings, the mounting of an inclinometer and the loss of pulleys are unknowns with
-//! priors as wide as real machines are off; the equations of equilibrium do not close exactly.
+//! Every reading is one row of one weighted problem, every sensor may be missing, and the scatter
+//! of every kind of reading is estimated from the data. Gains and zeros of load cells, gains of
+//! drums, offsets of homings, the mounting of an inclinometer and the loss of pulleys are unknowns
+//! with priors as wide as the errors of real machines; the equations of equilibrium have a
+//! residual.
 //!
 //! | file | what it is for |
 //! |---|---|

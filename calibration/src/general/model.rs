@@ -1,4 +1,4 @@
-//! What each reading of a sample says about the unknowns, with derivatives.
+//! The rows of each reading of a sample, with derivatives by the unknowns.
 //!
 //! With t the cable's direction, u its arm, l its length, T its tension at the platform and H the
 //! Hessian of its length: a reading of the encoder is r + (l - r)(1 - d) + o - c T (l + routing), of
@@ -15,7 +15,7 @@ use mcdpr_kinematics::{
 use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// Kinds of readings, each with a scatter of its own.
+/// Kinds of readings, each with its own scatter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Group {
     /// Encoder lengths, m.
@@ -51,7 +51,7 @@ impl Group {
         Self::Moment,
         Self::Corner,
     ];
-    /// Its place in arrays.
+    /// Its index in arrays.
     #[must_use]
     pub const fn index(self) -> usize {
         self as usize
@@ -81,7 +81,7 @@ impl Group {
 /// One row, not yet divided by its scatter.
 #[derive(Debug, Clone)]
 pub struct Row {
-    /// What it is.
+    /// Its kind.
     pub group: Group,
     /// Cable or axis; for corners 8 times the view, plus twice the corner, plus the axis.
     pub index: usize,
@@ -98,7 +98,7 @@ pub struct Row {
 /// Values of all unknowns.
 #[derive(Debug, Clone)]
 pub struct State {
-    /// Those of the layout; those of places are zero.
+    /// Those of the layout; those of poses are zero.
     pub theta: Vec<f64>,
     /// camera_from_platform.
     pub camera_from_platform: Pose,
@@ -110,19 +110,19 @@ pub struct State {
     pub tensions_n: Vec<Vec<f64>>,
 }
 
-/// Everything that rows need besides the state.
+/// All inputs of the rows besides the state.
 #[derive(Debug, Clone)]
 pub struct Model<'a> {
     /// The measurements.
     pub set: &'a Set,
     /// Order of the unknowns.
     pub layout: Layout,
-    /// Length about which the drums' gains turn, m: keeps them apart from the offsets.
+    /// Length at which the drums' gains have no effect, m: decouples them from the offsets.
     pub middle_m: f64,
 }
 
-/// Force per speed of the fastest cable that a moving platform's inertia may need, N s/m per kg: the
-/// platform swings at some 1.5 rad/s and more.
+/// Force per speed of the fastest cable that a moving platform's inertia may need, N s/m per kg:
+/// the platform swings at 1.5 rad/s and more.
 const SWING_PER_S: f64 = 1.5;
 /// Arm of that force, m.
 const SWING_ARM_M: f64 = 0.1;
@@ -181,7 +181,7 @@ fn three(theta: &[f64], at: usize) -> Vector3<f64> {
 }
 
 impl Model<'_> {
-    /// A cable with its present anchor, radius and attachment.
+    /// A cable with its current anchor, radius and attachment.
     #[must_use]
     pub fn cable(&self, theta: &[f64], i: usize) -> Cable {
         let nominal = self.set.robot.cables[i];
@@ -193,7 +193,7 @@ impl Model<'_> {
         }
     }
 
-    /// The lens with its present intrinsics.
+    /// The lens with its current intrinsics.
     #[must_use]
     pub fn lens(&self, theta: &[f64]) -> Option<Camera> {
         let mut camera = self.set.eye.as_ref()?.camera;
@@ -206,10 +206,10 @@ impl Model<'_> {
         Some(camera)
     }
 
-    /// The rows of a sample at a pose with these tensions: what is missing has no row.
+    /// The rows of a sample at a pose with these tensions; missing readings have no row.
     ///
     /// # Errors
-    /// [`Error`] where a cable has no geometry at the pose, or a corner is behind the camera.
+    /// [`Error`] if a cable has no geometry at the pose, or a corner is behind the camera.
     pub fn rows(
         &self,
         state: &State,
@@ -260,7 +260,8 @@ impl Model<'_> {
                     zero += theta[at];
                     shared.push((at, 1.0));
                 }
-                // Where nothing says how the cable came there, its loss is scatter.
+                // If the direction of the cable's last motion is unknown, its loss counts as
+                // scatter.
                 let unsure = if sample.arrived[i].is_none() {
                     0.02 * tension * feels
                 } else {
@@ -439,7 +440,7 @@ impl Model<'_> {
         let mut force = down * (1.0 + theta[layout.mass()]);
         let mut moment = Vector3::zeros();
         let mut pull = Vector3::zeros();
-        // Columns: the six own ones of the pose, then the tensions.
+        // Columns: the six unknowns of the pose, then the tensions.
         let mut own = vec![[Vector3::zeros(); 2]; layout.own()];
         let mut shared: Vec<(usize, [Vector3<f64>; 2])> =
             vec![(layout.mass(), [down, Vector3::zeros()])];

@@ -47,7 +47,7 @@ impl Predicted {
 pub struct Answer {
     /// Index of the sample in its set.
     pub sample: usize,
-    /// Where the platform is, from the given readings.
+    /// Pose of the platform, from the given readings.
     pub pose: Pose,
     /// Covariance of its displacement, position then rotation.
     pub pose_covariance: nalgebra::Matrix6<f64>,
@@ -56,8 +56,8 @@ pub struct Answer {
 }
 
 /// Predicts all readings of a set's samples that are not `given`, from an estimate that has not
-/// seen them. Every sample stands for itself. A session that did not take part in the estimate has
-/// zeros and offsets of its own, which widen the intervals by their priors.
+/// used them. Every sample is predicted independently. A session that was not part of the estimate
+/// has its own zeros and offsets, which widen the intervals by their priors.
 #[must_use]
 pub fn predict(
     fit: &Fit,
@@ -202,7 +202,7 @@ impl Case<'_> {
         })
     }
 
-    /// The sample's own unknowns, the shared ones as estimated.
+    /// The sample's own unknowns, with the shared ones as estimated.
     fn solve(
         &self,
         k: usize,
@@ -290,7 +290,7 @@ fn distance(a: &Sample, b: &Sample, given: &[Given]) -> f64 {
 /// Errors and shares over some readings.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Score {
-    /// Root mean square of the errors, in the unit that the key tells.
+    /// Root mean square of the errors, in the unit that the key names.
     pub rms: f64,
     /// Share of the readings within their 95 % interval.
     pub inside: f64,

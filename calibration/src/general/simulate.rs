@@ -1,7 +1,7 @@
-//! Data of a robot that is known, off by what real machines are off by: to test the estimate with.
+//! Simulated data of a known robot with the errors of real machines, to test the estimate.
 //!
-//! Geometry and statics are those of the kinematics crate, on which the estimate rests as well: this
-//! tests the estimation, not the model.
+//! Geometry and statics are those of the kinematics crate, which the estimate uses too: this tests
+//! the estimation, not the model.
 
 use super::data::{Machine, Sample, Set, Stated};
 use super::model::swivel_reference;
@@ -21,7 +21,7 @@ pub struct Case {
     pub slip: Option<(usize, usize, f64)>,
     /// Whether there are swivel sensors and an inclinometer.
     pub attitude: bool,
-    /// Factor on everything that the machine is off by.
+    /// Factor on all errors of the machine.
     pub off: f64,
     /// Seed of everything random.
     pub seed: u64,
@@ -40,7 +40,7 @@ impl Default for Case {
     }
 }
 
-/// What the data come from.
+/// The true values behind the data.
 #[derive(Debug, Clone)]
 pub struct Truth {
     /// world_from_platform of every sample.
@@ -74,7 +74,7 @@ fn nominal() -> Machine {
     }
 }
 
-/// Where it hangs.
+/// Its pose.
 const SPACE: Space = Space {
     middle_m: Vector3::new(0.0, 0.0, 0.9),
     half_m: Vector3::new(0.4, 0.4, 0.35),
@@ -96,7 +96,7 @@ fn robot_of(machine: &Machine) -> Option<Robot<4>> {
     .ok()
 }
 
-/// Simulates two sessions; `None` if no robot could be made of the numbers (never with these).
+/// Simulates two sessions; `None` if the numbers do not give a valid robot (never with these).
 #[must_use]
 pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
     let mut dice = Dice::new(case.seed ^ 0x616c_6c73);
@@ -138,8 +138,8 @@ pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
         let (homing, drift) = (four(5e-4), four(0.7));
         let yaw = off * 0.02 * dice.normal();
         for k in 0..count {
-            // The equations of equilibrium do not close: the platform hangs as if its weight and
-            // its centre of mass were a little different at every pose.
+            // The equations of equilibrium have a residual: the platform hangs as if its weight and
+            // its centre of mass were slightly different at every pose.
             let mut here = made.clone();
             here.mass_kg *= 1.0 + off * 0.004 * dice.normal();
             here.center_of_mass_m += Vector3::from_fn(|_, _| off * 8e-4 * dice.normal());

@@ -1,7 +1,7 @@
 //! Cables that slipped while samples were taken: a jump of one cable's length from one sample on.
 //!
-//! For every cable and every moment the gain in the sum of squares is computed that a jump there
-//! would bring, from the solution's own rows (a score test; Rao, 1948). No problem is solved anew.
+//! For every cable and every moment the gain in the sum of squares that a jump there would bring is
+//! computed from the solution's own rows (a score test; Rao, 1948). No problem is solved anew.
 
 use super::data::Set;
 use super::fit::{Fit, Options, fit};
@@ -13,8 +13,8 @@ use crate::answer::Solved;
 use crate::data::Data;
 use nalgebra::DVector;
 
-/// Gain in the sum of weighted squares from which on a jump is believed. The best of some 80 places
-/// exceeds it by chance in fewer than 1 of 100 data sets.
+/// Gain in the sum of weighted squares above which a jump is reported. The best of about 80
+/// candidates exceeds it by chance in fewer than 1 of 100 data sets.
 pub(crate) const GAIN: f64 = 22.0;
 
 /// A jump that a cable may have made.
@@ -30,7 +30,7 @@ pub struct Candidate {
     pub sigma_m: f64,
 }
 
-/// Every jump that could be, with what it would gain.
+/// Every possible jump, with its gain.
 #[must_use]
 pub fn candidates(fit: &Fit) -> Vec<Candidate> {
     let solution = &fit.solution;
@@ -83,7 +83,7 @@ pub fn candidates(fit: &Fit) -> Vec<Candidate> {
     out
 }
 
-/// The jump that gains most, where that is more than chance.
+/// The jump that gains most, if that is more than chance.
 #[must_use]
 pub fn largest(fit: &Fit) -> Option<Break> {
     candidates(fit)
@@ -97,7 +97,7 @@ pub fn largest(fit: &Fit) -> Option<Break> {
 const ROUNDS: usize = 10;
 
 /// The cables that slipped while data of version 1 were collected, in words, the earliest first.
-/// `solved` is where another estimate ended; without it the search starts from the nominal robot.
+/// `solved` is the result of another estimate; without it the search starts from the nominal robot.
 #[must_use]
 pub(crate) fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<String> {
     let (true, Ok(mut set)) = (data.has_statics(), Set::from_data(data)) else {

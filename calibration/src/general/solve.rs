@@ -22,7 +22,7 @@ pub struct Block {
     pub rows: Vec<Row>,
     /// Inverse of its own normal matrix.
     pub inverse: DMatrix<f64>,
-    /// How its own unknowns follow the shared ones.
+    /// Derivative of its own unknowns by the shared ones.
     pub follow: DMatrix<f64>,
 }
 
@@ -57,12 +57,12 @@ pub struct Solution {
     pub blocks: Vec<Block>,
     /// The sum of weighted squares, priors included.
     pub cost: f64,
-    /// Whether the last step gained next to nothing.
+    /// Whether the last step gained almost nothing.
     pub converged: bool,
 }
 
-/// A place to start from: below the middle of the anchors, tilted as the inclinometer says, or
-/// where a picture says.
+/// A start: below the middle of the anchors, tilted as the inclinometer measures, or from a
+/// picture.
 #[must_use]
 pub fn start(model: &Model<'_>, unknowns: &[Unknown]) -> State {
     let robot = &model.set.robot;
@@ -116,7 +116,7 @@ pub fn start(model: &Model<'_>, unknowns: &[Unknown]) -> State {
 /// The rows of all samples.
 ///
 /// # Errors
-/// Where a cable has no geometry at a pose.
+/// If a cable has no geometry at a pose.
 pub(crate) fn all_rows(
     model: &Model<'_>,
     state: &State,
@@ -127,7 +127,8 @@ pub(crate) fn all_rows(
         .collect()
 }
 
-/// Weight of every row, per sample: the inverse of its variance, times how far it is trusted.
+/// Weight of every row, per sample: the inverse of its variance, times the weight of Student's
+/// distribution.
 pub type Weights = Vec<Vec<f64>>;
 
 fn cost(rows: &[Vec<Row>], weights: &Weights, state: &State, unknowns: &[Unknown]) -> f64 {
@@ -151,7 +152,7 @@ struct Normal {
     /// Own times shared.
     mixed: DMatrix<f64>,
     gradient: DVector<f64>,
-    /// Shared unknowns that it touches.
+    /// Shared unknowns that it depends on.
     touched: Vec<usize>,
 }
 
@@ -188,7 +189,7 @@ fn normal(rows: &[Row], weights: &[f64], own: usize, shared: usize) -> Normal {
 /// Solves by Levenberg and Marquardt's method with fixed weights.
 ///
 /// # Errors
-/// In words, where the start has no geometry or a system cannot be solved.
+/// In words, if the start has no geometry or a system cannot be solved.
 pub fn solve(
     model: &Model<'_>,
     unknowns: &[Unknown],
@@ -272,7 +273,7 @@ fn assemble(
     (shared, gradient, normals)
 }
 
-/// The own system of a sample with damping; a trace keeps what no row touches solvable.
+/// The own system of a sample with damping; a small diagonal keeps unknowns without rows solvable.
 fn damped(own: &DMatrix<f64>, damping: f64) -> Option<Cholesky<f64, nalgebra::Dyn>> {
     let mut own = own.clone();
     let ridge = 1e-13 * own.diagonal().max();

@@ -1,4 +1,4 @@
-//! How well readings that the estimate has not seen are predicted.
+//! Accuracy of predicted readings that the estimate has not used.
 
 use super::data::Set;
 use super::first::{first_pose, pose_of};
@@ -8,7 +8,7 @@ use super::predict::{Answer, Given, Score, predict, score};
 use super::verdict::{Verdict, verdict, without_moving};
 use serde::Serialize;
 
-/// Every how many samples of the session one is left out.
+/// One of this many samples of the session is left out.
 pub const EVERY: usize = 3;
 
 /// Errors of predictions by sensor.
@@ -66,7 +66,7 @@ impl Errors {
     }
 }
 
-/// The first pose of a session from changes only, beside the estimate from everything.
+/// The first pose of a session from changes only, compared with the estimate from all data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FirstPose {
     /// The session.
@@ -81,7 +81,7 @@ pub struct FirstPose {
     pub stated_mm: f64,
 }
 
-/// All of it.
+/// The whole result.
 #[derive(Debug, Clone)]
 pub struct Study {
     /// Every third sample of the session.
@@ -94,14 +94,14 @@ pub struct Study {
     pub first_poses: Vec<FirstPose>,
     /// The estimate.
     pub fit: Fit,
-    /// What is said of it.
+    /// Its verdict.
     pub verdict: Verdict,
-    /// What was left out, and samples that could not be predicted.
+    /// Notes on what was left out, and on samples that could not be predicted.
     pub notes: Vec<String>,
 }
 
 /// The readings that are given for a prediction: all lengths but the last cable's, and that cable's
-/// tension. They fix pose and tensions; with two and two they hardly do.
+/// tension. They determine pose and tensions; two lengths and two tensions hardly do.
 #[must_use]
 pub fn given(cables: usize) -> Vec<Given> {
     let last = cables.saturating_sub(1);
@@ -119,7 +119,7 @@ pub fn given(cables: usize) -> Vec<Given> {
 /// Estimates from two thirds of one session and predicts the rest and the other sessions.
 ///
 /// # Errors
-/// In words: an unknown session, too few samples, or data that no robot explains.
+/// In words: an unknown session, too few samples, or data that do not fit any robot.
 pub fn study(set: &Set, train: &str, options: &Options) -> Result<Study, String> {
     let session = set.session(train).ok_or_else(|| {
         let known = set.sessions.join(", ");

@@ -1,4 +1,4 @@
-//! The estimate on data of a known machine, and what is said of data that are wrong.
+//! The estimate on data of a known machine, and the verdict on faulty data.
 
 use super::first::{first_pose, pose_of};
 use super::fit::{Options, fit};
@@ -63,7 +63,7 @@ fn every_derivative_matches_differences() {
             };
             let (up, down) = (residuals(1e-6), residuals(-1e-6));
             for (i, row) in rows.iter().enumerate() {
-                // What the wrap angle does to a pulley's loss is left out of the slopes.
+                // The derivatives leave out the effect of the wrap angle on a pulley's loss.
                 let small = if row.group == Group::Tension {
                     3.0
                 } else {
@@ -185,7 +185,7 @@ fn the_first_pose_comes_from_changes_alone() {
     for seed in 1..=4 {
         let (set, truth) = simulate(&case(seed)).unwrap();
         let mut first = set.only(|_, sample| sample.session == 0);
-        // The encoders know nothing but changes.
+        // The encoders report only changes.
         for sample in &mut first.samples {
             for (i, length) in sample.length_m.iter_mut().enumerate() {
                 *length = length.map(|l| l - 0.2 * i as f64 - 0.1);

@@ -1,19 +1,19 @@
-//! What is unknown about a real machine: the order of the unknowns, their names and their priors.
+//! The unknowns of a real machine: their order, names and priors.
 
 use super::data::Set;
 use nalgebra::Vector3;
 
-/// How well things are known beforehand, as one standard deviation about the entered value.
+/// Standard deviations of the priors about the entered values.
 ///
 /// The widths are those of a real four-cable robot's logs (IRMA4U, University of Bologna, logs of
-/// March 2025 in fzoffoli/UACDPR_SelfCalibration): cells -6 to +14 % and up to +20 N off, drums 0.2 to
-/// 0.7 %, 0.5 to 1.5 mm per homing, an inclinometer mounted 1.6 degrees off, centre of mass 3 to 5 mm,
-/// pulleys that lose 1.3 to 2.3 %.
+/// March 2025 in fzoffoli/UACDPR_SelfCalibration): load cells -6 to +14 % and up to +20 N off,
+/// drums 0.2 to 0.7 %, 0.5 to 1.5 mm per homing, an inclinometer mounted 1.6 degrees off, centre of
+/// mass 3 to 5 mm, pulleys that lose 1.3 to 2.3 %.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Priors {
     /// Gain of each load cell, share.
     pub gain: f64,
-    /// Zero of each load cell, N, and how much it moves from session to session.
+    /// Zero of each load cell, N.
     pub zero_n: f64,
     /// Zero of each load cell from session to session, N.
     pub zero_session_n: f64,
@@ -23,7 +23,7 @@ pub struct Priors {
     pub offset_m: f64,
     /// Offset of each length from homing to homing, m.
     pub homing_m: f64,
-    /// Offset of a length that is told as a change only, m.
+    /// Offset of a length that is reported as a change only, m.
     pub change_m: f64,
     /// Mean and standard deviation of the tension that a pulley loses over half a turn, share.
     pub loss: [f64; 2],
@@ -93,7 +93,8 @@ impl Default for Priors {
 }
 
 impl Priors {
-    /// For readings of which only changes are known: no offset, zero or mounting is.
+    /// For readings that are used only through their changes: offset, zero and mounting are
+    /// unknown.
     #[must_use]
     pub(crate) fn changes_only() -> Self {
         Self {
@@ -114,7 +115,7 @@ const COMMON: usize = 8;
 /// Camera's place, focal length, principal point, k1, tag size.
 const CAMERA: usize = 11;
 
-/// Where each unknown sits in the vector.
+/// Index of each unknown in the vector.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     /// Number of cables.
@@ -253,18 +254,18 @@ impl Layout {
     }
 }
 
-/// One unknown: what it is, where it starts, how well it is known beforehand.
+/// One unknown: name, start value, prior.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unknown {
     /// In words, as in "cable 2's drum".
     pub name: String,
     /// Expected value.
     pub mean: f64,
-    /// Standard deviation; infinite where nothing is known.
+    /// Standard deviation; infinite without prior knowledge.
     pub sigma: f64,
     /// Factor and unit for printing.
     pub unit: (f64, &'static str),
-    /// The value entered in the robot's description, where it is a constant that somebody measured.
+    /// The value entered in the robot's description, if it is a measured constant.
     pub entered: Option<f64>,
 }
 
@@ -312,7 +313,7 @@ pub(crate) fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unkno
             None,
         );
         let radius = cable.pulley_radius_m;
-        // An eyelet has no radius to be wrong.
+        // An eyelet has no radius to estimate.
         let sigma = if radius > 0.0 { priors.radius_m } else { 1e-9 };
         add(format!("{of} pulley radius"), 0.0, sigma, MM, Some(radius));
         for (axis, at) in axes.iter().zip(three(&cable.anchor_m)) {
@@ -366,7 +367,7 @@ pub(crate) fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unkno
     for &session in &layout.sessions {
         let of =
             |what: &str, i: usize| format!("cable {}'s {what} in {}", i + 1, set.sessions[session]);
-        // With one session alone its own part cannot be told from the common one.
+        // With one session alone its own part cannot be separated from the common one.
         for i in 0..layout.cables {
             add(of("cell zero", i), 0.0, priors.zero_session_n, N, None);
         }

@@ -1,4 +1,4 @@
-//! What data do not fix, contradict, or do not fit.
+//! Data that do not determine an unknown, contradict an entered value, or do not fit.
 
 use super::data::Set;
 use super::fit::{Fit, expected};
@@ -6,24 +6,24 @@ use super::model::Group;
 use super::slip::{self, Candidate};
 use super::solve::variance;
 
-/// Faster than this a sample was taken in motion, m/s: the inertia of the platform is then more than
-/// the equations of equilibrium are off by at rest.
+/// Above this cable speed a sample counts as taken in motion, m/s: the inertia of the platform then
+/// exceeds the residual of the equations of equilibrium at rest.
 pub(crate) const MOVING_MPS: f64 = 0.05;
 
-/// What is said of a data set and its estimate, in words.
+/// The verdict on a data set and its estimate, in words.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Verdict {
-    /// Why no answer may be used; `None` where it may.
+    /// Why the answer must not be used; `None` if it may be.
     pub refused: Option<String>,
     /// Cables that slipped: where, when and by how much.
     pub slips: Vec<String>,
-    /// Constants in the robot's description that the data contradict, with the value they want.
+    /// Constants in the robot's description that the data contradict, with the estimated value.
     pub contradicted: Vec<String>,
-    /// Readings that hardly count, as they fit nothing.
+    /// Readings with almost no weight because they do not fit.
     pub distrusted: Vec<String>,
-    /// Unknowns that the data do not fix: they stay at what was known before.
+    /// Unknowns that the data do not determine: they stay at their priors.
     pub open: Vec<String>,
-    /// Unknowns of which only a combination is fixed.
+    /// Unknowns of which only a combination is determined.
     pub together: Vec<String>,
 }
 
@@ -44,15 +44,15 @@ pub fn without_moving(set: &Set) -> Set {
     out
 }
 
-/// Trust below which a reading is named.
+/// Weight below which a reading is named.
 const DISTRUSTED: f64 = 0.25;
-/// Standard deviations from which on an entered constant is contradicted.
+/// Standard deviations above which an entered constant counts as contradicted.
 const CONTRADICTED: f64 = 4.0;
-/// Part of its prior that an unknown keeps where the data do not fix it.
+/// Share of its prior above which the data do not determine an unknown.
 const OPEN: f64 = 0.9;
-/// Correlation from which on two unknowns are one.
+/// Correlation above which two unknowns cannot be separated.
 const ONE: f64 = 0.95;
-/// How much more than expected readings may scatter.
+/// Greatest ratio of the scatter to the expected one.
 const SCATTER: f64 = 8.0;
 
 /// Judges an estimate.
@@ -108,7 +108,7 @@ fn contradictions(fit: &Fit, out: &mut Verdict) {
         };
         let prior = unknown.sigma * unknown.sigma;
         let fixed = prior - fit.solution.covariance[(i, i)];
-        // Too little is said of it to contradict.
+        // Its information is too small to contradict.
         if fixed < 0.02 * prior {
             continue;
         }
@@ -126,7 +126,7 @@ fn contradictions(fit: &Fit, out: &mut Verdict) {
     }
 }
 
-/// Names the readings that hardly count: how many, of how many.
+/// Names the readings with almost no weight: how many, of how many.
 fn distrusted(fit: &Fit, out: &mut Verdict) -> (usize, usize) {
     let (mut named, mut all) = (0, 0);
     for (k, (block, trust)) in fit.solution.blocks.iter().zip(&fit.trust).enumerate() {
@@ -161,7 +161,7 @@ fn observability(fit: &Fit, out: &mut Verdict) {
     let covariance = &fit.solution.covariance;
     let of = |i: usize| covariance[(i, i)].sqrt();
     for (i, unknown) in fit.unknowns.iter().enumerate() {
-        // An eyelet's radius is no unknown.
+        // An eyelet's radius is not an unknown.
         if unknown.sigma.is_finite() && unknown.sigma > 1e-8 && of(i) > OPEN * unknown.sigma {
             let (factor, unit) = unknown.unit;
             let name = &unknown.name;
@@ -182,7 +182,7 @@ fn observability(fit: &Fit, out: &mut Verdict) {
     for (a, one) in fit.unknowns.iter().enumerate() {
         for (b, other) in fit.unknowns.iter().enumerate().skip(a + 1) {
             let correlation = covariance[(a, b)] / (of(a) * of(b));
-            // A session's own part and the common one are two names of one thing.
+            // A session's own part and the common one are the same quantity.
             if correlation.abs() > ONE && !other.name.starts_with(one.name.as_str()) {
                 out.together.push(format!(
                     "{} and {} are nearly one unknown",

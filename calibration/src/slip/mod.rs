@@ -1,13 +1,13 @@
 //! Self-check of a calibrated robot: a cable that slipped on its drum, and a calibration that no
 //! longer holds.
 //!
-//! At rest lengths and tensions are redundant: from the lengths of the length-held cables and the
-//! tension of the other follow its length and their tensions. One pose shows that something slipped;
-//! several, seen from different places, or one look at a tag, show which cable.
+//! At rest lengths and tensions are redundant: the length of the tension-held cable and the
+//! tensions of the others follow from the other lengths and its tension. One pose shows that a
+//! cable slipped; several different poses, or one observation of a tag, show which one.
 //!
 //! The rows of one reading share the tension of the tension-held cable, from which all else is
-//! predicted, and those of all readings what the calibration is off by: they are whitened together
-//! (Aitken, 1936).
+//! predicted, and those of all readings share the errors of the calibration: they are whitened
+//! together (Aitken, 1936).
 
 mod residual;
 
@@ -16,18 +16,18 @@ use mcdpr_kinematics::Pose;
 use nalgebra::{DMatrix, DVector};
 use residual::{Block, Known};
 
-/// What was measured at one resting pose.
+/// Measurements at one resting pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// Paid-out lengths by the drum encoders, m.
     pub lengths_m: Vec<f64>,
     /// Tensions, N.
     pub tensions_n: Vec<f64>,
-    /// world_from_platform by a tag whose place is calibrated, if one was seen.
+    /// world_from_platform by a tag whose pose is calibrated, if one was seen.
     pub seen: Option<Pose>,
 }
 
-/// Standard deviations of what is read. What the calibration is off by comes to it.
+/// Standard deviations of the readings. The errors of the calibration add to them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sigmas {
     /// A length, m.
@@ -36,7 +36,7 @@ pub struct Sigmas {
     pub tension_n: f64,
     /// A tension, relative: pulleys.
     pub tension_relative: f64,
-    /// A length that follows from a look at a tag, m.
+    /// A length that follows from an observation of a tag, m.
     pub seen_m: f64,
 }
 
@@ -52,10 +52,10 @@ impl Default for Sigmas {
 }
 
 impl Sigmas {
-    /// For a calibrated robot whose pulleys rub: a tension at the winch tells that at the platform to
-    /// `tension_relative`, and a look at a tag is no better than the predicted error. With the
-    /// calibration's covariance (`known`) lengths are as good as they are read; without, no better
-    /// than that error.
+    /// For a calibrated robot with friction in its pulleys: a tension at the winch equals that at
+    /// the platform to `tension_relative`, and an observation of a tag has the predicted error.
+    /// With the calibration's covariance (`known`) lengths have the accuracy of the encoders;
+    /// without it, that error.
     #[must_use]
     pub fn calibrated(predicted_error_m: f64, tension_relative: f64, known: bool) -> Self {
         let exact = Self::default();
@@ -69,12 +69,12 @@ impl Sigmas {
     }
 }
 
-/// What the readings say.
+/// The verdict of the readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Finding {
     /// Everything fits.
     Holds,
-    /// Something slipped; the readings do not tell which cable.
+    /// A cable slipped; the readings do not determine which one.
     Slip {
         /// Length that does not fit, m, for the cable that explains most.
         about_m: f64,
@@ -83,27 +83,27 @@ pub enum Finding {
     Cable {
         /// Number of the cable, from 1.
         cable: usize,
-        /// Cable that is off the drum beyond what the encoder says, m.
+        /// Length off the drum beyond the encoder's value, m.
         slip_m: f64,
         /// Its standard deviation, m.
         sigma_m: f64,
     },
     /// No single cable explains the readings: the calibration no longer holds.
     NoLongerHolds {
-        /// Chi-square per degree of freedom that stays with the best cable.
+        /// Chi-square per degree of freedom that remains with the best cable.
         ratio: f64,
     },
 }
 
-/// Gain in chi-square by which something slipped, at one place and at several. One place without a
-/// tag sees one combination of the lengths, whose gain is over the first by chance in 3 of 10 000
-/// checks; several, or a tag, see up to four, each over the second in 1 of 10 000.
+/// Gain in chi-square that indicates slip, at one pose and at several. One pose without a tag
+/// observes one combination of the lengths, whose gain exceeds the first limit by chance in 3 of 10
+/// 000 checks; several poses, or a tag, observe up to four, each above the second in 1 of 10 000.
 const SHOWN: [f64; 2] = [13.0, 15.5];
 /// Gain that names a cable: 4.5 standard deviations.
 const SURE: f64 = 20.0;
-/// Lead in chi-square of the cable to blame over every other one.
+/// Lead in chi-square of the named cable over every other one.
 const LEAD: f64 = 9.0;
-/// Chi-square per degree of freedom that no measurement noise explains, at least: few degrees need
+/// Least chi-square per degree of freedom that measurement noise does not explain: few degrees need
 /// more, see [`most`].
 const RATIO_MAX: f64 = 6.0;
 
@@ -120,7 +120,7 @@ pub struct SelfCheck<'a> {
 }
 
 impl<'a> SelfCheck<'a> {
-    /// Without readings. A calibrated robot's covariance, where its model has one, counts.
+    /// Without readings. Uses a calibrated robot's covariance if its model has one.
     #[must_use]
     pub fn new(model: &'a Model, sigmas: Sigmas) -> Self {
         Self {
@@ -136,8 +136,8 @@ impl<'a> SelfCheck<'a> {
     /// Adds a reading.
     ///
     /// # Errors
-    /// [`PlanError::Holding`] where it is not of this robot, [`PlanError::Lengths`] where no resting
-    /// pose fits the lengths.
+    /// [`PlanError::Holding`] if it is not of this robot, [`PlanError::Lengths`] if no resting pose
+    /// fits the lengths.
     pub fn add(&mut self, reading: &Reading) -> Result<(), PlanError> {
         let count = self.model.robot().cables.len();
         let whole = reading.lengths_m.len() == count && reading.tensions_n.len() == count;
@@ -190,7 +190,7 @@ impl<'a> SelfCheck<'a> {
         Some((value, factor.solve_lower_triangular(&by_slip)?))
     }
 
-    /// What the readings so far say.
+    /// The verdict of the readings so far.
     #[must_use]
     pub fn finding(&self) -> Finding {
         let Some((value, by_slip)) = self.whitened() else {
@@ -228,8 +228,8 @@ impl<'a> SelfCheck<'a> {
     }
 }
 
-/// Chi-square per degree of freedom that is no chance (1 in 10 000; Wilson and Hilferty, 1931), and
-/// not less than [`RATIO_MAX`].
+/// Chi-square per degree of freedom that is exceeded by chance in 1 of 10 000 checks (Wilson and
+/// Hilferty, 1931), and not less than [`RATIO_MAX`].
 fn most(freedom: f64) -> f64 {
     const Z: f64 = 3.72;
     let part = 2.0 / (9.0 * freedom);

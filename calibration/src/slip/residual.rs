@@ -1,4 +1,4 @@
-//! What a reading leaves unexplained, and what it could come from: slips, sensors, the calibration.
+//! Residuals of a reading, and their derivatives by slips, sensors and the calibration.
 
 use super::{Reading, Sigmas};
 use crate::unknowns::Layout;
@@ -13,7 +13,7 @@ const STEP_M: f64 = 2e-4;
 const TENSION_STEP_N: f64 = 0.02;
 const STEP: f64 = 1e-3;
 
-/// How well a calibration is known.
+/// Uncertainty of a calibration.
 #[derive(Debug, Clone)]
 pub(super) struct Known {
     layout: Layout,
@@ -52,15 +52,15 @@ impl Known {
 pub(super) struct Block {
     /// Measured less expected: lengths of tension-held cables (m), tensions of length-held ones (N).
     pub(super) value: DVector<f64>,
-    /// By cable that is off the drum beyond what the encoder says, per m.
+    /// Derivative by each cable's length off the drum beyond the encoder's value, per m.
     pub(super) by_slip: DMatrix<f64>,
-    /// Covariance that the sensors give.
+    /// Covariance from the sensors.
     pub(super) noise: DMatrix<f64>,
-    /// By the calibration's shared unknowns; no columns without a covariance.
+    /// Derivative by the calibration's shared unknowns; no columns without a covariance.
     pub(super) by_unknown: DMatrix<f64>,
 }
 
-/// What the model expects of a reading, less that reading with the sign turned, and the pose.
+/// Expected minus measured values of a reading, and the pose.
 fn residual(
     model: &Model,
     reading: &Reading,
@@ -96,10 +96,10 @@ fn residual(
     Ok((value, rest.equilibrium.pose))
 }
 
-/// The rows of how it hangs.
+/// The rows of lengths and tensions.
 ///
 /// # Errors
-/// [`PlanError::Lengths`] where no resting pose fits the lengths.
+/// [`PlanError::Lengths`] if no resting pose fits the lengths.
 pub(super) fn hung(
     model: &Model,
     reading: &Reading,
@@ -137,14 +137,14 @@ pub(super) fn hung(
     };
     Ok(Block {
         value,
-        // What is off the drum beyond what the encoder says is missing in what was read.
+        // The length off the drum beyond the encoder's value is missing in the reading.
         by_slip: -by_length,
         noise: &spread * spread.transpose() + &off * off.transpose(),
         by_unknown,
     })
 }
 
-/// By the unknowns of the calibration that lengths and tensions depend on.
+/// By the unknowns of the calibration on which lengths and tensions depend.
 fn by_unknown(
     model: &Model,
     reading: &Reading,
@@ -205,7 +205,7 @@ fn by_unknown(
     Ok(out)
 }
 
-/// The rows of a look at a tag: the lengths of where it shows the platform. `None` without one.
+/// The rows of an observation of a tag: the lengths of the pose that it shows. `None` without one.
 pub(super) fn looked(
     model: &Model,
     reading: &Reading,
@@ -222,7 +222,7 @@ pub(super) fn looked(
         value: DVector::from_iterator(count, value),
         by_slip: DMatrix::identity(count, count),
         noise: DMatrix::identity(count, count) * (sigmas.seen_m * sigmas.seen_m),
-        // The predicted error, which `seen_m` holds, is that of the whole way over the picture.
+        // The predicted error, which `seen_m` contains, covers the whole chain through the picture.
         by_unknown: DMatrix::zeros(count, known.map_or(0, |known| known.layout.len())),
     })
 }

@@ -1,7 +1,7 @@
-//! Orders to a robot that is already being moved: stop, pause, resume, jog, clear.
+//! Orders to a robot that another thread is running: stop, pause, resume, jog, clear.
 //!
-//! Exactly one thread speaks to a board. Everybody else (a page, another terminal, a test) holds a
-//! [`Handle`], which gives orders, or an [`Observer`], which only looks. The thread that feeds the
+//! Exactly one thread talks to a board. All others (a page, another terminal, a test) hold a
+//! [`Handle`], which gives orders, or an [`Observer`], which only reads. The thread that feeds the
 //! board takes the orders between two frames, at least every 8 ms.
 
 mod view;
@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// What somebody wants from a robot that is being moved.
+/// What a user can order while the robot is being run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "order")]
 pub enum Order {
@@ -23,13 +23,14 @@ pub enum Order {
     Emergency,
     /// Decelerate along the path and hold under tension.
     Pause,
-    /// Go on along the same path after a pause.
+    /// Continue along the same path after a pause.
     Resume,
-    /// Move the tool at this velocity, world, m/s, until another jog comes or `valid_s` is over.
+    /// Move the tool at this velocity, world, m/s, until another jog arrives or `valid_s` has
+    /// passed.
     Jog {
         /// Velocity of the tool in the world, m/s.
         velocity_mps: [f64; 3],
-        /// How long the order is valid without another one, s: releases by itself.
+        /// How long the order is valid without a new one, s; the jog then ends by itself.
         valid_s: f64,
     },
     /// Acknowledge the latched fault.
@@ -42,7 +43,7 @@ pub enum Order {
 }
 
 impl Order {
-    /// What it is called in messages.
+    /// Its name in messages.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {
@@ -56,25 +57,25 @@ impl Order {
         }
     }
 
-    /// Whether it ends everything that is under way.
+    /// Whether it ends everything in progress.
     #[must_use]
     pub(crate) const fn is_stop(&self) -> bool {
         matches!(self, Self::Stop | Self::Emergency)
     }
 }
 
-/// Number of an order, to ask what became of it.
+/// Number of an order, used to ask for its outcome.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Ticket(u64);
 
-/// What became of an order: done (the board confirmed it), or the reason why not.
+/// Outcome of an order: done (the board confirmed it), or the reason why not.
 pub type Outcome = Result<(), String>;
 
 /// Outcomes are kept for this many orders.
 const OUTCOMES: usize = 64;
-/// More orders than this cannot wait: whoever sends them faster than 8 ms each is broken.
+/// At most this many orders wait: a caller that sends them faster than one per 8 ms is faulty.
 const WAITING: usize = 64;
-/// Orders that are kept for a record until it takes them.
+/// Orders that are kept for the recorder until it takes them.
 const ARRIVED: usize = 1000;
 
 #[derive(Debug, Default)]
@@ -82,19 +83,19 @@ struct Inner {
     next: u64,
     waiting: VecDeque<(Ticket, Order)>,
     outcomes: VecDeque<(Ticket, Outcome)>,
-    /// A stop was ordered and nobody has started anew since.
+    /// A stop was ordered and [`Handle::start_anew`] has not been called since.
     stop: Option<Order>,
     view: View,
-    /// How often the thread that feeds the board has looked for orders.
+    /// How often the thread that feeds the board has polled for orders.
     looks: u64,
-    /// Orders with the number of looks before them, for a record.
+    /// Orders with the number of polls before them, for the recorder.
     arrived: Vec<(u64, Order)>,
-    /// Recorded orders that come again after as many looks.
+    /// Recorded orders that are given again after the same number of polls.
     script: VecDeque<(u64, Order)>,
 }
 
 impl Inner {
-    /// The thread that feeds the board looks for orders: what a record says was there by now, is.
+    /// Counts a poll and releases the recorded orders that are due.
     fn look(&mut self) {
         while let Some((_, order)) = self.due() {
             place(self, order);
@@ -134,7 +135,7 @@ impl Shared {
             found = ready(inner);
             found.is_none()
         };
-        // A panic elsewhere must not hide what was found.
+        // A panic elsewhere must not hide the outcome.
         let _ = self
             .changed
             .wait_timeout_while(self.lock(), timeout, not_yet);
@@ -142,7 +143,7 @@ impl Shared {
     }
 }
 
-/// Gives orders to whoever feeds the board. Clones give orders to the same robot.
+/// Gives orders to the thread that feeds the board. Clones give orders to the same robot.
 ///
 /// ```
 /// use mcdpr_core::control::{Handle, Order};
@@ -158,13 +159,13 @@ pub struct Handle {
 }
 
 impl Handle {
-    /// For one robot.
+    /// A handle for one robot.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Somebody who only looks.
+    /// A reader for this robot.
     #[must_use]
     pub fn observer(&self) -> Observer {
         Observer {
@@ -172,12 +173,12 @@ impl Handle {
         }
     }
 
-    /// Gives an order and returns at once. A stop goes before everything that waits; a jog
-    /// replaces a jog that waits.
+    /// Gives an order and returns at once. A stop goes before all waiting orders; a jog replaces a
+    /// waiting jog.
     pub fn order(&self, order: Order) -> Ticket {
         let mut inner = self.shared.lock();
         let looks = inner.looks;
-        // Nobody may be recording; a flood is refused anyway.
+        // There may be no recorder; the list is bounded.
         if inner.arrived.len() < ARRIVED {
             inner.arrived.push((looks, order));
         }
@@ -220,13 +221,13 @@ impl Handle {
         self.order(Order::Clear)
     }
 
-    /// What became of an order so far; `None` while it waits, or when it is long gone.
+    /// The outcome of an order so far; `None` while it waits, or when it is too old to be kept.
     #[must_use]
     pub fn outcome(&self, ticket: Ticket) -> Option<Outcome> {
         find(&self.shared.lock(), ticket)
     }
 
-    /// Waits for what becomes of an order.
+    /// Waits for the outcome of an order.
     #[must_use]
     pub fn wait(&self, ticket: Ticket, timeout: Duration) -> Option<Outcome> {
         self.shared.wait_until(timeout, |inner| find(inner, ticket))
@@ -240,8 +241,8 @@ impl Handle {
         inner.waiting.pop_front()
     }
 
-    /// A handle that gives recorded orders again, each when the thread that feeds the board has
-    /// looked as often as it had when the order came: so a run with orders replays exactly.
+    /// A handle that repeats recorded orders. Each is given at the same poll of the feeding thread
+    /// as in the record, so a run with orders replays exactly.
     #[must_use]
     pub fn scripted(orders: impl IntoIterator<Item = (u64, Order)>) -> Self {
         let handle = Self::new();
@@ -249,20 +250,20 @@ impl Handle {
         handle
     }
 
-    /// Orders that came since the last call, each with the number of looks before it.
+    /// Orders that arrived since the last call, each with the number of polls before it.
     #[must_use]
     pub fn arrived(&self) -> Vec<(u64, Order)> {
         std::mem::take(&mut self.shared.lock().arrived)
     }
 
-    /// Counts looks from zero again: a new run begins.
+    /// Counts polls from zero again: a new run begins.
     pub fn count_anew(&self) {
         let mut inner = self.shared.lock();
         inner.looks = 0;
         inner.arrived.clear();
     }
 
-    /// [`Order::Stop`] by the user's interrupt, which the feeding thread has seen at its last look.
+    /// [`Order::Stop`] by the user's interrupt, which the feeding thread has seen at its last poll.
     pub fn interrupt(&self) {
         let mut inner = self.shared.lock();
         let looks = inner.looks.saturating_sub(1);
@@ -272,7 +273,7 @@ impl Handle {
         }
     }
 
-    /// Says what became of an order.
+    /// Reports the outcome of an order.
     pub fn done(&self, ticket: Ticket, outcome: Outcome) {
         finish(&mut self.shared.lock(), ticket, outcome);
         self.shared.changed.notify_all();
@@ -286,13 +287,13 @@ impl Handle {
         inner.stop
     }
 
-    /// Forgets an old stop: somebody starts a new piece of work on purpose.
+    /// Forgets an old stop: the user starts new work on purpose.
     pub fn start_anew(&self) {
         self.shared.lock().stop = None;
     }
 
-    /// Refuses whatever waits: nobody is there any more who could do it. Stops count as done: a
-    /// robot that nobody moves stands still with its brakes closed.
+    /// Refuses all waiting orders because no thread feeds the robot any more. Stops count as done:
+    /// the robot is at rest with its brakes closed.
     pub fn close(&self, reason: &str) {
         let mut inner = self.shared.lock();
         let late: Vec<_> = inner.waiting.drain(..).collect();
@@ -322,20 +323,20 @@ impl Handle {
     }
 }
 
-/// Looks at a robot that is being moved, and can do no more.
+/// Reads the state of a robot that is being run; cannot give orders.
 #[derive(Debug, Clone)]
 pub struct Observer {
     shared: Arc<Shared>,
 }
 
 impl Observer {
-    /// What is known now.
+    /// The current view.
     #[must_use]
     pub fn view(&self) -> View {
         self.shared.lock().view.clone()
     }
 
-    /// Waits for something newer than a view that was seen ([`View::revision`]).
+    /// Waits for a view newer than the given revision ([`View::revision`]).
     #[must_use]
     #[cfg(test)]
     pub(crate) fn newer_than(&self, revision: u64, timeout: Duration) -> Option<View> {
@@ -345,7 +346,7 @@ impl Observer {
     }
 }
 
-/// Puts an order in line.
+/// Queues an order.
 fn place(inner: &mut Inner, order: Order) -> Ticket {
     inner.next += 1;
     let ticket = Ticket(inner.next);

@@ -4,22 +4,22 @@ use crate::faults::describe_fault;
 use mcdpr_protocol::{BoardState, Status};
 use serde::{Deserialize, Serialize};
 
-/// A robot that is being moved, SI units; what is not known yet is `None` or empty.
+/// State of a robot that is being run, SI units; what is not known yet is `None` or empty.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct View {
     /// Grows with every change.
     pub revision: u64,
-    /// The board's tick of what follows.
+    /// The board's tick at which the values below were sampled.
     pub tick: u32,
-    /// What the board does.
+    /// The board's state.
     pub state: Option<BoardState>,
-    /// The task under way.
+    /// The task in progress.
     pub task: Option<String>,
     /// Whether a motion is held on its path.
     pub paused: bool,
     /// Path time reached, s.
     pub path_s: f64,
-    /// Duration of the motion under way, s.
+    /// Duration of the motion in progress, s.
     pub duration_s: f64,
     /// Paid-out length of each cable by its drum encoder, m.
     pub lengths_m: Vec<f64>,
@@ -40,7 +40,7 @@ pub struct View {
 }
 
 impl View {
-    /// Takes over what a board said about itself.
+    /// Takes over the values of a board's status.
     pub fn take_status(&mut self, status: &Status) {
         self.tick = status.tick.0;
         self.state = Some(status.state);

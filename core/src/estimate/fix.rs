@@ -1,4 +1,4 @@
-//! The least squares.
+//! The least-squares solver.
 
 use super::rows::{self, Measurements, Sigmas};
 use crate::motion::{Model, PlanError, Rest};
@@ -6,13 +6,14 @@ use miette::Diagnostic;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3, Vector4};
 use thiserror::Error;
 
-/// Steps at the most; it takes four or five.
+/// At most this many steps; it usually takes four or five.
 const MOST_STEPS: usize = 40;
-/// Unknowns: the tool's place (m), the held tension (N), the attitude off statics (rad).
+/// Unknowns: the tool's position (m), the tension of the tension-held cable (N), the attitude
+/// relative to statics (rad).
 const UNKNOWNS: usize = 7;
-/// Rows that are no measurement: the attitude's three.
+/// Rows that are not measurements: the attitude's three.
 const PRIORS: usize = 3;
-/// Small changes for derivatives.
+/// Step sizes of the numerical derivatives.
 const CHANGES: [f64; UNKNOWNS] = [1e-5, 1e-5, 1e-5, 1e-3, 1e-5, 1e-5, 1e-5];
 
 type Unknowns = SVector<f64, UNKNOWNS>;
@@ -25,7 +26,7 @@ fn turned(x: &Unknowns) -> Vector3<f64> {
     x.fixed_rows::<3>(4).into_owned()
 }
 
-/// Why nothing can be said about where the platform is.
+/// Why the platform's position cannot be estimated.
 #[derive(Debug, Error, Diagnostic)]
 pub enum EstimateError {
     /// Fewer rows than unknowns.
@@ -35,10 +36,10 @@ pub enum EstimateError {
         help("give the lengths of all cables, or a view of a tag whose place is known")
     )]
     Few {
-        /// Values.
+        /// Number of values.
         rows: usize,
     },
-    /// A value is no number.
+    /// A value is NaN or infinite.
     #[error("a measured value is not a finite number")]
     #[diagnostic(code(mcdpr::estimate::finite))]
     NotFinite,
@@ -61,7 +62,7 @@ pub enum EstimateError {
     },
 }
 
-/// Where the platform is.
+/// Estimated state of the platform.
 #[derive(Debug, Clone)]
 pub struct Estimate {
     /// How it hangs.
@@ -185,7 +186,7 @@ pub(super) fn solve(
         let Some(step) = damped.cholesky().map(|c| c.solve(&-gradient)) else {
             return Err(EstimateError::Rank);
         };
-        // A step of more than a hand's width is no step of this problem.
+        // A step larger than a hand's width is not plausible in this problem.
         let step = step * (0.05 / place(&step).norm().max(0.05));
         let tried = x + step;
         let better = at(&tried, Some(&rest)).ok().filter(|near| {
@@ -243,5 +244,5 @@ pub(super) fn solve(
     })
 }
 
-/// Standard deviation of a tension that was not measured, N.
+/// Standard deviation assumed for a tension that was not measured, N.
 const PRIOR_N: f64 = 2.0;

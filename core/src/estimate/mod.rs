@@ -1,12 +1,13 @@
-//! Where the platform is and how it hangs, from everything that was measured: lengths of the drum
-//! encoders, tensions at the winches, tags in pictures.
+//! The platform's position and how it hangs, from all measurements: lengths of the drum encoders,
+//! tensions at the winches, tags in pictures.
 //!
-//! Unknown are the tool's place and the tension of the tension-held cable, four numbers: at rest
-//! statics give the attitude, every length and every tension from them. Three more say how far the
-//! attitude is from that of statics (a centre of mass a millimetre off tilts the platform by a
-//! milliradian or two), held near zero by their own standard deviation; only pictures see them. Four lengths and four
-//! tensions are eight rows for these four unknowns, a tag adds eight more. What the rows disagree
-//! by is the redundancy residual: a cable that slipped on its drum shows in it.
+//! The unknowns are the tool's position and the tension of the tension-held cable, four numbers: at
+//! rest statics give the attitude, every length and every tension from them. Three more describe
+//! how far the attitude differs from that of statics (a centre of mass 1 mm off tilts the platform
+//! by 1 to 2 mrad). They are held near zero by their own standard deviation; only pictures observe
+//! them. Four lengths and four tensions are eight rows for these four unknowns, a tag adds eight
+//! more. The disagreement between the rows is the redundancy residual: a cable that slipped on its
+//! drum shows in it.
 //!
 //! Weighted least squares (Gauss, 1809; steps after Levenberg, 1944, and Marquardt, 1963) with the
 //! rows' standard deviations, which are assumptions that a user can change.

@@ -1,4 +1,4 @@
-//! What was measured, and what a resting state predicts for it.
+//! The measurements, and what a resting state predicts for them.
 
 use crate::motion::{Model, Rest};
 use crate::robot::Control;
@@ -6,14 +6,15 @@ use crate::sight::TagView;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Rotation3, Vector3};
 
-/// Standard deviations of what is measured.
+/// Standard deviations of the measurements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sigmas {
-    /// A drum encoder's length, m: half a count, and what an anchor is off.
+    /// A drum encoder's length, m: half a count, and the error of an anchor.
     pub length_m: f64,
-    /// A tension, N: the sensor, and what a pulley's friction hides.
+    /// A tension, N: the sensor, and the friction of a pulley.
     pub tension_n: f64,
-    /// How far the attitude is from that of statics, per axis, rad: the centre of mass.
+    /// How far the attitude differs from that of statics, per axis, rad: the error of the centre of
+    /// mass.
     pub attitude_rad: f64,
 }
 
@@ -27,7 +28,7 @@ impl Default for Sigmas {
     }
 }
 
-/// Where a rigid body of tags is: its number, and world_from_body.
+/// Pose of a rigid body of tags: its number, and world_from_body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TagPlace {
     /// Number of the body.
@@ -36,7 +37,7 @@ pub struct TagPlace {
     pub world_from_body: Pose,
 }
 
-/// Everything that was measured of a robot at rest; what was not is empty.
+/// All measurements of a robot at rest; what was not measured is empty.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Measurements {
     /// Paid-out lengths, one per cable, m.
@@ -45,7 +46,7 @@ pub struct Measurements {
     pub tensions_n: Vec<f64>,
     /// Tags in one or more pictures of the same resting pose.
     pub views: Vec<TagView>,
-    /// Where their bodies are.
+    /// The poses of their bodies.
     pub places: Vec<TagPlace>,
 }
 
@@ -68,7 +69,7 @@ pub(super) fn residuals(
     let tensions = measured.tensions_n.iter().zip(rest.tensions_n());
     out.extend(tensions.map(|(seen, said)| (seen - said) / sigmas.tension_n));
     let camera = &model.robot().camera;
-    // Turned about the tool, whose place is an unknown of its own.
+    // Turned about the tool, whose position is a separate unknown.
     let tool = &model.robot().tool.tcp_in_platform_m;
     let pose = &rest.equilibrium.pose;
     let rotation = Rotation3::new(*turned) * pose.rotation;
@@ -99,7 +100,7 @@ pub(super) fn residuals(
     Some(())
 }
 
-/// The tension-held cable's tension that was measured, or its set-point.
+/// The measured tension of the tension-held cable, or its set-point.
 pub(super) fn held_tension_n(model: &Model, measured: &Measurements) -> f64 {
     let cables = model.robot().cables.iter().zip(&measured.tensions_n);
     let mut held = cables.filter(|(cable, _)| cable.control == Control::Tension);

@@ -5,7 +5,7 @@ use super::rows::{Measurements, Sigmas};
 use crate::motion::Model;
 use nalgebra::Vector4;
 
-/// Below this sum of squares over freedoms nothing is wrong.
+/// Below this sum of squares per degree of freedom there is no fault.
 const FINE: f64 = 3.0;
 /// A cable is named when leaving its length out explains this share of the disagreement.
 const EXPLAINS: f64 = 0.7;
@@ -99,7 +99,7 @@ mod tests {
         assert_eq!(found.freedoms, 4);
         assert!(found.chi2 < 1e-6);
         let sigma_m = found.covariance_m2.diagonal().map(f64::sqrt);
-        // Of the order of the lengths' own scatter.
+        // Of the order of the scatter of the lengths.
         assert!(
             sigma_m.iter().all(|s| (5e-5..3e-3).contains(s)),
             "{sigma_m}"

@@ -1,21 +1,22 @@
 //! The board's clock, seen from the host: offset and drift from the answers to heartbeats.
 //!
-//! An answer says which tick it was at some moment between sending and receiving; the shorter the
-//! round trip, the better (Cristian, 1989). Of every quarter of a second the shortest is kept, and
-//! a line through half a minute of them gives offset and drift: least squares, each weighed by
-//! what its round trip leaves open.
+//! An answer gives the board's tick at some moment between sending and receiving; the shorter the
+//! round trip, the smaller the uncertainty (Cristian, 1989). The shortest of every quarter of a
+//! second is kept, and a line fitted through half a minute of them gives offset and drift: least
+//! squares, each point weighted by the uncertainty of its round trip.
 
 use std::collections::VecDeque;
 
-/// Of this long, the best answer is kept, µs.
+/// The best answer of each interval of this length is kept, µs.
 const WINDOW_US: u64 = 250_000;
 /// Answers that are kept: half a minute.
 const KEPT: usize = 120;
-/// Crystals differ by this much before anything was measured, as a share (standard deviation).
+/// Assumed difference between two crystals before anything was measured, as a share (standard
+/// deviation).
 const DRIFT_PRIOR: f64 = 100e-6;
-/// The board's clock jumped where it is this far from the estimate beyond the round trip, µs. A
-/// restarted board is told by ticks that run backwards, whatever this is; a simulator on a busy
-/// machine, which falls behind and catches up, is none.
+/// The board's clock jumped if it is this far from the estimate beyond the round trip, µs. A
+/// restarted board is detected by ticks that run backwards, independent of this limit. A simulator
+/// on a busy machine falls behind and catches up; that does not count as a jump.
 const JUMP_US: f64 = 700_000.0;
 
 /// One answer.
@@ -25,11 +26,11 @@ struct Point {
     at_us: u64,
     /// The board's time then, µs since its first answer; a tick lasts a millisecond, so its middle.
     board_us: f64,
-    /// What is left open, µs (standard deviation).
+    /// Uncertainty, µs (standard deviation).
     sigma_us: f64,
 }
 
-/// The board's clock ran backwards or leapt: it is not the board that it was.
+/// The board's clock ran backwards or jumped: the board restarted or was exchanged.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Jump {
     /// Board time minus the time expected, ms.
@@ -54,7 +55,7 @@ struct Line {
     origin_us: u64,
     offset_us: f64,
     drift: f64,
-    /// What its best point leaves open, µs (standard deviation).
+    /// Uncertainty of its best point, µs (standard deviation).
     sigma_us: f64,
 }
 
@@ -74,11 +75,11 @@ fn difference(a: u64, b: u64) -> f64 {
 }
 
 impl BoardClock {
-    /// Takes an answer: the tick that it tells, when its question was sent and when it came, link
-    /// time, µs.
+    /// Takes an answer: the tick that it reports, when its request was sent and when it arrived,
+    /// link time, µs.
     ///
     /// # Errors
-    /// [`Jump`] where the board's clock ran backwards, or is 0.7 s from where it was to be; the
+    /// [`Jump`] if the board's clock ran backwards, or is 0.7 s away from the expected value; the
     /// estimate stays as it was.
     pub fn observe(&mut self, tick: u32, sent_us: u64, received_us: u64) -> Result<(), Jump> {
         #[expect(
@@ -108,7 +109,7 @@ impl BoardClock {
         let at_us = sent_us + received_us.saturating_sub(sent_us) / 2;
         if let Some(line) = &self.line {
             let off_us = board_us - line.at(at_us);
-            // Either round trip may have been spent on one way alone.
+            // The whole round trip may have been spent in one direction.
             if off_us.abs() > JUMP_US + round_trip_us + 2.0 * line.sigma_us {
                 let by_ms = off_us * 1e-3;
                 return Err(Jump { by_ms });
@@ -143,7 +144,7 @@ impl BoardClock {
         let Some(first) = points().next() else { return };
         let weight = |point: &Point| point.sigma_us.powi(-2);
         let x = |point: &Point| difference(point.at_us, first.at_us);
-        // What the board's clock is ahead by: small numbers.
+        // How far the board's clock is ahead: small numbers.
         let y = |point: &Point| point.board_us - x(point);
         let sum: f64 = points().map(weight).sum();
         let mean_x = points().map(|p| weight(p) * x(p)).sum::<f64>() / sum;
@@ -169,7 +170,7 @@ impl BoardClock {
         Some(f64::from(self.first_tick) + line.at(time_us) * 1e-3)
     }
 
-    /// Ticks from `tick`, which an answer told, to a link time, µs; never under zero.
+    /// Ticks from `tick`, reported in an answer, to a link time, µs; never below zero.
     #[must_use]
     pub(crate) fn ticks_since(&self, tick: u32, time_us: u64) -> f64 {
         let (Some(line), Some((last, ticks))) = (&self.line, self.last) else {
@@ -242,7 +243,7 @@ mod tests {
         assert!(back.by_ms < 0.0, "{back:?}");
         let leap = clock.observe(tick + 900, now, now + 2000).unwrap_err();
         assert!((leap.by_ms - 900.0).abs() < 5.0, "{leap:?}");
-        // What was refused has changed nothing.
+        // A refused answer has changed nothing.
         clock.observe(tick, now, now + 2000).unwrap();
         assert!((clock.drift() - 50e-6).abs() < 15e-6);
         assert_eq!(BoardClock::default().tick_at(5), None);

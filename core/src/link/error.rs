@@ -1,4 +1,4 @@
-//! Why a board did not do what was asked, in words with a remedy.
+//! Why a board did not execute a request, in words with a remedy.
 
 use super::LinkError;
 use crate::faults::{describe_reject, reject_advice};
@@ -6,14 +6,14 @@ use mcdpr_protocol::{PROTOCOL_MAJOR, PROTOCOL_MINOR, Reject};
 use miette::Diagnostic;
 use thiserror::Error;
 
-/// Why a board did not do what was asked.
+/// Why a board did not execute a request.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ClientError {
     /// The line is gone.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Link(#[from] LinkError),
-    /// Nobody answers.
+    /// No answer.
     #[error("no board answers on this line")]
     #[diagnostic(
         code(mcdpr::board::silent),
@@ -37,7 +37,7 @@ pub enum ClientError {
     #[diagnostic(
         code(mcdpr::board::clock),
         help(
-            "it may have restarted: it stands with closed brakes then; connect again. Of a `sim --pty --time-scale X`, give the same --time-scale"
+            "it may have restarted; its brakes are closed then: connect again. For a `sim --pty --time-scale X`, give the same --time-scale"
         )
     )]
     ClockRanBack {

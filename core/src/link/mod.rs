@@ -20,7 +20,7 @@ use thiserror::Error;
 
 /// A byte stream to one board, and its clock.
 pub trait Link {
-    /// Time of the last call's return, µs since the link was opened. Never runs backwards.
+    /// Time at which the last call returned, µs since the link was opened. Never runs backwards.
     fn now_us(&self) -> u64;
 
     /// Sends bytes now.
@@ -36,22 +36,22 @@ pub trait Link {
     /// The line is gone.
     fn receive(&mut self, until_us: u64, into: &mut Vec<u8>) -> Result<u64, LinkError>;
 
-    /// Hears what the host knows besides the bytes. Only a line that somebody watches cares.
+    /// Passes what the host knows besides the bytes. Only observed lines use it.
     fn note(&mut self, _note: Note<'_>) {}
 
-    /// Whether its time goes on while nobody waits on the link, as a board's does and virtual time
-    /// does not.
+    /// Whether its time runs while no call waits on the link: true for a real board, false for
+    /// virtual time.
     fn goes_on(&self) -> bool {
         false
     }
 }
 
-/// What the host knows besides the bytes, for those who watch a line.
+/// What the host knows besides the bytes, for observers of a line.
 #[derive(Debug, Clone, Copy)]
 pub enum Note<'a> {
     /// The plan that is about to be run.
     Plan(&'a crate::motion::Plan),
-    /// Words for the record.
+    /// Text for the record.
     Remark(&'a str),
     /// A picture that was taken, with what was found in it.
     Picture(&'a crate::sight::Shown),
@@ -93,7 +93,7 @@ impl<L: Link + ?Sized> Link for Box<L> {
     }
 }
 
-/// Why there is no line to a board.
+/// Why a line to a board could not be opened.
 #[derive(Debug, Error, Diagnostic)]
 pub enum LinkError {
     /// There is no such port.
@@ -105,7 +105,7 @@ pub enum LinkError {
     NoPort {
         /// The port asked for.
         port: String,
-        /// What exists instead.
+        /// The existing ports.
         found: String,
     },
     /// The port is there, but another program has it.
@@ -132,7 +132,7 @@ pub enum LinkError {
         /// The port asked for.
         port: String,
     },
-    /// Something is at that path, but no serial port.
+    /// The path exists but is not a serial port.
     #[error("{port} cannot be opened as a serial port: {reason}")]
     #[diagnostic(
         code(mcdpr::link::unusable),
@@ -141,10 +141,10 @@ pub enum LinkError {
     Unusable {
         /// The port asked for.
         port: String,
-        /// What the system said.
+        /// The system's message.
         reason: String,
     },
-    /// The line was there and is gone.
+    /// The line was open and has failed.
     #[error("the line to the board broke: {reason}")]
     #[diagnostic(
         code(mcdpr::link::broken),
@@ -153,10 +153,10 @@ pub enum LinkError {
         )
     )]
     Broken {
-        /// What the system said.
+        /// The system's message.
         reason: String,
     },
-    /// The simulated robot left the region where its physics holds.
+    /// The simulated robot left the region in which its physics is valid.
     #[error("the simulated robot failed")]
     #[diagnostic(
         code(mcdpr::link::plant),

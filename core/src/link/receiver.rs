@@ -1,4 +1,4 @@
-//! Bytes of a board to its messages.
+//! Decodes a board's bytes into messages.
 
 use super::client::Event;
 use super::{Link, LinkError};
@@ -9,7 +9,7 @@ use mcdpr_protocol::{Answer, Channel, Deframer, Hello, message};
 pub(super) struct Receiver {
     deframer: Deframer,
     bytes: Vec<u8>,
-    /// Frames that were none.
+    /// Number of damaged frames.
     pub frames_bad: u64,
 }
 
@@ -21,7 +21,7 @@ pub(super) enum Message {
 }
 
 impl Receiver {
-    /// What arrives until then, link time, µs.
+    /// Reads what arrives until then, link time, µs.
     ///
     /// # Errors
     /// The line is gone.

@@ -1,8 +1,8 @@
-//! Keeps what goes over a line, both ways, with its times.
+//! Keeps the traffic of a line, both ways, with its times.
 
 use super::{Link, LinkError};
 
-/// Which way bytes went.
+/// Direction of the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
     /// From host to board.
@@ -16,14 +16,14 @@ pub enum Direction {
 pub struct RawFrame {
     /// The link's time, µs.
     pub time_us: u64,
-    /// Which way.
+    /// Direction.
     pub direction: Direction,
     /// The bytes; empty where a wait ended without any (the clock was read all the same).
     pub bytes: Vec<u8>,
 }
 
-/// A line whose traffic is shown to `sink`, waits that brought nothing included: the sequence of
-/// calls and their times is all that a replay needs.
+/// A line that passes its traffic to `sink`, including waits that brought nothing: a replay needs
+/// only the sequence of calls and their times.
 pub struct Tee<L, S> {
     inner: L,
     sink: S,

@@ -27,7 +27,8 @@ const STOP_MS: i32 = 300;
 const RESIDUAL_MS: i32 = 100;
 /// Time a drive needs to enable: the RMDS's reset and mode, ms.
 const RMDS_ENABLE_MS: i32 = 1100;
-/// CiA 402 walks its state machine in some milliseconds, ms.
+/// Time a CiA 402 drive needs to enable, ms: it goes through its state machine in some
+/// milliseconds.
 const CIA402_ENABLE_MS: i32 = 500;
 /// Age at which a drive's feedback counts as lost, ms (D3).
 const FEEDBACK_MS: i32 = 10;
@@ -35,18 +36,18 @@ const FEEDBACK_MS: i32 = 10;
 const BUS_LATENCY_S: f64 = 0.000_25;
 /// Following error that is a fault, µm (S2, D7).
 const FOLLOWING_UM: i32 = 1000;
-/// A slack cable is reeled in no faster than this, m/s: slowly enough to look on.
+/// A slack cable is reeled in no faster than this, m/s: slow enough to watch.
 const MOST_REEL_MPS: f64 = 0.02;
-/// A cable may be this much faster than the motor's limit says before the board refuses, as a
-/// share: rounding must not refuse a motion at the very limit.
+/// A cable may exceed the speed limit that follows from the motor by this share before the board
+/// refuses: rounding must not refuse a motion exactly at the limit.
 const SPEED_MARGIN: f64 = 1.02;
 
-/// How much more a cable may accelerate than the tool along its path before board and plan refuse:
-/// curves, tilt and the cubics between knots take it to 1.25 times in the built-in tasks; a length
-/// that is wrong by a millimetre takes it further than this.
+/// Ratio of the cable's acceleration to the tool's above which board and plan refuse: curves, tilt
+/// and the cubics between knots reach 1.25 in the built-in tasks; a length that is wrong by a
+/// millimetre exceeds this ratio.
 const RATES_MARGIN: f64 = 3.0;
 
-/// What the cables of a robot may be commanded (K3).
+/// Limits on what the cables of a robot may be commanded (K3).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CableRates {
     /// Acceleration, m/s².
@@ -56,7 +57,7 @@ pub struct CableRates {
 }
 
 impl CableRates {
-    /// The most that a board can hold.
+    /// The greatest values that a board can represent.
     pub const LARGEST: Self = Self {
         acceleration_mps2: 1e3,
         jerk_mps3: 1e4,
@@ -188,7 +189,7 @@ fn cable(
     put(CableKey::MaxSpeed, speed * 1e6)?;
     let turn = std::f64::consts::TAU * winch.drum_radius_m;
     put(CableKey::LengthMin, 0.0)?;
-    // What the drum holds; a cable longer than that is not on it.
+    // Capacity of the drum; a longer cable does not fit on it.
     put(CableKey::LengthMax, winch.turns_max.max(1.0) * turn * 1e7)?;
     put(CableKey::Node, f64::from(winch.node))?;
     put(
@@ -209,13 +210,13 @@ fn cable(
     put(CableKey::BrakePlay, winch.brake_play_m * 1e7)
 }
 
-/// Speed at which a slack cable is reeled in, m/s. A drum that is stopped by its cable gives it a
-/// blow of `v sqrt(k m)`; it shall be no more than three tenths of the set-point.
+/// Speed at which a slack cable is reeled in, m/s. A drum that is stopped by its cable gives it an
+/// impact of `v sqrt(k m)`; it must not exceed three tenths of the set-point.
 fn reel_speed_mps(robot: &Robot, index: usize, winch: &Winch) -> f64 {
     let Some(cable) = robot.cables.get(index) else {
         return MOST_REEL_MPS;
     };
-    // The shortest cable is the stiffest: that of the routing and as much again.
+    // The shortest cable is the stiffest: the length of the routing, twice.
     let length_m = (2.0 * cable.routing_length_m).max(0.2);
     let stiffness_n_per_m = cable.ea_n / length_m;
     let blow_n = 0.3 * robot.tension.setpoint_n;
@@ -226,7 +227,7 @@ fn reel_speed_mps(robot: &Robot, index: usize, winch: &Winch) -> f64 {
         .max(1e-6)
 }
 
-/// The hash that host and board must agree on.
+/// The hash that must be the same on host and board.
 #[must_use]
 pub fn hash_of(entries: &[ConfigEntry]) -> ConfigHash {
     config_hash(entries.iter().copied())

@@ -1,4 +1,4 @@
-//! What one plan may ask for: checked before anything is solved or allocated.
+//! Bounds on one plan: checked before anything is solved or allocated.
 
 use super::model::Model;
 use super::path::Path;
@@ -8,10 +8,10 @@ use crate::robot::Robot;
 use nalgebra::Vector3;
 use std::f64::consts::{PI, TAU};
 
-/// A step's path is looked at in this many places at most.
+/// At most this many points of a step's path are checked.
 const LOOKS: u32 = 64;
 
-/// That steps are no more, no longer and no further than one plan takes.
+/// Checks that number, duration and reach of the steps are within the bounds of one plan.
 ///
 /// # Errors
 /// [`PlanError::Large`], [`PlanError::Long`], [`PlanError::Reach`].
@@ -44,7 +44,7 @@ pub(super) fn check(model: &Model, steps: &[Step]) -> Result<(), PlanError> {
     if length_m > LONGEST_M {
         return large("metres of path", length_m, LONGEST_M);
     }
-    // What is not a number passes: the piece that it belongs to is refused by name.
+    // NaN passes here: the piece that it belongs to is refused by name.
     if least_s > LONGEST_S {
         return Err(PlanError::Long {
             duration_s: least_s,
@@ -53,7 +53,7 @@ pub(super) fn check(model: &Model, steps: &[Step]) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// That no place of a path is further from an anchor than its cable reaches.
+/// Checks that no point of a path is further from an anchor than its cable reaches.
 fn reached(robot: &Robot, reaches_m: &[f64], step: usize, path: &Path) -> Result<(), PlanError> {
     for look in 0..=LOOKS {
         let way_m = path.length_m() * f64::from(look) / f64::from(LOOKS);
@@ -76,8 +76,9 @@ fn reached(robot: &Robot, reaches_m: &[f64], step: usize, path: &Path) -> Result
     Ok(())
 }
 
-/// How far from its anchor a cable can hold the tool at most, m: all that the drum takes, stretched
-/// by the greatest tension, with the pulley's wrap, and the platform between cable and tool.
+/// Greatest distance from its anchor at which a cable can hold the tool, m: the drum's whole
+/// capacity, stretched by the greatest tension, with the pulley's wrap, and the platform between
+/// cable and tool.
 fn reach_m(robot: &Robot, index: usize) -> f64 {
     let (Some(cable), Some(winch)) = (robot.cables.get(index), robot.winch_of(index)) else {
         return f64::INFINITY;

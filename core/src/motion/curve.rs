@@ -18,7 +18,7 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    /// The curve through points, at least three, no two consecutive ones together.
+    /// The curve through at least three points; consecutive points must differ.
     pub(super) fn through(points_m: &[Vector3<f64>]) -> Result<Self, PathError> {
         let mut chords = vec![0.0];
         let mut sum = 0.0;
@@ -155,7 +155,7 @@ mod tests {
             assert!((angle * radius - way).abs() < 5e-6, "{way}");
             assert!((point.tangent.norm() - 1.0).abs() < 1e-9);
         }
-        // Way by way: the arc length is the parameter.
+        // Coordinate by coordinate: the arc length is the parameter.
         let h = 1e-5;
         let chord = (curve.at(0.1 + h).position_m - curve.at(0.1).position_m).norm();
         assert!((chord / h - 1.0).abs() < 1e-4, "{chord}");

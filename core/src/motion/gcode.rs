@@ -1,16 +1,17 @@
-//! A subset of G-code (ISO 6983, as RS274/NGC reads it), since users of cable machines bring it.
+//! A subset of G-code (ISO 6983, as RS274/NGC reads it), because users of cable machines bring such
+//! programs.
 //!
 //! Understood: `G0` `G1` `G2` `G3` (arcs in the horizontal plane by `I` `J`, no change of height),
 //! `G4 P` (seconds), `G17`, `G21`, `G90` `G91`, `M3` (close the gripper), `M5` (open it), `M2`
 //! `M30` (end), `F` (mm/min), `N` numbers, comments in parentheses or after a semicolon. Anything
-//! else is refused with its line and column: a word that is skipped could be the one that mattered.
+//! else is refused with its line and column, because a skipped word could be an important one.
 
 use super::path::{Path, PathError, Piece, near};
 use super::plan::MOST_STEPS;
 use super::timed::Step;
 use nalgebra::Vector3;
 
-/// What cannot be followed, and where.
+/// The part of a program that is not understood, and where it is.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct GCodeError {
     /// Line, from 1.
@@ -29,9 +30,9 @@ struct Word {
     column: usize,
 }
 
-/// What stays from line to line.
+/// State that carries over from line to line.
 struct Machine {
-    /// Where the tool is, mm; unknown until all of X, Y and Z were said.
+    /// Position of the tool, mm; unknown until all of X, Y and Z were given.
     at_mm: [Option<f64>; 3],
     absolute: bool,
     /// G0 to G3.
@@ -117,7 +118,7 @@ fn words(line: &str) -> Result<Vec<Word>, Wrong> {
                     (at + 1, format!("{c} needs a number, there is {shown}"))
                 })?;
                 if !value.is_finite() {
-                    return Err((at + 1, format!("{c}{number} is no finite number")));
+                    return Err((at + 1, format!("{c}{number} is not a finite number")));
                 }
                 words.push(Word {
                     letter: c.to_ascii_uppercase(),
@@ -133,7 +134,7 @@ fn words(line: &str) -> Result<Vec<Word>, Wrong> {
 }
 
 impl Machine {
-    /// One line; whether the program ends with it.
+    /// Reads one line; returns whether the program ends with it.
     fn block(&mut self, words: &[Word]) -> Result<bool, Wrong> {
         let mut axes: [Option<Word>; 3] = [None; 3];
         let (mut offset_i, mut offset_j, mut wait) = (None, None, None);
@@ -234,7 +235,7 @@ impl Machine {
         let wrong = |error: PathError| (column, error.to_string());
         near(&to_m).map_err(wrong)?;
         let Some(from_m) = whole(from_mm) else {
-            // The first place is where the task starts; the way there is the planner's.
+            // The first position is where the task starts; the planner chooses the way to it.
             if motion > 1 {
                 return Err((column, "the first move must be G0 or G1".to_owned()));
             }
@@ -245,7 +246,7 @@ impl Machine {
             if let Some(word) = offset_i.or(offset_j) {
                 return Err((word.column, format!("{} belongs to G2 and G3", word.letter)));
             }
-            // Programs repeat places; standing still is no path.
+            // Programs repeat positions; a move without length is not a path.
             if (to_m - from_m).norm() < 1e-6 {
                 return Err((column, "this move has no length: leave it out".to_owned()));
             }

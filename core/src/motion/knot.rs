@@ -3,8 +3,8 @@
 use super::spline::Spline;
 use mcdpr_protocol::{CableKnot, Knot, List, PerCable};
 
-/// The knot `number` of a motion, from 0: it is not the motion's last, and checks nothing. Numbers
-/// wrap after 65,536 knots.
+/// The knot `number` of a motion, from 0. It is not marked as the motion's last, and has no
+/// consistency rows. Numbers wrap after 65,536 knots.
 pub fn knot(number: usize, time_ms: u32, cables: impl IntoIterator<Item = CableKnot>) -> Knot {
     Knot {
         index: u16::try_from(number & usize::from(u16::MAX)).unwrap_or(0),
@@ -15,7 +15,7 @@ pub fn knot(number: usize, time_ms: u32, cables: impl IntoIterator<Item = CableK
     }
 }
 
-/// What the cables do at the knot `index` of their splines (m), with these tensions (N).
+/// The cables' state at the knot `index` of their splines (m), with these tensions (N).
 pub fn on_splines(
     splines: &[Spline],
     index: usize,

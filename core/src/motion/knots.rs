@@ -5,25 +5,25 @@ use super::spline::{Ends, Spline, SplineError};
 /// Ticks of the board's clock in a second.
 const TICKS_PER_S: f64 = 1e3;
 
-/// Places inside a segment at which a fit is compared with its function.
+/// Points inside a segment at which a fit is compared with its function.
 const PLACES_PER_SEGMENT: u32 = 8;
 
-/// Where the knots of a fit may lie.
+/// Allowed positions of the knots of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Spacing {
     /// At equal distances.
     Equal,
     /// At the whole milliseconds nearest to equal distances, as the wire needs them; start and end
-    /// stay where they are.
+    /// are not moved.
     Ticks,
 }
 
-/// What a fit has to reach.
+/// Requirements of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FitOptions {
     /// The ends of every channel.
     pub ends: Ends,
-    /// Where the knots may lie.
+    /// Allowed positions of the knots.
     pub spacing: Spacing,
     /// Greatest error of any channel, in the unit of the values.
     pub tolerance: f64,
@@ -47,7 +47,8 @@ pub struct Fit {
 /// Fits splines to functions of time, with as many knots as the tolerance takes.
 ///
 /// `function(t, values)` writes the value of every channel at `t` seconds. The number of segments
-/// starts at the least one and grows by the fourth root of what is missing, so it ends close to the least one.
+/// starts at its minimum and grows by the fourth root of the ratio of error to tolerance, so it
+/// ends close to the fewest possible.
 ///
 /// # Errors
 /// What the function returns; [`SplineError::Tolerance`] if `most_segments` do not suffice, and
@@ -78,7 +79,7 @@ pub fn fit<E: From<SplineError>>(
         let mut error: f64 = 0.0;
         for pair in times_s.windows(2) {
             let [a, b] = pair else { continue };
-            // The knots themselves are met: look between them.
+            // The error at the knots is zero: check between them.
             for place in 0..PLACES_PER_SEGMENT {
                 let share = (f64::from(place) + 0.5) / f64::from(PLACES_PER_SEGMENT);
                 let time_s = a + share * (b - a);

@@ -1,4 +1,4 @@
-//! Where the tool is, and what the cables must be for it: the planner's view of the robot.
+//! The planner's model of the robot: tool position to cable lengths and tensions.
 
 use super::options::{PlanOptions, Planner, Tensioning};
 use super::plan::PlanError;
@@ -8,7 +8,7 @@ use crate::robot::{Control, Robot};
 use mcdpr_kinematics::{AnyRobot, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions};
 use nalgebra::{Rotation3, Vector3};
 
-/// Below this measured tension a cable tells nothing about how the platform hangs, N.
+/// Below this measured tension a cable gives no information about the platform's pose, N.
 const TAUT_N: f64 = 0.5;
 
 /// A robot with its geometry.
@@ -19,7 +19,7 @@ pub struct Model {
     options: PlanOptions,
 }
 
-/// The robot at rest with its tool at one place.
+/// The robot at rest with its tool at one position.
 #[derive(Debug, Clone)]
 pub struct Rest {
     /// Pose, taut lengths and tensions.
@@ -40,10 +40,10 @@ impl Model {
     /// Prepares a robot for planning.
     ///
     /// # Errors
-    /// [`PlanError::Geometry`] where the geometry makes no sense, [`PlanError::Holding`] where not
-    /// exactly three cables are held by length: then the attitude is not the statics' to choose;
-    /// [`PlanError::NoTension`] where no cable is held by tension; [`PlanError::Cables`] where there
-    /// are more than a board drives.
+    /// [`PlanError::Geometry`] if the geometry is invalid; [`PlanError::Holding`] if not exactly
+    /// three cables are held by length (the attitude would then not follow from statics);
+    /// [`PlanError::NoTension`] if no cable is held by tension; [`PlanError::Cables`] if there are
+    /// more than a board drives.
     pub fn new(robot: &Robot) -> Result<Self, PlanError> {
         let by_length = |control| control == Control::Position;
         let held = robot.cables.iter().filter(|c| by_length(c.control)).count();
@@ -83,7 +83,7 @@ impl Model {
         cables.position(|cable| cable.control == Control::Tension)
     }
 
-    /// The same robot, planned in another way.
+    /// The same robot with other planning options.
     #[must_use]
     pub fn with_options(mut self, options: PlanOptions) -> Self {
         self.options = options;
@@ -99,7 +99,7 @@ impl Model {
     /// How the robot hangs with its tool at the robot file's home.
     ///
     /// # Errors
-    /// Where home is no place to hang.
+    /// If the robot cannot hang at home.
     pub fn rest_at_home(&self) -> Result<Rest, PlanError> {
         self.rest(&self.robot.tool.home_in_world_m, None)
     }
@@ -108,7 +108,7 @@ impl Model {
     /// the tension that the options ask for; `near` is a state close by.
     ///
     /// # Errors
-    /// [`PlanError::NoEquilibrium`] says why there is none.
+    /// [`PlanError::NoEquilibrium`] with the reason.
     pub fn rest(&self, tool_m: &Vector3<f64>, near: Option<&Rest>) -> Result<Rest, PlanError> {
         let tension_n = match self.options.tensioning {
             Tensioning::MaxMin => schedule::best_n(self, tool_m, near)?,
@@ -121,7 +121,7 @@ impl Model {
     /// `tension_n`; `near` is a state close by.
     ///
     /// # Errors
-    /// [`PlanError::NoEquilibrium`] says why there is none.
+    /// [`PlanError::NoEquilibrium`] with the reason.
     pub(crate) fn rest_with(
         &self,
         tool_m: &Vector3<f64>,
@@ -133,7 +133,7 @@ impl Model {
         for (slot, cable) in tensions.iter_mut().zip(&self.robot.cables) {
             *slot = (cable.control == Control::Tension).then_some(tension_n);
         }
-        // The pose of a level plan is where nothing hangs.
+        // A level platform is not in equilibrium in general.
         let near = near.filter(|_| self.options.planner == Planner::Equilibrium);
         let guess = near.map_or(EquilibriumGuess::Cold, |rest| {
             EquilibriumGuess::Attitude(rest.equilibrium.pose.rotation)
@@ -182,7 +182,7 @@ impl Model {
     }
 
     /// How the robot hangs when its drums have paid out `paid_out_m` under `tensions_n`, as
-    /// measured. A tension-held cable that measures none is taken to be at its set-point.
+    /// measured. A tension-held cable without a measured tension is assumed to be at its set-point.
     ///
     /// # Errors
     /// [`PlanError::Lengths`] where no resting pose fits these lengths.
@@ -211,7 +211,7 @@ impl Model {
         Ok(self.with_lengths(equilibrium))
     }
 
-    /// Where the tool is in a resting state, world, m.
+    /// Tool position of a resting state, world, m.
     #[must_use]
     pub fn tool_m(&self, rest: &Rest) -> Vector3<f64> {
         let tool = &self.robot.tool.tcp_in_platform_m;

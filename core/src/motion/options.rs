@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What the platform is taken to do.
+/// Model of the platform.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
@@ -10,24 +10,23 @@ pub enum Planner {
     /// It hangs in equilibrium: gravity and tensions give its attitude.
     #[default]
     Equilibrium,
-    /// It stays level, as the paper takes it; lengths of a rigid geometry. For comparison.
+    /// It stays level, as the paper assumes; lengths of a rigid geometry. For comparison.
     Level,
 }
 
-/// Which tension the tension-held cable gets along the path.
+/// Tension of the tension-held cable along the path.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum Tensioning {
-    /// The tension that makes the smallest tension of all cables as great as it can be, smoothed
-    /// along the path.
+    /// The tension that maximises the smallest tension of all cables, smoothed along the path.
     #[default]
     MaxMin,
     /// The robot file's set-point, everywhere.
     Setpoint,
 }
 
-/// Which shaper takes the swing out of a motion.
+/// Input shaper that removes the swing of a motion.
 ///
 /// Source: Singer and Seering, 1990 (zero vibration; with derivative), for each of the platform's
 /// soft modes at the pose where a leg ends; several modes by convolution.
@@ -48,10 +47,10 @@ pub enum Shaping {
 /// How to plan.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlanOptions {
-    /// What the platform is taken to do.
+    /// Model of the platform.
     pub planner: Planner,
-    /// Which tension the tension-held cable gets.
+    /// Tension of the tension-held cable.
     pub tensioning: Tensioning,
-    /// Which shaper takes the swing out.
+    /// Input shaper.
     pub shaping: Shaping,
 }

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 /// Two pieces join if the end of one and the start of the next are nearer than this, m.
 const JOIN_M: f64 = 1e-6;
 
-/// A shorter piece is no piece, m.
+/// A piece shorter than this is refused, m.
 const LEAST_LENGTH_M: f64 = 1e-6;
 
 /// No coordinate of a path is greater, m: twice what the wire's lengths can say. A number beyond it
@@ -19,10 +19,10 @@ pub(crate) const FURTHEST_M: f64 = 400.0;
 /// Most points of one curve; its table of arc lengths then takes 10 MB.
 pub(crate) const MOST_CURVE_POINTS: usize = 10_000;
 
-/// Why there is no such path.
+/// Why a path cannot be built.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PathError {
-    /// A coordinate, radius or angle is NaN or infinite, or so large that the length is.
+    /// A coordinate, radius or angle is NaN or infinite, or so large that the length overflows.
     #[error("{what} of the path is not a finite number: check the task's coordinates")]
     NotFinite {
         /// Which value.
@@ -82,7 +82,7 @@ pub enum PathError {
         /// Distance between end and start, m.
         gap_m: f64,
     },
-    /// A path of no pieces.
+    /// A path without pieces.
     #[error("the path has no pieces: give at least one line or arc")]
     Empty,
     /// An arc length outside the path.
@@ -326,7 +326,7 @@ impl Path {
     /// is 67 mm long.
     ///
     /// # Errors
-    /// [`PathError::NotFinite`] for a height that is no number.
+    /// [`PathError::NotFinite`] for a height that is NaN or infinite.
     pub fn paper_circle(z_m: f64) -> Result<Self, PathError> {
         let start_m = Vector3::new(0.255, -0.105, z_m);
         let center_m = Vector3::new(0.335, 0.0, z_m);
@@ -344,7 +344,7 @@ impl Path {
     /// Table 8 of the paper at height `z_m`: the line from (0.5, 0.2) m to (0.2, -0.2) m.
     ///
     /// # Errors
-    /// [`PathError::NotFinite`] for a height that is no number.
+    /// [`PathError::NotFinite`] for a height that is NaN or infinite.
     pub fn paper_line(z_m: f64) -> Result<Self, PathError> {
         Self::through(&[Vector3::new(0.5, 0.2, z_m), Vector3::new(0.2, -0.2, z_m)])
     }
@@ -360,8 +360,8 @@ impl Path {
     }
 
     /// Least radius of curvature on the path, m; `None` if all of it is straight. At speed v the
-    /// acceleration across the path is up to v^2 over this radius, which a time law along the path
-    /// does not know: hold the speed below `sqrt(acceleration radius)`.
+    /// acceleration across the path is up to v^2 over this radius. A time law along the path does
+    /// not include it: keep the speed below `sqrt(acceleration radius)`.
     pub(crate) fn least_radius_m(&self) -> Option<f64> {
         self.pieces
             .iter()
@@ -381,7 +381,7 @@ impl Path {
             }
             rest_m -= piece.length_m;
         }
-        // Only the very end, and what rounding leaves of it, comes here.
+        // Only the very end, and rounding beyond it, reaches this line.
         self.pieces.last().map(Piece::end).ok_or(PathError::Empty)
     }
 }
@@ -394,7 +394,7 @@ fn finite(what: &'static str, value: f64) -> Result<f64, PathError> {
     }
 }
 
-/// That a point is no further away than [`FURTHEST_M`] along any axis.
+/// Checks that a point is no further away than [`FURTHEST_M`] along any axis.
 pub(super) fn near(point_m: &Vector3<f64>) -> Result<(), PathError> {
     match point_m.iter().find(|value| value.abs() > FURTHEST_M) {
         Some(&value_m) => Err(PathError::Far {
@@ -405,7 +405,7 @@ pub(super) fn near(point_m: &Vector3<f64>) -> Result<(), PathError> {
     }
 }
 
-/// The arc length if it lies on the path; what sums of rounded lengths leave beyond is cut off.
+/// The arc length if it lies on the path; an excess from sums of rounded lengths is cut off.
 fn on_path(s_m: f64, length_m: f64) -> Result<f64, PathError> {
     let slack_m = 1e-9 * length_m;
     if (-slack_m..=length_m + slack_m).contains(&s_m) {
@@ -505,7 +505,7 @@ mod tests {
         let before = path.point(join - 1e-9).unwrap();
         let after = path.point(join).unwrap();
         assert!((before.position_m - after.position_m).norm() < 2e-9);
-        // At the join the later piece speaks: the tangent has turned by a right angle.
+        // At the join the later piece applies: the tangent has turned by a right angle.
         assert!(before.tangent.dot(&after.tangent).abs() < 1e-9);
         let end = path.point(path.length_m()).unwrap();
         assert!((end.position_m - path.pieces()[1].end().position_m).norm() < 1e-12);

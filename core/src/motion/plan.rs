@@ -1,9 +1,9 @@
 //! From a path to the knots that a board follows, judged before anything moves.
 //!
-//! At every instant the platform is taken to hang in equilibrium (three cables hold lengths, the
-//! others tensions): the planner asks for the tool's place and gets attitude, tensions and
-//! lengths. The platform's inertia is left out: at these accelerations it shifts the equilibrium
-//! by less than the plan's tolerance, and a planner with it can diverge.
+//! At every instant the platform is assumed to hang in equilibrium (three cables hold lengths, the
+//! others tensions): the planner specifies the tool's position and obtains attitude, tensions and
+//! lengths. The platform's inertia is left out: at these accelerations it shifts the equilibrium by
+//! less than the plan's tolerance, and a planner that includes it can diverge.
 
 use super::model::{Model, Rest};
 use super::path::PathError;
@@ -25,16 +25,16 @@ pub(super) const LONGEST_S: f64 = 3600.0;
 pub(super) const MOST_STEPS: usize = 10_000;
 /// Longest path in one plan, m.
 pub(super) const LONGEST_M: f64 = 500.0;
-/// Most places at which one plan solves the statics; they take about 200 MB.
+/// Most points at which one plan solves the statics; they take about 200 MB.
 pub(super) const MOST_PLACES: usize = 200_000;
-/// Most evaluations of the shaped law in one look over a plan: impulses times milliseconds, some
+/// Most evaluations of the shaped law in one pass over a plan: impulses times milliseconds, some
 /// seconds of work. Three modes shaped by ZVD have 27 impulses; six have 729.
 pub(super) const MOST_IMPULSES: f64 = 5e7;
 
-/// Why there is no plan. Nothing has moved.
+/// Why planning failed. Nothing has moved.
 #[derive(Debug, Error, Diagnostic)]
 pub enum PlanError {
-    /// The robot's geometry makes no sense.
+    /// The robot's geometry is invalid.
     #[error("the robot's geometry is unusable")]
     #[diagnostic(code(mcdpr::plan::geometry), help("correct the robot file"))]
     Geometry(#[from] mcdpr_kinematics::Error),
@@ -50,7 +50,7 @@ pub enum PlanError {
         /// Cables that are.
         held: usize,
     },
-    /// Nothing would tell a cable that slipped or broke.
+    /// Without a tension-held cable, slip or breakage could not be detected.
     #[error("no cable of the robot is held by tension: this planner needs at least one")]
     #[diagnostic(
         code(mcdpr::plan::no_tension),
@@ -104,7 +104,7 @@ pub enum PlanError {
         /// Why.
         source: mcdpr_kinematics::Error,
     },
-    /// The lengths fit no pose.
+    /// The lengths do not belong to any pose.
     #[error("the cable lengths that the board reports fit no resting pose")]
     #[diagnostic(
         code(mcdpr::plan::lengths),
@@ -116,7 +116,7 @@ pub enum PlanError {
         /// Why.
         source: mcdpr_kinematics::Error,
     },
-    /// The path is none.
+    /// The path is invalid.
     #[error(transparent)]
     #[diagnostic(code(mcdpr::plan::path))]
     Path(#[from] PathError),
@@ -127,11 +127,11 @@ pub enum PlanError {
         help("allow more time, or raise [limits] in the robot file if the machine can do it")
     )]
     TimeLaw(#[from] TimeLawError),
-    /// The lengths cannot be put into knots.
+    /// The lengths cannot be fitted by knots.
     #[error(transparent)]
     #[diagnostic(code(mcdpr::plan::knots))]
     Spline(#[from] SplineError),
-    /// A motion that would fill the memory.
+    /// A motion that would take too much memory.
     #[error("the motion would take {duration_s:.0} s, more than the {LONGEST_S:.0} s of one plan")]
     #[diagnostic(
         code(mcdpr::plan::long),
@@ -141,18 +141,18 @@ pub enum PlanError {
         /// How long it would take, s.
         duration_s: f64,
     },
-    /// A task that would fill the memory.
+    /// A task that would take too much memory.
     #[error("{what}: {asked:.0}, more than the {limit:.0} of one plan")]
     #[diagnostic(code(mcdpr::plan::large), help("cut the task into several"))]
     Large {
-        /// What there is too much of.
+        /// Which quantity is too large.
         what: &'static str,
         /// How much.
         asked: f64,
-        /// The most of one plan.
+        /// The limit of one plan.
         limit: f64,
     },
-    /// A place that no cable of this length reaches.
+    /// A position that a cable of this length does not reach.
     #[error(
         "step {step} goes to ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm, {distance_mm:.0} mm from the anchor of cable {cable}, which reaches {reach_mm:.0} mm at most"
     )]
@@ -175,7 +175,7 @@ pub enum PlanError {
         cable: usize,
         /// Distance of the tool from its anchor, mm.
         distance_mm: f64,
-        /// What the drum, the platform and the stretch allow at most, mm.
+        /// Limit from drum, platform and stretch, mm.
         reach_mm: f64,
     },
     /// A limit would be broken.
@@ -195,9 +195,9 @@ pub enum PlanError {
         y_mm: f64,
         /// Tool, mm.
         z_mm: f64,
-        /// What, with the cable where there is one.
+        /// The limited quantity, with the cable if there is one.
         what: String,
-        /// How much it would be.
+        /// Its value.
         value: f64,
         /// The limit.
         limit: f64,
@@ -206,12 +206,12 @@ pub enum PlanError {
     },
 }
 
-/// A motion that a board can follow, and what is expected on the way.
+/// A motion that a board can follow, and the states expected along it.
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// The motion of the tool.
     pub timed: Timed,
-    /// What goes to the board.
+    /// The knots for the board.
     pub knots: Vec<Knot>,
     /// How the robot hangs at the start.
     pub start: Rest,
@@ -228,7 +228,7 @@ impl Plan {
         Self::unjudged(model, start_m, steps)?.judged()
     }
 
-    /// Plans without judging: for those who want to see what is wrong with it.
+    /// Plans without checking limits, to examine a plan that breaks one.
     ///
     /// # Errors
     /// Why it cannot be followed at all.
@@ -257,7 +257,7 @@ impl Plan {
         Ok(self)
     }
 
-    /// The same plan, if it keeps what is watched besides.
+    /// The same plan, if it also keeps the watched limits.
     ///
     /// # Errors
     /// The first limit that it would break.
@@ -268,7 +268,7 @@ impl Plan {
 
     /// How close it comes to every limit; the first broken one is in the answer.
     ///
-    /// # Errors
+    /// Never for a plan that was made.
     /// Not for a plan that was made.
     pub fn extremes(&self, watch: &Watch) -> Result<Extremes, PlanError> {
         verdict::extremes(&self.model, &self.timed, watch)

@@ -1,16 +1,16 @@
-//! Which tension the tension-held cable should have at a place of the tool.
+//! The tension that the tension-held cable should have at a position of the tool.
 //!
-//! The rule: the smallest tension of all cables is as great as it can be, within the limits of
-//! plan and winch. Only the ratio of tension to weight matters, so the rule holds for any mass.
+//! The rule: maximise the smallest tension of all cables, within the limits of plan and winch. Only
+//! the ratio of tension to weight matters, so the rule is independent of the mass.
 
 use super::model::{Model, Rest};
 use super::plan::PlanError;
 use crate::robot::Control;
 use nalgebra::Vector3;
 
-/// Steps of the search; it takes two or three from a place close by.
+/// Steps of the search; from a nearby position it takes two or three.
 const MOST_STEPS: usize = 30;
-/// Tensions are found to this, N.
+/// Tolerance of the tension, N.
 const CLOSE_N: f64 = 1e-3;
 /// One step changes the tension by at most this share of the platform's weight.
 const STEP_SHARE: f64 = 0.25;
@@ -51,7 +51,7 @@ pub(super) fn best_n(
         .clamp(low, high);
     let mut rest = match model.rest_with(tool_m, tension_n, near) {
         Ok(rest) => rest,
-        // The set-point may not do here although another tension does.
+        // The set-point may be impossible here although another tension is not.
         Err(error) => {
             let tries = (1..=8).map(|share| weight_n * 0.15 * f64::from(share));
             let found = tries
@@ -98,7 +98,7 @@ pub(super) fn best_n(
     Ok(tension_n)
 }
 
-/// Where in a range the least of some lines (value at 0, slope) is greatest.
+/// The position in a range at which the minimum of some lines (value at 0, slope) is greatest.
 fn highest_minimum(lines: &[(f64, f64)], (from, to): (f64, f64)) -> f64 {
     let least = |x: f64| {
         let values = lines.iter().map(|(value, slope)| value + slope * x);
@@ -134,7 +134,7 @@ mod tests {
             Some(rest.tensions_n().iter().copied().fold(f64::MAX, f64::min))
         };
         let tcp = model.robot().tool.tcp_in_platform_m.z;
-        // Heights of the platform, and the ratio of tension to weight found on another plant.
+        // Heights of the platform, and the ratio of tension to weight found on another robot.
         for (z, ratio) in [(-0.1, 0.7), (-0.2, 0.4), (-0.517, 0.25)] {
             let at = Vector3::new(0.335, 0.0, z + tcp);
             let best = best_n(&model, &at, None).unwrap();

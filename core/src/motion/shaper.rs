@@ -3,10 +3,10 @@
 use super::options::Shaping;
 use super::time_law::TimeLaw;
 
-/// A mode slower than this is no mode that a shaper should wait for, Hz.
+/// A mode slower than this is not shaped, because the motion would wait too long, Hz.
 const SLOWEST_HZ: f64 = 0.3;
 
-/// Impulses: when (s after the first) and how much, summing to 1.
+/// Impulses: time (s after the first) and share, summing to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shaper {
     impulses: Vec<(f64, f64)>,
@@ -66,8 +66,8 @@ impl Shaper {
         self.impulses.last().map_or(0.0, |last| last.0)
     }
 
-    /// Way and speed along a path at `time_s` after the start of the shaped motion, m and m/s. The
-    /// way stays on the path: it is the path's own length that is shaped.
+    /// Distance and speed along a path at `time_s` after the start of the shaped motion, m and m/s.
+    /// The distance along the path is what is shaped, so the tool stays on the path.
     #[must_use]
     pub fn at(&self, law: &TimeLaw, time_s: f64) -> (f64, f64) {
         let (mut way_m, mut speed_mps) = (0.0, 0.0);
@@ -79,7 +79,7 @@ impl Shaper {
         (way_m.clamp(0.0, law.length_m()), speed_mps)
     }
 
-    /// Swing that is left at a frequency, as a share of that of an unshaped motion.
+    /// Residual swing at a frequency, as a share of that of the unshaped motion.
     #[must_use]
     pub fn residual(&self, mode_hz: f64) -> f64 {
         let turn = |at_s: f64| (std::f64::consts::TAU * mode_hz * at_s).sin_cos();

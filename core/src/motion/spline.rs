@@ -6,7 +6,7 @@
 //! clamped, not-a-knot or periodic ends the error falls with the fourth power of the spacing, with
 //! natural ends only with the second, because they force an acceleration that the motion has not.
 
-/// Why there is no such spline, or no such value of it.
+/// Why a spline, or a value of it, cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SplineError {
     /// Fewer knots than the ends need, or times and values differ in number.
@@ -71,7 +71,7 @@ pub enum SplineError {
     },
 }
 
-/// What holds at the ends of a spline.
+/// Boundary condition at the ends of a spline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Ends {
     /// Given velocities at the first and last knot: a motion from rest to rest has 0 and 0.
@@ -85,7 +85,7 @@ pub enum Ends {
     NotAKnot,
     /// Value, velocity and acceleration at the end are those at the start.
     Periodic,
-    /// No acceleration at the ends. For comparison only: it misses the tolerance of a motion that
+    /// No acceleration at the ends. For comparison only: it exceeds the tolerance for a motion that
     /// starts or ends at speed.
     Natural,
 }
@@ -128,7 +128,7 @@ pub struct Spline {
     knots: Vec<Knot>,
 }
 
-/// No time, value or velocity may be greater: products of three stay finite.
+/// Bound on times, values and velocities: products of three stay finite.
 const GREATEST: f64 = 1e60;
 
 impl Spline {
@@ -173,7 +173,7 @@ impl Spline {
                 values: values.len(),
             });
         }
-        // Knots at rest first: that checks times and values before anything is computed of them.
+        // Knots at rest first: this checks times and values before they are used.
         let mut knots: Vec<Knot> = times_s
             .iter()
             .zip(values)
@@ -258,7 +258,7 @@ impl Spline {
                 let share = f64::from(step) / f64::from(per_segment.max(1));
                 let time_s = a.time_s + share * (b.time_s - a.time_s);
                 let error = (hermite(a, b, time_s).value - function(time_s)).abs();
-                // A function that is no number anywhere must not pass as close.
+                // A function that returns NaN anywhere must not pass as close.
                 greatest = if error.is_nan() {
                     f64::INFINITY
                 } else {

@@ -241,7 +241,7 @@ fn a_fit_has_the_knots_its_tolerance_takes_and_not_many_more() {
         );
         assert!(fitted.error <= tolerance && fitted.segments > before);
         before = fitted.segments;
-        // An independent, finer look finds no more than a little above the tolerance.
+        // An independent, finer check finds at most a little above the tolerance.
         let function = circle_lengths(&motion);
         for (channel, spline) in fitted.splines.iter().enumerate() {
             assert_eq!(spline.knots().len(), fitted.segments + 1);
@@ -320,7 +320,7 @@ fn a_fit_of_a_function_that_fails_or_is_no_number_ends_with_an_error() {
         most_segments: 64,
     };
     let nan = fit(1, (0.0, 1.0), options, |t, values| {
-        // A number at every knot of 4 segments, none between.
+        // A number at every knot of 4 segments, NaN between them.
         values[0] = if (4.0 * t).fract() == 0.0 {
             t
         } else {

@@ -1,4 +1,4 @@
-//! Tasks: what the tool shall do, by name or from a file.
+//! Tasks: motions of the tool, by name or from a file.
 
 use super::gcode;
 use super::path::{Path, PathError, Piece};
@@ -10,7 +10,7 @@ use serde::Deserialize;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Names of the built-in tasks, with what they are.
+/// Names of the built-in tasks, with a description.
 pub const BUILT_IN: &[(&str, &str)] = &[
     (
         "paper:table7",
@@ -19,10 +19,10 @@ pub const BUILT_IN: &[(&str, &str)] = &[
     ("paper:table8", "the paper's line of 500 mm (Table 8)"),
 ];
 
-/// Time for the paper's circle: what its geared drives allow, s.
+/// Time for the paper's circle, limited by its geared drives, s.
 const CIRCLE_S: f64 = 10.0;
 
-/// Places closer than this are the same, m.
+/// Positions closer than this are the same, m.
 const NEAR_M: f64 = 5e-7;
 
 /// A motion of the tool.
@@ -30,13 +30,13 @@ const NEAR_M: f64 = 5e-7;
 pub struct Task {
     /// Its name.
     pub name: String,
-    /// Where it starts, world, m; `None`: wherever the tool is.
+    /// Where it starts, world, m; `None`: the tool's current position.
     start_m: Option<Vector3<f64>>,
     /// Steps from rest to rest, each starting where the one before ends.
     pub steps: Vec<Step>,
 }
 
-/// Why there is no such task.
+/// Why a task cannot be loaded.
 #[derive(Debug, Error, Diagnostic)]
 pub enum TaskError {
     /// Neither a built-in task nor a file.
@@ -61,7 +61,7 @@ pub enum TaskError {
         /// Why.
         source: std::io::Error,
     },
-    /// The file is no task.
+    /// The file is not a valid task.
     #[error("task file {path} is malformed: {message}")]
     #[diagnostic(
         code(mcdpr::task::malformed),
@@ -91,8 +91,8 @@ pub enum TaskError {
         /// What is wrong.
         message: String,
     },
-    /// A leg of the file is no path.
-    #[error("leg {leg} of {path} is no path")]
+    /// A leg of the file is not a valid path.
+    #[error("leg {leg} of {path} is not a valid path")]
     #[diagnostic(
         code(mcdpr::task::leg),
         help("give each leg a length and finite numbers")
@@ -157,7 +157,7 @@ fn moved(path: Path, duration_s: Option<f64>) -> Step {
 }
 
 impl LegFile {
-    /// The keys of which exactly one says what the leg is.
+    /// The keys that define the kind of leg; exactly one must be given.
     fn kinds(&self) -> Vec<&'static str> {
         let all = [
             ("to_mm", self.to_mm.is_some()),
@@ -171,7 +171,7 @@ impl LegFile {
         given.map(|(name, _)| name).collect()
     }
 
-    /// The pieces of path from `at_m` on: several where the tool rests between them.
+    /// The pieces of path from `at_m` on; several if the tool rests between them.
     fn pieces(&self, at_m: Vector3<f64>) -> Result<Vec<Piece>, PathError> {
         if let Some(to) = self.to_mm {
             return Ok(vec![Piece::line(at_m, point(to))?]);
@@ -203,7 +203,7 @@ impl Task {
     /// A built-in task by name. `z_m` is the height of the tool.
     ///
     /// # Errors
-    /// [`TaskError::Unknown`] names the built-in tasks; the path's where there is none at this height.
+    /// [`TaskError::Unknown`] names the built-in tasks; a path error if the height is impossible.
     pub fn built_in(name: &str, z_m: f64) -> Result<Self, TaskError> {
         match name {
             "paper:table7" => Self::table7(z_m),
@@ -233,7 +233,7 @@ impl Task {
     }
 
     /// Reads a task from the text of a G-code file; `path` names it in messages. `docs/tasks.md`
-    /// says which words are understood.
+    /// lists the words that are understood.
     ///
     /// # Errors
     /// [`TaskError::GCode`] with line and column.
@@ -320,7 +320,7 @@ impl Task {
             if moves && pieces.is_empty() {
                 return Err(wrong(format!("{kind} has no points")));
             }
-            // A leg with a time of its own is not held to the file's general speed.
+            // A leg with its own time is not subject to the file's general speed.
             let general = file.speed_mm_s.filter(|_| leg.duration_s.is_none());
             if steps.len() + pieces.len() > MOST_STEPS {
                 return Err(too_many());
@@ -342,10 +342,10 @@ impl Task {
         })
     }
 
-    /// The task of the tool going straight to a place (world, m) from wherever it is.
+    /// The task of the tool going straight to a position (world, m) from its current one.
     ///
     /// # Errors
-    /// [`TaskError::Path`] for a place that is no number.
+    /// [`TaskError::Path`] for a position that is not finite.
     pub fn go_to(name: &str, place_m: Vector3<f64>) -> Result<Self, TaskError> {
         if place_m.iter().any(|value| !value.is_finite()) {
             return Err(PathError::NotFinite { what: "the place" }.into());
@@ -357,14 +357,14 @@ impl Task {
         })
     }
 
-    /// Where the task starts, world, m; `None`: wherever the tool is.
+    /// Where the task starts, world, m; `None`: the tool's current position.
     #[must_use]
     pub fn start_m(&self) -> Option<Vector3<f64>> {
         self.start_m
     }
 
-    /// The same task with a straight way to its start from `from_m`, where that is further than
-    /// half a micrometre; that way keeps `speed_mps` if one is given.
+    /// The same task with a straight move to its start from `from_m`, if that is further than half
+    /// a micrometre away; the move keeps `speed_mps` if one is given.
     ///
     /// # Errors
     /// [`TaskError::Path`].

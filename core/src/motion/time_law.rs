@@ -1,9 +1,9 @@
 //! Jerk-limited motion along a length, from rest to rest.
 //!
 //! The law has seven phases: jerk up, constant acceleration, jerk down, cruise, and the same
-//! mirrored. Any of the constant phases may vanish. It is symmetric in time, so it is held as four
-//! numbers (length and three durations) from which peak speed, acceleration and jerk follow: end
-//! and duration are met exactly, whatever the rounding.
+//! mirrored. Any of the constant phases may have zero duration. It is symmetric in time, so it is
+//! stored as four numbers (length and three durations) from which peak speed, acceleration and jerk
+//! follow: end and duration are met exactly, independent of rounding.
 
 /// Bounds on a motion along its path; each greater than 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,7 +40,7 @@ impl std::fmt::Display for Bound {
     }
 }
 
-/// Why there is no such time law.
+/// Why a time law cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TimeLawError {
     /// A length, bound or duration is not a number greater than 0 within 1e-12 to 1e12.
@@ -51,7 +51,7 @@ pub enum TimeLawError {
         /// What was given.
         value: f64,
     },
-    /// The bounds do not allow the motion in the time asked.
+    /// The bounds do not allow the motion in the given time.
     #[error(
         "{:.3} mm cannot be travelled in {duration_s} s: {bound} allows no less than \
          {least_s:.4} s; take that long, or raise the limit",
@@ -64,7 +64,7 @@ pub enum TimeLawError {
         duration_s: f64,
         /// Least duration within the bounds, s.
         least_s: f64,
-        /// The bound that alone stands in the way; [`Bound::Several`] if no single one does.
+        /// The bound that alone prevents it; [`Bound::Several`] if no single one does.
         bound: Bound,
     },
 }
@@ -123,7 +123,7 @@ impl TimeLaw {
     /// acceleration and jerk allow.
     ///
     /// # Errors
-    /// [`TimeLawError::TooShort`] names the bound in the way; [`TimeLawError::OutOfRange`].
+    /// [`TimeLawError::TooShort`] names the limiting bound; [`TimeLawError::OutOfRange`].
     pub(crate) fn fit_duration(
         length_m: f64,
         bounds: Bounds,
@@ -214,8 +214,8 @@ impl TimeLaw {
         [a, b, c, d, end - d, end - c, end - b, end - a]
     }
 
-    /// The state at `t_s` after the start; at rest before the start and after the end (a time that
-    /// is no number counts as before the start).
+    /// The state at `t_s` after the start; at rest before the start and after the end (NaN counts
+    /// as before the start).
     pub fn at(&self, t_s: f64) -> State {
         let end = self.duration_s();
         if t_s >= end {
@@ -248,8 +248,8 @@ impl TimeLaw {
         self.rising(t_s, false)
     }
 
-    /// The rise at `t` from rest. At a change of phase the later phase gives the jerk; seen
-    /// backwards, the earlier one.
+    /// The rise at `t` from rest. At a change of phase the later phase gives the jerk; in the
+    /// mirrored half, the earlier one.
     fn rising(&self, t: f64, backwards: bool) -> State {
         let acceleration = self.peak_acceleration_mps2();
         let jerk = self.peak_jerk_mps3();
@@ -269,7 +269,7 @@ impl TimeLaw {
                 jerk_mps3: jerk,
             }
         } else if in_phase_before(self.rise_s - self.jerk_s) {
-            // Velocity is that of constant acceleration begun half a jerk phase later.
+            // The velocity equals that of a constant acceleration begun half a jerk phase later.
             let late = t - 0.5 * self.jerk_s;
             State {
                 position_m: acceleration * (0.5 * late * late + self.jerk_s.powi(2) / 24.0),
@@ -281,8 +281,8 @@ impl TimeLaw {
             let left = self.rise_s - t;
             let peak = self.peak_speed_mps();
             State {
-                // Cruising back from the point where the peak is reached, less what is not yet
-                // gained: the mirror of the first phase.
+                // Cruise measured back from the point where the peak is reached, less the distance
+                // not yet covered: the mirror of the first phase.
                 position_m: peak * (0.5 * self.rise_s - left) + jerk * left * left * left / 6.0,
                 velocity_mps: peak - 0.5 * jerk * left * left,
                 acceleration_mps2: jerk * left,
@@ -338,7 +338,7 @@ fn peak_speed(length_m: f64, bounds: Bounds) -> f64 {
 
 /// The bound whose removal alone would make the duration possible.
 fn bound_in_the_way(length_m: f64, bounds: Bounds, duration_s: f64) -> Bound {
-    // 1e12 of the greatest valid bound: as good as none.
+    // 1e12 times the greatest valid bound: in effect no bound.
     let none = 1e24;
     let without = [
         (

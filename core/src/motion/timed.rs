@@ -1,4 +1,4 @@
-//! Steps of a task in time: paths with their laws, waits, and what the gripper does when.
+//! Steps of a task in time: paths with their laws, waits, and the times of gripper commands.
 
 use super::bounds;
 use super::model::{Model, Rest};
@@ -10,10 +10,10 @@ use super::track::Track;
 use nalgebra::Vector3;
 use std::f64::consts::SQRT_2;
 
-/// Time for a gripper whose robot file gives none, s.
+/// Time for a gripper if its robot file gives none, s.
 const LEAST_GRIPPER_S: f64 = 0.05;
-/// Share of a drum's greatest speed that a plan uses: the slope of a length is known between two
-/// places only.
+/// Share of a drum's greatest speed that a plan uses: the slope of a length is known only at the
+/// solved points.
 const DRUM_SHARE: f64 = 0.995;
 /// A step may start this far from where the one before ends, m.
 const JOIN_M: f64 = 1.1e-5;
@@ -23,26 +23,26 @@ const JOIN_M: f64 = 1.1e-5;
 pub enum Step {
     /// Along a path.
     Move {
-        /// Where.
+        /// The path.
         path: Path,
-        /// Exact duration, shaping included; the fastest within the limits where none is given.
+        /// Exact duration, shaping included; `None`: the fastest within the limits.
         duration_s: Option<f64>,
-        /// Greatest speed, m/s; the robot's limit where none is given.
+        /// Greatest speed, m/s; `None`: the robot's limit.
         speed_mps: Option<f64>,
     },
     /// Wait in place.
     Dwell {
-        /// How long, s.
+        /// Duration, s.
         duration_s: f64,
     },
-    /// Open or close the gripper, and wait until it has.
+    /// Open or close the gripper, and wait until it has finished.
     Gripper {
         /// Whether to close it.
         closed: bool,
     },
 }
 
-/// Something to do at a time of a motion, besides moving.
+/// An action at a time of a motion, besides moving.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action {
     /// Open or close the gripper.
@@ -55,9 +55,9 @@ pub enum Action {
 #[derive(Debug, Clone)]
 struct Leg {
     start_s: f64,
-    /// `None`: it stays at the track's only place.
+    /// `None`: it stays at the track's only point.
     path: Option<(Path, TimeLaw, Shaper)>,
-    /// Tool, where it stays.
+    /// Position of the tool while it stays.
     at_m: Vector3<f64>,
     track: Track,
 }
@@ -68,7 +68,7 @@ pub struct Timed {
     legs: Vec<Leg>,
     actions: Vec<(f64, Action)>,
     duration_s: f64,
-    /// Places at which the statics were solved.
+    /// Points at which the statics were solved.
     places: usize,
     /// Impulses of the shapers over all milliseconds so far.
     impulses: f64,
@@ -78,10 +78,10 @@ impl Timed {
     /// Gives each step its time and its states, from `start_m` (world, m) on.
     ///
     /// # Errors
-    /// [`PlanError::TimeLaw`] and [`PlanError::Step`] where a step asks for too much,
-    /// [`PlanError::NoEquilibrium`] where the robot cannot hang, [`PlanError::Path`] where a step
+    /// [`PlanError::TimeLaw`] and [`PlanError::Step`] if a step asks for too much,
+    /// [`PlanError::NoEquilibrium`] if the robot cannot hang there, [`PlanError::Path`] if a step
     /// does not start where the one before ends; [`PlanError::Long`], [`PlanError::Large`] and
-    /// [`PlanError::Reach`] for more than one plan takes.
+    /// [`PlanError::Reach`] if it exceeds the bounds of one plan.
     pub fn new(model: &Model, start_m: &Vector3<f64>, steps: &[Step]) -> Result<Self, PlanError> {
         let mut timed = Self {
             legs: Vec::new(),
@@ -216,7 +216,7 @@ impl Timed {
         Ok(())
     }
 
-    /// Steps end on whole milliseconds, where a knot can be.
+    /// Steps end on whole milliseconds, where a knot can lie.
     fn push(
         &mut self,
         path: Option<(Path, TimeLaw, Shaper)>,
@@ -251,15 +251,15 @@ impl Timed {
         starts.chain([self.duration_s]).collect()
     }
 
-    /// What is to be done when, in order of time, s.
+    /// The actions in order of time, s.
     #[must_use]
     pub fn actions(&self) -> &[(f64, Action)] {
         &self.actions
     }
 
-    /// The step under way at a time, and the way along its path, m.
+    /// The step in progress at a time, and the distance along its path, m.
     fn locate(&self, time_s: f64) -> Result<(&Leg, f64), PlanError> {
-        // Steps are in order of time: the last that has begun.
+        // Steps are in order of time: take the last that has begun.
         let begun = self.legs.partition_point(|leg| leg.start_s <= time_s);
         let leg = self
             .legs
@@ -271,10 +271,10 @@ impl Timed {
         Ok((leg, way_m))
     }
 
-    /// Where the tool shall be at a time, world, m; at the ends before and after.
+    /// Planned tool position at a time, world, m; clamped to the ends.
     ///
     /// # Errors
-    /// [`PlanError::Path`]: not for a path that was built.
+    /// [`PlanError::Path`]: never for a path that was built.
     pub fn tool_m(&self, time_s: f64) -> Result<Vector3<f64>, PlanError> {
         let (leg, way_m) = self.locate(time_s)?;
         match &leg.path {
@@ -296,7 +296,7 @@ impl Timed {
     /// Paid-out lengths at a time, m.
     ///
     /// # Errors
-    /// [`PlanError::Path`], [`PlanError::Spline`]: not for a finite time.
+    /// [`PlanError::Path`], [`PlanError::Spline`]: never for a finite time.
     pub fn lengths_m(&self, time_s: f64) -> Result<Vec<f64>, PlanError> {
         let (leg, way_m) = self.locate(time_s)?;
         leg.track.lengths_m(way_m)
@@ -312,9 +312,9 @@ impl Timed {
     }
 }
 
-/// What the tool may do along a path. On a curve the acceleration across the path counts too: both
-/// parts get an equal share, so that their sum keeps the limit wherever they meet; and the jerk of
-/// going around, `v^3 / r^2`, keeps its own.
+/// Limits of the tool along a path. On a curve the acceleration across the path counts too: both
+/// parts get an equal share, so that their sum keeps the limit; the jerk of the curve, `v^3 / r^2`,
+/// keeps its own limit.
 fn tool_bounds(
     model: &Model,
     path: &Path,

@@ -1,8 +1,8 @@
-//! How the robot hangs along a path: solved at some places, interpolated between them.
+//! How the robot hangs along a path: solved at some points, interpolated between them.
 //!
-//! Everything that a plan needs at a time follows from the way along the path at that time. So the
-//! statics are solved once per place, not once per millisecond, as close together as a micrometre
-//! of length needs.
+//! Everything that a plan needs at a time follows from the distance along the path at that time. So
+//! the statics are solved once per point, not once per millisecond, at a spacing that keeps lengths
+//! within a micrometre.
 
 use super::model::{Model, Rest};
 use super::options::{Planner, Tensioning};
@@ -13,15 +13,15 @@ use super::spline::{Ends, Spline, SplineError};
 use mcdpr_kinematics::Pose;
 use nalgebra::{Rotation3, Vector3};
 
-/// Lengths between the places that were solved are right to this, m.
+/// Greatest error of lengths between the solved points, m.
 const TOLERANCE_M: f64 = 1e-6;
-/// Places are at most this far apart, m.
+/// Greatest spacing of points, m.
 const FURTHEST_M: f64 = 0.02;
-/// Places at which the tension rule is asked are this far apart, m.
+/// Spacing of the points at which the tension rule is evaluated, m.
 const RULE_SPACING_M: f64 = 0.02;
 /// Most halvings of the spacing.
 const MOST_HALVINGS: usize = 7;
-/// Places of one track beyond which the spacing is not halved any more.
+/// Number of points of one track beyond which the spacing is not halved any more.
 const MANY_PLACES: usize = 50_000;
 
 /// The robot along one path.
@@ -29,7 +29,7 @@ const MANY_PLACES: usize = 50_000;
 pub(crate) struct Track {
     length_m: f64,
     nodes: Vec<Rest>,
-    /// Over the way along the path: lengths, tensions, rotation vector, tool.
+    /// Over the distance along the path: lengths, tensions, rotation vector, tool.
     channels: Vec<Spline>,
     cables: usize,
 }
@@ -38,7 +38,7 @@ impl Track {
     /// Solves the statics along a path.
     ///
     /// # Errors
-    /// [`PlanError::NoEquilibrium`] with the first place where the robot cannot hang.
+    /// [`PlanError::NoEquilibrium`] with the first point where the robot cannot hang.
     pub fn along(model: &Model, path: &Path, near: Option<&Rest>) -> Result<Self, PlanError> {
         let length_m = path.length_m();
         let tension = Tension::along(model, path, near)?;
@@ -57,7 +57,7 @@ impl Track {
                 break;
             }
             let coarse = Self::through(model, length_m, &nodes)?;
-            // Places between the nodes: they check the spline, and become nodes of the next one.
+            // Points between the nodes: they check the spline, and become nodes of the next one.
             let mut finer = Vec::with_capacity(2 * count + 1);
             let mut miss_m: f64 = 0.0;
             for (index, node) in nodes.iter().enumerate() {
@@ -82,7 +82,7 @@ impl Track {
         Self::through(model, length_m, &nodes)
     }
 
-    /// The robot where it is: a track without a way.
+    /// The robot at one point: a track without length.
     #[must_use]
     pub fn still(rest: Rest) -> Self {
         Self {
@@ -130,7 +130,7 @@ impl Track {
         &self.nodes
     }
 
-    /// The solved state next to a place.
+    /// The solved state nearest to a point.
     #[must_use]
     pub fn nearest(&self, way_m: f64) -> Option<&Rest> {
         let last = self.nodes.len().saturating_sub(1);
@@ -144,8 +144,8 @@ impl Track {
         self.nodes.get(index)
     }
 
-    /// Greatest change of each cable's length per way along the path: its speed is at most this
-    /// times the tool's.
+    /// Greatest change of each cable's length per distance along the path: its speed is at most
+    /// this times the tool's.
     #[must_use]
     pub fn slopes(&self) -> Vec<f64> {
         let step_m = self.length_m / self.nodes.len().saturating_sub(1).max(1) as f64;
@@ -160,7 +160,7 @@ impl Track {
         most
     }
 
-    /// Paid-out lengths at a place, m.
+    /// Paid-out lengths at a point, m.
     ///
     /// # Errors
     /// [`PlanError::Spline`] off the path.
@@ -179,7 +179,7 @@ impl Track {
         Ok(values?)
     }
 
-    /// How the robot hangs at a place; `tool_m` is the path's point there.
+    /// How the robot hangs at a point; `tool_m` is the path's point there.
     ///
     /// # Errors
     /// [`PlanError::Spline`] off the path.
@@ -255,8 +255,8 @@ impl Tension {
             before = model.rest_with(&tool_m, best_n, before.as_ref()).ok();
             ruled.push(best_n);
         }
-        // The rule has kinks where another cable becomes the least tense. The ends stay, so that
-        // legs join.
+        // The rule has kinks where another cable becomes the one with the least tension. The ends
+        // are not moved, so that legs join.
         for _ in 0..3 {
             let old = ruled.clone();
             for (slot, three) in ruled.iter_mut().skip(1).zip(old.windows(3)) {

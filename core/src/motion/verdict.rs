@@ -1,5 +1,5 @@
-//! The verdict on a motion before it starts: the first limit that it would break, and how close it
-//! comes to the others.
+//! Checks a motion before it starts: the first limit that it would break, and its margin to the
+//! others.
 
 use super::model::{Model, Rest};
 use super::options::Planner;
@@ -9,24 +9,24 @@ use mcdpr_kinematics::PlatformBox;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
-/// States are checked this often, s.
+/// Interval at which states are checked, s.
 const CHECK_STEP_S: f64 = 0.01;
 /// Cables may come this close to each other, m: they are a millimetre thick, and swing.
 const CABLE_CLEARANCE_M: f64 = 0.005;
 /// The last part of a cable touches the platform by design, m.
 const STUB_M: f64 = 0.03;
-/// Least share of a solid platform's box that a cable may enter: its inertia is rarely that of a
-/// box, so only half of its edges are taken as solid.
+/// Least share of a solid platform's box that a cable may enter: the inertia is rarely that of a
+/// solid box, so only half of its edges are taken as solid.
 const SOLID: f64 = 0.5;
 
-/// Besides the robot file's limits, what a motion must keep.
+/// Limits besides those of the robot file that a motion must keep.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Watch {
     /// A place (world, m) that the platform's camera must keep in its picture.
     pub in_view_m: Option<Vector3<f64>>,
 }
 
-/// How close a motion comes to its limits, SI.
+/// Margin of a motion to its limits, SI.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Extremes {
     /// Duration, s.
@@ -71,7 +71,7 @@ pub fn judge_place(model: &Model, tool_m: &Vector3<f64>, rest: &Rest) -> Result<
     }
 }
 
-/// What is broken: what, value, limit, unit.
+/// The broken limit: quantity, value, limit, unit.
 type Broken = (String, f64, f64, &'static str);
 
 /// The first limit that the motion would break.
@@ -79,10 +79,10 @@ pub(super) fn judge(model: &Model, timed: &Timed) -> Result<(), PlanError> {
     look(model, timed, &Watch::default(), true).map(|_| ())
 }
 
-/// How close a motion comes to every limit; the first broken one is in the answer.
+/// Margin of a motion to every limit; the first broken one is in the answer.
 ///
 /// # Errors
-/// Not for a motion that was timed.
+/// Never for a motion that was timed.
 pub(super) fn extremes(model: &Model, timed: &Timed, watch: &Watch) -> Result<Extremes, PlanError> {
     look(model, timed, watch, false)
 }
@@ -299,7 +299,7 @@ fn judge_state(model: &Model, tool_m: &Vector3<f64>, rest: &Rest, watch: &Watch)
         .and_then(|place_m| out_of_view(model, rest, &place_m))
 }
 
-/// Whether a place has left the camera's picture, and by how much.
+/// Whether a watched point has left the camera's picture, and by how much.
 fn out_of_view(model: &Model, rest: &Rest, place_m: &Vector3<f64>) -> Option<Broken> {
     let camera = &model.robot().camera;
     let pose = &rest.equilibrium.pose;
@@ -320,7 +320,7 @@ fn out_of_view(model: &Model, rest: &Rest, place_m: &Vector3<f64>) -> Option<Bro
     None
 }
 
-/// The platform as a box: the one that has its mass and inertia.
+/// The platform as a box with the same mass and inertia.
 fn platform_box(model: &Model) -> PlatformBox {
     let platform = &model.robot().platform;
     let inertia: Matrix3<f64> = platform.inertia_kg_m2;
@@ -334,7 +334,7 @@ fn platform_box(model: &Model) -> PlatformBox {
     }
 }
 
-/// Distance of the closest cables, and what touches.
+/// Distance of the closest cables, and the first contact.
 fn clearances(
     model: &Model,
     rest: &Rest,

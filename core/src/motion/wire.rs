@@ -17,12 +17,12 @@ use mcdpr_protocol::{
 const LEAST_SPACING_MS: usize = 21;
 /// Knots are at most this far apart, ms: tensions and residual rows go straight between them.
 const MOST_SPACING_MS: usize = 1000;
-/// A cable that slips shows as a closure error; this much is no slip, m. Swing, friction and a
-/// machine that is not quite as described stay below it.
+/// A cable that slips shows as a closure error; an error up to this is not reported as slip, m.
+/// Swing, friction and model errors of the machine stay below it.
 const CLOSURE_LIMIT_M: f64 = 0.004;
 
-/// What else than cables may carry or pull the platform before it is a contact, as a share of its
-/// weight: pulley losses, sensor gains and a mass that is not quite known stay below it.
+/// Force on the platform other than the cables' that is not yet reported as a contact, as a share
+/// of its weight: pulley losses, sensor gains and an error of the mass stay below it.
 const CONTACT_SHARE: f64 = 0.2;
 
 /// Knots of the whole motion: clamped cubic splines from rest to rest (Eq. 53), as many knots as
@@ -53,7 +53,7 @@ pub(super) fn knots(model: &Model, timed: &Timed) -> Result<Vec<Knot>, PlanError
     Ok(knots)
 }
 
-/// That no cable's cubic accelerates more, or more abruptly, than the board would take (K3).
+/// Checks that no cable's cubic exceeds the board's limits of acceleration and jerk (K3).
 fn judge(model: &Model, timed: &Timed, knots: &[Knot]) -> Result<(), PlanError> {
     let most = CableRates::of(model.robot());
     for pair in knots.windows(2) {
@@ -138,9 +138,8 @@ fn rows(model: &Model, rest: &Rest) -> List<ResidualRow, { ResidualRow::PER_KNOT
     List::collect(both.into_iter().flatten())
 }
 
-/// What the cables carry together: the sum of the tensions' vertical parts is the platform's
-/// weight. What is missing, something else carries; what is too much, something pulls. The row's
-/// µm are mN here.
+/// The sum of the tensions' vertical parts is the platform's weight. A deficit means that something
+/// else supports the platform, an excess that something pulls on it. The row's µm are mN here.
 fn contact_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
     let count = model.robot().cables.len();
     let jacobian = model
@@ -150,7 +149,8 @@ fn contact_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
     let mut tensions = PerCable::new();
     let mut lengths = PerCable::new();
     for cable in 0..count {
-        // A row begins with the direction in which the cable gets longer; it pulls the other way.
+        // A row begins with the direction in which the cable gets longer; the cable pulls the other
+        // way.
         let upward = -jacobian.get(cable)?[2];
         let scaled = rounded(upward * f64::from(ResidualRow::TENSION_SCALE));
         tensions
@@ -168,8 +168,8 @@ fn contact_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
     })
 }
 
-/// How measured lengths and tensions must fit together here: at equilibrium the length of the
-/// tension-held cable follows from the other lengths and its tension.
+/// Consistency of measured lengths and tensions: at equilibrium the length of the tension-held
+/// cable follows from the other lengths and its tension.
 fn closure_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
     let held = model.tension_held()?;
     let response = model.geometry().linearise(&rest.equilibrium).ok()?.response;

@@ -26,7 +26,7 @@ const BOX_M: [f64; 3] = [0.130, 0.180, 0.040];
 /// Two anchors nearer than this are one anchor typed twice, m.
 const SAME_POINT_M: f64 = 1e-6;
 
-/// The robot of the file's values; `None` once a mistake has been noted.
+/// Builds the robot from the file's values; `None` if a mistake has been noted.
 pub(super) fn build(
     reader: &mut Reader,
     mut file: Values,
@@ -107,8 +107,7 @@ pub(super) fn build(
     })
 }
 
-/// Where a tool hangs that the file does not place: the middle of the anchors, a quarter of their
-/// diagonal below the lowest.
+/// Default tool position: the middle of the anchors, a quarter of their diagonal below the lowest.
 fn below_anchors_m(cables: &[Cable]) -> Vector3<f64> {
     let mut low = Vector3::repeat(f64::INFINITY);
     let mut high = Vector3::repeat(f64::NEG_INFINITY);
@@ -121,7 +120,7 @@ fn below_anchors_m(cables: &[Cable]) -> Vector3<f64> {
     Vector3::new(middle.x, middle.y, low.z - drop_m)
 }
 
-/// Three numbers in mm as a point in m. Fewer stand for a value already refused: zeros.
+/// Three numbers in mm as a point in m. Fewer numbers mean a value that was already refused: zeros.
 pub(super) fn point_m(mm: &[f64]) -> Vector3<f64> {
     match mm {
         [x, y, z, ..] => Vector3::new(*x, *y, *z) / MM_PER_M,
@@ -288,7 +287,7 @@ fn bus(reader: &mut Reader, table: &Values, winches_given: bool, winches: &[Winc
     }
     let given = table.whole_given(key!(BUS, "tension_period_us"));
     let tension_us = given.unwrap_or(period_us);
-    // What follows from a wrong period_us is one mistake, not two.
+    // A consequence of a wrong period_us is not reported as a second mistake.
     if given.is_some() && (tension_us % 1000 != 0 || period_us % tension_us.max(1) != 0) {
         reader.problem(
             &table.at(key!(BUS, "tension_period_us")),
@@ -321,7 +320,8 @@ fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given:
             Some("lower tension_min_n or raise tension_max_n".into()),
         );
     }
-    // Without winch tables the robot is only computed with: no sensor is there to be exceeded.
+    // Without winch tables the robot is only used for computation: there is no sensor range to
+    // exceed.
     if winches_given && tension_max_n > trusted_n {
         reader.problem(
             &table.at(key!(LIMITS, "tension_max_n")),

@@ -1,4 +1,4 @@
-//! What can be wrong with a robot file, said with file, line, key and remedy.
+//! Mistakes in a robot file, reported with file, line, key and remedy.
 
 use std::fmt;
 use std::io;
@@ -58,7 +58,7 @@ impl Diagnostic for Problem {
 /// Why a robot could not be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotError {
-    /// Neither a file nor a built-in robot has the asked name.
+    /// The name is neither a file nor a built-in robot.
     #[error("no robot file or built-in robot `{asked}`: tried {}", listed(.tried))]
     NotFound {
         /// What was asked for.
@@ -73,10 +73,11 @@ pub enum RobotError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's message.
         source: io::Error,
     },
-    /// The file is read and wrong; the first mistake speaks, the others follow as related ones.
+    /// The file was read but is invalid; the first mistake is the message, the others follow as
+    /// related ones.
     #[error("{}{}", .0.first, more(.0.others.len()))]
     Invalid(Box<Invalid>),
 }

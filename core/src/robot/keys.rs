@@ -425,7 +425,7 @@ pub static TENSION: Section = Section {
             "output",
             Kind::Word(&["current", "velocity"]),
             Word("current"),
-            "what the law tells the drive: a current, or a speed, whose loop in the drive fights the friction of a gear",
+            "what the law commands: a current, or a speed, with which the drive's own loop overcomes the friction of a gear",
         ),
         non_negative(
             "kp",
@@ -455,7 +455,7 @@ pub static TENSION: Section = Section {
         non_negative(
             "corner_hz",
             0.0,
-            "corner of the low-pass on the default law's speed, with `output = \"velocity\"`, Hz; 0 is none",
+            "corner of the low-pass on the default law's speed, with `output = \"velocity\"`, Hz; 0 switches it off",
         ),
         key(
             "hold_brakes",

@@ -33,9 +33,9 @@ pub struct Robot {
     pub camera: Camera,
     /// The tags in the scene.
     pub tags: Vec<Tag>,
-    /// What a motion may not exceed.
+    /// Limits of a motion.
     pub limits: Limits,
-    /// Where these values come from, if not from the robot file alone. No part of the description.
+    /// Where these values come from, if not from the robot file alone. Not part of the description.
     #[serde(skip)]
     pub calibrated: Option<Box<Calibrated>>,
 }
@@ -74,7 +74,7 @@ pub struct Platform {
     pub inertia_kg_m2: Matrix3<f64>,
 }
 
-/// What the winch of a cable holds.
+/// What the winch of a cable controls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Control {
     /// The cable's length.
@@ -148,7 +148,7 @@ pub struct Winch {
     pub rotor_inertia_kg_m2: f64,
     /// Coulomb friction of the drum's side, felt at the cable, N.
     pub friction_n: f64,
-    /// What lies between motor and drum; `None` where they turn as one.
+    /// Gear between motor and drum; `None` for a rigid connection.
     pub gear: Option<Gear>,
     /// How far the drum is out of its axis, m.
     pub drum_eccentricity_m: f64,
@@ -199,9 +199,9 @@ pub struct Gear {
     pub cold_friction: f64,
 }
 
-/// Steps of a tension channel from which on a board takes it for open.
+/// Steps of a tension channel at which a board takes it for open.
 const OPEN_SENSOR_STEPS: f64 = 64_900.0;
-/// Share of that reading which a limit may be, as the board checks it, and a rounding less.
+/// Share of that reading which a limit may be, as the board checks it, less a rounding error.
 const SENSOR_SHARE: f64 = 0.9 * 0.9999;
 
 impl Winch {
@@ -219,8 +219,8 @@ impl Winch {
             .map_or(0.0, |gear| gear.play_rad * self.drum_radius_m)
     }
 
-    /// Cable force for which the motor must give `force_n` and more: what the gear loses on the way
-    /// to the drum and what rubs, N.
+    /// Motor force at the cable needed for `force_n`: it includes gear losses on the way to the
+    /// drum and friction, N.
     pub(crate) fn driving_force_n(&self, force_n: f64) -> f64 {
         let efficiency = self.gear.map_or(1.0, |gear| gear.efficiency);
         (force_n + self.friction_n) / efficiency + self.total_friction_n() - self.friction_n
@@ -248,9 +248,9 @@ impl Winch {
         self.force_per_current_n_per_a() * self.max_current_a
     }
 
-    /// Greatest tension that its sensor can be trusted to show, N: nine tenths of what it reads
-    /// where the board takes it for an open input (S7). A limit above that is never seen to be
-    /// passed.
+    /// Greatest tension that its sensor can be trusted to show, N: nine tenths of the reading at
+    /// which the board takes it for an open input (S7). A limit above that could be exceeded
+    /// unnoticed.
     pub fn trusted_tension_n(&self) -> f64 {
         let rail_v = OPEN_SENSOR_STEPS / 65_536.0 * 3.3;
         let reads_n = self.tension_gain_n_per_v * (rail_v - self.tension_zero_v);
@@ -279,11 +279,11 @@ pub struct Bus {
 pub enum LawKind {
     /// The paper's Eq. 1.
     Pd,
-    /// The project's own: feed-forward, integral, damping besides.
+    /// The project's own law: also feed-forward, integral and damping.
     Default,
 }
 
-/// What the law of the tension-held cables tells the drive.
+/// Type of command that the law of the tension-held cables sends to the drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum TensionOutput {
     /// A current.
@@ -299,7 +299,7 @@ pub struct TensionLaw {
     pub setpoint_n: f64,
     /// Which law.
     pub law: LawKind,
-    /// What it tells the drive. With a speed, gains are in mm/s for N.
+    /// Type of command to the drive. With a speed, gains are in mm/s per N.
     pub output: TensionOutput,
     /// Force per tension error, N/N.
     pub kp: f64,
@@ -418,7 +418,7 @@ pub struct Tag {
     pub corners_in_body_m: [Vector3<f64>; 4],
 }
 
-/// What a motion may not exceed.
+/// Limits of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Limits {
     /// Speed of the tool, m/s.

@@ -1,4 +1,4 @@
-//! Winch module files: what travels with a winch from robot to robot.
+//! Winch module files: the values that belong to a winch, whichever robot it is used in.
 
 use std::path::{Component, Path};
 
@@ -8,7 +8,7 @@ pub trait ModuleFiles {
     /// with the name that messages use for it.
     ///
     /// # Errors
-    /// What is wrong, and what to do about it.
+    /// What is wrong, and the remedy.
     fn open(&self, asked: &str) -> Result<(String, String), (String, String)>;
 }
 
@@ -37,7 +37,7 @@ impl ModuleFiles for BuiltInModules {
     }
 }
 
-/// Opens a module file, where its path stays in the robot file's folder.
+/// Opens a module file, if its path stays in the robot file's folder.
 pub(super) fn open(
     modules: &dyn ModuleFiles,
     asked: &str,

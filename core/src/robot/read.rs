@@ -11,7 +11,7 @@ use toml::de::{DeTable, DeValue};
 use super::error::{Invalid, Problem, RobotError};
 use super::schema::{Absent, Key, Kind, Named, Range, SECTIONS, Section};
 
-/// What a list may hold, as messages say it.
+/// Permitted elements of a list, for messages.
 const NUMBERS: &str = "numbers from -1e9 to 1e9";
 
 /// A place in one of the files read for a robot.
@@ -52,7 +52,7 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// Takes a file's text in; its values will point at it.
+    /// Adds a file's text; its values will refer to it.
     pub(crate) fn add_file(&mut self, name: &str, text: &str) -> usize {
         self.files.push((name.to_owned(), Arc::from(text)));
         self.files.len() - 1
@@ -288,7 +288,7 @@ impl Values {
         }
     }
 
-    /// Where the key's value stands, or the table if the key is absent.
+    /// The position of the key's value, or of the table if the key is absent.
     pub fn at(&self, key: Named) -> At {
         self.found
             .get(self.own(key))
@@ -300,7 +300,7 @@ impl Values {
         self.found.contains_key(self.own(key))
     }
 
-    /// Keys of `base` that this table does not give itself are taken over.
+    /// Takes over the keys of `base` that this table does not give itself.
     pub(crate) fn fill_from(&mut self, base: Values) {
         for (name, found) in base.found {
             self.found.entry(name).or_insert(found);
@@ -319,7 +319,7 @@ impl Values {
     /// The key's name.
     ///
     /// # Panics
-    /// Where the key is of another section: every robot file that is read goes through here.
+    /// If the key is of another section: reading any robot file executes this check.
     fn own(&self, key: Named) -> &'static str {
         assert!(
             std::ptr::eq(self.section, key.section),

@@ -1,15 +1,16 @@
 //! The keys of the robot file, each with its unit, range, default and meaning, as data.
 //!
-//! The table itself is in `SECTIONS` and what it points at. It serves the parser (what is known, what is in range, what an absent key means), the
-//! error messages (which key was probably meant) and the check that `docs/robot-file.md` tells all
-//! of it. A key that is not here is refused, so the three cannot drift apart.
+//! The table itself is in `SECTIONS` and the tables that it refers to. The parser uses it (known
+//! keys, ranges, defaults), the error messages (which key was probably meant) and the test that
+//! `docs/robot-file.md` documents all of it. A key that is not here is refused, so the three cannot
+//! drift apart.
 
 pub use super::keys::*;
 
-/// No number of a robot is greater: beyond it sums of products could overflow.
+/// Bound on every number of a robot: beyond it sums of products could overflow.
 const GREATEST: f64 = 1e9;
 
-/// No positive number of a robot is less: below it a quotient could overflow.
+/// Lower bound on every positive number of a robot: below it a quotient could overflow.
 const LEAST_POSITIVE: f64 = 1e-12;
 
 /// The range a number must lie in, besides -1e9 to 1e9 that holds for all. NaN and infinities are refused everywhere.
@@ -55,7 +56,7 @@ impl Range {
 /// What a key holds.
 #[derive(Debug, Clone, Copy)]
 pub enum Kind {
-    /// A text that is not empty.
+    /// A non-empty text.
     Text,
     /// One of the listed words.
     Word(&'static [&'static str]),
@@ -78,19 +79,19 @@ pub enum Kind {
 /// What an absent key means.
 #[derive(Debug, Clone, Copy)]
 pub enum Absent {
-    /// The key has to be there.
+    /// The key is required.
     Required,
-    /// This number stands in.
+    /// This number is the default.
     Number(f64),
-    /// These numbers stand in.
+    /// These numbers are the default.
     Numbers(&'static [f64]),
-    /// This whole number stands in.
+    /// This whole number is the default.
     Whole(i64),
-    /// This word stands in.
+    /// This word is the default.
     Word(&'static str),
-    /// This switch position stands in.
+    /// This switch position is the default.
     Switch(bool),
-    /// The value follows from other keys, as said.
+    /// The default follows from other keys, as described.
     Follows(&'static str),
 }
 
@@ -138,7 +139,7 @@ impl Section {
     /// The key of a name that the program writes: `key!` looks it up at compile time.
     ///
     /// # Panics
-    /// Where the section has no such key.
+    /// If the section has no such key.
     pub const fn named(&'static self, name: &str) -> Named {
         let mut index = 0;
         while index < self.keys.len() {
@@ -175,7 +176,7 @@ impl Named {
     }
 }
 
-/// `==` of texts, which is not to be had at compile time.
+/// `==` of texts, which is not available at compile time.
 const fn is_same(a: &str, b: &str) -> bool {
     let (a, b) = (a.as_bytes(), b.as_bytes());
     let mut index = 0;

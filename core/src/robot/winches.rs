@@ -217,10 +217,10 @@ fn gear(table: &Values) -> Option<Gear> {
     })
 }
 
-/// What cannot be: a gear that nothing connects, a motor without inertia behind a shaft, a motor that
-/// cannot turn its own winch.
+/// Refuses contradictions: a gear without a connection, a motor without inertia behind a shaft, a
+/// motor that cannot turn its own winch.
 fn check_gear(reader: &mut Reader, table: &Values, winch: &Winch) {
-    // What means something only with a shaft between motor and drum.
+    // Keys that are valid only with a shaft between motor and drum.
     let keys: [Named; 8] = [
         key!(WINCH, "rotor_friction_mnm"),
         key!(WINCH, "gear_friction_mnm"),

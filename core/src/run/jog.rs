@@ -1,8 +1,8 @@
-//! Jogging: a motion that is made while it runs, a third of a second ahead of the board.
+//! Jogging: a motion that is planned while it runs, a third of a second ahead of the board.
 //!
-//! Each knot is a resting state at the tool's next place, so the board always has a path that it
-//! can brake on. The velocity changes no faster than the robot's acceleration; where the next
-//! place would break a limit, the velocity goes to zero instead.
+//! Each knot is a resting state at the tool's next position, so the board always has a path on
+//! which it can brake. The velocity changes no faster than the robot's acceleration; if the next
+//! position would break a limit, the velocity goes to zero instead.
 
 use super::{RunError, Session, orders, stop_now};
 use crate::control::Order;
@@ -16,7 +16,7 @@ use nalgebra::Vector3;
 const STEP_S: f64 = 0.04;
 /// How far ahead of the board's path clock knots are sent, s.
 const AHEAD_S: f64 = 0.32;
-/// The longest jog, s: somebody has to be there.
+/// The longest jog, s: an operator must be present.
 const LONGEST_S: f64 = 60.0;
 
 /// Whether a jog may be asked for.
@@ -46,14 +46,14 @@ pub fn check(model: &Model, velocity_mps: &Vector3<f64>, seconds: f64) -> Result
     Ok(())
 }
 
-/// The motion as far as it was made.
+/// The motion planned so far.
 struct Ahead<'m> {
     model: &'m Model,
     at_m: Vector3<f64>,
     velocity_mps: Vector3<f64>,
     rest: Rest,
-    /// What the lengths of the model are less than the board's, m: joins the motion to where the
-    /// board holds.
+    /// Difference of the model's lengths from the board's, m: joins the motion to where the board
+    /// holds.
     offsets_m: Vec<f64>,
     time_s: f64,
     /// Number of knots so far.
@@ -62,11 +62,12 @@ struct Ahead<'m> {
 }
 
 impl Ahead<'_> {
-    /// The next knot towards a wanted velocity; the last one where the tool has come to rest.
+    /// The next knot towards a wanted velocity; the last one when the tool has come to rest.
     fn next(&mut self, wanted_mps: Vector3<f64>) -> Result<Knot, PlanError> {
         let limits = &self.model.robot().limits;
         let most = limits.acceleration_mps2 * STEP_S;
-        // The way to rest must stay inside: look where the tool would stop.
+        // The tool must be able to stop inside the limits: check the position where it would come
+        // to rest.
         let stop_s = wanted_mps.norm() / limits.acceleration_mps2 + 2.0 * STEP_S;
         let stop_m = self.at_m + wanted_mps * stop_s;
         let mut wanted = wanted_mps;
@@ -121,8 +122,8 @@ impl Ahead<'_> {
 
 impl<L: Link> Session<'_, L> {
     /// Moves the tool at a velocity (world, m/s) for some seconds, or until an order of the handle
-    /// says otherwise: a jog replaces this one, a pause ends it. Returns at rest; gives the limit
-    /// that ended it early, if one did.
+    /// changes it: a jog replaces this one, a pause ends it. Returns at rest, with the limit that
+    /// ended it early, if one did.
     ///
     /// # Errors
     /// [`RunError::Interrupted`] after a stop, [`RunError::Fault`], or the client's errors.
@@ -158,7 +159,7 @@ impl<L: Link> Session<'_, L> {
         let client = self.client();
         client.enqueue(Request::Knot(first))?;
         let mut wanted = velocity_mps;
-        // By the path's time: what is made ahead of the board counts.
+        // By the path's time: the part planned ahead of the board counts.
         let mut until_s = seconds;
         let (mut started, mut ended) = (false, false);
         let outcome = loop {
@@ -210,7 +211,7 @@ impl<L: Link> Session<'_, L> {
                     .into());
                 }
             }
-            // A jog that ends at once is all there is to start.
+            // A jog that ends at once has only this knot.
             let enough = ended || ahead.time_s >= AHEAD_S.min(2.0 * STEP_S);
             if !started && client.in_flight() == 0 && enough {
                 client.request(Request::Start)?;
@@ -233,8 +234,8 @@ impl<L: Link> Session<'_, L> {
         outcome
     }
 
-    /// Holds under tension for some seconds, or until a stop; jogs that are ordered meanwhile are
-    /// done.
+    /// Holds under tension for some seconds, or until a stop; executes jogs that are ordered
+    /// meanwhile.
     ///
     /// # Errors
     /// [`RunError::Interrupted`] after a stop, [`RunError::Fault`], or the client's errors.
@@ -266,7 +267,7 @@ impl<L: Link> Session<'_, L> {
                     let refused = may.map_err(|error| error.to_string());
                     let good = refused.is_ok();
                     self.client().handle().done(ticket, refused);
-                    // Letting go of a button where nothing moves any more is no motion.
+                    // A released button is not a motion if nothing moves any more.
                     if good && wanted != Vector3::zeros() {
                         self.jog(wanted, valid_s)?;
                     }

@@ -78,21 +78,21 @@ pub enum RunError {
         /// The file's number.
         robot: usize,
     },
-    /// A change of state did not come.
+    /// The board did not reach a state in time.
     #[error("the board did not become {wanted:?} within {seconds} s, it is {state:?}")]
     #[diagnostic(
         code(mcdpr::run::state),
         help("check the supplies of board and drives, then connect again")
     )]
     NoChange {
-        /// What was waited for.
+        /// The expected state.
         wanted: BoardState,
-        /// What it is.
+        /// The board's state.
         state: BoardState,
         /// How long was waited.
         seconds: f64,
     },
-    /// Nobody knows where the robot is.
+    /// The robot's position is unknown.
     #[error("the board does not know its cable lengths, and {reason}")]
     #[diagnostic(
         code(mcdpr::run::not_homed),
@@ -101,7 +101,7 @@ pub enum RunError {
         )
     )]
     NotHomed {
-        /// Why what was saved does not help.
+        /// Why the saved lengths do not help.
         reason: saved::Implausible,
     },
     /// The camera sees no tag whose place is known.
@@ -111,15 +111,15 @@ pub enum RunError {
         help("light the tag, or home at a taught place: `mcdpr home --at X Y Z`")
     )]
     NoTag,
-    /// The camera gives nothing.
+    /// The camera gives no picture.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Sight(crate::sight::SightError),
-    /// What was measured fits nothing.
+    /// The measurements do not belong to any pose.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Estimate(crate::estimate::EstimateError),
-    /// The task is none.
+    /// The task is invalid.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Task(#[from] crate::motion::TaskError),
@@ -174,7 +174,7 @@ pub fn configure<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<Confi
     Ok(hash)
 }
 
-/// Sends a configuration and has the board take it into use.
+/// Sends a configuration and activates it on the board.
 ///
 /// # Errors
 /// The client's, where the board refuses it.
@@ -271,7 +271,7 @@ pub fn stop_now<L: Link>(client: &mut Client<L>, kind: StopKind) -> RunError {
     }
 }
 
-/// Waits until a stop has ended. A fault on the way is told; the board keeps it.
+/// Waits until a stop has ended. A fault on the way is reported; the board keeps it.
 fn torque_off<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
     let emergency = client.handle().stop_ordered() == Some(Order::Emergency);
     match wait_for(client, BoardState::Disarmed, 3.0) {
@@ -292,11 +292,11 @@ const START_GAP_M: f64 = 1e-3;
 
 /// A level plan may start this far from where the robot really hangs, m.
 const LEVEL_GAP_M: f64 = 0.08;
-/// Mean cable speed of the way to a level plan's start, m/s.
+/// Mean cable speed of the move to a level plan's start, m/s.
 const LEAD_IN_MPS: f64 = 0.01;
 
-/// The way from where the board holds the cables to where a plan for a level platform starts,
-/// which is elsewhere: the platform does not hang level. `None` where there is no way to go.
+/// The move from where the board holds the cables to the start of a plan for a level platform,
+/// which differs because the platform does not hang level. `None` if there is no distance to move.
 pub(crate) fn lead_in(plan: &Plan, status: &Status, model: &Model) -> Option<Vec<Knot>> {
     let wanted = plan
         .knots
@@ -336,7 +336,7 @@ pub(crate) fn lead_in(plan: &Plan, status: &Status, model: &Model) -> Option<Vec
 }
 
 /// The plan's knots, moved so that each length-held cable starts exactly where the board holds it:
-/// what the model and the machine differ by at rest stays a constant offset.
+/// the difference between model and machine at rest stays a constant offset.
 ///
 /// # Errors
 /// [`PlanError::Limit`] where a cable is more than a millimetre from where the plan starts.

@@ -1,27 +1,28 @@
-//! Obeying a [`Handle`](crate::control::Handle): the thread that feeds the board takes its orders.
+//! Executes the orders of a [`Handle`](crate::control::Handle) in the thread that feeds the board.
 
 use super::{RunError, interrupted};
 use crate::control::Order;
 use crate::link::{Client, Link};
 use mcdpr_protocol::{BoardState, Request, StopKind};
 
-/// How to stop, where somebody wants to: by Ctrl-C, or by an order that is not obeyed yet.
+/// The requested kind of stop, if any: by Ctrl-C, or by an order that is not executed yet.
 pub fn stop_wanted<L: Link>(client: &Client<L>) -> Option<StopKind> {
     match client.handle().stop_ordered() {
         Some(Order::Emergency) => Some(StopKind::Emergency),
         Some(_) => Some(StopKind::Stop),
         None => interrupted().then(|| {
-            // A record shall hold it as it holds every order.
+            // The record must contain it like every other order.
             client.handle().interrupt();
             StopKind::Stop
         }),
     }
 }
 
-/// Obeys what waits while a motion is under way or held. A stop is left to [`stop_wanted`].
+/// Executes waiting orders while a motion is in progress or held. Stops are left to
+/// [`stop_wanted`].
 ///
 /// # Errors
-/// The line's. What the board refuses is told to whoever asked, and changes nothing.
+/// The line's. A refusal by the board is reported to the sender of the order, and changes nothing.
 pub(crate) fn obey_in_motion<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
     while client.handle().stop_ordered().is_none() {
         let Some((ticket, order)) = client.handle().take() else {
@@ -50,8 +51,8 @@ pub(crate) fn obey_in_motion<L: Link>(client: &mut Client<L>) -> Result<(), RunE
     Ok(())
 }
 
-/// Refuses what waits: the robot is busy with something that can only be stopped. An emergency
-/// stop is passed on even while a stop is under way.
+/// Refuses waiting orders: the current activity can only be stopped. An emergency stop is passed on
+/// even while a stop is in progress.
 pub(crate) fn refuse_while<L: Link>(
     client: &mut Client<L>,
     doing: &str,

@@ -7,7 +7,7 @@ use mcdpr_protocol::SampleBlock;
 pub struct Measured {
     /// Board tick.
     pub tick: u32,
-    /// Path time of the motion, s; `None` while none is under way.
+    /// Path time of the motion, s; `None` if none is in progress.
     pub path_s: Option<f64>,
     /// Paid-out lengths by the drum encoders, m.
     pub lengths_m: Vec<f64>,
@@ -20,10 +20,10 @@ pub struct Measured {
 /// Collects samples.
 #[derive(Debug, Default)]
 pub struct Recorder {
-    /// Everything measured, in time order.
+    /// All samples, in time order.
     pub samples: Vec<Measured>,
     /// The least motion that a board had in its buffer while more was to come, s: by its clock and
-    /// what it had last confirmed. `None` where a motion was sent whole before it started.
+    /// its last confirmation. `None` if a motion was sent whole before it started.
     pub least_buffered_s: Option<f64>,
 }
 
@@ -34,12 +34,13 @@ impl Recorder {
         *least = least.min(seconds);
     }
 
-    /// Takes a block; `duration_s` is that of the motion: past its end no path time is given.
+    /// Takes a block of samples; `duration_s` is that of the motion: past its end no path time is
+    /// given.
     pub fn take(&mut self, block: &SampleBlock, duration_s: f64) {
         let first = block.tick;
         block.unpack(|tick, row| {
             let since_first = tick.since(first);
-            // The path clock stands at zero while nothing moves.
+            // The path clock is zero while no motion runs.
             let path_s = (block.path_ms > 0)
                 .then(|| (f64::from(block.path_ms) + f64::from(since_first)) * 1e-3)
                 .filter(|&path| path <= duration_s);

@@ -1,8 +1,8 @@
-//! Lengths kept over a loss of power: brakes hold the drums, and a store remembers what they paid
-//! out.
+//! Lengths kept over a loss of power: brakes hold the drums, and a store keeps the paid-out
+//! lengths.
 //!
-//! It is believed only if it is of this board, of a robot file with the same geometry and
-//! scale, and if the tensions that the sensors show now are those of its lengths.
+//! They are used only if they belong to this board and to a robot file with the same geometry and
+//! scale, and if the sensors show the saved tensions now.
 
 use crate::motion::Model;
 use crate::robot::Robot;
@@ -13,15 +13,15 @@ use thiserror::Error;
 
 /// A tension may have changed by this, N, or by a fifth: as arming allows.
 const TENSION_BAND_N: f64 = 2.0;
-/// Lengths that a resting pose explains to this are plausible, m.
+/// Greatest residual of a resting pose at which lengths are plausible, m.
 const CLOSURE_M: f64 = 0.004;
 
-/// What is kept.
+/// The saved values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Saved {
-    /// Of which board, hexadecimal.
+    /// The board's number, hexadecimal.
     pub board: String,
-    /// Checksum of geometry and scale: what turns counts into places.
+    /// Checksum of geometry and scale: the values that convert turns to positions.
     pub scale: u32,
     /// Paid-out lengths, m.
     pub lengths_m: Vec<f64>,
@@ -29,7 +29,7 @@ pub struct Saved {
     pub tensions_n: Vec<f64>,
 }
 
-/// Why saved lengths are not believed.
+/// Why saved lengths are not used.
 #[derive(Debug, Clone, PartialEq, Error, Diagnostic)]
 pub enum Implausible {
     /// None were saved.
@@ -38,7 +38,7 @@ pub enum Implausible {
     /// The robot file's geometry or scale has changed since.
     #[error("the robot file's geometry or scale has changed since the lengths were saved")]
     Scale,
-    /// A tension is not what it was.
+    /// A tension has changed.
     #[error(
         "cable {cable} shows {now_n:.1} N where {then_n:.1} N were saved: it was moved or touched"
     )]
@@ -58,7 +58,7 @@ pub enum Implausible {
     },
 }
 
-/// The checksum of everything that turns encoder counts into places: a gain may change without
+/// The checksum of all values that convert encoder counts to positions: a gain may change without
 /// losing home, a drum radius or an anchor may not.
 #[must_use]
 pub(crate) fn scale_of(robot: &Robot) -> u32 {
@@ -77,7 +77,7 @@ pub(crate) fn scale_of(robot: &Robot) -> u32 {
 }
 
 impl Saved {
-    /// What a disarmed board knows.
+    /// The values of a disarmed board.
     #[must_use]
     pub fn of(hello: &Hello, status: &Status, robot: &Robot) -> Self {
         Self {
@@ -88,10 +88,10 @@ impl Saved {
         }
     }
 
-    /// Whether it can be believed of a robot whose sensors show `tensions_n` now.
+    /// Checks the saved values of a robot whose sensors show `tensions_n` now.
     ///
     /// # Errors
-    /// [`Implausible`] says why not.
+    /// [`Implausible`] with the reason.
     pub fn check(&self, model: &Model, tensions_n: &[f64]) -> Result<(), Implausible> {
         if self.scale != scale_of(model.robot()) {
             return Err(Implausible::Scale);
@@ -129,11 +129,11 @@ pub(super) fn board_name(hello: &Hello) -> String {
 
 /// Where lengths are kept over a loss of power.
 pub trait LengthStore {
-    /// What was kept last for a board, by its number in hexadecimal.
+    /// The values saved last for a board, by its number in hexadecimal.
     fn load(&self, board: &str) -> Option<Saved>;
 
-    /// Keeps lengths in place of those of the same board. What cannot be kept costs a homing, not the
-    /// run: the store tells the user.
+    /// Saves lengths in place of those of the same board. A failure to save costs a homing, not the
+    /// run: the store reports it to the user.
     fn keep(&self, saved: &Saved);
 }
 

@@ -1,4 +1,4 @@
-//! A robot from connecting to giving it back: where it is, arming, one motion after another.
+//! A session with a robot: connecting and homing, arming, one motion after another, closing.
 
 use super::saved::{Implausible, LengthStore, Saved, board_name};
 use super::{Progress, Recorder, RunError, follow_plan, joined_to, lead_in};
@@ -11,21 +11,20 @@ use crate::sight::TagSource;
 use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
 use nalgebra::Vector3;
 
-/// Pictures that one look at a tag takes the mean of.
+/// Number of pictures that one observation of a tag averages.
 const PICTURES: usize = 30;
 /// Time between them, µs: thirty a second.
 const BETWEEN_PICTURES_US: u64 = 33_333;
 
-/// How the robot learns where it is.
+/// How the robot's position is determined.
 pub enum Homing<'a> {
-    /// What the board knows; else what was saved and is plausible; a simulated robot starts at
-    /// home.
+    /// From the board; else from saved lengths if plausible; a simulated robot starts at home.
     Known,
-    /// The tool hangs here, world, m: a taught place, home for one.
+    /// The tool hangs here, world, m: a taught position, for example home.
     Place(Vector3<f64>),
     /// The drums have paid out these lengths, m.
     Lengths(Vec<f64>),
-    /// What the camera sees of tags whose places are known.
+    /// From tags in the camera's view whose poses are known.
     Tags(&'a mut dyn TagSource, Vec<TagPlace>),
 }
 
@@ -39,11 +38,11 @@ pub struct Session<'m, L: Link> {
 }
 
 impl<'m, L: Link> Session<'m, L> {
-    /// Connects, configures, and finds out where the robot is. Nothing moves. Lengths of a real
-    /// robot are looked for in `kept`, and kept there at the end.
+    /// Connects, configures, and determines the robot's position. Nothing moves. Lengths of a real
+    /// robot are read from `kept`, and saved there at the end.
     ///
     /// # Errors
-    /// [`RunError`]; [`RunError::NotHomed`] where nobody knows where it is.
+    /// [`RunError`]; [`RunError::NotHomed`] if the position cannot be determined.
     pub fn open(
         model: &'m Model,
         link: L,
@@ -96,8 +95,8 @@ impl<'m, L: Link> Session<'m, L> {
                 (rest, saved.lengths_m)
             }
         };
-        // A board that knows its lengths keeps them; the tensions to expect are those of this
-        // place.
+        // A board that knows its lengths keeps them; the expected tensions are those of this
+        // position.
         client.request(machine::reference(&lengths_m, at.tensions_n()))?;
         Ok(Self {
             client,
@@ -119,7 +118,7 @@ impl<'m, L: Link> Session<'m, L> {
         self.model
     }
 
-    /// A motion that was made while it ran has ended here.
+    /// Updates the state after a motion that was planned while it ran.
     pub(super) fn set_at(&mut self, at: Rest) {
         self.at = at;
     }
@@ -130,7 +129,7 @@ impl<'m, L: Link> Session<'m, L> {
         &self.at
     }
 
-    /// Where the tool is now, world, m.
+    /// Current tool position, world, m.
     #[must_use]
     pub fn tool_m(&self) -> Vector3<f64> {
         self.model.tool_m(&self.at)
@@ -152,7 +151,7 @@ impl<'m, L: Link> Session<'m, L> {
         super::arm(&mut self.client, self.hash)
     }
 
-    /// Follows a plan that starts where the robot is; it holds at its end.
+    /// Follows a plan that starts at the robot's position; it holds at its end.
     ///
     /// # Errors
     /// As [`super::follow`].
@@ -178,13 +177,13 @@ impl<'m, L: Link> Session<'m, L> {
         done
     }
 
-    /// Looks at tags whose places are known while the robot holds, for a second, and takes the tool
-    /// to be where they show it: the motions from here start there. The board's lengths stay as
-    /// they are; what they are off by here becomes a constant offset of those motions, which is
-    /// refused over a millimetre.
+    /// Observes tags whose poses are known while the robot holds, for a second, and takes the tool
+    /// to be where they show it: later motions start there. The board's lengths stay as they are;
+    /// their difference here becomes a constant offset of those motions, which is refused above 1
+    /// mm.
     ///
     /// # Errors
-    /// [`RunError::NoTag`], the camera's, the client's; what was known stays known then.
+    /// [`RunError::NoTag`], the camera's, the client's; the previous position is kept then.
     pub fn look(
         &mut self,
         source: &mut dyn TagSource,
@@ -219,8 +218,7 @@ impl<'m, L: Link> Session<'m, L> {
         Ok(())
     }
 
-    /// Closes the brakes under torque, switches torque off, keeps the lengths, gives the board
-    /// back.
+    /// Closes the brakes under torque, switches torque off, saves the lengths, releases the board.
     ///
     /// # Errors
     /// As [`super::disarm`].
@@ -230,7 +228,7 @@ impl<'m, L: Link> Session<'m, L> {
         self.close()
     }
 
-    /// Keeps the lengths and gives a disarmed board back.
+    /// Saves the lengths and releases a disarmed board.
     ///
     /// # Errors
     /// The client's.
@@ -245,7 +243,7 @@ impl<'m, L: Link> Session<'m, L> {
     }
 }
 
-/// The plan for a task from a place of the tool (world, m); the way to its start keeps
+/// The plan for a task from a position of the tool (world, m); the move to its start keeps
 /// `speed_mps`.
 ///
 /// # Errors
@@ -260,13 +258,13 @@ pub fn plan_from(
         .approached_from(start_m, speed_mps)
         .map_err(|error| match error {
             TaskError::Path(error) => PlanError::from(error),
-            // Joining a way to a task that exists can fail only in the path.
+            // Joining a move to a valid task can fail only in the path.
             _ => PlanError::from(crate::motion::path::PathError::Empty),
         })?;
     Ok(Plan::new(model, start_m, &task.steps)?)
 }
 
-/// How the robot hangs by what a camera sees of it.
+/// How the robot hangs according to the camera's view of tags.
 fn seen(
     model: &Model,
     source: &mut dyn TagSource,
@@ -295,8 +293,8 @@ fn seen(
         places,
     };
     let found = estimate(model, &measured, &Sigmas::default(), start_m)?;
-    // What the platform's attitude is off by is not the lengths' to make up for: the tool's place
-    // is what counts, and the model's lengths for it.
+    // An error of the platform's attitude must not be compensated by the lengths: the tool's
+    // position counts, and the model's lengths for it.
     Ok(found.rest)
 }
 

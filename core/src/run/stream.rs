@@ -5,7 +5,7 @@ use crate::link::{Client, ClientError, Event, Link};
 use crate::motion::{Action, Plan};
 use mcdpr_protocol::{BoardState, Knot, Reject, Request, StopKind};
 
-/// How far a motion is.
+/// Progress of a motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
     /// Path time reached, s.
@@ -14,13 +14,13 @@ pub struct Progress {
     pub duration_s: f64,
 }
 
-/// Streams the knots of one motion and returns when the robot holds at its end. What the board
-/// measures goes to `recorder`; `progress` is told about ten times a second.
+/// Streams the knots of one motion and returns when the robot holds at its end. The board's samples
+/// go to `recorder`; `progress` is called about ten times a second.
 ///
 /// # Errors
-/// [`RunError::Fault`] where the board stopped by itself (it holds, or its brakes are closed),
-/// [`RunError::Interrupted`] after a stop by the user, or the client's errors. A knot that the
-/// board refuses stops the motion first.
+/// [`RunError::Fault`] if the board stopped by itself (it holds, or its brakes are closed),
+/// [`RunError::Interrupted`] after a stop by the user, or the client's errors. If the board refuses
+/// a knot, the motion is stopped first.
 pub fn follow<L: Link>(
     client: &mut Client<L>,
     knots: &[Knot],
@@ -31,21 +31,21 @@ pub fn follow<L: Link>(
     Ok(())
 }
 
-/// Why a way had better end, and how.
+/// Why a motion should end early, and how.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Halt {
-    /// [`StopKind::Hold`]: the robot holds under tension, and the rest of its way is discarded. Any
-    /// other: its brakes close.
+    /// [`StopKind::Hold`]: the robot holds under tension, and the rest of its motion is discarded.
+    /// Any other: its brakes close.
     pub kind: StopKind,
-    /// In words.
+    /// The reason in words.
     pub reason: String,
 }
 
-/// As [`follow`], until `watch` finds a reason in what was measured so far: then the robot comes to
-/// rest along its path, and the reason is the inner error.
+/// As [`follow`], until `watch` finds a reason in the samples so far: then the robot comes to rest
+/// along its path, and the reason is the inner error.
 ///
 /// # Errors
-/// As [`follow`], and [`RunError::NoChange`] where it does not stop.
+/// As [`follow`], and [`RunError::NoChange`] if it does not stop.
 pub fn follow_watched<L: Link>(
     client: &mut Client<L>,
     knots: &[Knot],
@@ -58,8 +58,8 @@ pub fn follow_watched<L: Link>(
     }
 }
 
-/// As [`follow`], for a plan: what else it does is done when the path's time has come for it.
-/// `knots` are the plan's, joined to where the robot is.
+/// As [`follow`], for a plan: its actions are executed when the path time reaches them. `knots` are
+/// the plan's, joined to the robot's position.
 ///
 /// # Errors
 /// As [`follow`].
@@ -75,7 +75,7 @@ pub(crate) fn follow_plan<L: Link>(
     Ok(())
 }
 
-/// Gives what `watch` stopped it for, if it did.
+/// Returns the reason for which `watch` stopped it, if it did.
 fn feed<L: Link>(
     client: &mut Client<L>,
     knots: &[Knot],
@@ -105,7 +105,7 @@ fn feed<L: Link>(
         orders::obey_in_motion(client)?;
         if let Err(error) = settle(client) {
             client.stop(StopKind::Stop)?;
-            // A board that stopped by itself refuses what was under way: the fault is the reason.
+            // A board that stopped by itself refuses requests in progress: the fault is the reason.
             let fault = super::status(client)?.fault;
             return Err(fault.map_or(error, |record| RunError::Fault { record }));
         }
@@ -121,7 +121,7 @@ fn feed<L: Link>(
             }
             return Ok(Some(halt));
         }
-        // What a heartbeat brought before the start tells nothing about this motion.
+        // An answer to a heartbeat from before the start says nothing about this motion.
         let Some(beat) = client.beat().filter(|beat| beat.sent_us >= started_us) else {
             continue;
         };
@@ -143,7 +143,7 @@ fn feed<L: Link>(
             && beat.next_knot == 0
             && !client.handle().view().paused
         {
-            // A motion's end is a time like any other: what is to be done there is done.
+            // The end of a motion is also a time: actions at the end are executed.
             for (_, action) in actions {
                 act(client, *action)?;
             }
@@ -153,8 +153,8 @@ fn feed<L: Link>(
             });
             return Ok(None);
         } else if client.now_us() >= asked_us + 100_000 {
-            // What the board says by itself may be lost on a bad line: ask until it is known why
-            // the robot does not move.
+            // Unsolicited messages of the board may be lost on a bad line: ask until the reason for
+            // the standstill is known.
             asked_us = client.now_us();
             let status = super::status(client)?;
             if let Some(record) = status.fault {
@@ -165,7 +165,7 @@ fn feed<L: Link>(
                 BoardState::Moving | BoardState::Pausing | BoardState::Holding
             );
             if !may_go_on {
-                // Somebody else stopped it.
+                // Another program stopped it.
                 return Err(RunError::Interrupted);
             }
         }
@@ -185,7 +185,7 @@ struct Feeder<'a> {
     next: usize,
 }
 
-/// Does what a plan does besides moving.
+/// Executes a plan's actions besides moving.
 fn act<L: Link>(client: &mut Client<L>, action: Action) -> Result<(), RunError> {
     match action {
         Action::Gripper { closed } => client.request(Request::Gripper { closed })?,
@@ -201,7 +201,7 @@ impl Feeder<'_> {
         usize::from(next.wrapping_sub(waits_for))
     }
 
-    /// Path time of the last knot that the board is known to have, s; `None` where it has all.
+    /// Path time of the last knot that the board has confirmed, s; `None` if it has all.
     fn confirmed_s(&self, waits_for: u16) -> Option<f64> {
         let has = self.next.saturating_sub(self.since(waits_for));
         self.knots.get(has)?;
@@ -260,7 +260,7 @@ fn settle<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Throws away what the board said before the motion.
+/// Discards what the board sent before the motion.
 fn drain<L: Link>(client: &mut Client<L>) -> Result<(), RunError> {
     while client.next_event().is_some() {}
     settle(client)

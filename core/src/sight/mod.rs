@@ -1,8 +1,8 @@
-//! Where tags are in the camera's pictures: what homing, calibration and picking look through.
+//! Tags in the camera's pictures: the common source for homing, calibration and picking.
 //!
 //! A [`TagSource`] gives the tags of the newest picture as [`TagView`]s: corners in px with their
-//! covariance, and the time of the picture. Whoever makes them (a detector on real or rendered
-//! pictures, or a projection of the simulated robot's tags) stands behind this trait.
+//! covariance, and the time of the picture. Implementations are a detector on real or rendered
+//! pictures, and a projection of the simulated robot's tags.
 
 mod shown;
 
@@ -44,17 +44,17 @@ impl TagView {
     }
 }
 
-/// What sees tags.
+/// A source of tag observations.
 pub trait TagSource {
-    /// The tags of one new picture, in the order of their numbers; empty where none is in view.
-    /// A tag counts as in view only with all four corners in the picture.
+    /// The tags of one new picture, in the order of their numbers; empty if none is in view. A tag
+    /// counts as in view only with all four corners in the picture.
     ///
     /// # Errors
-    /// [`SightError`] where there is no picture.
+    /// [`SightError`] if there is no picture.
     fn look(&mut self) -> Result<Vec<TagView>, SightError>;
 
-    /// As [`TagSource::look`], or `None` where the picture has not come yet: a caller with a robot to
-    /// feed asks again.
+    /// As [`TagSource::look`], or `None` if the picture has not arrived yet: a caller that feeds a
+    /// robot asks again.
     fn poll(&mut self) -> Option<Result<Vec<TagView>, SightError>> {
         Some(self.look())
     }
@@ -81,7 +81,7 @@ impl<S: TagSource + ?Sized> TagSource for Box<S> {
 /// Why there is no picture.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, Diagnostic)]
 pub enum SightError {
-    /// The camera gives nothing.
+    /// The camera gives no picture.
     #[error("the camera gave no picture: {what}")]
     #[diagnostic(
         code(mcdpr::sight::camera),
@@ -95,7 +95,7 @@ pub enum SightError {
     #[error("the simulated robot failed: {what}")]
     #[diagnostic(code(mcdpr::sight::simulation))]
     Simulation {
-        /// What the plant said.
+        /// The plant's message.
         what: String,
     },
 }

@@ -1,4 +1,4 @@
-//! A picture of the robot's camera with what was found in it, for those who look on.
+//! A picture of the robot's camera with the detections in it, for observers.
 
 use mcdpr_vision::recorded::color_as_png;
 use mcdpr_vision::{Camera, RgbImage};
@@ -31,7 +31,7 @@ impl GraspMark {
     const PAD: f64 = 0.3;
 
     /// The grasp with its tool point at `point_m`, closing along the unit vector `closing`, both in
-    /// the camera's frame; `None` where it is not in front of the camera.
+    /// the camera's frame; `None` if it is not in front of the camera.
     #[must_use]
     pub fn new(
         camera: &Camera,
@@ -65,12 +65,12 @@ impl GraspMark {
     }
 }
 
-/// A picture with what was found in it. Clones share the pixels.
+/// A picture with the detections in it. Clones share the pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shown {
     /// The picture.
     pub picture: Arc<RgbImage>,
-    /// Where it comes from, in words.
+    /// Its source, in words.
     pub source: &'static str,
     /// Tags that were found.
     pub tags: Vec<TagMark>,

@@ -1,4 +1,4 @@
-//! Which peripheral answers where, whether its clock is on, and what its registers do.
+//! Address decoding of the peripherals, their clocks, and the effects of their registers.
 
 use super::*;
 
@@ -61,7 +61,7 @@ impl Bus {
             Place::Watchdog => self.watchdog.read(offset),
             Place::Usart => self.usart.read(offset),
             Place::Can => self.can.read(offset),
-            // How the debug pins are used can only be written.
+            // The configuration of the debug pins can only be written.
             Place::Afio if index == 1 => Some(self.afio[1] & !SWJ_CFG),
             Place::Afio => self.afio.get(index).copied(),
             Place::Exti => self.exti.get(index).copied(),

@@ -1,4 +1,4 @@
-//! What a run was like: instructions, ticks, stack, resets, and the log of a probe.
+//! Figures of a run: instructions, ticks, stack, resets, and the log of a probe.
 
 use super::{Chip, TickStats};
 use crate::bus::{RAM, RAM_BYTES};
@@ -23,14 +23,14 @@ impl Chip {
         self.ticks_done
     }
 
-    /// How often the core went to sleep (`WFE`) though a handler had returned since it last looked:
-    /// what that had to tell waits for the next interrupt.
+    /// How often the core went to sleep (`WFE`) although a handler had returned since its last
+    /// check: the handler's result waits for the next interrupt.
     #[must_use]
     pub const fn slept_through(&self) -> u64 {
         self.cpu.slept_through
     }
 
-    /// From now on keeps where the SysTick handler's instructions lie.
+    /// From now on records the addresses of the SysTick handler's instructions.
     pub fn profile_ticks(&mut self) {
         self.profile = Some(Box::default());
     }
@@ -56,7 +56,7 @@ impl Chip {
             .collect()
     }
 
-    /// What the SysTick handler took so far.
+    /// Duration of the SysTick handler so far.
     #[must_use]
     pub fn tick_stats(&self) -> TickStats {
         let mut sorted = self.ticks.clone();
@@ -71,7 +71,7 @@ impl Chip {
         }
     }
 
-    /// As [`Self::tick_stats`], and begins anew.
+    /// As [`Self::tick_stats`], and starts anew.
     pub fn take_tick_stats(&mut self) -> TickStats {
         let stats = self.tick_stats();
         self.ticks.clear();
@@ -87,7 +87,7 @@ impl Chip {
         self.cpu.lowest_sp
     }
 
-    /// Takes what lies in the first up-channel of the RTT block, as a probe would.
+    /// Takes the content of the first up-channel of the RTT block, as a probe would.
     pub fn rtt_take(&mut self) -> Vec<u8> {
         let mut taken = Vec::new();
         let Some(block) = self

@@ -1,4 +1,4 @@
-//! What the chip is wired to, and what may go wrong with it: pins, voltages, lines, supply, crystal.
+//! External connections of the chip and their faults: pins, voltages, lines, supply, crystal.
 
 use super::{CanErrors, Chip, Drive, Jumpers, Pins, Port, TICKS_PER_US};
 use crate::bus::{Identity, RAM, RAM_BYTES};
@@ -16,33 +16,33 @@ impl Chip {
         self.bus.scs.pend(HARD_FAULT);
     }
 
-    /// The processor executes nothing more until a reset: firmware that hangs with its interrupts
-    /// masked. Its peripherals go on.
+    /// The processor stops executing until a reset: firmware that hangs with its interrupts masked.
+    /// Its peripherals continue.
     pub fn hang(&mut self) {
         self.hangs = true;
     }
 
-    /// From now on every instruction takes `factor` times its time, 1 for as it should: a tick
-    /// that has too much to do.
+    /// From now on every instruction takes `factor` times its time, 1 for normal: simulates an
+    /// overloaded tick.
     pub fn slow_down(&mut self, factor: u32) {
         self.slowness = u64::from(factor.max(1));
     }
 
-    /// The supply falls under the threshold of the chip's voltage detector, or recovers. Gives
-    /// whether the firmware watches it.
+    /// The supply falls below the threshold of the chip's voltage detector, or recovers. Returns
+    /// whether the firmware monitors it.
     pub fn set_supply_low(&mut self, low: bool) -> bool {
         self.bus.set_supply_low(low)
     }
 
-    /// Writes a word of RAM, as a debugger does: to begin where a run would take weeks to come to.
-    /// Gives whether there is such a word.
+    /// Writes a word of RAM, as a debugger does: to start from a state that would take weeks to
+    /// reach. Returns whether there is such a word.
     pub fn write_ram(&mut self, address: u32, value: u32) -> bool {
         let in_ram = (RAM..=RAM + RAM_BYTES - 4).contains(&address);
         in_ram && self.bus.write(address, 4, value).is_ok()
     }
 
-    /// Stops the crystal. Where the clock security system watches it, the core gets its NMI and
-    /// goes on with the internal oscillator.
+    /// Stops the crystal. If the clock security system monitors it, the core gets its NMI and
+    /// continues with the internal oscillator.
     pub fn stop_crystal(&mut self) -> bool {
         let watched = self.bus.rcc.watches_crystal();
         if watched {
@@ -51,39 +51,39 @@ impl Chip {
         watched
     }
 
-    /// Whether the crystal starts when it is told to, from the next reset on.
+    /// Whether the crystal starts, from the next reset on.
     pub fn set_crystal(&mut self, works: bool) {
         self.bus.rcc.crystal_dead = !works;
     }
 
-    /// Whether the PLL locks when it is told to, from the next reset on.
+    /// Whether the PLL locks, from the next reset on.
     pub fn set_pll(&mut self, works: bool) {
         self.bus.rcc.pll_dead = !works;
     }
 
-    /// Frequency of the watchdog's oscillator (LSI), Hz: 30 to 60 kHz in chips, 40 kHz here unless
-    /// told otherwise. Counts from the watchdog's next feed on.
+    /// Frequency of the watchdog's oscillator (LSI), Hz: 30 to 60 kHz in real chips, 40 kHz here by
+    /// default. Takes effect at the watchdog's next feed.
     pub fn set_slow_oscillator(&mut self, hz: u32) {
         self.bus.watchdog.oscillator_hz = u64::from(hz.max(1));
     }
 
-    /// What the chip says that it is: a clone says something else.
+    /// The chip's identification: that of a clone differs.
     pub fn set_identity(&mut self, identity: Identity) {
         self.bus.identity = identity;
     }
 
-    /// The CAN controller sends and receives nothing any more, or works again.
+    /// The CAN controller stops sending and receiving, or works again.
     pub fn break_can(&mut self, broken: bool) {
         self.bus.can.broken = broken;
     }
 
-    /// A debugger halts the core until [`Self::resume`]; its peripherals, the watchdog among them,
-    /// go on.
+    /// A debugger halts the core until [`Self::resume`]; its peripherals, including the watchdog,
+    /// continue.
     pub fn halt(&mut self) {
         self.hangs = true;
     }
 
-    /// A debugger lets the core go on.
+    /// A debugger resumes the core.
     pub fn resume(&mut self) {
         self.hangs = false;
     }
@@ -94,7 +94,7 @@ impl Chip {
         self.bus.now / TICKS_PER_US
     }
 
-    /// What the outputs do now.
+    /// Present state of the outputs.
     #[must_use]
     pub fn pins(&self) -> Pins {
         Pins {
@@ -150,8 +150,8 @@ impl Chip {
         self.set_adc_sixteenths(channel, raw.min(4095) * 16);
     }
 
-    /// The supply as the ADC sees it, V: its full scale. What is applied to a pin stays the voltage
-    /// that it is; the voltage detector has [`Self::set_supply_low`].
+    /// The supply as the ADC sees it, V: its full scale. A voltage applied to a pin does not
+    /// change; the voltage detector has [`Self::set_supply_low`].
     pub fn set_supply_v(&mut self, volts: f64) {
         self.bus.adc.set_supply_v(volts);
     }
@@ -171,7 +171,7 @@ impl Chip {
         self.bus.plan();
     }
 
-    /// So many of the next bytes to USART3 arrive without a stop bit.
+    /// The next so many bytes to USART3 arrive without a stop bit.
     pub(crate) fn uart_damage(&mut self, bytes: u16) {
         let damaged = &mut self.bus.usart.damaged;
         *damaged = damaged.saturating_add(bytes);
@@ -182,7 +182,7 @@ impl Chip {
         std::mem::take(&mut self.bus.usart.sent)
     }
 
-    /// Bytes that came to USART3 before the one before them was read.
+    /// Bytes that arrived at USART3 before the previous one was read.
     #[must_use]
     pub fn uart_overruns(&self) -> u64 {
         self.bus.usart.overruns
@@ -193,13 +193,13 @@ impl Chip {
         self.bus.rewire_can(wiring);
     }
 
-    /// Destroys the next frames on the bus, whoever sends them.
+    /// Destroys the next frames on the bus, from any sender.
     pub(crate) fn destroy_can_frames(&mut self, count: u32) {
         self.bus.can_line.destroy = count;
     }
 
-    /// Another node wants to send a frame from `at_us` on (at once, where that is past). It goes
-    /// over the bus when that is free and nothing more urgent waits, and again until it passes.
+    /// Another node wants to send a frame from `at_us` on (at once, if that is past). It is sent
+    /// when the bus is free and nothing more urgent waits, and repeated until it passes.
     pub fn can_send(&mut self, at_us: u64, frame: CanFrame) {
         let at = (at_us * TICKS_PER_US).max(self.bus.now);
         self.bus.can_line.offer(at, frame);
@@ -216,7 +216,7 @@ impl Chip {
             .collect()
     }
 
-    /// What the CAN controller counts.
+    /// The CAN controller's counters.
     #[must_use]
     pub fn can_errors(&self) -> CanErrors {
         CanErrors {

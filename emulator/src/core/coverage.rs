@@ -1,9 +1,9 @@
-//! Every class of instruction in the firmware's file is among those that were checked.
+//! Every class of instruction in the firmware's file must be among those that were checked.
 //!
 //! A class is a decoded instruction without its numbers: which operation, on what kind of operand,
-//! with which flags, in 16 or 32 bits. Most are checked against an independent core (`oracle`). What
-//! that core does not have, or what needs more than registers and RAM, is named in [`BY_HAND`] with
-//! the test that works it out by hand.
+//! with which flags, in 16 or 32 bits. Most are checked against an independent core (`oracle`).
+//! Classes that this core lacks, or that need more than registers and RAM, are listed in
+//! [`BY_HAND`] with the test that checks them by hand.
 
 use super::decode::decode;
 use super::op::{Alu, Flags, Op};

@@ -14,7 +14,7 @@ pub(crate) const fn sign_extend(value: u32, bits: u32) -> i32 {
 }
 
 /// Decodes the instruction at `pc`: its first half-word and the one that follows (used by 32-bit
-/// encodings only). Gives the operation and its length in bytes.
+/// encodings only). Returns the operation and its length in bytes.
 pub fn decode(pc: u32, first: u16, second: u16) -> (Op, u8) {
     if first >= 0xE800 {
         (decode32(pc, first, second), 4)

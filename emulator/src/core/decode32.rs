@@ -38,7 +38,7 @@ pub(crate) fn decode32(pc: u32, a: u16, b: u16) -> Op {
     }
 }
 
-/// The stack pointer and the program counter are no general registers.
+/// The stack pointer and the program counter are not general registers.
 const fn bad(register: u8) -> bool {
     register == 13 || register == 15
 }

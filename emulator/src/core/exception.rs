@@ -1,8 +1,8 @@
-//! Exceptions: entry, return and who is next (ARMv7-M Architecture Reference Manual, B1.5).
+//! Exceptions: entry, return and priority (ARMv7-M Architecture Reference Manual, B1.5).
 //!
-//! The architecture has both set the event register of `WFE`. The core of this chip, r1p1, sets it on
-//! neither (Arm erratum 563915, ST ES096): software that relies on it sleeps through what came between
-//! its last look and the `WFE`.
+//! According to the architecture both set the event register of `WFE`. The core of this chip, r1p1,
+//! sets it on neither (Arm erratum 563915, ST ES096): software that relies on it misses events
+//! between its last check and the `WFE`.
 
 use super::{Cpu, EXCEPTION_CYCLES, Switch, Trap};
 use crate::bus::Bus;

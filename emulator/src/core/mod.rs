@@ -28,7 +28,7 @@ pub(crate) enum Switch {
 /// Registers and state that only instructions see.
 #[derive(Debug, Clone)]
 pub(crate) struct Cpu {
-    /// 0 to 15 as named; what follows serves the decoder (see [`op::DISCARD`], [`op::ZERO`]).
+    /// 0 to 15 as named; the others are for the decoder (see [`op::DISCARD`], [`op::ZERO`]).
     /// Register 15 reads as the instruction's address plus 4.
     pub regs: [u32; 32],
     /// Address of the instruction to be executed next.
@@ -49,7 +49,7 @@ pub(crate) struct Cpu {
     pub exclusive: Option<u32>,
     /// The event register of WFE.
     pub event: bool,
-    /// A handler has returned since the last WFE, and how often a WFE slept all the same.
+    /// A handler has returned since the last WFE, and the number of WFEs that slept despite that.
     unheard: bool,
     pub slept_through: u64,
     pub sleeping: bool,

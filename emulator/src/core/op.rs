@@ -1,8 +1,8 @@
 //! Decoded instructions: one value per encoding class, fields ready to use.
 
-/// Index of a register that nothing reads: where compare instructions write to.
+/// Index of a register that is never read: the destination of compare instructions.
 pub(crate) const DISCARD: u8 = 16;
-/// Index of a register that nothing writes and that is zero.
+/// Index of a register that is never written and is zero.
 pub const ZERO: u8 = 17;
 
 /// Two-operand arithmetic and logic.
@@ -51,7 +51,7 @@ pub enum Width {
     SignedHalf,
 }
 
-/// How the base register takes part in an address.
+/// Addressing modes of the base register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Index {
     Offset,

@@ -1,4 +1,4 @@
-//! Replays what an independent core made of random instructions (tests/data/generate.py).
+//! Replays an independent core's results for random instructions (tests/data/generate.py).
 
 use super::decode::decode;
 use super::tests::bus;

@@ -1,5 +1,5 @@
-//! What random sequences do not reach: branches, tables, exceptions, masks, sleep. Expected values
-//! are worked out by hand from the architecture manual.
+//! Cases that random sequences do not reach: branches, tables, exceptions, masks, sleep. Expected
+//! values are worked out by hand from the architecture manual.
 
 use super::decode::decode;
 use super::op::Op;
@@ -17,7 +17,7 @@ pub(super) fn bus() -> Bus {
     Bus::new(flash, vec![0; RAM_BYTES as usize], 0, 0)
 }
 
-/// A core before `code`, every vector at `HANDLER`, interrupt `n` at priority 16 `n`.
+/// A core about to execute `code`, every vector at `HANDLER`, interrupt `n` at priority 16 `n`.
 fn machine(code: &[u16]) -> (Cpu, Bus) {
     let mut bus = bus();
     place(&mut bus, CODE, code);

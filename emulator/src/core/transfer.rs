@@ -35,7 +35,7 @@ impl Cpu {
         Ok(2)
     }
 
-    /// The address of an access and what the base becomes.
+    /// The address of an access and the new value of the base.
     #[inline(always)]
     fn indexed(&self, rn: u8, offset: i32, index: Index) -> (u32, Option<u32>) {
         let base = self.reg(rn);

@@ -49,9 +49,9 @@ pub(crate) struct Adc {
     /// An injected conversion's end and result.
     injected_at: Option<u64>,
     injected: u32,
-    /// What lies at each channel, in sixteenths of a step of a supply of 3.3 V.
+    /// Voltage at each channel, in sixteenths of a step of a supply of 3.3 V.
     pub applied: [u16; 18],
-    /// What conversions have not told yet, in sixteenths.
+    /// Remainder of the conversions so far, in sixteenths.
     rest: [u16; 18],
     /// The supply, which is the converter's full scale, V.
     supply_v: f64,
@@ -82,7 +82,7 @@ impl Default for Adc {
 }
 
 impl Adc {
-    /// The supply, to which everything is compared.
+    /// The supply, the reference of all conversions.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -97,7 +97,7 @@ impl Adc {
         self.supply_v
     }
 
-    /// What a channel converts to, in sixteenths.
+    /// The conversion result of a channel, in sixteenths.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -260,7 +260,7 @@ impl Adc {
         Ok(())
     }
 
-    /// Ends the conversion that is due. Gives its channel and whether DMA shall fetch it.
+    /// Ends the conversion that is due. Returns its channel and whether DMA must fetch it.
     pub fn finish(&mut self, cycle: u64) -> (u8, bool) {
         let channel = self.channel(self.position);
         let index = usize::from(channel).min(17);

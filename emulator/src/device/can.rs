@@ -1,6 +1,6 @@
 //! bxCAN: mailboxes, filters, receive FIFOs, error states (RM0008, 24).
 //!
-//! The controller alone: what it shares with the other nodes is in [`super::can_line`].
+//! The controller alone: the shared bus is in [`super::can_line`].
 
 use super::can_line::{CanFrame, Outcome};
 
@@ -18,7 +18,7 @@ const LOOP_BACK: u32 = 1 << 30;
 const SILENT: u32 = 1 << 31;
 const BANKS: usize = 14;
 const DEPTH: usize = 3;
-/// Bits of an idle bus before a node may take part.
+/// Bits of an idle bus before a node may join.
 const SYNC_BITS: u64 = 11;
 /// Such sequences before a node comes back from bus-off.
 const RECOVERY: u64 = 128;
@@ -68,9 +68,9 @@ pub(crate) struct Can {
     filter_fifo: u32,
     filter_on: u32,
     banks: [[u32; 2]; BANKS],
-    /// When it will have seen enough of an idle bus to take part (or to leave bus-off).
+    /// Time at which it has seen enough of an idle bus to join (or to leave bus-off).
     pub joins_at: Option<u64>,
-    /// It receives nothing, not even from itself.
+    /// It receives no frames, not even its own.
     pub broken: bool,
 }
 
@@ -108,7 +108,7 @@ impl Can {
         prescaler * (3 + first + second)
     }
 
-    /// Whether it takes part in what happens on the bus.
+    /// Whether it participates in the bus.
     pub const fn takes_part(&self) -> bool {
         self.msr & (INAK | SLAK) == 0 && !self.bus_off && self.joins_at.is_none()
     }
@@ -129,8 +129,8 @@ impl Can {
         self.next_waiting()
     }
 
-    /// Silent loop back (RM0008, 24.4.4): what waits comes back, and the bus hears nothing. Without
-    /// the time that it takes.
+    /// Silent loop back (RM0008, 24.4.4): waiting frames come back, without reaching the bus. Takes
+    /// no time here.
     pub(crate) fn loop_back(&mut self) {
         if self.btr & LOOP_BACK == 0 || !self.takes_part() {
             return;
@@ -154,7 +154,7 @@ impl Can {
         }
     }
 
-    /// It was not the most urgent on the bus.
+    /// It lost the arbitration.
     pub(crate) fn lose(&mut self, mailbox: usize) {
         if self.mcr & NART != 0 {
             self.mailboxes[mailbox].pending = false;
@@ -163,7 +163,7 @@ impl Can {
         self.results[mailbox] |= ALST;
     }
 
-    /// How sending a mailbox went.
+    /// Result of sending a mailbox.
     pub fn sent(&mut self, mailbox: usize, outcome: Outcome, now: u64, bit: u64) {
         match outcome {
             Outcome::Good => {
@@ -174,7 +174,7 @@ impl Can {
             }
             Outcome::NoAcknowledge | Outcome::Destroyed => {
                 let lonely = outcome == Outcome::NoAcknowledge;
-                // A node that is alone must not silence itself: no more than error passive.
+                // A node that is alone must not go bus-off: error passive at most.
                 if !(lonely && self.is_passive()) {
                     self.tec += 8;
                 }
@@ -288,7 +288,7 @@ impl Can {
             | self.rec << 24
     }
 
-    /// Bits of an idle bus until it takes part.
+    /// Bits of an idle bus until it joins.
     pub(crate) const fn join_bits(&self) -> u64 {
         SYNC_BITS * if self.bus_off { RECOVERY } else { 1 }
     }
@@ -448,7 +448,7 @@ impl Can {
         }
     }
 
-    /// Gives up what was to be given up and is not `busy` on the bus.
+    /// Aborts the mailboxes that were requested to abort and are not `busy` on the bus.
     pub(crate) fn abort_waiting(&mut self, busy: Option<usize>) {
         for (index, mailbox) in self.mailboxes.iter_mut().enumerate() {
             if mailbox.abort && busy != Some(index) {
@@ -490,7 +490,7 @@ fn frame_of(words: &[u32; 4]) -> CanFrame {
     data[..4].copy_from_slice(&words[2].to_le_bytes());
     data[4..].copy_from_slice(&words[3].to_le_bytes());
     let length = (words[1] & 15).min(8) as u8;
-    // What is beyond the length is not sent.
+    // Data beyond the length are not sent.
     data.iter_mut()
         .skip(usize::from(length))
         .for_each(|byte| *byte = 0);

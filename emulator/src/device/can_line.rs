@@ -1,5 +1,4 @@
-//! The CAN bus outside of the chip: who sends next, how long it takes, what goes wrong on it
-//! (ISO 11898-1).
+//! The CAN bus outside of the chip: arbitration, duration, and faults (ISO 11898-1).
 
 use super::can::Can;
 use std::collections::VecDeque;
@@ -37,7 +36,7 @@ impl CanFrame {
         }
     }
 
-    /// The lower, the more urgent: the bits of the arbitration field, as they go over the bus.
+    /// The lower, the more urgent: the bits of the arbitration field, in their order on the bus.
     pub(crate) const fn arbitration(&self) -> u32 {
         let remote = self.remote as u32;
         if self.extended {
@@ -108,7 +107,7 @@ impl Stuffing {
     }
 }
 
-/// How a frame fared.
+/// Outcome of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Outcome {
     Good,
@@ -116,12 +115,12 @@ pub(crate) enum Outcome {
     Destroyed,
 }
 
-/// What is connected to the chip's CAN pins.
+/// Connection of the chip's CAN pins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CanWiring {
     /// The other nodes' bit rate, bit/s.
     pub bitrate: u32,
-    /// Whether there is any other node, which acknowledges.
+    /// Whether there is another node, which acknowledges.
     pub others: bool,
     /// The two wires are shorted: no frame passes.
     pub shorted: bool,
@@ -157,7 +156,7 @@ pub(crate) struct CanLine {
 
 /// Error flag, its echo and its delimiter, interframe space.
 const ERROR_BITS: u64 = 6 + 6 + 8 + 3;
-/// What an error passive sender waits before it tries again.
+/// Waiting time of an error passive sender before it tries again.
 const SUSPEND_BITS: u64 = 8;
 /// Two nodes understand each other within this share of their bit rates, per mille.
 const TOLERANCE: u64 = 5;
@@ -184,7 +183,7 @@ impl CanLine {
         self.waiting.insert(place, (at, frame));
     }
 
-    /// When the bus is free for who wants to join; never while it is shorted.
+    /// When the bus is free for a node that wants to join; never while it is shorted.
     pub(crate) fn idle_from(&self, now: u64) -> u64 {
         if self.wiring.shorted {
             u64::MAX
@@ -206,7 +205,7 @@ impl CanLine {
         }
     }
 
-    /// The chip was reset: what it was sending is cut off.
+    /// The chip was reset: its current frame is cut off.
     pub(crate) fn cut_off(&mut self) {
         if self.busy().is_some() {
             self.transfer = None;
@@ -271,7 +270,7 @@ impl CanLine {
         if begin > now {
             return false;
         }
-        // Who waits by now takes part in the arbitration.
+        // All nodes that wait by now take part in the arbitration.
         let ready = self.waiting.iter().take_while(|(at, _)| *at <= begin);
         let urgent = ready
             .enumerate()
@@ -373,7 +372,7 @@ fn length(frame: &CanFrame, outcome: Outcome, passive: bool) -> u64 {
     let suspend = if passive { SUSPEND_BITS } else { 0 };
     match outcome {
         Outcome::Good => frame.bits(),
-        // Noticed behind the checksum, or somewhere on the way.
+        // Detected after the checksum, or somewhere before.
         Outcome::NoAcknowledge => frame.bits() - 10 + ERROR_BITS + suspend,
         Outcome::Destroyed => frame.bits() / 2 + ERROR_BITS + suspend,
     }

@@ -1,4 +1,4 @@
-//! CAN through its registers and the bus, as firmware and drives meet them.
+//! CAN through its registers and the bus, as seen by firmware and drives.
 
 use super::can_line::{CanFrame, CanWiring};
 use super::tests::{bus, misuse, read, wait, write};
@@ -21,7 +21,7 @@ const FILTERS: u32 = CAN + 0x200;
 /// A bit of 1 Mbit/s, in ticks of 1/72 us.
 const BIT: u64 = 72;
 
-/// Other nodes, as they should be.
+/// Other nodes, without faults.
 const NODES: CanWiring = CanWiring {
     bitrate: 1_000_000,
     others: true,
@@ -196,7 +196,7 @@ fn alone_it_becomes_passive_but_never_silent() {
         0x33,
         "no acknowledge, passive, warning"
     );
-    // Someone joins: the frame that was tried all the time gets through.
+    // A node joins: the repeated frame gets through.
     bus.can_line.wiring.others = true;
     pass(&mut bus, 500);
     assert_eq!(bus.can_line.delivered.len(), 1);

@@ -83,7 +83,7 @@ impl Dma {
         })
     }
 
-    /// A transfer met an address where nothing is: the channel stops.
+    /// A transfer accessed an unmapped address: the channel stops.
     pub fn fail(&mut self, index: usize) {
         self.channels[index].config &= !ENABLE;
         self.flags |= 0b1001 << (4 * index);

@@ -1,6 +1,6 @@
 //! Ports (RM0008, 9).
 
-/// What a pin does to the outside.
+/// Output state of a pin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Drive {
     /// Nothing: an input, or not configured.
@@ -18,7 +18,7 @@ pub(crate) struct Gpio {
     /// CRL below, CRH above.
     config: u64,
     output: u16,
-    /// Levels that the world applies; pins without any keep their pull's.
+    /// Levels applied from outside; other pins keep their pull's.
     pub applied: [Option<bool>; 16],
 }
 

@@ -69,25 +69,25 @@ impl Rcc {
             0x00 => {
                 let crystal =
                     self.cr & CR_HSEON != 0 && now >= self.crystal_at && !self.crystal_dead;
-                // Without its crystal it has nothing to lock to.
+                // Without its crystal it has no reference.
                 let fed = self.cfgr & 1 << 16 == 0 || crystal;
                 let pll = self.cr & CR_PLLON != 0 && now >= self.pll_at && fed && !self.pll_dead;
                 self.cr | u32::from(crystal) << 17 | u32::from(pll) << 25
             }
-            // What is chosen is in use at once.
+            // A selection takes effect at once.
             0x04 => self.cfgr | (self.cfgr & 3) << 2,
             0x08 | 0x0C | 0x10 => 0,
             0x14 => self.ahbenr,
             0x18 => self.apb2enr,
             0x1C => self.apb1enr,
             0x20 => self.bdcr,
-            // The low-speed oscillator runs as soon as it is asked for.
+            // The low-speed oscillator runs as soon as it is enabled.
             0x24 => self.csr | (self.csr & 1) << 1,
             _ => return None,
         })
     }
 
-    /// `Err` says what the chip could not do.
+    /// `Err` with what the chip does not support.
     pub fn write(&mut self, offset: u32, value: u32, now: u64) -> Result<(), &'static str> {
         match offset {
             0x00 => {
@@ -137,12 +137,12 @@ impl Rcc {
         self.bdcr
     }
 
-    /// Whether a stop of the crystal would be noticed.
+    /// Whether a stop of the crystal is detected.
     pub(crate) const fn watches_crystal(&self) -> bool {
         self.cr & CR_CSSON != 0
     }
 
-    /// The clocks as chosen; refuses what the chip's limits forbid.
+    /// The selected clocks; refuses settings beyond the chip's limits.
     pub fn clocks(&self) -> Result<Clocks, &'static str> {
         let source = match self.cfgr & 3 {
             2 => {

@@ -1,4 +1,4 @@
-//! Peripherals through their registers, as firmware meets them.
+//! Peripherals through their registers, as firmware uses them.
 
 use crate::bus::{Bus, FLASH_BYTES, Halt, RAM, RAM_BYTES};
 use crate::trap::Trap;

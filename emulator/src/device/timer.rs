@@ -5,7 +5,7 @@ const FILTERS: [u64; 16] = [
     0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192, 256,
 ];
 
-/// The encoder's way during a slice: evenly spaced edges.
+/// The encoder's motion during a slice: evenly spaced edges.
 #[derive(Debug, Clone, Copy, Default)]
 struct Travel {
     counts: i64,
@@ -19,7 +19,7 @@ pub(crate) struct Timer {
     /// The count at the beginning of the travel.
     count: i64,
     travel: Travel,
-    /// Edges that the filter did not let through, or that came while nothing counted.
+    /// Edges that were filtered out, or that came while the counter was off.
     pub lost: u64,
 }
 
@@ -32,7 +32,7 @@ const ARR: usize = 11;
 impl Timer {
     pub fn new() -> Self {
         // RM0008 gives 0xFFFF or 0 for the reload register after a reset, by revision, and clones
-        // have either. The worse one: at 0 nothing is counted (15.3.1).
+        // have either. Use the worse one: at 0 nothing is counted (15.3.1).
         Self::default()
     }
 

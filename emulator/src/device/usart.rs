@@ -1,4 +1,4 @@
-//! USART3: bytes take the time that its baud rate register says (RM0008, 27).
+//! USART3: bytes take the time given by its baud rate register (RM0008, 27).
 
 use std::collections::VecDeque;
 
@@ -32,13 +32,13 @@ pub(crate) struct Usart {
     shifting: Option<u8>,
     pub sent_at: Option<u64>,
     pub arrives_at: Option<u64>,
-    /// On their way to the chip.
+    /// Bytes on their way to the chip.
     pub line: VecDeque<u8>,
-    /// How many of the next ones arrive without a stop bit.
+    /// Number of next bytes that arrive without a stop bit.
     pub damaged: u16,
     /// Sent by the chip.
     pub sent: Vec<u8>,
-    /// The status was read since a flag rose: reading the data clears it.
+    /// The status was read since a flag was set: reading the data clears it.
     status_read: bool,
     pub overruns: u64,
 }
@@ -178,7 +178,7 @@ impl Usart {
                 if self.brr < 16 {
                     return Err("a baud rate over a sixteenth of the bus clock");
                 }
-                // What was sent to it before has passed unseen.
+                // Bytes sent to it before were not received.
                 if !self.line.is_empty() && self.arrives_at.is_none() {
                     self.line.clear();
                 }

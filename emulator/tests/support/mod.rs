@@ -1,4 +1,4 @@
-//! The real firmware file on the emulated chip, and a host that speaks to it.
+//! The real firmware file on the emulated chip, and a host that communicates with it.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use mcdpr_emulator::{Chip, Port};
@@ -12,12 +12,12 @@ use mcdpr_protocol::{
 
 /// Slice of virtual time, microseconds.
 pub const SLICE_US: u64 = 50;
-/// Where the reference says that every cable is, 0.1 um.
+/// Length of every cable at the reference, 0.1 um.
 pub const START: i32 = 8_000_000;
 /// 1264 * 3.3 V / 4095 = 1.0186 V; (1.0186 - 0.2355) V * 12.77 N/V = 10.0 N.
 pub const RAW_10_N: u16 = 1264;
 
-/// Where `cargo fw` leaves the file, or where `MCDPR_FIRMWARE` says.
+/// The output of `cargo fw`, or the file named by `MCDPR_FIRMWARE`.
 pub fn firmware() -> Vec<u8> {
     let built = concat!(
         env!("CARGO_MANIFEST_DIR"),
@@ -29,7 +29,7 @@ pub fn firmware() -> Vec<u8> {
     })
 }
 
-/// A chip on a bench, and what it has said.
+/// A chip on a bench, and its messages.
 pub struct Bench {
     pub chip: Chip,
     deframer: Deframer,
@@ -47,7 +47,7 @@ impl Bench {
         Self::on(|_| {})
     }
 
-    /// As [`Self::new`], on a board that is not as it should be from power-on.
+    /// As [`Self::new`], on a board with a fault from power-on.
     pub fn on(prepare: impl FnOnce(&mut Chip)) -> Self {
         let mut chip = Chip::load(&firmware()).expect("the firmware file loads");
         chip.set_input(Port::B, 5, Some(false));
@@ -69,7 +69,7 @@ impl Bench {
         bench
     }
 
-    /// Runs, and sorts what came.
+    /// Runs, and decodes the received bytes.
     pub fn run_ms(&mut self, ms: u64) {
         for _ in 0..ms * 1000 / SLICE_US {
             let run = self.chip.run_us(SLICE_US);
@@ -83,7 +83,7 @@ impl Bench {
         self.sort();
     }
 
-    /// Sorts the bytes that came into messages.
+    /// Decodes the received bytes into messages.
     pub fn sort(&mut self) {
         for byte in self.chip.uart_take() {
             match self.deframer.push(byte) {
@@ -117,8 +117,8 @@ impl Bench {
         self.hellos[0]
     }
 
-    /// Sends a request and gives its answer, which must come within 12 ms; that to a configuration,
-    /// which the board takes in slices, within 32 ms.
+    /// Sends a request and returns its answer, which must arrive within 12 ms; that to a
+    /// configuration, which the board builds in slices, within 32 ms.
     pub fn ask(&mut self, request: Request) -> Answer {
         let sequenced = request.is_sequenced();
         let command = Command {
@@ -142,7 +142,7 @@ impl Bench {
         self.answers.remove(0)
     }
 
-    /// As [`Self::ask`], where refusal is a failure.
+    /// As [`Self::ask`]; a refusal fails the test.
     pub fn done(&mut self, request: Request) -> Reply {
         let shown = format!("{request:?}");
         let answer = self.ask(request);
@@ -158,13 +158,13 @@ impl Bench {
         }
     }
 
-    /// Opens the session: its numbers go on from the next one.
+    /// Opens the session: its numbers continue from the next one.
     pub fn open(&mut self) {
         assert_eq!(self.done(Request::Open), Reply::Done);
         self.sequence += 1;
     }
 
-    /// Opens, configures four cables and references them; gives the configuration's hash.
+    /// Opens, configures four cables and references them; returns the configuration's hash.
     pub fn prepare(&mut self) -> ConfigHash {
         self.open();
         let entries = entries();

@@ -1,4 +1,4 @@
-//! What only the chip can tell of itself, for the board's self-test.
+//! Measurements that only the chip can make, for the board's self-test.
 
 #![allow(
     unsafe_code,
@@ -19,7 +19,7 @@ const COUNTED_TICKS: u32 = 1024;
 const DIVIDER: u32 = 0xF_FFFF;
 /// Loops until the divider may be written: some cycles of the slow oscillator each.
 const PATIENCE: u32 = 5000;
-/// What the stack was painted with at the start (cortex-m-rt, `paint-stack`).
+/// The pattern that the stack is filled with at the start (cortex-m-rt, `paint-stack`).
 const PAINT: u32 = 0xCCCC_CCCC;
 /// Last word of the identification registers of the core's table of components (ARM DDI 0337).
 const COMPONENTS: usize = 0xE00F_F000;
@@ -42,7 +42,7 @@ pub struct Gauge {
     tick_cycles: u32,
     /// This tick did a self-test.
     tested: bool,
-    /// The divider, [`COUNTED_TICKS`] ago at most.
+    /// The divider, at most [`COUNTED_TICKS`] ago.
     divider: Option<u32>,
     /// The chip's reset flags and clock, at the start.
     pub reset_flags: u8,
@@ -51,12 +51,12 @@ pub struct Gauge {
 }
 
 impl Gauge {
-    /// Lets the slow oscillator drive the real-time clock's divider, which nothing else uses.
+    /// Lets the slow oscillator drive the real-time clock's divider, which has no other use here.
     pub fn new(reset_flags: u8, crystal: bool) -> Self {
         pac::RCC.apb1enr().modify(|w| w.set_bkpen(true));
         pac::PWR.cr().modify(|w| w.set_dbp(true));
         pac::RCC.csr().modify(|w| w.set_lsion(true));
-        // Another source stays chosen until the domain is reset.
+        // Another source stays selected until the domain is reset.
         if pac::RCC.bdcr().read().rtcsel() != Rtcsel::LSI {
             pac::RCC.bdcr().write(|w| w.set_bdrst(true));
             pac::RCC.bdcr().write(|w| w.set_bdrst(false));
@@ -101,15 +101,15 @@ impl Gauge {
         }
     }
 
-    /// A tick took this long, core cycles. A self-test takes its own time, and nothing has torque
-    /// then: it does not count.
+    /// A tick took this long, core cycles. A tick with a self-test does not count: it needs extra
+    /// time, and no drive has torque then.
     pub fn took(&mut self, cycles: u32) {
         if !core::mem::take(&mut self.tested) {
             self.tick_cycles = self.tick_cycles.max(cycles);
         }
     }
 
-    /// Everything, into the core's answer.
+    /// The part number is spread over three registers (JEP106, bits 0 to 3 and 4 to 6).
     #[inline(never)]
     pub fn tell(&mut self, report: &mut Bench, supply_mv: u16, inputs: &Inputs<{ pins::CABLES }>) {
         self.tested = true;
@@ -135,12 +135,12 @@ impl Gauge {
     }
 }
 
-/// The real-time clock takes a new write.
+/// Whether the real-time clock accepts a new write.
 const RTOFF: u32 = 1 << 5;
 const _: () = assert!(CORE_HZ == 72_000_000);
 
 fn register(address: usize) -> u32 {
-    // SAFETY: called with the addresses above alone, which are always there and aligned.
+    // SAFETY: called only with the addresses above, which are always present and aligned.
     unsafe { core::ptr::read_volatile(address as *const u32) }
 }
 

@@ -2,10 +2,11 @@
 //!
 //! The tick never touches a mailbox and takes no lock: it puts frames into a queue and takes
 //! received ones from another. The controller's interrupts, below the tick and both of one
-//! priority, move them on. Mailboxes are sent in the order of their requests, so that two frames of
-//! one identifier never overtake each other. Received frames come through both FIFOs, drive by drive,
-//! so that one burst does not cost the other drives their frames; what is lost is counted. After bus-off the controller comes back by itself
-//! (128 times 11 recessive bits); what that means for the robot is the core's to say (D1).
+//! priority, move them on. Mailboxes are sent in the order of their requests, so that two frames
+//! with the same identifier never overtake each other. Received frames arrive through both FIFOs,
+//! drive by drive, so that a burst of one drive does not cost the others their frames; lost frames
+//! are counted. After bus-off the controller recovers by itself (128 times 11 recessive bits); the
+//! core decides what that means for the robot (D1).
 
 use crate::interrupts;
 use core::ptr;
@@ -30,26 +31,27 @@ const JUMP: u8 = 2;
 /// Bits of an identifier in a filter's registers.
 const BIT_0: u32 = 1 << 21;
 const BIT_4: u32 = 1 << 25;
-/// Loops until the controller is ready to be set up: it ends the frame under way, 0.3 ms at most.
+/// Loops until the controller is ready to be set up: it finishes the current frame first, 0.3 ms at
+/// most.
 const PATIENCE: u32 = 5000;
-/// Ticks without a single frame that got through, while some wait: then they are void. A drive
-/// that comes back must not obey what was meant for long ago.
+/// Ticks without a single transmitted frame, while some wait, after which they are dropped. A drive
+/// that returns must not follow outdated commands.
 const STALE_TICKS: u32 = 10;
 
-/// Frames on their way out, one place always empty: one per drive and three that all are meant for.
+/// Queue of outgoing frames, one place always empty: one per drive and three that are addressed to
+/// all.
 type Outgoing = Queue<CanFrame, 8>;
-/// Frames that came, for one tick: 1 Mbit/s brings 8 of eight bytes, one place
-/// always empty.
+/// Queue of received frames for one tick: 1 Mbit/s brings 8 of eight bytes, one place always empty.
 type Incoming = Queue<CanFrame, 12>;
 
-/// Bit rate to be taken up; 0 for none.
+/// New bit rate; 0 for none.
 static BITRATE: AtomicU32 = AtomicU32::new(0);
 /// Oldest frames of the queue to be dropped.
 static DROP: AtomicUsize = AtomicUsize::new(0);
-/// Frames that got through.
+/// Transmitted frames.
 static DELIVERED: AtomicU32 = AtomicU32::new(0);
 
-/// Frames that were received and lost: a FIFO was overrun, or the queue to the tick full.
+/// Received frames that were lost: a FIFO was overrun, or the queue to the tick was full.
 static LOST: AtomicU32 = AtomicU32::new(0);
 
 /// Frames lost since the start.
@@ -57,10 +59,10 @@ pub fn lost() -> u32 {
     LOST.load(Ordering::Relaxed)
 }
 
-/// How the last loop through the controller went: 0 never asked for, 1 under way, 2 good, 3 not.
+/// State of the last loop-back test: 0 never requested, 1 running, 2 passed, 3 failed.
 static LOOP: AtomicU8 = AtomicU8::new(0);
 
-/// Whether the last loop through the controller gave back what was sent; `None` before the first.
+/// Whether the last loop-back test returned the frames sent; `None` before the first.
 pub fn looped() -> Option<bool> {
     match LOOP.load(Ordering::Relaxed) {
         2 => Some(true),
@@ -69,7 +71,7 @@ pub fn looped() -> Option<bool> {
     }
 }
 
-/// What a loop sends: one frame through each FIFO.
+/// Frames of the loop-back test: one through each FIFO.
 const LOOPED: [CanFrame; 2] = [
     CanFrame {
         id: 0x7EE,
@@ -82,23 +84,23 @@ const LOOPED: [CanFrame; 2] = [
         data: [0xAA, 0, 0xFF, 0x33, 0xCC, 0, 0xFF, 0x0F],
     },
 ];
-/// Ticks that a loop may take: 0.3 ms of frames, after 11 bits of an idle bus.
+/// Ticks that a loop-back test may take: 0.3 ms of frames, after 11 bits of an idle bus.
 const LOOP_TICKS: u8 = 10;
 /// Its bit rate.
 const LOOP_BITS_PER_S: u32 = 1_000_000;
 
-/// The tick's end.
+/// The tick's end of the queues.
 pub struct Bus {
     outgoing: Producer<'static, CanFrame>,
     incoming: Consumer<'static, CanFrame>,
     delivered: u32,
     stale: u32,
-    /// Ticks that a loop through the controller still has, and what has come back.
+    /// Ticks left of a loop-back test, and the frames received so far.
     loop_ticks: u8,
     came_back: u8,
 }
 
-/// The interrupts' end.
+/// The interrupts' end of the queues.
 struct Controller {
     outgoing: Consumer<'static, CanFrame>,
     incoming: Producer<'static, CanFrame>,
@@ -106,8 +108,8 @@ struct Controller {
 
 static CONTROLLER: AtomicPtr<Controller> = AtomicPtr::new(ptr::null_mut());
 
-/// Gives the controller its pins, to which it was mapped, and its interrupts; its clock runs. It
-/// joins the bus when it is given a bit rate.
+/// Gives the controller its pins, to which it was mapped, and enables its interrupts; its clock
+/// runs. It joins the bus when it is given a bit rate.
 pub fn open() -> Bus {
     static OUTGOING: StaticCell<Outgoing> = StaticCell::new();
     static INCOMING: StaticCell<Incoming> = StaticCell::new();
@@ -120,7 +122,7 @@ pub fn open() -> Bus {
     });
     CONTROLLER.store(controller, Ordering::Release);
 
-    // The receiving pin is pulled up: a bus without transceiver idles.
+    // The receiving pin is pulled up: without a transceiver the bus reads as idle.
     pac::GPIOB.cr(1).modify(|w| {
         w.set_mode(1, Mode::OUTPUT50MHZ);
         w.set_cnf_out(1, CnfOut::ALT_PUSH_PULL);
@@ -143,18 +145,19 @@ pub fn open() -> Bus {
 }
 
 impl Bus {
-    /// Sends frames through the controller and back, off the bus. The bus must not be in use.
+    /// Sends frames through the controller and back, disconnected from the bus. The bus must not be
+    /// in use.
     pub fn begin_loop(&mut self) {
         LOOP.store(1, Ordering::Relaxed);
         (self.loop_ticks, self.came_back) = (LOOP_TICKS, 0);
         self.set_bitrate(LOOP_BITS_PER_S);
         for frame in &LOOPED {
-            // They wait in the queue until the controller is ready.
+            // The frames wait in the queue until the controller is ready.
             let _ = self.outgoing.enqueue(*frame);
         }
     }
 
-    /// One tick of a loop.
+    /// One tick of a loop-back test.
     fn watch_loop(&mut self) {
         while let Some(frame) = self.incoming.dequeue() {
             self.came_back += u8::from(LOOPED.contains(&frame));
@@ -163,14 +166,14 @@ impl Bus {
         if self.loop_ticks == 0 {
             let good = usize::from(self.came_back) == LOOPED.len();
             LOOP.store(if good { 2 } else { 3 }, Ordering::Relaxed);
-            // Asleep again, until a configuration gives it a bit rate.
+            // Back to sleep, until a configuration gives it a bit rate.
             let mut mode = Mcr(0);
             mode.set_reset(true);
             pac::CAN.mcr().write_value(mode);
         }
     }
 
-    /// Once per tick: what nobody hears for too long is dropped.
+    /// Once per tick: drops frames that no node has acknowledged for too long.
     pub fn watch(&mut self) {
         if self.loop_ticks > 0 {
             return self.watch_loop();
@@ -192,7 +195,7 @@ impl Bus {
     }
 }
 
-/// Lets the transmit interrupt look.
+/// Triggers the transmit interrupt.
 fn ring() {
     NVIC::pend(interrupt::USB_HP_CAN1_TX);
 }
@@ -236,7 +239,7 @@ impl Controller {
         }
         let bits_per_s = BITRATE.swap(0, Ordering::Relaxed);
         if bits_per_s != 0 && !set_up(bits_per_s) {
-            // Once more in a tick, unless another one is asked for.
+            // Repeat in the next tick, unless another drop is requested.
             BITRATE.store(bits_per_s, Ordering::Relaxed);
             return;
         }
@@ -295,7 +298,7 @@ impl Controller {
             for (slot, byte) in frame.data.iter_mut().zip(bytes).take(frame.len.into()) {
                 *slot = byte;
             }
-            // What finds no room is lost, as on the wire: drives say all they say again.
+            // A frame that finds no room is lost, as on the wire: drives repeat their values.
             if self.incoming.enqueue(frame).is_err() {
                 LOST.fetch_add(1, Ordering::Relaxed);
             }
@@ -310,7 +313,7 @@ fn halves(data: &[u8; 8]) -> [u32; 2] {
     [[a, b, c, d], [e, f, g, h]].map(u32::from_le_bytes)
 }
 
-/// Starts the controller anew at a bit rate; `false` if it did not get ready in time.
+/// Restarts the controller at a bit rate; `false` if it did not get ready in time.
 fn set_up(bits_per_s: u32) -> bool {
     let can = pac::CAN;
     let mut mode = Mcr(0);
@@ -325,7 +328,7 @@ fn set_up(bits_per_s: u32) -> bool {
     if !(0..PATIENCE).any(ready) {
         return false;
     }
-    // The configuration lets only bit rates through that this divides (`config::BIT_RATES`).
+    // The configuration accepts only bit rates that divide this (`config::BIT_RATES`).
     let prescaler = u16::try_from(QUANTA_HZ / bits_per_s.max(1)).unwrap_or(1);
     can.btr().write(|w| {
         w.set_brp(prescaler.saturating_sub(1));
@@ -336,9 +339,9 @@ fn set_up(bits_per_s: u32) -> bool {
         w.set_lbkm(loops);
         w.set_silm(if loops { Silm::SILENT } else { Silm::NORMAL });
     });
-    // Four masks of 32 bits: data frames with 11 bits of identifier, whatever they are. Identifier
-    // bits 0 and 4 alike go to FIFO 0, others to FIFO 1: the lowest bit of a drive's number is bit 4
-    // for an RMDS, whose bit 0 never changes, and bit 0 for CiA 402.
+    // Four masks of 32 bits: all data frames with 11 bits of identifier. Identifiers with equal
+    // bits 0 and 4 go to FIFO 0, others to FIFO 1: the lowest bit of a drive's number is bit 4 for
+    // an RMDS, whose bit 0 never changes, and bit 0 for CiA 402.
     can.fmr().modify(|w| w.set_finit(true));
     can.fs1r().write(|w| w.0 = 0b1111);
     can.fm1r().write(|w| w.0 = 0);
@@ -362,8 +365,8 @@ fn set_up(bits_per_s: u32) -> bool {
 /// The controller, from `open` on.
 fn controller() -> Option<&'static mut Controller> {
     #[allow(unsafe_code, reason = "one owner, three interrupts of one priority")]
-    // SAFETY: null, or the one reference that `open` made and gave up. Only the handlers below
-    // load it; they have the same priority, so none runs while another does.
+    // SAFETY: null, or the one reference that `open` made and gave up. Only the handlers below load
+    // it; they have the same priority, so they never run at the same time.
     unsafe {
         CONTROLLER.load(Ordering::Acquire).as_mut()
     }

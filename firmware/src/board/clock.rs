@@ -11,7 +11,7 @@ pub const CYCLES_PER_TICK: u32 = CORE_HZ / 1000;
 
 static NOW: AtomicU32 = AtomicU32::new(0);
 
-/// Another tick begins: only the tick itself counts. Gives its number, wrapping.
+/// Starts the next tick; only the tick itself calls it. Returns its number, wrapping.
 pub fn advance() -> u32 {
     let tick = NOW.load(Ordering::Relaxed).wrapping_add(1);
     NOW.store(tick, Ordering::Relaxed);

@@ -5,14 +5,15 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::timer::TimGp16;
 use embassy_stm32::pac::timer::vals::{CcmrInputCcs, FilterValue, Sms};
 
-/// Eight equal samples at 72 MHz / 16: shorter pulses than 1.8 us are noise. Edges may follow each
-/// other at 560 kHz, far over any drum: 1024 lines at 10 turns per second give 41 kHz.
+/// Eight equal samples at 72 MHz / 16: pulses shorter than 1.8 us are filtered out. Edges may
+/// follow each other at 560 kHz, far above any drum: 1024 lines at 10 turns per second give 41 kHz.
 const FILTER: FilterValue = FilterValue::FDTS_DIV16_N8;
 
 /// Cable 1 first.
 fn timers() -> [TimGp16; CABLES] {
     #[allow(unsafe_code, reason = "one timer by the registers that all four share")]
-    // SAFETY: TIM1 has all registers of the others at the same places, and more behind them.
+    // SAFETY: TIM1 has all registers of the others at the same offsets, and further ones behind
+    // them.
     let first = unsafe { TimGp16::from_ptr(pac::TIM1.as_ptr()) };
     [first, pac::TIM2, pac::TIM3, pac::TIM4]
 }
@@ -26,8 +27,8 @@ pub fn start() {
                 w.set_icf(input, FILTER);
             }
         });
-        // What it holds after a reset differs between manuals and makers of the chip; at 0 the
-        // counter stands.
+        // Its value after a reset differs between manuals and makers of the chip; at 0 the counter
+        // stops.
         timer.arr().write(|w| w.0 = u16::MAX.into());
         timer.smcr().write(|w| w.set_sms(Sms::ENCODER_MODE_3));
         timer.cr1().write(|w| w.set_cen(true));
@@ -36,7 +37,7 @@ pub fn start() {
 
 /// The counters.
 pub fn read() -> [u16; CABLES] {
-    // One by one: a loop over them would first lay out their addresses.
+    // One by one: a loop over them would first build a table of their addresses.
     let [a, b, c, d] = timers();
     let count = |timer: TimGp16| timer.cnt().read().cnt();
     [count(a), count(b), count(c), count(d)]

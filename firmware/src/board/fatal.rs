@@ -1,8 +1,8 @@
 //! Fatal errors: brakes first, then a record that survives the reset, then the reset.
 //!
-//! Panics, processor faults, a stopped crystal, a falling supply and interrupts without a handler all end here. The
-//! record lies in RAM that no start clears; magic number and checksum tell it from what RAM holds
-//! when power comes on.
+//! Panics, processor faults, a stopped crystal, a falling supply and interrupts without a handler
+//! all end here. The record lies in RAM that a start does not clear; magic number and checksum
+//! distinguish it from the random contents of RAM at power-on.
 #![allow(
     unsafe_code,
     reason = "linker sections and exception handlers; each use says why it is sound"
@@ -18,15 +18,15 @@ use mcdpr_protocol::List;
 use mcdpr_protocol::frame::crc32;
 use mcdpr_protocol::message::PANIC_BYTES;
 
-/// What the record says after the supply has fallen.
+/// Text of the record after the supply has fallen.
 pub const SUPPLY_LOW: &str = "P1: supply low";
 
 /// A record that no start has read yet.
 const NEW: u32 = 0x4D43_4450;
-/// A record that a start has read: kept for `Info`, but no longer the reset's cause.
+/// A record that an earlier start has read: kept for `Info`, but no longer the reset's cause.
 const READ: u32 = 0x5052_4541;
 
-/// Atomics may hold any bits and need no initial value: exactly what memory after a reset is.
+/// Atomics may hold any bits and need no initial value, as memory after a reset requires.
 struct Kept {
     magic: AtomicU32,
     length: AtomicUsize,
@@ -42,11 +42,11 @@ static KEPT: Kept = Kept {
     text: [const { AtomicU8::new(0) }; PANIC_BYTES],
 };
 
-/// What the last fatal error left.
+/// The record of the last fatal error.
 pub struct Record {
     /// It happened just before this start.
     pub is_new: bool,
-    /// What it said; empty if there was none since power-on.
+    /// Its text; empty if there was none since power-on.
     pub text: List<u8, PANIC_BYTES>,
 }
 
@@ -69,22 +69,22 @@ pub fn read_record() -> Record {
     }
 }
 
-/// Collects a message, cut where it does not fit. The formatting of `core` would take 5 KB of
-/// flash for messages that this says as well.
+/// Collects a message, cut if it does not fit. The formatting of `core` would take 5 KB of flash
+/// for the same messages.
 pub struct Message(List<u8, PANIC_BYTES>);
 
 impl Message {
-    /// Starts with this text. Closes the brakes first: nothing is worth waiting for.
+    /// Starts with this text. Closes the brakes first, before anything else.
     pub fn new(text: &str) -> Self {
         cortex_m::interrupt::disable();
         pins::safe_off();
         Self(List::new()).text(text)
     }
 
-    /// Adds text; what does not fit is left out.
+    /// Adds text; text that does not fit is cut.
     pub fn text(mut self, text: &str) -> Self {
         for &byte in text.as_bytes() {
-            // A full message stays as it is.
+            // A full message does not change.
             let _ = self.0.push(byte);
         }
         self
@@ -108,7 +108,7 @@ impl Message {
 
     fn digit(mut self, digit: usize) -> Self {
         let digit = b"0123456789abcdef".get(digit).copied();
-        // A full message stays as it is.
+        // A full message does not change.
         let _ = self.0.push(digit.unwrap_or(b'?'));
         self
     }
@@ -137,7 +137,7 @@ fn panic(info: &PanicInfo) -> ! {
     let mut message = Message::new("");
     if let Some(place) = info.location() {
         let file = place.file();
-        // The end of a path says enough: crate, folder, file.
+        // The end of the path is enough: crate, folder, file.
         let start = file.len().saturating_sub(PANIC_BYTES / 2);
         let end = file.get(start..).unwrap_or_default();
         message = message.text(end).text(":").decimal(place.line() as usize);
@@ -154,11 +154,12 @@ unsafe extern "C" {
 /// Bytes of stack that the handler may need.
 const HANDLER_BYTES: u32 = 1024;
 
-/// Takes a fresh stack, before anything is pushed, where the old one is used up: its overflow may
-/// be the fault. Then it was deep, so the fresh one does not reach what it says about the fault.
+/// Switches to a fresh stack, before anything is pushed, if the old one is used up: its overflow
+/// may be the fault. In that case the old stack was deep, so the fresh one does not overwrite the
+/// frame of the fault.
 ///
 /// # Safety
-/// Called by the processor alone.
+/// Called only by the processor.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() -> ! {

@@ -1,30 +1,30 @@
-//! Who this board is, and why it started.
+//! The board's identity, and the cause of its start.
 
 use crate::fatal::Record;
 use embassy_stm32::pac;
 use mcdpr_protocol::message::PANIC_BYTES;
 use mcdpr_protocol::{FaultId, Hello, Info, List, PROTOCOL_MAJOR, PROTOCOL_MINOR, ResetCause};
 
-/// First characters of the git hash, from the build script; empty outside of git.
+/// First characters of the git hash, from the build script; empty without git.
 const GIT_HASH: &[u8] = env!("MCDPR_GIT_HASH").as_bytes();
 
 /// The last start.
 pub struct Reset {
-    /// Why.
+    /// Its cause.
     pub cause: ResetCause,
-    /// The chip's flags for it, as in the upper byte of RCC_CSR.
+    /// The chip's reset flags, as in the upper byte of RCC_CSR.
     pub flags: u8,
-    /// What the last fatal error since power-on said.
+    /// Text of the last fatal error since power-on.
     pub last_panic: List<u8, PANIC_BYTES>,
 }
 
 impl Reset {
-    /// The fault that this start has to show: the board crashed, hung, or lost its supply or its
+    /// The fault that this start has to report: the board crashed, hung, or lost its supply or its
     /// crystal. It stays until it is cleared.
     pub fn fault(&self) -> Option<FaultId> {
         match self.cause {
             ResetCause::Watchdog => Some(FaultId::P3),
-            // Two messages begin with the number of their row; no other does.
+            // Only these two messages begin with the number of their row.
             ResetCause::Panic => Some(match &*self.last_panic {
                 [b'P', b'1', ..] => FaultId::P1,
                 [b'P', b'6', ..] => FaultId::P6,
@@ -35,7 +35,8 @@ impl Reset {
     }
 }
 
-/// Reads and clears the chip's reset flags. Every reset pulls the reset pin, so that one is last.
+/// Reads and clears the chip's reset flags. Every reset pulls the reset pin, so that flag is
+/// checked last.
 pub fn reset_cause(record: Record) -> Reset {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
@@ -59,7 +60,7 @@ pub fn reset_cause(record: Record) -> Reset {
     }
 }
 
-/// The frozen greeting.
+/// The greeting, whose layout is frozen.
 pub fn hello(reset: &Reset) -> Hello {
     let mut git_hash = [0; 8];
     for (byte, character) in git_hash.iter_mut().zip(GIT_HASH) {
@@ -78,7 +79,7 @@ pub fn hello(reset: &Reset) -> Hello {
     }
 }
 
-/// Adds to the core's answer what only the board knows.
+/// Adds board-specific values to the core's answer.
 pub fn complete(info: &mut Info, last_panic: &List<u8, PANIC_BYTES>) {
     // RMDS and CiA 402.
     info.drive_kinds = 0b110;

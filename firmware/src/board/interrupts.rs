@@ -1,18 +1,18 @@
-//! Priorities, and critical sections that never hold the tick up.
+//! Priorities, and critical sections that never delay the tick.
 //!
 //! | priority | who |
 //! |---|---|
 //! | 0 | SysTick: the control tick |
 //! | 4 | links (DMA of the UART, CAN) |
-//! | 8 | every interrupt that nobody set |
+//! | 8 | every other interrupt |
 //!
 //! A critical section raises `BASEPRI` to 1: it masks all of these but the tick. So the tick must
-//! never use one, and does not: no locks, no defmt. What it has to tell it leaves in queues and
-//! atomics; that it ran wakes the link's loop.
+//! not use one: no locks, no defmt. It passes its results through queues and atomics; the fact that
+//! it ran wakes the link's loop.
 //!
-//! A core of this age does not set its event register on exceptions (Arm erratum 563915, in ST's
-//! ES096 for r1p1): one that comes between the link's last look and its `WFE` would be slept
-//! through. So every handler that returns leaves the event itself ([`leave_event`]).
+//! A core of this revision does not set its event register on exceptions (Arm erratum 563915, in
+//! ST's ES096 for r1p1): an exception between the link's last check and its `WFE` would be missed.
+//! So every handler that returns sets the event itself ([`leave_event`]).
 #![allow(
     unsafe_code,
     reason = "critical sections and interrupt priorities are the processor's own registers"
@@ -30,14 +30,14 @@ const TICK: u8 = 0;
 const BELOW_TICK: u8 = 1 << 4;
 /// Links.
 const LINK: u8 = 4 << 4;
-/// Whatever was not set.
+/// Every other interrupt.
 const OTHER: u8 = 8 << 4;
 
 struct BelowTick;
 critical_section::set_impl!(BelowTick);
 
-// SAFETY: the chip has one core, and everything that uses critical sections runs at priority 1 or
-// lower: `lower_all` gives every interrupt such a priority before the first is enabled. What runs
+// SAFETY: the chip has one core, and all code that uses critical sections runs at priority 1 or
+// lower: `lower_all` gives every interrupt such a priority before the first is enabled. The code
 // above (tick, NMI, HardFault) uses none.
 unsafe impl critical_section::Impl for BelowTick {
     unsafe fn acquire() -> u8 {
@@ -51,18 +51,18 @@ unsafe impl critical_section::Impl for BelowTick {
 
     unsafe fn release(before: u8) {
         compiler_fence(Ordering::SeqCst);
-        // SAFETY: restores what `acquire` found; the caller pairs the two.
+        // SAFETY: restores the value that `acquire` read; the caller pairs the two.
         unsafe { basepri::write(before) }
     }
 }
 
-/// The last thing that a handler does.
+/// Must be the last call of a handler.
 #[inline]
 pub fn leave_event() {
     cortex_m::asm::sev();
 }
 
-/// Puts every interrupt below the tick: what is not set would stay beside it at 0.
+/// Puts every interrupt below the tick: one that is not set would share priority 0 with it.
 pub fn lower_all(nvic: NVIC, mut scb: SCB) {
     for priority in &nvic.ipr {
         // SAFETY: no interrupt is enabled yet, so no priority changes under a running handler.
@@ -78,10 +78,10 @@ pub fn lower_all(nvic: NVIC, mut scb: SCB) {
     }
 }
 
-/// Enables the interrupt of a link. All that its handler uses is in place.
+/// Enables the interrupt of a link. Everything that its handler uses must be initialised.
 pub fn enable_link(line: Interrupt) {
-    // SAFETY: the line is not enabled yet, so that its priority changes under no handler; its
-    // handler uses no critical section and shares nothing but atomics and its end of queues.
+    // SAFETY: the line is not enabled yet, so that its priority does not change under a running
+    // handler; its handler uses no critical section and shares only atomics and its end of queues.
     unsafe {
         if let Some(priority) = (*NVIC::PTR).ipr.get(line as usize) {
             priority.write(LINK);

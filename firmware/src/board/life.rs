@@ -1,5 +1,5 @@
-//! The watchdog: it runs before anything that could hang, the clocks included, and is fed only when
-//! the tick and both halves of the link have shown life since.
+//! The watchdog: it runs before anything that could hang, the clocks included, and is fed only if
+//! the tick and both halves of the link have reported in since.
 
 use core::sync::atomic::{AtomicU8, Ordering};
 use embassy_stm32::pac;
@@ -9,7 +9,7 @@ use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 /// 50 ms.
 const RELOAD: u16 = 375 - 1;
 
-/// Who must live.
+/// Parts that must report in.
 #[derive(Debug, Clone, Copy)]
 #[repr(u8)]
 pub enum Part {
@@ -25,7 +25,7 @@ const ALL: u8 = Part::Tick as u8 | Part::Receive as u8 | Part::Send as u8;
 
 static SEEN: AtomicU8 = AtomicU8::new(0);
 
-/// A part shows life.
+/// A part reports in.
 pub fn show(part: Part) {
     SEEN.fetch_or(part as u8, Ordering::Relaxed);
 }
@@ -44,12 +44,12 @@ impl Keeper {
         Self(())
     }
 
-    /// Feeds it while the board starts: each step of that has its own end.
+    /// Feeds it while the board starts: each step of the start has its own timeout.
     pub fn feed_at_start(&mut self) {
         pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
     }
 
-    /// Feeds it if every part has lived since it was last fed.
+    /// Feeds it if every part has reported in since it was last fed.
     pub fn feed(&mut self) {
         if SEEN.load(Ordering::Relaxed) == ALL {
             SEEN.store(0, Ordering::Relaxed);

@@ -1,6 +1,6 @@
 //! The link: bytes to commands, answers and telemetry to bytes. Two tasks of embassy's executor in
-//! thread mode, `receive` and `send`; each takes a turn after every interrupt, so at least once per
-//! tick. What they do is the library's (`mcdpr_firmware::link`).
+//! thread mode, `receive` and `send`; each runs once after every interrupt, so at least once per
+//! tick. Their logic is in the library (`mcdpr_firmware::link`).
 
 use crate::fatal;
 use crate::life::{self, Keeper, Part};
@@ -25,7 +25,7 @@ pub fn queues() -> (TickEnds<'static, CABLES>, LinkEnds<'static, CABLES>) {
     QUEUES.init_with(Queues::new).split(&STATE)
 }
 
-/// Damaged bytes that the tick does not know of yet.
+/// Damaged bytes not yet reported to the tick.
 static LINE_ERRORS: AtomicU32 = AtomicU32::new(0);
 
 /// Bytes without a stop bit, with noise, or overrun since the last call.
@@ -47,12 +47,12 @@ pub fn run(incoming: &'static mut Incoming, outgoing: &'static mut Outgoing) -> 
             unsafe_code,
             reason = "the executor's entry, which is for its owner alone"
         )]
-        // SAFETY: called here alone, not from within a task, and not by `pender`.
+        // SAFETY: called only here, not from within a task, and not by `pender`.
         unsafe {
             executor.poll();
         }
-        // Whatever came since the last look has left its event: handlers end with SEV, since those
-        // of this core set none (`interrupts`). Nothing is slept through.
+        // Anything that arrived since the last check has set the event: handlers end with SEV,
+        // since those of this core do not set it (`interrupts`). So no event is missed.
         cortex_m::asm::wfe();
     }
 }
@@ -73,8 +73,8 @@ async fn send(outgoing: &'static mut Outgoing) {
     }
 }
 
-/// Ends the task's turn. Its next one comes after the next interrupt: the executor takes what is
-/// woken within a pass up in the next pass.
+/// Ends the task's turn. Its next one follows the next interrupt: a task that is woken within a
+/// pass runs in the next pass.
 async fn next_event() {
     let mut waited = false;
     poll_fn(|context| {
@@ -88,24 +88,24 @@ async fn next_event() {
     .await;
 }
 
-/// Called where a task is woken. All wake themselves, in thread mode: there is nobody to tell, and
-/// the tick has no part in it.
+/// Called when a task is woken. All tasks wake themselves, in thread mode: there is nothing to
+/// notify, and the tick is not involved.
 #[allow(unsafe_code, reason = "the executor asks for it by this name")]
 #[unsafe(export_name = "__pender")]
 fn pender(_: *mut ()) {}
 
-/// What receives, with all it needs.
+/// The receiving task's state.
 pub struct Incoming {
     half: link::Incoming,
     commands: Producer<'static, Waiting>,
     ring: Ring,
     keeper: Keeper,
     line_errors: u32,
-    /// Bytes that had come at the last of them.
+    /// Byte count at the last of them.
     error_at: Option<u32>,
 }
 
-/// What sends.
+/// The sending task's state.
 pub struct Outgoing {
     half: link::Outgoing<CABLES>,
     ends: OutgoingEnds<'static, CABLES>,
@@ -120,7 +120,7 @@ pub fn open(
     keeper: Keeper,
     hello: Hello,
 ) -> (&'static mut Incoming, &'static mut Outgoing) {
-    // Not on the stack: they live for good.
+    // Not on the stack: they are never dropped.
     static INCOMING: StaticCell<Incoming> = StaticCell::new();
     static OUTGOING: StaticCell<Outgoing> = StaticCell::new();
     let incoming = INCOMING.init_with(|| Incoming {
@@ -140,18 +140,18 @@ pub fn open(
 }
 
 impl Incoming {
-    /// Out of line, as is the other: the stack of one is gone before the other's comes.
+    /// Out of line, like the other: the stack of one is released before the other's is used.
     #[inline(never)]
     fn receive(&mut self) {
         life::show(Part::Receive);
         self.keeper.feed();
-        // The flag falls with the next byte: until then it is the same error.
+        // The flag is cleared with the next byte: until then it is the same error.
         let at = Some(self.ring.arrived());
         if uart::line_error() && self.error_at != at {
             self.error_at = at;
             LINE_ERRORS.fetch_add(1, Ordering::Relaxed);
             self.line_errors = self.line_errors.wrapping_add(1);
-            // One line per 256 of them: a noisy line must not fill the log, too.
+            // One line per 256 of them: a noisy line must not flood the log as well.
             if self.line_errors % 256 == 1 {
                 defmt::warn!("line errors: {=u32}", self.line_errors);
             }

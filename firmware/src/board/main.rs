@@ -10,17 +10,17 @@
 //! | `clock` | clocks of the chip, ticks since the start |
 //! | `link` | bytes to commands, answers and telemetry to bytes (thread mode) |
 //! | `uart` | USART3, DMA in both directions |
-//! | `interrupts` | priorities, and critical sections that never hold the tick up |
+//! | `interrupts` | priorities, and critical sections that never delay the tick |
 //! | `memory` | copying and clearing, small |
-//! | `life` | the watchdog, fed only while tick and link both live |
+//! | `life` | the watchdog, fed only while tick and link both run |
 //! | `fatal` | brakes first, then a record that survives the reset |
-//! | `keep` | which drives to stop after a reset, in memory that it leaves |
-//! | `bench` | what only the chip can tell of itself |
-//! | `identity` | who this board is and why it started |
+//! | `keep` | drives to stop after a reset, in memory that a reset does not clear |
+//! | `bench` | measurements that only the chip can make |
+//! | `identity` | the board's identity and the cause of its start |
 //!
-//! Three priorities share the work. The tick preempts everything and takes no lock: it meets the
-//! link and the CAN interrupts through single-producer queues and atomics alone. All else runs in
-//! thread mode.
+//! Three priorities share the work. The tick preempts everything and takes no lock: it communicates
+//! with the link and the CAN interrupts only through single-producer queues and atomics. Everything
+//! else runs in thread mode.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
@@ -56,7 +56,7 @@ mod tick;
 #[cfg(target_os = "none")]
 mod uart;
 
-/// This program only makes sense on the board; a host that builds it anyway learns how to.
+/// This program runs only on the board; building it for a host prints how to build it.
 #[cfg(not(target_os = "none"))]
 fn main() {
     eprintln!("mcdpr-firmware runs on the STM32F103: build it with `cargo fw`");

@@ -1,6 +1,6 @@
-//! Copying and clearing memory: what the compiler calls for both (Run-time ABI for the Arm
-//! Architecture, IHI 0043, section 4.3.4). The library's are unrolled for any processor, take 1.5 KB
-//! of flash, and are no faster for the few words that are copied here.
+//! Copying and clearing memory: the functions that the compiler calls (Run-time ABI for the Arm
+//! Architecture, IHI 0043, section 4.3.4). The standard ones are unrolled for any processor, take
+//! 1.5 KB of flash, and are not faster for the few words that are copied here.
 //!
 //! A Cortex-M3 reads and writes single words at any address; pairs (`ldrd`) must be aligned.
 #![allow(

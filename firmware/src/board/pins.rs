@@ -38,7 +38,7 @@ use mcdpr_protocol::Tick;
 const FIRST_BRAKE: u32 = 12;
 /// All four.
 const BRAKES: u32 = 0xF << FIRST_BRAKE;
-/// Lets the drives have their power, in port B.
+/// Enables the drives' power, in port B.
 const DRIVE_ENABLE: u32 = 1 << 3;
 /// Winches of this board.
 pub const CABLES: usize = 4;
@@ -51,10 +51,10 @@ const LED: u32 = 1 << 13;
 const CAN_RX: u32 = 1 << 8;
 const LINK_RX: u32 = 1 << 11;
 
-/// Configures every pin but the two that CAN and link take over once they drive them: brakes
-/// closed, gripper open, LED dark. The ports' clocks run.
+/// Configures every pin except the two that CAN and link take over later: brakes closed, gripper
+/// open, LED dark. The ports' clocks must run.
 pub fn set_up() {
-    // Levels first: pull-ups, and what outputs start with.
+    // Levels first: pull-ups, and the initial levels of outputs.
     set(pac::GPIOA, GRIPPER_SWITCH, GRIPPER);
     set(pac::GPIOB, E_STOP | CAN_RX | LINK_RX, 0);
     safe_off();
@@ -67,7 +67,7 @@ pub fn set_up() {
     drive_led();
 }
 
-/// Raises some pins of a port and lowers others, at once.
+/// Sets some pins of a port and clears others, at once.
 fn set(port: Gpio, high: u32, low: u32) {
     port.bsrr().write_value(Bsrr(high | (low << 16)));
 }
@@ -119,19 +119,19 @@ pub fn show(state: State, now: Tick) {
     light(lit);
 }
 
-/// Lights the LED, or not.
+/// Switches the LED on or off.
 pub fn light(lit: bool) {
     let low = u32::from(lit) * LED;
     set(pac::GPIOC, LED & !low, low);
 }
 
-/// Makes the LED's pin an output, for a start that comes no further.
+/// Makes the LED's pin an output, for a start that fails early.
 pub fn drive_led() {
     pac::GPIOC.cr(1).write_value(Cr(0x4424_4444));
 }
 
-/// Closes every brake and takes the drives' power, in one write and without any state: for handlers
-/// of fatal errors.
+/// Closes every brake and switches off the drives' power, in one write and without any state: for
+/// handlers of fatal errors.
 pub fn safe_off() {
     set(pac::GPIOB, 0, BRAKES | DRIVE_ENABLE);
 }

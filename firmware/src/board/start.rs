@@ -17,8 +17,8 @@ use mcdpr_firmware::supply::Supply;
 
 /// Clock after a reset, by the chip's own oscillator, Hz.
 const RESET_HZ: u32 = 8_000_000;
-/// A crystal takes 2 ms to start (data sheet, 5.3.6), a slow one some more; the PLL 0.2 ms at most.
-/// Together they stay far under what the watchdog waits, 25 ms at least.
+/// A crystal takes 2 ms to start (data sheet, 5.3.6), a slow one a little more; the PLL 0.2 ms at
+/// most. Together they stay far below the watchdog's timeout, 25 ms at least.
 const CRYSTAL_MS: u32 = 12;
 const PLL_MS: u32 = 1;
 
@@ -32,12 +32,12 @@ const CAN_ON_B8_B9: u8 = 2;
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let (incoming, outgoing, mut syst) = bring_up();
-    // From here on the tick runs, whatever happens below it.
+    // From here on the tick runs, independent of the code below it.
     syst.enable_counter();
     link::run(incoming, outgoing)
 }
 
-/// Everything once. Out of line, so that its temporaries leave the stack again.
+/// All steps of the start. Out of line, so that its temporaries leave the stack again.
 #[inline(never)]
 fn bring_up() -> (
     &'static mut link::Incoming,
@@ -70,7 +70,7 @@ fn bring_up() -> (
         last_panic: reset.last_panic.clone(),
         gauge: Gauge::new(reset.flags, crystal),
     };
-    // The drives go on by their last command until somebody stops them.
+    // The drives continue with their last command until they are stopped.
     if let Some(last) = keep::last() {
         rim.drives.stop_at_start(&last, &mut rim.can);
     }
@@ -93,7 +93,7 @@ fn bring_up() -> (
 }
 
 /// From here on a supply under 2.9 V, of 3.3 V, closes the brakes (P1). One that is low already
-/// gives no edge: then the board starts again until it is not.
+/// gives no edge: then the board restarts until it is not.
 fn watch_supply() {
     pac::PWR.cr().write(|w| {
         w.set_pls(PVD_2V9);
@@ -107,7 +107,8 @@ fn watch_supply() {
     }
 }
 
-/// Whether something comes in time; the core runs from its own oscillator, of 8 MHz, meanwhile.
+/// Whether a condition becomes true in time; meanwhile the core runs from its own oscillator of 8
+/// MHz.
 fn comes(within_ms: u32, is_there: impl Fn() -> bool) -> bool {
     let began = DWT::cycle_count();
     while !is_there() {
@@ -119,12 +120,12 @@ fn comes(within_ms: u32, is_there: impl Fn() -> bool) -> bool {
 }
 
 /// 72 MHz from the 8 MHz crystal; both APB within their limits; ADC at 12 MHz of at most 14. Then
-/// clocks for all that is used, and CAN on PB8 and PB9. After a reset the chip runs from its own
-/// oscillator of 8 MHz.
+/// clocks for all used peripherals, and CAN on PB8 and PB9. After a reset the chip runs from its
+/// own oscillator of 8 MHz.
 ///
-/// A crystal that does not start leaves 36 MHz from the oscillator. The slower peripherals keep
-/// their 36 MHz, so that line and bus need no other settings; the board says P6 and does not arm.
-/// Gives whether the crystal runs.
+/// If the crystal does not start, the oscillator gives 36 MHz. The slower peripherals keep their 36
+/// MHz, so that line and bus need no other settings; the board reports P6 and does not arm. Returns
+/// whether the crystal runs.
 fn clocks(keeper: &mut Keeper) -> bool {
     let rcc = pac::RCC;
     pac::FLASH.acr().write(|w| {
@@ -151,7 +152,7 @@ fn clocks(keeper: &mut Keeper) -> bool {
         blink(keeper);
     }
     rcc.cfgr().modify(|w| w.set_sw(Sw::PLL1_P));
-    // The switch takes a few cycles of both clocks, which run.
+    // The switch takes a few cycles of both clocks, which are running.
     let _ = comes(PLL_MS, || rcc.cfgr().read().sws() == Sw::PLL1_P);
     rcc.ahbenr().modify(|w| w.set_dma1en(true));
     rcc.apb1enr().write(|w| {
@@ -179,13 +180,13 @@ fn clocks(keeper: &mut Keeper) -> bool {
     crystal
 }
 
-/// Without a PLL there is no clock for the line: all that is left is the LED, some Hz. Pins float, so
-/// brakes are closed and drives without power.
+/// Without a PLL there is no clock for the line: only the LED can signal, at some Hz. Pins float,
+/// so brakes are closed and drives without power.
 fn blink(keeper: &mut Keeper) -> ! {
     pac::RCC.apb2enr().modify(|w| w.set_gpiocen(true));
     pins::drive_led();
     for step in 0_u32.. {
-        // Some times longer than it says, with the flash's wait states.
+        // Takes a few times longer than stated, because of the flash's wait states.
         cortex_m::asm::delay(RESET_HZ / 1000);
         keeper.feed_at_start();
         pins::light(step % 64 < 32);

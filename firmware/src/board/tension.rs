@@ -1,16 +1,16 @@
 //! Tension channels: ADC1 scans them without end, DMA keeps the last sixteen scans.
 //!
 //! A conversion takes 84 cycles of 12 MHz, so sixteen scans of four channels span 0.45 ms: every
-//! tick sees sixteen new samples of each. No interrupt is involved, and what the tick reads needs
-//! no lock: a sample is one aligned half-word, old or new.
+//! tick reads sixteen new samples of each. No interrupt is involved, and the tick needs no lock: a
+//! sample is one aligned half-word, old or new.
 //!
 //! Sixteen samples of 12 bits add up to 65520 at most, so two channels are summed at once in the
 //! halves of a word: the lower one cannot carry into the upper one.
 //!
-//! What a step is worth depends on the supply. So each tick the converter also looks at its internal
+//! The value of a step depends on the supply. So each tick the converter also measures its internal
 //! reference, as an injected conversion between two of a scan, and readings are scaled by it
-//! ([`Supply`]). With a supply that the converter does not work at all of them read as shorted (S8),
-//! and nothing is raised on them.
+//! ([`Supply`]). With a supply outside the converter's range all of them read as shorted (S8), and
+//! no other fault is derived from them.
 
 use crate::clock::CORE_HZ;
 use crate::pins::CABLES;
@@ -38,7 +38,7 @@ const _: () = assert!(TRANSFERS as usize == SAMPLES);
 /// Written by DMA, cable 1 first (in the lower half of its word), scan after scan.
 static RING: [AtomicU32; SAMPLES / 2] = [const { AtomicU32::new(0) }; SAMPLES / 2];
 
-/// Calibrates, then starts scanning for good. The clocks of ADC and DMA run.
+/// Calibrates, then scans continuously. The clocks of ADC and DMA must run.
 pub fn start() {
     let adc = pac::ADC1;
     adc.cr2().modify(|w| w.set_adon(true));
@@ -70,7 +70,7 @@ pub fn start() {
             .modify(|w| w.set_smp(usize::from(channel), SampleTime::CYCLES71_5));
         adc.sqr3()
             .modify(|w| w.set_sq(usize::from(position), channel));
-        // Counted from 0: in the end, the last one's position.
+        // Counted from 0: the index of the last one.
         adc.sqr1().modify(|w| w.set_l(position));
     }
     // The reference wants 17.1 us; a sequence of one is the fourth place.
@@ -89,8 +89,8 @@ pub fn start() {
     adc.cr2().modify(|w| w.set_swstart(true));
 }
 
-/// Sums of the last sixteen samples as they would be at 3.3 V, cable 1 first; all 0 while the supply
-/// is under 3.0 V or over 3.6 V. Looks at the supply again for the next call.
+/// Sums of the last sixteen samples as they would be at 3.3 V, cable 1 first; all 0 while the
+/// supply is under 3.0 V or over 3.6 V. Measures the supply again for the next call.
 pub fn read(supply: &mut Supply) -> [u16; CABLES] {
     let adc = pac::ADC1;
     let supplied = supply.update(adc.jdr(0).read().jdata());
@@ -100,7 +100,7 @@ pub fn read(supply: &mut Supply) -> [u16; CABLES] {
     }
     let (mut first, mut second) = (0_u32, 0_u32);
     let at = |pair: &AtomicU32| pair.load(Ordering::Relaxed);
-    // Four scans at a time, one by one: a loop costs as much as what it does.
+    // Four scans at a time, unrolled: a loop costs as much as its body.
     let (scans, _) = RING.as_chunks::<8>();
     for [a, b, c, d, e, f, g, h] in scans {
         first = first.wrapping_add(at(a)).wrapping_add(at(c));

@@ -1,5 +1,5 @@
-//! The control tick: SysTick, 1 kHz, above everything else. It alone owns the control core. What it
-//! does, and in what order, is the library's (`mcdpr_firmware::cycle`).
+//! The control tick: SysTick, 1 kHz, above everything else. Only it accesses the control core. Its
+//! steps and their order are in the library (`mcdpr_firmware::cycle`).
 
 use crate::bench::Gauge;
 use crate::clock::{self, CYCLES_PER_TICK};
@@ -20,7 +20,7 @@ use mcdpr_protocol::message::PANIC_BYTES;
 use mcdpr_protocol::{Bench, FaultId, Info, List, Tick};
 use static_cell::StaticCell;
 
-/// From one tick's start to the next, at most: a tenth late is an overrun (P5).
+/// Greatest interval between the starts of two ticks: a tenth late is an overrun (P5).
 const LATE_CYCLES: u32 = CYCLES_PER_TICK + CYCLES_PER_TICK / 10;
 
 /// Counts core clock cycles from here on.
@@ -29,19 +29,19 @@ pub fn start_cycle_counter(mut dcb: DCB, mut dwt: DWT) {
     dwt.enable_cycle_counter();
 }
 
-/// The rim: pins, counters and drives.
+/// Pins, counters and drives.
 pub struct Rim {
     /// The drives' bus.
     pub can: can::Bus,
-    /// What the converter's readings are worth.
+    /// The supply, by which the converter's readings are scaled.
     pub supply: Supply,
-    /// What the drives are told and what they say.
+    /// Commands to the drives and their feedback.
     pub drives: DriveBus<CABLES>,
-    /// What the host's line has brought.
+    /// Bytes from the host's line.
     pub tap: uart::Tap,
-    /// What the last fatal error said.
+    /// Text of the last fatal error.
     pub last_panic: List<u8, PANIC_BYTES>,
-    /// What the chip measures of itself.
+    /// Measurements of the chip for the self-test.
     pub gauge: Gauge,
 }
 
@@ -92,7 +92,7 @@ impl Board<CABLES> for Rim {
     }
 }
 
-/// All that a tick works with.
+/// The state of the tick.
 struct Core {
     cycle: &'static mut Cycle<CABLES>,
     rim: Rim,
@@ -119,10 +119,10 @@ impl Core {
 /// The core, from before the first tick on.
 static CORE: AtomicPtr<Core> = AtomicPtr::new(ptr::null_mut());
 
-/// Gives the tick all that it owns. Before SysTick counts.
+/// Gives the tick its state. Must be called before SysTick counts.
 ///
-/// Without its crystal the board is in `Fault` for good (P6): its ticks are as inaccurate as the
-/// chip's own oscillator, and half as long in cycles.
+/// Without its crystal the board is in `Fault` permanently (P6): its ticks are as inaccurate as the
+/// chip's own oscillator, and have half as many cycles.
 pub fn hand_over(rim: Rim, ends: TickEnds<'static, CABLES>, reset: &Reset, crystal: bool) {
     static PLACE: StaticCell<Core> = StaticCell::new();
     static CYCLE: StaticCell<Cycle<CABLES>> = StaticCell::new();
@@ -144,8 +144,8 @@ pub fn hand_over(rim: Rim, ends: TickEnds<'static, CABLES>, reset: &Reset, cryst
 #[cortex_m_rt::exception]
 fn SysTick() {
     #[allow(unsafe_code, reason = "one owner, an interrupt: no type can say that")]
-    // SAFETY: null, or the one reference that `hand_over` made and gave up; the cell it made it
-    // from gives no second. Only this handler loads it, and it does not preempt itself.
+    // SAFETY: null, or the one reference that `hand_over` made and gave up; its cell gives no
+    // second one. Only this handler loads it, and it does not preempt itself.
     let core = unsafe { CORE.load(Ordering::Acquire).as_mut() };
     if let Some(core) = core {
         core.tick();

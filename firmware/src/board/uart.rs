@@ -1,8 +1,8 @@
 //! The host link: USART3 at 921600 baud, DMA in both directions.
 //!
-//! DMA alone ever reads the data register: to read it for a flag's sake could take a byte away from
-//! DMA. It fills a ring without end and without interrupts. The tick looks how far it came, 92 bytes
-//! at most of 512, and searches what is new for stops; the link takes all of it at its own pace.
+//! Only DMA reads the data register: reading it to clear a flag could take a byte away from DMA. It
+//! fills a ring without end and without interrupts. The tick checks its progress, 92 bytes at most
+//! of 512, and searches the new bytes for stops; the link takes all of it at its own pace.
 
 use crate::clock::APB1_HZ;
 use crate::interrupts;
@@ -28,8 +28,8 @@ const RECEIVE_CHANNEL: usize = 2;
 /// Written by DMA.
 static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
 
-/// Bytes that had come by the last tick, wrapping. The line cannot fill the ring from one tick to
-/// the next, so with this DMA's place in the ring tells how many there are in all.
+/// Number of bytes at the last tick, wrapping. The line cannot fill the ring from one tick to the
+/// next, so with the DMA's position in the ring it gives the total.
 static ARRIVED: AtomicU32 = AtomicU32::new(0);
 /// A counter that wraps must wrap where the ring does.
 const _: () = assert!(RING.is_power_of_two());
@@ -43,13 +43,13 @@ pub struct Sender {
     frame: &'static mut [u8; MAX_FRAME],
 }
 
-/// What has arrived, for the tick.
+/// Received bytes, for the tick.
 pub struct Tap(());
 
-/// What has arrived, for the link.
+/// Received bytes, for the link.
 pub struct Ring(());
 
-/// Opens the line and starts receiving. The clocks of USART and DMA run.
+/// Opens the line and starts receiving. The clocks of USART and DMA must run.
 pub fn open() -> (Sender, Ring, Tap) {
     let usart = pac::USART3;
     usart.brr().write(|w| w.set_brr(DIVISOR));
@@ -92,7 +92,7 @@ pub fn open() -> (Sender, Ring, Tap) {
 }
 
 impl Sender {
-    /// Where the next frame may be put; `None` while one is being sent.
+    /// Buffer for the next frame; `None` while one is being sent.
     pub fn free(&mut self) -> Option<&mut [u8; MAX_FRAME]> {
         let busy = SENDING.load(Ordering::Acquire);
         (!busy).then_some(&mut *self.frame)
@@ -131,7 +131,7 @@ fn DMA1_CHANNEL2() {
     interrupts::leave_event();
 }
 
-/// Bytes that have come so far, wrapping.
+/// Number of bytes received so far, wrapping.
 fn arrived() -> u32 {
     let known = ARRIVED.load(Ordering::Relaxed);
     let left = pac::DMA1.ch(RECEIVE_CHANNEL).ndtr().read().ndt();

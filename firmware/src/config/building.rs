@@ -1,8 +1,8 @@
 //! From entries to machine units, in slices: a control tick has no time for all at once.
 //!
-//! The hash is formed of one cable's entries after the other, then the board's values are checked,
-//! then each cable is built and thrown away. Only when all is good, what is in use is overwritten,
-//! cable by cable: a refusal leaves it alone.
+//! One cable's entries after the other are hashed, then the board's values are checked, then each
+//! cable is built and discarded. Only if everything is valid the configuration in use is
+//! overwritten, cable by cable: a refusal does not change it.
 
 use super::schedule::{MOST_LOAD_PERMILLE, load_permille};
 use super::{
@@ -23,17 +23,17 @@ const MAX_JERK_MMPS3: i32 = 10_000_000;
 /// Bit rates that the board's CAN clock gives exactly, bit/s.
 pub(crate) const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
 
-/// Ticks between two commands to a drive, by what holds its cable.
+/// Permitted ticks between two commands to a drive, by how its cable is held.
 #[derive(Clone, Copy)]
 struct Periods {
     by_length: u8,
     by_tension: u8,
 }
 
-/// Highest ceiling, in tenths of what a sensor reads where it begins to count as open.
+/// Highest ceiling, in tenths of the reading at which a sensor counts as open.
 const MOST_OF_RAIL_TENTHS: i64 = 9;
 
-/// Work of one slice.
+/// Step of one slice.
 #[derive(Clone, Copy)]
 enum Slice {
     /// Hashes the board's entries.
@@ -44,11 +44,11 @@ enum Slice {
     CheckBoard,
     /// Checks a cable.
     CheckCable(u8),
-    /// Checks what the drives take of their bus, and takes the board's values into use.
+    /// Checks the drives' share of the bus, and activates the board's values.
     TakeBoard,
-    /// Takes a cable into use.
+    /// Activates a cable.
     TakeCable(u8),
-    /// The hash of what is in use now.
+    /// The hash of the active configuration.
     TakeHash,
 }
 
@@ -82,14 +82,14 @@ impl<const N: usize> ConfigStore<N> {
         }
     }
 
-    /// Whether what is in use is being overwritten: it is nobody's to follow then.
+    /// Whether the active configuration is being overwritten: it must not be followed then.
     #[must_use]
     pub const fn is_taking(&self) -> bool {
         // Hashes, checks and the board's values are done.
         self.done >= 3 + 3 * Self::CABLES
     }
 
-    /// Checks, builds and takes into use, all at once; see [`Self::build_slice`].
+    /// Checks, builds and activates in one call; see [`Self::build_slice`].
     ///
     /// # Errors
     /// As there.
@@ -105,12 +105,12 @@ impl<const N: usize> ConfigStore<N> {
         }
     }
 
-    /// Does one slice of the work of taking into use what was put; `None` as long as there is more.
-    /// `active` is left alone where it fails.
+    /// Does one slice of activating the entries; `None` as long as there is more. `active` does not
+    /// change if it fails.
     ///
     /// # Errors
-    /// [`Reject::ConfigSequence`] where entries are missing, [`Reject::ConfigHash`] where the
-    /// hashes differ, [`Reject::ConfigValue`] naming the first key that is missing or senseless.
+    /// [`Reject::ConfigSequence`] if entries are missing, [`Reject::ConfigHash`] if the hashes
+    /// differ, [`Reject::ConfigValue`] with the first key that is missing or invalid.
     pub fn build_slice(
         &mut self,
         host: ConfigHash,
@@ -217,8 +217,8 @@ impl<const N: usize> ConfigStore<N> {
         let period = |key| ticks(key, self.board_key(key, 1000, 20_000)?);
         let by_length = period(BoardKey::BusPeriodUs)?;
         let by_tension = period(BoardKey::TensionPeriodUs)?;
-        // Feedback that comes more rarely would look lost between two of them. Who is asked less
-        // often is asked in whole numbers of the other's periods.
+        // Feedback at longer intervals would look lost between two of them. The longer interval
+        // must be a whole number of the shorter ones.
         let timeout_ms = self.feedback_timeout_ms()?;
         if by_length % by_tension != 0 || u16::from(by_length) * 2 >= timeout_ms {
             return refused(ConfigKey::board(BoardKey::BusPeriodUs));
@@ -229,7 +229,7 @@ impl<const N: usize> ConfigStore<N> {
         })
     }
 
-    /// The board's values, into what is in use; its cables stay what they were, or nothing.
+    /// The board's values, into the active configuration; its cables stay as they were.
     #[inline(never)]
     fn take_board(&self, active: &mut Option<Active<N>>) -> Result<(), Reject> {
         let (drive_kind, bus_bitrate) = (self.drive_kind()?, self.bus_bitrate()?);
@@ -316,8 +316,8 @@ impl<const N: usize> ConfigStore<N> {
         // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
         let tension_per_adc_q24 = quotient::<10>(gain * 8448);
         let tension_zero_q24 = quotient::<1000>(quotient::<1000>(gain * zero_uv) << 24);
-        // Over the rail a reading is no tension (S7): a ceiling that it never shows protects
-        // nothing.
+        // Above the rail a reading is not a tension (S7): a ceiling that can never be reached does
+        // not protect.
         let rail_q24 = i64::from(adc::RAIL_HIGH) * tension_per_adc_q24 - tension_zero_q24;
         let trusted_mn = quotient::<10>(MOST_OF_RAIL_TENTHS * (rail_q24 >> 24));
         let most_mn = tension_max_mn.min(saturate(trusted_mn));
@@ -341,9 +341,9 @@ impl<const N: usize> ConfigStore<N> {
         // g times µm/s over mN is µs.
         let stop_q16 = division(i64::from(mass_g) << 16, most_force_mn);
         let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
-        // A bus has no drive 0: that number calls all of them. 127 is the board itself.
+        // A bus has no drive 0: that number addresses all of them. 127 is the board itself.
         let node = key(CableKey::Node, 1, 126)?;
-        // Numbers with four bits of 0 call every RMDS of a group.
+        // Numbers with four bits of 0 address every RMDS of a group.
         if node & 15 == 0 && self.drive_kind()? == DriveKind::Rmds {
             return Err(refuse(CableKey::Node));
         }
@@ -351,7 +351,7 @@ impl<const N: usize> ConfigStore<N> {
             0 => Control::Length,
             _ => Control::Tension,
         };
-        // Every drive has its slot, evenly over its period.
+        // Slots are spread evenly over the drives' period.
         let (period, syncs) = match control {
             Control::Length => (periods.by_length, periods.by_length / periods.by_tension),
             Control::Tension => (periods.by_tension, 1),
@@ -428,10 +428,10 @@ const fn alpha_q16_of(corner_mhz: i64) -> i64 {
     rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24)
 }
 
-/// Most play between motor and drum, and of a brake, 0.1 µm.
+/// Greatest play between motor and drum, and of a brake, 0.1 µm.
 const MOST_PLAY: i32 = 20_000;
 
-/// Adds the values that are there, of keys at these places.
+/// Hashes the values that are present, of keys at these indices.
 fn hash<K: Copy, const M: usize>(
     digest: &mut ConfigDigest,
     values: &Slots<M>,

@@ -1,11 +1,11 @@
-//! How much of the bus the drives take, with the worst bit stuffing.
+//! The drives' share of the bus, with worst-case bit stuffing.
 
 use super::DriveKind;
 
 /// SYNCs from one report of the mode to the next.
 pub(crate) const MODE_SYNCS: u8 = 10;
-/// Most of the bus that cyclic frames may take, in thousandths: the rest is for what is not cyclic,
-/// and for repeats.
+/// Greatest share of the bus for cyclic frames, in thousandths: the rest is for other frames and
+/// repetitions.
 pub(crate) const MOST_LOAD_PERMILLE: u32 = 700;
 
 /// Bits of a data frame with an 11-bit identifier and `bytes` of data, gap between frames
@@ -29,7 +29,7 @@ pub(crate) const fn bits_per_cycle(kind: DriveKind, by_tension: bool) -> u32 {
     }
 }
 
-/// Bits per second that are not a command and its answer: the SYNC of every shortest period, and
+/// Bits per second other than commands and their answers: the SYNC of every shortest period, and
 /// from each drive the mode ([`MODE_SYNCS`] SYNCs apart) and ten heartbeats.
 #[must_use]
 pub(crate) const fn overhead_bits_per_s(kind: DriveKind, drives: u32, shortest_us: u32) -> u32 {
@@ -46,7 +46,7 @@ pub(crate) const fn overhead_bits_per_s(kind: DriveKind, drives: u32, shortest_u
 }
 
 /// Share of the bus that the drives take, thousandths, rounded up. `cycles` gives each drive's
-/// period (µs, 500 at least) and whether it is told a force; `bits_per_s` is 1000 at least.
+/// period (µs, 500 at least) and whether it is commanded by force; `bits_per_s` is 1000 at least.
 ///
 /// ```
 /// use mcdpr_firmware::config::DriveKind;

@@ -1,4 +1,4 @@
-//! What happens under and around closed brakes: the checks of arming, and the end of a stop.
+//! Actions around closed brakes: the checks of arming, and the end of a stop.
 
 use super::{
     Control, Controller, Event, FaultId, HOLD_TORQUE_MS, Inputs, Limit, Phase, Proof, Stir, Target,
@@ -7,24 +7,26 @@ use super::{
 use crate::config::TensionLaw;
 use crate::proof::play_ms;
 
-/// How fast a length-held cable gives way in a stop, 0.1 µm per tick (20 mm/s), and how far.
+/// Speed at which a length-held cable pays out in a stop, 0.1 µm per tick (20 mm/s), and the
+/// greatest distance.
 const GIVE_STEP: i32 = 200;
 const GIVE_MOST: i32 = 100_000;
-/// A tension-held drum that reels in no faster than this, µm/s, and whose cable misses no more than
-/// this of its tension, mN, has arrived.
+/// A tension-held drum has settled if it reels in no faster than this, µm/s, and its cable is at
+/// most this below its tension, mN.
 const CALM_UMPS: i32 = 3000;
 const CALM_MN: i32 = 2000;
 /// Ticks until a brake that slipped is tried again.
 const RETRY_MS: u16 = 50;
-/// Tries after which a brake is said not to hold (B2); one that holds before was late (B3).
+/// Number of tries after which a brake is reported as not holding (B2); one that holds before was
+/// late (B3).
 const TRIES: u16 = 10;
-/// Ticks for a drive to push against a brake: one that gives no torque has none to take away.
+/// Ticks for a drive to push against a brake: a drive that gives no torque cannot lose it.
 const PROOF_MS: u16 = 500;
 
 impl<const N: usize> Controller<N> {
     #[inline(never)]
     pub(super) fn act_arming(&mut self, inputs: &Inputs<N>) {
-        // Not by `map`: that takes all cables by value, on the stack.
+        // Not by `map`: that would copy all cables to the stack.
         let mut expected = [0; N];
         for (expected, cable) in expected.iter_mut().zip(&self.cables) {
             *expected = cable.reference_mn;
@@ -64,7 +66,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Tests all brakes for a tick; the first that slips, and its cable, 1 for the first.
+    /// Tests all brakes for a tick; returns the first that slips, and its cable, 1 for the first.
     fn prove(&mut self, inputs: &Inputs<N>) -> (Verdict, u8) {
         let mut all = (Verdict::Holds, 0);
         let Some(active) = &self.active else {
@@ -110,7 +112,7 @@ impl<const N: usize> Controller<N> {
             length: stir.base(cable.target.length),
             ..Target::default()
         };
-        // The paper's law knows no motion: it cannot be asked to stir.
+        // The paper's law does not use the planned motion: its drum cannot be tested by moving.
         let can_stir = config.control == Control::Length || config.law == TensionLaw::Default;
         let amplitude = Stir::amplitude(config.per_count_q24);
         if let (true, Err((fault, value, limit))) = (can_stir, stir.verdict(amplitude)) {
@@ -118,13 +120,13 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// While the robot stops, a length-held cable gives way where it is pulled too hard and takes
-    /// up where it is slack: by its measured tension, slowly, and not far (C1, C2). A reading that
-    /// cannot be true moves nothing.
+    /// While the robot stops, a length-held cable pays out if its tension is too high and reels in
+    /// if it is slack: by its measured tension, slowly, and not far (C1, C2). An invalid reading
+    /// has no effect.
     ///
-    /// Whether brakes may close as far as tension goes: no cable is out of its band, and no
-    /// tension-held drum still reels in. Braked earlier, what is slack then stays slack. One that
-    /// pays out is not waited for: it lets the load down.
+    /// Whether tensions allow the brakes to close: no cable is out of its band, and no tension-held
+    /// drum still reels in. If braked earlier, a slack cable stays slack. A drum that pays out does
+    /// not delay the brakes: it lowers the load.
     pub(super) fn give_way(&mut self, inputs: &Inputs<N>) -> bool {
         let mut calm = true;
         let Some(active) = &self.active else {
@@ -133,14 +135,14 @@ impl<const N: usize> Controller<N> {
         let cables = self.cables.iter_mut().zip(&active.cables);
         let cables = cables.zip(&inputs.tension_adc);
         for ((cable, config), &adc) in cables {
-            // A drum behind a closed brake has nothing to give.
+            // A drum behind a closed brake cannot move.
             if cable.blind | cable.abandoned | !is_plausible(adc) {
                 continue;
             }
             let step = if cable.tension_mn > config.ceiling_mn {
                 GIVE_STEP
             } else if cable.tension_mn.max(0) < config.floor_mn {
-                // Without a floor nothing is slack, whatever a sensor's zero says.
+                // Without a floor no cable counts as slack, whatever the sensor's zero is.
                 -GIVE_STEP
             } else {
                 0
@@ -163,8 +165,8 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Brakes close under torque, torque is held, each brake must prove that it holds, then torque
-    /// goes. Where one does not, its drum is pulled back to its place and it is tried again (B3); one
-    /// that never holds leaves the robot standing under torque (B2): a host may let it down.
+    /// is switched off. If one does not hold, its drum is pulled back to its position and it is
+    /// tried again (B3); if it never holds, the robot stays under torque (B2): a host may lower it.
     #[inline(never)]
     pub(super) fn close_brakes(&mut self, inputs: &Inputs<N>) {
         let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
@@ -178,7 +180,7 @@ impl<const N: usize> Controller<N> {
         }
         if self.arming.phase() < Phase::Opening {
             if self.unsound > 0 {
-                // Torque holds what this brake does not.
+                // Torque holds the load that this brake does not.
                 self.arming.end();
                 self.raise(Event::BrakeFails);
             } else {
@@ -197,7 +199,7 @@ impl<const N: usize> Controller<N> {
             Verdict::Slips(turned) => {
                 self.slips = self.slips.saturating_add(1);
                 self.limits.insert(Limit::BrakeSlips);
-                // Without a push the drive pulls the drum back to where it was.
+                // Without a push the drive pulls the drum back to its earlier position.
                 for cable in &mut self.cables {
                     cable.proof = Proof::default();
                 }

@@ -1,5 +1,5 @@
-//! Which knots a motion may be made of: in range, joined to what went before, and no faster than
-//! the winches (K3 to K7).
+//! Checks of a motion's knots: in range, continuous with the knot before, and no faster than the
+//! winches (K3 to K7).
 
 use super::{Control, Controller, START_TOLERANCE, State};
 use crate::fixed::{division, narrow};
@@ -60,7 +60,7 @@ impl<const N: usize> Controller<N> {
         let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
         let starts = self.cables.iter().zip(knot.cables.iter());
         for (number, ((cable, start), config)) in (1_u8..).zip(starts.zip(&active.cables)) {
-            // A tension-held cable is where its tension puts it: its length is only expected.
+            // The length of a tension-held cable follows from its tension: it is only expected.
             let bound = config.control == Control::Length;
             let gap = start.length.0.saturating_sub(cable.target.length);
             if (bound && gap.saturating_abs() > START_TOLERANCE) || start.velocity.0 != 0 {
@@ -103,7 +103,7 @@ impl<const N: usize> Controller<N> {
     }
 }
 
-/// Largest speed that is looked at closer, µm/s: what is formed of three of them fits 32 bits.
+/// Largest speed that is checked exactly, µm/s: sums of three of them fit 32 bits.
 const FAR_TOO_FAST: i32 = 100_000_000;
 
 /// Speeds of one cable's cubic between two knots, µm/s, each [`FAR_TOO_FAST`] at most; a fifth of
@@ -116,7 +116,7 @@ struct Speeds {
 }
 
 impl Speeds {
-    /// `None` where one is far over any limit. The mean is rounded towards zero.
+    /// `None` if one is far above any limit. The mean is rounded towards zero.
     fn between(from: &CableKnot, to: &CableKnot, spacing_ms: u32) -> Option<Self> {
         // 0.1 µm per ms is 100 µm/s.
         let way = (i64::from(to.length.0) - i64::from(from.length.0)) * 100;
@@ -132,8 +132,8 @@ impl Speeds {
             .then_some(Self { start, mean, end })
     }
 
-    /// Whether the cubic is anywhere faster than a limit, µm/s. Its derivative is the quadratic with
-    /// the Bézier values `start, middle, end`; its extremum, where it lies inside, is exact.
+    /// Whether the cubic is anywhere faster than a limit, µm/s. Its derivative is the quadratic
+    /// with the Bézier values `start, middle, end`; its extremum, if it lies inside, is exact.
     fn are_over(&self, limit_umps: i32) -> bool {
         let &Self { start, mean, end } = self;
         if start.abs() > limit_umps || end.abs() > limit_umps {
@@ -142,8 +142,8 @@ impl Speeds {
         let middle = 3 * mean - start - end;
         let bend = start - 2 * middle + end;
         let along = (start - middle) * bend.signum();
-        // The extremum is (start * end - middle²) / bend; where the middle is within the limit, too,
-        // it cannot be over it.
+        // The extremum is (start * end - middle²) / bend; if the middle is within the limit, too,
+        // it cannot exceed it.
         bend != 0
             && middle.abs() > limit_umps
             && along > 0
@@ -213,13 +213,13 @@ mod tests {
         peaks_at(&knot(0, 10_000), &knot(100_000, 10_000), 10_000);
         // Out and back over 1 s: D = v (1 - 2 s), largest at the ends.
         peaks_at(&knot(0, 8000), &knot(0, -8000), 8000);
-        // Same ends, no way: D = v (1 - 6 s (1 - s)), -v/2 in the middle.
+        // Same ends, no net distance: D = v (1 - 6 s (1 - s)), -v/2 in the middle.
         peaks_at(&knot(0, 8000), &knot(0, 8000), 8000);
     }
 
     #[test]
     fn a_speed_that_only_the_inside_of_a_segment_has_is_found_over_any_time() {
-        // From rest to rest the peak is one and a half times the mean, whatever the time.
+        // From rest to rest the peak is one and a half times the mean, for any time.
         for spacing_ms in [4_u32, 7, 100, 999, 4000] {
             let way = 30 * spacing_ms.cast_signed();
             let (from, to) = (knot(0, 0), knot(way, 0));
@@ -270,7 +270,7 @@ mod tests {
         }
     }
 
-    /// Asserts that what is asked is so for limits under a value, and not for those over it.
+    /// Asserts that the check holds for limits below a value, and not for those above it.
     fn holds_over(value: f64, near: f64, largest: f64, over: impl Fn(i32) -> bool) {
         let above = value + near + 1.0;
         assert!(above > largest || !over(above as i32), "{value}");

@@ -1,21 +1,21 @@
-//! A robot that hangs on its brakes: what can still go wrong there is latched and told. Nothing is
-//! switched on for it.
+//! A robot that hangs on its brakes: faults that can still occur there are latched and reported.
+//! Nothing is switched on because of them.
 
 use super::{Controller, Event, FaultId, Inputs, Limit, slowest_brake_ms};
 use crate::watch::CableView;
 
 /// Ticks that drums have for coming to rest after their brakes have closed.
 const REST_TICKS: u16 = 50;
-/// A drum that turns by more than this many times four encoder counts does not stand.
+/// A drum that turns by more than this many times four encoder counts is not at rest.
 const MOST_FOURS: i32 = 2;
 
-/// What is known of a robot that hangs on its brakes.
+/// State of a robot that hangs on its brakes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Parked {
-    /// It was held by its drives before, and nobody has said since that its lengths are others:
-    /// what its drums and sensors show is a robot that hangs.
+    /// It was held by its drives before, and its lengths have not been set anew since: drums and
+    /// sensors describe a robot that hangs.
     hangs: bool,
-    /// Ticks since torque went.
+    /// Ticks since torque was switched off.
     ticks: u16,
 }
 
@@ -25,12 +25,12 @@ impl<const N: usize> Controller<N> {
         self.parked.hangs = true;
     }
 
-    /// Its lengths are told anew, or its drums turn one by one: it may stand anywhere.
+    /// Its lengths are set anew, or its drums turn one by one: it may be anywhere.
     pub(super) const fn forget_parked(&mut self) {
         self.parked.hangs = false;
     }
 
-    /// Torque goes, or is off.
+    /// Torque is being switched off, or is off.
     pub(super) fn park(&mut self) {
         self.parked.ticks = 0;
         for cable in &mut self.cables {
@@ -38,7 +38,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Looks at a robot without torque.
+    /// Checks a robot without torque.
     #[inline(never)]
     pub(super) fn watch_parked(&mut self, inputs: &Inputs<N>) {
         let taking = self.store.is_taking();
@@ -77,7 +77,7 @@ impl<const N: usize> Controller<N> {
                 };
                 cable.watch.update(&view).filter(|_| settled)
             };
-            // Somebody may lift the platform: that is no fault.
+            // A lifted platform is not a fault.
             let slack = cable.watch.slackens();
             if slack {
                 self.limits.insert(Limit::CableSlack);

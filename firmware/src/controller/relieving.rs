@@ -1,28 +1,29 @@
-//! Over-tension (C2): the path ends at once, no drum reels in any more, and each lets its cable out
-//! as long as it is pulled too hard. Brakes wait for it: closed earlier, they would keep it so.
+//! Over-tension (C2): the path ends at once, no drum reels in any more, and each cable with too
+//! high a tension is paid out until it is below its limit. Brakes wait for it: closed earlier, they
+//! would preserve the tension.
 
 use super::{Cable, Control, Controller, Inputs, Target, is_plausible};
 use crate::adc;
 use crate::config::CableConfig;
 use crate::fixed::{quotient, saturate};
 
-/// Speed at which a cable is let out, µm/s for each 2 mN that it is over its goal: with a cable of
-/// 40 N/mm the excess is gone within 10 ms or so.
+/// Speed at which a cable is paid out, µm/s for each 2 mN above its goal: with a cable of 40 N/mm
+/// the excess is gone within about 10 ms.
 const LET_OUT_UMPS: i64 = 5;
-/// Farthest that a length-held cable is let out, 0.1 µm: a sensor that shows too much must not
-/// let the load down.
+/// Greatest length that a length-held cable pays out, 0.1 µm: a sensor that reads too high must not
+/// lower the load.
 const LET_OUT_MOST: i32 = 100_000;
-/// Speed of a tension-held drum follows what it shall be within about this many microseconds.
+/// A tension-held drum reaches its commanded speed within about this many microseconds.
 const FOLLOW_US: i32 = 20_000;
-/// Ticks that every cable must have been under its limit before brakes close.
+/// Ticks that every cable must have been below its limit before brakes close.
 const CALM_TICKS: u16 = 20;
-/// Ticks after which brakes close whatever is pulled: whoever pulls is stronger.
+/// Ticks after which brakes close in any case: the external force is too strong.
 const LONGEST_TICKS: u16 = 2000;
-/// A drum that turns slower than this, µm/s, stands.
+/// A drum that turns slower than this, µm/s, counts as at rest.
 const STANDS_UMPS: i32 = 3000;
 
-/// Time until a drum that is told to stop no longer pulls, µs: the command on its way, and what the
-/// motor needs for the drum's mass.
+/// Time until a drum that is commanded to stop no longer pulls, µs: transmission of the command,
+/// and the time that the motor needs for the drum's mass.
 pub(super) fn horizon_us(config: &CableConfig, speed_umps: i32) -> i32 {
     let reels_in = speed_umps.saturating_neg().max(0);
     let stops_us = (i64::from(reels_in) * i64::from(config.stop_q16)) >> 16;
@@ -30,14 +31,14 @@ pub(super) fn horizon_us(config: &CableConfig, speed_umps: i32) -> i32 {
 }
 
 impl Cable {
-    /// Tension at which letting out ends, mN: well under the ceiling, but not under the plan.
+    /// Tension at which paying out ends, mN: well below the ceiling, but not below the plan.
     fn goal_mn(&self, config: &CableConfig) -> i32 {
         let most = config.ceiling_mn - config.ceiling_mn / 8;
         let planned = self.setpoint_mn.min(most);
         (config.ceiling_mn - config.ceiling_mn / 4).max(planned)
     }
 
-    /// Lets out for a tick; whether the cable is under its limit and its drum stands.
+    /// Pays out for a tick; returns whether the cable is below its limit and its drum at rest.
     fn let_out(&mut self, config: &CableConfig, adc: u16) -> bool {
         let is_tension = is_plausible(adc) || (adc >= adc::RAIL_HIGH && self.watch.rose_to_rail());
         self.letting_umps = 0;
@@ -63,8 +64,8 @@ impl Cable {
         (coming <= config.ceiling_mn) & (self.speed_umps.abs() <= STANDS_UMPS)
     }
 
-    /// Drum force of a tension-held cable that is relieved, mN: the cable's own, so that the drum is
-    /// balanced, and what brings it to the speed at which it lets out. It reels nothing in.
+    /// Drum force of a tension-held cable that is relieved, mN: the cable's own, so that the drum
+    /// is balanced, and the force that accelerates it to the pay-out speed. It never reels in.
     pub(super) fn relief_mn(&self, config: &CableConfig) -> i32 {
         let too_slow = i64::from(self.letting_umps) - i64::from(self.speed_umps);
         // g times µm/s over µs is mN.
@@ -76,14 +77,14 @@ impl Cable {
 }
 
 impl<const N: usize> Controller<N> {
-    /// The path is over: from now on drums only let out.
+    /// The path is over: from now on drums only pay out.
     pub(super) fn relieve(&mut self) {
         if self.relieving {
             return;
         }
         self.relieving = true;
         self.calm_ticks = 0;
-        // What they expect is a point of the path.
+        // Their expectations belong to a point of the path.
         self.rows = Default::default();
         for cable in &mut self.cables {
             cable.give = 0;
@@ -94,7 +95,7 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Relieves all cables for a tick; whether brakes may close.
+    /// Relieves all cables for a tick; returns whether brakes may close.
     pub(super) fn let_out(&mut self, inputs: &Inputs<N>) -> bool {
         let Some(active) = &self.active else {
             return true;

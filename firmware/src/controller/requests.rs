@@ -1,4 +1,4 @@
-//! What a host may ask, and when: every refusal leaves everything as it was.
+//! Requests of a host, and when they are allowed: a refused request changes nothing.
 
 use super::{
     CAPACITY, ConfigHash, Controller, Event, FaultId, Info, List, PerCable, Reject, Reply, Request,
@@ -9,14 +9,14 @@ use mcdpr_protocol::{
     BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, Millinewtons, TenthMicrometres,
 };
 
-/// Largest length that makes sense, 0.1 µm (200 m).
+/// Largest plausible length, 0.1 µm (200 m).
 const LENGTH_LIMIT: i32 = 2_000_000_000;
 
 impl<const N: usize> Controller<N> {
     /// Answers one request of the session that holds the board.
     ///
     /// # Errors
-    /// Why it was refused; nothing changed then.
+    /// The reason for a refusal; nothing changed then.
     pub fn handle(&mut self, now: Tick, request: &Request) -> Result<Reply, Reject> {
         match request {
             Request::Info => Ok(Reply::Info(Self::info())),
@@ -109,8 +109,8 @@ impl<const N: usize> Controller<N> {
             Request::ClearFault => self.handle_clear(now),
             Request::Samples { .. } => Err(Reject::Unsupported),
             Request::Gripper { closed } => {
-                // A stop or a fault leaves the gripper as it is: what it holds must not fall while
-                // people come to look, and nothing must snap while they reach in.
+                // A stop or a fault does not change the gripper: its load must not fall while
+                // people come to look, and it must not snap while they reach in.
                 self.only_in(&[
                     State::Disarmed,
                     State::Holding,
@@ -123,8 +123,8 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Does a slice of the work that a commit of a configuration takes; whether it is done, and
-    /// [`Self::handle`] has little left to do. A control tick has no time for all at once.
+    /// Does a slice of activating a configuration; returns whether it is done, so that
+    /// [`Self::handle`] has little left to do. A control tick has no time for all of it.
     pub fn prepare(&mut self, hash: ConfigHash) -> bool {
         if self.may_configure().is_err() {
             return true;
@@ -135,8 +135,8 @@ impl<const N: usize> Controller<N> {
         self.built.is_some()
     }
 
-    /// Whether a configuration may be exchanged. An exchange that has begun is ended, though the
-    /// emergency stop is pressed in between: no torque can come on before it is.
+    /// Whether a configuration may be exchanged. An exchange that has begun is completed even if
+    /// the emergency stop is pressed in between: torque cannot be switched on before that.
     fn may_configure(&self) -> Result<(), Reject> {
         if self.built.is_some() || self.store.is_taking() {
             return Ok(());
@@ -144,7 +144,7 @@ impl<const N: usize> Controller<N> {
         self.only_in(&[State::Disarmed, State::Fault])
     }
 
-    /// Arms every winch, or one alone.
+    /// Arms every winch, or a single one.
     fn handle_arm(
         &mut self,
         now: Tick,
@@ -170,7 +170,7 @@ impl<const N: usize> Controller<N> {
         Ok(Reply::Done)
     }
 
-    /// The board fills in what only it can tell.
+    /// The board fills in the values that only it has.
     fn handle_bench(&mut self, test: BenchTest) -> Result<Reply, Reject> {
         self.only_in(&[State::Disarmed, State::Fault, State::EStop])?;
         if test != BenchTest::Look {
@@ -195,7 +195,7 @@ impl<const N: usize> Controller<N> {
         Ok(Reply::Bench(Bench::default()))
     }
 
-    /// One winch; refuses a number that no winch has.
+    /// One winch; refuses the number of a winch that does not exist.
     fn winch(&self, number: u8) -> Result<Winch, Reject> {
         let index = usize::from(number).wrapping_sub(1);
         let cable = self.cables.get(index);
@@ -224,7 +224,7 @@ impl<const N: usize> Controller<N> {
             cables: u8::try_from(N).unwrap_or(u8::MAX),
             knot_capacity: u8::try_from(CAPACITY).unwrap_or(u8::MAX),
             ticks_per_second: TICKS_PER_SECOND,
-            // The board says which it speaks.
+            // The board reports which protocols it supports.
             drive_kinds: 0,
             simulated: false,
             last_panic: List::new(),
@@ -251,7 +251,8 @@ impl<const N: usize> Controller<N> {
             .map_or(Ok(()), |record| Err(Reject::Faulted { record }))
     }
 
-    /// The server keeps sessions; the controller only says whether a claim may change hands.
+    /// The server manages sessions; the controller only decides whether a session may be taken
+    /// over.
     fn handle_claim(&mut self, now: Tick, request: &Request) -> Result<Reply, Reject> {
         if matches!(request, Request::Close) {
             self.only_in(&[State::Disarmed, State::Fault, State::EStop])?;
@@ -276,7 +277,7 @@ impl<const N: usize> Controller<N> {
         self.forget_parked();
         let Some(active) = &self.active else { return };
         for (cable, config) in self.cables.iter_mut().zip(&active.cables) {
-            // Lengths counted with another scale are worth nothing; other gains cost none.
+            // Lengths counted with another scale are invalid; other gains do not affect them.
             self.referenced &= cable.scale.per_count_q24 == config.per_count_q24;
             cable.scale.per_count_q24 = config.per_count_q24;
         }

@@ -1,4 +1,4 @@
-//! What the board tells of itself: state, measurements, advice.
+//! Reports of the board: state, measurements, warnings.
 
 use super::{Cable, Controller};
 use crate::io::Brake;
@@ -15,13 +15,13 @@ impl<const N: usize> Controller<N> {
         rows
     }
 
-    /// Path time of the motion under way, ms.
+    /// Path time of the motion in progress, ms.
     #[must_use]
     pub fn path_ms(&self) -> u32 {
         self.motion.path_ms()
     }
 
-    /// Forgets the advice collected so far; it was told.
+    /// Clears the warnings collected so far, after they were reported.
     pub(crate) fn forget_limits(&mut self) {
         self.limits = Limits::default();
     }
@@ -48,7 +48,7 @@ impl<const N: usize> Controller<N> {
             config: self.active.as_ref().map(|active| active.hash),
             referenced: self.referenced,
             brakes_open: bits(&self.outputs.brakes.map(|brake| brake == Brake::Open)),
-            // What the drives say, not what they were told.
+            // The drives' feedback, not their commands.
             torque_on: bits(&self.drives.map(|drive| drive.torque)),
             gripper_closed: self.gripper_closed,
             gripper_switch: self.gripper_switch,

@@ -1,4 +1,4 @@
-//! What is watched in every tick under torque: each cable, and what joins them.
+//! Monitoring in every tick under torque: each cable, and the relations between them.
 
 use super::relieving::horizon_us;
 use super::{
@@ -9,32 +9,32 @@ use crate::io::DriveInput;
 use crate::watch::{CableView, Persist, is_deaf};
 use mcdpr_protocol::ResidualRow;
 
-/// Time that the platform may be touched before the robot stops, ticks (C5).
+/// Time of contact after which the robot stops, ticks (C5).
 const CONTACT_TICKS: u16 = 20;
-/// Tension may leave its expected value by this before it is advice, mN.
+/// Deviation of a tension from its expected value that is a warning, mN.
 const TENSION_WARN_MN: i32 = 3000;
-/// Where it leaves it by less, nothing has to be asked about it, mN.
+/// Deviation below which no further check is needed, mN.
 const TENSION_CALM_MN: i32 = 2000;
-/// Speed under which a drum that is told to turn may stick for a while, µm/s.
+/// Speed below which a drum that is commanded to turn may stick for a while, µm/s.
 const SLOW_UMPS: i32 = 3000;
 const _: () = assert!(TENSION_CALM_MN <= TENSION_WARN_MN);
 const _: () = assert!(TENSION_CALM_MN <= crate::watch::LEAST_OFF_MN);
 
-/// What a look at a cable depends on besides the cable.
+/// Inputs of a cable's check besides the cable.
 struct Around {
-    /// The drum that is being stirred, 1 for the first; none is 0.
+    /// The drum that arming is moving, 1 for the first; 0 for none.
     stirred: u8,
-    /// On a bare winch hangs no cable, and the sign of its encoder may be what is looked for.
+    /// A bare winch has no cable, and the sign of its encoder may be what is being determined.
     bare: bool,
-    /// Brakes hold the drums, or are about to: what a law and a motor do against them says
-    /// nothing.
+    /// Brakes hold the drums, or are about to: the output of law and motor against them carries no
+    /// information.
     braked: bool,
     feedback_timeout_ms: u16,
 }
 
 impl Cable {
-    /// Whether all is as it should be; then this was the whole look of a tick under torque. Else
-    /// nothing was done, and [`Self::examine`] looks closely.
+    /// Whether everything is normal; then the check of this tick is complete. Otherwise nothing was
+    /// changed, and [`Self::examine`] does the full check.
     #[inline]
     pub(super) fn is_well(
         &mut self,
@@ -44,7 +44,7 @@ impl Cable {
         timeout_ms: u16,
     ) -> bool {
         let off = self.tension_mn.saturating_sub(self.setpoint_mn);
-        // Of a cable that is held by tension, more than the error that counts.
+        // For a tension-held cable, also above the relevant error.
         let error = match config.control {
             Control::Length => self.target.length.saturating_sub(self.length),
             Control::Tension => self.by_motor.saturating_sub(self.length),
@@ -66,8 +66,8 @@ impl Cable {
         )
     }
 
-    /// Size of what a tension-held drum was told, mA or µm/s; none where it is so little that a
-    /// drive measures it wrongly, or that friction at rest keeps the drive for a while.
+    /// Size of a tension-held drum's command, mA or µm/s; none if it is so small that a drive
+    /// measures it inaccurately, or that static friction holds the drive for a while.
     #[inline]
     fn told(&self, config: &CableConfig) -> i32 {
         let (told, least) = if config.tells_speed() {
@@ -78,7 +78,7 @@ impl Cable {
         if told > least { told } else { 0 }
     }
 
-    /// Size of what it gives, likewise.
+    /// Size of its output, likewise.
     #[inline]
     fn given(&self, config: &CableConfig, drive: &DriveInput) -> i32 {
         if config.tells_speed() {
@@ -88,8 +88,8 @@ impl Cable {
         }
     }
 
-    /// Commanded less measured length, 0.1 µm; of a cable that is held by tension, how far motor
-    /// and drum are apart.
+    /// Commanded less measured length, 0.1 µm; for a tension-held cable, the difference between
+    /// motor and drum.
     #[inline]
     fn length_error(&self, config: &CableConfig) -> i32 {
         if config.control == Control::Tension {
@@ -99,7 +99,7 @@ impl Cable {
         }
     }
 
-    /// Every detector; the first fault with its value and limit. Advice goes into `limits`.
+    /// Every detector; the first fault with its value and limit. Warnings go into `limits`.
     #[inline(never)]
     fn examine(
         &mut self,
@@ -112,7 +112,7 @@ impl Cable {
         let view = CableView {
             adc,
             tension_mn: self.tension_mn,
-            // No floor; and a cable that is to be slack cannot be too slack.
+            // No floor; and a cable that is meant to be slack cannot be too slack.
             floor_mn: if config.floor_mn == 0
                 || (by_tension && self.setpoint_mn < config.floor_mn)
                 || around.bare
@@ -121,7 +121,7 @@ impl Cable {
             } else {
                 config.floor_mn
             },
-            // On its way a robot does not wait for that.
+            // During a motion a robot does not wait for that.
             reels_in: by_tension
                 && !around.braked
                 && config.law == TensionLaw::Default
@@ -145,8 +145,8 @@ impl Cable {
             drive_fault: drive.fault,
             hot: drive.over_temperature,
             expected_mn: self.setpoint_mn,
-            // A drum that is being stirred pulls at a stiff cable on purpose.
-            // The paper's law leaves half of the set-point to its error: that is no runaway.
+            // A drum that arming moves pulls at a stiff cable on purpose. The paper's law leaves
+            // half of the set-point to its error: that is not a runaway.
             by_tension: by_tension
                 && !around.bare
                 && !around.braked
@@ -180,10 +180,10 @@ impl Cable {
 }
 
 impl<const N: usize> Controller<N> {
-    /// Whether the drums are the drives' alone, or were: brakes take their time to open.
+    /// Whether only the drives hold the drums, or did: brakes take time to open.
     pub(super) fn watches_cables(&self) -> bool {
-        // By what was decided, not by the pins: one axis that is braked because its drive is gone
-        // must not blind the watch over the others.
+        // By the decision, not by the pins: one axis that is braked because its drive is lost must
+        // not disable the monitoring of the others.
         self.arming.phase().is_free()
     }
 
@@ -218,8 +218,8 @@ impl<const N: usize> Controller<N> {
         };
         let mut found = None;
         let mut tight = None;
-        // A cable that has just fallen to the floor pulls the others: that is no snag, unless
-        // these rose with it.
+        // A cable that has just lost its tension shifts load to the others: that is not a snag,
+        // unless these rose with it.
         let breaks = self.cables.iter().map(|cable| cable.watch.breaks_ticks());
         let breaks = breaks.max().unwrap_or(0);
         let mut eased = false;
@@ -239,7 +239,8 @@ impl<const N: usize> Controller<N> {
             }
             let pins = (number, drive, adc);
             let fault = cable.examine(config, pins, &around, &mut self.limits);
-            // What is slack under a brake stays so until somebody pulls: that is advice.
+            // A slack cable under a closed brake stays slack until it is pulled: that is only a
+            // warning.
             let fault = fault.filter(|(fault, ..)| !around.braked || *fault != FaultId::C1);
             eased |= cable.watch.saturates();
             let (tension, ceiling) = (cable.tension_mn, config.ceiling_mn);
@@ -258,7 +259,7 @@ impl<const N: usize> Controller<N> {
         if let Some((fault, cable, value, limit)) = found.or(residual) {
             self.trip(fault, cable, value, limit);
         }
-        // Whatever was found first: a cable that is pulled too hard is let out.
+        // Independent of the first fault found: a cable with too high a tension is paid out.
         if let Some((fault, cable, value, limit)) = tight {
             self.trip(fault, cable, value, limit);
         }
@@ -267,8 +268,8 @@ impl<const N: usize> Controller<N> {
     fn watch_residuals(&mut self) -> Option<(FaultId, u8, i32, i32)> {
         let residual_ms = self.active.as_ref()?.residual_ms;
         let mut found = None;
-        // The first row joins lengths and tensions (S5); the second, of tensions alone, tells what
-        // carries or pulls the platform besides its cables (C5).
+        // The first row relates lengths and tensions (S5); the second, of tensions alone, gives the
+        // force on the platform besides the cables' (C5).
         let kinds = [(FaultId::S5, residual_ms), (FaultId::C5, CONTACT_TICKS)];
         let rows = self.rows.iter().zip(self.residuals.iter_mut()).zip(kinds);
         for ((row, persist), (fault, ticks)) in rows {

@@ -1,4 +1,4 @@
-//! Frames and the port that carries them: all that the drives need of a CAN controller.
+//! Frames and the port that carries them: the interface of the drives to a CAN controller.
 
 /// A data frame with an 11-bit identifier.
 // Aligned so that it is copied by words.
@@ -17,24 +17,24 @@ pub struct CanFrame {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Full;
 
-/// How a CAN controller stands to its bus (ISO 11898-1).
+/// State of a CAN controller on its bus (ISO 11898-1).
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub enum BusState {
-    /// Takes part.
+    /// Active.
     #[default]
     Active,
-    /// 128 errors or more: takes part, but must not disturb others.
+    /// Error passive, 128 errors or more: still active, but must not disturb others.
     Passive,
-    /// 256 transmit errors: silent until it has recovered (D1).
+    /// Bus-off, 256 transmit errors: silent until it has recovered (D1).
     Off,
 }
 
-/// A CAN controller. Nothing here waits.
+/// A CAN controller. No call blocks.
 ///
-/// `send` must find room for one frame per drive and one more in every tick on a bus that keeps up;
-/// frames leave in any order, but two of the same identifier in the order they came.
+/// On a bus that keeps up, `send` must have room for one frame per drive and one more in every
+/// tick; frames leave in any order, but two with the same identifier in the order of the calls.
 pub trait CanPort {
-    /// Starts anew at this bit rate, with nothing queued either way.
+    /// Restarts at this bit rate, with both queues empty.
     fn set_bitrate(&mut self, bits_per_s: u32);
     /// Queues a frame.
     ///
@@ -43,6 +43,6 @@ pub trait CanPort {
     fn send(&mut self, frame: &CanFrame) -> Result<(), Full>;
     /// The oldest frame that has arrived.
     fn receive(&mut self) -> Option<CanFrame>;
-    /// How the controller stands to the bus.
+    /// State of the controller on the bus.
     fn state(&self) -> BusState;
 }

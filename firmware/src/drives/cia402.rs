@@ -1,10 +1,10 @@
 //! CiA 402 drives over CANopen (CiA 301): expedited set-up, control word, cyclic position, speed
 //! or torque.
 //!
-//! After a reset of its communication a drive is set up object by object (`SETUP`), started, and
-//! from then on told by one PDO in its slot (control word with position, speed or torque, acted
-//! on at once) and asked by SYNC for one PDO back (status word, position, torque), with the mode that it
-//! says it is in every `MODE_SYNCS` SYNCs. It watches the board's heartbeat, the board its.
+//! After a reset of its communication a drive is set up object by object (`SETUP`) and started.
+//! From then on it receives one PDO in its slot (control word with position, speed or torque,
+//! taking effect at once) and returns one PDO per SYNC (status word, position, torque), with its
+//! actual mode every `MODE_SYNCS` SYNCs. Drive and board monitor each other's heartbeat.
 
 use super::can::CanFrame;
 use super::drive::{Drive, Mode, Phase, Step, mode_of};
@@ -16,8 +16,8 @@ use crate::io::{DriveDemand, Refused};
 pub(crate) const BOARD_NODE: u8 = 127;
 /// Milliseconds between two heartbeats of the board.
 pub(crate) const BOARD_BEAT_MS: u32 = 50;
-/// Transmission type of a command that is acted on at the next SYNC (CiA 301): for drives that do not
-/// act at once.
+/// Transmission type of a command that takes effect at the next SYNC (CiA 301): for drives that do
+/// not support immediate effect.
 const AT_SYNC: u32 = 1;
 /// Milliseconds between two heartbeats of a drive.
 const BEAT_MS: u32 = 100;
@@ -25,9 +25,9 @@ const BEAT_MS: u32 = 100;
 const QUIET_MS: u16 = 300;
 /// Milliseconds for a drive to start its communication.
 const BOOT_MS: u16 = 1000;
-/// A drive that was started and does not answer for so long has lost its power: start again.
+/// A drive that was started and does not answer for this long has lost its power: start again.
 const LOST_MS: u16 = 100;
-/// Milliseconds for an answer to a set-up request, before it is asked again.
+/// Milliseconds for an answer to a set-up request, before it is repeated.
 const ANSWER_MS: u16 = 50;
 
 const NMT: u16 = 0x000;
@@ -53,21 +53,21 @@ const FAULT: u16 = 0x08;
 const SWITCH_ON_DISABLED: u16 = 0x40;
 const READY_TO_SWITCH_ON: u16 = 0x21;
 const SWITCHED_ON: u16 = 0x23;
-/// The state in which a drive obeys.
+/// The state in which a drive follows commands.
 pub(super) const OPERATION_ENABLED: u16 = 0x27;
 /// The drive's own warning.
 pub(super) const WARNING: u16 = 0x80;
 
-/// Where the value of an object comes from.
+/// Source of an object's value.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum From {
-    /// It is the number given.
+    /// The given number.
     Number,
-    /// The node is added to it.
+    /// The given number plus the node.
     Node,
     /// The mode.
     Mode,
-    /// What the command carries beside the control word.
+    /// The content of the command besides the control word.
     Target,
     /// SYNCs per feedback.
     Syncs,
@@ -77,14 +77,14 @@ enum From {
     Torque,
     /// Largest speed, rpm.
     Speed,
-    /// It is read, not written.
+    /// The object is read, not written.
     Drive,
 }
 
 /// An object of the set-up, in eight bytes: there are thirty-one of them, and little flash.
 struct Object {
     index: u16,
-    /// Sub-index in bits 0 to 3, bytes in bits 4 to 6, bit 7: a drive without it is no worse.
+    /// Sub-index in bits 0 to 3, bytes in bits 4 to 6, bit 7: optional.
     shape: u8,
     from: From,
     value: u32,
@@ -121,11 +121,12 @@ const fn optional(index: u16, sub: u8, size: u8, from: From, value: u32) -> Obje
     }
 }
 
-/// What a drive is told before it starts, in this order. A PDO is switched off while its content
-/// changes. Bit 31: off; bit 30: not to be asked for.
+/// Objects written to a drive before it starts, in this order. A PDO is switched off while its
+/// content changes. Bit 31: off; bit 30: no remote request.
 ///
-/// Where a drive lacks an optional object it falls back: one that cannot act on a command at once
-/// acts at SYNC ([`AT_SYNC`]), one that cannot report its mode is believed to be in the one it took.
+/// If a drive lacks an optional object there is a fallback: one that does not support immediate
+/// effect acts at SYNC ([`AT_SYNC`]), one that cannot report its mode is assumed to be in the one
+/// it accepted.
 static SETUP: [Object; 31] = [
     // Feedback: status word, position, torque, at SYNC.
     object(0x1800, 1, 4, From::Node, 0xC000_0000 | FEEDBACK as u32),
@@ -136,14 +137,14 @@ static SETUP: [Object; 31] = [
     object(0x1A00, 3, 4, From::Number, 0x6077_0010),
     object(0x1A00, 0, 1, From::Number, 3),
     object(0x1800, 1, 4, From::Node, 0x4000_0000 | FEEDBACK as u32),
-    // The mode that it is in.
+    // The actual mode.
     optional(0x1801, 1, 4, From::Node, 0xC000_0000 | MODE_REPORT as u32),
     optional(0x1801, 2, 1, From::Number, MODE_SYNCS as u32),
     optional(0x1A01, 0, 1, From::Number, 0),
     optional(0x1A01, 1, 4, From::Number, 0x6061_0008),
     optional(0x1A01, 0, 1, From::Number, 1),
     optional(0x1801, 1, 4, From::Node, 0x4000_0000 | MODE_REPORT as u32),
-    // What else it would send by itself would cost the bus.
+    // Its other default PDOs would use bus time.
     optional(0x1802, 1, 4, From::Node, 0xC000_0380),
     optional(0x1803, 1, 4, From::Node, 0xC000_0480),
     // Command: control word and target, at once.
@@ -163,13 +164,13 @@ static SETUP: [Object; 31] = [
         From::Number,
         ((BOARD_NODE as u32) << 16) | 200,
     ),
-    // What it does then, and when it is stopped: disable voltage.
+    // Its reaction to that, and to a stop: disable voltage.
     optional(0x6007, 0, 2, From::Number, 2),
     object(0x6060, 0, 1, From::Mode, 0),
     object(0x6075, 0, 4, From::Drive, 0),
     optional(0x6072, 0, 2, From::Torque, 0),
     optional(0x6080, 0, 4, From::Speed, 0),
-    // Commands come in equal steps of time: the drive fills in between.
+    // Commands come at equal intervals: the drive interpolates.
     optional(0x60C2, 1, 1, From::Period, 0),
 ];
 
@@ -198,17 +199,17 @@ fn frame(id: u16, bytes: &[u8]) -> CanFrame {
     frame
 }
 
-/// Asks every drive for its feedback.
+/// Requests the feedback of every drive.
 pub(super) fn sync() -> CanFrame {
     frame(SYNC, &[])
 }
 
-/// Takes the torque of a drive, whatever it does: NMT reset of the whole node (CiA 301).
+/// Removes the torque of a drive, whatever its state: NMT reset of the whole node (CiA 301).
 pub(super) fn reset(node: u8) -> CanFrame {
     frame(NMT, &[RESET_NODE, node])
 }
 
-/// The board lives.
+/// The board's heartbeat.
 pub(super) fn beat() -> CanFrame {
     frame(HEARTBEAT | u16::from(BOARD_NODE), &[OPERATIONAL])
 }
@@ -220,7 +221,7 @@ fn sdo(node: u8, command: u8, index: u16, sub: u8, value: u32) -> CanFrame {
     frame(SDO_REQUEST | u16::from(node), &bytes)
 }
 
-/// Asks whether a drive is there: for its device type.
+/// Asks whether a drive is present: for its device type.
 pub(super) fn probe(node: u8) -> CanFrame {
     sdo(node, 0x40, 0x1000, 0, 0)
 }
@@ -259,25 +260,26 @@ fn set_up(drive: &Drive, cable: &CableConfig, object: &Object) -> CanFrame {
     sdo(cable.node, command, object.index, object.sub(), value)
 }
 
-/// A current in thousandths of the drive's rated one, which CiA 402 takes for torque.
+/// A current in thousandths of the drive's rated one, which CiA 402 uses for torque.
 fn thousandths(ma: i32, rated_ma: i32) -> u16 {
     let share = ma * 1000 / rated_ma.max(1);
     crate::fixed::saturate_i16(share).cast_unsigned()
 }
 
-/// The control word that brings a drive on from a state towards obedience.
+/// The control word that brings a drive from a state towards operation enabled.
 fn onwards(status: u16) -> u16 {
     match status & STATE_BITS {
         READY_TO_SWITCH_ON => 0x07,
         SWITCHED_ON | OPERATION_ENABLED => 0x0F,
         _ if status & NO_TORQUE_BITS == SWITCH_ON_DISABLED => 0x06,
-        // An old fault: the edge from 0, which every drive that is off is told, resets it once.
+        // An old fault: the edge from 0, which every drive receives while it is off, resets it
+        // once.
         _ if status & NO_TORQUE_BITS == FAULT => 0x80,
         _ => 0x00,
     }
 }
 
-/// What goes to the drive in its slot, and what it makes of the drive once it is on its way.
+/// The frame for the drive in its slot, and the drive's state after it is sent.
 pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> Option<Step> {
     let node = cable.node;
     let wanted = mode_of(demand) == Some(Mode::of(cable));
@@ -293,7 +295,7 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
                 None => Step::new(nmt(START), Phase::Idle, LOST_MS),
             });
         }
-        // Started, and silent: it has lost its power since.
+        // It was started and is silent: it has lost its power since.
         Phase::Idle if drive.timer == 0 && drive.input.age_ms > LOST_MS => {
             return Some(Step::new(nmt(RESET_COMMUNICATION), Phase::Waiting, BOOT_MS));
         }
@@ -302,7 +304,7 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
     let obeys = is_enabled(drive) && drive.mode == drive.wanted_mode;
     let (control, then) = match drive.phase {
         _ if !wanted => (0x00, Phase::Idle),
-        // Torque that is asked of a drive that was not enabled never comes by itself.
+        // A torque demand does not enable a drive that arming has not enabled.
         Phase::Idle if demand.gives_torque() => (0x00, Phase::Idle),
         Phase::Enabled => (if obeys { 0x0F } else { 0x00 }, Phase::Enabled),
         _ if obeys => (0x0F, Phase::Enabled),
@@ -332,12 +334,12 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
     Some(Step::new(command, then, drive.timer))
 }
 
-/// Whether the drive says that it obeys.
+/// Whether the drive reports operation enabled.
 pub(super) fn is_enabled(drive: &Drive) -> bool {
     drive.status & STATE_BITS == OPERATION_ENABLED
 }
 
-/// Whether the drive has failed by its own word: a fault, or torque that went without being told.
+/// Whether the drive reports a failure: a fault, or torque that was lost without a command.
 pub(super) fn has_failed(drive: &Drive) -> bool {
     let obeys = is_enabled(drive) && drive.mode == drive.wanted_mode;
     drive.status & FAULT != 0 || (drive.phase == Phase::Enabled && !obeys)
@@ -348,7 +350,7 @@ pub(super) const fn is_quiet(drive: &Drive) -> bool {
     drive.quiet_ms > QUIET_MS
 }
 
-/// Takes a frame in; whether it was this drive's feedback.
+/// Takes a frame; returns whether it was this drive's feedback.
 pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
     if received.id & 0x7F != u16::from(drive.node) {
         return false;
@@ -376,7 +378,8 @@ pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
             let counts = i32::from_le_bytes([c, d, e, f]);
             let torque = i32::from(i16::from_le_bytes([g, h]));
             drive.input.current_ma = crate::fixed::saturate_i16(torque * drive.rated_ma / 1000);
-            // Feedback is taken at SYNC: whole periods lie between two, whenever they arrived.
+            // Feedback is sampled at SYNC: whole periods lie between two samples, independent of
+            // their arrival.
             let period = i32::from(drive.period_ms.max(1));
             let periods = (i32::from(drive.since_ms) + (period - 1) / 2) / period;
             let moved = i64::from(counts.wrapping_sub(drive.input.counts));
@@ -393,7 +396,7 @@ pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
     false
 }
 
-/// An answer to a set-up request: on, or again from the start.
+/// An answer to a set-up request: continue, or start again.
 fn answered(drive: &mut Drive, received: &CanFrame) {
     let Some(object) = setup(drive.step) else {
         return;
@@ -404,7 +407,7 @@ fn answered(drive: &mut Drive, received: &CanFrame) {
     }
     let refused = command == 0x80;
     if refused && !object.is_optional() {
-        // Arming tells it (D5). It may be of a start that came too early: once more, later.
+        // Arming reports it (D5). The start may have come too early: once more, later.
         drive.refused = Some(Refused {
             object: u32::from(object.index) << 8 | u32::from(sub),
             code: u32::from_le_bytes([a, b, c, d]),
@@ -426,7 +429,7 @@ fn answered(drive: &mut Drive, received: &CanFrame) {
         drive.mode = drive.wanted_mode;
     }
     if object.from == From::Drive && !refused {
-        // More than 60 A is no drive of these winches; nothing is not a rated current.
+        // More than 60 A is not plausible for these winches; 0 is not a rated current.
         let rated = i32::from_le_bytes([a, b, c, d]);
         drive.rated_ma = rated.clamp(1, 60_000);
     }

@@ -1,4 +1,4 @@
-//! What the board knows of one drive, whatever it speaks.
+//! State of one drive, independent of its protocol.
 
 use super::can::CanFrame;
 use crate::config::{CableConfig, Control, TensionOutput};
@@ -16,7 +16,7 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// The one mode of a cable's drive: fixed by the configuration, entered when the board arms.
+    /// The mode of a cable's drive: fixed by the configuration, entered when the board arms.
     #[must_use]
     pub const fn of(cable: &CableConfig) -> Self {
         match (cable.control, cable.output) {
@@ -27,7 +27,7 @@ impl Mode {
     }
 }
 
-/// The mode that a demand is of.
+/// The mode that a demand belongs to.
 pub(super) const fn mode_of(demand: DriveDemand) -> Option<Mode> {
     match demand {
         DriveDemand::Off => None,
@@ -37,10 +37,10 @@ pub(super) const fn mode_of(demand: DriveDemand) -> Option<Mode> {
     }
 }
 
-/// Where a drive is between power and obedience.
+/// Phase of a drive between power-on and operation.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// Nothing is known of it.
+    /// Unknown.
     #[default]
     Cold,
     /// It was reset.
@@ -49,9 +49,9 @@ pub enum Phase {
     Setup,
     /// It answers and gives no torque.
     Idle,
-    /// It enters its mode; an RMDS that had its time obeys.
+    /// It is entering its mode; for an RMDS, operation is assumed after a fixed time.
     Enabling,
-    /// It has said that it obeys (CiA 402).
+    /// It has reported operation enabled (CiA 402).
     Enabled,
 }
 
@@ -60,26 +60,26 @@ pub enum Phase {
 pub(super) struct Drive {
     pub node: u8,
     pub phase: Phase,
-    /// Milliseconds left of what the phase waits for.
+    /// Milliseconds left of the phase's waiting time.
     pub timer: u16,
-    /// Where in its set-up it is (CiA 402).
+    /// Index in its set-up (CiA 402).
     pub step: u8,
     pub input: DriveInput,
     /// Status word (CiA 402).
     pub status: u16,
-    /// Mode that the drive says it is in (CiA 402).
+    /// Mode reported by the drive (CiA 402).
     pub mode: u8,
-    /// Mode that it shall be in (CiA 402).
+    /// Requested mode (CiA 402).
     pub wanted_mode: u8,
-    /// It reports the mode that it is in (CiA 402).
+    /// It reports its actual mode (CiA 402).
     pub tells_mode: bool,
     /// It acts on commands at SYNC, not at once (CiA 402).
     pub at_sync: bool,
     /// An object that it refused (CiA 402).
     pub refused: Option<Refused>,
-    /// Last emergency code, 0 where it is over (CiA 402).
+    /// Last emergency code, 0 after it has ended (CiA 402).
     pub emergency: u16,
-    /// Motor current of a thousand thousandths of torque, mA (CiA 402).
+    /// Motor current at a thousand thousandths of torque, mA (CiA 402).
     pub rated_ma: i32,
     /// Milliseconds since the last heartbeat (CiA 402).
     pub quiet_ms: u16,
@@ -91,7 +91,7 @@ pub(super) struct Drive {
     pub rpm_per_count_q16: i32,
 }
 
-/// A frame to send, and what it makes of the drive once it is on its way.
+/// A frame to send, and the drive's state after it is sent.
 pub(super) struct Step {
     pub frame: CanFrame,
     pub then: Phase,

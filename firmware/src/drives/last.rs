@@ -1,8 +1,9 @@
-//! What a board must remember over a reset to stop its drives: kind, bit rate, numbers.
+//! The data with which a board stops its drives after a reset: kind, bit rate, numbers.
 //!
-//! An RMDS goes on with its last command until it gets another one or a reset; a CiA 402 drive until
-//! it misses the board's heartbeat, if it watches that at all. A board that was reset (watchdog,
-//! panic, supply) has no configuration any more, so it keeps this much in memory that a reset leaves.
+//! An RMDS continues its last command until it gets another one or a reset; a CiA 402 drive until
+//! it misses the board's heartbeat, if it monitors that at all. A board that was reset (watchdog,
+//! panic, supply) has no configuration any more, so it keeps these data in memory that a reset does
+//! not clear.
 
 use crate::config::{Active, DriveKind};
 use mcdpr_protocol::frame::crc32;
@@ -13,7 +14,7 @@ pub const WORDS: usize = 4;
 /// The drives of a configuration; 0 for no drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LastDrives<const N: usize> {
-    /// What they speak.
+    /// Their protocol.
     pub kind: DriveKind,
     /// Bit rate of their bus, bit/s.
     pub bits_per_s: u32,
@@ -36,7 +37,7 @@ impl<const N: usize> LastDrives<N> {
         }
     }
 
-    /// With a checksum, for memory that may hold anything. Four drives at most.
+    /// With a checksum, for memory with undefined contents. Four drives at most.
     #[must_use]
     pub fn to_words(&self) -> [u32; WORDS] {
         let mut nodes = [0; 4];
@@ -49,7 +50,7 @@ impl<const N: usize> LastDrives<N> {
         [kind, self.bits_per_s, nodes, sum]
     }
 
-    /// `None` where the memory holds something else.
+    /// `None` if the memory does not contain valid data.
     #[must_use]
     pub fn from_words(&[kind, bits_per_s, nodes, sum]: &[u32; WORDS]) -> Option<Self> {
         if sum != checksum([kind, bits_per_s, nodes]) || bits_per_s == 0 {

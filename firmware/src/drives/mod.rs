@@ -1,19 +1,19 @@
-//! The drives on their bus: what to send when, and what they said.
+//! The drives on their bus: when to send which frame, and their feedback.
 //!
-//! A board calls [`DriveBus::listen`] first in its tick, adds [`DriveBus::fill`] to what it has read
-//! for the control core, and hands the core's outputs to [`DriveBus::tick`]. Everything else follows from the
-//! configuration in use: which protocol, which nodes, which bit rate, and when each drive has its
-//! slot. Slots are spread over the period, so that no tick has more to send than it must; a demand
-//! for no torque does not wait for one.
+//! A board calls [`DriveBus::listen`] first in its tick, adds [`DriveBus::fill`] to the inputs of
+//! the control core, and passes the core's outputs to [`DriveBus::tick`]. Everything else follows
+//! from the active configuration: the protocol, the nodes, the bit rate, and the slot of each
+//! drive. Slots are spread over the period, so that the load of the ticks is even; a demand for
+//! zero torque does not wait for a slot.
 //!
 //! A drive that lost its power or restarted is set up again by itself, but is enabled only by
-//! arming: torque that is asked of a drive that was not enabled is not given.
+//! arming: a torque demand to a drive that was not enabled has no effect.
 //!
 //! | module | what it is for |
 //! |---|---|
-//! | [`can`] | frames, and the port that a board's CAN controller is |
+//! | [`can`] | frames, and the interface to a board's CAN controller |
 //! | [`rmds`], [`cia402`] | the two protocols |
-//! | [`last`] | what to stop after a reset |
+//! | [`last`] | drives to stop after a reset |
 
 pub mod can;
 pub mod cia402;
@@ -34,38 +34,38 @@ use mcdpr_protocol::{ConfigHash, Tick};
 
 /// Frames taken in per tick, at most: more than a bus of 1 Mbit/s brings in a millisecond.
 const FRAMES_PER_TICK: usize = 24;
-/// The last drive that can be on a bus: 127 is the board.
+/// The highest drive number on a bus: 127 is the board.
 const LAST_NODE: u8 = 126;
-/// A scan is over 50 ms after the last drive was asked.
+/// A scan ends 50 ms after the last drive was asked.
 const SCANNED: u8 = LAST_NODE + 50;
 
-/// How often drives are stopped after a reset of the board, and every how many ticks: one frame may
-/// meet a bus that is not there yet.
+/// How often drives are stopped after a reset of the board, and the interval in ticks: one frame
+/// may be sent before the bus is ready.
 const STOPS: u8 = 5;
 const STOP_EVERY: u32 = 10;
-/// Feedback that is older says nothing about torque, ms.
+/// Older feedback is not used to judge torque, ms.
 const TORQUE_MS: u16 = 20;
-/// More current than a motor without torque is measured to have, mA.
+/// Current above which a motor counts as having torque, mA.
 const TORQUE_MA: u16 = 200;
 
 /// Every drive of a board.
 #[derive(Debug, Clone)]
 pub struct DriveBus<const N: usize> {
-    /// The configuration that all this follows.
+    /// The active configuration.
     follows: Option<ConfigHash>,
     kind: DriveKind,
     drives: [Drive; N],
-    /// Bit n: the slot of drive n has come and its frame is not on its way yet.
+    /// Bit n: the slot of drive n has come and its frame is not sent yet.
     late: u8,
     sync_late: bool,
     bus: BusState,
-    /// The drive that is asked next whether it is there, from 1; beyond the last, what is waited
-    /// for late answers.
+    /// The next drive number to be asked in a scan, from 1; beyond the last, the waiting time for
+    /// late answers.
     asking: u8,
     found: [u32; 4],
-    /// How often the drives of before a reset are still to be stopped.
+    /// How often the drives from before a reset are still to be stopped.
     stops: u8,
-    /// A configuration has just been taken up.
+    /// A configuration has just been activated.
     new: Option<LastDrives<N>>,
 }
 
@@ -94,7 +94,7 @@ impl<const N: usize> Default for DriveBus<N> {
 }
 
 impl<const N: usize> DriveBus<N> {
-    /// Takes in what has arrived. Once per tick, before [`Self::fill`].
+    /// Takes the received frames. Once per tick, before [`Self::fill`].
     pub fn listen(&mut self, port: &mut impl CanPort) {
         for drive in &mut self.drives {
             drive.input.age_ms = drive.input.age_ms.saturating_add(1);
@@ -132,8 +132,8 @@ impl<const N: usize> DriveBus<N> {
         self.bus = port.state();
     }
 
-    /// After a reset of the board, before the first tick: these drives go on by their last command,
-    /// and are stopped.
+    /// After a reset of the board, before the first tick: these drives still follow their last
+    /// command, and are stopped.
     pub fn stop_at_start(&mut self, last: &LastDrives<N>, port: &mut impl CanPort) {
         port.set_bitrate(last.bits_per_s);
         self.kind = last.kind;
@@ -143,7 +143,7 @@ impl<const N: usize> DriveBus<N> {
         }
     }
 
-    /// The drives of a configuration that was just taken up, once: to be kept over a reset.
+    /// The drives of a configuration that was just activated, once: to be kept over a reset.
     pub fn take_new(&mut self) -> Option<LastDrives<N>> {
         self.new.take()
     }
@@ -155,7 +155,7 @@ impl<const N: usize> DriveBus<N> {
         }
         self.stops -= 1;
         for drive in self.drives.iter().filter(|drive| drive.node != 0) {
-            // One that finds no room is sent the next time.
+            // A frame that finds no room is sent the next time.
             let _ = port.send(&match self.kind {
                 DriveKind::Cia402 => cia402::reset(drive.node),
                 _ => rmds::reset(drive.node),
@@ -163,7 +163,7 @@ impl<const N: usize> DriveBus<N> {
         }
     }
 
-    /// Puts in what the drives last said, as the control core takes it.
+    /// Adds the drives' last feedback to the inputs of the control core.
     pub fn fill(&self, inputs: &mut Inputs<N>) {
         inputs.scan = Scan {
             done: self.asking >= SCANNED,
@@ -196,7 +196,7 @@ impl<const N: usize> DriveBus<N> {
         }
     }
 
-    /// Sends what is due in this tick; `active` is the configuration in use.
+    /// Sends the frames of this tick; `active` is the active configuration.
     pub fn tick(
         &mut self,
         now: Tick,
@@ -262,7 +262,7 @@ impl<const N: usize> DriveBus<N> {
         }
     }
 
-    /// One number per tick is asked, so that drives have the bus to themselves nearly as ever.
+    /// One number per tick is asked, so that the scan hardly loads the bus.
     fn ask(&mut self, port: &mut impl CanPort) {
         let frame = match self.kind {
             DriveKind::Cia402 => cia402::probe(self.asking),
@@ -293,7 +293,7 @@ impl<const N: usize> DriveBus<N> {
             self.sync_late = port.send(&cia402::sync()).is_err();
         }
         if now.0 % cia402::BOARD_BEAT_MS == 1 {
-            // A lost one does not matter: three more come before a drive stops.
+            // A lost one does not matter: three more follow before a drive stops.
             let _ = port.send(&cia402::beat());
         }
     }

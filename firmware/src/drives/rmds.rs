@@ -1,9 +1,9 @@
 //! RoboModule RMDS: big-endian frames of eight bytes, filler 0x55.
 //!
 //! Identifier: group (3 bits), number (4 bits), function (4 bits); group and number together are
-//! the configuration's node. Number 0 calls every drive of a group and is never used. A drive is
-//! silent for half a second after a reset and takes half a second to enter a mode. Which drive the
-//! paper used is inferred, and with it this protocol (`docs/paper-notes.md`).
+//! the configuration's node. Number 0 addresses every drive of a group and is not used. A drive is
+//! silent for half a second after a reset and takes half a second to enter a mode. The type of the
+//! paper's drive is inferred, and with it this protocol (`docs/paper-notes.md`).
 
 use super::can::CanFrame;
 use super::drive::{Drive, Mode, Phase, Step, mode_of};
@@ -12,11 +12,11 @@ use crate::io::DriveDemand;
 
 /// Milliseconds of silence after a reset.
 pub(crate) const RESET_MS: u16 = 500;
-/// Milliseconds from the choice of a mode until its commands are obeyed.
+/// Milliseconds from the choice of a mode until its commands take effect.
 pub(crate) const MODE_MS: u16 = 500;
-/// Slack: a frame may wait for the bus.
+/// Allowance: a frame may wait for the bus.
 const SLACK_MS: u16 = 10;
-/// A drive that was told to answer and does not for so long has lost its power: start again.
+/// A drive that was commanded to answer and does not for this long has lost its power: start again.
 const LOST_MS: u16 = 100;
 
 const FILL: [u8; 8] = [0x55; 8];
@@ -43,24 +43,24 @@ fn frame(node: u8, function: u16, start: &[u8]) -> CanFrame {
     }
 }
 
-/// Takes the torque of a drive, whatever it does.
+/// Removes the torque of a drive, whatever its state.
 pub(super) fn reset(node: u8) -> CanFrame {
     frame(node, RESET, &[])
 }
 
-/// Asks whether a drive is there.
+/// Asks whether a drive is present.
 pub(super) fn probe(node: u8) -> CanFrame {
     frame(node, ONLINE, &[])
 }
 
 /// The node that answers a probe.
 pub(super) fn probed(received: &CanFrame) -> Option<u8> {
-    // Number 0 is nobody's own.
+    // Number 0 does not belong to a drive.
     let is_answer = received.id & 0xF == ONLINE && received.id & 0xF0 != 0;
     is_answer.then(|| (received.id >> 4).to_le_bytes()[0])
 }
 
-/// What goes to the drive in its slot, and what it makes of the drive once it is on its way.
+/// The frame for the drive in its slot, and the drive's state after it is sent.
 pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> Option<Step> {
     let node = cable.node;
     let again = Step::new(reset(node), Phase::Waiting, RESET_MS + SLACK_MS);
@@ -76,12 +76,12 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
             ))
         }
         Phase::Idle if drive.timer == 0 && drive.input.age_ms > LOST_MS => Some(again),
-        // There is no command "off": a reset takes the torque whatever the drive does. So does a
-        // change of mind.
+        // There is no command "off": only a reset removes the torque in every state. The same is
+        // needed for a change of mode.
         Phase::Enabling if wanted != Some(Mode::of(cable)) => Some(again),
         Phase::Idle => {
-            // Torque that is asked of a drive that was not enabled never comes by itself; and a
-            // drive that does not answer is not enabled.
+            // A torque demand does not enable a drive that arming has not enabled; and a drive that
+            // does not answer is not enabled.
             let answers = drive.input.age_ms <= LOST_MS;
             let asked = !demand.gives_torque() && wanted == Some(Mode::of(cable)) && answers;
             let mode = match wanted? {
@@ -122,12 +122,12 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
     }
 }
 
-/// Whether the drive obeys.
+/// Whether the drive follows commands.
 pub(super) fn is_ready(drive: &Drive) -> bool {
     drive.phase == Phase::Enabling && drive.timer == 0
 }
 
-/// What a drive has fed back.
+/// Feedback of a drive.
 pub(super) struct Feedback {
     node: u16,
     current_ma: i16,
@@ -135,7 +135,7 @@ pub(super) struct Feedback {
     counts: i32,
 }
 
-/// The feedback that a frame is.
+/// Decodes a frame as feedback.
 pub(super) fn feedback(received: &CanFrame) -> Option<Feedback> {
     let [a, b, c, d, e, f, g, h] = received.data;
     let is_feedback = received.id & 0xF == FEEDBACK && received.len == 8;
@@ -147,7 +147,7 @@ pub(super) fn feedback(received: &CanFrame) -> Option<Feedback> {
     })
 }
 
-/// Takes feedback in, if it is this drive's.
+/// Takes feedback, if it is this drive's.
 pub(super) fn take(drive: &mut Drive, feedback: &Feedback) {
     if feedback.node == u16::from(drive.node) {
         let input = &mut drive.input;

@@ -1,4 +1,4 @@
-//! Frames computed by hand against the protocols' texts, and the ways of drives.
+//! Frames computed by hand from the protocols' texts, and sequences of drive states.
 
 use super::{BusState, CanFrame, CanPort, DriveBus, Full};
 use crate::config::{Active, CableConfig, Control, DriveKind, TensionLaw, TensionOutput};
@@ -6,7 +6,7 @@ use crate::io::{DriveDemand, DriveInput, Inputs, Outputs};
 use heapless::{Deque, Vec};
 use mcdpr_protocol::{ConfigHash, Tick};
 
-/// A port that keeps what was sent and gives what it was given.
+/// A port that keeps sent frames and returns given ones.
 #[derive(Default)]
 struct Port {
     sent: Vec<(u32, CanFrame), 512>,

@@ -1,9 +1,9 @@
 //! The tension laws with the drum's speed as their output.
 //!
-//! A geared winch rubs with tens of newtons: a current says little about what reaches its cable.
-//! Its drive's own speed loop fights the friction, and the law says how fast the drum shall turn.
-//! Gains are then speeds per tension, mm/s per N and N/s; where the drum pays out with the plan,
-//! nothing is left for the error but what the plan does not know.
+//! A geared winch has tens of newtons of friction: its current is not proportional to the cable's
+//! force. The speed loop in its drive overcomes the friction, and the law commands the drum's
+//! speed. Gains are then speeds per tension, mm/s per N and N/s; where the drum pays out with the
+//! plan, the error contains only what the plan does not include.
 
 use super::{Demand, TensionLoop, pd, recovered};
 use crate::config::{CableConfig, TensionLaw};
@@ -11,21 +11,21 @@ use crate::fixed::{LowPass, half, mul_q32, saturate};
 
 /// Share of a new error in the slow filter that decides whether a drum may rest: 5 Hz.
 const SLOW_ALPHA_Q16: i32 = 2000;
-/// A drum rests when the slow error is within this, mN, and turns again when it is not within the
-/// second, or the error itself not within the third. A drum that turned for less would break loose
-/// and stick again for ever, by what its friction falls from rest to motion.
+/// A drum rests while the slow error is within this, mN, and turns again when it exceeds the
+/// second, or the error itself the third. A drum that turned for less would repeatedly break loose
+/// and stick, because its friction is higher at rest than in motion.
 const REST_MN: i32 = 20;
 const WAKE_MN: i32 = 45;
 const JUMP_MN: i32 = 150;
 
-/// What the speed output remembers.
+/// State of the speed output.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Speed {
     slow: LowPass,
     rests: bool,
-    /// The law's part of the speed, behind its corner.
+    /// The law's part of the speed, after the low-pass.
     answer: LowPass,
-    /// What the last whole turn per minute left over, 16 fractional bits.
+    /// Remainder of the last rounding to whole turns per minute, 16 fractional bits.
     carry_q16: i32,
     told_umps: i32,
 }
@@ -47,7 +47,7 @@ impl Default for Speed {
 }
 
 impl TensionLoop {
-    /// One tick of a cable whose law tells the drum's speed: µm/s, positive as it pays out.
+    /// One tick of a cable whose law commands the drum's speed: µm/s, positive as it pays out.
     pub fn update_speed(&mut self, config: &CableConfig, demand: &Demand) -> i32 {
         let before_q16 = self.filter.value_q16();
         if !demand.blind {
@@ -111,8 +111,8 @@ impl TensionLoop {
         }
         self.integrate(config, error_q16);
         let answer = pd(config, error_q16, slope_mnps) + ((self.integral_q16 + half(16)) >> 16);
-        // Behind its corner the drum answers as one with mass: with much for what lasts, with little
-        // where cables ring.
+        // With the low-pass the drum responds like a mass: large for slow errors, small where
+        // cables ring.
         let most = i64::from(config.max_speed_umps);
         let answer = saturate(answer.clamp(-most, most));
         let answer = self.speed.answer.update(answer, config.corner_alpha_q16);
@@ -125,8 +125,8 @@ impl TensionLoop {
         self.speed.told_umps
     }
 
-    /// Motor speed for a speed of the cable (µm/s), rpm. What a whole number leaves over is made up
-    /// for by the next ones, so that slow drums turn as slowly as they shall.
+    /// Motor speed for a speed of the cable (µm/s), rpm. The remainder of the rounding is added to
+    /// the next ones, so that the mean of slow speeds is exact.
     pub fn rpm(&mut self, config: &CableConfig, speed_umps: i32) -> i16 {
         if speed_umps == 0 {
             self.speed.carry_q16 = 0;

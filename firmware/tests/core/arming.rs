@@ -41,7 +41,7 @@ fn arming_enables_drives_then_gives_torque_then_opens_brakes_then_holds() {
     assert!(torque > 30, "not before the slowest drive");
     // 30 ms of torque, then the push against the brakes: at most 0.5 s, here far less.
     assert!((40..=150).contains(&(open - torque)), "{}", open - torque);
-    // 50 ms to open, four drums stirred for 120 ms each, 500 ms of rest.
+    // 50 ms to open, the test motion of four drums for 120 ms each, 500 ms of rest.
     assert_eq!(holding - open, 50 + 4 * 120 + 500);
 }
 
@@ -107,7 +107,8 @@ fn d5_a_drive_just_in_time_is_taken() {
     assert_eq!(bench.fault(), None);
 }
 
-/// Arms with tampered inputs from the first tick on; the fault, its cable, and whether a brake opened.
+/// Arms with manipulated inputs from the first tick on; returns the fault, its cable, and whether a
+/// brake opened.
 fn abort(tamper: fn(&mut Inputs<CABLES>)) -> (Option<FaultId>, u8, bool) {
     let mut bench = Bench::ready();
     bench.tamper = tamper;
@@ -168,7 +169,7 @@ fn d2_d3_s8_what_goes_after_it_came_up_aborts_before_the_brakes_open() {
         bench.run(1000);
         assert_eq!((bench.fault(), bench.state()), (Some(fault), State::Fault));
         bench.tamper = |_| {};
-        // It never came to open a brake.
+        // No brake was opened.
         let mut again = Bench::ready();
         again.arm().unwrap();
         while !again.any_torque() {
@@ -198,7 +199,7 @@ fn l17_f9_no_arming_without_configuration_reference_and_agreement() {
         Err(Reject::ConfigHash { board, host })
     );
     assert_eq!(bench.arm(), Ok(Reply::Done));
-    // Other gains leave the lengths alone; with another scale they must be told again.
+    // Other gains do not affect the lengths; with another scale they must be set again.
     for (key, value, expected) in [
         (CableKey::TensionKp, 77, Ok(Reply::Done)),
         (CableKey::DrumRadius, 210_000, Err(Reject::NotReferenced)),

@@ -1,10 +1,10 @@
-//! Brakes: tested at arming against torque and by stirring, and before torque goes.
+//! Brakes: tested at arming against torque and by a motion, and before torque is switched off.
 
 use crate::support::{BRAKE_MS, Bench, CABLES, PROOF_MS};
 use mcdpr_firmware::{Brake, Inputs, State};
 use mcdpr_protocol::{FaultId, Limit, Request, StopKind};
 
-/// Arms; the fault, its cable, and whether all brakes were ever open.
+/// Arms; returns the fault, its cable, and whether all brakes were ever open.
 fn arm(mut bench: Bench) -> (Option<FaultId>, u8, bool) {
     bench.arm().unwrap();
     let mut opened = false;
@@ -51,7 +51,7 @@ fn s4_a_reversed_encoder_aborts_arming_with_brakes_and_torque_off_at_once() {
             |i| i.encoders[3] = i.encoders[3].wrapping_neg(),
         ];
         bench.tamper = tampers[index];
-        // The swap is there from before the lengths are told.
+        // The swap exists before the lengths are set.
         bench.run(5);
         bench.reference();
         let cable = index as u8 + 1;
@@ -88,7 +88,7 @@ fn b2_torque_stays_on_for_as_long_as_a_brake_does_not_hold() {
             let torque = bench.outputs.drives.iter().all(|d| d.gives_torque());
             assert!(torque && bench.all_brakes(Brake::Closed), "tick {tick}");
         }
-        // Every push is taken back: nothing creeps. A tension-held drum has no place of its own.
+        // Every push is taken back: there is no creep. A tension-held drum has no fixed position.
         assert_eq!(bench.state(), State::Holding);
         let after = bench.status().lengths;
         for (cable, (before, after)) in before.iter().zip(after.iter()).enumerate().take(3) {
@@ -104,7 +104,7 @@ fn b2_torque_stays_on_for_as_long_as_a_brake_does_not_hold() {
             (FaultId::B2, index + 1)
         );
         assert!(bench.status().limits.contains(Limit::BrakeSlips));
-        // What is left to do: clear it and let the platform down by a motion, or hold the load by
+        // What remains to be done: clear it and lower the platform by a motion, or hold the load by
         // other means; and switch off.
         bench.request(Request::ClearFault).unwrap();
         bench.buffer(500, true);
@@ -207,7 +207,7 @@ fn c2_c1_in_a_stop_a_tight_cable_is_let_out_and_a_slack_one_taken_up_slowly_and_
         let (before, mut last) = (gap(&bench), gap(&bench));
         while bench.all_brakes(Brake::Open) {
             bench.step();
-            // 20 mm/s in; out as fast as a cable may go, from where the drum is by its encoder.
+            // 20 mm/s in; out as fast as a cable may move, from the drum's position by its encoder.
             let most = if adc_n > 0 { 460 + 310 } else { 200 };
             let step = (gap(&bench) - last).abs();
             assert!(step <= most, "{step} in a tick");

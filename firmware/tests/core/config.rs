@@ -42,7 +42,8 @@ fn f2_zero_signs_and_ratios_and_contradicting_limits_are_named() {
         (CableKey::ForcePerCurrent, 0),
         (CableKey::DrumRadius, 0),
         (CableKey::Node, 0),
-        // The ceiling must be over the floor and under full scale; the longest over the shortest.
+        // The ceiling must be above the floor and below full scale; the longest length above the
+        // shortest.
         (CableKey::TensionCeiling, 500),
         (CableKey::TensionCeiling, 34_900),
         (CableKey::LengthMax, -1),
@@ -92,7 +93,7 @@ fn another_number_of_cables_is_named() {
 
 #[test]
 fn unknown_keys_are_named() {
-    // A field, a group and a cable that are not there.
+    // A field, a group and a cable that do not exist.
     for key in [0x00F0, 0x04F0, 0x0501, 0x0901, 0xFFFF] {
         let mut all = entries();
         all.retain(|entry| entry.key.0 < key);
@@ -179,7 +180,7 @@ fn a_refused_chunk_takes_none_of_its_entries() {
         store.begin(all.len() as u16).unwrap();
         store.put(&all[..3]).unwrap();
         assert!(store.put(&[all[3], all[4], bad]).is_err());
-        // The host corrects the chunk and goes on.
+        // The host corrects the chunk and continues.
         store.put(&all[3..]).unwrap();
         assert!(commit(&mut store, hash_of(&all)).is_ok());
     }
@@ -189,7 +190,7 @@ fn a_refused_chunk_takes_none_of_its_entries() {
 fn slices_leave_what_is_in_use_alone_until_all_is_good_and_end_where_the_whole_does() {
     let mut active = Some(build(&entries()).unwrap());
     let other = entries_with(ConfigKey::cable(3, CableKey::MaxCurrentMa), 2000);
-    // The last cable's last key is senseless.
+    // The last cable's last key is invalid.
     let bad = entries_with(ConfigKey::cable(3, CableKey::MaxJerk), 0);
     for (all, good) in [(bad, false), (other, true)] {
         let mut store = ConfigStore::<CABLES>::default();

@@ -1,4 +1,4 @@
-//! Over-tension is met before it is there, and what happens behind closed brakes is seen.
+//! Over-tension is countered before it is reached, and faults behind closed brakes are detected.
 
 use crate::support::{BRAKE_MS, Bench, CABLES, adc_of, build, entries_with};
 use mcdpr_firmware::adc::RAIL_HIGH;
@@ -6,8 +6,8 @@ use mcdpr_firmware::watch::{CableView, CableWatch};
 use mcdpr_firmware::{Brake, Inputs, State};
 use mcdpr_protocol::{CableKey, ConfigKey, FaultId, Reject, Request, StopKind};
 
-/// A cable at 10 N whose tension then rises by this much a tick up to the rail; the tension in mN
-/// at which C2 is found, or what else is.
+/// A cable at 10 N whose tension then rises by this much per tick up to the rail; returns the
+/// tension in mN at which C2 is found, or the other fault.
 fn rising(step_mn: i32, horizon_us: i32) -> (FaultId, i32) {
     let mut watch = CableWatch::default();
     let mut tension_mn = 10_000;
@@ -44,7 +44,7 @@ fn c2_is_found_before_the_ceiling_by_as_much_as_the_drum_needs_to_stop() {
     let (fault, at_mn) = rising(1000, 20_000);
     assert_eq!(fault, FaultId::C2);
     assert!((13_000..=18_000).contains(&at_mn), "{at_mn}");
-    // Less is off the plan by too little to say anything.
+    // A smaller deviation from the plan gives no information.
     assert!(rising(1000, 40_000).1 > 13_000);
 }
 
@@ -132,7 +132,7 @@ fn b2_a_drum_that_turns_while_parked_is_latched_and_nothing_switches_on() {
             assert!(!bench.any_torque() && bench.all_brakes(Brake::Closed));
         }
         assert!(bench.arm().is_err());
-        // Acknowledged, the drum stands where it is now.
+        // Acknowledged: the drum is at rest in its new position.
         bench.request(Request::ClearFault).unwrap();
         bench.run(500);
         assert_eq!(bench.fault(), None);
@@ -170,7 +170,7 @@ fn a_robot_that_never_hung_on_its_drives_may_be_handled_before_it_arms() {
     bench.tamper = |i| i.tension_adc[0] = 65_520;
     bench.run(1000);
     assert_eq!(bench.fault(), None);
-    // Nor one whose lengths were told anew.
+    // Nor does one whose lengths were set anew.
     let mut bench = parked();
     bench.reference();
     for _ in 0..200 {

@@ -41,7 +41,7 @@ fn k9_a_silent_link_is_still_silent_when_the_counter_has_gone_half_around() {
     let mut bench = Bench::ready();
     bench.beats = false;
     bench.run(2200);
-    // The board goes on for 25 days; only the counter matters to the core.
+    // The board continues for 25 days; only the counter matters to the core.
     bench.now = bench.now.after(1 << 31);
     bench.run(2);
     assert_eq!(
@@ -56,7 +56,8 @@ fn k9_a_silent_link_is_still_silent_when_the_counter_has_gone_half_around() {
     );
 }
 
-/// Runs from the last heartbeat in a motion that is buffered for long: what happened at which age.
+/// Runs from the last heartbeat in a motion that is buffered for long: returns the ages of each
+/// reaction.
 fn timeline(mut bench: Bench) -> (u32, u32, u32, u32, u32) {
     bench.beats = false;
     let (mut warned, mut pausing, mut holding, mut braked, mut off) = (0, 0, 0, 0, 0);

@@ -7,7 +7,7 @@ const STOP_MS: u32 = 300;
 /// Cable 1 runs at 0.2 m/s throughout: its length tells the path time exactly.
 const STEADY_UMPS: i32 = 200_000;
 
-/// Where the path is after a tick, and what that tick brought.
+/// Position of the path after a tick, and the result of that tick.
 #[derive(Clone, Copy)]
 struct Sample<const N: usize> {
     points: [Point; N],
@@ -21,7 +21,7 @@ fn advance(motion: &mut Motion<2>) -> Option<Sample<2>> {
     Some(Sample { points, progress })
 }
 
-/// Cable 2 swings about while cable 1 marks the time.
+/// Cable 2 oscillates while cable 1 marks the time.
 fn knots(count: u32, ends: bool) -> Vec<StoredKnot<2>> {
     (0..count)
         .map(|k| {
@@ -47,7 +47,7 @@ fn started(knots: &[StoredKnot<2>]) -> Motion<2> {
     motion
 }
 
-/// Where cable 2 is on its path when cable 1 says what time it is.
+/// Position of cable 2 on its path at the time that cable 1 marks.
 fn on_path(knots: &[StoredKnot<2>], sample: &Sample<2>) -> f64 {
     let time_ms = sample.points[0].length_q8 as f64 / 256.0 / (f64::from(STEADY_UMPS) / 100.0);
     let k = ((time_ms / 50.0) as usize).min(knots.len() - 2);
@@ -147,7 +147,7 @@ fn d4_an_eased_clock_slows_as_in_a_stop_to_a_quarter_stays_on_the_path_and_comes
     assert!(near(rates[150], 0.5), "{}", rates[150]);
     assert!(near(rates[299], 0.25), "{}", rates[299]);
     assert!(near(rates[399], 0.25 + 100.0 / 300.0), "{}", rates[399]);
-    // A stop goes on to rest, eased or not.
+    // A stop continues to rest, slowed or not.
     motion.ease(true);
     motion.brake(STOP_MS);
     let paused = (0..STOP_MS).any(|_| advance(&mut motion).unwrap().progress == Progress::Paused);
@@ -199,7 +199,7 @@ fn k6_an_empty_buffer_appends_a_stop_along_the_tangent_and_ends_at_rest() {
     let end = loop {
         let sample = advance(&mut motion).unwrap();
         ticks += 1;
-        // Both cables go on in the ratio of their speeds: along the tangent.
+        // Both cables continue in the ratio of their speeds: along the tangent.
         let along = length(&sample, 0) - f64::from(from[0].length.0);
         let across = length(&sample, 1) - f64::from(from[1].length.0);
         let ratio = f64::from(from[1].velocity.0) / f64::from(from[0].velocity.0);
@@ -222,8 +222,8 @@ fn k6_an_empty_buffer_appends_a_stop_along_the_tangent_and_ends_at_rest() {
     assert!(!motion.push(rest([0, 0])), "nothing joins a stop segment");
 }
 
-/// A hold in the midst of a stop segment, as the controller gives it for K6 itself, and a buffer
-/// that runs empty in the midst of a hold: neither decelerates harder than a stop does.
+/// A hold during a stop segment, as the controller orders it for K6 itself, and a buffer that runs
+/// empty during a hold: neither decelerates harder than a stop does.
 #[test]
 fn k6_a_stop_and_an_empty_buffer_together_do_not_brake_twice() {
     for brake_at in [20, 60, 99, 100, 150, 250] {
@@ -263,7 +263,7 @@ fn k6_a_stop_and_an_empty_buffer_together_do_not_brake_twice() {
 /// Length of cable 1 before the next tick, 0.1 µm.
 fn length_of(motion: &Motion<2>) -> f64 {
     let mut copy = motion.clone();
-    // A clock at rest evaluates where it is: brake at once, tick, look.
+    // A clock at rest evaluates the present position: brake at once, tick, check.
     copy.brake(1);
     advance(&mut copy).map_or(0.0, |sample| length(&sample, 0))
 }
@@ -281,7 +281,7 @@ fn k7_a_full_buffer_takes_nothing_and_loses_nothing() {
     assert!(!motion.push(path[CAPACITY]));
     assert_eq!(motion.next_index(), index);
     assert_eq!(motion.newest().unwrap().time_ms, path[CAPACITY - 1].time_ms);
-    // What was buffered is played to its end.
+    // The buffered part is run to its end.
     motion.run(STOP_MS);
     assert_eq!(
         motion.free(),

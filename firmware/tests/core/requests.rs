@@ -19,7 +19,7 @@ const STATES: [State; 9] = [
     State::EStop,
 ];
 
-/// A board in the state, with a half-sent configuration, a motion where one is possible.
+/// A board in the state, with a half-sent configuration, and a motion if one is possible.
 fn bench_in(state: State) -> Bench {
     let mut bench = Bench::ready();
     bench.request(Request::ConfigBegin { entries: 5 }).unwrap();
@@ -71,7 +71,7 @@ fn put(at: usize) -> Request {
     }
 }
 
-/// Every kind of request, made so that only the state decides; and the states that take it.
+/// Every kind of request, built so that only the state decides; and the states that accept it.
 fn requests(bench: &Bench) -> Vec<(Request, &'static [State])> {
     use State::{Arming, Disarmed, EStop, Fault, Holding, Moving, Pausing};
     let status = bench.status();
@@ -155,7 +155,7 @@ fn k8_every_state_takes_exactly_its_requests_and_a_refusal_changes_nothing() {
             }
             refused += 1;
             assert_eq!(asked.status(), before, "{request:?} in {state:?}");
-            // And it goes on exactly as a board that was never asked.
+            // And it continues exactly as a board that never got the request.
             for _ in 0..400 {
                 assert_eq!(asked.step(), other.step(), "{request:?} in {state:?}");
                 assert_eq!(asked.status(), other.status(), "{request:?} in {state:?}");
@@ -180,7 +180,7 @@ fn k8_a_refusal_for_the_state_names_the_state() {
     }
 }
 
-/// A refused knot, and that the motion goes on without it.
+/// A refused knot; the motion continues without it.
 fn refuse(change: fn(&mut mcdpr_protocol::Knot)) -> Reject {
     let mut bench = bench_in(State::Moving);
     let mut next = knot(3, 4100, false, &[(8_800_000, 20_000); CABLES]);
@@ -249,7 +249,7 @@ fn k3_a_segment_that_accelerates_too_much_or_too_abruptly_is_refused_with_its_ca
     assert_eq!(limited(MaxAcceleration, 599_999, ahead), too_much);
 }
 
-/// Why a motion from rest to here (0.1 µm, µm/s) within 100 ms is refused by a board that has this
+/// The refusal of a motion from rest to here (0.1 µm, µm/s) within 100 ms by a board that has this
 /// limit for its second cable.
 fn limited(key: CableKey, limit: i32, (way, velocity): (i32, i32)) -> Option<Reject> {
     let mut bench = Bench::ready();

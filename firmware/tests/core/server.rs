@@ -66,7 +66,7 @@ fn l4_the_last_request_of_a_session_is_answered_alike_when_its_answer_was_lost()
     }
     let late = bench.send(bench.session, sequence.next(), Request::Close);
     assert_eq!(late.result, Err(Reject::NoSession));
-    // Another session has nothing to do with it.
+    // Another session has no effect on it.
     bench
         .send(OTHER, SequenceNumber(0), Request::Open)
         .result
@@ -166,7 +166,7 @@ fn l14_a_second_session_is_refused_while_the_first_lives() {
         let answer = bench.send(OTHER, bench.next, request);
         assert_eq!(answer.result, Err(Reject::NoSession));
     }
-    // Anyone may look, and anyone may stop.
+    // Any host may read, and any host may stop.
     assert!(
         bench
             .send(OTHER, SequenceNumber(9), Request::Status)
@@ -432,7 +432,7 @@ fn what_a_board_tells_about_itself() {
     );
 }
 
-/// Requests from random bytes that happen to be some; the session and the number are right.
+/// Requests from random bytes that happen to decode; the session and the number are right.
 fn random_requests(seed: u64, count: usize) -> Vec<Request> {
     let mut rng = crate::support::Rng(seed);
     let mut all = vec![];

@@ -56,13 +56,13 @@ fn disarm_from_holding_closes_the_brakes_at_once_and_ends_disarmed() {
 
 #[test]
 fn c1_brakes_wait_for_a_cable_that_is_not_tight_yet_but_no_longer_than_a_stop_lasts() {
-    // From rest, and the second cable never comes back.
+    // From rest, and the second cable never recovers.
     let mut bench = Bench::holding();
     bench.tamper = |i| i.tension_adc[1] = adc_of(100) + i.tension_adc[0] % 7;
     bench.stop(StopKind::Stop);
     let (waits, _) = stop_sequence(&mut bench);
     assert_eq!(waits, STOP_MS - 1);
-    // It comes back in between.
+    // It recovers in between.
     let mut bench = Bench::holding();
     bench.tamper = |i| i.tension_adc[1] = adc_of(100) + i.tension_adc[0] % 7;
     bench.stop(StopKind::Stop);

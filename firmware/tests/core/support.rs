@@ -36,10 +36,11 @@ pub const MOTOR_COUNTS: i32 = 1_520_148;
 pub const STOP_MS: u32 = 300;
 pub const ENABLE_MS: u32 = 40;
 pub const BRAKE_MS: u32 = 30;
-/// Until the slowest of the bench's drives has pushed against its brake: 15 N at 256 mN a tick.
+/// Time until the slowest of the bench's drives has pushed against its brake: 15 N at 256 mN a
+/// tick.
 pub const PROOF_MS: u32 = 59;
 pub const TENSION_MN: i32 = 10_000;
-/// Where the reference says that every cable is, 0.1 µm.
+/// Length of every cable at the reference, 0.1 µm.
 pub const START: i32 = 8_000_000;
 
 /// The paper's winch at each of four cables; the fourth is held by its tension.
@@ -128,7 +129,7 @@ pub fn hash_of(entries: &[ConfigEntry]) -> ConfigHash {
     config_hash(entries.iter().copied())
 }
 
-/// Through the store, as a board does it.
+/// Through the store, as on a board.
 pub fn build(entries: &[ConfigEntry]) -> Result<Active<CABLES>, Reject> {
     let mut store = ConfigStore::<CABLES>::default();
     store.begin(entries.len() as u16)?;
@@ -142,7 +143,7 @@ pub fn commit(store: &mut ConfigStore<CABLES>, hash: ConfigHash) -> Result<Activ
     Ok(active.unwrap())
 }
 
-/// What the tension channel reads at this tension (Eq. 52 the other way around).
+/// Reading of the tension channel at this tension (Eq. 52 inverted).
 pub fn adc_of(tension_mn: i32) -> u16 {
     let volts = f64::from(tension_mn) / 12_770.0 + 0.2355;
     (volts / 3.3 * 65_536.0).round() as u16
@@ -186,7 +187,7 @@ pub struct Bench {
     pub tension_mn: i32,
     pub e_stop: bool,
     pub line_errors: u16,
-    /// Changes what the board reads, last.
+    /// Changes the board's inputs, last.
     pub tamper: fn(&mut Inputs<CABLES>),
 }
 
@@ -217,7 +218,7 @@ impl Bench {
         Self::at(Tick(0))
     }
 
-    /// A board that ran its first tick and obeys this session, configured and referenced.
+    /// A board that ran its first tick and accepts this session, configured and referenced.
     pub fn ready() -> Self {
         Self::ready_at(Tick(0))
     }
@@ -242,7 +243,7 @@ impl Bench {
         bench
     }
 
-    /// A motion of `ms` at 20 mm/s in between, under way for `run` ticks.
+    /// A motion of `ms` at 20 mm/s in between, running for `run` ticks.
     pub fn moving(ms: u32, run: u32) -> Self {
         let mut bench = Self::holding();
         bench.buffer(ms, true);
@@ -289,8 +290,8 @@ impl Bench {
         self.request(Self::arm_request())
     }
 
-    /// Buffers rest, 20 mm/s from 200 ms on, and a constant speed until `ms`; `ends` adds a way to
-    /// rest of 200 ms.
+    /// Buffers rest, 20 mm/s from 200 ms on, and a constant speed until `ms`; `ends` adds a
+    /// deceleration to rest of 200 ms.
     pub fn buffer(&mut self, ms: u32, ends: bool) {
         let at = self.status().setpoints;
         let point = |way: i32, velocity: i32| -> Vec<(i32, i32)> {
@@ -345,7 +346,7 @@ impl Bench {
     pub fn step(&mut self) -> Outputs<CABLES> {
         self.now = self.now.after(1);
         if self.beats {
-            // Refused before the session is open: that is none of this bench's business.
+            // Refused before the session is open: this bench does not check that.
             let _ = self.request(Request::Heartbeat { host_time_us: 0 });
         }
         let inputs = self.inputs();
@@ -362,14 +363,15 @@ impl Bench {
         self.outputs
     }
 
-    /// A tick of one drum: a stiff drive against a brake, or obeyed at once; or a force on a drum
-    /// of 2 kg with half a newton of friction. 50 N are an ampere; a positive one pays out.
+    /// A tick of one drum: a stiff drive against a brake, or one that follows at once; or a force
+    /// on a drum of 2 kg with half a newton of friction. 50 N are an ampere; a positive one pays
+    /// out.
     fn turn(&mut self, i: usize) {
         let free = self.weak[i] || (self.outputs.brakes[i] == Brake::Open && !self.stuck[i]);
         let load_ma = -self.tension_mn / 50;
         match self.outputs.drives[i] {
             DriveDemand::Position { counts, .. } if free => {
-                // As fast as a drum may turn: two of its encoder's counts, and no jump.
+                // As fast as a drum may turn: two of its encoder's counts, without a jump.
                 let behind = counts.wrapping_sub(self.motor[i]);
                 self.motor[i] += behind.clamp(-742, 742);
                 self.current[i] = load_ma as i16;
@@ -412,7 +414,7 @@ impl Bench {
             let counts = (turns * 4096.0).floor() as i64;
             let sign = if i % 2 == 0 { 1 } else { -1 };
             inputs.encoders[i] = (sign * counts) as u16;
-            // A sensor is never still to the last bit.
+            // A sensor is never constant to the last bit.
             let dither = (self.now.0 % 7) as u16;
             inputs.tension_adc[i] = adc_of(self.tension_mn) + dither;
             inputs.drives[i].ready = self.enabling[i] >= self.enable_ticks[i];

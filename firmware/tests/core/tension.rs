@@ -56,7 +56,7 @@ fn config(gains: &Gains) -> CableConfig {
 }
 
 /// The laws in SI units: Eq. 1 with the derivative of the measured tension, both behind a
-/// first-order filter; the default law adds what the plan needs, damping and an integral.
+/// first-order filter; the default law adds the plan's force, damping and an integral.
 struct Reference {
     gains: Gains,
     filtered_n: f64,
@@ -105,7 +105,7 @@ impl Reference {
     }
 }
 
-/// A tension that wanders and jumps, and a plan that turns about.
+/// A tension that drifts and jumps, and a plan that reverses.
 fn recorded(rng: &mut Rng, tick: u32, last: &Demand) -> Demand {
     let measured = last.measured_mn + rng.between(-150, 150) as i32;
     let jump = tick.is_multiple_of(700);
@@ -114,7 +114,7 @@ fn recorded(rng: &mut Rng, tick: u32, last: &Demand) -> Demand {
         measured_mn: if jump {
             rng.between(4000, 16_000) as i32
         } else {
-            // Within floor and ceiling: out of them another law leads.
+            // Within floor and ceiling: outside of them another law is active.
             measured.clamp(1000, 30_000)
         },
         planned_speed_umps: (last.planned_speed_umps + rng.between(-200, 200) as i32)
@@ -179,7 +179,7 @@ fn a_slack_cable_is_reeled_in_at_the_reel_speed_and_comes_back_on_a_ramp() {
     }
     // At the reel speed of 10 mm/s only friction is left to overcome: 0.5 N at -50 N/A.
     assert_eq!(core.update(&config, &demand(0, -10_000)), -10);
-    // Standing still it pulls with 50 N s/m times 10 mm/s more; too fast, it brakes.
+    // At rest it pulls with 50 N s/m times 10 mm/s more; too fast, it brakes.
     assert_eq!(core.update(&config, &demand(0, 0)), -20);
     assert_eq!(core.update(&config, &demand(0, -30_000)), 10);
     // The cable is tight again at 1 N: from there the set-point takes 0.45 s.
@@ -190,7 +190,7 @@ fn a_slack_cable_is_reeled_in_at_the_reel_speed_and_comes_back_on_a_ramp() {
         core.update(&config, &demand(10_000, 0));
     }
     let last = force_mn(core.update(&config, &demand(10_000, 0)));
-    // What the integral took up on the ramp is at most 2 /s times 10 N times 0.5 s / 2.
+    // The integral gained on the ramp is at most 2 /s times 10 N times 0.5 s / 2.
     assert!((last - 10_000).abs() < 6000, "{last} mN at the end");
 }
 
@@ -230,7 +230,7 @@ fn s7_s8_s11_a_law_that_sees_nothing_goes_on_by_its_plan_and_damps() {
     for _ in 0..500 {
         core.update(&config, &steady);
     }
-    // The set-point alone, whatever was read: 10 N at -50 N/A.
+    // Only the set-point, independent of the reading: 10 N at -50 N/A.
     for measured_mn in [-3000, 0, 39_000] {
         let demand = Demand {
             measured_mn,
@@ -341,7 +341,7 @@ fn the_integral_does_not_wind_up_against_the_limit() {
         core.update(&config, &starved);
     }
     assert!(core.saturated);
-    // Ten seconds of it, and the way back takes no longer than the filter.
+    // Ten seconds of it, and the return takes no longer than the filter.
     let met = Demand {
         setpoint_mn: 12_000,
         measured_mn: 12_500,
@@ -431,7 +431,7 @@ fn eq_1_with_a_speed_as_output_is_eq_1() {
     let demand = Demand {
         setpoint_mn: 10_000,
         measured_mn: 9_900,
-        // It knows no plan.
+        // It does not use the plan.
         planned_speed_umps: 5_000,
         ..Demand::default()
     };
@@ -460,14 +460,14 @@ fn a_drum_at_rest_is_left_alone_within_its_band_and_only_there() {
         law.update_speed(&config, &demand);
     }
     assert_eq!(law.update_speed(&config, &demand), 0);
-    // 40 mN more do not wake it, 100 mN do, and it pays out.
+    // 40 mN more do not start it, 100 mN do, and it pays out.
     demand.measured_mn = 10_040;
     let still = (0..500).all(|_| law.update_speed(&config, &demand) == 0);
     assert!(still);
     demand.measured_mn = 10_100;
     let last = (0..500).map(|_| law.update_speed(&config, &demand)).last();
     assert!(last.is_some_and(|speed| speed > 0), "{last:?}");
-    // With a plan the drum follows it, however little is missing.
+    // With a plan the drum follows it, however small the error.
     demand.measured_mn = 10_000;
     demand.planned_speed_umps = -2_000;
     for _ in 0..500 {

@@ -1,4 +1,4 @@
-//! Every detector fires at its bound and not a tick before: first alone, then through the board.
+//! Every detector fires at its bound and not a tick before: first alone, then on the board.
 
 use crate::support::{Bench, adc_of};
 use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
@@ -19,7 +19,7 @@ fn healthy(tick: u32) -> CableView {
     }
 }
 
-/// Ticks of a condition until its fault, after a time of health; the first tick counts as 1.
+/// Ticks of a condition until its fault, after a normal period; the first tick counts as 1.
 fn ticks_until(change: fn(&mut CableView)) -> (u32, FaultId, i32, i32) {
     let mut watch = CableWatch::default();
     for tick in 0..500 {
@@ -200,7 +200,7 @@ fn s11_a_quiet_channel_is_not_frozen() {
             assert!(!fired, "seed {seed}, sigma {sigma}: {longest} alike");
         }
     }
-    // They repeat themselves for longer than ten ticks: what fired before.
+    // They repeat themselves for longer than ten ticks, the former limit.
     assert!(quiet_channel(0.4, false, 1, 60_000).0 > 10);
     assert!(quiet_channel(4.0, true, 1, 60_000).0 > 30);
 }
@@ -269,7 +269,7 @@ fn d2_a_motor_that_gives_under_a_quarter_of_its_current_fires_after_20_ticks() {
 
 #[test]
 fn d2_a_dead_motor_is_found_on_the_tension_held_cable_alone_and_its_brake_closes() {
-    // The bench's motors give what they are told; the fourth cable is held by its tension.
+    // The bench's motors give the commanded value; the fourth cable is held by its tension.
     for (drive, divisor, fault) in [(3, 5, Some(FaultId::D2)), (3, 3, None), (0, 5, None)] {
         let mut bench = Bench::moving(4000, 500);
         bench.tamper = match (drive, divisor) {
@@ -322,7 +322,7 @@ fn a_gap_of_one_tick_starts_the_count_again() {
     assert!(long.update(true, 100), "the counter saturates");
 }
 
-/// Ticks from a tampered input in motion to the latched fault, and the state of that tick.
+/// Ticks from a manipulated input in motion to the latched fault, and the state of that tick.
 fn ticks_in_motion(tamper: fn(&mut Inputs<4>)) -> (u32, FaultId, u8, State) {
     let mut bench = Bench::moving(4000, 500);
     assert_eq!(bench.fault(), None);
@@ -449,7 +449,7 @@ fn s7_s8_a_rail_has_no_say_in_the_current_of_a_tension_held_cable() {
         assert_ne!(before, 0);
         bench.tamper = tamper;
         let mut all = Vec::new();
-        // Until its brake is tested, where it lets go on purpose.
+        // Until its brake is tested, when the drive releases it on purpose.
         for _ in 0..450 {
             bench.step();
             all.push(current(&bench));
@@ -459,8 +459,8 @@ fn s7_s8_a_rail_has_no_say_in_the_current_of_a_tension_held_cable() {
     let short = currents(|i| i.tension_adc[3] = 0);
     let open = currents(|i| i.tension_adc[3] = 65_520);
     assert_eq!(short, open, "what cannot be true enters nowhere");
-    // Nothing but the plan may raise it: 2 kg from 20 mm/s in 300 ms are 0.13 N, the friction of
-    // 0.5 N that the drum no longer overcomes is less; at 50 N/A some 12 mA.
+    // Only the plan may raise it: 2 kg from 20 mm/s in 300 ms are 0.13 N, the friction of 0.5 N
+    // that the drum no longer overcomes is less; at 50 N/A about 12 mA.
     let most = short.0.abs() + 12;
     assert!(short.1.iter().all(|ma| ma.abs() <= most), "{short:?}");
 }
@@ -480,14 +480,14 @@ fn p5_one_late_tick_is_counted_and_two_in_a_row_stop() {
         (Some(FaultId::P5), State::Stopping)
     );
     assert_eq!(bench.status().tick_overruns, 3);
-    // Late ticks are counted whatever the state.
+    // Late ticks are counted in every state.
     let mut idle = Bench::ready();
     idle.tamper = |i| i.overrun = true;
     idle.run(4);
     assert_eq!(idle.status().tick_overruns, 4);
 }
 
-/// A standing motion with one residual row: a quarter of a µm per mN of cable 2, limit 500 µm.
+/// A motion at rest with one residual row: a quarter of a µm per mN of cable 2, limit 500 µm.
 fn with_a_row() -> Bench {
     use mcdpr_protocol::{Coefficient, List, Micrometres, PerCable, Request, ResidualRow};
     let mut bench = Bench::holding();
@@ -544,7 +544,7 @@ fn s10_a_tension_off_its_expected_value_is_advice_in_motion_and_no_fault() {
             .limits
             .contains(mcdpr_protocol::Limit::TensionOff)
     };
-    // Its brake stays closed: this bench's cable has no elasticity to bring it back.
+    // Its brake stays closed: this bench's cable has no elasticity to restore its tension.
     bench.stuck[3] = true;
     bench.tension_mn = 12_900;
     bench.run(50);
@@ -555,9 +555,9 @@ fn s10_a_tension_off_its_expected_value_is_advice_in_motion_and_no_fault() {
     assert_eq!(bench.fault(), None);
 }
 
-/// Cable 4, held by its tension, at 0.3 N; it went slack slowly enough to be no break.
+/// Cable 4, held by its tension, at 0.3 N; it became slack slowly enough not to be a break.
 fn slacken(bench: &mut Bench) -> Option<u32> {
-    // The bench's cable does not stretch: its drum stands.
+    // The bench's cable does not stretch: its drum is at rest.
     bench.stuck[3] = true;
     bench.tension_mn = 5200;
     bench.run(50);

@@ -1,8 +1,8 @@
-//! The self-test of a board without a robot: what the chip is, its clocks, supply, bus, inputs and
-//! outputs, each with what was found, what is allowed, and what to do.
+//! The self-test of a board without a robot: chip identity, clocks, supply, bus, inputs and
+//! outputs, each with the result, the permitted range, and the remedy.
 //!
-//! Nothing has torque: the board refuses every trial while it has a configuration, so that no drive
-//! was told anything, and raises an output for 0.3 s at most.
+//! No drive has torque: the board refuses every test while it has a configuration, so that no drive
+//! has received a command, and sets an output for 0.3 s at most.
 
 mod seal;
 
@@ -23,7 +23,7 @@ use thiserror::Error;
 const DEVICE: u32 = 0x410;
 /// Revisions that ST has sold (RM0008, 31.6.1).
 const REVISIONS: [u32; 4] = [0x0000, 0x2000, 0x2001, 0x2003];
-/// The core that ST has put in: Cortex-M3 r1p1. Clones have r2p0 and later.
+/// The core of an ST chip: Cortex-M3 r1p1. Clones have r2p0 and later.
 const CORE: u32 = 0x411F_C231;
 /// ST's code in JEP106.
 const ST: u16 = 0x20;
@@ -35,16 +35,16 @@ const SUPPLY_MV: std::ops::RangeInclusive<u16> = 3120..=3480;
 const SLOW_HZ: std::ops::RangeInclusive<u32> = 30_000..=60_000;
 /// A quarter of a millisecond at 72 MHz.
 const TICK_CYCLES: u32 = 18_000;
-/// Stack that must never have been used: a fault's handler needs that much.
+/// Least unused stack: a fault's handler needs that much.
 const STACK_FREE: u16 = 1024;
-/// Looks at every winch's inputs.
+/// Number of readings of every winch's inputs.
 const LOOKS: usize = 100;
 const BETWEEN_US: u64 = 8_000;
 /// Counts by which a drum at rest may flicker.
 const FLICKER: i32 = 1;
-/// More noise than this of a channel is no good wiring, V.
+/// More noise than this on a channel indicates bad wiring, V.
 const NOISE_V: f64 = 0.008;
-/// Within this of a rail a channel is open or shorted, V: the board's own bounds (S7, S8).
+/// Within this of a rail a channel counts as open or shorted, V: the board's own bounds (S7, S8).
 const RAIL_V: (f64, f64) = (0.0403, 3.268);
 /// A tension input with 10 kOhm to 3.3 V and 22 kOhm to an output that is low or high, V, and how far it may
 /// be off: resistors of 5 %, and the output's own drop.
@@ -54,21 +54,21 @@ const JUMPER_OFF_V: f64 = 0.15;
 /// Until the board has counted its slow oscillator, us.
 const COUNTED_US: u64 = 2_300_000;
 
-/// Why there is no verdict.
+/// Why the self-test could not be completed.
 #[derive(Debug, Error, Diagnostic)]
 pub enum BenchError {
     /// The line, or the board.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Run(#[from] RunError),
-    /// It works.
+    /// The board is in use.
     #[error("the board is {state:?}: a self-test is for a board without a robot")]
     #[diagnostic(
         code(mcdpr::bench::armed),
         help("stop and disarm it first (`mcdpr stop --on PORT`), and disconnect the drives")
     )]
     Armed {
-        /// What it does.
+        /// Its state.
         state: BoardState,
     },
     /// Another chip.
@@ -95,7 +95,7 @@ pub enum BenchError {
         /// The file's.
         file: String,
     },
-    /// There is no chip.
+    /// The board has no real chip.
     #[error("the simulator's board has no chip to test")]
     #[diagnostic(
         code(mcdpr::bench::no_chip),
@@ -104,7 +104,7 @@ pub enum BenchError {
     NoChip,
 }
 
-/// What an input channel of the converter has read.
+/// Readings of an input channel of the converter.
 #[derive(Debug, Clone, Serialize)]
 pub struct Channel {
     /// Winch, 1 for the first.
@@ -115,13 +115,13 @@ pub struct Channel {
     pub sigma_v: f64,
     /// Readings in bins of one sigma about the mean: under -3, ..., over 3.
     pub histogram: [usize; 8],
-    /// Encoder counts of the drum at the first look, and the greatest change while it rested.
+    /// Encoder counts of the drum at the first reading, and the greatest change while it rested.
     pub drum_counts: i32,
     /// As above.
     pub flicker: i32,
 }
 
-/// What a self-test has found.
+/// Results of a self-test.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     /// The chip's serial number.
@@ -143,7 +143,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Whether nothing must be mended.
+    /// Whether no part needs repair.
     #[must_use]
     pub fn passes(&self) -> bool {
         crate::doctor::is_healthy(&self.findings)
@@ -154,10 +154,11 @@ fn bad(part: &'static str, found: impl Into<String>, remedy: &str) -> Finding {
     Finding::with(Verdict::Bad, part, found, remedy)
 }
 
-/// Tests the board behind this client. `expects` is the commit that it should run; `confirm` is asked
-/// before each output is raised, with its name, and `false` leaves it out. With `jumpers`, wires lead
-/// from outputs to inputs: brake n to A of encoder n and over 22 kOhm to tension input n, drive enable to
-/// B of all encoders. Then each output must be seen where it leads to, and nowhere else.
+/// Tests the board behind this client. `expects` is the commit that it should run; `confirm` is
+/// called before each output is set, with its name, and `false` skips it. With `jumpers`, wires
+/// lead from outputs to inputs: brake n to A of encoder n and over 22 kOhm to tension input n,
+/// drive enable to B of all encoders. Then each output must be visible at its inputs, and nowhere
+/// else.
 ///
 /// # Errors
 /// [`BenchError`]: nothing was tried, or the board stopped answering.
@@ -393,7 +394,7 @@ fn stack(report: &Bench) -> Finding {
     }
 }
 
-/// Encoders and tension channels, which nothing may move meanwhile.
+/// Encoders and tension channels, which must not move meanwhile.
 fn inputs<L: Link>(
     client: &mut Client<L>,
     findings: &mut Vec<Finding>,
@@ -506,7 +507,7 @@ const OUTPUTS: [&str; BENCH_OUTPUTS as usize] = [
     "drive enable",
 ];
 
-/// Each output in turn: it alone rises, and falls by itself.
+/// Each output in turn: it must rise alone, and fall by itself.
 fn outputs<L: Link>(
     client: &mut Client<L>,
     jumpers: bool,
@@ -554,7 +555,7 @@ fn outputs<L: Link>(
     Ok(())
 }
 
-/// Every winch's inputs now: encoder counts and the voltage of the tension input.
+/// Present inputs of every winch: encoder counts and the voltage of the tension input.
 fn look<L: Link>(client: &mut Client<L>) -> Result<Vec<(i32, f64)>, RunError> {
     let mut inputs = Vec::new();
     for cable in 1..=client.info().cables {
@@ -565,7 +566,7 @@ fn look<L: Link>(client: &mut Client<L>) -> Result<Vec<(i32, f64)>, RunError> {
     Ok(inputs)
 }
 
-/// What jumper wires must show while an output is high, and what they show.
+/// Expected and actual inputs with jumper wires while an output is high.
 fn jumper(output: usize, name: &str, before: &[(i32, f64)], during: &[(i32, f64)]) -> Finding {
     let drive_enable = usize::from(BENCH_OUTPUTS);
     for (winch, (before, during)) in (1..).zip(before.iter().zip(during)) {

@@ -1,5 +1,5 @@
-//! Records that show whether they were changed: a SHA-256 of the record's text, keyed (HMAC, RFC 2104)
-//! where there is a key.
+//! Records protected against changes: a SHA-256 of the record's text, keyed (HMAC, RFC 2104) if
+//! there is a key.
 
 use miette::Diagnostic;
 use serde_json::{Map, Value, json};
@@ -12,8 +12,8 @@ const BLOCK: usize = 64;
 /// Why a record cannot be trusted.
 #[derive(Debug, Error, Diagnostic)]
 pub(crate) enum SealError {
-    /// It is no record.
-    #[error("this is no record of `mcdpr bench`: {reason}")]
+    /// It is not a record.
+    #[error("this is not a record of `mcdpr bench`: {reason}")]
     #[diagnostic(
         code(mcdpr::bench::record),
         help("give the file that `mcdpr bench --out FILE` wrote")
@@ -22,7 +22,7 @@ pub(crate) enum SealError {
         /// What is missing.
         reason: String,
     },
-    /// Text and seal disagree.
+    /// Text and seal do not match.
     #[error("the record was changed after it was sealed, or sealed with another key")]
     #[diagnostic(
         code(mcdpr::bench::seal),
@@ -84,7 +84,7 @@ pub(crate) fn seal(mut record: Map<String, Value>, key: Option<&[u8]>) -> Value 
     Value::Object(record)
 }
 
-/// Whether a record is what was sealed; gives its verdict.
+/// Checks that a record matches its seal; returns its verdict.
 ///
 /// # Errors
 /// [`SealError`].

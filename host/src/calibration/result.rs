@@ -1,4 +1,4 @@
-//! A calibration as a file beside the robot file. It is written whole or not at all.
+//! A calibration as a file beside the robot file. It is written completely or not at all.
 
 pub use mcdpr_calibration::result::*;
 
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// Why a calibration file cannot be used or written.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum FileError {
-    /// The file system.
+    /// The file system failed.
     #[error("{}: {source}", path.display())]
     #[diagnostic(
         code(mcdpr::calibration::file),
@@ -25,10 +25,10 @@ pub enum FileError {
     Io {
         /// Which file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's message.
         source: std::io::Error,
     },
-    /// The file makes no sense.
+    /// The content is invalid.
     #[error("{}: {what}", path.display())]
     #[diagnostic(
         code(mcdpr::calibration::file),
@@ -42,7 +42,7 @@ pub enum FileError {
     },
 }
 
-/// Where the calibration of a robot is kept: beside its file, or here for a built-in robot.
+/// Path of a robot's calibration: beside its file, or in this folder for a built-in robot.
 #[must_use]
 pub(crate) fn path_for(robot: &str) -> PathBuf {
     let given = PathBuf::from(robot);
@@ -52,10 +52,10 @@ pub(crate) fn path_for(robot: &str) -> PathBuf {
     PathBuf::from(format!("{robot}.calibration.json"))
 }
 
-/// The file form of an answer for the robot that the data were collected on, made now.
+/// The file form of an answer for the robot on which the data were collected, made now.
 ///
 /// # Errors
-/// Where the data do not say which robot that is.
+/// If the data do not name their robot.
 pub fn document(robot: &Robot, data: &Data, answer: &Answer) -> Result<Value, CollectError> {
     of_this_robot(robot, robot.content_hash(), data)?;
     let date = utc_stamp();
@@ -64,10 +64,10 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer) -> Result<Value, Co
     ))
 }
 
-/// Writes a file whole or not at all.
+/// Writes a file completely or not at all.
 ///
 /// # Errors
-/// [`FileError::Io`]; what was there before stays.
+/// [`FileError::Io`]; an existing file is not changed.
 pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
     crate::files::write_atomically(path, text).map_err(|source| FileError::Io {
         path: path.to_owned(),
@@ -78,7 +78,7 @@ pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
 /// The robot with the calibration of a file applied.
 ///
 /// # Errors
-/// [`FileError`] where the file is unreadable, of another format, or of another description.
+/// [`FileError`] if the file is unreadable, of another format, or of another description.
 pub fn apply(robot: &Robot, path: &Path) -> Result<Robot, FileError> {
     let text = crate::files::read_text(path).map_err(|source| FileError::Io {
         path: path.to_owned(),

@@ -20,14 +20,14 @@ const MOST_KEY: u64 = 1 << 16;
 
 /// Test a board without a robot: chip, clocks, supply, CAN, inputs, tick, stack; write a sealed record
 ///
-/// Nothing gets torque. With --outputs each output is raised for 0.3 s, after its name was typed:
-/// disconnect brakes and drives first. The board must have no configuration: press its reset.
+/// No drive gets torque. With --outputs each output is switched on for 0.3 s, after its name was
+/// typed: disconnect brakes and drives first. The board must have no configuration: press its reset
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Try the outputs, too: each after its name was typed
+    /// Test the outputs, too: each after its name was typed
     #[arg(long)]
     outputs: bool,
-    /// Jumper wires lead from outputs to inputs (docs/wiring.md): each output must be seen there
+    /// Jumper wires lead from outputs to inputs (docs/wiring.md): each output must show there
     #[arg(long, requires = "outputs")]
     jumpers: bool,
     /// Write the record to this file
@@ -36,7 +36,7 @@ pub(crate) struct Cmd {
     /// Seal the record with this file's bytes as a key
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
-    /// Only check that a record is what was sealed
+    /// Only check that a record matches its seal
     #[arg(long, value_name = "FILE", conflicts_with_all = ["outputs", "jumpers", "out"])]
     verify: Option<PathBuf>,
 }
@@ -57,7 +57,7 @@ impl Cmd {
             say!("{shown}: as it was sealed; verdict {verdict}");
             return Ok(());
         }
-        // The file is compared with what runs, where there is one; a file that is named must be good.
+        // The file is compared with the running firmware, if there is one; a named file must be valid.
         let firmware = match common.controller.firmware() {
             Some(firmware) => Some(firmware.clone()),
             None if common.firmware.is_some() => Some(Firmware::find(common.firmware.as_deref())?),
@@ -72,7 +72,7 @@ impl Cmd {
         let outputs = self.outputs;
         let mut confirm = |name: &str| outputs && typed(name);
         let examined = bench::examine(&mut client, expects.as_deref(), self.jumpers, &mut confirm);
-        // Whatever was found, the board is left to others.
+        // In any case the session ends, so that other programs can use the board.
         let closed = client.request(Request::Close);
         let report = examined?;
         closed.map_err(RunError::from)?;
@@ -111,9 +111,9 @@ fn open(common: &Common) -> miette::Result<Box<dyn Link>> {
     Ok(Box::new(link))
 }
 
-/// Whether somebody types the output's name.
+/// Whether the user types the output's name.
 fn typed(name: &str) -> bool {
-    eprint!("{name} will be on for 0.3 s, with no drive told anything. Type `{name}` to go on: ");
+    eprint!("{name} will be on for 0.3 s; no drive gets a command. Type `{name}` to continue: ");
     let _ = std::io::stderr().flush();
     let mut line = String::new();
     let read = std::io::stdin().lock().read_line(&mut line);

@@ -1,4 +1,4 @@
-//! `mcdpr camera`: which cameras there are, what they see, and pictures for later.
+//! `mcdpr camera`: lists cameras, shows what one sees, records pictures.
 
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment::SimulatedRobot;
@@ -22,11 +22,11 @@ pub(crate) struct Cmd {
 
 #[derive(Debug, clap::Subcommand)]
 enum What {
-    /// Cameras that pictures can come from
+    /// List the available cameras
     List,
-    /// Take one picture and say what is in it
+    /// Take one picture and report what is in it
     Show(From),
-    /// Write pictures into a folder that reads as a camera (--record DIR)
+    /// Write pictures into a folder that can be used as a camera (--record DIR)
     Record {
         #[command(flatten)]
         from: From,

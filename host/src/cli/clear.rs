@@ -5,7 +5,7 @@ use crate::link::{Client, ClientError, describe_fault};
 use crate::run::{self, RunError};
 use mcdpr_protocol::Request;
 
-/// Acknowledge a board's latched fault, once its cause is mended
+/// Acknowledge a board's latched fault after its cause is removed
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {}
 

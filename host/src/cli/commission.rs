@@ -1,4 +1,4 @@
-//! `mcdpr commission WINCH`: the first day of one bare winch.
+//! `mcdpr commission WINCH`: commissioning of one bare winch.
 
 use super::service::{Connected, Machine, connected};
 use super::{Common, Failed, Outcome, print_json};
@@ -11,19 +11,19 @@ use std::path::PathBuf;
 
 /// Bring up one bare winch: find its drive, directions, brake and sensor zero; write its module file
 ///
-/// No cable may be on the drum. Only this winch moves: slowly, at most three eighths of a turn, with
-/// three tenths of its motor's current.
+/// No cable may be on the drum. Only this winch moves: slowly, at most three eighths of a turn,
+/// with three tenths of its motor's current
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Number of the winch, as its cable in the robot file, from 1
     winch: usize,
-    /// Number of its drive, where several answer that the robot file does not know
+    /// Number of its drive, if several answer that the robot file does not name
     #[arg(long, value_name = "N")]
     node: Option<u8>,
     /// Module file to write
     #[arg(long, value_name = "FILE", default_value = "winch-module.toml")]
     out: PathBuf,
-    /// Answer in advance: whether the drum pays out cable when it is turned
+    /// Answer in advance: does the drum pay out cable when it is turned?
     #[arg(long, value_name = "yes|no")]
     paid_out: Option<YesNo>,
     #[command(flatten)]
@@ -82,7 +82,7 @@ impl Cmd {
                 );
             }
             if let Some(why) = &rubs.friction_unknown {
-                say!("friction is not known, the robot file's stands: {why}");
+                say!("friction is not known, the robot file's value is kept: {why}");
             }
             say!(
                 "play {:.2} degrees (standard error {:.2})",
@@ -103,7 +103,7 @@ impl Cmd {
     }
 }
 
-/// Who watches the drum: an answer given in advance, the simulated drum itself, or a person.
+/// Source of the answer about the drum: given in advance, the simulated drum itself, or the user.
 struct Eyes {
     given: Option<YesNo>,
     simulated: Option<(SimulatedLink, usize)>,
@@ -121,7 +121,7 @@ impl Eyes {
         eyes
     }
 
-    /// What somebody beside the simulated machine would see.
+    /// The answer of an observer of the simulated machine.
     fn drum_m(&self) -> Option<f64> {
         let (link, index) = self.simulated.as_ref()?;
         let truth = link.with(|simulation| simulation.plant().truth()).ok()?;
@@ -153,7 +153,7 @@ impl Operator for Eyes {
     }
 }
 
-/// The whole module file: what was found, and what the robot file says of the rest.
+/// The whole module file: the results, and the robot file's values for the rest.
 fn module_text(found: &Commissioned, robot: &Robot) -> String {
     let Some(w) = robot.winch_of(found.winch.wrapping_sub(1)) else {
         return String::new();
@@ -211,7 +211,7 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
     )
 }
 
-/// The lines of the module that say what rubs: on the gear, where the file has one.
+/// The friction lines of the module: on the gear, if the file has one.
 fn friction_text(found: &Commissioned, winch: &Winch) -> String {
     let rubs = found.rubbing.as_ref();
     let friction = rubs.and_then(|rubs| rubs.friction.as_ref());
@@ -219,7 +219,8 @@ fn friction_text(found: &Commissioned, winch: &Winch) -> String {
         let friction_n = friction.map_or(winch.friction_n, |found| found.friction_n);
         return format!("friction_n = {friction_n:.2}");
     };
-    // A bare winch cannot tell the drum's own friction from the motor's: the file's stands.
+    // On a bare winch the drum's own friction cannot be separated from the motor's: the file's
+    // value is kept.
     let drum_nm = winch.friction_n * winch.drum_radius_m / winch.gear_ratio;
     let described_nm = gear.rotor_friction_nm + gear.gear_friction_nm;
     let at_motor = friction.map_or(described_nm, |found| found.friction_nm - drum_nm);
@@ -256,7 +257,7 @@ fn friction_text(found: &Commissioned, winch: &Winch) -> String {
     )
 }
 
-/// Thousandths, without the noise of a binary fraction.
+/// Rounded to thousandths, without binary rounding noise.
 fn milli(value: f64) -> f64 {
     (value * 1e9).round() / 1e6
 }

@@ -6,7 +6,7 @@ use crate::robot::json_schema;
 use clap::Subcommand;
 use std::path::PathBuf;
 
-/// Begin, check and show a robot file, and give its schema to an editor
+/// Create, check and show a robot file, and print its schema for an editor
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     #[command(subcommand)]
@@ -15,19 +15,19 @@ pub(crate) struct Cmd {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Write a commented robot file to begin with (that of --robot)
+    /// Write a commented robot file as a start (that of --robot)
     Init {
-        /// The new file; one that exists is not touched
+        /// The new file; an existing one is not overwritten
         file: PathBuf,
     },
-    /// Check a robot file: keys, ranges, geometry, what a board can hold
+    /// Check a robot file: keys, ranges, geometry, limits of the board
     Check {
         /// The file, or the name of a built-in robot; --robot without it
         file: Option<String>,
     },
     /// Print the JSON schema of robot files
     Schema,
-    /// Show every value that a robot file amounts to, defaults included, in SI units
+    /// Show every value of a robot file, defaults included, in SI units
     Show {
         /// The file, or the name of a built-in robot; --robot without it
         file: Option<String>,
@@ -74,7 +74,7 @@ fn init(file: &std::path::Path, common: &Common) -> Outcome {
                 let reason = format!("{} is there already; it was not touched", path.display());
                 return Err(Failed::from_error("writing the robot file")(reason).into());
             }
-            // A module file that is there already is the user's.
+            // An existing module file belongs to the user.
             continue;
         }
         if let Some(parent) = path

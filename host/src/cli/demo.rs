@@ -103,7 +103,7 @@ fn recorded(
 ) -> miette::Result<(SimulatedRun, RunFolder)> {
     let mismatch = Mismatch::realistic();
     let source = TaskSource::of("paper:table7", tool_height_m(model.robot(), HEIGHT_MM));
-    // The same seed shall give the same run, bytes on the wire included.
+    // The same seed must give the same run, bytes on the wire included.
     let session = SessionId(1);
     let about = About {
         name: "demo",

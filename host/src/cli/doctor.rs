@@ -1,4 +1,4 @@
-//! `mcdpr doctor`: is everything there, and what to do where it is not.
+//! `mcdpr doctor`: checks all parts, and says what to do about a failed one.
 
 use super::service::Machine;
 use super::{Common, Failed, Outcome, print_json};
@@ -13,10 +13,10 @@ use mcdpr_protocol::Request;
 
 /// Check port, board, firmware, drives, encoders, tensions and brakes; say what to do
 ///
-/// Nothing moves and nothing gets torque, unless --arm is given.
+/// Nothing moves and no drive gets torque, unless --arm is given
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Then arm the hanging robot and disarm it again: the board tries every drive, brake and
+    /// Then arm the hanging robot and disarm it again: the board tests every drive, brake and
     /// encoder by itself
     #[arg(long)]
     arm: bool,
@@ -24,7 +24,7 @@ pub(crate) struct Cmd {
     machine: Machine,
 }
 
-/// The simulated robot behind the line, where there is one.
+/// The simulated robot behind the line, if there is one.
 type Opened = (Box<dyn Link>, Option<SimulatedLink>);
 
 impl Cmd {
@@ -68,7 +68,7 @@ impl Cmd {
         }
     }
 
-    /// Port, then board, then everything behind it; what cannot be reached ends it.
+    /// Port, then board, then everything behind it; an unreachable part ends the check.
     fn look(&self, common: &Common, robot: &Robot, findings: &mut Vec<Finding>) -> Outcome {
         let (link, simulated) = match self.open(common, robot)? {
             Ok(opened) => opened,
@@ -111,7 +111,8 @@ impl Cmd {
             return Ok(());
         }
         let model = Model::new(robot)?;
-        // The program has placed the simulated robot itself; of a board, what was saved tells.
+        // The program has placed the simulated robot itself; for a board, the saved lengths are
+        // used.
         let homing = match simulated {
             Some(_) => Homing::Place(robot.tool.home_in_world_m),
             None => Homing::Known,
@@ -133,7 +134,7 @@ impl Cmd {
     }
 }
 
-/// Lets the board arm, which tries every part, and disarms it.
+/// Lets the board arm, which tests every part, and disarms it.
 fn arm(link: Box<dyn Link>, model: &Model, homing: Homing<'_>) -> Finding {
     let handle = crate::control::Handle::new();
     let armed = Session::open(model, link, new_session(), &handle, homing, &LengthFiles).and_then(
@@ -157,7 +158,7 @@ fn arm(link: Box<dyn Link>, model: &Model, homing: Homing<'_>) -> Finding {
     }
 }
 
-/// Prints a finding, and below it what to do.
+/// Prints a finding, and below it the remedy.
 pub(super) fn tell(finding: &Finding) {
     let mark = match finding.verdict {
         Verdict::Good => "ok  ",

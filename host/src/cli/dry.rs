@@ -1,15 +1,16 @@
-//! What `--dry-run` means for each command: it is judged only, or it is refused before anything is
+//! Effect of `--dry-run` on each command: it is only judged, or it is refused before anything is
 //! connected. A command that is not in the table fails the test below.
 
 use super::{Failed, Outcome};
 
-/// What a command does with `--dry-run`.
+/// Treatment of `--dry-run` by a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DryRun {
-    /// It judges what it would do, connects to nothing, moves nothing and writes nothing but what
-    /// `--record` asks for. Where it cannot judge what is asked for, it refuses.
+    /// It judges the action, connects to nothing, moves nothing and writes only what `--record`
+    /// asks for. If it cannot judge the action, it refuses.
     Judges,
-    /// It looks at a board or at a running program and changes nothing; no motor gets torque.
+    /// It reads the state of a board or of a running program and changes nothing; no motor gets
+    /// torque.
     Looks,
     /// It never connects to a robot: it computes, reads, or writes files.
     Computes,
@@ -112,8 +113,8 @@ fn leaves(command: &clap::Command, before: &str, found: &mut Vec<String>) {
     }
 }
 
-/// Refuses `--dry-run` for a command, by its words, that cannot honour it. A command that is not
-/// known is refused too.
+/// Refuses `--dry-run` for a command, by its words, that does not support it. An unknown command is
+/// refused too.
 pub(super) fn check(words: &str) -> Outcome {
     let rule = DRY_RUNS.iter().find(|(known, _)| *known == words);
     match rule {
@@ -122,7 +123,7 @@ pub(super) fn check(words: &str) -> Outcome {
     }
 }
 
-/// That what was asked for cannot be judged without doing it.
+/// Refuses an action that cannot be judged without doing it.
 pub(super) fn refusal(words: &str) -> Failed {
     Failed::from_error("--dry-run")(format!(
         "`mcdpr {words}` cannot be judged without doing it; nothing was connected and nothing moved"

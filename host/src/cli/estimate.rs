@@ -1,4 +1,4 @@
-//! `mcdpr estimate`: where the platform is, from what the board measures at rest.
+//! `mcdpr estimate`: the platform's pose, from the board's measurements at rest.
 
 use super::reach::with_session;
 use super::{Common, Outcome, print_json};
@@ -6,7 +6,7 @@ use crate::estimate::{Measurements, Sigmas, estimate, find_slip};
 use crate::motion::Model;
 use crate::run;
 
-/// Where the platform is, from lengths and tensions at rest, and which cable slipped if one did
+/// Estimate the platform's pose from lengths and tensions at rest, and name a cable that slipped
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {}
 

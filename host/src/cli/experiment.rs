@@ -1,4 +1,4 @@
-//! `mcdpr experiment NAME|FILE`: hold a tension while hands pull, and see what comes of it.
+//! `mcdpr experiment NAME|FILE`: holds a tension while hands pull, and reports the effect.
 
 use super::recorded::{Work, on_record};
 use super::table::lay_out;
@@ -21,10 +21,10 @@ use serde::Serialize;
 pub(crate) struct Cmd {
     /// Built-in experiment (hold, platform, cable, slack), or a task file with [[pull]]
     what: String,
-    /// Law in place of the robot file's
+    /// Law instead of the robot file's
     #[arg(long, value_enum)]
     law: Option<Law>,
-    /// Set-point in place of the robot file's, N
+    /// Set-point instead of the robot file's, N
     #[arg(long, value_name = "N")]
     setpoint_n: Option<f64>,
     /// Tension lost at every simulated pulley, as a share
@@ -40,7 +40,7 @@ enum Law {
     Default,
 }
 
-/// A wish that the robot's limits forbid.
+/// The request exceeds the robot's limits.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("{what} is {value}, it must be {rule}: nothing was moved")]
 #[diagnostic(code(mcdpr::tension::range))]
@@ -91,7 +91,7 @@ impl Cmd {
         }
         let mut model = Model::new(&robot)?;
         if self.setpoint_n.is_some() {
-            // The tension that was asked for, and not the one that suits the place best.
+            // The requested tension, and not the one that suits the position best.
             model = model.with_options(PlanOptions {
                 tensioning: Tensioning::Setpoint,
                 ..PlanOptions::default()

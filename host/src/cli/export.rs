@@ -10,10 +10,10 @@ use std::path::PathBuf;
 pub(crate) struct Cmd {
     /// The run's folder, or its run.mcap
     run: PathBuf,
-    /// As comma-separated values, one file a topic
+    /// As comma-separated values, one file per topic
     #[arg(long, required = true)]
     csv: bool,
-    /// Folder for the files, in place of the run's own
+    /// Folder for the files, instead of the run's own
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }

@@ -11,8 +11,9 @@ use std::path::PathBuf;
 /// A camera beside the robot.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct Eye {
-    /// Camera beside a robot on a port: a folder that a program of yours writes pictures into
-    /// (docs/vision.md), or, in builds with these features, a RealSense or a V4L2 device (for tags only)
+    /// Camera beside a robot on a port: a folder into which your program writes pictures
+    /// (docs/vision.md), or, in builds with these features, a RealSense or a V4L2 device (for tags
+    /// only)
     #[arg(long, value_name = "folder:DIR|realsense|v4l2:DEVICE")]
     camera: Option<Kind>,
 }
@@ -38,7 +39,7 @@ impl std::str::FromStr for Kind {
     }
 }
 
-/// How far a focal length may be from the robot file's.
+/// Greatest relative difference of a focal length from the robot file's.
 const SAME_FOCAL: f64 = 0.2;
 
 impl Eye {
@@ -50,7 +51,7 @@ impl Eye {
     /// A camera beside the simulator in this process, which has its own, is refused.
     ///
     /// # Errors
-    /// Where one was named.
+    /// If one was named.
     pub(crate) fn refused_on_simulator(&self) -> Result<(), Failed> {
         if self.is_given() {
             return Err(Failed::from_error("--camera")(
@@ -60,7 +61,7 @@ impl Eye {
         Ok(())
     }
 
-    /// Tags by this camera, at the robot file's picture size; `None` where none was named.
+    /// Tags by this camera, at the robot file's picture size; `None` if none was named.
     ///
     /// # Errors
     /// A camera that cannot be opened, or gives pictures of another size.
@@ -75,10 +76,10 @@ impl Eye {
         ))
     }
 
-    /// This camera with pictures of the size that `lens` has; `None` where none was named.
+    /// This camera with pictures of the size that `lens` has; `None` if none was named.
     ///
     /// # Errors
-    /// A camera that cannot be opened, or is another one.
+    /// A camera that cannot be opened, or whose lens differs.
     pub(crate) fn open(&self, lens: &mcdpr_vision::Camera) -> miette::Result<Option<Camera>> {
         let lens = *lens;
         let camera = match self.camera.clone() {
@@ -92,13 +93,13 @@ impl Eye {
         Ok(Some(camera))
     }
 
-    /// Whether the camera that was named has distances.
+    /// Whether the named camera measures distances.
     pub(crate) const fn has_depth(&self) -> bool {
         matches!(&self.camera, Some(Kind::Folder(_) | Kind::RealSense))
     }
 }
 
-/// Whether a camera takes the pictures that the robot file's camera takes in this mode.
+/// Whether a camera's pictures match those of the robot file's camera in this mode.
 fn is_like(camera: &Camera, wanted: &mcdpr_vision::Camera) -> Result<(), Failed> {
     use mcdpr_vision::Source as _;
     let color = camera.cameras().color;

@@ -1,4 +1,4 @@
-//! `mcdpr faults`: everything that can go wrong, what the robot does, what to do.
+//! `mcdpr faults`: all faults, the robot's reaction, and the remedy.
 
 use super::{Common, Outcome, print_json};
 use crate::link::advice;

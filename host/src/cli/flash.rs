@@ -7,20 +7,20 @@ use crate::machine::Firmware;
 use crate::run::new_session;
 use std::path::PathBuf;
 
-/// Write firmware to the board through a debug probe, verify it, and wait until it says hello
+/// Write firmware to the board through a debug probe, verify it, and wait until the board answers
 ///
-/// The file is checked first, and executed on an emulated chip: what is no firmware of this board is
-/// refused before a probe is looked for. With --dry-run that is all. With --on PORT the board is asked
-/// first whether it is armed, and must answer there afterwards, with what was written.
+/// The file is checked first, and executed on an emulated chip: a file that is not firmware of this
+/// board is refused before a probe is searched for. With --dry-run that is all. With --on PORT the
+/// board is asked first whether it is armed, and must answer there afterwards with the new firmware
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// The firmware's file (ELF), as `cargo fw` builds it
     #[arg(value_name = "FIRMWARE", required_unless_present = "list")]
     file: Option<PathBuf>,
-    /// List the probes that are plugged in
+    /// List the connected probes
     #[arg(long)]
     list: bool,
-    /// Serial number of the probe, where there are several
+    /// Serial number of the probe, if there are several
     #[arg(long, value_name = "SERIAL")]
     probe: Option<String>,
 }
@@ -66,7 +66,7 @@ impl Cmd {
     }
 }
 
-/// Refuses to write a board that is armed, where there is a port to ask it on.
+/// Refuses to write a board that is armed, if there is a port to ask it on.
 fn ask_before(common: &Common) -> Outcome {
     let warning = if common.on == "sim" {
         Some(

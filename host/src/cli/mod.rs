@@ -93,8 +93,8 @@ pub(crate) struct Common {
     /// Calibration file to apply, or `none`; by default the one beside the robot file
     #[arg(long, global = true, value_name = "FILE|none")]
     pub calibration: Option<String>,
-    /// Where the robot is: `sim` (in this process), `chip` (simulated, controlled by the firmware's
-    /// own file on an emulated chip) or a serial port
+    /// Connection to the robot: `sim` (simulated in this process), `chip` (simulated, controlled by
+    /// the firmware file on an emulated chip) or a serial port
     #[arg(
         long,
         global = true,
@@ -102,7 +102,7 @@ pub(crate) struct Common {
         value_name = "sim|chip|PORT"
     )]
     pub on: String,
-    /// The firmware's file for `--on chip`; else MCDPR_FIRMWARE, else what `cargo fw` built
+    /// The firmware file for `--on chip`; else MCDPR_FIRMWARE, else the output of `cargo fw`
     #[arg(long, global = true, value_name = "FILE")]
     pub firmware: Option<PathBuf>,
     /// One JSON document on standard output, SI units
@@ -111,14 +111,15 @@ pub(crate) struct Common {
     /// Seed of everything random in the simulator
     #[arg(long, global = true, default_value_t = 1, value_name = "N")]
     pub seed: u64,
-    /// Folder for the run's files, in place of runs/DATE-TIME-NAME
+    /// Folder for the run's files, instead of runs/DATE-TIME-NAME
     #[arg(long, global = true, value_name = "DIR")]
     pub record: Option<PathBuf>,
     /// Plan and judge only: nothing moves. A command that cannot be judged without doing it is refused
     #[arg(long, global = true)]
     pub dry_run: bool,
-    /// Simulated seconds per second; without it, `sim --pty` keeps real time and everything else
-    /// is simulated as fast as it goes. To a `sim --pty` with a scale talk with the same one
+    /// Simulated seconds per second; without it, `sim --pty` keeps real time and everything else is
+    /// simulated as fast as possible. Use the same scale to communicate with a `sim --pty` that has
+    /// one
     #[arg(long, global = true, value_name = "X")]
     pub time_scale: Option<f64>,
     /// What controls a simulated robot; `--on chip` sets it.
@@ -127,7 +128,7 @@ pub(crate) struct Common {
 }
 
 impl Common {
-    /// Lets the emulated chip control every simulated robot, where `--on chip` asks for it. From
+    /// Lets the emulated chip control every simulated robot, if `--on chip` asks for it. From
     /// there on the robot is a simulated one for every command.
     fn take_up_chip(&mut self) -> Outcome {
         self.checked_time_scale()?;
@@ -138,7 +139,7 @@ impl Common {
         Ok(())
     }
 
-    /// Refuses the emulated chip for what simulates many robots in this process.
+    /// Refuses the emulated chip for a command that simulates many robots in this process.
     ///
     /// # Errors
     /// Where `--on chip` was given.
@@ -151,7 +152,7 @@ impl Common {
         }
     }
 
-    /// Opens the serial port of `--on`, on which time goes as fast as `--time-scale` says.
+    /// Opens the serial port of `--on`, with the time scale of `--time-scale`.
     ///
     /// # Errors
     /// Those of [`SerialLink::open`].
@@ -162,7 +163,7 @@ impl Common {
     /// The time scale, if one was given.
     ///
     /// # Errors
-    /// Where it is not between 0.01 and 100.
+    /// If it is not between 0.01 and 100.
     pub(crate) fn checked_time_scale(&self) -> Result<Option<f64>, Failed> {
         match self.time_scale {
             Some(scale) if !(scale.is_finite() && (0.01..=100.0).contains(&scale)) => {
@@ -231,7 +232,7 @@ enum Command {
 }
 
 impl Common {
-    /// The calibration to apply: the one that was asked for, or the one beside the robot file.
+    /// The calibration to apply: the requested one, or the one beside the robot file.
     pub(crate) fn calibration_file(&self) -> Option<PathBuf> {
         match self.calibration.as_deref() {
             Some("none") => None,
@@ -246,7 +247,7 @@ impl Common {
     /// The robot with its calibration, if there is one.
     ///
     /// # Errors
-    /// Where either file is unusable, or a calibration of the simulator is meant for a board.
+    /// If either file is unusable, or a calibration of the simulator is used with a board.
     pub(crate) fn robot(&self) -> miette::Result<crate::robot::Robot> {
         use crate::calibration::result;
         let designed = crate::robot::find(&self.robot)?;
@@ -267,10 +268,10 @@ impl Common {
     }
 }
 
-/// A command's outcome: what went wrong, or nothing.
+/// A command's outcome: an error, or nothing.
 pub type Outcome = miette::Result<()>;
 
-/// Reads the command line, does what it says, and gives the exit code.
+/// Reads the command line, executes it, and returns the exit code.
 pub fn main() -> ExitCode {
     #[cfg(unix)]
     take_file_size_limit_as_an_error();
@@ -355,35 +356,35 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// A file that meets its size limit (`ulimit -f`) is a write that fails, like one on a full disk,
-/// and not the end of the program in the middle of a motion.
+/// A file that reaches its size limit (`ulimit -f`) must give a write error, like a full disk, and
+/// must not end the program in the middle of a motion.
 #[cfg(unix)]
 fn take_file_size_limit_as_an_error() {
     use std::sync::Arc;
     use std::sync::atomic::AtomicBool;
     let seen = Arc::new(AtomicBool::new(false));
-    // Where the system has no room for a handler there is none for a robot either.
+    // A system without room for a handler has none for a robot either.
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, seen);
 }
 
 /// Prints one JSON document.
 ///
 /// # Errors
-/// Where the value cannot be written as JSON.
+/// If the value cannot be written as JSON.
 pub(crate) fn print_json(value: &impl serde::Serialize) -> Outcome {
     let text = serde_json::to_string(value).map_err(Failed::from_error("the result"))?;
     say!("{text}");
     Ok(())
 }
 
-/// Writes a result to standard output. A reader that has gone (a pager, `head`) is no error.
+/// Writes a result to standard output. A closed reader (a pager, `head`) is not an error.
 pub(crate) fn write_out(text: &str) {
     use std::io::Write as _;
     let mut out = std::io::stdout().lock();
     let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
 }
 
-/// Something of the system failed: a file, a folder, a terminal.
+/// An operation of the system failed: a file, a folder, a terminal.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("{what}: {reason}")]
 #[diagnostic(code(mcdpr::system))]
@@ -393,7 +394,7 @@ pub(crate) struct Failed {
 }
 
 impl Failed {
-    /// For `map_err`: says what was being done.
+    /// For `map_err`: adds the operation.
     pub(crate) fn from_error<E: std::fmt::Display>(what: &str) -> impl FnOnce(E) -> Self + '_ {
         move |error| Self {
             what: what.to_owned(),

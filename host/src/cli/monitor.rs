@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use std::io::IsTerminal as _;
 use std::time::Duration;
 
-/// Time between looks.
+/// Refresh interval.
 const LOOK: Duration = Duration::from_millis(100);
 /// Width of a tension's bar, characters.
 const BAR: usize = 24;
@@ -16,7 +16,7 @@ const BAR: usize = 24;
 /// Watch a robot that another terminal moves: state, lengths, tensions
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Look once
+    /// Print the state once
     #[arg(long)]
     once: bool,
 }
@@ -30,7 +30,7 @@ impl Cmd {
         while !interrupted() {
             let views = match call_all(&common.on, &common.robot, None) {
                 Ok(views) => views,
-                // It was there and has ended: that is the end of the watch, and no error.
+                // It existed and has ended: that ends the watch without an error.
                 Err(SocketError::Nobody { .. } | SocketError::System { .. }) if seen => break,
                 Err(error) => return Err(error.into()),
             };
@@ -41,7 +41,7 @@ impl Cmd {
             } else {
                 let text: String = views.iter().map(|view| screen(view, most)).collect();
                 if terminal && seen {
-                    // Up to where the last picture began.
+                    // Up to the beginning of the last picture.
                     write_out(&format!("\x1b[{}A\x1b[J", text.lines().count()));
                 }
                 write_out(&text);

@@ -11,13 +11,13 @@ use nalgebra::Vector3;
 /// Move the tool straight to a place, then close the brakes
 #[derive(Debug, clap::Args)]
 pub(crate) struct Move {
-    /// Place of the tool in the world, mm
+    /// Position of the tool in the world, mm
     #[arg(num_args = 3, required = true, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
     place_mm: Vec<f64>,
     /// Greatest speed, mm/s; the robot file's limit if left out
     #[arg(long, value_name = "MM_S")]
     speed: Option<f64>,
-    /// Take the swing out of the motion
+    /// Shape the motion against swing
     #[arg(long, value_enum, default_value_t = Shaping::None)]
     shaping: Shaping,
 }
@@ -37,13 +37,13 @@ pub(crate) struct Jog {
 #[derive(Debug, clap::Args)]
 pub(crate) struct Park {}
 
-/// Tell the board where the robot hangs: its cable lengths follow; nothing moves
+/// Set the board's cable lengths from the tool's present position; nothing moves
 #[derive(Debug, clap::Args)]
 pub(crate) struct Home {
     /// The tool hangs here, world, mm; the robot file's home if left out
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
     at: Option<Vec<f64>>,
-    /// Look at a tag whose place is known (on the simulator, which knows it)
+    /// Use a tag whose pose is known (on the simulator, which knows it)
     #[arg(long, conflicts_with = "at")]
     tag: bool,
 }
@@ -56,21 +56,21 @@ pub(crate) struct Arm {
     seconds: Option<f64>,
 }
 
-/// Close brakes and switch torque off, whoever armed the robot
+/// Close brakes and switch torque off, whichever program armed the robot
 #[derive(Debug, clap::Args)]
 pub(crate) struct Disarm {}
 
 /// Open or close the gripper
 #[derive(Debug, clap::Args)]
 pub(crate) struct Gripper {
-    /// What to do
+    /// The action
     #[arg(value_enum)]
     what: Fingers,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Fingers {
-    /// Let go
+    /// Release
     Open,
     /// Grip
     Close,
@@ -142,7 +142,7 @@ fn go(
     }
 }
 
-/// A way of no length: the tool is there.
+/// A move of zero length: the tool is already there.
 fn is_there(error: &crate::motion::PlanError) -> bool {
     use crate::motion::{PlanError, path::PathError};
     matches!(error, PlanError::Path(PathError::Empty))
@@ -226,15 +226,15 @@ impl Home {
             .at
             .as_deref()
             .map_or(robot.tool.home_in_world_m, place_m);
-        // A place where the robot cannot hang is refused before a board is even opened.
+        // A position where the robot cannot hang is refused before a board is even opened.
         let rest = model.rest(&place, None)?;
         if common.dry_run {
-            let home = "the board was not told";
+            let home = "the board was not changed";
             return homed(common, (place, rest.paid_out_m), home);
         }
         let session = if self.tag {
             if common.on != "sim" {
-                let reason = "no camera stands behind this port; give the place with --at X Y Z";
+                let reason = "there is no camera behind this port; give the place with --at X Y Z";
                 return Err(Failed::from_error("--tag")(reason).into());
             }
             return home_by_tag(common, &model);
@@ -245,7 +245,7 @@ impl Home {
     }
 }
 
-/// Where the robot is, and nothing moved.
+/// Reports the robot's position; nothing moved.
 fn ended<'a>(
     session: Session<'a, Box<dyn Link + 'a>>,
 ) -> Result<(Vector3<f64>, Vec<f64>), RunError> {
@@ -306,9 +306,9 @@ impl Arm {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let model = Model::new(&common.robot()?)?;
         if let Some(seconds) = self.seconds.filter(|s| !(s.is_finite() && *s >= 0.0)) {
-            return Err(Failed::from_error("--for")(format!("{seconds} is no time")).into());
+            return Err(Failed::from_error("--for")(format!("{seconds} is not a time")).into());
         }
-        // A simulated robot in this process has no other terminal's work to wait for.
+        // A simulated robot in this process is not used by other terminals.
         let seconds = self.seconds.or((common.on == "sim").then_some(1.0));
         with_session(common, &model, Some("arm"), None, |mut session| {
             session.arm()?;

@@ -1,5 +1,5 @@
-//! Numbers on the command line, for clap's `value_parser`: what is not one of the kind is refused before
-//! anything begins.
+//! Numbers on the command line, for clap's `value_parser`: invalid ones are refused before anything
+//! begins.
 
 fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
@@ -26,7 +26,7 @@ pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "must be 0 or more".to_owned())
 }
 
-/// A part of a whole.
+/// A share from 0 to 1.
 pub(crate) fn part(text: &str) -> Result<f64, String> {
     let value = finite(text)?;
     (0.0..=1.0)
@@ -35,7 +35,7 @@ pub(crate) fn part(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "must be within 0 and 1".to_owned())
 }
 
-/// An error that is small beside one, with either sign.
+/// A relative error, with either sign.
 pub(crate) fn small(text: &str) -> Result<f64, String> {
     let value = finite(text)?;
     (value.abs() <= 0.5)

@@ -1,18 +1,18 @@
-//! The order of the commands in `--help`: the way a lab goes with a robot.
+//! The order of the commands in `--help`: as a laboratory uses them.
 
 use super::Cli;
 use clap::{Command, CommandFactory, FromArgMatches};
 
-/// Names of commands in their order; a command that is not here stands behind them.
+/// Names of commands in their order; other commands follow them.
 const ORDER: &[&str] = &[
-    // Look around.
+    // Overview.
     "ports",
     "doctor",
     "config",
     "camera",
     "states",
     "faults",
-    // First day.
+    // Commissioning.
     "flash",
     "commission",
     "rig",
@@ -34,7 +34,7 @@ const ORDER: &[&str] = &[
     "park",
     "disarm",
     "clear",
-    // Understand.
+    // Evaluate.
     "serve",
     "monitor",
     "replay",
@@ -78,7 +78,7 @@ pub(super) fn command() -> Command {
     command
 }
 
-/// Reads the program's command line, and gives the words of its command too; wrong usage ends the
+/// Reads the program's command line, and returns the words of its command too; wrong usage ends the
 /// program with code 2.
 pub(super) fn parse() -> (Cli, String) {
     let matches = command().get_matches();
@@ -93,7 +93,7 @@ pub(super) fn parse() -> (Cli, String) {
         words.push("demo");
     }
     let words = words.join(" ");
-    // What clap has accepted has the form of `Cli`.
+    // A command line that clap has accepted has the form of `Cli`.
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     (cli, words)
 }

@@ -13,7 +13,7 @@ const AT_REST: Duration = Duration::from_secs(4);
 /// Stop a robot that another terminal moves: along its path, brakes closed, torque off
 #[derive(Debug, clap::Args)]
 pub(crate) struct Stop {
-    /// Brakes and torque off at once, not along the path; only where drive control is lost
+    /// Brakes and torque off at once, not along the path; only if drive control is lost
     #[arg(long)]
     emergency: bool,
 }
@@ -22,12 +22,12 @@ pub(crate) struct Stop {
 #[derive(Debug, clap::Args)]
 pub(crate) struct Pause {}
 
-/// Let a paused robot go on along its path
+/// Resume a paused robot along its path
 #[derive(Debug, clap::Args)]
 pub(crate) struct Resume {}
 
-/// Listens for orders while a robot is moved. Where that is not possible the robot is moved all
-/// the same, and the user is told that only Ctrl-C stops it.
+/// Listens for orders while a robot is moved. If that fails the robot is moved all the same, with a
+/// warning that only Ctrl-C stops it.
 ///
 /// # Errors
 /// [`SocketError::Taken`]: two programs must not move one robot.
@@ -54,8 +54,8 @@ impl Stop {
                 let view = at_rest(common)?;
                 tell(common, "stopped", view.as_ref())
             }
-            // Nobody feeds the board, but somebody may have left it armed: it takes a stop from
-            // anyone.
+            // No program feeds the board, but it may still be armed: it accepts a stop from any
+            // program.
             Err(SocketError::Nobody { .. }) if !matches!(common.on.as_str(), "sim" | "chip") => {
                 let link = common.open_port().map_err(ClientError::from)?;
                 let mut client =
@@ -85,7 +85,7 @@ impl Resume {
     }
 }
 
-/// Waits until whoever moves the robot has closed its brakes, or has ended.
+/// Waits until the program that moves the robot has closed its brakes, or has ended.
 fn at_rest(common: &Common) -> Result<Option<View>, SocketError> {
     let give_up = Instant::now() + AT_REST;
     let mut last = None;
@@ -104,7 +104,7 @@ fn at_rest(common: &Common) -> Result<Option<View>, SocketError> {
                     break;
                 }
             }
-            // It stopped and ended, between two looks.
+            // It stopped and ended between two polls.
             Err(SocketError::Nobody { .. } | SocketError::System { .. }) => break,
             Err(error) => return Err(error),
         }

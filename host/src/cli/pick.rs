@@ -32,7 +32,7 @@ pub(crate) struct Cmd {
     /// Give up after this many attempts
     #[arg(long, value_name = "N")]
     attempts: Option<usize>,
-    /// The program knows the machine only as it was assembled, not as calibrated
+    /// The program uses the parameters as assembled, not as calibrated
     #[arg(long, conflicts_with = "ideal")]
     nominal: bool,
     /// Simulate the machine exactly as described
@@ -44,10 +44,10 @@ pub(crate) struct Cmd {
     /// Look from this many places before each choice
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=3))]
     views: u8,
-    /// Take what was chosen without a second look from nearby
+    /// Take the chosen grasp without a second look from nearby
     #[arg(long)]
     far_only: bool,
-    /// The tray's floor has no printed tags to see by
+    /// The tray's floor has no printed tags for localisation
     #[arg(long)]
     no_mat: bool,
     /// What to pick: `tray`, or `paper` for the paper's one object at (252, -39, -517) mm
@@ -61,19 +61,19 @@ pub(crate) struct Cmd {
         conflicts_with = "scenes"
     )]
     network: Option<PathBuf>,
-    /// What goes into the network and what comes out of it
+    /// Format of the network's input and output
     #[arg(long, value_name = "affga|ggcnn", value_parser = ["affga", "ggcnn"], requires = "network")]
     head: Option<String>,
     /// Study: pick this many seeded scenes, 2/3 separate and 1/3 cluttered, with calibrated and
     /// with nominal parameters, or with --nominal or --ideal alone
     #[arg(long, value_name = "N", conflicts_with_all = ["objects", "clutter", "attempts"])]
     scenes: Option<usize>,
-    /// Study: add every scene to this file when it is done, and do not pick again what this program
-    /// has put there before
+    /// Study: add every scene to this file when it is done, and skip the scenes that this program
+    /// has already added
     #[arg(long, value_name = "FILE", requires = "scenes")]
     keep: Option<PathBuf>,
-    /// Show it in a browser on this machine, in real time, with the camera's pictures; 8650 where
-    /// no port is given
+    /// Show it in a browser on this machine, in real time, with the camera's pictures; port 8650 if
+    /// none is given
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650", conflicts_with = "scenes")]
     serve: Option<u16>,
 }
@@ -83,7 +83,7 @@ impl Cmd {
         if common.on == "sim" {
             self.eye.refused_on_simulator()?;
         }
-        // Without the calibration where it is not to be known, and where every scene makes its own.
+        // Without the calibration if it must not be used, and if every scene makes its own.
         let plain = self.nominal || self.ideal || self.scenes.is_some();
         let robot = if plain {
             crate::robot::find(&common.robot)?
@@ -133,7 +133,7 @@ impl Cmd {
 }
 
 impl Cmd {
-    /// Picks one scene, recorded, and in a browser where that is wanted.
+    /// Picks one scene, recorded, and shown in a browser if requested.
     fn watched(
         &self,
         common: &Common,
@@ -141,7 +141,7 @@ impl Cmd {
         wanted: &study::Wanted,
         handle: &Handle,
     ) -> miette::Result<SceneReport> {
-        // Before anything is connected: a file that is no network moves nothing.
+        // Before anything is connected: an invalid network file moves nothing.
         let mut detector = self.detector()?;
         let model = Model::new(robot)?;
         let task = TaskSource {
@@ -304,7 +304,7 @@ fn network(file: &Path, _: &str) -> miette::Result<Box<dyn Detector>> {
     Err(Failed::from_error("loading the network")(why).into())
 }
 
-/// Every attempt in a line, with what the simulated jaws got where that is known.
+/// One line per attempt, with the simulated jaws' result if it is known.
 fn table(report: &Report, grips: &[String]) {
     let words = [
         "", "pixel", "tool, mm", "tilt", "width", "weight", "outcome", "the jaws",
@@ -337,7 +337,7 @@ fn table(report: &Report, grips: &[String]) {
     super::write_out(&lay_out(&rows));
 }
 
-/// What the pictures said: the error budget, and the paper's numbers.
+/// Results from the pictures: the error budget, and the paper's numbers.
 fn seen(report: &Report) {
     if let Some(attempt) = report.attempts.first() {
         let budget = &attempt.budget;

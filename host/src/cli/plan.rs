@@ -1,4 +1,4 @@
-//! `mcdpr plan TASK`: what a task would be, judged and drawn; nothing is connected.
+//! `mcdpr plan TASK`: plans, judges and draws a task; nothing is connected.
 
 use super::run::tool_height_m;
 use super::table::lay_out;
@@ -7,7 +7,7 @@ use crate::motion::{Model, Plan, PlanOptions, Planner, Shaping, Task, Tensioning
 use crate::report::{RunFolder, draw_plan};
 use nalgebra::Vector3;
 
-/// Plan a task, say how close it comes to every limit, and draw it; nothing moves
+/// Plan a task, report its margin to every limit, and draw it; nothing moves
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Name of a built-in task, or a task file (TOML or G-code)
@@ -17,7 +17,7 @@ pub(crate) struct Cmd {
     z_mm: f64,
     #[command(flatten)]
     options: Options,
-    /// A place in the world, mm, that the platform's camera must keep in its picture
+    /// A position in the world, mm, that the platform's camera must keep in its picture
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
     keep_in_view: Option<Vec<f64>>,
 }
@@ -25,10 +25,10 @@ pub(crate) struct Cmd {
 /// How to plan.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub(crate) struct Options {
-    /// What the platform is taken to do
+    /// Model of the platform
     #[arg(long, value_enum, default_value_t = Planner::Equilibrium)]
     planner: Planner,
-    /// Take the swing out of the motion
+    /// Shape the motion against swing
     #[arg(long, value_enum, default_value_t = Shaping::None)]
     shaping: Shaping,
     /// Tension of the tension-held cable
@@ -60,7 +60,7 @@ impl Cmd {
     }
 }
 
-/// Plans, judges, draws and tells; fails where a limit would be broken.
+/// Plans, judges, draws and reports; fails if a limit would be broken.
 pub(crate) fn show(common: &Common, model: &Model, task: Task, watch: &Watch) -> Outcome {
     let name = task.name.clone();
     let start = model.robot().tool.home_in_world_m;

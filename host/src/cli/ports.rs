@@ -1,4 +1,4 @@
-//! `mcdpr ports`: which serial ports there are.
+//! `mcdpr ports`: lists the serial ports.
 
 use super::{Common, Outcome, print_json};
 use crate::link::list_ports;

@@ -1,4 +1,4 @@
-//! `mcdpr predict`: readings that were left out, predicted from the others with intervals.
+//! `mcdpr predict`: predicts readings that were left out from the others, with intervals.
 
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json, write_out};

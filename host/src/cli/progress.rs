@@ -1,4 +1,4 @@
-//! The progress bar on standard error; nothing where that is no terminal.
+//! The progress bar on standard error; disabled if that is not a terminal.
 
 use crate::run::Progress;
 use indicatif::{ProgressBar, ProgressStyle};

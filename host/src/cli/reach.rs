@@ -12,8 +12,8 @@ use crate::motion::Model;
 use crate::record::Doing;
 use crate::run::{Homing, LengthFiles, RunError, Session, watch_for_interrupts};
 
-/// Opens the robot, does something with it, and lets orders from other terminals reach it. What
-/// has a name is recorded under it.
+/// Opens the robot, runs an action, and accepts orders from other terminals. An action with a name
+/// is recorded under it.
 pub(crate) fn with_session<T>(
     common: &Common,
     model: &Model,

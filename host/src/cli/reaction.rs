@@ -28,7 +28,7 @@ struct Document<'a> {
     seed: u64,
 }
 
-/// Runs the task with these faults and prints what came of it.
+/// Runs the task with these faults and prints the robot's reaction.
 pub(super) fn show(model: &Model, task: Task, scenario: &Scenario, common: &Common) -> Outcome {
     let robot =
         SimulatedRobot::new(Mismatch::realistic(), common.seed).controller(&common.controller);
@@ -48,7 +48,7 @@ pub(super) fn show(model: &Model, task: Task, scenario: &Scenario, common: &Comm
         common.seed
     );
     let moments = after.timeline();
-    // What led to the fault is no news; when nothing else happened, it is all there is.
+    // Events before the fault are left out, unless there are no others.
     for moment in moments.iter().filter(|moment| moment.after_ms >= 0) {
         say!("{:>+7}   {}", moment.after_ms, moment.what);
     }

@@ -15,7 +15,7 @@ use mcdpr_protocol::SessionId;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// What a record is of.
+/// Content of a record.
 pub(crate) struct About<'a> {
     /// Name of the folder.
     pub(crate) name: &'a str,
@@ -23,19 +23,19 @@ pub(crate) struct About<'a> {
     pub(crate) task: TaskSource,
     /// Number of the session on the wire.
     pub(crate) session: SessionId,
-    /// How far the simulated machine is from its description.
+    /// Mismatch of the simulated machine.
     pub(crate) mismatch: &'a Mismatch,
-    /// What the host does.
+    /// Action of the host.
     pub(crate) doing: Doing,
-    /// Whether the host takes the robot to hang at home.
+    /// Whether the host assumes that the robot hangs at home.
     pub(crate) at_home: bool,
 }
 
-/// A run's folder, and those who watch the run.
+/// A run's folder, and the watchers of the run.
 pub(crate) struct Recorded {
     /// Where the run's files go.
     pub(crate) folder: RunFolder,
-    /// Whom the run is shown to.
+    /// The watchers.
     pub(crate) witness: Witness,
     doing: Doing,
     summary: Option<Arc<Mutex<Summary>>>,
@@ -48,12 +48,12 @@ impl Recorded {
         self.doing == Doing::Task
     }
 
-    /// Makes the folder and starts the record. A record that cannot be started is told, and the
-    /// run goes on without: only a folder that the user asked for must be there. Without a model (a
-    /// winch that holds no robot yet) no poses are recorded.
+    /// Makes the folder and starts the record. If a record cannot be started there is a warning,
+    /// and the run continues without: only a folder that the user asked for is required. Without a
+    /// model (a winch that holds no robot yet) no poses are recorded.
     ///
     /// # Errors
-    /// A folder that cannot be made.
+    /// If a folder cannot be made.
     pub(crate) fn start(
         common: &Common,
         model: Option<&Model>,
@@ -99,7 +99,7 @@ impl Recorded {
             summary: None,
             lost: None,
         };
-        // A robot that moves must not wait for a disk; virtual time may.
+        // A moving robot must not wait for a disk; virtual time may.
         let in_virtual_time = simulated && common.time_scale.is_none();
         let patience = if in_virtual_time {
             Patience::Wait
@@ -130,7 +130,7 @@ impl Recorded {
         (self.witness, rest)
     }
 
-    /// Ends the record and tells what it lacks.
+    /// Ends the record and reports its gaps.
     pub(crate) fn finish(self) -> RunFolder {
         let (witness, rest) = self.split();
         witness.finish();
@@ -138,7 +138,7 @@ impl Recorded {
     }
 }
 
-/// What is left of a record when its witness has finished.
+/// The rest of a record after its witness has finished.
 pub(crate) struct Rest {
     folder: RunFolder,
     summary: Option<Arc<Mutex<Summary>>>,
@@ -146,7 +146,7 @@ pub(crate) struct Rest {
 }
 
 impl Rest {
-    /// Tells what the record lacks.
+    /// Reports the record's gaps.
     pub(crate) fn finish(self) -> RunFolder {
         let summary = self
             .summary
@@ -179,7 +179,7 @@ impl OnRecord<'_> {
         Watched::new(link, self.witness)
     }
 
-    /// A line to a simulated robot, recorded with what is true of it.
+    /// A line to a simulated robot, recorded with its true states.
     pub(crate) fn watched_simulated(&self, link: SimulatedLink) -> Watched<'_, SimulatedLink> {
         let tap = TruthTap::forgetful(link.clone(), self.cables);
         self.watched(link).with_truth(tap)
@@ -190,12 +190,12 @@ impl OnRecord<'_> {
         Box::new(self.watched(link))
     }
 
-    /// A line to a simulated robot, recorded with what is true of it.
+    /// A line to a simulated robot, recorded with its true states.
     pub(crate) fn simulated(&self, link: SimulatedLink) -> Box<dyn Link + '_> {
         Box::new(self.watched_simulated(link))
     }
 
-    /// The same, for a caller who reads the truth from this tap too.
+    /// The same, for a caller that also reads the truth from this tap.
     pub(crate) fn tapped(&self, link: SimulatedLink, tap: TruthTap) -> Box<dyn Link + '_> {
         Box::new(self.watched(link).with_truth(tap))
     }
@@ -214,7 +214,7 @@ pub(crate) fn off_record<T>(
     })
 }
 
-/// A session's number: in virtual time nobody else can be on the line.
+/// A session's number: in virtual time there is no other program on the line.
 fn session(common: &Common) -> SessionId {
     if common.on == "sim" && common.time_scale.is_none() {
         return SessionId(1);
@@ -222,17 +222,17 @@ fn session(common: &Common) -> SessionId {
     new_session()
 }
 
-/// What such a record is of.
+/// Content of such a record.
 pub(crate) struct Work<'a> {
     /// Name of the folder.
     pub(crate) name: &'a str,
-    /// What is done.
+    /// The action.
     pub(crate) doing: Doing,
-    /// How far the simulated machine is from its description.
+    /// Mismatch of the simulated machine.
     pub(crate) mismatch: Mismatch,
     /// Number of cables.
     pub(crate) cables: usize,
-    /// The robot's model, where there is a robot already.
+    /// The robot's model, if there is a robot already.
     pub(crate) model: Option<&'a Model>,
 }
 
@@ -249,7 +249,8 @@ impl<'a> Work<'a> {
     }
 }
 
-/// Does work on record, and gives what came of it with the folder. Where it fails, the record stays.
+/// Runs an action with a record, and returns its result with the folder. If it fails, the record is
+/// kept.
 pub(crate) fn on_record<T>(
     common: &Common,
     about: &Work<'_>,
@@ -282,7 +283,7 @@ pub(crate) fn on_record<T>(
     Ok((done?, folder))
 }
 
-/// The record is not what it should be; the run is.
+/// The record is incomplete; the run is not affected.
 fn warn(reason: &str) {
     eprintln!("warning: the record of this run is incomplete: {reason}");
 }

@@ -1,4 +1,4 @@
-//! `mcdpr replay RUN`: host and core again, on the recorded bytes.
+//! `mcdpr replay RUN`: runs host and core again on the recorded bytes.
 
 use super::{Common, Outcome, print_json};
 use crate::record::RecordedRun;
@@ -7,7 +7,7 @@ use crate::replay::replay;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Run host and core again on a recorded run's bytes and prove that they do the same
+/// Run host and core again on a recorded run's bytes and check that they do the same
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// The run's folder, or its run.mcap
@@ -42,7 +42,7 @@ impl Cmd {
                 say!("host: sent the same {bytes} bytes again in {calls} calls of the line")
             }
             None => say!(
-                "host: not run again; people or pictures told it what to do ({calls} calls of the \
+                "host: not run again; people or pictures controlled it ({calls} calls of the \
                  line)"
             ),
         }
@@ -64,7 +64,7 @@ impl Cmd {
     }
 }
 
-/// What is wrong with a record, in words.
+/// The damage of a record, in words.
 pub(crate) fn describe(damage: &Damage) -> String {
     match damage {
         Damage::Truncated { at } => format!(

@@ -1,4 +1,4 @@
-//! `mcdpr report RUN` and `mcdpr compare RUN RUN`: recorded runs as pages to read.
+//! `mcdpr report RUN` and `mcdpr compare RUN RUN`: recorded runs as HTML pages.
 
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
@@ -8,12 +8,12 @@ use crate::report::{Judgement, html, judge};
 use crate::robot::Robot;
 use std::path::PathBuf;
 
-/// Write a run as one HTML page: plots, figures, verdicts, what happened when
+/// Write a run as one HTML page: plots, figures, verdicts, events
 #[derive(Debug, clap::Args)]
 pub(crate) struct Report {
     /// The run's folder, or its run.mcap
     run: PathBuf,
-    /// The page, in place of report.html in the run's folder
+    /// The page, instead of report.html in the run's folder
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
@@ -25,7 +25,7 @@ pub(crate) struct Compare {
     first: PathBuf,
     /// The second run
     second: PathBuf,
-    /// The page, in place of compare.html in the first run's folder
+    /// The page, instead of compare.html in the first run's folder
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }

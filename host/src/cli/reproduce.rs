@@ -1,4 +1,4 @@
-//! `mcdpr reproduce`: the paper's experiments, its numbers beside ours.
+//! `mcdpr reproduce`: the paper's experiments, compared with its numbers.
 
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
@@ -14,16 +14,16 @@ pub(crate) struct Cmd {
     /// Only these experiments, separated by commas
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     only: Vec<String>,
-    /// Number of seeds for what is random
+    /// Number of seeds for random quantities
     #[arg(long, default_value_t = 5, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
 }
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        // The chip has a column of its own there.
+        // The chip has a separate column there.
         common.no_chip("reproduce")?;
-        // A firmware that was named must be there; the default one may not have been built.
+        // A firmware that was named must exist; the default one may not have been built.
         let firmware = match &common.firmware {
             Some(path) => Some(Firmware::find(Some(path))?),
             None => Firmware::find(None).ok(),

@@ -1,4 +1,4 @@
-//! `mcdpr rig`: spool and attach cables, tension them up evenly, let them down again.
+//! `mcdpr rig`: spools and attaches cables, tensions them evenly, lowers the platform.
 
 use super::recorded::{Work, on_record};
 use super::{Common, Failed, Outcome, print_json};
@@ -16,7 +16,8 @@ use mcdpr_simulator::plant::{Plant, PlantError};
 use miette::Diagnostic;
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 
-/// Put cables on a robot: spool, attach, tension up evenly, lower; slow, watched, each step confirmed
+/// Put cables on a robot: spool, attach, tension evenly, lower; slow, monitored, each step
+/// confirmed
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     #[command(subcommand)]
@@ -36,19 +37,19 @@ enum What {
         /// Length, mm, paid out positive
         length_mm: f64,
     },
-    /// Take up the slack of a cable that was just hooked into the platform, see that its own sensor
-    /// feels it, and let it go slack again
+    /// Take up the slack of a cable that was just hooked into the platform, check that its own
+    /// sensor measures it, and slacken it again
     Attach {
         /// Number of the cable, from 1
         cable: usize,
     },
     /// Take up the slack of all cables evenly and tension them until the robot hangs
     Tension,
-    /// Let a hanging robot down onto its stand, until all cables are slack
+    /// Lower a hanging robot onto its stand, until all cables are slack
     Lower,
 }
 
-/// What can go wrong while rigging, beyond a run's errors.
+/// Errors while rigging, beyond those of a run.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 enum RigError {
     #[error("stopped before \"{step}\": nothing moves, the brakes are closed")]
@@ -87,7 +88,7 @@ enum RigError {
 /// The line to the robot, and the session to open on it.
 type Line<'l> = (Box<dyn Link + 'l>, SessionId);
 
-/// What was done, and the tensions after it, N.
+/// The action, and the tensions after it, N.
 struct Done {
     what: String,
     tensions_n: Vec<f64>,
@@ -102,12 +103,12 @@ impl Done {
     }
 }
 
-/// How the cables of a simulated robot are slack.
+/// Slackness of the cables of a simulated robot.
 #[derive(Debug, Clone, Copy)]
 enum Slack {
     /// On, and too long.
     Long,
-    /// The same, and the end of one (from 0) is free.
+    /// The same, with the end of one cable (from 0) free.
     Free(usize),
 }
 
@@ -159,8 +160,8 @@ impl Cmd {
         }
     }
 
-    /// Does work on the robot, on record, and tells what was done. The simulated robot has these
-    /// tensions, or its cables are slack like this.
+    /// Runs an action on the robot, with a record, and reports it. The simulated robot has these
+    /// tensions, or its cables are slack as given.
     fn on(
         &self,
         common: &Common,
@@ -251,7 +252,7 @@ impl Cmd {
             speed * 1e3
         ))?;
         let count = robot.cables.len();
-        // Rough: what is on the drum is only counted from here on.
+        // Approximate: the length on the drum is counted only from here on.
         let lengths: Vec<f64> = model.rest_at_home()?.paid_out_m;
         let mut rig = Rig::start(&robot, line, &lengths, &vec![0.0; count])?;
         rig.wind(cable, length_mm * 1e-3, speed)?;
@@ -360,7 +361,7 @@ fn known(robot: &Robot, cable: usize) -> Result<(), RigError> {
     Err(RigError::Range { what })
 }
 
-/// Whether the one cable (from 0) that was taken up is the one whose sensor felt it.
+/// Checks that the sensor of the one cable (from 0) that was taken up measured it.
 fn felt(cable: usize, tensions_n: &[f64]) -> Result<(), RigError> {
     let pulled = |n: f64| n > 0.5 * TAKEN_UP_N;
     let mut others = tensions_n.iter().enumerate();

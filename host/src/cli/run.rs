@@ -33,10 +33,10 @@ pub(crate) struct Cmd {
     /// Simulate the machine exactly as described: no mismatch, no pulley loss
     #[arg(long)]
     ideal: bool,
-    /// Show the run in a browser on this machine, in real time; 8650 where no port is given
+    /// Show the run in a browser on this machine, in real time; port 8650 if none is given
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650")]
     serve: Option<u16>,
-    /// The robot hangs at its home now: for a board that does not know its lengths
+    /// The robot hangs at its home now: for a board without reference lengths
     #[arg(long)]
     at_home: bool,
     #[command(flatten)]
@@ -64,7 +64,7 @@ impl Cmd {
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = Bar::new("running");
-        // What people watch keeps real time.
+        // A run with viewers keeps real time.
         let time_scale = common.checked_time_scale()?.or(self.serve.map(|_| 1.0));
         let handle = Handle::new();
         #[cfg(unix)]
@@ -75,10 +75,10 @@ impl Cmd {
         } else {
             Mismatch::realistic()
         };
-        // Judge before a robot is even simulated: nothing may move for a task that is refused.
+        // Judge before a robot is even simulated: nothing may move for a refused task.
         Experiment::new(&model, task.clone()).plan()?;
         let source = TaskSource::of(&self.task, tool_height_m(&robot, self.z_mm));
-        // The same seed shall give the same run, bytes on the wire included.
+        // The same seed must give the same run, bytes on the wire included.
         let session = if common.on == "sim" {
             SessionId(1)
         } else {
@@ -134,7 +134,7 @@ impl Cmd {
                 .map(|run| (run, None))
         };
         bar.finish();
-        // A run that failed is kept too: it is the one that somebody will want to look at.
+        // A failed run is kept too: it is the one that needs examination.
         let folder = recorded.finish();
         let (run, realtime_factor) = outcome.inspect_err(|_| {
             eprintln!("what happened is recorded in {}", folder.path().display());
@@ -181,7 +181,7 @@ pub(crate) fn page(
     let watcher = FeedWatcher::new(feed.clone(), model.clone());
     let added = recorded.witness.add(watcher, Patience::Drop);
     added.map_err(Failed::from_error("starting the viewers' thread"))?;
-    // Who picks shows the pictures that he goes by.
+    // Picking shows its own pictures.
     if common.on == "sim" && recorded.is_of_task() {
         let camera = CameraWatcher::new(feed.clone(), model.robot(), common.seed);
         let added = recorded.witness.add(camera, Patience::Drop);
@@ -204,7 +204,7 @@ pub(crate) fn tool_height_m(robot: &Robot, z_mm: f64) -> f64 {
     z_mm * 1e-3 + robot.tool.tcp_in_platform_m.z
 }
 
-/// A disk that is full now does not undo a motion that was made.
+/// A disk that is full now does not affect the completed motion.
 pub(crate) fn incomplete(error: &dyn std::fmt::Display) {
     eprintln!("warning: the run's folder is incomplete: {error}");
 }
@@ -230,7 +230,7 @@ fn save(model: &Model, name: &str, run: &Run, folder: &RunFolder) -> Outcome {
     Ok(())
 }
 
-/// Rows of a table of figures, one column a run.
+/// Rows of a table of figures, one column per run.
 pub(crate) fn figure_rows(figures: &[Figures]) -> Vec<Vec<String>> {
     let row = |name: &str, cell: &dyn Fn(&Figures) -> String| {
         std::iter::once(name.to_owned())

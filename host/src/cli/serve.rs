@@ -22,26 +22,26 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// The port that the page has, unless another is asked for.
+/// Default port of the page.
 pub(crate) const PORT: u16 = 8650;
-/// Time that an order may take before the page is told that it is under way: a stop that follows
+/// Time that an order may take before the page is told that it is in progress: a stop that follows
 /// on the same connection waits no longer.
 const ANSWER: Duration = Duration::from_millis(50);
 /// A robot that was armed for jogging holds this long after the last jog, s.
 const JOG_HOLD_S: f64 = 3.0;
-/// How long a jog order is valid without another one, s.
+/// How long a jog order is valid without a new one, s.
 const JOG_VALID_S: f64 = 0.2;
-/// Time between two tries to reach a robot whose line is gone.
+/// Time between two attempts to reconnect to a robot whose line was lost.
 const AGAIN: Duration = Duration::from_secs(1);
 /// Meanwhile an order waits no longer than this for its refusal.
 const LONGEST_REFUSAL: Duration = Duration::from_millis(10);
-/// Time between looks at an idle board, µs.
+/// Polling interval of an idle board, µs.
 const LOOK_US: u64 = 40_000;
 
 /// Show the robot in a browser, live, with buttons; the simulated one goes around its circle
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Name of a built-in task, or a task file (TOML): what Start runs
+    /// Name of a built-in task, or a task file (TOML), for the Start button
     #[arg(default_value = "paper:table7")]
     task: String,
     /// Port of the page on this machine; 0 takes a free one
@@ -57,17 +57,17 @@ pub(crate) struct Cmd {
     z_mm: f64,
 }
 
-/// Takes the page's orders to the thread that moves the robot.
+/// Passes the page's orders to the thread that moves the robot.
 pub(crate) struct PageDesk {
     pub(crate) handle: Handle,
-    /// Whether Start was pressed; `None` where a page cannot start anything.
+    /// Whether Start was pressed; `None` if a page cannot start anything.
     pub(crate) start: Option<Arc<AtomicBool>>,
     /// Greatest speed of a jog, m/s.
     pub(crate) most_mps: f64,
 }
 
 impl PageDesk {
-    /// A jog is not waited for either: it is repeated as long as its button is held.
+    /// The page does not wait for a jog either: it is repeated as long as its button is held.
     fn jog(&self, message: &serde_json::Value) -> Result<(), String> {
         if self.start.is_none() {
             return Err("a task is under way: stop it first".to_owned());
@@ -101,7 +101,7 @@ impl Desk for PageDesk {
                 if let Some(start) = &self.start {
                     start.store(false, Ordering::SeqCst);
                 }
-                // A stop is not waited for: it is under way.
+                // The page does not wait for a stop: it is in progress.
                 self.handle.stop();
                 return Ok(());
             }
@@ -184,7 +184,7 @@ impl Cmd {
     }
 }
 
-/// Tells where the page is.
+/// Prints the address of the page.
 pub(crate) fn announce(server: &Server, common: &Common) -> Outcome {
     if common.json {
         print_json(&serde_json::json!({
@@ -200,9 +200,9 @@ pub(crate) fn announce(server: &Server, common: &Common) -> Outcome {
     Ok(())
 }
 
-/// What somebody wants of an idle robot, and whether its lengths are known.
+/// A request to an idle robot, and whether its lengths are known.
 enum Wanted {
-    /// The program shall end.
+    /// The program ends.
     Nothing,
     /// The task.
     Task { referenced: bool },
@@ -218,13 +218,13 @@ struct Show<'a> {
     feed: Feed,
     handle: Handle,
     start: Arc<AtomicBool>,
-    /// The line is gone, and viewers were told so.
+    /// The line is lost, and viewers were informed.
     lost: Cell<bool>,
 }
 
 impl Show<'_> {
-    /// Runs the task whenever it is wanted, until the program is interrupted. A line that is lost is
-    /// opened again, and viewers see why it is gone; only at the start it must be there.
+    /// Runs the task whenever it is requested, until the program is interrupted. A lost line is
+    /// opened again, and viewers see the reason; only at the start it must exist.
     fn go<L: Link>(
         &self,
         mut open: impl FnMut() -> Result<L, ClientError>,
@@ -237,7 +237,7 @@ impl Show<'_> {
                 Ok(false) => return Ok(()),
                 Err(error) => {
                     let mut reason = in_words(&error);
-                    // A port admits one program: it is closed before it is opened again.
+                    // A port admits one program: close it before opening it again.
                     drop(line);
                     line = loop {
                         self.lost.set(true);
@@ -255,7 +255,7 @@ impl Show<'_> {
         }
     }
 
-    /// Refuses all orders with a reason for a second; whether the program is to go on.
+    /// Refuses all orders with a reason for a second; returns whether the program continues.
     fn refuse_for_a_while(&self, reason: &str) -> bool {
         let until = Instant::now() + AGAIN;
         while Instant::now() < until {
@@ -269,10 +269,10 @@ impl Show<'_> {
         true
     }
 
-    /// Waits for what is wanted and does it once; whether the program is to go on.
+    /// Waits for a request and executes it once; returns whether the program continues.
     fn round<L: Link>(&self, link: &mut L, tap: Option<&TruthTap>) -> miette::Result<bool> {
         let watcher = || FeedWatcher::new(self.feed.clone(), self.model.clone());
-        // On the simulator the circle goes on for days: it is recorded only where asked.
+        // On the simulator the circle runs for days: it is recorded only on request.
         let record = tap.is_none() || self.common.record.is_some();
         let mut idle = Witness::default();
         let failed = || Failed::from_error("starting the viewers' thread");
@@ -329,7 +329,7 @@ impl Show<'_> {
             rest.finish();
         }
         match outcome {
-            // The simulated robot goes around again; a real one waits to be asked.
+            // The simulated robot repeats the task; a real one waits for a request.
             Ok(()) if jogs => self.feed.say("jogging is over: brakes closed"),
             Ok(()) => {
                 self.feed.say("the task is done");
@@ -339,7 +339,7 @@ impl Show<'_> {
             }
             Err(RunError::Interrupted) if interrupted() => return Ok(false),
             Err(RunError::Interrupted) => self.feed.say("stopped; Start goes on"),
-            // The robot answers, and this came to nothing.
+            // The robot answers, but the request failed.
             Err(error @ RunError::Client(ClientError::Refused { .. })) => {
                 self.feed.set_trouble(&in_words(&error.into()));
             }
@@ -367,7 +367,7 @@ impl Show<'_> {
         CameraWatcher::new(self.feed.clone(), self.model.robot(), self.common.seed)
     }
 
-    /// Arms, and does the jogs that come until none has come for a while.
+    /// Arms, and executes jogs until none has come for a while.
     fn jog(&self, link: impl Link, session: SessionId, homing: Homing<'_>) -> Result<(), RunError> {
         let mut session = Session::open(
             self.model,
@@ -389,7 +389,7 @@ impl Show<'_> {
         session.disarm()
     }
 
-    /// Looks at the idle robot until something is wanted.
+    /// Polls the idle robot until there is a request.
     fn wait(&self, link: impl Link) -> Result<Wanted, RunError> {
         let mut client = Client::connect(link, new_session())?;
         if self.lost.replace(false) {
@@ -422,7 +422,7 @@ impl Show<'_> {
                         jogs = false;
                         Ok(())
                     }
-                    // Those that come when the robot is armed are done.
+                    // Jogs that arrive once the robot is armed are executed.
                     Order::Jog { velocity_mps, .. } => {
                         jogs |= velocity_mps != [0.0; 3];
                         Ok(())
@@ -431,7 +431,7 @@ impl Show<'_> {
                 };
                 self.handle.done(ticket, outcome);
             }
-            // Whoever stopped the last task has been obeyed, also where Start came at once.
+            // The last task has been stopped by now, also if Start followed at once.
             self.handle.start_anew();
             let status = run::status(&mut client)?;
             let referenced = status.referenced;
@@ -453,7 +453,7 @@ impl Show<'_> {
     }
 }
 
-/// An error with its causes and what to do about it, in one line.
+/// An error with its causes and its remedy, in one line.
 fn in_words(error: &miette::Report) -> String {
     let words: Vec<_> = error.chain().map(ToString::to_string).collect();
     let words = words.join(": ");

@@ -1,4 +1,4 @@
-//! What commands for a bare winch share: the board, or a simulated machine without cables.
+//! Shared by commands for a bare winch: the board, or a simulated machine without cables.
 
 use super::recorded::{Work, on_record};
 use super::{Common, Failed};
@@ -10,7 +10,7 @@ use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
 use mcdpr_simulator::LinkOptions;
 
-/// Which machine is simulated.
+/// The machine to simulate.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct Machine {
     /// With `--on sim`: simulate this machine, whatever --robot says of it
@@ -19,8 +19,7 @@ pub(crate) struct Machine {
 }
 
 impl Machine {
-    /// The machine as it was really built: another one than the robot file says, where that was
-    /// asked for.
+    /// The machine as really built: it differs from the robot file if requested.
     pub(crate) fn really(&self, robot: &Robot) -> miette::Result<Robot> {
         match &self.machine {
             Some(name) => Ok(crate::robot::find(name)?),
@@ -29,10 +28,10 @@ impl Machine {
     }
 }
 
-/// A connected board and, where it is simulated in this process, the simulation behind it.
+/// A connected board and, if it is simulated in this process, the simulation.
 pub(crate) type Connected<'l> = (Client<Box<dyn Link + 'l>>, Option<SimulatedLink>);
 
-/// Does work on the board, or on a simulated machine whose winches are bare; on record.
+/// Runs an action on the board, or on a simulated machine whose winches are bare; with a record.
 pub(crate) fn connected<T>(
     common: &Common,
     robot: &Robot,

@@ -1,4 +1,4 @@
-//! `mcdpr completions` and `mcdpr man`: what a shell wants to know.
+//! `mcdpr completions` and `mcdpr man`: support for shells.
 
 use super::order::command;
 use super::{Common, Failed, Outcome, write_out};
@@ -14,7 +14,7 @@ pub(crate) struct Completions {
 /// Print the manual page, or write one for every command
 #[derive(Debug, clap::Args)]
 pub(crate) struct Man {
-    /// Folder for mcdpr.1 and a page for every command, in place of printing
+    /// Folder for mcdpr.1 and a page for every command, instead of printing
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }

@@ -15,7 +15,7 @@ mod eye;
 
 use eye::{Below, Eye};
 
-/// Simulate the robot behind a serial device that another program opens
+/// Simulate the robot behind a serial device for another program
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Make a pseudo-terminal and print its name
@@ -24,15 +24,15 @@ pub(crate) struct Cmd {
     /// Simulate the machine exactly as described: no mismatch, no pulley loss
     #[arg(long)]
     ideal: bool,
-    /// Write what the camera on the platform sees into this folder, whenever a picture is asked for:
-    /// the other program reads it with --camera folder:DIR
+    /// Write the pictures of the platform's camera into this folder, whenever one is requested: the
+    /// other program reads it with --camera folder:DIR
     #[arg(long, value_name = "DIR")]
     camera: Option<PathBuf>,
-    /// Put a tray with so many objects on printed tags under the robot, in place of its tags on the
-    /// floor
+    /// Put a tray with this many objects on printed tags under the robot, instead of its tags on
+    /// the floor
     #[arg(long, value_name = "N", requires = "camera")]
     objects: Option<usize>,
-    /// Which tags lie on the floor
+    /// The tags on the floor
     #[arg(long, value_enum, default_value_t = On::Robot, requires = "camera", conflicts_with = "objects")]
     target: On,
 }
@@ -50,7 +50,7 @@ impl Cmd {
         } else {
             Mismatch::realistic()
         };
-        // The pseudo-terminal is the line: the wire in front of the board need not be slow, too.
+        // The pseudo-terminal is the line: the wire in front of the board need not be slow as well.
         let options = LinkOptions {
             latency_us: 0,
             ..LinkOptions::default()
@@ -70,12 +70,12 @@ impl Cmd {
     }
 }
 
-/// Bytes from the board that are gathered for one write, while the robot catches up with time.
+/// Bytes from the board that are collected for one write, while the robot catches up with time.
 #[cfg(unix)]
 const WRITTEN_AT_ONCE: usize = 128;
 
-/// Serves a robot behind a pseudo-terminal, at `scale` simulated seconds per second, and its camera
-/// where it has one.
+/// Serves a robot behind a pseudo-terminal, at `scale` simulated seconds per second, with its
+/// camera if it has one.
 #[cfg(unix)]
 pub(super) fn serve(
     robot: crate::link::SimulatedLink,
@@ -94,7 +94,7 @@ pub(super) fn serve(
         .set_timeout(Duration::from_millis(1))
         .map_err(failed())?;
     let name = device.name().unwrap_or_default();
-    // Another program shall have the device for itself; a plain handle only keeps it alive.
+    // Another program must have the device for itself; a plain handle only keeps it open.
     let _keep_alive = std::fs::File::open(&name).map_err(Failed::from_error("opening it"))?;
     drop(device);
     if common.json {
@@ -127,19 +127,19 @@ pub(super) fn serve(
         while link.now_us() < now_us {
             link.receive(now_us, &mut answer)
                 .map_err(crate::link::ClientError::from)?;
-            // Some bytes at a time: a write for each, as they come off the line, is so slow that the
-            // robot falls behind its time on a busy machine, and misses its host.
+            // Several bytes at a time: a write for each would be so slow that the robot falls
+            // behind real time on a busy machine, and misses heartbeats.
             if answer.len() < WRITTEN_AT_ONCE && link.now_us() < now_us {
                 continue;
             }
-            // Nobody may be reading: a full pseudo-terminal loses bytes as a real line does.
+            // There may be no reader: a full pseudo-terminal loses bytes like a real line.
             let _ = host_side.write(&answer);
             answer.clear();
         }
         if let Some(eye) = eye {
             eye.look(&link)?;
         }
-        // Only now: no byte reaches the board before it was sent, however late this loop is.
+        // Only now: a byte must not reach the board before it was sent, however late this loop is.
         link.send(buffer.get(..used).unwrap_or_default())
             .map_err(crate::link::ClientError::from)?;
     }

@@ -5,7 +5,7 @@ use super::{Common, Outcome, print_json};
 use mcdpr_firmware::supervisor::{Cell, Event, STATES, TABLE};
 use serde_json::{Map, Value};
 
-/// Show the board's states and what every event does in them
+/// Show the board's states and the effect of every event in them
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {}
 
@@ -43,7 +43,7 @@ fn word(cell: &Cell) -> String {
     }
 }
 
-/// Per state, the events that are possible and what follows.
+/// Per state, the possible events and the next state.
 fn as_json() -> Value {
     let states = STATES.iter().zip(TABLE.iter()).map(|(state, row)| {
         let cells = Event::ALL

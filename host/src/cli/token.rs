@@ -8,14 +8,14 @@ const VARIABLE: &str = "MCDPR_TOKEN";
 /// Most bytes of a token's file.
 const MOST_BYTES: u64 = 4096;
 
-/// Where the token for orders comes from. Without any, a random one is made.
+/// Source of the token for orders. Without any, a random one is made.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub(crate) struct Token {
-    /// File that holds the token for orders, readable by its owner alone; else the environment's
+    /// File that contains the token for orders, readable only by its owner; else the environment's
     /// MCDPR_TOKEN, else a random one is made
     #[arg(long, value_name = "FILE", conflicts_with = "token")]
     token_file: Option<PathBuf>,
-    /// Token for orders. Everybody on this machine can see it in the list of processes: prefer
+    /// Token for orders. Other users of this machine can see it in the list of processes: prefer
     /// --token-file
     #[arg(long, value_name = "TEXT")]
     token: Option<String>,
@@ -25,7 +25,7 @@ impl Token {
     /// The token, if one is given.
     ///
     /// # Errors
-    /// Where the file cannot be read or others may read it, and where the token is empty.
+    /// If the file cannot be read, is readable by others, or the token is empty.
     pub(crate) fn chosen(&self) -> Result<Option<String>, Failed> {
         let (what, token) = if let Some(path) = &self.token_file {
             ("--token-file", Some(read(path)?))

@@ -1,4 +1,4 @@
-//! `mcdpr tune tension`: gains for the tension loop of the robot at hand.
+//! `mcdpr tune tension`: gains for the tension loop of a robot.
 
 use super::recorded::{Work, on_record};
 use super::table::lay_out;
@@ -17,7 +17,7 @@ use crate::tension::{Curve, draw};
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
 
-/// Find good gains: the robot holds, steps its set-point, and the answer is modelled
+/// Find good gains: the robot holds, steps its set-point, and a model is fitted to the response
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     #[command(subcommand)]
@@ -35,7 +35,7 @@ struct Tension {
     /// Height of the steps, N
     #[arg(long, value_name = "N", default_value_t = 2.0)]
     step_n: f64,
-    /// Judge these gains in place of a proposal: kp,ki,damping_ns_per_m
+    /// Judge these gains instead of a proposal: kp,ki,damping_ns_per_m
     #[arg(
         long,
         value_name = "KP,KI,D",
@@ -54,7 +54,7 @@ struct Document {
     margins: Margins,
     before_rms_n: f64,
     after_rms_n: f64,
-    /// Whether the gains of the file do no worse on the machine.
+    /// Whether the gains of the file are no worse on the machine.
     keep: bool,
     simulated: bool,
     run_folder: String,
@@ -147,7 +147,7 @@ impl Tension {
     }
 }
 
-/// Answers of the robot to the same steps, each on a record of its own.
+/// Responses of the robot to the same steps, each with its own record.
 struct Tries<'a> {
     robot: &'a Robot,
     cable: usize,
@@ -157,8 +157,8 @@ struct Tries<'a> {
 }
 
 impl Tries<'_> {
-    /// Gains with margins that grow, each tried on the robot: the model is never the machine. The
-    /// ones that follow the steps best.
+    /// Gains with increasing margins, each tested on the robot, because the model is never exact.
+    /// Returns those that follow the steps best.
     fn best(
         &self,
         identified: &Identified,
@@ -182,7 +182,7 @@ impl Tries<'_> {
             };
             self.try_one((law, margins), name, &mut best, &mut failed)?;
         }
-        // What the model would have is too much for the machine: steps from the gains that work.
+        // If the model's optimum is too much for the machine: go in steps from the gains that work.
         for (factor, name) in [(4.0, "try-4"), (2.0, "try-5"), (1.0, "try-6")] {
             if best.as_ref().is_some_and(|(.., b)| rms(b) < before_rms_n) {
                 break;
@@ -199,8 +199,8 @@ impl Tries<'_> {
         best.ok_or_else(|| failed.unwrap_or_else(|| miette::miette!("no gains were tried")))
     }
 
-    /// Lets the robot answer with these gains, and keeps them where it follows better than so far. A
-    /// fault is an answer as well: these gains are no good.
+    /// Tests these gains on the robot, and keeps them if they follow better than the best so far. A
+    /// fault is a result as well: the gains are not usable.
     fn try_one(
         &self,
         (law, margins): (TensionLaw, Margins),
@@ -221,7 +221,7 @@ impl Tries<'_> {
         Ok(())
     }
 
-    /// Brings the robot up with these gains and lets it answer; `name` is that of the record.
+    /// Arms the robot with these gains and measures the response; `name` is that of the record.
     fn answer(&self, law: TensionLaw, name: &str) -> miette::Result<Answer> {
         let mut tuned = self.robot.clone();
         tuned.tension = law;
@@ -231,7 +231,7 @@ impl Tries<'_> {
             ..self.common.clone()
         };
         let mismatch = Mismatch::realistic();
-        // The gains are in the recorded bytes: the board is told them.
+        // The gains are in the recorded bytes: they are sent to the board.
         let work = Work::new("tune-tension", Doing::Orders, mismatch, &model);
         let (answer, _) = on_record(&common, &work, |record| {
             let line = if common.on == "sim" {

@@ -4,14 +4,14 @@ use crate::units::UnitError;
 use mcdpr_kinematics::Error;
 use miette::Diagnostic;
 
-/// Where more is told than a message can.
+/// Reference to further documentation.
 const MORE: &str =
     "`mcdpr ik --help` and its like show the arguments, docs/compute.md explains them";
 
-/// Why there is no answer. Cables are counted from 1.
+/// Why a computation failed. Cables are counted from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum ComputeError {
-    /// The mathematics refused.
+    /// The solver refused.
     #[error(transparent)]
     #[diagnostic(code(mcdpr::compute), help("{MORE}"))]
     Kinematics(#[from] Error),
@@ -23,10 +23,10 @@ pub enum ComputeError {
     )]
     #[diagnostic(code(mcdpr::compute), help("{MORE}"))]
     Planar {
-        /// What the mathematics said.
+        /// The solver's error.
         refusal: Error,
     },
-    /// A text is no number with a unit.
+    /// A text is not a number with a unit.
     #[error("{what}: {wrong}")]
     #[diagnostic(code(mcdpr::compute), help("{MORE}"))]
     Quantity {
@@ -46,7 +46,7 @@ pub enum ComputeError {
         /// Number given.
         got: usize,
     },
-    /// A `CABLE=FORCE` is none.
+    /// A `CABLE=FORCE` is invalid.
     #[error("--tension {text}: write CABLE=FORCE, such as 4=10 or 4=10N")]
     #[diagnostic(code(mcdpr::compute), help("{MORE}"))]
     Tension {
@@ -101,7 +101,7 @@ pub enum ComputeError {
         /// How many tension-held cables to name.
         named: String,
     },
-    /// An attitude was given where it follows.
+    /// An attitude was given although it follows from statics.
     #[error(
         "an attitude was given, but with three length-held cables it follows from the statics; leave \
          it out"
@@ -125,7 +125,7 @@ pub enum ComputeError {
         /// The text.
         text: String,
     },
-    /// The grid is no grid.
+    /// The grid is invalid.
     #[error(
         "--step: a step of {step_mm} mm gives {points:.3e} points; choose one that gives at least \
          1 and at most {most:.0e}"

@@ -1,5 +1,5 @@
-//! The robot's mathematics as commands and programs ask for it: the kinematics crate's solvers with
-//! the robot file's tool, set-points and limits, and with refusals in the robot's terms.
+//! The robot's mathematics for commands and programs: the kinematics crate's solvers with the robot
+//! file's tool, set-points and limits, and with errors in the robot's terms.
 
 mod error;
 
@@ -46,7 +46,7 @@ impl Subject {
         self.geometry.cable_count()
     }
 
-    /// An error of the mathematics, with what a planar robot means for it.
+    /// An error of the solver, with its explanation for a planar robot.
     #[must_use]
     pub fn refused(&self, refusal: Error) -> ComputeError {
         match refusal {
@@ -63,7 +63,7 @@ impl Subject {
         }
     }
 
-    /// The error for a number of length-held cables that the statics have no answer to.
+    /// The error for a number of length-held cables that the statics do not support.
     #[must_use]
     pub fn length_held(&self, held: usize) -> ComputeError {
         let count = self.count();
@@ -105,7 +105,7 @@ impl Subject {
     }
 }
 
-/// Which angles a geometric forward solver takes for unknown.
+/// Angles that a geometric forward solver treats as unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Free {
     /// Yaw, for a given roll and pitch; four cables and more
@@ -115,7 +115,7 @@ pub enum Free {
 }
 
 impl Subject {
-    /// Where the platform is, from cable lengths (m) alone.
+    /// Pose of the platform, from cable lengths (m) alone.
     ///
     /// Without `free` the attitude (rad, R = Rz Ry Rx) is the given one, or level; robots of six and
     /// more cables find the attitude unless one is given.
@@ -137,7 +137,7 @@ impl Subject {
                 got: lengths_m.len(),
             });
         }
-        // Six cables and more say where the platform is, unless the attitude is known.
+        // Six cables and more determine the pose, unless the attitude is known.
         let free = match (free, attitude_rad) {
             (None, None) if count >= 6 => Some(Free::All),
             (free, _) => free,
@@ -207,9 +207,9 @@ impl Subject {
         Ok((found, stability))
     }
 
-    /// Equilibrium with the platform's origin, or its `tool`, at a place (world, m). `tensions_n` (N)
-    /// has one entry per cable, `None` for the length-held ones. With three of those the attitude
-    /// follows; with six and more it is `attitude_rad`, or level.
+    /// Equilibrium with the platform's origin, or its `tool`, at a position (world, m).
+    /// `tensions_n` (N) has one entry per cable, `None` for the length-held ones. With three of
+    /// those the attitude follows; with six and more it is `attitude_rad`, or level.
     ///
     /// # Errors
     /// [`ComputeError`]; see [`AnyRobot::equilibrium_at`] and [`AnyRobot::distribute`].
@@ -245,7 +245,7 @@ impl Subject {
     }
 
     /// Tensions for a chosen pose: within the robot's limits, nearest to their middle, those of
-    /// `tensions_n` as given. The cables are elastic, or nothing could vibrate.
+    /// `tensions_n` as given. The cables are elastic; otherwise there would be no vibration.
     fn distributed(&self, pose: &Pose, tensions_n: &[Option<f64>]) -> Result<Equilibrium, Error> {
         let limits = &self.robot.limits;
         let given = |i: usize| tensions_n.get(i).copied().flatten();

@@ -1,4 +1,4 @@
-//! Orders to a robot that is already being moved, also from other processes of the same user.
+//! Orders to a robot that another thread is running, also from other processes of the same user.
 
 #[cfg(unix)]
 mod socket;

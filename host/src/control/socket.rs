@@ -1,7 +1,7 @@
 //! Orders from another process of the same user, over a socket in the user's runtime folder.
 //!
-//! One line of JSON each way: an [`Order`], or `{"order":"view"}`, and a [`Answer`]. The folder
-//! admits its owner only, and so does the socket.
+//! One line of JSON each way: an [`Order`], or `{"order":"view"}`, and an [`Answer`]. The folder is
+//! accessible only to its owner, and so is the socket.
 
 use super::{Handle, Order, View};
 use miette::Diagnostic;
@@ -18,15 +18,15 @@ use thiserror::Error;
 
 /// Time that an order may take until the board has confirmed it.
 const CONFIRM: Duration = Duration::from_secs(3);
-/// A caller that says nothing for this long is gone.
+/// A caller that sends nothing for this long is disconnected.
 const CALLER: Duration = Duration::from_secs(5);
 /// An order is shorter than this, bytes.
 const LONGEST_ORDER: u64 = 4096;
 
-/// Why another process cannot be reached, or reach this one.
+/// Why another process cannot be reached, or cannot reach this one.
 #[derive(Debug, Error, Diagnostic)]
 pub enum SocketError {
-    /// Nobody moves this robot.
+    /// No process moves this robot.
     #[error("no running mcdpr moves {robot}")]
     #[diagnostic(
         code(mcdpr::control::nobody),
@@ -35,10 +35,10 @@ pub enum SocketError {
         )
     )]
     Nobody {
-        /// Which robot.
+        /// The robot.
         robot: String,
     },
-    /// The folder for sockets belongs to somebody else, or lets others in.
+    /// The folder for sockets belongs to another user, or is accessible to others.
     #[error("{} is not a folder of this user alone", path.display())]
     #[diagnostic(
         code(mcdpr::control::folder),
@@ -76,7 +76,7 @@ pub enum SocketError {
     },
 }
 
-/// What comes back.
+/// The answer.
 #[derive(Debug, Serialize, Deserialize)]
 struct Answer {
     /// Why the order was refused.
@@ -85,7 +85,7 @@ struct Answer {
     view: View,
 }
 
-/// The folder of the sockets; made, and checked to be this user's alone.
+/// The folder of the sockets; created, and checked to be private to this user.
 ///
 /// # Errors
 /// [`SocketError::Folder`], [`SocketError::System`].
@@ -112,14 +112,14 @@ pub(crate) fn runtime_dir() -> Result<PathBuf, SocketError> {
     Ok(path)
 }
 
-/// Whether a folder is this user's and nobody else can enter it. Looks only: in a folder of somebody
-/// else nothing may be created or followed. A link is not a folder.
+/// Whether a folder belongs to this user and is not accessible to others. Only checks: in a folder
+/// of another user nothing may be created or followed. A link is not a folder.
 fn is_ours_alone(path: &Path) -> std::io::Result<bool> {
     let found = std::fs::symlink_metadata(path)?;
     Ok(found.is_dir() && found.mode() & 0o077 == 0 && found.uid() == this_user()?)
 }
 
-/// The number of this process's user: that of a pipe which it makes, and which is on no disk.
+/// The user id of this process: that of a pipe which it creates, and which is not on a disk.
 fn this_user() -> std::io::Result<u32> {
     let (reader, _) = std::io::pipe()?;
     let end = std::fs::File::from(std::os::fd::OwnedFd::from(reader));
@@ -136,7 +136,7 @@ fn key(on: &str, robot: &str) -> String {
     }
 }
 
-/// Letters, digits and dashes of a name, no longer than a socket's path may be.
+/// Letters, digits and dashes of a name, limited to the length of a socket's path.
 fn plain(name: &str) -> String {
     let safe = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
     let all: Vec<char> = name.chars().map(safe).collect();
@@ -144,7 +144,7 @@ fn plain(name: &str) -> String {
     all.iter().skip(keep).collect()
 }
 
-/// Takes orders of other processes for a handle, until it is dropped.
+/// Accepts orders of other processes for a handle, until it is dropped.
 #[derive(Debug)]
 pub struct Server {
     path: PathBuf,
@@ -154,7 +154,7 @@ pub struct Server {
 
 impl Server {
     /// Starts to listen for the robot on `on` (a port, `sim` or `chip`) with the robot file
-    /// `robot`. A simulated robot is one of several; a port has one owner.
+    /// `robot`. There may be several simulated robots; a port has one owner.
     ///
     /// # Errors
     /// [`SocketError`].
@@ -169,7 +169,7 @@ impl Server {
             path: path.clone(),
             source,
         };
-        // A socket that nobody answers on was left by a process that was killed.
+        // A socket without a listener was left by a process that was killed.
         if path.exists() {
             if UnixStream::connect(&path).is_ok() {
                 return Err(SocketError::Taken {
@@ -193,7 +193,7 @@ impl Server {
                     let (Ok(stream), handle) = (stream, handle.clone()) else {
                         continue;
                     };
-                    // A slow caller must not keep a stop waiting.
+                    // A slow caller must not delay a stop.
                     let _ = std::thread::Builder::new()
                         .name("order".to_owned())
                         .spawn(move || serve(stream, &handle));
@@ -217,7 +217,7 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         self.ending.store(true, Ordering::SeqCst);
-        // The listener waits: a last caller lets it look.
+        // The listener blocks: a last connection wakes it.
         let woken = UnixStream::connect(&self.path).is_ok();
         let _ = std::fs::remove_file(&self.path);
         if let Some(thread) = self.thread.take().filter(|_| woken) {
@@ -249,19 +249,19 @@ fn serve(stream: UnixStream, handle: &Handle) {
 
 fn obey(line: &str, handle: &Handle) -> Result<(), String> {
     let value: serde_json::Value =
-        serde_json::from_str(line).map_err(|error| format!("this is no order: {error}"))?;
+        serde_json::from_str(line).map_err(|error| format!("this is not an order: {error}"))?;
     if value.get("order").and_then(|order| order.as_str()) == Some("view") {
         return Ok(());
     }
     let order: Order =
-        serde_json::from_value(value).map_err(|error| format!("this is no order: {error}"))?;
+        serde_json::from_value(value).map_err(|error| format!("this is not an order: {error}"))?;
     let ticket = handle.order(order);
     handle
         .wait(ticket, CONFIRM)
         .unwrap_or_else(|| Err("nobody took the order within 3 s".to_owned()))
 }
 
-/// Sockets that somebody answers on, for the robot on `on`.
+/// Sockets with a listener, for the robot on `on`.
 ///
 /// # Errors
 /// As [`runtime_dir`].
@@ -285,7 +285,7 @@ pub(crate) fn live_sockets(on: &str, robot: &str) -> Result<Vec<PathBuf>, Socket
     Ok(found)
 }
 
-/// Gives an order to a process by its socket, or only looks (`None`).
+/// Gives an order to a process by its socket, or only reads its view (`None`).
 ///
 /// # Errors
 /// [`SocketError::Refused`] with the reason, [`SocketError::System`].
@@ -317,11 +317,11 @@ pub fn call(path: &Path, order: Option<Order>) -> Result<View, SocketError> {
 }
 
 /// Gives an order to every process that moves the robot on `on` (several may simulate the same
-/// robot), and gives their views.
+/// robot), and returns their views.
 ///
 /// # Errors
-/// [`SocketError::Nobody`] where there is none; the first that failed otherwise, after all were
-/// told.
+/// [`SocketError::Nobody`] if there is none; otherwise the first that failed, after all got the
+/// order.
 pub(crate) fn call_all(
     on: &str,
     robot: &str,
@@ -389,7 +389,7 @@ mod tests {
         ));
     }
 
-    /// A folder that others can enter may hold links to files of ours under any name.
+    /// A folder that others can enter may contain links to files of ours under any name.
     #[test]
     fn a_folder_of_others_is_refused_and_nothing_in_it_is_touched() {
         let path = std::env::temp_dir().join(format!("mcdpr-theirs-{}", std::process::id()));
@@ -423,11 +423,11 @@ mod tests {
         stream.write_all(b"{\"order\":\"dance\"}\n").unwrap();
         let mut line = String::new();
         BufReader::new(stream).read_line(&mut line).unwrap();
-        assert!(line.contains("this is no order"), "{line}");
+        assert!(line.contains("this is not an order"), "{line}");
         assert_eq!(handle.take(), None);
         let path = server.path().to_owned();
         drop(server);
-        // What a killed process leaves: a socket file without a listener.
+        // A killed process leaves a socket file without a listener.
         drop(UnixListener::bind(&path).unwrap());
         assert!(path.exists());
         let again = Server::start(&on, "r", handle).unwrap();

@@ -1,9 +1,9 @@
-//! What a board, its drives and its sensors look like from the host, part by part, before anything
-//! moves: each part with what was found and what to do about it.
+//! Checks of a board, its drives and its sensors from the host, part by part, before anything
+//! moves: each with the finding and the remedy.
 //!
-//! Nothing here gives torque or opens a brake, and nothing assumes that cables are attached. What
-//! only motion can show (that an encoder counts, that a brake holds a motor) is arming's work, which
-//! the board does by itself.
+//! Nothing here gives torque or opens a brake, and no attached cables are assumed. Checks that need
+//! motion (that an encoder counts, that a brake holds a motor) are part of arming, which the board
+//! does by itself.
 
 pub(crate) mod parts;
 
@@ -13,37 +13,37 @@ use crate::run::{self, RunError};
 use mcdpr_protocol::{BoardState, PROTOCOL_MAJOR, PROTOCOL_MINOR, Status};
 use serde::Serialize;
 
-/// How a part is.
+/// State of a part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// As it must be.
+    /// As required.
     Good,
-    /// It works; somebody should know.
+    /// It works, with a remark.
     Note,
-    /// It must be mended before the robot may move.
+    /// It must be repaired before the robot may move.
     Bad,
-    /// It could not be looked at.
+    /// It could not be checked.
     Unseen,
 }
 
-/// One part, what was found, and what to do.
+/// One part, the finding, and the remedy.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
     /// The part.
     pub part: &'static str,
-    /// Cable and winch, 1 for the first; nothing for what the board has one of.
+    /// Cable and winch, 1 for the first; `None` for parts that the board has only one of.
     pub cable: Option<usize>,
-    /// How it is.
+    /// Its state.
     pub verdict: Verdict,
-    /// What was found.
+    /// The finding.
     pub found: String,
-    /// What to do, where there is something to do.
+    /// The remedy, if there is one.
     pub remedy: Option<String>,
 }
 
 impl Finding {
-    /// A part of the board as a whole that is well.
+    /// A part of the board as a whole that is as required.
     #[must_use]
     pub fn good(part: &'static str, found: impl Into<String>) -> Self {
         Self {
@@ -55,7 +55,7 @@ impl Finding {
         }
     }
 
-    /// A part with another verdict, and what to do.
+    /// A part with another verdict, and its remedy.
     #[must_use]
     pub fn with(
         verdict: Verdict,
@@ -80,13 +80,13 @@ impl Finding {
     }
 }
 
-/// Looks at everything behind this client, in the order in which a builder would mend it.
+/// Checks everything behind this client, in the order in which a builder would repair it.
 ///
-/// Sends the robot's configuration (a board that has it already keeps its reference lengths), and
-/// nothing else that changes anything.
+/// Sends the robot's configuration (a board that already has it keeps its reference lengths), and
+/// changes nothing else.
 ///
 /// # Errors
-/// The line's: a board that stops answering while it is looked at.
+/// The line's: a board that stops answering during the check.
 pub fn examine<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<Vec<Finding>, RunError> {
     let mut findings = vec![identity(client)];
     findings.push(start(client));
@@ -107,13 +107,13 @@ pub fn examine<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<Vec<Fin
     Ok(findings)
 }
 
-/// Whether nothing must be mended.
+/// Whether no part needs repair.
 #[must_use]
 pub(crate) fn is_healthy(findings: &[Finding]) -> bool {
     findings.iter().all(|f| f.verdict != Verdict::Bad)
 }
 
-/// A fault that arming has found, as a finding.
+/// A fault found by arming, as a finding.
 #[must_use]
 pub(crate) fn arming_fault(record: &mcdpr_protocol::FaultRecord) -> Finding {
     let remedy = format!("{}; then `mcdpr clear --on PORT`", advice(record.fault));
@@ -131,7 +131,7 @@ fn identity<L: Link>(client: &Client<L>) -> Finding {
         Some(hash) => format!("firmware {hash}"),
         None => "firmware of no known commit".to_owned(),
     };
-    // Another protocol than this program's ends the connection before anything is looked at.
+    // A protocol other than this program's ends the connection before any check.
     Finding::good(
         "board",
         format!(
@@ -141,7 +141,7 @@ fn identity<L: Link>(client: &Client<L>) -> Finding {
     )
 }
 
-/// The commit that a board's firmware was built from, where it knows.
+/// The commit that a board's firmware was built from, if it is known.
 #[must_use]
 pub fn hash_of(bytes: &[u8; 8]) -> Option<String> {
     let text: String = bytes
@@ -203,7 +203,7 @@ fn state(status: &Status) -> Finding {
     Finding::good("state", format!("{:?}, {lengths}", status.state))
 }
 
-/// The drives' protocols that the robot file names and the firmware speaks.
+/// The drives' protocols named by the robot file and supported by the firmware.
 fn protocols<L: Link>(client: &Client<L>, robot: &Robot) -> Option<Finding> {
     use crate::robot::DriveKind;
     let spoken = client.info().drive_kinds;
@@ -212,7 +212,7 @@ fn protocols<L: Link>(client: &Client<L>, robot: &Robot) -> Option<Finding> {
         DriveKind::Rmds => (1, "rmds"),
         DriveKind::Cia402 => (2, "cia402"),
     };
-    // The core in this process tells no kinds.
+    // The core in this process reports no kinds.
     (spoken != 0 && spoken & (1 << bit) == 0).then(|| {
         Finding::with(
             Verdict::Bad,
@@ -251,7 +251,7 @@ fn configuration<L: Link>(
     }
 }
 
-/// An error as a finding: what it says, and its advice.
+/// An error as a finding: its message, and its advice.
 #[must_use]
 pub fn refused(part: &'static str, error: &dyn miette::Diagnostic) -> Finding {
     let remedy = error.help().map_or_else(

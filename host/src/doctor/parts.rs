@@ -8,22 +8,22 @@ use crate::service::{scan, volts};
 use mcdpr_firmware::adc::{RAIL_HIGH, RAIL_LOW};
 use mcdpr_protocol::{Reply, Request, Status, Winch};
 
-/// Looks at every winch, and the time between them, µs.
+/// Number of readings of every winch, and the time between them, µs.
 const LOOKS: usize = 40;
 const BETWEEN_US: u64 = 20_000;
 /// A drum at rest may flicker between counts.
 const FLICKER: f64 = 2.0;
-/// More noise of one reading than this is no good wiring, N.
+/// More noise of one reading than this indicates bad wiring, N.
 const NOISE_N: f64 = 0.5;
 /// A sensor without load may read this much below zero, N.
 const BELOW_ZERO_N: f64 = 1.0;
 
-/// Which drives answer, and how they are.
+/// The drives that answer, and their states.
 pub(super) fn drives<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
 ) -> Result<Vec<Finding>, RunError> {
-    // A bus on which nothing can be sent comes to no end: then nobody answers.
+    // On a bus that cannot send the scan does not end: then no drive answers.
     let found = scan(client)?.unwrap_or_default();
     let names = |nodes: &mut dyn Iterator<Item = u8>| {
         let names: Vec<_> = nodes.map(|node| node.to_string()).collect();
@@ -112,7 +112,7 @@ fn look<L: Link>(client: &mut Client<L>, index: usize) -> Result<Winch, RunError
     }
 }
 
-/// What one winch showed over [`LOOKS`] looks.
+/// Readings of one winch over [`LOOKS`] samples.
 pub(super) struct Watched {
     /// Drum positions, encoder counts.
     drum_counts: Vec<f64>,
@@ -120,7 +120,7 @@ pub(super) struct Watched {
     readings: Vec<f64>,
 }
 
-/// Looks at every winch for most of a second.
+/// Reads every winch for most of a second.
 pub(super) fn watch<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
@@ -149,7 +149,7 @@ fn span(values: &[f64]) -> f64 {
     most - least
 }
 
-/// Drums stand still while their brakes are closed.
+/// Drums must be at rest while their brakes are closed.
 pub(super) fn encoders(watched: &[Watched]) -> Vec<Finding> {
     let each = watched.iter().enumerate().map(|(index, watched)| {
         let moved = span(&watched.drum_counts);
@@ -171,7 +171,7 @@ pub(super) fn encoders(watched: &[Watched]) -> Vec<Finding> {
     each.collect()
 }
 
-/// Sensors read something that can be true.
+/// Sensor readings must be plausible.
 pub(super) fn tensions(watched: &[Watched], robot: &Robot) -> Vec<Finding> {
     let each = watched.iter().enumerate().filter_map(|(index, watched)| {
         let winch = robot.winch_of(index)?;
@@ -217,7 +217,7 @@ pub(super) fn tensions(watched: &[Watched], robot: &Robot) -> Vec<Finding> {
     each.collect()
 }
 
-/// Brakes are closed and drives off while nobody arms.
+/// Brakes must be closed and drives off while no program has armed the board.
 pub(super) fn brakes(status: &Status) -> Finding {
     if status.brakes_open != 0 || status.torque_on != 0 {
         return Finding::with(

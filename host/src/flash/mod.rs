@@ -1,9 +1,9 @@
 //! The board's firmware: its file is checked and tried on the emulated chip, then written through a
 //! debug probe (feature `flash`).
 //!
-//! A file that is no firmware for this board is refused before any probe is looked for: no ELF file,
-//! one for another machine or chip, a truncated one, and one that does not say hello when an
-//! emulated chip executes it.
+//! A file that is not firmware for this board is refused before any probe is searched for: no ELF
+//! file, one for another machine or chip, a truncated one, and one that does not send its greeting
+//! when an emulated chip executes it.
 
 #[cfg(feature = "flash")]
 mod probe;
@@ -23,11 +23,11 @@ use thiserror::Error;
 /// The chip's name, as debug tools call it.
 pub(crate) const CHIP: &str = "STM32F103C8";
 
-/// Why nothing was written, or nothing answers.
+/// Why nothing was written, or why the board does not answer.
 #[derive(Debug, Error, Diagnostic)]
 pub enum FlashError {
     /// It is a program for such a chip, but not this board's.
-    #[error("{path} is no firmware of this board: on an emulated chip {reason}")]
+    #[error("{path} is not firmware of this board: on an emulated chip {reason}")]
     #[diagnostic(
         code(mcdpr::flash::stranger),
         help("`cargo fw` builds the board's firmware; nothing was written")
@@ -35,7 +35,7 @@ pub enum FlashError {
     Stranger {
         /// The file.
         path: String,
-        /// What it did there.
+        /// Its behaviour there.
         reason: String,
     },
     /// It speaks another protocol than this program.
@@ -57,11 +57,11 @@ pub enum FlashError {
     #[diagnostic(
         code(mcdpr::flash::no_probe),
         help(
-            "plug an ST-Link/V2, a J-Link or a CMSIS-DAP v2 probe into USB, and wire SWDIO to PA13, SWCLK to PA14, GND to GND, 3.3 V to its reference (docs/wiring.md); the serial port of the board is no probe"
+            "plug an ST-Link/V2, a J-Link or a CMSIS-DAP v2 probe into USB, and wire SWDIO to PA13, SWCLK to PA14, GND to GND, 3.3 V to its reference (docs/wiring.md); the serial port of the board is not a probe"
         )
     )]
     NoProbe,
-    /// Probes are there, but this user may not use them.
+    /// Probes exist, but this user may not use them.
     #[error("no permission to use the probe {probe}")]
     #[diagnostic(
         code(mcdpr::flash::permission),
@@ -73,17 +73,17 @@ pub enum FlashError {
         /// The probe.
         probe: String,
     },
-    /// More than one could be meant.
+    /// Several probes are possible.
     #[error("there are several probes: {found}")]
     #[diagnostic(
         code(mcdpr::flash::several),
         help("say which with `--probe SERIAL`, or unplug the others")
     )]
     Several {
-        /// Those that are there.
+        /// The existing probes.
         found: String,
     },
-    /// The probe that was asked for is not there.
+    /// The requested probe does not exist.
     #[error("no probe has the serial number {asked}; there are: {found}")]
     #[diagnostic(
         code(mcdpr::flash::unknown_probe),
@@ -104,7 +104,7 @@ pub enum FlashError {
         )
     )]
     OtherChip {
-        /// What it says it is.
+        /// Its identification.
         found: String,
     },
     /// Probe or chip failed.
@@ -116,9 +116,9 @@ pub enum FlashError {
         )
     )]
     Failed {
-        /// What was being done.
+        /// The operation.
         step: &'static str,
-        /// What the probe said.
+        /// The probe's message.
         reason: String,
     },
     /// Drives have torque, or may get it.
@@ -130,7 +130,7 @@ pub enum FlashError {
         )
     )]
     Armed,
-    /// What answers after flashing is not what was written.
+    /// The firmware that answers after flashing is not the one that was written.
     #[error("the board that answers runs {board}, not the {file} that was written")]
     #[diagnostic(
         code(mcdpr::flash::another_board),
@@ -146,11 +146,11 @@ pub enum FlashError {
     },
 }
 
-/// Asks the board that will be written whether it is armed. One that does not answer, or that
-/// speaks another version, cannot be asked: what then happens is given in words.
+/// Asks the board that will be written whether it is armed. If it does not answer, or has another
+/// protocol version, it cannot be asked: the consequence is returned in words.
 ///
 /// # Errors
-/// [`FlashError::Armed`] where it is, or where another program holds it.
+/// [`FlashError::Armed`] if it is, or if another program holds it.
 pub fn ask_before<L: Link>(
     link: L,
     session: SessionId,
@@ -174,22 +174,22 @@ pub fn ask_before<L: Link>(
     if !rests || status.torque_on != 0 {
         return Err(FlashError::Armed);
     }
-    // Gives the board back; one that does not take that is about to be reset anyhow.
+    // Ends the session; a board that refuses is about to be reset anyway.
     let _ = client.request(Request::Close);
     Ok(None)
 }
 
-/// What a file turned out to be.
+/// A checked firmware file.
 #[derive(Debug, Clone)]
 pub(crate) struct Image {
-    /// Bytes of flash from its start, without what stays erased.
+    /// Bytes of flash from its start, without the erased rest.
     pub flash: Vec<u8>,
-    /// What it says of itself on the emulated chip.
+    /// Its greeting on the emulated chip.
     pub hello: Hello,
 }
 
 impl Image {
-    /// Executes the file on an emulated chip with a robot around it, until it says who it is.
+    /// Executes the file on an emulated chip with a robot around it, until it sends its greeting.
     ///
     /// # Errors
     /// [`FlashError::Stranger`], [`FlashError::Version`].
@@ -227,7 +227,7 @@ impl Image {
         crate::doctor::hash_of(&self.hello.git_hash).unwrap_or_else(|| "an unknown commit".into())
     }
 
-    /// Whether this is what a board says that it runs.
+    /// Whether this is the firmware that a board reports.
     ///
     /// # Errors
     /// [`FlashError::NotStarted`].

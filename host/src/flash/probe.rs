@@ -1,4 +1,4 @@
-//! The debug probe: which are there, whether the chip behind one is the board's, and writing it.
+//! The debug probe: lists probes, checks that the chip behind one is the board's, and writes it.
 
 use super::{CHIP, FlashError};
 use probe_rs::flashing::{DownloadOptions, FlashProgress, ProgressEvent};
@@ -16,20 +16,20 @@ const FLASH_SIZE: u64 = 0x1FFF_F7E0;
 /// The firmware's memory map needs this much, KB.
 const FLASH_KB: u16 = 64;
 
-/// A probe that is plugged in.
+/// A connected probe.
 #[derive(Debug, Clone)]
 pub(crate) struct Probe {
     item: ProbeListItem,
 }
 
 impl Probe {
-    /// Its serial number; empty where it has none.
+    /// Its serial number; empty if it has none.
     #[must_use]
     pub fn serial(&self) -> &str {
         self.item.info.serial_number.as_deref().unwrap_or_default()
     }
 
-    /// What it is, in words.
+    /// Its description.
     #[must_use]
     pub fn name(&self) -> String {
         let info = &self.item.info;
@@ -46,7 +46,7 @@ impl Probe {
     }
 }
 
-/// The probes that are plugged in now.
+/// The probes that are connected now.
 #[must_use]
 pub(crate) fn probes() -> Vec<Probe> {
     let items = Lister::new().list_all_with_access();
@@ -77,10 +77,10 @@ fn choose(serial: Option<&str>) -> Result<Probe, FlashError> {
 }
 
 /// Writes an image to the chip behind a probe (the one with this serial number, or the only one),
-/// reads it back, and starts it. `done` hears how many bytes were written.
+/// reads it back, and starts it. `done` is called with the number of bytes written.
 ///
 /// # Errors
-/// What is missing or failed; where the chip is another one, nothing was written.
+/// What is missing or failed; if the chip is another one, nothing was written.
 pub fn write(
     image: &[u8],
     serial: Option<&str>,
@@ -118,7 +118,7 @@ pub fn write(
     core.reset().map_err(failed("starting the firmware"))
 }
 
-/// Whether the chip is the board's: device and size of flash.
+/// Checks that the chip is the board's: device and size of flash.
 fn check(session: &mut Session) -> Result<(), FlashError> {
     let mut core = session
         .core(0)

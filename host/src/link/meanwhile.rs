@@ -1,20 +1,21 @@
-//! Work that takes longer than a board waits for its host, on a thread of its own.
+//! Work that takes longer than a board waits for its host, on a separate thread.
 
 use super::{Client, ClientError, Link};
 
-/// Work that takes longer than this is taken to hang: the board is left to hold by itself, µs.
+/// Work that takes longer than this is assumed to hang: the board is left to hold by itself, µs.
 const WORK_US: u64 = 60_000_000;
-/// Time between two looks at whether work is done, µs.
+/// Polling interval for the end of the work, µs.
 const WORK_LOOK_US: u64 = 2_000;
 
-/// Does work that takes longer than a board waits for its host. The work goes on beside this thread,
-/// which keeps the connection alive, for a minute at most; in virtual time it simply is done.
+/// Runs work that takes longer than a board waits for its host. The work runs on another thread
+/// while this one keeps the connection alive, for a minute at most; in virtual time it is simply
+/// executed.
 ///
 /// # Errors
 /// As [`Client::pump`], when the work is done.
 ///
 /// # Panics
-/// Where the work does.
+/// If the work panics.
 pub(crate) fn meanwhile<L: Link, T: Send>(
     client: &mut Client<L>,
     work: impl FnOnce() -> T + Send,
@@ -78,7 +79,7 @@ mod tests {
         let sent = Arc::new(AtomicU64::new(0));
         let mut client = Client::connect(Live(link, sent.clone()), SessionId(7)).unwrap();
         let (before_us, before) = (client.now_us(), sent.load(Ordering::Relaxed));
-        // A second of the board's time; it misses a host that is silent for a tenth of that.
+        // A second of the board's time; it detects a host that is silent for a tenth of that.
         let enough = before + 1_000_000 / BEAT_US;
         let heard = meanwhile(&mut client, || {
             let begun = Instant::now();

@@ -1,4 +1,4 @@
-//! Byte streams to a board that need an operating system or the simulator, and work beside them.
+//! Byte streams to a board that need an operating system or the simulator, and background work.
 
 mod meanwhile;
 mod paced;

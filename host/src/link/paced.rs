@@ -1,10 +1,10 @@
-//! Virtual time that keeps pace with the clock on the wall: a simulated robot to watch and to jog.
+//! Virtual time that keeps pace with real time: a simulated robot to watch and to jog.
 
 use super::{Link, LinkError, Note};
 use std::time::{Duration, Instant};
 
-/// A link in virtual time that waits, so that its time never runs ahead of real time times a
-/// scale. What comes over it is the same as without: only people can tell the difference.
+/// A link in virtual time that waits, so that its time never runs ahead of real time times a scale.
+/// The bytes on it are the same as without; only the pace differs.
 #[derive(Debug)]
 pub(crate) struct Paced<L> {
     inner: L,
@@ -39,7 +39,7 @@ impl<L: Link> Link for Paced<L> {
         let now_us = self.inner.receive(until_us, into)?;
         let since_s = now_us.saturating_sub(self.first_us) as f64 * 1e-6 / self.scale;
         let ahead = since_s - self.began.elapsed().as_secs_f64();
-        // Half a millisecond is what a sleep cannot do anyway.
+        // A sleep is not accurate to half a millisecond anyway.
         if ahead > 5e-4 && ahead.is_finite() {
             std::thread::sleep(Duration::from_secs_f64(ahead.min(1.0)));
         }

@@ -23,7 +23,7 @@ pub struct SerialLink {
 }
 
 impl SerialLink {
-    /// Opens a port at [`BAUD`], for this program alone, and forgets what waited in it.
+    /// Opens a port at [`BAUD`], for this program alone, and discards the bytes that waited in it.
     ///
     /// # Errors
     /// [`LinkError::NoPort`], [`LinkError::Taken`], [`LinkError::Permission`],
@@ -31,7 +31,7 @@ impl SerialLink {
     pub fn open(name: &str) -> Result<Self, LinkError> {
         let port = serialport::new(name, BAUD).timeout(MAX_WAIT).open();
         let port = port.map_err(|error| explain(name, &error))?;
-        // What the board said to a host before is of no use to this one.
+        // Bytes for an earlier host are useless to this one.
         port.clear(serialport::ClearBuffer::All)
             .map_err(|error| explain(name, &error))?;
         Ok(Self {
@@ -42,8 +42,8 @@ impl SerialLink {
         })
     }
 
-    /// Counts time as a simulated robot does that runs `scale` simulated seconds per second, over
-    /// 0: its ticks are milliseconds of that time. A board has scale 1.
+    /// Counts time like a simulated robot that runs `scale` simulated seconds per second, over 0:
+    /// its ticks are milliseconds of that time. A board has scale 1.
     #[must_use]
     pub const fn at_scale(mut self, scale: f64) -> Self {
         self.scale = scale;
@@ -78,7 +78,7 @@ fn explain(name: &str, error: &serialport::Error) -> LinkError {
     let port = name.to_owned();
     match error.kind() {
         ErrorKind::Io(std::io::ErrorKind::NotFound) => no_port(name),
-        // On Unix that is what a port says that another program holds.
+        // On Unix a port that another program holds gives this error.
         ErrorKind::NoDevice if Path::new(name).exists() => LinkError::Taken { port },
         ErrorKind::NoDevice => no_port(name),
         ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => LinkError::Permission { port },

@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 /// A line to a [`Simulation`]. Waiting on it is what makes its time pass.
 ///
-/// Clones share the simulation, so that a caller can look at the truth behind a client's back.
+/// Clones share the simulation, so that a caller can read the true state independently of a client.
 #[derive(Clone)]
 pub struct SimulatedLink {
     simulation: Rc<RefCell<Simulation>>,
@@ -23,7 +23,7 @@ impl SimulatedLink {
         }
     }
 
-    /// Looks at the simulation, or disturbs it.
+    /// Accesses the simulation, to read or to disturb it.
     pub fn with<R>(&self, look: impl FnOnce(&mut Simulation) -> R) -> R {
         look(&mut self.simulation.borrow_mut())
     }
@@ -50,7 +50,7 @@ impl Link for SimulatedLink {
     }
 }
 
-/// What a failure of the simulated robot is for whoever speaks to its board.
+/// A failure of the simulated robot as an error for the client of its board.
 #[must_use]
 pub(crate) fn plant_failed(error: PlantError) -> LinkError {
     match error {

@@ -1,13 +1,13 @@
-//! The firmware's own file, and the emulated chip that executes it in front of the simulated robot.
+//! The firmware file, and the emulated chip that executes it in front of the simulated robot.
 
 use miette::Diagnostic;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use thiserror::Error;
 
-/// Where `cargo fw` leaves the file.
+/// The output of `cargo fw`.
 const BUILT: &str = "target/thumbv7m-none-eabi/firmware/mcdpr-firmware";
-/// Names the file where the command line does not.
+/// Environment variable that names the file if the command line does not.
 const VARIABLE: &str = "MCDPR_FIRMWARE";
 
 /// Most bytes of a firmware file, its debug information included.
@@ -27,7 +27,7 @@ pub enum FirmwareError {
     Missing {
         /// The file that was looked for.
         path: String,
-        /// What the system said.
+        /// The system's message.
         reason: String,
     },
     /// The file is no firmware for the board's chip.
@@ -80,11 +80,10 @@ impl Firmware {
         flash
     }
 
-    /// The file at `path`; else the one that MCDPR_FIRMWARE names; else the one that `cargo fw`
-    /// built.
+    /// The file at `path`; else the one named by MCDPR_FIRMWARE; else the output of `cargo fw`.
     ///
     /// # Errors
-    /// There is no such file, or it is no firmware for this chip.
+    /// There is no such file, or it is not firmware for this chip.
     pub fn find(path: Option<&Path>) -> Result<Self, FirmwareError> {
         let path = path.map_or_else(
             || std::env::var_os(VARIABLE).map_or_else(|| PathBuf::from(BUILT), PathBuf::from),
@@ -103,7 +102,7 @@ impl Firmware {
     /// From the bytes of a file with this name.
     ///
     /// # Errors
-    /// They are no firmware for this chip.
+    /// If they are not firmware for this chip.
     #[cfg(feature = "emulator")]
     pub fn new(name: &str, bytes: Vec<u8>) -> Result<Self, FirmwareError> {
         match mcdpr_emulator::Chip::load(&bytes) {

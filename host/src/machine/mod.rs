@@ -1,4 +1,4 @@
-//! The robot description as physics for the simulator, with the board that stands in front of it.
+//! The robot description as physics for the simulator, with the board in front of it.
 
 mod firmware;
 mod plant;

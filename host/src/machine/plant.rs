@@ -1,4 +1,4 @@
-//! The robot description as physics for the simulator, exact or off by a stated mismatch.
+//! The robot description as physics for the simulator, exact or with a stated mismatch.
 
 use super::Controller;
 use crate::robot::{DriveKind, Gear, Robot};
@@ -11,8 +11,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-/// How far the simulated machine is from its description, as one standard deviation or a half
-/// width where said. All zero: the machine is exactly as described.
+/// Errors of the simulated machine relative to its description, as one standard deviation or a half
+/// width if stated. All zero: the machine is exactly as described.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Mismatch {
     /// Anchors, half width per axis, m.
@@ -31,18 +31,18 @@ pub struct Mismatch {
     pub bandwidth: f64,
     /// Tension lost at every pulley, as a share.
     pub pulley_loss: f64,
-    /// How far the gears are from what the file says.
+    /// Errors of the gears relative to the file.
     pub gears: GearMismatch,
 }
 
-/// How far the gears of the simulated machine are from what the robot file says of them; nothing
-/// where it names none. The board is told what the file says.
+/// Errors of the gears of the simulated machine relative to the robot file; no effect without
+/// gears. The board gets the file's values.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct GearMismatch {
     /// Friction of rotor and gear, relative half width.
     pub friction: f64,
-    /// What the gear loses of the motor's power, relative half width; the loss when it is driven
-    /// goes along.
+    /// Loss of the motor's power in the gear, relative half width; the loss when it is driven
+    /// changes with it.
     pub loss: f64,
     /// Play, relative half width.
     pub play: f64,
@@ -51,8 +51,8 @@ pub struct GearMismatch {
 }
 
 impl GearMismatch {
-    /// What identification leaves: friction within a tenth of what it is, as gears of the same type
-    /// differ by with their grease and its temperature; assumption.
+    /// Errors left by identification: friction within a tenth of its value, the difference between
+    /// gears of the same type with their grease and its temperature; assumption.
     const fn realistic() -> Self {
         Self {
             friction: 0.1,
@@ -64,8 +64,8 @@ impl GearMismatch {
 }
 
 impl Mismatch {
-    /// The machine as it was built, before any calibration: anchors off by 5 mm, and every other
-    /// error that the field knows.
+    /// The machine as built, before any calibration: anchors off by 5 mm, and every other error
+    /// that occurs in practice.
     #[must_use]
     pub const fn as_built() -> Self {
         Self {
@@ -74,8 +74,8 @@ impl Mismatch {
         }
     }
 
-    /// The machine that a report's second column uses: calibrated anchors off by 0.3 mm and every
-    /// other error that the field knows.
+    /// The machine of a report's second column: calibrated anchors off by 0.3 mm and every other
+    /// error that occurs in practice.
     #[must_use]
     pub const fn realistic() -> Self {
         Self {
@@ -103,12 +103,12 @@ const BRAKE_HOLDING_N: f64 = 150.0;
 const MAX_ACCELERATION_MPS2: f64 = 100.0;
 /// Sensor noise after oversampling, N.
 const SENSOR_NOISE_N: f64 = 0.05;
-/// Over the sensor's full scale the bridge saturates, as a share of full scale.
+/// Above this share of the sensor's full scale the bridge saturates.
 const SENSOR_OVERLOAD: f64 = 1.5;
 /// Lag of the current under the drive's position and speed loops, s: a current loop of 500 Hz;
 /// assumption, 0.1 to 0.5 ms. Without a gear it counts as part of the loops' bandwidth.
 const INNER_LAG_S: f64 = 0.3e-3;
-/// Way over which a pulley's friction builds up after a reversal, m.
+/// Travel over which a pulley's friction builds up after a reversal, m.
 const PRESLIDING_M: f64 = 2e-4;
 
 /// The physics of this robot, off by `mismatch` drawn with `seed`.
@@ -122,7 +122,7 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
     let shifted = |vector: [f64; 3], half_width: f64, draw: &mut dyn FnMut(f64) -> f64| {
         vector.map(|value| value + draw(half_width))
     };
-    // A sequence of its own: a machine without gears is what it was.
+    // A separate sequence: machines without gears are unchanged.
     let mut gear_rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6765_6172);
     let mut cables = Vec::new();
     let mut winches = Vec::new();
@@ -187,7 +187,7 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
                 } else {
                     0.0
                 },
-                // What the motor can give limits it, not the drive's profile.
+                // The motor is the limit, not the drive's profile.
                 max_acceleration_mps2: MAX_ACCELERATION_MPS2,
                 protocol: match winch.drive {
                     DriveKind::Rmds => Protocol::Rmds,
@@ -243,14 +243,14 @@ fn unit(rng: &mut ChaCha8Rng) -> f64 {
     f64::from(rng.next_u32()) / f64::from(u32::MAX)
 }
 
-/// A winch's gear, off by what is drawn.
+/// A winch's gear, with the errors drawn.
 fn gear_params(gear: &Gear, off: &GearMismatch, rng: &mut ChaCha8Rng) -> GearParams {
     let mut times = |half_width: f64| 1.0 + (2.0 * unit(rng) - 1.0) * half_width;
     let friction = times(off.friction);
     let loss = times(off.loss);
     let play = times(off.play);
     let stiffness = times(off.stiffness);
-    // Losses as shares of the load: those are what friction in the teeth makes.
+    // Losses as shares of the load, as friction in the teeth causes them.
     let driving = (1.0 / gear.efficiency - 1.0) * loss;
     let driven = (1.0 - gear.backdrive_efficiency) * loss;
     GearParams {
@@ -272,7 +272,7 @@ fn gear_params(gear: &Gear, off: &GearMismatch, rng: &mut ChaCha8Rng) -> GearPar
 /// A simulated machine whose winches are built in, with no cable on them yet, behind a line.
 ///
 /// # Errors
-/// Where the description is no machine.
+/// If the description is not a valid machine.
 pub fn simulate_unloaded(
     robot: &Robot,
     mismatch: &Mismatch,
@@ -287,10 +287,10 @@ pub fn simulate_unloaded(
     with_board(Plant::new(params, seed)?, link, seed, controller)
 }
 
-/// A plant as it stands, behind a line, with a board in front of it.
+/// A plant in its present state, behind a line, with a board that controls it.
 ///
 /// # Errors
-/// Where no board is for such a plant.
+/// If no board supports such a plant.
 pub fn with_board(
     plant: Plant,
     link: &LinkOptions,
@@ -310,7 +310,7 @@ pub fn with_board(
 /// its tension (N).
 ///
 /// # Errors
-/// Where it finds no equilibrium near the pose.
+/// If it finds no equilibrium near the pose.
 pub fn hang(
     params: PlantParams,
     pose: &mcdpr_kinematics::Pose,

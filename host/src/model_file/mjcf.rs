@@ -1,8 +1,8 @@
-//! MuJoCo's XML. A pulley is a sphere around which its cable wraps, on a hinge about its swivel axis:
-//! the cable lies in the plane of the sphere's middle, the drum and the attachment, which at rest is
-//! the pulley's own, so that its way is that of the kinematics crate, without approximation. On a
-//! cylinder MuJoCo's cables slide sideways, as in no groove, and turn the pulley away. A winch is a
-//! slide behind the pulley that takes cable up.
+//! MuJoCo's XML. A pulley is a sphere around which its cable wraps, on a hinge about its swivel
+//! axis: the cable lies in the plane of the sphere's middle, the drum and the attachment, which at
+//! rest is the pulley's own, so that its path equals that of the kinematics crate, without
+//! approximation. On a cylinder MuJoCo's cables slide sideways, unlike in a groove, and turn the
+//! pulley away. A winch is a slide behind the pulley that takes cable up.
 
 use super::{Home, escaped, list, on_winch, platform_half_size_m, pulley_frame, quaternion};
 use crate::robot::Robot;
@@ -100,7 +100,7 @@ pub(super) fn write(robot: &Robot, home: &Home) -> String {
     out
 }
 
-/// How far behind its anchor a cable's drum stands, m.
+/// Distance of a cable's drum behind its anchor, m.
 fn behind_m(robot: &Robot, cable: usize) -> f64 {
     robot.cables.get(cable).map_or(BEHIND_M, |cable| {
         let clear = (BEHIND_RADII * cable.pulley_radius_m).max(BEHIND_M);
@@ -219,7 +219,7 @@ fn platform(out: &mut String, robot: &Robot, home: &Home) {
     out.push_str("    </body>\n");
 }
 
-/// Thin plates where the tags are: as calibrated, else as the simulator puts them.
+/// Thin plates at the tags' poses: the calibrated ones, else those of the simulator.
 fn tags(out: &mut String, robot: &Robot, home: &Home) {
     for (number, world_from_body) in &home.bodies {
         let of_body = robot.tags.iter().filter(|tag| tag.body == *number);
@@ -260,7 +260,7 @@ fn tendon(out: &mut String, robot: &Robot, home: &Home, index: usize) {
     };
     let spring = if on_winch(robot, home, index) {
         let stiffness = cable.ea_n / (paid_out + cable.routing_length_m);
-        // From no length on: a cable pulls and does not push.
+        // From zero length on: a cable pulls and does not push.
         format!(
             " stiffness=\"{stiffness}\" springlength=\"0 {}\" damping=\"{}\"",
             paid_out + behind_m(robot, index),

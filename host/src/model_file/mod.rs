@@ -1,6 +1,6 @@
-//! The robot as a model file of other people's simulators and viewers.
+//! The robot as a model file for other simulators and viewers.
 //!
-//! | format | what it is for | what it cannot hold |
+//! | format | purpose | limitations |
 //! |---|---|---|
 //! | MJCF | MuJoCo: platform, swivelling pulleys, elastic cables on winches, sensors, camera, tags | a stiffness EA over a length that changes; distortion of the lens |
 //! | URDF | viewers: platform, anchors, attachments, tool, camera, tags | cables: a URDF is a tree |
@@ -28,13 +28,13 @@ pub enum Format {
     Urdf,
 }
 
-/// Which cables are elastic and hang on a winch, in MJCF; the others are forces.
+/// The cables that are elastic and hang on a winch, in MJCF; the others are forces.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Winches {
     /// Those that hold a length; a tension-held cable's actuator is its tension
     #[default]
     Held,
-    /// All: for a controller of one's own that holds tensions by its winches
+    /// All: for your own controller that holds tensions by the winches
     All,
 }
 
@@ -42,7 +42,7 @@ pub enum Winches {
 /// set-point (robots with six and more length-held cables: level, tensions in the middle).
 ///
 /// # Errors
-/// [`ComputeError`] where it cannot hang there, or its cables all lie in one plane.
+/// [`ComputeError`] if it cannot hang there, or its cables all lie in one plane.
 pub fn write(robot: &Robot, format: Format, winches: Winches) -> Result<String, ComputeError> {
     let home = Home::of(robot, winches)?;
     Ok(match format {
@@ -119,7 +119,7 @@ fn list<'a>(values: impl IntoIterator<Item = &'a f64>) -> String {
     let mut text = String::new();
     for value in values {
         let gap = if text.is_empty() { "" } else { " " };
-        // Minus zero reads like a mistake.
+        // Minus zero looks like a mistake.
         let _ = write!(text, "{gap}{}", value + 0.0);
     }
     text

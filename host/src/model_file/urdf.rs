@@ -1,5 +1,5 @@
-//! URDF, for display. Its joints form a tree, so that it holds no cable: what it has instead are the
-//! anchors, and the attachments on a platform that floats.
+//! URDF, for display. Its joints form a tree, so it contains no cables, but the anchors, and the
+//! attachments on a floating platform.
 
 use super::{Home, escaped, list, platform_half_size_m, pulley_frame};
 use crate::robot::Robot;
@@ -7,7 +7,7 @@ use mcdpr_kinematics::{Pose, rpy_from_rotation};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::fmt::Write as _;
 
-/// Radius of the ball that stands for a point, m.
+/// Radius of the ball that represents a point, m.
 const BALL_M: f64 = 0.004;
 
 /// The robot at home.

@@ -1,4 +1,4 @@
-//! The robot as picking uses it: go there, close, weigh.
+//! The robot as picking uses it: move, close, weigh.
 
 use super::PickError;
 use crate::control::Handle;
@@ -30,20 +30,20 @@ pub struct Arm<L: Link> {
 const WEIGH_S: f64 = 0.6;
 /// Readings in that time.
 const WEIGH_READINGS: u32 = 12;
-/// Swing and friction take this much of a tension that was planned, N.
+/// Deviation of a planned tension due to swing and friction, N.
 const SPARE_N: f64 = 0.8;
 /// Lengths are averaged over this time, s.
 const SWING_S: f64 = 0.6;
 /// Readings in that time.
 const SWING_READINGS: u32 = 15;
-/// What an uncalibrated frame explains of lengths that do not close, m; more is a slip.
+/// Closure error of the lengths that an uncalibrated frame explains, m; more is a slip.
 const FRAME_GAP_M: f64 = 0.012;
-/// Without a calibration a way goes in legs of this length at most, m: over 0.2 m the frame alone
-/// opens as much as a slip does, 4 mm.
+/// Without a calibration a move is split into legs of this length at most, m: over 0.2 m the
+/// frame's error alone reaches that of a slip, 4 mm.
 const LEG_MAX_M: f64 = 0.1;
-/// Time between two questions for a picture, us.
+/// Polling interval for a picture, us.
 const ASK_US: u64 = 4_000;
-/// Ways shorter than this are none, m.
+/// Shorter moves are skipped, m.
 const NO_WAY_M: f64 = 1e-6;
 
 impl<L: Link> Arm<L> {
@@ -99,35 +99,35 @@ impl<L: Link> Arm<L> {
         })
     }
 
-    /// From now on keeps what the board measures and where the tool was to be.
+    /// From now on keeps the board's samples and the planned tool positions.
     pub(crate) const fn keep_samples(&mut self) {
         self.keep = true;
     }
 
-    /// What the board measured since `Arm::keep_samples`, times from the start.
+    /// The board's samples since `Arm::keep_samples`, times from the start.
     #[must_use]
     pub fn samples(&self) -> &[Measured] {
         &self.samples
     }
 
-    /// Where the tool was to be since `Arm::keep_samples`, s and m.
+    /// Planned tool positions since `Arm::keep_samples`, s and m.
     #[must_use]
     pub fn planned(&self) -> &[(f64, [f64; 3])] {
         &self.planned
     }
 
-    /// Shows a picture to those who watch the line.
+    /// Shows a picture to the observers of the line.
     pub fn show(&mut self, picture: &Shown) {
         self.client.note(Note::Picture(picture));
     }
 
-    /// The robot as planned with.
+    /// The robot model used for planning.
     #[must_use]
     pub const fn model(&self) -> &Model {
         &self.model
     }
 
-    /// Where the tool was sent last, world, m.
+    /// The last commanded tool position, world, m.
     #[must_use]
     pub const fn tool_m(&self) -> Vector3<f64> {
         self.tool_m
@@ -139,12 +139,13 @@ impl<L: Link> Arm<L> {
         (self.client.now_us() - self.began_us) as f64 * 1e-6
     }
 
-    /// How the robot hangs, from what the board measures over `SWING_S`: about a period of its
-    /// slowest swing. All lengths and all tensions count, each by its standard deviation: what pulleys
-    /// hide of one tension moves a pose that is found from it alone by millimetres.
+    /// How the robot hangs, from the board's measurements over `SWING_S`: about a period of its
+    /// slowest swing. All lengths and all tensions are used, each with its standard deviation: the
+    /// pulley friction of a single tension would shift a pose that is found from it alone by
+    /// millimetres.
     ///
     /// # Errors
-    /// The line's; where no pose fits.
+    /// The line's; if no pose fits.
     pub fn state(&mut self) -> Result<Rest, PickError> {
         let count = self.model.robot().cables.len();
         let (mut lengths_m, mut tensions_n) = (vec![0.0; count], vec![0.0; count]);
@@ -180,8 +181,8 @@ impl<L: Link> Arm<L> {
         Ok(isometry(&self.state()?))
     }
 
-    /// Whether the robot can go along these points from where it is, with every tension clear of
-    /// its limit: judged, not done.
+    /// Whether the robot can move along these points from its present position, with every tension
+    /// within its limit and a margin: judged, not executed.
     ///
     /// # Errors
     /// The first limit that would be broken.
@@ -210,7 +211,7 @@ impl<L: Link> Arm<L> {
         Ok(done.map_err(RunError::from)?)
     }
 
-    /// Asks again and again until there is an answer, while the board is kept fed.
+    /// Repeats a question until there is an answer, while the board is kept fed.
     ///
     /// # Errors
     /// The line's; a stop that was asked for.
@@ -235,7 +236,7 @@ impl<L: Link> Arm<L> {
         if self.model.robot().calibrated.is_some() {
             return self.go_at_once(points_m);
         }
-        // What does not close of a frame without a calibration is found out at every rest.
+        // The closure error of a frame without a calibration is measured at every rest.
         for leg in legs(self.tool_m, points_m) {
             self.go_at_once(&[leg])?;
         }
@@ -274,10 +275,10 @@ impl<L: Link> Arm<L> {
         Ok(())
     }
 
-    /// The length of the tension-held cable follows from the others, which is how the board sees a
-    /// slip (S5). Where the frame is known by tape measure only, it does not follow to the
-    /// millimetres that tell: what is missing while the robot rests is then the frame's, and what is
-    /// missing on the way from here is a slip.
+    /// The length of the tension-held cable follows from the others; this is how the board detects
+    /// a slip (S5). If the frame was only measured by tape, it does not follow accurately enough:
+    /// the error while the robot rests is then attributed to the frame, and a further error during
+    /// the move to a slip.
     fn close_at_rest(&self, knots: &mut [Knot], status: &Status) {
         if self.model.robot().calibrated.is_some() {
             return;
@@ -327,8 +328,8 @@ impl<L: Link> Arm<L> {
         Ok(())
     }
 
-    /// Opens or closes the gripper and waits until it has; tells whether its switch reports that
-    /// the jaws met.
+    /// Opens or closes the gripper and waits until it has finished; returns whether its switch
+    /// reports that the jaws met.
     ///
     /// # Errors
     /// The line's.
@@ -341,7 +342,7 @@ impl<L: Link> Arm<L> {
         Ok(run::status(&mut self.client)?.gripper_switch)
     }
 
-    /// Tensions averaged while the robot stands, N.
+    /// Tensions averaged while the robot is at rest, N.
     ///
     /// # Errors
     /// The line's.
@@ -357,11 +358,11 @@ impl<L: Link> Arm<L> {
         Ok(sum)
     }
 
-    /// The vertical force of a change of tensions at the place where the tool is, N: what hangs
-    /// on the robot now and did not before. Pulleys' radius is left out.
+    /// The vertical force of a change of tensions at the tool's present position, N: the additional
+    /// load. Pulleys' radius is neglected.
     ///
     /// # Errors
-    /// Where the robot cannot hang there.
+    /// If the robot cannot hang there.
     pub(crate) fn lift_n(&mut self, before_n: &[f64], now_n: &[f64]) -> Result<f64, PickError> {
         let tool_m = self.tool_m;
         let rest = self.meanwhile(|model| model.rest(&tool_m, None))??;
@@ -380,7 +381,7 @@ impl<L: Link> Arm<L> {
     /// Plans from now on with this mass at the tool, kg.
     ///
     /// # Errors
-    /// Where the robot cannot hang with it as it is.
+    /// If the robot cannot hang with it at its present position.
     pub fn carry(&mut self, mass_kg: f64) -> Result<(), PickError> {
         let mut robot: Robot = self.model.robot().clone();
         let bare_kg = robot.platform.mass_kg - self.carried_kg;
@@ -395,7 +396,7 @@ impl<L: Link> Arm<L> {
             (bare_center * bare_kg + tcp * mass_kg) / robot.platform.mass_kg;
         self.carried_kg = mass_kg;
         self.model = Model::new(&robot)?.with_options(self.model.options());
-        // Where the tool is with that load at the lengths that the board holds.
+        // Tool position with that load at the lengths that the board holds.
         let status = run::status(&mut self.client)?;
         let held: Vec<f64> = status.setpoints_m().collect();
         let rest = self.meanwhile(|model| model.rest_from_lengths(&held, &tensions(&status)))??;
@@ -403,7 +404,7 @@ impl<L: Link> Arm<L> {
         Ok(())
     }
 
-    /// Closes brakes, switches off, gives the line back.
+    /// Closes brakes, switches off, returns the line.
     ///
     /// # Errors
     /// The line's.
@@ -418,14 +419,14 @@ impl<L: Link> Arm<L> {
         self.hash
     }
 
-    /// Whether a simulator answers.
+    /// Whether the board is simulated.
     #[must_use]
     pub fn simulated(&self) -> bool {
         self.client.info().simulated
     }
 }
 
-/// The plan of straight ways from point to point; `None` where there is no way to go.
+/// The plan of straight moves from point to point; `None` if there is no distance to move.
 fn plan(
     model: &Model,
     from_m: Vector3<f64>,
@@ -451,7 +452,7 @@ fn plan(
     Ok(Some(Plan::new(model, &from_m, &steps)?))
 }
 
-/// Points on the straight ways to some points, no further apart than [`LEG_MAX_M`].
+/// Points on the straight lines to some points, no further apart than [`LEG_MAX_M`].
 fn legs(mut at_m: Vector3<f64>, points_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let mut legs = Vec::new();
     for point in points_m {

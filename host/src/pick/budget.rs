@@ -1,18 +1,18 @@
-//! How far a grasp point may be off, from what is known of the errors.
+//! Error budget of a grasp point, from the known errors.
 
-/// How far a grasp point may be off, one standard deviation of its distance, m.
+/// Error budget of a grasp point, one standard deviation of its distance, m.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Budget {
     /// From the depth camera's noise.
     pub depth_m: f64,
-    /// From the place of the camera on the platform.
+    /// From the pose of the camera on the platform.
     pub hand_eye_m: f64,
-    /// From the robot's geometry: the platform's pose at the look and at the grasp. 0 where the mat
+    /// From the robot's geometry: the platform's pose at the look and at the grasp. 0 if the mat
     /// was seen both times.
     pub geometry_m: f64,
-    /// From the mat's place in the pictures of the look and of the grasp; 0 without it.
+    /// From the mat's pose in the pictures of the look and of the grasp; 0 without it.
     pub mat_m: f64,
-    /// All together.
+    /// Total.
     pub total_m: f64,
 }
 
@@ -40,8 +40,8 @@ pub(super) struct Measuring {
     pub to_tool_m: f64,
     /// Cables of the robot.
     pub cables: usize,
-    /// By how much the mat is off at the grasp point in the picture of the look, and in the last one
-    /// before the jaws closed, m; `None` where it was not seen in both.
+    /// Error of the mat at the grasp point in the picture of the look, and in the last one before
+    /// the jaws closed, m; `None` if it was not seen in both.
     pub by_mat_m: Option<[f64; 2]>,
 }
 
@@ -51,13 +51,13 @@ impl Uncertainty {
     /// Depth: z^2 / (f b) per pixel of disparity, averaged over a patch of four noise cells.
     ///
     /// By lengths: the hand-eye transform takes the point from the camera to the world, shift and
-    /// lever. A shift of the anchors that all share moves camera and tool alike; what differs
-    /// between the places of look and grasp is about the anchors' error over the square root of the
-    /// cables.
+    /// lever. A common shift of the anchors moves camera and tool alike; the difference between the
+    /// positions of look and grasp is about the anchors' error over the square root of the number
+    /// of cables.
     ///
     /// By the mat: the point and the mat are in one picture, so that the look needs no hand-eye
     /// transform. At the grasp it takes the mat from the camera to the tool, which is near. The
-    /// anchors do not come into it.
+    /// anchors have no effect.
     pub(super) fn budget(&self, how: &Measuring) -> Budget {
         let axes = 3.0_f64.sqrt();
         let noise = self.disparity_px / self.focal_baseline_px_m;

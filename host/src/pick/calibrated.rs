@@ -1,8 +1,8 @@
-//! A simulated robot that went through the project's own calibration.
+//! A simulated robot calibrated by the project's own calibration.
 //!
-//! What a calibration leaves is no independent error of each anchor: it is small where poses were
-//! measured, and in directions that cancel. So it is not drawn here but had the way that any robot
-//! gets it: the machine as it was built, the printed board, chosen poses, the joint estimate.
+//! The errors left by a calibration are not independent per anchor: they are small where poses were
+//! measured, and partly cancel. So they are not drawn here but result from the normal procedure:
+//! the machine as built, the printed board, chosen poses, the joint estimate.
 
 use super::PickError;
 use crate::calibration::collect::{Options, collect};
@@ -16,22 +16,22 @@ use crate::sight::{Scene, SimulatedTags};
 use mcdpr_protocol::SessionId;
 use std::fmt::Display;
 
-/// Poses that are measured, out of so many that can be.
+/// Poses to measure, and number of candidates.
 const POSES: usize = 14;
 const CANDIDATES: usize = 100;
-/// Sets of poses that are tried where a limit stops the robot on its way to one: as built it hangs a
-/// little otherwise than planned, and some poses are near a limit.
+/// Sets of poses that are tried if a limit stops the robot on a move: as built it hangs slightly
+/// differently from the plan, and some poses are near a limit.
 const SETS: u64 = 3;
 /// From one set's seed to the next one's: far from the seeds of other machines.
 const SET_SEED: u64 = 1_000_003;
 /// Noise of a tag's corner in one picture, px.
 const CORNER_PX: f64 = 0.1;
 
-/// The robot with what a calibration of the machine with this seed finds. It stands for that machine
-/// from then on, as after `mcdpr calibrate all --target board`.
+/// The robot with the result of a calibration of the machine with this seed. It represents that
+/// machine from then on, as after `mcdpr calibrate all --target board`.
 ///
 /// # Errors
-/// Where the poses cannot be driven to, or the estimate is refused.
+/// If the poses cannot be reached, or the estimate is refused.
 pub fn calibrated(robot: &Robot, seed: u64, controller: &Controller) -> Result<Robot, PickError> {
     let failed = |error: &dyn Display| PickError::Calibration {
         reason: error.to_string(),

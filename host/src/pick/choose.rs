@@ -1,18 +1,18 @@
-//! From grasps in a picture to places of the tool.
+//! Tool positions for the grasps of a picture.
 
 use super::arm::isometry;
 use crate::motion::Model;
 use mcdpr_vision::grasp::{Grasp, Hand, HeightMap};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// A grasp that the robot can do.
+/// A grasp that the robot can execute.
 #[derive(Debug, Clone)]
 pub struct Choice {
     /// The grasp as detected.
     pub grasp: Grasp,
     /// The tool point of the grasp as seen, world, m (Eqs. 45 and 48).
     pub seen_m: Vector3<f64>,
-    /// Where the tool goes, world, m: as low as its fingers find room there.
+    /// Tool position, world, m: as low as its fingers have room there.
     pub tool_m: Vector3<f64>,
     /// The platform's origin then, world, m (Eq. 49 with the rotation).
     pub platform_m: Vector3<f64>,
@@ -26,15 +26,15 @@ pub struct Choice {
     pub lies_on_m: f64,
     /// Room between each open pad and the object, m.
     pub room_m: f64,
-    /// Share of the contacts that look like another thing's.
+    /// Share of the contacts whose colour suggests another object.
     pub other: f64,
-    /// Which picture it was seen in, from 0.
+    /// Number of its picture, from 0.
     pub view: usize,
 }
 
 impl Choice {
-    /// Rank with the tilt of the tool: of the grasp, of the height on the pads, of what of it they
-    /// lie on and of the room beside it.
+    /// Rank, including the tilt of the tool: of the grasp, of the height on the pads, of the part
+    /// of it that they lie on and of the room beside it.
     #[must_use]
     pub fn rank(&self) -> f64 {
         let engaged = (self.engaged_m / 0.012).min(1.0);
@@ -45,33 +45,33 @@ impl Choice {
     }
 }
 
-/// What came of all grasps of a picture.
+/// Result for all grasps of a picture.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Choices {
-    /// Those that can be done, best first.
+    /// The executable ones, best first.
     pub good: Vec<Choice>,
     /// Grasps out of the robot's reach.
     pub unreachable: usize,
-    /// Grasps for which the tilted fingers find no room or no good hold.
+    /// Grasps for which the tilted fingers have no room or no good hold.
     pub no_room: usize,
 }
 
-/// Least contact height on the pads, m: one that is lost to errors of a millimetre or two.
+/// Least contact height on the pads, m: less is lost to errors of a millimetre or two.
 const ENGAGED_MIN_M: f64 = 0.005;
 /// Pads that lie on a wall over so little of their height slip, m; from [`LIES_ON_M`] on more is no
 /// better.
 const LIES_ON_MIN_M: f64 = 0.0021;
 const LIES_ON_M: f64 = 0.005;
-/// Grasps whose middle lies further from the tool than this are moved there once.
+/// Grasps whose middle is further from the tool than this are moved there once.
 const OFF_M: f64 = 0.0005;
-/// Grasps of a lower rank slip more often than not: thin rods, above all.
+/// Grasps of a lower rank slip more often than they hold: mainly thin rods.
 const RANK_MIN: f64 = 0.08;
 /// Room between jaws and object that must be left on both sides, m.
 const SIDE_M: f64 = 0.0025;
 /// Jaws that cannot turn take grasps within this of their direction, rad.
 const FIXED_TOLERANCE_RAD: f64 = 0.2;
 
-/// Chooses among the grasps of one picture. `world_from_camera` is the colour camera's place when
+/// Chooses among the grasps of one picture. `world_from_camera` is the colour camera's pose when
 /// the picture was taken; `turns`: whether the gripper turns about its axis.
 pub(super) fn choose(
     model: &Model,
@@ -90,7 +90,7 @@ pub(super) fn choose(
             Err(Refused::NoRoom) => choices.no_room += 1,
         }
     }
-    // The rank was given to upright fingers: what leaning ones keep of hold and room counts too.
+    // The rank assumes upright fingers: the hold and room that remain for tilted ones count too.
     choices.good.sort_by(|a, b| b.rank().total_cmp(&a.rank()));
     choices
 }
@@ -113,7 +113,8 @@ fn one(
     let map_from_world = (world_from_camera * map.camera_from_map).inverse();
     let mut tool_m = seen_m;
     let mut result = None;
-    // The attitude depends on the place and the place on the attitude: twice is enough.
+    // The attitude depends on the position and the position on the attitude: two iterations are
+    // enough.
     for _ in 0..3 {
         let rest = model
             .rest(&tool_m, None)

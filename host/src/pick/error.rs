@@ -5,7 +5,7 @@ use crate::run::RunError;
 use miette::Diagnostic;
 use thiserror::Error;
 
-/// Why the program cannot pick. An empty tray is no error.
+/// Why picking failed. An empty tray is not an error.
 #[derive(Debug, Error, Diagnostic)]
 pub enum PickError {
     /// The board, the line, a fault, a stop.
@@ -16,14 +16,14 @@ pub enum PickError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),
-    /// No usable picture. Nothing was moved for it.
+    /// No usable picture. Nothing was moved because of it.
     #[error("no usable picture: {0}")]
     #[diagnostic(
         code(mcdpr::pick::picture),
         help("see docs/vision.md for what a picture must have")
     )]
     Picture(#[from] mcdpr_vision::SourceError),
-    /// The depth camera and the mat differ.
+    /// The depth camera and the mat disagree.
     #[error(
         "the depth camera has the ground {depth_m:.3} m ahead, the printed mat lies {mat_m:.3} m ahead: \
          another depth unit, another mat, or something between"
@@ -52,7 +52,7 @@ pub enum PickError {
         /// Why not.
         reason: String,
     },
-    /// What a study keeps cannot be kept.
+    /// The study's results cannot be saved.
     #[error("{file}: {reason}")]
     #[diagnostic(
         code(mcdpr::pick::kept),

@@ -1,8 +1,9 @@
-//! Printed tags on the tray's floor: where the camera is, seen against what the objects lie on.
+//! Printed tags on the tray's floor: the camera's pose relative to the surface that the objects lie
+//! on.
 //!
-//! What lengths and tensions say of the platform's place is off by what anchors, centre of mass and
-//! pulleys are off, and differently so at the look and at the grasp. Against the mat both places
-//! are known to tenths of a millimetre, and what is left is the camera's place on the platform.
+//! The platform's pose from lengths and tensions has errors from anchors, centre of mass and
+//! pulleys, which differ between the look and the grasp. Relative to the mat both poses are known
+//! to tenths of a millimetre, and only the error of the camera's pose on the platform remains.
 
 use crate::calibration::pnp::{Square, sightings_of};
 use mcdpr_vision::tag::{Options, detect};
@@ -16,29 +17,30 @@ pub struct Mat {
     pub tags: Vec<(u32, [Vector3<f64>; 4])>,
 }
 
-/// Fewer tags than this are not believed: a covered edge shows only against others.
+/// Fewer tags than this are not used: a covered edge is detected only by comparison with others.
 const LEAST_TAGS: usize = 2;
-/// Corners that fit worse than this belong to a tag that something covers in part, px.
+/// Corners that fit worse than this belong to a partly covered tag, px.
 const CORNER_PX: f64 = 0.6;
-/// A view whose corners fit worse than this all together is none, px.
+/// A view whose corners fit worse than this all together is not used, px.
 const FIT_PX: f64 = 0.3;
 /// A tag's white rim is an eighth of it, and small tags are of use from this edge on, px.
 const EDGE_MIN_PX: f64 = 16.0;
 
-/// Corners are not believed to be better than this, px: what their scatter in one picture hides.
+/// Least standard deviation assumed for corners, px: errors that the scatter in one picture does
+/// not show.
 const CORNER_SIGMA_MIN_PX: f64 = 0.02;
 
-/// The mat as one picture has it.
+/// The mat in one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatSight {
-    /// Its place.
+    /// Its pose.
     pub camera_from_mat: Isometry3<f64>,
     /// Covariance of the origin's shift (m) and of the turn (rad), camera frame.
     covariance: Matrix6<f64>,
 }
 
 impl MatSight {
-    /// A mat whose place is known.
+    /// A mat whose pose is known.
     #[cfg(test)]
     pub(super) fn sure(camera_from_mat: Isometry3<f64>) -> Self {
         Self {
@@ -47,8 +49,8 @@ impl MatSight {
         }
     }
 
-    /// One standard deviation of the distance by which a point of the mat's frame (m) is off in the
-    /// camera's, or the other way round, m.
+    /// One standard deviation of the position error of a point of the mat's frame (m) in the
+    /// camera's, or vice versa, m.
     #[must_use]
     pub fn error_m(&self, point_in_mat_m: &Vector3<f64>) -> f64 {
         let arm = self.camera_from_mat.rotation * point_in_mat_m;
@@ -64,7 +66,7 @@ impl MatSight {
         moved.trace().max(0.0).sqrt()
     }
 
-    /// The distance along the camera's axis at which the mat's plane lies, m.
+    /// The distance along the camera's axis to the mat's plane, m.
     #[must_use]
     pub(crate) fn ahead_m(&self) -> f64 {
         let up = self.camera_from_mat.rotation * Vector3::z();
@@ -73,7 +75,7 @@ impl MatSight {
 }
 
 impl Mat {
-    /// The mat by the tags in a picture; `None` where too few are seen.
+    /// The mat from the tags in a picture; `None` if too few are seen.
     #[must_use]
     pub(crate) fn in_picture(&self, camera: &Camera, picture: &RgbImage) -> Option<MatSight> {
         let options = Options {
@@ -196,7 +198,7 @@ mod tests {
         assert!(near.error_m(&middle) < 0.5 * many.error_m(&middle));
         // A tenth of a pixel at 0.4 m is 0.07 mm in one corner's coordinate.
         assert!((1e-5..5e-4).contains(&many.error_m(&middle)));
-        // Beside what is seen, a turn counts.
+        // Beside the visible part, a turn has an effect.
         assert!(many.error_m(&Vector3::new(0.05, 0.3, 0.0)) > 2.0 * many.error_m(&middle));
         assert!((many.ahead_m() - 0.4).abs() < 1e-9);
     }

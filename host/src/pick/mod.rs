@@ -1,11 +1,11 @@
-//! Bin picking: look, choose, take, carry, release, again.
+//! Bin picking: look, choose, take, carry, release, repeat.
 //!
 //! The `Picker` works on any board behind a [`Link`](crate::link::Link) and any camera behind
-//! [`Source`](mcdpr_vision::Source). Where the camera is follows from the state of the robot:
-//! measured lengths and tensions give the platform's pose with its tilt, and the robot file has
-//! the camera on it. A grasp is a point and a closing direction in the picture; the tool gets there
-//! with the attitude that the robot has when it hangs there, and goes as low as its fingers find
-//! room for at that attitude.
+//! [`Source`](mcdpr_vision::Source). The camera's pose follows from the state of the robot:
+//! measured lengths and tensions give the platform's pose with its tilt, and the robot file has the
+//! camera's pose on it. A grasp is a point and a closing direction in the picture; the tool moves
+//! there with the attitude that the robot has when it hangs there, as low as its fingers have room
+//! at that attitude.
 
 mod arm;
 mod budget;

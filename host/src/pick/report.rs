@@ -1,9 +1,9 @@
-//! What picking came to: each attempt, and why it ended.
+//! Results of picking: each attempt, and why it ended.
 
 use super::budget::Budget;
 use serde::Serialize;
 
-/// What came of one attempt.
+/// Result of one attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -11,20 +11,20 @@ pub enum Outcome {
     Delivered,
     /// The jaws closed on nothing.
     Missed,
-    /// It was gone after the lift.
+    /// The object was lost after the lift.
     Lost,
 }
 
 /// One attempt.
 #[derive(Debug, Clone, Serialize)]
 pub struct Attempt {
-    /// What came of it.
+    /// Its result.
     pub outcome: Outcome,
     /// The grasp in the colour picture, px.
     pub pixel: [f64; 2],
     /// The tool point as seen, world, m.
     pub seen_m: [f64; 3],
-    /// Where the tool went, world, m.
+    /// Commanded tool position, world, m.
     pub tool_m: [f64; 3],
     /// The platform's origin then, world, m.
     pub platform_m: [f64; 3],
@@ -36,11 +36,11 @@ pub struct Attempt {
     pub width_m: f64,
     /// Rank of the grasp.
     pub quality: f64,
-    /// Weight by the difference of tensions, N; `None` where nothing was lifted.
+    /// Weight by the difference of tensions, N; `None` if nothing was lifted.
     pub lifted_n: Option<f64>,
-    /// Whether that weight says the same as the gripper's switch about what was held.
+    /// Whether that weight agrees with the gripper's switch.
     pub weight_agrees: Option<bool>,
-    /// How far the tool was from its place before the jaws closed and the last correction was
+    /// Distance of the tool from its target before the jaws closed and the last correction was
     /// made, by lengths, m.
     pub left_m: f64,
     /// Error budget of the grasp point.
@@ -63,7 +63,7 @@ pub enum End {
         /// How many.
         count: usize,
     },
-    /// As many attempts as were asked for.
+    /// The maximum number of attempts.
     Enough,
 }
 
@@ -74,9 +74,9 @@ pub struct Report {
     pub attempts: Vec<Attempt>,
     /// Why it ended.
     pub end: End,
-    /// Place of [`super::Options::probe_px`] in the world as seen, m.
+    /// Observed position of [`super::Options::probe_px`] in the world, m.
     pub probe_m: Option<[f64; 3]>,
-    /// Where it returned to, world, m.
+    /// Final position after returning, world, m.
     pub returned_m: Option<[f64; 3]>,
     /// Time on the link's clock, s.
     pub duration_s: f64,

@@ -1,4 +1,4 @@
-//! Seeded scenes, with calibrated and with nominal parameters: one, and many ([`Study`]).
+//! Seeded scenes, with calibrated and with nominal parameters: one, or many ([`Study`]).
 
 use super::report::{Outcome, Report};
 use super::task::Picker;
@@ -25,12 +25,12 @@ mod tally;
 pub use many::Study;
 pub use tally::{Figures, Line, Tally};
 
-/// How well the program knows the machine.
+/// The program's knowledge of the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Knowledge {
-    /// As the project's own calibration of this machine leaves it ([`calibrated`]); the machine is
-    /// as built.
+    /// As after the project's own calibration of this machine ([`calibrated`]); the machine is as
+    /// built.
     Calibrated,
     /// As assembled: anchors within 5 mm, the camera within 3 mm and 0.5 degrees.
     Nominal,
@@ -38,18 +38,18 @@ pub enum Knowledge {
     Exact,
 }
 
-/// The camera is where it is said to be.
+/// Whether the camera's pose is as stated.
 const NO_MOUNTING: Mounting = Mounting {
     shift_m: 0.0,
     turn_rad: 0.0,
 };
 
 impl Knowledge {
-    /// What the simulated machine differs by.
+    /// Differences of the simulated machine.
     #[must_use]
     pub const fn mismatch(self) -> (Mismatch, Mounting) {
         match self {
-            // Drawn with the machine: as it was bolted on.
+            // Drawn with the machine: as mounted.
             Self::Calibrated => (Mismatch::as_built(), NO_MOUNTING),
             Self::Nominal => (
                 Mismatch {
@@ -90,40 +90,40 @@ pub struct SceneReport {
     pub left: usize,
     /// Objects that were truly put down beside the tray.
     pub carried_off: usize,
-    /// What the program believes.
+    /// The program's own report.
     pub report: Report,
     /// True errors of the grasp point, m.
     pub errors_m: Vec<f64>,
-    /// The same with its direction, world, m.
+    /// The same as a vector, world, m.
     pub off_m: Vec<[f64; 3]>,
-    /// What the jaws got at each closing, in words.
+    /// Result of each closing of the jaws, in words.
     pub grips: Vec<String>,
-    /// How it went, where that was wanted.
+    /// The trace, if requested.
     #[serde(skip)]
     pub kept: Option<Kept>,
 }
 
-/// How a scene went. Times from the start of picking, s.
+/// Trace of a scene. Times from the start of picking, s.
 #[derive(Debug, Clone, Default)]
 pub struct Kept {
-    /// What the board measured.
+    /// The board's samples.
     pub samples: Vec<Measured>,
-    /// Where the tool was to be, m.
+    /// Planned tool positions, m.
     pub planned: Vec<(f64, [f64; 3])>,
-    /// What was true, every 10 ms.
+    /// True states, every 10 ms.
     pub truth: Vec<(f64, mcdpr_simulator::plant::Truth)>,
     /// The first picture in which a grasp was chosen.
     pub first_look: Option<Shown>,
 }
 
-/// Who watches a scene, and how fast it goes.
+/// Observers of a scene, and its speed.
 #[derive(Default)]
 pub struct Watching<'a> {
-    /// Shown what passes on the line.
+    /// Watches the line.
     pub witness: Option<&'a crate::record::Witness>,
-    /// Simulated seconds per second; as fast as it goes where none is given.
+    /// Simulated seconds per second; as fast as possible if not given.
     pub time_scale: Option<f64>,
-    /// Whether to keep how it went.
+    /// Whether to keep the trace.
     pub keep: bool,
 }
 
@@ -131,7 +131,7 @@ pub struct Watching<'a> {
 const GENTLE_MPS2: f64 = 0.5;
 const GENTLE_MPS3: f64 = 4.0;
 
-/// The robot as picking plans with it: acceleration and jerk are held low, for a swinging tool
+/// The robot as used for planning: acceleration and jerk are kept low, because a swinging tool
 /// misses.
 #[must_use]
 pub fn picking_robot(robot: &Robot) -> Robot {
@@ -142,8 +142,9 @@ pub fn picking_robot(robot: &Robot) -> Robot {
     robot
 }
 
-/// How picking plans: swing is taken out of every way, and cable 4 gets the tension that keeps all
-/// cables tautest (the paper's 10 N leave no equilibrium down at its own grasp point).
+/// Planning options for picking: every motion is shaped against swing, and cable 4 gets the tension
+/// that keeps all cables tautest (at the paper's 10 N there is no equilibrium at its own grasp
+/// point).
 #[must_use]
 pub fn planning() -> PlanOptions {
     PlanOptions {
@@ -156,13 +157,13 @@ pub fn planning() -> PlanOptions {
 /// One scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wanted {
-    /// How objects lie.
+    /// Arrangement of the objects.
     pub order: Order,
     /// How many.
     pub count: usize,
-    /// How well the program knows the machine.
+    /// The program's knowledge of the machine.
     pub knowledge: Knowledge,
-    /// Of scene, machine and noise.
+    /// Seed of scene, machine and noise.
     pub seed: u64,
     /// Whether the jaws turn about the tool's axis.
     pub turns: bool,
@@ -170,18 +171,18 @@ pub struct Wanted {
     pub attempts_max: Option<usize>,
     /// Views of the tray before each choice.
     pub views: usize,
-    /// Whether a choice is looked at again from nearby.
+    /// Whether a chosen grasp is looked at again from nearby.
     pub near: bool,
     /// The paper's single object instead of a tray of them.
     pub paper: bool,
-    /// Whether the tray's floor is covered with printed tags to see by.
+    /// Whether the tray's floor is covered with printed tags for localisation.
     pub mat: bool,
 }
 
 /// Picks one scene on the simulator.
 ///
 /// # Errors
-/// What stops the robot.
+/// The error that stops the robot.
 pub fn scene(robot: &Robot, wanted: &Wanted) -> Result<SceneReport, PickError> {
     scene_with(robot, wanted, &Handle::new(), &Watching::default())
 }
@@ -189,7 +190,8 @@ pub fn scene(robot: &Robot, wanted: &Wanted) -> Result<SceneReport, PickError> {
 /// As [`scene`], with orders from a handle, and watched.
 ///
 /// # Errors
-/// What stops the robot; [`RunError::Interrupted`](crate::run::RunError) where the handle does.
+/// The error that stops the robot; [`RunError::Interrupted`](crate::run::RunError) if the handle
+/// does.
 pub(crate) fn scene_with(
     robot: &Robot,
     wanted: &Wanted,
@@ -285,7 +287,7 @@ pub(crate) fn scene_by(
     let kept = watching.keep.then(|| {
         let end_us = link.now_us();
         let trace = link.with(mcdpr_simulator::Simulation::take_trace);
-        // The trace ends now, a millisecond a point.
+        // The trace ends now, one point per millisecond.
         let count = trace.len() as u64;
         let at_s = |index: usize| {
             let before_ms = count.saturating_sub(index as u64 + 1);
@@ -329,8 +331,7 @@ pub(crate) fn scene_by(
 }
 
 impl SceneReport {
-    /// Attempts that the program believes to have succeeded and that did not, or the other way
-    /// round.
+    /// Attempts that the program counts as successful and that were not, or the other way round.
     #[must_use]
     pub fn misjudged(&self) -> usize {
         let believed = self

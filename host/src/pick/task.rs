@@ -16,22 +16,22 @@ mod view;
 
 use view::Viewed;
 
-/// How to pick.
+/// Options of picking.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Where the tool hangs to look at the tray, world, m.
+    /// Tool position for looking at the tray, world, m.
     pub look_m: Vector3<f64>,
-    /// Further places to look from: grasps of all views compete.
+    /// Further positions to look from: grasps of all views compete.
     pub more_views_m: Vec<Vector3<f64>>,
-    /// Height over a chosen grasp from which it is looked at again before it is taken, m: what the
-    /// robot's geometry is off by between there and the grasp is less than from further away.
+    /// Height over a chosen grasp from which it is looked at again before it is taken, m: the
+    /// robot's geometry error between there and the grasp is smaller than from further away.
     pub near_m: Option<f64>,
-    /// A pixel of the first picture whose place in the world is wanted, px.
+    /// A pixel of the first picture whose position in the world is wanted, px.
     pub probe_px: Option<[f64; 2]>,
-    /// Where it releases, world, m.
+    /// Tool position for releasing, world, m.
     pub release_m: Vector3<f64>,
-    /// Where it returns to in the end, world, m, or as far below as its limits ask for; `None`:
-    /// it stays where it was last.
+    /// Final tool position, world, m, or as far below as its limits require; `None`: it stays at
+    /// its last position.
     pub return_m: Option<Vector3<f64>>,
     /// Middle of the tray's floor, world, m.
     pub tray_m: Vector3<f64>,
@@ -43,27 +43,27 @@ pub struct Options {
     pub hand: Hand,
     /// Whether the gripper turns about its axis.
     pub turns: bool,
-    /// Failed attempts in a row after which it gives up.
+    /// Failed attempts in a row after which picking ends.
     pub failures_max: usize,
-    /// Attempts in all.
+    /// Maximum number of attempts.
     pub attempts_max: usize,
-    /// What is known of the errors.
+    /// The known errors.
     pub uncertainty: Uncertainty,
     /// Printed tags on the tray's floor.
     pub mat: Option<Mat>,
 }
 
-/// Told while picking goes on: for surroundings that must know, and for progress.
+/// Callbacks during picking, for the simulated surroundings and for progress.
 pub trait Watcher {
     /// A picture was just taken; [`Choice::view`] counts them.
     fn pictured(&mut self) {}
     /// A picture was taken, and a grasp chosen in it.
     fn looked(&mut self, _picture: &Shown) {}
-    /// A grasp was chosen; the tool has not moved yet. The jaws are to turn to `choice.wrist_rad`.
+    /// A grasp was chosen; the tool has not moved yet. The jaws must turn to `choice.wrist_rad`.
     fn chosen(&mut self, choice: &Choice);
     /// The jaws are about to close.
     fn closing(&mut self, choice: &Choice);
-    /// Something was lifted off.
+    /// An object was lifted.
     fn lifted(&mut self);
 }
 
@@ -75,43 +75,42 @@ pub(crate) struct Picker<'a, L: Link> {
     pub eye: &'a mut dyn Source,
     /// Finds grasps.
     pub detector: &'a mut dyn Detector,
-    /// How.
+    /// Options.
     pub options: &'a Options,
-    /// Where the mat lies, by the first look at it.
+    /// The mat's pose, from the first look at it.
     world_from_mat: Option<Isometry3<f64>>,
     /// Pictures for grasps so far.
     views: usize,
-    /// The mat in each of them, and in the last picture of all.
+    /// The mat in each of them, and in the very last picture.
     sights: Vec<Option<MatSight>>,
     last_sight: Option<MatSight>,
-    /// What corrections have learned since the approach: the tool hangs so far from where it is
-    /// sent, and the mat has it so far from where lengths have it.
+    /// Corrections learnt since the approach: the tool's deviation from its commanded position, and
+    /// the mat's deviation from the lengths.
     bias_m: Vector3<f64>,
     seen_off_m: Vector3<f64>,
 }
 
-/// A grasp closer than this to one that failed is not tried again, m: what slipped here slips beside
-/// it too.
+/// A grasp closer than this to a failed one is not tried again, m: it would probably slip too.
 const AGAIN_M: f64 = 0.025;
-/// A weight below this is none, N: friction of the pulleys hides as much.
+/// A weight below this counts as zero, N: friction of the pulleys hides as much.
 const WEIGHT_MIN_N: f64 = 0.05;
-/// A lifted weight beyond this is not believed, N.
+/// A lifted weight beyond this is not plausible, N.
 const WEIGHT_MAX_N: f64 = 8.0;
-/// Up and down again by this before a weight is taken, m: over the pulleys' presliding.
+/// Motion up and down by this before weighing, m: beyond the pulleys' presliding.
 const OVERSHOOT_M: f64 = 0.01;
-/// A place of return that cannot be reached is tried this much lower, m.
+/// A final position that cannot be reached is tried this much lower, m.
 const LOWER_M: f64 = 0.02;
-/// Corrections above a grasp, and again at it.
+/// Number of corrections above a grasp, and again at it.
 const TRIES_ABOVE: usize = 1;
 const TRIES: usize = 2;
-/// A grasp that is seen again within this is the same, m, and sine of an angle.
+/// A grasp that is seen again within this counts as the same, m, and sine of an angle.
 const SAME_M: f64 = 0.02;
 const SAME_TURN: f64 = 0.4;
-/// Time for the swing to fade into the average, s.
+/// Time for averaging the swing out, s.
 const CALM_S: f64 = 0.3;
 
 impl<'a, L: Link> Picker<'a, L> {
-    /// A picker that has seen nothing yet.
+    /// A picker before its first picture.
     pub fn new(
         arm: &'a mut Arm<L>,
         eye: &'a mut dyn Source,
@@ -132,11 +131,11 @@ impl<'a, L: Link> Picker<'a, L> {
         }
     }
 
-    /// Picks until the tray is empty or something ends it.
+    /// Picks until the tray is empty or an error ends it.
     ///
     /// # Errors
-    /// What stops the robot or the camera. An empty tray, unreachable things and failed grasps are
-    /// told in the [`Report`].
+    /// Errors that stop the robot or the camera. An empty tray, unreachable objects and failed
+    /// grasps are reported in the [`Report`].
     pub fn run(&mut self, watcher: &mut dyn Watcher) -> Result<Report, PickError> {
         let mut attempts: Vec<Attempt> = Vec::new();
         let mut failed: Vec<Vector3<f64>> = Vec::new();
@@ -174,7 +173,7 @@ impl<'a, L: Link> Picker<'a, L> {
         })
     }
 
-    /// Goes to a place, or as little below it as its limits ask for.
+    /// Moves to a position, or as little below it as its limits require.
     fn go_back(&mut self, mut place: Vector3<f64>) -> Result<Vector3<f64>, PickError> {
         let mut first = None;
         while place.z > self.options.look_m.z {
@@ -193,7 +192,7 @@ impl<'a, L: Link> Picker<'a, L> {
         }
     }
 
-    /// Looks from every view and chooses; the reason where there is nothing to choose.
+    /// Looks from every view and chooses; returns the reason if there is nothing to choose.
     fn look(
         &mut self,
         failed: &[Vector3<f64>],
@@ -249,8 +248,8 @@ impl<'a, L: Link> Picker<'a, L> {
         Ok(Err(End::Unreachable { reason }))
     }
 
-    /// Looks at a chosen grasp from nearby; the same grasp as seen from there, or the first where it
-    /// is not found again.
+    /// Looks at a chosen grasp from nearby; returns the same grasp as seen from there, or the first
+    /// one if it is not found again.
     fn look_again(
         &mut self,
         choice: Choice,
@@ -268,7 +267,7 @@ impl<'a, L: Link> Picker<'a, L> {
             return Ok(choice);
         };
         let off = |other: &Choice| (other.tool_m - choice.tool_m).norm();
-        // Jaws that are half a turn further are the same.
+        // Jaws turned by half a turn are the same.
         let turned = |other: &Choice| (other.wrist_rad - choice.wrist_rad).sin().abs();
         let again = choices
             .good
@@ -311,12 +310,13 @@ impl<'a, L: Link> Picker<'a, L> {
         let outcome = if has_switch && met {
             Outcome::Missed
         } else {
-            // Down to the height of the first weighing, as then: friction is the same and cancels.
+            // Down to the height of the first weighing, in the same direction: friction is the same
+            // and cancels.
             self.arm.go(&[above + up, above])?;
             let now_n = self.arm.mean_tensions_n()?;
             let weight_n = self.arm.lift_n(&before_n, &now_n)?;
             lifted_n = Some(weight_n);
-            // A switch tells when the jaws meet, also on the way up; the weight tells without one.
+            // A switch detects when the jaws meet, also on the way up; without one the weight does.
             let slipped = has_switch && self.arm.grip(true)?;
             if slipped {
                 Outcome::Lost
@@ -374,7 +374,7 @@ impl<'a, L: Link> Picker<'a, L> {
         }
     }
 
-    /// Carries what hangs in the jaws to the place of release.
+    /// Carries the object in the jaws to the release position.
     fn deliver(&mut self, weight_n: f64) -> Result<Outcome, PickError> {
         let gravity = mcdpr_kinematics::GRAVITY_MPS2;
         self.arm
@@ -384,7 +384,7 @@ impl<'a, L: Link> Picker<'a, L> {
         let level = self.arm.tool_m().z.max(above.z);
         let over = Vector3::new(release.x, release.y, level);
         self.arm.go(&[over, release])?;
-        // A switch that closes on the way tells that the jaws are empty now.
+        // A switch that closes during the move indicates that the jaws are empty now.
         let lost = self.arm.grip(true)? && self.arm.model().robot().gripper.switch;
         self.arm.grip(false)?;
         self.arm.carry(0.0)?;

@@ -20,7 +20,7 @@ use super::PickError;
 /// Size of the pictures that picking uses, px.
 const PICTURE_PX: [usize; 2] = [640, 480];
 
-/// How far the simulated camera is from its nominal place, half widths per axis.
+/// Error of the simulated camera's mounting, half widths per axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Mounting {
     /// Shift, m.
@@ -38,8 +38,8 @@ pub(crate) struct SimulatedEye {
 }
 
 impl SimulatedEye {
-    /// A D415 where the robot file has the camera, off by `mounting` drawn with `seed`; of a robot
-    /// that was calibrated on the simulator, where that machine truly has it.
+    /// A D415 at the robot file's camera pose, off by `mounting` drawn with `seed`; for a robot
+    /// that was calibrated on the simulator, at that machine's true pose.
     #[must_use]
     pub fn new(link: SimulatedLink, robot: &Robot, mounting: &Mounting, seed: u64) -> Self {
         let mut dice = mcdpr_core::random::Dice::new(seed ^ 0x6579_6500);
@@ -65,20 +65,20 @@ impl SimulatedEye {
         seed
     }
 
-    /// The simulated camera's truth.
+    /// The simulated camera's true state.
     #[must_use]
     pub const fn camera(&self) -> &Rgbd {
         &self.camera
     }
 }
 
-/// The simulated D415 at a place on the platform, with the colour lens of a robot file.
+/// The simulated D415 at a pose on the platform, with the colour lens of a robot file.
 #[must_use]
 pub fn d415(robot: &Robot, platform_from_color: &Isometry3<f64>) -> Rgbd {
     Rgbd::d415(lens(&color_camera(robot)), place(platform_from_color))
 }
 
-/// What a simulated depth camera says of itself.
+/// The reported parameters of a simulated depth camera.
 #[must_use]
 pub(crate) fn cameras_of(rgbd: &Rgbd) -> Cameras {
     Cameras {
@@ -201,7 +201,7 @@ pub fn place(pose: &Isometry3<f64>) -> Place {
     }
 }
 
-/// The gripper of a robot file with the sizes that are assumed for its jaws.
+/// The gripper of a robot file with the assumed sizes of its jaws.
 ///
 /// # Errors
 /// [`PickError::NoGripper`], [`PickError::NoDepth`].
@@ -280,7 +280,7 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
     let (_, hand) = gripper_of(robot)?;
     let tray = Tray::default();
     let tray_m = Vector3::from(tray.center_m);
-    // The camera looks down beside the tool: it is to see the tray's middle.
+    // The camera looks down beside the tool: it must see the tray's middle.
     let to_camera = Isometry3::from(robot.camera.camera_from_platform)
         .inverse()
         .translation
@@ -316,10 +316,10 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
     })
 }
 
-/// Room that fingers keep where the mat tells where they are, m.
+/// Margin of the fingers when the mat gives their position, m.
 pub(crate) const MARGIN_BY_MAT_M: f64 = 0.002;
 
-/// Places around the first view from which a tray is seen too, m.
+/// Positions around the first view from which a tray is seen too, m.
 const VIEWS_M: [[f64; 2]; 2] = [[0.0, 0.04], [-0.03, -0.03]];
 
 /// More views for a task: `count` in all, three at most.
@@ -340,17 +340,17 @@ pub(crate) const PAPER_GRASP_M: [f64; 3] = [0.252, -0.039, -0.517];
 pub(crate) const PAPER_PIXEL: [f64; 2] = [360.0, 285.0];
 /// Where the paper's robot releases, world, m.
 pub(crate) const PAPER_RELEASE_M: [f64; 3] = [0.335, 0.1, -0.51];
-/// Beside the tray, world, m: at the paper's place, 25 mm from its wall, what hangs to one side of the
-/// jaws comes down in the tray again.
+/// Beside the tray, world, m: at the paper's position, 25 mm from its wall, an object that hangs to
+/// one side of the jaws falls back into the tray.
 const RELEASE_M: [f64; 3] = [0.335, 0.14, -0.51];
 /// Where the paper's robot returns to, world, m.
 pub(crate) const PAPER_RETURN_M: [f64; 3] = [0.335, 0.0, -0.009];
 
-/// The paper's task: one box of 28 mm whose top's middle is the paper's grasp point, seen from where
-/// that point lies at the paper's pixel, released and returned where the paper does.
+/// The paper's task: one box of 28 mm whose top's middle is the paper's grasp point, seen from
+/// where that point lies at the paper's pixel, released and returned at the paper's positions.
 ///
 /// # Errors
-/// As [`options`]; where the robot cannot hang there.
+/// As [`options`]; if the robot cannot hang there.
 pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
     let robot = model.robot();
     let (gripper, _) = gripper_of(robot)?;
@@ -373,7 +373,7 @@ pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
     options.return_m = Some(PAPER_RETURN_M.into());
     options.attempts_max = 3;
     options.release_m = PAPER_RELEASE_M.into();
-    // Where to look from: Newton's method on the two coordinates that move the pixel.
+    // Look position: Newton's method on the two coordinates that move the pixel.
     let camera = color_camera(robot);
     let platform_from_camera = Isometry3::from(robot.camera.camera_from_platform).inverse();
     let pixel = |tool_m: &Vector3<f64>| -> Result<Vector2<f64>, PickError> {
@@ -401,13 +401,13 @@ pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
 /// Height of the camera over the tray when it looks, m.
 const LOOK_HEIGHT_M: f64 = 0.4;
 
-/// The watcher of a simulated cell: turns the wrist, keeps what was true.
+/// The watcher of a simulated cell: turns the wrist, records the true state.
 pub struct Witness {
     link: SimulatedLink,
     camera: Rgbd,
     looked_from: Vec<Place>,
     ideal_m: Option<Vector3<f64>>,
-    /// From where the true grasp point is to the true tool, at each closing, world, m.
+    /// Vector from the true grasp point to the true tool, at each closing, world, m.
     pub off_m: Vec<Vector3<f64>>,
     /// The first picture in which a grasp was chosen.
     pub first_look: Option<Shown>,
@@ -453,7 +453,7 @@ impl Watcher for Witness {
             cell.wrist_rad = choice.wrist_rad;
             cell.seen_at(&camera, &looked_from?, pixel)
         });
-        // From the top of the object at the grasp's pixel to where the tool shall be.
+        // From the top of the object at the grasp's pixel to the target of the tool.
         let down = Vector3::new(0.0, 0.0, choice.grasp.top_m - choice.grasp.height_m);
         let moved = choice.tool_m - choice.seen_m;
         self.ideal_m = seen.map(|top| Vector3::from(top) - down + moved);

@@ -1,7 +1,7 @@
-//! What the bytes of a line mean, both ways.
+//! Decodes the bytes of a line, both ways.
 //!
-//! A decoder knows nothing but the bytes, so it serves a live line and a record alike. From the
-//! knots that the host sent it knows what the board was told to do at every path time.
+//! A decoder needs only the bytes, so it serves a live line and a record alike. From the knots that
+//! the host sent it computes the board's set-points at every path time.
 
 use crate::link::{Direction, RawFrame};
 use mcdpr_protocol::{
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 pub struct Tick {
     /// Board tick.
     pub tick: u32,
-    /// Path time of the motion, s; `None` while none is under way.
+    /// Path time of the motion, s; `None` while none is in progress.
     pub path_s: Option<f64>,
     /// Paid-out lengths by the drum encoders, m.
     pub lengths_m: Vec<f64>,
@@ -23,11 +23,11 @@ pub struct Tick {
     pub tensions_n: Vec<f64>,
     /// Motor currents, A.
     pub currents_a: Vec<f64>,
-    /// What the knots of the motion say for this path time; empty without a motion.
+    /// Set-points from the knots of the motion at this path time; empty without a motion.
     pub planned: Vec<Planned>,
 }
 
-/// What the knots say for one cable at one time, SI.
+/// Set-points from the knots for one cable at one time, SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Planned {
     /// Paid-out length, m.
@@ -38,16 +38,16 @@ pub struct Planned {
     pub tension_n: f64,
 }
 
-/// What bytes meant.
+/// Decoded content of bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Seen {
-    /// The board said who it is.
+    /// The board sent its greeting.
     Hello(Hello),
-    /// The host asked for something other than heartbeats and knots.
+    /// The host requested something other than heartbeats and knots.
     Asked(Request),
     /// The host sent a knot for the first time.
     Knot(Knot),
-    /// The board refused something.
+    /// The board refused a request.
     Refused(Reject),
     /// The board's state.
     Status(Status),
@@ -57,12 +57,12 @@ pub enum Seen {
     Beat {
         /// Path time, ms.
         path_ms: u32,
-        /// What the board does.
+        /// The board's state.
         state: mcdpr_protocol::BoardState,
     },
 }
 
-/// Turns bytes into what they mean.
+/// Decodes bytes.
 #[derive(Default)]
 pub struct Decoder {
     to_board: Deframer,
@@ -73,7 +73,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Frames that were none.
+    /// Damaged frames.
     #[must_use]
     pub const fn damaged(&self) -> u64 {
         self.damaged
@@ -115,7 +115,7 @@ impl Decoder {
                 Err(reject) => seen.push(Seen::Refused(reject)),
             },
             Meaning::Command(command) => {
-                // A request that is sent again is the same request.
+                // A repeated request is the same request.
                 if command.request.is_sequenced() {
                     let again = self.sequence.is_some_and(|last| {
                         command.sequence.0.wrapping_sub(last).cast_signed() <= 0
@@ -149,7 +149,7 @@ impl Decoder {
         let mut ticks = Vec::new();
         block.unpack(|tick, row| {
             let since = tick.since(block.tick);
-            // The path clock stands at zero while nothing moves.
+            // The path clock is zero while no motion runs.
             let path_s = (block.path_ms > 0)
                 .then(|| (f64::from(block.path_ms) + f64::from(since)) * 1e-3)
                 .filter(|path_s| *path_s <= self.end_s());
@@ -171,10 +171,11 @@ impl Decoder {
         last.map_or(0.0, |(_, knot)| knot.time_s())
     }
 
-    /// What the knots say for a path time: the cubic between two of them (the paper's Eq. 53).
+    /// Set-points from the knots at a path time: the cubic between two of them (the paper's Eq.
+    /// 53).
     fn planned(&self, path_s: f64) -> Vec<Planned> {
         let ms = path_s * 1e3;
-        // Knots are in order of time as of number: halve the range.
+        // Knots are ordered both by time and by number: bisection.
         let (mut low, mut high) = match (self.knots.first_key_value(), self.knots.last_key_value())
         {
             (Some((first, _)), Some((last, _))) => (*first, *last),

@@ -24,10 +24,10 @@ pub enum LoadError {
     Missing {
         /// Where.
         path: PathBuf,
-        /// What the system says.
+        /// The system's message.
         reason: String,
     },
-    /// It is no MCAP file.
+    /// It is not an MCAP file.
     #[error("{path} cannot be read")]
     #[diagnostic(
         code(mcdpr::record::unreadable),
@@ -39,8 +39,8 @@ pub enum LoadError {
         /// Why not.
         source: ReadError,
     },
-    /// It is an MCAP file of something else.
-    #[error("{path} is no record of a run: {reason}")]
+    /// It is an MCAP file with other content.
+    #[error("{path} is not a record of a run: {reason}")]
     #[diagnostic(
         code(mcdpr::record::other),
         help("it must hold the attachment scenario.json and the wire's bytes")
@@ -79,7 +79,7 @@ pub struct LogLine {
     pub time_s: f64,
     /// Foxglove's level: 2 info, 3 warning, 4 error.
     pub level: u64,
-    /// What.
+    /// The text.
     pub text: String,
 }
 
@@ -92,15 +92,15 @@ pub struct RecordedRun {
     pub scenario: Scenario,
     /// Calls of the line in order, with the link's times.
     pub frames: Vec<RawFrame>,
-    /// The plan, if one was made; several motions one after another in path time.
+    /// The plan, if there was one; several motions one after another in path time.
     pub plan: Option<PlanNote>,
     /// True states of a simulated robot.
     pub truth: Vec<TruthPoint>,
-    /// Orders that came while it ran, with the looks for orders before them.
+    /// Orders during the run, with the number of polls before them.
     pub orders: Vec<(u64, Order)>,
     /// The log.
     pub log: Vec<LogLine>,
-    /// Whether the file ends as it should.
+    /// Whether the file is complete.
     pub damage: Option<Damage>,
     /// Calls of the line that are missing inside the record (its watcher did not keep up, or a
     /// part is corrupt).
@@ -168,7 +168,7 @@ impl RecordedRun {
         };
         let start_ns = run.scenario.started_unix_us.saturating_mul(1000);
         let mut next_call = 0_u32;
-        // Of several motions one after another, each goes on in path time where the last ended.
+        // Of several motions one after another, each continues in path time where the last ended.
         let mut before_s = 0.0;
         for message in &contents.messages {
             let time_ns = message.log_time_ns.saturating_sub(start_ns);
@@ -231,7 +231,7 @@ impl RecordedRun {
         }));
     }
 
-    /// Everything that the board measured and said: link time (s) with what it was.
+    /// Everything that the board measured and reported, with its link time (s).
     #[must_use]
     pub fn seen(&self) -> Vec<(f64, Seen)> {
         let mut decoder = Decoder::default();

@@ -1,19 +1,20 @@
-//! Seeing a run: what went over the line and what the host knew, for records and live views.
+//! Recording and viewing a run: the bytes on the line and the host's notes, for records and live
+//! views.
 //!
 //! | module | what it is for |
 //! |---|---|
 //! | [`mcap`] | the container that a run is kept in |
-//! | [`decode`] | bytes of a line, both ways, as what they mean |
-//! | [`witness`] | hands what happens to watchers on threads of their own |
+//! | [`decode`] | decodes the bytes of a line, both ways |
+//! | [`witness`] | passes events to watchers on separate threads |
 //! | [`recording`] | the watcher that writes the MCAP file |
 //! | `panel` | the robot in Foxglove's terms, for its 3-D panel |
 //! | [`load`] | a recorded run, read back |
-//! | [`scenario`] | what was run, so that it can be run again |
+//! | [`scenario`] | the inputs of a run, for repeating it |
 //! | [`words`] | states and limits in words |
 //!
-//! Whoever watches sees a run from outside: the bytes that pass (with the link's own times), and
-//! notes of the host (its plan). The thread that moves the robot copies a few hundred bytes into a
-//! queue and goes on, whatever the disk or a browser does.
+//! Watchers see a run from outside: the bytes that pass (with the link's own times), and notes of
+//! the host (its plan). The thread that moves the robot copies a few hundred bytes into a queue and
+//! continues, independent of the disk or a browser.
 
 pub mod decode;
 pub mod load;

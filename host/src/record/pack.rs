@@ -1,5 +1,5 @@
-//! Calls of a line, packed: a line in virtual time gives its bytes one by one, and a message of its
-//! own for each would be ten times the bytes.
+//! Calls of a line, packed: a line in virtual time returns its bytes one by one, and a separate
+//! message for each would be ten times the size.
 //!
 //! A pack is the number of its first call (u32, little-endian) and the calls: time since the call
 //! before (since 0 for the first of a pack), µs; twice the number of bytes, plus one towards the
@@ -22,7 +22,7 @@ pub(crate) struct Pack {
 }
 
 impl Pack {
-    /// Adds a call; gives the packs that are complete, each with the time of its first call, µs.
+    /// Adds a call; returns the packs that are complete, each with the time of its first call, µs.
     pub fn push(&mut self, call: u32, frame: &RawFrame) -> Option<(u64, Vec<u8>)> {
         let mut done = None;
         let late = frame.time_us > self.first_us + SPAN_US;
@@ -49,7 +49,7 @@ impl Pack {
         done
     }
 
-    /// What has gathered, with the time of its first call, µs.
+    /// The collected calls, with the time of their first call, µs.
     pub fn take(&mut self) -> Option<(u64, Vec<u8>)> {
         (!self.bytes.is_empty()).then(|| (self.first_us, std::mem::take(&mut self.bytes)))
     }
@@ -80,7 +80,7 @@ fn get(bytes: &mut &[u8]) -> Option<u64> {
     None
 }
 
-/// Unpacks: the number of the first call, and the calls. `None` for bytes that are no pack.
+/// Unpacks: the number of the first call, and the calls. `None` for invalid bytes.
 #[must_use]
 pub fn unpack(pack: &[u8]) -> Option<(u32, Vec<RawFrame>)> {
     let (head, mut rest) = pack.split_first_chunk::<4>()?;

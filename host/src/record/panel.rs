@@ -1,5 +1,5 @@
-//! The robot as a 3-D panel shows it without a plugin: Foxglove's `SceneUpdate` and
-//! `CameraCalibration`, and the transforms that hold its parts together.
+//! The robot for a 3-D panel without a plugin: Foxglove's `SceneUpdate` and `CameraCalibration`,
+//! and the transforms between its parts.
 //!
 //! Source: the well-known schemas of docs.foxglove.dev/docs/visualization/message-schemas.
 
@@ -23,7 +23,7 @@ const PATH_M: f64 = 0.002;
 const BALL_M: f64 = 0.02;
 const LETTERS_M: f64 = 0.04;
 
-/// A thing of the scene with everything that a message must have; it stays until it is replaced.
+/// An entity of the scene with all required fields; it stays until it is replaced.
 fn entity(id: &str, frame: &str, stamp: &impl Serialize, parts: Value) -> Value {
     let mut all = json!({
         "timestamp": stamp,
@@ -96,7 +96,7 @@ pub(super) fn platform(model: &Model, stamp: &impl Serialize) -> Value {
     entity("platform", "platform", stamp, parts)
 }
 
-/// The cables at a pose, blue at the least tension that is allowed, red at the greatest.
+/// The cables at a pose, blue at the least permitted tension, red at the greatest.
 pub(super) fn cables(
     model: &Model,
     pose: &Pose,
@@ -133,7 +133,7 @@ pub(super) fn cables(
     Some(entity("cables", "world", stamp, json!({ "lines": lines })))
 }
 
-/// Where the tool shall go.
+/// Planned path of the tool.
 pub(super) fn path(plan: &PlanNote, stamp: &impl Serialize) -> Value {
     let points = plan.points.iter().map(|point| xyz(&point.tool_m.into()));
     let lines = json!([{
@@ -149,7 +149,7 @@ pub(super) fn path(plan: &PlanNote, stamp: &impl Serialize) -> Value {
     entity("path", "world", stamp, json!({ "lines": lines }))
 }
 
-/// What is fixed to the platform: the name of its frame, and platform_from_it.
+/// A part fixed to the platform: the name of its frame, and platform_from_it.
 pub(super) fn fixed(model: &Model) -> [(&'static str, Pose); 2] {
     let robot = model.robot();
     [

@@ -24,10 +24,10 @@ use std::time::{Duration, Instant};
 pub(super) const WIRE: &str = "/wire";
 /// Bytes of a chunk.
 const CHUNK_BYTES: usize = 256 * 1024;
-/// Whatever happens, no more than this of the record is only in memory.
+/// Greatest part of the record that is only in memory.
 const FLUSH_EVERY: Duration = Duration::from_millis(500);
 
-/// How a recording went.
+/// Result of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Summary {
     /// Messages written.
@@ -38,7 +38,7 @@ pub struct Summary {
     pub complete: bool,
 }
 
-/// Writes what happens into a file.
+/// Writes the events into a file.
 pub struct Recording<W: Write + Send + 'static = File> {
     writer: Option<Writer<W>>,
     channels: Vec<ChannelId>,
@@ -52,9 +52,9 @@ pub struct Recording<W: Write + Send + 'static = File> {
     fault: Option<FaultRecord>,
     limits: u16,
     plan: Option<PlanNote>,
-    /// Where a simulated platform truly is.
+    /// True pose of a simulated platform.
     true_pose: Option<Pose>,
-    /// Whether what never changes has been shown.
+    /// Whether the constant parts have been shown.
     shown: bool,
     flushed: Instant,
     sync: fn(&W) -> io::Result<()>,
@@ -96,10 +96,10 @@ struct Cables<'a> {
 }
 
 impl Recording<File> {
-    /// Starts a record at `path`, where no file may be; what the scenario says goes in first.
+    /// Starts a record at `path`, which must not exist; the scenario is written first.
     ///
     /// # Errors
-    /// The system's: a folder that cannot be written, a record that is there already.
+    /// The system's: a folder that cannot be written, an existing record.
     pub fn create(path: &Path, scenario: &Scenario, model: Option<Model>) -> io::Result<Self> {
         let file = File::create_new(path)?;
         Self::start(file, scenario, model, |file| file.sync_data())
@@ -107,7 +107,7 @@ impl Recording<File> {
 }
 
 impl<W: Write + Send + 'static> Recording<W> {
-    /// Starts a record into anything; `sync` makes what was written last.
+    /// Starts a record into any writer; `sync` makes the data written last durable.
     ///
     /// # Errors
     /// The system's.
@@ -170,13 +170,13 @@ impl<W: Write + Send + 'static> Recording<W> {
         })
     }
 
-    /// Where the outcome will be found.
+    /// Where the outcome is stored.
     #[must_use]
     pub fn summary(&self) -> Arc<Mutex<Summary>> {
         Arc::clone(&self.summary)
     }
 
-    /// Does something with the file; what goes wrong ends the record, and only the record.
+    /// Uses the file; an error ends the record, and only the record.
     fn with_writer(&mut self, work: impl FnOnce(&mut Writer<W>) -> io::Result<()>) {
         let Some(writer) = &mut self.writer else {
             return;
@@ -342,17 +342,13 @@ impl<W: Write + Send + 'static> Recording<W> {
         self.limits = status.limits.0;
         for one in LIMITS {
             if new & (1 << (one as u8)) != 0 {
-                self.log(
-                    time_ns,
-                    Level::Warning,
-                    &format!("at its edge: {}", limit(one)),
-                );
+                self.log(time_ns, Level::Warning, &format!("warning: {}", limit(one)));
             }
         }
         self.estimated(status, &metres, &newtons, time_ns);
     }
 
-    /// Where the platform hangs by its lengths and tensions, and what a 3-D panel shows of it.
+    /// Pose of the platform by its lengths and tensions, and its display in a 3-D panel.
     fn estimated(&mut self, status: &Status, lengths_m: &[f64], tensions_n: &[f64], time_ns: u64) {
         let Some(model) = self.model.take() else {
             return;

@@ -1,11 +1,11 @@
-//! What was run: all that it takes to run it again.
+//! The inputs of a run: everything needed to run it again.
 
 use crate::machine::Mismatch;
 use crate::motion::PlanOptions;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Where a task came from.
+/// Source of a task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TaskSource {
     /// Name of a built-in task, or of the task file.
@@ -34,12 +34,12 @@ impl TaskSource {
     }
 }
 
-/// The machine that answered.
+/// The machine in the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Machine {
     /// A simulated robot in this process: it can be simulated again.
     Simulated {
-        /// How far it was from its description.
+        /// Its mismatch from its description.
         mismatch: Mismatch,
         /// Seed of everything random.
         seed: u64,
@@ -47,25 +47,25 @@ pub enum Machine {
         /// control core in the program itself.
         firmware: Option<u32>,
     },
-    /// Something behind a port.
+    /// A board behind a port.
     Port {
         /// Its name.
         name: String,
     },
 }
 
-/// What the host did with the robot.
+/// Action of the host with the robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Doing {
-    /// It ran a task: the record alone says all that it depended on.
+    /// It ran a task: the record contains everything that it depended on.
     #[default]
     Task,
-    /// It did single orders, such as moves and jogs: what it sends depends on who gave them.
+    /// It executed single orders, such as moves and jogs: its output depends on the user.
     Orders,
-    /// It went where pictures told it to.
+    /// It followed pictures.
     Pictures,
-    /// People did a part of it: they pulled, rigged, hung weights, or turned a bare winch.
+    /// People were involved: they pulled, rigged, hung weights, or turned a bare winch.
     Hands,
 }
 
@@ -78,7 +78,7 @@ pub struct RobotText {
     pub text: String,
 }
 
-/// What was run.
+/// The inputs of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Scenario {
     /// Version of the program.
@@ -87,19 +87,19 @@ pub struct Scenario {
     pub protocol: String,
     /// Start, Unix time, µs.
     pub started_unix_us: u64,
-    /// The command line behind the program's name.
+    /// The command line after the program's name.
     pub arguments: Vec<String>,
     /// The robot's files, the robot file first.
     pub robot: Vec<RobotText>,
-    /// The calibration that was applied to it, if one was.
+    /// The calibration that was applied to it, if any.
     #[serde(default)]
     pub calibration: Option<RobotText>,
     /// The task.
     pub task: TaskSource,
-    /// How it was planned.
+    /// Planning options.
     #[serde(default)]
     pub options: PlanOptions,
-    /// What the host did.
+    /// Action of the host.
     #[serde(default)]
     pub doing: Doing,
     /// Whether the host was told that the robot hangs at home.
@@ -107,7 +107,7 @@ pub struct Scenario {
     pub at_home: bool,
     /// Number of the session on the wire.
     pub session: u32,
-    /// What answered.
+    /// The machine.
     pub machine: Machine,
 }
 
@@ -133,7 +133,7 @@ impl Scenario {
         }
     }
 
-    /// Writes the robot's files below a folder and gives the robot file's path.
+    /// Writes the robot's files below a folder and returns the robot file's path.
     ///
     /// # Errors
     /// The system's; a name that leaves the folder is refused.
@@ -159,7 +159,7 @@ impl Scenario {
         first.ok_or_else(|| std::io::Error::other("the record holds no robot file"))
     }
 
-    /// Writes the calibration below a folder and gives its path, where one was applied.
+    /// Writes the calibration below a folder and returns its path, if one was applied.
     ///
     /// # Errors
     /// The system's.

@@ -1,4 +1,4 @@
-//! Topics of a record and the JSON schemas of their messages: Foxglove's where they exist.
+//! Topics of a record and the JSON schemas of their messages: Foxglove's if they exist.
 
 use serde_json::{Value, json};
 
@@ -184,7 +184,7 @@ fn status() -> Value {
             "length_m": numbers("measured lengths, m"),
             "tension_n": numbers("measured tensions, N"),
             "fault": { "type": ["string", "null"] },
-            "limits": { "type": "integer", "description": "bit set of what works at its edge" },
+            "limits": { "type": "integer", "description": "bit set of warnings" },
             "brakes_open": { "type": "integer" },
             "torque_on": { "type": "integer" },
             "referenced": { "type": "boolean" },

@@ -1,4 +1,4 @@
-//! Hands what happens on a line to watchers, each on a thread of its own.
+//! Passes the events on a line to watchers, each on a separate thread.
 
 use crate::control::{Handle, Order};
 use crate::link::{Direction, Link, LinkError, Note, RawFrame, SimulatedLink};
@@ -14,14 +14,14 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How grave a remark is.
+/// Severity of a remark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Level {
     /// For the record.
     Info,
-    /// At the edge.
+    /// A warning.
     Warning,
-    /// Something went wrong.
+    /// An error.
     Error,
 }
 
@@ -30,7 +30,7 @@ pub enum Level {
 pub struct PlanPoint {
     /// Path time, s.
     pub time_s: f64,
-    /// Where the tool shall be, m.
+    /// Planned position of the tool, m.
     pub tool_m: [f64; 3],
     /// Origin of the platform, m.
     pub position_m: [f64; 3],
@@ -40,7 +40,7 @@ pub struct PlanPoint {
     pub tensions_n: Vec<f64>,
 }
 
-/// What the host plans, as a watcher sees it.
+/// The host's plan, as a watcher sees it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlanNote {
     /// Duration, s.
@@ -83,7 +83,7 @@ impl PlanNote {
         }
     }
 
-    /// Where the tool shall be at a path time, m, between the points.
+    /// Planned position of the tool at a path time, m, interpolated.
     #[must_use]
     pub(crate) fn tool_at(&self, time_s: f64) -> Option<[f64; 3]> {
         let after = self.points.partition_point(|point| point.time_s <= time_s);
@@ -112,7 +112,7 @@ impl PlanNote {
     }
 }
 
-/// What is true of a simulated robot at one time. SI, world frame.
+/// True state of a simulated robot at one time. SI, world frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TruthPoint {
     /// Board tick.
@@ -146,7 +146,7 @@ impl TruthPoint {
     }
 }
 
-/// Something that a watcher is shown.
+/// An event for a watcher.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Happening {
     /// Bytes went over the line, or a wait for them ended.
@@ -163,7 +163,7 @@ pub enum Happening {
         /// The plan.
         plan: PlanNote,
     },
-    /// What is true of the simulated robot.
+    /// The true state of the simulated robot.
     Truth {
         /// The link's time, µs.
         time_us: u64,
@@ -174,9 +174,9 @@ pub enum Happening {
     Order {
         /// The link's time, µs.
         time_us: u64,
-        /// How often that thread had looked for orders before.
+        /// How often that thread had polled for orders before.
         looks: u64,
-        /// What.
+        /// The order.
         order: Order,
     },
     /// A picture was taken.
@@ -186,39 +186,39 @@ pub enum Happening {
         /// The picture, with what was found in it.
         picture: Shown,
     },
-    /// Words of the host.
+    /// A text of the host.
     Remark {
         /// The link's time, µs.
         time_us: u64,
-        /// How grave.
+        /// Its severity.
         level: Level,
-        /// What.
+        /// The text.
         text: String,
     },
 }
 
-/// Sees what happens, on a thread of its own.
+/// Receives events, on a separate thread.
 pub trait Watcher: Send + 'static {
-    /// Something happened.
+    /// An event.
     fn see(&mut self, happening: &Happening);
-    /// Nothing happened for a while: time for what can wait.
+    /// No events for a while: time for deferred work.
     fn idle(&mut self) {}
     /// The run is over.
     fn end(&mut self) {}
 }
 
-/// What to do when a watcher does not keep up.
+/// Action if a watcher does not keep up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Patience {
-    /// Wait for it: the line's time is virtual, nothing real is late.
+    /// Wait for it: the line's time is virtual, so nothing is late.
     Wait,
-    /// Leave things out and count them: a robot is moving.
+    /// Drop events and count them: a robot is moving.
     Drop,
 }
 
-/// Happenings that may wait for a watcher: ten seconds of a busy line.
+/// Greatest number of events waiting for a watcher: ten seconds of a busy line.
 const QUEUE: usize = 20_000;
-/// After this without news a watcher gets its idle call.
+/// After this time without events a watcher gets its idle call.
 const IDLE: Duration = Duration::from_millis(250);
 
 struct Watching {
@@ -228,17 +228,17 @@ struct Watching {
     thread: JoinHandle<()>,
 }
 
-/// Those who watch a run.
+/// The watchers of a run.
 #[derive(Default)]
 pub struct Witness {
     watchers: Vec<Watching>,
 }
 
 impl Witness {
-    /// Adds a watcher, and gives the count of what it missed.
+    /// Adds a watcher, and returns the count of its missed events.
     ///
     /// # Errors
-    /// Where the system has no thread for it.
+    /// If the system has no thread for it.
     pub fn add(
         &mut self,
         watcher: impl Watcher,
@@ -258,13 +258,13 @@ impl Witness {
         Ok(lost)
     }
 
-    /// Whether nobody watches.
+    /// Whether there are no watchers.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.watchers.is_empty()
     }
 
-    /// Shows something to every watcher.
+    /// Sends an event to every watcher.
     pub fn tell(&self, happening: Happening) {
         if self.watchers.is_empty() {
             return;
@@ -273,7 +273,7 @@ impl Witness {
         for watching in &self.watchers {
             let copy = Arc::clone(&happening);
             match watching.patience {
-                // A watcher that ended by itself has said why.
+                // A watcher that ended by itself has reported why.
                 Patience::Wait => drop(watching.sender.send(copy)),
                 Patience::Drop => {
                     if let Err(TrySendError::Full(_)) = watching.sender.try_send(copy) {
@@ -284,11 +284,11 @@ impl Witness {
         }
     }
 
-    /// Ends the run: every watcher takes what waits for it and ends.
+    /// Ends the run: every watcher processes its waiting events and ends.
     pub fn finish(self) {
         for watching in self.watchers {
             drop(watching.sender);
-            // A watcher that panicked has printed its message; the run is not lost for it.
+            // A watcher that panicked has printed its message; the run is not affected.
             let _ = watching.thread.join();
         }
     }
@@ -307,7 +307,7 @@ fn watch(mut watcher: impl Watcher, receiver: &Receiver<Arc<Happening>>) {
     }
 }
 
-/// The truth of a simulated robot, followed while its time passes.
+/// The true state of a simulated robot, sampled while its time passes.
 #[derive(Clone)]
 pub(crate) struct TruthTap {
     link: SimulatedLink,
@@ -319,7 +319,7 @@ impl TruthTap {
     /// Ticks between the points that are shown.
     const EVERY: u32 = 10;
 
-    /// Starts to follow.
+    /// Starts sampling.
     #[must_use]
     pub fn new(link: SimulatedLink, cables: usize) -> Self {
         link.with(mcdpr_simulator::Simulation::record_truth);
@@ -330,7 +330,7 @@ impl TruthTap {
         }
     }
 
-    /// Starts to follow for those who watch, and keeps nothing: for a robot that runs for days.
+    /// Starts sampling for watchers, and stores nothing: for a robot that runs for days.
     #[must_use]
     pub(crate) fn forgetful(link: SimulatedLink, cables: usize) -> Self {
         Self {
@@ -356,7 +356,7 @@ impl TruthTap {
         }
     }
 
-    /// Everything that was kept so far, tick by tick.
+    /// All stored samples, tick by tick.
     #[must_use]
     pub fn take(&self) -> Vec<TracePoint> {
         let new = self.link.with(mcdpr_simulator::Simulation::take_trace);
@@ -367,7 +367,7 @@ impl TruthTap {
     }
 }
 
-/// A line that a witness sees.
+/// A line observed by a witness.
 pub struct Watched<'a, L> {
     inner: L,
     witness: &'a Witness,
@@ -377,7 +377,7 @@ pub struct Watched<'a, L> {
 }
 
 impl<'a, L: Link> Watched<'a, L> {
-    /// Shows what passes over `inner`.
+    /// Shows the traffic of `inner`.
     pub const fn new(inner: L, witness: &'a Witness) -> Self {
         Self {
             inner,
@@ -388,14 +388,14 @@ impl<'a, L: Link> Watched<'a, L> {
         }
     }
 
-    /// Shows what is true of the simulated robot as well.
+    /// Shows the true state of the simulated robot as well.
     #[must_use]
     pub(crate) fn with_truth(mut self, tap: TruthTap) -> Self {
         self.truth = Some(tap);
         self
     }
 
-    /// Shows the orders that come to this handle as well; a new run begins.
+    /// Shows the orders to this handle as well; a new run begins.
     #[must_use]
     pub(crate) fn with_orders(mut self, handle: &Handle) -> Self {
         handle.count_anew();

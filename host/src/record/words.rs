@@ -14,7 +14,7 @@ pub const LIMITS: [Limit; 8] = [
     Limit::TrimSaturated,
 ];
 
-/// What a limit means.
+/// Meaning of a limit.
 #[must_use]
 pub const fn limit(limit: Limit) -> &'static str {
     match limit {
@@ -32,7 +32,7 @@ pub const fn limit(limit: Limit) -> &'static str {
     }
 }
 
-/// What a state means.
+/// Meaning of a state.
 #[must_use]
 pub const fn state(state: BoardState) -> &'static str {
     match state {

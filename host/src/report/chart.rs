@@ -10,7 +10,7 @@ pub struct Curve {
     pub name: String,
     /// Points in order; a jump in the drawing where a value is not finite.
     pub points: Vec<(f64, f64)>,
-    /// Whether it is drawn dashed (what was planned).
+    /// Whether it is drawn dashed (planned values).
     pub dashed: bool,
     /// Which of the page's colours, from 0.
     pub color: usize,
@@ -39,15 +39,15 @@ impl Curve {
 /// A chart.
 #[derive(Debug, Clone, Default)]
 pub struct Chart {
-    /// What it shows.
+    /// Its title.
     pub title: String,
     /// Names of the axes, with units.
     pub axes: (String, String),
     /// The curves.
     pub curves: Vec<Curve>,
-    /// A band of values in which the curves should be.
+    /// Permitted range of the curves.
     pub band: Option<(f64, f64)>,
-    /// Marks on the first axis: where, what, and whether it is a fault.
+    /// Marks on the first axis: position, text, and whether it is a fault.
     pub marks: Vec<(f64, String, bool)>,
     /// One scale for both axes: for paths.
     pub square: bool,
@@ -104,7 +104,7 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     kept
 }
 
-/// Every n-th point, for paths, where a column means nothing.
+/// Every n-th point, for paths, which have no columns.
 fn spaced(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let every = points.len().div_ceil(2 * COLUMNS).max(1);
     points.iter().step_by(every).copied().collect()

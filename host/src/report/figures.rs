@@ -1,4 +1,4 @@
-//! The figures by which a run is judged.
+//! The figures of merit of a run.
 
 use crate::motion::{Model, Plan, PlanError};
 use crate::run::Measured;
@@ -30,7 +30,7 @@ pub struct MeanSdMax {
 pub struct TensionError {
     /// Mean of the absolute value.
     pub mean_abs: f64,
-    /// What one sample of a thousand exceeds: the greatest of many is mostly its sensor's noise.
+    /// Exceeded by one sample in a thousand: the greatest of many samples is mostly sensor noise.
     pub p999_abs: f64,
     /// Greatest absolute value.
     pub max_abs: f64,
@@ -39,8 +39,8 @@ pub struct TensionError {
 /// Figures of a run. SI, the unit in the key.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Figures {
-    /// Distance between where the tool was and where it should have been at that time. True
-    /// positions of the simulated tool; `None` on hardware without a camera.
+    /// Distance between the tool's true and planned positions at that time. True positions of the
+    /// simulated tool; `None` on hardware without a camera.
     pub path_error_m: Option<MeanMax>,
     /// Absolute difference of measured (drum encoder) and planned lengths, all cables.
     pub cable_length_error_m: MeanSdMax,
@@ -48,10 +48,10 @@ pub struct Figures {
     pub tension_error_n: TensionError,
 }
 
-/// Judges a run: what was measured against the plan, and the true path where there is one.
+/// Judges a run: the measurements against the plan, and the true path if there is one.
 ///
 /// # Errors
-/// [`PlanError::Path`]: not for a plan that was run.
+/// [`PlanError::Path`]: never for a plan that was run.
 pub fn measure(
     model: &Model,
     plan: &Plan,
@@ -101,7 +101,7 @@ pub fn measure(
 }
 
 impl TensionError {
-    /// Of differences without their signs, N; NaN where there are none.
+    /// Of absolute differences, N; NaN if there are none.
     pub(super) fn of(mut differences_n: Vec<f64>) -> Self {
         differences_n.sort_unstable_by(f64::total_cmp);
         let at = (differences_n.len() * 999 / 1000).min(differences_n.len().saturating_sub(1));

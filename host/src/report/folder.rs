@@ -18,9 +18,8 @@ pub(crate) struct RunFolder {
 }
 
 impl RunFolder {
-    /// Makes the folder: the given one, or `runs/DATE-TIME-NAME` here, with a number behind it
-    /// where that is taken. A given folder is taken where it holds a run or a plan: nothing of it is
-    /// written over.
+    /// Makes the folder: the given one, or `runs/DATE-TIME-NAME` here, with a number appended if
+    /// that exists. A given folder that contains a run or a plan is not overwritten.
     ///
     /// # Errors
     /// The file system's.
@@ -67,13 +66,13 @@ impl RunFolder {
         Ok(Self { path })
     }
 
-    /// Where it is.
+    /// Its path.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes a file: first under another name, then renamed, so that no half file stays.
+    /// Writes a file: first under another name, then renamed, so that no partial file stays.
     ///
     /// # Errors
     /// The file system's.
@@ -91,10 +90,10 @@ impl RunFolder {
     }
 }
 
-/// Samples of a run as CSV, one line a tick; empty cells where a value does not exist.
+/// Samples of a run as CSV, one line per tick; empty cells for missing values.
 ///
 /// # Errors
-/// [`PlanError::Path`]: not for a plan that was run.
+/// [`PlanError::Path`]: never for a plan that was run.
 pub(crate) fn write_samples(
     plan: &Plan,
     samples: &[Measured],
@@ -164,7 +163,7 @@ mod tests {
         let names: Vec<_> = (0..3)
             .map(|round| {
                 let folder = RunFolder::create(Some(&asked), "any").unwrap();
-                // Without results it is the same one.
+                // Without results the same folder is used.
                 let again = RunFolder::create(Some(&asked), "any").unwrap();
                 assert_eq!(folder.path(), again.path());
                 folder.write("run.mcap", &format!("{round}")).unwrap();

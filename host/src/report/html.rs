@@ -34,7 +34,7 @@ pub fn page(title: &str, body: &str) -> String {
     )
 }
 
-/// Text that can stand in a page.
+/// Text escaped for a page.
 #[must_use]
 pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
@@ -43,7 +43,7 @@ pub(crate) fn escape(text: &str) -> String {
         .replace('"', "&quot;")
 }
 
-/// A table; the first row is its head. Cells that start with a digit or a sign stand to the right.
+/// A table; the first row is its head. Cells that start with a digit or a sign are right-aligned.
 #[must_use]
 pub fn table(rows: &[Vec<String>]) -> String {
     let mut out = String::from("<table>");
@@ -66,7 +66,7 @@ pub fn table(rows: &[Vec<String>]) -> String {
     out + "</table>"
 }
 
-/// What answered, in words.
+/// The machine, in words.
 fn machine(run: &RecordedRun) -> String {
     match &run.scenario.machine {
         Machine::Simulated {
@@ -93,7 +93,7 @@ fn mm(value: f64) -> String {
     format!("{:.3}", value * 1e3)
 }
 
-/// Figures as rows: name and one cell a run.
+/// Figures as rows: name and one cell per run.
 fn figure_rows(runs: &[&Judgement]) -> Vec<Vec<String>> {
     let row = |name: &str, cell: &dyn Fn(&Judgement) -> String| {
         std::iter::once(name.to_owned())

@@ -1,4 +1,4 @@
-//! What a recorded run amounts to: figures and verdicts, from the record alone.
+//! Figures and verdicts of a recorded run, from the record alone.
 
 use super::figures::{MeanMax, MeanSdMax, TensionError, greatest, mean};
 use crate::record::RecordedRun;
@@ -10,9 +10,9 @@ use serde::Serialize;
 /// A check of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Verdict {
-    /// What was checked.
+    /// Its name.
     pub what: String,
-    /// Whether it holds.
+    /// Whether it passed.
     pub pass: bool,
     /// The numbers.
     pub numbers: String,
@@ -29,12 +29,12 @@ pub struct CableFigures {
     pub tension_max_n: f64,
 }
 
-/// What a recorded run amounts to.
+/// Results of a recorded run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Judgement {
     /// Duration of the record, s.
     pub duration_s: f64,
-    /// Distance of the tool from where it should have been, m; simulated runs only.
+    /// Distance of the tool from its planned position, m; simulated runs only.
     pub path_error_m: Option<MeanMax>,
     /// Absolute length errors of all cables, m.
     pub cable_length_error_m: Option<MeanSdMax>,
@@ -86,7 +86,7 @@ pub fn judge(run: &RecordedRun, robot: &Robot) -> Judgement {
             .filter_map(|tick| tick.tensions_n.get(index).copied())
             .collect();
         if cable.control == Control::Tension {
-            // The set-point is the plan's: it changes along the way.
+            // The set-point comes from the plan: it changes along the path.
             let off = motion.iter().filter_map(|tick| {
                 let planned = tick.planned.get(index)?;
                 Some((tick.tensions_n.get(index)? - planned.tension_n).abs())
@@ -123,7 +123,7 @@ pub fn judge(run: &RecordedRun, robot: &Robot) -> Judgement {
     judgement
 }
 
-/// Path time (s) and distance of the simulated tool from where it should have been (m).
+/// Path time (s) and distance of the simulated tool from its planned position (m).
 #[must_use]
 pub(crate) fn path_errors(run: &RecordedRun) -> Vec<(f64, f64)> {
     let Some(plan) = &run.plan else {
@@ -183,7 +183,9 @@ fn verdicts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Verd
         "ended at rest, brakes closed",
         ended && moved,
         last.as_ref()
-            .map_or("nothing was told".to_owned(), |s| format!("{:?}", s.state)),
+            .map_or("no status was received".to_owned(), |s| {
+                format!("{:?}", s.state)
+            }),
     );
     let limits = &robot.limits;
     let low = judgement

@@ -1,4 +1,4 @@
-//! What a run was: figures, plots, files.
+//! Results of a run: figures, plots, files.
 
 pub(crate) mod chart;
 mod figures;
@@ -18,10 +18,10 @@ pub(crate) use plot::draw_path;
 
 use mcdpr_simulator::TracePoint;
 
-/// True tool positions of a simulated run along its motion: path time (s) and place (m).
+/// True tool positions of a simulated run along its motion: path time (s) and position (m).
 #[must_use]
 pub fn true_path(trace: &[TracePoint]) -> Vec<(f64, [f64; 3])> {
-    // A path clock that runs back is that of another motion.
+    // A path clock that runs back belongs to another motion.
     let begun = trace
         .windows(2)
         .rposition(|pair| matches!(pair, [a, b] if b.path_ms > 0 && a.path_ms > b.path_ms));

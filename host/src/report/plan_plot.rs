@@ -6,14 +6,14 @@ use plotters::prelude::*;
 
 /// Size of the picture, px.
 const SIZE: (u32, u32) = (1200, 900);
-/// Points that a curve is drawn with.
+/// Points per curve.
 const POINTS: u32 = 600;
 
 type Failed = Box<dyn std::error::Error>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Curve = (String, Vec<(f64, f64)>);
 
-/// Draws a plan as SVG text; empty where it cannot be drawn.
+/// Draws a plan as SVG text; empty if it cannot be drawn.
 #[must_use]
 pub fn draw_plan(title: &str, plan: &Plan) -> String {
     let mut svg = String::new();
@@ -97,7 +97,7 @@ fn chart(
     }
     let mut half = (0.52 * (high.0 - low.0), 0.55 * (high.1 - low.1));
     if square {
-        // One scale for both axes, or a circle would not look like one.
+        // One scale for both axes, so that a circle looks like one.
         half = (half.0.max(half.1), half.0.max(half.1));
     }
     half = (half.0.max(1e-3), half.1.max(1e-3));

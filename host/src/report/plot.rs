@@ -8,13 +8,13 @@ use plotters::prelude::*;
 pub(crate) struct PathTrace<'a> {
     /// Its name in the legend.
     pub name: &'a str,
-    /// Path time (s) and place (m).
+    /// Path time (s) and position (m).
     pub points: &'a [(f64, [f64; 3])],
 }
 
 /// Size of the picture, px.
 const SIZE: (u32, u32) = (1200, 600);
-/// Points that a curve is drawn with, at the most.
+/// Greatest number of points per curve.
 const MOST_POINTS: usize = 1500;
 
 /// Draws the desired path from above beside the actual ones, and their errors over time.
@@ -43,8 +43,8 @@ pub(crate) fn draw_path(
         errors.push(curve);
     }
     let mut svg = String::new();
-    // Drawing into a string can only fail by a mistake in this function; a picture that is not
-    // there is then seen, and the run's figures are not lost for it.
+    // Drawing into a string fails only through a bug in this function; a missing picture is then
+    // visible, and the run's figures are not lost.
     if render(title, &desired, traces, &errors, duration_s, &mut svg).is_err() {
         svg.clear();
     }
@@ -82,7 +82,7 @@ fn render(
         low = low.inf(at);
         high = high.sup(at);
     }
-    // One scale for both axes, or a circle would not look like one.
+    // One scale for both axes, so that a circle looks like one.
     let half = 0.55e3 * (high.x - low.x).max(high.y - low.y).max(1e-3);
     let middle = (low + high) * 0.5e3;
     let mut chart = ChartBuilder::on(&left)

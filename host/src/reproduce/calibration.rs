@@ -13,18 +13,18 @@ use mcdpr_kinematics::{Cable, Platform, Pose, Robot};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// What an estimator's answer is worth.
+/// Accuracy of an estimator's answer.
 struct Worth {
     /// Errors at the poses at which it is judged.
     errors: Errors,
-    /// Camera on the platform: place (m) and attitude (rad).
+    /// Camera on the platform: position (m) and attitude (rad).
     camera: (f64, f64),
     /// Mean error of the distances between anchors, m: it does not depend on the frame.
     anchors_m: f64,
 }
 
-/// One simulated calibration: without one, by the paper's estimator, by the same with its anchors'
-/// term as printed, by the joint estimate.
+/// One simulated calibration: without calibration, by the paper's estimator, by the same with its
+/// anchors' term as printed, by the joint estimate.
 struct Found {
     none: Option<Errors>,
     by: [Option<Worth>; 3],
@@ -50,7 +50,7 @@ fn apart_m(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 
 fn worth(answer: &Answer, truth: &Truth) -> Option<Worth> {
     let errors = errors(truth, &answer.holdout_encoder_m, Some(answer))?;
-    // Where the camera sits on the platform, which is what Table 3 prints.
+    // Pose of the camera on the platform, as printed in Table 3.
     let found = answer.camera_from_platform.inverse();
     let there = truth.camera_from_platform.inverse();
     let anchors = |cables: &[Cable]| -> Vec<Vector3<f64>> {
@@ -91,7 +91,7 @@ fn calibrate(setup: &Setup, judged_at: Option<&[Pose]>) -> Result<Found, String>
     })
 }
 
-/// Many calibrations, one a seed.
+/// Many calibrations, one per seed.
 fn calibrations(
     bench: &Bench,
     setup: &Setup,
@@ -107,7 +107,7 @@ fn calibrations(
         .collect()
 }
 
-/// Median of a figure over those calibrations that have it, or a dash.
+/// Median of a figure over the calibrations that have it, or a dash.
 fn middle(all: &[Found], scale: f64, of: &dyn Fn(&Found) -> Option<f64>) -> String {
     let values: Vec<_> = all.iter().filter_map(of).collect();
     if values.is_empty() {
@@ -125,7 +125,7 @@ fn each(all: &[Found], scale: f64, of: &dyn Fn(&Worth) -> f64) -> String {
     [cell(0), cell(1), cell(2)].join(" / ")
 }
 
-/// A quantity, its unit, the paper's number, the factor to that unit, and where it is in an answer.
+/// A quantity, its unit, the paper's number, the factor to that unit, and its value in an answer.
 type Quantity<'a> = (&'a str, &'a str, &'a str, f64, &'a dyn Fn(&Worth) -> f64);
 
 fn rows(as_described: &[Found], realistic: &[Found], of: &[Quantity<'_>]) -> Vec<Row> {
@@ -140,7 +140,7 @@ fn rows(as_described: &[Found], realistic: &[Found], of: &[Quantity<'_>]) -> Vec
     of.iter().map(row).collect()
 }
 
-/// Realistic: what really happens to tags, lenses, drums and cables.
+/// Realistic: typical errors of tags, lenses, drums and cables.
 fn realistic() -> Setup {
     Setup {
         target: Target::Board,
@@ -199,7 +199,7 @@ const TABLE_3_MM: [[[f64; 3]; 4]; 2] = [
     ],
 ];
 
-/// Table 3 and Section 6.1.1: free poses, one tag, hardly any noise.
+/// Table 3 and Section 6.1.1: free poses, one tag, very little noise.
 pub(super) fn free_poses(bench: &Bench) -> Result<Outcome, ReproduceError> {
     let setup = undisturbed();
     let as_described = calibrations(bench, &setup, None)?;
@@ -281,7 +281,8 @@ fn undisturbed() -> Setup {
     }
 }
 
-/// What the platform is off by where it is sent by the anchors' nominal places: no tag is asked.
+/// Position error of the platform when it is commanded by the anchors' nominal positions, without a
+/// tag.
 fn nominal(data: &Data, truth: &Truth) -> Option<Errors> {
     let platform = Platform {
         mass_kg: 1.0,
@@ -300,7 +301,7 @@ fn nominal(data: &Data, truth: &Truth) -> Option<Errors> {
     errors(truth, &predicted, None)
 }
 
-/// Table 4: what calibration does for a pose.
+/// Table 4: effect of the calibration on a pose.
 pub(super) fn reachable_poses(bench: &Bench) -> Result<Outcome, ReproduceError> {
     let at = [grasp_pose()];
     let mut rows = Vec::new();
@@ -372,7 +373,7 @@ fn table_6_poses() -> [Pose; 2] {
     [Pose::level(middle - half), Pose::level(middle + half)]
 }
 
-/// What the way from the first pose to the second is off by, m.
+/// Error of the displacement from the first pose to the second, m.
 fn relative_m(errors: &Errors) -> Option<f64> {
     let [first, second] = errors.position_m.get(..2)? else {
         return None;
@@ -380,7 +381,7 @@ fn relative_m(errors: &Errors) -> Option<f64> {
     Some((second - first).norm())
 }
 
-/// How much of it a calibration takes away, %.
+/// Reduction of it by a calibration, %.
 fn reduction(found: &Found, estimator: usize) -> Option<f64> {
     let before = relative_m(found.none.as_ref()?)?;
     let after = relative_m(&found.by.get(estimator)?.as_ref()?.errors)?;

@@ -12,17 +12,17 @@ use nalgebra::{Rotation3, Vector3};
 const HEIGHT_M: f64 = 0.024;
 /// Cubic segments of a path.
 const SEGMENTS: u32 = 32;
-/// Places between two knots at which the path is compared.
+/// Points between two knots at which the path is compared.
 const BETWEEN: u32 = 16;
 
-/// What went wrong, in the words of what failed.
+/// The error, in its own words.
 fn told(error: impl std::fmt::Display) -> ReproduceError {
     ReproduceError::Service(error.to_string())
 }
 
-/// Greatest distance, m, between a path of the level platform and what cubic splines of the cable
-/// lengths through [`SEGMENTS`] + 1 of its places make of it. `law` says what share of the path is
-/// done at a share of the time.
+/// Greatest distance, m, between a path of the level platform and the result of cubic splines of
+/// the cable lengths through [`SEGMENTS`] + 1 of its points. `law` gives the share of the path at a
+/// share of the time.
 fn deviation_m(
     robot: &AnyRobot,
     at: &dyn Fn(f64) -> Result<Vector3<f64>, ReproduceError>,

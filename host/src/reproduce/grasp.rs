@@ -1,4 +1,4 @@
-//! Grasping: a cycle at the paper's own places (Figures 26 and 27), and picking by pictures
+//! Grasping: a cycle at the paper's own positions (Figures 26 and 27), and picking by pictures
 //! (Figures 13 to 15 and 23 to 25).
 
 use super::tracking::{self, Ran, conditions, length_charts, path_chart, row, tension_chart};
@@ -41,8 +41,7 @@ dwell_s = 1.0
 points_mm = [[335, 100, -437], [335, 0, -100]]
 "#;
 
-/// How far the tool's mean place was from where it should rest, mm; `None` where it never rested
-/// there.
+/// Distance of the tool's mean position from its target, mm; `None` if it never rested there.
 fn off_mm(ran: &Ran, place_mm: [f64; 3]) -> Option<f64> {
     let wanted = Vector3::from(place_mm) * 1e-3;
     let mut sum = Vector3::zeros();
@@ -62,7 +61,7 @@ fn both_off_mm(ran: &Ran) -> Vec<f64> {
     vec![off(GRASP_MM), off(RELEASE_MM)]
 }
 
-/// The same with a machine that is known as it was assembled: anchors off by up to 5 mm.
+/// The same with a machine that is known only as assembled: anchors off by up to 5 mm.
 fn uncalibrated(
     bench: &Bench,
     model: &Model,
@@ -82,7 +81,7 @@ fn uncalibrated(
     for run in runs {
         match run {
             Ok(ran) => good.push(ran),
-            // What follows the colon are the numbers of one seed.
+            // After the colon follow the numbers of one seed.
             Err(error) => {
                 let words = error.to_string();
                 why.get_or_insert(words.split(':').next().unwrap_or_default().to_owned());
@@ -242,7 +241,7 @@ pub(super) fn picking(bench: &Bench) -> Result<Outcome, ReproduceError> {
                     keep: paper && seed == bench.seed,
                     ..Watching::default()
                 };
-                // A scene that a stop of the robot ends is counted.
+                // A scene that is ended by a stop of the robot is counted.
                 scene_with(&robot, &wanted, &Handle::new(), &watching).ok()
             })
             .collect()
@@ -257,7 +256,7 @@ pub(super) fn picking(bench: &Bench) -> Result<Outcome, ReproduceError> {
     let assembled = sum_up(&scenes(Knowledge::Nominal, false));
     let row = |quantity: &str, as_described: String, realistic: String| Row {
         quantity: quantity.to_owned(),
-        paper: "not told".to_owned(),
+        paper: "not stated".to_owned(),
         origin: Origin::Simulation,
         as_described,
         realistic,
@@ -321,7 +320,7 @@ pub(super) fn picking(bench: &Bench) -> Result<Outcome, ReproduceError> {
     })
 }
 
-/// Lengths and pose while it picks.
+/// Lengths and pose during picking.
 fn operation(kept: &Kept, cables: usize) -> Vec<Chart> {
     let chart = |title: &str, unit: &str, curves: Vec<Curve>| Chart {
         title: title.to_owned(),

@@ -13,15 +13,15 @@ use rayon::prelude::*;
 
 /// Time at rest, s.
 const REST_S: f64 = 6.0;
-/// When a push begins, s after the samples begin.
+/// Start of a push, s after the samples begin.
 const PUSH_S: f64 = 3.0;
 /// The band of the paper, N.
 const BAND_N: f64 = 0.5;
-/// Width of the mean that stands for what a control curve shows, samples: sensor noise is no
-/// deviation of the tension.
+/// Width of the mean that represents a control curve, samples: sensor noise is not a deviation of
+/// the tension.
 const SMOOTH: usize = 20;
-/// Width of the mean that tells when the tension is back, samples: it swings about the set-point
-/// as long as the platform swings.
+/// Width of the mean that decides when the tension is back, samples: it oscillates about the
+/// set-point as long as the platform swings.
 const SLOW: usize = 50;
 
 /// A push on the platform.
@@ -50,7 +50,7 @@ const fn aside(force_n: f64) -> Push {
 /// Time since holding (s) and tension of cable 4 (N).
 type Trace = Vec<(f64, f64)>;
 
-/// Arms the robot, holds, optionally pushes it, and gives cable 4's measured tension.
+/// Arms the robot, holds, optionally pushes it, and returns cable 4's measured tension.
 fn hold(
     model: &Model,
     mismatch: &Mismatch,
@@ -67,7 +67,7 @@ fn hold(
     let reference = machine::reference(&home.paid_out_m, home.tensions_n());
     client.request(reference).map_err(RunError::from)?;
     run::arm(&mut client, hash)?;
-    // What was measured while it armed is not of the experiment.
+    // Samples during arming are not part of the experiment.
     while client.next_event().is_some() {}
     let mut recorder = Recorder::default();
     let start_us = client.now_us();
@@ -150,8 +150,8 @@ fn greatest_n(trace: &Trace, setpoint_n: f64) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Greatest deviation after the push began (N), and time until the mean of 50 ms is in its band for
-/// good (s after the push began).
+/// Greatest deviation after the push began (N), and time until the mean of 50 ms stays in its band
+/// (s after the push began).
 fn recovery(trace: &Trace, setpoint_n: f64) -> Vec<f64> {
     let slow = smooth(trace, SLOW);
     let after = slow.iter().filter(|(t, _)| *t >= PUSH_S);
@@ -160,7 +160,7 @@ fn recovery(trace: &Trace, setpoint_n: f64) -> Vec<f64> {
     vec![greatest_n(trace, setpoint_n), last]
 }
 
-/// The greatest push aside for half a second (N) that leaves the tension in its band all the time.
+/// The greatest sideways push for half a second (N) that keeps the tension in its band.
 fn greatest_push(model: &Model, mismatch: &Mismatch, seed: u64) -> Result<f64, ReproduceError> {
     let setpoint_n = model.robot().tension.setpoint_n;
     let (mut low_n, mut high_n) = (0.0, MOST_PUSH_N);
@@ -168,7 +168,7 @@ fn greatest_push(model: &Model, mismatch: &Mismatch, seed: u64) -> Result<f64, R
         let middle_n = 0.5 * (low_n + high_n);
         let stays = match hold(model, mismatch, seed, Some(aside(middle_n)), None) {
             Ok(trace) => greatest_n(&trace, setpoint_n) <= BAND_N,
-            // The board stopped: that was too much.
+            // The board stopped: the push was too strong.
             Err(ReproduceError::Run(RunError::Fault { .. })) => false,
             Err(error) => return Err(error),
         };
@@ -181,7 +181,7 @@ fn greatest_push(model: &Model, mismatch: &Mismatch, seed: u64) -> Result<f64, R
     Ok(low_n)
 }
 
-/// A robot that holds the paper's 10 N, wherever it hangs.
+/// A robot that holds the paper's 10 N, at any position.
 fn holding(robot: &str) -> Result<Model, ReproduceError> {
     let options = PlanOptions {
         tensioning: Tensioning::Setpoint,
@@ -192,7 +192,7 @@ fn holding(robot: &str) -> Result<Model, ReproduceError> {
     Ok(Model::new(&robot)?.with_options(options))
 }
 
-/// A push that is not exceeded, N: more than a quarter of the platform's weight.
+/// Upper bound of the push, N: more than a quarter of the platform's weight.
 const MOST_PUSH_N: f64 = 4.0;
 /// The paper's set-point, N.
 const SETPOINT_N: f64 = 10.0;
@@ -321,7 +321,7 @@ pub(super) fn disturbed(bench: &Bench) -> Result<Outcome, ReproduceError> {
         };
         rows.push(row(
             format!("{winch}: greatest push aside that leaves the tension in the band, N"),
-            "not told",
+            "not stated",
             [told(ideal), told(median(real?)), none()],
         ));
     }

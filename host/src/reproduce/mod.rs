@@ -1,10 +1,10 @@
-//! The paper's experiments, run again on the simulator, with the paper's numbers beside ours.
+//! The paper's experiments, repeated on the simulator, with the paper's numbers beside ours.
 //!
 //! Three columns of ours: under the paper's conditions (the machine exactly as described), under
 //! realistic conditions (mismatch and pulley loss), and on the emulated chip, which executes the
-//! firmware's own file. The simulator takes the place of CoppeliaSim, and of the hardware: a number
-//! of the paper's hardware beside one of a simulation compares a prototype with a model, and the
-//! table says so in every row.
+//! firmware file. The simulator replaces CoppeliaSim, and the hardware: a number of the paper's
+//! hardware beside one of a simulation compares a prototype with a model, and the table says so in
+//! every row.
 
 mod calibration;
 mod geometry;
@@ -42,7 +42,7 @@ pub enum ReproduceError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Robot(#[from] RobotError),
-    /// Something of a winch, a sensor or a path could not be measured or computed.
+    /// A quantity of a winch, a sensor or a path could not be measured or computed.
     #[error("{0}")]
     #[diagnostic(code(mcdpr::reproduce::failed))]
     Service(String),
@@ -77,11 +77,11 @@ pub enum Origin {
 /// One quantity.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// What, with its unit.
+    /// Its name, with its unit.
     pub quantity: String,
     /// The paper's number.
     pub paper: String,
-    /// Where the paper's number comes from.
+    /// Source of the paper's number.
     pub origin: Origin,
     /// Ours under the paper's conditions.
     pub as_described: String,
@@ -96,11 +96,11 @@ pub struct Row {
 pub struct Outcome {
     /// Short name.
     pub id: &'static str,
-    /// What the paper calls it.
+    /// The paper's name for it.
     pub title: &'static str,
     /// Its quantities.
     pub rows: Vec<Row>,
-    /// What a reader must know to compare.
+    /// Notes needed for a comparison.
     pub notes: Vec<String>,
     /// Plots like the paper's figures.
     #[serde(skip)]
@@ -110,11 +110,11 @@ pub struct Outcome {
     pub pictures: Vec<String>,
 }
 
-/// What all experiments need.
+/// Inputs of all experiments.
 pub struct Bench {
     /// First seed.
     pub seed: u64,
-    /// Number of seeds for what is random.
+    /// Number of seeds for random quantities.
     pub seeds: u64,
     /// The firmware for the emulated chip's column, if there is one.
     pub firmware: Option<crate::machine::Firmware>,
@@ -124,7 +124,7 @@ pub struct Bench {
 pub struct Experiment {
     /// Short name, for `--only`.
     pub id: &'static str,
-    /// What the paper calls it.
+    /// The paper's name for it.
     pub title: &'static str,
     run: fn(&Bench) -> Result<Outcome, ReproduceError>,
 }
@@ -193,7 +193,7 @@ pub(crate) const EXPERIMENTS: [Experiment; 12] = [
     },
 ];
 
-/// What is not reproduced, and why.
+/// Experiments that are not reproduced, and why.
 pub(crate) const NOT_REPRODUCED: [(&str, &str); 7] = [
     (
         "Table 3, the printed values themselves",
@@ -231,7 +231,7 @@ pub(crate) const NOT_REPRODUCED: [(&str, &str); 7] = [
     ),
 ];
 
-/// Runs the experiments of these names, all where none is given; `progress` is told before each.
+/// Runs the experiments of these names, all if none is given; `progress` is called before each.
 ///
 /// # Errors
 /// [`ReproduceError`].

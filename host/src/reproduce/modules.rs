@@ -1,5 +1,5 @@
-//! What the paper measured on a winch module by itself: the motor's reduction (Eq. 50) and the
-//! tension sensor's line (Figure 16), by the commands that measure them on a board.
+//! The paper's measurements on a winch module: the motor's reduction (Eq. 50) and the tension
+//! sensor's line (Figure 16), by the commands that measure them on a board.
 
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none, paper_robot};
 use crate::calibration::study::median;
@@ -22,7 +22,7 @@ const TURNS: u32 = 3;
 /// Weights that are hung on the sensor, kg, up and down again.
 const WEIGHTS_KG: [f64; 9] = [0.0, 0.5, 1.0, 2.0, 3.0, 2.0, 1.0, 0.5, 0.0];
 
-/// The simulated robot's own errors, as a run's.
+/// The errors of the simulated robot, as for a run.
 fn line(error: PlantError) -> RunError {
     RunError::Client(plant_failed(error).into())
 }
@@ -101,7 +101,7 @@ pub(super) fn motor(bench: &Bench) -> Result<Outcome, ReproduceError> {
                 ],
             ),
             row(
-                "backlash, motor counts (least that can be told)",
+                "backlash, motor counts (least that can be detected)",
                 "-",
                 [
                     format!("{:.0} ({:.0})", of(&ideal).2, ideal.backlash_resolution),

@@ -17,16 +17,16 @@ use rayon::prelude::*;
 /// Height of a level platform's origin, m: the paper's 24 mm is out of the sensors' range.
 const HEIGHT_M: f64 = -0.1;
 
-/// Path time (s), place (m) and attitude (rad) of the true platform.
+/// Path time (s), position (m) and attitude (rad) of the true platform.
 type TruePose = (f64, [f64; 3], [f64; 3]);
 
-/// What came of one run.
+/// Result of one run.
 pub(super) struct Ran {
     pub(super) run: Run,
     pub(super) figures: Figures,
     /// Absolute length error of each cable: mean and greatest, m.
     by_cable_m: Vec<(f64, f64)>,
-    /// How the true platform went.
+    /// True path of the platform.
     poses: Vec<TruePose>,
 }
 
@@ -57,7 +57,7 @@ pub(super) fn run(
         .run_on(link.clone())?;
     let trace = link.with(Simulation::take_trace);
     let path = true_path(&trace);
-    // The motion's own points: those before it belong to the way to its start.
+    // Only the motion's own points: those before it belong to the move to its start.
     let moving: Vec<_> = trace.iter().filter(|point| point.path_ms > 0).collect();
     let moving = moving.get(moving.len().saturating_sub(path.len())..);
     let poses = moving.unwrap_or_default().iter().map(|point| {
@@ -103,7 +103,7 @@ fn by_cable_m(run: &Run, cables: usize) -> Vec<(f64, f64)> {
     all
 }
 
-/// The emulated chip's run, or why there is none; `None` without a firmware file.
+/// The emulated chip's run, or why it failed; `None` without a firmware file.
 pub(super) type Chip = Option<Result<Ran, String>>;
 
 /// A task's runs under all conditions.
@@ -126,7 +126,7 @@ pub(super) fn conditions(
     let ((as_described, chip), realistic) = rayon::join(
         || {
             let as_described = go(&Mismatch::default(), bench.seed, None);
-            // What the chip's firmware does not do is a result, and no reason to lose the others.
+            // A failure of the chip's firmware is a result, and must not lose the others.
             let chip = bench.firmware.as_ref().map(|firmware| {
                 let outcome = go(&real, bench.seed, Some(firmware));
                 outcome.map_err(|error| format!("failed: {error}"))
@@ -200,10 +200,10 @@ pub(super) fn tension_error(ran: &Ran) -> Vec<f64> {
     vec![e.mean_abs, e.max_abs]
 }
 
-/// What was measured and what was planned of a cable (from 0).
+/// Measured and planned values of a cable (from 0).
 type OfCable<'a> = dyn Fn(&Measured, &Rest, usize) -> [Option<f64>; 2] + 'a;
 
-/// Curves over path time, one a cable; `of` gives measured values and planned ones of a cable.
+/// Curves over path time, one per cable; `of` returns measured and planned values of a cable.
 fn by_time(ran: &Ran, cables: &[usize], of: &OfCable<'_>) -> Vec<Curve> {
     let mut curves = Vec::new();
     for &cable in cables {

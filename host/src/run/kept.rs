@@ -21,7 +21,7 @@ impl LengthStore for LengthFiles {
     }
 }
 
-/// Keeps them, whole, in place of the old ones.
+/// Saves them completely, in place of the old ones.
 fn store(saved: &Saved) -> std::io::Result<()> {
     let path = path_of(&saved.board).ok_or(std::io::ErrorKind::NotFound)?;
     if let Some(folder) = path.parent() {

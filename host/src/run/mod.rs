@@ -1,4 +1,4 @@
-//! Running a plan on a board, with what that needs of the system: signals, files, numbers.
+//! Running a plan on a board, with the parts that need the system: signals, files, numbers.
 
 mod interrupt;
 mod kept;

@@ -1,4 +1,4 @@
-//! What came of a fault: when it was noticed, what the robot did, how far it fell, what it bore.
+//! Consequences of a fault: detection time, reaction, drop, and loads on the cables.
 
 use crate::motion::Model;
 use crate::run::RunError;
@@ -6,19 +6,20 @@ use mcdpr_firmware::State;
 use mcdpr_protocol::FaultRecord;
 use mcdpr_simulator::TracePoint;
 
-/// What the robot can bear, for judging.
+/// Limits of the robot, for judging.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limits {
     /// Cables.
     pub cables: usize,
     /// Largest tension of each cable, N.
     pub ceiling_n: Vec<f64>,
-    /// Under this tension a cable is slack, N.
+    /// Below this tension a cable is slack, N.
     pub slack_n: f64,
 }
 
 impl Limits {
-    /// Of this robot. Slack is truth, not a threshold of comfort: a tenth of a newton.
+    /// For this robot. Slack is judged physically, at a tenth of a newton, not at the least
+    /// permitted tension.
     #[must_use]
     pub fn of(model: &Model) -> Self {
         let robot = model.robot();
@@ -35,25 +36,25 @@ impl Limits {
     }
 }
 
-/// Something that happened, at a time after the first fault.
+/// An event, at a time after the first fault.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moment {
     /// Time after the fault, ms; negative before it.
     pub after_ms: i64,
-    /// What.
+    /// The event.
     pub what: String,
 }
 
-/// A run with faults, as the plant truly went through it.
+/// A run with faults, with the plant's true states.
 #[derive(Debug)]
 pub struct Aftermath {
     /// Every tick of the run, from power-on.
     pub trace: Vec<TracePoint>,
     /// When the faults happened, ms since power-on.
     pub injected_ms: Vec<u64>,
-    /// What the host's program ended with; `None` where the motion was done.
+    /// The error that ended the host's program; `None` if the motion was completed.
     pub error: Option<RunError>,
-    /// What the robot can bear.
+    /// Limits of the robot.
     pub limits: Limits,
     /// Planned height of the tool at each millisecond of path time, m.
     pub planned_height_m: Vec<f64>,
@@ -76,7 +77,7 @@ impl Aftermath {
         }
     }
 
-    /// From the first fault's tick on; all of it where none was injected.
+    /// From the first fault's tick on; the whole run if none was injected.
     #[must_use]
     pub fn after(&self) -> &[TracePoint] {
         let first = self.injected_ms.first().copied().unwrap_or(0);
@@ -98,8 +99,8 @@ impl Aftermath {
         self.after().iter().position(|point| point.fault.is_some())
     }
 
-    /// How far the tool fell from the first fault on, m: below the lowest that it had come to when
-    /// the fault was noticed, and below where its path leads while it decelerates along it.
+    /// How far the tool fell from the first fault on, m: below its lowest position when the fault
+    /// was detected, and below its path while it decelerates along it.
     #[must_use]
     pub fn drop_m(&self) -> f64 {
         let after = self.after();
@@ -117,7 +118,7 @@ impl Aftermath {
         let from_m = planned(path_ms).unwrap_or(0.0);
         let (mut way_m, mut drop_m) = (0.0_f64, 0.0_f64);
         for point in rest {
-            // The path's clock is set back when the motion is thrown away.
+            // The path clock is reset when the motion is discarded.
             if let Some(now_m) = planned(point.path_ms).filter(|_| point.path_ms > path_ms) {
                 way_m = way_m.min(now_m - from_m);
             }
@@ -147,7 +148,7 @@ impl Aftermath {
         self.slack_but(&[])
     }
 
-    /// The same, but for some cables (from 0): what can be held tight without them.
+    /// The same, except for some cables (from 0): those that are not needed to hold it taut.
     #[must_use]
     pub(crate) fn slack_but(&self, without: &[usize]) -> (usize, usize) {
         let mut worst = (0, 0);
@@ -166,7 +167,7 @@ impl Aftermath {
         self.trace.last().map(|point| point.state)
     }
 
-    /// Whether all stands still at the end: brakes closed, torque off.
+    /// Whether the robot is safe at the end: brakes closed, torque off.
     #[must_use]
     pub fn is_safe(&self) -> bool {
         let Some(end) = self.trace.last() else {
@@ -178,7 +179,7 @@ impl Aftermath {
         brakes.clone().all(|closed| *closed) && still && !end.torque_on
     }
 
-    /// What happened, in order of time.
+    /// The events, in order of time.
     #[must_use]
     pub fn timeline(&self) -> Vec<Moment> {
         let first = self.injected_ms.first().copied().unwrap_or(0);
@@ -224,7 +225,7 @@ const fn meaning(state: State) -> &'static str {
         State::Boot => "Boot: the board starts",
         State::Disarmed => "Disarmed: brakes closed, no torque",
         State::Arming => "Arming: drives come up, checks run",
-        State::Holding => "Holding: it stands under tension",
+        State::Holding => "Holding: it is at rest under tension",
         State::Moving => "Moving",
         State::Pausing => "Pausing: it decelerates along its path",
         State::Stopping => "Stopping: it decelerates, then brakes close under torque",

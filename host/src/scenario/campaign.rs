@@ -1,5 +1,5 @@
-//! Many seeded runs with random faults at random times on random robots, and what must hold in
-//! each: the invariants of the project's fault list.
+//! Many seeded runs with random faults at random times on random robots, and the invariants that
+//! each must keep: those of the project's fault list.
 
 use super::{Aftermath, Injection, Scenario, When};
 use crate::experiment::{Experiment, SimulatedRobot};
@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Faults that are drawn, each as often as the others.
+/// The faults, each equally likely.
 pub const DRAWN: &[FaultId] = &[
     FaultId::L1,
     FaultId::L3,
@@ -58,7 +58,7 @@ const OVER_MS: usize = 5;
 /// Longest time that a cable may be slack under torque, ms.
 const SLACK_MS: usize = 50;
 
-/// What is demanded of a run.
+/// Requirements on a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Class {
     /// All of it: cables intact, brakes in time, drives under control.
@@ -69,7 +69,7 @@ pub enum Class {
     Disturbed,
 }
 
-/// What is demanded where this fault happens.
+/// Requirements after this fault.
 #[must_use]
 pub const fn class(fault: FaultId) -> Class {
     match fault {
@@ -86,7 +86,7 @@ pub const fn class(fault: FaultId) -> Class {
     }
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Debug, Clone)]
 pub struct Verdict {
     /// Its seed.
@@ -95,9 +95,9 @@ pub struct Verdict {
     pub injections: Vec<Injection>,
     /// The fault that the board latched first.
     pub noticed: Option<FaultId>,
-    /// Ticks from the first injection until then.
+    /// Ticks from the first injection to its detection.
     pub noticed_after_ms: Option<usize>,
-    /// How far the tool fell, m; and the bound that holds for the robot, m.
+    /// How far the tool fell, m; and the bound for the robot, m.
     pub drop_m: f64,
     /// The bound.
     pub drop_bound_m: f64,
@@ -105,12 +105,12 @@ pub struct Verdict {
     pub over_ms: usize,
     /// Longest time that an intact cable was slack under torque, ms.
     pub slack_ms: usize,
-    /// What did not hold.
+    /// The broken invariants.
     pub violations: Vec<String>,
 }
 
 impl Verdict {
-    /// One line that says what happened and how to see it again.
+    /// One line with the events and the command to repeat it.
     #[must_use]
     pub fn line(&self) -> String {
         let faults: Vec<_> = self.injections.iter().map(word).collect();
@@ -157,7 +157,7 @@ impl Draw {
     }
 }
 
-/// The robot of a seed: the paper's, with other mass, stiffness, brakes, friction and anchors.
+/// The robot of a seed: the paper's, with different mass, stiffness, brakes, friction and anchors.
 fn robot(draw: &mut Draw) -> Option<Robot> {
     let mut robot = Robot::built_in("paper-table5").ok()?;
     let scale = draw.between(0.7, 1.5);
@@ -184,7 +184,7 @@ fn robot(draw: &mut Draw) -> Option<Robot> {
     Some(robot)
 }
 
-/// A short way from home that the robot can go; in twenty draws there is one.
+/// A short move from home that the robot can do; one of twenty draws succeeds.
 fn task(draw: &mut Draw, model: &Model) -> Option<(Task, f64)> {
     let home = model.robot().tool.home_in_world_m * 1e3;
     for _ in 0..20 {
@@ -229,7 +229,7 @@ fn injections(draw: &mut Draw, duration_s: f64, cables: usize) -> Vec<Injection>
     drawn.collect()
 }
 
-/// Runs one seed. `None` where no motion was found for its robot.
+/// Runs one seed. `None` if no motion was found for its robot.
 #[must_use]
 pub fn run(seed: u64) -> Option<Verdict> {
     let mut draw = Draw(ChaCha8Rng::seed_from_u64(seed ^ 0x6661_756C));
@@ -264,8 +264,8 @@ pub fn run(seed: u64) -> Option<Verdict> {
     Some(verdict)
 }
 
-/// Runs these seeds on all processors; verdicts in the order of the seeds, `None` where there was no
-/// motion. `seen` is told of each as it is done, in any order.
+/// Runs these seeds on all processors; verdicts in the order of the seeds, `None` if there was no
+/// motion. `seen` is called for each as it is done, in any order.
 pub fn run_all(
     seeds: std::ops::Range<u64>,
     seen: impl Fn(u64, Option<&Verdict>) + Sync,
@@ -304,7 +304,7 @@ fn judge(verdict: &mut Verdict, model: &Model, after: &Aftermath) {
     verdict.noticed_after_ms = after.detected_after_ms();
     verdict.drop_m = after.drop_m();
     verdict.over_ms = after.over_tension().1;
-    // Nobody takes up the slack of a drum whose drive does not obey.
+    // The slack of a drum whose drive does not follow commands is not taken up.
     let dead = verdict.injections.iter();
     let dead = dead.filter(|i| matches!(i.fault, FaultId::D2 | FaultId::D7));
     let dead: Vec<_> = dead.map(|i| i.cable).collect();
@@ -337,7 +337,7 @@ fn judge(verdict: &mut Verdict, model: &Model, after: &Aftermath) {
     verdict.violations = wrong;
 }
 
-/// Once a fault is latched and torque is off, torque stays off and the fault stays latched.
+/// Once a fault is latched and torque is off, torque must stay off and the fault must stay latched.
 fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
     let mut was_off = false;
     let mut latched = None;
@@ -364,7 +364,7 @@ fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
 }
 
 fn ends_safely(after: &Aftermath, faults: &[FaultId], wrong: &mut Vec<String>) {
-    // A brake that does not hold keeps its torque on purpose.
+    // If a brake does not hold, torque stays on intentionally.
     let stands = matches!(after.end(), Some(State::Stopping | State::Holding));
     let kept = faults.contains(&FaultId::B2) && stands;
     if !kept && !after.is_safe() {
@@ -372,16 +372,16 @@ fn ends_safely(after: &Aftermath, faults: &[FaultId], wrong: &mut Vec<String>) {
     }
 }
 
-/// How far the tool of this robot can fall, m: until the brakes hold, freely; and where a cable
-/// has broken, until one of the others is stretched straight down from its anchor, with the
-/// platform turned as it likes.
+/// Greatest possible drop of this robot's tool, m: freely until the brakes hold; and if a cable has
+/// broken, until one of the others is stretched straight down from its anchor, with the platform in
+/// any attitude.
 #[must_use]
 pub fn drop_bound_m(model: &Model, after: &Aftermath, injections: &[Injection]) -> f64 {
     let robot = model.robot();
     let slowest_s = robot.winches.iter().map(|winch| winch.brake_close_s);
     let late_s = injections.iter().filter(|i| i.fault == FaultId::B3);
     let late_s = late_s.map(|i| 0.3 * i.strength).fold(0.0, f64::max);
-    // Ten ticks to notice, and the brakes.
+    // Ten ticks for detection, and the brakes.
     let falls_s = 0.01 + slowest_s.fold(0.0, f64::max) + late_s;
     let free_m =
         robot.limits.speed_mps * falls_s + 0.5 * mcdpr_kinematics::GRAVITY_MPS2 * falls_s * falls_s;

@@ -1,4 +1,5 @@
-//! What each row of the fault list is at the plant, the bus, the pins, the line or the host.
+//! Implementation of each row of the fault list at the plant, the bus, the pins, the line or the
+//! host.
 
 use super::{Injection, Snag};
 use mcdpr_protocol::FaultId;
@@ -67,7 +68,7 @@ pub const fn how(fault: FaultId) -> How {
             How::Not("no run of the demo looks through the camera; tests/tests/collect.rs shows it")
         }
         FaultId::S3 | FaultId::K9 => {
-            How::Not("a counter that wraps is no fault; tests begin just before it")
+            How::Not("a counter that wraps is not a fault; tests begin just before it")
         }
         FaultId::L2 | FaultId::L5 | FaultId::L6 | FaultId::L7 => {
             How::Not("this program sends no such frame; tests of the board's side do")
@@ -81,13 +82,13 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::F3 | FaultId::F4 => How::Not("it cannot happen: the board stores nothing"),
         FaultId::F8 => How::Not("it happens to the disk; tests show it"),
         FaultId::K4 | FaultId::K5 | FaultId::K6 | FaultId::K7 | FaultId::K8 | FaultId::K10 => {
-            How::Not("this program sends nothing of that kind; tests of the board's side do")
+            How::Not("this program sends no such request; tests of the board's side do")
         }
         _ => How::Not("it is refused before anything moves; tests show it"),
     }
 }
 
-/// What a fault does to the host's side of the line.
+/// Effect of a fault on the host's side of the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum HostSide {
     /// Nothing.
@@ -96,10 +97,10 @@ pub(super) enum HostSide {
     Silent(u64),
 }
 
-/// Does it.
+/// Injects it.
 ///
 /// # Errors
-/// The plant's, where a strength makes no sense there.
+/// The plant's, if a strength is invalid there.
 pub(super) fn apply(
     simulation: &mut Simulation,
     injection: &Injection,
@@ -216,7 +217,7 @@ fn apply_to_plant(
     Ok(())
 }
 
-/// Takes the cause away again, where that is possible: what broke or slipped stays so.
+/// Removes the cause again, if possible: broken or slipped cables stay so.
 pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
     let fine = WireFaults::default();
     if injection.snag.is_some() {
@@ -240,7 +241,7 @@ pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
             }
         }
         FaultId::C5 => {
-            // A load of nothing is finite.
+            // A load of zero is finite.
             let _ = simulation
                 .plant_mut()
                 .set_load([0.0; 3], [0.0; 3], [0.0; 3]);

@@ -1,4 +1,4 @@
-//! A line to the simulator on which faults happen when their time has come.
+//! A line to the simulator that injects faults at their times.
 
 use super::inject::{HostSide, apply, mend};
 use super::{Injection, Phase, When};
@@ -7,16 +7,16 @@ use mcdpr_firmware::State;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// How finely the motion's start is looked for, µs: a control tick.
+/// Resolution of the search for the motion's start, µs: a control tick.
 const LOOK_US: u64 = 1000;
 
 #[derive(Debug, Default)]
 struct Schedule {
     pending: Vec<Injection>,
-    /// When to mend which, µs.
+    /// Times of removal, µs.
     mends: Vec<(u64, Injection)>,
     motion_us: Option<u64>,
-    /// When the board came into each phase of [`Phase::ALL`], µs.
+    /// Times at which the board entered each phase of [`Phase::ALL`], µs.
     phases_us: [Option<u64>; Phase::ALL.len()],
     last: Option<State>,
     /// The host sends nothing before this time, µs.
@@ -25,7 +25,7 @@ struct Schedule {
 }
 
 impl Schedule {
-    /// Sees the board's state.
+    /// Observes the board's state.
     fn see(&mut self, state: State, now_us: u64) {
         if self.last == Some(state) {
             return;
@@ -49,7 +49,7 @@ impl Schedule {
     }
 }
 
-/// A [`SimulatedLink`] that injects faults on time. Clones share all.
+/// A [`SimulatedLink`] that injects faults on time. Clones share all state.
 #[derive(Clone)]
 pub struct FaultyLink {
     inner: SimulatedLink,
@@ -57,7 +57,7 @@ pub struct FaultyLink {
 }
 
 impl FaultyLink {
-    /// Faults on this line; those of [`When::Start`] happen with the first byte.
+    /// Faults on this line; those of [`When::Start`] are injected with the first byte.
     #[must_use]
     pub fn new(inner: SimulatedLink, injections: &[Injection]) -> Self {
         let schedule = Schedule {
@@ -70,19 +70,19 @@ impl FaultyLink {
         }
     }
 
-    /// One more fault; one of [`When::Start`] happens with the next byte or wait.
+    /// One more fault; one of [`When::Start`] is injected with the next byte or wait.
     pub fn add(&self, injection: Injection) {
         self.schedule.borrow_mut().pending.push(injection);
     }
 
-    /// When each fault happened, ms since power-on, in the order of happening.
+    /// Injection time of each fault, ms since power-on, in order.
     #[must_use]
     pub fn injected_ms(&self) -> Vec<u64> {
         let schedule = self.schedule.borrow();
         schedule.injected_us.iter().map(|us| us / 1000).collect()
     }
 
-    /// Lets time pass with a host that does nothing.
+    /// Advances time with an inactive host.
     ///
     /// # Errors
     /// The plant's.
@@ -96,7 +96,7 @@ impl FaultyLink {
         Ok(())
     }
 
-    /// Injects and mends what is due, and gives the time of the next look.
+    /// Injects and removes the faults that are due, and returns the time of the next check.
     fn work(&self) -> Result<u64, LinkError> {
         let now = self.inner.now_us();
         let mut schedule = self.schedule.borrow_mut();

@@ -1,7 +1,7 @@
-//! Faults on purpose: which, where, when; injected into a simulated robot; what came of them.
+//! Fault injection: which fault, where, and when, into a simulated robot; and its results.
 //!
 //! Faults act on the plant, the drive bus, the pins, the line or the host's program, never inside
-//! the controller: what reacts is the same core that runs on a board.
+//! the controller: the core that reacts is the same as on a board.
 
 mod aftermath;
 pub mod campaign;
@@ -21,23 +21,23 @@ use crate::run::RunError;
 use mcdpr_protocol::{FaultId, SessionId};
 use mcdpr_simulator::Simulation;
 
-/// When a fault begins.
+/// Start of a fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum When {
     /// Before the host connects: the robot hangs on its brakes.
     Start,
     /// This long after the motion has begun, s.
     Motion(f64),
-    /// This long after the board has come into this phase, s.
+    /// This long after the board has entered this phase, s.
     After(Phase, f64),
 }
 
-/// What a board goes through around a motion.
+/// Phases of a board around a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// It arms for the first time.
     Arming,
-    /// It stands under tension for the first time.
+    /// It holds under tension for the first time.
     Holding,
     /// It stops after the motion: brakes close under torque.
     Stopping,
@@ -75,16 +75,16 @@ impl Phase {
 pub struct Injection {
     /// The row of `docs/faults.md`.
     pub fault: FaultId,
-    /// The cable, 0 for the first; of no matter where the whole robot fails.
+    /// The cable, 0 for the first; ignored if the whole robot fails.
     pub cable: usize,
     /// When.
     pub when: When,
-    /// How bad, 1 for what [`How`] says: slips, offsets and rates are multiplied by it.
+    /// Strength, 1 as described by [`How`]: slips, offsets and rates are multiplied by it.
     pub strength: f64,
-    /// After this long the cause goes away by itself, s; `None` for never.
+    /// After this time the cause disappears by itself, s; `None` for never.
     pub lasts_s: Option<f64>,
-    /// A stiff hook catches the platform, which is C2 as it happens to robots: instead of what
-    /// [`How`] says of that row.
+    /// A stiff hook catches the platform, which is a realistic cause of C2: instead of the
+    /// injection that [`How`] describes for that row.
     pub snag: Option<Snag>,
 }
 
@@ -106,18 +106,18 @@ pub struct Scenario {
     pub injections: Vec<Injection>,
 }
 
-/// Most that a scenario can hold.
+/// Greatest size of a scenario.
 pub(crate) const MOST_INJECTIONS: usize = 32;
 
-/// Time that a stopped robot gets to come to rest, µs: the two seconds that a lost link is held,
-/// and a stop.
+/// Time for a stopped robot to come to rest, µs: the two seconds of holding after a lost link, and
+/// a stop.
 const SETTLE_US: u64 = 4_000_000;
 
-/// Runs a task on a simulated robot at home with these faults, and says what came of it.
+/// Runs a task on a simulated robot at home with these faults, and returns the results.
 ///
 /// # Errors
-/// Where the task cannot be planned or the plant leaves the region where its physics holds;
-/// faults are no error.
+/// If the task cannot be planned or the plant leaves the region in which its physics is valid;
+/// faults are not errors.
 pub fn run(
     model: &Model,
     task: Task,
@@ -147,7 +147,7 @@ pub fn run(
     }
     let error = match outcome {
         Ok(_) => None,
-        // The plan, not the robot.
+        // An error of the plan, not of the robot.
         Err(error @ (RunError::Plan(_) | RunError::Config(_))) => return Err(error),
         Err(error) => Some(error),
     };

@@ -1,4 +1,4 @@
-//! Scenarios as people write them: `S2@3.0s` on the command line, TOML in a file.
+//! Scenarios in text form: `S2@3.0s` on the command line, TOML in a file.
 
 use super::{How, Injection, MOST_INJECTIONS, Phase, Scenario, Snag, When, how};
 use crate::robot::{DriveKind, Robot};
@@ -13,11 +13,11 @@ const MOST_BYTES: u64 = 64 * 1024;
 /// Latest time of a fault, s.
 const LATEST_S: f64 = 3600.0;
 
-/// Why there is no such scenario.
+/// Why a scenario is refused.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ScenarioError {
     /// Not of the form `ID[:CABLE]@TIME`.
-    #[error("{text:?} is no fault to inject: {what}")]
+    #[error("{text:?} is not a fault to inject: {what}")]
     #[diagnostic(
         code(mcdpr::scenario::form),
         help(
@@ -25,12 +25,12 @@ pub enum ScenarioError {
         )
     )]
     Form {
-        /// What was written.
+        /// The given text.
         text: String,
         /// What is wrong with it.
         what: String,
     },
-    /// A row that the simulator cannot show.
+    /// A row that cannot be simulated.
     #[error("{} ({}) cannot be injected: {why}", fault.name(), fault.what())]
     #[diagnostic(
         code(mcdpr::scenario::not_here),
@@ -42,7 +42,7 @@ pub enum ScenarioError {
         /// Why not.
         why: &'static str,
     },
-    /// A row that this robot cannot show.
+    /// A row that cannot be simulated on this robot.
     #[error("{} ({}) cannot be injected into winch {}: {why}", fault.name(), fault.what(), cable + 1)]
     #[diagnostic(
         code(mcdpr::scenario::not_this_robot),
@@ -65,7 +65,7 @@ pub enum ScenarioError {
         /// Why.
         reason: String,
     },
-    /// The file is no scenario.
+    /// The file is not a valid scenario.
     #[error("scenario file {path} is malformed: {message}")]
     #[diagnostic(
         code(mcdpr::scenario::malformed),
@@ -98,7 +98,7 @@ struct Entry {
     at_s: Option<f64>,
     strength: Option<f64>,
     lasts_s: Option<f64>,
-    /// Direction against which a snag holds, world; without it, all.
+    /// Direction in which a snag blocks, world; without it, all directions.
     along: Option<[f64; 3]>,
 }
 
@@ -130,8 +130,8 @@ impl Injection {
 
     /// Reads `ID@TIME` or `ID:CABLE@TIME`; cables count from 1, TIME is `3.0s`, `500ms`, a plain
     /// number of seconds after the motion's start, `start` for before the robot arms, or
-    /// `stopping+0.1s` for so long after a [`Phase`] has begun. `snag@TIME`
-    /// is a hook that catches the tool, `snag:+x@TIME` one that holds against motion along +x.
+    /// `stopping+0.1s` for this long after a [`Phase`] has begun. `snag@TIME` is a hook that
+    /// catches the tool, `snag:+x@TIME` one that blocks motion along +x.
     ///
     /// ```
     /// use mcdpr::scenario::{Injection, When};
@@ -151,7 +151,7 @@ impl Injection {
         let (what, when) = text
             .split_once('@')
             .ok_or_else(|| form("it has no @TIME"))?;
-        let when = parse_time(when.trim()).ok_or_else(|| form("its time is none"))?;
+        let when = parse_time(when.trim()).ok_or_else(|| form("its time is not valid"))?;
         let (id, cable) = match what.split_once(':') {
             Some((id, axis)) if is_snag(id) => {
                 let along = axis_named(axis.trim());
@@ -161,7 +161,10 @@ impl Injection {
             None if is_snag(what) => return Ok(Self::snagged(Snag::Fast, when)),
             Some((id, cable)) => {
                 let cable = cable.trim().parse::<usize>();
-                (id, Some(cable.map_err(|_| form("its cable is no number"))?))
+                (
+                    id,
+                    Some(cable.map_err(|_| form("its cable is not a number"))?),
+                )
             }
             None => (what, None),
         };
@@ -240,10 +243,11 @@ fn build(id: &str, cable: Option<usize>, when: When, cables: usize) -> Result<In
 }
 
 impl Scenario {
-    /// Whether this robot can show these faults: an RMDS drive has no way to say that it is hot.
+    /// Checks that this robot can show these faults: an RMDS drive cannot report excess
+    /// temperature.
     ///
     /// # Errors
-    /// [`ScenarioError::NotThisRobot`] for the first that it cannot.
+    /// [`ScenarioError::NotThisRobot`] for the first that it cannot show.
     pub fn suits(&self, robot: &Robot) -> Result<(), ScenarioError> {
         for injection in &self.injections {
             let winch = robot.winch_of(injection.cable);
@@ -262,7 +266,7 @@ impl Scenario {
     /// Reads the faults of a command line.
     ///
     /// # Errors
-    /// [`ScenarioError`] for the first that is none.
+    /// [`ScenarioError`] for the first invalid one.
     pub fn from_words(words: &[String], cables: usize) -> Result<Self, ScenarioError> {
         let injections = words.iter().map(|word| Injection::parse(word, cables));
         Ok(Self {
@@ -352,7 +356,7 @@ impl Scenario {
     }
 }
 
-/// Whether a direction has one.
+/// Whether a direction is not zero.
 fn points(along: [f64; 3]) -> bool {
     let largest = along
         .iter()

@@ -1,4 +1,4 @@
-//! The fault list as `mcdpr faults` tells it: what a row means, what the robot does.
+//! The fault list of `mcdpr faults`: meaning and reaction of each row.
 
 use mcdpr_protocol::FaultId;
 
@@ -14,7 +14,7 @@ pub const GROUPS: [(char, &str); 8] = [
     ('F', "files, configuration and calibration"),
 ];
 
-/// What the robot, or the program, does about a fault.
+/// Reaction of the robot, or the program, to a fault.
 #[must_use]
 pub const fn reaction(fault: FaultId) -> &'static str {
     match fault {

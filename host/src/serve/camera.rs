@@ -1,4 +1,4 @@
-//! What the simulated robot's camera sees, for viewers.
+//! Pictures of the simulated robot's camera, for viewers.
 
 use super::Feed;
 use crate::record::Happening;
@@ -8,13 +8,14 @@ use crate::sight::{Scene, SceneCamera, Shown, TagMark};
 use mcdpr_simulator::plant::Pose;
 use std::sync::Arc;
 
-/// Time between two pictures, µs. Rendering is what costs: four a second would be 14 % of a core.
+/// Time between two pictures, µs. Rendering is expensive: four per second would take 14 % of a
+/// core.
 const EVERY_US: u64 = 1_000_000;
-/// Pictures are this much smaller than the camera's own.
+/// Factor by which pictures are smaller than the camera's own.
 const SHARE: f64 = 0.25;
 
-/// Renders what the camera of a simulated robot sees while somebody looks, and finds the tags in
-/// it. It has a thread of its own and works on nothing but the truth that it is told.
+/// Renders the pictures of a simulated robot's camera while there are viewers, and finds the tags
+/// in them. It has its own thread and uses only the true states that it receives.
 pub struct CameraWatcher {
     feed: Feed,
     camera: SceneCamera,
@@ -22,7 +23,7 @@ pub struct CameraWatcher {
 }
 
 impl CameraWatcher {
-    /// The camera of this robot, mounted and aimed as `seed` has it.
+    /// The camera of this robot, mounted and aimed according to `seed`.
     #[must_use]
     pub fn new(feed: Feed, robot: &Robot, seed: u64) -> Self {
         let camera = SceneCamera::new(Scene::of(robot, seed), seed).smaller(SHARE);
@@ -50,7 +51,7 @@ impl Watcher for CameraWatcher {
             position_m: truth.position_m,
             rotation_wxyz: [w, x, y, z],
         };
-        // A picture that cannot be made is not shown; the robot goes on.
+        // A picture that cannot be rendered is not shown; the robot continues.
         let Ok(picture) = self.camera.picture(&pose.into()) else {
             return;
         };

@@ -1,4 +1,4 @@
-//! What viewers are shown.
+//! The data for viewers.
 
 use crate::link::{advice, describe_fault, describe_reject};
 use crate::motion::Model;
@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Where a pose comes from.
+/// Source of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Source {
     /// The simulated robot's true pose.
@@ -23,7 +23,7 @@ pub enum Source {
     Estimated,
 }
 
-/// Where platform and tool are; world frame, SI.
+/// Pose of platform and tool; world frame, SI.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ShownPose {
     /// Origin of the platform, m.
@@ -32,7 +32,7 @@ pub struct ShownPose {
     pub rotation_xyzw: [f64; 4],
     /// The tool, m.
     pub tool_m: [f64; 3],
-    /// Where this comes from.
+    /// Its source.
     pub source: Source,
 }
 
@@ -43,7 +43,7 @@ pub struct Live {
     pub revision: u64,
     /// The link's time, s.
     pub time_s: f64,
-    /// State of the board, and what it means.
+    /// State of the board.
     pub state: String,
     /// The state in words.
     pub words: &'static str,
@@ -61,15 +61,15 @@ pub struct Live {
     pub expected_n: Vec<f64>,
     /// Motor currents, A.
     pub currents_a: Vec<f64>,
-    /// Where the robot is.
+    /// Pose of the robot.
     pub pose: Option<ShownPose>,
-    /// Distance of the tool from where it shall be now, m; only of a simulated robot.
+    /// Distance of the tool from its planned position, m; only for a simulated robot.
     pub path_error_m: Option<f64>,
     /// The latched fault in words.
     pub fault: Option<String>,
-    /// What to do about it.
+    /// Its remedy.
     pub advice: Option<&'static str>,
-    /// What works at its edge.
+    /// Values near their limits.
     pub limits: Vec<&'static str>,
     /// Bit set of open brakes.
     pub brakes_open: u8,
@@ -77,9 +77,9 @@ pub struct Live {
     pub torque_on: u8,
     /// Frames that arrived damaged.
     pub frames_bad: u64,
-    /// What goes on, as the program says.
+    /// Current activity of the program.
     pub task: String,
-    /// Why the robot cannot be reached, or why the last order came to nothing.
+    /// Why the robot cannot be reached, or why the last order failed.
     pub trouble: Option<String>,
 }
 
@@ -96,10 +96,10 @@ struct Inner {
     viewers: usize,
 }
 
-/// A picture as viewers get it.
+/// A picture for viewers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// What was found in it, and its size.
+    /// Its detections and size.
     pub about: serde_json::Value,
     /// The bytes of a PNG file.
     pub png: Vec<u8>,
@@ -116,7 +116,7 @@ const LOG: usize = 60;
 
 impl Feed {
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        // A viewer that panicked must not blind the others.
+        // A viewer that panicked must not affect the others.
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -129,13 +129,13 @@ impl Feed {
         inner.live.revision += 1;
     }
 
-    /// Says what the program is doing.
+    /// Sets the current activity of the program.
     pub(crate) fn set_task(&self, task: &str) {
         self.change(false, |inner| task.clone_into(&mut inner.live.task));
     }
 
-    /// Shows viewers beside the buttons why the robot cannot be reached or an order came to nothing;
-    /// what is new goes into the log as well.
+    /// Shows viewers beside the buttons why the robot cannot be reached or an order failed; a new
+    /// text is also added to the log.
     pub(crate) fn set_trouble(&self, reason: &str) {
         if self.lock().live.trouble.as_deref() == Some(reason) {
             return;
@@ -146,7 +146,7 @@ impl Feed {
         });
     }
 
-    /// Takes that away again.
+    /// Removes that text again.
     pub(crate) fn clear_trouble(&self) {
         if self.lock().live.trouble.is_some() {
             self.change(false, |inner| inner.live.trouble = None);
@@ -158,7 +158,7 @@ impl Feed {
         self.change(false, |inner| push(inner, text));
     }
 
-    /// The robot now, and the age of what the board last said, s.
+    /// The present state, and the age of the board's last message, s.
     #[must_use]
     pub fn now(&self) -> (Live, Option<f64>) {
         let inner = self.lock();
@@ -166,7 +166,7 @@ impl Feed {
         (inner.live.clone(), age)
     }
 
-    /// The plan, if it is another than the one of this number.
+    /// The plan, if it has another number than this.
     #[must_use]
     pub(crate) fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
         let inner = self.lock();
@@ -174,7 +174,7 @@ impl Feed {
         Some((inner.plans, Arc::clone(plan)))
     }
 
-    /// Shows a picture in place of the last.
+    /// Shows a picture instead of the last.
     pub fn show(&self, picture: &Shown) {
         let [width, height] = picture.size_px();
         let grasp = picture.grasp.as_ref().map(|grasp| {
@@ -200,7 +200,7 @@ impl Feed {
         });
     }
 
-    /// The picture, if it is another than the one of this number.
+    /// The picture, if it has another number than this.
     #[must_use]
     pub(crate) fn picture_after(&self, number: u64) -> Option<(u64, Arc<Picture>)> {
         let inner = self.lock();
@@ -211,7 +211,7 @@ impl Feed {
         Some((inner.pictures, Arc::clone(picture)))
     }
 
-    /// A viewer has come (`true`) or gone.
+    /// A viewer was connected (`true`) or disconnected.
     pub(super) fn viewer(&self, came: bool) {
         let mut inner = self.lock();
         inner.viewers = if came {
@@ -221,7 +221,7 @@ impl Feed {
         };
     }
 
-    /// Whether anybody looks.
+    /// Whether there are viewers.
     #[must_use]
     pub(crate) fn is_watched(&self) -> bool {
         self.lock().viewers > 0
@@ -245,7 +245,7 @@ fn push(inner: &mut Inner, text: &str) {
     }
 }
 
-/// Gathers what viewers are shown from what passes over the line.
+/// Collects the data for viewers from the traffic on the line.
 pub struct FeedWatcher {
     feed: Feed,
     model: Model,
@@ -401,7 +401,7 @@ impl Watcher for FeedWatcher {
     }
 }
 
-/// What of a robot does not change, for the drawing.
+/// The constant data of a robot, for the drawing.
 #[must_use]
 pub(crate) fn describe(robot: &Robot) -> serde_json::Value {
     let cables = robot.cables.iter().enumerate().map(|(index, cable)| {

@@ -1,4 +1,4 @@
-//! As much HTTP as one page and a WebSocket need.
+//! The part of HTTP that one page and a WebSocket need.
 
 use std::io::{self, Read, Write};
 use std::time::{Duration, Instant};
@@ -15,8 +15,8 @@ pub(super) struct Request {
 }
 
 impl Request {
-    /// Reads a request's head, which must be complete within a time, however it comes. Reads of `from`
-    /// must end by themselves before that.
+    /// Reads a request's head, which must be complete within a time limit, however slowly it
+    /// arrives. Reads of `from` must return by themselves before that.
     pub(super) fn read(from: &mut impl Read, patience: Duration) -> io::Result<Self> {
         let began = Instant::now();
         let mut head = Vec::new();
@@ -63,8 +63,8 @@ impl Request {
         found.map(|(_, value)| value.as_str())
     }
 
-    /// Whether the browser means this server: a page of another site, or a name that was bent to
-    /// this address, is refused.
+    /// Whether the browser addresses this server: a page of another site, or a host name that was
+    /// redirected to this address, is refused.
     pub(super) fn is_for(&self, port: u16) -> bool {
         let own = |authority: &str| {
             ["127.0.0.1", "localhost", "[::1]"]

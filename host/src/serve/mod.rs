@@ -1,16 +1,16 @@
 //! The live page: one embedded page on loopback, fed over a WebSocket, with buttons that give
-//! orders to whoever moves the robot.
+//! orders to the thread that moves the robot.
 //!
 //! | module | what it is for |
 //! |---|---|
-//! | [`feed`] | what viewers are shown, gathered from the line on a thread of its own |
+//! | [`feed`] | data for viewers, collected from the line on a separate thread |
 //! | [`server`] | the listener: the page, and a WebSocket for each viewer |
-//! | `orders` | who may give orders: those with the token, one page at a time |
+//! | `orders` | permission to give orders: with the token, one page at a time |
 //!
 //! Viewers cannot slow the robot: they read a snapshot. Orders need the token that the program
-//! prints; without it a viewer only looks. Of those that have it one page has the controls, until it
-//! is closed; the others look on, and may stop and hold. Pages of other sites cannot connect: the host and
-//! origin that a browser names must be this server's.
+//! prints; without it a viewer is read-only. Of the pages with the token one has the controls,
+//! until it is closed; the others are read-only, except that they may stop and hold. Pages of other
+//! sites cannot connect: the host and origin that a browser sends must be this server's.
 
 mod camera;
 pub mod feed;
@@ -22,7 +22,7 @@ pub use camera::CameraWatcher;
 pub use feed::{Feed, FeedWatcher, Picture};
 pub use server::{Desk, ServeError, Server};
 
-/// The page, whole: no other file and no network is needed.
+/// The complete page: no other file and no network is needed.
 #[must_use]
 pub fn page() -> String {
     include_str!("page.html")

@@ -1,4 +1,4 @@
-//! Who may give orders: whoever has the token, and one page at a time.
+//! Permission to give orders: only with the token, and one page at a time.
 
 use super::feed::Feed;
 use super::server::Desk;
@@ -6,10 +6,10 @@ use serde_json::{Value, json};
 use std::hash::{BuildHasher, RandomState};
 use std::sync::{Mutex, PoisonError};
 
-/// Orders that stop the robot: every page that has the token may give them.
+/// Orders that stop the robot: every page with the token may give them.
 const STOPS: [&str; 2] = ["stop", "hold"];
 
-/// What decides about orders.
+/// State of the permission.
 pub(super) struct Orders {
     token: String,
     /// Number of the page that has the controls.
@@ -17,8 +17,8 @@ pub(super) struct Orders {
 }
 
 impl Orders {
-    /// For those with this token; without one, a random one is made. An empty token would be everybody's:
-    /// it counts as none.
+    /// For viewers with this token; without one, a random one is made. An empty token would admit
+    /// everybody: it counts as none.
     pub(super) fn new(token: Option<String>) -> Self {
         let given = token.filter(|token| !token.trim().is_empty());
         Self {
@@ -31,13 +31,13 @@ impl Orders {
         &self.token
     }
 
-    /// A page is gone: the controls are free, if it had them.
+    /// A page was closed: the controls are free, if it had them.
     pub(super) fn leave(&self, page: u64) {
         let mut seat = self.seat.lock().unwrap_or_else(PoisonError::into_inner);
         seat.take_if(|holder| *holder == page);
     }
 
-    /// Whether this page has the controls; takes them where nobody has.
+    /// Whether this page has the controls; takes them if no page has.
     fn sits(&self, page: u64) -> bool {
         let mut seat = self.seat.lock().unwrap_or_else(PoisonError::into_inner);
         *seat.get_or_insert(page) == page
@@ -59,15 +59,15 @@ impl Orders {
         )
     }
 
-    /// Does what a page wants, if it may; the answer.
+    /// Executes a page's order, if permitted; returns the answer.
     pub(super) fn obey(&self, page: u64, text: &str, desk: &dyn Desk, feed: &Feed) -> Value {
         let message: Value = serde_json::from_str(text).unwrap_or_default();
         let knows = self.knows(message["token"].as_str());
         let outcome = match message["order"].as_str() {
-            None => Err("this is no order".to_owned()),
+            None => Err("this is not an order".to_owned()),
             Some(name) => match self.may(page, name, knows) {
                 Err(reason) => Err(reason.to_owned()),
-                // The page asks whether its buttons are to work.
+                // The page asks whether its buttons should work.
                 Ok(()) if name == "may" => Ok(()),
                 Ok(()) => give(name, &message, desk, feed),
             },
@@ -99,7 +99,7 @@ fn new_token() -> String {
     format!("{:016x}{:016x}", one(), one())
 }
 
-/// Compares in a time that tells nothing about where they differ.
+/// Compares in constant time, so that the time does not reveal where they differ.
 fn same(a: &str, b: &str) -> bool {
     let differ = a
         .bytes()
@@ -118,7 +118,7 @@ mod tests {
         let knows = orders.knows(Some("letmein"));
         assert!(knows && !orders.knows(Some("letmeout")) && !orders.knows(None));
         assert!(orders.may(1, "stop", false).is_err());
-        // A look from without takes nothing.
+        // A request without the token does not take the controls.
         assert!(orders.may(9, "may", false).is_err());
         assert!(orders.may(2, "stop", knows).is_ok());
         assert!(orders.may(1, "may", knows).is_ok());

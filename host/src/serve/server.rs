@@ -17,27 +17,27 @@ use thiserror::Error;
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Message, WebSocket};
 
-/// Viewers at once.
+/// Greatest number of viewers.
 const VIEWERS: usize = 16;
 /// Time between two pictures of the robot: 60 a second.
 const FRAME: Duration = Duration::from_micros(16_600);
-/// Longest wait for an order, before the next look whether a picture is due.
+/// Longest wait for an order, before the next check whether a picture is due.
 const LOOK: Duration = Duration::from_millis(4);
-/// A viewer that takes nothing for this long is gone.
+/// A viewer that accepts nothing for this long is disconnected.
 const STUCK: Duration = Duration::from_secs(2);
 /// A request must be complete within this time.
 const HANDSHAKE: Duration = Duration::from_secs(2);
-/// One read of a request takes no longer than this, so that it can be given up in time.
+/// Timeout of one read of a request, so that it can be aborted in time.
 const READ: Duration = Duration::from_millis(100);
-/// Connections at once whose request is not complete; of more, the oldest is closed.
+/// Greatest number of connections whose request is not complete; of more, the oldest is closed.
 const HALF_OPEN: usize = 32;
 /// Bytes of a message that a viewer may send.
 const MOST: usize = 4096;
 
-/// Why there is no page.
+/// Why the page cannot be served.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ServeError {
-    /// Somebody has the port.
+    /// Another program has the port.
     #[error("port {port} is in use by another program")]
     #[diagnostic(
         code(mcdpr::serve::port),
@@ -55,21 +55,21 @@ pub enum ServeError {
     System {
         /// The port.
         port: u16,
-        /// What the system says.
+        /// The system's message.
         reason: String,
     },
 }
 
-/// Takes the orders of viewers who may give them.
+/// Executes the orders of viewers with permission.
 pub trait Desk: Send + Sync + 'static {
-    /// An order, by its name and numbers; gives what became of it, or why it is refused. Must
-    /// return soon: the viewer's connection waits for it.
+    /// An order, by its name and numbers; returns its outcome, or why it is refused. Must return
+    /// soon: the viewer's connection waits for it.
     ///
     /// # Errors
     /// The reason of a refusal, in words.
     fn order(&self, name: &str, message: &Value) -> Result<(), String>;
 
-    /// Orders that can be given, for the page to show.
+    /// Available orders, for the page.
     fn orders(&self) -> Vec<&'static str>;
 }
 
@@ -83,7 +83,7 @@ struct Shared {
     viewers: AtomicUsize,
     /// Connections whose request is not complete, the oldest first.
     half_open: Mutex<VecDeque<(u64, TcpStream)>>,
-    /// Pages that ever looked, to tell them apart.
+    /// Number of pages so far, to distinguish them.
     pages: AtomicU64,
 }
 
@@ -143,14 +143,14 @@ impl Server {
         self.shared.port
     }
 
-    /// The address for those who only look.
+    /// The address for read-only viewers.
     #[must_use]
     pub fn address(&self) -> String {
         format!("http://127.0.0.1:{}/", self.shared.port)
     }
 
-    /// The address for those who may give orders. The token stands behind a `#`: browsers do not
-    /// send that part anywhere.
+    /// The address for viewers who may give orders. The token follows a `#`: browsers do not send
+    /// that part.
     #[must_use]
     pub(crate) fn address_with_token(&self) -> String {
         format!("{}#token={}", self.address(), self.shared.orders.token())
@@ -181,7 +181,7 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
         let spawned = std::thread::Builder::new()
             .name("viewer".to_owned())
             .spawn(move || {
-                // A viewer that is gone is not an error of the robot's.
+                // A viewer that has disconnected is not an error of the robot.
                 let _ = receive(number, stream, &guest);
                 guest.asked(number);
             });
@@ -192,8 +192,8 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
 }
 
 impl Shared {
-    /// A connection has begun. Whoever says nothing must not keep others out: where there are too
-    /// many of them, the oldest is closed.
+    /// A new connection. A silent one must not block others: if there are too many of them, the
+    /// oldest is closed.
     fn began(&self, number: u64, stream: &TcpStream) -> io::Result<()> {
         let known = stream.try_clone()?;
         let mut half_open = self
@@ -209,7 +209,7 @@ impl Shared {
         Ok(())
     }
 
-    /// Its request is complete, or it is gone.
+    /// Its request is complete, or it was closed.
     fn asked(&self, number: u64) {
         let mut half_open = self
             .half_open
@@ -269,7 +269,7 @@ fn upgrade(mut stream: TcpStream, key: &str, shared: &Shared) -> io::Result<()> 
     view(stream, shared)
 }
 
-/// Shows the robot to one viewer until either goes.
+/// Serves one viewer until either side ends.
 fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
     stream.set_read_timeout(Some(LOOK))?;
     let config = WebSocketConfig::default()
@@ -299,7 +299,7 @@ fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
     Ok(())
 }
 
-/// Sends what is new, and takes orders, until either side goes.
+/// Sends new data, and takes orders, until either side ends.
 fn keep_showing(
     page: u64,
     socket: &mut WebSocket<TcpStream>,
@@ -310,7 +310,7 @@ fn keep_showing(
     let mut sent = Instant::now();
     let mut due = sent;
     while !shared.ended.load(Ordering::SeqCst) {
-        // An order is answered as soon as it comes, a picture when it is due.
+        // An order is answered as soon as it comes, a picture is sent when it is due.
         match socket.read() {
             Ok(Message::Text(text)) => {
                 let (desk, feed) = (shared.desk.as_ref(), &shared.feed);
@@ -349,11 +349,11 @@ fn keep_showing(
         }
         let (live, age_s) = shared.feed.now();
         let new = live.revision != revision;
-        // Twice a second the age of old data is told, too.
+        // Twice a second the age of old data is sent, too.
         if new || sent.elapsed() > Duration::from_millis(400) {
             revision = live.revision;
             sent = now;
-            // From when it was due: lateness must not add up.
+            // From its due time: delays must not add up.
             due = (due + FRAME).max(now);
             let mut message = serde_json::to_value(&live)?;
             message["type"] = json!("live");
@@ -416,7 +416,7 @@ mod tests {
         half.extend((0..3 * HALF_OPEN).map(|_| silent("")));
         let (_other, hello) = viewer(port);
         assert!(hello.contains("\"hello\""), "{hello}");
-        // Those that never finish are closed.
+        // Incomplete ones are closed.
         for stream in &mut half {
             stream.set_read_timeout(Some(2 * HANDSHAKE)).unwrap();
             let mut byte = [0];

@@ -1,5 +1,5 @@
-//! A winch's first day: which drive it is, which way it turns, whether its brake holds and opens,
-//! what its sensor reads without load.
+//! Commissioning of a winch: its drive, its direction, whether its brake holds and opens, and its
+//! sensor's reading without load.
 
 use super::ratio::check;
 use super::{Bench, CEILING_N, Purpose, Rubbing, ServiceError, volts};
@@ -8,22 +8,22 @@ use crate::robot::{DriveKind, Robot};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// Drum counts that a drum which rests in its closed brake may give under load.
+/// Drum counts by which a resting drum in its closed brake may yield under load.
 const BRAKE_GIVES: i64 = 4;
-/// Most that a drum may turn in a brake that holds, degrees: a robot file takes no more either.
+/// Greatest turn of a drum in a brake that holds, degrees: a robot file accepts no more either.
 pub(super) const MOST_BRAKE_PLAY_DEG: f64 = 2.0;
 /// Time that the drive pushes against the closed brake, ms.
 const PUSH_MS: u64 = 1500;
 /// Readings of the tension sensor for its zero.
 const READINGS: u32 = 50;
 
-/// Who watches the drum.
+/// Observer of the drum.
 pub trait Operator {
-    /// Whether the drum has just turned so that it pays out cable; nothing where nobody knows.
+    /// Whether the drum has just turned so that it pays out cable; `None` if unknown.
     fn paid_out(&mut self) -> Option<bool>;
 }
 
-/// What was found.
+/// Results.
 #[derive(Debug, Clone, Serialize)]
 pub struct Commissioned {
     /// Winch, 1 for the first.
@@ -42,18 +42,18 @@ pub struct Commissioned {
     pub tension_noise_v: f64,
     /// Current at which the closed brake held, A.
     pub brake_held_a: f64,
-    /// How far the drum turns in its closed brake, degrees; told to one encoder count.
+    /// How far the drum turns in its closed brake, degrees; resolved to one encoder count.
     pub brake_play_deg: f64,
     /// Friction and play.
     pub rubbing: Option<Rubbing>,
-    /// What differs from the robot file, in words.
+    /// Differences from the robot file, in words.
     pub differs: Vec<String>,
 }
 
-/// Brings up one bare winch; `node` says which drive it is where more than one could be.
+/// Commissions one bare winch; `node` selects its drive if several are possible.
 ///
 /// # Errors
-/// The first thing that is not as it must be; the brake is closed and torque is off then.
+/// The first failed check; the brake is closed and torque is off then.
 pub fn commission<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
@@ -81,12 +81,12 @@ pub fn commission<L: Link>(
     let per_turn = f64::from(described.encoder_counts_per_turn);
     let brake_play_deg = 360.0 * (pushed - pulled).abs() as f64 / per_turn;
     let out = if paid_out { 1 } else { -1 };
-    // By the motor's own counts: what the file says of its sign has no part in it.
+    // By the motor's own counts: the sign in the file has no effect.
     let motor_sign = if motor * out > 0 { 1.0 } else { -1.0 };
     let encoder_sign = if drum * out > 0 { 1 } else { -1 };
     let rho = (motor as f64 / drum as f64).abs();
     let measured = rho * f64::from(described.encoder_counts_per_turn);
-    // A sixteenth of a turn tells the ratio to a percent; `calibrate winch` tells it better.
+    // A sixteenth of a turn gives the ratio to a percent; `calibrate winch` is more accurate.
     let near = (measured / described.motor_counts_per_turn.abs() - 1.0).abs() < 0.02;
     let size = if near {
         described.motor_counts_per_turn.abs()
@@ -153,7 +153,7 @@ fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<Str
     };
     if let Some(friction) = &rubs.friction {
         let file_n = described.total_friction_n();
-        // A board that knows its friction to a quarter reels in and proves brakes as it should.
+        // With the friction known to a quarter a board reels in and tests brakes correctly.
         tell(
             (friction.friction_n - file_n).abs() > (0.25 * file_n).max(0.3),
             "friction at the cable",
@@ -171,7 +171,7 @@ fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<Str
     words
 }
 
-/// What the counts of a drum leave open of its brake's play: what a closed brake gives by itself.
+/// Uncertainty of the brake's play: counts by which a closed brake yields by itself.
 fn brake_play_unsure_deg(described: &crate::robot::Winch) -> f64 {
     360.0 * BRAKE_GIVES as f64 / f64::from(described.encoder_counts_per_turn)
 }
@@ -180,7 +180,7 @@ impl<L: Link> Bench<'_, L> {
     /// Every drive that answers.
     fn scan(&mut self) -> Result<Vec<u8>, ServiceError> {
         self.configure(Purpose::Turn)?;
-        // A bus on which nothing can be sent comes to no end: then nobody answers.
+        // On a bus that cannot send the scan does not end: then no drive answers.
         Ok(super::scan(self.client)?.unwrap_or_default())
     }
 
@@ -212,7 +212,7 @@ impl<L: Link> Bench<'_, L> {
         }
     }
 
-    /// Zero of the tension sensor; gives the spread of one reading, V.
+    /// Zero of the tension sensor; returns the spread of one reading, V.
     pub(super) fn find_zero(&mut self) -> Result<f64, ServiceError> {
         let (mut sum, mut squares) = (0.0, 0.0);
         for _ in 0..READINGS {
@@ -227,7 +227,7 @@ impl<L: Link> Bench<'_, L> {
         let described = self.described();
         let read_v = volts(mean);
         let newtons = (read_v - described.tension_zero_v) * described.tension_gain_n_per_v;
-        // An amplifier's zero may be off by much; its rails are no zero, and weight is none.
+        // An amplifier's zero may be far off; a rail is not a zero, nor is a loaded sensor.
         let plausible = (0.02..2.0).contains(&read_v) && newtons.abs() < 2.0 * CEILING_N;
         if !plausible {
             return Err(ServiceError::Loaded {
@@ -240,8 +240,8 @@ impl<L: Link> Bench<'_, L> {
         Ok(volts(spread))
     }
 
-    /// Lets the drive push against the closed brake; gives the current at which it held, A, and the
-    /// drum's counts then.
+    /// Lets the drive push against the closed brake; returns the current at which it held, A, and
+    /// the drum's counts then.
     fn push_against_brake(&mut self, purpose: Purpose) -> Result<(f64, i64), ServiceError> {
         let before = self.look()?.drum_counts;
         self.enable(purpose)?;
@@ -271,7 +271,7 @@ impl<L: Link> Bench<'_, L> {
             let current_a = f64::from(winch.current_ma).abs() * 1e-3;
             most_a = most_a.max(current_a);
             let counted = i64::from(winch.drum_counts) - i64::from(before);
-            // Through its play a drum turns at once; what goes on turning slips.
+            // Through its play a drum turns at once; a drum that continues to turn slips.
             let crept = held_from.map_or(0, |(_, from)| counted - from);
             if counted.abs() as f64 > most || crept.abs() > BRAKE_GIVES {
                 return Err(ServiceError::BrakeSlips {
@@ -305,8 +305,8 @@ impl<L: Link> Bench<'_, L> {
         self.turn(0.0, way)?;
         let end = self.at_rest()?;
         check(self, start, end, way)?;
-        // The answer may take its time: the board's heartbeat comes from this loop, so the drum is
-        // braked before anybody is asked.
+        // The answer may take time: the board's heartbeat comes from this loop, so the drum is
+        // braked before the user is asked.
         self.turn(way, 0.0)?;
         let back = self.at_rest()?;
         check(self, end, back, way)?;

@@ -1,8 +1,8 @@
 //! Work on one unloaded winch: its drive's number, directions, brake, sensor zero, motor ratio.
 //!
-//! Nothing here assumes that a cable is attached, and nothing moves another winch: the board
-//! enables one drive alone ([`Request::Service`]), slowly, with little current, under the same
-//! supervision as ever (session, heartbeat, stops, limits).
+//! No attached cable is assumed here, and no other winch moves: the board enables a single drive
+//! ([`Request::Service`]), slowly, with little current, under the usual supervision (session,
+//! heartbeat, stops, limits).
 
 mod commission;
 mod ratio;
@@ -24,17 +24,17 @@ use mcdpr_protocol::{
 use miette::Diagnostic;
 use thiserror::Error;
 
-/// In service a drum's radius is taken for 1 mm, so that a "length" of 1 mm is one radian, and every
-/// limit of length has room for hundreds of turns.
+/// In service a drum's radius is set to 1 mm, so that a "length" of 1 mm is one radian, and every
+/// limit of length allows hundreds of turns.
 const RADIUS_UM: f64 = 1000.0;
-/// Share of the motor's largest speed that service uses. Starts and stops grow with its square, and
-/// must be far from what [`CURRENT_SHARE`] can accelerate: a geared rotor is heavy (34 kg at the
-/// paper's cable), and at half the speed the drive of most simulated machines saturated (D4).
+/// Share of the motor's largest speed that service uses. Accelerations grow with its square, and
+/// must be far from what [`CURRENT_SHARE`] allows: a geared rotor is heavy (34 kg at the paper's
+/// cable), and at half the speed the drive of most simulated machines saturated (D4).
 const SPEED_SHARE: f64 = 0.25;
 /// Most current of service, as a share of the motor's largest. With a fifth, five of 24 simulated
 /// geared winches saturated in friction (D4); with this, none.
 const CURRENT_SHARE: f64 = 0.3;
-/// Over this tension a cable is attached after all, N: the board stops.
+/// Above this tension there must be a cable, N: the board stops.
 const CEILING_N: f64 = 5.0;
 /// Knots of one move; the board's buffer holds 16.
 const KNOTS: u32 = 12;
@@ -43,7 +43,7 @@ const SPACING_MS: u32 = 20;
 /// 65,536 steps of the converter are this many volts.
 const REFERENCE_V: f64 = 3.3;
 
-/// Why work on a winch ended.
+/// Why work on a winch failed.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ServiceError {
     /// The board, a fault, an interrupt.
@@ -71,10 +71,10 @@ pub enum ServiceError {
         )
     )]
     NoDrive {
-        /// The bus's.
+        /// The bus's bit rate.
         bitrate: u32,
     },
-    /// More than one drive could be meant.
+    /// Several drives are possible.
     #[error(
         "drives {found} answer, and none of them is number {expected}, which the robot file gives winch {winch}"
     )]
@@ -90,7 +90,7 @@ pub enum ServiceError {
         /// Those that answer and that no other winch claims.
         found: String,
     },
-    /// The tension sensor does not read a bare winch.
+    /// The tension sensor's reading is not that of a bare winch.
     #[error(
         "the tension sensor of winch {winch} reads {volts:.3} V, {newtons:.1} N by the robot file: not a bare winch"
     )]
@@ -160,7 +160,7 @@ pub enum ServiceError {
         /// Current at which it did, A.
         current_a: f64,
     },
-    /// The drive gave no current against the brake, so that the brake is not proven.
+    /// The drive gave no current against the brake, so that the brake is not tested.
     #[error(
         "the drive of winch {winch} gave {current_a:.3} A of {asked_a:.3} A against the closed brake"
     )]
@@ -176,7 +176,7 @@ pub enum ServiceError {
         /// Asked for, A.
         asked_a: f64,
     },
-    /// What was measured fits no friction.
+    /// The measurements are inconsistent with a friction.
     #[error(
         "the friction of winch {winch} is {friction_mnm:.3} mN m at the motor, give or take {error_mnm:.3}: the currents of both directions contradict each other"
     )]
@@ -194,7 +194,7 @@ pub enum ServiceError {
         /// Its standard error, mN m.
         error_mnm: f64,
     },
-    /// The operator's answer did not come.
+    /// The operator did not answer.
     #[error("nobody said which way the drum of winch {winch} turned")]
     #[diagnostic(
         code(mcdpr::service::nobody),
@@ -218,7 +218,7 @@ impl From<OutOfRange> for ServiceError {
     }
 }
 
-/// What the board shall do with the winch.
+/// Use of the winch on the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Purpose {
     /// Turn it by positions, brake open.
@@ -298,7 +298,7 @@ impl<'a, L: Link> Bench<'a, L> {
                 CableKey::TensionFloor | CableKey::TensionKd | CableKey::TensionKi => 0.0,
                 CableKey::TensionCeiling => CEILING_N.min(winch.trusted_tension_n()) * 1e3,
                 CableKey::TensionLaw | CableKey::TensionOutput | CableKey::Play => 0.0,
-                // It is what is looked for.
+                // This is the unknown.
                 CableKey::BrakePlay => {
                     commission::MOST_BRAKE_PLAY_DEG.to_radians() * RADIUS_UM * 10.0
                 }
@@ -307,7 +307,7 @@ impl<'a, L: Link> Bench<'a, L> {
                 CableKey::FollowingError => 1e6,
                 // Its encoder may count far more than the file says.
                 CableKey::MaxSpeed => rad_per_s * RADIUS_UM * 4.0,
-                // Nothing hangs on it: its own largest speed is all that bounds it.
+                // There is no load: only its own largest speed limits it.
                 CableKey::MaxAcceleration => CableRates::LARGEST.acceleration_mps2 * 1e6,
                 CableKey::MaxJerk => CableRates::LARGEST.jerk_mps3 * 1e3,
                 CableKey::LengthMin => -2e9,
@@ -325,7 +325,7 @@ impl<'a, L: Link> Bench<'a, L> {
                 entry.value = value;
             }
         }
-        // Two drives of one number are none: another winch that claims it is not here today.
+        // Two drives with one number conflict: another winch that claims it is not connected today.
         for index in 0..self.robot.cables.len() {
             let claims = self.robot.winch_of(index).map(|winch| winch.node);
             if index != self.index && claims == Some(self.node) {
@@ -349,7 +349,7 @@ impl<'a, L: Link> Bench<'a, L> {
         Ok(hash)
     }
 
-    /// Gives the winch (and nothing else) torque; with its brake open it holds when this returns.
+    /// Gives only this winch torque; with its brake open it holds when this returns.
     fn enable(&mut self, purpose: Purpose) -> Result<(), ServiceError> {
         let config_hash = self.configure(purpose)?;
         let count = self.robot.cables.len();
@@ -391,7 +391,7 @@ impl<'a, L: Link> Bench<'a, L> {
         let until = self.client.now_us() + ms * 1000;
         self.client.pump(until)?;
         if interrupted() {
-            // The brake closes and torque goes, whatever was under way.
+            // The brake closes and torque is switched off, whatever was in progress.
             self.client.stop(mcdpr_protocol::StopKind::Stop)?;
             return Err(RunError::Interrupted.into());
         }
@@ -412,7 +412,7 @@ impl<'a, L: Link> Bench<'a, L> {
         Ok(wait_for(self.client, BoardState::Holding, time_s + 2.0)?)
     }
 
-    /// Begins such a turn at a share of the speed of service; gives its duration, s.
+    /// Begins such a turn at a share of the speed of service; returns its duration, s.
     fn begin_turn(
         &mut self,
         from_rad: f64,
@@ -435,8 +435,8 @@ impl<'a, L: Link> Bench<'a, L> {
         winch.max_motor_rpm * SPEED_SHARE / winch.gear_ratio * std::f64::consts::TAU / 60.0
     }
 
-    /// Sends and starts a turn by `way_rad` that takes `time_s` or longer; `profile` gives the share
-    /// of the way and its derivative at a share of the time. Gives its duration, s.
+    /// Sends and starts a turn by `way_rad` that takes `time_s` or longer; `profile` gives the
+    /// share of the distance and its derivative at a share of the time. Returns its duration, s.
     fn send_turn(
         &mut self,
         (from_rad, way_rad): (f64, f64),
@@ -482,8 +482,7 @@ const RESET_US: u64 = 700_000;
 /// Time for a board to ask every number on the bus, µs.
 const SCAN_US: u64 = 5_000_000;
 
-/// Every drive that answers; nothing where the board does not come to an end of asking, because
-/// it can send nothing.
+/// Every drive that answers; `None` if the board's scan does not end because it cannot send.
 pub(crate) fn scan<L: Link>(client: &mut Client<L>) -> Result<Option<Vec<u8>>, RunError> {
     let until = client.now_us() + RESET_US;
     client.pump(until)?;

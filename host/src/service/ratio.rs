@@ -7,7 +7,7 @@ use crate::robot::Robot;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// What a drum's turns tell about motor, gear and encoder.
+/// Results from a drum's turns about motor, gear and encoder.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ratio {
     /// Winch, 1 for the first.
@@ -20,7 +20,7 @@ pub struct Ratio {
     pub motor_counts_per_turn: f64,
     /// Motor counts lost at a change of direction, gear and coupling together.
     pub backlash_motor_counts: f64,
-    /// Least backlash that this measurement can tell from none, motor counts.
+    /// Least backlash that this measurement can detect, motor counts.
     pub backlash_resolution: f64,
     /// Whether drum encoder and motor count the same way (1) or opposite ways (-1).
     pub same_way: i8,
@@ -33,11 +33,11 @@ pub struct Ratio {
 }
 
 /// Turns a bare drum one encoder revolution at a time, `turns` times out and back, and compares
-/// motor and drum at rest. Takes some seconds a turn with a high gear.
+/// motor and drum at rest. Takes some seconds per turn with a high gear.
 ///
 /// # Errors
-/// [`ServiceError::EncoderStuck`] where the encoder does not follow, [`ServiceError::MotorStuck`],
-/// and those of a run.
+/// [`ServiceError::EncoderStuck`] if the encoder does not follow, [`ServiceError::MotorStuck`], and
+/// those of a run.
 pub fn measure_ratio<L: Link>(
     client: &mut Client<L>,
     robot: &Robot,
@@ -48,7 +48,7 @@ pub fn measure_ratio<L: Link>(
     bench.find_zero()?;
     bench.enable(Purpose::Turn)?;
     let stops = ways(&mut bench, turns);
-    // The brake closes whatever came of it.
+    // The brake closes in any case.
     let closed = bench.disable();
     let stops = stops?;
     closed?;
@@ -73,7 +73,7 @@ fn ways<L: Link>(bench: &mut Bench<'_, L>, turns: u32) -> Result<Vec<(i64, i64)>
     for turn in 1..=turns {
         stops.push(step(bench, &mut at, run_up + TAU * f64::from(turn))?);
     }
-    // Beyond, and back to the same place from the other side: play is what is missing.
+    // Beyond, and back to the same position from the other side: the difference is the play.
     let end = at;
     step(bench, &mut at, end + run_up)?;
     for turn in (0..=turns).rev() {
@@ -101,7 +101,7 @@ pub(super) fn check<L: Link>(
             asked,
         });
     }
-    // A wrong ratio is what is looked for; a twentieth of what the file says is no ratio.
+    // A wrong ratio is what is searched for; a twentieth of the file's is not plausible.
     let least = f64::from(described.encoder_counts_per_turn) * turns / 20.0;
     if (counted.unsigned_abs() as f64) < least {
         return Err(ServiceError::EncoderStuck {
@@ -131,7 +131,7 @@ fn judge<L: Link>(
         }
     }
     let count = turns.len().max(1) as f64;
-    // The whole way of each direction at once: end counts weigh least.
+    // The whole distance of each direction at once: end counts have the least weight.
     let whole = |way: &[(i64, i64)]| match (way.first(), way.last()) {
         (Some(first), Some(last)) => ((last.0 - first.0) as f64, (last.1 - first.1) as f64),
         _ => (0.0, 0.0),
@@ -139,7 +139,7 @@ fn judge<L: Link>(
     let (a, b) = (whole(out), whole(back));
     let rho = (a.0 * a.1 + b.0 * b.1) / (a.1 * a.1 + b.1 * b.1);
     let squares: f64 = turns.iter().map(|turn| (turn - rho).powi(2)).sum();
-    // Motor counts that belong to no drum count: the difference between the two directions.
+    // Motor counts without drum counts: the difference between the two directions.
     let rest = |way: &[(i64, i64)]| {
         let sum: f64 = way.iter().map(|s| s.0 as f64 - rho * s.1 as f64).sum();
         sum / way.len().max(1) as f64

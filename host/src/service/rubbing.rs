@@ -1,10 +1,10 @@
-//! What a bare winch rubs with, and the play between its motor and its drum: the drum is turned to
-//! and fro at two speeds, and motor current, motor counts and drum counts are compared on the middle
-//! of each way, where the speed hardly changes.
+//! Friction of a bare winch, and the play between its motor and its drum: the drum is turned back
+//! and forth at two speeds, and motor current, motor counts and drum counts are compared on the
+//! middle of each turn, where the speed is nearly constant.
 //!
-//! Half the difference of the currents of both directions is friction; with the speed it grows by
-//! what is viscous. Half of the difference of motor and drum between both directions is half the
-//! play: nothing hangs on a bare drum, which stays where the flank left it.
+//! Half the difference of the currents of both directions is friction; its increase with the speed
+//! is viscous. Half of the difference of motor and drum between both directions is half the play: a
+//! bare drum has no load, and stays where the flank left it.
 
 use super::{Bench, ServiceError};
 use crate::link::Link;
@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 /// Friction and play of a bare winch, with standard errors.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rubbing {
-    /// Friction; `None` where the current does not show it.
+    /// Friction; `None` if the current does not show it.
     #[serde(flatten)]
     pub friction: Option<Friction>,
     /// Why friction is not known.
@@ -51,16 +51,16 @@ const RAMP: f64 = 0.3;
 const SETTLED: f64 = 0.42;
 /// Time between two looks, ms.
 const LOOK_MS: u64 = 10;
-/// The standard error of the friction may be this share of it: else the data contradict the model.
+/// Greatest relative standard error of the friction: beyond it the data contradict the model.
 const MOST_ERROR: f64 = 0.2;
-/// Least share of the friction in the current of the faster ways. A drive samples its current in step
-/// with its set-points, whose ripple grows with the speed: where that is most of the current, what is
-/// left at no speed says nothing.
+/// Least share of the friction in the current of the faster turns. A drive samples its current in
+/// step with its set-points, whose ripple grows with the speed: if that is most of the current, the
+/// value extrapolated to zero speed is meaningless.
 const LEAST_SHARE: f64 = 0.5;
-/// A drive that reports less current than this, A, while its motor turns, reports none.
+/// A drive that reports less current than this, A, while its motor turns, does not measure it.
 const NO_CURRENT_A: f64 = 1e-3;
 
-/// The mean of one way.
+/// The mean of one turn.
 #[derive(Debug, Clone, Copy, Default)]
 struct Way {
     current_a: f64,
@@ -71,9 +71,9 @@ struct Way {
 
 impl<L: Link> Bench<'_, L> {
     /// Identifies friction and play; the winch is enabled and rests at `at_rad`. `same_way` says
-    /// whether motor and drum encoder count the same way.
+    /// whether motor and drum encoder count in the same direction.
     pub(super) fn rubbing(&mut self, at_rad: f64, same_way: bool) -> Result<Rubbing, ServiceError> {
-        // The first way takes up the play, whichever way it is.
+        // The first turn takes up the play, in either direction.
         self.turn(at_rad, at_rad + WAY_RAD)?;
         let mut speeds = Vec::new();
         for share in SPEEDS {
@@ -89,7 +89,7 @@ impl<L: Link> Bench<'_, L> {
         self.judge_rubbing(&speeds)
     }
 
-    /// One way, and what its stretch of constant speed shows.
+    /// One turn, and the result of its stretch of constant speed.
     fn way(
         &mut self,
         from_rad: f64,
@@ -101,7 +101,7 @@ impl<L: Link> Bench<'_, L> {
         let start_us = self.client.now_us();
         let winch = self.described();
         let per_turn = winch.motor_counts_per_turn;
-        // By what was found, not by what the file says.
+        // By the result, not by the file.
         let sign = if same_way { 1.0 } else { -1.0 };
         let drum_per_turn = f64::from(winch.encoder_counts_per_turn) * sign * per_turn.signum();
         let (mut sum, mut count) = (Way::default(), 0.0);
@@ -139,7 +139,7 @@ impl<L: Link> Bench<'_, L> {
         })
     }
 
-    /// Begins a way of constant speed between two ramps (a cubic from rest to speed); gives its
+    /// Begins a turn of constant speed between two ramps (a cubic from rest to speed); returns its
     /// duration, s.
     fn begin_cruise(
         &mut self,
@@ -168,7 +168,7 @@ impl<L: Link> Bench<'_, L> {
     fn judge_rubbing(&self, speeds: &[Vec<(Way, Way)>]) -> Result<Rubbing, ServiceError> {
         let winch = self.described();
         let torque = winch.torque_constant_nm_per_a;
-        // Friction as the current tells it, whichever sign the motor has.
+        // Friction from the current, independent of the motor's sign.
         let rubs = |(out, back): &(Way, Way)| 0.5 * (out.current_a - back.current_a).abs() * torque;
         let gap = |(out, back): &(Way, Way)| (out.gap - back.gap).abs() * 360.0;
         let rpm = |(out, back): &(Way, Way)| 0.5 * (out.rpm + back.rpm);
@@ -217,8 +217,8 @@ impl<L: Link> Bench<'_, L> {
     }
 }
 
-/// The straight line through what two speeds give (mean and standard error), at no speed: its slope
-/// per rpm, its value, and the value's standard error.
+/// The straight line through the results at two speeds (mean and standard error), extrapolated to
+/// zero speed: its slope per rpm, its value, and the value's standard error.
 fn at_no_speed([fast_rpm, slow_rpm]: [f64; 2], [fast, slow]: [(f64, f64); 2]) -> (f64, f64, f64) {
     let span = (fast_rpm - slow_rpm).max(1e-9);
     let slope = (fast.0 - slow.0) / span;

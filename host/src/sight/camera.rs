@@ -1,18 +1,18 @@
-//! A real camera on a thread of its own: who feeds a board must not wait for a picture.
+//! A real camera on a separate thread: the thread that feeds a board must not wait for a picture.
 
 use super::{SightError, TagSource, TagView};
 use mcdpr_vision::tag::{Options, detect};
 use mcdpr_vision::{Cameras, Frame, RgbImage, Source, SourceError};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 
-/// What is asked of the camera's thread.
+/// A request to the camera's thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Want {
     Frame,
     Color,
 }
 
-/// What comes back.
+/// Its answer.
 enum Taken {
     Frame(Result<Box<Frame>, SourceError>),
     Color(Result<RgbImage, SourceError>),
@@ -24,7 +24,7 @@ pub struct Camera {
     cameras: Cameras,
     asks: Sender<Want>,
     answers: Receiver<Taken>,
-    /// What is on its way.
+    /// Requests in progress.
     asked: Option<Want>,
 }
 
@@ -32,7 +32,7 @@ impl Camera {
     /// Opens a source on a new thread.
     ///
     /// # Errors
-    /// Those of `open`; where there are no more threads.
+    /// Those of `open`; if there are no more threads.
     pub fn start<S: Source>(
         open: impl FnOnce() -> Result<S, SourceError> + Send + 'static,
     ) -> Result<Self, SourceError> {
@@ -71,7 +71,7 @@ impl Camera {
         })
     }
 
-    /// Asks for what is not under way yet, and takes what has come.
+    /// Requests what is not in progress yet, and takes what has arrived.
     fn poll(&mut self, want: Want) -> Option<Result<Taken, SourceError>> {
         if self.asked.is_none() {
             if self.asks.send(want).is_err() {
@@ -81,7 +81,7 @@ impl Camera {
         }
         match self.answers.try_recv() {
             Ok(taken) => {
-                // Of something else that was asked for before and is no longer wanted.
+                // A picture that was requested before and is no longer wanted.
                 let wanted = self.asked.take() == Some(want);
                 wanted.then_some(Ok(taken))
             }
@@ -90,7 +90,7 @@ impl Camera {
         }
     }
 
-    /// Waits for what [`Camera::poll`] gives.
+    /// Waits for the result of [`Camera::poll`].
     fn wait(&mut self, want: Want) -> Result<Taken, SourceError> {
         loop {
             if let Some(taken) = self.poll(want) {
@@ -109,7 +109,7 @@ impl Camera {
     }
 }
 
-/// Work on a thread of its own, which ends when nobody asks it any more.
+/// Work on a separate thread, which ends when there are no more requests.
 fn begin(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SourceError> {
     let thread = std::thread::Builder::new().name(name.to_owned());
     let begun = thread.spawn(work);
@@ -165,7 +165,7 @@ impl Source for Camera {
     }
 }
 
-/// The tags in a camera's pictures, found on a thread of their own.
+/// The tags in a camera's pictures, found on a separate thread.
 pub(crate) struct CameraTags {
     asks: Sender<()>,
     answers: Receiver<Result<Vec<TagView>, SightError>>,
@@ -176,7 +176,7 @@ impl CameraTags {
     /// The tags with these numbers in the pictures of a camera, whose lens is `lens`.
     ///
     /// # Errors
-    /// Where there are no more threads.
+    /// If there are no more threads.
     pub fn start(
         mut camera: Camera,
         lens: mcdpr_vision::Camera,
@@ -320,7 +320,7 @@ mod tests {
         };
         assert_eq!(first.pixels()[0], [1; 3]);
         assert_eq!(camera.color().unwrap().pixels()[0], [2; 3]);
-        // A picture under way that is no longer wanted is not taken for another one.
+        // A picture in progress that is no longer wanted is not taken for another one.
         let _ = camera.poll_frame();
         assert_eq!(camera.color().unwrap().pixels()[0], [3; 3]);
         let error = camera.frame().unwrap_err().to_string();

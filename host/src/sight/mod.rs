@@ -1,4 +1,4 @@
-//! Tags in pictures of a camera, and in those of the simulated robot's.
+//! Tags in pictures of a real camera, and of the simulated robot's.
 
 mod camera;
 mod pictures;

@@ -1,4 +1,5 @@
-//! Tags of the simulated robot through pictures: rendered, then detected as a real camera's are.
+//! Tags of the simulated robot through pictures: rendered, then detected like those of a real
+//! camera.
 
 use super::camera::views;
 use super::{Scene, SightError, TagView};
@@ -8,9 +9,9 @@ use mcdpr_simulator::camera::{
 use mcdpr_vision::RgbImage;
 use nalgebra::Matrix3;
 
-/// The simulated camera on the platform: pictures of a [`Scene`] from wherever the platform is.
-/// Slower than corners by projection ([`super::SimulatedTags`]), and with nothing left out: blur,
-/// noise, shadows, a tag that is cut by the picture's side.
+/// The simulated camera on the platform: pictures of a [`Scene`] from the platform's pose. Slower
+/// than projected corners ([`super::SimulatedTags`]), but complete: blur, noise, shadows, a tag
+/// that is cut by the picture's edge.
 #[derive(Debug, Clone)]
 pub struct SceneCamera {
     scene: Scene,
@@ -32,7 +33,7 @@ impl SceneCamera {
         }
     }
 
-    /// The same camera with pictures of a share of its size: for people, who need no more.
+    /// The same camera with pictures of a share of its size: for viewers, who need no more.
     #[must_use]
     pub(crate) fn smaller(mut self, share: f64) -> Self {
         let lens = &mut self.scene.lens;

@@ -1,4 +1,4 @@
-//! Where the tags of a simulated robot truly lie, and how its camera is truly mounted.
+//! True poses of a simulated robot's tags, and the true mounting of its camera.
 
 use crate::robot::{Robot, Tag};
 use mcdpr_core::random::Dice;
@@ -6,22 +6,22 @@ use mcdpr_kinematics::Pose;
 use mcdpr_vision::Camera;
 use nalgebra::{Rotation3, Vector3};
 
-/// The true scene. No estimator sees it.
+/// The true scene. Estimators do not see it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
-    /// The lens as it is.
+    /// The true lens.
     pub lens: Camera,
     /// camera_from_platform as it is mounted.
     pub camera_from_platform: Pose,
-    /// The tags as they were made.
+    /// The true tags.
     pub tags: Vec<Tag>,
-    /// Place of each body of tags, world_from_body: the body's number and its pose.
+    /// Pose of each body of tags, world_from_body: the body's number and its pose.
     pub world_from_body: Vec<(u32, Pose)>,
 }
 
 /// Height of the floor below the lowest anchor, m.
 const FLOOR_M: f64 = 0.725;
-/// How far the tags lie from the middle of the anchors towards the home of the tool, as a share.
+/// Position of the tags between the middle of the anchors and the tool's home, as a share.
 const TOWARDS_HOME: f64 = 0.7;
 /// Distance between loose bodies on the floor, m.
 const APART_M: f64 = 0.14;
@@ -84,8 +84,9 @@ impl Scene {
         Self::on_floor(machine, 5e-3, 0.02, seed)
     }
 
-    /// Where the simulator's world frame is in the world frame that a calibrated robot knows: they
-    /// agree at the first body of tags. `None` for a robot that was not calibrated on the simulator.
+    /// Pose of the simulator's world frame in the world frame that a calibrated robot knows: they
+    /// agree at the first body of tags. `None` for a robot that was not calibrated on the
+    /// simulator.
     #[must_use]
     pub(crate) fn known_from_true(robot: &Robot) -> Option<Pose> {
         let calibrated = robot.calibrated.as_ref()?;
@@ -95,7 +96,7 @@ impl Scene {
         Some(place.compose(&true_place.inverse()))
     }
 
-    /// The true place of a body of tags.
+    /// The true pose of a body of tags.
     #[must_use]
     pub fn body(&self, number: u32) -> Option<&Pose> {
         let found = self

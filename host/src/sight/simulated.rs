@@ -6,8 +6,8 @@ use mcdpr_core::random::Dice;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// Looks at the simulated robot through its true camera. What detection would add is noise of the
-/// corners; images are another source's work.
+/// Observes the simulated robot through its true camera. Detection is represented by noise of the
+/// corners; pictures are rendered by another source.
 pub struct SimulatedTags {
     link: SimulatedLink,
     scene: Scene,
@@ -27,13 +27,13 @@ impl SimulatedTags {
         }
     }
 
-    /// What is truly there.
+    /// The true scene.
     #[must_use]
     pub const fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// What is truly there, to move a tag.
+    /// The true scene, to move a tag.
     #[cfg(test)]
     pub(crate) const fn scene_mut(&mut self) -> &mut Scene {
         &mut self.scene

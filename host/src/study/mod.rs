@@ -1,3 +1,3 @@
-//! Studies in the simulator: many seeds, medians, kept with seed and hash.
+//! Studies in the simulator: many seeds, medians, recorded with seed and hash.
 
 pub mod motion;

@@ -1,10 +1,10 @@
-//! How exactly the tool goes where it should, and how much it swings, in the simulator.
+//! Accuracy of the tool's position, and its swing, in the simulator.
 //!
 //! Every case is run on machines that differ from their description, drawn by seed; the planner
 //! knows the description only. Homed: one look (thirty pictures in a second, 0.1 px) at home and
-//! one at the job (its middle, or just above its place) at the printed board of nine tags, or at a
-//! single one, board and camera mounting known, re-reference the lengths. Absolute: the encoders know the true
-//! lengths.
+//! one at the job (its middle, or just above its target) at the printed board of nine tags, or at a
+//! single one, board and camera mounting known, re-reference the lengths. Absolute: the encoders
+//! know the true lengths.
 
 use crate::calibration::simulate::Target;
 use crate::calibration::target;
@@ -29,10 +29,10 @@ use std::f64::consts::TAU;
 const CORNER_PX: f64 = 0.1;
 /// Time that the robot rests after a motion, s: several periods of the slowest mode.
 const REST_S: f64 = 3.0;
-/// Swing is looked at from this long after a motion's end, s.
+/// Swing is evaluated from this long after a motion's end, s.
 const AFTER_S: f64 = 0.5;
 
-/// What the tool does.
+/// Motion of the tool.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Job {
@@ -52,7 +52,7 @@ pub enum Job {
     FastMove,
 }
 
-/// How the robot knows its lengths.
+/// Source of the lengths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Known {
@@ -67,7 +67,7 @@ pub enum Known {
 /// One case.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Case {
-    /// What the tool does.
+    /// Motion of the tool.
     pub job: Job,
     /// Robot file.
     pub robot: &'static str,
@@ -85,16 +85,16 @@ pub struct Case {
     pub planner: Planner,
 }
 
-/// What came of one case with one seed, SI.
+/// Result of one case with one seed, SI.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
-    /// Distance of the tool from where it should be, mean along the motion, m.
+    /// Distance of the tool from its planned position, mean along the motion, m.
     pub path_mean_m: f64,
     /// The same, greatest, m.
     pub path_max_m: f64,
-    /// Distance of the tool's mean place from its target while it rests, m.
+    /// Distance of the tool's mean position from its target while it rests, m.
     pub rest_m: f64,
-    /// Greatest distance from the mean place, from half a second after the motion, m.
+    /// Greatest distance from the mean position, from half a second after the motion, m.
     pub swing_m: f64,
     /// Measured minus planned tension of the tension-held cable, mean of the absolute, N.
     pub tension_n: f64,
@@ -143,14 +143,14 @@ impl Job {
 }
 
 impl Job {
-    /// Where the robot looks at its tags before the job: in its middle, or above its place as far
-    /// down as the tags stay in the picture (tool, world, m).
+    /// Positions from which the robot looks at its tags before the job: in its middle, or above its
+    /// target as far down as the tags stay in the picture (tool, world, m).
     fn look_m(self, known: Known, tool_offset_z_m: f64) -> Vector3<f64> {
         let z_m = -0.1 + tool_offset_z_m;
         match self {
             Self::Circle8s | Self::Circle10s | Self::FastMove => Vector3::new(0.335, 0.0, z_m),
             Self::Line | Self::LineAtLimit => Vector3::new(0.35, 0.0, z_m),
-            // A single tag is soon out of the picture.
+            // A single tag soon leaves the picture.
             Self::Grasp if known == Known::HomedByOne => Vector3::new(0.252, -0.039, -0.3),
             Self::Release if known == Known::HomedByOne => Vector3::new(0.31, 0.0, -0.3),
             Self::Grasp => Vector3::new(0.252, -0.039, -0.4),
@@ -291,7 +291,7 @@ fn true_lengths_m(link: &SimulatedLink, cables: usize) -> Result<Vec<f64>, RunEr
         .collect())
 }
 
-/// Distance of the mean place from the target, and the greatest distance from the mean place.
+/// Distance of the mean position from the target, and the greatest distance from the mean position.
 fn rested(trace: &[TracePoint], target_m: &Vector3<f64>) -> (f64, f64) {
     let skip = (AFTER_S * 1e3) as usize;
     let places: Vec<Vector3<f64>> = trace
@@ -377,9 +377,9 @@ pub fn cases(planner: Planner, pulley_loss: f64) -> Vec<Case> {
 pub struct Row {
     /// The case.
     pub case: Case,
-    /// Runs that ended.
+    /// Completed runs.
     pub runs: usize,
-    /// Why the first that did not end failed.
+    /// Why the first incomplete run failed.
     pub failed: Option<String>,
     /// Medians over the seeds.
     pub median: Option<Outcome>,

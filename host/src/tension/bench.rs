@@ -12,13 +12,13 @@ use mcdpr_protocol::{Knot, SessionId};
 use mcdpr_simulator::plant::{Plant, PlantError, PlantParams};
 use mcdpr_simulator::{LinkOptions, TracePoint};
 
-/// What the simulated machine differs by from its description, beyond the robot file. The
-/// default is no difference.
+/// Differences of the simulated machine from its description, beyond the robot file. The default is
+/// none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
     /// Factor on every cable's stiffness EA.
     pub stiffness: f64,
-    /// Factor on the platform's mass; the controller knows nothing of it.
+    /// Factor on the platform's mass, unknown to the controller.
     pub mass: f64,
     /// Tension lost at every pulley, as a share.
     pub pulley_loss: f64,
@@ -28,7 +28,7 @@ pub struct Change {
     pub sensor_zero_n: f64,
     /// Coulomb friction of every winch, N; `None` as the robot file says.
     pub friction_n: Option<f64>,
-    /// How far the gears are from what the robot file says.
+    /// Errors of the gears relative to the robot file.
     pub gears: GearMismatch,
 }
 
@@ -59,8 +59,8 @@ impl Change {
             cable.pulley_loss = cable.pulley_loss.max(self.pulley_loss);
         }
         for winch in &mut params.winches {
-            // The plant's sensor is what it is; the board believes the file. A gain that is too
-            // large reads too much: the plant's k is smaller by as much.
+            // The plant's sensor is the true one; the board uses the file. A gain that is too large
+            // reads too much: the plant's k is smaller by the same factor.
             winch.sensor.gain_n_per_v /= 1.0 + self.sensor_gain;
             winch.sensor.zero_v += self.sensor_zero_n / winch.sensor.gain_n_per_v;
             if let Some(friction_n) = self.friction_n {
@@ -70,7 +70,7 @@ impl Change {
     }
 }
 
-/// What a hand does.
+/// Action of a hand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Hand {
     /// Pulls on the platform's origin with this force, world, N.
@@ -94,10 +94,10 @@ pub enum Hand {
     },
 }
 
-/// An experiment: rest, then what hands do, then watching.
+/// An experiment: rest, then actions of hands, then observation.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Script {
-    /// What happens when, s since the robot holds, in time order.
+    /// Actions and their times, s since the robot holds, in time order.
     pub hands: Vec<(f64, Hand)>,
     /// Length of the experiment, s.
     pub duration_s: f64,
@@ -164,7 +164,7 @@ impl Script {
     }
 }
 
-/// What happened, tick by tick.
+/// Trace of an experiment, tick by tick.
 #[derive(Debug, Clone, Default)]
 pub struct Trace {
     /// Set-point of the watched cable at rest, N.
@@ -175,7 +175,7 @@ pub struct Trace {
     pub time_s: Vec<f64>,
     /// True tension of the watched cable at its winch, N.
     pub tension_n: Vec<f64>,
-    /// What the board measured there, N (its own times; see `measured_s`).
+    /// The board's measurement there, N (at its own times; see `measured_s`).
     pub measured_n: Vec<f64>,
     /// Times of `measured_n`, s.
     pub measured_s: Vec<f64>,
@@ -193,7 +193,7 @@ pub struct Trace {
     pub fault: Option<String>,
 }
 
-/// A simulated robot at home that holds its tension, and a client that watches it.
+/// A simulated robot at home that holds its tension, and a client that observes it.
 pub struct Bench<'l> {
     link: SimulatedLink,
     truth: TruthTap,
@@ -203,11 +203,11 @@ pub struct Bench<'l> {
     setpoint_n: f64,
 }
 
-/// Rest before an experiment begins, s: the drives' start has died out.
+/// Rest before an experiment begins, s: the drives' start has decayed.
 const REST_S: f64 = 1.0;
 
 impl<'l> Bench<'l> {
-    /// Brings a simulated robot up until it holds.
+    /// Arms a simulated robot until it holds.
     ///
     /// # Errors
     /// As a run: the robot cannot hang at home, or a check of arming failed.
@@ -268,7 +268,7 @@ impl<'l> Bench<'l> {
         self.watched
     }
 
-    /// Acts on the simulated plant directly.
+    /// Accesses the simulated plant directly.
     ///
     /// # Errors
     /// The plant's.
@@ -311,7 +311,7 @@ impl<'l> Bench<'l> {
         self.clear();
         let mut recorder = Recorder::default();
         let done = run::follow(&mut self.client, &knots, &mut recorder, |_| {});
-        // A fault is a result: the trace tells of it.
+        // A fault is a result: it is in the trace.
         let stopped = run::status(&mut self.client)?.fault.is_some();
         if let (Err(error), false) = (done, stopped) {
             return Err(error);
@@ -344,8 +344,8 @@ impl<'l> Bench<'l> {
         })
     }
 
-    /// What a motion's knots ask of the watched cable at a time of the path, N: straight between
-    /// them, as the board does it. At rest, the set-point.
+    /// Set-point of the watched cable from a motion's knots at a path time, N: linear between them,
+    /// as on the board. At rest, the set-point.
     fn planned_n(&self, knots: &[Knot], path_ms: u32) -> f64 {
         let at = knots.partition_point(|knot| knot.time_ms <= path_ms);
         let tension_n = |knot: &Knot| {

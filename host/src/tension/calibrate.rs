@@ -6,7 +6,7 @@ use crate::run::{self, RunError};
 use miette::Diagnostic;
 use thiserror::Error;
 
-/// One load with what the sensor's channel read.
+/// One load with the reading of the sensor's channel.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Reading {
     /// Mass that hung on the cable, kg, pan included.
@@ -38,10 +38,10 @@ pub struct Fit {
     pub readings: Vec<Reading>,
 }
 
-/// Why there is no calibration.
+/// Why a calibration failed.
 #[derive(Debug, Error, Diagnostic)]
 pub enum CalibrationError {
-    /// Too little.
+    /// Too few loads.
     #[error("{found} different loads are too few: nothing was changed")]
     #[diagnostic(
         code(mcdpr::tension::loads),
@@ -76,10 +76,10 @@ pub enum CalibrationError {
         )
     )]
     Dead {
-        /// How it shows.
+        /// The symptom.
         what: String,
     },
-    /// A reading that is none.
+    /// An invalid reading.
     #[error("reading {number}: {what}")]
     #[diagnostic(
         code(mcdpr::tension::reading),
@@ -88,7 +88,7 @@ pub enum CalibrationError {
         )
     )]
     Reading {
-        /// Which, from 1.
+        /// Its line, from 1.
         number: usize,
         /// What is wrong.
         what: String,
@@ -101,7 +101,7 @@ const REFERENCE_V: f64 = 3.3;
 const RAIL_LOW_V: f64 = 0.04;
 /// Over this a channel is open or saturated (S7), V.
 const RAIL_HIGH_V: f64 = 3.267;
-/// Loads closer than this are one, kg.
+/// Loads closer than this count as the same, kg.
 const SAME_LOAD_KG: f64 = 0.002;
 /// A channel that follows spans at least this, V.
 const LEAST_SPAN_V: f64 = 0.02;
@@ -112,7 +112,7 @@ const LEAST_R2: f64 = 0.98;
 /// regressed on the weight: `u = y / k + u0`.
 ///
 /// # Errors
-/// [`CalibrationError`] says why these readings make no calibration.
+/// [`CalibrationError`] with the reason.
 pub fn fit(readings: &[Reading]) -> Result<Fit, CalibrationError> {
     for (number, reading) in (1..).zip(readings) {
         let what = match *reading {
@@ -214,11 +214,11 @@ fn hysteresis(readings: &[Reading], gain: f64) -> Option<f64> {
     worst
 }
 
-/// Reads a data file: `mass_kg,voltage_v` a line; empty lines, a heading and lines that start
-/// with # are passed over.
+/// Reads a data file: `mass_kg,voltage_v` per line; empty lines, a heading and lines that start
+/// with # are skipped.
 ///
 /// # Errors
-/// [`CalibrationError::Reading`] names the first line that is none.
+/// [`CalibrationError::Reading`] names the first invalid line.
 pub fn parse(text: &str) -> Result<Vec<Reading>, CalibrationError> {
     let mut readings = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
@@ -250,7 +250,7 @@ const PAUSE_US: u64 = 10_000;
 
 /// Reads a channel's voltage while the robot is disarmed, V: the mean over a second.
 ///
-/// The board sends tensions by the law that it was configured with; that law is undone.
+/// The board sends tensions by its configured law; that law is inverted.
 ///
 /// # Errors
 /// The client's.
@@ -271,7 +271,8 @@ pub(crate) fn read_voltage<L: Link>(
     Ok(mean_n / winch.tension_gain_n_per_v + winch.tension_zero_v)
 }
 
-/// A winch file's text with this calibration in place of what it says, every other line as it was.
+/// A winch file's text with this calibration in place of its old values, every other line
+/// unchanged.
 #[must_use]
 pub(crate) fn written_into(text: &str, fit: &Fit, note: &str) -> String {
     let values = [

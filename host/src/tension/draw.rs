@@ -8,7 +8,7 @@ pub struct Curve<'a> {
     pub name: &'a str,
     /// Points.
     pub points: Vec<(f64, f64)>,
-    /// Crosses in place of a line.
+    /// Crosses instead of a line.
     pub crosses: bool,
 }
 
@@ -35,14 +35,14 @@ impl<'a> Curve<'a> {
 
 /// Size of a picture, px.
 const SIZE: (u32, u32) = (1000, 520);
-/// Points that a line is drawn with, at the most.
+/// Greatest number of points per line.
 const MOST_POINTS: usize = 2500;
 
-/// Draws curves over common axes. Nothing to draw gives an empty text.
+/// Draws curves over common axes. Without data the text is empty.
 #[must_use]
 pub fn draw(title: &str, x: &str, y: &str, curves: &[Curve]) -> String {
     let mut svg = String::new();
-    // Drawing into a string fails only by a mistake here; a missing picture must not cost figures.
+    // Drawing into a string fails only through a bug here; a missing picture must not lose figures.
     if render(title, x, y, curves, &mut svg).is_none() {
         svg.clear();
     }

@@ -1,4 +1,4 @@
-//! Holding a tension on whatever is behind a link, and what the board measures meanwhile.
+//! Holds a tension on the robot behind a link, and records the board's measurements.
 
 use super::bench::Trace;
 use super::task::Experiment;
@@ -8,11 +8,11 @@ use crate::motion::Model;
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::SessionId;
 
-/// Brings the robot up where it hangs and holds as long as the experiment says; `tell` gets the
-/// words for the person whose hands are needed. The trace has measured tensions only.
+/// Arms the robot at its present position and holds as long as the experiment requires; `tell` gets
+/// the instructions for the operator. The trace has measured tensions only.
 ///
 /// # Errors
-/// As a run. Afterwards the brakes are closed and the board is given back.
+/// As a run. Afterwards the brakes are closed and the session is ended.
 pub fn hold<L: Link>(
     model: &Model,
     (link, session): (L, SessionId),

@@ -2,7 +2,7 @@
 
 use super::bench::Trace;
 
-/// Tension over a while.
+/// Tension over a period.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Steady {
     /// Mean error, N.
@@ -15,7 +15,7 @@ pub struct Steady {
     pub max_abs_n: f64,
 }
 
-/// How a disturbance died out.
+/// Decay of a disturbance.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Recovery {
     /// Greatest absolute error from its start on, N.
@@ -55,7 +55,7 @@ pub fn at_rest(trace: &Trace, from_s: f64, to_s: f64) -> Steady {
     }
 }
 
-/// How the tension came back after a pull from `on_s` to `off_s`.
+/// Recovery of the tension after a pull from `on_s` to `off_s`.
 #[must_use]
 pub fn recovery(trace: &Trace, on_s: f64, off_s: f64) -> Recovery {
     let errors: Vec<_> = errors(trace).collect();

@@ -1,7 +1,7 @@
-//! Tension: experiments on its loop, their figures, and what tunes and calibrates it.
+//! Tension: experiments on its loop, their figures, tuning and calibration.
 //!
-//! Everything here goes through a [`crate::link::Link`], as a run does. On the simulator the truth
-//! is read behind the client's back, and a simulated hand pulls.
+//! Everything here uses a [`crate::link::Link`], like a run. On the simulator the true state is
+//! read independently of the client, and a simulated hand pulls.
 
 mod bench;
 pub(crate) mod calibrate;

@@ -1,6 +1,6 @@
-//! Rigging: winding cable onto a drum, taking up slack evenly, tensioning, lowering. Every cable
-//! is held by its tension meanwhile, so that no drum pulls harder than it was told to; every step
-//! is slow, watched by the board, and undone by its opposite.
+//! Rigging: winding cable onto a drum, taking up slack evenly, tensioning, lowering. Every cable is
+//! held by its tension meanwhile, so that no drum pulls harder than commanded; every step is slow,
+//! monitored by the board, and can be undone by its opposite.
 
 use crate::link::{Client, Link};
 use crate::machine;
@@ -11,7 +11,7 @@ use mcdpr_protocol::{CableKnot, SessionId};
 
 /// Tension at which a cable counts as taken up, N: enough to lie in its pulleys.
 pub(crate) const TAKEN_UP_N: f64 = 1.0;
-/// Under this tension a cable of a robot that is being rigged is reeled in, N.
+/// Below this tension a cable of a robot that is being rigged is reeled in, N.
 const FLOOR_N: f64 = 0.5;
 /// Rate at which tensions rise and fall, N/s.
 const RATE_NPS: f64 = 2.0;
@@ -30,15 +30,15 @@ pub(crate) fn rigged(robot: &Robot) -> Robot {
     robot.tension.law = LawKind::Default;
     robot.tension.hold_braked = false;
     robot.limits.tension_min_n = FLOOR_N;
-    // Four fifths of this are compensated: all of it, for a drum with a slack cable has nothing but
-    // its motor to turn it when the board looks whether it does.
+    // Four fifths of this are compensated: all of it, because a drum with a slack cable is driven
+    // only by its motor when the board checks whether it turns.
     for winch in &mut robot.winches {
         winch.friction_n *= 1.25;
     }
     robot
 }
 
-/// The robot with one cable wound by length and the others left alone, a light snag guard on all.
+/// The robot with one cable wound by length and the others passive, a sensitive snag guard on all.
 #[must_use]
 pub(crate) fn winding(robot: &Robot, cable: usize) -> Robot {
     let mut robot = rigged(robot);
@@ -59,8 +59,8 @@ pub struct Rig<L: Link> {
 }
 
 impl<L: Link> Rig<L> {
-    /// Arms a robot as rigging needs it. `lengths_m` are rough; `tensions_n` are what the cables
-    /// have now: zero where they are slack. The board compares them with its sensors (S10).
+    /// Arms a robot for rigging. `lengths_m` are approximate; `tensions_n` are the present
+    /// tensions: zero if slack. The board compares them with its sensors (S10).
     ///
     /// # Errors
     /// As a run.
@@ -77,7 +77,7 @@ impl<L: Link> Rig<L> {
         }
         client.request(machine::reference(lengths_m, tensions_n))?;
         run::arm(&mut client, hash)?;
-        // Motions start where the board holds, which is what its encoders say.
+        // Motions start at the board's present lengths, by its encoders.
         let held = run::status(&mut client)?.setpoints;
         Ok(Self {
             client,
@@ -99,12 +99,12 @@ impl<L: Link> Rig<L> {
         Ok(tensions.map(|t| t.newtons()).collect())
     }
 
-    /// Reels cables in slowly until each has `TAKEN_UP_N`, at most `stretches` times a second and
-    /// a half; the first ones wait for the last. All cables, or `only` one (from 0) while the others
-    /// stay slack. `watch` sees the tensions now and then.
+    /// Reels cables in slowly until each has `TAKEN_UP_N`, at most `stretches` times a second and a
+    /// half; the first ones wait for the last. All cables, or `only` one (from 0) while the others
+    /// stay slack. `watch` is called with the tensions now and then.
     ///
     /// # Errors
-    /// A fault; cables still slack in the end are told by their tensions, which are given back.
+    /// A fault; cables that are still slack at the end are visible in the returned tensions.
     pub fn take_up(
         &mut self,
         only: Option<usize>,
@@ -122,7 +122,7 @@ impl<L: Link> Rig<L> {
             if now.iter().enumerate().all(taken) {
                 return Ok(now);
             }
-            // A set-point under the floor for a moment starts the board's time for slack anew.
+            // A set-point below the floor for a moment restarts the board's time limit for slack.
             let each = now.iter().enumerate().zip(&up);
             let low: Vec<f64> = each
                 .map(|(now, &up)| if taken(now) { up } else { 0.0 })
@@ -134,7 +134,7 @@ impl<L: Link> Rig<L> {
         Ok(now)
     }
 
-    /// Brings all tensions to `tensions_n` together, at 2 N/s for the one with the longest way.
+    /// Brings all tensions to `tensions_n` together, at 2 N/s for the one with the largest change.
     ///
     /// # Errors
     /// A fault.
@@ -165,7 +165,7 @@ impl<L: Link> Rig<L> {
         Ok(())
     }
 
-    /// Closes the brakes under torque and gives the board back.
+    /// Closes the brakes under torque and ends the session.
     ///
     /// # Errors
     /// The client's.
@@ -173,8 +173,8 @@ impl<L: Link> Rig<L> {
         run::disarm(&mut self.client)
     }
 
-    /// Lets one cable's set-point go through stages of duration (s) and level (N); gives its
-    /// measured tension, N, a sample a millisecond.
+    /// Moves one cable's set-point through stages of duration (s) and level (N); returns its
+    /// measured tension, N, one sample per millisecond.
     ///
     /// # Errors
     /// A fault.

@@ -13,24 +13,24 @@ use rayon::prelude::*;
 pub struct Column {
     /// Its heading.
     pub name: &'static str,
-    /// Law in place of the robot file's.
+    /// Law instead of the robot file's.
     pub law: LawKind,
-    /// How the machine is off.
+    /// Errors of the machine.
     pub change: Change,
 }
 
-/// One figure: medians over the seeds, one a column; `None` where the robot did not stand it.
+/// One figure: medians over the seeds, one per column; `None` if too many runs ended in a fault.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct Row {
-    /// What was measured.
+    /// Its name.
     pub figure: String,
-    /// What the paper's hardware reached, if it says.
+    /// The paper's hardware result, if stated.
     pub paper: &'static str,
     /// Unit.
     pub unit: &'static str,
     /// Medians.
     pub medians: Vec<Option<f64>>,
-    /// Runs of each column that no fault ended.
+    /// Runs of each column without a fault.
     pub ended: Vec<usize>,
 }
 
@@ -52,7 +52,7 @@ pub fn columns() -> Vec<Column> {
     ]
 }
 
-/// What is done with a robot.
+/// Action on a robot.
 #[derive(Debug, Clone, Copy)]
 enum Act {
     Rest,
@@ -72,8 +72,8 @@ struct Entry {
     change: Change,
 }
 
-/// Gains of the paper's law for this robot: as strong as stays stable on all seeds. The paper
-/// gives none.
+/// Gains of the paper's law for this robot: as high as is stable on all seeds. The paper gives
+/// none.
 fn pd_gains(robot: &mut Robot) {
     let heavy = robot
         .winches
@@ -133,7 +133,7 @@ pub fn study(light: &Robot, geared: &Robot, seeds: u64) -> Result<Vec<Row>, RunE
     Ok(rows)
 }
 
-/// Names, units and the paper's figures of what an experiment measures.
+/// Names, units and the paper's figures of an experiment's results.
 fn figures_of(act: Act) -> &'static [(&'static str, &'static str, &'static str)] {
     match act {
         Act::Rest => &[("mean error", "N", "0.2"), ("standard deviation", "N", "")],
@@ -302,7 +302,7 @@ fn perform(robot: &Robot, change: &Change, act: Act, seed: u64) -> Option<Vec<f6
     })
 }
 
-/// Medians figure by figure; none where half of the runs or more ended in a fault.
+/// Medians figure by figure; none if half of the runs or more ended in a fault.
 fn median(runs: &[Option<Vec<f64>>], figures: usize) -> Vec<Option<f64>> {
     let good: Vec<_> = runs.iter().flatten().collect();
     (0..figures)

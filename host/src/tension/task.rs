@@ -1,4 +1,4 @@
-//! Tension experiments from a task file: how long the robot holds, and which hands pull when.
+//! Tension experiments from a task file: how long the robot holds, and the disturbances.
 
 use super::bench::{Hand, Script};
 use miette::Diagnostic;
@@ -30,20 +30,20 @@ pub const BUILT_IN: &[(&str, &str, &str)] = &[
     ),
 ];
 
-/// An experiment: a robot that holds, and what happens to it.
+/// An experiment: a robot that holds, and its disturbances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment {
     /// Its name.
     pub name: String,
-    /// What happens.
+    /// The disturbances.
     pub script: Script,
     /// First disturbance and the end of the last one, s.
     pub disturbed_s: Option<(f64, f64)>,
-    /// What a person at a real robot is asked to do.
+    /// Instructions for the operator of a real robot.
     pub prompts: Vec<(f64, String)>,
 }
 
-/// Why there is no such experiment.
+/// Why an experiment cannot be loaded.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ExperimentError {
     /// Neither built in nor a file.
@@ -69,7 +69,7 @@ pub enum ExperimentError {
         source: std::io::Error,
     },
     /// The file is no experiment.
-    #[error("task file {path} is no tension experiment: {message}")]
+    #[error("task file {path} is not a tension experiment: {message}")]
     #[diagnostic(
         code(mcdpr::tension::malformed),
         help(
@@ -125,11 +125,11 @@ const LONGEST_S: f64 = 600.0;
 const STRONGEST_N: f64 = 50.0;
 
 impl Experiment {
-    /// A built-in experiment by name, or a task file by path. `held` is the index of the cable
-    /// that is meant where the file names none, of `cables` cables.
+    /// A built-in experiment by name, or a task file by path. `held` is the index of the default
+    /// cable, of `cables` cables.
     ///
     /// # Errors
-    /// [`ExperimentError`] says what is wrong.
+    /// [`ExperimentError`] with what is wrong.
     pub fn find(name: &str, held: usize, cables: usize) -> Result<Self, ExperimentError> {
         if let Some((_, _, text)) = BUILT_IN.iter().find(|(known, ..)| *known == name) {
             return Self::parse(text, name, held, cables);

@@ -1,9 +1,8 @@
-//! The tension loop on winches as winches are: machines drawn over the whole range of friction, gear
-//! efficiency and play that a geared winch may have. `mcdpr study winch` prints it, docs/tension.md
-//! quotes it.
+//! The tension loop on typical winches: machines drawn over the whole range of friction, gear
+//! efficiency and play of geared winches. `mcdpr study winch` prints it, docs/tension.md quotes it.
 //!
-//! The controller knows of each machine what identification finds, within its accuracy; the rest is
-//! drawn by the machine's own mismatch and not told.
+//! The controller knows the results of an identification of each machine, within its accuracy; the
+//! rest is drawn by the machine's own mismatch and unknown.
 
 use super::bench::{Bench, Change, Script};
 use super::measure::{at_rest, recovery};
@@ -23,7 +22,7 @@ pub(crate) const EFFICIENCY: [f64; 2] = [0.55, 0.85];
 pub(crate) const PLAY_DEG: [f64; 2] = [0.2, 2.0];
 /// Height of the tool for the circle on a platform at z = -100 mm, m.
 const CIRCLE_Z_M: f64 = -0.18;
-/// When the platform is pulled and let go, s, with how much, N, and when the watch ends, s.
+/// Start and end of a pull on the platform, s, its force, N, and the end of the experiment, s.
 const PULL_S: [f64; 2] = [0.5, 1.0];
 const PULL_N: f64 = 2.0;
 const END_S: f64 = 4.0;
@@ -40,7 +39,7 @@ pub(crate) struct Contender {
     pub robot: Robot,
 }
 
-/// What is measured of a machine, in this order.
+/// The measured figures of a machine, in this order.
 pub const FIGURES: [(&str, &str, &str); 8] = [
     ("rest: mean error", "N", "0.2"),
     ("rest: standard deviation", "N", ""),
@@ -52,7 +51,7 @@ pub const FIGURES: [(&str, &str, &str); 8] = [
     ("3 mm slack: greatest tension", "N", ""),
 ];
 
-/// A machine that was drawn, and what each contender made of it.
+/// A drawn machine, and the results of each contender on it.
 #[derive(Debug, Clone, Serialize)]
 pub struct Drawn {
     /// Seed.
@@ -63,21 +62,21 @@ pub struct Drawn {
     pub efficiency: f64,
     /// Play, likewise, degrees.
     pub play_deg: f64,
-    /// One a contender: its figures, and the faults that took some of them.
+    /// One per contender: its figures, and the faults that ended some runs.
     pub runs: Vec<Ran>,
 }
 
-/// What came of one contender on one machine.
+/// Results of one contender on one machine.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ran {
     /// As [`FIGURES`]; `None` where a fault ended the run.
     pub figures: Vec<Option<f64>>,
-    /// What the board said, each with the experiment that it ended.
+    /// Faults, each with the experiment that it ended.
     pub faults: Vec<String>,
 }
 
-/// The robot with a gear that is drawn by a seed: every winch the same type, each with its own play
-/// and friction of the machine's mismatch.
+/// The robot with a gear that is drawn by a seed: every winch has the same type, each with its own
+/// play and friction from the machine's mismatch.
 #[must_use]
 pub fn machine(robot: &Robot, seed: u64) -> (Robot, [f64; 3]) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x7769_6E63);
@@ -221,8 +220,8 @@ fn whole(trace: Result<super::Trace, crate::run::RunError>) -> Result<super::Tra
     trace.fault.clone().map_or(Ok(trace), Err)
 }
 
-/// Median and 95th percentile (nearest rank) of one figure of one contender over machines that no
-/// fault ended, and how many those are; `within` picks machines by their friction, N.
+/// Median and 95th percentile (nearest rank) of one figure of one contender over machines without a
+/// fault, and their number; `within` selects machines by their friction, N.
 #[must_use]
 pub fn spread(
     drawn: &[Drawn],

@@ -29,7 +29,8 @@ fn nanoseconds<T>(inputs: usize, mut f: impl FnMut(usize) -> T) -> f64 {
     best
 }
 
-/// `slowness` is this machine's, against the one where the targets were set.
+/// `slowness` is the ratio of this machine's time to that of the machine where the targets were
+/// set.
 fn line(name: &str, plain_ns: Option<f64>, ours_ns: f64, target_ns: f64, slowness: f64) {
     let ratio = plain_ns.map_or(String::new(), |p| {
         format!("  plain {p:8.1} ns  ratio plain/ours = {:.2}", p / ours_ns)
@@ -130,7 +131,7 @@ fn inputs() -> Inputs {
 
 fn ratios(x: &Inputs) {
     let (robot, plain) = (&x.robot, &x.plain);
-    // The yardstick must compute the same thing.
+    // The reference must compute the same values.
     for pose in &x.poses {
         let (a, b) = (robot.inverse(pose).unwrap(), plain.inverse(pose).unwrap());
         for i in 0..4 {

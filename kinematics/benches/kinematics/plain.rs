@@ -1,5 +1,5 @@
-//! The yardstick: the closed form of the inverse kinematics transcribed term by term with nalgebra,
-//! and what follows from it in the most direct way. Written once; not to be tuned.
+//! The reference: the closed form of the inverse kinematics transcribed term by term with nalgebra,
+//! and the quantities that follow from it in the most direct way. Written once; not to be tuned.
 
 use mcdpr_kinematics::{Cable, Pose};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};

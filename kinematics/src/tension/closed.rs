@@ -112,7 +112,7 @@ pub(super) fn closed_form<const K: usize, const N: usize>(
     let mut crossed = false;
     for i in 0..N {
         base[i] = target[i] + correction[i];
-        // The offset keeps 0 / 0 out; it is far below the rounding of any other entry.
+        // The offset avoids 0 / 0; it is far below the rounding of any other entry.
         let inverse = 1.0 / (null[i] + 1e-280);
         let (p, q) = (
             (limits.min_n[i] - base[i]) * inverse,
@@ -233,8 +233,9 @@ fn closed_form_error<const N: usize>(
     }
 }
 
-/// Of the two cables that leave no room (ends of their intervals along `null`), the one that is
-/// exceeded more at their least-squares compromise: (index, +1 if it is the lower one, violation).
+/// Of the two cables with incompatible limits (ends of their intervals along `null`), the one with
+/// the larger violation at their least-squares compromise: (index, +1 if it is the lower one,
+/// violation).
 #[inline(always)]
 pub(crate) fn limiting<const N: usize>(
     low: (f64, usize),

@@ -1,4 +1,4 @@
-//! One example of everything that goes over the wire, with its name and channel.
+//! One example of every message, with its name and channel.
 #![allow(dead_code, reason = "each test program uses a part")]
 
 use mcdpr_protocol::frame::{MAX_FRAME, encode_bytes, encode_frame};

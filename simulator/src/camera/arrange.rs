@@ -1,8 +1,8 @@
 //! Trays with objects in them, and objects that fall.
 //!
-//! Objects are lowered onto what lies below (a map of heights, 2 mm cells) and stay where their
-//! centre of mass is above what carries them; other places are tried until one does. So piles are
-//! at rest, but nothing leans.
+//! Objects are lowered onto the surface below (a map of heights, 2 mm cells) and stay if their
+//! centre of mass is above their support; otherwise other positions are tried. So piles are at
+//! rest, but no object leans.
 
 use super::frame::Frame;
 use super::objects::{Kind, kinds};
@@ -53,7 +53,7 @@ const WALL_THICKNESS_M: f64 = 0.004;
 const PAPER_M: f64 = 5e-5;
 /// Room around an object for a finger and its error, m.
 const GAP_M: f64 = 0.012;
-/// Clear of the walls, m.
+/// Distance from the walls, m.
 const WALL_GAP_M: f64 = 0.012;
 /// Origins of bodies in a pile are at most this high over the floor, m: no towers.
 const HIGHEST_M: f64 = 0.055;
@@ -61,8 +61,8 @@ const WOOD: [f64; 3] = [0.42, 0.38, 0.33];
 const TABLE: [f64; 3] = [0.25, 0.27, 0.3];
 
 impl Tray {
-    /// Standing on a plate with tags of 16 mm all over, numbers from 100 on: it reaches beyond the
-    /// walls, for near them a camera beside the gripper looks over them.
+    /// Standing on a plate covered with tags of 16 mm, numbers from 100 on: it extends beyond the
+    /// walls, because near them a camera beside the gripper sees over them.
     #[must_use]
     pub const fn with_mat(mut self) -> Self {
         self.mat = Some(TagRows {
@@ -126,7 +126,8 @@ impl Tray {
         (0..2).all(|i| (point_m[i] - self.center_m[i]).abs() < self.half_m[i])
     }
 
-    /// The tray with `count` objects, the same for the same seed. Fewer where no more find room.
+    /// The tray with `count` objects, the same for the same seed. Fewer if there is no room for
+    /// more.
     #[must_use]
     pub fn scene(&self, order: Order, count: usize, seed: u64) -> Scene {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x7472_6179);
@@ -181,8 +182,8 @@ impl Tray {
         None
     }
 
-    /// Where a body comes to rest when it is lowered onto the others; `None` where it would not
-    /// stay, or not be in the tray. With `gap_m`, everything within that distance carries too.
+    /// Resting position of a body that is lowered onto the others; `None` if it would not stay, or
+    /// not be in the tray. With `gap_m`, everything within that distance also supports it.
     fn lower(&self, others: &[Body], body: &Body, gap_m: f64) -> Option<Rest> {
         let cells = columns(body);
         let [x, y, floor] = self.center_m;
@@ -208,7 +209,7 @@ fn pick(rests: &[[f64; 3]], draw: f64) -> [f64; 3] {
     rests[index.min(rests.len() - 1)]
 }
 
-/// What a body fills above one cell of the table.
+/// The volume of a body above one cell of the table.
 #[derive(Debug, Clone, Copy)]
 struct Column {
     place_m: [f64; 2],
@@ -258,7 +259,7 @@ struct Rest {
     /// Height of the body's origin, m.
     height_m: f64,
     on_floor: bool,
-    /// Where it is carried.
+    /// Points of support.
     contacts_m: Vec<[f64; 2]>,
 }
 
@@ -321,15 +322,15 @@ fn clear(others: &[Body], cells: &[Column], gap_m: f64) -> bool {
     })
 }
 
-/// Lets a body fall straight down onto the others and the floor at `floor_m`; it keeps its
-/// attitude and stays where it meets something.
+/// Lets a body fall straight down onto the others and the floor at `floor_m`; it keeps its attitude
+/// and stops at the first contact.
 pub(super) fn fall(others: &[Body], body: &mut Body, floor_m: f64) {
     if let Some(rest) = drop_on(others, &columns(body), floor_m) {
         body.world_from_body.position_m[2] += rest.height_m;
     }
 }
 
-/// Whether `upper` lies on `lower`: straight above some of it, closer than a millimetre.
+/// Whether `upper` lies on `lower`: straight above part of it, closer than a millimetre.
 pub(super) fn lies_on(upper: &Body, lower: &Body) -> bool {
     columns(upper).iter().any(|cell| {
         heights(lower, cell.place_m).is_some_and(|(_, high)| (cell.low_m - high).abs() < 1e-3)

@@ -29,17 +29,17 @@ pub struct Rgbd {
     pub stereo: Stereo,
 }
 
-/// Where carried-off bodies go: out of sight, m.
+/// Position of removed bodies: out of sight, m.
 const FAR_BELOW_M: f64 = 10.0;
 
-/// One thing that happened in the cell.
+/// One event in the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Happening {
     /// Simulated time, s.
     pub time_s: f64,
     /// The object, or an empty text.
     pub object: String,
-    /// What the jaws got.
+    /// The result of closing the jaws.
     pub grip: Grip,
 }
 
@@ -48,13 +48,13 @@ pub struct Happening {
 pub struct Cell {
     /// The tray.
     pub tray: Tray,
-    /// Everything to be seen; the first `fixed` bodies stand fast.
+    /// All visible bodies; the first `fixed` ones do not move.
     pub scene: Scene,
     /// The gripper.
     pub gripper: Gripper,
     /// Tool point on the platform, m.
     pub tcp_m: [f64; 3],
-    /// Turn of the jaws about the tool's axis, rad: set by a wrist, where there is one.
+    /// Turn of the jaws about the tool's axis, rad: set by a wrist, if there is one.
     pub wrist_rad: f64,
     fixed: usize,
     closed_since_s: Option<f64>,
@@ -83,7 +83,7 @@ impl Cell {
         }
     }
 
-    /// Where the tool is, jaws along its y.
+    /// Pose of the tool, jaws along its y.
     #[must_use]
     pub fn world_from_tool(&self, world_from_platform: &Frame) -> Frame {
         let tool = Frame::from_rpy(self.tcp_m, [0.0, 0.0, self.wrist_rad]);
@@ -115,16 +115,16 @@ impl Cell {
         &self.scene.bodies[self.fixed..]
     }
 
-    /// What the jaws got at each closing so far.
+    /// Results of all closings of the jaws so far.
     #[must_use]
     pub fn log(&self) -> &[Happening] {
         &self.log
     }
 
-    /// Lets the gripper act: called once a tick.
+    /// Updates the gripper: called once per tick.
     ///
     /// # Errors
-    /// The plant's, where it has none of its state left.
+    /// The plant's, if its state is no longer valid.
     pub fn step(&mut self, plant: &mut Plant) -> Result<(), PlantError> {
         let now_s = plant.time_s();
         if !plant.gripper_closed() {
@@ -157,7 +157,7 @@ impl Cell {
                 Frame::from(plant.truth()?.pose).point_inside(body.world_from_body.position_m);
             plant.set_load([0.0, 0.0, -9.81 * body.mass_kg], point, [0.0; 3])?;
         }
-        // The switch tells that the jaws met each other.
+        // The switch reports that the jaws met each other.
         plant.set_gripper_switch(!matches!(grip, Grip::Held { .. }));
         self.log.push(Happening {
             time_s: now_s,
@@ -179,7 +179,7 @@ impl Cell {
         if self.tray.holds(body.world_from_body.position_m) {
             fall(&others, &mut body, self.tray.center_m[2]);
         } else {
-            // What is put down beside the tray is carried off.
+            // A body that is put down beside the tray is removed.
             self.carried_off.push(body.name.clone());
             body.world_from_body.position_m[2] -= FAR_BELOW_M;
         }
@@ -215,8 +215,8 @@ impl Cell {
             .collect()
     }
 
-    /// The scene as it is now with the platform at a place: what is held hangs in the jaws, and
-    /// what lay on it has fallen.
+    /// The present scene with the platform at a pose: a held object hangs in the jaws, and objects
+    /// that lay on it have fallen.
     pub fn update(&mut self, world_from_platform: &Frame) {
         let Some((index, tool_from_body)) = self.held else {
             return;

@@ -8,7 +8,7 @@ use super::tracer::Tracer;
 use crate::plant::vec3::{axpy, sub};
 use rayon::prelude::*;
 
-/// What lens and sensor do to the light.
+/// Effects of lens and sensor on the light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Optics {
     /// Standard deviation of the lens's blur, px.
@@ -40,7 +40,7 @@ pub struct ColorPicture {
     pub pixels: Vec<[u8; 3]>,
 }
 
-/// Rays for a pixel that an edge runs through. Their places differ in every column and row.
+/// Rays for a pixel that an edge runs through. Their positions differ in every column and row.
 const RAYS: usize = 36;
 /// The same for a pixel of a sheet full of tags, most of whose pixels have an edge.
 const RAYS_OF_ROWS: usize = 12;
@@ -81,7 +81,7 @@ pub fn render_color(
             if !around(width, height, x, y).any(|other| apart(&centers[i], &centers[other])) {
                 return centers[i];
             }
-            // All around is the same part under the same light: the edge is printed on it.
+            // All neighbours show the same part under the same light: the edge is printed on it.
             let print =
                 met[i].filter(|_| around(width, height, x, y).all(|other| met[other] == met[i]));
             if let Some(met) = print.filter(|met| tracer.is_rows(*met)) {
@@ -142,7 +142,7 @@ fn to_f32(color: [f64; 3]) -> [f32; 3] {
     color.map(|value| value as f32)
 }
 
-/// Places in a pixel: every `rays`-th of its width and height is used once (a rank-1 lattice).
+/// Positions in a pixel: every `rays`-th of its width and height is used once (a rank-1 lattice).
 fn offsets(rays: usize, step: usize) -> Vec<(f64, f64)> {
     let count = rays as f64;
     (0..rays)

@@ -8,7 +8,7 @@ use super::tracer::Tracer;
 use crate::plant::vec3::{add, axpy, norm, scale, sub};
 use rayon::prelude::*;
 
-/// What stereo matching does to distances. The default is close to a RealSense D415 with an
+/// Effects of stereo matching on distances. The default is close to a RealSense D415 with an
 /// advanced depth unit of 0.1 mm; noise and steps are chosen to give its data sheet's scatter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stereo {
@@ -90,7 +90,7 @@ pub(crate) fn render_depth(
                 if luck < part.drop_out {
                     continue;
                 }
-                // The ray's z is 1, so its way is the distance along the axis.
+                // The ray's z is 1, so its parameter is the distance along the axis.
                 let depth_m = hit.way;
                 let point = axpy(from, depth_m, along);
                 let to = sub(second, point);

@@ -1,4 +1,4 @@
-//! Places of bodies and cameras.
+//! Frames of bodies and cameras.
 
 use crate::plant::Pose;
 use crate::plant::vec3::{M3, V3, add, mul, mul_t, scale};
@@ -76,7 +76,7 @@ impl Frame {
         mul_t(&self.rotation, direction)
     }
 
-    /// `self` after `inner`: the frame of something whose place is given in this frame.
+    /// `self` composed with `inner`, a frame given in this frame.
     ///
     /// ```
     /// use mcdpr_simulator::camera::Frame;
@@ -95,7 +95,7 @@ impl Frame {
         }
     }
 
-    /// The parent's place in this frame.
+    /// The inverse: the parent in this frame.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let r = &self.rotation;

@@ -1,8 +1,8 @@
-//! What happens when jaws close: a judgement by contact, friction and weight.
+//! Result of closing the jaws: decided by contact, friction and weight.
 //!
-//! Two flat pads move towards each other along the tool's y axis. What they do is decided from the
+//! Two flat pads move towards each other along the tool's y axis. The result is decided from the
 //! solids themselves: fingers that come down on something stop there; the first surfaces that the
-//! pads meet must belong to one body, face the pads within the friction cone, reach far enough up
+//! pads touch must belong to one body, face the pads within the friction cone, reach far enough up
 //! the pads and lie near the body's centre of mass, and the squeeze must carry its weight.
 
 use super::frame::Frame;
@@ -58,20 +58,20 @@ pub enum Grip {
         /// By how much the body moved along the jaws when it was centred, m.
         shift_m: f64,
     },
-    /// Nothing, for a reason.
+    /// Nothing, with the reason.
     Missed(String),
 }
 
-/// Surfaces this much behind the first contact give way to it, m: rubber.
+/// Surfaces this far behind the first contact are touched too, m: rubber.
 const SOFT_M: f64 = 5e-4;
 /// Least height of contact on a pad, m.
 const ENGAGED_MIN_M: f64 = 3e-3;
-/// Places on a pad along x and along z.
+/// Sample points on a pad along x and along z.
 const ACROSS: usize = 7;
 const UP: usize = 12;
 /// Radius of the friction patch against turning, m.
 const PATCH_M: f64 = 0.006;
-/// How much the weight may grow while the robot accelerates.
+/// Factor on the weight while the robot accelerates.
 const SHAKE: f64 = 1.3;
 
 struct Contact {
@@ -83,7 +83,7 @@ struct Contact {
 }
 
 impl Gripper {
-    /// Closes the jaws at `world_from_tool` among the bodies; those without mass stand fast.
+    /// Closes the jaws at `world_from_tool` among the bodies; those without mass do not move.
     #[must_use]
     pub fn close(&self, bodies: &[Body], world_from_tool: &Frame) -> Grip {
         if let Some(name) = self.fingers_in(bodies, world_from_tool) {
@@ -119,7 +119,7 @@ impl Gripper {
         }
     }
 
-    /// The first body that an open finger would share room with.
+    /// The first body that an open finger would collide with.
     fn fingers_in(&self, bodies: &[Body], tool: &Frame) -> Option<String> {
         let span = |from: f64, to: f64, count: usize| {
             (0..count).map(move |k| from + (to - from) * k as f64 / (count - 1) as f64)
@@ -140,8 +140,8 @@ impl Gripper {
         None
     }
 
-    /// What each place of a pad meets first on its way to the other pad. `side` 1 is the pad at
-    /// positive y.
+    /// The first contact of each sample point of a pad on its way to the other pad. `side` 1 is the
+    /// pad at positive y.
     fn contacts(&self, bodies: &[Body], tool: &Frame, side: f64) -> Vec<Contact> {
         let along = tool.direction([0.0, -side, 0.0]);
         let mut contacts = Vec::new();
@@ -200,8 +200,8 @@ impl Gripper {
                 .iter()
                 .fold([0.0; 3], |sum, c| axpy(sum, share, c.normal));
             let facing = outward * dot(normal, jaw) / norm(normal).max(1e-9);
-            // The flat pad turns a loose body until an edge of it lies on; beyond twice the
-            // friction angle it squirts out.
+            // The flat pad turns a loose body until an edge of it lies flat; beyond twice the
+            // friction angle it slips out.
             let angle = facing.clamp(-1.0, 1.0).acos();
             let limit = 1.2 * self.friction.atan();
             if angle > limit {

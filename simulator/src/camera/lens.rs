@@ -2,8 +2,8 @@
 
 /// A pinhole lens with radial and tangential distortion k1, k2, p1, p2, k3 (Brown, 1971).
 ///
-/// The formulas are written here a second time, and inverted in another manner, on purpose: pictures
-/// of the simulator judge the camera model of the vision crate, which shares no code with them.
+/// The formulas are implemented a second time, and inverted in another way, on purpose: pictures of
+/// the simulator test the camera model of the vision crate, which shares no code with them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// Width and height, px.

@@ -1,14 +1,14 @@
-//! What cameras on the platform see: a ray caster over simple solids, with the faults of real
+//! Pictures of cameras on the platform: a ray caster over simple solids, with the faults of real
 //! cameras.
 //!
 //! A [`Scene`] holds bodies made of boxes, cylinders and printed tags. [`render_color`] gives the
-//! colour picture (light, shadow, blur, noise), `render_depth` the picture of a stereo depth
-//! camera (separate place and lens, disparity noise and steps, shadow where only one of its two
-//! imagers sees, drop-outs on shiny parts). All of it follows from the scene, the cameras' places
-//! and a seed.
+//! colour picture (light, shadow, blur, noise), `render_depth` the picture of a stereo depth camera
+//! (separate position and lens, disparity noise and steps, shadow where only one of its two imagers
+//! sees, drop-outs on shiny parts). All of it is determined by the scene, the cameras' poses and a
+//! seed.
 //!
 //! A [`Cell`] is a [`Tray`] with objects that the gripper of a plant moves: [`Gripper::close`]
-//! judges what the jaws get.
+//! decides what the jaws hold.
 //!
 //! SI units. A camera's frame has x to the right, y down, z ahead; pixels are counted from the
 //! top left corner, the first pixel's centre at (0.5, 0.5). Nothing here is shared with the crate

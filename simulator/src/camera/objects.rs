@@ -1,6 +1,6 @@
-//! Things to pick: the kinds of the paper (screwdriver, printed brackets, machined parts, screws)
-//! and groceries in the manner of the YCB set, as boxes and cylinders. Sizes are chosen for jaws of
-//! 60 mm; they are of no object in particular.
+//! Objects to pick: the kinds of the paper (screwdriver, printed brackets, machined parts, screws)
+//! and groceries similar to the YCB set, as boxes and cylinders. Sizes are chosen for jaws of 60
+//! mm; they do not model particular products.
 
 use super::frame::Frame;
 use super::scene::{Body, Part};

@@ -1,4 +1,4 @@
-//! What there is to be seen.
+//! The visible scene.
 
 use super::frame::Frame;
 use super::shape::{Shape, Surface};
@@ -7,26 +7,26 @@ use crate::plant::vec3::norm;
 /// A piece of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
-    /// Its form.
+    /// Its shape.
     pub shape: Shape,
-    /// Its place in the body.
+    /// Its pose in the body.
     pub body_from_part: Frame,
-    /// How it looks.
+    /// Its appearance.
     pub surface: Surface,
-    /// Share of its surface on which a stereo depth camera finds nothing: shine.
+    /// Share of its surface on which a stereo depth camera measures nothing, because it is shiny.
     pub drop_out: f64,
 }
 
 /// A rigid body of parts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
-    /// What it is, for reports.
+    /// Its name, for reports.
     pub name: String,
     /// Its parts.
     pub parts: Vec<Part>,
-    /// Its place.
+    /// Its pose.
     pub world_from_body: Frame,
-    /// Mass, kg; 0 for what stands fast.
+    /// Mass, kg; 0 if it does not move.
     pub mass_kg: f64,
 }
 
@@ -89,7 +89,7 @@ impl Part {
 }
 
 impl Body {
-    /// A body of one box that stands fast.
+    /// A body of one box that does not move.
     #[must_use]
     pub fn fixed_box(name: &str, half_m: [f64; 3], place: Frame, color: [f64; 3]) -> Self {
         Self {
@@ -107,7 +107,7 @@ impl Body {
         Self::tags(&[(id, size_m, Frame::default())], world_from_tag)
     }
 
-    /// A board of printed tags: number, edge (m) and place on the board of each.
+    /// A board of printed tags: number, edge (m) and position on the board of each.
     #[must_use]
     pub fn tags(tags: &[(usize, f64, Frame)], world_from_board: Frame) -> Self {
         let part = |&(id, size_m, body_from_part): &(usize, f64, Frame)| Part {

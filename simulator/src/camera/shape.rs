@@ -1,4 +1,4 @@
-//! Solids, and where rays meet them.
+//! Solids, and their intersections with rays.
 
 use super::codes::CODES;
 use crate::plant::vec3::V3;
@@ -25,10 +25,10 @@ pub enum Shape {
     },
 }
 
-/// How a part looks.
+/// Appearance of a part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Surface {
-    /// One colour: share of red, green, blue light that it throws back.
+    /// One colour: share of red, green, blue light that it reflects.
     Plain([f64; 3]),
     /// A printed tag of AprilTag 36h11 on a white sheet, centred at the part's origin, x to the
     /// right and y down as one looks at it.
@@ -140,8 +140,8 @@ impl Shape {
         }
     }
 
-    /// Ways along the ray at which it goes in and out of the solid, with the outward normal where
-    /// it goes in. `None` where it passes by.
+    /// Distances along the ray at which it enters and leaves the solid, with the outward normal at
+    /// the entry. `None` if it misses.
     pub(super) fn span(&self, from: V3, along: V3) -> Option<(f64, f64, V3)> {
         let mut span = Span::default();
         match *self {

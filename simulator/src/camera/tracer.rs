@@ -1,9 +1,9 @@
-//! Rays through a scene: what they meet first, and what light comes back.
+//! Rays through a scene: their first hit, and the light that returns.
 //!
-//! Most of a picture's time is spent on parts that a ray passes far away from. Each part therefore
-//! has outlines that are compared before it is met with: as the eye sees it, as the lamp sees it, and
-//! its box in the world. They are never smaller than the part, so that the picture is the same as
-//! without them, bit by bit.
+//! Most rays pass far from most parts. Each part therefore has outlines that are checked before the
+//! intersection is computed: as seen from the eye, as seen from the lamp, and its box in the world.
+//! They are never smaller than the part, so that the picture is the same as without them, bit by
+//! bit.
 
 use super::frame::Frame;
 use super::scene::{Hit, Scene};
@@ -22,7 +22,7 @@ pub(crate) struct Tracer<'a> {
     across: [V3; 2],
 }
 
-/// A part and what bounds it.
+/// A part and its bounds.
 struct Prepared {
     /// As the eye sees it: x/z and y/z in the eye's frame.
     seen: Outline,
@@ -235,8 +235,9 @@ impl<'a> Tracer<'a> {
         color.map(|share| share * brightness)
     }
 
-    /// The mean of what [`Tracer::cast`] and [`Tracer::shade`] give for rays that are known to meet
-    /// this part of this body first, lit or not: print needs many rays and has nothing in front.
+    /// The mean of the results of [`Tracer::cast`] and [`Tracer::shade`] for rays that are known to
+    /// hit this part of this body first, lit or not: print needs many rays and has nothing in
+    /// front.
     pub(crate) fn shade_on(
         &self,
         rays: impl Iterator<Item = V3>,

@@ -1,4 +1,4 @@
-//! The bus: who sends next, for how long, and what goes wrong (ISO 11898-1).
+//! The bus: arbitration, duration of frames, and faults (ISO 11898-1).
 
 use super::wire::{ERROR_BITS, frame_bits};
 use mcdpr_firmware::drives::{BusState, CanFrame};
@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 const SUSPEND_BITS: u64 = 8;
 /// Idle bits after which a controller that is off takes part again.
 const RECOVERY_BITS: u64 = 128 * 11;
-/// A controller that takes part is passive from this count on, and off above 255.
+/// A controller is error passive from this count on, and bus-off above 255.
 const PASSIVE_FROM: u16 = 128;
 
 /// One controller on the bus. The board is number 0, drive `n` (from 0) number `n + 1`.
@@ -39,7 +39,7 @@ impl Node {
     }
 }
 
-/// A frame that went over the bus whole.
+/// A complete frame that went over the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Delivery {
     /// When its last bit was received, µs.
@@ -50,7 +50,7 @@ pub struct Delivery {
     pub frame: CanFrame,
 }
 
-/// What is wrong with the bus as a whole.
+/// Faults of the bus as a whole.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct BusFaults {
     /// The wires are shorted, or cut at the board: no frame passes.
@@ -61,7 +61,7 @@ pub struct BusFaults {
     pub drop: u32,
 }
 
-/// What has happened on a bus since it was made.
+/// Counters of a bus since it was made.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct BusCounters {
     /// Frames that passed.
@@ -89,14 +89,14 @@ pub struct BusCounters {
 #[derive(Debug, Clone)]
 pub struct CanBus {
     nodes: Vec<Node>,
-    /// Until when the wires are taken, µs.
+    /// Time until which the wires are busy, µs.
     busy_until_us: u64,
     faults: BusFaults,
     counters: BusCounters,
 }
 
 impl CanBus {
-    /// A silent bus of a board and so many drives, all at this bit rate (bit/s).
+    /// An idle bus of a board and this many drives, all at this bit rate (bit/s).
     #[must_use]
     pub fn new(bitrate: u32, drives: usize) -> Self {
         let node = Node {
@@ -116,7 +116,7 @@ impl CanBus {
         }
     }
 
-    /// Sets a controller's bit rate (bit/s), with nothing queued and no errors counted.
+    /// Sets a controller's bit rate (bit/s), with an empty queue and cleared error counters.
     pub fn restart(&mut self, node: usize, bitrate: u32) {
         if let Some(node) = self.nodes.get_mut(node) {
             node.bitrate = bitrate;
@@ -127,8 +127,8 @@ impl CanBus {
         }
     }
 
-    /// Connects a controller with the bus, or cuts it off: without power it neither sends nor
-    /// acknowledges, and what waits in it is gone.
+    /// Connects a controller to the bus, or disconnects it: without power it neither sends nor
+    /// acknowledges, and its queue is cleared.
     pub fn connect(&mut self, node: usize, connected: bool) {
         if let Some(node) = self.nodes.get_mut(node) {
             if !connected {
@@ -152,7 +152,7 @@ impl CanBus {
         self.nodes.get(node).map_or(0, |node| node.waiting.len())
     }
 
-    /// How a controller stands to the bus.
+    /// State of a controller on the bus.
     #[must_use]
     pub fn state(&self, node: usize) -> BusState {
         self.nodes.get(node).map_or(BusState::Off, Node::state)
@@ -165,19 +165,19 @@ impl CanBus {
         node.map_or((0, 0), |n| (n.transmit_errors, n.receive_errors))
     }
 
-    /// What goes wrong, to change.
+    /// The faults, to change.
     pub const fn faults_mut(&mut self) -> &mut BusFaults {
         &mut self.faults
     }
 
-    /// What has happened.
+    /// The counters.
     #[must_use]
     pub const fn counters(&self) -> BusCounters {
         self.counters
     }
 
-    /// The next frame that is whole by `until_us`; call it again until it gives none. Time that was
-    /// once reached does not come back.
+    /// The next frame that is complete by `until_us`; call it again until it returns none. Time
+    /// cannot be set back.
     pub fn next(&mut self, until_us: u64) -> Option<Delivery> {
         loop {
             self.recover(until_us);
@@ -192,7 +192,7 @@ impl CanBus {
             let senders: Vec<usize> = ready
                 .into_iter()
                 .filter(|&node| {
-                    // On shorted wires nobody hears that another one won.
+                    // On shorted wires no controller notices that another one won.
                     let shorted = self.faults.shorted;
                     self.urgent(node, start)
                         .is_some_and(|(_, frame)| shorted || frame.id == lowest)
@@ -203,8 +203,9 @@ impl CanBus {
             let bitrate = self.nodes[senders[0]].bitrate;
             let whole_us = bit_us(frame_bits(&frame), bitrate);
             if start + whole_us > until_us && !self.goes_wrong(&senders, &frame, start) {
-                // It ends later: decided then, as nothing that comes meanwhile can change it. It
-                // does hold the wires, though: who waits until then joins the next arbitration.
+                // It ends later, but can be decided now, as nothing that arrives meanwhile changes
+                // it. It does occupy the wires: controllers that wait until then join the next
+                // arbitration.
                 return None;
             }
             if self.goes_wrong(&senders, &frame, start) {
@@ -253,7 +254,7 @@ impl CanBus {
         Some((best.0, best.1.1))
     }
 
-    /// When the next frame starts: as soon as the wires are free and somebody has one.
+    /// When the next frame starts: as soon as the wires are free and a controller has one.
     fn start_us(&self) -> Option<u64> {
         let ready = self.nodes.iter().filter(|node| node.takes_part());
         let ready = ready.flat_map(|node| {
@@ -299,7 +300,7 @@ impl CanBus {
         self.counters.busy_us += length_us;
     }
 
-    /// Nobody acknowledges: an error, but one that never takes a controller off the bus.
+    /// Missing acknowledgement: an error, but one that never leads to bus-off.
     fn unacknowledged(&mut self, sender: usize, start: u64, length_us: u64, bitrate: u32) {
         let end = start + length_us;
         let node = &mut self.nodes[sender];

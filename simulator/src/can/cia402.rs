@@ -27,7 +27,7 @@ enum Power {
 
 /// From a start of the communication to the boot-up message, µs.
 const BOOT_US: u64 = 20_000;
-/// Emergency code: the heartbeat that it watches is missing.
+/// Emergency code: the monitored heartbeat is missing.
 const BOARD_LOST: u16 = 0x8130;
 /// Emergency code: excess temperature of the drive.
 const HOT: u16 = 0x4310;
@@ -229,7 +229,7 @@ impl Cia402 {
             Power::SwitchOnDisabled => 0x0240,
             Power::ReadyToSwitchOn => 0x0231,
             Power::SwitchedOn => 0x0233,
-            // Told only once the motor is under control.
+            // Reported only when the motor is under control.
             Power::OperationEnabled if ready => 0x0237,
             Power::OperationEnabled => 0x0233,
             Power::Fault => 0x0208,
@@ -245,7 +245,7 @@ impl Cia402 {
         Ok(())
     }
 
-    /// A command has come: control word, then the target of the mode.
+    /// A command: control word, then the target of the mode.
     fn command(
         &mut self,
         plant: &mut Plant,
@@ -369,7 +369,7 @@ impl Cia402 {
         out(now_us, CanFrame { id, len: 1, data });
     }
 
-    /// Faults of its own, heat, and the board's heartbeat.
+    /// Its own faults, heat, and the board's heartbeat.
     fn watch(
         &mut self,
         plant: &mut Plant,
@@ -384,7 +384,7 @@ impl Cia402 {
             && self
                 .heard_board_us
                 .is_some_and(|at| now_us.saturating_sub(at) > most_us);
-        // Without an abort connection option it says so, and goes on.
+        // Without an abort connection option it reports the error, and continues.
         let acts = self.objects.get(0x6007, 0) != 0;
         if lost && !acts && self.emergency != BOARD_LOST {
             self.tell(fault, BOARD_LOST, now_us, out);
@@ -404,7 +404,7 @@ impl Cia402 {
         Ok(())
     }
 
-    /// Says what is wrong, 0 that nothing is any more.
+    /// Reports an error code, 0 for none.
     fn tell(&mut self, fault: &NodeFault, code: u16, at_us: u64, out: Outbox<'_>) {
         self.emergency = code;
         let [low, high] = code.to_le_bytes();
@@ -420,7 +420,7 @@ impl Cia402 {
         out(at_us, CanFrame { id, len: 8, data });
     }
 
-    /// In position mode the way between two set-points is filled in.
+    /// In position mode it interpolates between two set-points.
     fn go_on(&mut self, plant: &mut Plant, index: usize, now_us: u64) -> Result<(), PlantError> {
         let Some((from, to, since_us)) = self.way else {
             return Ok(());

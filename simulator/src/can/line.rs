@@ -6,9 +6,9 @@ use crate::plant::{Plant, PlantError};
 use mcdpr_firmware::drives::{BusState, CanFrame, CanPort, Full};
 use std::collections::VecDeque;
 
-/// Time between two looks at the drives, µs: one step of the plant.
+/// Time between two updates of the drives, µs: one step of the plant.
 const STEP_US: u64 = 100;
-/// The board's place on the bus.
+/// The board's number on the bus.
 const BOARD: usize = 0;
 /// Frames that the board's controller holds until they are sent, and until they are read.
 const QUEUE: usize = 16;
@@ -35,7 +35,7 @@ impl DriveLine {
         }
     }
 
-    /// Lets bus, drives and plant work until `until_us`, a multiple of 100 µs later.
+    /// Runs bus, drives and plant until `until_us`, a multiple of 100 µs later.
     ///
     /// # Errors
     /// The plant's.

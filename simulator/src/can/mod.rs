@@ -1,9 +1,9 @@
 //! The simulated CAN bus and the drives on it.
 //!
 //! [`CanBus`] is the wires: arbitration by identifier, the time of every stuffed bit, error
-//! counters, bus-off. [`DriveNodes`] are the drives' electronics: they speak RMDS or CiA 402, by
-//! code of their own, and command the motors of a [`Plant`]. [`DriveLine`] joins the two for a board
-//! in the same process; an emulated chip has its own bus and needs the nodes alone.
+//! counters, bus-off. [`DriveNodes`] are the drives' electronics: they implement RMDS or CiA 402
+//! independently of the firmware, and command the motors of a [`Plant`]. [`DriveLine`] joins the
+//! two for a board in the same process; an emulated chip has its own bus and needs only the nodes.
 
 mod bus;
 mod cia402;

@@ -5,25 +5,25 @@ use super::rmds::Rmds;
 use crate::plant::{MAX_CABLES, Plant, PlantError, Protocol};
 use mcdpr_firmware::drives::CanFrame;
 
-/// What is wrong with one drive's electronics. The motor's own faults are the plant's.
+/// Faults of one drive's electronics. The motor's own faults are the plant's.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct NodeFault {
     /// It answers to this node number, not to its own.
     pub node: Option<u8>,
-    /// It reports this mode whatever it does (CiA 402).
+    /// It always reports this mode (CiA 402).
     pub mode: Option<u8>,
-    /// It says nothing at all.
+    /// It sends nothing at all.
     pub silent: bool,
-    /// It goes on with everything but its heartbeats (CiA 402).
+    /// It sends everything but its heartbeats (CiA 402).
     pub no_heartbeat: bool,
-    /// It reports a fault with this emergency code, and gives no torque (CiA 402; an RMDS just
-    /// gives no torque).
+    /// It reports a fault with this emergency code, and gives no torque (CiA 402; an RMDS only
+    /// stops giving torque).
     pub fault: Option<u16>,
-    /// It is too hot, and says so (CiA 402).
+    /// It is too hot, and reports it (CiA 402).
     pub hot: bool,
-    /// It has no such object, by index and sub-index (CiA 402).
+    /// It lacks this object, by index and sub-index (CiA 402).
     pub lacks: Option<(u16, u8)>,
-    /// It takes so much longer to start its communication, ms (CiA 402).
+    /// Its communication starts this much later, ms (CiA 402).
     pub boots_late_ms: u32,
 }
 
@@ -41,7 +41,7 @@ pub struct DriveNodes {
     faults: [NodeFault; MAX_CABLES],
 }
 
-/// Where a node leaves what it wants to send: time in µs, frame.
+/// Queue of frames that a node wants to send: time in µs, frame.
 pub(super) type Outbox<'a> = &'a mut dyn FnMut(u64, CanFrame);
 
 impl DriveNodes {
@@ -74,14 +74,14 @@ impl DriveNodes {
         self.nodes.is_empty()
     }
 
-    /// What is wrong with a drive (index from 0), to change.
+    /// The faults of a drive (index from 0), to change.
     pub fn fault_mut(&mut self, drive: usize) -> Option<&mut NodeFault> {
         self.faults
             .get_mut(drive)
             .filter(|_| drive < self.nodes.len())
     }
 
-    /// A frame has passed on the bus, whole, at `at_us`: every drive but its sender hears it.
+    /// A complete frame has passed on the bus at `at_us`: every drive but its sender receives it.
     /// `from` is the drive that sent it, `None` for the board.
     ///
     /// # Errors

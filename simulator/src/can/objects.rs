@@ -25,7 +25,7 @@ pub(super) const READ_ONLY: u32 = 0x0601_0002;
 pub(super) const WRONG_LENGTH: u32 = 0x0607_0010;
 
 impl Objects {
-    /// A drive as it comes: node for its identifiers, rated current in mA.
+    /// A drive as delivered: node for its identifiers, rated current in mA.
     pub fn new(node: u8, rated_ma: u32) -> Self {
         let node = u32::from(node);
         let mut objects = Self {
@@ -89,13 +89,13 @@ impl Objects {
         }
     }
 
-    /// Size in bytes and value, for who reads.
+    /// Size in bytes and value, for a reader.
     pub fn read(&self, address: Address) -> Result<(u8, u32), u32> {
         let object = self.map.get(&address).ok_or(NO_OBJECT)?;
         Ok((object.size, object.value))
     }
 
-    /// Somebody on the bus writes an object.
+    /// A node on the bus writes an object.
     pub fn write(&mut self, address: Address, size: u8, value: u32) -> Result<(), u32> {
         let object = self.map.get_mut(&address).ok_or(NO_OBJECT)?;
         if !object.writable {
@@ -126,7 +126,7 @@ impl Objects {
         (data, used as u8)
     }
 
-    /// Takes a PDO's bytes in, by its mapping; whether there were enough.
+    /// Unpacks a PDO's bytes by its mapping; returns whether there were enough.
     pub fn unpack(&mut self, mapping: u16, bytes: &[u8]) -> bool {
         let mut rest = bytes;
         for entry in 1..=self.get(mapping, 0) as u8 {

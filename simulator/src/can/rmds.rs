@@ -1,4 +1,4 @@
-//! A simulated RoboModule RMDS: what its manual's frames do to the motor.
+//! A simulated RoboModule RMDS: effects of its manual's frames on the motor.
 
 use super::nodes::{NodeFault, Outbox};
 use crate::plant::{DriveCommand, DriveState, Mode, Plant, PlantError};
@@ -87,7 +87,7 @@ impl Rmds {
         out: Outbox<'_>,
     ) -> Result<(), PlantError> {
         if !answers(plant.drive_state(index)?) {
-            // Power went: the setting is gone with it.
+            // Power was lost, and with it the setting.
             self.next_us = u64::MAX;
             return Ok(());
         }

@@ -1,4 +1,4 @@
-//! The bus, and whole ways: the board's own code against the drives' own code.
+//! The bus, and complete sequences: the board's code against the drives' own code.
 
 use super::{CanBus, DriveLine};
 use crate::plant::{DriveState, Mode, Plant, PlantParams, Protocol};
@@ -103,7 +103,7 @@ fn two_drives_of_one_number_destroy_each_others_frames() {
     assert_eq!(bus.next(100_000), None);
     assert_eq!(bus.state(1), BusState::Active, "off, and back again");
     assert_eq!(bus.counters().destroyed, 32, "256 errors, eight a frame");
-    // Of the same data nobody sees that there are two.
+    // With the same data no node can detect that there are two.
     bus.offer(1, 200_000, frame(0x3B, &[1]));
     bus.offer(2, 200_000, frame(0x3B, &[1]));
     assert!(bus.next(201_000).is_some());

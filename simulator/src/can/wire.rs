@@ -1,4 +1,4 @@
-//! How long a frame is on the wire: its bits, stuffed, with the checksum that it really has.
+//! Duration of a frame on the wire: its bits, stuffed, with its real checksum.
 
 use mcdpr_firmware::drives::CanFrame;
 
@@ -97,7 +97,7 @@ mod tests {
             assert!(bits <= u64::from(worst_bits(u32::from(len))));
             assert!(bits >= 47 + 8 * u64::from(len));
         }
-        // And the bound is not idle talk: some come near it.
+        // The bound is tight: some frames come near it.
         assert!(most[8] >= 125, "{most:?}");
     }
 }

@@ -4,7 +4,7 @@ use super::drive::{Drive, DriveCommand};
 use super::faults::DriveFault;
 use super::params::BusParams;
 
-/// What a drive reports in its slot.
+/// Feedback of a drive in its slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Feedback {
     /// Motor current (mA), saturated at the type's range.
@@ -13,7 +13,7 @@ pub struct Feedback {
     pub rpm: i16,
     /// Motor position since the last reset (counts), wrapping.
     pub counts: i32,
-    /// Counts feedbacks of this drive from 1, wrapping: unchanged means nothing new.
+    /// Counts feedbacks of this drive from 1, wrapping: unchanged means no new one.
     pub sequence: u32,
     /// Simulated time at which it was measured (s).
     pub measured_at_s: f64,
@@ -68,8 +68,8 @@ impl Port {
         }
     }
 
-    /// The board hands over a command. A set-point replaces the one still waiting. `Off` and
-    /// `Reset` make everything before them void; other commands wait in order.
+    /// The board passes a command. A set-point replaces the one still waiting. `Off` and `Reset`
+    /// void everything before them; other commands wait in order.
     pub(crate) fn submit(&mut self, command: DriveCommand) {
         if command.is_set_point() {
             self.set_point = Some(command);
@@ -87,7 +87,7 @@ impl Port {
         }
     }
 
-    /// Forgets everything under way.
+    /// Drops everything in transit.
     pub(crate) fn clear(&mut self) {
         self.waiting = [None; QUEUE];
         self.set_point = None;
@@ -95,7 +95,7 @@ impl Port {
         self.to_board = None;
     }
 
-    /// Lets the bus work up to `now_s`.
+    /// Runs the bus up to `now_s`.
     #[inline(always)]
     pub(crate) fn poll(
         &mut self,

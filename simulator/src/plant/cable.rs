@@ -30,12 +30,12 @@ pub(crate) struct Cable {
     /// Tensions of the latest substep (N).
     pub tension: Tension,
     pub broken: bool,
-    /// A hand that pulls sideways on the middle of the free part: force, world (N).
+    /// An external force sideways on the middle of the free part, world (N).
     pub side_pull_n: V3,
 }
 
-/// Tension on both sides of the pulley (N), and the same without the cable's damping, which is
-/// what is stored as elastic energy.
+/// Tension on both sides of the pulley (N), and the same without the cable's damping, which
+/// determines the stored elastic energy.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Tension {
     pub platform_n: f64,
@@ -125,15 +125,15 @@ impl Cable {
         }
     }
 
-    /// Tension with a hand that pulls sideways in the middle of the free part: the cable runs in
-    /// two straight halves, and half the hand's force is each half's share across the chord. The
-    /// hand damps what the cable's own damping would, so that is left out.
+    /// Tension with a sideways force in the middle of the free part: the cable runs in two straight
+    /// halves, and each half carries half of the force across the chord. The hand replaces the
+    /// cable's own damping, so that is left out.
     fn plucked(&self, length_m: f64, stretch: f64, unstretched: f64) -> Tension {
         let half_n = 0.5 * norm(self.side_pull_n);
         let ratio = 1.0 + self.loss * self.friction_state;
         let stiffness = self.ea_n / (unstretched + self.routing_m * (ratio - 1.0));
-        // How much longer the cable must be than its chord, less what this tension stretches it:
-        // falls as the tension rises, from infinity at half the hand's force.
+        // Extra length of the cable over its chord, less the stretch by this tension: falls as the
+        // tension rises, from infinity at half the force.
         let excess = |tension_n: f64| {
             let across = half_n / tension_n;
             let longer = length_m * (1.0 / (1.0 - across * across).max(1e-12).sqrt() - 1.0);
@@ -159,7 +159,7 @@ impl Cable {
         }
     }
 
-    /// What a sideways hand adds to the cable's pull along its chord: the force on the platform
+    /// Addition of a sideways force to the cable's pull along its chord: the force on the platform
     /// (world, N) is `-tension * along * direction + across`.
     #[inline(always)]
     pub(crate) fn hand(&self) -> Option<(f64, V3)> {
@@ -171,8 +171,8 @@ impl Cable {
         Some((along, scale(self.side_pull_n, 0.5)))
     }
 
-    /// Cable that has passed the pulley toward the platform: what the drum has paid out and what
-    /// the routing has stretched (m).
+    /// Cable that has passed the pulley toward the platform: the drum's pay-out and the stretch of
+    /// the routing (m).
     #[inline(always)]
     fn paid_out(&self, drum_m: f64) -> f64 {
         self.winding_gain * drum_m + self.tension.winch_n * self.routing_m / self.ea_n
@@ -195,7 +195,7 @@ impl Cable {
     }
 
     /// Force that the cable exerts on the drum, paying out positive (N). It is the derivative of
-    /// the stored energy by the drum's displacement; beyond the tension itself the cable that
+    /// the stored energy by the drum's displacement; in addition to the tension, the cable that
     /// leaves the drum takes up half the strain energy density, `T^2 / (2 EA)`.
     #[inline(always)]
     pub(crate) fn force_on_drum(&self, winch_n: f64) -> f64 {

@@ -1,11 +1,11 @@
-//! The servo drive of a winch: its states, its modes and the force they make.
+//! The servo drive of a winch: its states, its modes and the force they produce.
 //!
-//! Modelled after the RoboModule RMDS: reset, half a second; choice of a mode, half a second;
-//! then the mode's commands are obeyed and all others ignored.
+//! Modelled after the RoboModule RMDS: reset, half a second; choice of a mode, half a second; then
+//! the mode's commands are executed and all others ignored.
 
 use super::params::WinchParams;
 
-/// What a drive can be asked to regulate.
+/// Controlled quantity of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
     /// Current, with the lag of the current loop.
@@ -59,7 +59,7 @@ impl DriveCommand {
     }
 }
 
-/// Where a drive is on its way to obedience.
+/// State of a drive between power-on and operation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DriveState {
     /// No reset since power came on: silent, torque off.
@@ -70,7 +70,7 @@ pub(crate) enum DriveState {
     Idle,
     /// Answering, entering a mode, torque off.
     Selecting(Mode),
-    /// Obeying commands of this mode; torque on from the first of them.
+    /// Executing commands of this mode; torque on from the first of them.
     Ready(Mode),
 }
 
@@ -163,7 +163,7 @@ impl Drive {
         !matches!(self.state, DriveState::Unpowered | DriveState::Resetting)
     }
 
-    /// Power is gone: everything is forgotten.
+    /// Power is lost: the state is cleared.
     pub(crate) fn cut_power(&mut self) {
         self.state = DriveState::Unpowered;
         self.set_point = SetPoint::None;
@@ -178,7 +178,7 @@ impl Drive {
         motor_rate / self.mps_per_rpm
     }
 
-    /// Lets time pass for the state; `late_s` is a fault that lengthens both waits.
+    /// Advances the state's timer; `late_s` is a fault that lengthens both waits.
     #[inline(always)]
     pub(crate) fn tick(&mut self, now_s: f64, motor_m: f64, late_s: f64) {
         match self.state {
@@ -193,7 +193,7 @@ impl Drive {
         }
     }
 
-    /// A command arrives.
+    /// Takes a command.
     pub(crate) fn receive(&mut self, command: DriveCommand, now_s: f64, motor_rate: f64) {
         if command == DriveCommand::Reset {
             self.state = DriveState::Resetting;
@@ -209,7 +209,7 @@ impl Drive {
                 self.state = DriveState::Idle;
                 self.set_point = SetPoint::None;
             }
-            // The mode it is in already: nothing to do, the set-point stands.
+            // The mode is already active: nothing changes, including the set-point.
             (
                 DriveCommand::SelectMode(mode),
                 DriveState::Ready(now) | DriveState::Selecting(now),
@@ -236,7 +236,7 @@ impl Drive {
             }
             (DriveCommand::Position { counts, rpm_limit }, DriveState::Ready(Mode::Position)) => {
                 self.start_loops(motor_rate);
-                // A count is 0.1 um at most; beyond 2^53 counts no cable reaches.
+                // A count is 0.1 um at most; no cable reaches 2^53 counts.
                 #[allow(clippy::cast_precision_loss)]
                 let counts = counts as f64;
                 self.set_point = SetPoint::Position {
@@ -296,7 +296,7 @@ impl Drive {
         let strongest = self.max_current_a * self.force_per_ampere.abs();
         let force = wanted.clamp(-strongest, strongest);
         if force == wanted {
-            // The integral sees the measured speed: the forecast above knows no friction.
+            // The integral uses the measured speed: the forecast above does not include friction.
             let missing = self.speed_reference - motor_rate;
             self.integral_n =
                 (self.integral_n + self.integral_gain * missing * h).clamp(-strongest, strongest);

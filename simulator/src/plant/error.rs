@@ -1,4 +1,4 @@
-//! What the plant refuses, and why.
+//! Errors of the plant.
 
 use thiserror::Error;
 
@@ -60,7 +60,7 @@ pub enum PlantError {
         /// Number of cables of the robot.
         count: usize,
     },
-    /// An attachment point lies on the swivel axis or inside the pulley: no cable can get there.
+    /// An attachment point lies on the swivel axis or inside the pulley: there is no cable path.
     #[error(
         "cable {}: the attachment lies on the swivel axis or inside the pulley; keep the platform clear of the pulley",
         cable + 1
@@ -91,11 +91,11 @@ pub enum PlantError {
         /// Simulated time of the first bad state.
         time_s: f64,
     },
-    /// The board in front of the plant cannot go on: an emulated chip was misused by its
-    /// firmware, or the robot is none that this board drives.
+    /// The board in front of the plant cannot continue: the firmware misused an emulated chip, or
+    /// this board does not support the robot.
     #[error("the board stopped: {reason}")]
     Board {
-        /// Why, with what to do where there is something.
+        /// Why, with a remedy if there is one.
         reason: String,
     },
 }

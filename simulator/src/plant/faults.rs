@@ -1,19 +1,19 @@
-//! What can be broken on purpose. Faults act on the plant, never inside a controller.
+//! Injected faults. They act on the plant, never inside a controller.
 
 use super::params::MAX_CABLES;
 
-/// What is wrong with a drum encoder as the board sees it. A fault begins and ends with the first
-/// reading after it is set.
+/// Fault of a drum encoder as the board sees it. A fault begins and ends with the first reading
+/// after it is set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum EncoderFault {
-    /// Nothing.
+    /// None.
     #[default]
     None,
     /// The count stays where it was when the fault began.
     Stuck,
     /// Open inputs behind pull-ups: the count stays where it was and flickers by one.
     Disconnected,
-    /// Open inputs without pull-ups: they float, and count what they pick up, to either side.
+    /// Open inputs without pull-ups: they float, and count interference in either direction.
     Floating,
     /// Swapped channels: the count runs backwards from where the fault began.
     Reversed,
@@ -21,10 +21,10 @@ pub enum EncoderFault {
     Glitch(i16),
 }
 
-/// What is wrong with a tension sensor as the board sees it.
+/// Fault of a tension sensor as the board sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TensionFault {
-    /// Nothing.
+    /// None.
     #[default]
     None,
     /// Open input: pulled up as docs/wiring.md has it.
@@ -37,16 +37,16 @@ pub enum TensionFault {
     Frozen,
 }
 
-/// What is wrong with a brake.
+/// Fault of a brake.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BrakeFault {
     /// It never opens.
     pub stays_closed: bool,
     /// Share of the nominal holding force that is left.
     pub holding_factor: f64,
-    /// It closes later than it should by this (s).
+    /// It closes later than specified by this (s).
     pub extra_close_delay_s: f64,
-    /// It drags: the drum rubs by this much more (N).
+    /// It drags: additional friction on the drum (N).
     pub drag_n: f64,
 }
 
@@ -61,12 +61,12 @@ impl Default for BrakeFault {
     }
 }
 
-/// What is wrong with a drive or its place on the bus.
+/// Fault of a drive or its connection to the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DriveFault {
-    /// It obeys but sends no feedback.
+    /// It executes commands but sends no feedback.
     pub silent: bool,
-    /// It answers but obeys nothing; it goes on doing what it did.
+    /// It answers but executes no command; it continues its last one.
     pub ignores_commands: bool,
     /// Reset and mode choice take this much longer (s); infinity: for ever.
     pub late_s: f64,
@@ -105,11 +105,11 @@ impl Default for CableFaults {
     }
 }
 
-/// All present faults. Change them at any time between two calls of `advance`.
+/// All active faults. Change them at any time between two calls of `advance`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Faults {
     /// Per cable, index from 0; entries beyond the robot's cables do nothing.
     pub cables: [CableFaults; MAX_CABLES],
-    /// The bus carries nothing either way. Drives go on with the last command they got.
+    /// The bus transmits nothing in either direction. Drives continue their last command.
     pub bus_off: bool,
 }

@@ -1,5 +1,6 @@
-//! Another engine's platform and cables in place of the plant's own. Winches, drives, brakes and
-//! sensors stay the plant's: a control core can be flown on physics that this project did not write.
+//! An external physics engine in place of the plant's platform and cables. Winches, drives, brakes
+//! and sensors stay the plant's: a control core can be tested on physics that this project did not
+//! write.
 
 use super::Plant;
 use super::cable::Tension;
@@ -9,10 +10,10 @@ use super::platform::{Motion, Pose};
 use std::fmt;
 use std::sync::{Arc, Mutex};
 
-/// How often the other engine is asked, s.
+/// Step of the external engine, s.
 const EVERY_S: f64 = 1e-3;
 
-/// What hangs on the winches by the other engine.
+/// The load on the winches according to the external engine.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hanging {
     /// The platform's frame in the world.
@@ -21,13 +22,13 @@ pub struct Hanging {
     pub tensions_n: [f64; MAX_CABLES],
 }
 
-/// Another engine.
+/// An external engine.
 pub trait Foreign: Send {
-    /// Lets `duration_s` pass, at whose end each cable is unstretched `paid_out_m` long from anchor
-    /// to attachment and grows by `rates_mps`.
+    /// Advances by `duration_s`, at whose end each cable is unstretched `paid_out_m` long from
+    /// anchor to attachment and grows by `rates_mps`.
     ///
     /// # Errors
-    /// Why it cannot go on.
+    /// Why it cannot continue.
     fn advance(
         &mut self,
         paid_out_m: &[f64],
@@ -36,7 +37,7 @@ pub trait Foreign: Send {
     ) -> Result<Hanging, String>;
 }
 
-/// The other engine of a plant. Copies of the plant share it.
+/// The external engine of a plant. Copies of the plant share it.
 #[derive(Clone)]
 pub(super) struct Outside {
     engine: Arc<Mutex<dyn Foreign>>,
@@ -67,14 +68,14 @@ impl Plant {
         });
     }
 
-    /// Tensions by the other engine, where there is one.
+    /// Tensions of the external engine, if there is one.
     pub(super) fn outside_tension(&self, cable: usize) -> Option<f64> {
         let outside = self.outside.as_ref()?;
         outside.tensions_n.get(cable).copied()
     }
 
-    /// One step of the winches against the other engine's tensions, and its own step when its time
-    /// has come.
+    /// One step of the winches with the external engine's tensions, and a step of that engine when
+    /// it is due.
     pub(super) fn step_outside(&mut self, now_s: f64) -> Result<(), PlantError> {
         let h = self.params.step_s;
         let Some(outside) = &self.outside else {

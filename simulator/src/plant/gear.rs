@@ -1,20 +1,20 @@
-//! What lies between a motor and its drum: two bodies on a shaft that twists, with play, and the
+//! The gear between a motor and its drum: two bodies on a shaft that twists, with play, and the
 //! friction of rotor and gear.
 //!
 //! Motor and drum each have their own position and speed, as cable at the drum's surface. The shaft
-//! between them carries force only where the play is used up, as a damped spring that pushes and
-//! cannot pull. Friction is on the rotor, where a reduction gear has most of it: what the bearings,
-//! brushes and seals of the motor take and what the first stage takes without load, both with the
-//! fall from rest to motion that Stribeck saw (in the form of Bo and Pavelescu, 1982, with the
-//! exponent 2 that Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083, use),
-//! and a share of what is transmitted, which is not the same for both directions of power. Dry
-//! friction is an impulse that can stop the rotor and no more: what sticks stays exactly where it is.
+//! between them carries force only at the ends of the play, as a damped spring that pushes and
+//! cannot pull. Friction acts on the rotor, where a reduction gear has most of it. It includes the
+//! bearings, brushes and seals of the motor and the first stage without load, both with Stribeck's
+//! decrease from rest to motion (in the form of Bo and Pavelescu, 1982, with the exponent 2 that
+//! Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083, use), and a share of
+//! the transmitted power, which differs between the two directions of power. Dry friction is an
+//! impulse that can stop the rotor and no more: a stuck rotor stays exactly in place.
 
 use super::params::{GearParams, WinchParams};
 use std::f64::consts::TAU;
 
-/// Damping of the shaft as a share of what would be critical for the drum on it: assumption, 0.1 to
-/// 0.4 for steel with grease.
+/// Damping of the shaft as a share of critical damping for the drum on it: assumption, 0.1 to 0.4
+/// for steel with grease.
 const SHAFT_DAMPING: f64 = 0.2;
 /// Under this speed of the motor its friction does not warm up (rpm).
 const WARMING_RPM: f64 = 10.0;
@@ -49,7 +49,7 @@ impl Gear {
         let stiffness = p.shaft_stiffness_n_per_m(gear);
         let half_play_m = 0.5 * gear.play_rad * p.drum_radius_m;
         Self {
-            // The last thing that a winch did was to pull: the play is on the other side.
+            // The winch pulled last: the play is on the other side.
             motor_m: -half_play_m,
             motor_rate: 0.0,
             mass_kg: p.rotor_mass_kg(),
@@ -71,7 +71,7 @@ impl Gear {
         }
     }
 
-    /// Force of the shaft on the drum; the motor feels its opposite.
+    /// Force of the shaft on the drum; the reaction acts on the motor.
     #[inline(always)]
     pub(crate) fn shaft_n(&self, drum_m: f64, drum_rate: f64) -> f64 {
         let ahead = self.motor_m - drum_m;
@@ -114,7 +114,8 @@ impl Gear {
         };
         let pushed = self.motor_rate + hm * (motor_n + cogging - shaft_n);
         let free = pushed / (1.0 + hm * self.viscous);
-        // Power goes to the drum where the shaft pushes it the way the motor goes, or is about to.
+        // Power flows to the drum if the shaft pushes it in the motor's direction of motion,
+        // present or coming.
         let loss = if shaft_n * free > 0.0 {
             self.loss_driving
         } else {

@@ -1,11 +1,11 @@
-//! Something fixed that has caught the platform: what a snag is where nothing gives.
+//! A fixed obstacle that has caught the platform: the worst case of a snag.
 
 use super::vec3::{V3, axpy, dot, scale, sub};
 
 /// Stiffness of the hook (N/m): a steel rod of 8 mm that stands out by 100 mm, `3 E I / L³` with
 /// 210 GPa (Roark's Formulas for Stress and Strain, cantilever with an end load), 127 kN/m.
 const STIFFNESS_N_PER_M: f64 = 127_000.0;
-/// Its damping (N s/m): a twentieth of what stops a kilogram on it without overshoot.
+/// Its damping (N s/m): a twentieth of the critical damping of a kilogram on it.
 const DAMPING_NS_PER_M: f64 = 36.0;
 
 /// A hook that holds one point of the platform where it was caught.
@@ -15,8 +15,8 @@ pub(crate) struct Hook {
     caught_m: V3,
     /// The point, in principal axes about the centre of mass (m).
     pub point: V3,
-    /// Unit vector, world: it holds against motion along it and lets the platform go back. Without
-    /// one it holds against motion in every direction.
+    /// Unit vector, world: it blocks motion along it and lets the platform move back. Without one
+    /// it blocks motion in every direction.
     along: Option<V3>,
 }
 
@@ -29,7 +29,7 @@ impl Hook {
         }
     }
 
-    /// Force on the platform at the point, world (N), for where the point is and how it moves.
+    /// Force on the platform at the point, world (N), for the point's position and velocity.
     pub(crate) fn pull(&self, at_m: V3, velocity: V3) -> V3 {
         let away = sub(at_m, self.caught_m);
         let Some(along) = self.along else {

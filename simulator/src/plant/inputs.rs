@@ -1,4 +1,4 @@
-//! What acts on the plant from outside: the board's outputs, the operator's hand, mishaps.
+//! External influences on the plant: the board's outputs, the operator, mishaps.
 
 use super::Plant;
 use super::bus::Feedback;
@@ -8,8 +8,8 @@ use super::error::PlantError;
 use super::settle::Load;
 
 impl Plant {
-    /// Hands a command to the bus; it reaches the drive in the drive's next slot. A set-point
-    /// replaces one still waiting; `Off` and `Reset` void all that waits; others queue.
+    /// Passes a command to the bus; it reaches the drive in the drive's next slot. A set-point
+    /// replaces one still waiting; `Off` and `Reset` void everything waiting; others queue.
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`].
@@ -19,8 +19,8 @@ impl Plant {
         Ok(())
     }
 
-    /// A command reaches a drive now: for who has a bus of his own. A drive without power, or one
-    /// that ignores commands by a fault, takes none.
+    /// Passes a command to a drive at once: for callers with their own bus. A drive without power,
+    /// or one that ignores commands by a fault, does not take it.
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`].
@@ -39,7 +39,7 @@ impl Plant {
         Ok(())
     }
 
-    /// What a drive measures now: for who has a bus of his own.
+    /// Present measurements of a drive: for callers with their own bus.
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`].
@@ -125,9 +125,9 @@ impl Plant {
         Ok(())
     }
 
-    /// A hand pulls on the middle of a cable's free part, across the cable, until changed:
-    /// `force_n` in the world frame; zero lets go. What of it points along the cable is ignored by
-    /// the caller's choice of direction: only its size stretches the cable.
+    /// Applies a force on the middle of a cable's free part, across the cable, until changed:
+    /// `force_n` in the world frame; zero releases it. The caller chooses a direction across the
+    /// cable: a component along it is not modelled, only its size stretches the cable.
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] if not finite or over 100 N.
@@ -146,10 +146,10 @@ impl Plant {
         Ok(())
     }
 
-    /// Somebody takes a cable off the platform and hangs a weight on it, at rest over its pulley,
-    /// its drum braked: the tension sensor feels `weight_n` and what the pulley's friction adds or
-    /// takes, by whether the weight before was lighter or heavier. `None` gives the sensor the
-    /// robot's cable back. The platform is untouched: it is meant to stand on something meanwhile.
+    /// Takes a cable off the platform and hangs a weight on it, at rest over its pulley, its drum
+    /// braked: the tension sensor measures `weight_n` plus or minus the pulley's friction,
+    /// depending on whether the weight before was lighter or heavier. `None` restores the robot's
+    /// cable. The platform does not change: it should be on a stand meanwhile.
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] unless 0 to 1000 N.
@@ -184,8 +184,8 @@ impl Plant {
             present.then(|| super::stand::Stand::under(motion.center_m, rotation, weight_n));
     }
 
-    /// Puts a stand under the platform that just touches it and carries nothing yet: for a platform
-    /// that hangs and is going to be let down.
+    /// Puts a stand under the platform that just touches it and carries nothing yet: for a hanging
+    /// platform that is going to be lowered.
     pub fn touch_stand(&mut self) {
         let rotation = super::vec3::q_matrix(self.motion.attitude);
         self.stand = Some(super::stand::Stand::under(
@@ -195,9 +195,9 @@ impl Plant {
         ));
     }
 
-    /// A stiff hook catches the platform where it is, at `point_m` (platform frame), and holds it
-    /// there against motion along `along` (world, of any length but zero), or in every direction.
-    /// It stays until [`Plant::unhook`] or until the robot is placed again.
+    /// A stiff hook catches the platform at its present pose, at `point_m` (platform frame), and
+    /// blocks motion along `along` (world, of any length but zero), or in every direction. It stays
+    /// until [`Plant::unhook`] or until the robot is placed again.
     ///
     /// # Errors
     /// [`PlantError::Parameter`] if a value is not finite or the direction has no length.
@@ -222,7 +222,7 @@ impl Plant {
         Ok(())
     }
 
-    /// The hook lets the platform go.
+    /// Removes the hook.
     pub fn unhook(&mut self) {
         self.hook = None;
     }
@@ -238,7 +238,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Lets cable slip off (positive, longer) or onto the drum without the drum turning.
+    /// Lets cable slip off (positive, longer) or onto the drum without turning the drum.
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`]; [`PlantError::CableParameter`] if not finite.
@@ -278,7 +278,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Switches the gripper's output pin. What the jaws get is the surroundings' affair.
+    /// Switches the gripper's output pin. The workcell decides what the jaws hold.
     pub const fn set_gripper(&mut self, closed: bool) {
         self.gripper_closed = closed;
     }
@@ -289,7 +289,7 @@ impl Plant {
         self.gripper_closed
     }
 
-    /// Presses or releases the gripper's switch, which tells that the jaws closed on nothing.
+    /// Presses or releases the gripper's switch, which reports that the jaws closed on nothing.
     pub(crate) const fn set_gripper_switch(&mut self, pressed: bool) {
         self.gripper_switch = pressed;
     }

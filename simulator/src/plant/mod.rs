@@ -1,10 +1,9 @@
 //! The physical plant of a cable robot, in virtual time.
 //!
-//! A rigid platform hangs on up to eight unilateral elastic cables; each runs over a swivel
-//! pulley, behind it to a geared winch with brake, drive, drum encoder and tension sensor. The
-//! plant knows no controller, no protocol and no solver: commands go in as a board would send
-//! them to drives and brakes, readings come out as a board would get them, and [`Truth`] is for
-//! reports and tests only.
+//! A rigid platform hangs on up to eight unilateral elastic cables; each runs over a swivel pulley
+//! to a geared winch with brake, drive, drum encoder and tension sensor. The plant does not depend
+//! on a controller, a protocol or a solver: inputs are commands as a board sends them to drives and
+//! brakes, outputs are readings as a board gets them, and [`Truth`] is for reports and tests only.
 //!
 //! Conventions: SI, world frame with z up, cables indexed from 0 (messages name them from 1),
 //! drum displacement and winch speed positive when cable is paid out, `rotation` from platform
@@ -152,7 +151,7 @@ impl Plant {
             params,
         };
         let start = plant.pose_below_anchors();
-        // Some robots have no cable path there: such a plant waits to be placed.
+        // Some robots have no cable path there: such a plant must be placed first.
         plant.failed = plant.place_at(&start, &[0.0; MAX_CABLES][..count]).err();
         if !plant.params.cables_attached {
             plant.failed = None;
@@ -169,7 +168,7 @@ impl Plant {
         Pose::level(axpy(middle, 0.3, [0.0, 0.0, -1.0]))
     }
 
-    /// What the plant was built from.
+    /// The parameters that the plant was built from.
     #[must_use]
     pub fn params(&self) -> &PlantParams {
         &self.params
@@ -187,18 +186,18 @@ impl Plant {
         self.steps as f64 * self.params.step_s
     }
 
-    /// The present faults, to look at.
+    /// The active faults.
     #[must_use]
     pub fn faults(&self) -> &Faults {
         &self.faults
     }
 
-    /// The present faults, to change.
+    /// The active faults, to change.
     pub fn faults_mut(&mut self) -> &mut Faults {
         &mut self.faults
     }
 
-    /// Where a drive is on its way to obedience (for tests; a board cannot see it).
+    /// State of a drive between power-on and operation (for tests; a board cannot see it).
     ///
     /// # Errors
     /// [`PlantError::NoSuchCable`].
@@ -213,8 +212,8 @@ impl Plant {
         self.sensed(true)
     }
 
-    /// The inputs as they are now, with the tension sensors' noise of the last
-    /// [`Plant::read_sensors`]: for a board that looks more often than it reads.
+    /// The present inputs, with the tension sensors' noise of the last [`Plant::read_sensors`]: for
+    /// a board that samples more often than it reads.
     pub fn read_sensors_again(&mut self) -> Sensors {
         self.sensed(false)
     }
@@ -242,14 +241,14 @@ impl Plant {
         out
     }
 
-    /// Lets `duration_s` pass. Durations add up exactly: what is less than a step is made up for
-    /// by later calls.
+    /// Advances by `duration_s`. Durations add up exactly: a remainder below one step is carried
+    /// over to later calls.
     ///
     /// # Errors
     /// [`PlantError::Parameter`] for a negative or non-finite duration;
-    /// [`PlantError::InsidePulley`], [`PlantError::Exhausted`] or [`PlantError::Diverged`] when
-    /// the robot gets where the model ends. Then time stands still, and the error repeats, until
-    /// the robot is placed again.
+    /// [`PlantError::InsidePulley`], [`PlantError::Exhausted`] or [`PlantError::Diverged`] when the
+    /// robot leaves the model's range. Then time stops, and the error repeats, until the robot is
+    /// placed again.
     pub fn advance(&mut self, duration_s: f64) -> Result<(), PlantError> {
         if !(0.0..=1e6).contains(&duration_s) {
             return Err(PlantError::Parameter {

@@ -1,9 +1,9 @@
-//! An input of the converter whose wire is open: what its pull-up, its capacitor, the pin's leakage
-//! and the converter's own sampling make of it.
+//! An input of the converter whose wire is open: the voltage that results from its pull-up, its
+//! capacitor, the pin's leakage and the converter's sampling.
 //!
-//! Every conversion connects the sampling capacitor, charged to what the channel before had, with the
-//! pin (data sheet of the STM32F103x8, table 46: 8 pF at most; leakage of a pin 1 uA at most). So a
-//! weak pull-up does not hold an open input at its rail.
+//! Every conversion connects the sampling capacitor, charged to the voltage of the channel before,
+//! with the pin (data sheet of the STM32F103x8, table 46: 8 pF at most; leakage of a pin 1 uA at
+//! most). So a weak pull-up does not hold an open input at its rail.
 
 use super::sensors::ADC_REFERENCE_V;
 
@@ -11,7 +11,7 @@ use super::sensors::ADC_REFERENCE_V;
 const SAMPLING_F: f64 = 8e-12;
 /// Conversions of one channel a second: four channels of 84 cycles at 12 MHz.
 const CONVERSIONS_HZ: f64 = 12e6 / 84.0 / 4.0;
-/// What the channel that is converted before has, V: a cable at some newtons.
+/// Voltage of the channel that is converted before, V: a cable at a few newtons.
 const BEFORE_V: f64 = 0.8;
 /// Capacitor at the pin (docs/wiring.md), F.
 const PIN_F: f64 = 10e-9;
@@ -36,7 +36,7 @@ mod tests {
     fn a_weak_pull_up_leaves_an_open_input_among_good_readings() {
         let weak = open_v(1.0, 1e6, 10.0);
         assert!((2.5..2.9).contains(&weak), "{weak} V");
-        // The board calls 3.268 V open.
+        // The board takes 3.268 V for open.
         let wired = open_v(1.0, f64::from(WIRED_OHM), 10.0);
         assert!(wired > 3.28, "{wired} V");
     }

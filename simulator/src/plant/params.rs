@@ -1,4 +1,4 @@
-//! What the plant is made of: plain numbers in SI, one struct per physical part.
+//! Parameters of the plant: plain numbers in SI, one struct per physical part.
 
 /// The most cables a plant can have.
 pub const MAX_CABLES: usize = 8;
@@ -47,23 +47,23 @@ pub struct WinchParams {
     pub rotor_inertia_kg_m2: f64,
     /// Motor torque per ampere (N m/A), before the gear.
     pub torque_constant_nm_per_a: f64,
-    /// Speed limit of the motor (rpm): no torque pushes it beyond.
+    /// Speed limit of the motor (rpm): no torque accelerates it beyond.
     pub max_motor_rpm: f64,
     /// Current limit (A).
     pub max_current_a: f64,
-    /// Coulomb friction of the drum and what turns with it, as a force at the cable (N); without
-    /// [`Self::gear`], of the whole winch.
+    /// Coulomb friction of the drum and the parts that turn with it, as a force at the cable (N);
+    /// without [`Self::gear`], of the whole winch.
     pub friction_n: f64,
     /// Viscous friction, as a force at the cable per cable speed (N s/m).
     pub viscous_friction_ns_per_m: f64,
     /// Drum inertia as an equivalent mass at the cable (kg).
     pub drum_mass_kg: f64,
-    /// The gear between motor and drum; without, both turn as one body and nothing is lost.
+    /// The gear between motor and drum; without one, both turn as one body without loss.
     pub gear: Option<GearParams>,
     /// How far the drum is out of its axis (m).
     pub eccentricity_m: f64,
-    /// Where on its turn the drum stands at displacement 0 (rad): at 0 the cable leaves the side
-    /// that is farthest out.
+    /// Angle of the drum at displacement 0 (rad): at 0 the cable leaves the side that is farthest
+    /// out.
     pub eccentric_rad: f64,
     /// Brake.
     pub brake: BrakeParams,
@@ -73,11 +73,11 @@ pub struct WinchParams {
     pub sensor: TensionSensorParams,
 }
 
-/// A gear as gears are: friction, loss, play and twist between motor and drum.
+/// A real gear: friction, loss, play and twist between motor and drum.
 ///
-/// What data sheets say: planetary gearheads of 16 to 32 mm lose 10 to 20 % a stage at their rated
-/// torque (70 % are left behind 43:1 on Faulhaber's page about its gearheads; Citizen Micro reckons
-/// with 81 % a stage, and with much less at small torques).
+/// Typical data sheets: planetary gearheads of 16 to 32 mm lose 10 to 20 % per stage at their rated
+/// torque (70 % remain behind 43:1 on Faulhaber's page about its gearheads; Citizen Micro assumes
+/// 81 % per stage, and much less at small torques).
 #[derive(Debug, Clone, PartialEq)]
 pub struct GearParams {
     /// Coulomb friction of the rotor: bearings, brushes (N m, at the motor).
@@ -104,12 +104,12 @@ pub struct GearParams {
     pub cogging_per_turn: u16,
     /// Friction of a cold gear over that of a warm one, 1 or more.
     pub cold_friction: f64,
-    /// Time of turning in which all but a third of that is gone (s).
+    /// Time of turning in which this difference falls to about a third (s).
     pub warming_s: f64,
 }
 
 impl Default for GearParams {
-    /// A gear without any friction, loss or play, on a shaft of 400 N m/rad.
+    /// A gear without friction, loss or play, on a shaft of 400 N m/rad.
     fn default() -> Self {
         Self {
             rotor_friction_nm: 0.0,
@@ -136,7 +136,7 @@ pub struct BrakeParams {
     pub close_delay_s: f64,
     /// From the command until it is free (s).
     pub open_delay_s: f64,
-    /// Force at the cable above which it slips (N); it keeps rubbing with that force.
+    /// Force at the cable above which it slips (N); a slipping brake keeps this friction.
     pub holding_n: f64,
     /// How far the drum turns in the closed brake, at the cable (m). A brake's rotor sits on a toothed
     /// hub with backlash, which grows with every start and stop (operating instructions of Kendrion's
@@ -144,7 +144,7 @@ pub struct BrakeParams {
     pub play_m: f64,
 }
 
-/// A servo drive in the manner of the RoboModule RMDS (an inference from the paper's words).
+/// A servo drive similar to the RoboModule RMDS (an inference from the paper's text).
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriveParams {
     /// Bandwidth of the position loop (rad/s). The speed loop inside it runs at four times this;
@@ -163,15 +163,15 @@ pub struct DriveParams {
     pub current_quantum_a: f64,
     /// From a reset until the drive answers (s).
     pub reset_time_s: f64,
-    /// From the choice of a mode until it is obeyed (s).
+    /// From the choice of a mode until it is active (s).
     pub mode_time_s: f64,
-    /// What its electronics speak.
+    /// Its protocol.
     pub protocol: Protocol,
     /// Its number on the bus; none: the winch's own number, from 1.
     pub node: Option<u8>,
 }
 
-/// What a drive's electronics speak.
+/// Protocol of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Protocol {
     /// RoboModule RMDS.
@@ -235,7 +235,7 @@ pub struct BusParams {
     pub bitrate: u32,
 }
 
-/// Everything the plant needs to know. All fields SI, world frame with z up.
+/// All parameters of the plant. All fields SI, world frame with z up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlantParams {
     /// The platform.
@@ -250,10 +250,10 @@ pub struct PlantParams {
     pub gravity_mps2: [f64; 3],
     /// Length of one integration step (s).
     pub step_s: f64,
-    /// Whether cables run from the drums to the platform. Without, the platform lies on the floor and
-    /// every drum turns for itself: the first day of a winch.
+    /// Whether cables run from the drums to the platform. If not, the platform lies on the floor
+    /// and every drum turns freely: commissioning of a winch.
     pub cables_attached: bool,
-    /// Whether the e-stop button cuts drive power and brake current by wire (as it must).
+    /// Whether the e-stop button cuts drive power and brake current by wire (as required).
     pub e_stop_cuts_power: bool,
 }
 
@@ -307,8 +307,8 @@ impl Default for WinchParams {
 }
 
 impl PlantParams {
-    /// The paper's four-cable robot with the calibrated anchors of its Table 5; everything the
-    /// paper does not give is an assumption (mass 1.4 kg, EA 50 kN, pulley radius 10 mm, 0.7 m of
+    /// The paper's four-cable robot with the calibrated anchors of its Table 5; values that the
+    /// paper does not give are assumptions (mass 1.4 kg, EA 50 kN, pulley radius 10 mm, 0.7 m of
     /// routing, no pulley loss).
     ///
     /// ```
@@ -389,7 +389,7 @@ impl WinchParams {
         self.rotor_inertia_kg_m2 * (self.gear_ratio / self.drum_radius_m).powi(2)
     }
 
-    /// Mass at the cable of all that cannot but turn with the motor (kg).
+    /// Mass at the cable of all parts that are rigidly connected to the motor (kg).
     #[must_use]
     pub(crate) fn mass_on_drive_kg(&self) -> f64 {
         if self.gear.is_some() {

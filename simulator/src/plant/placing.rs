@@ -1,4 +1,4 @@
-//! Putting the robot somewhere, at rest.
+//! Placing the robot, at rest.
 
 use super::Plant;
 use super::bus::Port;
@@ -11,9 +11,9 @@ use super::winch::Winch;
 
 impl Plant {
     /// Puts the platform at `pose` at rest and cuts every cable so that it carries its entry of
-    /// `tensions_n` there. Whether the forces balance is the caller's business. Drums, encoder
-    /// counts (up to their phase) and time start at 0, brakes are closed, drives without a reset,
-    /// nothing broken; faults and external load stay as they are.
+    /// `tensions_n` there. The caller must ensure that the forces balance. Drums, encoder counts
+    /// (up to their phase) and time start at 0, brakes are closed, drives without a reset, nothing
+    /// broken; faults and external load are kept.
     ///
     /// # Errors
     /// [`PlantError::Length`] or a bad tension or pose; [`PlantError::InsidePulley`].
@@ -101,8 +101,8 @@ impl Plant {
         Ok(())
     }
 
-    /// [`Plant::settle_at`] for those who know a pose roughly: cable `held` at `tension_n`, the
-    /// others locked at their lengths for `pose`, stretched by an even share of the weight.
+    /// [`Plant::settle_at`] for an approximate pose: cable `held` at `tension_n`, the others locked
+    /// at their lengths for `pose`, stretched by an even share of the weight.
     ///
     /// # Errors
     /// As [`Plant::settle_at`].

@@ -30,7 +30,8 @@ impl Pose {
     /// From a rotation matrix `world_from_platform`, row by row.
     ///
     /// # Errors
-    /// [`PlantError::Parameter`] if the matrix is no rotation within 1e-6, or a value not finite.
+    /// [`PlantError::Parameter`] if the matrix is not a rotation within 1e-6, or a value is not
+    /// finite.
     pub fn from_matrix(position_m: [f64; 3], rotation: &[[f64; 3]; 3]) -> Result<Self, PlantError> {
         if !is_rotation(rotation, 1e-6) {
             return Err(PlantError::Parameter {
@@ -238,7 +239,7 @@ impl Motion {
         let (j, k) = (self.momentum[J], self.momentum[K]);
         self.momentum[J] = cosine * j + sine * k;
         self.momentum[K] = cosine * k - sine * j;
-        // The length is put right once per drift.
+        // The length is normalised once per drift.
         let q = self.attitude;
         let mut twist = [1.0, 0.0, 0.0, 0.0];
         twist[axis + 1] = t;

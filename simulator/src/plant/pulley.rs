@@ -33,8 +33,8 @@ pub(crate) struct Pulley {
 }
 
 impl Pulley {
-    /// The path to an attachment at `point_m` (world frame), or `None` where there is none: on
-    /// the axis, or inside the circle.
+    /// The path to an attachment at `point_m` (world frame), or `None` if there is none: on the
+    /// axis, or inside the circle.
     #[inline(always)]
     pub(crate) fn path_to(&self, point_m: V3) -> Option<Path> {
         let from_b = sub(point_m, self.anchor_m);

@@ -1,4 +1,4 @@
-//! What the board can read: drum encoders, tension sensors, drive feedback, e-stop.
+//! Inputs of the board: drum encoders, tension sensors, drive feedback, e-stop.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -9,13 +9,13 @@ use super::params::{MAX_CABLES, TensionSensorParams, WinchParams};
 
 /// Full scale of the tension converter: 16 conversions of 12 bits, summed.
 pub(crate) const ADC_FULL_SCALE: u16 = 65_520;
-/// Reference voltage (V): what [`ADC_STEPS_PER_REFERENCE`] would be.
+/// Reference voltage (V), equivalent to [`ADC_STEPS_PER_REFERENCE`].
 pub(crate) const ADC_REFERENCE_V: f64 = 3.3;
 /// Steps of the reference voltage: 16 conversions of 4096 steps; the last step is never reached.
 pub(crate) const ADC_STEPS_PER_REFERENCE: f64 = 65_536.0;
 
-/// Counts that a floating pair of inputs picks up at most, Hz: beside motor cables that switch at
-/// 20 kHz, both edges of both lines.
+/// Greatest count rate of a floating pair of inputs, Hz: beside motor cables that switch at 20 kHz,
+/// both edges of both lines.
 const FLOATING_HZ: f64 = 80e3;
 
 /// One reading of all inputs. Entries beyond the robot's cables are 0 or `None`.
@@ -25,7 +25,7 @@ pub struct Sensors {
     pub encoder_counts: [u16; MAX_CABLES],
     /// Tension converters: 0..=65520 for 0 V to 3.3 V.
     pub adc: [u16; MAX_CABLES],
-    /// The latest feedback of each drive that the bus has brought.
+    /// The latest feedback of each drive that has arrived over the bus.
     pub feedback: [Option<Feedback>; MAX_CABLES],
     /// `true` while the e-stop is pressed.
     pub e_stop: bool,
@@ -35,7 +35,7 @@ pub struct Sensors {
 #[derive(Debug, Clone)]
 pub(crate) struct CableSensors {
     counts_per_metre: f64,
-    /// Where between two counts the drum stood when the counter started, 0 to 1.
+    /// Position of the drum between two counts when the counter started, 0 to 1.
     phase: f64,
     /// Counts added by slips, glitches that stay, and presets.
     shift: i64,
@@ -87,7 +87,7 @@ impl CableSensors {
         if let Some((kind, held)) = self.held_counts
             && kind != *fault
         {
-            // The counter goes on from where the fault has left it, as a real one would.
+            // The counter continues from its value at the fault, like a real one.
             let shown = match kind {
                 EncoderFault::Reversed => 2 * held - counts,
                 _ => held,
@@ -171,7 +171,7 @@ impl CableSensors {
         let passed_s = now_s - self.read_s;
         let counts = self.encoder(drum_m, &mut fault.encoder, noise, passed_s);
         if fresh {
-            // In every case, so that a fault on one sensor leaves the others' noise alone.
+            // In every case, so that a fault on one sensor does not change the others' noise.
             self.noise = noise.normal();
         }
         (counts, self.adc(tension_n, now_s, fault))

@@ -1,4 +1,4 @@
-//! Finds the resting pose of the plant by letting a heavily damped copy of it swing out.
+//! Finds the resting pose of the plant by simulating a heavily damped copy of it.
 
 use super::cable::Cable;
 use super::error::PlantError;

@@ -1,4 +1,4 @@
-//! A stand under the platform: what a robot rests on while its cables are put on.
+//! A stand under the platform, for mounting the cables.
 
 use super::vec3::{V3, add, axpy, cross, mul, scale};
 
@@ -9,8 +9,8 @@ const DAMPING_NS_PER_M: f64 = 150.0;
 const TILT_NM_PER_RAD: f64 = 40.0;
 const TILT_DAMPING_NMS: f64 = 0.3;
 
-/// Pads that carry the platform where it stood when the stand was put under it. They push and do
-/// not pull: a platform that is lifted leaves them.
+/// Pads that carry the platform at its pose when the stand was put under it. They push and do not
+/// pull: a platform that is lifted leaves them.
 #[derive(Debug, Clone)]
 pub(crate) struct Stand {
     /// Centre of mass with the pads unloaded, world (m).
@@ -20,7 +20,7 @@ pub(crate) struct Stand {
 }
 
 impl Stand {
-    /// Under a platform that stands still and weighs `weight_n`.
+    /// Under a platform at rest that weighs `weight_n`.
     pub(crate) fn under(center_m: V3, rotation: [[f64; 3]; 3], weight_n: f64) -> Self {
         Self {
             center_m: axpy(center_m, weight_n / STIFFNESS_N_PER_M, [0.0, 0.0, 1.0]),

@@ -1,4 +1,4 @@
-//! What is really the case, for reports and tests; no board can see it.
+//! The true state, for reports and tests; a board cannot see it.
 
 use super::Plant;
 use super::cable::Tension;
@@ -22,18 +22,18 @@ pub struct Truth {
     pub angular_velocity_rad_s: [f64; 3],
     /// Length of each cable's path from its entry point `B` to the attachment, arc included (m).
     pub cable_lengths_m: [f64; MAX_CABLES],
-    /// Unstretched cable from the entry point to the attachment (m): all that is off the drum,
-    /// less the routing's nominal length.
+    /// Unstretched cable from the entry point to the attachment (m): all cable off the drum, less
+    /// the routing's nominal length.
     pub unstretched_lengths_m: [f64; MAX_CABLES],
     /// Tension between pulley and platform (N).
     pub tensions_platform_n: [f64; MAX_CABLES],
-    /// Tension between winch and pulley (N); this is what the sensor sees.
+    /// Tension between winch and pulley (N), as the sensor measures it.
     pub tensions_winch_n: [f64; MAX_CABLES],
     /// Cable paid out by each drum since the robot was placed (m).
     pub drum_positions_m: [f64; MAX_CABLES],
     /// Pay-out speed of each drum (m/s).
     pub drum_speeds_mps: [f64; MAX_CABLES],
-    /// Motor displacements, as cable at the drum (m); the drums' own where nothing lies between.
+    /// Motor displacements, as cable at the drum (m); the drums' own without a gear between.
     pub motor_positions_m: [f64; MAX_CABLES],
     /// Motor current of each winch (A).
     pub motor_currents_a: [f64; MAX_CABLES],
@@ -48,7 +48,7 @@ impl Plant {
     /// The exact state now.
     ///
     /// # Errors
-    /// The error that stopped [`Plant::advance`], if one has: the state then means nothing.
+    /// The error that stopped [`Plant::advance`], if one has: the state is then invalid.
     pub fn truth(&self) -> Result<Truth, PlantError> {
         if let Some(error) = &self.failed {
             return Err(error.clone());

@@ -1,4 +1,4 @@
-//! The ranges that the plant's parameters must keep.
+//! The permitted ranges of the plant's parameters.
 
 use super::error::PlantError;
 use super::params::{CableParams, GearParams, MAX_CABLES, PlantParams, WinchParams};
@@ -193,7 +193,7 @@ impl WinchParams {
                 });
             }
         }
-        // A drum that is farther out of its axis than a tenth is no drum.
+        // An eccentricity above a tenth of the radius is not plausible.
         let most = 0.1 * self.drum_radius_m;
         if !(0.0..=most).contains(&self.eccentricity_m) || !self.eccentric_rad.is_finite() {
             return Err(PlantError::CableParameter {
@@ -208,7 +208,7 @@ impl WinchParams {
             .map_or(Ok(()), |gear| gear.validate(cable))
     }
 
-    /// Motor and drum on their shaft must be slow enough for the step.
+    /// The vibration of motor and drum on their shaft must be slow enough for the step.
     fn validate_shaft(&self, cable: usize, step_s: f64) -> Result<(), PlantError> {
         let Some(gear) = &self.gear else {
             return Ok(());

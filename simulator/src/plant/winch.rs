@@ -1,11 +1,11 @@
-//! A drum with its brake: what turns the drive's force and the cable's pull into motion.
+//! A drum with its brake: converts the drive's force and the cable's pull into motion.
 
 use super::drive::Drive;
 use super::faults::BrakeFault;
 use super::gear::Gear;
 use super::params::WinchParams;
 
-/// Teeth that are this close to each other touch (m).
+/// Distance at which teeth count as touching (m).
 const TOUCHING_M: f64 = 1e-9;
 
 /// A spring-applied brake: commands act after a delay, and an open brake costs nothing.
@@ -18,8 +18,8 @@ pub(crate) struct Brake {
     open_delay_s: f64,
     holding_n: f64,
     half_play_m: f64,
-    /// Where the disc stands, as displacement of the drum: the drum turns by half of the play to either
-    /// side of it.
+    /// Position of the disc, as displacement of the drum: the drum turns by half of the play to
+    /// either side of it.
     disc_m: f64,
 }
 
@@ -50,8 +50,8 @@ impl Brake {
         }
     }
 
-    /// Friction at the drum, which stands at `drum_m` and is pushed towards `way`. A disc has no mass of
-    /// its own: the drum takes it along where their teeth meet, and between them feels nothing of it.
+    /// Friction at the drum, which is at `drum_m` and is pushed towards `way`. The disc has no
+    /// mass: the drum carries it along where their teeth touch, and between them it has no effect.
     #[inline(always)]
     fn friction_n(&mut self, (drum_m, way): (f64, f64), now_s: f64, fault: &BrakeFault) -> f64 {
         if self.engaged != self.asked_closed && now_s >= self.change_at_s {
@@ -62,7 +62,8 @@ impl Brake {
             let ahead = drum_m - self.disc_m;
             let within = ahead.clamp(-self.half_play_m, self.half_play_m);
             self.disc_m = drum_m - within;
-            // In the last nanometre they meet: the disc's place is a difference of rounded numbers.
+            // They touch within the last nanometre: the disc's position is a difference of rounded
+            // numbers.
             meets = ahead * way > 0.0 && ahead.abs() > self.half_play_m - TOUCHING_M;
         }
         if meets && (self.engaged || fault.stays_closed) {
@@ -78,7 +79,7 @@ impl Brake {
 pub(crate) struct PaidOut {
     pub length_m: f64,
     pub rate_mps: f64,
-    /// Radius at which the cable leaves now, as a share of the drum's.
+    /// Present radius at which the cable leaves, as a share of the drum's.
     pub lever: f64,
 }
 
@@ -90,7 +91,7 @@ pub(crate) struct Winch {
     pub drum_rate: f64,
     pub brake: Brake,
     pub drive: Drive,
-    /// The motor where it does not turn with the drum.
+    /// The motor, if it does not turn with the drum.
     pub gear: Option<Gear>,
     mass_kg: f64,
     radius_m: f64,
@@ -134,8 +135,8 @@ impl Winch {
         gear.map_or(self.drum_rate, |gear| gear.motor_rate)
     }
 
-    /// What has left the drum. A drum that is `e` out of its axis pays out
-    /// `R a + e (sin(a + b) - sin b)` over a turn of `a`.
+    /// Cable off the drum. A drum that is `e` out of its axis pays out `R a + e (sin(a + b) - sin
+    /// b)` over a turn of `a`.
     #[inline(always)]
     pub(crate) fn paid_out(&self) -> PaidOut {
         if self.eccentricity_m == 0.0 {

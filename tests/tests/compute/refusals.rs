@@ -10,8 +10,8 @@ use std::time::Duration;
 #[test]
 fn bad_input_is_refused_with_what_and_where() {
     let cases: &[(&[&str], &str)] = &[
-        (&["ik", "nan", "0", "0"], "`nan` is no length"),
-        (&["ik", "1", "2", "3deg"], "`deg` is no unit of a length"),
+        (&["ik", "nan", "0", "0"], "`nan` is not a length"),
+        (&["ik", "1", "2", "3deg"], "`deg` is not a unit of a length"),
         (&["ik", "300", "0", "-200", "5"], "3 angles needed"),
         // The attachment of cable 1 in the middle of its pulley: see the robot file.
         (&["ik", "80", "-305", "24"], "cable 1"),

@@ -1,11 +1,10 @@
 //! Grasps on opposite edges of a map of heights.
 //!
-//! At places all over what stands on the ground, for directions all around, the jaws are lowered
-//! in thought: at some level of the finger tips the thing under the tool has two ends within the
+//! At positions all over the objects on the ground, for directions all around, closing jaws are
+//! simulated: at some level of the finger tips the object under the tool has two ends within the
 //! opening, both ends are walls (the same a few millimetres higher up), the walls face the pads,
-//! and the fingers have room beside them. Parts that touch or lie on each other need no outlines
-//! of their own for that: an upper part ends where its height does, and a neighbour takes the
-//! room of a finger.
+//! and the fingers have room beside them. Touching or overlapping parts need no separate outlines:
+//! an upper part ends where its height does, and a neighbour takes the room of a finger.
 
 use super::map::HeightMap;
 use super::regions::{Region, Regions};
@@ -20,11 +19,11 @@ use std::f64::consts::PI;
 pub struct Antipodal {
     /// Least height of an object over the ground, m.
     pub least_height_m: f64,
-    /// Distance between the places that are tried, cells.
+    /// Distance between the positions that are tried, cells.
     pub spacing: usize,
     /// Directions that are tried over half a turn.
     pub directions: u32,
-    /// Most grasps that are given.
+    /// Greatest number of grasps returned.
     pub most: usize,
 }
 
@@ -41,33 +40,33 @@ impl Default for Antipodal {
 
 /// Heights up to this are the ground's noise, m.
 const GROUND_NOISE_M: f64 = 0.0025;
-/// Contact on the pads below this is no grip, m.
+/// A contact on the pads lower than this does not hold, m.
 const ENGAGED_MIN_M: f64 = 0.008;
 /// Everything beside the grasp must be this much below the finger tips, m: the noise of heights.
 const BELOW_TIP_M: f64 = 0.0015;
 /// Walls must be the same this much higher up, m.
 const WALL_M: f64 = 0.0075;
-/// By less than this an end may move over that height, steps of half a millimetre.
+/// Greatest shift of an end over that height, steps of half a millimetre.
 const WALL_SLACK: u32 = 5;
 /// Steps between the places at which room for a finger is looked for: 2 mm.
 const LOOK_EVERY: u32 = 4;
-/// Near the edge walls may slope; this far out nothing may stand, m.
+/// Near the edge walls may slope; from this distance on no object may be higher, m.
 const PAST_WALL_M: f64 = 0.0035;
-/// Grasps closer than this in nearly the same direction are alike, m.
+/// Grasps closer than this in nearly the same direction count as the same, m.
 const ALIKE_M: f64 = 0.008;
-/// What is narrower is noise, m.
+/// Narrower objects count as noise, m.
 const NARROWEST_M: f64 = 0.003;
-/// Walls whose ends move further than this along a pad are none, m.
+/// An edge whose ends move further than this along a pad does not count as a wall, m.
 const BEYOND_M: f64 = 0.015;
-/// Fingers reach this far down beside an object, measured from its top, m. What overhangs is not
-/// seen from above: deeper than the pads are high they might close below it.
+/// Fingers reach this far down beside an object, measured from its top, m. Overhangs are not
+/// visible from above: deeper than the height of the pads the fingers might close below one.
 const DEPTHS_M: [f64; 3] = [0.021, 0.016, 0.011];
-/// Colours further apart than this at the two pads are of two things (sum of three differences).
+/// Colours further apart than this at the two pads indicate two objects (sum of three differences).
 const OTHER_COLOR: f64 = 90.0;
-/// Jaws that are tried in thought to tell a wide object from a crowded one, m.
+/// Wider jaws that are tried to distinguish a wide object from a crowded one, m.
 const WIDEST_M: f64 = 0.2;
-/// What is thinner than this may be a rod; twice as thick it holds all the same, m. A rod of 6 mm is
-/// seen up to 7.5 mm wide.
+/// Thinner objects may be a rod; at twice this thickness they are held in any case, m. A rod of 6
+/// mm appears up to 7.5 mm wide.
 const THIN_M: f64 = 0.007;
 /// Fully centred within this distance, m.
 const CENTER_M: f64 = 0.02;
@@ -94,7 +93,7 @@ impl Detector for Antipodal {
 }
 
 impl Antipodal {
-    /// As [`Detector::detect`], in a map that is there already.
+    /// As [`Detector::detect`], in an existing map.
     ///
     /// # Errors
     /// Why there is no grasp.
@@ -188,7 +187,7 @@ fn along(place: [f64; 2], way: [f64; 2], s: f64) -> [f64; 2] {
     [place[0] + s * way[0], place[1] + s * way[1]]
 }
 
-/// The best level for the finger tips at a place and direction, if there is one.
+/// The best level for the finger tips at a position and direction, if there is one.
 fn candidate(
     map: &HeightMap,
     hand: &Hand,
@@ -236,7 +235,7 @@ fn candidate(
     None
 }
 
-/// Most steps from one wall of a thing to the other, for jaws to fit.
+/// Most steps from one wall of an object to the other that the jaws can span.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 fn most_steps(hand: &Hand) -> u32 {
     let fits_m = hand.opening_m - 2.0 * hand.margin_m;
@@ -244,8 +243,8 @@ fn most_steps(hand: &Hand) -> u32 {
     (fits_m / STEP_M + 1.0 + 1e-9) as u32
 }
 
-/// Ways from a cell's middle back and on to the walls of the thing there, m, where both are walls and
-/// the jaws fit.
+/// Distances from a cell's middle back and on to the walls of the object there, m, if both are
+/// walls and the jaws fit.
 fn wall_to_wall(hand: &Hand, walk: &Walk, cell: [usize; 2], level_m: f64) -> Option<[f64; 2]> {
     let until = Until {
         level_m,
@@ -258,7 +257,7 @@ fn wall_to_wall(hand: &Hand, walk: &Walk, cell: [usize; 2], level_m: f64) -> Opt
     Some([length_m(back), length_m(on)])
 }
 
-/// Whether nothing is in the way of the fingers, from where they stand open to where they close.
+/// Whether the fingers are free of obstacles from their open to their closed position.
 fn has_room(
     hand: &Hand,
     middle: [f64; 2],
@@ -272,7 +271,7 @@ fn has_room(
     let steps = |way_m: f64| (way_m / STEP_M) as u32;
     let (near, far) = (half_m + PAST_WALL_M, hand.opening_m / 2.0 + hand.finger_m);
     let range = (steps(near).saturating_add(1), steps(far), LOOK_EVERY);
-    // Noise of the ground is no obstacle.
+    // Noise of the ground does not count as an obstacle.
     let level_m = level_m.max(GROUND_NOISE_M);
     [-1.0, 1.0, 0.0, -0.5, 0.5].into_iter().all(|i| {
         let lane = along(middle, side, i * (hand.pad_half_width_m + 0.001));
@@ -280,8 +279,8 @@ fn has_room(
     })
 }
 
-/// Greatest angle between the walls and the pads, rad, from their places along the pads' width; of the
-/// first wall alone where that is too steep.
+/// Greatest angle between the walls and the pads, rad, from their positions along the pads' width;
+/// only of the first wall if that is too steep.
 fn slope(
     hand: &Hand,
     middle: [f64; 2],
@@ -315,7 +314,7 @@ fn slope(
 fn quality(map: &HeightMap, hand: &Hand, found: &Candidate, region: &Region) -> f64 {
     let facing = 1.0 - 0.6 * (found.slope_rad / hand.slope_max_rad).powi(2);
     let [x, y] = [0, 1].map(|i| found.place[i] - region.middle[i]);
-    // In a pile the region's middle is not the part's: it counts less the larger the region.
+    // In a pile the middle of a region is not that of a part: it counts less the larger the region.
     let trust = (2500.0 / region.cells as f64).min(1.0);
     let centered =
         1.0 - 0.7 * trust * (1.0 - (-0.5 * (x * x + y * y) / (CENTER_M * CENTER_M)).exp());
@@ -327,13 +326,13 @@ fn quality(map: &HeightMap, hand: &Hand, found: &Candidate, region: &Region) -> 
     facing * centered * engaged * room * high * narrow * thick * single(map, found)
 }
 
-/// From above a thin rod looks like a wall, and a pad meets it along a line.
+/// From above a thin rod looks like a wall, but a pad touches it only along a line.
 fn thick(width_m: f64) -> f64 {
     ((width_m - THIN_M) / THIN_M).clamp(0.05, 1.0)
 }
 
-/// 1 where all between the pads looks like one thing; less where colours or heights change, as
-/// they do from one part to the next.
+/// 1 if everything between the pads looks like one object; less if colours or heights change, as at
+/// a boundary between parts.
 fn single(map: &HeightMap, found: &Candidate) -> f64 {
     let side = [-found.way[1], found.way[0]];
     let reach = found.width_m / 2.0 - 0.002;

@@ -1,29 +1,29 @@
-//! A tool lowered onto a map of heights: how low it comes, and what its pads then hold.
+//! A tool lowered onto a map of heights: its lowest position, and the contact of its pads there.
 
 use super::Hand;
 use super::map::HeightMap;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// How low a tool can go, and what it then holds.
+/// The lowest position of a tool, and its contact there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
     /// Least height of the tool point over the ground with the open fingers clear, m.
     pub height_m: f64,
-    /// Height of the contact on the pad that has less of it, m.
+    /// Height of the contact on the pad with the smaller contact, m.
     pub engaged_m: f64,
     /// Distance between the pads when closed, m.
     pub width_m: f64,
     /// Middle between the edges, away from the tool point along the closing direction, m.
     pub off_m: f64,
-    /// Share of the contacts whose colour is not that of the others: of another thing, perhaps.
+    /// Share of the contacts whose colour differs from the others': possibly another object.
     pub other: f64,
 }
 
 impl HeightMap {
-    /// Lowers a tool straight down at a place until its open fingers, with their shafts, are
-    /// `hand.margin_m` over what is below, or as far as is best, and closes it. `map_from_tool` has the tool's attitude (z up along the
-    /// fingers, jaws along y) and place; only its height is not used. `None` where the pads then
-    /// hold nothing.
+    /// Lowers a tool straight down at a position until its open fingers, with their shafts, are
+    /// `hand.margin_m` above the surface, or to the best height above that, and closes it.
+    /// `map_from_tool` has the tool's attitude (z up along the fingers, jaws along y) and position;
+    /// only its height is not used. `None` if the pads then have no contact.
     #[must_use]
     pub fn fit(&self, hand: &Hand, map_from_tool: &Isometry3<f64>) -> Option<Fit> {
         let place = map_from_tool.translation.vector;
@@ -48,8 +48,8 @@ impl HeightMap {
                 }
             }
         }
-        // Higher up the pads may hold more: over a foot that they would meet first, or beside the
-        // upper of two things.
+        // Higher up the contact may be larger: above a foot that they would touch first, or at the
+        // upper of two objects.
         let mut best: Option<Fit> = None;
         for step in 0..LIFTS {
             let lifted_m = height_m + f64::from(step) * LIFT_M;
@@ -66,8 +66,8 @@ impl HeightMap {
         best
     }
 
-    /// What the pads meet when they close at a place: every patch of a pad goes inwards until the
-    /// map is higher than it.
+    /// Contacts of the pads when they close at a position: every patch of a pad moves inwards until
+    /// the map is higher than it.
     fn close(&self, hand: &Hand, map_from_tool: &Isometry3<f64>) -> Option<Fit> {
         let half = hand.opening_m / 2.0;
         let rise = (hand.below_m + hand.above_m) / f64::from(PATCHES_UP);
@@ -134,19 +134,19 @@ impl HeightMap {
 /// Heights that are tried over the lowest, and their distance, m.
 const LIFTS: u32 = 11;
 const LIFT_M: f64 = 0.002;
-/// More than this on the pads is no better, m: deeper down there may be another thing.
+/// A contact larger than this is not better, m: deeper down there may be another object.
 const ENOUGH_M: f64 = 0.0125;
-/// A grip whose contacts all have another colour is as bad as one with so much less on the pads, m.
+/// A contact with a completely different colour counts like one that is smaller by this, m.
 const OTHER_M: f64 = 0.02;
 /// Patches of a pad, up.
 const PATCHES_UP: u32 = 12;
-/// What is less than this over a patch is noise of the map, m.
+/// A height smaller than this over a patch is noise of the map, m.
 const NOISE_M: f64 = 0.001;
-/// Walls this much behind the first contact are met with it, m: cells and their noise.
+/// Walls this far behind the first contact count as touched with it, m: cells and their noise.
 const SAME_WALL_M: f64 = 0.0012;
-/// Colours are looked at so far inside a wall, m.
+/// Colours are sampled this far inside a wall, m.
 const INSIDE_M: f64 = 0.002;
-/// Colours further apart than this are of two things (sum of three differences).
+/// Colours further apart than this indicate two objects (sum of three differences).
 const OTHER_COLOR: f64 = 60.0;
-/// Room beside a finger for what the tool is off, m.
+/// Room beside a finger for the tool's position error, m.
 const SIDEWAYS_M: f64 = 0.0015;

@@ -1,4 +1,4 @@
-//! The plane that things stand on.
+//! The plane on which the objects lie.
 
 use super::NoGrasp;
 use crate::align::Aligned;

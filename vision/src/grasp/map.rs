@@ -1,4 +1,4 @@
-//! Heights over the ground, seen straight from above whatever the camera's attitude.
+//! Heights over the ground, seen straight from above, independent of the camera's attitude.
 
 use super::NoGrasp;
 use super::ground::ground;
@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 /// Side of a cell, m.
 const CELL_M: f64 = 0.001;
-/// Heights beyond this are no objects in a tray, m.
+/// Greater heights are not objects in a tray, m.
 const HIGHEST_M: f64 = 0.25;
 /// Largest map, cells.
 const CELLS_MAX: usize = 700;
@@ -25,7 +25,7 @@ pub struct HeightMap {
     pub corner_m: [f64; 2],
     /// Heights, m, row by row along x.
     heights_m: Vec<f32>,
-    /// Grey values seen there.
+    /// Colours there.
     grey: Vec<[u8; 3]>,
 }
 
@@ -33,7 +33,7 @@ impl HeightMap {
     /// Side of a cell, m.
     pub const CELL_M: f64 = CELL_M;
 
-    /// Finds the ground and maps what stands on it.
+    /// Finds the ground and maps the objects on it.
     ///
     /// # Errors
     /// [`NoGrasp::NoDepth`], [`NoGrasp::NoPlane`].
@@ -49,7 +49,7 @@ impl HeightMap {
         Ok(map)
     }
 
-    /// A map that covers what the picture's corners see of the ground, with nothing known.
+    /// An empty map of the ground within the picture's corners.
     fn empty(picture: &Aligned, camera_from_map: Isometry3<f64>) -> Self {
         let map_from_camera = camera_from_map.inverse();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -68,7 +68,7 @@ impl HeightMap {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let size =
             [0, 1].map(|i| (((high[i] - low[i]) / CELL_M).ceil() as usize).clamp(1, CELLS_MAX));
-        // A larger view is cut about its middle.
+        // A larger view is cropped about its middle.
         let corner_m = [0, 1].map(|i| 0.5 * (low[i] + high[i]) - 0.5 * size[i] as f64 * CELL_M);
         Self {
             camera_from_map,
@@ -79,7 +79,7 @@ impl HeightMap {
         }
     }
 
-    /// A map that is known.
+    /// A map with known heights.
     #[cfg(test)]
     pub(super) fn of_heights(size: [usize; 2], heights_m: Vec<f32>) -> Self {
         Self {
@@ -113,7 +113,7 @@ impl HeightMap {
         let (columns, rows) = (self.size[0] as i32, self.size[1] as i32);
         let width = picture.camera.size_px[0];
         let mut rays = Rays::new(&picture.camera);
-        // What lies nowhere in the map goes into one cell more.
+        // Points outside the map go into one extra cell.
         let nowhere = self.heights_m.len() as i32;
         let mut highest = vec![0_u64; self.heights_m.len() + 1];
         let (mut cells, mut heights) = (vec![0_i32; width], vec![0_u32; width]);
@@ -141,8 +141,8 @@ impl HeightMap {
                 let at = row.wrapping_mul(columns).wrapping_add(column);
                 *cell = if inside { at } else { nowhere };
             }
-            // Here, too: which pixel is the highest of a cell, no processor can guess. Of pixels that
-            // are as high the first stays.
+            // Without branches here, too: the processor cannot predict which pixel is the highest
+            // of a cell. Of equally high pixels the first is kept.
             let last = !((y * width) as u32);
             for ((&cell, &high), last) in cells.iter().zip(&heights).zip((0..=last).rev()) {
                 if let Some(slot) = highest.get_mut(cell as u32 as usize) {
@@ -206,8 +206,8 @@ impl HeightMap {
         }
     }
 
-    /// The median of each cell and its neighbours above, below, left and right takes noise away
-    /// and leaves edges.
+    /// The median of each cell and its neighbours above, below, left and right removes noise and
+    /// keeps edges.
     fn smooth(&mut self) {
         let width = self.size[0];
         let old = self.heights_m.clone();
@@ -266,9 +266,9 @@ impl HeightMap {
     }
 }
 
-/// The whole number below a number from 0.5 to four millions, where that number is none itself: added
-/// to so large a number, what comes after the point is rounded off. A conversion, which asks what does
-/// not fit, takes several times as long.
+/// The floor of a number from 0.5 to four million that is not a whole number: added to such a large
+/// number, its fraction is rounded off. A conversion, which checks the range, takes several times
+/// as long.
 const fn whole(value: f32) -> i32 {
     const LARGE: f32 = 8_388_608.0;
     let bits = (value - 0.5 + LARGE).to_bits();
@@ -290,7 +290,7 @@ const fn of_order(ordered: u32) -> f32 {
 fn median_of_5(mut values: [f32; 5]) -> f32 {
     let mut order = |a: usize, b: usize| {
         let (one, other) = (values[a], values[b]);
-        // Not f32::min, which would look for numbers that are none.
+        // Not f32::min, which would check for NaN.
         values[a] = if one < other { one } else { other };
         values[b] = if one < other { other } else { one };
     };

@@ -1,4 +1,4 @@
-//! Where a gripper with two parallel jaws can take hold.
+//! Grasps for a gripper with two parallel jaws.
 //!
 //! A [`Detector`] gives grasps in the colour camera's frame, best first. [`Antipodal`] needs no
 //! weights: it finds the ground plane, makes a map of heights over it and looks for opposite
@@ -41,7 +41,7 @@ pub struct Hand {
     pub margin_m: f64,
     /// Greatest angle between a surface and the pad that grips it, rad.
     pub slope_max_rad: f64,
-    /// How far a pad's rubber gives way, m.
+    /// How far a pad's rubber can be compressed, m.
     pub soft_m: f64,
 }
 
@@ -91,14 +91,14 @@ pub struct Area {
     pub half_m: [f64; 2],
 }
 
-/// What is wanted of a detector.
+/// The request to a detector.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
     /// The jaws.
     pub hand: Hand,
     /// How they can close.
     pub closing: Closing,
-    /// Where to look; `None`: everywhere.
+    /// Area to search; `None`: everywhere.
     pub area: Option<Area>,
 }
 
@@ -123,7 +123,7 @@ impl Wanted {
     }
 }
 
-/// A place to take hold.
+/// A grasp.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grasp {
     /// Middle of the grasp in the colour picture, px.
@@ -184,15 +184,15 @@ pub enum NoGrasp {
     Network(String),
 }
 
-/// Finds grasps, on any thread: a robot that hangs there must be heard meanwhile.
+/// Finds grasps, on any thread: the link to a hanging robot must be served meanwhile.
 pub trait Detector: Send {
-    /// What it is, for people.
+    /// Its description for users.
     fn name(&self) -> String;
 
     /// The grasps of a picture, best first.
     ///
     /// # Errors
-    /// Why there is none.
+    /// Why there is no grasp.
     fn detect(&mut self, picture: &Aligned, wanted: &Wanted) -> Result<Vec<Grasp>, NoGrasp>;
 }
 

@@ -46,7 +46,7 @@ impl<'a> Rays<'a> {
         self.camera.direction(&pixel)
     }
 
-    /// x/z and y/z of the pixels of a row. Rows are to be asked for from the top.
+    /// x/z and y/z of the pixels of a row. Rows must be requested from the top.
     #[allow(clippy::cast_possible_truncation)]
     pub(super) fn row(&mut self, y: usize) -> (&[f32], &[f32]) {
         if !self.bends() {

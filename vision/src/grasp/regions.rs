@@ -1,4 +1,4 @@
-//! What stands over the ground, in connected pieces.
+//! Connected regions of objects over the ground.
 
 use super::Wanted;
 use super::map::HeightMap;
@@ -106,7 +106,7 @@ impl Regions {
             .collect()
     }
 
-    /// Whether there is nothing but noise.
+    /// Whether there is only noise.
     pub(super) fn is_empty(&self) -> bool {
         self.regions.iter().all(|region| region.cells < LEAST_CELLS)
     }

@@ -1,4 +1,4 @@
-//! Walks over a map of heights, to where a thing ends.
+//! Walks over a map of heights, to the end of an object.
 
 use super::map::HeightMap;
 
@@ -25,7 +25,7 @@ pub(super) struct Walk<'a> {
 pub(super) struct Until {
     /// It ends where the map is no higher than this, m.
     pub level_m: f64,
-    /// The thing's wall reaches this high, m, ...
+    /// The object's wall reaches this high, m, ...
     pub upper_m: f64,
     /// ... and less than so many steps before the end.
     pub slack: u32,

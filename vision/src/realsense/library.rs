@@ -5,7 +5,7 @@ use libloading::Library;
 use std::ffi::{CStr, OsStr, c_char, c_float, c_int, c_void};
 use std::fmt::Display;
 
-/// Whatever the library gives: it alone looks behind it.
+/// Opaque handle of the library.
 pub(super) type Handle = *mut c_void;
 
 /// `rs2_intrinsics`.
@@ -30,7 +30,7 @@ pub(super) struct Extrinsics {
     pub translation: [c_float; 3],
 }
 
-/// Calls a function whose last argument is where it puts its error.
+/// Calls a function whose last argument receives its error.
 macro_rules! call {
     ($api:expr, $name:ident($($arg:expr => $type:ty),*) -> $back:ty) => {{
         let mut error: Handle = ptr::null_mut();
@@ -55,7 +55,7 @@ pub(super) struct Api {
 impl Api {
     /// Opens the library by name or path.
     pub fn open(library: &OsStr) -> Result<Self, SourceError> {
-        // SAFETY: what it runs when it is loaded is the library's own business: the user chose it.
+        // SAFETY: code that runs on loading is the library's: the user chose it.
         let opened = unsafe { Library::new(library) };
         let library = opened.map_err(|error| {
             device(&format!(
@@ -66,12 +66,12 @@ impl Api {
         Ok(Self { library })
     }
 
-    /// `Err` with the library's words, if it gave an error.
+    /// `Err` with the library's message, if it returned an error.
     pub fn passed(&self, what: &str, error: Handle) -> Result<(), SourceError> {
         if error.is_null() {
             return Ok(());
         }
-        // SAFETY: an error of this library, which is asked for its words and then given back.
+        // SAFETY: an error of this library, whose message is read before it is released.
         let words = unsafe {
             let message = self
                 .library
@@ -92,7 +92,7 @@ impl Api {
         Err(device(&format!("{what}: {words}")))
     }
 
-    /// Gives a handle back, by a function without an error.
+    /// Releases a handle, by a function without an error.
     pub fn release(&self, name: &[u8], handle: Handle) {
         if handle.is_null() {
             return;

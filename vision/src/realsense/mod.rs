@@ -1,9 +1,9 @@
 //! A RealSense depth camera through Intel's librealsense2 (feature `realsense`).
 //!
-//! The library is opened when the camera is: neither building this project nor running it
-//! otherwise needs it. Functions, constants and layouts are those of its C interface
-//! (`librealsense2/rs.h` and what it includes, version 2). Not run here on a camera: the tests have
-//! a library of their own that answers as that interface says.
+//! The library is loaded when the camera is opened: it is not needed to build this project nor to
+//! run it without such a camera. Functions, constants and layouts are those of its C interface
+//! (`librealsense2/rs.h` and its includes, version 2). Not tested on a camera: the tests use a
+//! library of their own that answers according to that interface.
 #![allow(
     unsafe_code,
     reason = "a C library's functions, and the bytes of its pictures"
@@ -30,10 +30,10 @@ const RGB8: c_int = 5;
 const BROWN_CONRADY: c_int = 4;
 /// Longest wait for a pair of pictures, ms.
 const WAIT_MS: c_uint = 5000;
-/// Pairs that are thrown away first: exposure settles meanwhile.
+/// Pairs that are discarded first: exposure settles meanwhile.
 const SETTLE: usize = 15;
 
-/// What the library is called.
+/// File names of the library.
 const NAME: &str = if cfg!(target_os = "windows") {
     "realsense2.dll"
 } else if cfg!(target_os = "macos") {
@@ -87,7 +87,7 @@ impl RealSense {
         };
         let api = &camera.api;
         let [width, height] = [width, height].map(|size| c_int::try_from(size).unwrap_or(0));
-        // It takes the version of the header that a program was built with: its own.
+        // It takes the version of the header that a program was built with: pass the library's own.
         let version = call!(api, rs2_get_api_version() -> c_int)?;
         camera.context = call!(api, rs2_create_context(version => c_int) -> Handle)?;
         camera.pipeline = call!(api, rs2_create_pipeline(camera.context => Handle) -> Handle)?;
@@ -110,7 +110,7 @@ impl RealSense {
         let api = &self.api;
         let frames = call!(api, rs2_pipeline_wait_for_frames(
             self.pipeline => Handle, WAIT_MS => c_uint) -> Handle)?;
-        // The profiles belong to the frames: they are asked before those are given back.
+        // The profiles belong to the frames: they are read before the frames are released.
         let taken = self.unpack(frames).and_then(|[color, depth]| {
             let color_from_depth = self.between(depth.profile, color.profile)?;
             Ok((color, depth, color_from_depth))
@@ -194,8 +194,8 @@ impl RealSense {
                 "a picture of {size} bytes, {needed} are needed"
             )));
         }
-        // SAFETY: the library says that so many bytes are there, as long as the frame lives, which
-        // its caller gives back after this.
+        // SAFETY: the library guarantees this number of bytes, as long as the frame lives, which
+        // its caller releases after this.
         let bytes = unsafe { std::slice::from_raw_parts(data, needed) };
         let lines = bytes.chunks(stride).take(height);
         let pixels = lines
@@ -226,7 +226,7 @@ impl RealSense {
         let rotation = Matrix3::from_column_slice(&place.rotation.map(f64::from));
         if (rotation.determinant() - 1.0).abs() > 1e-3 {
             return Err(device(
-                &"what it says of the place of its cameras is no rotation",
+                &"the rotation between its cameras is not a rotation matrix",
             ));
         }
         let rotation = Rotation3::from_matrix(&rotation);
@@ -271,7 +271,7 @@ impl Drop for RealSense {
     fn drop(&mut self) {
         if !self.profile.is_null() {
             let stop = || call!(&self.api, rs2_pipeline_stop(self.pipeline => Handle) -> ());
-            // Nobody is left to tell.
+            // There is no caller left to report to.
             let _ = stop();
         }
         for (name, handle) in [

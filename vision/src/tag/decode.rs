@@ -5,7 +5,7 @@ use super::family::CODES;
 use crate::image::GrayImage;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-/// What a quadrangle says.
+/// The content of a quadrangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Code {
     pub id: u32,
@@ -56,7 +56,7 @@ pub(super) fn read(
         return None;
     }
     let limit = (white + black) * 0.5;
-    // A frame that is not black all around, or a rim that is not white, is no tag's.
+    // A frame that is not black all around, or a rim that is not white, does not belong to a tag.
     let mut wrong = 0;
     for k in 0..CELLS {
         let along = f64::from(k) + 0.5;

@@ -1,16 +1,15 @@
-//! AprilTags of the family 36h11: where their corners are in a picture, and where the tag is.
+//! AprilTags of the family 36h11: their corners in a picture, and their pose.
 //!
-//! The way: a threshold that follows the light (`threshold`), outlines of dark regions and
-//! the quadrangles among them (`quad`), the code inside (`decode`), the edges' places to
-//! hundredths of a pixel (`refine`), the pose with covariance and its mirror twin (`pose`).
+//! The steps: a threshold that follows the light (`threshold`), outlines of dark regions and the
+//! quadrangles among them (`quad`), the code inside (`decode`), the edges' positions to hundredths
+//! of a pixel (`refine`), the pose with covariance and its mirror twin (`pose`).
 //!
 //! A tag's frame has its origin in the middle, x to the right, y down and z into the tag as one
 //! looks at it. Corners go top left, top right, bottom right, bottom left. The tag's edge is that of
 //! the black square; a white rim of an eighth of it must surround the square.
 //!
-//! The project has a detector of its own because the ones to be had cost more than it: a first
-//! build that takes a minute longer, or a C compiler. It was compared with one of them
-//! (`docs/vision.md`).
+//! The project has its own detector because the available ones cost too much: a first build that
+//! takes a minute longer, or a C compiler. It was compared with one of them (`docs/vision.md`).
 
 mod decode;
 pub mod family;
@@ -25,15 +24,15 @@ use crate::camera::Camera;
 use crate::image::GrayImage;
 use nalgebra::{Matrix2, Vector2};
 
-/// What counts as a tag.
+/// Criteria for a tag.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Shortest edge, px: eight cells must be told apart.
+    /// Shortest edge, px: eight cells must be distinguishable.
     pub edge_min_px: f64,
     /// Least difference between dark and bright, grey values.
     pub contrast_min: f64,
-    /// Most wrong bits that are corrected. Up to 5 are possible; each more lets more pictures of
-    /// something else pass as a tag.
+    /// Most wrong bits that are corrected. Up to 5 are possible; each more lets more false
+    /// detections pass.
     pub errors_max: u32,
 }
 
@@ -72,15 +71,15 @@ impl Detection {
 }
 
 /// Finds the tags of a picture, largest first. With a camera its lens distortion is taken into
-/// account where edges are fitted; corners are pixels of the picture all the same.
+/// account when edges are fitted; corners are still pixels of the original picture.
 ///
-/// A tag that is not wholly in the picture, or whose white rim is covered, is not found.
+/// A tag that is partly outside the picture, or whose white rim is covered, is not found.
 #[must_use]
 pub fn detect(picture: &GrayImage, camera: Option<&Camera>, options: &Options) -> Vec<Detection> {
     let dark = threshold::dark(picture, options.contrast_min);
     let mut found: Vec<Detection> = Vec::new();
     for quad in quad::quads(&dark, options.edge_min_px) {
-        // A first look with rough corners sorts out what is no tag before edges are measured.
+        // A first pass with rough corners rejects other quadrangles before edges are measured.
         if decode::read(picture, &quad, options).is_none() {
             continue;
         }

@@ -1,8 +1,8 @@
-//! Where a tag, or a body with several, is in the camera's frame.
+//! The pose of a tag, or of a body with several, in the camera's frame.
 //!
 //! A square seen in perspective nearly fits two attitudes, mirrored about the line of sight
 //! (Schweighofer and Pinz, 2006). Noise alone can decide between them when the tag is small or far.
-//! So both are searched, each to its own minimum, and both are handed out, the better one first.
+//! So both are searched, each to its own minimum, and both are returned, the better one first.
 
 use super::Detection;
 use crate::camera::Camera;
@@ -43,7 +43,7 @@ pub enum PoseError {
         /// The tags found, as text.
         seen: String,
     },
-    /// The numbers fit no pose in front of the camera.
+    /// The numbers do not fit any pose in front of the camera.
     #[error("the corners fit no pose in front of the camera")]
     NoFit,
 }
@@ -123,7 +123,7 @@ struct Row {
     weight: Matrix2<f64>,
 }
 
-/// The same place with the plane's normal mirrored about the line of sight.
+/// The same pose with the plane's normal mirrored about the line of sight.
 fn mirrored(pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
     let sight = Unit::try_new(pose.translation.vector, 1e-9)?;
     let normal = pose.rotation * Vector3::z();

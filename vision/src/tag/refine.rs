@@ -1,10 +1,10 @@
-//! Where the edges of a quadrangle are, to hundredths of a pixel.
+//! Positions of a quadrangle's edges, to hundredths of a pixel.
 //!
-//! Across an edge the grey values climb from black to white over a few pixels, however blurred. The
-//! edge is where a sharp step would have let the same light through: for profile I over [-r, r]
-//! and plateaus B, W it is at r - integral (I - B) / (W - B). For a symmetric blur this has no
-//! bias, and needs no gradient. Lines are fitted through these places, where the camera is known in
-//! the undistorted picture; corners are where lines cross.
+//! Across an edge the grey values rise from black to white over a few pixels, depending on the
+//! blur. The edge is where a sharp step would let the same light through: for profile I over [-r,
+//! r] and plateaus B, W it is at r - integral (I - B) / (W - B). For a symmetric blur this has no
+//! bias, and needs no gradient. Lines are fitted through these points, in the undistorted picture
+//! if the camera is known; corners are where lines cross.
 
 use crate::camera::Camera;
 use crate::image::GrayImage;
@@ -17,9 +17,9 @@ pub(super) struct Refined {
     pub covariance_px2: [Matrix2<f64>; 4],
 }
 
-/// Parts of an edge near corners are not measured: there, the other edge blurs into it.
+/// Parts of an edge near corners are not measured: the other edge blurs into them.
 const MARGIN: f64 = 0.07;
-/// Least spread of edge places that is believed, px: what interpolation between pixels leaves.
+/// Least plausible spread of edge positions, px: the error of interpolation between pixels.
 const SCATTER_FLOOR_PX: f64 = 0.02;
 /// Profiles are sampled this often, px.
 const STEP_PX: f64 = 0.25;
@@ -42,7 +42,7 @@ impl Line {
     }
 }
 
-/// Measures the four edges. `None` where one cannot be found.
+/// Measures the four edges. `None` if one cannot be found.
 pub(super) fn refine(
     picture: &GrayImage,
     camera: Option<&Camera>,
@@ -54,7 +54,7 @@ pub(super) fn refine(
     for pass in 0..3 {
         let mut lines = Vec::with_capacity(4);
         for i in 0..4 {
-            // The rough outline can be off by a pixel or two: look further at first.
+            // The rough outline can be off by a pixel or two: search further at first.
             let reach_px = if pass == 0 { 4.0 } else { 2.5 };
             let (from, to) = (corners_px[i], corners_px[(i + 1) % 4]);
             let places = places(picture, &from, &to, reach_px)?;
@@ -76,7 +76,7 @@ pub(super) fn refine(
     })
 }
 
-/// Takes a pixel to where a lens without distortion would show it.
+/// Maps a pixel to its position with an ideal lens.
 fn flatten(lens: Option<&Camera>, pixel: &Vector2<f64>) -> Vector2<f64> {
     let Some(camera) = lens else { return *pixel };
     let direction = camera.direction(pixel);
@@ -103,7 +103,7 @@ fn places(
     let length = (to - from).norm();
     let along = (to - from) / length;
     let outward = Vector2::new(along.y, -along.x);
-    // Half a cell on either side holds nothing but black frame and white rim.
+    // Half a cell on either side contains only black frame and white rim.
     let reach = reach_px.min(0.45 * length / 8.0).max(1.0);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let steps = (2.0 * reach / STEP_PX).round() as usize;

@@ -1,7 +1,7 @@
 //! The host's half of the protocol: handshake, requests with retransmission, heartbeat, telemetry.
 //!
 //! One thread, one loop: [`Client::pump`] feeds the board, so the heartbeat stops when the feeding
-//! stops, which is what it is for. The loop reads no clock but the link's.
+//! stops, as it should. The loop reads only the link's clock.
 
 mod upkeep;
 mod wire;
@@ -22,12 +22,13 @@ use std::collections::VecDeque;
 const HEARTBEAT_US: u64 = 8_000;
 /// A request without an answer is sent again after this, µs.
 const RETRY_US: u64 = 30_000;
-/// A request without an answer for this long means that the board is gone, µs.
+/// A board that leaves a request unanswered for this long is lost, µs.
 const GIVE_UP_US: u64 = 1_500_000;
-/// Time to wait for another session to end: a board whose host died holds for two seconds, µs.
+/// Time to wait for another session to end: a board keeps the session of a dead host for two
+/// seconds, µs.
 const CLAIM_US: u64 = 6_000_000;
 
-/// What a board said without being asked.
+/// What a board sends without being asked.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// Samples of some ticks.
@@ -36,12 +37,12 @@ pub enum Event {
     Status(Status),
 }
 
-/// What the last heartbeat brought back.
+/// The contents of the last answer to a heartbeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Beat {
     /// The board's tick.
     pub tick: u32,
-    /// What it does.
+    /// The board's state.
     pub state: BoardState,
     /// Path time, ms.
     pub path_ms: u32,
@@ -81,7 +82,7 @@ pub struct Client<L: Link> {
     resent_us: u64,
     retransmissions: u64,
     handle: Handle,
-    /// When the board was heard last, and when this loop ran last, µs.
+    /// When a frame of the board last arrived, and when this loop last ran, µs.
     heard_us: u64,
     looped_us: u64,
 }
@@ -169,17 +170,17 @@ impl<L: Link> Client<L> {
         self.handle = handle;
     }
 
-    /// The handle that gives orders to whoever uses this client.
+    /// The handle that gives orders to the user of this client.
     pub const fn handle(&self) -> &Handle {
         &self.handle
     }
 
-    /// Who the board is.
+    /// The board's identity.
     pub const fn hello(&self) -> &Hello {
         &self.hello
     }
 
-    /// What the board is.
+    /// The board's properties.
     pub const fn info(&self) -> &Info {
         &self.info
     }
@@ -189,18 +190,19 @@ impl<L: Link> Client<L> {
         self.status.as_ref()
     }
 
-    /// What the last heartbeat brought back.
+    /// The contents of the last answer to a heartbeat.
     pub const fn beat(&self) -> Option<Beat> {
         self.beat
     }
 
-    /// The board's clock, as its answers to heartbeats tell it.
+    /// The board's clock, estimated from its answers to heartbeats.
     pub const fn clock(&self) -> &BoardClock {
         &self.clock
     }
 
-    /// Path time of the motion under way by the board's clock now, s: what the last heartbeat
-    /// brought, and what has passed on the board since. `None` before the first answer.
+    /// Path time of the motion in progress by the board's clock now, s: the value in the last
+    /// answer to a heartbeat, plus the time that has passed on the board since. `None` before the
+    /// first answer.
     pub fn path_s(&self) -> Option<f64> {
         let beat = self.beat?;
         let since_ms = match beat.state {
@@ -220,7 +222,7 @@ impl<L: Link> Client<L> {
         (self.retransmissions, self.receiver.frames_bad)
     }
 
-    /// Requests under way.
+    /// Requests in progress.
     pub(crate) fn in_flight(&self) -> usize {
         self.pending.len()
     }
@@ -230,7 +232,7 @@ impl<L: Link> Client<L> {
         self.pending.len() < usize::from(WINDOW)
     }
 
-    /// The next thing the board said without being asked.
+    /// The next message that the board sent without being asked.
     pub fn next_event(&mut self) -> Option<Event> {
         self.events.pop_front()
     }
@@ -290,7 +292,7 @@ impl<L: Link> Client<L> {
         Ok(sequence)
     }
 
-    /// Asks to stop: first in line whatever else is under way, and repeated until it is confirmed.
+    /// Asks to stop: sent before all other requests, and repeated until it is confirmed.
     ///
     /// # Errors
     /// The link's, or [`ClientError::Lost`].
@@ -301,8 +303,8 @@ impl<L: Link> Client<L> {
     /// An idempotent request: sent again until it is answered.
     fn ask(&mut self, request: Request) -> Result<Reply, ClientError> {
         let name = request_name(&request);
-        // Opening sets where the sequence starts; other numbers only tell answers apart and stay
-        // far from those of the window.
+        // Opening sets the first number of the sequence. Other numbers only distinguish answers,
+        // and stay far from those of the window.
         let sequence = match request {
             Request::Open => {
                 let first = self.next;
@@ -335,7 +337,7 @@ impl<L: Link> Client<L> {
         }
     }
 
-    /// Keeps the connection alive and takes what arrives, until `until_us`.
+    /// Keeps the connection alive and handles what arrives, until `until_us`.
     ///
     /// # Errors
     /// The link's, or [`ClientError::Lost`].
@@ -365,17 +367,17 @@ impl<L: Link> Client<L> {
         Ok(())
     }
 
-    /// Tells those who watch the line what the host knows.
+    /// Passes what the host knows to the observers of the line.
     pub fn note(&mut self, note: super::Note<'_>) {
         self.link.note(note);
     }
 
-    /// Whether the link's time goes on while nobody waits on it ([`Link::goes_on`]).
+    /// Whether the link's time runs while no call waits on it ([`Link::goes_on`]).
     pub fn goes_on(&self) -> bool {
         self.link.goes_on()
     }
 
-    /// Gives the line back.
+    /// Returns the line.
     pub fn into_link(self) -> L {
         self.link
     }

@@ -8,7 +8,7 @@ use crate::link::receiver::Message;
 use crate::link::{Event, Link, LinkError};
 use mcdpr_protocol::{Answer, Reject, Reply, Request, SequenceNumber};
 
-/// A loop that has not run for this long was asleep, µs.
+/// A loop that has not run for this long was suspended, µs.
 const SLEPT_US: u64 = 500_000;
 /// Frames are sent again at most this often after complaints, µs.
 const RESEND_PAUSE_US: u64 = 3_000;
@@ -27,8 +27,8 @@ impl<L: Link> Client<L> {
     pub(super) fn upkeep(&mut self) -> Result<(), ClientError> {
         let now = self.link.now_us();
         self.wake(now);
-        // Whatever else arrives: only answers to heartbeats show that this side is heard, and that
-        // the board still knows this session.
+        // Other messages do not count: only answers to heartbeats show that the board receives this
+        // side, and still accepts this session.
         if self.heartbeat_us.is_some() && now >= self.heard_us + GIVE_UP_US {
             return Err(ClientError::Lost {
                 waiting: request_name(&Request::Heartbeat { host_time_us: 0 }),
@@ -59,8 +59,9 @@ impl<L: Link> Client<L> {
         Ok(())
     }
 
-    /// After a pause of this loop itself (a laptop that slept, a stopped process) the silence was
-    /// not the board's: it gets its time again. It has held by itself meanwhile, and says so.
+    /// After a pause of this loop itself (a laptop that slept, a stopped process) the silence is
+    /// not the board's fault: it gets the full time again. Meanwhile it has held by itself, and
+    /// reports that.
     fn wake(&mut self, now: u64) {
         let slept = now.saturating_sub(self.looped_us) >= SLEPT_US;
         self.looped_us = now;
@@ -72,7 +73,7 @@ impl<L: Link> Client<L> {
         }
     }
 
-    /// Sends everything from a number on again: the board executes strictly in order.
+    /// Sends all requests from a number on again: the board executes strictly in order.
     fn resend(&mut self, from: SequenceNumber) -> Result<(), ClientError> {
         let now = self.link.now_us();
         self.resent_us = now;
@@ -141,7 +142,7 @@ impl<L: Link> Client<L> {
                 Err(jump) if jump.by_ms < 0.0 => {
                     return Err(ClientError::ClockRanBack { by_ms: -jump.by_ms });
                 }
-                // This machine slept, or its clock stood: the estimate starts anew.
+                // This machine slept, or its clock stopped: the estimate starts anew.
                 Err(_) => {
                     self.clock = BoardClock::default();
                     let _ = self.clock.observe(tick.0, sent_us, now);

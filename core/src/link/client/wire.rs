@@ -23,15 +23,15 @@ pub(super) fn command(session: SessionId, sequence: SequenceNumber, request: &Re
         sequence,
         request: request.clone(),
     };
-    // Every message fits a frame: the protocol asserts it when it is compiled.
+    // Every message fits a frame: the protocol crate asserts it at compile time.
     let used = encode_frame(Channel::Command, &command, &mut out).unwrap_or(0);
     out.get(..used).unwrap_or_default().to_vec()
 }
 
-/// A board that starts, or a line with rubbish on it, may miss the first questions.
+/// A board that is starting, or a line with noise on it, may miss the first requests.
 pub(super) fn find(link: &mut impl Link, receiver: &mut Receiver) -> Result<Hello, ClientError> {
     let give_up = link.now_us() + HELLO_US;
-    // A delimiter first: whatever was half sent before ends here.
+    // A delimiter first: it ends any frame that was sent in part before.
     link.send(&[0])?;
     while link.now_us() < give_up {
         link.send(&frame(Channel::HelloQuery, &[]))?;

@@ -1,4 +1,4 @@
-//! The time law in all its degenerate forms, against differences, bounds and closed forms.
+//! The time law in all its degenerate forms, checked against differences, bounds and closed forms.
 
 use super::*;
 

@@ -145,7 +145,7 @@ fn name_platform_and_cables_are_enough() {
     assert_eq!(robot.gripper.kind, GripperKind::None);
     close(robot.camera.lens.center_px[0], 640.0, "cx");
     assert!(robot.tags.is_empty());
-    // The platform table itself may stay away too.
+    // The platform table itself may be left out too.
     assert_eq!(parse(&LEAST.replace("[platform]\n", "")).unwrap(), robot);
 }
 
@@ -166,7 +166,7 @@ fn defaults_that_follow_from_other_keys_follow_them() {
         robot.tags[0].corners_in_body_m[2],
         Vector3::new(0.02, 0.02, 0.0)
     );
-    // The slower winch decides.
+    // The slower winch limits.
     close(
         robot.limits.speed_mps,
         robot.winches[1].max_cable_speed_mps(),

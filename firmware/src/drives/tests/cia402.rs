@@ -28,7 +28,7 @@ fn run(bench: &mut Bench, ticks: u32, demands: [DriveDemand; 2]) -> List<(u16, V
     all
 }
 
-/// What both drives say in a SYNC: state, mode.
+/// The feedback of both drives at a SYNC: state, mode.
 fn say(bench: &mut Bench, status: u16, modes: [u8; 2]) {
     let [low, high] = status.to_le_bytes();
     for (node, mode) in [3, 5].into_iter().zip(modes) {
@@ -132,7 +132,7 @@ fn a_refused_object_is_named_with_its_abort_code() {
         assert_eq!((refused.object, refused.code), (0x0060_6000, 0x0602_0000));
         assert!(!drive.ready);
     }
-    // It is not asked without end: once in a start of its communication, a second apart.
+    // It is not repeated without end: once in a start of its communication, a second apart.
     let frames = run_without(&mut bench, 3000, (0x6060, 0));
     let asked = frames
         .iter()
@@ -160,7 +160,7 @@ fn a_drive_without_an_optional_object_falls_back() {
         assert!(started, "{lacks:x?}");
         assert_eq!(bench.tick(OFF)[0].refused, None, "{lacks:x?}");
     }
-    // One that does not act at once acts at SYNC.
+    // A drive without immediate effect acts at SYNC.
     let mut bench = Bench::new(DriveKind::Cia402);
     let frames = hex(&run_without(&mut bench, 200, (0x1400, 2)));
     assert!(
@@ -171,7 +171,7 @@ fn a_drive_without_an_optional_object_falls_back() {
     assert!(frames.iter().any(|frame| frame == "000 01 03"));
 }
 
-/// Both drives in their mode, as an obedient drive would go there.
+/// Both drives in their mode, as a conforming drive would get there.
 fn enabled() -> Bench {
     let mut bench = Bench::new(DriveKind::Cia402);
     run(&mut bench, 120, OFF);
@@ -349,7 +349,7 @@ fn a_refused_object_stops_the_set_up_unless_a_drive_may_lack_it() {
         sent.iter().filter(|(id, _)| *id == 0x603).count()
     };
     assert_eq!(asked(&mut bench), 0);
-    // The refusal ended it, and not the end of the list: a drive that restarts is asked again.
+    // The refusal ended it, not the end of the list: a drive that restarts is asked again.
     bench.give(0x703, &[0]);
     assert!(asked(&mut bench) > 0);
 }

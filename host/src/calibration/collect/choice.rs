@@ -1,4 +1,5 @@
-//! Which pose comes next: those planned before, the nearest first, or the one worth most now.
+//! Choice of the next pose: the nearest of the planned ones, or the one with the most information
+//! now.
 
 use super::super::Options as Estimator;
 use super::super::data::Data;
@@ -7,23 +8,24 @@ use super::{CollectError, Options, Reach, Sketch};
 use crate::motion::Rest;
 use mcdpr_core::random::Dice;
 
-/// Poses where the platform shall be well known.
+/// Working poses, where accuracy is wanted.
 const WORK: usize = 100;
-/// After so many that gave nothing no better ones near others are looked for: the search must end.
+/// After this many failed poses the search for better neighbours stops, so that it ends.
 const GIVEN_UP_MAX: usize = 5;
-/// Nor is anything looked for this near to one that gave nothing, m.
+/// No search this close to a failed pose, m.
 const LIKE_IT_M: f64 = 0.04;
 
-/// The choice of poses, as far as it has come.
+/// State of the choice.
 pub(super) struct Choice<'a> {
     reach: Reach<'a>,
-    /// What there was when the choice began: tags found since change no candidate's worth.
+    /// Input of the choice when it began: tags found since do not change the information of
+    /// candidates.
     known: Data,
     all: Vec<Candidate>,
     design: Design,
     /// Candidates that were measured before.
     done: usize,
-    /// What is planned: candidate, and how the robot hangs there.
+    /// Planned candidates, and how the robot hangs there.
     route: Vec<(usize, Rest)>,
     given_up: Vec<usize>,
     dice: Dice,
@@ -33,7 +35,7 @@ impl<'a> Choice<'a> {
     /// Prepares a choice of `missing` poses more than the sketch has.
     ///
     /// # Errors
-    /// [`CollectError::Impossible`] where there are too few to choose from.
+    /// [`CollectError::Impossible`] if there are too few candidates.
     pub(super) fn new(
         reach: &Reach<'a>,
         sketch: &Sketch,
@@ -77,7 +79,7 @@ impl<'a> Choice<'a> {
         })
     }
 
-    /// Plans so many poses ahead.
+    /// Plans this many poses ahead.
     pub(super) fn plan(&mut self, count: usize) {
         for _ in 0..count {
             let Some((k, _)) = self.design.best(|_| true) else {
@@ -92,7 +94,7 @@ impl<'a> Choice<'a> {
         self.route = chosen.into_iter().filter_map(|k| self.hang(k)).collect();
     }
 
-    /// Replaces what was taken after the first `keep` by better ones near it.
+    /// Replaces the candidates taken after the first `keep` by better ones near them.
     fn refine(&mut self, keep: usize) {
         let (reach, known, dice) = (&self.reach, &self.known, &mut self.dice);
         self.design.refine(
@@ -108,7 +110,8 @@ impl<'a> Choice<'a> {
         Some((k, self.reach.at(self.all.get(k)?)?))
     }
 
-    /// The nearest of the planned poses; without a plan, or past it, the one worth most now.
+    /// The nearest of the planned poses; without a plan, or past its end, the one with the most
+    /// information now.
     pub(super) fn next(&mut self, here: &Rest) -> Option<(usize, Rest)> {
         if let Some(at) = nearest(here, &self.route) {
             return Some(self.route.swap_remove(at));
@@ -137,18 +140,18 @@ impl<'a> Choice<'a> {
         self.design.take(k);
     }
 
-    /// A pose gave nothing.
+    /// A pose failed.
     pub(super) fn give_up(&mut self, k: usize) {
         self.given_up.push(k);
     }
 
-    /// Expected root mean square position error with what has been measured, m.
+    /// Expected root mean square position error with the measurements so far, m.
     pub(super) fn expected_error_m(&self) -> f64 {
         self.design.expected_error_m().unwrap_or(f64::NAN)
     }
 }
 
-/// Which place of the route is reached soonest.
+/// The pose of the route that is reached first.
 fn nearest(here: &Rest, route: &[(usize, Rest)]) -> Option<usize> {
     let far = |rest: &Rest| {
         let pairs = rest.paid_out_m.iter().zip(&here.paid_out_m);

@@ -1,5 +1,5 @@
-//! What ends a way to a pose before the board would: a tension that comes near to a limit because the
-//! robot is built otherwise than described, and tensions that oscillate.
+//! Reasons to end a move to a pose before the board would: a tension near a limit because the robot
+//! differs from its description, and oscillating tensions.
 
 use super::reach::Reach;
 use crate::run::{Halt, Measured};
@@ -7,16 +7,17 @@ use mcdpr_protocol::StopKind;
 
 /// Ticks (of 1 ms) over which a tension is averaged.
 const MEAN: usize = 20;
-/// Ticks between the three readings that show an oscillation: half a period at 10 Hz. Near it a
-/// platform high up shakes on the stretch of its flat cables, where the tension loop has too much gain.
+/// Ticks between the three readings that show an oscillation: half a period at 10 Hz. At about this
+/// frequency a platform high up vibrates on the elasticity of its flat cables, where the gain of
+/// the tension loop is too high.
 const APART: usize = 50;
-/// Amplitude of an oscillation (at 10 Hz) that neither a sensor nor a way makes, N.
+/// Amplitude of an oscillation (at 10 Hz) that neither sensor noise nor a normal move causes, N.
 const SHAKING_N: f64 = 3.0;
-/// Below this a tension that comes near to a limit does so by the way and not by an oscillation, N.
+/// Below this a tension near a limit is due to the move and not to an oscillation, N.
 const STILL_N: f64 = 1.0;
 
-/// Why a robot that measured this up to now had better stop, and how: brakes end an oscillation, but
-/// to close and open them would slacken a cable that is near to it.
+/// Why a robot with these measurements should stop, and how: brakes end an oscillation, but closing
+/// and opening them would slacken a cable that is nearly slack.
 pub(super) fn halt(reach: &Reach<'_>, samples: &[Measured]) -> Option<Halt> {
     let cables = 0..samples.last()?.tensions_n.len();
     let swings = cables.clone().map(|cable| swing_n(samples, cable));

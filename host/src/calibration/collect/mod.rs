@@ -1,4 +1,4 @@
-//! Collecting calibration data on a robot: which poses, the way there, waiting for rest, measuring.
+//! Collecting calibration data on a robot: choice of poses, moves, waiting for rest, measuring.
 
 mod choice;
 mod guard;
@@ -26,7 +26,7 @@ use choice::Choice;
 use mcdpr_protocol::{ConfigHash, SessionId, Status, StopKind};
 use miette::Diagnostic;
 
-/// So many poses one after another that give nothing end it.
+/// This many failed poses in a row end the collection.
 const LOST_MAX: usize = 8;
 
 /// What to collect.
@@ -36,13 +36,14 @@ pub struct Options {
     pub poses: usize,
     /// Number of reachable poses to choose from.
     pub candidates: usize,
-    /// Stop when the expected error is below this, m; then each next pose is chosen on the way.
+    /// Stop when the expected error is below this, m; then each next pose is chosen during the
+    /// collection.
     pub target_error_m: Option<f64>,
     /// Seed of the candidates.
     pub seed: u64,
     /// Seed of the simulated machine, if it is one.
     pub simulated_seed: Option<u64>,
-    /// Hash of the robot's description, where the tags in use are not the description's own.
+    /// Hash of the robot's description, if the tags in use are not those of the description.
     pub described: Option<u32>,
 }
 
@@ -59,10 +60,10 @@ impl Default for Options {
     }
 }
 
-/// What happens while collecting.
+/// Progress of the collection.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
-    /// The robot goes to a pose: how many are done, and how many are wanted.
+    /// The robot moves to a pose.
     Going {
         /// Poses done.
         done: usize,
@@ -84,14 +85,14 @@ pub enum Step {
         /// Expected root mean square position error with the poses so far, m.
         expected_error_m: f64,
     },
-    /// A pose gave nothing.
+    /// A pose failed.
     Skipped {
         /// Why.
         reason: String,
     },
 }
 
-/// Why collecting ended early. What was measured before has been kept.
+/// Why collecting ended early. Earlier measurements are kept.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum CollectError {
     /// The robot or the line to it.
@@ -102,7 +103,7 @@ pub enum CollectError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Sight(#[from] SightError),
-    /// Nothing can be collected like this.
+    /// The collection is not possible.
     #[error("{what}")]
     #[diagnostic(code(mcdpr::calibration::collect), help("{help}"))]
     Impossible {
@@ -111,11 +112,11 @@ pub enum CollectError {
         /// What to do.
         help: String,
     },
-    /// The data cannot be kept.
+    /// The data cannot be saved.
     #[error(transparent)]
     #[diagnostic(transparent)]
     File(#[from] super::result::FileError),
-    /// The data make no calibration.
+    /// The data do not allow a calibration.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Refused(#[from] Refusal),
@@ -142,11 +143,11 @@ impl CollectError {
     }
 }
 
-/// Collects data: drives to chosen poses, waits for rest, measures, and drives home. `before` is
-/// what was collected earlier; `keep` gets everything after every pose; `tell` hears what happens.
+/// Collects data: moves to chosen poses, waits for rest, measures, and moves home. `before` are
+/// earlier data; `keep` gets all data after every pose; `tell` is called with the progress.
 ///
 /// # Errors
-/// [`CollectError`]; the robot then stands with its brakes closed, or stops by itself.
+/// [`CollectError`]; the robot then is at rest with its brakes closed, or stops by itself.
 pub fn collect<L: Link, S: TagSource>(
     model: &Model,
     (link, session): (L, Option<SessionId>),
@@ -168,7 +169,7 @@ pub fn collect<L: Link, S: TagSource>(
     if let Some(record) = status.fault {
         return Err(RunError::Latched { record }.into());
     }
-    // A simulated machine is the same whenever it is switched on.
+    // A simulated machine is the same after every start.
     if before.is_some() && !status.referenced && options.simulated_seed.is_none() {
         return Err(CollectError::impossible(
             "the board has lost its lengths since the data were begun, so new poses do not fit them",
@@ -204,7 +205,7 @@ pub fn collect<L: Link, S: TagSource>(
         }
         Err(error @ CollectError::Run(_)) => Err(error),
         Err(error) => {
-            // The robot is well: put it away before saying what was wrong.
+            // The robot works: disarm it before reporting the error.
             session.go_home()?;
             run::disarm(&mut session.client)?;
             Err(error)
@@ -334,7 +335,7 @@ impl<L: Link> Session<'_, L> {
         still::measure(&mut self.client, source, |id| sketch.size_m(id), slowest_s)
     }
 
-    /// Drives to a resting place, over home where the straight way leaves the robot's reach.
+    /// Moves to a resting pose, over home if the straight line leaves the robot's reach.
     fn go(&mut self, goal: &Rest) -> Result<Result<(), String>, CollectError> {
         let model = self.model;
         let robot = model.robot();
@@ -371,7 +372,7 @@ impl<L: Link> Session<'_, L> {
         Ok(Ok(()))
     }
 
-    /// After a stop on the way: back to where it began.
+    /// After a stop during a move: back to its start.
     fn turn_back(&mut self, stopped: StopKind, seen: &Recorder) -> Result<(), CollectError> {
         let status = run::status(&mut self.client)?;
         let there = if stopped == StopKind::Hold {
@@ -381,7 +382,7 @@ impl<L: Link> Session<'_, L> {
             self.model.rest_from_lengths(&commanded_m, &newtons)?
         } else {
             let (metres, newtons) = measured(&status);
-            // The tensions to expect are those of this place, as this machine has them.
+            // The expected tensions are those of this position, on this machine.
             self.client.request(machine::reference(&metres, &newtons))?;
             run::arm(&mut self.client, self.hash)?;
             self.model.rest_from_lengths(&metres, &newtons)?
@@ -422,7 +423,7 @@ impl<L: Link> Session<'_, L> {
 
     fn go_home(&mut self) -> Result<(), CollectError> {
         let home = self.home.clone();
-        // Where there is no straight way home, the brakes hold it where it is.
+        // If there is no straight path home, the brakes hold it in place.
         let _ = self.go(&home)?;
         Ok(())
     }
@@ -442,7 +443,7 @@ fn measured(status: &Status) -> (Vec<f64>, Vec<f64>) {
     (lengths.collect(), tensions.collect())
 }
 
-/// What one place adds to the data.
+/// The data of one pose.
 fn observation(home_m: &[f64], still: &Still, views: Vec<View>, factor: f64) -> Observation {
     Observation {
         encoder_m: still

@@ -1,4 +1,4 @@
-//! What a robot can reach at rest, in the terms of its own file.
+//! Reachable resting poses of a robot, from its own file.
 
 use super::super::plan::Candidate;
 use super::super::views::{MARGIN_PX, SEEN_PX, views_within};
@@ -12,21 +12,21 @@ use mcdpr_kinematics::{
 };
 use nalgebra::Vector3;
 
-/// Room to the tension limits for what sensors and pulleys hide, N, and as a share of the limit.
+/// Margin to the tension limits for errors of sensors and pulleys, N, and as a share of the limit.
 const TENSION_ROOM_N: f64 = 0.3;
 const TENSION_ROOM: f64 = 0.05;
-/// Robots as they may have been built that must stay within the limits as well. Where all bear a
-/// place, a machine as a workshop builds it leaves its limits in one of thousands of cases (tests).
+/// Number of varied robots that must stay within the limits as well. If all of them do at a pose, a
+/// machine with workshop tolerances exceeds its limits in one of thousands of cases (tests).
 const BUILDS: usize = 16;
-/// How far off they are besides their anchors: mass, the centre of mass per coordinate (m), and what
-/// sensor and pulley make of the held tension.
+/// Their errors besides the anchors: mass, the centre of mass per coordinate (m), and the effect of
+/// sensor and pulley on the held tension.
 const MASS: f64 = 0.02;
 const CENTER_OF_MASS_M: f64 = 1e-3;
 const FELT: f64 = 0.03;
 /// Share of the tilt limit that is used.
 const TILT_SHARE: f64 = 0.9;
 
-/// The resting places of a robot whose tension-held cable can be set as wanted.
+/// The resting poses of a robot whose tension-held cable can be set freely.
 #[derive(Debug, Clone)]
 pub struct Reach<'a> {
     model: &'a Model,
@@ -34,15 +34,15 @@ pub struct Reach<'a> {
     least_n: f64,
     ceiling_n: f64,
     builds: Vec<Build>,
-    /// Where every way can lead over, if that is a place that the robot bears.
+    /// A pose through which every move can lead, if the robot can hang there.
     home: Option<Rest>,
 }
 
-/// The robot as it may have been built: everything off by its tolerance in some direction.
+/// A varied robot: each parameter off by its tolerance in some direction.
 #[derive(Debug, Clone)]
 struct Build {
     geometry: AnyRobot,
-    /// Its lengths at home, less those of the robot as described, m.
+    /// Its lengths at home, less those of the nominal robot, m.
     offsets_m: Vec<f64>,
     /// The held tension at the platform per tension that is set.
     felt: f64,
@@ -54,7 +54,7 @@ fn builds(model: &Model) -> Vec<Build> {
         return Vec::new();
     };
     let pose = home.equilibrium.pose;
-    // A calibrated robot is known; what is checked is then its own model.
+    // A calibrated robot is known; then its own model is checked.
     let calibrated = model.robot().calibrated.is_some();
     let count = if calibrated { 0 } else { BUILDS };
     let mut off = |size: f64| size.copysign(dice.within(1.0));
@@ -112,7 +112,7 @@ impl<'a> Reach<'a> {
     }
 
     /// How the robot hangs with the platform's origin at `at_m` (world) and the held cable at
-    /// `tension_n`; `None` where it cannot, or not within its limits with some room.
+    /// `tension_n`; `None` if it cannot, or not within its limits with a margin.
     #[must_use]
     pub fn rest(&self, at_m: &Vector3<f64>, tension_n: f64, near: Option<&Rest>) -> Option<Rest> {
         let guess = near.map_or(EquilibriumGuess::Cold, |rest| {
@@ -126,7 +126,7 @@ impl<'a> Reach<'a> {
         self.found(at_m, tension_n, EquilibriumGuess::Attitude(near.rotation))
     }
 
-    /// As [`Reach::rest`], within its limits or not.
+    /// As [`Reach::rest`], without checking its limits.
     pub(super) fn anyhow(&self, at_m: &Vector3<f64>, tension_n: f64, near: &Rest) -> Option<Rest> {
         let guess = EquilibriumGuess::Attitude(near.equilibrium.pose.rotation);
         let rest = self.equilibrium(at_m, tension_n, guess)?;
@@ -189,7 +189,7 @@ impl<'a> Reach<'a> {
         self.model.robot().limits.tension_min_n
     }
 
-    /// Whether a measured tension is nearer to a limit than half of the room that planning leaves.
+    /// Whether a measured tension is nearer to a limit than half of the planning margin.
     pub(super) fn beyond(&self, cable: usize, tension_n: f64) -> bool {
         let least_n = self.model.robot().limits.tension_min_n + 0.5 * TENSION_ROOM_N;
         let most_n = self.most_n(cable) * (1.0 - 0.5 * TENSION_ROOM);
@@ -202,8 +202,8 @@ impl<'a> Reach<'a> {
         robot.limits.tension_max_n.min(winch)
     }
 
-    /// Whether robots as they may have been built keep within their tensions too, when their drums
-    /// pay out what this resting state says.
+    /// Whether varied robots keep within their tensions too, when their drums pay out the lengths
+    /// of this resting state.
     #[must_use]
     pub(crate) fn robust(&self, rest: &Rest) -> bool {
         self.builds.iter().all(|build| {
@@ -214,8 +214,8 @@ impl<'a> Reach<'a> {
         })
     }
 
-    /// How a robot as it may have been built hangs when its drums pay out what a resting state says;
-    /// `None` where it does not.
+    /// How a varied robot hangs when its drums pay out the lengths of a resting state; `None` if it
+    /// cannot.
     fn hung(&self, build: &Build, rest: &Rest) -> Option<Equilibrium> {
         let taut = rest.equilibrium.lengths_m.iter().zip(&build.offsets_m);
         let held: Vec<Held> = taut
@@ -255,7 +255,7 @@ impl<'a> Reach<'a> {
         draws.take(count).collect()
     }
 
-    /// A resting place with tags in view near a candidate: within `size` times 0.1 m, and its
+    /// A resting pose with tags in view near a candidate: within `size` times 0.1 m, and its
     /// tension within a factor of e to the `size`.
     pub(super) fn near(
         &self,
@@ -277,8 +277,8 @@ impl<'a> Reach<'a> {
         self.hang(&candidate.pose.position_m, tension_n, &candidate.pose)
     }
 
-    /// The candidate at a resting place, if the robot as it may have been built bears it and the way
-    /// there, and sees a tag there.
+    /// The candidate at a resting pose, if the varied robots can hang there and move there, and see
+    /// a tag there.
     fn seen(&self, data: &Data, rest: &Rest) -> Option<Candidate> {
         let pose = rest.equilibrium.pose;
         let mut views = views(data, &pose, MARGIN_PX);
@@ -303,7 +303,7 @@ impl<'a> Reach<'a> {
         })
     }
 
-    /// Where the robot will work: resting places at random, tags in view or not.
+    /// Working poses: random resting poses, with or without tags in view.
     #[must_use]
     pub fn work(&self, count: usize, seed: u64) -> Vec<Pose> {
         let mut dice = Dice::new(seed ^ 0x776F_726B);
@@ -315,8 +315,8 @@ impl<'a> Reach<'a> {
     }
 }
 
-/// Whether the white around a tag is in the picture as well, which a detector needs: a cell of its
-/// eight, by the tag's own edge there.
+/// Whether the white margin of a tag is in the picture as well, which a detector needs: a cell of
+/// its eight, by the tag's own edge there.
 fn rim_in_view(data: &Data, view: &View) -> bool {
     let [a, b, ..] = view.corners_px;
     let rim_px = (b[0] - a[0]).hypot(b[1] - a[1]) / 8.0;
@@ -327,7 +327,7 @@ fn rim_in_view(data: &Data, view: &View) -> bool {
     view.corners_px.iter().all(inside)
 }
 
-/// The tags wholly in view at a pose by nominal values, so far from the picture's edge.
+/// The tags completely in view at a pose by nominal values, with this margin to the picture's edge.
 fn views(data: &Data, pose: &Pose, margin_px: f64) -> Vec<View> {
     let poses = (&data.world_from_body[..], &data.camera_from_platform, pose);
     views_within(&data.camera, &data.tags, poses, 1.0, margin_px)
@@ -340,7 +340,7 @@ mod tests {
     use crate::robot::Robot;
     use mcdpr_kinematics::Platform;
 
-    /// A machine as a workshop builds it, its drums locked where it hangs at home.
+    /// A machine with workshop tolerances, its drums locked at home.
     fn machine(model: &Model, home: &Rest, seed: u64) -> Build {
         let params = machine::plant_params(model.robot(), &Mismatch::as_built(), seed);
         let cables: Vec<Cable> = model
@@ -389,7 +389,7 @@ mod tests {
                 continue;
             }
             kept += 1;
-            // The board's limits, less what a sensor at the winch does not tell.
+            // The board's limits, less the errors of a sensor at the winch.
             let fine = |hung: Equilibrium| hung.tensions_n.iter().all(|t| (1.1..37.6).contains(t));
             let hung = machines.builds.iter().map(|m| machines.hung(m, &rest));
             out += hung.filter(|hung| !hung.is_some_and(fine)).count();
@@ -398,7 +398,7 @@ mod tests {
             "{kept} places borne, {left} not; of {} out {out}",
             kept * 100
         );
-        // Random places near the limits are not borne: the test could fail.
+        // Random poses near the limits fail: the test can fail.
         assert!(kept > 150 && left > 10, "{kept} {left}");
         assert!(out * 2000 < kept * 100, "{out}");
     }

@@ -1,6 +1,6 @@
-//! The self-check on a running robot: a few places, waiting for rest at each, lengths and tensions
-//! and, where there is a camera, a look at the tags; [`slip`](crate::calibration::slip) says what
-//! they mean.
+//! The self-check on a running robot: at a few poses, after waiting for rest, it measures lengths
+//! and tensions and, with a camera, observes the tags; [`slip`](crate::calibration::slip) evaluates
+//! them.
 
 use super::CollectError;
 use super::still::{self, Still};
@@ -13,7 +13,7 @@ use crate::sight::{TagSource, TagView};
 use mcdpr_kinematics::Pose;
 use nalgebra::Vector3;
 
-/// Where the tool goes after home, m from home; what a robot cannot reach is passed over.
+/// Tool positions after home, m from home; unreachable ones are skipped.
 const PLACES: [[f64; 3]; 8] = [
     [0.07, 0.08, -0.09],
     [0.14, -0.05, -0.05],
@@ -25,8 +25,8 @@ const PLACES: [[f64; 3]; 8] = [
     [0.0, 0.0, -0.08],
 ];
 
-/// Measures where the tool hangs and at up to `places - 1` more places, tells `judge` after each, and
-/// goes back. Ends early where `judge` has heard enough (`false`). The robot must be armed.
+/// Measures at the present pose and at up to `places - 1` more, calls `judge` after each, and moves
+/// back. Ends early if `judge` returns `false`. The robot must be armed.
 ///
 /// # Errors
 /// The link's, the camera's, a fault; [`CollectError::Impossible`] for a reading that fits no resting
@@ -76,7 +76,7 @@ pub fn recheck<L: Link>(
     Ok(())
 }
 
-/// Drives there; `None` where the way would break a limit.
+/// Moves there; `None` if the move would break a limit.
 fn go<L: Link>(
     model: &Model,
     session: &mut Session<'_, L>,
@@ -112,7 +112,7 @@ fn measure<L: Link>(
     };
     match still::measure(session.client(), &mut source, size_m, slowest_s)? {
         Ok(still) => Ok(still),
-        // Without a tag in view lengths and tensions still tell.
+        // Without a tag in view lengths and tensions are still used.
         Err(_) => still::blind(session.client(), slowest_s),
     }
 }
@@ -125,7 +125,7 @@ fn reading_of(model: &Model, still: &Still, near: &Vector3<f64>) -> Reading {
     }
 }
 
-/// Where the platform is by the tags alone, statics giving its attitude.
+/// Pose of the platform by the tags alone, with the attitude from statics.
 fn seen(model: &Model, still: &Still, near: &Vector3<f64>) -> Option<Pose> {
     let calibrated = model.robot().calibrated.as_ref()?;
     let places = calibrated.world_from_body.iter();

@@ -14,10 +14,10 @@ use mcdpr_vision::Camera;
 const ENCODER_M: f64 = 2e-5;
 /// Noise of a mean tension: sensor, its zero, friction, N.
 const TENSION_N: f64 = 0.1;
-/// How far a frame is from its drawing where nothing else is said, m.
+/// Error of a frame relative to its drawing if not stated otherwise, m.
 pub(crate) const ANCHOR_TOLERANCE_M: f64 = 5e-3;
 
-/// Data under way.
+/// Data in progress.
 #[derive(Debug, Clone)]
 pub(crate) struct Sketch {
     /// The data so far. Bodies and tags are those seen so far.
@@ -43,7 +43,7 @@ impl Sketch {
     /// Data begun earlier.
     ///
     /// # Errors
-    /// Where they are of another robot.
+    /// If they belong to another robot.
     pub fn resumed(
         robot: &Robot,
         hash: u32,
@@ -151,7 +151,7 @@ impl Sketch {
             .collect();
         let camera_from_platform = self.data.camera_from_platform;
         let world_from_camera = near.compose(&camera_from_platform.inverse());
-        // Of two that look alike, the one that lies more level: tags lie on floors and tables.
+        // Of two that look alike, the one that is more level: tags lie on floors and tables.
         let found = sightings_of(&self.data.camera, &on_body);
         let level = |pose: &Pose| pose.rotation.matrix()[(2, 2)].abs();
         let place = found
@@ -171,7 +171,7 @@ impl Sketch {
         Some(index)
     }
 
-    /// What has been measured as candidates of a plan.
+    /// The measured poses as candidates of a plan.
     #[must_use]
     pub fn candidates(&self, held: usize) -> Vec<Candidate> {
         let data = &self.data;
@@ -235,7 +235,7 @@ fn limits(robot: &Robot) -> Limits {
     let corners = robot.search_box_in_world_m();
     let winches = robot.winches.iter().map(|winch| winch.tension_max_n);
     let most_n = winches.fold(robot.limits.tension_max_n, f64::min);
-    // Slack cables cannot be planned for, whatever the file allows.
+    // Slack cables cannot be planned for, even if the file allows them.
     let least_n = robot.limits.tension_min_n.max(0.01 * most_n);
     Limits {
         box_in_world_m: corners.map(|corner| corner - robot.tool.tcp_in_platform_m),

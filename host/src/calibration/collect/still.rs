@@ -1,8 +1,8 @@
-//! Waiting until the platform hangs still, and averaging what is measured then.
+//! Waits until the platform is at rest, and averages the measurements.
 //!
-//! Its swing is hardly damped, and drum encoders do not see it: the pictures tell. Where it does not
-//! die within the patience, whole periods are averaged under a window that suppresses what swings
-//! (Hann, 1901; see Harris, 1978), and the noise is stated higher.
+//! Its swing is hardly damped, and drum encoders do not detect it: the pictures do. If it does not
+//! decay within the waiting time, whole periods are averaged under a window that suppresses the
+//! swing (Hann, 1901; see Harris, 1978), and a higher noise is stated.
 
 use super::CollectError;
 use crate::link::{Client, Event, Link};
@@ -14,26 +14,26 @@ use mcdpr_protocol::StopKind;
 pub(crate) const AT_REST_M: f64 = 5e-5;
 /// Time between pictures, us.
 const FRAME_US: u64 = 33_333;
-/// Time between two questions whether a picture has come, us.
+/// Polling interval for a picture, us.
 const POLL_US: u64 = 4_000;
-/// Fewest pictures, where a camera is slow.
+/// Fewest pictures, for a slow camera.
 const FRAMES_MIN: usize = 3;
 /// Shortest window, s.
 const WINDOW_MIN_S: f64 = 0.6;
 /// After this time whole periods are averaged instead of waiting on, s.
 const PATIENCE_S: f64 = 4.0;
-/// Swing over which averaging makes no sense, m.
+/// Swing above which averaging is useless, m.
 const SWING_MAX_M: f64 = 2e-3;
 /// Time after which a pose is given up, s.
 const GIVE_UP_S: f64 = 25.0;
 /// Whole slowest periods that are averaged over.
 const PERIODS: f64 = 5.0;
-/// What the window leaves of a swing at twice its own frequency and above.
+/// Residual of a swing at twice its own frequency and above after the window.
 const LEAK: f64 = 0.027;
-/// What no averaging removes (lens, print, detector), px.
+/// Error that averaging does not remove (lens, print, detector), px.
 pub(crate) const CORNER_FLOOR_PX: f64 = 0.03;
 
-/// What was measured at one place.
+/// Measurements at one pose.
 #[derive(Debug, Clone)]
 pub struct Still {
     /// Paid-out lengths, m.
@@ -57,7 +57,7 @@ struct Window {
     recorder: Recorder,
 }
 
-/// Waits for rest and measures. The inner error is why this place gave nothing.
+/// Waits for rest and measures. The inner error is why this pose failed.
 ///
 /// # Errors
 /// The link's, the camera's, an interruption.
@@ -100,7 +100,7 @@ pub fn measure<L: Link, S: TagSource>(
     }
 }
 
-/// Lengths and tensions averaged over whole periods, where no camera says when the platform rests.
+/// Lengths and tensions averaged over whole periods, without a camera to detect rest.
 ///
 /// # Errors
 /// The link's, an interruption.
@@ -257,7 +257,7 @@ fn mean(seen: &Window, ids: &[u32], swing_m: f64, window: bool) -> Still {
     };
     let sum = |i: usize| averaged(&|k| samples[k].lengths_m[i]);
     let pull = |i: usize| averaged(&|k| samples[k].tensions_n[i]);
-    // What is left of the swing: in the pictures about as much as on the tag's edge of 0.1 m.
+    // Residual of the swing: in the pictures about as much as on the tag's edge of 0.1 m.
     let left_px = if window {
         LEAK * swing_m * leak_px / 0.1
     } else {

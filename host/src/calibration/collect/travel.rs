@@ -1,5 +1,5 @@
-//! From one resting place to another: knots for a board, without haste, every state on the way
-//! within the robot's limits.
+//! Moves between resting poses: knots for a board, slowly, with every state on the way within the
+//! robot's limits.
 
 use super::reach::Reach;
 use crate::motion::Rest;
@@ -11,17 +11,17 @@ use nalgebra::Vector3;
 
 /// Share of the drives' speed that is used.
 const SPEED_SHARE: f64 = 0.7;
-/// Greatest acceleration of a cable, m/s2: the platform shall not be set swinging.
+/// Greatest acceleration of a cable, m/s2: the platform must not be excited.
 const ACCELERATION_MPS2: f64 = 0.1;
-/// Shortest way, in periods of the slowest swing.
+/// Shortest duration of a move, in periods of the slowest swing.
 const PERIODS: f64 = 3.0;
 /// Distance between knots, s.
 const KNOT_S: f64 = 0.05;
-/// States at which a way is tried.
+/// Number of states at which a move is checked.
 const TRIES: usize = 24;
 
-/// Share of the way at a share of the time: a polynomial with no velocity, acceleration and jerk
-/// at its ends, so that the slow swings are hardly set off.
+/// Share of the distance at a share of the time: a polynomial with zero velocity, acceleration and
+/// jerk at its ends, so that slow modes are hardly excited.
 fn share(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t.powi(4) * (35.0 - 84.0 * t + 70.0 * t * t - 20.0 * t * t * t)
@@ -33,14 +33,14 @@ const SHARE_ACCELERATION: f64 = 7.52;
 /// A motion from rest to rest.
 #[derive(Debug, Clone)]
 pub struct Way {
-    /// What goes to the board.
+    /// The knots for the board.
     pub knots: Vec<Knot>,
-    /// How long it takes, s.
+    /// Its duration, s.
     pub duration_s: f64,
 }
 
 /// States along the straight line of the platform's origin, the held tension changing in
-/// proportion; `None` where `hang` has none.
+/// proportion; `None` if `hang` fails at one.
 fn states(
     reach: &Reach<'_>,
     (from, to): (&Rest, &Rest),
@@ -62,8 +62,8 @@ fn states(
     Some(out)
 }
 
-/// The states at which a way is tried; `None` where the robot, or one as it may have been built, does
-/// not bear them all.
+/// The states at which a move is checked; `None` if the robot, or a varied one, cannot hang at one
+/// of them.
 fn tried(reach: &Reach<'_>, from: &Rest, to: &Rest) -> Option<Vec<Rest>> {
     if !reach.robust(to) {
         return None;
@@ -80,14 +80,14 @@ fn even() -> Vec<f64> {
     (0..=TRIES).map(|k| k as f64 / TRIES as f64).collect()
 }
 
-/// Whether the straight way between two resting places is within the robot's reach.
+/// Whether the straight line between two resting poses is within the robot's reach.
 #[must_use]
 pub(super) fn open(reach: &Reach<'_>, from: &Rest, to: &Rest) -> bool {
     tried(reach, from, to).is_some()
 }
 
-/// The way between two resting places, or `None` where the straight line leaves the robot's reach.
-/// `offsets_m` are added to the lengths: what the board holds, less what the model says.
+/// The move between two resting poses, or `None` if the straight line leaves the robot's reach.
+/// `offsets_m` are added to the lengths: the board's lengths, less the model's.
 #[must_use]
 pub fn way(
     reach: &Reach<'_>,
@@ -102,8 +102,9 @@ pub fn way(
     knots(reach, robot, (from, to), &tried, slowest_s, offsets_m, kept)
 }
 
-/// The way back to where a robot came from, which has stopped beyond the limits of what was planned:
-/// they hold no longer, and every step back leaves that place. `None` where it hangs nowhere between.
+/// The move back to its start of a robot that has stopped beyond the planned limits: they do not
+/// apply any more, and every step back moves away from that state. `None` if the robot cannot hang
+/// in between.
 #[must_use]
 pub(super) fn back(
     reach: &Reach<'_>,
@@ -126,7 +127,7 @@ pub(super) fn back(
     )
 }
 
-/// What goes to the board for a way that was tried.
+/// The knots of a checked move.
 fn knots(
     reach: &Reach<'_>,
     robot: &Robot,
@@ -168,7 +169,7 @@ fn knots(
         .collect::<Option<_>>()?;
     let mut knots = Vec::with_capacity(states.len());
     for (k, state) in states.iter().enumerate() {
-        // No residual rows: how lengths and tensions must fit together is what is to be found out.
+        // No residual rows: the relation of lengths and tensions is still to be determined.
         let cables = knot::on_splines(&splines, k, state.tensions_n());
         knots.push(knot::knot(k, ms[k], cables));
     }

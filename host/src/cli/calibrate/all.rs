@@ -16,7 +16,7 @@ pub(crate) struct Cmd {
     /// Estimator
     #[arg(long, value_enum, default_value_t = Method::Joint)]
     method: Method,
-    /// joint: leave tensions and the equations of equilibrium out
+    /// joint: leave out tensions and the equations of equilibrium
     #[arg(long)]
     no_statics: bool,
     /// paper: the anchors' distance squared, in m^2 beside lengths in m, as Eq. 41 is printed
@@ -31,7 +31,7 @@ pub(crate) struct FrameCmd {
     what: Solve,
 }
 
-/// Find where the camera sits, of a robot whose frame is calibrated
+/// Find the camera's pose on the platform, for a robot whose frame is calibrated
 #[derive(Debug, clap::Args)]
 pub(crate) struct CameraCmd {
     #[command(flatten)]
@@ -41,11 +41,11 @@ pub(crate) struct CameraCmd {
 /// Which data, and where the result goes.
 #[derive(Debug, clap::Args)]
 struct Solve {
-    /// Calibration data (format mcdpr-calibration-data-1); without, they are collected first
+    /// Calibration data (format mcdpr-calibration-data-1); without this, they are collected first
     #[arg(long, value_name = "FILE")]
     data: Option<PathBuf>,
-    /// File for the result, by default NAME.calibration.json beside the robot file. Data that do not
-    /// say which robot they are of give an answer, but no result to keep
+    /// File for the result, by default NAME.calibration.json beside the robot file. Data that do
+    /// not name their robot give an answer, but no result file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -109,7 +109,7 @@ impl Solve {
                 let what = format!("calibration data {}", file.display());
                 let text = crate::files::read_text(file).map_err(Failed::from_error(&what))?;
                 let data = refusable(common, Data::from_json(&text))?;
-                // Data from elsewhere stand for themselves.
+                // Data from elsewhere do not refer to a robot of this program.
                 let wanted = data.origin.is_some() || self.out.is_some();
                 (
                     data,
@@ -155,7 +155,7 @@ impl Solve {
     }
 }
 
-/// With `--json` a refusal is the document.
+/// With `--json` a refusal is printed as the document.
 fn refusable<T, E: std::fmt::Display + Into<miette::Report>>(
     common: &Common,
     result: Result<T, E>,
@@ -299,7 +299,7 @@ fn show(data: &Data, answer: &Answer) {
     );
 }
 
-/// The map of the expected error, a line a height.
+/// The map of the expected error, one line per height.
 fn show_map(answer: &Answer) {
     let mut heights: Vec<f64> = answer.map.iter().map(|p| p.at_m.z).collect();
     heights.dedup();

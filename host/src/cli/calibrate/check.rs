@@ -15,21 +15,21 @@ use crate::robot::Calibrated;
 use crate::run::{Homing, LengthFiles, Session, watch_for_interrupts};
 use crate::sight::{Scene, SimulatedTags, TagSource};
 
-/// Part of a tension that pulleys hide from the sensor at the winch.
+/// Share of a tension that is lost at pulleys before the sensor at the winch.
 const PULLEYS: f64 = 0.02;
 
 /// Check on the running robot that its calibration still holds; names a cable that slipped
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Measure at up to this many places, the present one included
+    /// Measure at up to this many poses, the present one included
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=9))]
     places: u8,
-    /// Do not look at the tags, even where there is a camera
+    /// Do not use the tags, even with a camera
     #[arg(long)]
     no_tags: bool,
     #[command(flatten)]
     eye: Eye,
-    /// Part of a tension that the pulleys hide from its sensor
+    /// Share of a tension that is lost at the pulleys before its sensor
     #[arg(long, default_value_t = PULLEYS, value_name = "PART")]
     friction: f64,
 }
@@ -45,14 +45,14 @@ impl Cmd {
         };
         if !(0.0..=0.5).contains(&self.friction) {
             return Err(Failed::from_error("--friction")(format!(
-                "{} is no part of a tension: give 0 to 0.5",
+                "{} is not a share of a tension: give 0 to 0.5",
                 self.friction
             ))
             .into());
         }
         let model = Model::new(&robot)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        // What the pictures showed decides how far it goes, and nothing else.
+        // The pictures only decide how far the check goes.
         let built = Mismatch::as_built();
         let work = Work::new("calibrate-check", Doing::Orders, built, &model);
         let (all, folder) = on_record(common, &work, |record| {
@@ -82,7 +82,7 @@ impl Cmd {
         }
     }
 
-    /// Measures at one place after the other, and gives what was found after each.
+    /// Measures at one pose after the other, and reports the finding after each.
     fn look(
         &self,
         common: &Common,
@@ -143,7 +143,7 @@ impl Cmd {
             },
         );
         match done {
-            // A link or a fault that ended it has stopped the robot already.
+            // A link error or a fault that ended it has stopped the robot already.
             Err(error @ CollectError::Run(_)) => Err(error.into()),
             done => {
                 session.disarm()?;

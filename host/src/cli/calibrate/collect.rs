@@ -37,10 +37,11 @@ pub(crate) struct How {
     /// Number of poses, home included
     #[arg(long, default_value_t = 20)]
     poses: usize,
-    /// Stop once the expected position error is below this; the next pose is then chosen on the way
+    /// Stop once the expected position error is below this; the next pose is then chosen during the
+    /// collection
     #[arg(long, value_name = "MM", value_parser = positive)]
     target_error_mm: Option<f64>,
-    /// Which tags are on the floor
+    /// The tags on the floor
     #[arg(long, value_enum, default_value_t = On::Robot)]
     target: On,
     /// Continue with the poses that the file has already
@@ -56,7 +57,7 @@ pub(crate) struct How {
     corner_px: f64,
 }
 
-/// Which tags are used.
+/// The tags to use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum On {
     /// Those of the robot file
@@ -115,7 +116,7 @@ impl Cmd {
 }
 
 impl How {
-    /// Collects into a file, and gives the data.
+    /// Collects into a file, and returns the data.
     pub(crate) fn run(
         &self,
         designed: &Robot,
@@ -159,7 +160,7 @@ impl How {
             described: Some(designed.content_hash()),
         };
         let mut keeper = Keeper::start(path.to_owned())?;
-        // What the pictures showed changed where it went, and nothing else.
+        // The pictures only changed the choice of poses.
         let work = Work::new("collect", Doing::Orders, mismatch, &model);
         let (data, folder) = on_record(common, &work, |record| {
             let line = match link {
@@ -170,7 +171,7 @@ impl How {
             let tell = |step| tell(&step);
             let keep = |data: &Data| keeper.keep(data);
             let done = collect(&model, line, &mut tags, &options, before, keep, tell);
-            // Also where it ended early: what was measured is there.
+            // Also if it ended early: the measurements so far are kept.
             let kept = keeper.finish();
             let data = done?;
             kept?;
@@ -190,7 +191,7 @@ impl How {
     }
 }
 
-/// Writes the data on a thread of its own: a disk may take longer than a board waits for its host.
+/// Writes the data on a separate thread: a disk may take longer than a board waits for its host.
 struct Keeper {
     texts: Option<Sender<String>>,
     thread: Option<JoinHandle<Result<(), FileError>>>,
@@ -220,7 +221,7 @@ impl Keeper {
         let text = serde_json::to_string(&data.to_json()).unwrap_or_default();
         match self.texts.as_ref().map(|texts| texts.send(text)) {
             Some(Ok(())) => Ok(()),
-            // The thread ended: it says why.
+            // The thread ended: its result has the reason.
             _ => self.finish(),
         }
     }

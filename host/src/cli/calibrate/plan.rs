@@ -1,4 +1,4 @@
-//! `mcdpr calibrate plan`: which poses to measure.
+//! `mcdpr calibrate plan`: poses to measure.
 
 use crate::calibration::plan::{candidates, choose, work_poses};
 use crate::calibration::space::Space;
@@ -7,10 +7,10 @@ use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use std::path::PathBuf;
 
-/// Choose the poses that are worth most
+/// Choose the poses with the most information
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Calibration data whose robot, camera, tags and noise count; its poses may be empty
+    /// Calibration data that define robot, camera, tags and noise; their poses may be empty
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// Number of poses

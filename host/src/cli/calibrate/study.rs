@@ -16,7 +16,7 @@ pub(crate) struct Cmd {
     /// Number of seeds, each with its own robot, poses and noise
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     seeds: u64,
-    /// What is on the floor
+    /// The tags on the floor
     #[arg(long, value_enum, default_value_t = On::Board)]
     target: On,
     /// Number of poses
@@ -37,29 +37,29 @@ pub(crate) struct Cmd {
     /// Choose the poses out of this many reachable ones (0: take them at random)
     #[arg(long, default_value_t = 0, value_name = "CANDIDATES")]
     chosen: usize,
-    /// Draw pulley radii, attachments, drums, lens, tag size and mass from the priors that the joint
-    /// method holds them by, rather than leave them as stated: for the stated covariance
+    /// Draw pulley radii, attachments, drums, lens, tag size and mass from the priors of the joint
+    /// method, instead of using the stated values: to test the stated covariance
     #[arg(long)]
     drawn: bool,
     /// joint: leave the equations of equilibrium out
     #[arg(long)]
     no_statics: bool,
-    /// The tags are larger than stated by this part
+    /// The tags are larger than stated by this share
     #[arg(long, default_value_t = 0.0, value_parser = small)]
     tag_error: f64,
-    /// The lens has this k1, which nothing states
+    /// The lens has this k1, which is not stated
     #[arg(long, default_value_t = 0.0, value_parser = small)]
     k1: f64,
-    /// The drums are larger than assumed by this part
+    /// The drums are larger than assumed by this share
     #[arg(long, default_value_t = 0.0, value_parser = small)]
     drum_error: f64,
     /// The cables stretch: EA, N (0: not at all)
     #[arg(long, default_value_t = 0.0, value_parser = not_negative)]
     ea_n: f64,
-    /// The pulleys lose up to this part of a tension, with either sign
+    /// The pulleys lose up to this share of a tension, with either sign
     #[arg(long, default_value_t = 0.0, value_parser = part)]
     loss: f64,
-    /// Part of the measurements that are outliers
+    /// Share of the measurements that are outliers
     #[arg(long, default_value_t = 0.0, value_parser = part)]
     outliers: f64,
     /// Write the first seed's data to this file instead
@@ -108,7 +108,7 @@ impl Cmd {
         }
     }
 
-    /// What no number by itself is wrong for.
+    /// Combinations of numbers that are valid only on their own.
     fn checked(&self) -> Result<(), Failed> {
         if self.poses < POSES_MIN {
             let why = format!(

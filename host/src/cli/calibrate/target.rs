@@ -9,10 +9,10 @@ use std::path::PathBuf;
 /// Draw tags to print, at true scale with a ruler, and the lines for the robot file
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Which tags; a board is more accurate than one tag, loose tags than none
+    /// The tags; a board is more accurate than one tag, loose tags less accurate than a board
     #[arg(value_enum, default_value_t = On::Board)]
     target: On,
-    /// File to write (SVG); with several bodies, one a body with its number before the ending
+    /// File to write (SVG); with several bodies, one per body with its number before the ending
     #[arg(long, value_name = "FILE", default_value = "target.svg")]
     out: PathBuf,
 }

@@ -23,7 +23,7 @@ use std::path::PathBuf;
 pub(crate) struct Cmd {
     /// Number of the cable, from 1
     cable: usize,
-    /// Readings from a file (mass_kg,voltage_v a line) in place of a robot
+    /// Readings from a file (mass_kg,voltage_v per line) instead of a robot
     #[arg(long, value_name = "FILE")]
     data: Option<PathBuf>,
     /// Weights to hang, kg, pan included, in this order; at least three different ones
@@ -37,15 +37,15 @@ pub(crate) struct Cmd {
     /// Temperature at the sensor, kept with the result, degrees Celsius
     #[arg(long, value_name = "C", allow_negative_numbers = true)]
     temperature_c: Option<f64>,
-    /// Winch module file to write the result into; other lines stay as they are
+    /// Winch module file to write the result into; other lines are not changed
     #[arg(long, value_name = "FILE")]
     module: Option<PathBuf>,
-    /// Do not wait for confirmation at each weight (the simulator's user needs none)
+    /// Do not wait for confirmation at each weight (not needed with the simulator)
     #[arg(long)]
     yes: bool,
 }
 
-/// A number that means no cable of this robot.
+/// The number does not belong to a cable of this robot.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("there is no cable {cable}: {name} has {count}")]
 #[diagnostic(code(mcdpr::tension::cable), help("cables are numbered from 1"))]
@@ -134,7 +134,8 @@ impl Cmd {
                     Ok(())
                 });
             }
-            // The sensor of the simulated machine is off by up to 1 %: there is something to find.
+            // The sensor of the simulated machine is off by up to 1 %, so that there is an error to
+            // find.
             let model = Model::new(robot)?;
             let link = SimulatedRobot::new(about.mismatch, common.seed)
                 .controller(&common.controller)

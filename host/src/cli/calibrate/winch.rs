@@ -6,7 +6,7 @@ use crate::service::measure_ratio;
 
 /// Motor counts per drum encoder count of one bare winch (Eq. 50), with spread and backlash
 ///
-/// No cable may be on the drum: it is turned, out and back.
+/// No cable may be on the drum: it is turned, out and back
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Number of the winch, as its cable in the robot file, from 1

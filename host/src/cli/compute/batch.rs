@@ -10,7 +10,7 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 /// Longest line that is read; 16 cables' lengths take less than 1 kB.
 const MOST_BYTES: u64 = 1 << 16;
 
-/// What a batch came to.
+/// Result of a batch.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Tally {
     lines: u64,
@@ -40,7 +40,7 @@ struct Refusal<'a> {
 /// Answers the lines of standard input with `answer`.
 ///
 /// # Errors
-/// [`LinesFailed`] at the end, where lines failed; what reading and writing come to.
+/// [`LinesFailed`] at the end, if lines failed; errors of reading and writing.
 pub(super) fn run<Q: DeserializeOwned, A: Serialize>(
     answer: impl FnMut(Q) -> Result<A, ComputeError>,
 ) -> Outcome {
@@ -107,17 +107,17 @@ fn skip_line(input: &mut impl BufRead) -> io::Result<()> {
     }
 }
 
-/// One line as a question, or why it is none.
+/// One line as a question, or why it is invalid.
 fn parse<Q: DeserializeOwned>(line: &[u8]) -> Result<Q, String> {
     // A list would be read as the object's values in order: too easily a mistake.
     match line.trim_ascii_start().first() {
         Some(b'{') => {}
-        Some(_) => return Err("the line is no JSON object; write one per line".to_owned()),
+        Some(_) => return Err("the line is not a JSON object; write one per line".to_owned()),
         None => return Err("the line is empty; write one JSON object per line".to_owned()),
     }
     serde_json::from_slice(line).map_err(|error| {
         let message = error.to_string();
-        // The parser counts lines of its own, which are not those of the input.
+        // The parser counts lines within its text, not those of the input.
         let place = format!(" at line {} column {}", error.line(), error.column());
         let message = message.strip_suffix(&place).unwrap_or(&message);
         format!("{message} (column {})", error.column())

@@ -1,4 +1,4 @@
-//! `mcdpr fk`: where the platform is, from cable lengths.
+//! `mcdpr fk`: the platform's pose from cable lengths.
 
 use super::super::{Common, Outcome};
 use super::lists::{ByCable, List};
@@ -20,10 +20,10 @@ pub(in super::super) struct Cmd {
         allow_negative_numbers = true
     )]
     lengths: Vec<String>,
-    /// The attitude; with --free yaw its roll and pitch, with --free all where to start
+    /// The attitude; with --free yaw its roll and pitch, with --free all the start
     #[arg(long, num_args = 3, value_names = ["RX", "RY", "RZ"], allow_hyphen_values = true)]
     attitude: Option<Vec<String>>,
-    /// What the lengths shall fix besides the position
+    /// Unknowns that the lengths determine besides the position
     #[arg(long, value_enum, value_name = "WHAT")]
     free: Option<Free>,
     /// The pose at rest under gravity; cables may go slack
@@ -68,12 +68,12 @@ struct Answer {
     position_m: [f64; 3],
     residual_m: f64,
     iterations: usize,
-    /// Where it was an unknown.
+    /// Attitude, if it was an unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     attitude_rad: Option<[f64; 3]>,
     #[serde(skip)]
     pose: Pose,
-    /// Whether nobody gave the attitude, and level was taken.
+    /// Whether no attitude was given, and level was assumed.
     #[serde(skip)]
     taken_level: bool,
 }
@@ -219,7 +219,7 @@ fn show_rest(subject: &Subject, answer: &StaticAnswer, tensions_n: &[Option<f64>
     say_rest(answer.stable, &answer.modes_hz.0);
 }
 
-/// What a cable's winch holds.
+/// The quantity that a cable's winch holds.
 pub(super) fn held_in_words(tensions_n: &[Option<f64>], index: usize) -> &'static str {
     match tensions_n.get(index) {
         Some(Some(_)) => "tension held",

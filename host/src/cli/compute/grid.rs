@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 /// Most points of a grid: some seconds of the slowest test, and 100 MB.
 const MOST_POINTS: f64 = 2e7;
 
-/// What holds at a grid point.
+/// Result at a grid point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Cell {
     /// The verdict of the statics.
@@ -57,7 +57,7 @@ impl Cell {
 /// [`ComputeError::Grid`] for a step that gives no points or too many.
 pub(super) fn over(bounds: [Vector3<f64>; 2], step_m: f64) -> Result<Grid, ComputeError> {
     let [low, high] = bounds;
-    // Rounding shall not cost the last point.
+    // Rounding must not drop the last point.
     let fitting = (high - low).map(|extent| (extent / step_m * (1.0 + 1e-12)).floor() + 1.0);
     let points = fitting.product();
     if !(step_m > 0.0 && (1.0..=MOST_POINTS).contains(&points)) {
@@ -145,13 +145,13 @@ impl Axis {
 /// Judges every point of a grid, on all cores.
 ///
 /// # Errors
-/// Those of limits and tensions that make no sense.
+/// Errors of invalid limits and tensions.
 pub(super) fn assess(
     subject: &Subject,
     question: &Question,
     grid: &Grid,
 ) -> Result<Vec<Cell>, ComputeError> {
-    // With a given attitude the mathematics asks for the platform's origin.
+    // With a given attitude the solver needs the platform's origin.
     let mut of_origin = *grid;
     if question.test != Test::Equilibrium {
         let shift = question.rotation() * question.point_m;
@@ -177,7 +177,7 @@ pub(super) fn assess(
     Ok(cells)
 }
 
-/// Which cable, if any, comes too near to something at a feasible place.
+/// The cable, if any, that comes too near to an obstacle at a feasible point.
 fn near(
     geometry: &AnyRobot,
     question: &Question,
@@ -206,7 +206,8 @@ fn near(
         return Ok(Some(Cell::CablesNear(pair.cables.map(number))));
     }
     if let Some(body) = &question.body {
-        // The end at the attachment touches by design; so does what is within the clearance of it.
+        // The end at the attachment touches by design; so does everything within the clearance of
+        // it.
         let stub_m = 2.0 * clearance_m;
         let nearest = geometry.closest_to_platform(&pose, body, stub_m)?;
         if nearest.distance_m < clearance_m {
@@ -216,7 +217,7 @@ fn near(
     Ok(None)
 }
 
-/// How often a cable is what limits.
+/// How often each cable is the limit.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 struct Limiting {
     cable: usize,
@@ -233,7 +234,7 @@ struct Pair {
     points: usize,
 }
 
-/// How many points have which verdict.
+/// Number of points per verdict.
 #[derive(Debug, Serialize)]
 pub(super) struct Counts {
     verdicts: BTreeMap<&'static str, usize>,
@@ -294,7 +295,7 @@ impl Counts {
         self.verdicts.get("feasible").copied().unwrap_or(0)
     }
 
-    /// A table for people: what is not feasible, and for which cable.
+    /// A table for users: points that are not feasible, and the limiting cable.
     pub(super) fn rows(&self) -> Vec<Vec<String>> {
         let head = ["not feasible", "points"].map(str::to_owned).to_vec();
         let mut rows = vec![head];

@@ -35,7 +35,8 @@ pub(in super::super) struct Cmd {
     /// The position is that of the tool (TCP)
     #[arg(long)]
     tool: bool,
-    /// Columns 4 to 6 of the Jacobian: by angular velocity, or by the rates of rx, ry, rz
+    /// Columns 4 to 6 of the Jacobian: with respect to angular velocity, or to the rates of rx, ry,
+    /// rz
     #[arg(long, value_enum, default_value_t = Turning::Twist, value_name = "KIND")]
     jacobian: Turning,
     /// Answer JSON lines {"position_m":[x,y,z],"attitude_rad":[rx,ry,rz]} from standard input
@@ -43,7 +44,7 @@ pub(in super::super) struct Cmd {
     batch: bool,
 }
 
-/// What the last three columns of the Jacobian are by.
+/// Variable of the last three columns of the Jacobian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Turning {
     /// Angular velocity, world frame

@@ -99,7 +99,7 @@ impl<'de> Deserialize<'de> for CableNumber {
                 match text.parse::<usize>() {
                     Ok(number @ 1..=MAX_CABLES) => Ok(CableNumber(number - 1)),
                     _ => Err(E::custom(format!(
-                        "`{text}` is no cable number: cables are counted from 1"
+                        "`{text}` is not a cable number: cables are counted from 1"
                     ))),
                 }
             }

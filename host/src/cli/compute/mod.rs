@@ -1,7 +1,7 @@
 //! `mcdpr ik`, `fk`, `statics`, `workspace`: the robot's mathematics from the command line.
 //!
-//! One file per command; besides, [`batch`] reads JSON lines, [`lists`] are lists by cable without
-//! allocation, [`slice`] draws. The mathematics is that of [`crate::compute`].
+//! One file per command; in addition [`batch`] reads JSON lines, [`lists`] are lists by cable
+//! without allocation, [`slice`] draws. The mathematics is that of [`crate::compute`].
 
 mod batch;
 pub(super) mod fk;
@@ -63,7 +63,7 @@ fn tensions_of_line(
     }))
 }
 
-/// What the command line names, or else what the robot file does.
+/// The tensions of the command line, or else those of the robot file.
 fn tensions_or_own(
     subject: &Subject,
     given: &[String],
@@ -97,7 +97,8 @@ fn triple(what: &'static str, kind: Quantity, texts: &[String]) -> Result<[f64; 
     Ok(out)
 }
 
-/// Prints one result: as JSON, or as `show` does it. With `--json`, a refusal is a document, too.
+/// Prints one result: as JSON, or by `show`. With `--json`, a refusal is printed as a document,
+/// too.
 fn conclude<A: Serialize>(
     common: &Common,
     answer: miette::Result<A>,
@@ -127,11 +128,11 @@ fn numbers(set: CableSet, count: usize) -> List<u8> {
     List(out)
 }
 
-/// Numbers for people, separated by two spaces.
+/// Numbers for display, separated by two spaces.
 fn numbers_in_words(values: impl IntoIterator<Item = f64>, factor: f64, digits: usize) -> String {
     let words = values.into_iter().map(|value| {
         let value = value * factor;
-        // A rounded -0 reads like a mistake.
+        // A rounded -0 looks like a mistake.
         let text = format!("{value:.digits$}");
         let zero = text
             .trim_start_matches('-')
@@ -146,7 +147,7 @@ fn numbers_in_words(values: impl IntoIterator<Item = f64>, factor: f64, digits: 
     words.collect::<Vec<_>>().join("  ")
 }
 
-/// Two lines that say where the platform is and how it is turned.
+/// Two lines with position and attitude of the platform.
 fn say_pose(subject: &Subject, pose: &Pose) {
     let mm = |v: Vector3<f64>| numbers_in_words(v.iter().copied(), 1e3, 4);
     say!("platform's origin, mm    {}", mm(pose.position_m));

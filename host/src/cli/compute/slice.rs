@@ -8,7 +8,7 @@ use plotters::prelude::*;
 const SIZE: (u32, u32) = (1100, 700);
 const MAP: u32 = 760;
 
-/// Hues that tell cables apart; cable 9 begins anew.
+/// Hues that distinguish cables; cable 9 begins anew.
 const CABLES: [RGBColor; 8] = [
     RGBColor(214, 69, 65),
     RGBColor(65, 105, 214),
@@ -20,7 +20,7 @@ const CABLES: [RGBColor; 8] = [
     RGBColor(90, 100, 110),
 ];
 
-/// What one colour stands for.
+/// Meaning of one colour.
 fn meaning(cell: Cell) -> (RGBColor, String) {
     let cable_color = |cable: u8, lighter: bool| {
         let index = usize::from(cable).saturating_sub(1) % CABLES.len();
@@ -57,7 +57,7 @@ fn meaning(cell: Cell) -> (RGBColor, String) {
 /// Draws one layer of a grid.
 ///
 /// # Errors
-/// What the drawing library says.
+/// The drawing library's error.
 pub(super) fn draw(title: &str, axis: Axis, grid: &Grid, cells: &[Cell]) -> Result<String, String> {
     let mut svg = String::new();
     render(title, axis, grid, cells, &mut svg)?;
@@ -91,7 +91,7 @@ fn render(
     root.present().map_err(|e| e.to_string())
 }
 
-/// Colour, meaning and number of points of everything in the picture, most first.
+/// Colour, meaning and number of points of every category in the picture, most frequent first.
 type Legend = Vec<(RGBColor, String, usize)>;
 
 fn draw_map(
@@ -104,7 +104,7 @@ fn draw_map(
     let count = |k: usize| grid.counts.get(k).copied().unwrap_or(1).max(1);
     #[expect(clippy::cast_precision_loss, reason = "small counts")]
     let step_mm = |k: usize| match count(k) {
-        // A single row of points still shall be seen.
+        // A single row of points must still be visible.
         1 => 1.0,
         n => (grid.max_m[k] - grid.min_m[k]) * 1e3 / (n - 1) as f64,
     };

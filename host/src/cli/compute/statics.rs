@@ -1,4 +1,4 @@
-//! `mcdpr statics`: how the platform hangs at a place, and with which tensions.
+//! `mcdpr statics`: attitude, lengths and tensions of the platform at a position.
 
 use super::super::table::lay_out;
 use super::super::{Common, Outcome, write_out};
@@ -11,7 +11,8 @@ use mcdpr_kinematics::{CableMaterial, CableVec, Correction, GRAVITY_MPS2, Pose, 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// Attitude, lengths and tensions at equilibrium, for a place and the tension-held cables' tensions
+/// Attitude, lengths and tensions at equilibrium, for a position and the tension-held cables'
+/// tensions
 #[derive(Debug, clap::Args)]
 #[command(after_help = UNITS)]
 pub(in super::super) struct Cmd {
@@ -30,11 +31,11 @@ pub(in super::super) struct Cmd {
     /// The position is that of the tool (TCP)
     #[arg(long)]
     tool: bool,
-    /// The attitude, where six or more length-held cables let it be chosen; level if left out
+    /// The attitude, if six or more length-held cables allow a choice; level if left out
     #[arg(long, num_args = 3, value_names = ["RX", "RY", "RZ"], allow_hyphen_values = true)]
     attitude: Option<Vec<String>>,
-    /// Also say what to pay out: corrected for stretch (EA and routing of the robot file), or for
-    /// stretch and sag, with the size of each correction
+    /// Also compute the length to pay out: corrected for stretch (EA and routing of the robot
+    /// file), or for stretch and sag, with the size of each correction
     #[arg(long, value_name = "CORRECTION")]
     correct: Option<Corrections>,
     /// Weight of the cable for the sag, in grams per metre
@@ -45,7 +46,7 @@ pub(in super::super) struct Cmd {
     batch: bool,
 }
 
-/// What `--correct` can be.
+/// Values of `--correct`.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum Corrections {
     /// Stretch under tension, routing included
@@ -66,7 +67,7 @@ impl From<Corrections> for Correction {
     }
 }
 
-/// Lengths to pay out, and what the corrections contribute, cable by cable, m.
+/// Lengths to pay out, and the contributions of the corrections, cable by cable, m.
 #[derive(Debug, Serialize)]
 struct Corrected {
     unstretched_m: List<f64>,
@@ -143,7 +144,7 @@ impl Cmd {
 }
 
 impl Cmd {
-    /// What `--correct` asks for, at the pose and the tensions of the answer.
+    /// The correction requested by `--correct`, at the pose and the tensions of the answer.
     fn corrected(
         &self,
         subject: &Subject,
@@ -179,7 +180,7 @@ impl Cmd {
     }
 }
 
-/// The answer for a place.
+/// The answer for a position.
 fn solve(
     subject: &Subject,
     place_m: &Vector3<f64>,
@@ -217,7 +218,7 @@ fn show(subject: &Subject, answer: &Answer, tensions_n: &[Option<f64>]) {
     }
 }
 
-/// What to pay out and why it differs from the geometric length.
+/// The length to pay out, and why it differs from the geometric length.
 fn say_corrected(corrected: &Corrected) {
     let head = ["cable", "to pay out, mm", "stretch, mm", "sag, mm"];
     let mut rows = vec![head.map(str::to_owned).to_vec()];

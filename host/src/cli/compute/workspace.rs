@@ -1,4 +1,4 @@
-//! `mcdpr workspace`: where the robot can be.
+//! `mcdpr workspace`: the robot's workspace.
 
 use super::super::table::lay_out;
 use super::super::{Common, Failed, Outcome, write_out};
@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Where the robot can be: feasible places on a grid over its box, and what limits them
+/// The robot's workspace: feasible positions on a grid over its box, and what limits them
 #[derive(Debug, clap::Args)]
 #[command(after_help = UNITS)]
 pub(in super::super) struct Cmd {
@@ -24,7 +24,7 @@ pub(in super::super) struct Cmd {
         allow_hyphen_values = true
     )]
     step: String,
-    /// What a feasible place is; equilibrium for three length-held cables, else wrench
+    /// Criterion of a feasible position; equilibrium for three length-held cables, else wrench
     #[arg(long, value_enum, value_name = "TEST")]
     test: Option<Test>,
     /// This cable is held at this tension; without any: those of the robot file at its set-point
@@ -33,16 +33,16 @@ pub(in super::super) struct Cmd {
     /// The attitude for wrench and forces; level if left out
     #[arg(long, num_args = 3, value_names = ["RX", "RY", "RZ"], allow_hyphen_values = true)]
     attitude: Option<Vec<String>>,
-    /// Places are those of the platform's origin, not of the tool
+    /// Positions are those of the platform's origin, not of the tool
     #[arg(long)]
     origin: bool,
     /// Draw a slice (SVG) and write it as a table (CSV); may be repeated
     #[arg(long = "slice", value_name = "AXIS=PLACE")]
     slices: Vec<String>,
-    /// Folder for the slices' files, in place of runs/DATE-TIME-workspace
+    /// Folder for the slices' files, instead of runs/DATE-TIME-workspace
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Places where two cables, or a cable and the platform, come nearer than this do not count
+    /// Positions where two cables, or a cable and the platform, come nearer than this do not count
     #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     clearance: Option<String>,
     /// Edges of the platform's body, a box about its centre of mass, for --clearance
@@ -50,11 +50,11 @@ pub(in super::super) struct Cmd {
     body: Option<Vec<String>>,
 }
 
-/// What makes a place feasible.
+/// Criterion of a feasible position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Test {
-    /// It hangs there stably, tensions and tilt within their limits
+    /// The platform hangs there stably, tensions and tilt within their limits
     Equilibrium,
     /// Tensions within their limits balance force and moment of gravity
     Wrench,
@@ -62,7 +62,7 @@ pub(super) enum Test {
     Forces,
 }
 
-/// Everything that a place is judged by, SI.
+/// All inputs of the test, SI.
 pub(super) struct Question {
     pub(super) test: Test,
     pub(super) tensions_n: CableVec<Option<f64>>,
@@ -70,7 +70,7 @@ pub(super) struct Question {
     max_n: CableVec<f64>,
     tilt_max_rad: f64,
     attitude_rad: [f64; 3],
-    /// The point whose places are asked for, platform frame, m.
+    /// The point whose positions are tested, platform frame, m.
     pub(super) point_m: Vector3<f64>,
     pub(super) clearance_m: Option<f64>,
     pub(super) body: Option<PlatformBox>,
@@ -177,7 +177,7 @@ impl Cmd {
             3 => Test::Equilibrium,
             _ => Test::Wrench,
         });
-        // Cables in one plane balance no force across it: every place would be refused, or none.
+        // Cables in one plane balance no force across it: every position would be refused, or none.
         if subject.planar {
             return Err(subject.refused(mcdpr_kinematics::Error::TooFewCables {
                 solver: mcdpr_kinematics::Solver::TensionDistribution,
@@ -216,7 +216,7 @@ impl Cmd {
             })
         });
         let limits = &subject.robot.limits;
-        // Where the test does not take given tensions, they are pinned by the limits.
+        // A test that does not take given tensions gets them as limits.
         let pinned = test != Test::Equilibrium && !self.tensions.is_empty();
         let bound = |limit: f64| {
             CableVec::from_fn(subject.count(), |i| {

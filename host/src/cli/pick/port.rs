@@ -17,7 +17,7 @@ use crate::run::{RunError, new_session, watch_for_interrupts};
 use mcdpr_simulator::camera::Tray;
 use mcdpr_vision::Source;
 
-/// Nothing in the world waits for being told.
+/// There is no simulated surrounding to notify.
 struct Nobody;
 
 impl Watcher for Nobody {
@@ -85,7 +85,7 @@ impl Cmd {
                     arm.finish()?;
                     Ok(report)
                 }
-                // What came over the line has stopped the robot already.
+                // An error of the line has stopped the robot already.
                 Err(error @ PickError::Run(_)) => Err(error),
                 Err(error) => {
                     arm.finish()?;
@@ -119,7 +119,7 @@ impl Cmd {
         Ok(())
     }
 
-    /// The task at the place where the tray stands (docs/picking.md).
+    /// The task at the tray's position (docs/picking.md).
     fn options(&self, model: &Model) -> Result<Options, PickError> {
         let mut options = if self.task == "paper" {
             workcell::paper(model)?.1

@@ -1,4 +1,4 @@
-//! What the simulated robot's camera sees, written into a folder for another program.
+//! Writes the pictures of the simulated robot's camera into a folder for another program.
 
 use crate::cli::Failed;
 use crate::link::SimulatedLink;
@@ -16,17 +16,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Time between two looks for a request.
+/// Polling interval for a request.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// One picture to be made: when it was taken, from where, and what was there.
+/// One picture to be made: its time, camera pose, and scene.
 struct Job {
     taken_s: f64,
     platform: Place,
     cell: Option<Cell>,
 }
 
-/// The camera: pictures are made on a thread of their own, for the robot's time must go on.
+/// The camera: pictures are rendered on a separate thread, because the robot's time must continue.
 pub(in crate::cli) struct Eye {
     wanted: Arc<AtomicBool>,
     jobs: Sender<Job>,
@@ -34,7 +34,7 @@ pub(in crate::cli) struct Eye {
     thread: JoinHandle<()>,
 }
 
-/// What makes a picture of a job.
+/// Renderer of a job.
 enum Lens {
     /// Tags on the floor.
     Tags(Box<SceneCamera>),
@@ -42,16 +42,16 @@ enum Lens {
     Tray(Box<Rgbd>, u64),
 }
 
-/// What lies under the robot.
+/// The scene below the robot.
 pub(in crate::cli) struct Below {
     /// Objects in a tray on printed tags; else the robot's tags on the floor.
     pub(in crate::cli) objects: Option<usize>,
-    /// Whether the camera is where the robot file has it.
+    /// Whether the camera's pose is as in the robot file.
     pub(in crate::cli) ideal: bool,
 }
 
 impl Eye {
-    /// Puts tags or a tray under a robot and writes what its camera sees into a folder.
+    /// Puts tags or a tray under a robot and writes its camera's pictures into a folder.
     ///
     /// # Errors
     /// A folder that cannot be written; a robot without gripper or depth camera, for a tray.
@@ -109,7 +109,7 @@ impl Eye {
                 }
             }
         };
-        // One thread for pictures: the robot in front of them keeps real time.
+        // One thread for pictures: the robot keeps real time.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
         let pool = pool.map_err(Failed::from_error("a thread for pictures"))?;
         let thread = std::thread::Builder::new().name("pictures".to_owned());
@@ -124,23 +124,23 @@ impl Eye {
         })
     }
 
-    /// Takes the picture that was asked for, if one was.
+    /// Takes the requested picture, if there is a request.
     ///
     /// # Errors
-    /// What ended the camera.
+    /// The error that ended the camera.
     pub(in crate::cli) fn look(&self, link: &SimulatedLink) -> Result<(), Failed> {
         if self.wanted.swap(false, Ordering::AcqRel) {
             let seen = link.with(|simulation| {
                 let platform = Place::from(simulation.plant().truth()?.pose);
                 let cell = simulation.cell_mut().map(|cell| {
-                    // What the jaws hold hangs where they are now.
+                    // A held object hangs at the present position of the jaws.
                     cell.update(&platform);
                     cell.clone()
                 });
                 Ok::<_, mcdpr_simulator::plant::PlantError>((platform, cell))
             });
             let (platform, cell) = seen.map_err(Failed::from_error("taking a picture"))?;
-            // A thread that has ended says why below.
+            // The reason for the end of the thread is reported below.
             let _ = self.jobs.send(Job {
                 taken_s: now_s(),
                 platform,
@@ -158,7 +158,7 @@ impl Eye {
     }
 }
 
-/// Makes pictures and writes them.
+/// Renders pictures and writes them.
 struct Maker {
     lens: Lens,
     writer: LiveWriter,
@@ -195,7 +195,7 @@ impl Maker {
     }
 }
 
-/// The unit that the simulated depth camera measures in, m.
+/// The unit of the simulated depth camera, m.
 const UNIT_M: f64 = 1e-4;
 
 fn tags(scene: Scene, seed: u64) -> (Lens, Cameras, f64) {

@@ -15,7 +15,7 @@ pub(crate) struct Cmd {
     seeds: u64,
 }
 
-/// A figure's name, its key and unit, and where it is found.
+/// A figure's name, its key and unit, and its source.
 type Figure = (&'static str, &'static str, fn(&Figures) -> Option<f64>);
 
 const FIGURES: [Figure; 5] = [

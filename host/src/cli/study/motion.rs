@@ -1,4 +1,4 @@
-//! `mcdpr study motion`: where the tool comes to, and how it swings.
+//! `mcdpr study motion`: accuracy and swing of the tool.
 
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
@@ -6,7 +6,7 @@ use crate::motion::{Planner, Shaping};
 use crate::study::motion::{self, Job, Known, Row};
 use mcdpr_protocol::frame::crc32;
 
-/// How exactly the tool goes where it should, and how much it swings
+/// Accuracy of the tool's position, and its swing
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Seeds per case

@@ -7,12 +7,12 @@ use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use std::path::PathBuf;
 
-/// How well a calibration from one session predicts readings that it has not seen
+/// How well a calibration from one session predicts readings that it has not used
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Samples as JSON: version 1 or 2 of the project's format, or source/robot/sensors/samples
     file: PathBuf,
-    /// The session to learn from; every third of its samples is left out
+    /// The session for the estimate; every third of its samples is left out
     #[arg(long, value_name = "SESSION")]
     train: String,
 }

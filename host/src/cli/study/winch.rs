@@ -5,8 +5,8 @@ use crate::cli::{Common, Outcome, print_json, write_out};
 use crate::robot::Robot;
 use crate::tension::winch_study::{FIGURES, FRICTION_N, contenders, spread, study};
 
-/// The tension loop on machines drawn over the range of friction, gear efficiency and play that
-/// winches have: medians and 95th percentiles, the paper's law beside the default, and by friction
+/// The tension loop on machines drawn over the typical range of friction, gear efficiency and play:
+/// medians and 95th percentiles, the paper's law beside the default, and by friction
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Machines
@@ -18,7 +18,7 @@ pub(crate) struct Cmd {
     seed: u64,
 }
 
-/// Machines are told apart by their friction, N.
+/// Limits of the groups by friction, N.
 const BINS_N: [[f64; 2]; 4] = [[1.0, 3.0], [3.0, 10.0], [10.0, 20.0], [20.0, 31.0]];
 
 impl Cmd {

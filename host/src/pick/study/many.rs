@@ -1,4 +1,4 @@
-//! Many scenes, kept one by one: a study of hours must not begin again when something ends it.
+//! Many scenes, saved one by one, so that an interrupted study of hours can continue.
 
 use super::{Knowledge, Line, SceneReport, Tally, Wanted, scene};
 use crate::pick::PickError;
@@ -17,18 +17,18 @@ use std::sync::{Mutex, PoisonError, mpsc};
 pub struct Study {
     /// Scenes with each knowledge of the machine.
     pub scenes: usize,
-    /// What the program knows.
+    /// The program's knowledge.
     pub knowledges: Vec<Knowledge>,
     /// Seed of the first scene.
     pub first_seed: u64,
     /// Whether the jaws turn about the tool's axis.
     pub turns: bool,
-    /// Whether a choice is looked at again from nearby.
+    /// Whether a chosen grasp is looked at again from nearby.
     pub near: bool,
-    /// Whether the tray's floor is covered with printed tags to see by.
+    /// Whether the tray's floor is covered with printed tags for localisation.
     pub mat: bool,
-    /// Where each scene is added when it is done. What the same program has put there before of the
-    /// same robot in the same way is not picked again.
+    /// File to which each scene is added when it is done. Scenes that the same program has already
+    /// added for the same robot and options are not picked again.
     pub keep: Option<PathBuf>,
 }
 
@@ -37,12 +37,12 @@ pub struct Study {
 struct Kept {
     how: How,
     tally: Tally,
-    /// The whole of it, for those who ask why.
+    /// The complete result, for later analysis.
     #[serde(default, skip_deserializing)]
     scene: Option<SceneReport>,
 }
 
-/// What a kept scene must have in common with the study.
+/// Conditions that a saved scene must share with the study.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 struct How {
     /// CRC-32 of the program's own file.
@@ -55,11 +55,11 @@ struct How {
 }
 
 impl Study {
-    /// Picks the scenes that are not kept yet, and sums all of them up. `progress` sees every scene
-    /// that was picked, and all that are done.
+    /// Picks the scenes that are not saved yet, and sums all of them up. `progress` is called for
+    /// every scene that was picked, with all that are done.
     ///
     /// # Errors
-    /// [`PickError::Kept`] where the file cannot be read or written. A scene that stops is none.
+    /// [`PickError::Kept`] if the file cannot be read or written. A stopped scene is not an error.
     pub fn run(
         &self,
         robot: &Robot,
@@ -89,8 +89,8 @@ impl Study {
             for _ in 0..threads {
                 let (send, jobs) = (send.clone(), &jobs);
                 scope.spawn(move || {
-                    // Pictures are made by the scene's own thread: in a pool that all scenes share,
-                    // one that waits for its picture would begin another's whole scene.
+                    // Pictures are rendered by the scene's own thread: in a pool that all scenes
+                    // share, a thread that waits for its picture would begin another whole scene.
                     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
                     loop {
                         let mut left = jobs.lock().unwrap_or_else(PoisonError::into_inner);
@@ -118,7 +118,7 @@ impl Study {
                     file.write_all(&line)
                 });
                 if let Err(error) = added {
-                    // What runs ends with its scene; nothing else begins.
+                    // Running scenes are completed; no other begins.
                     jobs.lock().unwrap_or_else(PoisonError::into_inner).clear();
                     return Err(self.failed(&error));
                 }
@@ -156,7 +156,7 @@ impl Study {
             paper: false,
             mat: self.mat,
         };
-        // Both orders side by side, so that a part of the study already tells of both.
+        // Both arrangements alternate, so that a part of the study already covers both.
         let mut numbers: Vec<usize> = (0..self.scenes).collect();
         numbers.sort_by_key(|&number| {
             if number < separate {
@@ -172,7 +172,7 @@ impl Study {
             .collect()
     }
 
-    /// The file to go on with, and what is in it of this study.
+    /// The file to continue, and its scenes of this study.
     fn kept(&self, how: &How) -> Result<(Option<File>, Vec<Tally>), PickError> {
         let Some(path) = &self.keep else {
             return Ok((None, Vec::new()));
@@ -194,11 +194,12 @@ impl Study {
                     "it has {MOST_KEPT_BYTES} bytes or more"
                 )));
             }
-            // A line that an end cut short is taken off; whatever else stands there is not ours.
+            // A line that was cut short by an interruption is removed; any other content is not
+            // ours.
             let whole = text.rfind('\n').map_or(0, |at| at + 1);
             let cut = &text[whole..];
             if !cut.starts_with(LINE_BEGINS) && !LINE_BEGINS.starts_with(cut) {
-                return Err(std::io::Error::other("its last line is no kept scene"));
+                return Err(std::io::Error::other("its last line is not a kept scene"));
             }
             let mut tallies = Vec::new();
             for line in text[..whole].lines() {
@@ -223,12 +224,12 @@ impl Study {
     }
 }
 
-/// How every line of a kept file begins, as [`Kept`] is written.
+/// Beginning of every line of a saved file, as [`Kept`] is written.
 const LINE_BEGINS: &str = "{\"how\":";
-/// Most bytes of a kept file: some 100,000 scenes.
+/// Most bytes of a saved file: about 100,000 scenes.
 const MOST_KEPT_BYTES: u64 = 1 << 30;
 
-/// CRC-32 of the program's own file: another build may pick another way.
+/// CRC-32 of the program's own file: another build may pick differently.
 fn program_crc() -> u32 {
     let file = std::env::current_exe().and_then(std::fs::read);
     file.map_or(0, |bytes| mcdpr_protocol::frame::crc32(&bytes))
@@ -300,7 +301,7 @@ mod tests {
         assert_eq!(tallies.len(), 1);
         assert_eq!((tallies[0].seed, tallies[0].attempts), (7, 4));
         assert_eq!(std::fs::read_to_string(&path).unwrap(), whole);
-        // A file of something else is refused, and stays as it is.
+        // A file of another kind is refused, and not changed.
         for other in ["no study\n", "no study", "{\"a\": 1}"] {
             std::fs::write(&path, other).unwrap();
             let error = study.kept(&how).unwrap_err().to_string();

@@ -1,17 +1,17 @@
-//! What many scenes came to.
+//! Summary of many scenes.
 
 use super::{Knowledge, SceneReport};
 use crate::pick::{End, Outcome, PickError};
 use serde::{Deserialize, Serialize};
 
-/// What a study keeps of one scene.
+/// A study's record of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
     /// The scene's seed.
     pub seed: u64,
-    /// How objects lie.
+    /// Arrangement of the objects.
     pub cluttered: bool,
-    /// What the program knows.
+    /// The program's knowledge.
     pub knowledge: Knowledge,
     /// Objects at first.
     pub objects: usize,
@@ -32,7 +32,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Of a scene that was picked, or of one that the robot stopped in.
+    /// From a scene that was picked, or from one in which the robot stopped.
     #[must_use]
     pub fn new(
         (seed, cluttered, knowledge): (u64, bool, Knowledge),
@@ -120,7 +120,7 @@ pub struct Figures {
     pub error_median_m: f64,
     /// Grasp point error, 95th percentile, m.
     pub error_p95_m: f64,
-    /// Scenes that a stop of the robot ended.
+    /// Scenes that were ended by a stop of the robot.
     pub stopped: usize,
 }
 
@@ -167,21 +167,21 @@ impl Figures {
     }
 }
 
-/// One line of a study: scenes of one order with one knowledge of the machine.
+/// One line of a study: scenes of one arrangement with one knowledge of the machine.
 #[derive(Debug, Clone, Serialize)]
 pub struct Line {
-    /// How objects lie.
+    /// Arrangement of the objects.
     pub cluttered: bool,
-    /// What the program knows.
+    /// The program's knowledge.
     pub knowledge: Knowledge,
-    /// What came of it.
+    /// Its results.
     pub figures: Figures,
     /// Every failed attempt with its scene's seed, in words, and every stop.
     pub failures: Vec<String>,
 }
 
 impl Line {
-    /// The scenes of one order and one knowledge among others.
+    /// The scenes of one arrangement and one knowledge among others.
     #[must_use]
     pub fn of(tallies: &[Tally], cluttered: bool, knowledge: Knowledge) -> Self {
         let mut of: Vec<&Tally> = tallies

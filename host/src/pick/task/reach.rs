@@ -1,4 +1,4 @@
-//! Going where the mat and the lengths say that the tool is there.
+//! Moving the tool to a position by the mat and the lengths.
 
 use super::Picker;
 use crate::link::Link;
@@ -8,12 +8,12 @@ use crate::pick::mat::MatSight;
 use mcdpr_vision::RgbImage;
 use nalgebra::{Isometry3, Vector3};
 
-/// Closer than this is there, m.
+/// A smaller distance counts as reached, m.
 const REACHED_M: f64 = 2e-4;
-/// What is off by more is not corrected, m.
+/// A larger deviation is not corrected, m.
 const CORRECTED_MAX_M: f64 = 0.025;
 
-/// Where the platform was when a picture was taken, by the mat in it.
+/// Pose of the platform when a picture was taken, by the mat in it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ByMat {
     pub world_from_platform: Isometry3<f64>,
@@ -21,8 +21,9 @@ pub(super) struct ByMat {
 }
 
 impl<L: Link> Picker<'_, L> {
-    /// The platform's place when a picture was taken, by the mat in it. The first picture also tells
-    /// where the mat is: what `by_lengths` is off by is then the same everywhere, and harmless.
+    /// The platform's pose when a picture was taken, by the mat in it. The first picture also
+    /// determines the mat's pose: the error of `by_lengths` is then the same everywhere, and
+    /// harmless.
     pub(super) fn platform_by_mat(
         &mut self,
         picture: &RgbImage,
@@ -47,8 +48,7 @@ impl<L: Link> Picker<'_, L> {
         }))
     }
 
-    /// Where the tool hangs: by the mat, or by lengths and tensions and what the mat last said of
-    /// those.
+    /// Tool position: by the mat, or by lengths and tensions with the last correction from the mat.
     fn tool_m(&mut self) -> Result<Vector3<f64>, PickError> {
         let rest = self.arm.state()?;
         let by_lengths = self.arm.model().tool_m(&rest);
@@ -66,16 +66,17 @@ impl<L: Link> Picker<'_, L> {
         Ok(by_lengths + self.seen_off_m)
     }
 
-    /// Moves the tool to a place and then, by where it is seen or measured to hang, until it is
-    /// there within a tolerance or `tries` corrections are made. What a correction has learned
-    /// holds for the places after it, up to the next attempt. Gives what is left, m.
+    /// Moves the tool to a position and corrects it by its observed or measured position, until it
+    /// is within a tolerance or `tries` corrections are made. Learnt corrections apply to later
+    /// positions, up to the next attempt. Returns the remaining distance, m.
     pub(super) fn reach(&mut self, place_m: &Vector3<f64>, tries: usize) -> Result<f64, PickError> {
         self.arm.go(&[place_m + self.bias_m])?;
         let mut left_m = f64::INFINITY;
         for _ in 0..tries {
             let off = place_m - self.tool_m()?;
             left_m = off.norm();
-            // A way that long is no friction: something else is wrong, and not made up for.
+            // Such a large deviation is not friction: something else is wrong, and is not
+            // compensated.
             if !(REACHED_M..CORRECTED_MAX_M).contains(&left_m) {
                 break;
             }

@@ -1,4 +1,4 @@
-//! One picture of the tray: where it was taken from, and what can be taken in it.
+//! One picture of the tray: the camera's pose, and the grasps in it.
 
 use super::Picker;
 use crate::link::Link;
@@ -12,19 +12,19 @@ use mcdpr_vision::{Aligned, align};
 use nalgebra::{Isometry3, Vector2, Vector3};
 use std::sync::Arc;
 
-/// Distances that differ by this share from what the mat says are of another unit or another camera.
+/// Distances that differ by this share from the mat's indicate another unit or another camera.
 const SCALE_MAX: f64 = 0.1;
 
-/// What a picture of the tray holds.
+/// Content of a picture of the tray.
 pub(super) enum Viewed {
-    /// Grasps: how many there are, and those that the robot can do.
+    /// Grasps: their number, and the executable ones.
     Grasps { count: usize, choices: Choices },
     /// None, for this reason.
     Nothing(NoGrasp),
 }
 
 impl<L: Link> Picker<'_, L> {
-    /// Takes one picture: how many grasps are in it, and those that the robot can do.
+    /// Takes one picture: number of grasps in it, and the executable ones.
     pub(super) fn view(
         &mut self,
         probe: &mut Option<[f64; 3]>,
@@ -105,7 +105,7 @@ impl<L: Link> Picker<'_, L> {
     }
 }
 
-/// Whether the depth camera has the ground where the colour camera has the mat that lies on it.
+/// Checks that the depth camera's ground agrees with the colour camera's mat that lies on it.
 fn agree(camera_from_map: &Isometry3<f64>, mat: &MatSight) -> Result<(), PickError> {
     // The map's origin lies on the camera's axis.
     let (depth_m, mat_m) = (camera_from_map.translation.z, mat.ahead_m());
@@ -115,8 +115,8 @@ fn agree(camera_from_map: &Isometry3<f64>, mat: &MatSight) -> Result<(), PickErr
     Err(PickError::Distances { depth_m, mat_m })
 }
 
-/// Place of a pixel in the world (Eqs. 45 and 48): its direction times its distance, through the
-/// camera's place. `None` where it has no distance.
+/// Position of a pixel in the world (Eqs. 45 and 48): its direction times its distance, through the
+/// camera's pose. `None` if it has no distance.
 fn seen_at(
     picture: &Aligned,
     world_from_camera: &Isometry3<f64>,
@@ -148,7 +148,7 @@ mod tests {
         let ground = |z_m: f64| Isometry3::translation(0.0, 0.0, z_m);
         let at_m = mat.ahead_m();
         assert!(agree(&ground(at_m * 1.02), &mat).is_ok());
-        // Millimetres for tenths of them, and inches.
+        // Millimetres instead of tenths of them, and inches.
         for wrong in [10.0, 0.1, 1.27] {
             let error = agree(&ground(at_m * wrong), &mat).unwrap_err();
             assert!(error.to_string().contains("unit"), "{error}");

@@ -1,9 +1,9 @@
-//! The MCAP container (version 0, `mcap.dev/spec`): as much of it as a run needs, its
-//! chunks packed by LZ4.
+//! The MCAP container (version 0, `mcap.dev/spec`): only the parts that a run needs, with chunks
+//! compressed by LZ4.
 //!
-//! Own code, because the published crate brings three procedural-macro stacks into the first build
-//! and hides when a chunk reaches the disk, which is what "readable after a crash" is about. That
-//! other readers open these files is tested with the reference reader for Python.
+//! Own code, because the published crate adds three procedural-macro stacks to the first build and
+//! does not control when a chunk reaches the disk, which is needed to be "readable after a crash".
+//! The reference reader for Python is used to test that other readers open these files.
 
 mod read;
 mod write;
@@ -17,7 +17,7 @@ const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
 
 /// The name of the packing in a chunk.
 const LZ4: &str = "lz4";
-/// Most bytes that a packed chunk may have unpacked: far more than a writer gathers.
+/// Most bytes of an uncompressed chunk: far more than a writer collects.
 const MOST_CHUNK_BYTES: u64 = 64 << 20;
 
 /// Kinds of records.

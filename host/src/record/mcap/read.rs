@@ -11,11 +11,11 @@ use thiserror::Error;
 pub struct Message {
     /// Number of its channel.
     pub channel: u16,
-    /// Its number, as its writer counts.
+    /// Its number, as counted by its writer.
     pub sequence: u32,
-    /// When, ns.
+    /// Its time, ns.
     pub log_time_ns: u64,
-    /// What.
+    /// Its content.
     pub data: Vec<u8>,
 }
 
@@ -28,23 +28,23 @@ pub struct Attachment {
     pub data: Vec<u8>,
 }
 
-/// What is wrong with a file that was read all the same.
+/// Damage of a file that was read all the same.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Damage {
-    /// It ends in the middle: whoever wrote it did not finish.
+    /// It is truncated: its writer did not finish.
     Truncated {
         /// Where the last whole record ends.
         at: u64,
     },
-    /// A chunk's or an attachment's bytes do not fit their checksum, or a record has no sense;
-    /// what is in it is left out.
+    /// A chunk or an attachment does not match its checksum, or a record is invalid; its content is
+    /// left out.
     Corrupt {
         /// Where the record starts.
         at: u64,
     },
 }
 
-/// All that a file holds.
+/// Content of a file.
 #[derive(Debug, Clone, Default)]
 pub struct Contents {
     /// Topic of each channel.
@@ -55,7 +55,7 @@ pub struct Contents {
     pub attachments: Vec<Attachment>,
     /// Tables of names and values.
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
-    /// The first thing that is wrong.
+    /// The first damage.
     pub damage: Option<Damage>,
 }
 
@@ -77,13 +77,13 @@ impl Contents {
 /// Why a file cannot be read at all.
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum ReadError {
-    /// It is something else.
-    #[error("this is no MCAP file: it does not start as one")]
+    /// It is not an MCAP file.
+    #[error("this is not an MCAP file: it does not start like one")]
     Magic,
-    /// Its chunks are packed in a way that this reader does not know.
+    /// Its chunks use an unknown compression.
     #[error("its chunks are compressed ({how}), which this program does not read")]
     Compressed {
-        /// How.
+        /// The compression.
         how: String,
     },
 }
@@ -173,7 +173,7 @@ pub fn read(bytes: &[u8]) -> Result<Contents, ReadError> {
     }
 }
 
-/// A record that may stand in a chunk or outside.
+/// A record that may be in a chunk or outside.
 fn plain(kind: u8, body: &[u8], contents: &mut Contents) -> Option<()> {
     let mut fields = Fields(body);
     match kind {
@@ -195,13 +195,13 @@ fn plain(kind: u8, body: &[u8], contents: &mut Contents) -> Option<()> {
                 data: fields.0.to_vec(),
             });
         }
-        // Headers, indexes and what later versions add are not needed to read front to back.
+        // Headers, indexes and additions of later versions are not needed to read front to back.
         _ => {}
     }
     Some(())
 }
 
-/// The records of a packed chunk, if it has as many bytes as it says and no more than a chunk has.
+/// The records of a compressed chunk, if its size is as stated and within the limit.
 fn unpack(stored: &[u8], size: u64) -> Option<Vec<u8>> {
     if size > MOST_CHUNK_BYTES {
         return None;

@@ -9,7 +9,7 @@ use std::io::{self, Write};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ChannelId(pub u16);
 
-/// Where something is in the file: offset and length.
+/// Position in the file: offset and length.
 type Span = (u64, u64);
 
 struct ChunkEntry {
@@ -29,8 +29,8 @@ fn pack(records: &[u8]) -> io::Result<Vec<u8>> {
     encoder.finish().map_err(io::Error::other)
 }
 
-/// Writes one file. Messages gather in a chunk; a chunk is written when it is full, by
-/// [`Writer::flush`] and at the end. Whatever was flushed can be read though the rest is missing.
+/// Writes one file. Messages are collected in a chunk; a chunk is written when it is full, by
+/// [`Writer::flush`] and at the end. Flushed data can be read even if the rest is missing.
 pub(crate) struct Writer<W: Write> {
     out: W,
     offset: u64,
@@ -118,7 +118,7 @@ impl<W: Write> Writer<W> {
         Ok((start, self.offset - start))
     }
 
-    /// Declares a schema and gives its number.
+    /// Declares a schema and returns its number.
     ///
     /// # Errors
     /// The system's.
@@ -154,7 +154,7 @@ impl<W: Write> Writer<W> {
         Ok(ChannelId(id))
     }
 
-    /// Adds a message to the chunk under way.
+    /// Adds a message to the current chunk.
     ///
     /// # Errors
     /// The system's.
@@ -228,12 +228,12 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Bytes that no chunk holds yet.
+    /// Bytes that are not in a written chunk yet.
     pub fn pending(&self) -> usize {
         self.chunk.len()
     }
 
-    /// Writes what has gathered.
+    /// Writes the collected data.
     ///
     /// # Errors
     /// The system's.
@@ -242,7 +242,7 @@ impl<W: Write> Writer<W> {
         self.out.flush()
     }
 
-    /// What the file is written to.
+    /// The underlying writer.
     pub fn get_ref(&self) -> &W {
         &self.out
     }
@@ -289,7 +289,7 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Writes the rest and the summary by which readers find their way.
+    /// Writes the rest and the summary for readers.
     ///
     /// # Errors
     /// The system's.

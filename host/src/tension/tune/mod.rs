@@ -1,9 +1,9 @@
-//! Tuning of the tension loop: steps of the set-point, a model fitted to the answer, gains with
+//! Tuning of the tension loop: steps of the set-point, a model fitted to the response, gains with
 //! stated margins.
 //!
-//! The model is the drum on its cable to a platform that swings, with the motor's force a factor
-//! off and late. All of it is simulated in closed loop with the law that ran, and its parameters
-//! are those that meet the measured tension best.
+//! The model is the drum on its cable to a swinging platform, with a gain error and a delay of the
+//! motor's force. It is simulated in closed loop with the active law, and its parameters are fitted
+//! to the measured tension.
 
 mod model;
 mod simplex;
@@ -17,7 +17,7 @@ use crate::run::RunError;
 use miette::Diagnostic;
 use thiserror::Error;
 
-/// One measured answer: asked and measured tension, a sample a millisecond, N.
+/// One measured response: requested and measured tension, one sample per millisecond, N.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
 pub struct Answer {
     /// Asked, N.
@@ -26,12 +26,12 @@ pub struct Answer {
     pub measured_n: Vec<f64>,
 }
 
-/// What was identified.
+/// The identified parameters.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct Identified {
-    /// Force at the cable over the force that was asked for.
+    /// Force at the cable over the requested force.
     pub gain: f64,
-    /// Time from a demand to its force, bus, drive and all, s.
+    /// Time from a demand to its force, bus and drive included, s.
     pub delay_s: f64,
     /// Coulomb friction, N.
     pub friction_n: f64,
@@ -39,29 +39,29 @@ pub(crate) struct Identified {
     pub stiffness_n_per_m: f64,
     /// Mass of drum and rotor at the cable, kg: the robot file's.
     pub mass_kg: f64,
-    /// What the platform weighs at the cable's far end, along it, kg.
+    /// Effective mass of the platform at the cable's far end, along it, kg.
     pub far_mass_kg: f64,
-    /// How fast the platform swings there, Hz.
+    /// Frequency of the platform's swing there, Hz.
     pub swing_hz: f64,
     /// Resonance of drum and cable, Hz.
     pub resonance_hz: f64,
-    /// Share of the answer's variance that the model explains.
+    /// Share of the response's variance that the model explains.
     pub explained: f64,
 }
 
-/// How far gains are from instability on the identified model, friction left out.
+/// Distance of gains from instability on the identified model, without friction.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Margins {
-    /// Factor on all gains that the loop stands, at most 10.
+    /// Greatest stable factor on all gains, at most 10.
     pub gain: f64,
-    /// Delay that it stands beyond the identified one, s, at most 20 ms.
+    /// Greatest stable delay beyond the identified one, s, at most 20 ms.
     pub delay_s: f64,
 }
 
-/// Why there are no gains.
+/// Why tuning failed.
 #[derive(Debug, Error, Diagnostic)]
 pub(crate) enum TuneError {
-    /// The answer is no answer.
+    /// The response is not credible.
     #[error("the step response is not credible: {what}; nothing was changed")]
     #[diagnostic(
         code(mcdpr::tune::response),
@@ -70,10 +70,10 @@ pub(crate) enum TuneError {
         )
     )]
     Response {
-        /// How it shows.
+        /// The symptom.
         what: String,
     },
-    /// Gains that are no gains.
+    /// Invalid gains.
     #[error("{name} is {value}: gains are finite and not negative; nothing was changed")]
     #[diagnostic(code(mcdpr::tune::gains))]
     Gains {
@@ -82,7 +82,7 @@ pub(crate) enum TuneError {
         /// Its value.
         value: f64,
     },
-    /// Gains that swing.
+    /// Unstable gains.
     #[error(
         "these gains are unstable on the identified model (resonance {resonance_hz:.0} Hz, delay {delay_ms:.1} ms); nothing was changed"
     )]
@@ -110,24 +110,24 @@ pub(crate) enum TuneError {
     },
 }
 
-/// What is identified: gain, delay, friction, stiffness, the far end's mass and swing.
+/// The identified quantities: gain, delay, friction, stiffness, the far end's mass and swing.
 const UNKNOWNS: usize = 6;
-/// How far off each may be, as a logarithm: what an answer says little about stays near the robot
-/// file. A cable and its length are known well; without that, its stiffness takes up what the
-/// platform's other swings leave, and came out eight times too large.
+/// Prior uncertainty of each, as a logarithm: parameters with little information in the response
+/// stay near the robot file. A cable and its length are known well; without that prior, its
+/// stiffness absorbed the platform's other modes, and was identified eight times too large.
 const SPREAD: [f64; UNKNOWNS] = [0.2, 0.7, 1.0, 0.15, 0.7, 0.7];
-/// Over this time, what the model leaves is much the same, s.
+/// Correlation time of the model's residual, s.
 const CORRELATED_S: f64 = 0.005;
-/// A platform swings about this fast, Hz; the fit starts there.
+/// Typical frequency of the platform's swing, Hz; the fit starts there.
 const SWING_HZ: f64 = 4.0;
-/// A model explains at least this share of a credible answer.
+/// Least share of a credible response that the model explains.
 const LEAST_EXPLAINED: f64 = 0.8;
-/// Margins that proposed gains have.
+/// Margins of proposed gains.
 pub const LEAST: Margins = Margins {
     gain: 2.0,
     delay_s: 0.002,
 };
-/// The set-points of the excitation about `around_n`: up and down by `step_n`, N a millisecond.
+/// The set-points of the excitation about `around_n`: up and down by `step_n`, N per millisecond.
 #[must_use]
 pub(crate) fn excitation(around_n: f64, step_n: f64) -> Vec<(f64, f64)> {
     let mut stages = vec![(0.3, around_n)];
@@ -145,7 +145,7 @@ pub(crate) fn excitation(around_n: f64, step_n: f64) -> Vec<(f64, f64)> {
     stages
 }
 
-/// Lets the loop of one cable answer the excitation.
+/// Measures the response of one cable's loop to the excitation.
 ///
 /// # Errors
 /// As a run.
@@ -179,10 +179,10 @@ pub(crate) fn excite<L: Link>(
     })
 }
 
-/// Fits the model to an answer that was measured with the robot file's law.
+/// Fits the model to a response that was measured with the robot file's law.
 ///
 /// # Errors
-/// [`TuneError::Response`] where the answer is not credible.
+/// [`TuneError::Response`] if the response is not credible.
 pub(crate) fn identify(
     robot: &Robot,
     cable: usize,
@@ -248,7 +248,7 @@ pub(crate) fn identify(
             .map(|(a, b)| (a - b).powi(2))
             .sum();
         if squares.is_finite() {
-            // The posterior with the errors' size left open: it is the model's, not the sensor's.
+            // The posterior with an unknown error variance: it is the model's, not the sensor's.
             independent * squares.max(1e-9).ln() + prior
         } else {
             f64::MAX
@@ -299,7 +299,7 @@ impl Identified {
     /// Margins of gains on this model.
     ///
     /// # Errors
-    /// [`TuneError::Gains`] where a gain is not finite or negative, [`TuneError::Unstable`].
+    /// [`TuneError::Gains`] if a gain is not finite or negative, [`TuneError::Unstable`].
     pub(crate) fn margins(
         &self,
         law: &TensionLaw,
@@ -357,7 +357,7 @@ impl Identified {
             friction_n: 0.0,
             ..self.model(damping_time_s)
         };
-        // What damps a drum in the time that its loop needs.
+        // Damping that stops the drum within the time constant of its loop.
         let unit = self.mass_kg / (10.0 * self.delay_s).max(1e-3);
         let mut candidates: Vec<[f64; 3]> = Vec::new();
         let mut all = |kps: &[f64], kis: &[f64], dampings: [f64; 3]| {
@@ -387,7 +387,7 @@ impl Identified {
                 damping_ns_per_m,
                 ..*law
             };
-            // A platform has more modes than the one that was seen best.
+            // A platform has more modes than the dominant one.
             let swings = [0.5, 1.0, 1.7].map(|factor| Model {
                 far_hz: model.far_hz * factor,
                 ..model

@@ -1,4 +1,4 @@
-//! The model that an answer is fitted to: a drum, its cable, and the platform at its far end.
+//! The model that is fitted to a response: a drum, its cable, and the platform at its far end.
 
 use crate::robot::TensionLaw;
 
@@ -6,37 +6,38 @@ use crate::robot::TensionLaw;
 const SUBSTEPS: usize = 10;
 /// A tick of the board, s.
 pub(super) const TICK_S: f64 = 1e-3;
-/// The platform's swing hardly decays (share of critical damping).
+/// Damping of the platform's swing: very low (share of critical damping).
 const FAR_DAMPING: f64 = 0.005;
-/// Where stability is judged, the platform's own swing must not be what goes on.
+/// Damping of the swing used for judging stability, so that the swing itself does not count as
+/// instability.
 const FAR_DAMPING_JUDGED: f64 = 0.25;
 
-/// A drum on its cable to a platform that others hold, with the law, in `f64`.
+/// A drum on its cable to a platform that is held by the others, with the law, in `f64`.
 ///
-/// `m x'' = T - F - friction`, `T = k (y - x)`, `M y'' = -T - M w^2 y`: `x` what the drum has paid
-/// out, `y` how far the far end has gone, m; all as deviations from rest.
+/// `m x'' = T - F - friction`, `T = k (y - x)`, `M y'' = -T - M w^2 y`: `x` is the drum's pay-out,
+/// `y` the displacement of the far end, m; all as deviations from rest.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Model {
-    /// Force at the cable over the force asked for.
+    /// Force at the cable over the requested force.
     pub gain: f64,
     /// From a demand to its force, s.
     pub delay_s: f64,
     /// Coulomb friction at the drum, N.
     pub friction_n: f64,
-    /// Of the cable, N/m.
+    /// Stiffness of the cable, N/m.
     pub stiffness: f64,
-    /// Of drum and rotor, at the cable, kg.
+    /// Mass of drum and rotor, at the cable, kg.
     pub mass_kg: f64,
-    /// Of the cable's material, s.
+    /// Damping time of the cable's material, s.
     pub damping_time_s: f64,
-    /// What swings at the far end, along the cable, kg.
+    /// Swinging mass at the far end, along the cable, kg.
     pub far_kg: f64,
-    /// How fast it swings with the drum let go, Hz.
+    /// Frequency of its swing with the drum free, Hz.
     pub far_hz: f64,
 }
 
 impl Model {
-    /// The tension while the set-point follows `asked_n`, from rest at its first value, N a
+    /// The tension while the set-point follows `asked_n`, from rest at its first value, N per
     /// millisecond; `push_n` acts on the drum, paying out.
     pub fn run(
         &self,
@@ -107,9 +108,9 @@ impl Model {
         out
     }
 
-    /// Whether the loop without friction comes to rest after a push, and does not drive the
-    /// platform's swing on. The swing itself hardly decays, whatever the loop does: so the first is
-    /// judged as if it did.
+    /// Whether the loop without friction comes to rest after a push, and does not excite the
+    /// platform's swing. The swing itself decays slowly with any loop: so the first is judged with
+    /// additional damping.
     pub(crate) fn is_stable(&self, law: &TensionLaw) -> bool {
         let smooth = Self {
             friction_n: 0.0,
@@ -132,7 +133,7 @@ impl Model {
         rests && late.is_finite() && late < early.max(0.05)
     }
 
-    /// Resonance of drum and cable: the drum against a far end as heavy as it is, Hz.
+    /// Resonance of drum and cable: the drum against a far end of the same mass, Hz.
     pub fn resonance_hz(&self) -> f64 {
         let reduced_kg = self.mass_kg * self.far_kg / (self.mass_kg + self.far_kg);
         (self.stiffness / reduced_kg).sqrt() / std::f64::consts::TAU

@@ -1,4 +1,4 @@
-//! Nelder and Mead's simplex: a least point without derivatives.
+//! Nelder and Mead's simplex: a minimum without derivatives.
 
 /// Nelder and Mead's simplex (1965) in `N` unknowns, from corners `size` away from the start.
 pub(super) fn nelder_mead<const N: usize>(

@@ -191,7 +191,7 @@ fn drives_of_both_kinds_come_up_and_obey() {
             (drives[0].counts - start - 100_000).abs() < 50,
             "{protocol:?} {drives:?}"
         );
-        // CiA 402 tells it in thousandths of 667 mA, rounded towards none twice.
+        // CiA 402 reports it in thousandths of 667 mA, rounded towards zero twice.
         assert!((drives[3].current_ma + 100).abs() <= 2, "{protocol:?}");
         assert!(drives[3].rpm < -10, "{protocol:?}: it hauls in");
         assert!(drives.iter().all(|drive| drive.age_ms <= 2), "{drives:?}");
@@ -218,8 +218,8 @@ fn the_speed_that_is_told_is_the_speed() {
                 sum += i32::from(bench.inputs.drives[0].rpm);
             }
         }
-        // 136 * 60,000 / 4096 = 1992. An RMDS takes steps of 2 ms as they come: its speed ripples,
-        // and is always told at the same place of the ripple.
+        // 136 * 60,000 / 4096 = 1992. An RMDS executes the steps of 2 ms as they come: its speed
+        // ripples, and is always reported at the same phase of the ripple.
         let most = if protocol == Protocol::Rmds { 250 } else { 20 };
         assert!((sum / 100 - 1992).abs() < most, "{protocol:?}: {sum}");
     }
@@ -309,7 +309,7 @@ fn faults_heat_and_missing_heartbeats_are_told() {
     bench.run(420, demands);
     assert!(bench.inputs.drives[2].age_ms > 300);
     assert!(!bench.inputs.drives[3].fault && bench.inputs.drives[3].age_ms < 5);
-    // Mended, it comes back by arming alone.
+    // After the repair, arming alone brings it back.
     *bench.line.nodes_mut().fault_mut(0).expect("drive") = Default::default();
     bench.run(200, demands);
     assert!(!bench.ready()[0]);
@@ -323,7 +323,7 @@ fn a_drive_whose_board_died_gives_no_torque() {
     let mut bench = enabled(Protocol::Cia402);
     let demands = hold(&bench);
     bench.run(20, demands);
-    // The board's program stands still: nothing leaves it any more.
+    // The board's program has stopped: it sends nothing any more.
     let end = u64::from(bench.tick) * 1000 + 300_000;
     bench
         .line
@@ -357,7 +357,7 @@ fn the_drives_of_before_a_reset_of_the_board_lose_their_torque() {
         let demands = hold(&bench);
         bench.run(20, demands);
         let last = LastDrives::of(&bench.active);
-        // The board was reset: nothing but this is left.
+        // The board was reset: only this is left.
         bench.bus = DriveBus::default();
         bench.bus.stop_at_start(&last, &mut bench.line.port());
         for _ in 0..40 {

@@ -1,4 +1,4 @@
-//! Reference answers that share nothing with the plant but the problem statement.
+//! Independent reference answers that share only the problem statement with the plant.
 
 use crate::plant::{PlantParams, Pose};
 
@@ -8,7 +8,7 @@ type P2 = [f64; 2];
 /// the point, the wheel is a polygon of `corners` corners, and the string from far below the
 /// entry point, over the wheel, to the point is a chain of the convex hull of all of them.
 ///
-/// Holds while the cable leaves the wheel's far side, that is for points outside the wheel's own
+/// Valid while the cable leaves the wheel's far side, that is for points outside the wheel's own
 /// shadow, which all test points are.
 pub(super) fn hull_length_m(
     b: [f64; 3],
@@ -73,7 +73,7 @@ fn convex_hull(mut points: Vec<P2>) -> Vec<P2> {
 }
 
 /// Taut length over a wheel: the wrap angle is found by bisection as the smallest at which the
-/// straight rest no longer cuts into the wheel.
+/// straight part no longer intersects the wheel.
 fn taut_length_m(b: [f64; 3], axis: [f64; 3], radius_m: f64, point: [f64; 3]) -> f64 {
     let d: Vec<f64> = (0..3).map(|i| point[i] - b[i]).collect();
     let h: f64 = (0..3).map(|i| d[i] * axis[i]).sum();

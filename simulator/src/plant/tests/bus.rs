@@ -1,4 +1,4 @@
-//! The bus: when commands arrive, when feedback comes, and what its faults do.
+//! The bus: delivery of commands and feedback, and the effects of its faults.
 
 use super::*;
 
@@ -61,7 +61,7 @@ fn the_newest_set_point_wins_and_orders_queue() {
     plant.set_brake(0, true).expect("cable");
     plant.advance(0.1).expect("no failure");
     assert!((plant.truth().expect("a path").motor_currents_a[0] - 0.05).abs() < 1e-6);
-    // Off voids what waits.
+    // Off voids waiting commands.
     plant
         .command(0, DriveCommand::Current { milliamps: 70 })
         .expect("cable");
@@ -69,7 +69,7 @@ fn the_newest_set_point_wins_and_orders_queue() {
     plant.advance(0.1).expect("no failure");
     assert_eq!(plant.drive_state(0), Ok(DriveState::Idle));
     assert!(plant.truth().expect("a path").motor_currents_a[0].abs() < 1e-6);
-    // Repeats of an order do not pile up; different ones keep their order.
+    // Repeated commands do not pile up; different ones keep their order.
     for _ in 0..100 {
         plant.command(0, DriveCommand::Reset).expect("cable");
     }
@@ -77,7 +77,7 @@ fn the_newest_set_point_wins_and_orders_queue() {
         .command(0, DriveCommand::SelectMode(Mode::Velocity))
         .expect("cable");
     plant.advance(0.6).expect("no failure");
-    // The mode choice came 2 ms after the reset began: a drive that resets is deaf.
+    // The mode choice came 2 ms after the reset began: a drive ignores commands during a reset.
     assert_eq!(plant.drive_state(0), Ok(DriveState::Idle));
 }
 
@@ -120,7 +120,7 @@ fn without_a_bus_drives_go_on_with_their_last_command() {
     assert_eq!(plant.read_sensors().feedback, before);
     let speed = plant.truth().expect("a path").drum_speeds_mps[0];
     assert!((speed / (1000.0 * plant.params().winches[0].mps_per_rpm()) - 1.0).abs() < 1e-3);
-    // Back again: what was sent into the void is lost, a new command arrives.
+    // Connected again: commands sent meanwhile are lost, a new command arrives.
     plant.faults_mut().bus_off = false;
     plant.command(0, DriveCommand::Off).expect("cable");
     plant.advance(1.0).expect("stops");
@@ -151,7 +151,7 @@ fn the_e_stop_cuts_power_and_nothing_starts_by_itself() {
         .iter()
         .fold(0.0_f64, |m, x| m.max(*x));
     assert!(drop > 1e-4 && drop < 0.01, "{drop}");
-    // Commands find no power, and its return starts nothing.
+    // Commands have no effect without power, and its return starts nothing.
     plant.set_brake(0, false).expect("cable");
     plant.command(0, DriveCommand::Reset).expect("cable");
     plant.advance(1.0).expect("rests");

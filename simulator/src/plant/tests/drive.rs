@@ -1,4 +1,4 @@
-//! Drives: enabling, modes, and what the loops achieve, on drums that nothing pulls at.
+//! Drives: enabling, modes, and the performance of the loops, on drums without load.
 
 use super::*;
 

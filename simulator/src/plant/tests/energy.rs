@@ -1,4 +1,4 @@
-//! Conservation: what must stay the same, and what may only shrink.
+//! Conservation: quantities that must be constant, and quantities that may only decrease.
 
 use super::*;
 use crate::plant::platform::{Body, Motion};

@@ -116,12 +116,12 @@ fn a_self_locking_gear_holds_the_load_without_torque_and_still_lowers_it() {
     };
     let mut plant = geared(1.0, lock.clone());
     plant.set_brake(0, false).expect("cable");
-    // The shaft winds up by T / k and no more.
+    // The shaft twists by T / k and no more.
     plant.advance(20.0).expect("hangs");
     let sunk = plant.truth().expect("a path").drum_positions_m[0];
     let twist = 9.81 * 0.02 * 0.02 / 400.0;
     assert!((sunk / twist - 1.0).abs() < 0.02, "{sunk} of {twist}");
-    // Driven down, the motor pushes next to nothing.
+    // Driven down, the motor pushes with almost no force.
     let mut plant = turning(lock);
     let down = torque_at(&mut plant, 100);
     assert!(down.abs() < 2e-5, "{down}");
@@ -136,7 +136,7 @@ fn the_motor_turns_through_the_play_before_the_drum() {
     };
     let mut plant = geared(0.5, gear);
     make_ready(&mut plant, 0, Mode::Position);
-    // Against the closed brake: out by 2 mm, and the motor gets as far as play and twist let it.
+    // Against the closed brake: out by 2 mm, and the motor moves as far as play and twist allow.
     let counts = |metres: f64| (metres / (std::f64::consts::TAU * 0.02) * 43.0 * 4096.0) as i64;
     let go = |plant: &mut Plant, metres: f64| {
         let to = DriveCommand::Position {

@@ -76,7 +76,7 @@ fn wrap_and_tangent_follow_the_right_triangle() {
 
 #[test]
 fn the_direction_is_the_gradient_of_the_length() {
-    // Virtual work: the force that acts on the platform must be what the energy says, swivel
+    // Virtual work: the force on the platform must equal the derivative of the energy, swivel
     // included.
     let mut noise = Noise::new(5);
     let mut worst = 0.0_f64;

@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// Pushes the hooked platform with `force_n`; how far its origin went after half a second (m).
+/// Pushes the hooked platform with `force_n`; returns the displacement of its origin after half a
+/// second (m).
 fn pushed(along: Option<[f64; 3]>, force_n: [f64; 3]) -> [f64; 3] {
     let mut plant = at_rest(PlantParams::paper_table5(), &off_centre(), 5.0);
     plant.hook([0.0; 3], along).expect("a direction");
@@ -19,7 +20,7 @@ fn it_holds_in_every_direction_or_against_one() {
         let mut force = [0.0; 3];
         force[axis] = 3.0;
         let held = pushed(None, force)[axis];
-        // 3 N on 127 kN/m, less what the cables take of it.
+        // 3 N on 127 kN/m, less the cables' share.
         assert!(held > 0.0 && held < 2.4e-5, "axis {axis}: {held} m");
         let mut along = [0.0; 3];
         along[axis] = 7.0;

@@ -54,7 +54,7 @@ fn settling_finds_the_least_energy() {
         let error = apart(&plant, &truth.pose, &brute(&plant, None));
         println!("settled, against brute force: {:.3e} mm", error * 1e3);
         assert!(error < CLOSE_M, "{pose:?}: {error}");
-        // And it is no level pose: this would pass a test that leaves the attitude alone.
+        // The pose is not level: otherwise a test that ignores the attitude would pass.
         assert!(truth.pose.rpy_rad()[1].abs() > 1e-3 || pose.position_m[1].abs() < 1e-9);
     }
 }
@@ -79,7 +79,7 @@ fn let_go_near_equilibrium_it_settles_there_with_all_drums_locked() {
     println!("let go, all locked: {:.3e} mm", error * 1e3);
     assert!(error < CLOSE_M, "{error}");
     assert!(vec3::norm(truth.velocity_mps) < 1e-6);
-    // Elasticity counts: the same robot on stiff cables rests elsewhere.
+    // Elasticity matters: the same robot on stiff cables rests at another pose.
     let mut stiff = plant.params().clone();
     for cable in &mut stiff.cables {
         cable.ea_n *= 100.0;

@@ -102,7 +102,7 @@ fn a_drum_turns_by_the_brakes_play_and_no_farther() {
     let mut params = weight_on_a_line(1.0);
     params.winches[0].brake.play_m = play_m;
     let mut plant = hang(params);
-    // The weight has pulled the drum against the disc: there it stays.
+    // The weight has pulled the drum against the disc: it stays there.
     plant.advance(0.5).expect("held");
     assert!(drum(&plant).abs() < 1e-8, "{}", drum(&plant));
     // The drive pulls in: through the play, and no farther.
@@ -117,7 +117,7 @@ fn a_drum_turns_by_the_brakes_play_and_no_farther() {
     let back = pull(0);
     assert!((pulled + play_m).abs() < 0.02 * play_m, "{pulled}");
     assert!(back.abs() < 0.02 * play_m, "{back}");
-    // Closing takes the drum as it stands: it falls by the play at most.
+    // Closing keeps the drum's position: it falls by the play at most.
     let mut params = weight_on_a_line(1.0);
     params.winches[0].brake.play_m = play_m;
     let mut plant = hang(params);
@@ -158,7 +158,7 @@ fn a_brake_opens_and_closes_after_its_delays() {
     assert!(!plant.truth().expect("a path").brakes_closed[0]);
     plant.advance(0.002).expect("falls");
     assert!(plant.truth().expect("a path").brakes_closed[0]);
-    // One that never opens.
+    // A brake that never opens.
     let mut plant = hang(weight_on_a_line(1.0));
     plant.faults_mut().cables[0].brake.stays_closed = true;
     plant.set_brake(0, false).expect("cable");

@@ -1,4 +1,4 @@
-//! What goes into a grasp network and what its numbers mean.
+//! Inputs of a grasp network and the meaning of its outputs.
 
 use crate::align::Aligned;
 use std::f64::consts::TAU;
@@ -24,11 +24,11 @@ const AFFGA_CLASSES: usize = 120;
 const AFFGA_WIDTH_PX: f64 = 200.0;
 const GGCNN_PX: usize = 300;
 const GGCNN_WIDTH_PX: f64 = 150.0;
-/// Peaks below this are none, and two are at least this far apart.
+/// Peaks below this do not count, and two are at least this far apart.
 const PEAK_MIN: f32 = 0.2;
 const PEAK_APART_PX: usize = 10;
 const PEAKS_MAX: usize = 24;
-/// A sigmoid's values lie between 0 and 1; rounding may go over by this.
+/// A sigmoid's values lie between 0 and 1; rounding may exceed them by this.
 const ROUNDING: f32 = 1e-4;
 
 /// Three maps of a network, row by row: how good a grasp at a pixel is, its angle, its width.
@@ -58,7 +58,7 @@ pub struct Peak {
 }
 
 impl Head {
-    /// The head of a name, as it stands on the command line.
+    /// The head of a name, as given on the command line.
     #[must_use]
     pub fn of(name: &str) -> Option<Self> {
         [Self::Affga, Self::Ggcnn]
@@ -108,7 +108,7 @@ impl Head {
     /// The network's input from a picture, and the first column and row of its square.
     ///
     /// # Errors
-    /// Where the picture is smaller than the square, or has no distance where one is needed.
+    /// If the picture is smaller than the square, or has no distance where one is needed.
     pub fn prepare(self, picture: &Aligned) -> Result<(Vec<f32>, [usize; 2]), String> {
         let size = self.size();
         let [width, height] = picture.camera.size_px;
@@ -229,7 +229,7 @@ fn depth(picture: &Aligned, corner: [usize; 2], size: usize) -> Result<Vec<f32>,
             "the middle {size} x {size} px of the depth picture have no distance"
         ));
     }
-    // Ring by ring, the mean of the known neighbours: what an unknown patch has around it.
+    // Ring by ring, the mean of the known neighbours.
     while input.iter().any(|value| value.is_nan()) {
         let known = input.clone();
         for at in 0..known.len() {

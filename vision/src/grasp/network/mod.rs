@@ -1,8 +1,8 @@
 //! Grasps by a network in an ONNX file (feature `onnx`).
 //!
-//! A file says how many numbers go in and come out, not what they mean: the user declares its
-//! [`Head`]. The weights of the paper's network are in no package registry, so none are shipped;
-//! a network that was trained elsewhere and exported with one of these heads is what is loaded.
+//! A file states how many numbers go in and come out, but not their meaning: the user declares its
+//! [`Head`]. The weights of the paper's network are in no package registry, so they are not
+//! shipped; load a network that was trained elsewhere and exported with one of these heads.
 
 mod maps;
 
@@ -22,7 +22,7 @@ use thiserror::Error;
 /// Why a network cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum NetworkError {
-    /// The file is not there, is no ONNX file or holds what the library cannot do.
+    /// The file is missing, is not ONNX or contains something that the library does not support.
     #[error("{name} cannot be used as a network: {reason}")]
     Unreadable {
         /// Which file.
@@ -157,7 +157,7 @@ impl Network {
         Ok(network)
     }
 
-    /// The raw output of the network for its own input ([`Head::prepare`]), before any smoothing.
+    /// The raw output of the network for its own input ([`Head::prepare`]), without smoothing.
     ///
     /// # Errors
     /// If the network fails, or gives numbers that its head cannot give.
@@ -200,7 +200,7 @@ fn unreadable(name: &str, reason: &dyn Display) -> NetworkError {
     }
 }
 
-/// Things lower than this over the ground are not there, m.
+/// Objects lower than this over the ground are ignored, m.
 const LEAST_HEIGHT_M: f64 = 0.008;
 /// How far finger tips go below the top that is seen, m.
 const DEPTH_M: f64 = 0.016;
@@ -242,7 +242,7 @@ impl Detector for Network {
                 opening_mm: (wanted.hand.opening_m - 2.0 * wanted.hand.margin_m) * 1e3,
             });
         }
-        // The network sees no difference between an empty tray and one that it knows nothing of.
+        // The network cannot distinguish an empty tray from objects that it was not trained on.
         match super::Antipodal::default().detect_in(&map, picture, wanted) {
             Err(NoGrasp::Empty) => Err(NoGrasp::Empty),
             _ => Err(NoGrasp::Network(format!(
@@ -255,7 +255,7 @@ impl Detector for Network {
 }
 
 /// A peak of the network's maps as a grasp: the point from the depth picture, the direction in the
-/// ground plane, finger tips as deep as the ground lets them.
+/// ground plane, finger tips as deep as the ground allows.
 fn grasp(
     picture: &Aligned,
     map: &HeightMap,
