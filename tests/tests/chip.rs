@@ -3,7 +3,7 @@
 //!
 //! `cargo xtask test` builds the file and says where it is.
 
-use mcdpr::experiment::Experiment;
+use mcdpr::experiment::{Experiment, SimulatedRobot};
 use mcdpr::link::SimulatedLink;
 use mcdpr::machine::{self, Controller, Mismatch};
 use mcdpr::motion::{Model, Task};

@@ -9,7 +9,7 @@ use mcdpr::robot::Robot;
 use mcdpr::run::{Progress, RunError};
 use mcdpr_firmware::State;
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
+use mcdpr_simulator::{Simulation, TracePoint};
 
 struct Rig {
     model: Model,

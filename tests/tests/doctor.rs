@@ -5,7 +5,7 @@
 use mcdpr::doctor::{self, Finding, Verdict};
 use mcdpr::experiment::SimulatedRobot;
 use mcdpr::link::{Client, SimulatedLink};
-use mcdpr::machine::{self, Mismatch};
+use mcdpr::machine::{self, Controller, Mismatch};
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
 use mcdpr::run::RunError;
@@ -224,8 +224,14 @@ impl Operator for Nobody {
 fn bare(break_it: impl FnOnce(&mut Faults)) -> (Client<SimulatedLink>, Robot) {
     let robot = Robot::built_in("lab-fast").unwrap();
     let options = LinkOptions::default();
-    let simulation =
-        machine::simulate_unloaded(&robot, &Mismatch::realistic(), &options, 5).unwrap();
+    let simulation = machine::simulate_unloaded(
+        &robot,
+        &Mismatch::realistic(),
+        &options,
+        5,
+        &Controller::InProcess,
+    )
+    .unwrap();
     let link = SimulatedLink::new(simulation);
     link.with(|simulation| break_it(simulation.plant_mut().faults_mut()));
     (Client::connect(link, SessionId(7)).unwrap(), robot)

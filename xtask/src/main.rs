@@ -1,6 +1,7 @@
 //! Chores of the project: `cargo xtask test`, `cargo xtask lint`, `cargo xtask firmware`.
 
 mod firmware;
+mod functions;
 mod public;
 mod python;
 mod seams;
@@ -17,7 +18,8 @@ python      the same, and its tests (mypy, pytest; minutes of build of its own)
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
-seams       no ring of modules, no public item unused outside its crate; the crates without a system compile for wasm32
+seams       no ring of modules, no public item unused outside its crate; the crates without a system compile for wasm32;
+            prints the ten longest functions
 lint        formatting, seams, lints and documentation, warnings denied";
 
 fn main() -> ExitCode {
@@ -26,7 +28,7 @@ fn main() -> ExitCode {
         Some("python") => python::test(),
         Some("wheel") => python::wheel().map(|file| println!("{}", file.display())),
         Some("firmware") => firmware::build_and_check(),
-        Some("seams") => seams(),
+        Some("seams") => seams().and_then(|()| functions::print_longest()),
         Some("lint") => lint(),
         Some("study") => study(),
         Some("help" | "--help" | "-h") => {
