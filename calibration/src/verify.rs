@@ -182,7 +182,13 @@ fn resting(model: &Model, paid_out_m: &[f64], tension_n: Option<f64>) -> Result<
 }
 
 /// Rotation and shift that take the first points nearest to the second (Kabsch, 1976).
-fn best_motion(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Option<(Matrix3<f64>, Vector3<f64>)> {
+///
+/// `None` where the first points lie on one line.
+#[must_use]
+pub fn best_motion(
+    from: &[Vector3<f64>],
+    to: &[Vector3<f64>],
+) -> Option<(Matrix3<f64>, Vector3<f64>)> {
     let n = from.len() as f64;
     let middle = |points: &[Vector3<f64>]| points.iter().sum::<Vector3<f64>>() / n;
     let (a, b) = (middle(from), middle(to));

@@ -85,6 +85,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("statics", Computes),
     ("stop", Refuses),
     ("study demo", Refuses),
+    ("study iso9283", Refuses),
     ("study motion", Refuses),
     ("study real", Computes),
     ("study tension", Refuses),

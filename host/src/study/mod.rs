@@ -1,3 +1,4 @@
-//! Studies in the simulator: many seeds, medians, recorded with seed and hash.
+//! Studies in the simulator: many seeds, medians, kept with seed and hash.
 
+pub mod iso9283;
 pub mod motion;

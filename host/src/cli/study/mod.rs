@@ -1,6 +1,7 @@
 //! `mcdpr study WHAT`: the figures of the documents, simulated again over many seeds.
 
 mod demo;
+mod iso9283;
 mod motion;
 mod real;
 mod tension;
@@ -18,6 +19,7 @@ pub(crate) struct Cmd {
 #[derive(Debug, clap::Subcommand)]
 enum Which {
     Demo(demo::Cmd),
+    Iso9283(iso9283::Cmd),
     Motion(motion::Cmd),
     Real(real::Cmd),
     Tension(tension::Cmd),
@@ -29,6 +31,7 @@ impl Cmd {
         common.no_chip("study")?;
         match &self.which {
             Which::Demo(cmd) => cmd.run(common),
+            Which::Iso9283(cmd) => cmd.run(common),
             Which::Motion(cmd) => cmd.run(common),
             Which::Real(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),

@@ -1,0 +1,232 @@
+//! The cube of ISO 9283:1998 (6.8): as large as the robot's limits allow, with the five test poses
+//! on its diagonal plane.
+
+use crate::motion::{Model, Plan, PlanError, Step, Task, judge_place};
+use nalgebra::Vector3;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Number of test poses.
+pub const POSES: usize = 5;
+/// Distance of a test pose from the end of its diagonal, as a share of the diagonal.
+const INSET: f64 = 0.1;
+/// Places for the cube's middle along each side of the box of the robot's limits.
+const MIDDLES: usize = 7;
+/// Least side that is worth a test, m.
+const LEAST_SIDE_M: f64 = 0.02;
+/// Halvings of the side: the last one decides over less than a thousandth of the box.
+const HALVINGS: usize = 10;
+
+/// A cube in the work space, its sides along the world's axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cube {
+    /// Middle, world frame, m.
+    pub middle_m: Vector3<f64>,
+    /// Length of a side, m.
+    pub side_m: f64,
+}
+
+/// Why there is no cube to test in.
+#[derive(Debug, Error)]
+pub enum CubeError {
+    /// The robot cannot hang at the corners of any cube.
+    #[error(
+        "no cube of {:.0} mm or more fits into the work space; raise the limits of tension, tilt or \
+         box in the robot file, or check its anchors with `mcdpr workspace`",
+        LEAST_SIDE_M * 1e3
+    )]
+    None,
+    /// The cycle through the poses breaks a limit.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+}
+
+impl Cube {
+    /// The largest cube whose corners, middles of edges and middle the tool can rest at, and whose
+    /// cycle of test poses keeps every limit on the way.
+    ///
+    /// # Errors
+    /// [`CubeError`].
+    pub fn largest(model: &Model) -> Result<Self, CubeError> {
+        let [low, high] = model.robot().search_box_in_world_m();
+        let size = high - low;
+        let mut best: Option<Self> = None;
+        let share = |index: usize| (index as f64 + 0.5) / MIDDLES as f64;
+        for index in 0..MIDDLES.pow(3) {
+            let places = Vector3::new(
+                share(index % MIDDLES),
+                share(index / MIDDLES % MIDDLES),
+                share(index / MIDDLES.pow(2)),
+            );
+            let middle_m = low + size.component_mul(&places);
+            let room_m = (middle_m - low).inf(&(high - middle_m)).min() * 2.0;
+            let least_m = best.map_or(LEAST_SIDE_M, |cube| cube.side_m);
+            let fits = |side_m| Self { middle_m, side_m }.can_rest(model);
+            if room_m <= least_m || !fits(least_m) {
+                continue;
+            }
+            let (mut inside_m, mut outside_m) = (least_m, room_m);
+            if fits(room_m) {
+                inside_m = room_m;
+            } else {
+                for _ in 0..HALVINGS {
+                    let side_m = (inside_m + outside_m) / 2.0;
+                    if fits(side_m) {
+                        inside_m = side_m;
+                    } else {
+                        outside_m = side_m;
+                    }
+                }
+            }
+            if best.is_none_or(|cube| inside_m > cube.side_m) {
+                best = Some(Self {
+                    middle_m,
+                    side_m: inside_m,
+                });
+            }
+        }
+        let mut cube = best.ok_or(CubeError::None)?;
+        // On the way between two poses a limit may be nearer than at its ends.
+        loop {
+            match cube.cycle(model, None) {
+                Ok(_) => return Ok(cube),
+                Err(error) if cube.side_m * 0.9 < LEAST_SIDE_M => return Err(error.into()),
+                Err(_) => cube.side_m *= 0.9,
+            }
+        }
+    }
+
+    /// The test poses P1 to P5: the middle, then 10 % of a diagonal inside of the four corners of
+    /// the diagonal plane C1-C2-C7-C8, world frame, m.
+    #[must_use]
+    pub fn poses_m(&self) -> [Vector3<f64>; POSES] {
+        let corner = |x: f64, y: f64, z: f64| {
+            let reach = self.side_m / 2.0 * (1.0 - 2.0 * INSET);
+            self.middle_m + Vector3::new(x, y, z) * reach
+        };
+        [
+            self.middle_m,
+            corner(-1.0, -1.0, -1.0),
+            corner(1.0, -1.0, -1.0),
+            corner(1.0, 1.0, 1.0),
+            corner(-1.0, 1.0, 1.0),
+        ]
+    }
+
+    /// One cycle from P1 over P5, P4, P3, P2 back to P1, judged; the speed is the robot's limit
+    /// where none is given (m/s).
+    fn cycle(&self, model: &Model, speed_mps: Option<f64>) -> Result<Plan, PlanError> {
+        let poses_m = self.poses_m();
+        let mut steps = Vec::new();
+        for pair in ORDER.windows(2) {
+            if let [from, to] = pair {
+                steps.push(Step::Move {
+                    path: crate::motion::path::Path::through(&[poses_m[*from], poses_m[*to]])?,
+                    duration_s: None,
+                    speed_mps,
+                });
+            }
+        }
+        Plan::new(model, &poses_m[0], &steps)
+    }
+
+    /// The cycles as the text of a task file: what a robot on a port is to drive while a tracker
+    /// watches. The tool waits `wait_s` at each pose.
+    #[must_use]
+    pub fn task_text(&self, cycles: usize, wait_s: f64, speed_mps: f64) -> String {
+        let poses_m = self.poses_m();
+        let mm =
+            |p: &Vector3<f64>| format!("[{:.3}, {:.3}, {:.3}]", p.x * 1e3, p.y * 1e3, p.z * 1e3);
+        let mut text = format!(
+            "# ISO 9283: {cycles} cycles over P5, P4, P3, P2, P1 in a cube of {:.1} mm.\n\
+             name = \"iso9283\"\nstart_mm = {}\nspeed_mm_s = {:.3}\n",
+            self.side_m * 1e3,
+            mm(&poses_m[0]),
+            speed_mps * 1e3
+        );
+        for _ in 0..cycles {
+            for pose in &ORDER[1..] {
+                text.push_str(&format!(
+                    "[[leg]]\nto_mm = {}\n[[leg]]\ndwell_s = {wait_s}\n",
+                    mm(&poses_m[*pose])
+                ));
+            }
+        }
+        text
+    }
+
+    /// The same as a task.
+    ///
+    /// # Errors
+    /// Not for a cube that was found.
+    pub fn task(
+        &self,
+        cycles: usize,
+        wait_s: f64,
+        speed_mps: f64,
+    ) -> Result<Task, crate::motion::TaskError> {
+        let text = self.task_text(cycles, wait_s, speed_mps);
+        Task::parse(&text, PathBuf::from("iso9283.toml"))
+    }
+
+    /// Whether the tool can rest in the middle, at the corners and in the middles of the edges.
+    fn can_rest(&self, model: &Model) -> bool {
+        let steps = [-1.0, 0.0, 1.0];
+        let all = steps
+            .iter()
+            .flat_map(|x| steps.iter().map(move |y| (*x, *y)))
+            .flat_map(|(x, y)| steps.iter().map(move |z| Vector3::new(x, y, *z)));
+        // Middles of faces lie between those of their edges.
+        let checked = all.filter(|at| at.iter().filter(|v| **v == 0.0).count() != 2);
+        checked.into_iter().all(|at| {
+            let tool_m = self.middle_m + at * (self.side_m / 2.0);
+            model
+                .rest(&tool_m, None)
+                .is_ok_and(|rest| judge_place(model, &tool_m, &rest).is_ok())
+        })
+    }
+}
+
+/// The order of one cycle, by the poses' indices.
+pub(super) const ORDER: [usize; 6] = [0, 4, 3, 2, 1, 0];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::Robot;
+
+    #[test]
+    fn the_cube_of_a_robot_is_as_large_as_its_limits_allow() {
+        let robot = Robot::built_in("lab-fast").unwrap();
+        let model = Model::new(&robot).unwrap();
+        let cube = Cube::largest(&model).unwrap();
+        assert!(cube.can_rest(&model));
+        let [low, high] = robot.search_box_in_world_m();
+        for pose in cube.poses_m() {
+            assert!(
+                (0..3).all(|k| (low[k]..=high[k]).contains(&pose[k])),
+                "{pose}"
+            );
+        }
+        // The poses are 80 % of the diagonal apart.
+        let [_, p2, _, p4, _] = cube.poses_m();
+        let wanted_m = 0.8 * cube.side_m * 3.0_f64.sqrt();
+        assert!(((p4 - p2).norm() - wanted_m).abs() < 1e-12);
+        // A larger one does not fit at the same place.
+        let larger = Cube {
+            side_m: cube.side_m * 1.3,
+            ..cube
+        };
+        assert!(!larger.can_rest(&model) || larger.cycle(&model, None).is_err());
+        assert!(cube.task(3, 0.5, 0.1).is_ok());
+    }
+
+    #[test]
+    fn a_robot_that_can_hang_nowhere_has_no_cube() {
+        let mut robot = Robot::built_in("lab-fast").unwrap();
+        robot.limits.tension_max_n = 0.5;
+        let model = Model::new(&robot).unwrap();
+        let error = Cube::largest(&model).unwrap_err();
+        assert!(error.to_string().contains("robot file"), "{error}");
+    }
+}
