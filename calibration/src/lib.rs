@@ -9,15 +9,11 @@
 //! | `unknowns`, `rows` | the unknowns of the joint method, and the row of each measurement |
 //! | `normal`, `solve` | elimination of the poses; Levenberg-Marquardt; outliers |
 //! | [`dense`] | the same in a plain implementation, for comparison |
-//! | `observability`, `predict` | which unknowns the data determine, and the expected position
-//!   error |
+//! | `observability`, `predict` | which unknowns the data determine, and the expected position error |
 //! | [`mod@joint`], [`answer`] | the default method, its verdict and its file form |
-//! | `assay` | upper poses against lower ones, the map of the expected error, the next pose to
-//!   measure |
-//! | [`mod@paper`], `hand_eye`, `lengths` | the paper's method, for comparison; anchors from
-//!   lengths if tag poses are given |
-//! | `design`, [`space`], [`views`], [`plan`] | information of poses, reachable poses, tags in
-//!   view, selection |
+//! | `assay` | upper poses against lower ones, the map of the expected error, the next pose to measure |
+//! | [`mod@paper`], `hand_eye`, `lengths` | the paper's method, for comparison; anchors from lengths if tag poses are given |
+//! | `design`, [`space`], [`views`], [`plan`] | information of poses, reachable poses, tags in view, selection |
 //! | [`result`] | the calibration in its file form, and the calibrated robot |
 //! | [`target`] | tags to print |
 //! | [`general`] | any combination of sensors, real scatter, several sessions |

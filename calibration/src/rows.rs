@@ -68,7 +68,7 @@ pub struct Model<'a> {
     pub scatter: Scatter,
 }
 
-/// One cable as a robot of its own: the kinematics crate's closed form for any number of cables.
+/// One cable as a separate robot: the kinematics crate's closed form for any number of cables.
 pub(crate) fn singles(state: &State) -> Result<Vec<Robot<1>>, Error> {
     super::lengths::singles(&state.cables)
 }

@@ -22,7 +22,7 @@ pub enum Target {
     Tag,
     /// A rigid board of 3 x 3 tags of 80 mm, 110 mm apart.
     Board,
-    /// Three loose tags of 80 mm, each a body of its own.
+    /// Three loose tags of 80 mm, each a separate body.
     Loose,
 }
 

@@ -147,7 +147,7 @@ pub const fn advice(fault: FaultId) -> &'static str {
         }
         FaultId::C5 => "see what the platform touches or carries; free it, then clear the fault",
         FaultId::K1 => "choose a target inside: `mcdpr workspace` shows where the robot can go",
-        FaultId::K2 => "mend the number in the file that the message names",
+        FaultId::K2 => "correct the number in the file that the message names",
         FaultId::K3 => {
             "a slower or smoother task, or limits in the robot file that the winches can keep"
         }
@@ -155,9 +155,9 @@ pub const fn advice(fault: FaultId) -> &'static str {
         FaultId::K5 | FaultId::K7 => "report it with the record: the program sends no such motion",
         FaultId::K6 => "the host could not feed the motion in time: close other programs",
         FaultId::K8 => "do what the message says first: mostly arm, stop or clear",
-        FaultId::K10 => "nothing: the robot stood; start again if you want it to",
+        FaultId::K10 => "nothing: the robot was at rest; start again if needed",
         FaultId::F1 | FaultId::F2 => {
-            "mend the line of the file that the message names; `mcdpr config check` looks at all of it"
+            "correct the line of the file that the message names; `mcdpr config check` checks the whole file"
         }
         FaultId::F3 | FaultId::F4 => "nothing: it cannot happen",
         FaultId::F5 => {
@@ -180,7 +180,7 @@ pub fn describe_reject(reject: &Reject) -> String {
         Reject::SessionHeld => "another host holds the board".to_owned(),
         Reject::NoSession => "this session does not hold the board".to_owned(),
         Reject::Sequence { expected } => format!("out of order, it waits for {}", expected.0),
-        Reject::Unsupported => "this board does not know the request".to_owned(),
+        Reject::Unsupported => "this board does not support the request".to_owned(),
         Reject::CableCount { expected, got } => {
             format!("it drives {expected} cables, not {got}")
         }

@@ -11,7 +11,7 @@ pub struct DriveInput {
     pub ready: bool,
     /// The motor has torque, according to its feedback: the drive is enabled, or its current flows.
     pub torque: bool,
-    /// The drive reports a fault of its own.
+    /// The drive reports a fault.
     pub fault: bool,
     /// Milliseconds since its last feedback; `u16::MAX` if there was none.
     pub age_ms: u16,

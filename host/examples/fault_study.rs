@@ -22,7 +22,7 @@ fn main() -> ExitCode {
     });
     let without = all.iter().filter(|verdict| verdict.is_none()).count();
     let verdicts: Vec<_> = all.into_iter().flatten().collect();
-    // FNV-1a (Fowler, Noll, Vo) over all measurements: tells whether two runs are identical.
+    // FNV-1a (Fowler, Noll, Vo) over all measurements: shows whether two runs are identical.
     let mut hash = 0xCBF2_9CE4_8422_2325_u64;
     for byte in verdicts.iter().flat_map(|v| format!("{v:?}").into_bytes()) {
         hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3);

@@ -5,8 +5,7 @@
 //! | [`robot`] | the robot description file |
 //! | [`calibration`] | the robot's parameters from lengths, tensions and pictures of tags |
 //! | [`control`] | orders to a running robot, from this process or another |
-//! | [`estimate`] | the platform's pose, from lengths, tensions and tags, and the cable that
-//!   slipped |
+//! | [`estimate`] | the platform's pose, from lengths, tensions and tags, and the cable that slipped |
 //! | [`compute`] | the robot's mathematics for commands and programs |
 //! | [`model_file`] | the description as a model of MuJoCo, or for viewers |
 //! | [`machine`] | the description as geometry, as a board's configuration, as physics |

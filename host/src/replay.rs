@@ -128,8 +128,8 @@ impl Recorded<'_> {
         };
         if frame.direction != direction {
             self.differs = Some(match direction {
-                Direction::ToBoard => "it sends where it waited".to_owned(),
-                Direction::ToHost => "it waits where it sent".to_owned(),
+                Direction::ToBoard => "it sends instead of waiting".to_owned(),
+                Direction::ToHost => "it waits instead of sending".to_owned(),
             });
             return Err(stop("replay differs"));
         }
@@ -246,10 +246,10 @@ pub fn replay(run: &RecordedRun, controller: &Controller) -> Result<Proof, Repla
     if host_bytes.is_none() && core_bytes.is_none() {
         let reason = match (scenario.doing, &scenario.machine) {
             (Doing::Pictures, _) => {
-                "it went by pictures, and what it met was no part of the robot".to_owned()
+                "it followed pictures, and the workcell is not in the record".to_owned()
             }
             (Doing::Hands, _) => {
-                "hands were a part of it (pulls, weights, rigging, a bare winch)".to_owned()
+                "people were involved (pulls, weights, rigging, a bare winch)".to_owned()
             }
             (_, Machine::Simulated { .. }) => {
                 "another firmware answered; name it with --on chip --firmware FILE".to_owned()
@@ -318,7 +318,7 @@ fn core(run: &RecordedRun, mut robot: impl Link) -> Result<u64, ReplayError> {
                         "core",
                         run,
                         call,
-                        "it answers otherwise".to_owned(),
+                        "it answers differently".to_owned(),
                     ));
                 }
                 bytes += answer.len() as u64;

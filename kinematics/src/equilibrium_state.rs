@@ -74,7 +74,7 @@ pub struct Equilibrium {
     pub slack: CableSet,
     /// Cables whose tension was prescribed.
     pub tension_held: CableSet,
-    /// Axial stiffness of each length-held cable, N/m; 0 stands for inextensible.
+    /// Axial stiffness of each length-held cable, N/m; 0 means inextensible.
     pub axial_stiffness_n_per_m: CableVec<f64>,
     /// Largest of |force| and |moment|/lever left over, N.
     pub residual_n: f64,

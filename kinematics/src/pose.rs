@@ -67,7 +67,7 @@ impl Pose {
     /// ```
     /// use mcdpr_kinematics::Pose;
     /// use nalgebra::Vector3;
-    /// // b stands at x = 1 m, turned by a quarter turn about z; c lies 2 m along b's x axis.
+    /// // b is at x = 1 m, turned by a quarter turn about z; c lies 2 m along b's x axis.
     /// let quarter = [0.0, 0.0, core::f64::consts::FRAC_PI_2];
     /// let a_from_b = Pose::from_rpy(Vector3::new(1.0, 0.0, 0.0), quarter);
     /// let b_from_c = Pose::level(Vector3::new(2.0, 0.0, 0.0));

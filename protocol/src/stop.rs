@@ -78,7 +78,7 @@ impl StopFinder {
 /// are too few.
 fn asks_to_stop(coded: &[u8]) -> Option<bool> {
     let mut bytes = coded.iter();
-    // In a frame under 254 bytes every byte that a code points to stands for a zero.
+    // In a frame under 254 bytes every byte that a code points to represents a zero.
     let mut left = *bytes.next()?;
     let mut next = || {
         left -= 1;

@@ -274,7 +274,7 @@ fn picking_is_shown_with_the_grasp_in_the_picture() {
         .unwrap();
     let message = String::from_utf8_lossy(&replay.stderr);
     assert_eq!(replay.status.code(), Some(1), "{message}");
-    assert!(message.contains("it went by pictures"), "{message}");
+    assert!(message.contains("it followed pictures"), "{message}");
 }
 
 #[test]

@@ -368,7 +368,9 @@ fn place(inner: &mut Inner, order: Order) -> Ticket {
         finish(
             inner,
             ticket,
-            Err(format!("{WAITING} orders wait already: nobody takes them")),
+            Err(format!(
+                "{WAITING} orders wait already: no thread takes them"
+            )),
         );
     } else {
         inner.waiting.push_back((ticket, order));

@@ -44,14 +44,14 @@ pub enum EstimateError {
     #[diagnostic(code(mcdpr::estimate::finite))]
     NotFinite,
     /// The rows do not determine every unknown.
-    #[error("what was measured leaves a direction of the platform open")]
+    #[error("the measurements do not determine every unknown of the platform")]
     #[diagnostic(
         code(mcdpr::estimate::rank),
         help("give more lengths, or a view of a tag")
     )]
     Rank,
     /// No resting pose fits.
-    #[error("no resting pose fits what was measured")]
+    #[error("no resting pose fits the measurements")]
     #[diagnostic(
         code(mcdpr::estimate::fit),
         help("check that the platform hangs at rest, and that the robot file is this robot's")

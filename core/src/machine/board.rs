@@ -233,7 +233,7 @@ pub fn hash_of(entries: &[ConfigEntry]) -> ConfigHash {
     config_hash(entries.iter().copied())
 }
 
-/// The request that tells a board where its cables are: paid-out lengths in m, tensions in N.
+/// The request that sets a board's cable lengths: paid-out lengths in m, tensions in N.
 #[must_use]
 pub fn reference(lengths_m: &[f64], tensions_n: &[f64]) -> Request {
     Request::Reference {

@@ -78,7 +78,7 @@ pub(super) fn read(text: &str) -> Result<(Option<Vector3<f64>>, Vec<Step>), GCod
         return Err(GCodeError {
             line: last,
             column: 1,
-            message: "the program never says a whole place: give X, Y and Z once".to_owned(),
+            message: "the program gives no complete position: give X, Y and Z once".to_owned(),
         });
     }
     Ok((machine.start_m, machine.steps))
@@ -209,7 +209,7 @@ impl Machine {
     ) -> Result<(), Wrong> {
         let motion = self.motion.ok_or((
             column,
-            "a place without G0, G1, G2 or G3 before it".to_owned(),
+            "a position without G0, G1, G2 or G3 before it".to_owned(),
         ))?;
         let mut to_mm = self.at_mm;
         for (slot, word) in to_mm.iter_mut().zip(axes) {
@@ -219,7 +219,8 @@ impl Machine {
             } else {
                 let from = slot.ok_or((
                     word.column,
-                    "G91 before any whole place: where the tool is, is not known".to_owned(),
+                    "G91 before a complete position: the position of the tool is not known"
+                        .to_owned(),
                 ))?;
                 Some(from + word.value)
             };
@@ -370,7 +371,7 @@ mod tests {
             ("G0 X300 (never ends", 1, 9, "no end"),
             ("G0 X300 Y0 Z#1", 1, 13, "needs a number, there is #1"),
             ("G1 F-3", 1, 4, "over 0"),
-            ("G0 X300", 1, 1, "whole place"),
+            ("G0 X300", 1, 1, "complete position"),
         ] {
             let error = read(text).unwrap_err();
             assert!(error.message.contains(words), "{text:?}: {}", error.message);

@@ -45,7 +45,7 @@ pub struct Extremes {
     pub drum_turns: Vec<f64>,
     /// Greatest tilt, rad.
     pub tilt_rad: f64,
-    /// Least distance between two cables, m; `None` where there is no pair.
+    /// Least distance between two cables, m; `None` without a pair.
     pub cable_distance_m: Option<f64>,
     /// The first limit that would be broken, in words.
     pub broken: Option<String>,

@@ -20,7 +20,7 @@ pub(super) const MS_PER_S: f64 = 1e3;
 /// Most cables of one robot.
 pub(super) const CABLES_MAX: usize = 16;
 
-/// Box whose inertia stands in where the file gives none, m.
+/// Box whose inertia is the default, m.
 const BOX_M: [f64; 3] = [0.130, 0.180, 0.040];
 
 /// Two anchors nearer than this are one anchor typed twice, m.

@@ -107,7 +107,7 @@ fn checked() -> BTreeSet<String> {
         .collect()
 }
 
-/// Classes of the firmware's file, each with an address where it is. Its symbols `$t` and `$d` tell
+/// Classes of the firmware file, each with an address. Its symbols `$t` and `$d` distinguish
 /// instructions from data.
 fn used() -> BTreeMap<String, u32> {
     let built = concat!(

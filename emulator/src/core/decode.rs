@@ -183,7 +183,7 @@ const fn transfer(load: bool, width: Width, rt: u8, rn: u8, offset: i32) -> Op {
     }
 }
 
-/// Kind and amount of a shift as encoded: zero stands for 32, or for RRX.
+/// Kind and amount of a shift as encoded: zero means 32, or for RRX.
 pub(crate) const fn immediate_shift(kind: u8, amount: u8) -> (Shift, u8) {
     match (kind & 3, amount) {
         (0, amount) => (Shift::Lsl, amount),

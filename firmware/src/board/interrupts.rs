@@ -1,6 +1,6 @@
 //! Priorities, and critical sections that never delay the tick.
 //!
-//! | priority | who |
+//! | priority | user |
 //! |---|---|
 //! | 0 | SysTick: the control tick |
 //! | 4 | links (DMA of the UART, CAN) |

@@ -172,7 +172,7 @@ fn d1_bus_off_is_stop0_in_the_same_tick() {
 fn l18_errors_on_the_line_stop_the_robot_at_150_per_second_and_not_at_40() {
     let ticks = |every: u32| {
         let mut bench = Bench::moving(4000, 500);
-        // One error in every so many ticks; the encoder's count is no clock, the dither is.
+        // One error in every so many ticks; the encoder's count has no fixed timing, the dither has.
         for tick in 1..=2000 {
             bench.line_errors = u16::from(tick % every == 0);
             bench.step();

@@ -4,7 +4,7 @@ use mcdpr_firmware::segment::{Point, StoredKnot};
 use mcdpr_protocol::{MicrometresPerSecond, TenthMicrometres};
 
 const STOP_MS: u32 = 300;
-/// Cable 1 runs at 0.2 m/s throughout: its length tells the path time exactly.
+/// Cable 1 runs at 0.2 m/s throughout: its length gives the path time exactly.
 const STEADY_UMPS: i32 = 200_000;
 
 /// Position of the path after a tick, and the result of that tick.

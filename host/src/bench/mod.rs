@@ -72,7 +72,9 @@ pub enum BenchError {
         state: BoardState,
     },
     /// Another chip.
-    #[error("the chip says that it is 0x{id_code:08x}, no STM32F103x8: nothing was tried")]
+    #[error(
+        "the chip identifies itself as 0x{id_code:08x}, not as an STM32F103x8: nothing was tested"
+    )]
     #[diagnostic(
         code(mcdpr::bench::chip),
         help("use a board with an STM32F103C8; nothing is known of this one's pins")
@@ -82,7 +84,7 @@ pub enum BenchError {
         id_code: u32,
     },
     /// Another image than the file.
-    #[error("the board runs firmware {board}, the file is {file}: nothing was tried")]
+    #[error("the board runs firmware {board}, the file is {file}: nothing was tested")]
     #[diagnostic(
         code(mcdpr::bench::firmware),
         help(
@@ -322,7 +324,7 @@ fn can<L: Link>(client: &mut Client<L>, findings: &mut Vec<Finding>) -> Result<(
         findings.push(bad(
             "CAN",
             format!("was not tried: {error}"),
-            "mend what is named above, press reset and run this again: only a board without a configuration tries its bus and its outputs",
+            "repair what is named above, press reset and run this again: only a board without a configuration tests its bus and its outputs",
         ));
         return Ok(());
     }
@@ -530,7 +532,7 @@ fn outputs<L: Link>(
             findings.push(bad(
                 "output",
                 found,
-                "mend what is named above, press reset and run this again",
+                "repair what is named above, press reset and run this again",
             ));
             continue;
         }

@@ -91,7 +91,7 @@ impl Cmd {
             return Ok(());
         }
         Err(
-            Failed::from_error("bench")("the board must not drive a robot before this is mended")
+            Failed::from_error("bench")("the board must not drive a robot before this is repaired")
                 .into(),
         )
     }

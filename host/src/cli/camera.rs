@@ -147,7 +147,7 @@ fn realsense(common: &Common) -> miette::Result<Box<dyn Source>> {
 
 #[cfg(not(feature = "realsense"))]
 fn realsense(_: &Common) -> miette::Result<Box<dyn Source>> {
-    let why = "this build reads no RealSense: cargo build --release --features realsense";
+    let why = "this build has no support for RealSense: cargo build --release --features realsense";
     Err(Failed::from_error("opening the camera")(why).into())
 }
 
@@ -174,7 +174,7 @@ fn show_device(common: &Common, path: &Path) -> Outcome {
 #[cfg(not(all(feature = "v4l2", target_os = "linux")))]
 fn show_device(_: &Common, path: &Path) -> Outcome {
     let why = format!(
-        "{}: this build reads no V4L2 devices: cargo build --release --features v4l2 (Linux)",
+        "{}: this build has no support for V4L2 devices: cargo build --release --features v4l2 (Linux)",
         path.display()
     );
     Err(Failed::from_error("opening the camera")(why).into())

@@ -61,9 +61,9 @@ impl Cmd {
             .count();
         match bad {
             0 => Ok(()),
-            1 => Err(Failed::from_error("doctor")("one part must be mended first").into()),
+            1 => Err(Failed::from_error("doctor")("one part must be repaired first").into()),
             _ => Err(
-                Failed::from_error("doctor")(format!("{bad} parts must be mended first")).into(),
+                Failed::from_error("doctor")(format!("{bad} parts must be repaired first")).into(),
             ),
         }
     }
@@ -106,7 +106,7 @@ impl Cmd {
                 Verdict::Unseen,
                 "arming",
                 "not tried",
-                "mend what is named above first",
+                "repair what is named above first",
             ));
             return Ok(());
         }

@@ -101,7 +101,7 @@ impl Cmd {
         let experiment = Experiment::find(&self.what, held, robot.cables.len())?;
         if common.dry_run {
             eprintln!(
-                "{} is a good experiment; nothing was moved",
+                "{} is a valid experiment; nothing was moved",
                 experiment.name
             );
             return Ok(());

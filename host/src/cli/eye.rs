@@ -172,7 +172,7 @@ fn v4l2(path: PathBuf, lens: mcdpr_vision::Camera) -> Result<Camera, SourceError
 fn v4l2(path: PathBuf, _: mcdpr_vision::Camera) -> Result<Camera, SourceError> {
     Err(SourceError::Device {
         name: path.display().to_string(),
-        reason: "this build reads no V4L2 devices: cargo build --release --features v4l2 (Linux)"
+        reason: "this build has no support for V4L2 devices: cargo build --release --features v4l2 (Linux)"
             .to_owned(),
     })
 }

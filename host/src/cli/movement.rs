@@ -152,7 +152,7 @@ fn there(common: &Common, name: &str) -> Outcome {
     if common.json {
         return print_json(&serde_json::json!({ "done": name, "duration_s": 0.0 }));
     }
-    say!("{name}: the tool is there already");
+    say!("{name}: the tool is already there");
     Ok(())
 }
 

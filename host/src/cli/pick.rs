@@ -298,7 +298,7 @@ fn network(file: &Path, head: &str) -> miette::Result<Box<dyn Detector>> {
 #[cfg(not(feature = "onnx"))]
 fn network(file: &Path, _: &str) -> miette::Result<Box<dyn Detector>> {
     let why = format!(
-        "{}: this build has no networks: cargo build --release --features onnx",
+        "{}: this build has no support for networks: cargo build --release --features onnx",
         file.display()
     );
     Err(Failed::from_error("loading the network")(why).into())

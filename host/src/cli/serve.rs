@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 
 /// Default port of the page.
 pub(crate) const PORT: u16 = 8650;
-/// Time that an order may take before the page is told that it is in progress: a stop that follows
+/// Time that an order may take before the page gets the answer "in progress": a stop that follows
 /// on the same connection waits no longer.
 const ANSWER: Duration = Duration::from_millis(50);
 /// A robot that was armed for jogging holds this long after the last jog, s.
@@ -442,7 +442,7 @@ impl Show<'_> {
                     None => break Wanted::Jogs { referenced },
                     Some(_) => self
                         .feed
-                        .set_trouble("a fault is latched; mend its cause, then clear it"),
+                        .set_trouble("a fault is latched; remove its cause, then clear it"),
                 }
             }
             let look = client.now_us() + LOOK_US;

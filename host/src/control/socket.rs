@@ -31,7 +31,7 @@ pub enum SocketError {
     #[diagnostic(
         code(mcdpr::control::nobody),
         help(
-            "give --on and --robot as for the command that moves it; a board that nobody feeds stops by itself"
+            "give --on and --robot as for the command that moves it; a board without a host stops by itself"
         )
     )]
     Nobody {
@@ -258,7 +258,7 @@ fn obey(line: &str, handle: &Handle) -> Result<(), String> {
     let ticket = handle.order(order);
     handle
         .wait(ticket, CONFIRM)
-        .unwrap_or_else(|| Err("nobody took the order within 3 s".to_owned()))
+        .unwrap_or_else(|| Err("the order was not taken within 3 s".to_owned()))
 }
 
 /// Sockets with a listener, for the robot on `on`.

@@ -70,7 +70,7 @@ pub(super) fn drives<L: Link>(
                 Verdict::Bad,
                 "drive",
                 format!("number {} reports a fault", winch.node),
-                "read the drive's own lamp or its maker's tool, mend the cause, switch its supply off and on",
+                "read the drive's status lamp or use its maker's tool, remove the cause, switch its supply off and on",
             )
         } else if seen.hot {
             Finding::with(

@@ -155,7 +155,7 @@ pub fn ask_before<L: Link>(
     link: L,
     session: SessionId,
 ) -> Result<Option<&'static str>, FlashError> {
-    const UNKNOWN: &str = "nobody could be asked whether the robot is armed: as soon as the chip is written its brakes close and its drives get no commands; hold the platform by other means";
+    const UNKNOWN: &str = "no board answered whether the robot is armed: as soon as the chip is written its brakes close and its drives get no commands; hold the platform by other means";
     let mut client = match Client::connect(link, session) {
         Ok(client) => client,
         Err(ClientError::Refused {

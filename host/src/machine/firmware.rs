@@ -13,7 +13,7 @@ const VARIABLE: &str = "MCDPR_FIRMWARE";
 /// Most bytes of a firmware file, its debug information included.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// Why there is no firmware to execute.
+/// Why the firmware cannot be executed.
 #[derive(Debug, Error, Diagnostic)]
 pub enum FirmwareError {
     /// The file cannot be read.
@@ -30,7 +30,7 @@ pub enum FirmwareError {
         /// The system's message.
         reason: String,
     },
-    /// The file is no firmware for the board's chip.
+    /// The file is not firmware for the board's chip.
     #[error("{path} is not the board's firmware: {reason}")]
     #[diagnostic(
         code(mcdpr::firmware::unsuitable),

@@ -102,7 +102,7 @@ pub struct Scenario {
     /// Action of the host.
     #[serde(default)]
     pub doing: Doing,
-    /// Whether the host was told that the robot hangs at home.
+    /// Whether the robot was stated to hang at home.
     #[serde(default)]
     pub at_home: bool,
     /// Number of the session on the wire.

@@ -49,7 +49,7 @@ pub const fn how(fault: FaultId) -> How {
         FaultId::D3 => How::Plant("the drive sends no feedback"),
         FaultId::D4 => How::Plant("the brake drags with 76 N: the motor gives all it has"),
         FaultId::D5 => How::Plant("the drive never comes up"),
-        FaultId::D6 => How::Plant("the drive says that it is too hot (CiA 402 only)"),
+        FaultId::D6 => How::Plant("the drive reports that it is too hot (CiA 402 only)"),
         FaultId::D7 => How::Plant("the drive ignores its commands"),
         FaultId::B1 => How::Plant("the brake stays closed"),
         FaultId::B2 => How::Plant("the brake holds a fiftieth of what it should"),

@@ -92,7 +92,7 @@
     $('alarm').hidden = !m.fault;
     text('trouble', m.trouble || '');
     if (m.fault) text('alarm', `Fault ${m.fault}. ${m.advice || ''}`);
-    text('task', m.task || 'nothing under way');
+    text('task', m.task || 'nothing in progress');
     text('time', m.duration_s > 0 ? `${m.path_s.toFixed(1)} of ${m.duration_s.toFixed(1)} s` : '');
     $('progress').value = m.duration_s > 0 ? m.path_s / m.duration_s : 0;
     if (m.pose) {

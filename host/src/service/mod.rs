@@ -195,7 +195,7 @@ pub enum ServiceError {
         error_mnm: f64,
     },
     /// The operator did not answer.
-    #[error("nobody said which way the drum of winch {winch} turned")]
+    #[error("no answer was given about the direction of the drum of winch {winch}")]
     #[diagnostic(
         code(mcdpr::service::nobody),
         help("watch the drum and answer, or run again with `--paid-out yes` or `--paid-out no`")

@@ -1,5 +1,5 @@
 //! The table of figures of the tension loop: every experiment over many seeds, one column a law or
-//! a machine that is off. `mcdpr study tension` prints it, docs/tension.md quotes it.
+//! a machine that is off. `mcdpr study tension` prints it, docs/results/tension.md quotes it.
 
 use super::bench::{Bench, Change, Script};
 use super::measure::{at_rest, recovery};

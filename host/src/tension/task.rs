@@ -68,7 +68,7 @@ pub enum ExperimentError {
         /// Why.
         source: std::io::Error,
     },
-    /// The file is no experiment.
+    /// The file is not a valid experiment.
     #[error("task file {path} is not a tension experiment: {message}")]
     #[diagnostic(
         code(mcdpr::tension::malformed),

@@ -55,7 +55,7 @@ pub fn frame_bits(frame: &CanFrame) -> u64 {
         run = if last == Some(bit) { run + 1 } else { 1 };
         last = Some(bit);
         if run == 5 {
-            // The opposite bit, which begins a run of its own.
+            // The opposite bit, which begins a new run.
             sent += 1;
             (run, last) = (1, Some(!bit));
         }

@@ -2,7 +2,7 @@
 
 use super::vec3::{V3, axpy, dot, scale, sub};
 
-/// Stiffness of the hook (N/m): a steel rod of 8 mm that stands out by 100 mm, `3 E I / L³` with
+/// Stiffness of the hook (N/m): a steel rod of 8 mm that protrudes by 100 mm, `3 E I / L³` with
 /// 210 GPa (Roark's Formulas for Stress and Strain, cantilever with an end load), 127 kN/m.
 const STIFFNESS_N_PER_M: f64 = 127_000.0;
 /// Its damping (N s/m): a twentieth of the critical damping of a kilogram on it.

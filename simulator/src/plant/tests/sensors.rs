@@ -32,7 +32,7 @@ fn an_encoder_counts_whole_steps_and_wraps() {
         make_ready(&mut plant, 0, Mode::Position);
         let step = plant.params().winches[0].metres_per_encoder_count();
         assert!((step - 3.068e-5).abs() < 1e-8);
-        // The counter starts at 0 wherever the drum stands between two counts.
+        // The counter starts at 0 independent of the drum's position between two counts.
         assert_eq!(counter(&mut plant), 0);
         for target in [0.01, -0.01, 0.3] {
             turn_to(&mut plant, target);
