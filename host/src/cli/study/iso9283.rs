@@ -73,8 +73,7 @@ impl Cmd {
         }
         if let Some(path) = &self.tracker {
             let what = path.display().to_string();
-            let text =
-                files::read_text(path).map_err(Failed::from_error(&what))?;
+            let text = files::read_text(path).map_err(Failed::from_error(&what))?;
             let attained = tracker::read(&text).map_err(Failed::from_error(&what))?;
             let cycles = attained[0].len();
             let attained = tracker::in_robot_frame(attained, &cube.poses_m())
