@@ -19,7 +19,7 @@ use mcdpr_core::link::{ClientError, Link};
 use mcdpr_core::motion::Model;
 use mcdpr_core::run::{Homing, Recorder, RunError, Session as Robots};
 use mcdpr_protocol::{Request, SessionId};
-use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_simulator::Simulation;
 use nalgebra::Vector3;
 use numpy::PyArray1;
 use pyo3::exceptions::PyRuntimeError;
