@@ -24,6 +24,7 @@
 pub mod answer;
 mod assay;
 pub mod check;
+mod corner;
 pub mod data;
 pub mod dense;
 mod design;

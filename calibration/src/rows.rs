@@ -5,6 +5,7 @@
 //! a change dA of the attachment's place and dB of the anchor turn t by H (dA - dB), a change of the
 //! pulley's radius by (1 - cos theta)/s n.
 
+use super::corner::{Corner, Places, put, spread};
 use super::data::Data;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
@@ -307,42 +308,28 @@ impl Model<'_> {
         for (v, view) in self.data.poses[k].views.iter().enumerate() {
             let tag = &self.data.tags[view.tag];
             let body = &state.world_from_body[tag.body];
+            let at = Places {
+                camera: layout.camera(),
+                body: layout.body(tag.body),
+            };
             for (c, (corner, pixel)) in tag
                 .corners_in_body_m
                 .iter()
                 .zip(view.corners_px)
                 .enumerate()
             {
-                let arm = body.rotation * corner;
-                let on_body = arm * state.tag_scale;
-                let from_platform = body.position_m + on_body - pose.position_m;
-                let turned = camera_from_world * from_platform;
-                let point = turned + state.camera_from_platform.position_m;
-                let seen = state
-                    .camera
-                    .projection(&point.into())
-                    .ok_or(Error::InvalidInput {
-                        what: "a tag's corner is behind the camera",
-                        cable: None,
-                        value: point.z,
-                    })?;
+                let places = (pose, &state.camera_from_platform, body);
+                let camera = &state.camera;
+                let corner =
+                    Corner::new(camera, &camera_from_world, places, corner, state.tag_scale)?;
+                let seen = &corner.seen;
                 for (axis, measured) in pixel.iter().enumerate() {
-                    let by_point = seen.by_point.row(axis).transpose() * weight;
-                    let by_world = camera_from_world.tr_mul(&by_point);
-                    put(own, 0, &-by_world);
-                    // d(R^T v) = R^T (v x phi): the row is (by_world x v).
-                    put(own, 3, &by_world.cross(&from_platform));
-                    shared.clear();
-                    spread(shared, layout.camera(), &by_point);
-                    spread(shared, layout.camera() + 3, &turned.cross(&by_point));
-                    let at = layout.body(tag.body);
-                    spread(shared, at, &by_world);
-                    spread(shared, at + 3, &on_body.cross(&by_world));
+                    let by_world = corner.derivatives(axis, weight, own, shared, &at);
                     let nominal = self.data.camera.focal_px[axis] / state.camera.focal_px[axis];
                     shared.push((s + 1, seen.by_focal[axis] * nominal * weight));
                     shared.push((s + 2 + axis, weight));
                     shared.push((s + 4, seen.by_k1[axis] * weight));
-                    shared.push((s + 5, by_world.dot(&arm)));
+                    shared.push((s + 5, by_world.dot(&corner.arm)));
                     take(&Row {
                         source: Source::Corner(v, c, axis),
                         residual: (seen.pixel[axis] - measured) * weight,
@@ -369,16 +356,6 @@ fn add_own(own: &mut OwnColumns, block: usize, at: usize, m: &Matrix3<f64>) {
 
 fn own_column(own: &mut [[f64; 3]], at: usize, by: &Vector3<f64>) {
     own[at] = [by.x, by.y, by.z];
-}
-
-fn put(own: &mut [f64], at: usize, v: &Vector3<f64>) {
-    own[at..at + 3].copy_from_slice(v.as_slice());
-}
-
-fn spread(shared: &mut Vec<(usize, f64)>, at: usize, v: &Vector3<f64>) {
-    for k in 0..3 {
-        shared.push((at + k, v[k]));
-    }
 }
 
 #[cfg(test)]

@@ -21,6 +21,7 @@
 pub mod data;
 pub mod first;
 pub mod fit;
+mod group;
 pub mod model;
 pub mod predict;
 mod read;

@@ -6,77 +6,17 @@
 //! the wrap angle and m the loss over half a turn: the friction of a pulley's bearing is
 //! proportional to the force 2 T sin(w/2) on it.
 
+pub use super::group::{GROUPS, Group};
+
 use super::data::{Sample, Set};
 use super::unknowns::Layout;
+use crate::corner::{Corner, Places, put, spread};
 use mcdpr_kinematics::{
     Cable, Error, GRAVITY_MPS2, Platform, Pose, Robot, angular_velocity_from_rates,
     rpy_from_rotation,
 };
 use mcdpr_vision::Camera;
 use nalgebra::{Matrix3, Rotation3, Vector3};
-
-/// Kinds of readings, each with its own scatter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Group {
-    /// Encoder lengths, m.
-    Length,
-    /// Load cells, N.
-    Tension,
-    /// Swivel angles, rad.
-    Swivel,
-    /// Roll and pitch, rad.
-    Tilt,
-    /// Yaw, rad.
-    Yaw,
-    /// Balance of forces, N.
-    Force,
-    /// Balance of moments about the centre of mass, N m.
-    Moment,
-    /// Corners of tags, px.
-    Corner,
-}
-
-/// Number of kinds.
-pub const GROUPS: usize = 8;
-
-impl Group {
-    /// All kinds.
-    pub const ALL: [Self; GROUPS] = [
-        Self::Length,
-        Self::Tension,
-        Self::Swivel,
-        Self::Tilt,
-        Self::Yaw,
-        Self::Force,
-        Self::Moment,
-        Self::Corner,
-    ];
-    /// Its index in arrays.
-    #[must_use]
-    pub const fn index(self) -> usize {
-        self as usize
-    }
-    /// In words, with the factor and the unit for printing.
-    #[must_use]
-    pub const fn words(self) -> (&'static str, f64, &'static str) {
-        const DEGREES: f64 = 180.0 / std::f64::consts::PI;
-        match self {
-            Self::Length => ("length", 1e3, "mm"),
-            Self::Tension => ("tension", 1.0, "N"),
-            Self::Swivel => ("swivel angle", DEGREES, "deg"),
-            Self::Tilt => ("tilt", DEGREES, "deg"),
-            Self::Yaw => ("yaw", DEGREES, "deg"),
-            Self::Force => ("balance of forces", 1.0, "N"),
-            Self::Moment => ("balance of moments", 1.0, "N m"),
-            Self::Corner => ("corner", 1.0, "px"),
-        }
-    }
-    /// Whether a sensor reads it.
-    #[must_use]
-    pub(crate) const fn is_sensor(self) -> bool {
-        !matches!(self, Self::Force | Self::Moment)
-    }
-}
 
 /// One row, not yet divided by its scatter.
 #[derive(Debug, Clone)]
@@ -527,42 +467,28 @@ impl Model<'_> {
         for (v, view) in sample.views.iter().enumerate() {
             let tag = &eye.tags[view.tag];
             let body = &state.world_from_body[tag.body];
+            let at_places = Places {
+                camera: at,
+                body: layout.body(tag.body),
+            };
             for (c, (corner, pixel)) in tag
                 .corners_in_body_m
                 .iter()
                 .zip(view.corners_px)
                 .enumerate()
             {
-                let arm = body.rotation * corner;
-                let on_body = arm * scale;
-                let from_platform = body.position_m + on_body - pose.position_m;
-                let turned = camera_from_world * from_platform;
-                let point = turned + state.camera_from_platform.position_m;
-                let seen = lens.projection(&point.into()).ok_or(Error::InvalidInput {
-                    what: "a tag's corner is behind the camera",
-                    cable: None,
-                    value: point.z,
-                })?;
+                let places = (pose, &state.camera_from_platform, body);
+                let corner = Corner::new(&lens, &camera_from_world, places, corner, scale)?;
+                let seen = &corner.seen;
                 for (axis, measured) in pixel.iter().enumerate() {
-                    let by_point = seen.by_point.row(axis).transpose();
-                    let by_world = camera_from_world.tr_mul(&by_point);
                     let mut own = vec![0.0; layout.own()];
-                    put(&mut own, 0, &-by_world);
-                    put(&mut own, 3, &by_world.cross(&from_platform));
                     let mut shared = Vec::with_capacity(16);
-                    spread(&mut shared, at, &by_point);
-                    spread(&mut shared, at + 3, &turned.cross(&by_point));
-                    spread(&mut shared, layout.body(tag.body), &by_world);
-                    spread(
-                        &mut shared,
-                        layout.body(tag.body) + 3,
-                        &on_body.cross(&by_world),
-                    );
+                    let by_world = corner.derivatives(axis, 1.0, &mut own, &mut shared, &at_places);
                     let focal = 1.0 / (1.0 + theta[at + 6]);
                     shared.push((at + 6, seen.by_focal[axis] * focal));
                     shared.push((at + 7 + axis, 1.0));
                     shared.push((at + 9, seen.by_k1[axis]));
-                    shared.push((at + 10, by_world.dot(&arm)));
+                    shared.push((at + 10, by_world.dot(&corner.arm)));
                     out.push(Row {
                         group: Group::Corner,
                         index: 8 * v + 2 * c + axis,
@@ -613,14 +539,4 @@ pub(crate) fn stepped_own(pose: &Pose, tensions_n: &[f64], step: &[f64]) -> (Pos
 fn turned(angle: f64) -> f64 {
     let whole = std::f64::consts::TAU;
     angle - (angle / whole).round() * whole
-}
-
-fn put(own: &mut [f64], at: usize, v: &Vector3<f64>) {
-    own[at..at + 3].copy_from_slice(v.as_slice());
-}
-
-fn spread(shared: &mut Vec<(usize, f64)>, at: usize, v: &Vector3<f64>) {
-    for k in 0..3 {
-        shared.push((at + k, v[k]));
-    }
 }

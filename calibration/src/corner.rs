@@ -1,0 +1,98 @@
+//! What a tag's corner in a picture says about pose, camera and tag: the rows of both estimators.
+
+use mcdpr_kinematics::{Error, Pose};
+use mcdpr_vision::{Camera, Projection};
+use nalgebra::{Matrix3, Vector3};
+
+/// A corner as a camera on the platform sees it.
+pub(crate) struct Corner<'a> {
+    /// Pixel, and its derivatives by the camera's parameters.
+    pub(crate) seen: Projection,
+    /// From the body's origin to the corner without the tag's scale, world axes, m.
+    pub(crate) arm: Vector3<f64>,
+    camera_from_world: &'a Matrix3<f64>,
+    /// The same with the scale, m.
+    on_body: Vector3<f64>,
+    /// From the platform's origin, world axes, m.
+    from_platform: Vector3<f64>,
+    /// The same, camera axes, m.
+    turned: Vector3<f64>,
+}
+
+/// Indices of the first unknowns of the camera's mounting and of the tag's body.
+pub(crate) struct Places {
+    pub(crate) camera: usize,
+    pub(crate) body: usize,
+}
+
+impl<'a> Corner<'a> {
+    /// Projects a corner (in its body, m) of a tag whose size is `scale` times the nominal one;
+    /// `camera_from_world` is the rotation that belongs to `pose` and `camera_from_platform`.
+    ///
+    /// # Errors
+    /// [`Error::InvalidInput`] where the corner is behind the camera.
+    pub(crate) fn new(
+        camera: &Camera,
+        camera_from_world: &'a Matrix3<f64>,
+        (pose, camera_from_platform, world_from_body): (&Pose, &Pose, &Pose),
+        corner_in_body_m: &Vector3<f64>,
+        scale: f64,
+    ) -> Result<Self, Error> {
+        let arm = world_from_body.rotation * corner_in_body_m;
+        let on_body = arm * scale;
+        let from_platform = world_from_body.position_m + on_body - pose.position_m;
+        let turned = camera_from_world * from_platform;
+        let point = turned + camera_from_platform.position_m;
+        let seen = camera
+            .projection(&point.into())
+            .ok_or(Error::InvalidInput {
+                what: "a tag's corner is behind the camera",
+                cable: None,
+                value: point.z,
+            })?;
+        Ok(Self {
+            seen,
+            arm,
+            camera_from_world,
+            on_body,
+            from_platform,
+            turned,
+        })
+    }
+
+    /// Derivatives of pixel coordinate `axis` times `weight` by the platform's displacement (into
+    /// `own`), and by those of camera and body (into `shared`, which is emptied first). Gives the
+    /// derivative by the corner's place, world axes.
+    pub(crate) fn derivatives(
+        &self,
+        axis: usize,
+        weight: f64,
+        own: &mut [f64],
+        shared: &mut Vec<(usize, f64)>,
+        at: &Places,
+    ) -> Vector3<f64> {
+        let by_point = self.seen.by_point.row(axis).transpose() * weight;
+        let by_world = self.camera_from_world.tr_mul(&by_point);
+        put(own, 0, &-by_world);
+        // d(R^T v) = R^T (v x phi): the row is (by_world x v).
+        put(own, 3, &by_world.cross(&self.from_platform));
+        shared.clear();
+        spread(shared, at.camera, &by_point);
+        spread(shared, at.camera + 3, &self.turned.cross(&by_point));
+        spread(shared, at.body, &by_world);
+        spread(shared, at.body + 3, &self.on_body.cross(&by_world));
+        by_world
+    }
+}
+
+/// Writes a vector into a dense row.
+pub(crate) fn put(own: &mut [f64], at: usize, v: &Vector3<f64>) {
+    own[at..at + 3].copy_from_slice(v.as_slice());
+}
+
+/// Adds a vector to a sparse row.
+pub(crate) fn spread(shared: &mut Vec<(usize, f64)>, at: usize, v: &Vector3<f64>) {
+    for k in 0..3 {
+        shared.push((at + k, v[k]));
+    }
+}
