@@ -9,6 +9,7 @@
 mod calibrate;
 mod edit;
 mod engine;
+mod environment;
 mod failure;
 mod followed;
 mod plan;
@@ -23,6 +24,8 @@ mod world;
 mod _mcdpr {
     #[pymodule_export]
     use super::calibrate::Answer;
+    #[pymodule_export]
+    use super::environment::Machines;
     #[pymodule_export]
     use super::followed::Followed;
     #[pymodule_export]

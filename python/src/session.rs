@@ -467,7 +467,7 @@ impl Drop for Session {
     }
 }
 
-fn mismatch_of(text: &str) -> Result<Mismatch, Failure> {
+pub(crate) fn mismatch_of(text: &str) -> Result<Mismatch, Failure> {
     match text {
         "exact" => Ok(Mismatch::default()),
         "realistic" => Ok(Mismatch::realistic()),

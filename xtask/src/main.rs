@@ -12,9 +12,10 @@ use std::process::{Command, ExitCode};
 
 const USAGE: &str = "usage: cargo xtask COMMAND
 
-test        every test: host crates, system tests with the real program, the firmware's contracts
+test        every test: host crates, system tests with the real program, the firmware's contracts, the
+            Python package
 wheel       build the Python package mcdpr (target/wheels)
-python      the same, and its tests (mypy, pytest; minutes of build of its own)
+python      the same, and its tests on the installed wheel (mypy, pytest; minutes of build of its own)
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
@@ -95,7 +96,8 @@ fn test() -> Result<(), String> {
     let file = std::path::absolute(firmware::elf_path());
     run(Command::new(cargo_program())
         .args(arguments)
-        .env("MCDPR_FIRMWARE", file.map_err(|error| error.to_string())?))
+        .env("MCDPR_FIRMWARE", file.map_err(|error| error.to_string())?))?;
+    python::test_built(FEATURES)
 }
 
 /// Features that are off by default and tested all the same.

@@ -1,7 +1,7 @@
 //! The Python package: its wheel, and the tests of it with what others make (MuJoCo, pandas, mypy).
 
-use crate::run;
 use crate::tools;
+use crate::{cargo, run};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -14,6 +14,10 @@ const JUDGES: &[&str] = &[
     "mypy>=1.13",
     "mujoco>=3.1",
     "pandas>=2",
+    "pandas-stubs",
+    "polars>=1",
+    "pyarrow>=15",
+    "gymnasium>=1.0",
     "mcap>=1.2,<2",
     "foxglove-schemas-protobuf>=0.3",
 ];
@@ -48,6 +52,67 @@ pub(crate) fn test() -> Result<(), String> {
         .args(["-m", "pip", "install", "--quiet", "--no-deps"])
         .arg("--force-reinstall")
         .arg(&wheel))?;
+    judge(&python)
+}
+
+/// Puts the package with the workspace's own build of its native half into the environment, and runs its
+/// tests. maturin selects packages of its own, gets other features of dependencies and compiles nearly
+/// everything anew; this adds what only Python needs to what `cargo test` has built.
+pub(crate) fn test_built(features: &str) -> Result<(), String> {
+    // With tests, or the features of development dependencies would be missing: all would be built again.
+    cargo(&[
+        "build",
+        "--release",
+        "--locked",
+        "--workspace",
+        "--features",
+        features,
+        "--lib",
+        "--bins",
+        "--tests",
+    ])?;
+    let python = tools::ensure_python()?;
+    pip(&python, JUDGES)?;
+    let folder = site_packages(&python)?.join("mcdpr");
+    let library = tools::target().join("release").join("lib_mcdpr.so");
+    install_built(&folder, &library).map_err(|error| {
+        let (folder, library) = (folder.display(), library.display());
+        format!("xtask: {library} as the package {folder}: {error}")
+    })?;
+    judge(&python)
+}
+
+fn install_built(folder: &Path, library: &Path) -> std::io::Result<()> {
+    // What an earlier version had is gone.
+    if folder.exists() {
+        std::fs::remove_dir_all(folder)?;
+    }
+    let mut left = vec![(PathBuf::from("python/mcdpr"), folder.to_owned())];
+    while let Some((from, to)) = left.pop() {
+        std::fs::create_dir_all(&to)?;
+        for entry in std::fs::read_dir(from)? {
+            let entry = entry?;
+            let to = to.join(entry.file_name());
+            if entry.file_type()?.is_dir() {
+                left.push((entry.path(), to));
+            } else {
+                std::fs::copy(entry.path(), to)?;
+            }
+        }
+    }
+    std::fs::copy(library, folder.join("_mcdpr.abi3.so")).map(|_| ())
+}
+
+/// Where the environment has its packages.
+fn site_packages(python: &Path) -> Result<PathBuf, String> {
+    let words = "import sysconfig; print(sysconfig.get_path('platlib'))";
+    let said = Command::new(python).args(["-c", words]).output();
+    let said = said.map_err(|error| format!("xtask: {}: {error}", python.display()))?;
+    Ok(PathBuf::from(String::from_utf8_lossy(&said.stdout).trim()))
+}
+
+/// Types and tests of the package that is installed.
+fn judge(python: &Path) -> Result<(), String> {
     let program = tools::target().join("release").join("mcdpr");
     let program = std::path::absolute(program).map_err(|error| error.to_string())?;
     // From their own folder: the package that is tested is the installed one.
