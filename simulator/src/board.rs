@@ -54,6 +54,23 @@ pub trait VirtualBoard {
         backlog: usize,
         send: &mut Vec<u8>,
     ) -> Result<(), PlantError>;
+    /// The supply comes back after it was gone: whatever the board knew is lost.
+    ///
+    /// # Errors
+    /// [`PlantError::Board`] where it cannot start.
+    fn power_on(&mut self) -> Result<(), PlantError>;
+    /// As [`Self::advance`] while the board has no supply: plant and drives are alone.
+    ///
+    /// # Errors
+    /// The plant's.
+    fn advance_unpowered(
+        &mut self,
+        plant: &mut Plant,
+        line: &mut DriveLine,
+        until_us: u64,
+    ) -> Result<(), PlantError> {
+        line.advance(plant, until_us)
+    }
     /// Errors that the line's receiver has counted since the last tick. A board that has a receiver
     /// of its own counts for itself.
     fn line_errors(&mut self, errors: u16) {
@@ -111,6 +128,7 @@ pub(crate) struct Board<const N: usize> {
     drives: DriveBus<N>,
     now: Tick,
     line_errors: u16,
+    version: Option<(u16, u16)>,
 }
 
 impl<const N: usize> Board<N> {
@@ -136,6 +154,7 @@ impl<const N: usize> Board<N> {
             drives: DriveBus::default(),
             now: first_tick,
             line_errors: 0,
+            version,
         }
     }
 
@@ -230,6 +249,11 @@ impl<const N: usize> VirtualBoard for Board<N> {
             }
             send.extend_from_slice(&frame[..used]);
         }
+        Ok(())
+    }
+
+    fn power_on(&mut self) -> Result<(), PlantError> {
+        *self = Self::new(Tick(0), self.version);
         Ok(())
     }
 
