@@ -24,6 +24,7 @@ pub mod link;
 pub mod machine;
 pub mod motion;
 pub mod random;
+pub mod recovery;
 pub mod robot;
 pub mod run;
 pub mod sight;

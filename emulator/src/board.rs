@@ -203,6 +203,28 @@ impl VirtualBoard for ChipBoard {
         nodes.pass(plant, until_us, &mut send)
     }
 
+    fn power_on(&mut self) -> Result<(), PlantError> {
+        self.chip.lock().power_on();
+        self.counters = None;
+        self.state = State::Boot;
+        (self.fault, self.torque_on) = (None, false);
+        self.now = Tick(0);
+        self.read_at = Tick(0);
+        Ok(())
+    }
+
+    fn advance_unpowered(
+        &mut self,
+        plant: &mut Plant,
+        line: &mut DriveLine,
+        until_us: u64,
+    ) -> Result<(), PlantError> {
+        plant.advance(1e-6 * SLICE_US as f64)?;
+        self.chip.lock().skip_us(SLICE_US);
+        // Nobody hears the drives.
+        line.nodes_mut().pass(plant, until_us, &mut |_, _, _| {})
+    }
+
     fn tick(
         &mut self,
         plant: &mut Plant,

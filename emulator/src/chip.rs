@@ -210,6 +210,27 @@ impl Chip {
             ResetBy::Software => RESET_SOFTWARE,
         };
         self.resets.push(by);
+        self.begin_again(flags);
+    }
+
+    /// Goes on after the supply was gone: RAM holds anything, all else is as at power-on. Counters of
+    /// resets and lost ticks go on.
+    pub(crate) fn power_on(&mut self) {
+        let seed = self.bus.now;
+        for (index, byte) in (0_u64..).zip(self.bus.ram.iter_mut()) {
+            // Anything but what was there before: the low byte of a product with an odd number.
+            *byte = (seed.wrapping_add(index).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8;
+        }
+        self.begin_again(RESET_POWER);
+    }
+
+    /// Time passes without a supply: nothing is executed.
+    pub(crate) fn skip_us(&mut self, us: u64) {
+        self.until += us * TICKS_PER_US;
+        self.bus.now = self.bus.now.max(self.until);
+    }
+
+    fn begin_again(&mut self, flags: u32) {
         self.lost_before += self.bus.scs.ticks_lost;
         self.instructions_before += self.cpu.instructions;
         let old = &mut self.bus;

@@ -55,6 +55,23 @@ pub trait VirtualBoard {
         backlog: usize,
         send: &mut Vec<u8>,
     ) -> Result<(), PlantError>;
+    /// The supply returns. The board starts without configuration, reference and motion.
+    ///
+    /// # Errors
+    /// [`PlantError::Board`] where it cannot start.
+    fn power_on(&mut self) -> Result<(), PlantError>;
+    /// As [`Self::advance`] while the board has no supply: plant and drives are alone.
+    ///
+    /// # Errors
+    /// The plant's.
+    fn advance_unpowered(
+        &mut self,
+        plant: &mut Plant,
+        line: &mut DriveLine,
+        until_us: u64,
+    ) -> Result<(), PlantError> {
+        line.advance(plant, until_us)
+    }
     /// Errors that the line's receiver has counted since the last tick. A board with its own
     /// receiver counts them itself.
     fn line_errors(&mut self, errors: u16) {
@@ -112,6 +129,7 @@ pub(crate) struct Board<const N: usize> {
     drives: DriveBus<N>,
     now: Tick,
     line_errors: u16,
+    version: Option<(u16, u16)>,
 }
 
 impl<const N: usize> Board<N> {
@@ -137,6 +155,7 @@ impl<const N: usize> Board<N> {
             drives: DriveBus::default(),
             now: first_tick,
             line_errors: 0,
+            version,
         }
     }
 
@@ -231,6 +250,11 @@ impl<const N: usize> VirtualBoard for Board<N> {
             }
             send.extend_from_slice(&frame[..used]);
         }
+        Ok(())
+    }
+
+    fn power_on(&mut self) -> Result<(), PlantError> {
+        *self = Self::new(Tick(0), self.version);
         Ok(())
     }
 

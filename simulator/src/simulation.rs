@@ -68,6 +68,7 @@ pub struct Simulation {
     send: Vec<u8>,
     trace: Option<Vec<TracePoint>>,
     cell: Option<Cell>,
+    board_powered: bool,
 }
 
 impl Simulation {
@@ -114,6 +115,7 @@ impl Simulation {
             send: Vec::new(),
             trace: None,
             cell: None,
+            board_powered: true,
         }
     }
 
@@ -150,7 +152,44 @@ impl Simulation {
         }
     }
 
+    /// Switches the board's own supply. Without it its outputs are low, so that its brakes close; it
+    /// says and hears nothing, and its encoder counters stand at zero when it starts again. The
+    /// supply of drives and brakes is [`Plant::set_power`].
+    ///
+    /// # Errors
+    /// [`PlantError::Board`] where the board cannot start again.
+    pub fn set_board_power(&mut self, on: bool) -> Result<(), PlantError> {
+        if on && !self.board_powered {
+            self.plant.restart_encoders();
+            self.board.power_on()?;
+        }
+        self.board_powered = on;
+        Ok(())
+    }
+
+    /// A slice of time in which the board has no supply.
+    fn unpowered(&mut self) -> Result<(), PlantError> {
+        for cable in 0..self.plant.cable_count() {
+            self.plant.set_brake(cable, true)?;
+        }
+        self.plant.set_gripper(false);
+        let (plant, line) = (&mut self.plant, &mut self.drives);
+        self.board.advance_unpowered(plant, line, self.now_us)?;
+        if let Some(cell) = &mut self.cell {
+            cell.step(&mut self.plant)?;
+        }
+        self.received.clear();
+        self.to_board.make_noise(self.now_us);
+        self.to_board.receive(self.now_us, &mut self.received);
+        self.to_board.take_framing_errors(self.now_us);
+        self.next_tick_us += self.board.slice_us();
+        Ok(())
+    }
+
     fn tick(&mut self) -> Result<(), PlantError> {
+        if !self.board_powered {
+            return self.unpowered();
+        }
         let slice_us = self.board.slice_us();
         self.board
             .advance(&mut self.plant, &mut self.drives, self.now_us)?;

@@ -53,7 +53,7 @@ pub struct Measurements {
 /// One row: the measured minus the predicted value over its standard deviation. `None` where the
 /// state predicts nothing (a tag behind the camera). The length of the cable `skip` (from 0) counts as
 /// not measured. The last three rows hold the attitude near that of statics.
-pub(super) fn residuals(
+pub(crate) fn residuals(
     model: &Model,
     measured: &Measurements,
     sigmas: &Sigmas,

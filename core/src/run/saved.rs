@@ -61,7 +61,7 @@ pub enum Implausible {
 /// The checksum of all values that convert encoder counts to positions: a gain may change without
 /// losing home, a drum radius or an anchor may not.
 #[must_use]
-pub(crate) fn scale_of(robot: &Robot) -> u32 {
+pub fn scale_of(robot: &Robot) -> u32 {
     let winches = robot.winches.iter().map(|winch| {
         serde_json::json!([
             winch.id,

@@ -73,6 +73,14 @@ impl Plant {
         Ok(())
     }
 
+    /// The board's encoder counters start again at zero: incremental encoders know nothing of what
+    /// they counted before the supply was gone.
+    pub(crate) fn restart_encoders(&mut self) {
+        for (sensors, winch) in self.sensors.iter_mut().zip(&self.winches) {
+            sensors.restart(winch.drum_m);
+        }
+    }
+
     /// Presses or releases the e-stop. If it is wired to the power (the default), drives lose
     /// theirs at once and brakes close after their delay; releasing restores the supply but
     /// nothing starts by itself: drives need a reset, brakes a new command.

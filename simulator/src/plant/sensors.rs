@@ -68,6 +68,12 @@ impl CableSensors {
         }
     }
 
+    /// The counter starts again at zero, where the drum stands now.
+    pub(crate) fn restart(&mut self, drum_m: f64) {
+        self.shift -= self.true_counts(drum_m);
+        self.held_counts = None;
+    }
+
     #[allow(clippy::cast_possible_truncation)]
     fn true_counts(&self, drum_m: f64) -> i64 {
         let counts = (drum_m * self.counts_per_metre + self.phase).floor() as i64;

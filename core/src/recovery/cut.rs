@@ -1,0 +1,267 @@
+//! What drums do between the cut of their supply and closed brakes.
+//!
+//! Until its brake grips, a drum without torque goes on at its speed and gives way to its cable: the
+//! platform falls against the rotors' inertia and friction. With the drums' masses at the cable M_i,
+//! friction f_i and the lengths' slopes A_i by the tool's place (d l_i = A_i dx), d'Alembert's principle
+//! gives the tool's acceleration a from `(m 1 + sum M_i A_i A_i^T) a = m g - sum f_i A_i`, the platform
+//! taken for a point mass; drum i is let out with `A_i a`. Then the brake stops it over
+//! `v^2 M / (2 (F - T))`. What is not known of brakes and drives stands as covariance. A drum whose
+//! drive keeps its supply while the board has none goes on for its lag alone.
+
+use crate::motion::{Model, Rest};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+use super::journal::Kept;
+
+/// A brake's closing time over that of the robot file: mean and standard deviation. Assumption:
+/// data sheets of spring-applied brakes give nominal times, which rise with wear of the air gap and with
+/// the kind of switching, and fall with temperature.
+const BRAKE_TIME: [f64; 2] = [1.05, 0.17];
+/// Friction of a closing brake at the cable, N, and its relative standard deviation; assumption.
+const BRAKE_N: f64 = 120.0;
+const BRAKE_SPREAD: f64 = 0.5;
+/// What the acceleration is off by, relative: friction, inertia, the point mass.
+const ACCELERATION_SPREAD: f64 = 0.2;
+/// Below this speed a drum stands, m/s: what its encoder's steps look like.
+const STANDS_MPS: f64 = 5e-4;
+/// Step of the slopes, m.
+const STEP_M: f64 = 1e-4;
+const GRAVITY_MPS2: f64 = 9.80665;
+
+/// What is known of the cut itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cut {
+    /// Time from the last state that was kept to the cut: mean, s.
+    pub unseen_s: f64,
+    /// Its standard deviation, s.
+    pub unseen_sd_s: f64,
+    /// How probable it is that the drives' supply was gone, too.
+    pub torque_gone: f64,
+}
+
+/// Lengths with their covariance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lengths {
+    /// Paid-out lengths, m.
+    pub mean_m: DVector<f64>,
+    /// Their covariance, m².
+    pub covariance_m2: DMatrix<f64>,
+}
+
+/// What the lengths are known to, m: half an encoder count, and what anchors and drums are off.
+pub const KNOWN_M: f64 = 2.5e-4;
+
+impl Lengths {
+    /// Lengths that were counted all along.
+    #[must_use]
+    pub fn counted(lengths_m: &[f64]) -> Self {
+        let count = lengths_m.len();
+        Self {
+            mean_m: DVector::from_column_slice(lengths_m),
+            covariance_m2: DMatrix::identity(count, count) * KNOWN_M.powi(2),
+        }
+    }
+
+    /// Standard deviation of one length, m.
+    #[must_use]
+    pub fn sigma_m(&self, cable: usize) -> f64 {
+        self.covariance_m2
+            .get((cable, cable))
+            .map_or(f64::INFINITY, |variance| variance.sqrt())
+    }
+}
+
+/// Slopes of the lengths by the tool's place, one row a cable; `None` where the robot cannot hang
+/// beside `rest`.
+fn slopes(model: &Model, rest: &Rest) -> Option<DMatrix<f64>> {
+    let tool_m = model.tool_m(rest);
+    let count = rest.paid_out_m.len();
+    let held = model.tension_held().unwrap_or(0);
+    let tension_n = rest.tensions_n().get(held).copied()?;
+    let mut slopes = DMatrix::zeros(count, 3);
+    for axis in 0..3 {
+        let mut near_m = tool_m;
+        near_m[axis] += STEP_M;
+        let near = model.rest_with(&near_m, tension_n, Some(rest)).ok()?;
+        let pairs = near
+            .equilibrium
+            .lengths_m
+            .iter()
+            .zip(&rest.equilibrium.lengths_m);
+        for (cable, (there, here)) in pairs.enumerate() {
+            slopes[(cable, axis)] = (there - here) / STEP_M;
+        }
+    }
+    Some(slopes)
+}
+
+/// Lengths after a cut, from the last state that was kept; `rest` is how the robot hung then.
+#[must_use]
+pub fn lengths_after(model: &Model, rest: &Rest, kept: &Kept, cut: &Cut) -> Lengths {
+    let lengths_m: Vec<f64> = kept.cables.iter().map(|cable| cable.length_m).collect();
+    let mut lengths = Lengths::counted(&lengths_m);
+    let open = |cable: usize| kept.brakes_open >> cable & 1 == 1;
+    if kept.brakes_open == 0 {
+        return lengths;
+    }
+    let count = kept.cables.len();
+    let falls = letting_out(model, rest, kept);
+    let mut coasts = DVector::zeros(count);
+    let (mut free, mut held, mut grows) = (coasts.clone(), coasts.clone(), coasts.clone());
+    for (cable, state) in kept
+        .cables
+        .iter()
+        .enumerate()
+        .filter(|(cable, _)| open(*cable))
+    {
+        let Some(winch) = model.robot().winch_of(cable) else {
+            continue;
+        };
+        let moves = state.speed_mps.abs() > STANDS_MPS;
+        let speed = if moves { state.speed_mps } else { 0.0 };
+        let out = falls.get(cable).copied().unwrap_or(0.0);
+        let time_s = winch.brake_close_s * BRAKE_TIME[0];
+        let time_sd_s = winch.brake_close_s * BRAKE_TIME[1];
+        let grip_mps = speed + out * time_s;
+        let grip_n = (BRAKE_N - state.tension_n).max(0.2 * BRAKE_N);
+        let stop_m = grip_mps * grip_mps.abs() * winch.effective_mass_kg() / (2.0 * grip_n);
+        let fallen_m = 0.5 * out * time_s * time_s;
+        let play_m = winch.brake_play_m;
+        free[cable] = speed * time_s + fallen_m + stop_m + 0.5 * play_m;
+        held[cable] = speed * time_s.min(1.0 / winch.drive_bandwidth_rad_s);
+        coasts[cable] = speed;
+        grows[cable] = fallen_m * ACCELERATION_SPREAD;
+        let own = (grip_mps * time_sd_s).powi(2)
+            + (stop_m * BRAKE_SPREAD).powi(2)
+            + play_m.powi(2) / 12.0
+            + (0.5 * held[cable]).powi(2);
+        lengths.covariance_m2[(cable, cable)] += own;
+    }
+    let gone = cut.torque_gone.clamp(0.0, 1.0);
+    let differ = &free - &held;
+    lengths.mean_m += &coasts * cut.unseen_s + &held + &differ * gone;
+    lengths.covariance_m2 += &coasts * coasts.transpose() * cut.unseen_sd_s.powi(2);
+    lengths.covariance_m2 += &differ * differ.transpose() * (gone * (1.0 - gone));
+    lengths.covariance_m2 += &grows * grows.transpose();
+    lengths
+}
+
+/// Acceleration of each drum without torque and with its brake open, m/s².
+fn letting_out(model: &Model, rest: &Rest, kept: &Kept) -> Vec<f64> {
+    let robot = model.robot();
+    let Some(slopes) = slopes(model, rest) else {
+        return vec![0.0; kept.cables.len()];
+    };
+    let mut mass = Matrix3::identity() * robot.platform.mass_kg;
+    let mut force = Vector3::new(0.0, 0.0, -GRAVITY_MPS2 * robot.platform.mass_kg);
+    let drums = (0..kept.cables.len()).map(|cable| {
+        let winch = robot.winch_of(cable)?;
+        let row = Vector3::new(slopes[(cable, 0)], slopes[(cable, 1)], slopes[(cable, 2)]);
+        Some((row, winch.effective_mass_kg(), winch.total_friction_n()))
+    });
+    let drums: Vec<_> = drums.collect();
+    for (row, drum_kg, friction_n) in drums.iter().flatten() {
+        mass += *drum_kg * row * row.transpose();
+        force -= *friction_n * row;
+    }
+    let falls = mass
+        .try_inverse()
+        .map_or(Vector3::zeros(), |inverse| inverse * force);
+    let pairs = drums.iter().zip(&kept.cables);
+    pairs
+        .map(|(drum, cable)| {
+            let Some((row, drum_kg, friction_n)) = drum else {
+                return 0.0;
+            };
+            // A cable lets its drum run no faster than its own pull does, and a gear that rubs more
+            // than the cable pulls holds.
+            let most = ((cable.tension_n - friction_n) / drum_kg).max(0.0);
+            row.dot(&falls).clamp(0.0, most)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::journal::KeptCable;
+    use super::*;
+    use crate::robot::Robot;
+
+    fn hanging(robot: &str) -> (Model, Rest, Kept) {
+        let model = Model::new(&Robot::built_in(robot).unwrap()).unwrap();
+        let rest = model.rest_at_home().unwrap();
+        let cables = rest.paid_out_m.iter().zip(rest.tensions_n());
+        let cables = cables.map(|(length_m, tension_n)| KeptCable {
+            length_m: *length_m,
+            setpoint_m: *length_m,
+            speed_mps: 0.0,
+            tension_n: *tension_n,
+        });
+        let kept = Kept {
+            brakes_open: 15,
+            referenced: true,
+            cables: cables.collect(),
+            ..Kept::default()
+        };
+        (model, rest, kept)
+    }
+
+    const CUT: Cut = Cut {
+        unseen_s: 0.0,
+        unseen_sd_s: 0.0,
+        torque_gone: 1.0,
+    };
+
+    #[test]
+    fn closed_brakes_hold_and_open_ones_let_a_light_robot_down_more() {
+        let mut let_out = Vec::new();
+        for robot in ["paper-table5", "lab-fast"] {
+            let (model, rest, mut kept) = hanging(robot);
+            let after = lengths_after(&model, &rest, &kept, &CUT);
+            let out = (0..4).map(|i| after.mean_m[i] - kept.cables[i].length_m);
+            let_out.push(out.fold(0.0, f64::max));
+            kept.brakes_open = 0;
+            let closed = lengths_after(&model, &rest, &kept, &CUT);
+            assert_eq!(closed.mean_m[2], kept.cables[2].length_m);
+        }
+        // 34 kg at the cable fall slowly, 1.8 kg do not; no drum falls faster than freely.
+        let free_m = 0.5 * 9.81 * 0.0315_f64.powi(2);
+        assert!(let_out[0] < 2e-4, "{let_out:?}");
+        assert!(let_out[1] > 5e-4 && let_out[1] < free_m, "{let_out:?}");
+    }
+
+    #[test]
+    fn a_drum_that_turns_goes_on_and_its_time_is_as_uncertain_as_its_brake() {
+        let (model, rest, mut kept) = hanging("paper-table5");
+        let stood = lengths_after(&model, &rest, &kept, &CUT);
+        kept.cables[1].speed_mps = -0.04;
+        let cut = Cut {
+            unseen_s: 0.01,
+            unseen_sd_s: 0.005,
+            ..CUT
+        };
+        let moved = lengths_after(&model, &rest, &kept, &cut);
+        let way_m = moved.mean_m[1] - stood.mean_m[1];
+        // 30 ms of brake and 10 ms unseen at 40 mm/s, and the way of stopping 34 kg with 100 N.
+        assert!((-2.2e-3..-1.6e-3).contains(&way_m), "{way_m}");
+        assert!(moved.sigma_m(1) > stood.sigma_m(1) + 1e-4);
+        assert!((moved.sigma_m(0) - stood.sigma_m(0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_board_that_is_gone_alone_leaves_torque_on_the_drums() {
+        let (model, rest, kept) = hanging("lab-fast");
+        let held = Cut {
+            torque_gone: 0.0,
+            ..CUT
+        };
+        let held = lengths_after(&model, &rest, &kept, &held);
+        let unknown = Cut {
+            torque_gone: 0.5,
+            ..CUT
+        };
+        let unknown = lengths_after(&model, &rest, &kept, &unknown);
+        assert!((held.mean_m[0] - kept.cables[0].length_m).abs() < 1e-9);
+        assert!(unknown.sigma_m(0) > 2.0 * KNOWN_M);
+    }
+}

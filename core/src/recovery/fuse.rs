@@ -1,0 +1,232 @@
+//! Where the robot hangs, by lengths with a full covariance, tensions and tags.
+//!
+//! As [`crate::estimate`], but after a cut the errors of the lengths are large and belong together:
+//! all drums fell for about the same time. Their rows are whitened by the Cholesky factor of their
+//! covariance (generalised least squares, Aitken 1935). Unknown are the tool's place, the tension of the
+//! tension-held cable and how far the attitude is from that of statics.
+
+use super::cut::Lengths;
+use crate::estimate::{EstimateError, Measurements, Sigmas, residuals};
+use crate::motion::{Model, Rest};
+use nalgebra::{DMatrix, DVector, Matrix3, SVector, Vector3};
+
+const UNKNOWNS: usize = 7;
+const MOST_STEPS: usize = 25;
+const CHANGES: [f64; UNKNOWNS] = [1e-5, 1e-5, 1e-5, 1e-3, 1e-5, 1e-5, 1e-5];
+
+type Unknowns = SVector<f64, UNKNOWNS>;
+
+/// What is weighed.
+#[derive(Debug, Clone)]
+pub struct Weighed<'a> {
+    /// Lengths; `None` where nothing is known of them.
+    pub lengths: Option<&'a Lengths>,
+    /// Tensions at rest and their standard deviations, N.
+    pub tensions_n: &'a [f64],
+    /// Standard deviation of each.
+    pub tension_sigmas_n: &'a [f64],
+    /// Tags and where they lie; its lengths and tensions count for nothing here.
+    pub seen: &'a Measurements,
+    /// How far the attitude may be from that of statics, rad.
+    pub attitude_rad: f64,
+}
+
+/// Where the robot hangs.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// How.
+    pub rest: Rest,
+    /// The tool, world, m.
+    pub tool_m: Vector3<f64>,
+    /// Its covariance, m².
+    pub covariance_m2: Matrix3<f64>,
+    /// Sum of the squared residuals.
+    pub chi2: f64,
+    /// Rows minus unknowns.
+    pub freedoms: usize,
+    /// Tensions, shown less those of the estimate, over their standard deviations.
+    pub tension_residuals: Vec<f64>,
+    /// Whitened residuals of the lengths, if they were weighed.
+    pub length_chi2: f64,
+    /// What a metre more of each cable would move the tool by, m, as weighed.
+    pub tool_per_length: DMatrix<f64>,
+    /// What a metre more of each cable would add to the root of `chi2`.
+    pub shows_per_length: Vec<f64>,
+}
+
+struct Problem<'a> {
+    model: &'a Model,
+    weighed: &'a Weighed<'a>,
+    /// Inverse of the lengths' Cholesky factor.
+    white: Option<DMatrix<f64>>,
+}
+
+impl Problem<'_> {
+    fn rest(&self, x: &Unknowns, near: Option<&Rest>) -> Result<Rest, EstimateError> {
+        let tool_m = x.fixed_rows::<3>(0).into_owned();
+        self.model
+            .rest_with(&tool_m, x[3].max(0.05), near)
+            .map_err(|source| EstimateError::NoFit {
+                source: Box::new(source),
+            })
+    }
+
+    fn rows(&self, x: &Unknowns, rest: &Rest) -> Result<DVector<f64>, EstimateError> {
+        let weighed = self.weighed;
+        let mut rows = Vec::new();
+        if let (Some(lengths), Some(white)) = (weighed.lengths, &self.white) {
+            let said = DVector::from_column_slice(&rest.paid_out_m);
+            rows.extend((white * (&lengths.mean_m - said)).iter().copied());
+        }
+        let tensions = weighed.tensions_n.iter().zip(rest.tensions_n());
+        let tensions = tensions.zip(weighed.tension_sigmas_n);
+        rows.extend(tensions.map(|((shown, said), sigma)| (shown - said) / sigma));
+        let sigmas = Sigmas {
+            attitude_rad: weighed.attitude_rad,
+            ..Sigmas::default()
+        };
+        let turned = x.fixed_rows::<3>(4).into_owned();
+        let mut others = Vec::new();
+        let state = (rest, &turned, None);
+        residuals(self.model, weighed.seen, &sigmas, state, &mut others)
+            .ok_or(EstimateError::Rank)?;
+        rows.extend(others);
+        if rows.iter().any(|row| !row.is_finite()) {
+            return Err(EstimateError::NotFinite);
+        }
+        Ok(DVector::from_vec(rows))
+    }
+}
+
+/// Weighs everything, starting with the tool at `start_m`.
+///
+/// # Errors
+/// [`EstimateError`].
+pub fn fuse(
+    model: &Model,
+    weighed: &Weighed<'_>,
+    start_m: &Vector3<f64>,
+) -> Result<Found, EstimateError> {
+    let white = match weighed.lengths {
+        None => None,
+        Some(lengths) => {
+            let factor = lengths.covariance_m2.clone().cholesky();
+            let inverse = factor.and_then(|factor| factor.l().try_inverse());
+            Some(inverse.ok_or(EstimateError::Rank)?)
+        }
+    };
+    let problem = Problem {
+        model,
+        weighed,
+        white,
+    };
+    let held = model.tension_held().unwrap_or(0);
+    let shown = weighed.tensions_n.get(held).copied();
+    let mut x = Unknowns::zeros();
+    x.fixed_rows_mut::<3>(0).copy_from(start_m);
+    x[3] = shown.unwrap_or(model.robot().tension.setpoint_n).max(0.5);
+    let mut rest = problem.rest(&x, None)?;
+    let mut rows = problem.rows(&x, &rest)?;
+    let mut damping = 1e-6;
+    let mut slopes = DMatrix::zeros(rows.len(), UNKNOWNS);
+    for _ in 0..MOST_STEPS {
+        for (column, change) in CHANGES.into_iter().enumerate() {
+            let mut moved = x;
+            moved[column] += change;
+            let near = if column < 4 {
+                problem.rest(&moved, Some(&rest))?
+            } else {
+                rest.clone()
+            };
+            let there = problem.rows(&moved, &near)?;
+            slopes.set_column(column, &((there - &rows) / change));
+        }
+        let mut normal = slopes.transpose() * &slopes;
+        let gradient = slopes.transpose() * &rows;
+        for i in 0..UNKNOWNS {
+            normal[(i, i)] *= 1.0 + damping;
+        }
+        let step = normal
+            .cholesky()
+            .ok_or(EstimateError::Rank)?
+            .solve(&-gradient);
+        let far = step.rows(0, 3).norm();
+        let step = step * (0.05 / far.max(0.05));
+        let tried = x + Unknowns::from_iterator(step.iter().copied());
+        let better = problem.rest(&tried, Some(&rest)).and_then(|near| {
+            let there = problem.rows(&tried, &near)?;
+            Ok((near, there))
+        });
+        match better {
+            Ok((near, there)) if there.norm_squared() <= rows.norm_squared() => {
+                (x, rest, rows) = (tried, near, there);
+                damping = (damping * 0.1_f64).max(1e-12);
+                if far < 1e-8 {
+                    break;
+                }
+            }
+            _ if damping > 1e6 || far < 1e-9 => break,
+            _ => damping = (damping * 10.0).max(1e-3),
+        }
+    }
+    let covariance = (slopes.transpose() * &slopes)
+        .try_inverse()
+        .ok_or(EstimateError::Rank)?;
+    let lengths = problem.white.as_ref().map_or(0, DMatrix::nrows);
+    // A length that is off by one adds a column of the whitening matrix to the rows.
+    let gain = &covariance * slopes.transpose();
+    let mut tool_per_length = DMatrix::zeros(3, lengths);
+    let mut shows_per_length = Vec::new();
+    if let Some(white) = &problem.white {
+        for cable in 0..lengths {
+            let mut bias = DVector::zeros(rows.len());
+            bias.rows_mut(0, lengths).copy_from(&white.column(cable));
+            let moved = &gain * &bias;
+            tool_per_length.set_column(cable, &moved.rows(0, 3));
+            shows_per_length.push((bias - &slopes * &moved).norm());
+        }
+    }
+    let tensions = weighed.tensions_n.len();
+    Ok(Found {
+        tool_m: x.fixed_rows::<3>(0).into_owned(),
+        covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+        chi2: rows.norm_squared(),
+        freedoms: rows.len().saturating_sub(UNKNOWNS),
+        tension_residuals: rows.rows(lengths, tensions).iter().copied().collect(),
+        length_chi2: rows.rows(0, lengths).norm_squared(),
+        tool_per_length: -tool_per_length,
+        shows_per_length,
+        rest,
+    })
+}
+
+/// The quantile of a chi-square distribution at a normal deviate (Wilson and Hilferty 1931).
+///
+/// ```
+/// let q95 = mcdpr_core::recovery::fuse::chi2_quantile(3.0, 1.645);
+/// assert!((q95 - 7.815).abs() < 0.05, "{q95}");
+/// ```
+#[must_use]
+pub fn chi2_quantile(freedoms: f64, deviate: f64) -> f64 {
+    let part = 2.0 / (9.0 * freedoms);
+    freedoms * (1.0 - part + deviate * part.sqrt()).powi(3).max(0.0)
+}
+
+/// Radius that holds an error of this covariance in 95 % of cases, m: its square is taken for a
+/// scaled chi-square of the same mean and variance (Satterthwaite 1946).
+///
+/// ```
+/// use nalgebra::Matrix3;
+/// let radius = mcdpr_core::recovery::fuse::radius_95_m(&Matrix3::identity());
+/// assert!((radius - 2.796).abs() < 0.01, "{radius}");
+/// ```
+#[must_use]
+pub fn radius_95_m(covariance_m2: &Matrix3<f64>) -> f64 {
+    let mean = covariance_m2.trace();
+    let squares = (covariance_m2 * covariance_m2).trace();
+    if mean.is_nan() || mean <= 0.0 {
+        return 0.0;
+    }
+    let freedoms = mean * mean / squares;
+    (squares / mean * chi2_quantile(freedoms, 1.645)).sqrt()
+}

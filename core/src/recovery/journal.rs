@@ -1,0 +1,748 @@
+//! The journal of a run: records that only grow at the end, so that a cut in the middle of any write
+//! cannot spoil what was there before.
+//!
+//! A file is [`MAGIC`] and records. A record is its payload's length (u16), kind (u8), number (u32),
+//! payload, and the CRC-32 of all of that (u32), little-endian. Numbers rise by one. What ends in the
+//! middle of a record was cut there: the records before it count. A record whose checksum is wrong
+//! while more of the file follows was changed afterwards: the file is refused. This is the usual form of
+//! a write-ahead log (Gray and Reuter, Transaction Processing, 1993, ch. 9).
+//!
+//! Beside it a [`Mark`] says which record has certainly reached the disk, so that a file from which
+//! whole records were taken, or one of another run, is found out.
+
+use mcdpr_protocol::frame::crc32;
+use mcdpr_protocol::{BoardState, Hello};
+use miette::Diagnostic;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// First bytes of a journal.
+pub const MAGIC: &[u8; 8] = b"MCDPRJ01";
+/// Bytes around a payload.
+const AROUND: usize = 11;
+/// Most bytes of a payload.
+const MOST_BYTES: usize = 60_000;
+/// A clock may be set back by this, ms.
+const CLOCK_MS: u64 = 60_000;
+
+const KIND_IDENTITY: u8 = 1;
+const KIND_PLAN: u8 = 2;
+const KIND_KEPT: u8 = 3;
+const KIND_END: u8 = 4;
+
+/// Whose journal it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// Number of the board, hexadecimal.
+    pub board: String,
+    /// Number of the session on the wire.
+    pub session: u32,
+    /// Name of the robot.
+    pub robot: String,
+    /// Checksum of geometry and scale, calibration included.
+    pub scale: u32,
+    /// Name of the task, or its file.
+    pub task: String,
+    /// Checksum of the task's text; of its name for one that is built in.
+    pub task_hash: u32,
+    /// Wall clock at the start of the run, ms since 1970.
+    pub wall_ms: u64,
+}
+
+/// What the host planned: enough to make the same plan again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// The tool at its start, world, m.
+    pub start_m: [f64; 3],
+    /// Its duration, s.
+    pub duration_s: f64,
+}
+
+/// What is kept of one instant.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Kept {
+    /// The link's time, µs.
+    pub time_us: u64,
+    /// Path time of the motion, ms; 0 while nothing moves.
+    pub path_ms: u32,
+    /// What the board did.
+    pub state: BoardState,
+    /// Whether its lengths were referenced.
+    pub referenced: bool,
+    /// Bit set of open brakes.
+    pub brakes_open: u8,
+    /// Bit set of drives that gave torque.
+    pub torque_on: u8,
+    /// Whether the gripper was commanded closed.
+    pub gripper_closed: bool,
+    /// Whether the gripper's switch was closed.
+    pub gripper_switch: bool,
+    /// Each cable.
+    pub cables: Vec<KeptCable>,
+}
+
+/// One cable of [`Kept`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct KeptCable {
+    /// Paid-out length by the drum encoder, m.
+    pub length_m: f64,
+    /// Its set-point, m.
+    pub setpoint_m: f64,
+    /// Its rate, m/s.
+    pub speed_mps: f64,
+    /// Tension, N.
+    pub tension_n: f64,
+}
+
+/// A journal that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Journal {
+    /// Whose it is.
+    pub identity: Identity,
+    /// The plan under way, if one was made.
+    pub plan: Option<Plan>,
+    /// The last instant that was kept.
+    pub last: Option<Kept>,
+    /// The last instant in which the robot stood: held by torque or brakes.
+    pub still: Option<Kept>,
+    /// Whether the program came to its own end: it lived on when the line was gone.
+    pub ended: bool,
+    /// Number of the last whole record.
+    pub number: u32,
+    /// Bytes of a record that was cut.
+    pub torn_bytes: usize,
+}
+
+/// The last record that has certainly reached the disk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mark {
+    /// The run's session.
+    pub session: u32,
+    /// Its last record on the disk.
+    pub number: u32,
+}
+
+/// Why a journal is not believed.
+#[derive(Debug, Clone, PartialEq, Eq, Error, Diagnostic)]
+pub enum JournalError {
+    /// There is none.
+    #[error("no journal was kept for board {board}")]
+    #[diagnostic(code(mcdpr::journal::missing))]
+    Missing {
+        /// The board.
+        board: String,
+    },
+    /// The file begins otherwise.
+    #[error("it is no journal: it begins with other bytes")]
+    #[diagnostic(code(mcdpr::journal::form))]
+    Form,
+    /// A record was changed.
+    #[error("the record at byte {at} is damaged, and {after} bytes follow it")]
+    #[diagnostic(code(mcdpr::journal::damaged))]
+    Damaged {
+        /// Where.
+        at: usize,
+        /// Bytes after it.
+        after: usize,
+    },
+    /// It holds no state.
+    #[error("it was cut before its first state")]
+    #[diagnostic(code(mcdpr::journal::empty))]
+    Empty,
+    /// Records that were on the disk are gone.
+    #[error("it ends with record {last}, but record {marked} had reached the disk: it was cut")]
+    #[diagnostic(code(mcdpr::journal::cut))]
+    Cut {
+        /// What is there.
+        last: u32,
+        /// What was.
+        marked: u32,
+    },
+    /// It is of another run than the last one.
+    #[error("it is of session {journal:08x}, the last run was session {last:08x}")]
+    #[diagnostic(code(mcdpr::journal::session))]
+    Session {
+        /// The journal's.
+        journal: u32,
+        /// The last one.
+        last: u32,
+    },
+    /// It is of another board.
+    #[error("it is of board {journal}, this is board {board}")]
+    #[diagnostic(code(mcdpr::journal::board))]
+    Board {
+        /// The journal's.
+        journal: String,
+        /// This one.
+        board: String,
+    },
+    /// It is of a robot with another geometry, scale or calibration.
+    #[error("it is of the robot {journal} with another geometry, scale or calibration")]
+    #[diagnostic(code(mcdpr::journal::robot))]
+    Robot {
+        /// The journal's robot.
+        journal: String,
+    },
+    /// It begins after now.
+    #[error("it is from the future, by {ahead_s} s: check this computer's clock")]
+    #[diagnostic(code(mcdpr::journal::future))]
+    Future {
+        /// By how much, s.
+        ahead_s: u64,
+    },
+}
+
+/// A board's number in hexadecimal, as journals and files of lengths name it.
+#[must_use]
+pub fn board_name(hello: &Hello) -> String {
+    hello.board_id.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// Writes the bytes of records, one after the other.
+#[derive(Debug, Clone, Default)]
+pub struct Encoder {
+    number: u32,
+}
+
+impl Encoder {
+    /// Number of the last record.
+    #[must_use]
+    pub const fn number(&self) -> u32 {
+        self.number
+    }
+
+    /// The beginning of a file: magic and identity, and the plan under way.
+    pub fn begin(&mut self, identity: &Identity, plan: Option<&Plan>) -> Vec<u8> {
+        let mut bytes = MAGIC.to_vec();
+        let text = serde_json::to_vec(identity).unwrap_or_default();
+        bytes.extend(self.record(KIND_IDENTITY, &text));
+        if let Some(plan) = plan {
+            bytes.extend(self.plan(plan));
+        }
+        bytes
+    }
+
+    /// A plan.
+    pub fn plan(&mut self, plan: &Plan) -> Vec<u8> {
+        let text = serde_json::to_vec(plan).unwrap_or_default();
+        self.record(KIND_PLAN, &text)
+    }
+
+    /// A state.
+    pub fn kept(&mut self, kept: &Kept) -> Vec<u8> {
+        let mut payload = Vec::with_capacity(24 + 16 * kept.cables.len());
+        payload.extend(kept.time_us.to_le_bytes());
+        payload.extend(kept.path_ms.to_le_bytes());
+        let flags = u8::from(kept.referenced)
+            | u8::from(kept.gripper_closed) << 1
+            | u8::from(kept.gripper_switch) << 2;
+        let count = u8::try_from(kept.cables.len()).unwrap_or(u8::MAX);
+        payload.extend([
+            state_number(kept.state),
+            flags,
+            kept.brakes_open,
+            kept.torque_on,
+            count,
+        ]);
+        for cable in &kept.cables {
+            for (value, per_unit) in [
+                (cable.length_m, 1e7),
+                (cable.setpoint_m, 1e7),
+                (cable.speed_mps, 1e6),
+                (cable.tension_n, 1e3),
+            ] {
+                payload.extend(fixed(value * per_unit).to_le_bytes());
+            }
+        }
+        self.record(KIND_KEPT, &payload)
+    }
+
+    /// The program's own end.
+    pub fn end(&mut self) -> Vec<u8> {
+        self.record(KIND_END, &[])
+    }
+
+    fn record(&mut self, kind: u8, payload: &[u8]) -> Vec<u8> {
+        self.number = self.number.wrapping_add(1);
+        let length = u16::try_from(payload.len()).unwrap_or(u16::MAX);
+        let payload = payload.get(..length.into()).unwrap_or(payload);
+        let mut bytes = Vec::with_capacity(payload.len() + AROUND);
+        bytes.extend(length.to_le_bytes());
+        bytes.push(kind);
+        bytes.extend(self.number.to_le_bytes());
+        bytes.extend(payload);
+        let sum = crc32(&bytes);
+        bytes.extend(sum.to_le_bytes());
+        bytes
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "saturates")]
+fn fixed(value: f64) -> i32 {
+    value.round() as i32
+}
+
+const STATES: [BoardState; 9] = [
+    BoardState::Boot,
+    BoardState::Disarmed,
+    BoardState::Arming,
+    BoardState::Holding,
+    BoardState::Moving,
+    BoardState::Pausing,
+    BoardState::Stopping,
+    BoardState::Fault,
+    BoardState::EStop,
+];
+
+fn state_number(state: BoardState) -> u8 {
+    let found = STATES.iter().position(|known| *known == state);
+    found
+        .and_then(|index| u8::try_from(index).ok())
+        .unwrap_or(0)
+}
+
+/// The records of a file: kind, number and payload of each, and the bytes of one that was cut.
+struct Records<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    number: Option<u32>,
+}
+
+enum Next<'a> {
+    Record(u8, u32, &'a [u8]),
+    Torn(usize),
+    Damaged,
+    End,
+}
+
+impl<'a> Records<'a> {
+    fn next(&mut self) -> Next<'a> {
+        let rest = self.bytes.get(self.at..).unwrap_or_default();
+        if rest.is_empty() {
+            return Next::End;
+        }
+        let Some((length, _)) = rest.split_first_chunk::<2>() else {
+            return Next::Torn(rest.len());
+        };
+        let length = usize::from(u16::from_le_bytes(*length));
+        let whole = length + AROUND;
+        // A file system may have given a file its length and not yet its bytes.
+        if rest.iter().all(|byte| *byte == 0) {
+            return Next::Torn(rest.len());
+        }
+        if length > MOST_BYTES {
+            return Next::Damaged;
+        }
+        let Some(record) = rest.get(..whole) else {
+            return Next::Torn(rest.len());
+        };
+        let parsed = parse(record);
+        match parsed {
+            Some((kind, number, payload))
+                if self
+                    .number
+                    .is_none_or(|last| number == last.wrapping_add(1)) =>
+            {
+                self.at += whole;
+                self.number = Some(number);
+                Next::Record(kind, number, payload)
+            }
+            // The last record: half of it was written. Were it damaged later, its mark would tell.
+            _ if rest.iter().skip(whole).all(|byte| *byte == 0) => Next::Torn(rest.len()),
+            _ => Next::Damaged,
+        }
+    }
+}
+
+fn parse(record: &[u8]) -> Option<(u8, u32, &[u8])> {
+    let (body, sum) = record.split_last_chunk::<4>()?;
+    if crc32(body) != u32::from_le_bytes(*sum) {
+        return None;
+    }
+    let (_, rest) = body.split_first_chunk::<2>()?;
+    let (kind, rest) = rest.split_first()?;
+    let (number, payload) = rest.split_first_chunk::<4>()?;
+    Some((*kind, u32::from_le_bytes(*number), payload))
+}
+
+fn kept(payload: &[u8]) -> Option<Kept> {
+    let (time, rest) = payload.split_first_chunk::<8>()?;
+    let (path, rest) = rest.split_first_chunk::<4>()?;
+    let ([state, flags, brakes_open, torque_on, count], rest) = rest.split_first_chunk::<5>()?;
+    let mut values = rest
+        .chunks_exact(4)
+        .filter_map(|four| four.first_chunk::<4>());
+    let mut value = |unit: f64| Some(f64::from(i32::from_le_bytes(*values.next()?)) * unit);
+    let mut cables = Vec::new();
+    for _ in 0..*count {
+        cables.push(KeptCable {
+            length_m: value(1e-7)?,
+            setpoint_m: value(1e-7)?,
+            speed_mps: value(1e-6)?,
+            tension_n: value(1e-3)?,
+        });
+    }
+    Some(Kept {
+        time_us: u64::from_le_bytes(*time),
+        path_ms: u32::from_le_bytes(*path),
+        state: STATES.get(usize::from(*state)).copied()?,
+        referenced: flags & 1 != 0,
+        gripper_closed: flags & 2 != 0,
+        gripper_switch: flags & 4 != 0,
+        brakes_open: *brakes_open,
+        torque_on: *torque_on,
+        cables,
+    })
+}
+
+impl Journal {
+    /// Reads the bytes of a file.
+    ///
+    /// # Errors
+    /// [`JournalError::Form`], [`JournalError::Damaged`], [`JournalError::Empty`].
+    pub fn read(bytes: &[u8]) -> Result<Self, JournalError> {
+        if bytes.get(..MAGIC.len()) != Some(MAGIC.as_slice()) {
+            // A file that was cut within its first bytes holds nothing.
+            let begun = MAGIC.starts_with(bytes);
+            return Err(if begun {
+                JournalError::Empty
+            } else {
+                JournalError::Form
+            });
+        }
+        let mut records = Records {
+            bytes,
+            at: MAGIC.len(),
+            number: None,
+        };
+        let mut identity = None;
+        let (mut plan, mut last, mut still) = (None, None, None);
+        let (mut ended, mut number, mut torn_bytes) = (false, 0, 0);
+        loop {
+            let at = records.at;
+            let damaged = || JournalError::Damaged {
+                at,
+                after: bytes.len().saturating_sub(at),
+            };
+            match records.next() {
+                Next::End => break,
+                Next::Torn(left) => {
+                    torn_bytes = left;
+                    break;
+                }
+                Next::Damaged => return Err(damaged()),
+                Next::Record(kind, of, payload) => {
+                    number = of;
+                    match kind {
+                        KIND_IDENTITY => {
+                            let read = serde_json::from_slice::<Identity>(payload);
+                            identity = Some(read.map_err(|_| damaged())?);
+                        }
+                        KIND_PLAN => {
+                            let read = serde_json::from_slice::<Plan>(payload);
+                            plan = Some(read.map_err(|_| damaged())?);
+                        }
+                        KIND_KEPT => {
+                            let read = kept(payload).ok_or_else(damaged)?;
+                            if matches!(read.state, BoardState::Disarmed | BoardState::Holding) {
+                                still = Some(read.clone());
+                            }
+                            last = Some(read);
+                        }
+                        KIND_END => ended = true,
+                        // A kind of a later version.
+                        _ => {}
+                    }
+                }
+            }
+        }
+        let identity = identity.ok_or(JournalError::Empty)?;
+        if last.is_none() {
+            return Err(JournalError::Empty);
+        }
+        Ok(Self {
+            identity,
+            plan,
+            last,
+            still,
+            ended,
+            number,
+            torn_bytes,
+        })
+    }
+
+    /// Whether it is of this board and robot, whole up to its mark, and not from the future.
+    ///
+    /// # Errors
+    /// [`JournalError`] says why not.
+    pub fn check(
+        &self,
+        board: &str,
+        scale: u32,
+        mark: Option<Mark>,
+        now_ms: u64,
+    ) -> Result<(), JournalError> {
+        let of = &self.identity;
+        if of.board != board {
+            return Err(JournalError::Board {
+                journal: of.board.clone(),
+                board: board.to_owned(),
+            });
+        }
+        if of.scale != scale {
+            return Err(JournalError::Robot {
+                journal: of.robot.clone(),
+            });
+        }
+        if of.wall_ms > now_ms.saturating_add(CLOCK_MS) {
+            return Err(JournalError::Future {
+                ahead_s: (of.wall_ms - now_ms) / 1000,
+            });
+        }
+        let Some(mark) = mark else {
+            return Ok(());
+        };
+        if mark.session != of.session {
+            return Err(JournalError::Session {
+                journal: of.session,
+                last: mark.session,
+            });
+        }
+        if mark.number > self.number {
+            return Err(JournalError::Cut {
+                last: self.number,
+                marked: mark.number,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Bytes of one slot of a file of marks.
+pub const MARK_BYTES: usize = 12;
+
+impl Mark {
+    /// The bytes of a slot. Two slots are written in turn: a cut spoils one of them.
+    #[must_use]
+    pub fn to_bytes(self) -> [u8; MARK_BYTES] {
+        let mut bytes = [0; MARK_BYTES];
+        let (body, sum) = bytes.split_at_mut(8);
+        let fields = self.session.to_le_bytes();
+        let fields = fields.into_iter().chain(self.number.to_le_bytes());
+        for (slot, byte) in body.iter_mut().zip(fields) {
+            *slot = byte;
+        }
+        sum.copy_from_slice(&crc32(body).to_le_bytes());
+        bytes
+    }
+
+    /// The later whole slot of a file of marks; `None` where neither is whole.
+    #[must_use]
+    pub fn read(bytes: &[u8]) -> Option<Self> {
+        let slots = bytes.chunks_exact(MARK_BYTES).filter_map(|slot| {
+            let (body, sum) = slot.split_last_chunk::<4>()?;
+            let (session, number) = body.split_first_chunk::<4>()?;
+            (crc32(body) == u32::from_le_bytes(*sum)).then_some(Self {
+                session: u32::from_le_bytes(*session),
+                number: u32::from_le_bytes(*number.first_chunk::<4>()?),
+            })
+        });
+        slots.max_by_key(|mark| mark.number)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn identity() -> Identity {
+        Identity {
+            board: "0011".to_owned(),
+            session: 7,
+            robot: "lab".to_owned(),
+            scale: 5,
+            task: "paper:table7".to_owned(),
+            task_hash: 9,
+            wall_ms: 1_000_000,
+        }
+    }
+
+    fn state(index: u32) -> Kept {
+        Kept {
+            time_us: u64::from(index) * 10_000,
+            path_ms: index * 10,
+            state: BoardState::Moving,
+            referenced: true,
+            brakes_open: 15,
+            torque_on: 15,
+            gripper_closed: true,
+            gripper_switch: false,
+            cables: vec![
+                KeptCable {
+                    length_m: 0.5 + 1e-4 * f64::from(index),
+                    setpoint_m: 0.5,
+                    speed_mps: 0.01,
+                    tension_n: 7.25,
+                };
+                4
+            ],
+        }
+    }
+
+    /// A file of some states, and where each record ends.
+    fn file(states: u32) -> (Vec<u8>, Vec<usize>) {
+        let mut encoder = Encoder::default();
+        let plan = Plan {
+            start_m: [0.1, 0.2, 0.3],
+            duration_s: 4.0,
+        };
+        let mut bytes = encoder.begin(&identity(), Some(&plan));
+        let mut ends = Vec::new();
+        for index in 0..states {
+            bytes.extend(encoder.kept(&state(index)));
+            ends.push(bytes.len());
+        }
+        (bytes, ends)
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let (mut bytes, _) = file(5);
+        let journal = Journal::read(&bytes).unwrap();
+        assert_eq!(journal.identity, identity());
+        let last = journal.last.unwrap();
+        assert_eq!((last.path_ms, last.state), (40, BoardState::Moving));
+        assert!((last.cables[3].length_m - 0.5004).abs() < 1e-9);
+        assert!((last.cables[0].tension_n - 7.25).abs() < 1e-9);
+        assert!(last.gripper_closed && !last.gripper_switch && !journal.ended);
+        let mut encoder = Encoder {
+            number: journal.number,
+        };
+        bytes.extend(encoder.end());
+        assert!(Journal::read(&bytes).unwrap().ended);
+    }
+
+    #[test]
+    fn a_cut_at_any_byte_leaves_every_record_before_it() {
+        let (bytes, ends) = file(12);
+        for cut in 0..bytes.len() {
+            let whole = ends.iter().filter(|end| **end <= cut).count();
+            match Journal::read(&bytes[..cut]) {
+                Ok(journal) => {
+                    let last = journal.last.unwrap();
+                    assert_eq!(usize::try_from(last.path_ms).unwrap(), (whole - 1) * 10);
+                    assert_eq!(journal.torn_bytes, cut - ends[whole - 1], "cut at {cut}");
+                }
+                Err(error) => {
+                    assert_eq!(error, JournalError::Empty, "cut at {cut}");
+                    assert_eq!(whole, 0, "cut at {cut}");
+                }
+            }
+            // A file system that gave the length and not the bytes.
+            let mut zeros = bytes[..cut].to_vec();
+            zeros.resize(cut + 300, 0);
+            let torn = Journal::read(&zeros);
+            let kept = torn.as_ref().map_or(0, |journal| journal.last.iter().len());
+            assert!(kept == usize::from(whole > 0), "zeros from {cut}: {torn:?}");
+        }
+    }
+
+    #[test]
+    fn a_changed_byte_never_gives_another_state() {
+        let (bytes, ends) = file(6);
+        let mut cut = 0;
+        for at in 0..bytes.len() {
+            for flip in [1_u8, 0x80] {
+                let mut changed = bytes.clone();
+                changed[at] ^= flip;
+                match Journal::read(&changed) {
+                    // A length that reaches over the end looks like a cut: what was before counts.
+                    Ok(journal) => {
+                        cut += 1;
+                        let path_ms = usize::try_from(journal.last.unwrap().path_ms).unwrap();
+                        assert!(ends[path_ms / 10] <= at, "byte {at}");
+                        let marked = Mark {
+                            session: 7,
+                            number: journal.number + 1,
+                        };
+                        let whole = Journal::read(&changed).unwrap();
+                        let found = whole.check("0011", 5, Some(marked), 1_000_000);
+                        assert!(matches!(found, Err(JournalError::Cut { .. })), "{found:?}");
+                    }
+                    Err(
+                        JournalError::Form | JournalError::Damaged { .. } | JournalError::Empty,
+                    ) => {}
+                    Err(other) => panic!("byte {at}: {other}"),
+                }
+            }
+        }
+        let last = ends[5] - ends[4];
+        assert!(
+            cut < 2 * last + 40,
+            "{cut}, of {last} bytes of the last record"
+        );
+    }
+
+    #[test]
+    fn a_journal_of_another_board_robot_run_or_time_is_refused() {
+        let (bytes, _) = file(3);
+        let journal = Journal::read(&bytes).unwrap();
+        let now = 1_005_000;
+        let mark = |session, number| Some(Mark { session, number });
+        assert_eq!(
+            journal.check("0011", 5, mark(7, journal.number), now),
+            Ok(())
+        );
+        assert_eq!(journal.check("0011", 5, None, now), Ok(()));
+        let found = |board, scale, mark, now| journal.check(board, scale, mark, now).unwrap_err();
+        assert!(matches!(
+            found("0012", 5, None, now),
+            JournalError::Board { .. }
+        ));
+        assert!(matches!(
+            found("0011", 6, None, now),
+            JournalError::Robot { .. }
+        ));
+        assert!(matches!(
+            found("0011", 5, None, 900_000),
+            JournalError::Future { ahead_s: 100 }
+        ));
+        assert!(matches!(
+            found("0011", 5, mark(8, 1), now),
+            JournalError::Session { .. }
+        ));
+        assert!(matches!(
+            found("0011", 5, mark(7, 99), now),
+            JournalError::Cut { .. }
+        ));
+    }
+
+    #[test]
+    fn of_two_marks_the_later_whole_one_counts() {
+        let (a, b) = (
+            Mark {
+                session: 7,
+                number: 3,
+            },
+            Mark {
+                session: 7,
+                number: 4,
+            },
+        );
+        let mut bytes = [a.to_bytes(), b.to_bytes()].concat();
+        assert_eq!(Mark::read(&bytes), Some(b));
+        bytes[MARK_BYTES + 5] ^= 1;
+        assert_eq!(Mark::read(&bytes), Some(a));
+        assert_eq!(Mark::read(&bytes[..5]), None);
+    }
+
+    #[test]
+    fn a_minute_of_eight_cables_is_under_a_megabyte() {
+        let mut encoder = Encoder::default();
+        let mut eight = state(1);
+        eight.cables.resize(8, KeptCable::default());
+        // A record at most every ten milliseconds.
+        let minute = encoder.kept(&eight).len() * 6000;
+        assert!(minute < 1_000_000, "{minute} bytes");
+    }
+}
