@@ -7,6 +7,7 @@
 //! | [`witness`] | hands what happens to watchers on threads of their own |
 //! | [`recording`] | the watcher that writes the MCAP file |
 //! | `panel` | the robot in Foxglove's terms, for its 3-D panel |
+//! | `rosbag`, `cdr` | a record as a bag of ROS 2 |
 //! | [`load`] | a recorded run, read back |
 //! | [`scenario`] | what was run, so that it can be run again |
 //! | [`words`] | states and limits in words |
@@ -15,14 +16,17 @@
 //! notes of the host (its plan). The thread that moves the robot copies a few hundred bytes into a
 //! queue and goes on, whatever the disk or a browser does.
 
+mod cdr;
 pub mod decode;
 pub mod load;
 pub mod mcap;
 mod pack;
 mod panel;
 pub mod recording;
+pub(crate) mod rosbag;
 pub mod scenario;
 mod schemas;
+mod short;
 pub mod witness;
 pub mod words;
 
