@@ -440,6 +440,28 @@ class Robot:
         found = called(lead, lambda: self._native.hang(position, flat, attitude, tool, nan))
         return self._equilibrium(lead, found)
 
+    def stiffness(
+        self,
+        position_m: Numbers,
+        tensions_n: Tensions | None = None,
+        *,
+        tool: bool = False,
+        on_error: OnError = "raise",
+    ) -> Array:
+        """(..., 6, 6) stiffness of the hanging platform, as :attr:`Equilibrium.stiffness`."""
+        return self.statics(position_m, tensions_n, tool=tool, on_error=on_error).stiffness
+
+    def modes(
+        self,
+        position_m: Numbers,
+        tensions_n: Tensions | None = None,
+        *,
+        tool: bool = False,
+        on_error: OnError = "raise",
+    ) -> Array:
+        """(..., 6) natural frequencies, Hz, as :attr:`Equilibrium.modes_hz`."""
+        return self.statics(position_m, tensions_n, tool=tool, on_error=on_error).modes_hz
+
     def fk_static(
         self,
         lengths_m: Numbers,

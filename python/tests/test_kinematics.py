@@ -217,3 +217,24 @@ def test_the_lock_is_released() -> None:
     over.set()
     thread.join()
     assert sum(began < at < ended for at in seen) >= 3
+
+
+def test_stiffness_and_modes_of_many_places() -> None:
+    robot = mcdpr.Robot.load("paper-table5")
+    places = np.array([[[0.30, 0.05, -0.2], [0.35, -0.1, -0.3]]])
+    stiffness, modes = robot.stiffness(places), robot.modes(places)
+    assert stiffness.shape == (1, 2, 6, 6) and modes.shape == (1, 2, 6)
+    assert np.array_equal(modes[0, 1], robot.statics(places[0, 1]).modes_hz, equal_nan=True)
+    # Another way: a force moves the tool as the inverse of the stiffness says.
+    assert np.allclose(stiffness, np.swapaxes(stiffness, -1, -2), rtol=1e-6, atol=1e-6)
+    assert (np.linalg.eigvalsh(stiffness) > 0).all()
+
+
+def test_the_import_is_quick() -> None:
+    import subprocess
+    import sys
+
+    words = "import time; t = time.perf_counter(); import mcdpr; print(time.perf_counter() - t)"
+    took = [float(subprocess.check_output([sys.executable, "-c", words])) for _ in range(3)]
+    # numpy comes with the first robot.
+    assert min(took) < 0.2

@@ -9,6 +9,7 @@ from typing import Any
 
 import mcdpr
 import numpy as np
+import polars
 import pytest
 from conftest import program
 
@@ -48,6 +49,13 @@ def test_a_topic_is_a_table(recorded: tuple[Path, Any]) -> None:
     assert len(table) == len(record.ticks["tick"])
     assert list(table.columns[:3]) == ["tick", "path_s", "lengths_m.1"]
     assert {"tool_m.x", "rotation_xyzw.w"} <= set(record.to_pandas("truth").columns)
+
+
+def test_another_library_takes_the_table(recorded: tuple[Path, Any]) -> None:
+    record = mcdpr.Record.load(recorded[0])
+    table = polars.from_dataframe(record.to_pandas("truth"))
+    assert table.height == len(record.truth["tick"])
+    assert table["tool_m.x"].to_list() == record.truth["tool_m"][:, 0].tolist()
 
 
 def test_what_is_no_record_is_refused(tmp_path: Path) -> None:

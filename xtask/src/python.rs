@@ -18,6 +18,10 @@ const JUDGES: &[&str] = &[
     "polars>=1",
     "pyarrow>=15",
     "gymnasium>=1.0",
+    "nbclient>=0.10",
+    "ipykernel>=6",
+    "matplotlib>=3.8",
+    "rosbags>=0.10",
     "mcap>=1.2,<2",
     "foxglove-schemas-protobuf>=0.3",
 ];

@@ -1,19 +1,32 @@
-//! `mcdpr export RUN --csv`: a recorded run as plain tables.
+//! `mcdpr export RUN --csv`: a recorded run as plain tables; `--to rosbag2`: as a bag of ROS 2.
 
 use super::{Common, Failed, Outcome, print_json};
-use crate::record::RecordedRun;
+use crate::record::{RecordedRun, rosbag};
 use crate::report::tables;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Write a recorded run as CSV tables: cables, states, true states, log
+/// What a run can become besides tables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Format {
+    /// A folder with metadata.yaml and MCAP in CDR, as `ros2 bag` has it
+    Rosbag2,
+}
+
+/// Most bytes of a record that becomes a bag: it is made in memory.
+const MOST_BYTES: u64 = 1 << 30;
+
+/// Write a recorded run as CSV tables, or as a bag of ROS 2
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// The run's folder, or its run.mcap
     run: PathBuf,
     /// As comma-separated values, one file per topic
-    #[arg(long, required = true)]
+    #[arg(long, required_unless_present = "to")]
     csv: bool,
-    /// Folder for the files, instead of the run's own
+    /// As a bag: joint states, transforms, wrenches of the cables, diagnostics, pictures
+    #[arg(long, value_name = "FORMAT", conflicts_with = "csv")]
+    to: Option<Format>,
+    /// Folder for the files, instead of the run's own; for a bag, instead of `rosbag2` there
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -28,6 +41,13 @@ impl Cmd {
             Some(folder) => folder.clone(),
             None => run.path.parent().map(PathBuf::from).unwrap_or_default(),
         };
+        if self.to == Some(Format::Rosbag2) {
+            let folder = match &self.out {
+                Some(_) => folder,
+                None => folder.join("rosbag2"),
+            };
+            return bag(common, &run, &folder);
+        }
         let failed = || Failed::from_error("writing the tables");
         std::fs::create_dir_all(&folder).map_err(failed())?;
         let mut written = Vec::new();
@@ -47,4 +67,34 @@ impl Cmd {
         }
         Ok(())
     }
+}
+
+fn bag(common: &Common, run: &RecordedRun, folder: &Path) -> Outcome {
+    let failed = || Failed::from_error("writing the bag");
+    let record = crate::files::read_bytes(&run.path, MOST_BYTES).map_err(failed())?;
+    let name = folder.file_name().map(|name| name.to_string_lossy());
+    let file = format!("{}_0.mcap", name.as_deref().unwrap_or("rosbag2"));
+    let robot = run
+        .scenario
+        .robot
+        .first()
+        .map_or("", |file| file.name.as_str());
+    let bag = rosbag::bag(&record, robot, &file);
+    let bag = bag.map_err(Failed::from_error("writing the bag"))?;
+    std::fs::create_dir_all(folder).map_err(failed())?;
+    crate::files::write_atomically(&folder.join(&file), &bag.mcap).map_err(failed())?;
+    let about = folder.join("metadata.yaml");
+    crate::files::write_atomically(&about, &bag.metadata).map_err(failed())?;
+    if common.json {
+        let topics = bag.topics.iter().map(|(topic, kind, count)| {
+            serde_json::json!({ "topic": topic, "type": kind, "messages": count })
+        });
+        let topics: Vec<_> = topics.collect();
+        return print_json(&serde_json::json!({ "folder": folder, "topics": topics }));
+    }
+    for (topic, kind, count) in &bag.topics {
+        say!("{topic}: {count} messages of {kind}");
+    }
+    say!("{}", folder.display());
+    Ok(())
 }

@@ -6,7 +6,7 @@ use super::pack::Pack;
 use super::schemas::{self, TOPICS};
 use super::witness::{Happening, Level, Watcher};
 use super::words::{LIMITS, limit};
-use super::{PlanNote, Scenario, TruthPoint, panel};
+use super::{PlanNote, Scenario, TruthPoint, panel, short};
 use crate::link::{RawFrame, describe_fault, describe_reject};
 use crate::motion::Model;
 use crate::sight::{Shown, base64};
@@ -195,7 +195,13 @@ impl<W: Write + Send + 'static> Recording<W> {
         };
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
-        match serde_json::to_vec(body) {
+        let exact = matches!(topic, schemas::PLAN | schemas::TRUTH);
+        let text = if exact {
+            serde_json::to_vec(body)
+        } else {
+            short::to_vec(body)
+        };
+        match text {
             Ok(data) => {
                 self.with_writer(|writer| writer.message(channel, sequence, time_ns, &data));
                 if let Ok(mut summary) = self.summary.lock() {

@@ -1,7 +1,7 @@
 //! Writing MCAP, chunk by chunk.
 
 use super::{LZ4, MAGIC, crc32, op};
-use lz4_flex::frame::FrameEncoder;
+use lz4_flex::frame::{BlockMode, FrameEncoder, FrameInfo};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
@@ -24,7 +24,10 @@ struct ChunkEntry {
 
 /// The records of a chunk as a frame of LZ4.
 fn pack(records: &[u8]) -> io::Result<Vec<u8>> {
-    let mut encoder = FrameEncoder::new(Vec::with_capacity(records.len() / 2));
+    // Blocks that refer to those before them: messages repeat themselves, and blocks are small.
+    let info = FrameInfo::new().block_mode(BlockMode::Linked);
+    let room = Vec::with_capacity(records.len() / 2);
+    let mut encoder = FrameEncoder::with_frame_info(info, room);
     encoder.write_all(records)?;
     encoder.finish().map_err(io::Error::other)
 }

@@ -1,0 +1,370 @@
+//! A recorded run as a bag of ROS 2: MCAP with messages in CDR, and `metadata.yaml` beside it.
+//!
+//! Source: rosbag2 (storage plugin mcap, metadata version 5) and the profile `ros2` of the MCAP registry.
+
+use super::cdr::{Cdr, definition};
+use super::mcap::{ChannelId, ReadError, Writer, read};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io;
+
+/// Bytes of a chunk.
+const CHUNK_BYTES: usize = 1 << 20;
+
+/// A bag: the file, its description, and how many messages it has of each topic.
+pub(crate) struct Bag {
+    pub(crate) mcap: Vec<u8>,
+    pub(crate) metadata: String,
+    pub(crate) topics: Vec<(String, &'static str, u64)>,
+}
+
+/// What keeps a record from becoming a bag.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum BagError {
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    #[error("writing the bag: {0}")]
+    Write(#[from] io::Error),
+    #[error("the record has nothing that a bag could hold")]
+    Empty,
+}
+
+/// A message on its way into the bag.
+struct Message {
+    topic: String,
+    kind: &'static str,
+    time_ns: u64,
+    data: Vec<u8>,
+}
+
+/// Collects what a record's messages become.
+#[derive(Default)]
+struct Bagger {
+    robot: String,
+    out: Vec<Message>,
+    tensions_n: Vec<f64>,
+}
+
+/// Makes a bag of a record's bytes. `robot` names the hardware; the file will be `file` in its folder.
+pub(crate) fn bag(record: &[u8], robot: &str, file: &str) -> Result<Bag, BagError> {
+    let contents = read(record)?;
+    let mut bagger = Bagger {
+        robot: robot.to_owned(),
+        ..Bagger::default()
+    };
+    for message in &contents.messages {
+        let topic = contents.topic(message.channel).unwrap_or_default();
+        let Ok(body) = serde_json::from_slice::<Value>(&message.data) else {
+            // The bytes of the line.
+            continue;
+        };
+        bagger.take(topic, message.log_time_ns, &body);
+    }
+    write(bagger.out, file)
+}
+
+fn write(mut messages: Vec<Message>, file: &str) -> Result<Bag, BagError> {
+    messages.sort_by_key(|message| message.time_ns);
+    let (Some(first), Some(last)) = (messages.first(), messages.last()) else {
+        return Err(BagError::Empty);
+    };
+    let span_ns = (first.time_ns, last.time_ns);
+    let mut mcap = Vec::new();
+    let mut writer = Writer::new(&mut mcap, "ros2", CHUNK_BYTES)?;
+    let mut schemas: BTreeMap<&str, u16> = BTreeMap::new();
+    let mut channels: BTreeMap<&str, (ChannelId, &'static str, u64)> = BTreeMap::new();
+    for message in &messages {
+        if !channels.contains_key(message.topic.as_str()) {
+            let schema = match schemas.get(message.kind) {
+                Some(schema) => *schema,
+                None => {
+                    let text = definition(message.kind);
+                    let full = full_name(message.kind);
+                    let schema = writer.schema(&full, "ros2msg", text.as_bytes())?;
+                    schemas.insert(message.kind, schema);
+                    schema
+                }
+            };
+            let channel = writer.channel(Some(schema), &message.topic, "cdr")?;
+            channels.insert(&message.topic, (channel, message.kind, 0));
+        }
+    }
+    for message in &messages {
+        if let Some((channel, _, count)) = channels.get_mut(message.topic.as_str()) {
+            *count += 1;
+            let sequence = u32::try_from(*count).unwrap_or(u32::MAX);
+            writer.message(*channel, sequence, message.time_ns, &message.data)?;
+        }
+    }
+    writer.finish()?;
+    let topics: Vec<_> = channels
+        .iter()
+        .map(|(topic, (_, kind, count))| ((*topic).to_owned(), *kind, *count))
+        .collect();
+    drop(channels);
+    Ok(Bag {
+        mcap,
+        metadata: metadata(&topics, span_ns, file),
+        topics,
+    })
+}
+
+/// `sensor_msgs/JointState` as ROS 2 names the type.
+fn full_name(kind: &str) -> String {
+    kind.replacen('/', "/msg/", 1)
+}
+
+/// What `metadata.yaml` says.
+fn metadata(topics: &[(String, &str, u64)], (from_ns, to_ns): (u64, u64), file: &str) -> String {
+    let total: u64 = topics.iter().map(|(_, _, count)| count).sum();
+    let mut text = String::from("rosbag2_bagfile_information:\n  version: 5\n");
+    let span = |indent: &str| {
+        format!(
+            "{indent}starting_time:\n{indent}  nanoseconds_since_epoch: {from_ns}\n\
+             {indent}duration:\n{indent}  nanoseconds: {}\n{indent}message_count: {total}\n",
+            to_ns - from_ns
+        )
+    };
+    text += "  storage_identifier: mcap\n";
+    text += &span("  ");
+    text += "  topics_with_message_count:\n";
+    for (topic, kind, count) in topics {
+        // What never changes is kept for those who come late.
+        let durability = if topic == "/tf_static" { 1 } else { 2 };
+        // Writing to a string cannot fail.
+        let _ = write!(
+            text,
+            "    - topic_metadata:\n        name: {topic}\n        type: {}\n        \
+             serialization_format: cdr\n        offered_qos_profiles: \"- history: 1\\n  depth: 10\\n  \
+             reliability: 1\\n  durability: {durability}\\n  deadline:\\n    sec: 2147483647\\n    nsec: \
+             4294967295\\n  lifespan:\\n    sec: 2147483647\\n    nsec: 4294967295\\n  liveliness: 1\\n  \
+             liveliness_lease_duration:\\n    sec: 2147483647\\n    nsec: 4294967295\\n  \
+             avoid_ros_namespace_conventions: false\"\n      message_count: {count}\n",
+            full_name(kind)
+        );
+    }
+    text += "  compression_format: \"\"\n  compression_mode: \"\"\n";
+    let _ = write!(
+        text,
+        "  relative_file_paths:\n    - {file}\n  files:\n    - path: {file}\n"
+    );
+    text += &span("      ");
+    text
+}
+
+impl Bagger {
+    fn put(&mut self, topic: &str, kind: &'static str, time_ns: u64, message: &mut Cdr) {
+        self.out.push(Message {
+            topic: topic.to_owned(),
+            kind,
+            time_ns,
+            data: message.done(),
+        });
+    }
+
+    fn take(&mut self, topic: &str, time_ns: u64, body: &Value) {
+        match topic {
+            "/cables" => self.cables(time_ns, body),
+            "/tf" => self.transform(time_ns, body),
+            "/scene" => self.pulls(time_ns, body),
+            "/status" => self.status(time_ns, body),
+            "/camera/image" => self.image(time_ns, body),
+            "/camera/calibration" => self.lens(time_ns, body),
+            _ => {}
+        }
+    }
+
+    /// Winches as joints: position is the cable that is paid out (m), effort its tension (N).
+    fn cables(&mut self, time_ns: u64, body: &Value) {
+        let lengths = numbers(&body["length_m"]);
+        self.tensions_n = numbers(&body["tension_n"]);
+        let mut out = Cdr::new();
+        out.header(time_ns, "").count(lengths.len());
+        for cable in 1..=lengths.len() {
+            out.text(&format!("winch_{cable}"));
+        }
+        out.sequence(&lengths)
+            .sequence(&[])
+            .sequence(&self.tensions_n);
+        self.put("/joint_states", "sensor_msgs/JointState", time_ns, &mut out);
+    }
+
+    fn transform(&mut self, time_ns: u64, body: &Value) {
+        let text = |key: &str| body[key].as_str().unwrap_or_default();
+        let (parent, child) = (text("parent_frame_id"), text("child_frame_id"));
+        let place = part(&body["translation"], &["x", "y", "z"]);
+        let turn = part(&body["rotation"], &["x", "y", "z", "w"]);
+        let topic = if parent == "world" {
+            "/tf"
+        } else {
+            "/tf_static"
+        };
+        let mut out = Cdr::new();
+        out.count(1)
+            .header(time_ns, parent)
+            .text(child)
+            .f64s(&place)
+            .f64s(&turn);
+        self.put(topic, "tf2_msgs/TFMessage", time_ns, &mut out);
+    }
+
+    /// What each cable pulls with at its attachment, world axes, and where that is.
+    fn pulls(&mut self, time_ns: u64, body: &Value) {
+        let cables = body["entities"]
+            .as_array()
+            .and_then(|entities| entities.iter().find(|entity| entity["id"] == "cables"));
+        let Some(points) = cables.and_then(|cables| cables["lines"][0]["points"].as_array()) else {
+            return;
+        };
+        let points: Vec<_> = points.iter().map(|p| part(p, &["x", "y", "z"])).collect();
+        let pairs: Vec<_> = points.chunks_exact(2).map(|pair| pair.to_vec()).collect();
+        for (cable, (ends, tension)) in pairs.iter().zip(self.tensions_n.clone()).enumerate() {
+            let [from, to] = ends.as_slice() else {
+                continue;
+            };
+            let (topic, frame) = (
+                format!("/cables/cable_{}/wrench", cable + 1),
+                format!("attachment_{}", cable + 1),
+            );
+            let away: Vec<f64> = from.iter().zip(to).map(|(a, b)| a - b).collect();
+            let length = away.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
+            let force: Vec<f64> = away.iter().map(|x| x / length * tension).collect();
+            let mut out = Cdr::new();
+            out.header(time_ns, &frame).f64s(&force).f64s(&[0.0; 3]);
+            self.put(&topic, "geometry_msgs/WrenchStamped", time_ns, &mut out);
+            let mut out = Cdr::new();
+            out.count(1)
+                .header(time_ns, "world")
+                .text(&frame)
+                .f64s(to)
+                .f64s(&[0.0, 0.0, 0.0, 1.0]);
+            self.put("/tf", "tf2_msgs/TFMessage", time_ns, &mut out);
+        }
+    }
+
+    /// The board's state: an error while a fault is latched, a warning while a limit is touched.
+    fn status(&mut self, time_ns: u64, body: &Value) {
+        let state = body["state"].as_str().unwrap_or_default();
+        let fault = body["fault"].as_str();
+        let level = match (fault, body["limits"].as_u64()) {
+            (Some(_), _) => 2,
+            (None, Some(0) | None) => 0,
+            (None, Some(_)) => 1,
+        };
+        let mut out = Cdr::new();
+        out.header(time_ns, "")
+            .count(1)
+            .u8(level)
+            .text("mcdpr: board")
+            .text(fault.unwrap_or(state))
+            .text(&self.robot);
+        let values = body.as_object().into_iter().flatten();
+        let values: Vec<_> = values.filter(|(key, _)| *key != "timestamp").collect();
+        out.count(values.len());
+        for (key, value) in values {
+            let words = value
+                .as_str()
+                .map_or_else(|| value.to_string(), str::to_owned);
+            out.text(key).text(&words);
+        }
+        let kind = "diagnostic_msgs/DiagnosticArray";
+        self.put("/diagnostics", kind, time_ns, &mut out);
+    }
+
+    fn image(&mut self, time_ns: u64, body: &Value) {
+        let Some(data) = body["data"].as_str().and_then(from_base64) else {
+            return;
+        };
+        let format = body["format"].as_str().unwrap_or("png");
+        let mut out = Cdr::new();
+        out.header(time_ns, "camera").text(format).bytes(&data);
+        let (topic, kind) = ("/camera/image/compressed", "sensor_msgs/CompressedImage");
+        self.put(topic, kind, time_ns, &mut out);
+    }
+
+    fn lens(&mut self, time_ns: u64, body: &Value) {
+        let size = |key: &str| {
+            let pixels = body[key].as_u64().unwrap_or(0);
+            u32::try_from(pixels).unwrap_or(0)
+        };
+        let mut out = Cdr::new();
+        out.header(time_ns, "camera")
+            .u32(size("height"))
+            .u32(size("width"))
+            .text(body["distortion_model"].as_str().unwrap_or_default())
+            .sequence(&numbers(&body["D"]));
+        for (key, count) in [("K", 9), ("R", 9), ("P", 12)] {
+            let mut matrix = numbers(&body[key]);
+            matrix.resize(count, 0.0);
+            out.f64s(&matrix);
+        }
+        // No binning, the whole picture, not rectified.
+        out.u32(0).u32(0);
+        out.u32(0).u32(0).u32(0).u32(0).u8(0);
+        let (topic, kind) = ("/camera/camera_info", "sensor_msgs/CameraInfo");
+        self.put(topic, kind, time_ns, &mut out);
+    }
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    let list = value.as_array().into_iter().flatten();
+    list.map(|x| x.as_f64().unwrap_or(f64::NAN)).collect()
+}
+
+fn part(value: &Value, keys: &[&str]) -> Vec<f64> {
+    let number = |key: &&str| value[*key].as_f64().unwrap_or(f64::NAN);
+    keys.iter().map(number).collect()
+}
+
+/// The bytes of a text in base64; `None` for one that is none.
+fn from_base64(text: &str) -> Option<Vec<u8>> {
+    let mut out = Vec::with_capacity(text.len() / 4 * 3);
+    let (mut bits, mut count) = (0_u32, 0);
+    for letter in text.trim_end_matches('=').bytes() {
+        let value = match letter {
+            b'A'..=b'Z' => letter - b'A',
+            b'a'..=b'z' => letter - b'a' + 26,
+            b'0'..=b'9' => letter - b'0' + 52,
+            b'+' => 62,
+            b'/' => 63,
+            _ => return None,
+        };
+        bits = (bits << 6) | u32::from(value);
+        count += 6;
+        if count >= 8 {
+            count -= 8;
+            out.push(u8::try_from((bits >> count) & 0xFF).ok()?);
+        }
+    }
+    Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_is_read_and_nothing_else() {
+        assert_eq!(from_base64("TWFu").as_deref(), Some(b"Man".as_slice()));
+        assert_eq!(from_base64("TWE=").as_deref(), Some(b"Ma".as_slice()));
+        assert_eq!(from_base64("T*"), None);
+    }
+
+    #[test]
+    fn a_record_of_nothing_is_refused() {
+        let mut bytes = Vec::new();
+        Writer::new(&mut bytes, "mcdpr", 300)
+            .unwrap()
+            .finish()
+            .unwrap();
+        assert!(matches!(
+            bag(&bytes, "robot", "a.mcap"),
+            Err(BagError::Empty)
+        ));
+        assert!(matches!(
+            bag(b"x", "robot", "a.mcap"),
+            Err(BagError::Read(_))
+        ));
+    }
+}
