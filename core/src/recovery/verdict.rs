@@ -296,7 +296,7 @@ fn accept(verdict: &mut Verdict, found: &Found, bound_m: f64) {
         at.z,
         mm(bound_m)
     );
-    verdict.next = "go on: `mcdpr run TASK --resume`".to_owned();
+    verdict.next = "the board knows its lengths: run the task again; it is planned from here".to_owned();
 }
 
 /// A tag says where the robot hangs, whatever its drums did; what the lengths say besides names what

@@ -1,6 +1,6 @@
 //! What each row of the fault list is at the plant, the bus, the pins, the line or the host.
 
-use super::{Injection, Snag};
+use super::{Injection, Snag, Supply};
 use mcdpr_protocol::FaultId;
 use mcdpr_simulator::plant::{CableFaults, EncoderFault, PlantError, TensionFault};
 use mcdpr_simulator::{Simulation, WireFaults};
@@ -110,6 +110,9 @@ pub(super) fn apply(
         strength,
         ..
     } = *injection;
+    if let Some(supply) = injection.supply {
+        return cut(simulation, supply);
+    }
     if let Some(snag) = injection.snag {
         let plant = simulation.plant_mut();
         let tool_m = plant.params().platform.tcp_m;
@@ -152,6 +155,20 @@ pub(super) fn apply(
     };
     simulation.set_link_faults(to_board, to_host);
     Ok(HostSide::Fine)
+}
+
+/// Cuts a supply.
+fn cut(simulation: &mut Simulation, supply: Supply) -> Result<HostSide, PlantError> {
+    if matches!(supply, Supply::Drives | Supply::All) {
+        simulation.plant_mut().set_power(false);
+    }
+    if matches!(supply, Supply::Board | Supply::All) {
+        simulation.set_board_power(false)?;
+    }
+    Ok(match supply {
+        Supply::Host | Supply::All => HostSide::Silent(u64::MAX),
+        Supply::Board | Supply::Drives => HostSide::Fine,
+    })
 }
 
 fn apply_to_plant(
@@ -217,10 +234,18 @@ fn apply_to_plant(
 }
 
 /// Takes the cause away again, where that is possible: what broke or slipped stays so.
-pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
+///
+/// # Errors
+/// [`PlantError::Board`] where a board does not start again.
+pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) -> Result<(), PlantError> {
     let fine = WireFaults::default();
+    if injection.supply.is_some() {
+        simulation.plant_mut().set_power(true);
+        return simulation.set_board_power(true);
+    }
     if injection.snag.is_some() {
-        return simulation.plant_mut().unhook();
+        simulation.plant_mut().unhook();
+        return Ok(());
     }
     match injection.fault {
         FaultId::L1
@@ -252,4 +277,5 @@ pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
             }
         }
     }
+    Ok(())
 }

@@ -2,6 +2,7 @@
 
 mod demo;
 mod motion;
+mod power;
 mod real;
 mod tension;
 mod winch;
@@ -19,6 +20,7 @@ pub(crate) struct Cmd {
 enum Which {
     Demo(demo::Cmd),
     Motion(motion::Cmd),
+    Power(power::Cmd),
     Real(real::Cmd),
     Tension(tension::Cmd),
     Winch(winch::Cmd),
@@ -29,6 +31,7 @@ impl Cmd {
         match &self.which {
             Which::Demo(cmd) => cmd.run(common),
             Which::Motion(cmd) => cmd.run(common),
+            Which::Power(cmd) => cmd.run(common),
             Which::Real(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),
             Which::Winch(cmd) => cmd.run(common),
