@@ -83,7 +83,11 @@ fn slopes(model: &Model, rest: &Rest) -> Option<DMatrix<f64>> {
         let mut near_m = tool_m;
         near_m[axis] += STEP_M;
         let near = model.rest_with(&near_m, tension_n, Some(rest)).ok()?;
-        let pairs = near.equilibrium.lengths_m.iter().zip(&rest.equilibrium.lengths_m);
+        let pairs = near
+            .equilibrium
+            .lengths_m
+            .iter()
+            .zip(&rest.equilibrium.lengths_m);
         for (cable, (there, here)) in pairs.enumerate() {
             slopes[(cable, axis)] = (there - here) / STEP_M;
         }
@@ -104,7 +108,12 @@ pub fn lengths_after(model: &Model, rest: &Rest, kept: &Kept, cut: &Cut) -> Leng
     let falls = letting_out(model, rest, kept);
     let mut coasts = DVector::zeros(count);
     let (mut free, mut held, mut grows) = (coasts.clone(), coasts.clone(), coasts.clone());
-    for (cable, state) in kept.cables.iter().enumerate().filter(|(cable, _)| open(*cable)) {
+    for (cable, state) in kept
+        .cables
+        .iter()
+        .enumerate()
+        .filter(|(cable, _)| open(*cable))
+    {
         let Some(winch) = model.robot().winch_of(cable) else {
             continue;
         };
@@ -155,7 +164,9 @@ fn letting_out(model: &Model, rest: &Rest, kept: &Kept) -> Vec<f64> {
         mass += *drum_kg * row * row.transpose();
         force -= *friction_n * row;
     }
-    let falls = mass.try_inverse().map_or(Vector3::zeros(), |inverse| inverse * force);
+    let falls = mass
+        .try_inverse()
+        .map_or(Vector3::zeros(), |inverse| inverse * force);
     let pairs = drums.iter().zip(&kept.cables);
     pairs
         .map(|(drum, cable)| {

@@ -146,7 +146,10 @@ pub fn fuse(
         for i in 0..UNKNOWNS {
             normal[(i, i)] *= 1.0 + damping;
         }
-        let step = normal.cholesky().ok_or(EstimateError::Rank)?.solve(&-gradient);
+        let step = normal
+            .cholesky()
+            .ok_or(EstimateError::Rank)?
+            .solve(&-gradient);
         let far = step.rows(0, 3).norm();
         let step = step * (0.05 / far.max(0.05));
         let tried = x + Unknowns::from_iterator(step.iter().copied());

@@ -10,8 +10,8 @@
 //! Beside it a [`Mark`] says which record has certainly reached the disk, so that a file from which
 //! whole records were taken, or one of another run, is found out.
 
-use mcdpr_protocol::frame::crc32;
 use mcdpr_protocol::BoardState;
+use mcdpr_protocol::frame::crc32;
 use miette::Diagnostic;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -333,7 +333,9 @@ impl<'a> Records<'a> {
         let parsed = parse(record);
         match parsed {
             Some((kind, number, payload))
-                if self.number.is_none_or(|last| number == last.wrapping_add(1)) =>
+                if self
+                    .number
+                    .is_none_or(|last| number == last.wrapping_add(1)) =>
             {
                 self.at += whole;
                 self.number = Some(number);
@@ -607,7 +609,9 @@ mod tests {
         assert!((last.cables[3].length_m - 0.5004).abs() < 1e-9);
         assert!((last.cables[0].tension_n - 7.25).abs() < 1e-9);
         assert!(last.gripper_closed && !last.gripper_switch && !journal.ended);
-        let mut encoder = Encoder { number: journal.number };
+        let mut encoder = Encoder {
+            number: journal.number,
+        };
         bytes.extend(encoder.end());
         assert!(Journal::read(&bytes).unwrap().ended);
     }
@@ -651,18 +655,26 @@ mod tests {
                         cut += 1;
                         let path_ms = usize::try_from(journal.last.unwrap().path_ms).unwrap();
                         assert!(ends[path_ms / 10] <= at, "byte {at}");
-                        let marked = Mark { session: 7, number: journal.number + 1 };
+                        let marked = Mark {
+                            session: 7,
+                            number: journal.number + 1,
+                        };
                         let whole = Journal::read(&changed).unwrap();
                         let found = whole.check("0011", 5, Some(marked), 1_000_000);
                         assert!(matches!(found, Err(JournalError::Cut { .. })), "{found:?}");
                     }
-                    Err(JournalError::Form | JournalError::Damaged { .. } | JournalError::Empty) => {}
+                    Err(
+                        JournalError::Form | JournalError::Damaged { .. } | JournalError::Empty,
+                    ) => {}
                     Err(other) => panic!("byte {at}: {other}"),
                 }
             }
         }
         let last = ends[5] - ends[4];
-        assert!(cut < 2 * last + 40, "{cut}, of {last} bytes of the last record");
+        assert!(
+            cut < 2 * last + 40,
+            "{cut}, of {last} bytes of the last record"
+        );
     }
 
     #[test]
@@ -671,19 +683,46 @@ mod tests {
         let journal = Journal::read(&bytes).unwrap();
         let now = 1_005_000;
         let mark = |session, number| Some(Mark { session, number });
-        assert_eq!(journal.check("0011", 5, mark(7, journal.number), now), Ok(()));
+        assert_eq!(
+            journal.check("0011", 5, mark(7, journal.number), now),
+            Ok(())
+        );
         assert_eq!(journal.check("0011", 5, None, now), Ok(()));
         let found = |board, scale, mark, now| journal.check(board, scale, mark, now).unwrap_err();
-        assert!(matches!(found("0012", 5, None, now), JournalError::Board { .. }));
-        assert!(matches!(found("0011", 6, None, now), JournalError::Robot { .. }));
-        assert!(matches!(found("0011", 5, None, 900_000), JournalError::Future { ahead_s: 100 }));
-        assert!(matches!(found("0011", 5, mark(8, 1), now), JournalError::Session { .. }));
-        assert!(matches!(found("0011", 5, mark(7, 99), now), JournalError::Cut { .. }));
+        assert!(matches!(
+            found("0012", 5, None, now),
+            JournalError::Board { .. }
+        ));
+        assert!(matches!(
+            found("0011", 6, None, now),
+            JournalError::Robot { .. }
+        ));
+        assert!(matches!(
+            found("0011", 5, None, 900_000),
+            JournalError::Future { ahead_s: 100 }
+        ));
+        assert!(matches!(
+            found("0011", 5, mark(8, 1), now),
+            JournalError::Session { .. }
+        ));
+        assert!(matches!(
+            found("0011", 5, mark(7, 99), now),
+            JournalError::Cut { .. }
+        ));
     }
 
     #[test]
     fn of_two_marks_the_later_whole_one_counts() {
-        let (a, b) = (Mark { session: 7, number: 3 }, Mark { session: 7, number: 4 });
+        let (a, b) = (
+            Mark {
+                session: 7,
+                number: 3,
+            },
+            Mark {
+                session: 7,
+                number: 4,
+            },
+        );
         let mut bytes = [a.to_bytes(), b.to_bytes()].concat();
         assert_eq!(Mark::read(&bytes), Some(b));
         bytes[MARK_BYTES + 5] ^= 1;

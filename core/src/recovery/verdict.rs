@@ -241,7 +241,10 @@ fn weigh(
     let found = fuse(model, &weighed(Some(lengths), &nothing), &start_m)?;
     let bound_m = radius_95_m(&found.covariance_m2);
     let mut verdict = Verdict::refused(String::new(), BY_TAG).with(&found, bound_m, before_m);
-    verdict.used = vec![used_lengths(evidence, journal), "tensions at rest".to_owned()];
+    verdict.used = vec![
+        used_lengths(evidence, journal),
+        "tensions at rest".to_owned(),
+    ];
     if !fits(&found) {
         verdict.contradicts = blamed(model, &weighed(Some(lengths), &nothing), &found);
         verdict.sentence = format!(
@@ -264,7 +267,11 @@ fn weigh(
         verdict.sentence = format!(
             "nothing contradicts {}, but without power no drum was counted{}",
             mm(bound_m),
-            if parked { ", the parked robot's neither" } else { "" }
+            if parked {
+                ", the parked robot's neither"
+            } else {
+                ""
+            }
         );
         verdict.next = format!(
             "{BY_TAG}; or, if nobody touched drums, brakes or platform meanwhile, say so: `mcdpr recover --untouched`"
@@ -296,23 +303,24 @@ fn accept(verdict: &mut Verdict, found: &Found, bound_m: f64) {
         at.z,
         mm(bound_m)
     );
-    verdict.next = "the board knows its lengths: run the task again; it is planned from here".to_owned();
+    verdict.next =
+        "the board knows its lengths: run the task again; it is planned from here".to_owned();
 }
 
 /// A tag says where the robot hangs, whatever its drums did; what the lengths say besides names what
 /// happened.
-fn by_tag(
-    evidence: &Evidence<'_>,
-    found: &Found,
-    known: Option<&(Lengths, Vec<f64>)>,
-) -> Verdict {
+fn by_tag(evidence: &Evidence<'_>, found: &Found, known: Option<&(Lengths, Vec<f64>)>) -> Verdict {
     let covariance = found.covariance_m2 + Matrix3::identity() * TAG_PLACE_M.powi(2);
     let bound_m = radius_95_m(&covariance);
     let before_m = known.map_or(&[][..], |(_, before)| before);
     let mut verdict = Verdict::refused(String::new(), BY_HAND).with(found, bound_m, before_m);
     verdict.used = vec!["tags in view".to_owned(), "tensions at rest".to_owned()];
     if let Some((lengths, _)) = known {
-        let pairs = lengths.mean_m.iter().zip(&found.rest.paid_out_m).enumerate();
+        let pairs = lengths
+            .mean_m
+            .iter()
+            .zip(&found.rest.paid_out_m)
+            .enumerate();
         let off: Vec<(usize, f64)> = pairs
             .filter(|(cable, (said, now))| {
                 let sigma_m = lengths.sigma_m(*cable).hypot(1e-3);
@@ -320,7 +328,10 @@ fn by_tag(
             })
             .map(|(cable, (said, now))| (cable, now - said))
             .collect();
-        verdict.contradicts = off.iter().map(|(cable, off_m)| slipped(*cable, *off_m)).collect();
+        verdict.contradicts = off
+            .iter()
+            .map(|(cable, off_m)| slipped(*cable, *off_m))
+            .collect();
         if off.len() > 1 {
             let all = "the platform was moved, or drums were turned by hand".to_owned();
             verdict.contradicts.push(all);
@@ -332,7 +343,9 @@ fn by_tag(
             "tag and tensions contradict each other most at cable {}: something carries or pulls the platform, a cable is off its drum, or the tag was moved",
             worst + 1
         );
-        verdict.contradicts.push(format!("tension {} and the tag", worst + 1));
+        verdict
+            .contradicts
+            .push(format!("tension {} and the tag", worst + 1));
     } else if bound_m > evidence.bound_m {
         verdict.sentence = format!(
             "the tag shows the tool to {} only, and {} are needed",

@@ -26,7 +26,11 @@ pub(crate) struct Cmd {
     #[command(flatten)]
     eye: Eye,
     /// On the simulator: which supply goes when and for how long, while the robot runs --task
-    #[arg(long, default_value = "power:all@2s/1s", value_name = "power:WHOSE@TIME/DURATION")]
+    #[arg(
+        long,
+        default_value = "power:all@2s/1s",
+        value_name = "power:WHOSE@TIME/DURATION"
+    )]
     fault: String,
     /// On the simulator: the task that is interrupted
     #[arg(long, default_value = "paper:table7", value_name = "TASK")]
@@ -104,14 +108,18 @@ impl Cmd {
             mishap: Mishap::None,
         };
         let played = play(model, &story)?;
-        let played = played.ok_or_else(|| wrong("the task was done before: give an earlier time"))?;
+        let played =
+            played.ok_or_else(|| wrong("the task was done before: give an earlier time"))?;
         let now_ms = u64::MAX / 2;
         let journal = played.read(model, now_ms);
         let bound_m = self.bound_mm * 1e-3;
         let (verdict, truth_m) =
             played.recover(model, journal, self.tag, self.untouched, bound_m)?;
         if let Some(error_m) = crate::recovery::verdict::error_m(&verdict, &truth_m) {
-            eprintln!("simulated: the tool is truly {:.2} mm from there", error_m * 1e3);
+            eprintln!(
+                "simulated: the tool is truly {:.2} mm from there",
+                error_m * 1e3
+            );
         }
         Ok(verdict)
     }
@@ -140,9 +148,16 @@ fn told(common: &Common, verdict: &Verdict) -> Outcome {
         };
         list("used", &verdict.used);
         list("contradicts", &verdict.contradicts);
-        let out: Vec<_> = verdict.let_out_mm.iter().map(|mm| format!("{mm:.2}")).collect();
+        let out: Vec<_> = verdict
+            .let_out_mm
+            .iter()
+            .map(|mm| format!("{mm:.2}"))
+            .collect();
         if !out.is_empty() {
-            say!("let out since the last state that was kept: {} mm", out.join(", "));
+            say!(
+                "let out since the last state that was kept: {} mm",
+                out.join(", ")
+            );
         }
     }
     if verdict.accepted {

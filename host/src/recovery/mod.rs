@@ -62,7 +62,8 @@ pub fn recover<L: Link>(
                 let mut tags = model.robot().tags.iter();
                 tags.any(|tag| tag.id == id && places.iter().any(|place| place.body == tag.body))
             };
-            seen.views.extend(views.into_iter().filter(|view| known(view.id)));
+            seen.views
+                .extend(views.into_iter().filter(|view| known(view.id)));
         }
         seen.places = places;
     }

@@ -145,7 +145,9 @@ pub fn play(model: &Model, story: &Story) -> Result<Option<Played>, RunError> {
     let writer = JournalWriter::new(about, move |_: &str| Ok(mine.clone()));
     if let Err(error) = witness.add(writer, Patience::Wait) {
         let what = error.to_string();
-        return Err(RunError::Sight(crate::sight::SightError::Simulation { what }));
+        return Err(RunError::Sight(crate::sight::SightError::Simulation {
+            what,
+        }));
     }
     let watched = Watched::new(faulty.clone(), &witness);
     let place = Homing::Place(robot.tool.home_in_world_m);
@@ -168,7 +170,10 @@ pub fn play(model: &Model, story: &Story) -> Result<Option<Played>, RunError> {
         .settle(lasts_us + SETTLE_US)
         .map_err(ClientError::from)?;
     let trace = link.with(Simulation::take_trace);
-    let cut_s = faulty.injected_ms().first().map_or(0.0, |ms| *ms as f64 * 1e-3);
+    let cut_s = faulty
+        .injected_ms()
+        .first()
+        .map_or(0.0, |ms| *ms as f64 * 1e-3);
     let (drop_m, speed_mps) = fallen(&trace, cut_s, model);
     if let Mishap::Moved { by_m } = story.mishap {
         moved(model, &link, Vector3::from(by_m))?;
@@ -218,7 +223,11 @@ fn fallen(trace: &[TracePoint], cut_s: f64, model: &Model) -> (f64, f64) {
     let Some(first) = trace.get(after) else {
         return (0.0, 0.0);
     };
-    let brakes = model.robot().winches.iter().map(|winch| winch.brake_close_s);
+    let brakes = model
+        .robot()
+        .winches
+        .iter()
+        .map(|winch| winch.brake_close_s);
     let close_s = brakes.fold(0.0, f64::max);
     let speed = Vector3::from(first.truth.velocity_mps).norm();
     let from_m = first.truth.tool_position_m[2];
@@ -236,9 +245,14 @@ fn fallen(trace: &[TracePoint], cut_s: f64, model: &Model) -> (f64, f64) {
 /// Somebody carries the platform away and turns the drums after it.
 fn moved(model: &Model, link: &SimulatedLink, by_m: Vector3<f64>) -> Result<(), RunError> {
     let plant = |error| RunError::Client(ClientError::from(plant_failed(error)));
-    let truth = link.with(|simulation| simulation.plant().truth()).map_err(plant)?;
+    let truth = link
+        .with(|simulation| simulation.plant().truth())
+        .map_err(plant)?;
     let from_m = Vector3::from(truth.tool_position_m);
-    let (from, to) = (model.rest(&from_m, None)?, model.rest(&(from_m + by_m), None)?);
+    let (from, to) = (
+        model.rest(&from_m, None)?,
+        model.rest(&(from_m + by_m), None)?,
+    );
     let longer: Vec<f64> = to
         .paid_out_m
         .iter()
@@ -255,7 +269,8 @@ fn moved(model: &Model, link: &SimulatedLink, by_m: Vector3<f64>) -> Result<(), 
         }
         let until_us = line.now_us() + 20_000;
         while line.now_us() < until_us {
-            line.receive(until_us, &mut unread).map_err(ClientError::from)?;
+            line.receive(until_us, &mut unread)
+                .map_err(ClientError::from)?;
         }
     }
     FaultyLink::new(link.clone(), &[])
@@ -280,7 +295,9 @@ fn left(disk: &MemoryDisk, alive: bool, seed: u64) -> (Vec<u8>, Option<Mark>) {
         reason = "some hundred bytes"
     )]
     let lost = 11 + (share * 5.0 * 92.0) as usize;
-    let kept = bytes.get(..bytes.len().saturating_sub(lost)).unwrap_or_default();
+    let kept = bytes
+        .get(..bytes.len().saturating_sub(lost))
+        .unwrap_or_default();
     let mark = Journal::read(kept).ok().map(|journal| Mark {
         session: journal.identity.session,
         number: journal.number,
@@ -333,7 +350,9 @@ impl Played {
         let verdict = recover(&mut client, model, before)?;
         client.request(Request::Close)?;
         let trace = self.link.with(Simulation::take_trace);
-        let tools = trace.iter().map(|point| Vector3::from(point.truth.tool_position_m));
+        let tools = trace
+            .iter()
+            .map(|point| Vector3::from(point.truth.tool_position_m));
         let mean = tools.sum::<Vector3<f64>>() / (trace.len().max(1)) as f64;
         Ok((verdict, mean))
     }

@@ -114,7 +114,9 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
     let accepted: Vec<_> = cases.iter().filter(|case| case.accepted).collect();
     let errors: Vec<f64> = accepted.iter().filter_map(|case| case.error_mm).collect();
     let bounds: Vec<f64> = accepted.iter().filter_map(|case| case.bound_mm).collect();
-    let pairs = accepted.iter().filter_map(|case| case.error_mm.zip(case.bound_mm));
+    let pairs = accepted
+        .iter()
+        .filter_map(|case| case.error_mm.zip(case.bound_mm));
     let inside = pairs.filter(|(error, bound)| error <= bound).count();
     let slow = accepted.iter().filter(|case| case.speed_mm_s < 100.0);
     let median = |values: &[f64]| {
@@ -228,7 +230,12 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         Kind::Moved => {
             let far_m = 0.005 + 0.06 * unit(&mut dice);
             let way = [dice.normal(), dice.normal(), 0.5 * dice.normal()];
-            let norm = way.iter().map(|part| part * part).sum::<f64>().sqrt().max(0.1);
+            let norm = way
+                .iter()
+                .map(|part| part * part)
+                .sum::<f64>()
+                .sqrt()
+                .max(0.1);
             Mishap::Moved {
                 by_m: way.map(|part| part / norm * far_m),
             }

@@ -153,9 +153,7 @@ where
         }
         if let Err(error) = self.try_write(time_us) {
             self.failed = true;
-            eprintln!(
-                "warning: the journal ends here, after a loss of power home again: {error}"
-            );
+            eprintln!("warning: the journal ends here, after a loss of power home again: {error}");
         }
     }
 

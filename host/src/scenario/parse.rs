@@ -186,7 +186,8 @@ impl Injection {
             what: what.to_owned(),
         };
         if let Some(supply) = supply_named(what) {
-            let supply = supply.ok_or_else(|| form("its supply is not board, drives, host or all"))?;
+            let supply =
+                supply.ok_or_else(|| form("its supply is not board, drives, host or all"))?;
             return Ok(Self::cut(supply, when));
         }
         let (id, cable) = match what.split_once(':') {
@@ -443,7 +444,12 @@ mod tests {
         assert_eq!((cut.supply, cut.lasts_s), (Some(Supply::Board), None));
         let all = Injection::parse("power@1s", 4).unwrap();
         assert_eq!(all.supply, Some(Supply::All));
-        for wrong in ["power:sun@1s", "power@1s/", "power@1s/-1s", "power@1s/start"] {
+        for wrong in [
+            "power:sun@1s",
+            "power@1s/",
+            "power@1s/-1s",
+            "power@1s/start",
+        ] {
             assert!(Injection::parse(wrong, 4).is_err(), "{wrong}");
         }
         let parked = Injection::parse("B2:3@parked+250ms", 4).unwrap();

@@ -103,7 +103,11 @@ fn row(name: &str, figures: &Figures) -> Vec<String> {
         figures.accepted_wrongly.to_string(),
         format!("{} / {}", cell(figures.median_mm), cell(figures.most_mm)),
         cell(figures.inside),
-        format!("{} / {}", cell(figures.bound_median_mm), cell(figures.bound_most_mm)),
+        format!(
+            "{} / {}",
+            cell(figures.bound_median_mm),
+            cell(figures.bound_most_mm)
+        ),
         cell(figures.bound_most_slow_mm),
         format!("{:.2}", figures.drop_max_mm),
     ]
