@@ -48,8 +48,10 @@ pub struct JournalWriter<O, D> {
     written_us: Option<u64>,
     flushed_us: u64,
     bytes: usize,
-    /// What went wrong; then nothing more is written.
+    /// Whether a write has failed; then nothing more is written.
     failed: bool,
+    /// Whether the board has started again; then only the end is still to be written.
+    over: bool,
 }
 
 impl<O, D> JournalWriter<O, D>
@@ -73,10 +75,18 @@ where
             flushed_us: 0,
             bytes: 0,
             failed: false,
+            over: false,
         }
     }
 
     fn take_status(&mut self, time_us: u64, status: &Status) {
+        // A board that no longer knows its lengths has started again: what it says now is not where
+        // the robot was.
+        let knew = self.kept.as_ref().is_some_and(|kept| kept.referenced);
+        self.over |= knew && !status.referenced && self.disk.is_some();
+        if self.over {
+            return;
+        }
         let before = self.kept.take().unwrap_or_default();
         let rows = status.lengths.iter().zip(status.setpoints.iter());
         let rows = rows.zip(status.tensions.iter()).enumerate();
@@ -148,7 +158,7 @@ where
 
     /// Writes what is known now, and begins a file where that is due.
     fn write(&mut self, time_us: u64) {
-        if self.failed {
+        if self.failed || self.over {
             return;
         }
         if let Err(error) = self.try_write(time_us) {
@@ -388,5 +398,27 @@ mod tests {
         assert!(!journal.ended);
         writer.end();
         assert!(Journal::read(&disk.bytes()).unwrap().ended);
+    }
+
+    #[test]
+    fn a_board_that_has_started_again_does_not_overwrite_where_it_was() {
+        let disk = MemoryDisk::default();
+        let mine = disk.clone();
+        let mut writer = JournalWriter::new(about(), move |_: &str| Ok(mine.clone()));
+        writer.board = Some("00".to_owned());
+        let holding = Status {
+            state: BoardState::Holding,
+            brakes_open: 15,
+            referenced: true,
+            ..Status::default()
+        };
+        writer.take_status(1000, &holding);
+        writer.take_status(900_000, &Status::default());
+        writer.take_status(950_000, &holding);
+        writer.end();
+        let journal = Journal::read(&disk.bytes()).unwrap();
+        let last = journal.last.unwrap();
+        assert!(last.referenced && journal.ended);
+        assert_eq!(last.time_us, 1000);
     }
 }
