@@ -73,6 +73,7 @@ pub mod model_file;
 pub mod motion;
 pub mod pick;
 pub mod record;
+pub mod recovery;
 pub mod replay;
 pub mod report;
 pub mod reproduce;

@@ -183,6 +183,18 @@ impl Simulation {
         self.to_board.receive(self.now_us, &mut self.received);
         self.to_board.take_framing_errors(self.now_us);
         self.next_tick_us += self.board.slice_us();
+        if let Some(trace) = &mut self.trace
+            && self.now_us.is_multiple_of(1000)
+        {
+            trace.push(TracePoint {
+                tick: self.board.now(),
+                state: State::Boot,
+                path_ms: 0,
+                fault: None,
+                torque_on: false,
+                truth: self.plant.truth()?,
+            });
+        }
         Ok(())
     }
 

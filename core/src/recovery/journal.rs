@@ -10,8 +10,8 @@
 //! Beside it a [`Mark`] says which record has certainly reached the disk, so that a file from which
 //! whole records were taken, or one of another run, is found out.
 
+use mcdpr_protocol::BoardState;
 use mcdpr_protocol::frame::crc32;
-use mcdpr_protocol::{BoardState, Hello};
 use miette::Diagnostic;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -190,12 +190,6 @@ pub enum JournalError {
         /// By how much, s.
         ahead_s: u64,
     },
-}
-
-/// A board's number in hexadecimal, as journals and files of lengths name it.
-#[must_use]
-pub fn board_name(hello: &Hello) -> String {
-    hello.board_id.iter().map(|b| format!("{b:02x}")).collect()
 }
 
 /// Writes the bytes of records, one after the other.

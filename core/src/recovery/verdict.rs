@@ -5,6 +5,7 @@ use super::fuse::{Found, Weighed, chi2_quantile, fuse, radius_95_m};
 use super::journal::{Journal, JournalError};
 use crate::estimate::{EstimateError, Measurements};
 use crate::motion::Model;
+use crate::sight::TagView;
 use mcdpr_protocol::BoardState;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -20,6 +21,8 @@ const TENSION_SHARE: f64 = 0.02;
 const ATTITUDE_RAD: f64 = 3e-3;
 /// What a camera's mounting and a tag's place are known to after a calibration, m per axis.
 const TAG_PLACE_M: f64 = 2.0e-4;
+/// What the same leaves at each corner in a picture, px.
+const MOUNTING_PX: f64 = 0.25;
 /// Time over which a disk may not yet have what was written, s: mean and standard deviation of what
 /// a program that went with its computer leaves unseen.
 const UNSEEN_DEAD_S: [f64; 2] = [0.036, 0.018];
@@ -152,12 +155,55 @@ pub fn judge(model: &Model, evidence: &Evidence<'_>) -> Result<Verdict, Estimate
         Source::Journal(journal) => Some(*journal),
         Source::Board { .. } => None,
     };
-    let mut verdict = weigh(model, evidence, journal)?;
+    let mut verdict = match weigh(model, evidence, journal) {
+        Ok(verdict) => verdict,
+        Err(error @ (EstimateError::NoFit { .. } | EstimateError::Rank)) => {
+            let sentence = format!(
+                "{error}: a drum slipped far, a cable is slack or off its drum, or something carries the platform"
+            );
+            Verdict::refused(sentence, BY_HAND)
+        }
+        Err(error) => return Err(error),
+    };
     if let Some(last) = journal.and_then(|journal| journal.last.as_ref()) {
         verdict.gripper_closed = Some(last.gripper_closed);
         verdict.path_s = (last.path_ms > 0).then(|| f64::from(last.path_ms) * 1e-3);
     }
     Ok(verdict)
+}
+
+/// Pictures of one resting pose as one view a tag. What is left of the mounting's error is in every
+/// picture the same: no number of them takes it away.
+fn averaged(seen: &Measurements) -> Measurements {
+    let mut views: Vec<TagView> = Vec::new();
+    for view in &seen.views {
+        if views.iter().any(|known| known.id == view.id) {
+            continue;
+        }
+        let same: Vec<_> = seen.views.iter().filter(|of| of.id == view.id).collect();
+        let count = same.len() as f64;
+        let mut mean = *view;
+        for (index, corner) in mean.corners_px.iter_mut().enumerate() {
+            for (axis, value) in corner.iter_mut().enumerate() {
+                let all = same
+                    .iter()
+                    .filter_map(|of| of.corners_px.get(index)?.get(axis));
+                *value = all.sum::<f64>() / count;
+            }
+        }
+        for covariance in &mut mean.covariance_px2 {
+            for (axis, row) in covariance.iter_mut().enumerate() {
+                if let Some(variance) = row.get_mut(axis) {
+                    *variance = *variance / count + MOUNTING_PX.powi(2);
+                }
+            }
+        }
+        views.push(mean);
+    }
+    Measurements {
+        views,
+        ..seen.clone()
+    }
 }
 
 /// Lengths by the journal or the board, and the lengths that were kept last.
@@ -231,7 +277,8 @@ fn weigh(
     let start_m = start_m.unwrap_or(model.robot().tool.home_in_world_m);
     let before_m = known.as_ref().map_or(&[][..], |(_, before)| before);
     if !evidence.seen.views.is_empty() {
-        let found = fuse(model, &weighed(None, &evidence.seen), &start_m)?;
+        let seen = averaged(&evidence.seen);
+        let found = fuse(model, &weighed(None, &seen), &start_m)?;
         return Ok(by_tag(evidence, &found, known.as_ref()));
     }
     let Some((lengths, _)) = &known else {
@@ -303,7 +350,8 @@ fn accept(verdict: &mut Verdict, found: &Found, bound_m: f64) {
         at.z,
         mm(bound_m)
     );
-    verdict.next = "go on: `mcdpr run TASK --resume`".to_owned();
+    verdict.next =
+        "the board knows its lengths: run the task again; it is planned from here".to_owned();
 }
 
 /// A tag says where the robot hangs, whatever its drums did; what the lengths say besides names what

@@ -123,7 +123,8 @@ impl Saved {
 }
 
 /// A board's number in hexadecimal.
-pub(super) fn board_name(hello: &Hello) -> String {
+#[must_use]
+pub fn board_name(hello: &Hello) -> String {
     hello.board_id.iter().map(|b| format!("{b:02x}")).collect()
 }
 
@@ -135,6 +136,10 @@ pub trait LengthStore {
     /// Saves lengths in place of those of the same board. A failure to save costs a homing, not the
     /// run: the store reports it to the user.
     fn keep(&self, saved: &Saved);
+
+    /// The drums are about to turn: what was kept for this board holds no more. From here on a
+    /// journal says where they are.
+    fn forget(&self, _board: &str) {}
 }
 
 /// Keeps nothing: for simulated robots.

@@ -148,6 +148,9 @@ impl<'m, L: Link> Session<'m, L> {
     /// # Errors
     /// As [`super::arm`].
     pub fn arm(&mut self) -> Result<(), RunError> {
+        if !self.client.info().simulated {
+            self.kept.forget(&board_name(self.client.hello()));
+        }
         super::arm(&mut self.client, self.hash)
     }
 

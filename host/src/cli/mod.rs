@@ -43,6 +43,7 @@ mod progress;
 mod reach;
 mod reaction;
 mod recorded;
+mod recover;
 mod replay;
 mod report;
 mod reproduce;
@@ -193,6 +194,7 @@ enum Command {
     Jog(movement::Jog),
     Park(movement::Park),
     Home(movement::Home),
+    Recover(recover::Cmd),
     Arm(movement::Arm),
     Disarm(movement::Disarm),
     Gripper(movement::Gripper),
@@ -306,6 +308,7 @@ pub fn main() -> ExitCode {
         Command::Jog(cmd) => cmd.run(common),
         Command::Park(cmd) => cmd.run(common),
         Command::Home(cmd) => cmd.run(common),
+        Command::Recover(cmd) => cmd.run(common),
         Command::Arm(cmd) => cmd.run(common),
         Command::Disarm(cmd) => cmd.run(common),
         Command::Gripper(cmd) => cmd.run(common),

@@ -19,6 +19,7 @@ const ORDER: &[&str] = &[
     "calibrate",
     "tune",
     "home",
+    "recover",
     // Move.
     "demo",
     "plan",

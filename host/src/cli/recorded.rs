@@ -117,6 +117,22 @@ impl Recorded {
             }
             Err(error) => warn(&format!("{}: {error}", path.display())),
         }
+        if let Some(model) = model.filter(|_| !simulated) {
+            let task = &scenario.task;
+            let text = task.text.as_ref().unwrap_or(&task.name);
+            let about = crate::recovery::About {
+                session: session.0,
+                robot: model.robot().name.clone(),
+                scale: crate::run::saved::scale_of(model.robot()),
+                task: task.name.clone(),
+                task_hash: mcdpr_protocol::frame::crc32(text.as_bytes()),
+            };
+            let open = crate::recovery::FileDisk::of_board;
+            let writer = crate::recovery::JournalWriter::new(about, open);
+            if let Err(error) = recorded.witness.add(writer, Patience::Drop) {
+                eprintln!("warning: no journal is kept, after a loss of power home again: {error}");
+            }
+        }
         Ok(recorded)
     }
 

@@ -198,7 +198,7 @@ fn state(status: &Status) -> Finding {
     let lengths = if status.referenced {
         "knows its cable lengths"
     } else {
-        "does not know its cable lengths yet (`mcdpr home`)"
+        "does not know its cable lengths (after a loss of power `mcdpr recover`, else `mcdpr home`)"
     };
     Finding::good("state", format!("{:?}, {lengths}", status.state))
 }

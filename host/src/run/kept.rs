@@ -19,6 +19,18 @@ impl LengthStore for LengthFiles {
             eprintln!("the lengths were not kept, home again after a loss of power: {error}");
         }
     }
+
+    fn forget(&self, board: &str) {
+        let Some(path) = path_of(board) else {
+            return;
+        };
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                eprintln!("warning: {} cannot be removed: {error}", path.display());
+            }
+            _ => {}
+        }
+    }
 }
 
 /// Saves them completely, in place of the old ones.
@@ -31,10 +43,16 @@ fn store(saved: &Saved) -> std::io::Result<()> {
 }
 
 fn path_of(board: &str) -> Option<PathBuf> {
+    Some(state_folder()?.join(format!("lengths-{board}.json")))
+}
+
+/// Where the user's state of this program is: `$XDG_STATE_HOME/mcdpr`, by default under
+/// `~/.local/state`.
+pub(crate) fn state_folder() -> Option<PathBuf> {
     let given = std::env::var_os("XDG_STATE_HOME").filter(|dir| !dir.is_empty());
     let folder = match given {
         Some(folder) => PathBuf::from(folder),
         None => PathBuf::from(std::env::var_os("HOME")?).join(".local/state"),
     };
-    Some(folder.join("mcdpr").join(format!("lengths-{board}.json")))
+    Some(folder.join("mcdpr"))
 }

@@ -5,6 +5,7 @@ mod kept;
 
 pub(crate) use interrupt::watch_for_interrupts;
 pub use kept::LengthFiles;
+pub(crate) use kept::state_folder;
 pub use mcdpr_core::run::*;
 
 use mcdpr_protocol::SessionId;

@@ -1,7 +1,7 @@
 //! Implementation of each row of the fault list at the plant, the bus, the pins, the line or the
 //! host.
 
-use super::{Injection, Snag};
+use super::{Injection, Snag, Supply};
 use mcdpr_protocol::FaultId;
 use mcdpr_simulator::plant::{CableFaults, EncoderFault, PlantError, TensionFault};
 use mcdpr_simulator::{Simulation, WireFaults};
@@ -111,6 +111,9 @@ pub(super) fn apply(
         strength,
         ..
     } = *injection;
+    if let Some(supply) = injection.supply {
+        return cut(simulation, supply);
+    }
     if let Some(snag) = injection.snag {
         let plant = simulation.plant_mut();
         let tool_m = plant.params().platform.tcp_m;
@@ -153,6 +156,20 @@ pub(super) fn apply(
     };
     simulation.set_link_faults(to_board, to_host);
     Ok(HostSide::Fine)
+}
+
+/// Cuts a supply.
+fn cut(simulation: &mut Simulation, supply: Supply) -> Result<HostSide, PlantError> {
+    if matches!(supply, Supply::Drives | Supply::All) {
+        simulation.plant_mut().set_power(false);
+    }
+    if matches!(supply, Supply::Board | Supply::All) {
+        simulation.set_board_power(false)?;
+    }
+    Ok(match supply {
+        Supply::Host | Supply::All => HostSide::Silent(u64::MAX),
+        Supply::Board | Supply::Drives => HostSide::Fine,
+    })
 }
 
 fn apply_to_plant(
@@ -218,10 +235,18 @@ fn apply_to_plant(
 }
 
 /// Removes the cause again, if possible: broken or slipped cables stay so.
-pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
+///
+/// # Errors
+/// [`PlantError::Board`] if a board does not start again.
+pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) -> Result<(), PlantError> {
     let fine = WireFaults::default();
+    if injection.supply.is_some() {
+        simulation.plant_mut().set_power(true);
+        return simulation.set_board_power(true);
+    }
     if injection.snag.is_some() {
-        return simulation.plant_mut().unhook();
+        simulation.plant_mut().unhook();
+        return Ok(());
     }
     match injection.fault {
         FaultId::L1
@@ -253,4 +278,5 @@ pub(super) fn mend(simulation: &mut Simulation, injection: &Injection) {
             }
         }
     }
+    Ok(())
 }

@@ -145,8 +145,13 @@ impl FaultyLink {
             schedule.mends.drain(..).partition(|(end, _)| *end <= now);
         schedule.mends = left;
         for (_, injection) in over {
-            schedule.silent_until_us = schedule.silent_until_us.min(now);
-            self.inner.with(|s| mend(s, &injection));
+            // A program whose computer was off does not go on by itself.
+            if injection.supply.is_none() {
+                schedule.silent_until_us = schedule.silent_until_us.min(now);
+            }
+            self.inner
+                .with(|s| mend(s, &injection))
+                .map_err(plant_failed)?;
         }
         let idle = schedule.pending.is_empty() && schedule.mends.is_empty();
         Ok(if idle { u64::MAX } else { now + LOOK_US })

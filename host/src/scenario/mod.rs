@@ -86,6 +86,32 @@ pub struct Injection {
     /// A stiff hook catches the platform, which is a realistic cause of C2: instead of the
     /// injection that [`How`] describes for that row.
     pub snag: Option<Snag>,
+    /// A supply is gone: instead of what [`How`] says of the row.
+    pub supply: Option<Supply>,
+}
+
+/// Whose supply is gone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Supply {
+    /// The board's; drives and brakes keep theirs, and the brakes close because nothing holds them
+    /// open.
+    Board,
+    /// That of drives and brakes; the board keeps its own.
+    Drives,
+    /// The computer's: the host falls silent.
+    Host,
+    /// All of them.
+    All,
+}
+
+impl Supply {
+    /// Every supply, with its name on the command line.
+    pub const ALL: [(Self, &'static str); 4] = [
+        (Self::Board, "board"),
+        (Self::Drives, "drives"),
+        (Self::Host, "host"),
+        (Self::All, "all"),
+    ];
 }
 
 /// Where a hook holds the platform.

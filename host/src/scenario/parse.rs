@@ -1,6 +1,6 @@
 //! Scenarios in text form: `S2@3.0s` on the command line, TOML in a file.
 
-use super::{How, Injection, MOST_INJECTIONS, Phase, Scenario, Snag, When, how};
+use super::{How, Injection, MOST_INJECTIONS, Phase, Scenario, Snag, Supply, When, how};
 use crate::robot::{DriveKind, Robot};
 use mcdpr_protocol::FaultId;
 use miette::Diagnostic;
@@ -21,7 +21,7 @@ pub enum ScenarioError {
     #[diagnostic(
         code(mcdpr::scenario::form),
         help(
-            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start, or snag@TIME or snag:+x@TIME for a hook that catches the tool; `mcdpr faults` lists the ids"
+            "write ID@TIME or ID:CABLE@TIME, such as S2@3.0s, C3:2@1.5s or B1:4@start, or snag@TIME or snag:+x@TIME for a hook that catches the tool, or power:all@3s/2s for a supply (board, drives, host, all) that is gone for two seconds; `mcdpr faults` lists the ids"
         )
     )]
     Form {
@@ -104,6 +104,8 @@ struct Entry {
 
 /// The word for a hook that catches the platform.
 const SNAG: &str = "snag";
+/// The word for a supply that is gone.
+const POWER: &str = "power";
 
 impl Injection {
     /// A fault at its nominal strength that stays, on the first cable.
@@ -116,6 +118,16 @@ impl Injection {
             strength: 1.0,
             lasts_s: None,
             snag: None,
+            supply: None,
+        }
+    }
+
+    /// A supply that is gone.
+    #[must_use]
+    pub const fn cut(supply: Supply, when: When) -> Self {
+        Self {
+            supply: Some(supply),
+            ..Self::new(FaultId::P1, when)
         }
     }
 
@@ -130,8 +142,10 @@ impl Injection {
 
     /// Reads `ID@TIME` or `ID:CABLE@TIME`; cables count from 1, TIME is `3.0s`, `500ms`, a plain
     /// number of seconds after the motion's start, `start` for before the robot arms, or
-    /// `stopping+0.1s` for this long after a [`Phase`] has begun. `snag@TIME` is a hook that
-    /// catches the tool, `snag:+x@TIME` one that blocks motion along +x.
+    /// `stopping+0.1s` for so long after a [`Phase`] has begun. `snag@TIME`
+    /// is a hook that catches the tool, `snag:+x@TIME` one that holds against motion along +x.
+    /// `power:WHOSE@TIME/DURATION` cuts the supply of `board`, `drives`, `host` or `all`; P1 is the
+    /// board's. Without a duration it stays away.
     ///
     /// ```
     /// use mcdpr::scenario::{Injection, When};
@@ -151,7 +165,31 @@ impl Injection {
         let (what, when) = text
             .split_once('@')
             .ok_or_else(|| form("it has no @TIME"))?;
-        let when = parse_time(when.trim()).ok_or_else(|| form("its time is not valid"))?;
+        let (when, lasts_s) = match when.split_once('/') {
+            None => (when, None),
+            Some((when, lasts)) => match parse_time(lasts.trim()) {
+                Some(When::Motion(lasts_s)) if lasts_s > 0.0 => (when, Some(lasts_s)),
+                _ => return Err(form("how long it lasts is no time")),
+            },
+        };
+        let when = parse_time(when.trim()).ok_or_else(|| form("its time is none"))?;
+        let injection = Self::read(text, what, when, cables)?;
+        Ok(Self {
+            lasts_s,
+            ..injection
+        })
+    }
+
+    fn read(text: &str, what: &str, when: When, cables: usize) -> Result<Self, ScenarioError> {
+        let form = |what: &str| ScenarioError::Form {
+            text: text.to_owned(),
+            what: what.to_owned(),
+        };
+        if let Some(supply) = supply_named(what) {
+            let supply =
+                supply.ok_or_else(|| form("its supply is not board, drives, host or all"))?;
+            return Ok(Self::cut(supply, when));
+        }
         let (id, cable) = match what.split_once(':') {
             Some((id, axis)) if is_snag(id) => {
                 let along = axis_named(axis.trim());
@@ -173,6 +211,18 @@ impl Injection {
             Problem::Error(error) => error,
         })
     }
+}
+
+/// The supply of `power`, `power:WHOSE` or P1; `Some(None)` for a supply that there is not.
+fn supply_named(text: &str) -> Option<Option<Supply>> {
+    let (word, whose) = text.split_once(':').unwrap_or((text, "all"));
+    if text.trim().eq_ignore_ascii_case(FaultId::P1.name()) {
+        return Some(Some(Supply::Board));
+    }
+    let mut known = Supply::ALL.into_iter();
+    word.trim()
+        .eq_ignore_ascii_case(POWER)
+        .then(|| Some(known.find(|(_, name)| *name == whose.trim())?.0))
 }
 
 fn is_snag(id: &str) -> bool {
@@ -334,7 +384,10 @@ impl Scenario {
                 let what = "along is for id = \"snag\": a direction of finite numbers, not all 0";
                 return Err(wrong(what.to_owned()));
             }
-            let injection = if snag {
+            let injection = if let Some(supply) = supply_named(&entry.id) {
+                let none = || wrong("its supply is not board, drives, host or all".to_owned());
+                Injection::cut(supply.ok_or_else(none)?, when)
+            } else if snag {
                 let direction = entry.along.map_or(Snag::Fast, Snag::Against);
                 Injection::snagged(direction, when)
             } else {
@@ -389,6 +442,20 @@ mod tests {
         assert_eq!(hook.snag, Some(Snag::Against([0.0, 0.0, -1.0])));
         let hook = Injection::parse("SNAG@1s", 4).unwrap();
         assert_eq!((hook.fault, hook.snag), (FaultId::C2, Some(Snag::Fast)));
+        let cut = Injection::parse("power:drives@1.5s/2s", 4).unwrap();
+        assert_eq!((cut.supply, cut.lasts_s), (Some(Supply::Drives), Some(2.0)));
+        let cut = Injection::parse("P1@1s", 4).unwrap();
+        assert_eq!((cut.supply, cut.lasts_s), (Some(Supply::Board), None));
+        let all = Injection::parse("power@1s", 4).unwrap();
+        assert_eq!(all.supply, Some(Supply::All));
+        for wrong in [
+            "power:sun@1s",
+            "power@1s/",
+            "power@1s/-1s",
+            "power@1s/start",
+        ] {
+            assert!(Injection::parse(wrong, 4).is_err(), "{wrong}");
+        }
         let parked = Injection::parse("B2:3@parked+250ms", 4).unwrap();
         assert_eq!(parked.when, When::After(Phase::Parked, 0.25));
         for wrong in [

@@ -3,6 +3,7 @@
 mod demo;
 mod iso9283;
 mod motion;
+mod power;
 mod real;
 mod tension;
 mod winch;
@@ -21,6 +22,7 @@ enum Which {
     Demo(demo::Cmd),
     Iso9283(iso9283::Cmd),
     Motion(motion::Cmd),
+    Power(power::Cmd),
     Real(real::Cmd),
     Tension(tension::Cmd),
     Winch(winch::Cmd),
@@ -33,6 +35,7 @@ impl Cmd {
             Which::Demo(cmd) => cmd.run(common),
             Which::Iso9283(cmd) => cmd.run(common),
             Which::Motion(cmd) => cmd.run(common),
+            Which::Power(cmd) => cmd.run(common),
             Which::Real(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),
             Which::Winch(cmd) => cmd.run(common),

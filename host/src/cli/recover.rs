@@ -1,0 +1,174 @@
+//! `mcdpr recover`: where the robot is after a loss of power, with a bound, or what to measure.
+
+use super::eye::Eye;
+use super::{Common, Failed, Outcome, print_json};
+use crate::estimate::TagPlace;
+use crate::link::{Client, ClientError};
+use crate::machine::Mismatch;
+use crate::motion::Model;
+use crate::recovery::story::{Mishap, Story, play};
+use crate::recovery::{Before, Verdict, load, recover};
+use crate::run::saved::{board_name, scale_of};
+use crate::run::{RunError, new_session};
+use crate::scenario::{Injection, When};
+use crate::sight::TagSource;
+use mcdpr_protocol::Request;
+
+/// After a loss of power: say where the robot is, with a bound, and tell the board; or say what to measure
+#[derive(Debug, clap::Args)]
+pub(crate) struct Cmd {
+    /// Largest error of the tool's place (95 %) that the job allows, mm
+    #[arg(long, default_value_t = 5.0, value_name = "MM")]
+    bound_mm: f64,
+    /// Nobody touched drums, brakes or platform while the power was gone: you vouch for it
+    #[arg(long)]
+    untouched: bool,
+    #[command(flatten)]
+    eye: Eye,
+    /// On the simulator: which supply goes when and for how long, while the robot runs --task
+    #[arg(
+        long,
+        default_value = "power:all@2s/1s",
+        value_name = "power:WHOSE@TIME/DURATION"
+    )]
+    fault: String,
+    /// On the simulator: the task that is interrupted
+    #[arg(long, default_value = "paper:table7", value_name = "TASK")]
+    task: String,
+    /// On the simulator: look at the tag on the floor
+    #[arg(long)]
+    tag: bool,
+}
+
+impl Cmd {
+    pub(crate) fn run(&self, common: &Common) -> Outcome {
+        if !(self.bound_mm.is_finite() && self.bound_mm > 0.0) {
+            let reason = format!("{} is no bound: give a length over 0", self.bound_mm);
+            return Err(Failed::from_error("--bound-mm")(reason).into());
+        }
+        let model = Model::new(&common.robot()?)?;
+        let verdict = if common.on == "sim" {
+            self.eye.refused_on_simulator()?;
+            self.on_simulator(common, &model)?
+        } else {
+            self.on_port(common, &model)?
+        };
+        told(common, &verdict)
+    }
+
+    fn on_port(&self, common: &Common, model: &Model) -> miette::Result<Verdict> {
+        if self.tag {
+            let reason = "that is the simulator's camera; name one with --camera";
+            return Err(Failed::from_error("--tag")(reason).into());
+        }
+        let mut camera = self.eye.tags(model.robot())?;
+        let calibrated = model.robot().calibrated.as_ref();
+        let places = calibrated.map_or(Vec::new(), |calibrated| {
+            let bodies = calibrated.world_from_body.iter();
+            let place = |(body, pose): &(u32, _)| TagPlace {
+                body: *body,
+                world_from_body: *pose,
+            };
+            bodies.map(place).collect()
+        });
+        let link = common.open_port().map_err(ClientError::from)?;
+        let mut client = Client::connect(link, new_session()).map_err(RunError::from)?;
+        let board = board_name(client.hello());
+        let before = Before {
+            journal: load(&board, scale_of(model.robot())),
+            camera: camera
+                .as_mut()
+                .map(|camera| (camera as &mut dyn TagSource, places)),
+            untouched: self.untouched,
+            bound_m: self.bound_mm * 1e-3,
+        };
+        let verdict = recover(&mut client, model, before)?;
+        client.request(Request::Close).map_err(RunError::from)?;
+        Ok(verdict)
+    }
+
+    fn on_simulator(&self, common: &Common, model: &Model) -> miette::Result<Verdict> {
+        let cables = model.robot().cables.len();
+        let cut = Injection::parse(&self.fault, cables)?;
+        let wrong = |reason: &str| Failed::from_error("--fault")(reason.to_owned());
+        let supply = cut.supply.ok_or_else(|| {
+            wrong("it cuts no supply: give power:board, power:drives, power:host or power:all")
+        })?;
+        let When::Motion(at_s) = cut.when else {
+            return Err(wrong("give a time after the motion's start, such as 2s").into());
+        };
+        let height_m = super::run::tool_height_m(model.robot(), super::demo::HEIGHT_MM);
+        let story = Story {
+            task: crate::motion::find_task(&self.task, height_m)?,
+            mismatch: Mismatch::realistic(),
+            seed: common.seed,
+            supply,
+            at_s,
+            lasts_s: cut.lasts_s.unwrap_or(1.0),
+            mishap: Mishap::None,
+        };
+        let played = play(model, &story)?;
+        let played =
+            played.ok_or_else(|| wrong("the task was done before: give an earlier time"))?;
+        let now_ms = u64::MAX / 2;
+        let journal = played.read(model, now_ms);
+        let bound_m = self.bound_mm * 1e-3;
+        let (verdict, truth_m) =
+            played.recover(model, journal, self.tag, self.untouched, bound_m)?;
+        if let Some(error_m) = crate::recovery::verdict::error_m(&verdict, &truth_m) {
+            eprintln!(
+                "simulated: the tool is truly {:.2} mm from there",
+                error_m * 1e3
+            );
+        }
+        Ok(verdict)
+    }
+}
+
+/// A refusal of a recovery.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[error("not recovered: {sentence}")]
+#[diagnostic(code(mcdpr::recover::refused), help("{next}"))]
+struct Refused {
+    sentence: String,
+    next: String,
+}
+
+fn told(common: &Common, verdict: &Verdict) -> Outcome {
+    if common.json {
+        print_json(verdict)?;
+    } else if verdict.accepted {
+        say!("{}", verdict.sentence);
+    }
+    if !common.json {
+        let list = |name: &str, words: &[String]| {
+            if !words.is_empty() {
+                say!("{name}: {}", words.join("; "));
+            }
+        };
+        list("used", &verdict.used);
+        list("contradicts", &verdict.contradicts);
+        let out: Vec<_> = verdict
+            .let_out_mm
+            .iter()
+            .map(|mm| format!("{mm:.2}"))
+            .collect();
+        if !out.is_empty() {
+            say!(
+                "let out since the last state that was kept: {} mm",
+                out.join(", ")
+            );
+        }
+    }
+    if verdict.accepted {
+        if !common.json {
+            say!("next: {}", verdict.next);
+        }
+        return Ok(());
+    }
+    Err(Refused {
+        sentence: verdict.sentence.clone(),
+        next: verdict.next.clone(),
+    }
+    .into())
+}

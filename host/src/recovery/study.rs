@@ -1,0 +1,341 @@
+//! Cut after cut, seed after seed: what a recovery says, and what is true. `mcdpr study power` prints
+//! it, docs/results/power.md quotes it.
+
+use super::story::{Mishap, Played, Story, play};
+use super::{Journal, JournalError, Verdict};
+use crate::machine::Mismatch;
+use crate::motion::{Model, Task};
+use crate::run::RunError;
+use crate::scenario::Supply;
+use mcdpr_core::random::Dice;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Accepted, and off by more than its bound and half as much again.
+const WRONG: f64 = 1.5;
+
+/// A kind of case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// A cut, and a camera that sees a tag.
+    Camera,
+    /// A cut, no camera, and somebody who says truly that nobody touched anything.
+    NoCamera,
+    /// A brake that slips or closes late; a camera in every other case.
+    Slipped,
+    /// Somebody moved the platform; a camera in every other case.
+    Moved,
+    /// A journal of another board, calibration, run or time.
+    Swapped,
+    /// A journal with a changed byte, a hole, or without its end.
+    Corrupted,
+}
+
+/// All kinds, in the order in which they take turns.
+pub const KINDS: [Kind; 6] = [
+    Kind::Camera,
+    Kind::NoCamera,
+    Kind::Slipped,
+    Kind::Moved,
+    Kind::Swapped,
+    Kind::Corrupted,
+];
+
+/// One case.
+#[derive(Debug, Clone, Serialize)]
+pub struct Case {
+    /// Its seed.
+    pub seed: u64,
+    /// Its kind.
+    pub kind: Kind,
+    /// Whether a camera saw a tag.
+    pub camera: bool,
+    /// Whose supply went.
+    pub supply: &'static str,
+    /// Speed of the tool at the cut, mm/s.
+    pub speed_mm_s: f64,
+    /// How far it fell, mm.
+    pub drop_mm: f64,
+    /// Whether the recovery accepted.
+    pub accepted: bool,
+    /// Its bound, mm.
+    pub bound_mm: Option<f64>,
+    /// What the estimate is off by, mm.
+    pub error_mm: Option<f64>,
+    /// What it said.
+    pub sentence: String,
+}
+
+impl Case {
+    fn wrong(&self) -> bool {
+        let pair = self.error_mm.zip(self.bound_mm);
+        self.accepted && pair.is_none_or(|(error, bound)| error > WRONG * bound)
+    }
+}
+
+/// Figures over cases.
+#[derive(Debug, Clone, Serialize)]
+pub struct Figures {
+    /// How many.
+    pub cases: usize,
+    /// How many were accepted.
+    pub accepted: usize,
+    /// How many were accepted and are off by over one and a half times their bound.
+    pub accepted_wrongly: usize,
+    /// Share that was refused.
+    pub refused: f64,
+    /// Median error of the accepted, mm.
+    pub median_mm: Option<f64>,
+    /// Largest error of the accepted, mm.
+    pub most_mm: Option<f64>,
+    /// Share of the accepted whose error is within the bound.
+    pub inside: Option<f64>,
+    /// Median and largest bound of the accepted, mm.
+    pub bound_median_mm: Option<f64>,
+    /// The largest.
+    pub bound_most_mm: Option<f64>,
+    /// The largest of cuts under 0.1 m/s.
+    pub bound_most_slow_mm: Option<f64>,
+    /// Largest drop, mm.
+    pub drop_max_mm: f64,
+}
+
+fn most(values: impl Iterator<Item = f64>) -> Option<f64> {
+    values.fold(None, |most: Option<f64>, value| {
+        Some(most.map_or(value, |most| most.max(value)))
+    })
+}
+
+/// The figures of some cases.
+#[must_use]
+pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
+    let cases: Vec<_> = cases.collect();
+    let accepted: Vec<_> = cases.iter().filter(|case| case.accepted).collect();
+    let errors: Vec<f64> = accepted.iter().filter_map(|case| case.error_mm).collect();
+    let bounds: Vec<f64> = accepted.iter().filter_map(|case| case.bound_mm).collect();
+    let pairs = accepted
+        .iter()
+        .filter_map(|case| case.error_mm.zip(case.bound_mm));
+    let inside = pairs.filter(|(error, bound)| error <= bound).count();
+    let slow = accepted.iter().filter(|case| case.speed_mm_s < 100.0);
+    let median = |values: &[f64]| {
+        (!values.is_empty()).then(|| crate::calibration::study::median(values.to_vec()))
+    };
+    Figures {
+        cases: cases.len(),
+        accepted: accepted.len(),
+        accepted_wrongly: cases.iter().filter(|case| case.wrong()).count(),
+        refused: 1.0 - accepted.len() as f64 / cases.len().max(1) as f64,
+        median_mm: median(&errors),
+        most_mm: most(errors.iter().copied()),
+        inside: (!accepted.is_empty()).then(|| inside as f64 / accepted.len() as f64),
+        bound_median_mm: median(&bounds),
+        bound_most_mm: most(bounds.iter().copied()),
+        bound_most_slow_mm: most(slow.filter_map(|case| case.bound_mm)),
+        drop_max_mm: most(cases.iter().map(|case| case.drop_mm)).unwrap_or(0.0),
+    }
+}
+
+/// Runs `runs` cases from the seed `first` on; the kinds take turns. Cases for whose seed no motion was
+/// found, or whose motion was over before the cut, are left out.
+///
+/// # Errors
+/// Where the robot cannot hang at home.
+pub fn study(model: &Model, first: u64, runs: u64, bound_m: f64) -> Result<Vec<Case>, RunError> {
+    crate::experiment::home(model)?;
+    let cases: Result<Vec<_>, RunError> = (first..first.saturating_add(runs))
+        .into_par_iter()
+        .map(|seed| case(model, seed, bound_m))
+        .collect();
+    Ok(cases?.into_iter().flatten().collect())
+}
+
+/// A short way from home that the robot can go, and how long it takes, s.
+fn task(dice: &mut Dice, model: &Model) -> Option<(Task, f64)> {
+    let home = model.robot().tool.home_in_world_m * 1e3;
+    for _ in 0..20 {
+        let limit = model.robot().limits.speed_mps.min(0.3) * 1e3;
+        // From a tenth of what it can to all of it.
+        let speed = limit * 10.0_f64.powf(-0.5 + dice.within(0.5));
+        let to = [
+            home.x + dice.within(110.0),
+            home.y + dice.within(110.0),
+            home.z + dice.within(50.0),
+        ];
+        let leg = if dice.within(1.0) > 0.3 {
+            let radius = 40.0 + dice.within(20.0);
+            format!(
+                "circle_center_mm = [{}, {}, {}]\nsweep_deg = 120",
+                home.x + radius,
+                home.y,
+                home.z
+            )
+        } else {
+            format!("to_mm = [{}, {}, {}]", to[0], to[1], to[2])
+        };
+        let text = format!(
+            "start_mm = [{}, {}, {}]\n[[leg]]\n{leg}\nspeed_mm_s = {speed}\n",
+            home.x, home.y, home.z
+        );
+        let Ok(task) = Task::parse(&text, "drawn.toml".into()) else {
+            continue;
+        };
+        let Ok(plan) = crate::experiment::plan_from_home(model, task.clone()) else {
+            continue;
+        };
+        return Some((task, plan.timed.duration_s()));
+    }
+    None
+}
+
+fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError> {
+    let mut dice = Dice::new(seed ^ 0x7077_7263);
+    let turn = usize::try_from(seed % KINDS.len() as u64).unwrap_or(0);
+    let Some(kind) = KINDS.get(turn).copied() else {
+        return Ok(None);
+    };
+    let Some((task, duration_s)) = task(&mut dice, model) else {
+        return Ok(None);
+    };
+    let unit = |dice: &mut Dice| 0.5 + dice.within(0.5);
+    let pick = |dice: &mut Dice, count: usize| {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a small count"
+        )]
+        let index = (unit(dice) * count as f64) as usize;
+        index.min(count - 1)
+    };
+    let at_s = duration_s * unit(&mut dice);
+    let even = (seed / KINDS.len() as u64).is_multiple_of(2);
+    // What only happens to who lost his counts is tried on who lost them.
+    let lost = [Supply::Board, Supply::All];
+    let any = Supply::ALL.map(|(supply, _)| supply);
+    let supply = match kind {
+        Kind::Camera | Kind::NoCamera => any[pick(&mut dice, any.len())],
+        _ => lost[pick(&mut dice, lost.len())],
+    };
+    let cable = pick(&mut dice, model.robot().cables.len());
+    let mishap = match kind {
+        Kind::Slipped if unit(&mut dice) < 0.5 => Mishap::Weak {
+            cable,
+            holds_n: 0.5 + 8.0 * unit(&mut dice),
+        },
+        Kind::Slipped => Mishap::Late {
+            cable,
+            by_s: 0.03 + 0.27 * unit(&mut dice),
+        },
+        Kind::Moved => {
+            let far_m = 0.005 + 0.06 * unit(&mut dice);
+            let way = [dice.normal(), dice.normal(), 0.5 * dice.normal()];
+            let norm = way
+                .iter()
+                .map(|part| part * part)
+                .sum::<f64>()
+                .sqrt()
+                .max(0.1);
+            Mishap::Moved {
+                by_m: way.map(|part| part / norm * far_m),
+            }
+        }
+        _ => Mishap::None,
+    };
+    let story = Story {
+        task,
+        mismatch: Mismatch::realistic(),
+        seed,
+        supply,
+        at_s,
+        lasts_s: 1.0,
+        mishap,
+    };
+    let Some(played) = play(model, &story)? else {
+        return Ok(None);
+    };
+    let journal = found(&mut dice, model, &played, kind);
+    let camera = match kind {
+        Kind::Camera => true,
+        Kind::NoCamera => false,
+        _ => even,
+    };
+    // Who moved the platform says so, or says nothing.
+    let untouched = kind != Kind::Moved;
+    let (verdict, truth_m) = played.recover(model, journal, camera, untouched, bound_m)?;
+    let error_m = mcdpr_core::recovery::verdict::error_m(&verdict, &truth_m);
+    let name = Supply::ALL.iter().find(|(known, _)| *known == supply);
+    let Verdict {
+        accepted,
+        sentence,
+        bound_mm,
+        ..
+    } = verdict;
+    Ok(Some(Case {
+        seed,
+        kind,
+        camera,
+        supply: name.map_or("", |(_, name)| name),
+        speed_mm_s: played.speed_mps * 1e3,
+        drop_mm: played.drop_m * 1e3,
+        accepted,
+        bound_mm,
+        error_mm: error_m.map(|error| error * 1e3),
+        sentence,
+    }))
+}
+
+/// The journal that is found, spoiled as its kind says.
+fn found(
+    dice: &mut Dice,
+    model: &Model,
+    played: &Played,
+    kind: Kind,
+) -> Result<Journal, JournalError> {
+    let now_ms = super::disk::now_ms();
+    let mut spoiled = Played {
+        link: played.link.clone(),
+        journal: played.journal.clone(),
+        board: played.board.clone(),
+        ..*played
+    };
+    let which = 0.5 + dice.within(0.5);
+    let share = 0.5 + dice.within(0.5);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "an index"
+    )]
+    let at = (share * spoiled.journal.len() as f64) as usize;
+    match kind {
+        Kind::Swapped if which < 0.25 => spoiled.board.push('0'),
+        Kind::Swapped if which < 0.5 => {
+            let mut other = model.robot().clone();
+            if let Some(cable) = other.cables.first_mut() {
+                cable.anchor_in_world_m.x += 1e-3;
+            }
+            let scale = crate::run::saved::scale_of(&other);
+            let journal = Journal::read(&spoiled.journal)?;
+            journal.check(&spoiled.board, scale, spoiled.mark, now_ms)?;
+            return Ok(journal);
+        }
+        Kind::Swapped if which < 0.75 => {
+            if let Some(mark) = &mut spoiled.mark {
+                mark.session += 1;
+            }
+        }
+        Kind::Swapped => return spoiled.read(model, now_ms.saturating_sub(600_000)),
+        Kind::Corrupted if which < 0.4 => {
+            if let Some(byte) = spoiled.journal.get_mut(at) {
+                *byte ^= 0x10;
+            }
+        }
+        Kind::Corrupted if which < 0.7 => spoiled.journal.truncate(at),
+        Kind::Corrupted => {
+            let hole = spoiled.journal.iter_mut().skip(at).take(512);
+            hole.for_each(|byte| *byte = 0);
+        }
+        _ => {}
+    }
+    spoiled.read(model, now_ms)
+}

@@ -1,0 +1,424 @@
+//! Keeps the journal while a robot moves, on a thread of its own.
+//!
+//! A [`Witness`](crate::record::Witness) shows the writer what passes over the line, through a queue
+//! that never lets the line wait. A disk that stalls costs the newest states, and no heartbeat.
+
+use super::disk::{Disk, now_ms};
+use super::{Identity, Plan};
+use crate::record::decode::{Decoder, Seen, Tick};
+use crate::record::witness::{Happening, Watcher};
+use crate::run::saved::board_name;
+use mcdpr_core::recovery::journal::{Encoder, Kept, KeptCable, Mark};
+use mcdpr_protocol::{BoardState, Status};
+
+/// Time between states, µs.
+const EVERY_US: u64 = 9_000;
+/// Time between flushes to the disk, µs.
+const FLUSH_US: u64 = 50_000;
+/// Bytes after which a file is begun anew.
+const ANEW_BYTES: usize = 512 << 10;
+
+/// What a journal says of its run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct About {
+    /// Number of the session on the wire.
+    pub session: u32,
+    /// Name of the robot.
+    pub robot: String,
+    /// Checksum of its geometry and scale.
+    pub scale: u32,
+    /// Name of the task, or its file.
+    pub task: String,
+    /// Checksum of the task's text, or of its name.
+    pub task_hash: u32,
+}
+
+/// Writes a journal. It begins when the brakes open: a run that is refused before leaves the journal
+/// of the one before as it is.
+pub struct JournalWriter<O, D> {
+    about: About,
+    /// Gives the place for a board's journal.
+    open: O,
+    disk: Option<D>,
+    decoder: Decoder,
+    encoder: Encoder,
+    board: Option<String>,
+    plan: Option<Plan>,
+    kept: Option<Kept>,
+    written_us: Option<u64>,
+    flushed_us: u64,
+    bytes: usize,
+    /// Whether a write has failed; then nothing more is written.
+    failed: bool,
+    /// Whether the board has started again; then only the end is still to be written.
+    over: bool,
+}
+
+impl<O, D> JournalWriter<O, D>
+where
+    O: FnMut(&str) -> std::io::Result<D> + Send + 'static,
+    D: Disk,
+{
+    /// A writer whose place is given by `open` when the board is known.
+    #[must_use]
+    pub fn new(about: About, open: O) -> Self {
+        Self {
+            about,
+            open,
+            disk: None,
+            decoder: Decoder::default(),
+            encoder: Encoder::default(),
+            board: None,
+            plan: None,
+            kept: None,
+            written_us: None,
+            flushed_us: 0,
+            bytes: 0,
+            failed: false,
+            over: false,
+        }
+    }
+
+    fn take_status(&mut self, time_us: u64, status: &Status) {
+        // A board that no longer knows its lengths has started again: what it says now is not where
+        // the robot was.
+        let knew = self.kept.as_ref().is_some_and(|kept| kept.referenced);
+        self.over |= knew && !status.referenced && self.disk.is_some();
+        if self.over {
+            return;
+        }
+        let before = self.kept.take().unwrap_or_default();
+        let rows = status.lengths.iter().zip(status.setpoints.iter());
+        let rows = rows.zip(status.tensions.iter()).enumerate();
+        let cables = rows.map(|(index, ((length, setpoint), tension))| KeptCable {
+            length_m: length.metres(),
+            setpoint_m: setpoint.metres(),
+            speed_mps: before
+                .cables
+                .get(index)
+                .map_or(0.0, |cable| cable.speed_mps),
+            tension_n: tension.newtons(),
+        });
+        let mut kept = Kept {
+            time_us,
+            path_ms: status.path_ms,
+            state: status.state,
+            referenced: status.referenced,
+            brakes_open: status.brakes_open,
+            torque_on: status.torque_on,
+            gripper_closed: status.gripper_closed,
+            gripper_switch: status.gripper_switch,
+            cables: cables.collect(),
+        };
+        if matches!(status.state, BoardState::Holding | BoardState::Disarmed) {
+            for cable in &mut kept.cables {
+                cable.speed_mps = 0.0;
+            }
+        }
+        self.kept = Some(kept);
+        self.write(time_us);
+    }
+
+    fn take_ticks(&mut self, time_us: u64, ticks: &[Tick]) {
+        let (Some(kept), Some(first), Some(last)) = (&mut self.kept, ticks.first(), ticks.last())
+        else {
+            return;
+        };
+        kept.time_us = time_us;
+        kept.path_ms = milliseconds(last.path_s.unwrap_or(0.0));
+        let over_s = f64::from(last.tick.wrapping_sub(first.tick)) * 1e-3;
+        for (index, cable) in kept.cables.iter_mut().enumerate() {
+            let at = |list: &[f64]| list.get(index).copied();
+            let (Some(from_m), Some(to_m)) = (at(&first.lengths_m), at(&last.lengths_m)) else {
+                continue;
+            };
+            let planned = last.planned.get(index).filter(|_| kept.path_ms > 0);
+            cable.length_m = to_m;
+            cable.speed_mps = match planned {
+                // A drum's counts are coarse: over a block they jump by more than a slow drum moves.
+                Some(planned) => planned.speed_mps,
+                None if kept.state == BoardState::Holding => 0.0,
+                None if over_s > 0.0 => (to_m - from_m) / over_s,
+                None => 0.0,
+            };
+            if let Some(planned) = planned {
+                cable.setpoint_m = planned.length_m;
+            }
+            if let Some(tension_n) = at(&last.tensions_n) {
+                cable.tension_n = tension_n;
+            }
+        }
+        if self
+            .written_us
+            .is_none_or(|written| time_us >= written + EVERY_US)
+        {
+            self.write(time_us);
+        }
+    }
+
+    /// Writes what is known now, and begins a file where that is due.
+    fn write(&mut self, time_us: u64) {
+        if self.failed || self.over {
+            return;
+        }
+        if let Err(error) = self.try_write(time_us) {
+            self.failed = true;
+            eprintln!("warning: the journal ends here, after a loss of power home again: {error}");
+        }
+    }
+
+    fn try_write(&mut self, time_us: u64) -> std::io::Result<()> {
+        let (Some(kept), Some(board)) = (&self.kept, &self.board) else {
+            return Ok(());
+        };
+        let begun = self.disk.is_some();
+        if !begun && kept.brakes_open == 0 && kept.state != BoardState::Arming {
+            return Ok(());
+        }
+        if !begun || self.bytes > ANEW_BYTES {
+            let identity = Identity {
+                board: board.clone(),
+                session: self.about.session,
+                robot: self.about.robot.clone(),
+                scale: self.about.scale,
+                task: self.about.task.clone(),
+                task_hash: self.about.task_hash,
+                wall_ms: now_ms(),
+            };
+            let mut bytes = self.encoder.begin(&identity, self.plan.as_ref());
+            bytes.extend(self.encoder.kept(kept));
+            self.bytes = bytes.len();
+            let disk = match &mut self.disk {
+                Some(disk) => disk,
+                none => none.insert((self.open)(board)?),
+            };
+            disk.begin(&bytes)?;
+            self.written_us = Some(time_us);
+            return self.flush(time_us);
+        }
+        let record = self.encoder.kept(kept);
+        self.append(&record)?;
+        self.written_us = Some(time_us);
+        if time_us >= self.flushed_us + FLUSH_US {
+            self.flush(time_us)?;
+        }
+        Ok(())
+    }
+
+    fn append(&mut self, record: &[u8]) -> std::io::Result<()> {
+        if let Some(disk) = &mut self.disk {
+            disk.append(record)?;
+            self.bytes += record.len();
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self, time_us: u64) -> std::io::Result<()> {
+        self.flushed_us = time_us;
+        let mark = Mark {
+            session: self.about.session,
+            number: self.encoder.number(),
+        };
+        match &mut self.disk {
+            Some(disk) => disk.sync(mark),
+            None => Ok(()),
+        }
+    }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a motion lasts minutes"
+)]
+fn milliseconds(seconds: f64) -> u32 {
+    (seconds * 1e3).round() as u32
+}
+
+impl<O, D> Watcher for JournalWriter<O, D>
+where
+    O: FnMut(&str) -> std::io::Result<D> + Send + 'static,
+    D: Disk,
+{
+    fn see(&mut self, happening: &Happening) {
+        match happening {
+            Happening::Wire { frame, .. } => {
+                for seen in self.decoder.take(frame) {
+                    match seen {
+                        Seen::Hello(hello) => self.board = Some(board_name(&hello)),
+                        Seen::Status(status) => self.take_status(frame.time_us, &status),
+                        Seen::Ticks(ticks) => self.take_ticks(frame.time_us, &ticks),
+                        Seen::Beat { state, .. } => {
+                            if let Some(kept) = &mut self.kept {
+                                kept.state = state;
+                            }
+                        }
+                        Seen::Asked(_) | Seen::Knot(_) | Seen::Refused(_) => {}
+                    }
+                }
+            }
+            Happening::Plan { plan, .. } => {
+                let Some(first) = plan.points.first() else {
+                    return;
+                };
+                let plan = Plan {
+                    start_m: first.tool_m,
+                    duration_s: plan.duration_s,
+                };
+                let record = self.disk.is_some().then(|| self.encoder.plan(&plan));
+                self.plan = Some(plan);
+                if let Some(Err(error)) = record.map(|record| self.append(&record)) {
+                    self.failed = true;
+                    eprintln!("warning: the journal ends here: {error}");
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn end(&mut self) {
+        if self.failed || self.disk.is_none() {
+            return;
+        }
+        let record = self.encoder.end();
+        let time_us = self.flushed_us;
+        if let Err(error) = self.append(&record).and_then(|()| self.flush(time_us)) {
+            eprintln!("warning: the journal's end was not kept: {error}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Journal, MemoryDisk};
+    use super::*;
+    use crate::link::{Direction, RawFrame};
+    use crate::record::Witness;
+    use crate::record::witness::Patience;
+    use std::sync::atomic::Ordering;
+    use std::sync::mpsc::{Receiver, Sender, channel};
+
+    fn about() -> About {
+        About {
+            session: 3,
+            robot: "r".to_owned(),
+            scale: 1,
+            task: "t".to_owned(),
+            task_hash: 2,
+        }
+    }
+
+    fn wire(time_us: u64) -> Happening {
+        Happening::Wire {
+            call: 0,
+            frame: RawFrame {
+                time_us,
+                direction: Direction::ToHost,
+                bytes: vec![0; 40],
+            },
+        }
+    }
+
+    /// A disk that stands until it is told to go on.
+    struct Stalled {
+        began: Sender<()>,
+        go_on: Receiver<()>,
+    }
+
+    impl Disk for Stalled {
+        fn begin(&mut self, _: &[u8]) -> std::io::Result<()> {
+            let _ = self.began.send(());
+            let _ = self.go_on.recv();
+            Ok(())
+        }
+        fn append(&mut self, _: &[u8]) -> std::io::Result<()> {
+            Ok(())
+        }
+        fn sync(&mut self, _: Mark) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_disk_that_stalls_lets_no_line_wait() {
+        let (began, has_begun) = channel();
+        let (release, go_on) = channel();
+        let mut parts = Some((began, go_on));
+        let mut writer = JournalWriter::new(about(), move |_: &str| {
+            let (began, go_on) = parts.take().unwrap();
+            Ok(Stalled { began, go_on })
+        });
+        writer.board = Some("00".to_owned());
+        writer.kept = Some(Kept {
+            state: BoardState::Arming,
+            ..Kept::default()
+        });
+        let mut bytes = [0; mcdpr_protocol::frame::MAX_FRAME];
+        let arming = Status {
+            state: BoardState::Arming,
+            ..Status::default()
+        };
+        let used = mcdpr_protocol::message::encode_status(&arming, &mut bytes).unwrap();
+        let status = bytes[..used].to_vec();
+        let mut witness = Witness::default();
+        let lost = witness.add(writer, Patience::Drop).unwrap();
+        let mut first = wire(0);
+        if let Happening::Wire { frame, .. } = &mut first {
+            frame.bytes = status;
+        }
+        witness.tell(first);
+        has_begun.recv().unwrap();
+        // Five seconds of a busy line, and more, while the disk stands: every call returns, what has
+        // no room is counted.
+        for index in 0..25_000_u64 {
+            witness.tell(wire(index * 1000));
+        }
+        assert!(lost.load(Ordering::Relaxed) > 4000);
+        release.send(()).unwrap();
+        witness.finish();
+    }
+
+    #[test]
+    fn a_run_that_never_opens_a_brake_leaves_the_journal_before_alone() {
+        let disk = MemoryDisk::default();
+        let mine = disk.clone();
+        let mut writer = JournalWriter::new(about(), move |_: &str| Ok(mine.clone()));
+        writer.board = Some("00".to_owned());
+        writer.take_status(1000, &Status::default());
+        writer.end();
+        assert!(disk.bytes().is_empty());
+        let status = Status {
+            state: BoardState::Holding,
+            brakes_open: 15,
+            ..Status::default()
+        };
+        writer.take_status(20_000, &status);
+        let journal = Journal::read(&disk.bytes()).unwrap();
+        assert_eq!(journal.last.unwrap().brakes_open, 15);
+        assert!(!journal.ended);
+        writer.end();
+        assert!(Journal::read(&disk.bytes()).unwrap().ended);
+    }
+
+    #[test]
+    fn a_board_that_has_started_again_does_not_overwrite_where_it_was() {
+        let disk = MemoryDisk::default();
+        let mine = disk.clone();
+        let mut writer = JournalWriter::new(about(), move |_: &str| Ok(mine.clone()));
+        writer.board = Some("00".to_owned());
+        let holding = Status {
+            state: BoardState::Holding,
+            brakes_open: 15,
+            referenced: true,
+            ..Status::default()
+        };
+        writer.take_status(1000, &holding);
+        writer.take_status(900_000, &Status::default());
+        writer.take_status(950_000, &holding);
+        writer.end();
+        let journal = Journal::read(&disk.bytes()).unwrap();
+        let last = journal.last.unwrap();
+        assert!(last.referenced && journal.ended);
+        assert_eq!(last.time_us, 1000);
+    }
+}
