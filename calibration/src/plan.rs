@@ -6,7 +6,7 @@ pub use super::design::{Candidate, Design, Search};
 use super::fit::Options;
 use super::space::{Hanging, Space};
 use super::views::views_at;
-use mcdpr_core::random::Dice;
+use mcdpr_core::random::Random;
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot};
 use nalgebra::Vector3;
 
@@ -28,14 +28,14 @@ pub struct Plan {
 #[must_use]
 pub fn candidates(data: &Data, space: &Space, count: usize, seed: u64) -> Option<Vec<Candidate>> {
     let robot = nominal(data)?;
-    let mut dice = Dice::new(seed);
+    let mut random = Random::new(seed);
     let mut out = Vec::with_capacity(count);
     // If no tag is ever in view, the search must end.
     for _ in 0..count * 200 {
         if out.len() == count {
             break;
         }
-        if let Some(hung) = space.random(&robot, &mut dice) {
+        if let Some(hung) = space.random(&robot, &mut random) {
             out.extend(seen(data, &hung));
         }
     }
@@ -48,13 +48,13 @@ pub fn candidates(data: &Data, space: &Space, count: usize, seed: u64) -> Option
 #[must_use]
 pub fn work_poses(data: &Data, space: &Space, count: usize, seed: u64) -> Option<Vec<Pose>> {
     let robot = nominal(data)?;
-    let mut dice = Dice::new(seed ^ 0x776F_726B);
+    let mut random = Random::new(seed ^ 0x776F_726B);
     let mut out = Vec::with_capacity(count);
     for _ in 0..count * 200 {
         if out.len() == count {
             break;
         }
-        out.extend(space.random(&robot, &mut dice).map(|hung| hung.pose));
+        out.extend(space.random(&robot, &mut random).map(|hung| hung.pose));
     }
     Some(out)
 }
@@ -74,14 +74,14 @@ fn nominal(data: &Data) -> Option<Robot<4>> {
 fn near(
     data: &Data,
     (robot, space): (&Robot<4>, &Space),
-    dice: &mut Dice,
+    random: &mut Random,
     candidate: &Candidate,
     size: f64,
 ) -> Option<Candidate> {
-    let at = candidate.pose.position_m + Vector3::from_fn(|_, _| dice.within(0.1 * size));
-    let other = ((dice.unit() * 16.0) as usize).min(15);
+    let at = candidate.pose.position_m + Vector3::from_fn(|_, _| random.within(0.1 * size));
+    let other = ((random.unit() * 16.0) as usize).min(15);
     let held = if other < 4 { other } else { candidate.held };
-    let held_n = candidate.tensions_n[held] * dice.within(size).exp();
+    let held_n = candidate.tensions_n[held] * random.within(size).exp();
     seen(data, &space.nearest(robot, &at, held, held_n)?)
 }
 
@@ -126,10 +126,10 @@ pub fn choose(
     }
     design.exchange(0);
     if let Some(robot) = nominal(data) {
-        let mut dice = Dice::new(0x6E65_6172);
+        let mut random = Random::new(0x6E65_6172);
         let within = (0, Search::THOROUGH);
         design.refine(data, &mut all, options, within, |candidate, size| {
-            near(data, (&robot, space), &mut dice, candidate, size)
+            near(data, (&robot, space), &mut random, candidate, size)
         });
     }
     // In the order of their worth.

@@ -10,7 +10,7 @@ use super::plan;
 use super::space::Space;
 use super::unknowns::Priors;
 use super::views::{SEEN_PX, views_within};
-use mcdpr_core::random::Dice;
+use mcdpr_core::random::Random;
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot, four_cables};
 use mcdpr_vision::Camera;
 use nalgebra::{Rotation3, Vector3};
@@ -214,15 +214,15 @@ impl Truth {
 /// Simulates data; `None` if no robot could be made of the numbers (never with the built-in ones).
 #[must_use]
 pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
-    let mut dice = Dice::new(setup.seed);
+    let mut random = Random::new(setup.seed);
     let mut nominal = nominal_robot();
     nominal.anchor_half_tolerance_m = setup.anchor_m;
     let half = nominal.anchor_half_tolerance_m;
-    let off: Vec<_> = (0..4).map(|_| dice.point(half)).collect();
+    let off: Vec<_> = (0..4).map(|_| random.point(half)).collect();
     let mut made = nominal.clone();
     let mut silent = setup.silent;
     // A separate random generator: the rest of the data does not change.
-    let mut own = Dice::new(setup.seed ^ 0x6472_6177);
+    let mut own = Random::new(setup.seed ^ 0x6472_6177);
     let priors = Priors::default();
     if setup.drawn {
         for cable in &mut made.cables {
@@ -274,9 +274,9 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     let nominal_camera = Pose::new(Vector3::new(0.0, 0.05, -0.03), looking_down);
     let world_from_body: Vec<Pose> = nominal_bodies
         .iter()
-        .map(|body| dice.turned(body, 5e-3, 0.02))
+        .map(|body| random.turned(body, 5e-3, 0.02))
         .collect();
-    let camera_from_platform = dice.turned(&nominal_camera, 5e-3, 0.02);
+    let camera_from_platform = random.turned(&nominal_camera, 5e-3, 0.02);
     let noise = Noise {
         encoder_m: setup.encoder_m,
         corner_px: setup.corner_px,
@@ -323,12 +323,12 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         let found = if setup.free_poses {
             let tilt = 15f64.to_radians();
             let at = Vector3::new(
-                0.335 + dice.within(0.15),
-                dice.within(0.15),
-                -0.1 - 0.4 * dice.unit(),
+                0.335 + random.within(0.15),
+                random.within(0.15),
+                -0.1 - 0.4 * random.unit(),
             );
             Some((
-                Pose::from_rpy(at, [(); 3].map(|()| dice.within(tilt))),
+                Pose::from_rpy(at, [(); 3].map(|()| random.within(tilt))),
                 [0.0; 4],
             ))
         } else if let Some(next) = planned.pop() {
@@ -336,7 +336,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
             let hung = PAPER_SPACE.hang(&robot, &at, next.held, next.tensions_n[next.held]);
             hung.map(|hung| (hung.pose, hung.tensions_n))
         } else {
-            let hung = PAPER_SPACE.random(&robot, &mut dice);
+            let hung = PAPER_SPACE.random(&robot, &mut random);
             hung.map(|hung| (hung.pose, hung.tensions_n))
         };
         if let Some((pose, tensions)) = found {
@@ -348,10 +348,14 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     }
     let mut holdout = Vec::new();
     while holdout.len() < 120 {
-        holdout.extend(PAPER_SPACE.random(&robot, &mut dice).map(|hung| hung.pose));
+        holdout.extend(
+            PAPER_SPACE
+                .random(&robot, &mut random)
+                .map(|hung| hung.pose),
+        );
     }
     let poses = taken.iter().map(|(pose, ..)| *pose).collect();
-    let observed = observe(setup, &silent, &robot, &noise, taken, &mut dice)?;
+    let observed = observe(setup, &silent, &robot, &noise, taken, &mut random)?;
     data.poses = observed.0;
     data.holdout = holdout
         .iter()
@@ -378,7 +382,7 @@ fn observe(
     robot: &Robot<4>,
     noise: &Noise,
     taken: Vec<Taken>,
-    dice: &mut Dice,
+    random: &mut Random,
 ) -> Option<(Vec<Observation>, [f64; 4])> {
     let drum = 1.0 + silent.drum;
     let paid_out = |pose: &Pose, tensions: &[f64; 4]| {
@@ -396,28 +400,28 @@ fn observe(
         let mut encoder_m = Vec::new();
         let mut tension_n = Vec::new();
         for i in 0..4 {
-            let slip = if dice.unit() < silent.outliers {
-                dice.within(5e-3)
+            let slip = if random.unit() < silent.outliers {
+                random.within(5e-3)
             } else {
                 0.0
             };
             encoder_m.push(Some(
-                (lengths[i] - initial[i]) / drum + noise.encoder_m * dice.normal() + slip,
+                (lengths[i] - initial[i]) / drum + noise.encoder_m * random.normal() + slip,
             ));
-            let jump = if dice.unit() < silent.outliers {
-                dice.within(5.0)
+            let jump = if random.unit() < silent.outliers {
+                random.within(5.0)
             } else {
                 0.0
             };
-            let felt = tensions[i] * (1.0 + dice.within(silent.loss));
-            tension_n.push(felt + sigma * dice.normal() + jump);
+            let felt = tensions[i] * (1.0 + random.within(silent.loss));
+            tension_n.push(felt + sigma * random.normal() + jump);
         }
         for view in &mut views {
             for corner in &mut view.corners_px {
-                let wild = dice.unit() < silent.outliers;
+                let wild = random.unit() < silent.outliers;
                 for value in corner {
-                    let jump = if wild { dice.within(10.0) } else { 0.0 };
-                    *value += noise.corner_px * dice.normal() + jump;
+                    let jump = if wild { random.within(10.0) } else { 0.0 };
+                    *value += noise.corner_px * random.normal() + jump;
                 }
             }
         }

@@ -2,7 +2,7 @@
 //! and the recommended next pose are taken from it.
 
 use super::data::{Data, Limits};
-use mcdpr_core::random::Dice;
+use mcdpr_core::random::Random;
 use mcdpr_kinematics::{EquilibriumGuess, GRAVITY_MPS2, Pose, Robot, StaticOptions};
 use nalgebra::Vector3;
 
@@ -99,16 +99,16 @@ impl Space {
     }
 
     /// A random resting pose; `None` if the drawn position and tension have none.
-    pub(crate) fn random(&self, robot: &Robot<4>, dice: &mut Dice) -> Option<Hanging> {
+    pub(crate) fn random(&self, robot: &Robot<4>, random: &mut Random) -> Option<Hanging> {
         let at = Vector3::new(
-            self.middle_m.x + dice.within(self.half_m.x),
-            self.middle_m.y + dice.within(self.half_m.y),
-            self.middle_m.z - dice.within(self.half_m.z),
+            self.middle_m.x + random.within(self.half_m.x),
+            self.middle_m.y + random.within(self.half_m.y),
+            self.middle_m.z - random.within(self.half_m.z),
         );
         // Log-uniform.
         let [least_n, most_n] = self.held_n;
-        let held_n = least_n * (most_n / least_n).powf(dice.unit());
-        let held = ((dice.unit() * 4.0) as usize).min(3);
+        let held_n = least_n * (most_n / least_n).powf(random.unit());
+        let held = ((random.unit() * 4.0) as usize).min(3);
         self.hang(robot, &at, held, held_n)
     }
 

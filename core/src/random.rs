@@ -7,9 +7,9 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 /// Random number generator.
 #[derive(Debug)]
-pub struct Dice(ChaCha8Rng);
+pub struct Random(ChaCha8Rng);
 
-impl Dice {
+impl Random {
     /// The generator with this seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {

@@ -36,7 +36,7 @@ pub enum Phase {
     /// Brakes open.
     Opening,
     /// Each drum in turn moves out and in slightly: brake, encoder and motor must agree (B1, S4).
-    Stirring(u8),
+    Oscillating(u8),
     /// All drums are free; waiting for rest.
     Settling,
     /// Done.
@@ -47,7 +47,7 @@ impl Phase {
     /// Whether the brakes have had time to open: only the drives hold the drums.
     #[must_use]
     pub(crate) const fn is_free(self) -> bool {
-        matches!(self, Self::Stirring(_) | Self::Settling | Self::Done)
+        matches!(self, Self::Oscillating(_) | Self::Settling | Self::Done)
     }
 }
 
@@ -152,14 +152,14 @@ impl Arming {
                 self.enter(if service.is_some() {
                     Phase::Settling
                 } else {
-                    Phase::Stirring(0)
+                    Phase::Oscillating(0)
                 });
             }
-            Phase::Stirring(cable) if self.ticks >= Stir::TICKS => {
+            Phase::Oscillating(cable) if self.ticks >= Oscillation::TICKS => {
                 let next = cable + 1;
                 let more = usize::from(next) < N;
                 self.enter(if more {
-                    Phase::Stirring(next)
+                    Phase::Oscillating(next)
                 } else {
                     Phase::Settling
                 });
@@ -185,17 +185,17 @@ impl Arming {
 /// A quarter of a lobe of the test motion, ticks.
 const QUARTER: u32 = 10;
 /// Encoder counts by which a drum is moved.
-const STIR_COUNTS: i64 = 2;
+const OSCILLATION_COUNTS: i64 = 2;
 /// Greatest test motion, 0.1 µm, however coarse the encoder.
-const STIR_MOST: i64 = 20_000;
+const OSCILLATION_MOST: i64 = 20_000;
 
 /// Acceleration in each quarter, in halves of the largest.
-const STIR_HALVES: [i32; 12] = [1, -1, -1, 1, -2, 2, 2, -2, 1, -1, -1, 1];
+const OSCILLATION_HALVES: [i32; 12] = [1, -1, -1, 1, -2, 2, 2, -2, 1, -1, -1, 1];
 
 /// One drum's motion out, in and out again: half a lobe, a whole one, half a one. Area and first
 /// moment are both zero, so that the platform, whose swing decays slowly, hardly swings.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Stir {
+pub(crate) struct Oscillation {
     ticks: u32,
     /// Displacement and speed now, 1/256 of 0.1 µm and of 0.1 µm/ms.
     at_q8: i32,
@@ -208,15 +208,15 @@ pub(crate) struct Stir {
     farthest: (i32, i32),
 }
 
-impl Stir {
+impl Oscillation {
     /// Duration, ticks.
     pub(crate) const TICKS: u32 = 12 * QUARTER;
 
     /// Test motion of a drum, 0.1 µm, for its encoder's resolution.
     #[must_use]
     pub fn amplitude(per_count_q24: i64) -> i32 {
-        let counts = (per_count_q24.abs() * STIR_COUNTS) >> 24;
-        crate::fixed::saturate(counts.clamp(16, STIR_MOST))
+        let counts = (per_count_q24.abs() * OSCILLATION_COUNTS) >> 24;
+        crate::fixed::saturate(counts.clamp(16, OSCILLATION_MOST))
     }
 
     /// The length around which the drum was moved, 0.1 µm.
@@ -229,7 +229,7 @@ impl Stir {
     pub fn step(&mut self, amplitude: i32, length: i32) -> Target {
         let base = *self.base.get_or_insert(length);
         let quarter = usize::try_from(self.ticks / QUARTER).unwrap_or(usize::MAX);
-        let halves = STIR_HALVES.get(quarter).copied().unwrap_or(0);
+        let halves = OSCILLATION_HALVES.get(quarter).copied().unwrap_or(0);
         let square = QUARTER.cast_signed() * QUARTER.cast_signed();
         let acceleration_q8 = halves * ((amplitude << 7) / square);
         self.at_q8 += self.speed_q8 + acceleration_q8 / 2;

@@ -1,7 +1,7 @@
 //! One tick of the board: measure, monitor, move, command; and the requests in between.
 
 use crate::adc::is_plausible;
-use crate::arming::{Arming, Phase, Service, Stir, concerns};
+use crate::arming::{Arming, Oscillation, Phase, Service, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
 use crate::config::{Active, CableConfig, ConfigStore, Control};
 use crate::encoder::{Encoder, LengthScale, Sampled};
@@ -128,7 +128,7 @@ pub struct Controller<const N: usize> {
     relieving: bool,
     /// Ticks since no cable is above its limit.
     calm_ticks: u16,
-    stir: Stir,
+    oscillation: Oscillation,
     gripper_closed: bool,
     gripper_switch: bool,
     /// The emergency input, filtered, and for how long its raw value has differed.
@@ -177,7 +177,7 @@ impl<const N: usize> Default for Controller<N> {
             parked: Parked::default(),
             relieving: false,
             calm_ticks: 0,
-            stir: Stir::default(),
+            oscillation: Oscillation::default(),
             gripper_closed: false,
             gripper_switch: false,
             e_stop: false,
@@ -513,7 +513,7 @@ impl<const N: usize> Controller<N> {
             self.rows = *rows;
         }
         match progress {
-            Progress::Under => return false,
+            Progress::Running => return false,
             Progress::Done => {
                 self.motion.clear();
                 self.raise(Event::MotionDone);

@@ -72,7 +72,7 @@ impl<const N: usize> Cycle<N> {
         // request follows the other.
         let tells_state = !executed || self.executed_before;
         self.executed_before = executed;
-        self.tell(tells_state, ends);
+        self.report(tells_state, ends);
         board.show(self.server.controller().state(), now);
     }
 
@@ -148,7 +148,7 @@ impl<const N: usize> Cycle<N> {
     }
 
     #[inline(never)]
-    fn tell(&mut self, tells_state: bool, ends: &mut TickEnds<'_, N>) {
+    fn report(&mut self, tells_state: bool, ends: &mut TickEnds<'_, N>) {
         if tells_state
             && self.server.status_is_due()
             && ends.states.ready()

@@ -18,8 +18,8 @@ const EASED_RATE_Q16: u32 = FULL_RATE_Q16 / 4;
 /// Result of a tick of motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
-    /// Under way.
-    Under,
+    /// The clock advances.
+    Running,
     /// The last knot is reached.
     Done,
     /// The clock has come to rest on the path.
@@ -204,7 +204,7 @@ impl<const N: usize> Motion<N> {
             (self.rate_q16 + self.rate_step_q16).min(FULL_RATE_Q16)
         };
         self.clock_q16 += u64::from(self.rate_q16);
-        let mut progress = Progress::Under;
+        let mut progress = Progress::Running;
         while self.elapsed_q16()? >= u64::from(self.segment.as_ref()?.spacing_ms) << 16 {
             if self.stop_segment {
                 progress = Progress::Stopped;
@@ -221,7 +221,7 @@ impl<const N: usize> Motion<N> {
                 progress = Progress::RanEmpty;
             }
         }
-        if self.braking && self.rate_q16 == 0 && progress == Progress::Under {
+        if self.braking && self.rate_q16 == 0 && progress == Progress::Running {
             progress = if self.stop_segment {
                 Progress::Stopped
             } else {

@@ -11,9 +11,9 @@
 use mcdpr::experiment::{Experiment, SimulatedRobot};
 use mcdpr::machine::{Controller, Mismatch};
 use mcdpr::motion::{Model, Task};
-use mcdpr::record::witness::{Patience, Watcher};
+use mcdpr::record::events::{Patience, Watcher};
 use mcdpr::record::{
-    FILE_NAME, Happening, Machine, RecordedRun, Recording, Scenario, TaskSource, Witness,
+    EventBus, FILE_NAME, Machine, RecordedRun, Recording, RunEvent, Scenario, TaskSource,
 };
 use mcdpr::replay::replay;
 use mcdpr::robot::Robot;
@@ -26,12 +26,12 @@ use std::time::{Duration, Instant};
 /// Repetitions; the best counts, because other programs only ever add.
 const TIMES: usize = 3;
 
-struct Keep(Arc<Mutex<Vec<Happening>>>);
+struct Keep(Arc<Mutex<Vec<RunEvent>>>);
 
 impl Watcher for Keep {
-    fn see(&mut self, happening: &Happening) {
+    fn see(&mut self, event: &RunEvent) {
         if let Ok(mut kept) = self.0.lock() {
-            kept.push(happening.clone());
+            kept.push(event.clone());
         }
     }
 }
@@ -61,34 +61,32 @@ fn scenario(model: &Model) -> Scenario {
 }
 
 /// The record of the paper's circle, and its duration, s.
-fn happenings(model: &Model) -> (Vec<Happening>, f64) {
+fn run_events(model: &Model) -> (Vec<RunEvent>, f64) {
     let scenario = scenario(model);
     let kept = Arc::new(Mutex::new(Vec::new()));
-    let mut witness = Witness::default();
-    witness
-        .add(Keep(Arc::clone(&kept)), Patience::Wait)
-        .unwrap();
+    let mut events = EventBus::default();
+    events.add(Keep(Arc::clone(&kept)), Patience::Wait).unwrap();
     let task = Task::built_in("paper:table7", scenario.task.tool_z_m).unwrap();
     Experiment::new(model, task)
-        .recorded_by(&witness)
+        .recorded_by(&events)
         .simulate(&SimulatedRobot::new(Mismatch::realistic(), 1))
         .unwrap();
-    witness.finish();
+    events.finish();
     let all = std::mem::take(&mut *kept.lock().unwrap());
-    let last = all.iter().rev().find_map(|happening| match happening {
-        Happening::Wire { frame, .. } => Some(frame.time_us as f64 * 1e-6),
+    let last = all.iter().rev().find_map(|event| match event {
+        RunEvent::Wire { frame, .. } => Some(frame.time_us as f64 * 1e-6),
         _ => None,
     });
     (all, last.unwrap())
 }
 
-fn recording(model: &Model, all: &[Happening], lasts_s: f64, path: &std::path::Path) -> f64 {
+fn recording(model: &Model, all: &[RunEvent], lasts_s: f64, path: &std::path::Path) -> f64 {
     let mut best = f64::MAX;
     for _ in 0..TIMES {
         let mut watcher = Recording::create(path, &scenario(model), Some(model.clone())).unwrap();
         let began_s = thread_s();
-        for happening in all {
-            watcher.see(happening);
+        for event in all {
+            watcher.see(event);
         }
         watcher.end();
         best = best.min(thread_s() - began_s);
@@ -115,7 +113,7 @@ fn processor_s() -> f64 {
 }
 
 /// Share of a core while one viewer looks on for some seconds, and pictures a second.
-fn page(model: &Model, all: &[Happening], with_camera: bool) -> (f64, f64) {
+fn page(model: &Model, all: &[RunEvent], with_camera: bool) -> (f64, f64) {
     let feed = Feed::default();
     let server = Server::start(0, None, model.robot(), feed.clone(), Arc::new(NoOrders)).unwrap();
     let stream = TcpStream::connect(("127.0.0.1", server.port())).unwrap();
@@ -132,14 +130,14 @@ fn page(model: &Model, all: &[Happening], with_camera: bool) -> (f64, f64) {
     let mut camera = CameraWatcher::new(feed, model.robot(), 1);
     let (before, began) = (processor_s(), Instant::now());
     let lasts = Duration::from_secs(8);
-    for happening in all {
-        let time_us = match happening {
-            Happening::Wire { frame, .. } => frame.time_us,
-            Happening::Plan { time_us, .. }
-            | Happening::Truth { time_us, .. }
-            | Happening::Order { time_us, .. }
-            | Happening::Picture { time_us, .. }
-            | Happening::Remark { time_us, .. } => *time_us,
+    for event in all {
+        let time_us = match event {
+            RunEvent::Wire { frame, .. } => frame.time_us,
+            RunEvent::Plan { time_us, .. }
+            | RunEvent::Truth { time_us, .. }
+            | RunEvent::Order { time_us, .. }
+            | RunEvent::Picture { time_us, .. }
+            | RunEvent::Remark { time_us, .. } => *time_us,
         };
         let due = Duration::from_micros(time_us);
         if due > lasts {
@@ -150,9 +148,9 @@ fn page(model: &Model, all: &[Happening], with_camera: bool) -> (f64, f64) {
         {
             std::thread::sleep(ahead);
         }
-        watcher.see(happening);
+        watcher.see(event);
         if with_camera {
-            camera.see(happening);
+            camera.see(event);
         }
     }
     let took_s = began.elapsed().as_secs_f64();
@@ -167,7 +165,7 @@ fn main() -> std::process::ExitCode {
     let folder = std::env::temp_dir().join(format!("mcdpr-bench-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join(FILE_NAME);
-    let (all, lasts_s) = happenings(&model);
+    let (all, lasts_s) = run_events(&model);
     let record = recording(&model, &all, lasts_s, &path) * 100.0;
     let (mut factor, mut by_wall): (f64, f64) = (0.0, 0.0);
     for _ in 0..TIMES {
@@ -184,7 +182,7 @@ fn main() -> std::process::ExitCode {
     let _ = std::fs::remove_dir_all(&folder);
     let mut out = std::io::stdout();
     let mut good = true;
-    let mut tell = |what: &str, value: f64, unit: &str, bound: &str, holds: bool| {
+    let mut print_row = |what: &str, value: f64, unit: &str, bound: &str, holds: bool| {
         good &= holds;
         let word = if holds { "holds" } else { "BROKEN" };
         let _ = writeln!(
@@ -192,42 +190,42 @@ fn main() -> std::process::ExitCode {
             "{what:<42}{value:>8.2} {unit:<18} bound {bound:<8} {word}"
         );
     };
-    tell(
+    print_row(
         "recording a run at full rate",
         record,
         "% of a core",
         "2 %",
         record < 2.0,
     );
-    tell(
+    print_row(
         "page: one viewer, feed included",
         share,
         "% of a core",
         "10 %",
         share < 10.0,
     );
-    tell(
+    print_row(
         "the same with the simulated camera",
         with_camera,
         "% of a core",
         "none",
         true,
     );
-    tell(
+    print_row(
         "page: messages to the viewer",
         pictures,
         "a second",
         "50",
         pictures > 50.0,
     );
-    tell(
+    print_row(
         "replay, host, core and plant",
         factor,
         "times real time",
         "50",
         factor > 50.0,
     );
-    tell(
+    print_row(
         "the same by the wall's time",
         by_wall,
         "times real time",

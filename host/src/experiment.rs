@@ -24,7 +24,7 @@ use crate::control::Handle;
 use crate::link::{Link, Paced, SimulatedLink, plant_failed};
 use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Plan, PlanError, PlanOptions, Task};
-use crate::record::witness::{TruthTap, Watched, Witness};
+use crate::record::events::{EventBus, TruthTap, Watched};
 use crate::report::{self, Figures};
 use crate::run::{self, Homing, Measured, Progress, Recorder, RunError, Session};
 use crate::sight::Scene;
@@ -147,7 +147,7 @@ pub struct Experiment<'a> {
     session: Option<SessionId>,
     handle: Handle,
     progress: Box<dyn FnMut(Progress) + 'a>,
-    recorder: Option<&'a Witness>,
+    recorder: Option<&'a EventBus>,
     time_scale: Option<f64>,
 }
 
@@ -206,7 +206,7 @@ impl<'a> Experiment<'a> {
 
     /// Records a simulated run. A line brings its own recording ([`Watched`]).
     #[must_use]
-    pub const fn recorded_by(mut self, recorder: &'a Witness) -> Self {
+    pub const fn recorded_by(mut self, recorder: &'a EventBus) -> Self {
         self.recorder = Some(recorder);
         self
     }

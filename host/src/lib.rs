@@ -36,22 +36,22 @@
 /// be moving, and must be stopped properly.
 macro_rules! eprintln {
     () => {
-        $crate::tell(format_args!("\n"))
+        $crate::write_stderr(format_args!("\n"))
     };
     ($($what:tt)*) => {
-        $crate::tell(format_args!("{}\n", format_args!($($what)*)))
+        $crate::write_stderr(format_args!("{}\n", format_args!($($what)*)))
     };
 }
 
 /// Like `eprintln`, without the end of the line.
 macro_rules! eprint {
     ($($what:tt)*) => {
-        $crate::tell(format_args!($($what)*))
+        $crate::write_stderr(format_args!($($what)*))
     };
 }
 
 /// Writes to standard error, if there is one.
-fn tell(what: std::fmt::Arguments<'_>) {
+fn write_stderr(what: std::fmt::Arguments<'_>) {
     use std::io::Write as _;
     let _ = std::io::stderr().write_fmt(what);
 }

@@ -10,7 +10,7 @@ use mcdpr::run::RunError;
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultId, FaultRecord};
 use mcdpr_simulator::plant::{EncoderFault, Plant, TensionFault};
-use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
+use mcdpr_simulator::{Simulation, TracePoint};
 
 /// Everything that a fault left behind.
 struct Aftermath {

@@ -11,7 +11,7 @@ use mcdpr::run::{Homing, NoStore, Recorder, Session};
 use mcdpr::study::motion::{Job, Known, cases, run};
 use mcdpr_firmware::State;
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::{LinkOptions, Simulation};
+use mcdpr_simulator::Simulation;
 use nalgebra::Vector3;
 use std::path::PathBuf;
 

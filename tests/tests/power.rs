@@ -1,6 +1,6 @@
 //! Power that goes at any tick: what is left, and what a recovery makes of it.
 
-use mcdpr::machine::Mismatch;
+use mcdpr::machine::{Controller, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::recovery::story::{Mishap, Played, Story, play};
 use mcdpr::recovery::{Journal, JournalError, Verdict};
@@ -33,6 +33,7 @@ fn played(model: &Model, supply: Supply, mishap: Mishap) -> Played {
         at_s: 0.8,
         lasts_s: 1.0,
         mishap,
+        controller: Controller::InProcess,
     };
     play(model, &story).unwrap().unwrap()
 }

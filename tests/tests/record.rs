@@ -4,10 +4,10 @@
 use mcdpr::experiment::{Experiment, SimulatedRobot, SimulatedRun};
 use mcdpr::machine::{Controller, Mismatch};
 use mcdpr::motion::{Model, Task};
+use mcdpr::record::events::{Patience, Watcher};
 use mcdpr::record::mcap;
-use mcdpr::record::witness::{Patience, Watcher};
 use mcdpr::record::{
-    FILE_NAME, Happening, LoadError, Machine, RecordedRun, Recording, Scenario, TaskSource, Witness,
+    EventBus, FILE_NAME, LoadError, Machine, RecordedRun, Recording, RunEvent, Scenario, TaskSource,
 };
 use mcdpr::replay::{ReplayError, replay};
 use mcdpr::robot::Robot;
@@ -36,12 +36,12 @@ fn scenario() -> Scenario {
     Scenario::new("paper-table5", task, 11, machine)
 }
 
-/// Runs the short task, seen by a witness.
-fn run(witness: &Witness) -> SimulatedRun {
+/// Runs the short task, seen by an event bus.
+fn run(events: &EventBus) -> SimulatedRun {
     let task = Task::parse(TASK, "short.toml".into()).unwrap();
     Experiment::new(&model(), task)
         .session(SessionId(11))
-        .recorded_by(witness)
+        .recorded_by(events)
         .simulate(&SimulatedRobot::new(Mismatch::realistic(), 3))
         .unwrap()
 }
@@ -54,10 +54,10 @@ fn recorded() -> &'static [u8] {
         let path = folder.path().join(FILE_NAME);
         let recording = Recording::create(&path, &scenario(), Some(model())).unwrap();
         let summary = recording.summary();
-        let mut witness = Witness::default();
-        witness.add(recording, Patience::Wait).unwrap();
-        run(&witness);
-        witness.finish();
+        let mut events = EventBus::default();
+        events.add(recording, Patience::Wait).unwrap();
+        run(&events);
+        events.finish();
         assert!(summary.lock().unwrap().complete);
         std::fs::read(path).unwrap()
     })
@@ -126,7 +126,7 @@ fn a_changed_byte_in_either_direction_is_found() {
 
 #[test]
 fn the_record_holds_what_the_host_measured_and_what_was_true() {
-    let live = run(&Witness::default());
+    let live = run(&EventBus::default());
     let run = load("contents", recorded()).unwrap();
     let measured: Vec<_> = run
         .ticks()
@@ -234,16 +234,16 @@ fn f8_a_full_disk_ends_the_record_and_not_the_motion() {
     let disk = Disk { left: 300_000 };
     let recording = Recording::start(disk, &scenario(), None, |_| Ok(())).unwrap();
     let summary = recording.summary();
-    let mut witness = Witness::default();
-    witness.add(recording, Patience::Wait).unwrap();
-    let with = run(&witness);
-    witness.finish();
+    let mut events = EventBus::default();
+    events.add(recording, Patience::Wait).unwrap();
+    let with = run(&events);
+    events.finish();
     let summary = summary.lock().unwrap();
     assert!(
         summary.stopped.is_some() && !summary.complete,
         "{summary:?}"
     );
-    assert_eq!(with.run.samples, run(&Witness::default()).run.samples);
+    assert_eq!(with.run.samples, run(&EventBus::default()).run.samples);
 }
 
 #[test]
@@ -253,26 +253,26 @@ fn a_watcher_that_does_not_keep_up_loses_entries_and_nothing_else() {
         seen: Arc<Mutex<usize>>,
     }
     impl Watcher for Stuck {
-        fn see(&mut self, _: &Happening) {
+        fn see(&mut self, _: &RunEvent) {
             drop(self.gate.lock());
             *self.seen.lock().unwrap() += 1;
         }
     }
     let gate = Arc::new(Mutex::new(()));
     let seen = Arc::new(Mutex::new(0));
-    let mut witness = Witness::default();
+    let mut events = EventBus::default();
     let stuck = Stuck {
         gate: Arc::clone(&gate),
         seen: Arc::clone(&seen),
     };
-    let lost = witness.add(stuck, Patience::Drop).unwrap();
+    let lost = events.add(stuck, Patience::Drop).unwrap();
     let closed = gate.lock().unwrap();
-    let with = run(&witness);
+    let with = run(&events);
     assert!(lost.load(std::sync::atomic::Ordering::Relaxed) > 0);
     drop(closed);
-    witness.finish();
+    events.finish();
     assert!(*seen.lock().unwrap() > 1000);
-    assert_eq!(with.run.samples, run(&Witness::default()).run.samples);
+    assert_eq!(with.run.samples, run(&EventBus::default()).run.samples);
 }
 
 /// Reads a record as another program would and prints what it found.

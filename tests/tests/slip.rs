@@ -16,9 +16,9 @@ use mcdpr_simulator::LinkOptions;
 use nalgebra::Vector3;
 
 /// Normal noise (Box and Muller, 1958) from a counter (splitmix64).
-struct Dice(u64);
+struct Random(u64);
 
-impl Dice {
+impl Random {
     const fn new(seed: u64) -> Self {
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15))
     }
@@ -44,22 +44,28 @@ const TOOLS: [[f64; 3]; 5] = [
 ];
 
 /// Readings with noise of a robot whose cable `cable` (from 0) slipped.
-fn reading(model: &Model, tool: usize, slip: (usize, f64), view: bool, dice: &mut Dice) -> Reading {
+fn reading(
+    model: &Model,
+    tool: usize,
+    slip: (usize, f64),
+    view: bool,
+    random: &mut Random,
+) -> Reading {
     let rest = model.rest(&Vector3::from(TOOLS[tool]), None).unwrap();
     let mut lengths_m: Vec<f64> = rest
         .paid_out_m
         .iter()
-        .map(|l| l + 2e-5 * dice.normal())
+        .map(|l| l + 2e-5 * random.normal())
         .collect();
     lengths_m[slip.0] -= slip.1;
     let tensions_n = rest
         .tensions_n()
         .iter()
-        .map(|t| t + 0.01 * dice.normal())
+        .map(|t| t + 0.01 * random.normal())
         .collect();
     let seen = view.then(|| {
-        let off = Vector3::from_fn(|_, _| 1.5e-4 * dice.normal());
-        let turn = Vector3::from_fn(|_, _| 3e-4 * dice.normal());
+        let off = Vector3::from_fn(|_, _| 1.5e-4 * random.normal());
+        let turn = Vector3::from_fn(|_, _| 3e-4 * random.normal());
         rest.equilibrium.pose.displaced(&off, &turn)
     });
     Reading {
@@ -70,11 +76,11 @@ fn reading(model: &Model, tool: usize, slip: (usize, f64), view: bool, dice: &mu
 }
 
 fn finding(model: &Model, tools: &[usize], slip: (usize, f64), view: bool, seed: u64) -> Finding {
-    let mut dice = Dice::new(seed);
+    let mut random = Random::new(seed);
     let mut check = SelfCheck::new(model, Sigmas::default());
     for &tool in tools {
         check
-            .add(&reading(model, tool, slip, view, &mut dice))
+            .add(&reading(model, tool, slip, view, &mut random))
             .unwrap();
     }
     check.finding()
@@ -225,11 +231,11 @@ fn a_bent_frame_is_no_slip() {
     bent.cables[2].anchor_in_world_m += Vector3::new(-4e-3, 9e-3, 0.0);
     bent.cables[1].anchor_in_world_m.z -= 8e-3;
     let other = Model::new(&bent).unwrap();
-    let mut dice = Dice::new(4);
+    let mut random = Random::new(4);
     let mut check = SelfCheck::new(&model, Sigmas::default());
     for tool in 0..TOOLS.len() {
         check
-            .add(&reading(&other, tool, (0, 0.0), true, &mut dice))
+            .add(&reading(&other, tool, (0, 0.0), true, &mut random))
             .unwrap();
     }
     let found = check.finding();

@@ -6,7 +6,7 @@
 use super::data::{Machine, Sample, Set, Stated};
 use super::model::swivel_reference;
 use crate::space::Space;
-use mcdpr_core::random::Dice;
+use mcdpr_core::random::Random;
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot, rpy_from_rotation};
 use nalgebra::{Rotation3, Vector3};
 
@@ -99,10 +99,10 @@ fn robot_of(machine: &Machine) -> Option<Robot<4>> {
 /// Simulates two sessions; `None` if the numbers do not give a valid robot (never with these).
 #[must_use]
 pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
-    let mut dice = Dice::new(case.seed ^ 0x616c_6c73);
+    let mut random = Random::new(case.seed ^ 0x616c_6c73);
     let stated = nominal();
     let off = case.off;
-    let mut point = |sigma: f64| Vector3::from_fn(|_, _| off * sigma * dice.normal());
+    let mut point = |sigma: f64| Vector3::from_fn(|_, _| off * sigma * random.normal());
     let mut made = stated.clone();
     for cable in &mut made.cables {
         cable.anchor_m += point(1e-3);
@@ -110,7 +110,7 @@ pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
     }
     made.center_of_mass_m += point(3e-3);
     let mount = Rotation3::new(point(0.02));
-    let mut four = |sigma: f64| std::array::from_fn::<f64, 4, _>(|_| off * sigma * dice.normal());
+    let mut four = |sigma: f64| std::array::from_fn::<f64, 4, _>(|_| off * sigma * random.normal());
     let mut drums = four(3e-3);
     drums[0] += case.drum;
     let (gains, zeros) = (four(0.08), four(8.0));
@@ -134,47 +134,47 @@ pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
     let weight = made.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
     for (session, count) in case.samples.into_iter().enumerate() {
         let mut four =
-            |sigma: f64| std::array::from_fn::<f64, 4, _>(|_| off * sigma * dice.normal());
+            |sigma: f64| std::array::from_fn::<f64, 4, _>(|_| off * sigma * random.normal());
         let (homing, drift) = (four(5e-4), four(0.7));
-        let yaw = off * 0.02 * dice.normal();
+        let yaw = off * 0.02 * random.normal();
         for k in 0..count {
             // The equations of equilibrium have a residual: the platform hangs as if its weight and
             // its centre of mass were slightly different at every pose.
             let mut here = made.clone();
-            here.mass_kg *= 1.0 + off * 0.004 * dice.normal();
-            here.center_of_mass_m += Vector3::from_fn(|_, _| off * 8e-4 * dice.normal());
+            here.mass_kg *= 1.0 + off * 0.004 * random.normal();
+            here.center_of_mass_m += Vector3::from_fn(|_, _| off * 8e-4 * random.normal());
             let robot = robot_of(&here)?;
-            let hanging = (0..1000).find_map(|_| SPACE.random(&robot, &mut dice))?;
+            let hanging = (0..1000).find_map(|_| SPACE.random(&robot, &mut random))?;
             let pose = hanging.pose;
             let inverse = robot.inverse(&pose).ok()?;
             let mut sample = Sample::empty(session, set.samples.len() + 1, 4);
             sample.time_s = Some(60.0 + 11.0 * k as f64);
             sample.speed_mps = Some(1e-4);
             for i in 0..4 {
-                let sign = if dice.unit() < 0.5 { -1.0 } else { 1.0 };
+                let sign = if random.unit() < 0.5 { -1.0 } else { 1.0 };
                 sample.arrived[i] = Some(sign);
                 let slip = match case.slip {
                     Some((cable, from, size)) if cable == i && session == 0 && k >= from => size,
                     _ => 0.0,
                 };
-                let offset = offsets[i] + homing[i] + slip + off * 2e-4 * dice.normal();
+                let offset = offsets[i] + homing[i] + slip + off * 2e-4 * random.normal();
                 sample.length_m[i] = Some(inverse.lengths_m[i] * (1.0 - drums[i]) + offset);
                 let lost = sign * loss[i] * (inverse.wraps_rad[i] / 2.0).sin();
                 let felt = hanging.tensions_n[i] * (1.0 - lost) * (1.0 + gains[i]);
-                let noise = off * 0.003 * weight * dice.normal();
+                let noise = off * 0.003 * weight * random.normal();
                 sample.tension_n[i] = Some(felt + zeros[i] + drift[i] + noise);
                 if case.attitude {
                     let [first, second] = swivel_reference(&made.cables[i].swivel_axis);
                     let d = pose.position_m + inverse.arm_m(i) - made.cables[i].anchor_m;
                     let angle = d.dot(&second).atan2(d.dot(&first)) + swivels[i];
-                    sample.swivel_rad[i] = Some(angle + off * 3e-3 * dice.normal());
+                    sample.swivel_rad[i] = Some(angle + off * 3e-3 * random.normal());
                 }
             }
             if case.attitude {
                 let rpy = rpy_from_rotation(&(pose.rotation * mount));
                 let drifted = [0.0, 0.0, yaw + off * 2e-4 * 11.0 * k as f64];
                 sample.rpy_rad = std::array::from_fn(|axis| {
-                    Some(rpy[axis] + drifted[axis] + off * 2e-3 * dice.normal())
+                    Some(rpy[axis] + drifted[axis] + off * 2e-3 * random.normal())
                 });
             }
             truth.poses.push(pose);

@@ -1,7 +1,7 @@
 //! The least-squares solver.
 
 use super::rows::{self, Measurements, Sigmas};
-use crate::motion::{Model, PlanError, Rest};
+use crate::motion::{Model, PlanError, StaticState};
 use miette::Diagnostic;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3, Vector4};
 use thiserror::Error;
@@ -66,7 +66,7 @@ pub enum EstimateError {
 #[derive(Debug, Clone)]
 pub struct Estimate {
     /// How it hangs.
-    pub rest: Rest,
+    pub rest: StaticState,
     /// Tool, world, m.
     pub tool_m: Vector3<f64>,
     /// Covariance of the tool's place, m^2, world.
@@ -119,7 +119,8 @@ pub(super) fn solve(
     let no_fit = |source| EstimateError::NoFit {
         source: Box::new(source),
     };
-    let at = |x: &Unknowns, near: Option<&Rest>| model.rest_with(&place(x), x[3].max(0.05), near);
+    let at =
+        |x: &Unknowns, near: Option<&StaticState>| model.rest_with(&place(x), x[3].max(0.05), near);
     let mut x = Unknowns::zeros();
     x.fixed_rows_mut::<4>(0).copy_from(&start);
     let mut rest = at(&x, None).map_err(no_fit)?;

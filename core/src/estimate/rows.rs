@@ -1,6 +1,6 @@
 //! The measurements, and what a resting state predicts for them.
 
-use crate::motion::{Model, Rest};
+use crate::motion::{Model, StaticState};
 use crate::robot::Control;
 use crate::sight::TagView;
 use mcdpr_kinematics::Pose;
@@ -57,7 +57,7 @@ pub(crate) fn residuals(
     model: &Model,
     measured: &Measurements,
     sigmas: &Sigmas,
-    (rest, turned, skip): (&Rest, &Vector3<f64>, Option<usize>),
+    (rest, turned, skip): (&StaticState, &Vector3<f64>, Option<usize>),
     out: &mut Vec<f64>,
 ) -> Option<()> {
     out.clear();

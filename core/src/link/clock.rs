@@ -196,14 +196,14 @@ impl BoardClock {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Dice;
+    use crate::random::Random;
 
     /// A minute of heartbeats to a board whose clock is off by `drift`, over a line with a latency
     /// of 1 to 3 ms each way and one stall of 200 ms in ten; `first_tick` may wrap.
     fn minute(drift: f64, first_tick: u32) -> (BoardClock, impl Fn(u64) -> f64) {
         let mut clock = BoardClock::default();
-        let mut dice = Dice::new(5);
-        let mut share = || 0.5 + dice.within(0.5);
+        let mut random = Random::new(5);
+        let mut share = || 0.5 + random.within(0.5);
         let truth = move |time_us: u64| {
             f64::from(first_tick) + (1.0 + drift) * (time_us as f64 - 1e6) * 1e-3
         };

@@ -22,7 +22,7 @@ mod track;
 mod verdict;
 mod wire;
 
-pub use model::{Model, Rest};
+pub use model::{Model, StaticState};
 pub use options::{PlanOptions, Planner, Shaping, Tensioning};
 pub use plan::{Plan, PlanError};
 pub use shaper::Shaper;

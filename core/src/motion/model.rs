@@ -21,14 +21,14 @@ pub struct Model {
 
 /// The robot at rest with its tool at one position.
 #[derive(Debug, Clone)]
-pub struct Rest {
+pub struct StaticState {
     /// Pose, taut lengths and tensions.
     pub equilibrium: Equilibrium,
     /// Paid-out length of each cable, m: what the drum encoders show.
     pub paid_out_m: Vec<f64>,
 }
 
-impl Rest {
+impl StaticState {
     /// Tension of each cable, N.
     #[must_use]
     pub fn tensions_n(&self) -> &[f64] {
@@ -100,7 +100,7 @@ impl Model {
     ///
     /// # Errors
     /// If the robot cannot hang at home.
-    pub fn rest_at_home(&self) -> Result<Rest, PlanError> {
+    pub fn rest_at_home(&self) -> Result<StaticState, PlanError> {
         self.rest(&self.robot.tool.home_in_world_m, None)
     }
 
@@ -109,7 +109,11 @@ impl Model {
     ///
     /// # Errors
     /// [`PlanError::NoEquilibrium`] with the reason.
-    pub fn rest(&self, tool_m: &Vector3<f64>, near: Option<&Rest>) -> Result<Rest, PlanError> {
+    pub fn rest(
+        &self,
+        tool_m: &Vector3<f64>,
+        near: Option<&StaticState>,
+    ) -> Result<StaticState, PlanError> {
         let tension_n = match self.options.tensioning {
             Tensioning::MaxMin => schedule::best_n(self, tool_m, near)?,
             Tensioning::Setpoint => self.robot.tension.setpoint_n,
@@ -126,8 +130,8 @@ impl Model {
         &self,
         tool_m: &Vector3<f64>,
         tension_n: f64,
-        near: Option<&Rest>,
-    ) -> Result<Rest, PlanError> {
+        near: Option<&StaticState>,
+    ) -> Result<StaticState, PlanError> {
         let mut tensions = [None; mcdpr_kinematics::MAX_CABLES];
         let count = self.robot.cables.len();
         for (slot, cable) in tensions.iter_mut().zip(&self.robot.cables) {
@@ -161,8 +165,8 @@ impl Model {
         &self,
         tool_m: &Vector3<f64>,
         tension_n: f64,
-        near: Option<&Rest>,
-    ) -> Result<Rest, PlanError> {
+        near: Option<&StaticState>,
+    ) -> Result<StaticState, PlanError> {
         let hanging = self.rest_with(tool_m, tension_n, near)?;
         match self.options.planner {
             Planner::Equilibrium => Ok(hanging),
@@ -171,7 +175,11 @@ impl Model {
     }
 
     /// The lengths of a level platform (Eqs. 2 to 11), rigid cables; tensions as it really hangs.
-    fn level(&self, tool_m: &Vector3<f64>, mut hanging: Rest) -> Result<Rest, PlanError> {
+    fn level(
+        &self,
+        tool_m: &Vector3<f64>,
+        mut hanging: StaticState,
+    ) -> Result<StaticState, PlanError> {
         let tool = &self.robot.tool.tcp_in_platform_m;
         let pose = Pose::new(tool_m - tool, Rotation3::identity());
         let lengths_m = self.geometry.lengths_m(&pose)?;
@@ -190,7 +198,7 @@ impl Model {
         &self,
         paid_out_m: &[f64],
         tensions_n: &[f64],
-    ) -> Result<Rest, PlanError> {
+    ) -> Result<StaticState, PlanError> {
         let cables = self.robot.cables.iter();
         let held: Vec<_> = cables
             .zip(paid_out_m.iter().zip(tensions_n))
@@ -213,14 +221,14 @@ impl Model {
 
     /// Tool position of a resting state, world, m.
     #[must_use]
-    pub fn tool_m(&self, rest: &Rest) -> Vector3<f64> {
+    pub fn tool_m(&self, rest: &StaticState) -> Vector3<f64> {
         let tool = &self.robot.tool.tcp_in_platform_m;
         rest.equilibrium.pose.transform(tool)
     }
 
     /// A resting state with the lengths that the drums have paid out for it.
     #[must_use]
-    pub fn with_lengths(&self, equilibrium: Equilibrium) -> Rest {
+    pub fn with_lengths(&self, equilibrium: Equilibrium) -> StaticState {
         let pairs = equilibrium.lengths_m.iter().zip(&equilibrium.tensions_n);
         let paid_out_m = pairs
             .enumerate()
@@ -228,7 +236,7 @@ impl Model {
                 machine::paid_out_m(&self.robot, index, length, tension)
             })
             .collect();
-        Rest {
+        StaticState {
             equilibrium,
             paid_out_m,
         }

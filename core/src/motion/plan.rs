@@ -5,7 +5,7 @@
 //! lengths. The platform's inertia is left out: at these accelerations it shifts the equilibrium by
 //! less than the plan's tolerance, and a planner that includes it can diverge.
 
-use super::model::{Model, Rest};
+use super::model::{Model, StaticState};
 use super::path::PathError;
 use super::spline::SplineError;
 use super::time_law::TimeLawError;
@@ -214,7 +214,7 @@ pub struct Plan {
     /// The knots for the board.
     pub knots: Vec<Knot>,
     /// How the robot hangs at the start.
-    pub start: Rest,
+    pub start: StaticState,
     model: Model,
 }
 
@@ -283,12 +283,12 @@ impl Plan {
     /// The expected state at a time; at the ends before and after. `None` only for a time that is
     /// not a number.
     #[must_use]
-    pub fn state(&self, time_s: f64) -> Option<Rest> {
+    pub fn state(&self, time_s: f64) -> Option<StaticState> {
         self.timed.rest(&self.model, time_s).ok()
     }
 
     /// Expected states at equal times, both ends included.
-    pub fn states(&self, step_s: f64) -> impl Iterator<Item = (f64, Rest)> + '_ {
+    pub fn states(&self, step_s: f64) -> impl Iterator<Item = (f64, StaticState)> + '_ {
         let end_s = self.timed.duration_s();
         let times = (0_u32..).map(move |index| f64::from(index) * step_s);
         let times = times.take_while(move |time_s| *time_s < end_s);

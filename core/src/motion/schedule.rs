@@ -3,7 +3,7 @@
 //! The rule: maximise the smallest tension of all cables, within the limits of plan and winch. Only
 //! the ratio of tension to weight matters, so the rule is independent of the mass.
 
-use super::model::{Model, Rest};
+use super::model::{Model, StaticState};
 use super::plan::PlanError;
 use crate::robot::Control;
 use nalgebra::Vector3;
@@ -38,7 +38,7 @@ pub(super) fn bounds_n(model: &Model) -> (f64, f64) {
 pub(super) fn best_n(
     model: &Model,
     tool_m: &Vector3<f64>,
-    near: Option<&Rest>,
+    near: Option<&StaticState>,
 ) -> Result<f64, PlanError> {
     let (low, high) = bounds_n(model);
     let Some(held) = model.tension_held() else {
@@ -85,7 +85,7 @@ pub(super) fn best_n(
         if step_n.abs() < CLOSE_N {
             break;
         }
-        let least = |rest: &Rest| rest.tensions_n().iter().copied().fold(f64::MAX, f64::min);
+        let least = |rest: &StaticState| rest.tensions_n().iter().copied().fold(f64::MAX, f64::min);
         match model.rest_with(tool_m, tension_n + step_n, Some(&rest)) {
             Ok(next) if least(&next) > least(&rest) => {
                 tension_n += step_n;

@@ -1,7 +1,7 @@
 //! Steps of a task in time: paths with their laws, waits, and the times of gripper commands.
 
 use super::bounds;
-use super::model::{Model, Rest};
+use super::model::{Model, StaticState};
 use super::path::{Path, PathError};
 use super::plan::{LONGEST_S, MOST_IMPULSES, MOST_PLACES, PlanError};
 use super::shaper::Shaper;
@@ -234,7 +234,7 @@ impl Timed {
         });
     }
 
-    fn last_rest(&self) -> Option<&Rest> {
+    fn last_rest(&self) -> Option<&StaticState> {
         self.legs.last().and_then(|leg| leg.track.nodes().last())
     }
 
@@ -306,7 +306,7 @@ impl Timed {
     ///
     /// # Errors
     /// As [`Timed::lengths_m`].
-    pub fn rest(&self, model: &Model, time_s: f64) -> Result<Rest, PlanError> {
+    pub fn rest(&self, model: &Model, time_s: f64) -> Result<StaticState, PlanError> {
         let (leg, way_m) = self.locate(time_s)?;
         leg.track.rest(model, way_m, &self.tool_m(time_s)?)
     }

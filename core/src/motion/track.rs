@@ -4,7 +4,7 @@
 //! the statics are solved once per point, not once per millisecond, at a spacing that keeps lengths
 //! within a micrometre.
 
-use super::model::{Model, Rest};
+use super::model::{Model, StaticState};
 use super::options::{Planner, Tensioning};
 use super::path::Path;
 use super::plan::PlanError;
@@ -28,7 +28,7 @@ const MANY_PLACES: usize = 50_000;
 #[derive(Debug, Clone)]
 pub(crate) struct Track {
     length_m: f64,
-    nodes: Vec<Rest>,
+    nodes: Vec<StaticState>,
     /// Over the distance along the path: lengths, tensions, rotation vector, tool.
     channels: Vec<Spline>,
     cables: usize,
@@ -39,15 +39,19 @@ impl Track {
     ///
     /// # Errors
     /// [`PlanError::NoEquilibrium`] with the first point where the robot cannot hang.
-    pub fn along(model: &Model, path: &Path, near: Option<&Rest>) -> Result<Self, PlanError> {
+    pub fn along(
+        model: &Model,
+        path: &Path,
+        near: Option<&StaticState>,
+    ) -> Result<Self, PlanError> {
         let length_m = path.length_m();
         let tension = Tension::along(model, path, near)?;
-        let solve = |way_m: f64, near: Option<&Rest>| {
+        let solve = |way_m: f64, near: Option<&StaticState>| {
             let tool_m = path.point(way_m)?.position_m;
             model.rest_planned(&tool_m, tension.at(way_m)?, near)
         };
         let mut count = segments(length_m, FURTHEST_M).max(4);
-        let mut nodes: Vec<Rest> = Vec::with_capacity(count + 1);
+        let mut nodes: Vec<StaticState> = Vec::with_capacity(count + 1);
         for index in 0..=count {
             let near = nodes.last().or(near);
             nodes.push(solve(share(index, count) * length_m, near)?);
@@ -84,7 +88,7 @@ impl Track {
 
     /// The robot at one point: a track without length.
     #[must_use]
-    pub fn still(rest: Rest) -> Self {
+    pub fn still(rest: StaticState) -> Self {
         Self {
             length_m: 0.0,
             cables: rest.paid_out_m.len(),
@@ -93,7 +97,7 @@ impl Track {
         }
     }
 
-    fn through(model: &Model, length_m: f64, nodes: &[Rest]) -> Result<Self, PlanError> {
+    fn through(model: &Model, length_m: f64, nodes: &[StaticState]) -> Result<Self, PlanError> {
         let count = nodes.len().saturating_sub(1);
         let ways_m: Vec<_> = (0..=count).map(|i| share(i, count) * length_m).collect();
         let rows: Vec<Vec<f64>> = nodes
@@ -126,13 +130,13 @@ impl Track {
 
     /// The states that were solved, from start to end.
     #[must_use]
-    pub fn nodes(&self) -> &[Rest] {
+    pub fn nodes(&self) -> &[StaticState] {
         &self.nodes
     }
 
     /// The solved state nearest to a point.
     #[must_use]
-    pub fn nearest(&self, way_m: f64) -> Option<&Rest> {
+    pub fn nearest(&self, way_m: f64) -> Option<&StaticState> {
         let last = self.nodes.len().saturating_sub(1);
         let scaled = way_m / self.length_m.max(1e-12) * last as f64;
         #[expect(
@@ -188,7 +192,7 @@ impl Track {
         model: &Model,
         way_m: f64,
         tool_m: &Vector3<f64>,
-    ) -> Result<Rest, PlanError> {
+    ) -> Result<StaticState, PlanError> {
         let nearest = self.nearest(way_m).ok_or(super::path::PathError::Empty)?;
         let mut rest = nearest.clone();
         if self.channels.is_empty() {
@@ -239,7 +243,7 @@ enum Tension {
 }
 
 impl Tension {
-    fn along(model: &Model, path: &Path, near: Option<&Rest>) -> Result<Self, PlanError> {
+    fn along(model: &Model, path: &Path, near: Option<&StaticState>) -> Result<Self, PlanError> {
         let options = model.options();
         let setpoint_n = model.robot().tension.setpoint_n;
         if options.tensioning == Tensioning::Setpoint || options.planner == Planner::Level {
@@ -248,7 +252,7 @@ impl Tension {
         let length_m = path.length_m();
         let count = segments(length_m, RULE_SPACING_M).max(8);
         let mut ruled: Vec<f64> = Vec::with_capacity(count + 1);
-        let mut before: Option<Rest> = near.cloned();
+        let mut before: Option<StaticState> = near.cloned();
         for index in 0..=count {
             let tool_m = path.point(share(index, count) * length_m)?.position_m;
             let best_n = schedule::best_n(model, &tool_m, before.as_ref())?;

@@ -1,7 +1,7 @@
 //! Checks a motion before it starts: the first limit that it would break, and its margin to the
 //! others.
 
-use super::model::{Model, Rest};
+use super::model::{Model, StaticState};
 use super::options::Planner;
 use super::plan::PlanError;
 use super::timed::Timed;
@@ -55,7 +55,11 @@ pub struct Extremes {
 ///
 /// # Errors
 /// [`PlanError::Limit`].
-pub fn judge_place(model: &Model, tool_m: &Vector3<f64>, rest: &Rest) -> Result<(), PlanError> {
+pub fn judge_place(
+    model: &Model,
+    tool_m: &Vector3<f64>,
+    rest: &StaticState,
+) -> Result<(), PlanError> {
     match judge_state(model, tool_m, rest, &Watch::default()) {
         None => Ok(()),
         Some((what, value, limit, unit)) => Err(PlanError::Limit {
@@ -104,7 +108,7 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
         drum_turns: vec![0.0; count],
         ..Extremes::default()
     };
-    let mut before: Option<(f64, Rest, Vec<f64>)> = None;
+    let mut before: Option<(f64, StaticState, Vec<f64>)> = None;
     let end_s = timed.duration_s();
     let mut last = false;
     for index in 0_u32.. {
@@ -159,7 +163,7 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
 }
 
 impl Extremes {
-    fn take(&mut self, model: &Model, rest: &Rest, speed_mps: f64) {
+    fn take(&mut self, model: &Model, rest: &StaticState, speed_mps: f64) {
         self.speed_mps = self.speed_mps.max(speed_mps);
         self.tilt_rad = self.tilt_rad.max(rest.equilibrium.pose.tilt_rad());
         let bounds = self.tension_min_n.iter_mut().zip(&mut self.tension_max_n);
@@ -190,7 +194,7 @@ impl Extremes {
 }
 
 /// Pay-out speeds of the cables, m/s.
-fn speeds(old: &Rest, new: &Rest, step_s: f64) -> Vec<f64> {
+fn speeds(old: &StaticState, new: &StaticState, step_s: f64) -> Vec<f64> {
     let pairs = old.paid_out_m.iter().zip(&new.paid_out_m);
     pairs
         .map(|(before, after)| (after - before) / step_s.max(1e-9))
@@ -199,7 +203,7 @@ fn speeds(old: &Rest, new: &Rest, step_s: f64) -> Vec<f64> {
 
 /// Force that each winch must give at the cable: tension, friction, and the inertia of drum and
 /// rotor, N.
-fn forces(model: &Model, rest: &Rest, now: &[f64], then: &[f64], step_s: f64) -> Vec<f64> {
+fn forces(model: &Model, rest: &StaticState, now: &[f64], then: &[f64], step_s: f64) -> Vec<f64> {
     let tensions = rest.tensions_n().iter();
     tensions
         .enumerate()
@@ -237,7 +241,12 @@ fn judge_speed(model: &Model, speeds: &[f64]) -> Option<Broken> {
     })
 }
 
-fn judge_state(model: &Model, tool_m: &Vector3<f64>, rest: &Rest, watch: &Watch) -> Option<Broken> {
+fn judge_state(
+    model: &Model,
+    tool_m: &Vector3<f64>,
+    rest: &StaticState,
+    watch: &Watch,
+) -> Option<Broken> {
     let robot = model.robot();
     let limits = &robot.limits;
     if let Some([low, high]) = &limits.box_in_world_m {
@@ -300,7 +309,7 @@ fn judge_state(model: &Model, tool_m: &Vector3<f64>, rest: &Rest, watch: &Watch)
 }
 
 /// Whether a watched point has left the camera's picture, and by how much.
-fn out_of_view(model: &Model, rest: &Rest, place_m: &Vector3<f64>) -> Option<Broken> {
+fn out_of_view(model: &Model, rest: &StaticState, place_m: &Vector3<f64>) -> Option<Broken> {
     let camera = &model.robot().camera;
     let pose = &rest.equilibrium.pose;
     let in_platform = pose.rotation.inverse() * (place_m - pose.position_m);
@@ -337,7 +346,7 @@ fn platform_box(model: &Model) -> PlatformBox {
 /// Distance of the closest cables, and the first contact.
 fn clearances(
     model: &Model,
-    rest: &Rest,
+    rest: &StaticState,
     body: &PlatformBox,
 ) -> Result<(Option<f64>, Option<Broken>), PlanError> {
     let pose = &rest.equilibrium.pose;

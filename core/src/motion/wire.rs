@@ -2,7 +2,7 @@
 
 use super::knot::{self, milliseconds};
 use super::knots::{self, FitOptions, Spacing};
-use super::model::{Model, Rest};
+use super::model::{Model, StaticState};
 use super::options::Planner;
 use super::plan::{PlanError, TOLERANCE_M};
 use super::spline::{Ends, Spline};
@@ -127,7 +127,7 @@ fn fit(model: &Model, timed: &Timed, (from, to): (u32, u32)) -> Result<Vec<Splin
 
 /// The consistency checks that a knot carries: the board takes the first for S5, the second for C5.
 /// A plan that does not ask for equilibrium has none.
-fn rows(model: &Model, rest: &Rest) -> List<ResidualRow, { ResidualRow::PER_KNOT }> {
+fn rows(model: &Model, rest: &StaticState) -> List<ResidualRow, { ResidualRow::PER_KNOT }> {
     let closure = (model.options().planner == Planner::Equilibrium)
         .then(|| closure_row(model, rest))
         .flatten();
@@ -140,7 +140,7 @@ fn rows(model: &Model, rest: &Rest) -> List<ResidualRow, { ResidualRow::PER_KNOT
 
 /// The sum of the tensions' vertical parts is the platform's weight. A deficit means that something
 /// else supports the platform, an excess that something pulls on it. The row's µm are mN here.
-fn contact_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
+fn contact_row(model: &Model, rest: &StaticState) -> Option<ResidualRow> {
     let count = model.robot().cables.len();
     let jacobian = model
         .geometry()
@@ -170,7 +170,7 @@ fn contact_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
 
 /// Consistency of measured lengths and tensions: at equilibrium the length of the tension-held
 /// cable follows from the other lengths and its tension.
-fn closure_row(model: &Model, rest: &Rest) -> Option<ResidualRow> {
+fn closure_row(model: &Model, rest: &StaticState) -> Option<ResidualRow> {
     let held = model.tension_held()?;
     let response = model.geometry().linearise(&rest.equilibrium).ok()?.response;
     let row = response.row(held)?;

@@ -8,7 +8,7 @@
 //! `v^2 M / (2 (F - T))`. What is not known of brakes and drives stands as covariance. A drum whose
 //! drive keeps its supply while the board has none goes on for its lag alone.
 
-use crate::motion::{Model, Rest};
+use crate::motion::{Model, StaticState};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::journal::Kept;
@@ -73,7 +73,7 @@ impl Lengths {
 
 /// Slopes of the lengths by the tool's place, one row a cable; `None` where the robot cannot hang
 /// beside `rest`.
-fn slopes(model: &Model, rest: &Rest) -> Option<DMatrix<f64>> {
+fn slopes(model: &Model, rest: &StaticState) -> Option<DMatrix<f64>> {
     let tool_m = model.tool_m(rest);
     let count = rest.paid_out_m.len();
     let held = model.tension_held().unwrap_or(0);
@@ -97,7 +97,7 @@ fn slopes(model: &Model, rest: &Rest) -> Option<DMatrix<f64>> {
 
 /// Lengths after a cut, from the last state that was kept; `rest` is how the robot hung then.
 #[must_use]
-pub fn lengths_after(model: &Model, rest: &Rest, kept: &Kept, cut: &Cut) -> Lengths {
+pub fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut: &Cut) -> Lengths {
     let lengths_m: Vec<f64> = kept.cables.iter().map(|cable| cable.length_m).collect();
     let mut lengths = Lengths::counted(&lengths_m);
     let open = |cable: usize| kept.brakes_open >> cable & 1 == 1;
@@ -147,7 +147,7 @@ pub fn lengths_after(model: &Model, rest: &Rest, kept: &Kept, cut: &Cut) -> Leng
 }
 
 /// Acceleration of each drum without torque and with its brake open, m/s².
-fn letting_out(model: &Model, rest: &Rest, kept: &Kept) -> Vec<f64> {
+fn letting_out(model: &Model, rest: &StaticState, kept: &Kept) -> Vec<f64> {
     let robot = model.robot();
     let Some(slopes) = slopes(model, rest) else {
         return vec![0.0; kept.cables.len()];
@@ -187,7 +187,7 @@ mod tests {
     use super::*;
     use crate::robot::Robot;
 
-    fn hanging(robot: &str) -> (Model, Rest, Kept) {
+    fn hanging(robot: &str) -> (Model, StaticState, Kept) {
         let model = Model::new(&Robot::built_in(robot).unwrap()).unwrap();
         let rest = model.rest_at_home().unwrap();
         let cables = rest.paid_out_m.iter().zip(rest.tensions_n());

@@ -7,7 +7,7 @@
 
 use super::cut::Lengths;
 use crate::estimate::{EstimateError, Measurements, Sigmas, residuals};
-use crate::motion::{Model, Rest};
+use crate::motion::{Model, StaticState};
 use nalgebra::{DMatrix, DVector, Matrix3, SVector, Vector3};
 
 const UNKNOWNS: usize = 7;
@@ -35,7 +35,7 @@ pub struct Weighed<'a> {
 #[derive(Debug, Clone)]
 pub struct Found {
     /// How.
-    pub rest: Rest,
+    pub rest: StaticState,
     /// The tool, world, m.
     pub tool_m: Vector3<f64>,
     /// Its covariance, m².
@@ -62,7 +62,7 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    fn rest(&self, x: &Unknowns, near: Option<&Rest>) -> Result<Rest, EstimateError> {
+    fn rest(&self, x: &Unknowns, near: Option<&StaticState>) -> Result<StaticState, EstimateError> {
         let tool_m = x.fixed_rows::<3>(0).into_owned();
         self.model
             .rest_with(&tool_m, x[3].max(0.05), near)
@@ -71,7 +71,7 @@ impl Problem<'_> {
             })
     }
 
-    fn rows(&self, x: &Unknowns, rest: &Rest) -> Result<DVector<f64>, EstimateError> {
+    fn rows(&self, x: &Unknowns, rest: &StaticState) -> Result<DVector<f64>, EstimateError> {
         let weighed = self.weighed;
         let mut rows = Vec::new();
         if let (Some(lengths), Some(white)) = (weighed.lengths, &self.white) {

@@ -7,7 +7,7 @@
 use super::{RunError, Session, orders, stop_now};
 use crate::control::Order;
 use crate::link::{ClientError, Link};
-use crate::motion::{Model, PlanError, Rest, judge_place, knot};
+use crate::motion::{Model, PlanError, StaticState, judge_place, knot};
 use crate::robot::Control;
 use mcdpr_protocol::{BoardState, CableKnot, Knot, Request, StopKind};
 use nalgebra::Vector3;
@@ -51,7 +51,7 @@ struct Ahead<'m> {
     model: &'m Model,
     at_m: Vector3<f64>,
     velocity_mps: Vector3<f64>,
-    rest: Rest,
+    rest: StaticState,
     /// Difference of the model's lengths from the board's, m: joins the motion to where the board
     /// holds.
     offsets_m: Vec<f64>,
@@ -99,7 +99,7 @@ impl Ahead<'_> {
         Ok(self.knot(&speeds, velocity.norm() == 0.0 && wanted.norm() == 0.0))
     }
 
-    fn place(&self, at_m: &Vector3<f64>) -> Result<Rest, PlanError> {
+    fn place(&self, at_m: &Vector3<f64>) -> Result<StaticState, PlanError> {
         let rest = self.model.rest(at_m, Some(&self.rest))?;
         judge_place(self.model, at_m, &rest)?;
         Ok(rest)

@@ -6,7 +6,7 @@ use crate::control::Handle;
 use crate::estimate::{EstimateError, Measurements, Sigmas, TagPlace, estimate};
 use crate::link::{Client, Link, Note};
 use crate::machine;
-use crate::motion::{Model, Plan, PlanError, Rest, Task, TaskError};
+use crate::motion::{Model, Plan, PlanError, StaticState, Task, TaskError};
 use crate::sight::TagSource;
 use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
 use nalgebra::Vector3;
@@ -33,7 +33,7 @@ pub struct Session<'m, L: Link> {
     client: Client<L>,
     model: &'m Model,
     hash: ConfigHash,
-    at: Rest,
+    at: StaticState,
     kept: &'m dyn LengthStore,
 }
 
@@ -60,7 +60,7 @@ impl<'m, L: Link> Session<'m, L> {
         }
         let tensions_n: Vec<_> = status.tensions_n().collect();
         let known: Vec<_> = status.lengths_m().collect();
-        let home = |place: &Vector3<f64>| -> Result<(Rest, Vec<f64>), RunError> {
+        let home = |place: &Vector3<f64>| -> Result<(StaticState, Vec<f64>), RunError> {
             let rest = model.rest(place, None)?;
             let lengths_m = rest.paid_out_m.clone();
             Ok((rest, lengths_m))
@@ -119,13 +119,13 @@ impl<'m, L: Link> Session<'m, L> {
     }
 
     /// Updates the state after a motion that was planned while it ran.
-    pub(super) fn set_at(&mut self, at: Rest) {
+    pub(super) fn set_at(&mut self, at: StaticState) {
         self.at = at;
     }
 
     /// How the robot hangs now.
     #[must_use]
-    pub const fn at(&self) -> &Rest {
+    pub const fn at(&self) -> &StaticState {
         &self.at
     }
 
@@ -275,7 +275,7 @@ fn seen(
     tensions_n: &[f64],
     start_m: &Vector3<f64>,
     between: &mut dyn FnMut() -> Result<(), RunError>,
-) -> Result<Rest, RunError> {
+) -> Result<StaticState, RunError> {
     let mut views = Vec::new();
     for _ in 0..PICTURES {
         between()?;

@@ -111,7 +111,7 @@ impl Gauge {
 
     /// The part number is spread over three registers (JEP106, bits 0 to 3 and 4 to 6).
     #[inline(never)]
-    pub fn tell(&mut self, report: &mut Bench, supply_mv: u16, inputs: &Inputs<{ pins::CABLES }>) {
+    pub fn fill(&mut self, report: &mut Bench, supply_mv: u16, inputs: &Inputs<{ pins::CABLES }>) {
         self.tested = true;
         report.id_code = pac::DBGMCU.idcode().read().0;
         report.core_id = register(CPUID);

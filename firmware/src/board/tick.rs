@@ -84,7 +84,7 @@ impl Board<CABLES> for Rim {
     }
 
     fn measure(&mut self, report: &mut Bench, inputs: &Inputs<CABLES>) {
-        self.gauge.tell(report, self.supply.millivolts(), inputs);
+        self.gauge.fill(report, self.supply.millivolts(), inputs);
     }
 
     fn show(&mut self, state: State, now: Tick) {

@@ -1,8 +1,8 @@
 //! Actions around closed brakes: the checks of arming, and the end of a stop.
 
 use super::{
-    Control, Controller, Event, FaultId, HOLD_TORQUE_MS, Inputs, Limit, Phase, Proof, Stir, Target,
-    Verdict, is_plausible, slowest_brake_ms,
+    Control, Controller, Event, FaultId, HOLD_TORQUE_MS, Inputs, Limit, Oscillation, Phase, Proof,
+    Target, Verdict, is_plausible, slowest_brake_ms,
 };
 use crate::config::TensionLaw;
 use crate::proof::play_ms;
@@ -42,7 +42,7 @@ impl<const N: usize> Controller<N> {
                     return self.trip(FaultId::B2, cable, turned / 10, 0);
                 }
             },
-            Phase::Stirring(cable) => self.stir(usize::from(cable)),
+            Phase::Oscillating(cable) => self.oscillate(usize::from(cable)),
             _ => {}
         }
         let Some(active) = &self.active else { return };
@@ -59,8 +59,8 @@ impl<const N: usize> Controller<N> {
                 self.raise(Event::Armed);
             }
             Ok(now) => {
-                if let (Phase::Stirring(cable), true) = (before, now != before) {
-                    self.judge_stirring(cable);
+                if let (Phase::Oscillating(cable), true) = (before, now != before) {
+                    self.judge_oscillation(cable);
                 }
             }
         }
@@ -89,19 +89,19 @@ impl<const N: usize> Controller<N> {
         all
     }
 
-    fn stir(&mut self, index: usize) {
+    fn oscillate(&mut self, index: usize) {
         let Some(active) = &self.active else { return };
         let (Some(cable), Some(config)) = (self.cables.get_mut(index), active.cables.get(index))
         else {
             return;
         };
-        let amplitude = Stir::amplitude(config.per_count_q24);
-        self.stir.observe(cable.by_motor, cable.length);
-        cable.target = self.stir.step(amplitude, cable.target.length);
+        let amplitude = Oscillation::amplitude(config.per_count_q24);
+        self.oscillation.observe(cable.by_motor, cable.length);
+        cable.target = self.oscillation.step(amplitude, cable.target.length);
     }
 
-    fn judge_stirring(&mut self, number: u8) {
-        let stir = core::mem::take(&mut self.stir);
+    fn judge_oscillation(&mut self, number: u8) {
+        let oscillation = core::mem::take(&mut self.oscillation);
         let index = usize::from(number);
         let Some(active) = &self.active else { return };
         let (Some(cable), Some(config)) = (self.cables.get_mut(index), active.cables.get(index))
@@ -109,13 +109,14 @@ impl<const N: usize> Controller<N> {
             return;
         };
         cable.target = Target {
-            length: stir.base(cable.target.length),
+            length: oscillation.base(cable.target.length),
             ..Target::default()
         };
         // The paper's law does not use the planned motion: its drum cannot be tested by moving.
-        let can_stir = config.control == Control::Length || config.law == TensionLaw::Default;
-        let amplitude = Stir::amplitude(config.per_count_q24);
-        if let (true, Err((fault, value, limit))) = (can_stir, stir.verdict(amplitude)) {
+        let can_oscillate = config.control == Control::Length || config.law == TensionLaw::Default;
+        let amplitude = Oscillation::amplitude(config.per_count_q24);
+        if let (true, Err((fault, value, limit))) = (can_oscillate, oscillation.verdict(amplitude))
+        {
             self.trip(fault, number + 1, value, limit);
         }
     }

@@ -23,7 +23,7 @@ const _: () = assert!(TENSION_CALM_MN <= crate::watch::LEAST_OFF_MN);
 /// Inputs of a cable's check besides the cable.
 struct Around {
     /// The drum that arming is moving, 1 for the first; 0 for none.
-    stirred: u8,
+    oscillated: u8,
     /// A bare winch has no cable, and the sign of its encoder may be what is being determined.
     bare: bool,
     /// Brakes hold the drums, or are about to: the output of law and motor against them carries no
@@ -151,7 +151,7 @@ impl Cable {
                 && !around.bare
                 && !around.braked
                 && config.law == TensionLaw::Default
-                && around.stirred != number,
+                && around.oscillated != number,
             too_fast_umps: self.speed_umps.saturating_sub(self.target.speed_umps),
             motor_length: self.by_motor,
             drum_length: self.length,
@@ -208,8 +208,8 @@ impl<const N: usize> Controller<N> {
             return;
         }
         let around = Around {
-            stirred: match phase {
-                Phase::Stirring(cable) => cable + 1,
+            oscillated: match phase {
+                Phase::Oscillating(cable) => cable + 1,
                 _ => 0,
             },
             bare: self.service.is_some(),

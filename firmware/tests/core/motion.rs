@@ -65,7 +65,7 @@ fn at_full_speed_a_tick_is_a_millisecond_and_the_last_knot_is_met_exactly() {
     let mut motion = started(&path);
     for tick in 1..450 {
         let sample = advance(&mut motion).unwrap();
-        assert_eq!(sample.progress, Progress::Under, "tick {tick}");
+        assert_eq!(sample.progress, Progress::Running, "tick {tick}");
         assert_eq!(motion.path_ms(), tick);
         assert_eq!(sample.points[0].length(), tick as i32 * STEADY_UMPS / 100);
     }
@@ -190,7 +190,7 @@ fn k6_an_empty_buffer_appends_a_stop_along_the_tangent_and_ends_at_rest() {
     let path = knots(3, false);
     let mut motion = started(&path);
     for _ in 1..100 {
-        assert_eq!(advance(&mut motion).unwrap().progress, Progress::Under);
+        assert_eq!(advance(&mut motion).unwrap().progress, Progress::Running);
     }
     // The very tick at which the last knot is reached.
     assert_eq!(advance(&mut motion).unwrap().progress, Progress::RanEmpty);
@@ -207,7 +207,7 @@ fn k6_an_empty_buffer_appends_a_stop_along_the_tangent_and_ends_at_rest() {
         if sample.progress == Progress::Stopped {
             break sample;
         }
-        assert_eq!(sample.progress, Progress::Under);
+        assert_eq!(sample.progress, Progress::Running);
         let slowing = f64::from(sample.points[0].acceleration_umps2);
         let truth = -f64::from(STEADY_UMPS) / 0.3;
         assert!((slowing - truth).abs() < 0.01 * truth.abs(), "{slowing}");
@@ -289,7 +289,7 @@ fn k7_a_full_buffer_takes_nothing_and_loses_nothing() {
         "the first knot is the start of the segment"
     );
     let mut tick = 0;
-    while advance(&mut motion).unwrap().progress == Progress::Under {
+    while advance(&mut motion).unwrap().progress == Progress::Running {
         tick += 1;
     }
     assert_eq!(tick, 50 * (CAPACITY as u32 - 1) - 1);

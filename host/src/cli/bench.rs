@@ -85,7 +85,7 @@ impl Cmd {
         if common.json {
             print_json(&record)?;
         } else {
-            tell(&report);
+            print_report(&report);
         }
         if report.passes() {
             return Ok(());
@@ -137,10 +137,10 @@ fn record(common: &Common, report: &Report, image: Option<&Image>, key: Option<&
     }
 }
 
-fn tell(report: &Report) {
+fn print_report(report: &Report) {
     say!("board {}", report.serial);
     for finding in &report.findings {
-        super::doctor::tell(finding);
+        super::doctor::print_finding(finding);
     }
     say!("verdict: {}", if report.passes() { "pass" } else { "fail" });
 }

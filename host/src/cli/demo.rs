@@ -118,7 +118,7 @@ fn recorded(
     let robot = SimulatedRobot::new(mismatch, common.seed).controller(&common.controller);
     let run = Experiment::new(model, task)
         .session(session)
-        .recorded_by(&recorded.witness)
+        .recorded_by(&recorded.events)
         .progress(|p| bar.update(p))
         .simulate(&robot);
     bar.finish();

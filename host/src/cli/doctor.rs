@@ -52,7 +52,7 @@ impl Cmd {
             }))?;
         } else {
             for finding in &findings {
-                tell(finding);
+                print_finding(finding);
             }
         }
         let bad = findings
@@ -159,7 +159,7 @@ fn arm(link: Box<dyn Link>, model: &Model, homing: Homing<'_>) -> Finding {
 }
 
 /// Prints a finding, and below it the remedy.
-pub(super) fn tell(finding: &Finding) {
+pub(super) fn print_finding(finding: &Finding) {
     let mark = match finding.verdict {
         Verdict::Good => "ok  ",
         Verdict::Note => "note",

@@ -52,7 +52,7 @@ impl Stop {
         match call_all(&common.on, &common.robot, Some(order)) {
             Ok(_) => {
                 let view = at_rest(common)?;
-                tell(common, "stopped", view.as_ref())
+                print_answer(common, "stopped", view.as_ref())
             }
             // No program feeds the board, but it may still be armed: it accepts a stop from any
             // program.
@@ -64,7 +64,7 @@ impl Stop {
                 let status = run::status(&mut client)?;
                 let mut view = View::default();
                 view.take_status(&status);
-                tell(common, "stopped", Some(&view))
+                print_answer(common, "stopped", Some(&view))
             }
             Err(error) => Err(error.into()),
         }
@@ -74,14 +74,14 @@ impl Stop {
 impl Pause {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let views = call_all(&common.on, &common.robot, Some(Order::Pause))?;
-        tell(common, "paused", views.first())
+        print_answer(common, "paused", views.first())
     }
 }
 
 impl Resume {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let views = call_all(&common.on, &common.robot, Some(Order::Resume))?;
-        tell(common, "resumed", views.first())
+        print_answer(common, "resumed", views.first())
     }
 }
 
@@ -113,7 +113,7 @@ fn at_rest(common: &Common) -> Result<Option<View>, SocketError> {
     Ok(last)
 }
 
-fn tell(common: &Common, what: &str, view: Option<&View>) -> Outcome {
+fn print_answer(common: &Common, what: &str, view: Option<&View>) -> Outcome {
     if common.json {
         return print_json(&serde_json::json!({ "done": what, "view": view }));
     }

@@ -127,7 +127,7 @@ impl Cmd {
         if common.json {
             return print_json(&scene);
         }
-        tell(&scene);
+        print_scene(&scene);
         Ok(())
     }
 }
@@ -164,7 +164,7 @@ impl Cmd {
             .map(|port| super::run::page(port, &model, handle, &mut recorded, common))
             .transpose()?;
         let watching = study::Watching {
-            witness: Some(&recorded.witness),
+            events: Some(&recorded.events),
             time_scale: common.checked_time_scale()?.or(self.serve.map(|_| 1.0)),
             keep: false,
         };
@@ -374,7 +374,7 @@ fn end(end: &End) -> String {
     }
 }
 
-fn tell(scene: &SceneReport) {
+fn print_scene(scene: &SceneReport) {
     table(&scene.report, &scene.grips);
     seen(&scene.report);
     if let (Some(least), Some(most)) = (

@@ -4,10 +4,10 @@ use super::{Common, Failed};
 use crate::link::{Link, SimulatedLink};
 use crate::machine::Mismatch;
 use crate::motion::Model;
-use crate::record::witness::{Patience, TruthTap};
+use crate::record::events::{Patience, TruthTap};
 use crate::record::{
-    Doing, FILE_NAME, Machine, Recording, RobotText, Scenario, Summary, TaskSource, Watched,
-    Witness,
+    Doing, EventBus, FILE_NAME, Machine, Recording, RobotText, Scenario, Summary, TaskSource,
+    Watched,
 };
 use crate::report::RunFolder;
 use crate::run::new_session;
@@ -36,7 +36,7 @@ pub(crate) struct Recorded {
     /// Where the run's files go.
     pub(crate) folder: RunFolder,
     /// The watchers.
-    pub(crate) witness: Witness,
+    pub(crate) events: EventBus,
     doing: Doing,
     summary: Option<Arc<Mutex<Summary>>>,
     lost: Option<Arc<AtomicU64>>,
@@ -94,7 +94,7 @@ impl Recorded {
         }
         let mut recorded = Self {
             folder,
-            witness: Witness::default(),
+            events: EventBus::default(),
             doing,
             summary: None,
             lost: None,
@@ -110,7 +110,7 @@ impl Recorded {
         match Recording::create(&path, &scenario, model.cloned()) {
             Ok(recording) => {
                 recorded.summary = Some(recording.summary());
-                match recorded.witness.add(recording, patience) {
+                match recorded.events.add(recording, patience) {
                     Ok(lost) => recorded.lost = Some(lost),
                     Err(error) => warn(&error.to_string()),
                 }
@@ -129,39 +129,39 @@ impl Recorded {
             };
             let open = crate::recovery::FileDisk::of_board;
             let writer = crate::recovery::JournalWriter::new(about, open);
-            if let Err(error) = recorded.witness.add(writer, Patience::Drop) {
+            if let Err(error) = recorded.events.add(writer, Patience::Drop) {
                 eprintln!("warning: no journal is kept, after a loss of power home again: {error}");
             }
         }
         Ok(recorded)
     }
 
-    /// The witness by itself, for more watchers; [`Rest::finish`] after it has finished.
-    pub(crate) fn split(self) -> (Witness, Rest) {
-        let rest = Rest {
+    /// The event bus by itself, for more watchers; [`RecordEnd::finish`] after it has finished.
+    pub(crate) fn split(self) -> (EventBus, RecordEnd) {
+        let rest = RecordEnd {
             folder: self.folder,
             summary: self.summary,
             lost: self.lost,
         };
-        (self.witness, rest)
+        (self.events, rest)
     }
 
     /// Ends the record and reports its gaps.
     pub(crate) fn finish(self) -> RunFolder {
-        let (witness, rest) = self.split();
-        witness.finish();
+        let (events, rest) = self.split();
+        events.finish();
         rest.finish()
     }
 }
 
-/// The rest of a record after its witness has finished.
-pub(crate) struct Rest {
+/// The rest of a record after its event bus has finished.
+pub(crate) struct RecordEnd {
     folder: RunFolder,
     summary: Option<Arc<Mutex<Summary>>>,
     lost: Option<Arc<AtomicU64>>,
 }
 
-impl Rest {
+impl RecordEnd {
     /// Reports the record's gaps.
     pub(crate) fn finish(self) -> RunFolder {
         let summary = self
@@ -183,7 +183,7 @@ impl Rest {
 
 /// The record of work that opens its own line to the robot: experiments, rigging, service.
 pub(crate) struct OnRecord<'a> {
-    witness: &'a Witness,
+    events: &'a EventBus,
     cables: usize,
     /// Number of the session to open.
     pub(crate) session: SessionId,
@@ -192,7 +192,7 @@ pub(crate) struct OnRecord<'a> {
 impl OnRecord<'_> {
     /// A line, recorded.
     pub(crate) const fn watched<L: Link>(&self, link: L) -> Watched<'_, L> {
-        Watched::new(link, self.witness)
+        Watched::new(link, self.events)
     }
 
     /// A line to a simulated robot, recorded with its true states.
@@ -224,7 +224,7 @@ pub(crate) fn off_record<T>(
     work: impl FnOnce(&OnRecord<'_>) -> miette::Result<T>,
 ) -> miette::Result<T> {
     work(&OnRecord {
-        witness: &Witness::default(),
+        events: &EventBus::default(),
         cables,
         session: session(common),
     })
@@ -288,7 +288,7 @@ pub(crate) fn on_record<T>(
     };
     let recorded = Recorded::start(common, about.model, start)?;
     let done = work(&OnRecord {
-        witness: &recorded.witness,
+        events: &recorded.events,
         cables: about.cables,
         session,
     });

@@ -106,6 +106,7 @@ impl Cmd {
             at_s,
             lasts_s: cut.lasts_s.unwrap_or(1.0),
             mishap: Mishap::None,
+            controller: common.controller.clone(),
         };
         let played = play(model, &story)?;
         let played =

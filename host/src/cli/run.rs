@@ -12,7 +12,7 @@ use crate::control::Handle;
 use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Watch};
-use crate::record::witness::Patience;
+use crate::record::events::Patience;
 use crate::record::{Doing, TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
@@ -98,13 +98,13 @@ impl Cmd {
             .serve
             .map(|port| page(port, &model, &handle, &mut recorded, common))
             .transpose()?;
-        let witness = &recorded.witness;
+        let events = &recorded.events;
         let outcome = if common.on == "sim" {
             let robot = SimulatedRobot::new(mismatch, common.seed).controller(&common.controller);
             let experiment = Experiment::new(&model, task)
                 .session(session)
                 .handle(&handle)
-                .recorded_by(witness)
+                .recorded_by(events)
                 .time_scale(time_scale)
                 .progress(|p| bar.update(p));
             experiment.simulate(&robot).map(|simulated| {
@@ -116,7 +116,7 @@ impl Cmd {
                 .open_port()
                 .map_err(|error| crate::link::ClientError::from(error).into())
                 .and_then(|link| {
-                    let link = Watched::new(link, witness).with_orders(&handle);
+                    let link = Watched::new(link, events).with_orders(&handle);
                     let homing = if self.at_home {
                         Homing::Place(robot.tool.home_in_world_m)
                     } else {
@@ -179,12 +179,12 @@ pub(crate) fn page(
 ) -> miette::Result<Server> {
     let feed = Feed::default();
     let watcher = FeedWatcher::new(feed.clone(), model.clone());
-    let added = recorded.witness.add(watcher, Patience::Drop);
+    let added = recorded.events.add(watcher, Patience::Drop);
     added.map_err(Failed::from_error("starting the viewers' thread"))?;
     // Picking shows its own pictures.
     if common.on == "sim" && recorded.is_of_task() {
         let camera = CameraWatcher::new(feed.clone(), model.robot(), common.seed);
-        let added = recorded.witness.add(camera, Patience::Drop);
+        let added = recorded.events.add(camera, Patience::Drop);
         added.map_err(Failed::from_error("starting the camera's thread"))?;
     }
     let desk = Arc::new(PageDesk {

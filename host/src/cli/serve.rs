@@ -9,8 +9,8 @@ use crate::experiment::{Experiment, SimulatedRobot};
 use crate::link::{Client, ClientError, Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
-use crate::record::witness::{Patience, TruthTap, Watched};
-use crate::record::{Doing, TaskSource, Witness};
+use crate::record::events::{Patience, TruthTap, Watched};
+use crate::record::{Doing, EventBus, TaskSource};
 use crate::run::{
     self, Homing, LengthFiles, RunError, Session, interrupted, new_session, watch_for_interrupts,
 };
@@ -274,7 +274,7 @@ impl Show<'_> {
         let watcher = || FeedWatcher::new(self.feed.clone(), self.model.clone());
         // On the simulator the circle runs for days: it is recorded only on request.
         let record = tap.is_none() || self.common.record.is_some();
-        let mut idle = Witness::default();
+        let mut idle = EventBus::default();
         let failed = || Failed::from_error("starting the viewers' thread");
         idle.add(watcher(), Patience::Drop).map_err(failed())?;
         if tap.is_some() {
@@ -294,13 +294,13 @@ impl Show<'_> {
         let recorded = record
             .then(|| self.record(jogs, session, at_home))
             .transpose()?;
-        let (mut witness, rest) = match recorded.map(Recorded::split) {
-            Some((witness, rest)) => (witness, Some(rest)),
-            None => (Witness::default(), None),
+        let (mut events, rest) = match recorded.map(Recorded::split) {
+            Some((events, rest)) => (events, Some(rest)),
+            None => (EventBus::default(), None),
         };
-        witness.add(watcher(), Patience::Drop).map_err(failed())?;
+        events.add(watcher(), Patience::Drop).map_err(failed())?;
         if tap.is_some() {
-            witness
+            events
                 .add(self.camera(), Patience::Drop)
                 .map_err(failed())?;
         }
@@ -311,7 +311,7 @@ impl Show<'_> {
         } else {
             Homing::Known
         };
-        let line = watched(&mut *link, &witness, tap).with_orders(&self.handle);
+        let line = watched(&mut *link, &events, tap).with_orders(&self.handle);
         let (task, handle) = (self.task.clone(), &self.handle);
         let outcome = if jogs {
             self.jog(line, session, homing)
@@ -324,7 +324,7 @@ impl Show<'_> {
                 .map(|_| ())
         };
         self.feed.set_task("");
-        witness.finish();
+        events.finish();
         if let Some(rest) = rest {
             rest.finish();
         }
@@ -463,8 +463,8 @@ fn in_words(error: &miette::Report) -> String {
     }
 }
 
-fn watched<'a, L: Link>(link: L, witness: &'a Witness, tap: Option<&TruthTap>) -> Watched<'a, L> {
-    let watched = Watched::new(link, witness);
+fn watched<'a, L: Link>(link: L, events: &'a EventBus, tap: Option<&TruthTap>) -> Watched<'a, L> {
+    let watched = Watched::new(link, events);
     match tap {
         Some(tap) => watched.with_truth(tap.clone()),
         None => watched,

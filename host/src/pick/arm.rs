@@ -6,7 +6,7 @@ use crate::estimate::{Measurements, Sigmas, estimate};
 use crate::link::{Client, Link, Note, meanwhile};
 use crate::machine;
 use crate::motion::path::Path;
-use crate::motion::{Model, Plan, PlanError, Rest, Step};
+use crate::motion::{Model, Plan, PlanError, StaticState, Step};
 use crate::robot::Robot;
 use crate::run::{self, Measured, Recorder, RunError};
 use crate::sight::Shown;
@@ -146,7 +146,7 @@ impl<L: Link> Arm<L> {
     ///
     /// # Errors
     /// The line's; if no pose fits.
-    pub fn state(&mut self) -> Result<Rest, PickError> {
+    pub fn state(&mut self) -> Result<StaticState, PickError> {
         let count = self.model.robot().cables.len();
         let (mut lengths_m, mut tensions_n) = (vec![0.0; count], vec![0.0; count]);
         let share = 1.0 / f64::from(SWING_READINGS);
@@ -479,7 +479,7 @@ fn tensions(status: &Status) -> Vec<f64> {
 }
 
 /// world_from_platform of a resting state.
-pub(super) fn isometry(rest: &Rest) -> Isometry3<f64> {
+pub(super) fn isometry(rest: &StaticState) -> Isometry3<f64> {
     rest.equilibrium.pose.into()
 }
 

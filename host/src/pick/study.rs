@@ -2,14 +2,14 @@
 
 use super::report::{Outcome, Report};
 use super::task::Picker;
-use super::workcell::{self, Mounting, SimulatedEye, Witness};
+use super::workcell::{self, CellObserver, Mounting, SimulatedEye};
 use super::{Arm, PickError, calibrated};
 use crate::control::Handle;
 use crate::experiment::SimulatedRobot;
 use crate::link::{Link, Paced};
 use crate::machine::{Controller, Mismatch};
 use crate::motion::{Model, PlanOptions, Shaping, Tensioning};
-use crate::record::witness::{TruthTap, Watched};
+use crate::record::events::{TruthTap, Watched};
 use crate::robot::Robot;
 use crate::run::Measured;
 use crate::sight::Shown;
@@ -120,7 +120,7 @@ pub struct Kept {
 #[derive(Default)]
 pub struct Watching<'a> {
     /// Watches the line.
-    pub witness: Option<&'a crate::record::Witness>,
+    pub events: Option<&'a crate::record::EventBus>,
     /// Simulated seconds per second; as fast as possible if not given.
     pub time_scale: Option<f64>,
     /// Whether to keep the trace.
@@ -260,13 +260,13 @@ pub(crate) fn scene_by(
     let objects = cell.objects().len();
     link.with(|simulation| simulation.set_cell(cell));
     let mut eye = SimulatedEye::new(link.clone(), robot, &mounting, seed);
-    let mut witness = Witness::new(link.clone(), *eye.camera());
+    let mut observer = CellObserver::new(link.clone(), *eye.camera());
     options.turns = turns;
     if let Some(most) = attempts_max {
         options.attempts_max = most;
     }
     let mut line: Box<dyn Link + '_> = Box::new(link.clone());
-    if let Some(seen_by) = watching.witness {
+    if let Some(seen_by) = watching.events {
         let tap = TruthTap::forgetful(link.clone(), robot.cables.len());
         line = Box::new(
             Watched::new(line, seen_by)
@@ -283,7 +283,7 @@ pub(crate) fn scene_by(
         arm.keep_samples();
         link.with(mcdpr_simulator::Simulation::record_truth);
     }
-    let report = Picker::new(&mut arm, &mut eye, detector, &options).run(&mut witness)?;
+    let report = Picker::new(&mut arm, &mut eye, detector, &options).run(&mut observer)?;
     let kept = watching.keep.then(|| {
         let end_us = link.now_us();
         let trace = link.with(mcdpr_simulator::Simulation::take_trace);
@@ -298,15 +298,15 @@ pub(crate) fn scene_by(
             samples: arm.samples().to_vec(),
             planned: arm.planned().to_vec(),
             truth: points.map(|(i, point)| (at_s(i), point.truth)).collect(),
-            first_look: witness.first_look.take(),
+            first_look: observer.first_look.take(),
         }
     });
     arm.finish()?;
     let (left, carried_off, grips) = link.with(|simulation| {
         simulation.cell().map_or((0, 0, Vec::new()), |cell| {
-            let words = cell.log().iter().map(|happening| match &happening.grip {
+            let words = cell.log().iter().map(|event| match &event.grip {
                 mcdpr_simulator::camera::Grip::Held { width_m, .. } => {
-                    format!("holds {}, {:.1} mm", happening.object, width_m * 1e3)
+                    format!("holds {}, {:.1} mm", event.object, width_m * 1e3)
                 }
                 mcdpr_simulator::camera::Grip::Missed(reason) => reason.clone(),
             });
@@ -323,8 +323,8 @@ pub(crate) fn scene_by(
         left,
         carried_off,
         report,
-        errors_m: witness.off_m.iter().map(Vector3::norm).collect(),
-        off_m: witness.off_m.into_iter().map(Into::into).collect(),
+        errors_m: observer.off_m.iter().map(Vector3::norm).collect(),
+        off_m: observer.off_m.into_iter().map(Into::into).collect(),
         grips,
         kept,
     })

@@ -42,9 +42,9 @@ impl SimulatedEye {
     /// that was calibrated on the simulator, at that machine's true pose.
     #[must_use]
     pub fn new(link: SimulatedLink, robot: &Robot, mounting: &Mounting, seed: u64) -> Self {
-        let mut dice = mcdpr_core::random::Dice::new(seed ^ 0x6579_6500);
-        let shift = Vector3::from_fn(|_, _| dice.within(mounting.shift_m));
-        let turn = Vector3::from_fn(|_, _| dice.within(mounting.turn_rad));
+        let mut random = mcdpr_core::random::Random::new(seed ^ 0x6579_6500);
+        let shift = Vector3::from_fn(|_, _| random.within(mounting.shift_m));
+        let turn = Vector3::from_fn(|_, _| random.within(mounting.turn_rad));
         let off = Isometry3::new(shift, turn);
         let platform_from_color = match &robot.calibrated {
             Some(_) => Isometry3::from(Scene::of(robot, seed).camera_from_platform).inverse(),
@@ -402,7 +402,7 @@ pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
 const LOOK_HEIGHT_M: f64 = 0.4;
 
 /// The watcher of a simulated cell: turns the wrist, records the true state.
-pub struct Witness {
+pub struct CellObserver {
     link: SimulatedLink,
     camera: Rgbd,
     looked_from: Vec<Place>,
@@ -413,7 +413,7 @@ pub struct Witness {
     pub first_look: Option<Shown>,
 }
 
-impl Witness {
+impl CellObserver {
     /// Watches the cell behind a link.
     #[must_use]
     pub const fn new(link: SimulatedLink, camera: Rgbd) -> Self {
@@ -434,7 +434,7 @@ impl Witness {
     }
 }
 
-impl Watcher for Witness {
+impl Watcher for CellObserver {
     fn pictured(&mut self) {
         let pose = self.pose().unwrap_or_default();
         self.looked_from.push(pose);

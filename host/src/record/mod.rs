@@ -5,7 +5,7 @@
 //! |---|---|
 //! | [`mcap`] | the container that a run is kept in |
 //! | [`decode`] | decodes the bytes of a line, both ways |
-//! | [`witness`] | passes events to watchers on separate threads |
+//! | [`events`] | passes events to watchers on separate threads |
 //! | [`recording`] | the watcher that writes the MCAP file |
 //! | `panel` | the robot in Foxglove's terms, for its 3-D panel |
 //! | `rosbag`, `cdr` | a record as a bag of ROS 2 |
@@ -19,6 +19,7 @@
 
 mod cdr;
 pub mod decode;
+pub mod events;
 pub mod load;
 pub mod mcap;
 mod pack;
@@ -28,13 +29,12 @@ pub(crate) mod rosbag;
 pub mod scenario;
 mod schemas;
 mod short;
-pub mod witness;
 pub mod words;
 
+pub use events::{EventBus, Level, PlanNote, PlanPoint, RunEvent, TruthPoint, Watched};
 pub use load::{LoadError, RecordedRun};
 pub use recording::{Recording, Summary};
 pub use scenario::{Doing, Machine, RobotText, Scenario, TaskSource};
-pub use witness::{Happening, Level, PlanNote, PlanPoint, TruthPoint, Watched, Witness};
 
 /// Name of the record in a run's folder.
 pub const FILE_NAME: &str = "run.mcap";

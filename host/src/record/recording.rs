@@ -1,10 +1,10 @@
 //! The watcher that writes a run into an MCAP file.
 
 use super::decode::{Decoder, Seen, Tick};
+use super::events::{Level, RunEvent, Watcher};
 use super::mcap::{ChannelId, Writer};
 use super::pack::Pack;
 use super::schemas::{self, TOPICS};
-use super::witness::{Happening, Level, Watcher};
 use super::words::{LIMITS, limit};
 use super::{PlanNote, Scenario, TruthPoint, panel, short};
 use crate::link::{RawFrame, describe_fault, describe_reject};
@@ -499,15 +499,15 @@ fn xyzw([x, y, z, w]: [f64; 4]) -> serde_json::Value {
 }
 
 impl<W: Write + Send + 'static> Watcher for Recording<W> {
-    fn see(&mut self, happening: &Happening) {
+    fn see(&mut self, event: &RunEvent) {
         let at = |time_us: u64, start_ns: u64| start_ns.saturating_add(time_us * 1000);
         let start_ns = self.start_ns;
-        match happening {
-            Happening::Wire { call, frame } => {
+        match event {
+            RunEvent::Wire { call, frame } => {
                 self.wire(*call, frame, at(frame.time_us, start_ns));
             }
-            Happening::Truth { time_us, truth } => self.truth(truth, at(*time_us, start_ns)),
-            Happening::Order {
+            RunEvent::Truth { time_us, truth } => self.truth(truth, at(*time_us, start_ns)),
+            RunEvent::Order {
                 time_us,
                 looks,
                 order,
@@ -519,15 +519,15 @@ impl<W: Write + Send + 'static> Watcher for Recording<W> {
                 self.write(schemas::ORDER, time_ns, &body);
                 self.log(time_ns, Level::Info, &format!("order: {}", order.name()));
             }
-            Happening::Remark {
+            RunEvent::Remark {
                 time_us,
                 level,
                 text,
             } => self.log(at(*time_us, start_ns), *level, text),
-            Happening::Picture { time_us, picture } => {
+            RunEvent::Picture { time_us, picture } => {
                 self.picture(picture, at(*time_us, start_ns));
             }
-            Happening::Plan { time_us, plan } => {
+            RunEvent::Plan { time_us, plan } => {
                 let time_ns = at(*time_us, start_ns);
                 let timestamp = Stamp::of(time_ns);
                 self.write(

@@ -3,19 +3,18 @@
 
 use super::writer::{About, JournalWriter};
 use super::{Before, Journal, JournalError, MemoryDisk, Verdict, recover};
-use crate::control::Handle;
 use crate::estimate::TagPlace;
-use crate::experiment;
+use crate::experiment::Experiment;
 use crate::link::{Client, ClientError, Link as _, SimulatedLink, plant_failed};
-use crate::machine::{self, Mismatch};
+use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Task};
-use crate::record::Witness;
-use crate::record::witness::{Patience, Watched};
+use crate::record::EventBus;
+use crate::record::events::{Patience, Watched};
 use crate::run::saved::scale_of;
 use crate::run::{self, Homing, RunError};
 use crate::scenario::{FaultyLink, Injection, Supply, When};
 use crate::sight::{Scene, SimulatedTags, TagSource};
-use mcdpr_core::random::Dice;
+use mcdpr_core::random::Random;
 use mcdpr_core::recovery::journal::Mark;
 use mcdpr_protocol::frame::crc32;
 use mcdpr_protocol::{FaultId, Request, SessionId};
@@ -74,6 +73,8 @@ pub struct Story {
     pub lasts_s: f64,
     /// What else goes wrong.
     pub mishap: Mishap,
+    /// What controls the robot.
+    pub controller: Controller,
 }
 
 /// What is left when the power is back.
@@ -96,12 +97,12 @@ pub struct Played {
 /// Brakes as they are: closing times within a quarter of the robot file's, holding 60 to 250 N, and
 /// friction off by a third. Drawn apart from what a recovery assumes of them.
 fn brakes(params: &mut mcdpr_simulator::plant::PlantParams, seed: u64) {
-    let mut dice = Dice::new(seed ^ 0x6272_616B);
+    let mut random = Random::new(seed ^ 0x6272_616B);
     for winch in &mut params.winches {
         let brake = &mut winch.brake;
-        brake.close_delay_s *= 1.05 + dice.within(0.25);
-        brake.holding_n = 155.0 + dice.within(95.0);
-        winch.friction_n *= 1.0 + dice.within(0.33);
+        brake.close_delay_s *= 1.05 + random.within(0.25);
+        brake.holding_n = 155.0 + random.within(95.0);
+        winch.friction_n *= 1.0 + random.within(0.33);
     }
 }
 
@@ -112,18 +113,13 @@ fn brakes(params: &mut mcdpr_simulator::plant::PlantParams, seed: u64) {
 pub fn play(model: &Model, story: &Story) -> Result<Option<Played>, RunError> {
     let plant = |error| RunError::Client(ClientError::from(plant_failed(error)));
     let robot = model.robot();
-    let home = experiment::home(model)?;
+    let home = model.rest_at_home()?;
     let mut params = machine::plant_params(robot, &story.mismatch, story.seed);
     brakes(&mut params, story.seed);
-    let simulation = machine::simulate(
-        params,
-        &home.equilibrium.pose,
-        home.tensions_n(),
-        model.tension_held(),
-        &LinkOptions::default(),
-        story.seed,
-        machine::chosen_firmware(),
-    );
+    let (pose, held, seed) = (&home.equilibrium.pose, model.tension_held(), story.seed);
+    let simulation = machine::hang(params, pose, home.tensions_n(), held, seed).and_then(|plant| {
+        machine::with_board(plant, &LinkOptions::default(), seed, &story.controller)
+    });
     let link = SimulatedLink::new(simulation.map_err(plant)?);
     link.with(Simulation::record_truth);
     let mut injections = vec![Injection {
@@ -141,20 +137,21 @@ pub fn play(model: &Model, story: &Story) -> Result<Option<Played>, RunError> {
         task: story.task.name.clone(),
         task_hash: crc32(story.task.name.as_bytes()),
     };
-    let mut witness = Witness::default();
+    let mut events = EventBus::default();
     let writer = JournalWriter::new(about, move |_: &str| Ok(mine.clone()));
-    if let Err(error) = witness.add(writer, Patience::Wait) {
+    if let Err(error) = events.add(writer, Patience::Wait) {
         let what = error.to_string();
         return Err(RunError::Sight(crate::sight::SightError::Simulation {
             what,
         }));
     }
-    let watched = Watched::new(faulty.clone(), &witness);
+    let watched = Watched::new(faulty.clone(), &events);
     let place = Homing::Place(robot.tool.home_in_world_m);
-    let (session, handle) = (Some(SessionId(1)), Handle::new());
-    let task = story.task.clone();
-    let outcome = experiment::on_link_homed(model, task, watched, session, &handle, place, |_| {});
-    witness.finish();
+    let outcome = Experiment::new(model, story.task.clone())
+        .session(SessionId(1))
+        .homing(place)
+        .run_on(watched);
+    events.finish();
     match outcome {
         Ok(_) => return Ok(None),
         Err(error @ (RunError::Plan(_) | RunError::Config(_))) => return Err(error),
@@ -286,8 +283,8 @@ fn left(disk: &MemoryDisk, alive: bool, seed: u64) -> (Vec<u8>, Option<Mark>) {
     if alive {
         return (bytes, mark);
     }
-    let mut dice = Dice::new(seed ^ 0x6469_736B);
-    let share = 0.5 + dice.within(0.5);
+    let mut random = Random::new(seed ^ 0x6469_736B);
+    let share = 0.5 + random.within(0.5);
     // An end of 11 bytes, and up to 50 ms of records of 92 bytes every 10 ms.
     #[expect(
         clippy::cast_possible_truncation,

@@ -3,11 +3,12 @@
 
 use super::story::{Mishap, Played, Story, play};
 use super::{Journal, JournalError, Verdict};
-use crate::machine::Mismatch;
+use crate::experiment::Experiment;
+use crate::machine::{Controller, Mismatch};
 use crate::motion::{Model, Task};
 use crate::run::RunError;
 use crate::scenario::Supply;
-use mcdpr_core::random::Dice;
+use mcdpr_core::random::Random;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -143,7 +144,7 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
 /// # Errors
 /// Where the robot cannot hang at home.
 pub fn study(model: &Model, first: u64, runs: u64, bound_m: f64) -> Result<Vec<Case>, RunError> {
-    crate::experiment::home(model)?;
+    model.rest_at_home()?;
     let cases: Result<Vec<_>, RunError> = (first..first.saturating_add(runs))
         .into_par_iter()
         .map(|seed| case(model, seed, bound_m))
@@ -152,19 +153,19 @@ pub fn study(model: &Model, first: u64, runs: u64, bound_m: f64) -> Result<Vec<C
 }
 
 /// A short way from home that the robot can go, and how long it takes, s.
-fn task(dice: &mut Dice, model: &Model) -> Option<(Task, f64)> {
+fn task(random: &mut Random, model: &Model) -> Option<(Task, f64)> {
     let home = model.robot().tool.home_in_world_m * 1e3;
     for _ in 0..20 {
         let limit = model.robot().limits.speed_mps.min(0.3) * 1e3;
         // From a tenth of what it can to all of it.
-        let speed = limit * 10.0_f64.powf(-0.5 + dice.within(0.5));
+        let speed = limit * 10.0_f64.powf(-0.5 + random.within(0.5));
         let to = [
-            home.x + dice.within(110.0),
-            home.y + dice.within(110.0),
-            home.z + dice.within(50.0),
+            home.x + random.within(110.0),
+            home.y + random.within(110.0),
+            home.z + random.within(50.0),
         ];
-        let leg = if dice.within(1.0) > 0.3 {
-            let radius = 40.0 + dice.within(20.0);
+        let leg = if random.within(1.0) > 0.3 {
+            let radius = 40.0 + random.within(20.0);
             format!(
                 "circle_center_mm = [{}, {}, {}]\nsweep_deg = 120",
                 home.x + radius,
@@ -181,7 +182,7 @@ fn task(dice: &mut Dice, model: &Model) -> Option<(Task, f64)> {
         let Ok(task) = Task::parse(&text, "drawn.toml".into()) else {
             continue;
         };
-        let Ok(plan) = crate::experiment::plan_from_home(model, task.clone()) else {
+        let Ok(plan) = Experiment::new(model, task.clone()).plan() else {
             continue;
         };
         return Some((task, plan.timed.duration_s()));
@@ -190,46 +191,46 @@ fn task(dice: &mut Dice, model: &Model) -> Option<(Task, f64)> {
 }
 
 fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError> {
-    let mut dice = Dice::new(seed ^ 0x7077_7263);
+    let mut random = Random::new(seed ^ 0x7077_7263);
     let turn = usize::try_from(seed % KINDS.len() as u64).unwrap_or(0);
     let Some(kind) = KINDS.get(turn).copied() else {
         return Ok(None);
     };
-    let Some((task, duration_s)) = task(&mut dice, model) else {
+    let Some((task, duration_s)) = task(&mut random, model) else {
         return Ok(None);
     };
-    let unit = |dice: &mut Dice| 0.5 + dice.within(0.5);
-    let pick = |dice: &mut Dice, count: usize| {
+    let unit = |random: &mut Random| 0.5 + random.within(0.5);
+    let pick = |random: &mut Random, count: usize| {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "a small count"
         )]
-        let index = (unit(dice) * count as f64) as usize;
+        let index = (unit(random) * count as f64) as usize;
         index.min(count - 1)
     };
-    let at_s = duration_s * unit(&mut dice);
+    let at_s = duration_s * unit(&mut random);
     let even = (seed / KINDS.len() as u64).is_multiple_of(2);
     // What only happens to who lost his counts is tried on who lost them.
     let lost = [Supply::Board, Supply::All];
     let any = Supply::ALL.map(|(supply, _)| supply);
     let supply = match kind {
-        Kind::Camera | Kind::NoCamera => any[pick(&mut dice, any.len())],
-        _ => lost[pick(&mut dice, lost.len())],
+        Kind::Camera | Kind::NoCamera => any[pick(&mut random, any.len())],
+        _ => lost[pick(&mut random, lost.len())],
     };
-    let cable = pick(&mut dice, model.robot().cables.len());
+    let cable = pick(&mut random, model.robot().cables.len());
     let mishap = match kind {
-        Kind::Slipped if unit(&mut dice) < 0.5 => Mishap::Weak {
+        Kind::Slipped if unit(&mut random) < 0.5 => Mishap::Weak {
             cable,
-            holds_n: 0.5 + 8.0 * unit(&mut dice),
+            holds_n: 0.5 + 8.0 * unit(&mut random),
         },
         Kind::Slipped => Mishap::Late {
             cable,
-            by_s: 0.03 + 0.27 * unit(&mut dice),
+            by_s: 0.03 + 0.27 * unit(&mut random),
         },
         Kind::Moved => {
-            let far_m = 0.005 + 0.06 * unit(&mut dice);
-            let way = [dice.normal(), dice.normal(), 0.5 * dice.normal()];
+            let far_m = 0.005 + 0.06 * unit(&mut random);
+            let way = [random.normal(), random.normal(), 0.5 * random.normal()];
             let norm = way
                 .iter()
                 .map(|part| part * part)
@@ -250,11 +251,12 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         at_s,
         lasts_s: 1.0,
         mishap,
+        controller: Controller::InProcess,
     };
     let Some(played) = play(model, &story)? else {
         return Ok(None);
     };
-    let journal = found(&mut dice, model, &played, kind);
+    let journal = found(&mut random, model, &played, kind);
     let camera = match kind {
         Kind::Camera => true,
         Kind::NoCamera => false,
@@ -287,7 +289,7 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
 
 /// The journal that is found, spoiled as its kind says.
 fn found(
-    dice: &mut Dice,
+    random: &mut Random,
     model: &Model,
     played: &Played,
     kind: Kind,
@@ -299,8 +301,8 @@ fn found(
         board: played.board.clone(),
         ..*played
     };
-    let which = 0.5 + dice.within(0.5);
-    let share = 0.5 + dice.within(0.5);
+    let which = 0.5 + random.within(0.5);
+    let share = 0.5 + random.within(0.5);
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

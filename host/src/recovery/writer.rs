@@ -1,12 +1,12 @@
 //! Keeps the journal while a robot moves, on a thread of its own.
 //!
-//! A [`Witness`](crate::record::Witness) shows the writer what passes over the line, through a queue
+//! A [`EventBus`](crate::record::EventBus) shows the writer what passes over the line, through a queue
 //! that never lets the line wait. A disk that stalls costs the newest states, and no heartbeat.
 
 use super::disk::{Disk, now_ms};
 use super::{Identity, Plan};
 use crate::record::decode::{Decoder, Seen, Tick};
-use crate::record::witness::{Happening, Watcher};
+use crate::record::events::{RunEvent, Watcher};
 use crate::run::saved::board_name;
 use mcdpr_core::recovery::journal::{Encoder, Kept, KeptCable, Mark};
 use mcdpr_protocol::{BoardState, Status};
@@ -240,9 +240,9 @@ where
     O: FnMut(&str) -> std::io::Result<D> + Send + 'static,
     D: Disk,
 {
-    fn see(&mut self, happening: &Happening) {
-        match happening {
-            Happening::Wire { frame, .. } => {
+    fn see(&mut self, event: &RunEvent) {
+        match event {
+            RunEvent::Wire { frame, .. } => {
                 for seen in self.decoder.take(frame) {
                     match seen {
                         Seen::Hello(hello) => self.board = Some(board_name(&hello)),
@@ -257,7 +257,7 @@ where
                     }
                 }
             }
-            Happening::Plan { plan, .. } => {
+            RunEvent::Plan { plan, .. } => {
                 let Some(first) = plan.points.first() else {
                     return;
                 };
@@ -293,8 +293,8 @@ mod tests {
     use super::super::{Journal, MemoryDisk};
     use super::*;
     use crate::link::{Direction, RawFrame};
-    use crate::record::Witness;
-    use crate::record::witness::Patience;
+    use crate::record::EventBus;
+    use crate::record::events::Patience;
     use std::sync::atomic::Ordering;
     use std::sync::mpsc::{Receiver, Sender, channel};
 
@@ -308,8 +308,8 @@ mod tests {
         }
     }
 
-    fn wire(time_us: u64) -> Happening {
-        Happening::Wire {
+    fn wire(time_us: u64) -> RunEvent {
+        RunEvent::Wire {
             call: 0,
             frame: RawFrame {
                 time_us,
@@ -360,22 +360,22 @@ mod tests {
         };
         let used = mcdpr_protocol::message::encode_status(&arming, &mut bytes).unwrap();
         let status = bytes[..used].to_vec();
-        let mut witness = Witness::default();
-        let lost = witness.add(writer, Patience::Drop).unwrap();
+        let mut events = EventBus::default();
+        let lost = events.add(writer, Patience::Drop).unwrap();
         let mut first = wire(0);
-        if let Happening::Wire { frame, .. } = &mut first {
+        if let RunEvent::Wire { frame, .. } = &mut first {
             frame.bytes = status;
         }
-        witness.tell(first);
+        events.publish(first);
         has_begun.recv().unwrap();
         // Five seconds of a busy line, and more, while the disk stands: every call returns, what has
         // no room is counted.
         for index in 0..25_000_u64 {
-            witness.tell(wire(index * 1000));
+            events.publish(wire(index * 1000));
         }
         assert!(lost.load(Ordering::Relaxed) > 4000);
         release.send(()).unwrap();
-        witness.finish();
+        events.finish();
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::{Bench, Origin, Outcome, ReproduceError, Row, none, paper_robot};
 use crate::calibration::study::median;
 use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::{Controller, Firmware, Mismatch};
-use crate::motion::{Model, PlanOptions, Rest, Task, Tensioning};
+use crate::motion::{Model, PlanOptions, StaticState, Task, Tensioning};
 use crate::report::chart::{Chart, Curve};
 use crate::report::{Figures, true_path};
 use crate::run::Measured;
@@ -201,7 +201,7 @@ pub(super) fn tension_error(ran: &Ran) -> Vec<f64> {
 }
 
 /// Measured and planned values of a cable (from 0).
-type OfCable<'a> = dyn Fn(&Measured, &Rest, usize) -> [Option<f64>; 2] + 'a;
+type OfCable<'a> = dyn Fn(&Measured, &StaticState, usize) -> [Option<f64>; 2] + 'a;
 
 /// Curves over path time, one per cable; `of` returns measured and planned values of a cable.
 fn by_time(ran: &Ran, cables: &[usize], of: &OfCable<'_>) -> Vec<Curve> {

@@ -1,8 +1,8 @@
 //! Pictures of the simulated robot's camera, for viewers.
 
 use super::Feed;
-use crate::record::Happening;
-use crate::record::witness::Watcher;
+use crate::record::RunEvent;
+use crate::record::events::Watcher;
 use crate::robot::Robot;
 use crate::sight::{Scene, SceneCamera, Shown, TagMark};
 use mcdpr_simulator::plant::Pose;
@@ -36,8 +36,8 @@ impl CameraWatcher {
 }
 
 impl Watcher for CameraWatcher {
-    fn see(&mut self, happening: &Happening) {
-        let Happening::Truth { time_us, truth } = happening else {
+    fn see(&mut self, event: &RunEvent) {
+        let RunEvent::Truth { time_us, truth } = event else {
             return;
         };
         // The clock of another session may begin anew.

@@ -3,8 +3,8 @@
 use crate::link::{advice, describe_fault, describe_reject};
 use crate::motion::Model;
 use crate::record::decode::{Decoder, Seen};
-use crate::record::witness::Watcher;
-use crate::record::{Happening, PlanNote, words};
+use crate::record::events::Watcher;
+use crate::record::{PlanNote, RunEvent, words};
 use crate::robot::{Control, Robot};
 use crate::sight::Shown;
 use serde::Serialize;
@@ -354,9 +354,9 @@ impl FeedWatcher {
 }
 
 impl Watcher for FeedWatcher {
-    fn see(&mut self, happening: &Happening) {
-        match happening {
-            Happening::Wire { frame, .. } => {
+    fn see(&mut self, event: &RunEvent) {
+        match event {
+            RunEvent::Wire { frame, .. } => {
                 let time_s = frame.time_us as f64 * 1e-6;
                 for seen in self.decoder.take(frame) {
                     self.seen(seen, time_s);
@@ -366,7 +366,7 @@ impl Watcher for FeedWatcher {
                     self.feed.lock().live.frames_bad = damaged;
                 }
             }
-            Happening::Plan { plan, .. } => {
+            RunEvent::Plan { plan, .. } => {
                 let plan = Arc::new(plan.clone());
                 self.feed.change(false, |inner| {
                     inner.live.duration_s = plan.duration_s;
@@ -374,7 +374,7 @@ impl Watcher for FeedWatcher {
                     inner.plans += 1;
                 });
             }
-            Happening::Truth { truth, .. } => {
+            RunEvent::Truth { truth, .. } => {
                 self.truth_known = true;
                 self.feed.change(false, |inner| {
                     let planned = inner.plan.as_ref().filter(|_| truth.path_s > 0.0);
@@ -394,9 +394,9 @@ impl Watcher for FeedWatcher {
                     });
                 });
             }
-            Happening::Order { .. } => {}
-            Happening::Picture { picture, .. } => self.feed.show(picture),
-            Happening::Remark { text, .. } => self.feed.say(text),
+            RunEvent::Order { .. } => {}
+            RunEvent::Picture { picture, .. } => self.feed.show(picture),
+            RunEvent::Remark { text, .. } => self.feed.say(text),
         }
     }
 }

@@ -62,7 +62,7 @@ const NO_CURRENT_A: f64 = 1e-3;
 
 /// The mean of one turn.
 #[derive(Debug, Clone, Copy, Default)]
-struct Way {
+struct Pass {
     current_a: f64,
     rpm: f64,
     /// Motor ahead of the drum, turns of the drum.
@@ -96,7 +96,7 @@ impl<L: Link> Bench<'_, L> {
         to_rad: f64,
         share: f64,
         same_way: bool,
-    ) -> Result<Way, ServiceError> {
+    ) -> Result<Pass, ServiceError> {
         let time_s = self.begin_cruise(from_rad, to_rad, share)?;
         let start_us = self.client.now_us();
         let winch = self.described();
@@ -104,7 +104,7 @@ impl<L: Link> Bench<'_, L> {
         // By the result, not by the file.
         let sign = if same_way { 1.0 } else { -1.0 };
         let drum_per_turn = f64::from(winch.encoder_counts_per_turn) * sign * per_turn.signum();
-        let (mut sum, mut count) = (Way::default(), 0.0);
+        let (mut sum, mut count) = (Pass::default(), 0.0);
         let mut ends = None;
         loop {
             self.pause(LOOK_MS)?;
@@ -132,7 +132,7 @@ impl<L: Link> Bench<'_, L> {
         let rpm = ends.map_or(0.0, |(first, last)| {
             (last.1 - first.1) / (last.0 - first.0).max(1e-3) * 60.0 * gear_ratio
         });
-        Ok(Way {
+        Ok(Pass {
             current_a: sum.current_a / f64::max(count, 1.0),
             rpm: rpm.abs(),
             gap: sum.gap / f64::max(count, 1.0),
@@ -165,13 +165,14 @@ impl<L: Link> Bench<'_, L> {
         })
     }
 
-    fn judge_rubbing(&self, speeds: &[Vec<(Way, Way)>]) -> Result<Rubbing, ServiceError> {
+    fn judge_rubbing(&self, speeds: &[Vec<(Pass, Pass)>]) -> Result<Rubbing, ServiceError> {
         let winch = self.described();
         let torque = winch.torque_constant_nm_per_a;
         // Friction from the current, independent of the motor's sign.
-        let rubs = |(out, back): &(Way, Way)| 0.5 * (out.current_a - back.current_a).abs() * torque;
-        let gap = |(out, back): &(Way, Way)| (out.gap - back.gap).abs() * 360.0;
-        let rpm = |(out, back): &(Way, Way)| 0.5 * (out.rpm + back.rpm);
+        let rubs =
+            |(out, back): &(Pass, Pass)| 0.5 * (out.current_a - back.current_a).abs() * torque;
+        let gap = |(out, back): &(Pass, Pass)| (out.gap - back.gap).abs() * 360.0;
+        let rpm = |(out, back): &(Pass, Pass)| 0.5 * (out.rpm + back.rpm);
         let pairs = |speed: usize| speeds.get(speed).map_or(&[][..], Vec::as_slice).iter();
         let rpms = [0, 1].map(|speed| mean(pairs(speed).map(rpm)).0);
         let nms = [0, 1].map(|speed| mean(pairs(speed).map(rubs)));

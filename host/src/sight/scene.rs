@@ -1,7 +1,7 @@
 //! True poses of a simulated robot's tags, and the true mounting of its camera.
 
 use crate::robot::{Robot, Tag};
-use mcdpr_core::random::Dice;
+use mcdpr_core::random::Random;
 use mcdpr_kinematics::Pose;
 use mcdpr_vision::Camera;
 use nalgebra::{Rotation3, Vector3};
@@ -33,7 +33,7 @@ impl Scene {
     /// `mounting_rad` per axis.
     #[must_use]
     pub fn on_floor(robot: &Robot, mounting_m: f64, mounting_rad: f64, seed: u64) -> Self {
-        let mut dice = Dice::new(seed ^ 0x7363_656E);
+        let mut random = Random::new(seed ^ 0x7363_656E);
         let anchors = robot.cables.iter().map(|cable| cable.anchor_in_world_m);
         let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
         for anchor in anchors {
@@ -52,19 +52,19 @@ impl Scene {
             .map(|(i, body)| {
                 let across = (i as f64 - (count - 1.0) / 2.0) * APART_M;
                 let at = Vector3::new(
-                    middle.x + dice.within(0.01),
-                    middle.y + across + dice.within(0.01),
+                    middle.x + random.within(0.01),
+                    middle.y + across + random.within(0.01),
                     low.z - FLOOR_M,
                 );
                 // Face up: a tag's z axis points into the floor.
-                let turn = 0.5 + dice.within(0.3);
+                let turn = 0.5 + random.within(0.3);
                 let face_up = Rotation3::from_euler_angles(std::f64::consts::PI, 0.0, turn);
-                let tilt = Vector3::from_fn(|_, _| dice.within(0.02));
+                let tilt = Vector3::from_fn(|_, _| random.within(0.02));
                 (body, Pose::new(at, Rotation3::new(tilt) * face_up))
             })
             .collect();
-        let shift = Vector3::from_fn(|_, _| dice.within(mounting_m));
-        let turn = Vector3::from_fn(|_, _| dice.within(mounting_rad));
+        let shift = Vector3::from_fn(|_, _| random.within(mounting_m));
+        let turn = Vector3::from_fn(|_, _| random.within(mounting_rad));
         Self {
             lens: robot.camera.lens,
             camera_from_platform: robot.camera.camera_from_platform.displaced(&shift, &turn),

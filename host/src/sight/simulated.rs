@@ -2,7 +2,7 @@
 
 use super::{Scene, SightError, TagSource, TagView};
 use crate::link::{Link, SimulatedLink};
-use mcdpr_core::random::Dice;
+use mcdpr_core::random::Random;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -12,7 +12,7 @@ pub struct SimulatedTags {
     link: SimulatedLink,
     scene: Scene,
     sigma_px: f64,
-    dice: Dice,
+    random: Random,
 }
 
 impl SimulatedTags {
@@ -23,7 +23,7 @@ impl SimulatedTags {
             link,
             scene,
             sigma_px,
-            dice: Dice::new(seed ^ 0x7461_6773),
+            random: Random::new(seed ^ 0x7461_6773),
         }
     }
 
@@ -87,7 +87,7 @@ impl TagSource for SimulatedTags {
                 continue;
             }
             for value in corners_px.iter_mut().flatten() {
-                *value += self.sigma_px * self.dice.normal();
+                *value += self.sigma_px * self.random.normal();
             }
             views.push(TagView {
                 id: tag.id,

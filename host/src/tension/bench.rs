@@ -5,7 +5,7 @@ use crate::experiment::Experiment;
 use crate::link::{Client, ClientError, Link, SimulatedLink, plant_failed};
 use crate::machine::{self, Controller, GearMismatch, Mismatch};
 use crate::motion::{Model, Task};
-use crate::record::witness::TruthTap;
+use crate::record::events::TruthTap;
 use crate::robot::Robot;
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::{Knot, SessionId};

@@ -184,7 +184,7 @@ impl Tray {
 
     /// Resting position of a body that is lowered onto the others; `None` if it would not stay, or
     /// not be in the tray. With `gap_m`, everything within that distance also supports it.
-    fn lower(&self, others: &[Body], body: &Body, gap_m: f64) -> Option<Rest> {
+    fn lower(&self, others: &[Body], body: &Body, gap_m: f64) -> Option<RestPose> {
         let cells = columns(body);
         let [x, y, floor] = self.center_m;
         let inside = |point: [f64; 2]| {
@@ -255,7 +255,7 @@ fn heights(body: &Body, [x, y]: [f64; 2]) -> Option<(f64, f64)> {
     found
 }
 
-struct Rest {
+struct RestPose {
     /// Height of the body's origin, m.
     height_m: f64,
     on_floor: bool,
@@ -263,7 +263,7 @@ struct Rest {
     contacts_m: Vec<[f64; 2]>,
 }
 
-impl Rest {
+impl RestPose {
     /// Whether the contacts surround a place.
     fn carries(&self, [x, y, _]: [f64; 3]) -> bool {
         (0..16).all(|k| {
@@ -289,7 +289,7 @@ fn top_of(others: &[Body], place_m: [f64; 2], floor_m: f64) -> f64 {
         .fold(floor_m, f64::max)
 }
 
-fn drop_on(others: &[Body], cells: &[Column], floor_m: f64) -> Option<Rest> {
+fn drop_on(others: &[Body], cells: &[Column], floor_m: f64) -> Option<RestPose> {
     let tops: Vec<f64> = cells
         .iter()
         .map(|cell| top_of(others, cell.place_m, floor_m))
@@ -304,7 +304,7 @@ fn drop_on(others: &[Body], cells: &[Column], floor_m: f64) -> Option<Rest> {
         .filter(|(cell, top)| cell.low_m + rise - *top < 5e-4)
         .map(|(cell, _)| cell.place_m)
         .collect();
-    Some(Rest {
+    Some(RestPose {
         height_m: rise,
         on_floor: tops.iter().all(|top| *top <= floor_m),
         contacts_m,

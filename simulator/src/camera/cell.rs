@@ -34,7 +34,7 @@ const FAR_BELOW_M: f64 = 10.0;
 
 /// One event in the cell.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Happening {
+pub struct CellEvent {
     /// Simulated time, s.
     pub time_s: f64,
     /// The object, or an empty text.
@@ -61,7 +61,7 @@ pub struct Cell {
     judged: bool,
     held: Option<(usize, Frame)>,
     carried_off: Vec<String>,
-    log: Vec<Happening>,
+    log: Vec<CellEvent>,
 }
 
 impl Cell {
@@ -117,7 +117,7 @@ impl Cell {
 
     /// Results of all closings of the jaws so far.
     #[must_use]
-    pub fn log(&self) -> &[Happening] {
+    pub fn log(&self) -> &[CellEvent] {
         &self.log
     }
 
@@ -159,7 +159,7 @@ impl Cell {
         }
         // The switch reports that the jaws met each other.
         plant.set_gripper_switch(!matches!(grip, Grip::Held { .. }));
-        self.log.push(Happening {
+        self.log.push(CellEvent {
             time_s: now_s,
             object,
             grip,

@@ -41,7 +41,7 @@ mod shape;
 mod tracer;
 
 pub use arrange::{Order, Tray};
-pub use cell::{Cell, Happening, Rgbd};
+pub use cell::{Cell, CellEvent, Rgbd};
 pub use color::{ColorPicture, Optics, render_color};
 pub use depth::{DepthPicture, Stereo};
 pub use frame::Frame;

@@ -259,7 +259,7 @@ impl Cia402 {
         self.last_control = control;
         let next = match (self.power, control & 0x0F) {
             (Power::Fault, _) if rises && fault.fault.is_none() => {
-                self.tell(fault, 0, at_us, out);
+                self.send_emergency(fault, 0, at_us, out);
                 Power::SwitchOnDisabled
             }
             (Power::Fault, _) => Power::Fault,
@@ -387,25 +387,25 @@ impl Cia402 {
         // Without an abort connection option it reports the error, and continues.
         let acts = self.objects.get(0x6007, 0) != 0;
         if lost && !acts && self.emergency != BOARD_LOST {
-            self.tell(fault, BOARD_LOST, now_us, out);
+            self.send_emergency(fault, BOARD_LOST, now_us, out);
         }
         let code = fault.fault.or((lost && acts).then_some(BOARD_LOST));
         if let Some(code) = code
             && self.power != Power::Fault
         {
-            self.tell(fault, code, now_us, out);
+            self.send_emergency(fault, code, now_us, out);
             self.disable(plant, index)?;
             self.power = Power::Fault;
         }
         let heat = if fault.hot { HOT } else { 0 };
         if self.power != Power::Fault && heat != self.emergency {
-            self.tell(fault, heat, now_us, out);
+            self.send_emergency(fault, heat, now_us, out);
         }
         Ok(())
     }
 
     /// Reports an error code, 0 for none.
-    fn tell(&mut self, fault: &NodeFault, code: u16, at_us: u64, out: Outbox<'_>) {
+    fn send_emergency(&mut self, fault: &NodeFault, code: u16, at_us: u64, out: Outbox<'_>) {
         self.emergency = code;
         let [low, high] = code.to_le_bytes();
         let register = match code >> 12 {

@@ -2,7 +2,6 @@
 
 use super::{line, model, run_on, run_with};
 use mcdpr::experiment::Experiment;
-use mcdpr::machine;
 use mcdpr::motion::Model;
 use mcdpr::robot::{DriveKind, Robot};
 use mcdpr_firmware::State;

@@ -9,7 +9,6 @@ use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
 use mcdpr::run::{self, Recorder};
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::LinkOptions;
 use nalgebra::Vector3;
 
 /// Least and greatest tension of each cable over the fourth second of a rest at a place high up, N.

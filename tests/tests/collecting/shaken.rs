@@ -12,7 +12,6 @@ use mcdpr::run::RunError;
 use mcdpr::sight::{Scene, SimulatedTags};
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultId, SessionId};
-use mcdpr_simulator::LinkOptions;
 use std::cell::Cell;
 use std::rc::Rc;
 

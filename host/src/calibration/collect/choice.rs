@@ -5,8 +5,8 @@ use super::super::Options as Estimator;
 use super::super::data::Data;
 use super::super::plan::{Candidate, Design, Search};
 use super::{CollectError, Options, Reach, Sketch};
-use crate::motion::Rest;
-use mcdpr_core::random::Dice;
+use crate::motion::StaticState;
+use mcdpr_core::random::Random;
 
 /// Working poses, where accuracy is wanted.
 const WORK: usize = 100;
@@ -26,9 +26,9 @@ pub(super) struct Choice<'a> {
     /// Candidates that were measured before.
     done: usize,
     /// Planned candidates, and how the robot hangs there.
-    route: Vec<(usize, Rest)>,
+    route: Vec<(usize, StaticState)>,
     given_up: Vec<usize>,
-    dice: Dice,
+    random: Random,
 }
 
 impl<'a> Choice<'a> {
@@ -75,7 +75,7 @@ impl<'a> Choice<'a> {
             done,
             route: Vec::new(),
             given_up: Vec::new(),
-            dice: Dice::new(options.seed ^ 0x6E65_6172),
+            random: Random::new(options.seed ^ 0x6E65_6172),
         })
     }
 
@@ -96,23 +96,23 @@ impl<'a> Choice<'a> {
 
     /// Replaces the candidates taken after the first `keep` by better ones near them.
     fn refine(&mut self, keep: usize) {
-        let (reach, known, dice) = (&self.reach, &self.known, &mut self.dice);
+        let (reach, known, random) = (&self.reach, &self.known, &mut self.random);
         self.design.refine(
             known,
             &mut self.all,
             &Estimator::default(),
             (keep, Search::QUICK),
-            |candidate, size| reach.near(known, candidate, size, dice),
+            |candidate, size| reach.near(known, candidate, size, random),
         );
     }
 
-    fn hang(&self, k: usize) -> Option<(usize, Rest)> {
+    fn hang(&self, k: usize) -> Option<(usize, StaticState)> {
         Some((k, self.reach.at(self.all.get(k)?)?))
     }
 
     /// The nearest of the planned poses; without a plan, or past its end, the one with the most
     /// information now.
-    pub(super) fn next(&mut self, here: &Rest) -> Option<(usize, Rest)> {
+    pub(super) fn next(&mut self, here: &StaticState) -> Option<(usize, StaticState)> {
         if let Some(at) = nearest(here, &self.route) {
             return Some(self.route.swap_remove(at));
         }
@@ -152,8 +152,8 @@ impl<'a> Choice<'a> {
 }
 
 /// The pose of the route that is reached first.
-fn nearest(here: &Rest, route: &[(usize, Rest)]) -> Option<usize> {
-    let far = |rest: &Rest| {
+fn nearest(here: &StaticState, route: &[(usize, StaticState)]) -> Option<usize> {
+    let far = |rest: &StaticState| {
         let pairs = rest.paid_out_m.iter().zip(&here.paid_out_m);
         pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     };

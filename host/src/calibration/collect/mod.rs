@@ -12,13 +12,13 @@ pub use reach::Reach;
 pub use recheck::recheck;
 pub(crate) use skeleton::{Sketch, of_this_robot};
 pub use still::Still;
-pub use travel::{Way, way};
+pub use travel::{Transfer, way};
 
 use super::data::{Data, Observation, View};
 use super::error::Refusal;
 use crate::link::{Client, Link, meanwhile};
 use crate::machine;
-use crate::motion::{Model, PlanError, Rest};
+use crate::motion::{Model, PlanError, StaticState};
 use crate::robot::Control;
 use crate::run::{self, Recorder, RunError};
 use crate::sight::{SightError, TagSource};
@@ -218,8 +218,8 @@ struct Session<'a, L: Link> {
     reach: Reach<'a>,
     client: Client<L>,
     hash: ConfigHash,
-    here: Rest,
-    home: Rest,
+    here: StaticState,
+    home: StaticState,
     offsets_m: Vec<f64>,
 }
 
@@ -336,15 +336,16 @@ impl<L: Link> Session<'_, L> {
     }
 
     /// Moves to a resting pose, over home if the straight line leaves the robot's reach.
-    fn go(&mut self, goal: &Rest) -> Result<Result<(), String>, CollectError> {
+    fn go(&mut self, goal: &StaticState) -> Result<Result<(), String>, CollectError> {
         let model = self.model;
         let robot = model.robot();
         let (reach, offsets_m) = (&self.reach, &self.offsets_m);
         let (here, home) = (&self.here, &self.home);
         let ways = meanwhile(&mut self.client, || {
             let slowest_s = slowest_s(model, goal).max(slowest_s(model, here));
-            let straight =
-                |from: &Rest, to: &Rest| travel::way(reach, robot, from, to, slowest_s, offsets_m);
+            let straight = |from: &StaticState, to: &StaticState| {
+                travel::way(reach, robot, from, to, slowest_s, offsets_m)
+            };
             straight(here, goal)
                 .map(|way| vec![(way, goal)])
                 .or_else(|| {
@@ -430,7 +431,7 @@ impl<L: Link> Session<'_, L> {
 }
 
 /// Period of the slowest swing there, s.
-fn slowest_s(model: &Model, rest: &Rest) -> f64 {
+fn slowest_s(model: &Model, rest: &StaticState) -> f64 {
     let found = model.geometry().stability(&rest.equilibrium).ok();
     let slowest = found.and_then(|s| s.modes_hz.iter().copied().next());
     1.0 / slowest.filter(|hz| *hz > 0.2).unwrap_or(1.0)

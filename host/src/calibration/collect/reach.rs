@@ -5,8 +5,8 @@ use super::super::views::{MARGIN_PX, SEEN_PX, views_within};
 use super::super::{Data, data::View};
 use super::skeleton::ANCHOR_TOLERANCE_M;
 use super::travel;
-use crate::motion::{Model, Rest};
-use mcdpr_core::random::Dice;
+use crate::motion::{Model, StaticState};
+use mcdpr_core::random::Random;
 use mcdpr_kinematics::{
     AnyRobot, Cable, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions,
 };
@@ -35,7 +35,7 @@ pub struct Reach<'a> {
     ceiling_n: f64,
     builds: Vec<Build>,
     /// A pose through which every move can lead, if the robot can hang there.
-    home: Option<Rest>,
+    home: Option<StaticState>,
 }
 
 /// A varied robot: each parameter off by its tolerance in some direction.
@@ -49,7 +49,7 @@ struct Build {
 }
 
 fn builds(model: &Model) -> Vec<Build> {
-    let mut dice = Dice::new(0x0062_7569_6C64);
+    let mut random = Random::new(0x0062_7569_6C64);
     let Ok(home) = model.rest_at_home() else {
         return Vec::new();
     };
@@ -57,7 +57,7 @@ fn builds(model: &Model) -> Vec<Build> {
     // A calibrated robot is known; then its own model is checked.
     let calibrated = model.robot().calibrated.is_some();
     let count = if calibrated { 0 } else { BUILDS };
-    let mut off = |size: f64| size.copysign(dice.within(1.0));
+    let mut off = |size: f64| size.copysign(random.within(1.0));
     let build = |_| {
         let shifted: Vec<Cable> = model
             .geometry()
@@ -114,7 +114,12 @@ impl<'a> Reach<'a> {
     /// How the robot hangs with the platform's origin at `at_m` (world) and the held cable at
     /// `tension_n`; `None` if it cannot, or not within its limits with a margin.
     #[must_use]
-    pub fn rest(&self, at_m: &Vector3<f64>, tension_n: f64, near: Option<&Rest>) -> Option<Rest> {
+    pub fn rest(
+        &self,
+        at_m: &Vector3<f64>,
+        tension_n: f64,
+        near: Option<&StaticState>,
+    ) -> Option<StaticState> {
         let guess = near.map_or(EquilibriumGuess::Cold, |rest| {
             EquilibriumGuess::Attitude(rest.equilibrium.pose.rotation)
         });
@@ -122,18 +127,28 @@ impl<'a> Reach<'a> {
     }
 
     /// As [`Reach::rest`], with an attitude near to that of a pose.
-    fn hang(&self, at_m: &Vector3<f64>, tension_n: f64, near: &Pose) -> Option<Rest> {
+    fn hang(&self, at_m: &Vector3<f64>, tension_n: f64, near: &Pose) -> Option<StaticState> {
         self.found(at_m, tension_n, EquilibriumGuess::Attitude(near.rotation))
     }
 
     /// As [`Reach::rest`], without checking its limits.
-    pub(super) fn anyhow(&self, at_m: &Vector3<f64>, tension_n: f64, near: &Rest) -> Option<Rest> {
+    pub(super) fn anyhow(
+        &self,
+        at_m: &Vector3<f64>,
+        tension_n: f64,
+        near: &StaticState,
+    ) -> Option<StaticState> {
         let guess = EquilibriumGuess::Attitude(near.equilibrium.pose.rotation);
         let rest = self.equilibrium(at_m, tension_n, guess)?;
         rest.equilibrium.stable.then_some(rest)
     }
 
-    fn found(&self, at_m: &Vector3<f64>, tension_n: f64, guess: EquilibriumGuess) -> Option<Rest> {
+    fn found(
+        &self,
+        at_m: &Vector3<f64>,
+        tension_n: f64,
+        guess: EquilibriumGuess,
+    ) -> Option<StaticState> {
         let rest = self.equilibrium(at_m, tension_n, guess)?;
         self.within(&rest).then_some(rest)
     }
@@ -143,7 +158,7 @@ impl<'a> Reach<'a> {
         at_m: &Vector3<f64>,
         tension_n: f64,
         guess: EquilibriumGuess,
-    ) -> Option<Rest> {
+    ) -> Option<StaticState> {
         let robot = self.model.robot();
         let mut tensions = vec![None; robot.cables.len()];
         *tensions.get_mut(self.held)? = Some(tension_n);
@@ -157,7 +172,7 @@ impl<'a> Reach<'a> {
     }
 
     /// Whether a resting state keeps clear of the robot's limits.
-    fn within(&self, rest: &Rest) -> bool {
+    fn within(&self, rest: &StaticState) -> bool {
         let robot = self.model.robot();
         let limits = &robot.limits;
         let tool = self.model.tool_m(rest);
@@ -205,7 +220,7 @@ impl<'a> Reach<'a> {
     /// Whether varied robots keep within their tensions too, when their drums pay out the lengths
     /// of this resting state.
     #[must_use]
-    pub(crate) fn robust(&self, rest: &Rest) -> bool {
+    pub(crate) fn robust(&self, rest: &StaticState) -> bool {
         self.builds.iter().all(|build| {
             self.hung(build, rest).is_some_and(|hung| {
                 let mut pairs = hung.tensions_n.iter().enumerate();
@@ -216,7 +231,7 @@ impl<'a> Reach<'a> {
 
     /// How a varied robot hangs when its drums pay out the lengths of a resting state; `None` if it
     /// cannot.
-    fn hung(&self, build: &Build, rest: &Rest) -> Option<Equilibrium> {
+    fn hung(&self, build: &Build, rest: &StaticState) -> Option<Equilibrium> {
         let taut = rest.equilibrium.lengths_m.iter().zip(&build.offsets_m);
         let held: Vec<Held> = taut
             .zip(rest.tensions_n())
@@ -238,10 +253,10 @@ impl<'a> Reach<'a> {
     }
 
     /// A resting place at random: anywhere in the robot's box, any tension in its range.
-    fn random(&self, dice: &mut Dice) -> Option<Rest> {
+    fn random(&self, random: &mut Random) -> Option<StaticState> {
         let [low, high] = self.model.robot().search_box_in_world_m();
-        let tool = Vector3::from_fn(|k, _| low[k] + (high[k] - low[k]) * dice.unit());
-        let tension_n = self.least_n * (self.ceiling_n / self.least_n).powf(dice.unit());
+        let tool = Vector3::from_fn(|k, _| low[k] + (high[k] - low[k]) * random.unit());
+        let tension_n = self.least_n * (self.ceiling_n / self.least_n).powf(random.unit());
         // The box is the tool's; the platform hangs above it.
         let at = tool - self.model.robot().tool.tcp_in_platform_m;
         self.rest(&at, tension_n, None)
@@ -250,8 +265,8 @@ impl<'a> Reach<'a> {
     /// Resting places with tags in view, at random; `data` has camera, tags and their places.
     #[must_use]
     pub fn candidates(&self, data: &Data, count: usize, seed: u64) -> Vec<Candidate> {
-        let mut dice = Dice::new(seed);
-        let draws = (0..count * 200).filter_map(|_| self.seen(data, &self.random(&mut dice)?));
+        let mut random = Random::new(seed);
+        let draws = (0..count * 200).filter_map(|_| self.seen(data, &self.random(&mut random)?));
         draws.take(count).collect()
     }
 
@@ -262,24 +277,24 @@ impl<'a> Reach<'a> {
         data: &Data,
         candidate: &Candidate,
         size: f64,
-        dice: &mut Dice,
+        random: &mut Random,
     ) -> Option<Candidate> {
-        let at = candidate.pose.position_m + Vector3::from_fn(|_, _| dice.within(0.1 * size));
-        let tension_n = candidate.tensions_n.get(self.held)? * dice.within(size).exp();
+        let at = candidate.pose.position_m + Vector3::from_fn(|_, _| random.within(0.1 * size));
+        let tension_n = candidate.tensions_n.get(self.held)? * random.within(size).exp();
         let tension_n = tension_n.clamp(self.least_n, self.ceiling_n);
         self.seen(data, &self.hang(&at, tension_n, &candidate.pose)?)
     }
 
     /// How the robot hangs at a candidate.
     #[must_use]
-    pub fn at(&self, candidate: &Candidate) -> Option<Rest> {
+    pub fn at(&self, candidate: &Candidate) -> Option<StaticState> {
         let tension_n = *candidate.tensions_n.get(self.held)?;
         self.hang(&candidate.pose.position_m, tension_n, &candidate.pose)
     }
 
     /// The candidate at a resting pose, if the varied robots can hang there and move there, and see
     /// a tag there.
-    fn seen(&self, data: &Data, rest: &Rest) -> Option<Candidate> {
+    fn seen(&self, data: &Data, rest: &StaticState) -> Option<Candidate> {
         let pose = rest.equilibrium.pose;
         let mut views = views(data, &pose, MARGIN_PX);
         let open = || match &self.home {
@@ -306,8 +321,8 @@ impl<'a> Reach<'a> {
     /// Working poses: random resting poses, with or without tags in view.
     #[must_use]
     pub fn work(&self, count: usize, seed: u64) -> Vec<Pose> {
-        let mut dice = Dice::new(seed ^ 0x776F_726B);
-        let draws = (0..count * 200).filter_map(|_| self.random(&mut dice));
+        let mut random = Random::new(seed ^ 0x776F_726B);
+        let draws = (0..count * 200).filter_map(|_| self.random(&mut random));
         draws
             .map(|rest| rest.equilibrium.pose)
             .take(count)
@@ -341,7 +356,7 @@ mod tests {
     use mcdpr_kinematics::Platform;
 
     /// A machine with workshop tolerances, its drums locked at home.
-    fn machine(model: &Model, home: &Rest, seed: u64) -> Build {
+    fn machine(model: &Model, home: &StaticState, seed: u64) -> Build {
         let params = machine::plant_params(model.robot(), &Mismatch::as_built(), seed);
         let cables: Vec<Cable> = model
             .geometry()
@@ -378,10 +393,10 @@ mod tests {
         let reach = Reach::new(&model).unwrap();
         let mut machines = reach.clone();
         machines.builds = (1..=100).map(|seed| machine(&model, &home, seed)).collect();
-        let mut dice = Dice::new(5);
+        let mut random = Random::new(5);
         let (mut kept, mut left, mut out) = (0, 0, 0);
         for _ in 0..4000 {
-            let Some(rest) = reach.random(&mut dice) else {
+            let Some(rest) = reach.random(&mut random) else {
                 continue;
             };
             if !reach.robust(&rest) {

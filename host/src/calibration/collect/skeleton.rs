@@ -4,7 +4,7 @@ use super::super::data::{Data, Limits, Noise, NominalRobot, Origin, Tag, View};
 use super::super::plan::Candidate;
 use super::super::pnp::{Square, sightings_of};
 use super::{CollectError, Still, observation, still};
-use crate::motion::Rest;
+use crate::motion::StaticState;
 use crate::robot::Robot;
 use crate::stamp::utc_stamp;
 use mcdpr_kinematics::{Cable, Pose};
@@ -31,7 +31,7 @@ pub(crate) struct Sketch {
 impl Sketch {
     /// Data without poses; `hash` is that of the robot's description.
     #[must_use]
-    pub fn new(robot: &Robot, hash: u32, home: &Rest, simulated_seed: Option<u64>) -> Self {
+    pub fn new(robot: &Robot, hash: u32, home: &StaticState, simulated_seed: Option<u64>) -> Self {
         Self {
             data: empty(robot, hash, simulated_seed),
             robot: robot.clone(),

@@ -2,7 +2,7 @@
 //! robot's limits.
 
 use super::reach::Reach;
-use crate::motion::Rest;
+use crate::motion::StaticState;
 use crate::motion::knot;
 use crate::motion::spline::{Ends, Spline};
 use crate::robot::Robot;
@@ -32,7 +32,7 @@ const SHARE_ACCELERATION: f64 = 7.52;
 
 /// A motion from rest to rest.
 #[derive(Debug, Clone)]
-pub struct Way {
+pub struct Transfer {
     /// The knots for the board.
     pub knots: Vec<Knot>,
     /// Its duration, s.
@@ -43,17 +43,17 @@ pub struct Way {
 /// proportion; `None` if `hang` fails at one.
 fn states(
     reach: &Reach<'_>,
-    (from, to): (&Rest, &Rest),
+    (from, to): (&StaticState, &StaticState),
     shares: &[f64],
-    hang: impl Fn(&Vector3<f64>, f64, &Rest) -> Option<Rest>,
-) -> Option<Vec<Rest>> {
+    hang: impl Fn(&Vector3<f64>, f64, &StaticState) -> Option<StaticState>,
+) -> Option<Vec<StaticState>> {
     let held = reach.held();
     let (a, b) = (
         from.equilibrium.pose.position_m,
         to.equilibrium.pose.position_m,
     );
     let (t, u) = (*from.tensions_n().get(held)?, *to.tensions_n().get(held)?);
-    let mut out: Vec<Rest> = Vec::with_capacity(shares.len());
+    let mut out: Vec<StaticState> = Vec::with_capacity(shares.len());
     for &s in shares {
         let tension_n = t * (u / t).powf(s);
         let near = out.last().unwrap_or(from);
@@ -64,11 +64,11 @@ fn states(
 
 /// The states at which a move is checked; `None` if the robot, or a varied one, cannot hang at one
 /// of them.
-fn tried(reach: &Reach<'_>, from: &Rest, to: &Rest) -> Option<Vec<Rest>> {
+fn tried(reach: &Reach<'_>, from: &StaticState, to: &StaticState) -> Option<Vec<StaticState>> {
     if !reach.robust(to) {
         return None;
     }
-    let kept = |at: &Vector3<f64>, n: f64, near: &Rest| reach.rest(at, n, Some(near));
+    let kept = |at: &Vector3<f64>, n: f64, near: &StaticState| reach.rest(at, n, Some(near));
     let tried = states(reach, (from, to), &even(), kept)?;
     tried
         .iter()
@@ -82,7 +82,7 @@ fn even() -> Vec<f64> {
 
 /// Whether the straight line between two resting poses is within the robot's reach.
 #[must_use]
-pub(super) fn open(reach: &Reach<'_>, from: &Rest, to: &Rest) -> bool {
+pub(super) fn open(reach: &Reach<'_>, from: &StaticState, to: &StaticState) -> bool {
     tried(reach, from, to).is_some()
 }
 
@@ -92,13 +92,13 @@ pub(super) fn open(reach: &Reach<'_>, from: &Rest, to: &Rest) -> bool {
 pub fn way(
     reach: &Reach<'_>,
     robot: &Robot,
-    from: &Rest,
-    to: &Rest,
+    from: &StaticState,
+    to: &StaticState,
     slowest_s: f64,
     offsets_m: &[f64],
-) -> Option<Way> {
+) -> Option<Transfer> {
     let tried = tried(reach, from, to)?;
-    let kept = |at: &Vector3<f64>, n: f64, near: &Rest| reach.rest(at, n, Some(near));
+    let kept = |at: &Vector3<f64>, n: f64, near: &StaticState| reach.rest(at, n, Some(near));
     knots(reach, robot, (from, to), &tried, slowest_s, offsets_m, kept)
 }
 
@@ -109,12 +109,12 @@ pub fn way(
 pub(super) fn back(
     reach: &Reach<'_>,
     robot: &Robot,
-    from: &Rest,
-    to: &Rest,
+    from: &StaticState,
+    to: &StaticState,
     slowest_s: f64,
     offsets_m: &[f64],
-) -> Option<Way> {
-    let anyhow = |at: &Vector3<f64>, n: f64, near: &Rest| reach.anyhow(at, n, near);
+) -> Option<Transfer> {
+    let anyhow = |at: &Vector3<f64>, n: f64, near: &StaticState| reach.anyhow(at, n, near);
     let tried = states(reach, (from, to), &even(), anyhow)?;
     knots(
         reach,
@@ -131,12 +131,12 @@ pub(super) fn back(
 fn knots(
     reach: &Reach<'_>,
     robot: &Robot,
-    ends: (&Rest, &Rest),
-    tried: &[Rest],
+    ends: (&StaticState, &StaticState),
+    tried: &[StaticState],
     slowest_s: f64,
     offsets_m: &[f64],
-    hang: impl Fn(&Vector3<f64>, f64, &Rest) -> Option<Rest>,
-) -> Option<Way> {
+    hang: impl Fn(&Vector3<f64>, f64, &StaticState) -> Option<StaticState>,
+) -> Option<Transfer> {
     let mut duration_s = PERIODS * slowest_s;
     for pair in tried.windows(2) {
         let [a, b] = pair else { continue };
@@ -174,7 +174,7 @@ fn knots(
         knots.push(knot::knot(k, ms[k], cables));
     }
     knot::end(&mut knots);
-    Some(Way {
+    Some(Transfer {
         knots,
         duration_s: end_ms * 1e-3,
     })

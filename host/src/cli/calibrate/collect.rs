@@ -168,7 +168,7 @@ impl How {
                 None => record.line(common.open_port().map_err(ClientError::from)?),
             };
             let line = (line, Some(record.session));
-            let tell = |step| tell(&step);
+            let tell = |step| print_step(&step);
             let keep = |data: &Data| keeper.keep(data);
             let done = collect(&model, line, &mut tags, &options, before, keep, tell);
             // Also if it ended early: the measurements so far are kept.
@@ -237,7 +237,7 @@ impl Keeper {
     }
 }
 
-fn tell(step: &Step) {
+fn print_step(step: &Step) {
     match step {
         Step::Going { .. } => {}
         Step::Measured {

@@ -76,7 +76,7 @@ impl Cmd {
         let mut picked = || -> Result<Report, PickError> {
             let port = common.open_port().map_err(ClientError::from);
             let port = port.map_err(RunError::from)?;
-            let line = Watched::new(port, &recorded.witness).with_orders(&handle);
+            let line = Watched::new(port, &recorded.events).with_orders(&handle);
             let mut arm = Arm::start(model.clone(), line, session, &handle)?;
             let done =
                 Picker::new(&mut arm, &mut eye, detector.as_mut(), &options).run(&mut Nobody);

@@ -165,28 +165,28 @@ fn a_drive_obeys_only_after_reset_and_mode_and_only_its_mode() {
     let mut plant = winches_alone(PlantParams::paper_table5());
     let counts = counts_of(&plant, 1e-3);
     let go = position(counts, 8000);
-    let tell = |plant: &mut Plant, command, seconds| {
+    let command = |plant: &mut Plant, command, seconds| {
         plant.command(0, command).expect("cable");
         plant.advance(seconds).expect("no failure");
         plant.truth().expect("a path").drum_positions_m[0]
     };
-    assert_eq!(tell(&mut plant, go, 0.1), 0.0);
+    assert_eq!(command(&mut plant, go, 0.1), 0.0);
     assert_eq!(
-        tell(&mut plant, DriveCommand::SelectMode(Mode::Position), 0.6),
+        command(&mut plant, DriveCommand::SelectMode(Mode::Position), 0.6),
         0.0
     );
     assert_eq!(plant.drive_state(0), Ok(DriveState::Unpowered));
     assert_eq!(plant.read_sensors().feedback[0], None);
 
-    tell(&mut plant, DriveCommand::Reset, 0.49);
+    command(&mut plant, DriveCommand::Reset, 0.49);
     assert_eq!(plant.drive_state(0), Ok(DriveState::Resetting));
     assert_eq!(plant.read_sensors().feedback[0], None);
     plant.advance(0.02).expect("no failure");
     assert_eq!(plant.drive_state(0), Ok(DriveState::Idle));
     assert!(plant.read_sensors().feedback[0].is_some());
 
-    tell(&mut plant, DriveCommand::SelectMode(Mode::Position), 0.49);
-    assert_eq!(tell(&mut plant, go, 0.005), 0.0);
+    command(&mut plant, DriveCommand::SelectMode(Mode::Position), 0.49);
+    assert_eq!(command(&mut plant, go, 0.005), 0.0);
     assert_eq!(
         plant.drive_state(0),
         Ok(DriveState::Selecting(Mode::Position))
@@ -195,16 +195,16 @@ fn a_drive_obeys_only_after_reset_and_mode_and_only_its_mode() {
     assert_eq!(plant.drive_state(0), Ok(DriveState::Ready(Mode::Position)));
     // The set-point that came too early is lost; one of another mode is ignored.
     assert_eq!(
-        tell(&mut plant, DriveCommand::Current { milliamps: 500 }, 0.1),
+        command(&mut plant, DriveCommand::Current { milliamps: 500 }, 0.1),
         0.0
     );
-    assert!((tell(&mut plant, go, 0.3) - 1e-3).abs() < 1e-6);
+    assert!((command(&mut plant, go, 0.3) - 1e-3).abs() < 1e-6);
     // The mode it has already: no interruption. Off: torque and mode gone.
-    tell(&mut plant, DriveCommand::SelectMode(Mode::Position), 0.01);
+    command(&mut plant, DriveCommand::SelectMode(Mode::Position), 0.01);
     assert_eq!(plant.drive_state(0), Ok(DriveState::Ready(Mode::Position)));
-    tell(&mut plant, DriveCommand::Off, 0.05);
+    command(&mut plant, DriveCommand::Off, 0.05);
     assert_eq!(plant.drive_state(0), Ok(DriveState::Idle));
-    assert!((tell(&mut plant, position(0, 8000), 0.1) - 1e-3).abs() < 1e-6);
+    assert!((command(&mut plant, position(0, 8000), 0.1) - 1e-3).abs() < 1e-6);
 }
 
 #[test]

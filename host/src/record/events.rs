@@ -148,7 +148,7 @@ impl TruthPoint {
 
 /// An event for a watcher.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Happening {
+pub enum RunEvent {
     /// Bytes went over the line, or a wait for them ended.
     Wire {
         /// Number of the call of the line, from 0: a hole in the numbers is a hole in the record.
@@ -200,7 +200,7 @@ pub enum Happening {
 /// Receives events, on a separate thread.
 pub trait Watcher: Send + 'static {
     /// An event.
-    fn see(&mut self, happening: &Happening);
+    fn see(&mut self, event: &RunEvent);
     /// No events for a while: time for deferred work.
     fn idle(&mut self) {}
     /// The run is over.
@@ -222,7 +222,7 @@ const QUEUE: usize = 20_000;
 const IDLE: Duration = Duration::from_millis(250);
 
 struct Watching {
-    sender: SyncSender<Arc<Happening>>,
+    sender: SyncSender<Arc<RunEvent>>,
     patience: Patience,
     lost: Arc<AtomicU64>,
     thread: JoinHandle<()>,
@@ -230,11 +230,11 @@ struct Watching {
 
 /// The watchers of a run.
 #[derive(Default)]
-pub struct Witness {
+pub struct EventBus {
     watchers: Vec<Watching>,
 }
 
-impl Witness {
+impl EventBus {
     /// Adds a watcher, and returns the count of its missed events.
     ///
     /// # Errors
@@ -265,13 +265,13 @@ impl Witness {
     }
 
     /// Sends an event to every watcher.
-    pub fn tell(&self, happening: Happening) {
+    pub fn publish(&self, event: RunEvent) {
         if self.watchers.is_empty() {
             return;
         }
-        let happening = Arc::new(happening);
+        let event = Arc::new(event);
         for watching in &self.watchers {
-            let copy = Arc::clone(&happening);
+            let copy = Arc::clone(&event);
             match watching.patience {
                 // A watcher that ended by itself has reported why.
                 Patience::Wait => drop(watching.sender.send(copy)),
@@ -294,10 +294,10 @@ impl Witness {
     }
 }
 
-fn watch(mut watcher: impl Watcher, receiver: &Receiver<Arc<Happening>>) {
+fn watch(mut watcher: impl Watcher, receiver: &Receiver<Arc<RunEvent>>) {
     loop {
         match receiver.recv_timeout(IDLE) {
-            Ok(happening) => watcher.see(&happening),
+            Ok(event) => watcher.see(&event),
             Err(RecvTimeoutError::Timeout) => watcher.idle(),
             Err(RecvTimeoutError::Disconnected) => {
                 watcher.end();
@@ -339,13 +339,13 @@ impl TruthTap {
         }
     }
 
-    fn show(&self, witness: &Witness) {
+    fn show(&self, events: &EventBus) {
         let (new, now_us) = self
             .link
             .with(|simulation| (simulation.take_trace(), simulation.now_us()));
-        if !witness.is_empty() {
+        if !events.is_empty() {
             for point in new.iter().filter(|p| p.tick.0.is_multiple_of(Self::EVERY)) {
-                witness.tell(Happening::Truth {
+                events.publish(RunEvent::Truth {
                     time_us: now_us,
                     truth: TruthPoint::of(point, self.cables),
                 });
@@ -367,10 +367,10 @@ impl TruthTap {
     }
 }
 
-/// A line observed by a witness.
+/// A line observed by an event bus.
 pub struct Watched<'a, L> {
     inner: L,
-    witness: &'a Witness,
+    events: &'a EventBus,
     truth: Option<TruthTap>,
     calls: u32,
     orders: Option<Handle>,
@@ -378,10 +378,10 @@ pub struct Watched<'a, L> {
 
 impl<'a, L: Link> Watched<'a, L> {
     /// Shows the traffic of `inner`.
-    pub const fn new(inner: L, witness: &'a Witness) -> Self {
+    pub const fn new(inner: L, events: &'a EventBus) -> Self {
         Self {
             inner,
-            witness,
+            events,
             truth: None,
             calls: 0,
             orders: None,
@@ -406,7 +406,7 @@ impl<'a, L: Link> Watched<'a, L> {
     fn show_orders(&self) {
         let new = self.orders.as_ref().map(Handle::arrived);
         for (looks, order) in new.unwrap_or_default() {
-            self.witness.tell(Happening::Order {
+            self.events.publish(RunEvent::Order {
                 time_us: self.inner.now_us(),
                 looks,
                 order,
@@ -415,14 +415,14 @@ impl<'a, L: Link> Watched<'a, L> {
     }
 
     fn wire(&mut self, direction: Direction, bytes: &[u8]) {
-        if !self.witness.is_empty() {
+        if !self.events.is_empty() {
             let frame = RawFrame {
                 time_us: self.inner.now_us(),
                 direction,
                 bytes: bytes.to_vec(),
             };
             let call = self.calls;
-            self.witness.tell(Happening::Wire { call, frame });
+            self.events.publish(RunEvent::Wire { call, frame });
         }
         self.calls = self.calls.wrapping_add(1);
     }
@@ -448,7 +448,7 @@ impl<L: Link> Link for Watched<'_, L> {
         let time_us = self.inner.receive(until_us, into)?;
         self.wire(Direction::ToHost, into.get(before..).unwrap_or_default());
         if let Some(tap) = &self.truth {
-            tap.show(self.witness);
+            tap.show(self.events);
         }
         self.show_orders();
         Ok(time_us)
@@ -456,20 +456,20 @@ impl<L: Link> Link for Watched<'_, L> {
 
     fn note(&mut self, note: Note<'_>) {
         let time_us = self.inner.now_us();
-        if self.witness.is_empty() {
+        if self.events.is_empty() {
             return;
         }
         match note {
-            Note::Plan(plan) => self.witness.tell(Happening::Plan {
+            Note::Plan(plan) => self.events.publish(RunEvent::Plan {
                 time_us,
                 plan: PlanNote::of(plan),
             }),
-            Note::Remark(text) => self.witness.tell(Happening::Remark {
+            Note::Remark(text) => self.events.publish(RunEvent::Remark {
                 time_us,
                 level: Level::Info,
                 text: text.to_owned(),
             }),
-            Note::Picture(picture) => self.witness.tell(Happening::Picture {
+            Note::Picture(picture) => self.events.publish(RunEvent::Picture {
                 time_us,
                 picture: picture.clone(),
             }),
