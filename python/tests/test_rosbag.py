@@ -27,16 +27,12 @@ def messages(bag: Path) -> dict[str, list[tuple[int, Any]]]:
     types = get_typestore(Stores.ROS2_HUMBLE)
     found: dict[str, list[tuple[int, Any]]] = {}
     with Reader(bag) as reader:
-        total = reader.message_count
-    # rosbags takes the metadata; its own way through the file yields no message yet (open).
-    with next(bag.glob("*.mcap")).open("rb") as file:
-        for schema, channel, entry in make_reader(file).iter_messages():
-            assert schema is not None
-            message = types.deserialize_cdr(entry.data, schema.name)
+        for connection, time_ns, data in reader.messages():
+            message = types.deserialize_cdr(data, connection.msgtype)
             # The decoder's own writing of it: every byte was understood.
-            assert bytes(types.serialize_cdr(message, schema.name)) == entry.data
-            found.setdefault(channel.topic, []).append((entry.log_time, message))
-    assert total == sum(map(len, found.values()))
+            assert bytes(types.serialize_cdr(message, connection.msgtype)) == data
+            found.setdefault(connection.topic, []).append((time_ns, message))
+        assert reader.message_count == sum(map(len, found.values()))
     return found
 
 

@@ -14,6 +14,13 @@ use serde::Serialize;
 const CONTRADICTS: f64 = 3.09;
 /// A length that is off by so many of its standard deviations is named.
 const NAMED: f64 = 4.0;
+/// Lengths within so many standard deviations of the tag's are weighed with it.
+const AGREES: f64 = 3.0;
+/// What a view of a tag leaves of a length, m.
+const TAG_LENGTH_M: f64 = 1e-3;
+/// A slip that adds this to the root of chi-square is found as a rule: the threshold for one degree
+/// of freedom at [`CONTRADICTS`].
+const UNSEEN: f64 = 3.3;
 /// Standard deviations of a tension: a constant part, and a share for gain and pulleys.
 const TENSION_N: f64 = 0.12;
 const TENSION_SHARE: f64 = 0.02;
@@ -127,6 +134,30 @@ impl Verdict {
         self.unseen_slip_mm = shows.map(|per_m| 4.0 / per_m.max(1e-9) * 1e3).collect();
         self
     }
+}
+
+/// How far the tool can be off by the slip of one drum that the measurements do not show, m: the
+/// protection level of receiver autonomous integrity monitoring (Brown 1992), for one fault.
+fn unseen_slip_m(found: &Found) -> f64 {
+    let slopes = found
+        .tool_per_length
+        .column_iter()
+        .zip(&found.shows_per_length);
+    let off = slopes.map(|(tool, shows)| UNSEEN * tool.norm() / shows.max(1e-9));
+    off.fold(0.0, f64::max)
+}
+
+/// Drums whose lengths differ from an estimate without them by more than `deviations` standard
+/// deviations, and by how much, m.
+fn contradicted(lengths: &Lengths, found: &Found, deviations: f64) -> Vec<(usize, f64)> {
+    let pairs = lengths.mean_m.iter().zip(&found.rest.paid_out_m);
+    pairs
+        .enumerate()
+        .map(|(cable, (expected, now))| (cable, now - expected))
+        .filter(|(cable, off_m)| {
+            off_m.abs() > deviations * lengths.sigma_m(*cable).hypot(TAG_LENGTH_M)
+        })
+        .collect()
 }
 
 fn fits(found: &Found) -> bool {
@@ -278,15 +309,23 @@ fn weigh(
     let before_m = known.as_ref().map_or(&[][..], |(_, before)| before);
     if !evidence.seen.views.is_empty() {
         let seen = averaged(&evidence.seen);
-        let found = fuse(model, &weighed(None, &seen), &start_m)?;
-        return Ok(by_tag(evidence, &found, known.as_ref()));
+        let alone = fuse(model, &weighed(None, &seen), &start_m)?;
+        // Lengths that agree with the tag make the place more exact; lengths that do not only name
+        // the drum that slipped.
+        let with_lengths = known
+            .as_ref()
+            .filter(|(lengths, _)| contradicted(lengths, &alone, AGREES).is_empty())
+            .map(|(lengths, _)| fuse(model, &weighed(Some(lengths), &seen), &start_m))
+            .transpose()?
+            .filter(fits);
+        return Ok(by_tag(evidence, &alone, with_lengths, known.as_ref()));
     }
     let Some((lengths, _)) = &known else {
         let sentence = "the lengths were not referenced when the power went".to_owned();
         return Ok(Verdict::refused(sentence, BY_HAND));
     };
     let found = fuse(model, &weighed(Some(lengths), &nothing), &start_m)?;
-    let bound_m = radius_95_m(&found.covariance_m2);
+    let bound_m = radius_95_m(&found.covariance_m2).max(unseen_slip_m(&found));
     let mut verdict = Verdict::refused(String::new(), BY_TAG).with(&found, bound_m, before_m);
     verdict.used = vec![
         used_lengths(evidence, journal),
@@ -356,25 +395,25 @@ fn accept(verdict: &mut Verdict, found: &Found, bound_m: f64) {
 
 /// A tag says where the robot hangs, whatever its drums did; what the lengths say besides names what
 /// happened.
-fn by_tag(evidence: &Evidence<'_>, found: &Found, known: Option<&(Lengths, Vec<f64>)>) -> Verdict {
+fn by_tag(
+    evidence: &Evidence<'_>,
+    alone: &Found,
+    with_lengths: Option<Found>,
+    known: Option<&(Lengths, Vec<f64>)>,
+) -> Verdict {
+    let found = with_lengths.as_ref().unwrap_or(alone);
     let covariance = found.covariance_m2 + Matrix3::identity() * TAG_PLACE_M.powi(2);
-    let bound_m = radius_95_m(&covariance);
+    let bound_m = radius_95_m(&covariance).max(unseen_slip_m(found));
     let before_m = known.map_or(&[][..], |(_, before)| before);
     let mut verdict = Verdict::refused(String::new(), BY_HAND).with(found, bound_m, before_m);
     verdict.used = vec!["tags in view".to_owned(), "tensions at rest".to_owned()];
+    if with_lengths.is_some() {
+        verdict
+            .used
+            .push("lengths, which agree with the tag".to_owned());
+    }
     if let Some((lengths, _)) = known {
-        let pairs = lengths
-            .mean_m
-            .iter()
-            .zip(&found.rest.paid_out_m)
-            .enumerate();
-        let off: Vec<(usize, f64)> = pairs
-            .filter(|(cable, (said, now))| {
-                let sigma_m = lengths.sigma_m(*cable).hypot(1e-3);
-                (*now - *said).abs() > NAMED * sigma_m
-            })
-            .map(|(cable, (said, now))| (cable, now - said))
-            .collect();
+        let off = contradicted(lengths, alone, NAMED);
         verdict.contradicts = off
             .iter()
             .map(|(cable, off_m)| slipped(*cable, *off_m))

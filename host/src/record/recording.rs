@@ -146,9 +146,9 @@ impl<W: Write + Send + 'static> Recording<W> {
                     id
                 }
             };
-            channels.push(writer.channel(Some(id), topic.topic, "json")?);
+            channels.push(writer.channel(Some(id), topic.topic, "json", &[])?);
         }
-        let wire = writer.channel(None, WIRE, "mcdpr-wire")?;
+        let wire = writer.channel(None, WIRE, "mcdpr-wire", &[])?;
         Ok(Self {
             writer: Some(writer),
             channels,

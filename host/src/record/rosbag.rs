@@ -86,7 +86,13 @@ fn write(mut messages: Vec<Message>, file: &str) -> Result<Bag, BagError> {
                     schema
                 }
             };
-            let channel = writer.channel(Some(schema), &message.topic, "cdr")?;
+            let channel = {
+                // rosbag2 keeps the quality of service in the channel as well as in the metadata;
+                // readers compare both.
+                let qos = quality_of_service(&message.topic);
+                let metadata = [("offered_qos_profiles", qos.as_str())];
+                writer.channel(Some(schema), &message.topic, "cdr", &metadata)?
+            };
             channels.insert(&message.topic, (channel, message.kind, 0));
         }
     }
@@ -130,18 +136,14 @@ fn metadata(topics: &[(String, &str, u64)], (from_ns, to_ns): (u64, u64), file: 
     text += &span("  ");
     text += "  topics_with_message_count:\n";
     for (topic, kind, count) in topics {
-        // What never changes is kept for those who come late.
-        let durability = if topic == "/tf_static" { 1 } else { 2 };
         // Writing to a string cannot fail.
         let _ = write!(
             text,
             "    - topic_metadata:\n        name: {topic}\n        type: {}\n        \
-             serialization_format: cdr\n        offered_qos_profiles: \"- history: 1\\n  depth: 10\\n  \
-             reliability: 1\\n  durability: {durability}\\n  deadline:\\n    sec: 2147483647\\n    nsec: \
-             4294967295\\n  lifespan:\\n    sec: 2147483647\\n    nsec: 4294967295\\n  liveliness: 1\\n  \
-             liveliness_lease_duration:\\n    sec: 2147483647\\n    nsec: 4294967295\\n  \
-             avoid_ros_namespace_conventions: false\"\n      message_count: {count}\n",
-            full_name(kind)
+             serialization_format: cdr\n        offered_qos_profiles: \"{}\"\n      \
+             message_count: {count}\n",
+            full_name(kind),
+            quality_of_service(topic).replace('\n', "\\n")
         );
     }
     text += "  compression_format: \"\"\n  compression_mode: \"\"\n";
@@ -338,6 +340,18 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
         }
     }
     Some(out)
+}
+
+/// Quality of service of a topic, as YAML of rosbag2's versions before 9.
+fn quality_of_service(topic: &str) -> String {
+    // Transient local for what never changes: a late subscriber receives it, too.
+    let durability = if topic == "/tf_static" { 1 } else { 2 };
+    let longest = "\n    sec: 2147483647\n    nsec: 4294967295";
+    format!(
+        "- history: 1\n  depth: 10\n  reliability: 1\n  durability: {durability}\n  deadline:{longest}\n  \
+         lifespan:{longest}\n  liveliness: 1\n  liveliness_lease_duration:{longest}\n  \
+         avoid_ros_namespace_conventions: false"
+    )
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use crate::control::Handle;
 use crate::files;
 use crate::machine::Mismatch;
 use crate::motion::Model;
-use crate::run::watch_for_interrupts;
+use crate::run::{RunError, watch_for_interrupts};
 use crate::study::iso9283::simulated::{self, Figures, Test, TestError};
 use crate::study::iso9283::{Cube, POSES, tracker};
 use rayon::prelude::*;
@@ -92,24 +92,44 @@ impl Cmd {
         let first = common.seed;
         let seeds: Vec<u64> = (first..first.saturating_add(self.seeds)).collect();
         let handle = Handle::new();
-        let runs: Result<Vec<Figures>, TestError> = seeds
+        let runs: Vec<Result<Figures, TestError>> = seeds
             .par_iter()
             .map(|seed| {
                 let mismatch = Mismatch::realistic();
                 let controller = &common.controller;
                 let found = simulated::run(&model, &mismatch, *seed, controller, &test, &handle);
-                if let (false, Ok(found)) = (common.json, &found) {
-                    let greatest = greatest_mm(found, |pose| pose.accuracy_m);
-                    eprintln!("seed {seed}: pose accuracy up to {greatest:.3} mm");
+                if !common.json {
+                    match &found {
+                        Ok(found) => {
+                            let greatest = greatest_mm(found, |pose| pose.accuracy_m);
+                            eprintln!("seed {seed}: pose accuracy up to {greatest:.3} mm");
+                        }
+                        Err(error) => eprintln!("seed {seed}: {error}"),
+                    }
                 }
                 found
             })
             .collect();
-        let runs = match runs {
-            Ok(runs) => runs,
-            Err(TestError::Run(error)) => return Err(error.into()),
-            Err(error) => return Err(Failed::from_error("study iso9283")(error).into()),
-        };
+        // A machine that its board stops is part of the result; anything else ends the study.
+        let mut completed = Vec::new();
+        let mut stopped = Vec::new();
+        for (seed, run) in seeds.iter().zip(runs) {
+            match run {
+                Ok(figures) => completed.push(figures),
+                Err(TestError::Run(error @ RunError::Fault { .. })) => stopped.push((*seed, error)),
+                Err(TestError::Run(error)) => return Err(error.into()),
+                Err(error) => return Err(Failed::from_error("study iso9283")(error).into()),
+            }
+        }
+        if completed.is_empty()
+            && let Some((_, error)) = stopped.pop()
+        {
+            return Err(error.into());
+        }
+        for (seed, error) in &stopped {
+            say!("seed {seed} was stopped: {error}");
+        }
+        let runs = completed;
         let last = first + self.seeds - 1;
         self.show(
             common,
@@ -153,7 +173,7 @@ impl Cmd {
             return print_json(&serde_json::json!({
                 "study": "iso9283",
                 "of": of,
-                "machines": runs.len(),
+                "completed": runs.len(),
                 "cycles": self.cycles,
                 "speed_mps": test.speed_mps,
                 "cube_side_mm": test.cube.side_m * 1e3,

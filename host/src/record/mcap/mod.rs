@@ -53,8 +53,8 @@ mod tests {
             .attachment("robot.toml", "application/toml", b"name = \"r\"", 5)
             .unwrap();
         let schema = writer.schema("S", "jsonschema", b"{}").unwrap();
-        let one = writer.channel(Some(schema), "/one", "json").unwrap();
-        let raw = writer.channel(None, "/raw", "octet-stream").unwrap();
+        let one = writer.channel(Some(schema), "/one", "json", &[]).unwrap();
+        let raw = writer.channel(None, "/raw", "octet-stream", &[]).unwrap();
         for number in 0..messages {
             let channel = if number % 3 == 0 { raw } else { one };
             let body = [number.to_le_bytes().as_slice(), &[7; 20]].concat();

@@ -145,13 +145,14 @@ impl<W: Write> Writer<W> {
         schema: Option<u16>,
         topic: &str,
         encoding: &str,
+        metadata: &[(&str, &str)],
     ) -> io::Result<ChannelId> {
         let id = u16::try_from(self.channels.len() + 1).unwrap_or(u16::MAX);
         let mut body = id.to_le_bytes().to_vec();
         body.extend_from_slice(&schema.unwrap_or(0).to_le_bytes());
         put_text(&mut body, topic);
         put_text(&mut body, encoding);
-        put_map(&mut body, &[]);
+        put_map(&mut body, metadata);
         self.record(op::CHANNEL, &body)?;
         self.channels.push(body);
         Ok(ChannelId(id))

@@ -17,10 +17,10 @@ use nalgebra::Vector3;
 use serde::Serialize;
 use thiserror::Error;
 
-/// Wait at each pose, s.
-pub const WAIT_S: f64 = 1.0;
+/// Wait at each pose, s. A stabilisation time near it means that the tool did not settle.
+pub const WAIT_S: f64 = 3.0;
 /// The position attained is the mean over the last part of the wait, s.
-const LOOK_S: f64 = 0.5;
+const LOOK_S: f64 = 1.0;
 /// Time between two entries of a trace, s.
 const TICK_S: f64 = 1e-3;
 /// Cycles along the line from P2 to P4 (ISO 9283:1998, 8.2).
@@ -167,7 +167,7 @@ impl Drive<'_, '_> {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
-            reason = "half a second"
+            reason = "a second"
         )]
         let look = ((LOOK_S / TICK_S) as usize).min(way.len());
         let last = way.get(way.len() - look..).unwrap_or_default();
