@@ -431,7 +431,7 @@ fn every_command_that_moves_a_drum_leaves_a_record() {
                 assert!(proof.whole && proof.host_bytes.is_none());
             }
             Err(ReplayError::Nothing { reason }) if doing == HANDS => {
-                assert!(reason.contains("hands"), "{reason}");
+                assert!(reason.contains("people"), "{reason}");
             }
             other => panic!("{words:?}: {other:?}"),
         }
