@@ -87,7 +87,10 @@ fn a_run_is_reported_compared_and_exported() {
     assert!(String::from_utf8_lossy(&output.stdout).contains("FAIL"));
     std::fs::write(&record, b"not a record").unwrap();
     let (message, code) = refused(at, &["replay", "one"]);
-    assert!(code == 1 && message.contains("not an MCAP file"), "{message}");
+    assert!(
+        code == 1 && message.contains("not an MCAP file"),
+        "{message}"
+    );
     let (message, _) = refused(at, &["report", "nowhere"]);
     assert!(
         message.contains("nowhere") && message.contains("name a run's folder"),
