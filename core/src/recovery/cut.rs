@@ -49,7 +49,7 @@ pub struct Lengths {
 }
 
 /// What the lengths are known to, m: half an encoder count, and what anchors and drums are off.
-pub const KNOWN_M: f64 = 2.5e-4;
+pub(crate) const KNOWN_M: f64 = 2.5e-4;
 
 impl Lengths {
     /// Lengths that were counted all along.
@@ -97,7 +97,7 @@ fn slopes(model: &Model, rest: &StaticState) -> Option<DMatrix<f64>> {
 
 /// Lengths after a cut, from the last state that was kept; `rest` is how the robot hung then.
 #[must_use]
-pub fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut: &Cut) -> Lengths {
+pub(crate) fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut: &Cut) -> Lengths {
     let lengths_m: Vec<f64> = kept.cables.iter().map(|cable| cable.length_m).collect();
     let mut lengths = Lengths::counted(&lengths_m);
     let open = |cable: usize| kept.brakes_open >> cable & 1 == 1;

@@ -402,7 +402,7 @@ pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
 const LOOK_HEIGHT_M: f64 = 0.4;
 
 /// The watcher of a simulated cell: turns the wrist, records the true state.
-pub struct CellObserver {
+pub(crate) struct CellObserver {
     link: SimulatedLink,
     camera: Rgbd,
     looked_from: Vec<Place>,

@@ -33,7 +33,7 @@ pub trait Disk: Send + 'static {
 
 /// A folder with `journal`, the one before it as `journal.old`, and `mark`.
 #[derive(Debug)]
-pub struct FileDisk {
+pub(crate) struct FileDisk {
     folder: PathBuf,
     journal: Option<File>,
     mark: Option<File>,
@@ -59,7 +59,7 @@ impl FileDisk {
     ///
     /// # Errors
     /// Where it cannot be made.
-    pub fn in_folder(folder: &Path) -> Result<Self> {
+    pub(crate) fn in_folder(folder: &Path) -> Result<Self> {
         std::fs::create_dir_all(folder)?;
         Ok(Self {
             folder: folder.to_owned(),
@@ -161,7 +161,7 @@ pub(super) fn now_ms() -> u64 {
 
 /// A journal in memory: for simulated robots in this process. Clones share it.
 #[derive(Debug, Clone, Default)]
-pub struct MemoryDisk(Arc<Mutex<Memory>>);
+pub(crate) struct MemoryDisk(Arc<Mutex<Memory>>);
 
 #[derive(Debug, Default)]
 struct Memory {
@@ -176,14 +176,14 @@ impl MemoryDisk {
     }
 
     /// Everything that was written.
-    #[must_use]
-    pub fn bytes(&self) -> Vec<u8> {
+    #[cfg(test)]
+    pub(crate) fn bytes(&self) -> Vec<u8> {
         self.lock().bytes.clone()
     }
 
     /// What a cut would have left for certain, and its mark.
     #[must_use]
-    pub fn synced(&self) -> (Vec<u8>, Option<Mark>) {
+    pub(crate) fn synced(&self) -> (Vec<u8>, Option<Mark>) {
         let memory = self.lock();
         let bytes = memory.bytes.get(..memory.synced).unwrap_or_default();
         (bytes.to_vec(), memory.mark)

@@ -7,9 +7,11 @@ pub mod story;
 pub mod study;
 mod writer;
 
-pub use disk::{Disk, FileDisk, MemoryDisk, load};
+pub use disk::{Disk, load};
+pub(crate) use disk::{FileDisk, MemoryDisk};
 pub use mcdpr_core::recovery::*;
-pub use writer::{About, JournalWriter};
+pub use writer::About;
+pub(crate) use writer::JournalWriter;
 
 use crate::estimate::{Measurements, TagPlace};
 use crate::link::{Client, Link};

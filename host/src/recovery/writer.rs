@@ -35,7 +35,7 @@ pub struct About {
 
 /// Writes a journal. It begins when the brakes open: a run that is refused before leaves the journal
 /// of the one before as it is.
-pub struct JournalWriter<O, D> {
+pub(crate) struct JournalWriter<O, D> {
     about: About,
     /// Gives the place for a board's journal.
     open: O,

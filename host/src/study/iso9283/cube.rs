@@ -99,7 +99,7 @@ impl Cube {
     /// The test poses P1 to P5: the middle, then 10 % of a diagonal inside of the four corners of
     /// the diagonal plane C1-C2-C7-C8, world frame, m.
     #[must_use]
-    pub fn poses_m(&self) -> [Vector3<f64>; POSES] {
+    pub(crate) fn poses_m(&self) -> [Vector3<f64>; POSES] {
         let corner = |x: f64, y: f64, z: f64| {
             let reach = self.side_m / 2.0 * (1.0 - 2.0 * INSET);
             self.middle_m + Vector3::new(x, y, z) * reach
@@ -133,7 +133,7 @@ impl Cube {
     /// The cycles as the text of a task file: what a robot on a port is to drive while a tracker
     /// watches. The tool waits `wait_s` at each pose.
     #[must_use]
-    pub fn task_text(&self, cycles: usize, wait_s: f64, speed_mps: f64) -> String {
+    pub(crate) fn task_text(&self, cycles: usize, wait_s: f64, speed_mps: f64) -> String {
         let poses_m = self.poses_m();
         let mm =
             |p: &Vector3<f64>| format!("[{:.3}, {:.3}, {:.3}]", p.x * 1e3, p.y * 1e3, p.z * 1e3);

@@ -8,16 +8,17 @@
 mod cube;
 mod path;
 pub mod simulated;
-pub mod tracker;
+pub(crate) mod tracker;
 
 pub use cube::{Cube, CubeError, POSES};
-pub use path::{PathFigures, judge_path};
+pub use path::PathFigures;
+pub(crate) use path::judge_path;
 
 use nalgebra::Vector3;
 use serde::Serialize;
 
 /// Least number of cycles: a spread needs two, the standard asks for 30.
-pub const LEAST_CYCLES: usize = 2;
+pub(crate) const LEAST_CYCLES: usize = 2;
 
 /// Accuracy and repeatability at one pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -74,7 +75,7 @@ pub fn judge_pose(commanded_m: &Vector3<f64>, attained_m: &[Vector3<f64>]) -> Op
 /// ISO 9283:1998, 7.3.2 (AD) and 7.3.3 (RD). `None` for fewer than two cycles or for slices of
 /// different lengths.
 #[must_use]
-pub fn judge_distance(
+pub(crate) fn judge_distance(
     commanded_m: [&Vector3<f64>; 2],
     attained_m: [&[Vector3<f64>]; 2],
 ) -> Option<DistanceFigures> {
@@ -109,7 +110,7 @@ pub struct Arrival {
 ///
 /// `None` if the tool never comes within the band.
 #[must_use]
-pub fn judge_arrival(
+pub(crate) fn judge_arrival(
     positions_m: &[Vector3<f64>],
     step_s: f64,
     attained_m: &Vector3<f64>,

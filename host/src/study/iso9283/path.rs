@@ -24,7 +24,7 @@ pub struct PathFigures {
 ///
 /// `None` for fewer than two cycles, or where a cycle does not cross every plane.
 #[must_use]
-pub fn judge_path(
+pub(crate) fn judge_path(
     ends_m: [&Vector3<f64>; 2],
     attained_m: &[Vec<Vector3<f64>>],
 ) -> Option<PathFigures> {

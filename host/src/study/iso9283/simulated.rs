@@ -18,7 +18,7 @@ use serde::Serialize;
 use thiserror::Error;
 
 /// Wait at each pose, s. A stabilisation time near it means that the tool did not settle.
-pub const WAIT_S: f64 = 3.0;
+pub(crate) const WAIT_S: f64 = 3.0;
 /// The position attained is the mean over the last part of the wait, s.
 const LOOK_S: f64 = 1.0;
 /// Time between two entries of a trace, s.

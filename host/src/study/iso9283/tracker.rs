@@ -128,7 +128,7 @@ pub fn read(text: &str) -> Result<[Vec<Vector3<f64>>; POSES], TrackerError> {
 ///
 /// # Errors
 /// [`TrackerError::Flat`].
-pub fn in_robot_frame(
+pub(crate) fn in_robot_frame(
     mut attained_m: [Vec<Vector3<f64>>; POSES],
     commanded_m: &[Vector3<f64>; POSES],
 ) -> Result<[Vec<Vector3<f64>>; POSES], TrackerError> {
