@@ -15,7 +15,8 @@ const USAGE: &str = "usage: cargo xtask COMMAND
 test        every test: host crates, system tests with the real program, the firmware's contracts, the
             Python package
 wheel       build the Python package mcdpr (target/wheels)
-python      the same, and its tests on the installed wheel (mypy, pytest; minutes of build of its own)
+python      the same, and its tests on the installed wheel (mypy, pytest; several minutes of build);
+            --built: on what the tests have built, as `test` does
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
@@ -26,6 +27,9 @@ lint        formatting, seams, lints and documentation, warnings denied";
 fn main() -> ExitCode {
     let outcome = match std::env::args().nth(1).as_deref() {
         Some("test") => test(),
+        Some("python") if std::env::args().nth(2).as_deref() == Some("--built") => {
+            python::test_built(FEATURES)
+        }
         Some("python") => python::test(),
         Some("wheel") => python::wheel().map(|file| println!("{}", file.display())),
         Some("firmware") => firmware::build_and_check(),

@@ -1,7 +1,7 @@
 //! Accuracy as industry measures it: the characteristics of ISO 9283:1998.
 //!
 //! Five poses in the robot's own cube ([`Cube`]) are visited in cycles ([`simulated`]); what was
-//! attained there, by the simulator or by an external tracker ([`tracker`]), is judged here. The
+//! attained there, by the simulator or by an external tracker, is judged here. The
 //! tool of these robots is a point whose attitude follows from gravity, so only positions are
 //! judged.
 
