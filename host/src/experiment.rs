@@ -16,7 +16,7 @@
 //! let task = Task::parse(&text, "up.toml".into())?;
 //! let robot = SimulatedRobot::new(Mismatch::default(), 1);
 //! let done = Experiment::new(&model, task).simulate(&robot)?;
-//! assert!(done.run.figures(&model)?.motion_s > 0.0);
+//! assert!(done.run.figures(&model)?.cable_length_error_m.mean < 1e-3);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
