@@ -1,4 +1,5 @@
-//! Whether to go on: the place with its bound, or what to measure.
+//! The decision after a cut: the tool's position with a bound, or a refusal that names the next
+//! measurement.
 
 use super::cut::{Cut, Lengths, lengths_after};
 use super::fuse::{Found, Weighed, chi2_quantile, fuse, radius_95_m};
@@ -67,7 +68,7 @@ pub struct Evidence<'a> {
     pub bound_m: f64,
 }
 
-/// What came of it. Lengths and places in mm.
+/// The result of a recovery. Lengths and positions in mm.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Verdict {
     /// Whether the robot may go on from here.
@@ -76,7 +77,8 @@ pub struct Verdict {
     pub sentence: String,
     /// The tool, world; absent where nothing can be said.
     pub tool_mm: Option<[f64; 3]>,
-    /// 95 % of such estimates are within this.
+    /// Bound of the tool's error: the greater of the estimate's 95 % radius and of the error that an
+    /// unseen slip of one drum can cause.
     pub bound_mm: Option<f64>,
     /// What was weighed.
     pub used: Vec<String>,
@@ -383,7 +385,7 @@ fn accept(verdict: &mut Verdict, found: &Found, bound_m: f64) {
     let at = found.tool_m * 1e3;
     verdict.accepted = true;
     verdict.sentence = format!(
-        "the tool is at ({:.1}, {:.1}, {:.1}) mm, within {} in 95 of 100 cases",
+        "the tool is at ({:.1}, {:.1}, {:.1}) mm, within {}",
         at.x,
         at.y,
         at.z,

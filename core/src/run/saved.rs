@@ -137,8 +137,7 @@ pub trait LengthStore {
     /// run: the store reports it to the user.
     fn keep(&self, saved: &Saved);
 
-    /// The drums are about to turn: what was kept for this board holds no more. From here on a
-    /// journal says where they are.
+    /// Discards the lengths of a board: its drums are about to turn.
     fn forget(&self, _board: &str) {}
 }
 

@@ -148,10 +148,21 @@ impl<'m, L: Link> Session<'m, L> {
     /// # Errors
     /// As [`super::arm`].
     pub fn arm(&mut self) -> Result<(), RunError> {
-        if !self.client.info().simulated {
-            self.kept.forget(&board_name(self.client.hello()));
+        if self.client.info().simulated {
+            return super::arm(&mut self.client, self.hash);
         }
-        super::arm(&mut self.client, self.hash)
+        self.kept.forget(&board_name(self.client.hello()));
+        let armed = super::arm(&mut self.client, self.hash);
+        // A refused arming leaves a disarmed robot whose board still knows its lengths.
+        if armed.is_err()
+            && let Ok(status) = super::status(&mut self.client)
+            && status.state == BoardState::Disarmed
+            && status.referenced
+        {
+            let saved = Saved::of(self.client.hello(), &status, self.model.robot());
+            self.kept.keep(&saved);
+        }
+        armed
     }
 
     /// Follows a plan that starts at the robot's position; it holds at its end.

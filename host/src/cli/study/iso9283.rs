@@ -81,7 +81,8 @@ impl Cmd {
             let found = simulated::figures(&cube, &attained)
                 .ok_or(TestError::Few(cycles))
                 .map_err(Failed::from_error(&what))?;
-            return self.show(
+            let test = Test { cycles, ..test };
+            return Self::show(
                 common,
                 &test,
                 &[found],
@@ -130,8 +131,8 @@ impl Cmd {
             say!("seed {seed} was stopped: {error}");
         }
         let runs = completed;
-        let last = first + self.seeds - 1;
-        self.show(
+        let last = first.saturating_add(self.seeds - 1);
+        Self::show(
             common,
             &test,
             &runs,
@@ -139,7 +140,8 @@ impl Cmd {
         )
     }
 
-    fn show(&self, common: &Common, test: &Test, runs: &[Figures], of: &str) -> Outcome {
+    fn show(common: &Common, test: &Test, runs: &[Figures], of: &str) -> Outcome {
+        let cycles = test.cycles;
         let rows: Vec<Row> = FIGURES
             .iter()
             .filter_map(|(name, key, value)| {
@@ -174,7 +176,7 @@ impl Cmd {
                 "study": "iso9283",
                 "of": of,
                 "completed": runs.len(),
-                "cycles": self.cycles,
+                "cycles": cycles,
                 "speed_mps": test.speed_mps,
                 "cube_side_mm": test.cube.side_m * 1e3,
                 "poses_mm": poses_mm,

@@ -44,7 +44,8 @@ impl Cmd {
         if let Some(path) = &self.cases {
             let lines: Result<Vec<_>, _> = cases.iter().map(serde_json::to_string).collect();
             let text = lines.map_err(Failed::from_error("the cases"))?.join("\n");
-            std::fs::write(path, text).map_err(Failed::from_error("writing the cases"))?;
+            crate::files::write_atomically(path, text)
+                .map_err(Failed::from_error("writing the cases"))?;
         }
         let undisturbed = |case: &&Case| matches!(case.kind, Kind::Camera | Kind::NoCamera);
         let fine = figures(cases.iter().filter(undisturbed));

@@ -1,9 +1,8 @@
 //! The cube of ISO 9283:1998 (6.8): as large as the robot's limits allow, with the five test poses
 //! on its diagonal plane.
 
-use crate::motion::{Model, Plan, PlanError, Step, Task, judge_place};
+use crate::motion::{Model, Plan, PlanError, Step, judge_place};
 use nalgebra::Vector3;
-use std::path::PathBuf;
 use thiserror::Error;
 
 /// Number of test poses.
@@ -88,7 +87,7 @@ impl Cube {
         let mut cube = best.ok_or(CubeError::None)?;
         // On the way between two poses a limit may be nearer than at its ends.
         loop {
-            match cube.cycle(model, None) {
+            match cube.cycle(model) {
                 Ok(_) => return Ok(cube),
                 Err(error) if cube.side_m * 0.9 < LEAST_SIDE_M => return Err(error.into()),
                 Err(_) => cube.side_m *= 0.9,
@@ -113,9 +112,8 @@ impl Cube {
         ]
     }
 
-    /// One cycle from P1 over P5, P4, P3, P2 back to P1, judged; the speed is the robot's limit
-    /// where none is given (m/s).
-    fn cycle(&self, model: &Model, speed_mps: Option<f64>) -> Result<Plan, PlanError> {
+    /// One cycle from P1 over P5, P4, P3, P2 back to P1 at the robot's greatest speed, judged.
+    fn cycle(&self, model: &Model) -> Result<Plan, PlanError> {
         let poses_m = self.poses_m();
         let mut steps = Vec::new();
         for pair in ORDER.windows(2) {
@@ -123,7 +121,7 @@ impl Cube {
                 steps.push(Step::Move {
                     path: crate::motion::path::Path::through(&[poses_m[*from], poses_m[*to]])?,
                     duration_s: None,
-                    speed_mps,
+                    speed_mps: None,
                 });
             }
         }
@@ -155,20 +153,6 @@ impl Cube {
         text
     }
 
-    /// The same as a task.
-    ///
-    /// # Errors
-    /// Not for a cube that was found.
-    pub fn task(
-        &self,
-        cycles: usize,
-        wait_s: f64,
-        speed_mps: f64,
-    ) -> Result<Task, crate::motion::TaskError> {
-        let text = self.task_text(cycles, wait_s, speed_mps);
-        Task::parse(&text, PathBuf::from("iso9283.toml"))
-    }
-
     /// Whether the tool can rest in the middle, at the corners and in the middles of the edges.
     fn can_rest(&self, model: &Model) -> bool {
         let steps = [-1.0, 0.0, 1.0];
@@ -193,6 +177,7 @@ pub(super) const ORDER: [usize; 6] = [0, 4, 3, 2, 1, 0];
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::Task;
     use crate::robot::Robot;
 
     #[test]
@@ -217,8 +202,14 @@ mod tests {
             side_m: cube.side_m * 1.3,
             ..cube
         };
-        assert!(!larger.can_rest(&model) || larger.cycle(&model, None).is_err());
-        assert!(cube.task(3, 0.5, 0.1).is_ok());
+        assert!(!larger.can_rest(&model) || larger.cycle(&model).is_err());
+        let text = cube.task_text(3, 0.5, 0.1);
+        let task = Task::parse(&text, "iso9283.toml".into()).unwrap();
+        // Three cycles of five moves and five waits.
+        assert_eq!(task.steps.len(), 30);
+        let plan = Plan::new(&model, &task.start_m().unwrap(), &task.steps).unwrap();
+        let end_m = plan.timed.tool_m(plan.timed.duration_s()).unwrap();
+        assert!((end_m - cube.poses_m()[0]).norm() < 1e-6);
     }
 
     #[test]
