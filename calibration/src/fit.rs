@@ -324,6 +324,39 @@ fn judge(
         return Err(wrong_size(data, state.tag_scale));
     }
     let blame = blame(model, minimum);
+    let rows = judge_rejected(minimum, rejected, &blame)?;
+    if minimum.tension_relative > 0.06 {
+        return refuse(format!(
+            "the tensions contradict the lengths and pictures by {:.0} % of their value: check their \
+             gains and zeros, or leave them out (null); {blame}",
+            minimum.tension_relative * 100.0
+        ));
+    }
+    judge_scatter(minimum, freedom, &blame, warnings)?;
+    if rejected.len() * 100 > 3 * rows {
+        warnings.push(format!(
+            "{} of {rows} measurements were rejected; {blame}",
+            rejected.len()
+        ));
+    }
+    judge_priors(data, model, priors, state, warnings)?;
+    if minimum.tension_relative > 0.0 {
+        warnings.push(format!(
+            "the tensions scatter by another {:.1} % of their value (friction of the pulleys)",
+            minimum.tension_relative * 100.0
+        ));
+    }
+    Ok(())
+}
+
+/// Refuses where too many measurements of one kind, or of all, fit no robot. Returns the number of
+/// measurements.
+fn judge_rejected(
+    minimum: &Minimum,
+    rejected: &[RejectedRow],
+    blame: &str,
+) -> Result<usize, Refusal> {
+    let refuse = |what: String| Err(Refusal::Contradiction { what });
     // A corner is one measurement of two rows.
     let second = |source: &Source| matches!(source, Source::Corner(_, _, 1) | Source::Balance(_));
     let all = minimum.sources.iter().flatten();
@@ -349,23 +382,28 @@ fn judge(
             rejected.len()
         ));
     }
-    if minimum.tension_relative > 0.06 {
-        return refuse(format!(
-            "the tensions contradict the lengths and pictures by {:.0} % of their value: check their \
-             gains and zeros, or leave them out (null); {blame}",
-            minimum.tension_relative * 100.0
-        ));
-    }
+    Ok(rows)
+}
+
+/// Refuses, or warns, where the measurements scatter more than stated.
+fn judge_scatter(
+    minimum: &Minimum,
+    freedom: f64,
+    blame: &str,
+    warnings: &mut Vec<String>,
+) -> Result<(), Refusal> {
     let ratio = minimum.normal.chi_square / freedom.max(1.0);
     // Five standard deviations of chi-square over its mean.
     let chance = 5.0 * (2.0 / freedom.max(1.0)).sqrt();
     if ratio > 2.0 + chance {
-        return refuse(format!(
-            "the measurements scatter {:.1} times as much as stated (chi-square {:.0} for {freedom:.0} \
+        return Err(Refusal::Contradiction {
+            what: format!(
+                "the measurements scatter {:.1} times as much as stated (chi-square {:.0} for {freedom:.0} \
              degrees of freedom); {blame}",
-            ratio.sqrt(),
-            minimum.normal.chi_square
-        ));
+                ratio.sqrt(),
+                minimum.normal.chi_square
+            ),
+        });
     }
     if ratio > 1.0 + chance {
         warnings.push(format!(
@@ -373,24 +411,31 @@ fn judge(
             ratio.sqrt()
         ));
     }
-    if rejected.len() * 100 > 3 * rows {
-        warnings.push(format!(
-            "{} of {rows} measurements were rejected; {blame}",
-            rejected.len()
-        ));
-    }
+    Ok(())
+}
+
+/// Refuses anchors far from nominal; warns of values that contradict what was known before.
+fn judge_priors(
+    data: &Data,
+    model: &Model<'_>,
+    priors: &Priors,
+    state: &State,
+    warnings: &mut Vec<String>,
+) -> Result<(), Refusal> {
     for prior in state.priors(data, &model.layout, priors) {
         let off = prior.deviation / prior.sigma;
         let anchor = prior.index < model.layout.initial_length(0);
         let limit = data.robot.anchor_half_tolerance_m * 1.2;
         if anchor && prior.deviation.abs() > 3.0 * limit {
-            return refuse(format!(
-                "cable {}: its anchor comes out {:.1} mm from nominal, the tolerance is {:.1} mm: are \
+            return Err(Refusal::Contradiction {
+                what: format!(
+                    "cable {}: its anchor comes out {:.1} mm from nominal, the tolerance is {:.1} mm: are \
                  these the data of this robot?",
-                prior.index / 3 + 1,
-                prior.deviation * 1e3,
-                data.robot.anchor_half_tolerance_m * 1e3
-            ));
+                    prior.index / 3 + 1,
+                    prior.deviation * 1e3,
+                    data.robot.anchor_half_tolerance_m * 1e3
+                ),
+            });
         }
         if anchor && prior.deviation.abs() > limit {
             warnings.push(format!(
@@ -406,12 +451,6 @@ fn judge(
                 off.abs()
             ));
         }
-    }
-    if minimum.tension_relative > 0.0 {
-        warnings.push(format!(
-            "the tensions scatter by another {:.1} % of their value (friction of the pulleys)",
-            minimum.tension_relative * 100.0
-        ));
     }
     Ok(())
 }

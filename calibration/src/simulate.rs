@@ -211,6 +211,117 @@ impl Truth {
     }
 }
 
+/// The machine behind the data, where it differs from its description.
+struct Machine {
+    made: NominalRobot,
+    silent: Silent,
+    camera: Camera,
+}
+
+impl Machine {
+    /// Draws the parameters that the estimators hold by priors, with a random generator of its own:
+    /// the rest of the data does not change.
+    fn new(setup: &Setup, nominal: &NominalRobot, camera: Camera) -> Self {
+        let mut own = Random::new(setup.seed ^ 0x6472_6177);
+        let priors = Priors::default();
+        let mut it = Self {
+            made: nominal.clone(),
+            silent: setup.silent,
+            camera,
+        };
+        if setup.drawn {
+            for cable in &mut it.made.cables {
+                cable.pulley_radius_m += priors.radius_m * own.normal();
+                cable.attachment_m += Vector3::from_fn(|_, _| priors.attachment_m * own.normal());
+            }
+            it.made.mass_kg *= 1.0 + priors.mass * own.normal();
+            it.made.center_of_mass_m +=
+                Vector3::from_fn(|_, _| priors.center_of_mass_m * own.normal());
+            it.silent.drum += priors.drum * own.normal();
+            it.silent.tag += priors.tag * own.normal();
+            it.silent.k1 += priors.k1 * own.normal();
+        }
+        it.camera.distortion[0] = it.silent.k1;
+        if setup.drawn {
+            let focal = 1.0 + priors.focal * own.normal();
+            it.camera.focal_px = it.camera.focal_px.map(|f| f * focal);
+            let center_px = it.camera.center_px;
+            it.camera.center_px = center_px.map(|c| c + priors.center_px * own.normal());
+        }
+        it
+    }
+}
+
+/// Where the bodies of tags lie on the floor: world_from_body.
+fn places_of(target: Target) -> Vec<Pose> {
+    // Tags lie face up: AprilTag's z axis points into the floor.
+    let down = |x: f64, y: f64, yaw: f64| {
+        Pose::new(
+            Vector3::new(x, y, -0.7),
+            Rotation3::from_euler_angles(std::f64::consts::PI, 0.0, yaw),
+        )
+    };
+    match target {
+        Target::Loose => vec![
+            down(0.24, -0.05, 0.2),
+            down(0.36, 0.08, 1.0),
+            down(0.43, -0.06, -0.7),
+        ],
+        Target::Tag | Target::Board => vec![down(0.32, 0.0, 0.53)],
+    }
+}
+
+/// The poses of the data, one after another.
+struct Poses<'a> {
+    setup: &'a Setup,
+    robot: &'a Robot<4>,
+    /// Chosen poses, the next one last.
+    planned: Vec<plan::Candidate>,
+}
+
+impl<'a> Poses<'a> {
+    /// Poses chosen for the nominal robot, driven to with the true one: it hangs slightly
+    /// differently.
+    fn new(setup: &'a Setup, robot: &'a Robot<4>, data: &Data) -> Option<Self> {
+        let mut planned = Vec::new();
+        if setup.chosen_from > 0 {
+            let (space, seed) = (&PAPER_SPACE, setup.seed);
+            let all = plan::candidates(data, space, setup.chosen_from, seed.wrapping_add(7))?;
+            let work = plan::work_poses(data, space, 100, seed)?;
+            let plan = plan::choose(data, space, &all, &work, setup.poses, &Options::default())?;
+            planned = plan.spare;
+            planned.reverse();
+            planned.extend(plan.chosen.into_iter().rev());
+        }
+        Some(Self {
+            setup,
+            robot,
+            planned,
+        })
+    }
+
+    /// A pose and its tensions, N; `None` where the robot cannot hang as drawn.
+    fn next(&mut self, random: &mut Random) -> Option<(Pose, [f64; 4])> {
+        if self.setup.free_poses {
+            let tilt = 15f64.to_radians();
+            let at = Vector3::new(
+                0.335 + random.within(0.15),
+                random.within(0.15),
+                -0.1 - 0.4 * random.unit(),
+            );
+            let turn = [(); 3].map(|()| random.within(tilt));
+            return Some((Pose::from_rpy(at, turn), [0.0; 4]));
+        }
+        let hung = if let Some(next) = self.planned.pop() {
+            let (at, held) = (next.pose.position_m, next.held);
+            PAPER_SPACE.hang(self.robot, &at, held, next.tensions_n[held])
+        } else {
+            PAPER_SPACE.random(self.robot, random)
+        };
+        hung.map(|hung| (hung.pose, hung.tensions_n))
+    }
+}
+
 /// Simulates data; `None` if no robot could be made of the numbers (never with the built-in ones).
 #[must_use]
 pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
@@ -219,55 +330,17 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     nominal.anchor_half_tolerance_m = setup.anchor_m;
     let half = nominal.anchor_half_tolerance_m;
     let off: Vec<_> = (0..4).map(|_| random.point(half)).collect();
-    let mut made = nominal.clone();
-    let mut silent = setup.silent;
-    // A separate random generator: the rest of the data does not change.
-    let mut own = Random::new(setup.seed ^ 0x6472_6177);
-    let priors = Priors::default();
-    if setup.drawn {
-        for cable in &mut made.cables {
-            cable.pulley_radius_m += priors.radius_m * own.normal();
-            cable.attachment_m += Vector3::from_fn(|_, _| priors.attachment_m * own.normal());
-        }
-        made.mass_kg *= 1.0 + priors.mass * own.normal();
-        made.center_of_mass_m += Vector3::from_fn(|_, _| priors.center_of_mass_m * own.normal());
-        silent.drum += priors.drum * own.normal();
-        silent.tag += priors.tag * own.normal();
-        silent.k1 += priors.k1 * own.normal();
-    }
-    let robot = robot_of(&made, &off)?;
     let camera = Camera {
         focal_px: [920.0; 2],
         center_px: [640.0, 360.0],
         size_px: [1280, 720],
         distortion: [0.0; 5],
     };
-    let mut true_camera = camera;
-    true_camera.distortion[0] = silent.k1;
-    if setup.drawn {
-        let focal = 1.0 + priors.focal * own.normal();
-        true_camera.focal_px = true_camera.focal_px.map(|f| f * focal);
-        true_camera.center_px = true_camera
-            .center_px
-            .map(|c| c + priors.center_px * own.normal());
-    }
-    // Tags lie face up: AprilTag's z axis points into the floor.
-    let down = |x: f64, y: f64, yaw: f64| {
-        Pose::new(
-            Vector3::new(x, y, -0.7),
-            Rotation3::from_euler_angles(std::f64::consts::PI, 0.0, yaw),
-        )
-    };
+    let machine = Machine::new(setup, &nominal, camera);
+    let silent = machine.silent;
+    let robot = robot_of(&machine.made, &off)?;
     let (tags, bodies) = tags_of(setup.target);
-    let places = match setup.target {
-        Target::Loose => vec![
-            down(0.24, -0.05, 0.2),
-            down(0.36, 0.08, 1.0),
-            down(0.43, -0.06, -0.7),
-        ],
-        _ => vec![down(0.32, 0.0, 0.53)],
-    };
-    let nominal_bodies: Vec<Pose> = places.into_iter().take(bodies).collect();
+    let nominal_bodies: Vec<Pose> = places_of(setup.target).into_iter().take(bodies).collect();
     let looking_down = Rotation3::from_matrix_unchecked(nalgebra::Matrix3::new(
         0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0,
     ));
@@ -282,22 +355,17 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         corner_px: setup.corner_px,
         tension_n: Some(0.1),
     };
-    let tag_scale = 1.0 + silent.tag;
     // The paper's simulation has the tag in view at every pose of the camera.
     let margin_px = if setup.free_poses {
         f64::NEG_INFINITY
     } else {
         SEEN_PX
     };
-    let look = |pose: &Pose| {
-        let poses = (&world_from_body[..], &camera_from_platform, pose);
-        views_within(&true_camera, &tags, poses, tag_scale, margin_px)
-    };
     let mut data = Data {
         id: format!("simulated-{}", setup.seed),
         robot: nominal,
         camera,
-        tags: tags.clone(),
+        tags,
         noise,
         world_from_body: nominal_bodies,
         camera_from_platform: nominal_camera,
@@ -306,53 +374,23 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         holdout: Vec::new(),
         origin: None,
     };
-    // Poses chosen for the nominal robot, driven to with the true one: it hangs slightly
-    // differently.
-    let mut planned = Vec::new();
-    if setup.chosen_from > 0 {
-        let space = &PAPER_SPACE;
-        let all = plan::candidates(&data, space, setup.chosen_from, setup.seed.wrapping_add(7))?;
-        let work = plan::work_poses(&data, space, 100, setup.seed)?;
-        let plan = plan::choose(&data, space, &all, &work, setup.poses, &Options::default())?;
-        planned = plan.spare;
-        planned.reverse();
-        planned.extend(plan.chosen.into_iter().rev());
-    }
+    let mut next = Poses::new(setup, &robot, &data)?;
     let mut taken = Vec::new();
     while taken.len() < setup.poses {
-        let found = if setup.free_poses {
-            let tilt = 15f64.to_radians();
-            let at = Vector3::new(
-                0.335 + random.within(0.15),
-                random.within(0.15),
-                -0.1 - 0.4 * random.unit(),
-            );
-            Some((
-                Pose::from_rpy(at, [(); 3].map(|()| random.within(tilt))),
-                [0.0; 4],
-            ))
-        } else if let Some(next) = planned.pop() {
-            let at = next.pose.position_m;
-            let hung = PAPER_SPACE.hang(&robot, &at, next.held, next.tensions_n[next.held]);
-            hung.map(|hung| (hung.pose, hung.tensions_n))
-        } else {
-            let hung = PAPER_SPACE.random(&robot, &mut random);
-            hung.map(|hung| (hung.pose, hung.tensions_n))
+        let Some((pose, tensions_n)) = next.next(&mut random) else {
+            continue;
         };
-        if let Some((pose, tensions)) = found {
-            let views = look(&pose);
-            if !views.is_empty() {
-                taken.push((pose, tensions, views));
-            }
+        let poses = (&world_from_body[..], &camera_from_platform, &pose);
+        let size = 1.0 + silent.tag;
+        let views = views_within(&machine.camera, &data.tags, poses, size, margin_px);
+        if !views.is_empty() {
+            taken.push((pose, tensions_n, views));
         }
     }
     let mut holdout = Vec::new();
     while holdout.len() < 120 {
-        holdout.extend(
-            PAPER_SPACE
-                .random(&robot, &mut random)
-                .map(|hung| hung.pose),
-        );
+        let hung = PAPER_SPACE.random(&robot, &mut random);
+        holdout.extend(hung.map(|hung| hung.pose));
     }
     let poses = taken.iter().map(|(pose, ..)| *pose).collect();
     let observed = observe(setup, &silent, &robot, &noise, taken, &mut random)?;

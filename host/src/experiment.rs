@@ -25,7 +25,7 @@ use crate::link::{Link, Paced, SimulatedLink, plant_failed};
 use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Plan, PlanError, PlanOptions, Task};
 use crate::record::events::{EventBus, TruthTap, Watched};
-use crate::report::{self, Figures};
+use crate::report::{self, Figures, PathPoint};
 use crate::run::{self, Homing, Measured, Progress, Recorder, RunError, Session};
 use crate::sight::Scene;
 use mcdpr_protocol::SessionId;
@@ -40,7 +40,7 @@ pub struct Run {
     /// The measurements of the board.
     pub samples: Vec<Measured>,
     /// True positions of the tool; `None` on hardware.
-    pub true_path: Option<Vec<(f64, [f64; 3])>>,
+    pub true_path: Option<Vec<PathPoint>>,
     /// Whether the board was simulated.
     pub simulated: bool,
 }
@@ -306,11 +306,12 @@ impl<'a> Experiment<'a> {
 /// A true path in the world frame that the robot knows. A calibration cannot determine the world
 /// frame, only relative positions: for a robot that was calibrated on the simulator, the tags used
 /// relate both frames.
-fn in_calibrated_frame(model: &Model, path: Vec<(f64, [f64; 3])>) -> Vec<(f64, [f64; 3])> {
+fn in_calibrated_frame(model: &Model, mut path: Vec<PathPoint>) -> Vec<PathPoint> {
     let Some(known_from_true) = Scene::known_from_true(model.robot()) else {
         return path;
     };
-    let moved =
-        |(time_s, at): (f64, [f64; 3])| (time_s, known_from_true.transform(&at.into()).into());
-    path.into_iter().map(moved).collect()
+    for point in &mut path {
+        point.tool_m = known_from_true.transform(&point.tool_m.into()).into();
+    }
+    path
 }

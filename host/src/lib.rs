@@ -20,6 +20,7 @@
 //! | [`scenario`] | fault injection, and its results |
 //! | [`tension`] | experiments on the tension loop, tuning and calibration of tension |
 //! | [`experiment`] | a task from connecting to disarming, and its results |
+//! | `chart` | charts as SVG, for pages and as files |
 //! | `stamp` | date and time for names and records |
 //! | `files` | external files: read up to a limit, written completely or not at all |
 //! | [`sight`] | tags in the camera's pictures |
@@ -58,6 +59,7 @@ fn write_stderr(what: std::fmt::Arguments<'_>) {
 
 pub mod bench;
 pub mod calibration;
+mod chart;
 pub mod cli;
 pub mod compute;
 pub mod control;

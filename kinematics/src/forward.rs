@@ -370,6 +370,8 @@ impl<const N: usize> Robot<N> {
         Err(best.unwrap_or(Error::Singular { solver }))
     }
 
+    /// Levenberg-Marquardt from one start. `apply` displaces a pose by K unknowns, `row` gives a
+    /// length's slopes by them.
     fn damped<const K: usize>(
         &self,
         lengths_m: &[f64; N],
@@ -393,23 +395,17 @@ impl<const N: usize> Robot<N> {
                 self.lever_m * self.lever_m
             }
         };
+        let found = |pose, cost, iteration| Forward {
+            pose,
+            residual_m: sqrt(cost / N as f64),
+            iterations: iteration + 1,
+        };
         let mut pose = start;
         let mut inverse = self.inverse(&pose)?;
         let mut cost = cost_at(&inverse);
         let mut damping = 0.0;
         for iteration in 0..options.max_iterations {
-            let mut normal = [[0.0; K]; K];
-            let mut g = [0.0; K];
-            for i in 0..N {
-                let r = lengths_m[i] - inverse.lengths_m[i];
-                let j = row(&inverse, i);
-                for a in 0..K {
-                    g[a] += j[a] * r;
-                    for b in 0..=a {
-                        normal[a][b] += j[a] * j[b];
-                    }
-                }
-            }
+            let (normal, g) = normal_equations(lengths_m, &inverse, row);
             let mut accepted = false;
             for _ in 0..24 {
                 let mut m = normal;
@@ -440,11 +436,7 @@ impl<const N: usize> Robot<N> {
                             }
                             if done {
                                 self.check_determined(&normal, solver)?;
-                                return Ok(Forward {
-                                    pose,
-                                    residual_m: sqrt(cost / N as f64),
-                                    iterations: iteration + 1,
-                                });
+                                return Ok(found(pose, cost, iteration));
                             }
                             damping *= 0.1;
                             if damping < 1e-9 {
@@ -462,11 +454,7 @@ impl<const N: usize> Robot<N> {
                 let slope: f64 = (0..K).map(|k| g[k] * g[k] / scale(k)).sum();
                 if slope <= 1e-20 * (cost + 1e-20) {
                     self.check_determined(&normal, solver)?;
-                    return Ok(Forward {
-                        pose,
-                        residual_m: sqrt(cost / N as f64),
-                        iterations: iteration + 1,
-                    });
+                    return Ok(found(pose, cost, iteration));
                 }
                 break;
             }
@@ -499,4 +487,25 @@ impl<const N: usize> Robot<N> {
             Err(Error::Singular { solver })
         }
     }
+}
+
+/// The lower half of the normal matrix, and the gradient, of the lengths' residuals at a pose.
+fn normal_equations<const N: usize, const K: usize>(
+    lengths_m: &[f64; N],
+    inverse: &Inverse<N>,
+    row: &impl Fn(&Inverse<N>, usize) -> [f64; K],
+) -> ([[f64; K]; K], [f64; K]) {
+    let mut normal = [[0.0; K]; K];
+    let mut g = [0.0; K];
+    for i in 0..N {
+        let r = lengths_m[i] - inverse.lengths_m[i];
+        let j = row(inverse, i);
+        for a in 0..K {
+            g[a] += j[a] * r;
+            for b in 0..=a {
+                normal[a][b] += j[a] * j[b];
+            }
+        }
+    }
+    (normal, g)
 }

@@ -173,8 +173,8 @@ impl Plan {
     }
 
     /// The plan as `mcdpr plan --record` draws it (SVG).
-    fn svg(&self) -> String {
-        report::draw_plan(&self.name, &self.plan)
+    fn svg(&self) -> Result<String, Failure> {
+        Ok(report::draw_plan(&self.name, &self.plan)?)
     }
 }
 

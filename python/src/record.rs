@@ -133,8 +133,8 @@ impl Record {
         let seen = py.detach(|| self.run.seen());
         let states: Vec<_> = seen
             .iter()
-            .filter_map(|(time_s, seen)| match seen {
-                Seen::Status(status) => Some((*time_s, status)),
+            .filter_map(|report| match &report.seen {
+                Seen::Status(status) => Some((report.time_s, status)),
                 _ => None,
             })
             .collect();
@@ -160,7 +160,8 @@ impl Record {
 
     /// Changes of state and faults: time (s) and words.
     fn changes(&self, py: Python<'_>) -> Vec<(f64, String)> {
-        py.detach(|| self.run.changes())
+        let changes = py.detach(|| self.run.changes()).into_iter();
+        changes.map(|change| (change.time_s, change.text)).collect()
     }
 
     /// The log: time, level, words.

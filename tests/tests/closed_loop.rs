@@ -91,11 +91,12 @@ fn the_measured_lengths_are_the_true_ones_to_an_encoder_count() {
         let Some(time_s) = sample.path_s else {
             continue;
         };
-        let Some((_, at)) = truth.iter().find(|(at, _)| (at - time_s).abs() < 4e-4) else {
+        let near = |point: &&mcdpr::report::PathPoint| (point.path_s - time_s).abs() < 4e-4;
+        let Some(point) = truth.iter().find(near) else {
             continue;
         };
         // What the lengths should be where the tool truly was, had it hung there at rest.
-        let rest = model.rest(&(*at).into(), None).unwrap();
+        let rest = model.rest(&point.tool_m.into(), None).unwrap();
         for cable in 0..3 {
             let gap = sample.lengths_m[cable] - rest.paid_out_m[cable];
             // A count is 31 um; the platform swings by some tenths of a millimetre about rest.

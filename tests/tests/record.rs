@@ -158,7 +158,11 @@ fn the_record_holds_what_the_host_measured_and_what_was_true() {
     assert!(run.truth.len() > 100);
     let last = run.truth.last().unwrap();
     assert!((last.tool_m[0] - 0.275).abs() < 5e-3, "{last:?}");
-    let states: Vec<_> = run.changes().into_iter().map(|(_, what)| what).collect();
+    let states: Vec<_> = run
+        .changes()
+        .into_iter()
+        .map(|change| change.text)
+        .collect();
     for state in ["Disarmed", "Arming", "Holding", "Moving"] {
         assert!(states.iter().any(|s| s == state), "{state} in {states:?}");
     }

@@ -370,7 +370,7 @@ fn a_grasp_cycle_is_where_it_should_be_and_a_knock_is_answered_as_fast_as_the_pa
         assembled.starts_with("all of") || numbers(assembled)[0] > calibrated[0],
         "{assembled}"
     );
-    assert!(cycle.charts.len() == 5 && cycle.charts.iter().all(|c| !c.curves.is_empty()));
+    assert!(cycle.charts.len() == 5 && cycle.charts.iter().all(|c| !c.is_empty()));
     // Back in the band of 0.5 N within a second, with the geared winch, too.
     for row in [&knock.rows[0], &knock.rows[2]] {
         let back = numbers(&row.realistic);

@@ -1,7 +1,6 @@
 //! The unknowns of a real machine: their order, names and priors.
 
-use super::data::Set;
-use nalgebra::Vector3;
+use super::data::{Eye, Set};
 
 /// Standard deviations of the priors about the entered values.
 ///
@@ -272,131 +271,177 @@ pub struct Unknown {
 /// All unknowns in the layout's order.
 #[must_use]
 pub(crate) fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unknown> {
-    let mut out: Vec<Unknown> = Vec::with_capacity(layout.len());
-    let mut add = |name: String, mean: f64, sigma: f64, unit, entered| {
-        out.push(Unknown {
+    let mut list = List {
+        out: Vec::with_capacity(layout.len()),
+        set,
+        layout,
+        priors,
+    };
+    for index in 0..set.robot.cables.len() {
+        list.cable(index);
+    }
+    list.platform();
+    if let (Some(bodies), Some(eye)) = (layout.bodies, &set.eye) {
+        list.eye(eye, bodies);
+    }
+    for &session in &layout.sessions {
+        list.session(session);
+    }
+    for jump in &layout.breaks {
+        let name = format!("cable {}'s slip at {}", jump.cable + 1, set.name(jump.from));
+        list.free(name, 0.05, MM);
+    }
+    list.out
+}
+
+/// Factor and unit for printing.
+type Unit = (f64, &'static str);
+
+const PERCENT: Unit = (100.0, "%");
+const MM: Unit = (1e3, "mm");
+const N: Unit = (1.0, "N");
+const DEGREES: Unit = (180.0 / std::f64::consts::PI, "deg");
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// The unknowns so far; its methods add those of one part in the layout's order.
+struct List<'a> {
+    out: Vec<Unknown>,
+    set: &'a Set,
+    layout: &'a Layout,
+    priors: &'a Priors,
+}
+
+impl List<'_> {
+    fn add(&mut self, name: String, mean: f64, sigma: f64, unit: Unit, entered: Option<f64>) {
+        self.out.push(Unknown {
             name,
             mean,
             sigma,
             unit,
             entered,
         });
-    };
-    const PERCENT: (f64, &str) = (100.0, "%");
-    const MM: (f64, &str) = (1e3, "mm");
-    const N: (f64, &str) = (1.0, "N");
-    let degrees = (1f64.to_degrees(), "deg");
-    let axes = ["x", "y", "z"];
-    let robot = &set.robot;
-    let offset = if robot.absolute {
-        priors.offset_m
-    } else {
-        priors.change_m
-    };
-    let anchor = robot
-        .anchor_half_tolerance_m
-        .map_or(priors.anchor_m, |half| half / 3f64.sqrt());
-    let three = |v: &Vector3<f64>| <[f64; 3]>::from(*v);
-    for (i, cable) in robot.cables.iter().enumerate() {
-        let of = format!("cable {}'s", i + 1);
-        add(format!("{of} cell gain"), 0.0, priors.gain, PERCENT, None);
-        add(format!("{of} cell zero"), 0.0, priors.zero_n, N, None);
-        add(format!("{of} drum"), 0.0, priors.drum, PERCENT, None);
-        add(format!("{of} length offset"), 0.0, offset, MM, None);
+    }
+
+    /// An unknown about zero.
+    fn free(&mut self, name: String, sigma: f64, unit: Unit) {
+        self.add(name, 0.0, sigma, unit, None);
+    }
+
+    /// The change of a constant that was entered.
+    fn entered(&mut self, name: String, sigma: f64, unit: Unit, value: f64) {
+        self.add(name, 0.0, sigma, unit, Some(value));
+    }
+
+    fn cable(&mut self, index: usize) {
+        let (priors, robot) = (self.priors, &self.set.robot);
+        let Some(cable) = robot.cables.get(index) else {
+            return;
+        };
+        let offset = if robot.absolute {
+            priors.offset_m
+        } else {
+            priors.change_m
+        };
+        let anchor = robot
+            .anchor_half_tolerance_m
+            .map_or(priors.anchor_m, |half| half / 3f64.sqrt());
+        let of = format!("cable {}'s", index + 1);
+        self.free(format!("{of} cell gain"), priors.gain, PERCENT);
+        self.free(format!("{of} cell zero"), priors.zero_n, N);
+        self.free(format!("{of} drum"), priors.drum, PERCENT);
+        self.free(format!("{of} length offset"), offset, MM);
         let [mean, sigma] = priors.loss;
-        add(format!("{of} pulley loss"), mean, sigma, PERCENT, None);
-        add(
-            format!("{of} swivel offset"),
-            0.0,
-            priors.swivel_rad,
-            degrees,
-            None,
-        );
+        self.add(format!("{of} pulley loss"), mean, sigma, PERCENT, None);
+        self.free(format!("{of} swivel offset"), priors.swivel_rad, DEGREES);
         let radius = cable.pulley_radius_m;
         // An eyelet has no radius to estimate.
         let sigma = if radius > 0.0 { priors.radius_m } else { 1e-9 };
-        add(format!("{of} pulley radius"), 0.0, sigma, MM, Some(radius));
-        for (axis, at) in axes.iter().zip(three(&cable.anchor_m)) {
-            add(format!("{of} anchor in {axis}"), 0.0, anchor, MM, Some(at));
+        self.entered(format!("{of} pulley radius"), sigma, MM, radius);
+        for (axis, at) in AXES.iter().zip(&cable.anchor_m) {
+            self.entered(format!("{of} anchor in {axis}"), anchor, MM, *at);
         }
-        for (axis, at) in axes.iter().zip(three(&cable.attachment_m)) {
+        for (axis, at) in AXES.iter().zip(&cable.attachment_m) {
             let name = format!("{of} attachment in {axis}");
-            add(name, 0.0, priors.attachment_m, MM, Some(at));
+            self.entered(name, priors.attachment_m, MM, *at);
         }
     }
-    for (axis, at) in axes.iter().zip(three(&robot.center_of_mass_m)) {
-        let name = format!("the centre of mass in {axis}");
-        add(name, 0.0, priors.center_of_mass_m, MM, Some(at));
+
+    fn platform(&mut self) {
+        let (priors, robot) = (self.priors, &self.set.robot);
+        for (axis, at) in AXES.iter().zip(&robot.center_of_mass_m) {
+            let name = format!("the centre of mass in {axis}");
+            self.entered(name, priors.center_of_mass_m, MM, *at);
+        }
+        self.entered(
+            "the mass".to_owned(),
+            priors.mass,
+            (robot.mass_kg, "kg"),
+            1.0,
+        );
+        let name = "the cables' compliance".to_owned();
+        self.free(name, priors.compliance_per_n, (1e6, "1/MN"));
+        for axis in AXES {
+            let name = format!("the inclinometer's mounting about {axis}");
+            self.free(name, priors.mount_rad, DEGREES);
+        }
     }
-    let kg = (robot.mass_kg, "kg");
-    add("the mass".to_owned(), 0.0, priors.mass, kg, Some(1.0));
-    let name = "the cables' compliance".to_owned();
-    add(name, 0.0, priors.compliance_per_n, (1e6, "1/MN"), None);
-    for axis in axes {
-        let name = format!("the inclinometer's mounting about {axis}");
-        add(name, 0.0, priors.mount_rad, degrees, None);
+
+    /// A place of which nothing is known before.
+    fn place(&mut self, what: &str) {
+        for axis in AXES {
+            self.free(format!("{what} in {axis}"), f64::INFINITY, MM);
+        }
+        for axis in AXES {
+            self.free(format!("{what} about {axis}"), f64::INFINITY, DEGREES);
+        }
     }
-    if let (Some(bodies), Some(eye)) = (layout.bodies, &set.eye) {
-        let place = |add: &mut dyn FnMut(String, f64, f64, (f64, &'static str), Option<f64>),
-                     what: &str| {
-            for axis in axes {
-                add(format!("{what} in {axis}"), 0.0, f64::INFINITY, MM, None);
-            }
-            for axis in axes {
-                let name = format!("{what} about {axis}");
-                add(name, 0.0, f64::INFINITY, degrees, None);
-            }
-        };
-        place(&mut add, "the camera's place");
-        let focal = eye.camera.focal_px[0];
-        let name = "the focal length".to_owned();
-        add(name, 0.0, priors.focal, (focal, "px"), Some(1.0));
+
+    fn eye(&mut self, eye: &Eye, bodies: usize) {
+        let priors = self.priors;
+        self.place("the camera's place");
+        let focal = (eye.camera.focal_px[0], "px");
+        self.entered("the focal length".to_owned(), priors.focal, focal, 1.0);
         for (axis, at) in ["u", "v"].iter().zip(eye.camera.center_px) {
             let name = format!("the principal point in {axis}");
-            add(name, 0.0, priors.center_px, (1.0, "px"), Some(at));
+            self.entered(name, priors.center_px, (1.0, "px"), at);
         }
-        let k1 = Some(eye.camera.distortion[0]);
-        add("the lens's k1".to_owned(), 0.0, priors.k1, (1.0, ""), k1);
+        let k1 = eye.camera.distortion[0];
+        self.entered("the lens's k1".to_owned(), priors.k1, (1.0, ""), k1);
         let size = eye.tags.first().map_or(1.0, |tag| tag.size_m * 1e3);
         let name = "the tags' size".to_owned();
-        add(name, 0.0, priors.tag, (size, "mm"), Some(1.0));
+        self.entered(name, priors.tag, (size, "mm"), 1.0);
         for body in 0..bodies {
-            place(&mut add, &format!("tag body {}", body + 1));
+            self.place(&format!("tag body {}", body + 1));
         }
     }
-    for &session in &layout.sessions {
-        let of =
-            |what: &str, i: usize| format!("cable {}'s {what} in {}", i + 1, set.sessions[session]);
-        // With one session alone its own part cannot be separated from the common one.
-        for i in 0..layout.cables {
-            add(of("cell zero", i), 0.0, priors.zero_session_n, N, None);
+
+    /// With one session alone its own part cannot be separated from the common one.
+    fn session(&mut self, session: usize) {
+        let (priors, set, cables) = (self.priors, self.set, self.layout.cables);
+        let name = &set.sessions[session];
+        let of = |what: &str, i: usize| format!("cable {}'s {what} in {name}", i + 1);
+        for i in 0..cables {
+            self.free(of("cell zero", i), priors.zero_session_n, N);
         }
-        let homing = if robot.absolute && set.homed[session] {
+        let homing = if set.robot.absolute && set.homed[session] {
             priors.homing_m
         } else {
             priors.change_m
         };
-        for i in 0..layout.cables {
-            add(of("length offset", i), 0.0, homing, MM, None);
+        for i in 0..cables {
+            self.free(of("length offset", i), homing, MM);
         }
-        let swivel = priors.swivel_session_rad;
-        for i in 0..layout.cables {
-            add(of("swivel offset", i), 0.0, swivel, degrees, None);
+        for i in 0..cables {
+            self.free(of("swivel offset", i), priors.swivel_session_rad, DEGREES);
         }
-        let name = &set.sessions[session];
         for axis in ["x", "y"] {
             let what = format!("the inclinometer's mounting about {axis} in {name}");
-            add(what, 0.0, priors.mount_session_rad, degrees, None);
+            self.free(what, priors.mount_session_rad, DEGREES);
         }
         let yaw = format!("the yaw's zero in {name}");
-        add(yaw, 0.0, priors.yaw_rad, degrees, None);
-        let drift = (1f64.to_degrees() * 60.0, "deg/min");
+        self.free(yaw, priors.yaw_rad, DEGREES);
+        let drift = (DEGREES.0 * 60.0, "deg/min");
         let what = format!("the yaw's drift in {name}");
-        add(what, 0.0, priors.yaw_rate_rps, drift, None);
+        self.free(what, priors.yaw_rate_rps, drift);
     }
-    for jump in &layout.breaks {
-        let name = format!("cable {}'s slip at {}", jump.cable + 1, set.name(jump.from));
-        add(name, 0.0, 0.05, MM, None);
-    }
-    out
 }

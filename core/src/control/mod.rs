@@ -64,6 +64,15 @@ impl Order {
     }
 }
 
+/// An order of a recorded run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScriptedOrder {
+    /// Number of polls of the feeding thread before it.
+    pub polls: u64,
+    /// The order.
+    pub order: Order,
+}
+
 /// Number of an order, used to ask for its outcome.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Ticket(u64);
@@ -89,27 +98,23 @@ struct Inner {
     /// How often the thread that feeds the board has polled for orders.
     looks: u64,
     /// Orders with the number of polls before them, for the recorder.
-    arrived: Vec<(u64, Order)>,
+    arrived: Vec<ScriptedOrder>,
     /// Recorded orders that are given again after the same number of polls.
-    script: VecDeque<(u64, Order)>,
+    script: VecDeque<ScriptedOrder>,
 }
 
 impl Inner {
     /// Counts a poll and releases the recorded orders that are due.
     fn look(&mut self) {
-        while let Some((_, order)) = self.due() {
-            place(self, order);
+        while let Some(due) = self.due() {
+            place(self, due.order);
         }
         self.looks += 1;
     }
 
-    fn due(&mut self) -> Option<(u64, Order)> {
-        let (looks, _) = self.script.front()?;
-        if *looks <= self.looks {
-            self.script.pop_front()
-        } else {
-            None
-        }
+    fn due(&mut self) -> Option<ScriptedOrder> {
+        let looks = self.looks;
+        self.script.pop_front_if(|next| next.polls <= looks)
     }
 }
 
@@ -180,7 +185,10 @@ impl Handle {
         let looks = inner.looks;
         // There may be no recorder; the list is bounded.
         if inner.arrived.len() < ARRIVED {
-            inner.arrived.push((looks, order));
+            inner.arrived.push(ScriptedOrder {
+                polls: looks,
+                order,
+            });
         }
         let ticket = place(&mut inner, order);
         drop(inner);
@@ -244,15 +252,15 @@ impl Handle {
     /// A handle that repeats recorded orders. Each is given at the same poll of the feeding thread
     /// as in the record, so a run with orders replays exactly.
     #[must_use]
-    pub fn scripted(orders: impl IntoIterator<Item = (u64, Order)>) -> Self {
+    pub fn scripted(orders: impl IntoIterator<Item = ScriptedOrder>) -> Self {
         let handle = Self::new();
         handle.shared.lock().script.extend(orders);
         handle
     }
 
-    /// Orders that arrived since the last call, each with the number of polls before it.
+    /// Orders that arrived since the last call.
     #[must_use]
-    pub fn arrived(&self) -> Vec<(u64, Order)> {
+    pub fn arrived(&self) -> Vec<ScriptedOrder> {
         std::mem::take(&mut self.shared.lock().arrived)
     }
 
@@ -268,7 +276,11 @@ impl Handle {
         let mut inner = self.shared.lock();
         let looks = inner.looks.saturating_sub(1);
         if inner.stop.is_none() && inner.arrived.len() < ARRIVED {
-            inner.arrived.push((looks, Order::Stop));
+            let order = Order::Stop;
+            inner.arrived.push(ScriptedOrder {
+                polls: looks,
+                order,
+            });
             place(&mut inner, Order::Stop);
         }
     }
@@ -452,7 +464,8 @@ mod tests {
         handle.stop();
         assert_eq!(handle.stop_ordered(), Some(Order::Stop));
         let script = handle.arrived();
-        assert_eq!(script, [(2, Order::Pause), (3, Order::Stop)]);
+        let given = |polls, order| ScriptedOrder { polls, order };
+        assert_eq!(script, [given(2, Order::Pause), given(3, Order::Stop)]);
         let again = Handle::scripted(script);
         assert_eq!(again.take(), None);
         assert_eq!(again.stop_ordered(), None);

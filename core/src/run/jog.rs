@@ -6,10 +6,10 @@
 
 use super::{RunError, Session, orders, stop_now};
 use crate::control::Order;
-use crate::link::{ClientError, Link};
+use crate::link::{Client, ClientError, Link};
 use crate::motion::{Model, PlanError, StaticState, judge_place, knot};
 use crate::robot::Control;
-use mcdpr_protocol::{BoardState, CableKnot, Knot, Request, StopKind};
+use mcdpr_protocol::{BoardState, CableKnot, Knot, Request, Status, StopKind};
 use nalgebra::Vector3;
 
 /// Time between knots, s.
@@ -61,7 +61,29 @@ struct Ahead<'m> {
     limit: Option<String>,
 }
 
-impl Ahead<'_> {
+impl<'m> Ahead<'m> {
+    /// A jog that begins where the board holds.
+    fn new(model: &'m Model, at_m: Vector3<f64>, rest: StaticState, status: &Status) -> Self {
+        let cables = model.robot().cables.iter();
+        let offsets_m = cables
+            .zip(status.setpoints.iter().zip(&rest.paid_out_m))
+            .map(|(cable, (setpoint, length))| match cable.control {
+                Control::Tension => 0.0,
+                Control::Position => setpoint.metres() - length,
+            })
+            .collect();
+        Self {
+            model,
+            at_m,
+            velocity_mps: Vector3::zeros(),
+            rest,
+            offsets_m,
+            time_s: 0.0,
+            made: 0,
+            limit: None,
+        }
+    }
+
     /// The next knot towards a wanted velocity; the last one when the tool has come to rest.
     fn next(&mut self, wanted_mps: Vector3<f64>) -> Result<Knot, PlanError> {
         let limits = &self.model.robot().limits;
@@ -120,6 +142,51 @@ impl Ahead<'_> {
     }
 }
 
+/// The motion that the user wants.
+struct Wish {
+    /// Velocity of the tool, world, m/s.
+    velocity_mps: Vector3<f64>,
+    /// Its end by the path's time, s: the part planned ahead of the board counts.
+    until_s: f64,
+}
+
+impl Wish {
+    /// Takes the orders that have come: a jog replaces this one, a pause ends it.
+    fn obey<L: Link>(
+        &mut self,
+        client: &mut Client<L>,
+        ahead: &Ahead<'_>,
+        ended: bool,
+    ) -> Result<(), RunError> {
+        while let Some((ticket, order)) = client.handle().take() {
+            let done = match order {
+                Order::Jog {
+                    velocity_mps,
+                    valid_s,
+                } => match check(ahead.model, &velocity_mps.into(), valid_s) {
+                    Ok(()) if !ended => {
+                        self.velocity_mps = velocity_mps.into();
+                        self.until_s = ahead.time_s + valid_s;
+                        Ok(())
+                    }
+                    Ok(()) => Err("the jog has ended".to_owned()),
+                    Err(error) => Err(error.to_string()),
+                },
+                Order::Pause => {
+                    self.until_s = 0.0;
+                    Ok(())
+                }
+                Order::Gripper { closed } => {
+                    orders::refusable(client, Request::Gripper { closed })?
+                }
+                other => Err(format!("{} is not possible while jogging", other.name())),
+            };
+            client.handle().done(ticket, done);
+        }
+        Ok(())
+    }
+}
+
 impl<L: Link> Session<'_, L> {
     /// Moves the tool at a velocity (world, m/s) for some seconds, or until an order of the handle
     /// changes it: a jog replaces this one, a pause ends it. Returns at rest, with the limit that
@@ -135,68 +202,27 @@ impl<L: Link> Session<'_, L> {
         check(self.model(), &velocity_mps, seconds)?;
         let status = super::status(self.client())?;
         let model = self.model();
-        let (at_m, rest) = (self.tool_m(), self.at().clone());
-        let cables = model.robot().cables.iter();
-        let offsets_m = cables
-            .zip(status.setpoints.iter().zip(&rest.paid_out_m))
-            .map(|(cable, (setpoint, length))| match cable.control {
-                Control::Tension => 0.0,
-                Control::Position => setpoint.metres() - length,
-            })
-            .collect();
-        let mut ahead = Ahead {
-            model,
-            at_m,
-            velocity_mps: Vector3::zeros(),
-            rest,
-            offsets_m,
-            time_s: 0.0,
-            made: 0,
-            limit: None,
-        };
+        let mut ahead = Ahead::new(model, self.tool_m(), self.at().clone(), &status);
         let still = vec![0.0; ahead.rest.paid_out_m.len()];
         let first = ahead.knot(&still, false);
         let client = self.client();
         client.enqueue(Request::Knot(first))?;
-        let mut wanted = velocity_mps;
-        // By the path's time: the part planned ahead of the board counts.
-        let mut until_s = seconds;
+        let mut wish = Wish {
+            velocity_mps,
+            until_s: seconds,
+        };
         let (mut started, mut ended) = (false, false);
         let outcome = loop {
             if let Some(kind) = orders::stop_wanted(client) {
                 break Err(stop_now(client, kind));
             }
-            while let Some((ticket, order)) = client.handle().take() {
-                let done = match order {
-                    Order::Jog {
-                        velocity_mps,
-                        valid_s,
-                    } => match check(model, &velocity_mps.into(), valid_s) {
-                        Ok(()) if !ended => {
-                            wanted = velocity_mps.into();
-                            until_s = ahead.time_s + valid_s;
-                            Ok(())
-                        }
-                        Ok(()) => Err("the jog has ended".to_owned()),
-                        Err(error) => Err(error.to_string()),
-                    },
-                    Order::Pause => {
-                        until_s = 0.0;
-                        Ok(())
-                    }
-                    Order::Gripper { closed } => {
-                        orders::refusable(client, Request::Gripper { closed })?
-                    }
-                    other => Err(format!("{} is not possible while jogging", other.name())),
-                };
-                client.handle().done(ticket, done);
-            }
+            wish.obey(client, &ahead, ended)?;
             let path_s = client.path_s().filter(|_| started).unwrap_or(0.0);
             while !ended && ahead.time_s < path_s + AHEAD_S && client.has_room() {
-                if ahead.time_s >= until_s - 0.5 * STEP_S {
-                    wanted = Vector3::zeros();
+                if ahead.time_s >= wish.until_s - 0.5 * STEP_S {
+                    wish.velocity_mps = Vector3::zeros();
                 }
-                let knot = ahead.next(wanted)?;
+                let knot = ahead.next(wish.velocity_mps)?;
                 ended = knot.last;
                 client.enqueue(Request::Knot(knot))?;
             }

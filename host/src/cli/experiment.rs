@@ -3,6 +3,7 @@
 use super::recorded::{Work, on_record};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
+use crate::chart::{Chart, Curve, Figure};
 use crate::link::ClientError;
 use crate::machine::Mismatch;
 use crate::motion::{Model, PlanOptions, Tensioning};
@@ -10,9 +11,7 @@ use crate::record::Doing;
 use crate::report::RunFolder;
 use crate::robot::LawKind;
 use crate::run::{RunError, watch_for_interrupts};
-use crate::tension::{
-    Bench, Change, Curve, Experiment, Recovery, Steady, Trace, at_rest, draw, hold, recovery,
-};
+use crate::tension::{Bench, Change, Experiment, Recovery, Steady, Trace, at_rest, hold, recovery};
 use miette::{Diagnostic, IntoDiagnostic as _};
 use serde::Serialize;
 
@@ -149,25 +148,22 @@ impl Cmd {
         let steady = at_rest(trace, from_s, end_s);
         let back = experiment
             .disturbed_s
-            .map(|(on_s, off_s)| recovery(trace, on_s, off_s));
+            .map(|[on_s, off_s]| recovery(trace, on_s, off_s));
         folder.write("trace.csv", &table(trace)).into_diagnostic()?;
         let source = if simulated { "simulated" } else { "measured" };
         let title = format!("{}: tension of the held cable, {source}", experiment.name);
         let pairs = |y: &[f64], x: &[f64]| -> Vec<(f64, f64)> {
             x.iter().copied().zip(y.iter().copied()).collect()
         };
-        let band = |n: f64| [(0.0, trace.setpoint_n + n), (end_s, trace.setpoint_n + n)];
-        let curves = [
-            Curve::line("tension", pairs(&trace.tension_n, &trace.time_s)),
-            Curve::line("set-point", band(0.0)),
-            Curve::line("+0.5 N", band(0.5)),
-            Curve::line("-0.5 N", band(-0.5)),
-        ];
+        let setpoint = [0.0, end_s].map(|at_s| (at_s, trace.setpoint_n));
+        let chart = Chart::new("band: set-point +-0.5 N", "time, s", "tension, N")
+            .with([
+                Curve::new("tension", 0, pairs(&trace.tension_n, &trace.time_s)),
+                Curve::new("set-point", 4, setpoint).dashed(),
+            ])
+            .band(trace.setpoint_n - 0.5, trace.setpoint_n + 0.5);
         folder
-            .write(
-                "tension.svg",
-                &draw(&title, "time, s", "tension, N", &curves),
-            )
+            .write("tension.svg", &Figure::new(title, 1, [chart]).svg())
             .into_diagnostic()?;
         let document = Document {
             experiment: experiment.name.clone(),

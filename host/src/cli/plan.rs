@@ -72,7 +72,7 @@ pub(crate) fn show(common: &Common, model: &Model, task: Task, watch: &Watch) ->
             let folder = RunFolder::create(common.record.as_deref(), &name)
                 .map_err(Failed::from_error("writing the plan's folder"))?;
             folder
-                .write("plan.svg", &draw_plan(&name, &plan))
+                .write("plan.svg", &draw_plan(&name, &plan)?)
                 .map_err(Failed::from_error("writing the plan's folder"))?;
             folder
                 .write_json("plan.json", &seen)

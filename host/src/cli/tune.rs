@@ -3,6 +3,7 @@
 use super::recorded::{Work, on_record};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
+use crate::chart::{Chart, Curve, Figure};
 use crate::experiment::SimulatedRobot;
 use crate::link::ClientError;
 use crate::machine::Mismatch;
@@ -13,7 +14,6 @@ use crate::robot::{Robot, TensionLaw, TensionOutput};
 use crate::run::{RunError, watch_for_interrupts};
 use crate::tension::rig::Rig;
 use crate::tension::tune::{Answer, Identified, LEAST, Margins, excitation, excite, identify};
-use crate::tension::{Curve, draw};
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
 
@@ -269,12 +269,12 @@ fn picture(name: &str, before: &Answer, after: &Answer) -> String {
             .collect()
     };
     let title = format!("{name}: steps of the set-point before and after");
-    let curves = [
-        Curve::line("before", timed(&before.measured_n)),
-        Curve::line("after", timed(&after.measured_n)),
-        Curve::line("asked", timed(&before.asked_n)),
-    ];
-    draw(&title, "time, s", "tension, N", &curves)
+    let chart = Chart::new("steps of the set-point", "time, s", "tension, N").with([
+        Curve::new("before", 1, timed(&before.measured_n)),
+        Curve::new("after", 0, timed(&after.measured_n)),
+        Curve::new("set-point", 4, timed(&before.asked_n)).dashed(),
+    ]);
+    Figure::new(title, 1, [chart]).svg()
 }
 
 impl Document {

@@ -7,6 +7,7 @@ use crate::link::{Client, Link, Note, meanwhile};
 use crate::machine;
 use crate::motion::path::Path;
 use crate::motion::{Model, Plan, PlanError, StaticState, Step};
+use crate::report::PathPoint;
 use crate::robot::Robot;
 use crate::run::{self, Measured, Recorder, RunError};
 use crate::sight::Shown;
@@ -22,7 +23,7 @@ pub struct Arm<L: Link> {
     carried_kg: f64,
     keep: bool,
     samples: Vec<Measured>,
-    planned: Vec<(f64, [f64; 3])>,
+    planned: Vec<PathPoint>,
     began_us: u64,
 }
 
@@ -110,9 +111,9 @@ impl<L: Link> Arm<L> {
         &self.samples
     }
 
-    /// Planned tool positions since `Arm::keep_samples`, s and m.
+    /// Planned tool positions since `Arm::keep_samples`.
     #[must_use]
-    pub fn planned(&self) -> &[(f64, [f64; 3])] {
+    pub fn planned(&self) -> &[PathPoint] {
         &self.planned
     }
 
@@ -262,8 +263,10 @@ impl<L: Link> Arm<L> {
             let duration_s = plan.timed.duration_s();
             let mut t = 0.0;
             while t <= duration_s {
-                self.planned
-                    .push((from_s + t, plan.timed.tool_m(t)?.into()));
+                self.planned.push(PathPoint {
+                    path_s: from_s + t,
+                    tool_m: plan.timed.tool_m(t)?.into(),
+                });
                 t += 0.01;
             }
             self.samples

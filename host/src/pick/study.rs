@@ -6,15 +6,16 @@ use super::workcell::{self, CellObserver, Mounting, SimulatedEye};
 use super::{Arm, PickError, calibrated};
 use crate::control::Handle;
 use crate::experiment::SimulatedRobot;
-use crate::link::{Link, Paced};
+use crate::link::{Link, Paced, SimulatedLink};
 use crate::machine::{Controller, Mismatch};
 use crate::motion::{Model, PlanOptions, Shaping, Tensioning};
 use crate::record::events::{TruthTap, Watched};
+use crate::report::PathPoint;
 use crate::robot::Robot;
 use crate::run::Measured;
 use crate::sight::Shown;
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::camera::{Order, Tray};
+use mcdpr_simulator::camera::{Cell, Grip, Order, Tray};
 use mcdpr_vision::grasp::{Antipodal, Detector};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -103,15 +104,24 @@ pub struct SceneReport {
     pub kept: Option<Kept>,
 }
 
+/// A true state of the simulated robot.
+#[derive(Debug, Clone, Copy)]
+pub struct TrueState {
+    /// Time since the start of picking, s.
+    pub time_s: f64,
+    /// The state.
+    pub truth: mcdpr_simulator::plant::Truth,
+}
+
 /// Trace of a scene. Times from the start of picking, s.
 #[derive(Debug, Clone, Default)]
 pub struct Kept {
     /// The board's samples.
     pub samples: Vec<Measured>,
     /// Planned tool positions, m.
-    pub planned: Vec<(f64, [f64; 3])>,
+    pub planned: Vec<PathPoint>,
     /// True states, every 10 ms.
-    pub truth: Vec<(f64, mcdpr_simulator::plant::Truth)>,
+    pub truth: Vec<TrueState>,
     /// The first picture in which a grasp was chosen.
     pub first_look: Option<Shown>,
 }
@@ -125,6 +135,22 @@ pub struct Watching<'a> {
     pub time_scale: Option<f64>,
     /// Whether to keep the trace.
     pub keep: bool,
+}
+
+impl<'a> Watching<'a> {
+    /// The line to a simulated robot as these observers see it.
+    fn line(&self, link: &SimulatedLink, cables: usize, handle: &Handle) -> Box<dyn Link + 'a> {
+        let mut line: Box<dyn Link + 'a> = Box::new(link.clone());
+        if let Some(seen_by) = self.events {
+            let tap = TruthTap::forgetful(link.clone(), cables);
+            let watched = Watched::new(line, seen_by);
+            line = Box::new(watched.with_truth(tap).with_orders(handle));
+        }
+        if let Some(scale) = self.time_scale {
+            line = Box::new(Paced::new(line, scale));
+        }
+        line
+    }
 }
 
 /// Greatest acceleration, m/s^2, and jerk, m/s^3.
@@ -265,18 +291,7 @@ pub(crate) fn scene_by(
     if let Some(most) = attempts_max {
         options.attempts_max = most;
     }
-    let mut line: Box<dyn Link + '_> = Box::new(link.clone());
-    if let Some(seen_by) = watching.events {
-        let tap = TruthTap::forgetful(link.clone(), robot.cables.len());
-        line = Box::new(
-            Watched::new(line, seen_by)
-                .with_truth(tap)
-                .with_orders(handle),
-        );
-    }
-    if let Some(scale) = watching.time_scale {
-        line = Box::new(Paced::new(line, scale));
-    }
+    let line = watching.line(&link, robot.cables.len(), handle);
     let mut arm = Arm::start(model, line, SessionId(1), handle)?;
     let began_us = link.now_us();
     if watching.keep {
@@ -284,50 +299,67 @@ pub(crate) fn scene_by(
         link.with(mcdpr_simulator::Simulation::record_truth);
     }
     let report = Picker::new(&mut arm, &mut eye, detector, &options).run(&mut observer)?;
-    let kept = watching.keep.then(|| {
-        let end_us = link.now_us();
-        let trace = link.with(mcdpr_simulator::Simulation::take_trace);
-        // The trace ends now, one point per millisecond.
-        let count = trace.len() as u64;
-        let at_s = |index: usize| {
-            let before_ms = count.saturating_sub(index as u64 + 1);
-            ((end_us - began_us) as f64 * 1e-6) - before_ms as f64 * 1e-3
-        };
-        let points = trace.iter().enumerate().step_by(10);
-        Kept {
-            samples: arm.samples().to_vec(),
-            planned: arm.planned().to_vec(),
-            truth: points.map(|(i, point)| (at_s(i), point.truth)).collect(),
-            first_look: observer.first_look.take(),
-        }
+    let kept = watching.keep.then(|| Kept {
+        samples: arm.samples().to_vec(),
+        planned: arm.planned().to_vec(),
+        truth: true_states(&link, began_us),
+        first_look: observer.first_look.take(),
     });
     arm.finish()?;
-    let (left, carried_off, grips) = link.with(|simulation| {
-        simulation.cell().map_or((0, 0, Vec::new()), |cell| {
-            let words = cell.log().iter().map(|event| match &event.grip {
-                mcdpr_simulator::camera::Grip::Held { width_m, .. } => {
-                    format!("holds {}, {:.1} mm", event.object, width_m * 1e3)
-                }
-                mcdpr_simulator::camera::Grip::Missed(reason) => reason.clone(),
-            });
-            (
-                cell.left_in_tray(),
-                cell.carried_off().len(),
-                words.collect(),
-            )
-        })
-    });
+    let end = link.with(|simulation| simulation.cell().map(Ended::of));
+    let end = end.unwrap_or_default();
     Ok(SceneReport {
         seed,
         objects,
-        left,
-        carried_off,
+        left: end.left,
+        carried_off: end.carried_off,
         report,
         errors_m: observer.off_m.iter().map(Vector3::norm).collect(),
         off_m: observer.off_m.into_iter().map(Into::into).collect(),
-        grips,
+        grips: end.grips,
         kept,
     })
+}
+
+/// True states since `began_us`, every 10 ms.
+fn true_states(link: &SimulatedLink, began_us: u64) -> Vec<TrueState> {
+    let took_s = (link.now_us() - began_us) as f64 * 1e-6;
+    let trace = link.with(mcdpr_simulator::Simulation::take_trace);
+    // The trace ends now, one point per millisecond.
+    let count = trace.len() as u64;
+    let states = (0_u64..).zip(&trace).step_by(10).map(|(index, point)| {
+        let before_ms = count.saturating_sub(index + 1);
+        TrueState {
+            time_s: took_s - before_ms as f64 * 1e-3,
+            truth: point.truth,
+        }
+    });
+    states.collect()
+}
+
+/// The tray at the end.
+#[derive(Default)]
+struct Ended {
+    left: usize,
+    carried_off: usize,
+    /// What the gripper held each time, in words.
+    grips: Vec<String>,
+}
+
+impl Ended {
+    fn of(cell: &Cell) -> Self {
+        let words = cell.log().iter().map(|event| match &event.grip {
+            Grip::Held { width_m, .. } => {
+                format!("holds {}, {:.1} mm", event.object, width_m * 1e3)
+            }
+            Grip::Missed(reason) => reason.clone(),
+        });
+        Self {
+            left: cell.left_in_tray(),
+            carried_off: cell.carried_off().len(),
+            grips: words.collect(),
+        }
+    }
 }
 
 impl SceneReport {

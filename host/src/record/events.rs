@@ -1,6 +1,6 @@
 //! Passes the events on a line to watchers, each on a separate thread.
 
-use crate::control::{Handle, Order};
+use crate::control::{Handle, Order, ScriptedOrder};
 use crate::link::{Direction, Link, LinkError, Note, RawFrame, SimulatedLink};
 use crate::motion::Plan;
 use crate::sight::Shown;
@@ -405,10 +405,10 @@ impl<'a, L: Link> Watched<'a, L> {
 
     fn show_orders(&self) {
         let new = self.orders.as_ref().map(Handle::arrived);
-        for (looks, order) in new.unwrap_or_default() {
+        for ScriptedOrder { polls, order } in new.unwrap_or_default() {
             self.events.publish(RunEvent::Order {
                 time_us: self.inner.now_us(),
-                looks,
+                looks: polls,
                 order,
             });
         }

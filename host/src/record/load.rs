@@ -5,10 +5,11 @@ use super::mcap::{self, Damage, ReadError};
 use super::pack::unpack;
 use super::recording::WIRE;
 use super::{FILE_NAME, PlanNote, Scenario, TruthPoint};
-use crate::control::Order;
+use crate::control::ScriptedOrder;
 use crate::link::{RawFrame, describe_fault};
 use mcdpr_protocol::Status;
 use miette::Diagnostic;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -72,6 +73,24 @@ pub enum LoadError {
     },
 }
 
+/// Something that the board measured or reported.
+#[derive(Debug, Clone)]
+pub struct Report {
+    /// The link's time, s.
+    pub time_s: f64,
+    /// The measurement or the report.
+    pub seen: Seen,
+}
+
+/// A change of the board's state, or a fault.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Change {
+    /// The link's time, s.
+    pub time_s: f64,
+    /// The new state, or the fault in words.
+    pub text: String,
+}
+
 /// A message of the log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogLine {
@@ -96,8 +115,8 @@ pub struct RecordedRun {
     pub plan: Option<PlanNote>,
     /// True states of a simulated robot.
     pub truth: Vec<TruthPoint>,
-    /// Orders during the run, with the number of polls before them.
-    pub orders: Vec<(u64, Order)>,
+    /// Orders during the run.
+    pub orders: Vec<ScriptedOrder>,
     /// The log.
     pub log: Vec<LogLine>,
     /// Whether the file is complete.
@@ -201,7 +220,9 @@ impl RecordedRun {
                     let line: serde_json::Value =
                         serde_json::from_slice(&message.data).unwrap_or_default();
                     let order = serde_json::from_value(line["order"].clone()).ok();
-                    run.orders.extend(line["looks"].as_u64().zip(order));
+                    let ordered = line["looks"].as_u64().zip(order);
+                    let scripted = |(polls, order)| ScriptedOrder { polls, order };
+                    run.orders.extend(ordered.map(scripted));
                 }
                 Some("/log") => {
                     let line: serde_json::Value =
@@ -231,14 +252,15 @@ impl RecordedRun {
         }));
     }
 
-    /// Everything that the board measured and reported, with its link time (s).
+    /// Everything that the board measured and reported.
     #[must_use]
-    pub fn seen(&self) -> Vec<(f64, Seen)> {
+    pub fn seen(&self) -> Vec<Report> {
         let mut decoder = Decoder::default();
         let mut all = Vec::new();
         for frame in &self.frames {
             let time_s = frame.time_us as f64 * 1e-6;
-            all.extend(decoder.take(frame).into_iter().map(|seen| (time_s, seen)));
+            let seen = decoder.take(frame).into_iter();
+            all.extend(seen.map(|seen| Report { time_s, seen }));
         }
         all
     }
@@ -247,7 +269,7 @@ impl RecordedRun {
     #[must_use]
     pub fn ticks(&self) -> Vec<Tick> {
         let mut ticks: Vec<Tick> = Vec::new();
-        for (_, seen) in self.seen() {
+        for Report { seen, .. } in self.seen() {
             if let Seen::Ticks(block) = seen {
                 ticks.extend(block);
             }
@@ -255,22 +277,24 @@ impl RecordedRun {
         ticks
     }
 
-    /// Changes of state and faults, with the link's time, s.
+    /// Changes of state and faults.
     #[must_use]
-    pub fn changes(&self) -> Vec<(f64, String)> {
+    pub fn changes(&self) -> Vec<Change> {
         let mut changes = Vec::new();
         let mut last: Option<Status> = None;
-        for (time_s, seen) in self.seen() {
+        for Report { time_s, seen } in self.seen() {
             let Seen::Status(status) = seen else { continue };
             if last
                 .as_ref()
                 .is_none_or(|before| before.state != status.state)
             {
-                changes.push((time_s, format!("{:?}", status.state)));
+                let text = format!("{:?}", status.state);
+                changes.push(Change { time_s, text });
             }
             let before = last.as_ref().and_then(|before| before.fault);
             if let Some(fault) = status.fault.filter(|fault| before != Some(*fault)) {
-                changes.push((time_s, format!("fault {}", describe_fault(&fault))));
+                let text = format!("fault {}", describe_fault(&fault));
+                changes.push(Change { time_s, text });
             }
             last = Some(status);
         }

@@ -32,7 +32,7 @@ mod short;
 pub mod words;
 
 pub use events::{EventBus, Level, PlanNote, PlanPoint, RunEvent, TruthPoint, Watched};
-pub use load::{LoadError, RecordedRun};
+pub use load::{Change, LoadError, RecordedRun, Report};
 pub use recording::{Recording, Summary};
 pub use scenario::{Doing, Machine, RobotText, Scenario, TaskSource};
 

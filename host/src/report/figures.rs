@@ -1,5 +1,6 @@
 //! The figures of merit of a run.
 
+use super::PathPoint;
 use crate::motion::{Model, Plan, PlanError};
 use crate::run::Measured;
 use nalgebra::Vector3;
@@ -56,15 +57,16 @@ pub fn measure(
     model: &Model,
     plan: &Plan,
     samples: &[Measured],
-    true_path: Option<&[(f64, [f64; 3])]>,
+    true_path: Option<&[PathPoint]>,
 ) -> Result<Figures, PlanError> {
     let duration_s = plan.timed.duration_s();
     let path_error_m = match true_path {
         None => None,
         Some(points) => {
             let mut errors = Vec::new();
-            for (time_s, at) in points.iter().filter(|(time_s, _)| *time_s <= duration_s) {
-                errors.push((Vector3::from(*at) - plan.timed.tool_m(*time_s)?).norm());
+            for point in points.iter().filter(|point| point.path_s <= duration_s) {
+                let planned_m = plan.timed.tool_m(point.path_s)?;
+                errors.push((Vector3::from(point.tool_m) - planned_m).norm());
             }
             Some(MeanMax {
                 mean: mean(&errors),

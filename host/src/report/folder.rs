@@ -1,5 +1,6 @@
 //! The folder that keeps a run.
 
+use super::PathPoint;
 use crate::motion::{Plan, PlanError};
 use crate::run::Measured;
 use crate::stamp::utc_stamp;
@@ -97,7 +98,7 @@ impl RunFolder {
 pub(crate) fn write_samples(
     plan: &Plan,
     samples: &[Measured],
-    true_path: Option<&[(f64, [f64; 3])]>,
+    true_path: Option<&[PathPoint]>,
 ) -> Result<String, PlanError> {
     let cables = samples.first().map_or(0, |sample| sample.lengths_m.len());
     let mut text = String::from("tick,path_s");
@@ -133,14 +134,19 @@ pub(crate) fn write_samples(
         }
         let desired = time_s.map(|time_s| plan.timed.tool_m(time_s)).transpose()?;
         let actual = time_s.and_then(|time_s| {
-            while truth.next_if(|(at, _)| *at < time_s - 5e-4).is_some() {}
-            truth.peek().filter(|(at, _)| (at - time_s).abs() <= 5e-4)
+            while truth
+                .next_if(|point| point.path_s < time_s - 5e-4)
+                .is_some()
+            {}
+            truth
+                .peek()
+                .filter(|point| (point.path_s - time_s).abs() <= 5e-4)
         });
         for axis in 0..3 {
             let _ = write!(text, ",{}", cell(desired.map(|at| at[axis]), 6));
         }
         for axis in 0..3 {
-            let _ = write!(text, ",{}", cell(actual.map(|(_, at)| at[axis]), 6));
+            let _ = write!(text, ",{}", cell(actual.map(|point| point.tool_m[axis]), 6));
         }
         text.push('\n');
     }

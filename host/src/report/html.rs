@@ -1,15 +1,15 @@
 //! A recorded run as one self-contained HTML page, and two of them compared.
 
-use super::chart::{Chart, Curve};
 use super::figures::{MeanMax, MeanSdMax};
 use super::judge::{Judgement, moving, path_errors};
+use crate::chart::{Chart, Curve};
 use crate::record::decode::Tick;
 use crate::record::{Machine, RecordedRun};
 use crate::robot::{Control, Robot};
 use std::fmt::Write as _;
 
 const STYLE: &str = "\
-:root{--bg:#fff;--text:#17202a;--dim:#566472;--edge:#dde3ea;--good:#1a7f37;--bad:#c6302b;--c0:#0b6bcb;--c1:#c05f00;--c2:#1a7f37;--c3:#8a2fb5;--c4:#17202a;--c5:#b3261e;--c6:#00798c;--c7:#777}
+:root{--bg:#fff;--text:#17202a;--dim:#566472;--edge:#dde3ea;--good:#1a7f37;--bad:#c6302b;--c0:#0072b2;--c1:#d55e00;--c2:#009e73;--c3:#8a2fb5;--c4:#17202a;--c5:#b3261e;--c6:#00798c;--c7:#777}
 @media (prefers-color-scheme:dark){:root{--bg:#12171d;--text:#e6edf3;--dim:#93a1b0;--edge:#2c3743;--good:#3fb950;--bad:#ff6b66;--c0:#4aa8ff;--c1:#ffb454;--c2:#7ee787;--c3:#e58cff;--c4:#e6edf3;--c5:#ff6b66;--c6:#39c5cf;--c7:#999}}
 body{margin:0 auto;max-width:68rem;padding:1.5rem;background:var(--bg);color:var(--text);font:15px/1.5 system-ui,'DejaVu Sans',sans-serif}
 h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:2rem 0 .5rem;border-bottom:1px solid var(--edge)}
@@ -17,9 +17,8 @@ p.about{color:var(--dim);margin:.2rem 0 1rem}table{border-collapse:collapse;font
 td,th{padding:.25rem .8rem .25rem 0;text-align:left;border-bottom:1px solid var(--edge)}td.n,th.n{text-align:right}th{color:var(--dim);font-weight:400}
 .pass{color:var(--good);font-weight:600}.fail{color:var(--bad);font-weight:600}
 .plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(30rem,1fr));gap:1rem}@media(max-width:34rem){.plots{grid-template-columns:1fr}}
-svg{width:100%;height:auto;background:var(--bg)}svg text{fill:var(--dim);font-size:12px}svg text.title{fill:var(--text);font-weight:600;font-size:13px}
-svg text.y{text-anchor:end}svg text.x{text-anchor:middle}svg path{fill:none;stroke-width:1.5;stroke-linejoin:round}svg .dashed{stroke-dasharray:5 4}
-svg .grid{stroke:var(--edge)}svg .band{fill:var(--c2);opacity:.13}svg .mark{stroke:var(--dim);stroke-dasharray:2 3}svg .fault{stroke:var(--bad);stroke-width:2}
+svg{width:100%;height:auto;background:var(--bg)}svg text{fill:var(--dim)}svg text.title{fill:var(--text)}
+svg .grid{stroke:var(--edge)}svg .band{fill:var(--c2)}svg .mark{stroke:var(--dim)}svg .fault{stroke:var(--bad)}
 .c0{stroke:var(--c0)}.c1{stroke:var(--c1)}.c2{stroke:var(--c2)}.c3{stroke:var(--c3)}.c4{stroke:var(--c4)}.c5{stroke:var(--c5)}.c6{stroke:var(--c6)}.c7{stroke:var(--c7)}
 ";
 
@@ -143,7 +142,7 @@ fn figure_rows(runs: &[&Judgement]) -> Vec<Vec<String>> {
         let faults = j
             .changes
             .iter()
-            .filter(|(_, what)| what.starts_with("fault"));
+            .filter(|change| change.text.starts_with("fault"));
         format!("{}", faults.count())
     }));
     rows
@@ -213,9 +212,8 @@ fn charts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Chart>
     let marks: Vec<_> = judgement
         .changes
         .iter()
-        .map(|(at, what)| (at - start_s, what.clone(), what.starts_with("fault")))
+        .map(|change| (change.time_s - start_s, change.text.as_str()))
         .collect();
-    let time = "time, s".to_owned();
     let cables = robot.cables.len();
     let each = |value: &dyn Fn(&Tick, usize) -> Option<f64>| -> Vec<Curve> {
         (0..cables)
@@ -223,16 +221,15 @@ fn charts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Chart>
                 let points = ticks
                     .iter()
                     .map(|t| (time_of(t, first), value(t, index).unwrap_or(f64::NAN)));
-                Curve::new(format!("{}", index + 1), index, points.collect())
+                Curve::new(format!("{}", index + 1), index, points)
             })
             .collect()
     };
-    let chart = |title: &str, unit: &str, curves: Vec<Curve>| Chart {
-        title: title.to_owned(),
-        axes: (time.clone(), unit.to_owned()),
-        curves,
-        marks: marks.clone(),
-        ..Chart::default()
+    let chart = |title: &str, unit: &str, curves: Vec<Curve>| {
+        let plain = Chart::new(title, "time, s", unit).with(curves);
+        marks.iter().fold(plain, |chart, (at_s, what)| {
+            chart.mark(*at_s, *what, what.starts_with("fault"))
+        })
     };
     let mut all = vec![
         chart(
@@ -246,13 +243,12 @@ fn charts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Chart>
             each(&|t, i| Some((t.lengths_m.get(i)? - t.planned.get(i)?.length_m) * 1e3)),
         ),
     ];
-    let mut tensions = chart(
-        "Cable tensions and their band",
+    let tensions = chart(
+        "Cable tensions and their limits",
         "N",
         each(&|t, i| t.tensions_n.get(i).copied()),
     );
-    tensions.band = Some((robot.limits.tension_min_n, robot.limits.tension_max_n));
-    all.push(tensions);
+    all.push(tensions.band(robot.limits.tension_min_n, robot.limits.tension_max_n));
     for (index, _) in robot
         .cables
         .iter()
@@ -265,7 +261,7 @@ fn charts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Chart>
                 t.tensions_n.get(index).copied().unwrap_or(f64::NAN),
             )
         });
-        let curve = Curve::new("measured", index, points.collect());
+        let curve = Curve::new("measured", index, points);
         let title = format!("Tension of cable {}, set-point and +-0.5 N", index + 1);
         let planned = ticks.iter().filter_map(|t| {
             let planned = t.planned.get(index)?;
@@ -280,7 +276,7 @@ fn charts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Chart>
         let asked = Curve::new("set-point", index + 1, planned);
         let mut held = chart(&title, "N", vec![curve, asked]);
         if least.is_finite() && most - least < 1e-6 {
-            held.band = Some((least - 0.5, most + 0.5));
+            held = held.band(least - 0.5, most + 0.5);
         }
         all.push(held);
     }
@@ -302,33 +298,21 @@ fn pose_charts(run: &RecordedRun) -> Vec<Chart> {
     let mut charts = Vec::new();
     let errors = path_errors(run);
     if !errors.is_empty() {
-        charts.push(Chart {
-            title: "Path error of the simulated tool".to_owned(),
-            axes: ("path time, s".to_owned(), "mm".to_owned()),
-            curves: vec![Curve::new(
-                "",
-                0,
-                errors.iter().map(|(t, e)| (*t, e * 1e3)).collect(),
-            )],
-            ..Chart::default()
-        });
+        let curve = Curve::new("", 0, errors.iter().map(|(t, e)| (*t, e * 1e3)));
+        let chart = Chart::new("Path error of the simulated tool", "path time, s", "mm");
+        charts.push(chart.with([curve]));
     }
     let mut curves = Vec::new();
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let actual = truth.iter().map(|p| (p.path_s, p.tool_m[axis] * 1e3));
         let planned = plan.points.iter().map(|p| (p.time_s, p.tool_m[axis] * 1e3));
         if !truth.is_empty() {
-            curves.push(Curve::new(name, axis, actual.collect()));
+            curves.push(Curve::new(name, axis, actual));
         }
         let label = if truth.is_empty() { name } else { "" };
-        curves.push(Curve::new(label, axis, planned.collect()).dashed());
+        curves.push(Curve::new(label, axis, planned).dashed());
     }
-    charts.push(Chart {
-        title: "Tool position".to_owned(),
-        axes: ("path time, s".to_owned(), "mm".to_owned()),
-        curves,
-        ..Chart::default()
-    });
+    charts.push(Chart::new("Tool position", "path time, s", "mm").with(curves));
     let tilt = |q: &[f64; 4]| {
         (1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1]))
             .clamp(-1.0, 1.0)
@@ -338,48 +322,36 @@ fn pose_charts(run: &RecordedRun) -> Vec<Chart> {
         .points
         .iter()
         .map(|p| (p.time_s, tilt(&p.rotation_xyzw).to_degrees()));
-    let mut curves = vec![Curve::new("planned", 4, planned.collect()).dashed()];
+    let mut curves = vec![Curve::new("planned", 4, planned).dashed()];
     if !truth.is_empty() {
         let actual = truth
             .iter()
             .map(|p| (p.path_s, tilt(&p.rotation_xyzw).to_degrees()));
-        curves.push(Curve::new("simulated", 0, actual.collect()));
+        curves.push(Curve::new("simulated", 0, actual));
     }
-    charts.push(Chart {
-        title: "Tilt of the platform".to_owned(),
-        axes: ("path time, s".to_owned(), "degrees".to_owned()),
-        curves,
-        ..Chart::default()
-    });
+    charts.push(Chart::new("Tilt of the platform", "path time, s", "degrees").with(curves));
     let paths = |flat: &dyn Fn([f64; 3]) -> (f64, f64)| {
         let planned = plan.points.iter().map(|p| flat(p.tool_m));
-        let mut curves = vec![Curve::new("planned", 4, planned.collect()).dashed()];
+        let mut curves = vec![Curve::new("planned", 4, planned).dashed()];
         if !truth.is_empty() {
             let actual = truth.iter().map(|p| flat(p.tool_m));
-            curves.push(Curve::new("simulated tool", 0, actual.collect()));
+            curves.push(Curve::new("simulated tool", 0, actual));
         }
         curves
     };
-    charts.push(Chart {
-        title: "Path from above".to_owned(),
-        axes: ("x, mm".to_owned(), "y, mm".to_owned()),
-        curves: paths(&|p| (p[0] * 1e3, p[1] * 1e3)),
-        square: true,
-        ..Chart::default()
-    });
+    let above = paths(&|p| (p[0] * 1e3, p[1] * 1e3));
+    let chart = Chart::new("Path from above", "x, mm", "y, mm");
+    charts.push(chart.with(above).square());
     // Seen from the side and above: 30 degrees about z, then 25 degrees down.
     let (s, c) = 30_f64.to_radians().sin_cos();
     let (sp, cp) = 25_f64.to_radians().sin_cos();
-    charts.push(Chart {
-        title: "Path in space, seen 30 degrees from the side and 25 from above".to_owned(),
-        axes: ("across, mm".to_owned(), "up, mm".to_owned()),
-        curves: paths(&|p| {
-            let (across, deep) = (p[0] * c + p[1] * s, -p[0] * s + p[1] * c);
-            (across * 1e3, (p[2] * cp + deep * sp) * 1e3)
-        }),
-        square: true,
-        ..Chart::default()
+    let slanted = paths(&|p| {
+        let (across, deep) = (p[0] * c + p[1] * s, -p[0] * s + p[1] * c);
+        (across * 1e3, (p[2] * cp + deep * sp) * 1e3)
     });
+    let title = "Path in space, seen 30 degrees from the side and 25 from above";
+    let chart = Chart::new(title, "across, mm", "up, mm");
+    charts.push(chart.with(slanted).square());
     charts
 }
 
@@ -410,18 +382,12 @@ pub fn compare(runs: [(&RecordedRun, &Judgement); 2]) -> String {
     let mut errors = Vec::new();
     let ticks = runs.map(|(run, _)| run.ticks());
     for (number, (run, _)) in runs.iter().enumerate() {
-        let points = path_errors(run)
-            .into_iter()
-            .map(|(t, e)| (t, e * 1e3))
-            .collect();
+        let points = path_errors(run).into_iter().map(|(t, e)| (t, e * 1e3));
         let curve = Curve::new(names[number].clone(), number, points);
         errors.push(if number == 0 { curve } else { curve.dashed() });
     }
-    let chart = |title: &str, unit: &str, curves| Chart {
-        title: title.to_owned(),
-        axes: ("path time, s".to_owned(), unit.to_owned()),
-        curves,
-        ..Chart::default()
+    let chart = |title: &str, unit: &str, curves: Vec<Curve>| {
+        Chart::new(title, "path time, s", unit).with(curves)
     };
     body += &chart("Path error of the simulated tool", "mm", errors).svg();
     let count = runs[0].1.cables.len().max(runs[1].1.cables.len());
@@ -431,7 +397,7 @@ pub fn compare(runs: [(&RecordedRun, &Judgement); 2]) -> String {
                 let points = moving(ticks)
                     .into_iter()
                     .filter_map(|t| Some((t.path_s?, value(t)?)));
-                let curve = Curve::new(names[number].clone(), number, points.collect());
+                let curve = Curve::new(names[number].clone(), number, points);
                 if number == 0 { curve } else { curve.dashed() }
             });
             curves.collect::<Vec<_>>()

@@ -1,10 +1,11 @@
 //! Figures and verdicts of a recorded run, from the record alone.
 
 use super::figures::{MeanMax, MeanSdMax, TensionError, greatest, mean};
-use crate::record::RecordedRun;
 use crate::record::decode::{Seen, Tick};
 use crate::record::mcap::Damage;
+use crate::record::{Change, RecordedRun};
 use crate::robot::{Control, Robot};
+use mcdpr_protocol::Status;
 use serde::Serialize;
 
 /// A check of a run.
@@ -42,8 +43,8 @@ pub struct Judgement {
     pub tension_error_n: Option<TensionError>,
     /// Cable by cable.
     pub cables: Vec<CableFigures>,
-    /// Changes of state and faults: time (s) and words.
-    pub changes: Vec<(f64, String)>,
+    /// Changes of state and faults.
+    pub changes: Vec<Change>,
     /// Checks.
     pub verdicts: Vec<Verdict>,
 }
@@ -145,104 +146,127 @@ pub(crate) fn path_errors(run: &RecordedRun) -> Vec<(f64, f64)> {
         .collect()
 }
 
-fn verdicts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Verdict> {
-    let mut verdicts = Vec::new();
-    let mut check = |what: &str, pass: bool, numbers: String| {
-        verdicts.push(Verdict {
+/// Checks with their results.
+#[derive(Default)]
+struct Checks(Vec<Verdict>);
+
+impl Checks {
+    fn check(&mut self, what: &str, pass: bool, numbers: String) {
+        self.0.push(Verdict {
             what: what.to_owned(),
             pass,
             numbers,
         });
-    };
-    let faults: Vec<_> = judgement
-        .changes
-        .iter()
-        .filter(|(_, what)| what.starts_with("fault"))
-        .collect();
-    check(
-        "no fault",
-        faults.is_empty(),
-        match faults.first() {
-            Some((time_s, what)) => format!("{what} at {time_s:.3} s"),
-            None => "none latched".to_owned(),
-        },
-    );
-    let seen = run.seen();
-    let moved = judgement.changes.iter().any(|(_, what)| what == "Moving");
-    let last = seen.iter().rev().find_map(|(_, seen)| match seen {
-        Seen::Status(status) => Some(status.clone()),
-        _ => None,
-    });
-    let ended = judgement
-        .changes
-        .iter()
-        .rev()
-        .map(|(_, what)| what.as_str());
-    let ended = ended.clone().next() == Some("Disarmed");
-    check(
-        "ended at rest, brakes closed",
-        ended && moved,
-        last.as_ref()
-            .map_or("no status was received".to_owned(), |s| {
+    }
+
+    /// No fault, and a motion that ended at rest with closed brakes.
+    fn states(&mut self, judgement: &Judgement, last: Option<&Status>) {
+        let faults: Vec<_> = judgement
+            .changes
+            .iter()
+            .filter(|change| change.text.starts_with("fault"))
+            .collect();
+        self.check(
+            "no fault",
+            faults.is_empty(),
+            match faults.first() {
+                Some(change) => format!("{} at {:.3} s", change.text, change.time_s),
+                None => "none latched".to_owned(),
+            },
+        );
+        let moved = judgement
+            .changes
+            .iter()
+            .any(|change| change.text == "Moving");
+        let ended = judgement
+            .changes
+            .iter()
+            .rev()
+            .map(|change| change.text.as_str());
+        let ended = ended.clone().next() == Some("Disarmed");
+        self.check(
+            "ended at rest, brakes closed",
+            ended && moved,
+            last.map_or("no status was received".to_owned(), |s| {
                 format!("{:?}", s.state)
             }),
-    );
-    let limits = &robot.limits;
-    let low = judgement
-        .cables
-        .iter()
-        .map(|c| c.tension_min_n)
-        .fold(f64::MAX, f64::min);
-    let high = judgement
-        .cables
-        .iter()
-        .map(|c| c.tension_max_n)
-        .fold(0.0, f64::max);
-    if !judgement.cables.is_empty() {
-        check(
-            "every tension within its band",
-            low >= limits.tension_min_n && high <= limits.tension_max_n,
-            format!(
-                "{low:.1} to {high:.1} N, band {:.1} to {:.1} N",
-                limits.tension_min_n, limits.tension_max_n
-            ),
         );
     }
-    if let Some(error) = judgement.tension_error_n {
-        check(
-            "tension-held cable within 0.5 N on average (the paper's band)",
-            error.mean_abs <= 0.5,
-            format!(
-                "mean {:.3} N, greatest {:.3} N",
-                error.mean_abs, error.max_abs
-            ),
+
+    fn tensions(&mut self, robot: &Robot, judgement: &Judgement) {
+        let limits = &robot.limits;
+        let low = judgement
+            .cables
+            .iter()
+            .map(|c| c.tension_min_n)
+            .fold(f64::MAX, f64::min);
+        let high = judgement
+            .cables
+            .iter()
+            .map(|c| c.tension_max_n)
+            .fold(0.0, f64::max);
+        if !judgement.cables.is_empty() {
+            self.check(
+                "every tension within its band",
+                low >= limits.tension_min_n && high <= limits.tension_max_n,
+                format!(
+                    "{low:.1} to {high:.1} N, band {:.1} to {:.1} N",
+                    limits.tension_min_n, limits.tension_max_n
+                ),
+            );
+        }
+        if let Some(error) = judgement.tension_error_n {
+            self.check(
+                "tension-held cable within 0.5 N on average (the paper's band)",
+                error.mean_abs <= 0.5,
+                format!(
+                    "mean {:.3} N, greatest {:.3} N",
+                    error.mean_abs, error.max_abs
+                ),
+            );
+        }
+    }
+
+    /// The board's tick, the line, and the record itself.
+    fn line(&mut self, run: &RecordedRun, last: Option<&Status>) {
+        if let Some(status) = last {
+            self.check(
+                "no control tick was late",
+                status.tick_overruns == 0,
+                format!("{} late", status.tick_overruns),
+            );
+            self.check(
+                "no frame was damaged on its way to the board",
+                status.frames_bad == 0,
+                format!(
+                    "{} of {}",
+                    status.frames_bad,
+                    status.frames_ok + status.frames_bad
+                ),
+            );
+        }
+        self.check(
+            "the record is whole",
+            run.damage.is_none() && run.gaps == 0,
+            match (&run.damage, run.gaps) {
+                (None, 0) => format!("{} calls of the line", run.frames.len()),
+                (Some(Damage::Truncated { at }), _) => format!("cut short at byte {at}"),
+                (Some(Damage::Corrupt { at }), _) => format!("corrupt at byte {at}"),
+                (None, gaps) => format!("{gaps} calls are missing"),
+            },
         );
     }
-    if let Some(status) = &last {
-        check(
-            "no control tick was late",
-            status.tick_overruns == 0,
-            format!("{} late", status.tick_overruns),
-        );
-        check(
-            "no frame was damaged on its way to the board",
-            status.frames_bad == 0,
-            format!(
-                "{} of {}",
-                status.frames_bad,
-                status.frames_ok + status.frames_bad
-            ),
-        );
-    }
-    check(
-        "the record is whole",
-        run.damage.is_none() && run.gaps == 0,
-        match (&run.damage, run.gaps) {
-            (None, 0) => format!("{} calls of the line", run.frames.len()),
-            (Some(Damage::Truncated { at }), _) => format!("cut short at byte {at}"),
-            (Some(Damage::Corrupt { at }), _) => format!("corrupt at byte {at}"),
-            (None, gaps) => format!("{gaps} calls are missing"),
-        },
-    );
-    verdicts
+}
+
+fn verdicts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Verdict> {
+    let seen = run.seen();
+    let last = seen.iter().rev().find_map(|report| match &report.seen {
+        Seen::Status(status) => Some(status),
+        _ => None,
+    });
+    let mut checks = Checks::default();
+    checks.states(judgement, last);
+    checks.tensions(robot, judgement);
+    checks.line(run, last);
+    checks.0
 }

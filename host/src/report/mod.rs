@@ -1,6 +1,5 @@
 //! Results of a run: figures, plots, files.
 
-pub(crate) mod chart;
 mod figures;
 mod folder;
 pub(crate) mod html;
@@ -18,9 +17,18 @@ pub(crate) use plot::draw_path;
 
 use mcdpr_simulator::TracePoint;
 
-/// True tool positions of a simulated run along its motion: path time (s) and position (m).
+/// The tool at one time of its path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathPoint {
+    /// Path time, s.
+    pub path_s: f64,
+    /// Position of the tool, world, m.
+    pub tool_m: [f64; 3],
+}
+
+/// True tool positions of a simulated run along its motion.
 #[must_use]
-pub fn true_path(trace: &[TracePoint]) -> Vec<(f64, [f64; 3])> {
+pub fn true_path(trace: &[TracePoint]) -> Vec<PathPoint> {
     // A path clock that runs back belongs to another motion.
     let begun = trace
         .windows(2)
@@ -29,6 +37,9 @@ pub fn true_path(trace: &[TracePoint]) -> Vec<(f64, [f64; 3])> {
         .iter()
         .skip(begun.map_or(0, |index| index + 1))
         .filter(|point| point.path_ms > 0)
-        .map(|point| (f64::from(point.path_ms) * 1e-3, point.truth.tool_position_m))
+        .map(|point| PathPoint {
+            path_s: f64::from(point.path_ms) * 1e-3,
+            tool_m: point.truth.tool_position_m,
+        })
         .collect()
 }

@@ -1,23 +1,25 @@
-//! Plots as SVG text.
+//! A run's path as a picture.
 
+use super::PathPoint;
+use crate::chart::{Chart, Curve, Figure};
 use crate::motion::{Plan, PlanError};
 use nalgebra::Vector3;
-use plotters::prelude::*;
 
 /// One measured path to draw.
 pub(crate) struct PathTrace<'a> {
     /// Its name in the legend.
     pub name: &'a str,
-    /// Path time (s) and position (m).
-    pub points: &'a [(f64, [f64; 3])],
+    /// Its points.
+    pub points: &'a [PathPoint],
 }
 
-/// Size of the picture, px.
-const SIZE: (u32, u32) = (1200, 600);
-/// Greatest number of points per curve.
-const MOST_POINTS: usize = 1500;
+/// Number of points of the desired path.
+const POINTS: u32 = 1500;
+/// The greatest error is drawn with about this share of the path's width.
+const SHOWN: f64 = 0.08;
 
-/// Draws the desired path from above beside the actual ones, and their errors over time.
+/// Draws the desired path from above beside the actual ones, their errors magnified on the path, and
+/// their errors over time.
 ///
 /// # Errors
 /// [`PlanError::Path`] for a plan that cannot be evaluated.
@@ -27,135 +29,85 @@ pub(crate) fn draw_path(
     traces: &[PathTrace],
 ) -> Result<String, PlanError> {
     let duration_s = plan.timed.duration_s();
-    let mut desired = Vec::new();
-    let mut errors: Vec<Vec<(f64, f64)>> = Vec::new();
-    for index in 0..=MOST_POINTS {
-        #[expect(clippy::cast_precision_loss, reason = "a small count")]
-        let time_s = duration_s * index as f64 / MOST_POINTS as f64;
-        desired.push(plan.timed.tool_m(time_s)?);
-    }
+    let times_s = (0..=POINTS).map(|index| duration_s * f64::from(index) / f64::from(POINTS));
+    let desired_m = times_s
+        .map(|time_s| plan.timed.tool_m(time_s))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mm = |at_m: &Vector3<f64>| (at_m.x * 1e3, at_m.y * 1e3);
+    let desired = || Curve::new("desired", 4, desired_m.iter().map(mm)).dashed();
+    let mut errors = Vec::new();
     for trace in traces {
-        let mut curve = Vec::new();
-        for (time_s, at) in thinned(trace.points) {
-            let error = Vector3::from(*at) - plan.timed.tool_m(time_s.min(duration_s))?;
-            curve.push((*time_s, error.norm() * 1e3));
+        let mut found = Vec::new();
+        for point in trace.points {
+            let wanted_m = plan.timed.tool_m(point.path_s.min(duration_s))?;
+            let off_m = Vector3::from(point.tool_m) - wanted_m;
+            found.push((point.path_s, wanted_m, off_m));
         }
-        errors.push(curve);
+        errors.push(found);
     }
-    let mut svg = String::new();
-    // Drawing into a string fails only through a bug in this function; a missing picture is then
-    // visible, and the run's figures are not lost.
-    if render(title, &desired, traces, &errors, duration_s, &mut svg).is_err() {
-        svg.clear();
-    }
-    Ok(svg)
-}
-
-fn thinned<T>(points: &[T]) -> impl Iterator<Item = &T> {
-    points
-        .iter()
-        .step_by(points.len().div_ceil(MOST_POINTS).max(1))
-}
-
-fn render(
-    title: &str,
-    desired: &[Vector3<f64>],
-    traces: &[PathTrace],
-    errors: &[Vec<(f64, f64)>],
-    duration_s: f64,
-    svg: &mut String,
-) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
-    let colors = [RED, BLUE, MAGENTA, CYAN];
-    let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
-    let wrong = |error: DrawingAreaErrorKind<_>| match error {
-        DrawingAreaErrorKind::LayoutError => DrawingAreaErrorKind::LayoutError,
-        DrawingAreaErrorKind::SharingError => DrawingAreaErrorKind::SharingError,
-        DrawingAreaErrorKind::BackendError(_) => DrawingAreaErrorKind::LayoutError,
-    };
-    root.fill(&WHITE).map_err(wrong)?;
-    let root = root.titled(title, ("sans-serif", 20)).map_err(wrong)?;
-    let (left, right) = root.split_horizontally(SIZE.1);
-
-    let mm = |at: &Vector3<f64>| (at.x * 1e3, at.y * 1e3);
-    let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
-    for at in desired {
-        low = low.inf(at);
-        high = high.sup(at);
-    }
-    // One scale for both axes, so that a circle looks like one.
-    let half = 0.55e3 * (high.x - low.x).max(high.y - low.y).max(1e-3);
-    let middle = (low + high) * 0.5e3;
-    let mut chart = ChartBuilder::on(&left)
-        .margin(10)
-        .x_label_area_size(35)
-        .y_label_area_size(50)
-        .build_cartesian_2d(
-            middle.x - half..middle.x + half,
-            middle.y - half..middle.y + half,
-        )
-        .map_err(wrong)?;
-    chart
-        .configure_mesh()
-        .x_desc("x, mm")
-        .y_desc("y, mm")
-        .light_line_style(WHITE)
-        .draw()
-        .map_err(wrong)?;
-    chart
-        .draw_series(LineSeries::new(
-            desired.iter().map(mm),
-            BLACK.stroke_width(3),
-        ))
-        .map_err(wrong)?
-        .label("desired")
-        .legend(|(x, y)| PathElement::new([(x, y), (x + 20, y)], BLACK));
-    for (trace, color) in traces.iter().zip(colors) {
-        let points = thinned(trace.points).map(|(_, at)| (at[0] * 1e3, at[1] * 1e3));
-        chart
-            .draw_series(LineSeries::new(points, color))
-            .map_err(wrong)?
-            .label(trace.name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], color));
-    }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerRight)
-        .background_style(WHITE)
-        .border_style(BLACK)
-        .draw()
-        .map_err(wrong)?;
-
-    let most = errors
+    let greatest_m = errors
         .iter()
         .flatten()
-        .map(|(_, error)| *error)
-        .fold(1e-3, f64::max);
-    let mut chart = ChartBuilder::on(&right)
-        .margin(10)
-        .x_label_area_size(35)
-        .y_label_area_size(50)
-        .build_cartesian_2d(0.0..duration_s, 0.0..most * 1.25)
-        .map_err(wrong)?;
-    chart
-        .configure_mesh()
-        .x_desc("path time, s")
-        .y_desc("distance from the desired place, mm")
-        .light_line_style(WHITE)
-        .draw()
-        .map_err(wrong)?;
-    for ((curve, trace), color) in errors.iter().zip(traces).zip(colors) {
-        chart
-            .draw_series(LineSeries::new(curve.iter().copied(), color))
-            .map_err(wrong)?
-            .label(trace.name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], color));
+        .map(|(_, _, off_m)| off_m.norm())
+        .fold(1e-9, f64::max);
+    let times = magnification(&desired_m, greatest_m);
+    let named = || traces.iter().zip(&errors).enumerate();
+    let actual = named().map(|(color, (trace, _))| {
+        let points = trace.points.iter().map(|point| mm(&point.tool_m.into()));
+        Curve::new(trace.name, color, points)
+    });
+    let magnified = named().map(|(color, (trace, errors))| {
+        let points = errors.iter().map(|(_, at, off)| mm(&(at + off * times)));
+        Curve::new(trace.name, color, points)
+    });
+    let over_time = named().map(|(color, (trace, errors))| {
+        let points = errors
+            .iter()
+            .map(|(at_s, _, off)| (*at_s, off.norm() * 1e3));
+        Curve::new(trace.name, color, points)
+    });
+    let path = Chart::new("Path from above", "x, mm", "y, mm")
+        .with(actual)
+        .with([desired()])
+        .square();
+    let enlarged = format!("Path from above, errors {times} times");
+    let enlarged = Chart::new(enlarged, "x, mm", "y, mm")
+        .with(magnified)
+        .with([desired()])
+        .square();
+    let error = Chart::new("Distance from the desired position", "path time, s", "mm");
+    let charts = [path, enlarged, error.with(over_time)];
+    Ok(Figure::new(title, 2, charts).svg())
+}
+
+/// A round factor that makes the greatest error visible beside the path.
+fn magnification(desired_m: &[Vector3<f64>], greatest_m: f64) -> f64 {
+    let (mut low_m, mut high_m) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
+    for at_m in desired_m {
+        low_m = low_m.inf(at_m);
+        high_m = high_m.sup(at_m);
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE)
-        .border_style(BLACK)
-        .draw()
-        .map_err(wrong)?;
-    root.present().map_err(wrong)
+    let width_m = (high_m.x - low_m.x).max(high_m.y - low_m.y).max(1e-3);
+    let raw = (SHOWN * width_m / greatest_m).max(1.0);
+    let power = 10_f64.powf(raw.log10().floor());
+    let factors = [5.0, 2.0, 1.0];
+    power
+        * factors
+            .into_iter()
+            .find(|f| raw >= f * power)
+            .unwrap_or(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_magnification_is_round_and_shows_the_error() {
+        let path = [Vector3::zeros(), Vector3::new(0.3, 0.1, 0.0)];
+        for (greatest_m, wanted) in [(1e-3, 20.0), (0.24e-3, 100.0), (0.1, 1.0)] {
+            let times = magnification(&path, greatest_m);
+            assert!((times - wanted).abs() < 1e-9, "{greatest_m}: {times}");
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! A recorded run as tables for other programs.
 
-use crate::record::RecordedRun;
 use crate::record::decode::Seen;
+use crate::record::{RecordedRun, Report};
 use std::fmt::Write as _;
 
 /// Every table of a run: file name and CSV text, SI units in the headings.
@@ -65,7 +65,7 @@ fn status(run: &RecordedRun) -> String {
     let mut text = String::from(
         "time_s,tick,state,path_s,fault,limits,brakes_open,torque_on,frames_bad,tick_overruns\n",
     );
-    for (time_s, seen) in run.seen() {
+    for Report { time_s, seen } in run.seen() {
         let Seen::Status(status) = seen else { continue };
         let fault = status.fault.map_or("", |fault| fault.fault.name());
         let _ = writeln!(

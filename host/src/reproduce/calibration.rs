@@ -8,7 +8,7 @@ use crate::calibration::paper::{AnchorTerm, Weights, paper};
 use crate::calibration::pnp::angle;
 use crate::calibration::simulate::{Setup, Silent, Target, Truth, simulate};
 use crate::calibration::study::{Errors, errors, median};
-use crate::report::chart::{Chart, Curve};
+use crate::chart::{Chart, Curve};
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -160,20 +160,16 @@ fn figure_12(poses: &[Pose]) -> Vec<Chart> {
     let curves = |of: &dyn Fn(&Pose) -> [f64; 3], names: [&str; 3]| -> Vec<Curve> {
         let along = |axis: usize| {
             let numbered = poses.iter().enumerate();
-            numbered
-                .map(|(number, pose)| (number as f64 + 1.0, of(pose)[axis]))
-                .collect()
+            numbered.map(move |(number, pose)| (number as f64 + 1.0, of(pose)[axis]))
         };
         let named = names.iter().enumerate();
         named
             .map(|(axis, name)| Curve::new(*name, axis, along(axis)))
             .collect()
     };
-    let chart = |what: &str, unit: &str, curves: Vec<Curve>| Chart {
-        title: format!("Figure 12: {what} of the platform at the calibration's poses"),
-        axes: ("number of the pose".to_owned(), unit.to_owned()),
-        curves,
-        ..Chart::default()
+    let chart = |what: &str, unit: &str, curves: Vec<Curve>| {
+        let title = format!("Figure 12: {what} of the platform at the calibration's poses");
+        Chart::new(title, "number of the pose", unit).with(curves)
     };
     let place = |pose: &Pose| (pose.position_m * 1e3).into();
     let turn = |pose: &Pose| pose.rpy().map(f64::to_degrees);

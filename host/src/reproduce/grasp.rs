@@ -4,13 +4,13 @@
 use super::tracking::{self, Ran, conditions, length_charts, path_chart, row, tension_chart};
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none, paper_robot};
 use crate::calibration::study::median;
+use crate::chart::{Chart, Curve};
 use crate::control::Handle;
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::pick::study::{
     Kept, Knowledge, SceneReport, Wanted, Watching, picking_robot, scene_with,
 };
-use crate::report::chart::{Chart, Curve};
 use crate::sight::{Shown, base64};
 use mcdpr_kinematics::Pose;
 use mcdpr_simulator::camera::Order;
@@ -46,10 +46,10 @@ fn off_mm(ran: &Ran, place_mm: [f64; 3]) -> Option<f64> {
     let wanted = Vector3::from(place_mm) * 1e-3;
     let mut sum = Vector3::zeros();
     let mut count = 0.0;
-    for (time_s, at) in ran.run.true_path.iter().flatten() {
-        let shall = ran.run.plan.timed.tool_m(*time_s).ok()?;
+    for point in ran.run.true_path.iter().flatten() {
+        let shall = ran.run.plan.timed.tool_m(point.path_s).ok()?;
         if (shall - wanted).norm() < 1e-6 {
-            sum += Vector3::from(*at);
+            sum += Vector3::from(point.tool_m);
             count += 1.0;
         }
     }
@@ -322,18 +322,15 @@ pub(super) fn picking(bench: &Bench) -> Result<Outcome, ReproduceError> {
 
 /// Lengths and pose during picking.
 fn operation(kept: &Kept, cables: usize) -> Vec<Chart> {
-    let chart = |title: &str, unit: &str, curves: Vec<Curve>| Chart {
-        title: title.to_owned(),
-        axes: ("time, s".to_owned(), unit.to_owned()),
-        curves,
-        ..Chart::default()
+    let chart = |title: &str, unit: &str, curves: Vec<Curve>| {
+        Chart::new(title, "time, s", unit).with(curves)
     };
     let lengths = (0..cables).map(|cable| {
         let points = kept
             .samples
             .iter()
             .filter_map(|sample| Some((sample.path_s?, sample.lengths_m.get(cable)? * 1e3)));
-        Curve::new(format!("{}", cable + 1), cable, points.collect())
+        Curve::new(format!("{}", cable + 1), cable, points)
     });
     let pose = |truth: &mcdpr_simulator::plant::Truth| {
         let [w, x, y, z] = truth.pose.rotation_wxyz;
@@ -345,8 +342,8 @@ fn operation(kept: &Kept, cables: usize) -> Vec<Chart> {
         named
             .map(|(axis, name)| {
                 let points = kept.truth.iter();
-                let points = points.map(|(time_s, truth)| (*time_s, of(&pose(truth))[axis]));
-                Curve::new(*name, axis, points.collect())
+                let points = points.map(|point| (point.time_s, of(&pose(&point.truth))[axis]));
+                Curve::new(*name, axis, points)
             })
             .collect()
     };

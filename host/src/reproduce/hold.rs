@@ -2,11 +2,11 @@
 
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none};
 use crate::calibration::study::median;
+use crate::chart::{Chart, Curve};
 use crate::experiment::SimulatedRobot;
 use crate::link::{Client, Event, SimulatedLink};
 use crate::machine::{self, Controller, Firmware, Mismatch};
 use crate::motion::{Model, PlanOptions, Tensioning};
-use crate::report::chart::{Chart, Curve};
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::{Request, SessionId};
 use rayon::prelude::*;
@@ -255,13 +255,9 @@ fn row(quantity: String, paper: &str, [as_described, realistic, chip]: [String; 
 }
 
 fn chart(title: String, trace: &Trace) -> Chart {
-    Chart {
-        title,
-        axes: ("time, s".to_owned(), "N".to_owned()),
-        curves: vec![Curve::new("measured", 3, smooth(trace, SMOOTH))],
-        band: Some((SETPOINT_N - BAND_N, SETPOINT_N + BAND_N)),
-        ..Chart::default()
-    }
+    Chart::new(title, "time, s", "N")
+        .with([Curve::new("measured", 3, smooth(trace, SMOOTH))])
+        .band(SETPOINT_N - BAND_N, SETPOINT_N + BAND_N)
 }
 
 /// Figures 31a and 32.

@@ -13,7 +13,7 @@ mod hold;
 mod modules;
 mod tracking;
 
-use crate::report::chart::Chart;
+use crate::chart::Chart;
 use crate::report::html;
 use crate::robot::{Robot, RobotError};
 use crate::run::RunError;

@@ -3,11 +3,11 @@
 
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none, paper_robot};
 use crate::calibration::study::median;
+use crate::chart::{Chart, Curve};
 use crate::experiment::SimulatedRobot;
 use crate::link::{Client, SimulatedLink, plant_failed};
 use crate::machine::{self, Controller, Firmware, Mismatch};
 use crate::motion::Model;
-use crate::report::chart::{Chart, Curve};
 use crate::robot::Robot;
 use crate::run::{self, RunError};
 use crate::service::{Ratio, ServiceError, measure_ratio};
@@ -201,15 +201,17 @@ pub(super) fn sensor(bench: &Bench) -> Result<Outcome, ReproduceError> {
              39.13 N."
                 .to_owned(),
         ],
-        charts: vec![Chart {
-            title: "Figure 16: weights and the line through them, realistic".to_owned(),
-            axes: ("voltage, V".to_owned(), "tension, N".to_owned()),
-            curves: vec![
-                Curve::new("line", 0, ends.to_vec()),
-                Curve::new("weights", 3, weights.collect()).dashed(),
-            ],
-            ..Chart::default()
-        }],
+        charts: vec![
+            Chart::new(
+                "Figure 16: weights and the line through them, realistic",
+                "voltage, V",
+                "tension, N",
+            )
+            .with([
+                Curve::new("line", 0, ends),
+                Curve::new("weights", 3, weights).crosses(),
+            ]),
+        ],
         pictures: Vec::new(),
     })
 }

@@ -2,10 +2,10 @@
 
 use super::{Bench, Origin, Outcome, ReproduceError, Row, none, paper_robot};
 use crate::calibration::study::median;
+use crate::chart::{Chart, Curve};
 use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::{Controller, Firmware, Mismatch};
 use crate::motion::{Model, PlanOptions, StaticState, Task, Tensioning};
-use crate::report::chart::{Chart, Curve};
 use crate::report::{Figures, true_path};
 use crate::run::Measured;
 use mcdpr_kinematics::Pose;
@@ -229,12 +229,7 @@ fn by_time(ran: &Ran, cables: &[usize], of: &OfCable<'_>) -> Vec<Curve> {
 }
 
 fn over_time(title: String, unit: &str, curves: Vec<Curve>) -> Chart {
-    Chart {
-        title,
-        axes: ("path time, s".to_owned(), unit.to_owned()),
-        curves,
-        ..Chart::default()
-    }
+    Chart::new(title, "path time, s", unit).with(curves)
 }
 
 /// Lengths and their errors.
@@ -276,9 +271,9 @@ pub(super) fn pose_charts(ran: &Ran, figure: &str) -> [Chart; 2] {
                 Some((point.0, shall(&pose, axis)))
             });
             let label = if axis == 0 { "planned" } else { "" };
-            curves.push(Curve::new(label, 4, plan.collect()).dashed());
+            curves.push(Curve::new(label, 4, plan).dashed());
             let truth = ran.poses.iter().map(|point| (point.0, is(point, axis)));
-            curves.push(Curve::new(*name, axis, truth.collect()));
+            curves.push(Curve::new(*name, axis, truth));
         }
         curves
     };
@@ -306,21 +301,19 @@ pub(super) fn pose_charts(ran: &Ran, figure: &str) -> [Chart; 2] {
 pub(super) fn path_chart(ran: &Ran, title: &str, [across, up]: [usize; 2]) -> Chart {
     let names = ["x, mm", "y, mm", "z, mm"];
     let truth = ran.run.true_path.as_deref().unwrap_or_default();
-    let wanted = truth.iter().filter_map(|(time_s, _)| {
-        let at = ran.run.plan.timed.tool_m(*time_s).ok()?;
+    let wanted = truth.iter().filter_map(|point| {
+        let at = ran.run.plan.timed.tool_m(point.path_s).ok()?;
         Some((at[across] * 1e3, at[up] * 1e3))
     });
-    let actual = truth.iter().map(|(_, at)| (at[across] * 1e3, at[up] * 1e3));
-    Chart {
-        title: title.to_owned(),
-        axes: (names[across].to_owned(), names[up].to_owned()),
-        curves: vec![
-            Curve::new("planned", 4, wanted.collect()).dashed(),
-            Curve::new("simulated tool", 0, actual.collect()),
-        ],
-        square: true,
-        ..Chart::default()
-    }
+    let actual = truth
+        .iter()
+        .map(|point| (point.tool_m[across] * 1e3, point.tool_m[up] * 1e3));
+    Chart::new(title, names[across], names[up])
+        .with([
+            Curve::new("planned", 4, wanted).dashed(),
+            Curve::new("simulated tool", 0, actual),
+        ])
+        .square()
 }
 
 /// The paper's robot with its constant 10 N in cable 4.

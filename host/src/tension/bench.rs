@@ -94,11 +94,20 @@ pub enum Hand {
     },
 }
 
+/// What hands do at one time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Action {
+    /// Time since the robot holds, s.
+    pub at_s: f64,
+    /// What they do.
+    pub hand: Hand,
+}
+
 /// An experiment: rest, then actions of hands, then observation.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Script {
-    /// Actions and their times, s since the robot holds, in time order.
-    pub hands: Vec<(f64, Hand)>,
+    /// Actions in time order.
+    pub hands: Vec<Action>,
     /// Length of the experiment, s.
     pub duration_s: f64,
 }
@@ -116,9 +125,12 @@ impl Script {
     /// One pull on the platform from `from_s` to `to_s`.
     #[must_use]
     pub fn platform_pull(force_n: [f64; 3], from_s: f64, to_s: f64, duration_s: f64) -> Self {
-        let free = Hand::Platform { force_n: [0.0; 3] };
+        let action = |at_s, force_n| Action {
+            at_s,
+            hand: Hand::Platform { force_n },
+        };
         Self {
-            hands: vec![(from_s, Hand::Platform { force_n }), (to_s, free)],
+            hands: vec![action(from_s, force_n), action(to_s, [0.0; 3])],
             duration_s,
         }
     }
@@ -140,7 +152,8 @@ impl Script {
                 let share = if rising { share } else { 1.0 - share };
                 let force_n = force_n.map(|f| f * share);
                 let at_s = start_s + f64::from(step) * 1e-3;
-                hands.push((at_s, Hand::Cable { cable, force_n }));
+                let hand = Hand::Cable { cable, force_n };
+                hands.push(Action { at_s, hand });
             }
         }
         Self { hands, duration_s }
@@ -155,7 +168,8 @@ impl Script {
         let hands = (0..steps).map(|step| {
             let at_s = from_s + (to_s - from_s) * f64::from(step) / f64::from(steps);
             let longer_m = longer_m / f64::from(steps);
-            (at_s, Hand::Slip { cable, longer_m })
+            let hand = Hand::Slip { cable, longer_m };
+            Action { at_s, hand }
         });
         Self {
             hands: hands.collect(),
@@ -289,7 +303,7 @@ impl<'l> Bench<'l> {
         self.clear();
         let begin_us = self.client.now_us();
         let mut recorder = Recorder::default();
-        for (at_s, hand) in &script.hands {
+        for Action { at_s, hand } in &script.hands {
             self.watch_until(begin_us + seconds(*at_s), &mut recorder)?;
             self.hand(hand)?;
         }

@@ -1,7 +1,7 @@
 //! Holds a tension on the robot behind a link, and records the board's measurements.
 
 use super::bench::Trace;
-use super::task::Experiment;
+use super::task::{Experiment, Prompt};
 use crate::link::{Client, Event, Link};
 use crate::machine;
 use crate::motion::Model;
@@ -33,8 +33,11 @@ pub fn hold<L: Link>(
     while client.next_event().is_some() {}
     let begin_us = client.now_us();
     let mut recorder = Recorder::default();
-    let ends = [(experiment.script.duration_s, String::new())];
-    for (at_s, words) in experiment.prompts.iter().chain(&ends) {
+    let end = Prompt {
+        at_s: experiment.script.duration_s,
+        text: String::new(),
+    };
+    for Prompt { at_s, text } in experiment.prompts.iter().chain([&end]) {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -47,8 +50,8 @@ pub fn hold<L: Link>(
                 recorder.take(&block, 0.0);
             }
         }
-        if !words.is_empty() {
-            tell(words);
+        if !text.is_empty() {
+            tell(text);
         }
         if run::interrupted() {
             break;

@@ -5,7 +5,6 @@
 
 mod bench;
 pub(crate) mod calibrate;
-mod draw;
 mod hold;
 mod measure;
 pub mod rig;
@@ -14,9 +13,8 @@ mod task;
 pub(crate) mod tune;
 pub mod winch_study;
 
-pub use bench::{Bench, Change, Hand, Script, Trace};
-pub use draw::{Curve, draw};
+pub use bench::{Action, Bench, Change, Hand, Script, Trace};
 pub use hold::hold;
 pub use measure::{Recovery, Steady, at_rest, recovery};
 pub use study::{Column, Row, columns, study};
-pub use task::{BUILT_IN, Experiment, ExperimentError};
+pub use task::{BUILT_IN, Experiment, ExperimentError, Prompt};

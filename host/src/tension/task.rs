@@ -1,6 +1,6 @@
 //! Tension experiments from a task file: how long the robot holds, and the disturbances.
 
-use super::bench::{Hand, Script};
+use super::bench::{Action, Script};
 use miette::Diagnostic;
 use serde::Deserialize;
 use std::path::Path;
@@ -38,9 +38,18 @@ pub struct Experiment {
     /// The disturbances.
     pub script: Script,
     /// First disturbance and the end of the last one, s.
-    pub disturbed_s: Option<(f64, f64)>,
-    /// Instructions for the operator of a real robot.
-    pub prompts: Vec<(f64, String)>,
+    pub disturbed_s: Option<[f64; 2]>,
+    /// Instructions for the operator of a real robot, in time order.
+    pub prompts: Vec<Prompt>,
+}
+
+/// An instruction for the operator of a real robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prompt {
+    /// Time since the robot holds, s.
+    pub at_s: f64,
+    /// The instruction.
+    pub text: String,
 }
 
 /// Why an experiment cannot be loaded.
@@ -186,7 +195,7 @@ impl Experiment {
         };
         let mut scripts = Vec::new();
         let mut prompts = Vec::new();
-        let mut disturbed_s: Option<(f64, f64)> = None;
+        let mut disturbed_s: Option<[f64; 2]> = None;
         for pull in &file.pull {
             times("pull", pull.from_s, pull.to_s)?;
             let size = pull.force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
@@ -223,8 +232,10 @@ impl Experiment {
                     )));
                 }
             };
-            prompts.push((pull.from_s, format!("pull {what} with {size:.1} N now")));
-            prompts.push((pull.to_s, "let go now".to_owned()));
+            let prompt = |at_s, text| Prompt { at_s, text };
+            let begin = format!("pull {what} with {size:.1} N now");
+            prompts.push(prompt(pull.from_s, begin));
+            prompts.push(prompt(pull.to_s, "let go now".to_owned()));
             disturbed_s = Some(merge(disturbed_s, pull.from_s, pull.to_s));
         }
         for slip in &file.slip {
@@ -243,17 +254,20 @@ impl Experiment {
                 slip.to_s,
                 file.hold_s,
             ));
-            let what = format!(
+            let text = format!(
                 "give cable {} {} mm of slack now",
                 cable + 1,
                 slip.longer_mm
             );
-            prompts.push((slip.from_s, what));
+            prompts.push(Prompt {
+                at_s: slip.from_s,
+                text,
+            });
             disturbed_s = Some(merge(disturbed_s, slip.from_s, slip.to_s));
         }
-        let mut hands: Vec<(f64, Hand)> = scripts.into_iter().flat_map(|s| s.hands).collect();
-        hands.sort_by(|a, b| a.0.total_cmp(&b.0));
-        prompts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut hands: Vec<Action> = scripts.into_iter().flat_map(|s| s.hands).collect();
+        hands.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        prompts.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         Ok(Self {
             name: file.name.unwrap_or_else(|| path.to_owned()),
             script: Script {
@@ -266,8 +280,8 @@ impl Experiment {
     }
 }
 
-fn merge(known: Option<(f64, f64)>, from_s: f64, to_s: f64) -> (f64, f64) {
-    known.map_or((from_s, to_s), |(a, b)| (a.min(from_s), b.max(to_s)))
+fn merge(known: Option<[f64; 2]>, from_s: f64, to_s: f64) -> [f64; 2] {
+    known.map_or([from_s, to_s], |[a, b]| [a.min(from_s), b.max(to_s)])
 }
 
 #[cfg(test)]
@@ -282,7 +296,7 @@ mod tests {
             assert!(experiment.script.duration_s > 0.0);
         }
         let pull = Experiment::find("platform", 3, 4).unwrap();
-        assert_eq!(pull.disturbed_s, Some((0.5, 1.0)));
+        assert_eq!(pull.disturbed_s, Some([0.5, 1.0]));
         assert_eq!(pull.prompts.len(), 2);
     }
 

@@ -172,6 +172,43 @@ fn refusable<T, E: std::fmt::Display + Into<miette::Report>>(
 }
 
 fn show(data: &Data, answer: &Answer) {
+    show_cables(data, answer);
+    show_places(answer);
+    if let (Some(chi), Some(freedom)) = (answer.chi_square, answer.degrees_of_freedom) {
+        say!(
+            "\nchi-square {chi:.1} for {freedom:.0} degrees of freedom; rank {} of {} core unknowns",
+            answer.rank,
+            answer.core_unknowns
+        );
+    }
+    if answer.predicted_error_m.is_finite() {
+        say!(
+            "predicted position error {:.2} mm, at the worst pose {:.2} mm",
+            answer.predicted_error_m * 1e3,
+            answer.worst_predicted_error_m * 1e3
+        );
+    }
+    for words in &answer.unobservable {
+        say!("not observable: {words}");
+    }
+    show_map(answer);
+    show_next(answer);
+    show_rejected(answer);
+    for words in &answer.warnings {
+        say!("warning: {words}");
+    }
+    say!(
+        "verdict: accepted{}",
+        if answer.warnings.is_empty() {
+            ""
+        } else {
+            " with warnings"
+        }
+    );
+}
+
+/// Anchors and initial lengths, a row per cable.
+fn show_cables(data: &Data, answer: &Answer) {
     let mut rows = vec![
         [
             "cable",
@@ -197,6 +234,10 @@ fn show(data: &Data, answer: &Answer) {
     }
     say!("method {}, lengths in mm\n", answer.method);
     write_out(&lay_out(&rows));
+}
+
+/// Tags, camera, and the further parameters where they were estimated.
+fn show_places(answer: &Answer) {
     let place = |what: &str, pose: &mcdpr_kinematics::Pose| {
         let (p, a) = (pose.position_m * 1e3, pose.rpy().map(f64::to_degrees));
         say!(
@@ -236,24 +277,10 @@ fn show(data: &Data, answer: &Answer) {
             );
         }
     }
-    if let (Some(chi), Some(freedom)) = (answer.chi_square, answer.degrees_of_freedom) {
-        say!(
-            "\nchi-square {chi:.1} for {freedom:.0} degrees of freedom; rank {} of {} core unknowns",
-            answer.rank,
-            answer.core_unknowns
-        );
-    }
-    if answer.predicted_error_m.is_finite() {
-        say!(
-            "predicted position error {:.2} mm, at the worst pose {:.2} mm",
-            answer.predicted_error_m * 1e3,
-            answer.worst_predicted_error_m * 1e3
-        );
-    }
-    for words in &answer.unobservable {
-        say!("not observable: {words}");
-    }
-    show_map(answer);
+}
+
+/// What one more pose would bring.
+fn show_next(answer: &Answer) {
     if let Some(next) = &answer.next {
         let p = next.pose.position_m * 1e3;
         let [without, with] = next.expected_error_m;
@@ -269,16 +296,23 @@ fn show(data: &Data, answer: &Answer) {
             with * 1e3
         );
     }
+}
+
+/// The rejected rows, the first ones by name.
+fn show_rejected(answer: &Answer) {
     const SHOWN: usize = 20;
     for row in answer.rejected.iter().take(SHOWN) {
-        let mut who = format!("pose {} {}", row.pose, row.kind);
+        let mut which = format!("pose {} {}", row.pose, row.kind);
         if let Some(cable) = row.cable {
-            who += &format!(" of cable {cable}");
+            which += &format!(" of cable {cable}");
         }
         if let (Some(tag), Some(corner)) = (row.tag, row.corner) {
-            who += &format!(" {corner} of tag {tag}");
+            which += &format!(" {corner} of tag {tag}");
         }
-        say!("rejected: {who}, {:.1} standard deviations off", row.sigmas);
+        say!(
+            "rejected: {which}, {:.1} standard deviations off",
+            row.sigmas
+        );
     }
     if answer.rejected.len() > SHOWN {
         say!(
@@ -286,17 +320,6 @@ fn show(data: &Data, answer: &Answer) {
             answer.rejected.len() - SHOWN
         );
     }
-    for words in &answer.warnings {
-        say!("warning: {words}");
-    }
-    say!(
-        "verdict: accepted{}",
-        if answer.warnings.is_empty() {
-            ""
-        } else {
-            " with warnings"
-        }
-    );
 }
 
 /// The map of the expected error, one line per height.

@@ -2,6 +2,7 @@
 
 use super::super::recorded::{Work, on_record};
 use super::super::{Common, Failed, Outcome, print_json, table::lay_out};
+use crate::chart::{Chart, Curve, Figure};
 use crate::experiment::SimulatedRobot;
 use crate::files::write_atomically;
 use crate::link::{Client, ClientError, Link, plant_failed};
@@ -12,7 +13,6 @@ use crate::report::RunFolder;
 use crate::robot::Robot;
 use crate::run::{self, RunError};
 use crate::tension::calibrate::{Fit, Reading, fit, parse, read_voltage, written_into};
-use crate::tension::{Curve, draw};
 use mcdpr_protocol::SessionId;
 use miette::{Diagnostic, IntoDiagnostic as _};
 use std::io::{BufRead as _, Write as _};
@@ -176,19 +176,14 @@ impl Cmd {
     fn report(&self, robot: &Robot, fit: &Fit, folder: &RunFolder, common: &Common) -> Outcome {
         let newtons = |r: &Reading| r.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
         let ends = [fit.zero_v, 3.3].map(|v| (v, fit.gain_n_per_v * (v - fit.zero_v)));
-        let curves = [
-            Curve::line("y = k (u - u0)", ends),
-            Curve::crosses(
-                "weights",
-                fit.readings.iter().map(|r| (r.voltage_v, newtons(r))),
-            ),
-        ];
+        let weights = fit.readings.iter().map(|r| (r.voltage_v, newtons(r)));
+        let chart = Chart::new("weights and line", "voltage u, V", "tension y, N").with([
+            Curve::new("y = k (u - u0)", 0, ends),
+            Curve::new("weights", 1, weights).crosses(),
+        ]);
         let title = format!("{}, tension sensor of cable {}", robot.name, self.cable);
         folder
-            .write(
-                "sensor.svg",
-                &draw(&title, "voltage u, V", "tension y, N", &curves),
-            )
+            .write("sensor.svg", &Figure::new(title, 1, [chart]).svg())
             .into_diagnostic()?;
         folder.write_json("sensor.json", fit).into_diagnostic()?;
         let at = self

@@ -265,8 +265,7 @@ impl Cmd {
                 test_in_words(question.test),
                 answer.places_of
             );
-            let picture = slice::draw(&title, axis, &grid, &cells)
-                .map_err(Failed::from_error("drawing a slice"))?;
+            let picture = slice::draw(&title, axis, &grid, &cells);
             folder.write(&svg, &picture).map_err(failed())?;
             folder
                 .write(&csv, &grid::table(&grid, &cells))
