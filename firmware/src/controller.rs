@@ -5,18 +5,20 @@ use crate::arming::{Arming, Oscillation, Phase, Service, concerns};
 use crate::axis::{Axis, Target, motor_speed_umps};
 use crate::config::{Active, CableConfig, ConfigStore, Control};
 use crate::encoder::{Encoder, LengthScale, Sampled};
-use crate::io::{Brake, DriveDemand, DriveInput, Inputs, Outputs, Scan};
-use crate::motion::{CAPACITY, Motion, Progress};
+use crate::io::{DriveInput, Inputs, Outputs, Scan};
+use crate::motion::{CAPACITY, Motion};
 use crate::proof::{Proof, Verdict};
-use crate::segment::{Point, StoredRow};
+use crate::segment::StoredRow;
 use crate::supervisor::{self, Event, State, transition};
-use crate::tension::{Demand, TensionLoop, measured_mn};
+use crate::tension::{TensionLoop, measured_mn};
 use crate::watch::{CableWatch, Heartbeat, Latch, LineNoise, LinkHealth, Persist};
 use mcdpr_protocol::{
     ConfigHash, FaultId, FaultRecord, Info, Limit, Limits, List, PerCable, Reject, Reply, Request,
     ResidualRow, StopKind, Tick, Winch,
 };
 
+mod acting;
+mod commanding;
 mod halting;
 mod knots;
 mod parking;
@@ -443,241 +445,6 @@ impl<const N: usize> Controller<N> {
         // In every state: these lengths are uncertain from here on.
         self.referenced &= !lost;
     }
-
-    #[inline(never)]
-    fn act(&mut self, inputs: &Inputs<N>) {
-        let Some(stop_ms) = self.active.as_ref().map(|active| active.stop_ms) else {
-            return;
-        };
-        match self.state {
-            State::Arming => self.act_arming(inputs),
-            // The path clock stops until the brakes that held are open.
-            State::Moving if self.opening > 0 => self.opening -= 1,
-            State::Moving | State::Pausing => {
-                self.follow(stop_ms);
-                if self.state == State::Moving && !self.motion.covers_a_stop(stop_ms) {
-                    self.limits.insert(Limit::BufferShort);
-                }
-            }
-            State::Stopping => {
-                if self.closing.is_none() {
-                    self.stopping = self.stopping.saturating_add(1);
-                    let stands = if self.relieving {
-                        self.let_out(inputs)
-                    } else {
-                        let rests = self.follow(stop_ms);
-                        let calm = self.give_way(inputs);
-                        rests && (calm || u32::from(self.stopping) >= stop_ms)
-                    };
-                    if stands {
-                        self.rest();
-                        self.closing = Some(0);
-                    }
-                }
-                self.close_brakes(inputs);
-            }
-            _ => {}
-        }
-    }
-
-    /// Torque is switched on at the present position: no set-point jumps.
-    fn take_up(&mut self, inputs: &Inputs<N>) {
-        let Some(active) = &self.active else { return };
-        let cables = self.cables.iter_mut().zip(&active.cables);
-        for ((cable, config), drive) in cables.zip(&inputs.drives) {
-            cable.target = Target {
-                length: cable.length,
-                ..Target::default()
-            };
-            cable.axis = Axis::zeroed(drive.counts, cable.length);
-            cable.sense_motor(config, drive);
-            cable.tension_loop = TensionLoop::at(cable.tension_mn);
-            cable.setpoint_mn = cable.reference_mn;
-        }
-    }
-
-    /// Follows the motion for a tick; returns whether it is at rest.
-    fn follow(&mut self, stop_ms: u32) -> bool {
-        let Some(progress) = self.motion.tick(stop_ms) else {
-            self.rest();
-            return true;
-        };
-        let cables = &mut self.cables;
-        self.motion.evaluate(|index, point, tension_mn| {
-            if let Some(cable) = cables.get_mut(index) {
-                cable.target = target(point);
-                cable.setpoint_mn = tension_mn;
-            }
-        });
-        if let Some(rows) = self.motion.take_rows() {
-            self.rows = *rows;
-        }
-        match progress {
-            Progress::Running => return false,
-            Progress::Done => {
-                self.motion.clear();
-                self.raise(Event::MotionDone);
-                self.raise(Event::AtRest);
-            }
-            Progress::Paused => {
-                self.raise(Event::AtRest);
-            }
-            Progress::RanEmpty => {
-                self.trip(FaultId::K6, 0, 0, 0);
-                return false;
-            }
-            Progress::Stopped => {
-                self.motion.clear();
-                self.raise(Event::AtRest);
-            }
-        }
-        self.rest();
-        true
-    }
-
-    fn rest(&mut self) {
-        for cable in &mut self.cables {
-            cable.target.speed_umps = 0;
-            cable.target.acceleration_umps2 = 0;
-        }
-    }
-
-    #[inline(never)]
-    fn command(&mut self, inputs: &Inputs<N>) {
-        let armed = self.is_armed();
-        let outputs = &mut self.outputs;
-        outputs.gripper_closed = self.gripper_closed;
-        outputs.drive_enable = self.active.is_some() && self.state != State::EStop;
-        outputs.scan = core::mem::take(&mut self.scan_asked);
-        let Some(active) = self.active.as_ref().filter(|_| armed) else {
-            for (demand, brake) in outputs.drives.iter_mut().zip(&mut outputs.brakes) {
-                (*demand, *brake) = (DriveDemand::Off, Brake::Closed);
-            }
-            outputs.can_loop = core::mem::take(&mut self.loop_asked);
-            if self.trial.1 > 0 {
-                self.try_output();
-            }
-            return;
-        };
-        let phase = self.arming.phase();
-        let brake = match (self.state, self.closing, phase) {
-            (State::Stopping, Some(_), _) => Brake::Closed,
-            (_, _, Phase::Enabling | Phase::Preload | Phase::Proving) => Brake::Closed,
-            (State::Holding, ..) if active.hold_braked || self.unsound > 0 => Brake::Closed,
-            _ => Brake::Open,
-        };
-        let torque = phase != Phase::Enabling;
-        let slots = outputs.drives.iter_mut().zip(&mut outputs.brakes);
-        let slots = slots.zip(active.cables.iter().zip(&inputs.drives));
-        let cables = self.cables.iter_mut().zip(&inputs.tension_adc);
-        for (number, ((cable, &adc), ((demand, brake_slot), (config, drive)))) in
-            (1_u8..).zip(cables.zip(slots))
-        {
-            if !concerns(self.service, number) {
-                (*demand, *brake_slot) = (DriveDemand::Off, Brake::Closed);
-                continue;
-            }
-            // A drive that is lost holds nothing: its brake must close now, independent of the
-            // others.
-            let gone = drive.fault || drive.age_ms >= active.feedback_timeout_ms;
-            cable.abandoned |= torque && gone;
-            *brake_slot = if cable.abandoned {
-                Brake::Closed
-            } else {
-                brake
-            };
-            *demand = match (config.control, torque) {
-                (Control::Length, false) => DriveDemand::EnablePosition,
-                (Control::Tension, false) if config.tells_speed() => DriveDemand::EnableSpeed,
-                (Control::Tension, false) => DriveDemand::EnableCurrent,
-                (Control::Length, true) => {
-                    // Sign and scale of the encoder may be what is being determined: it must not
-                    // correct anything.
-                    if brake == Brake::Open && self.service.is_none() {
-                        cable
-                            .axis
-                            .learn(config, &cable.target, cable.by_motor, cable.length);
-                    }
-                    let mut target = cable.target;
-                    target.length = target.length.saturating_add(cable.proof.relief());
-                    DriveDemand::Position {
-                        counts: cable.axis.counts(config, &target),
-                        rpm: Axis::rpm(config, &target),
-                    }
-                }
-                (Control::Tension, true) => {
-                    let blind = cable.blind || !is_plausible(adc);
-                    let measured = Demand {
-                        setpoint_mn: cable.setpoint_mn,
-                        measured_mn: cable.tension_mn,
-                        planned_speed_umps: cable.target.speed_umps,
-                        planned_acceleration_umps2: cable.target.acceleration_umps2,
-                        measured_speed_umps: cable.speed_umps,
-                        stops: self.state == State::Stopping,
-                        blind,
-                    };
-                    // Against a closed brake a law would only wind up.
-                    let held = (brake == Brake::Closed && phase == Phase::Done) || self.opening > 0;
-                    // If a brake does not hold, the law carries the load.
-                    let held = held && self.unsound != number;
-                    let relief = cable.proof.relief();
-                    if config.tells_speed() {
-                        // Before the brakes open, the drive must not wind up against them.
-                        let closed = brake == Brake::Closed && phase <= Phase::Opening;
-                        let umps = if relief != 0 {
-                            relief
-                        } else if held | closed | (phase == Phase::Opening) {
-                            0
-                        } else {
-                            cable.tension_loop.update_speed(config, &measured)
-                        };
-                        let rpm = cable.tension_loop.rpm(config, umps);
-                        *demand = DriveDemand::Speed { rpm };
-                        continue;
-                    }
-                    let ma = if relief > 0 {
-                        cable.tension_loop.hold() + config.current_ma(-relief)
-                    } else if self.relieving && self.closing.is_none() {
-                        let force = cable.relief_mn(config);
-                        cable.tension_loop.give(config, force)
-                    } else if held || (blind && self.service.is_some()) {
-                        // A bare winch has no plan to continue.
-                        cable.tension_loop.hold()
-                    } else {
-                        cable.tension_loop.update(config, &measured)
-                    };
-                    DriveDemand::Current {
-                        ma: crate::fixed::saturate_i16(ma),
-                    }
-                }
-            };
-        }
-    }
-}
-
-impl<const N: usize> Controller<N> {
-    /// Sets the output that the self-test tries; it falls by itself, and at once if anything else
-    /// begins.
-    #[inline(never)]
-    fn try_output(&mut self) {
-        let (output, ticks) = self.trial;
-        self.trial.1 = ticks - 1;
-        if self.state != State::Disarmed || self.active.is_some() {
-            self.trial.1 = 0;
-            return;
-        }
-        let outputs = &mut self.outputs;
-        match output {
-            5 => outputs.gripper_closed = true,
-            6 => outputs.drive_enable = true,
-            _ => {
-                let brake = outputs.brakes.get_mut(usize::from(output).wrapping_sub(1));
-                if let Some(brake) = brake {
-                    *brake = Brake::Open;
-                }
-            }
-        }
-    }
 }
 
 /// The longest closing time of a brake, ms.
@@ -685,12 +452,4 @@ impl<const N: usize> Controller<N> {
 fn slowest_brake_ms<const N: usize>(active: &Active<N>) -> u16 {
     let cables = active.cables.iter();
     cables.map(|cable| cable.brake_close_ms).max().unwrap_or(0)
-}
-
-fn target(point: &Point) -> Target {
-    Target {
-        length: point.length(),
-        speed_umps: point.velocity_umps,
-        acceleration_umps2: point.acceleration_umps2,
-    }
 }

@@ -1,7 +1,14 @@
 //! Fault detectors. Each counts ticks and reports when its time has passed; none acts.
 
 use crate::fixed::saturate;
-use mcdpr_protocol::{FaultId, FaultRecord, Tick};
+use mcdpr_protocol::FaultId;
+
+mod channel;
+mod link;
+
+use channel::{Pace, Polarity};
+pub use link::{Heartbeat, LinkHealth};
+pub(crate) use link::{Latch, LineNoise};
 
 /// Counts consecutive ticks of a condition.
 #[derive(Debug, Clone, Copy, Default)]
@@ -84,105 +91,6 @@ impl Conditions {
             | self.saturated
             | self.hot
             | self.deaf
-    }
-}
-
-/// Natural repetition of a reading: the number of equal readings that means a frozen channel (S11).
-///
-/// If a channel repeats a reading with the probability p, n equal readings in a row occur by chance
-/// with p to the power of n - 1. Each step of the table keeps that under 1e-9: a quiet sensor is
-/// not a broken one. The probability follows from the mean number of ticks for which a reading
-/// stays.
-#[derive(Debug, Clone, Copy)]
-struct Pace {
-    /// Mean ticks from one change of the reading to the next, 8 fractional bits.
-    mean_q8: i32,
-    /// Ticks since the last.
-    run: i32,
-}
-
-impl Default for Pace {
-    fn default() -> Self {
-        Self {
-            mean_q8: 256,
-            run: 1,
-        }
-    }
-}
-
-impl Pace {
-    /// Up to this mean, this many ticks: p is 1 - 1 / mean.
-    const TABLE: [(i32, u16); 5] = [
-        (256 * 9 / 8, FROZEN_TICKS),
-        (256 * 4 / 3, 16),
-        (256 * 2, 31),
-        (256 * 4, 73),
-        (256 * 16, 322),
-    ];
-
-    #[inline]
-    const fn changed(&mut self) {
-        // Increase fast and decrease slowly: a limit that is too long misses little, one that is
-        // too short stops a robot without cause.
-        let longer = 256 * self.run - self.mean_q8;
-        self.mean_q8 += if longer > 0 { longer / 8 } else { longer / 128 };
-        self.run = 1;
-    }
-
-    const fn repeated(&mut self) {
-        if self.run < 4096 {
-            self.run += 1;
-        }
-    }
-
-    /// Number of equal readings that means a frozen channel.
-    fn patience(&self) -> u16 {
-        let mut steps = Self::TABLE.iter();
-        let step = steps.find(|(mean_q8, _)| self.mean_q8 <= *mean_q8);
-        step.map_or(2000, |&(_, ticks)| ticks)
-    }
-}
-
-/// Detects a drum that turns against its motor, every few encoder counts (S4).
-#[derive(Debug, Clone, Copy, Default)]
-struct Polarity {
-    motor: i32,
-    drum: i32,
-    against: u8,
-}
-
-impl Polarity {
-    /// As [`Self::update`], if they did not diverge; otherwise nothing is changed.
-    #[inline(never)]
-    fn agrees(&mut self, motor: i32, drum: i32, way: i32) -> bool {
-        let mut next = *self;
-        let agrees = !next.update(motor, drum, way);
-        if agrees {
-            *self = next;
-        }
-        agrees
-    }
-
-    /// Lengths by motor and drum, and the distance after which they are compared, 0.1 µm; returns
-    /// whether they diverged twice in a row.
-    fn update(&mut self, motor: i32, drum: i32, way: i32) -> bool {
-        let by_motor = motor.wrapping_sub(self.motor);
-        if by_motor.unsigned_abs() < way.unsigned_abs() {
-            return false;
-        }
-        let by_drum = drum.wrapping_sub(self.drum);
-        (self.motor, self.drum) = (motor, drum);
-        let along = if by_motor < 0 {
-            by_drum.saturating_neg()
-        } else {
-            by_drum
-        };
-        self.against = if along < -way / 2 {
-            self.against + 1
-        } else {
-            0
-        };
-        self.against >= 2
     }
 }
 
@@ -501,110 +409,5 @@ impl CableWatch {
     #[must_use]
     pub const fn slackens(&self) -> bool {
         self.slack.ticks() > 0
-    }
-}
-
-/// Errors on the serial line, as a bucket that leaks one error every 20 ms (L18).
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct LineNoise {
-    level: u16,
-}
-
-/// Increment per error and decrement per tick; the limit: ten errors at once, or 150 per second
-/// over a tenth of a second.
-const ERROR_LEVEL: u16 = 20;
-const NOISE_LEVEL: u16 = 200;
-
-impl LineNoise {
-    /// One tick with this many errors; returns whether it is too much.
-    pub fn update(&mut self, errors: u16) -> bool {
-        let filled = errors.saturating_mul(ERROR_LEVEL);
-        self.level = self
-            .level
-            .saturating_sub(1)
-            .saturating_add(filled)
-            .min(2 * NOISE_LEVEL);
-        self.level >= NOISE_LEVEL
-    }
-
-    /// Errors in the bucket.
-    #[must_use]
-    pub fn errors(&self) -> i32 {
-        i32::from(self.level / ERROR_LEVEL)
-    }
-}
-
-/// Heartbeats: one timeline, counted from the last one (L9, L10).
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Heartbeat {
-    last: Option<Tick>,
-}
-
-/// Phase of a link on the timeline.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum LinkHealth {
-    /// In time.
-    Good,
-    /// 20 ms or more: a warning.
-    Late,
-    /// 100 ms or more: decelerate and hold.
-    Lost,
-    /// Held for two seconds: brakes, then torque off.
-    Expired,
-}
-
-impl Heartbeat {
-    /// A heartbeat arrived.
-    pub const fn beat(&mut self, now: Tick) {
-        self.last = Some(now);
-    }
-
-    /// The present phase; lost if there never was a heartbeat.
-    #[must_use]
-    pub fn health(&self, now: Tick) -> LinkHealth {
-        match self.last.map(|last| now.since(last)) {
-            Some(..20) => LinkHealth::Good,
-            Some(20..100) => LinkHealth::Late,
-            Some(100..2100) => LinkHealth::Lost,
-            _ => LinkHealth::Expired,
-        }
-    }
-
-    /// Discards a heartbeat that has expired, once per tick: otherwise it would seem new again when
-    /// the tick counter has gone half around (K9).
-    pub(crate) fn forget_expired(&mut self, now: Tick) {
-        if self.health(now) == LinkHealth::Expired {
-            self.last = None;
-        }
-    }
-
-    /// Milliseconds since the last one.
-    #[must_use]
-    pub fn age_ms(&self, now: Tick) -> i32 {
-        self.last.map_or(i32::MAX, |last| now.since(last))
-    }
-}
-
-/// The latched fault: the first cause stays until it is cleared.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Latch {
-    record: Option<FaultRecord>,
-}
-
-impl Latch {
-    /// Latches, if nothing is latched yet.
-    pub fn set(&mut self, record: FaultRecord) {
-        self.record.get_or_insert(record);
-    }
-
-    /// The latched fault.
-    #[must_use]
-    pub const fn get(&self) -> Option<FaultRecord> {
-        self.record
-    }
-
-    /// Clears it.
-    pub const fn clear(&mut self) {
-        self.record = None;
     }
 }

@@ -4,20 +4,19 @@
 //! No drive has torque: the board refuses every test while it has a configuration, so that no drive
 //! has received a command, and sets an output for 0.3 s at most.
 
+mod outputs;
+mod report;
 mod seal;
 
+use outputs::outputs;
+pub use report::{BenchError, Channel, Report};
 pub(crate) use seal::{seal, sha256, verify};
 
 use crate::doctor::{Finding, Verdict, hash_of};
 use crate::link::{Client, Link};
 use crate::run::{RunError, status};
 use crate::service::volts;
-use mcdpr_protocol::{
-    BENCH_OUTPUT_MS, BENCH_OUTPUTS, Bench, BenchTest, BoardState, Reply, Request, Winch,
-};
-use miette::Diagnostic;
-use serde::Serialize;
-use thiserror::Error;
+use mcdpr_protocol::{Bench, BenchTest, BoardState, Reply, Request, Winch};
 
 /// The device of an STM32F103x8 or xB in its identity (RM0008, 31.6.1).
 const DEVICE: u32 = 0x410;
@@ -53,104 +52,6 @@ const JUMPER_HIGH_V: f64 = 3.3;
 const JUMPER_OFF_V: f64 = 0.15;
 /// Until the board has counted its slow oscillator, us.
 const COUNTED_US: u64 = 2_300_000;
-
-/// Why the self-test could not be completed.
-#[derive(Debug, Error, Diagnostic)]
-pub enum BenchError {
-    /// The line, or the board.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Run(#[from] RunError),
-    /// The board is in use.
-    #[error("the board is {state:?}: a self-test is for a board without a robot")]
-    #[diagnostic(
-        code(mcdpr::bench::armed),
-        help("stop and disarm it first (`mcdpr stop --on PORT`), and disconnect the drives")
-    )]
-    Armed {
-        /// Its state.
-        state: BoardState,
-    },
-    /// Another chip.
-    #[error(
-        "the chip identifies itself as 0x{id_code:08x}, not as an STM32F103x8: nothing was tested"
-    )]
-    #[diagnostic(
-        code(mcdpr::bench::chip),
-        help("use a board with an STM32F103C8; nothing is known of this one's pins")
-    )]
-    UnknownChip {
-        /// Its identity.
-        id_code: u32,
-    },
-    /// Another image than the file.
-    #[error("the board runs firmware {board}, the file is {file}: nothing was tested")]
-    #[diagnostic(
-        code(mcdpr::bench::firmware),
-        help(
-            "`mcdpr flash FILE --on PORT` writes the file, or name the right one with --firmware"
-        )
-    )]
-    OtherFirmware {
-        /// The board's commit.
-        board: String,
-        /// The file's.
-        file: String,
-    },
-    /// The board has no real chip.
-    #[error("the simulator's board has no chip to test")]
-    #[diagnostic(
-        code(mcdpr::bench::no_chip),
-        help("name a serial port with `--on PORT`, or the emulated chip with `--on chip`")
-    )]
-    NoChip,
-}
-
-/// Readings of an input channel of the converter.
-#[derive(Debug, Clone, Serialize)]
-pub struct Channel {
-    /// Winch, 1 for the first.
-    pub winch: usize,
-    /// Mean and standard deviation, V.
-    pub mean_v: f64,
-    /// As above.
-    pub sigma_v: f64,
-    /// Readings in bins of one sigma about the mean: under -3, ..., over 3.
-    pub histogram: [usize; 8],
-    /// Encoder counts of the drum at the first reading, and the greatest change while it rested.
-    pub drum_counts: i32,
-    /// As above.
-    pub flicker: i32,
-}
-
-/// Results of a self-test.
-#[derive(Debug, Clone, Serialize)]
-pub struct Report {
-    /// The chip's serial number.
-    pub serial: String,
-    /// The commit of the firmware that runs.
-    pub firmware: Option<String>,
-    /// Part by part.
-    pub findings: Vec<Finding>,
-    /// The inputs, winch by winch.
-    pub channels: Vec<Channel>,
-    /// Greatest time of a control tick, core cycles.
-    pub tick_cycles: u32,
-    /// Stack that was never used, bytes.
-    pub stack_free_bytes: u16,
-    /// Supply, mV.
-    pub supply_mv: u16,
-    /// Slow oscillator, Hz.
-    pub slow_hz: u32,
-}
-
-impl Report {
-    /// Whether no part needs repair.
-    #[must_use]
-    pub fn passes(&self) -> bool {
-        crate::doctor::is_healthy(&self.findings)
-    }
-}
 
 fn bad(part: &'static str, found: impl Into<String>, remedy: &str) -> Finding {
     Finding::with(Verdict::Bad, part, found, remedy)
@@ -497,105 +398,4 @@ fn channel(winch: usize, looks: &[Winch]) -> Channel {
         drum_counts,
         flicker: ways.max().unwrap_or(0),
     }
-}
-
-/// Names of the outputs, in the order of [`BenchTest::Output`].
-const OUTPUTS: [&str; BENCH_OUTPUTS as usize] = [
-    "brake 1",
-    "brake 2",
-    "brake 3",
-    "brake 4",
-    "gripper",
-    "drive enable",
-];
-
-/// Each output in turn: it must rise alone, and fall by itself.
-fn outputs<L: Link>(
-    client: &mut Client<L>,
-    jumpers: bool,
-    confirm: &mut dyn FnMut(&str) -> bool,
-    findings: &mut Vec<Finding>,
-) -> Result<(), BenchError> {
-    for (output, name) in (1..).zip(OUTPUTS) {
-        if !confirm(name) {
-            findings.push(Finding::with(
-                Verdict::Unseen,
-                "output",
-                format!("{name} was not tried"),
-                "run this with --outputs, and type the output's name when it is asked for",
-            ));
-            continue;
-        }
-        let before = look(client)?;
-        if let Err(error) = ask(client, BenchTest::Output { output }) {
-            let found = format!("{name} was not tried: {error}");
-            findings.push(bad(
-                "output",
-                found,
-                "repair what is named above, press reset and run this again",
-            ));
-            continue;
-        }
-        wait(client, 100_000)?;
-        let raised = ask(client, BenchTest::Look)?.outputs;
-        let during = look(client)?;
-        wait(client, 1000 * u64::from(BENCH_OUTPUT_MS))?;
-        let after = ask(client, BenchTest::Look)?.outputs;
-        findings.push(if raised == 1 << (output - 1) && after == 0 {
-            Finding::good("output", format!("{name} rose alone and fell by itself"))
-        } else {
-            bad(
-                "output",
-                format!("{name}: levels {raised:06b} while it was raised, {after:06b} after"),
-                "look for a short at the pin, or between it and its neighbour",
-            )
-        });
-        if jumpers {
-            findings.push(jumper(usize::from(output), name, &before, &during));
-        }
-    }
-    Ok(())
-}
-
-/// Present inputs of every winch: encoder counts and the voltage of the tension input.
-fn look<L: Link>(client: &mut Client<L>) -> Result<Vec<(i32, f64)>, RunError> {
-    let mut inputs = Vec::new();
-    for cable in 1..=client.info().cables {
-        if let Reply::Winch(winch) = client.request(Request::Winch { cable })? {
-            inputs.push((winch.drum_counts, volts(f64::from(winch.tension_adc))));
-        }
-    }
-    Ok(inputs)
-}
-
-/// Expected and actual inputs with jumper wires while an output is high.
-fn jumper(output: usize, name: &str, before: &[(i32, f64)], during: &[(i32, f64)]) -> Finding {
-    let drive_enable = usize::from(BENCH_OUTPUTS);
-    for (winch, (before, during)) in (1..).zip(before.iter().zip(during)) {
-        // The first edge of A counts up, that of B down.
-        let (counts, volts) = match output {
-            _ if output == drive_enable => (-1, JUMPER_LOW_V),
-            _ if output == winch => (1, JUMPER_HIGH_V),
-            _ => (0, JUMPER_LOW_V),
-        };
-        let counted = during.0 - before.0;
-        let reads = |read_v: f64, wanted_v: f64| (read_v - wanted_v).abs() < JUMPER_OFF_V;
-        if counted != counts {
-            let found = format!("{name}: encoder {winch} counted {counted}, not {counts}");
-            let remedy = "look at the wire from that output to A (brakes) or B (drive enable) of this encoder, at its buffer, and whether A and B are exchanged";
-            return bad("jumper", found, remedy);
-        }
-        if !reads(before.1, JUMPER_LOW_V) || !reads(during.1, volts) {
-            let found = format!(
-                "{name}: tension input {winch} went from {:.2} V to {:.2} V, not from {JUMPER_LOW_V:.2} V to {volts:.2} V",
-                before.1, during.1
-            );
-            let remedy = "look at the 22 kOhm from the brake's output to this input, and at the input's 10 kOhm to 3.3 V";
-            return bad("jumper", found, remedy);
-        }
-    }
-    Finding::good(
-        "jumper",
-        format!("{name} is seen where it leads to, and nowhere else"),
-    )
 }
