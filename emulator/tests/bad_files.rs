@@ -39,7 +39,7 @@ fn a_truncated_file() {
     for length in [5, 30, 60, 5000, file.len() / 2] {
         let error = refusal(&file[..length]);
         assert!(
-            matches!(error, LoadError::Truncated { length: told, needed } if told == length && needed > length),
+            matches!(error, LoadError::Truncated { length: reported, needed } if reported == length && needed > length),
             "{length}: {error}"
         );
     }

@@ -255,7 +255,7 @@ fn after_reset(bench: &mut Bench) -> (ResetCause, String) {
 }
 
 #[test]
-fn p4_a_fault_closes_the_brakes_and_is_told_after_the_reset() {
+fn p4_a_fault_closes_the_brakes_and_is_reported_after_the_reset() {
     let mut bench = Bench::new();
     bench.chip.inject_hard_fault();
     let (cause, text) = after_reset(&mut bench);
@@ -321,7 +321,7 @@ fn p3_firmware_that_hangs_is_reset_within_50_ms_and_says_so() {
 }
 
 #[test]
-fn p6_a_stopped_crystal_is_told_after_the_reset() {
+fn p6_a_stopped_crystal_is_reported_after_the_reset() {
     let mut bench = Bench::new();
     assert!(bench.chip.stop_crystal(), "the clock is watched");
     let (cause, text) = after_reset(&mut bench);

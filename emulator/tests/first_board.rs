@@ -263,7 +263,7 @@ fn after_any_reset_the_drives_of_before_are_stopped_and_their_power_is_off() {
 }
 
 #[test]
-fn the_state_tells_the_torque_that_a_drive_has_not_the_one_it_was_told() {
+fn the_state_reports_the_torque_that_a_drive_has_not_the_commanded_one() {
     let mut bench = Bench::new();
     bench.chip.set_can_wiring(WIRED);
     bench.prepare();

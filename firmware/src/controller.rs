@@ -23,8 +23,8 @@ mod halting;
 mod knots;
 mod parking;
 mod relieving;
+mod reporting;
 mod requests;
-mod telling;
 mod watching;
 
 use parking::Parked;

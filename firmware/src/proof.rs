@@ -89,8 +89,8 @@ impl Proof {
         // rest it is half as much again.
         let push_mn = (load_mn / 2).max(LEAST_PUSH_MN);
         // A force-controlled drive returns by itself, with the force that it held before.
-        let gives_force = config.control == Control::Tension && !config.tells_speed();
-        let geared = config.play > 0 || config.tells_speed();
+        let gives_force = config.control == Control::Tension && !config.commands_speed();
+        let geared = config.play > 0 || config.commands_speed();
         let rubbing_mn = if geared {
             config.friction_mn + config.friction_mn / 2
         } else {
@@ -127,7 +127,7 @@ impl Proof {
             if config.control == Control::Tension {
                 self.relief = 0;
             }
-        } else if config.tells_speed() {
+        } else if config.commands_speed() {
             let step = if self.pushed {
                 -FASTER_UMPS
             } else {

@@ -71,7 +71,7 @@ pub struct Server<const N: usize> {
     /// Samples are requested; whether the first one was taken.
     sampling: Option<bool>,
     status_in: u32,
-    told_state: State,
+    reported_state: State,
     simulated: bool,
 }
 
@@ -95,7 +95,7 @@ impl<const N: usize> Server<N> {
             stopped_at: None,
             sampling: None,
             status_in: 0,
-            told_state: State::Boot,
+            reported_state: State::Boot,
             simulated,
         }
     }
@@ -144,7 +144,7 @@ impl<const N: usize> Server<N> {
     /// Whether the state is due: ten times a second and at every change.
     #[must_use]
     pub(crate) fn status_is_due(&self) -> bool {
-        self.status_in == 0 || self.controller.state() != self.told_state
+        self.status_in == 0 || self.controller.state() != self.reported_state
     }
 
     /// The state, when it is due.
@@ -153,7 +153,7 @@ impl<const N: usize> Server<N> {
             return None;
         }
         self.status_in = STATUS_TICKS;
-        self.told_state = self.controller.state();
+        self.reported_state = self.controller.state();
         let status = self.status(counters);
         self.controller.forget_limits();
         Some(status)

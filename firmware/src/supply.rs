@@ -110,8 +110,8 @@ mod tests {
                 let off = scaled / input_v - 1.0;
                 assert!(off.abs() < 1e-3, "{supply_v} V, {input_v} V: {off}");
             }
-            let told = f64::from(supply.millivolts()) * 1e-3;
-            assert!((told - supply_v).abs() < 0.005, "{told}");
+            let commanded = f64::from(supply.millivolts()) * 1e-3;
+            assert!((commanded - supply_v).abs() < 0.005, "{commanded}");
         }
     }
 
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_of_a_step_moves_no_reading_and_a_bad_supply_is_told() {
+    fn noise_of_a_step_moves_no_reading_and_a_bad_supply_is_reported() {
         let mut supply = Supply::default();
         let mut noise = 1_u32;
         let mut seen = std::collections::BTreeSet::new();

@@ -117,7 +117,7 @@ pub struct CableView {
     /// drive.
     pub motor_error: i32,
     /// Commanded and actual current (mA) or speed (µm/s), without signs.
-    pub told: i32,
+    pub commanded: i32,
     /// As the drive reports.
     pub given: i32,
     /// The current is at its limit.
@@ -176,8 +176,8 @@ const NOISE_Q6: i32 = 250 * 64;
 /// compared, since feedback is some milliseconds late and the current of a drum that arming moves
 /// changes its sign.
 #[inline]
-pub(crate) const fn is_deaf(told: i32, given: i32) -> bool {
-    given.saturating_mul(4) < told
+pub(crate) const fn is_deaf(commanded: i32, given: i32) -> bool {
+    given.saturating_mul(4) < commanded
 }
 
 impl CableWatch {
@@ -285,7 +285,7 @@ impl CableWatch {
             astray: view.length_error.unsigned_abs() > view.length_error_max.unsigned_abs(),
             saturated: view.saturated,
             hot: view.hot,
-            deaf: is_deaf(view.told, view.given),
+            deaf: is_deaf(view.commanded, view.given),
         };
         let any = now.any();
         let lost = view.feedback_age_ms >= view.feedback_timeout_ms;
@@ -342,7 +342,7 @@ impl CableWatch {
         } else if view.drive_fault {
             (FaultId::D2, (1, 0))
         } else if deaf {
-            (FaultId::D2, (view.given, view.told / 4))
+            (FaultId::D2, (view.given, view.commanded / 4))
         } else if age >= timeout {
             (FaultId::D3, (i32::from(age), i32::from(timeout)))
         } else if open {

@@ -265,9 +265,9 @@ fn the_worked_examples_are_what_the_code_sends() {
 }
 
 #[test]
-fn the_limits_of_the_wire_are_told() {
+fn the_limits_of_the_wire_are_reported() {
     let text = read("protocol.md");
-    for told in [
+    for reported in [
         format!("version {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}"),
         format!("at most {MAX_FRAME} bytes"),
         format!("up to {MAX_BODY} bytes"),
@@ -288,6 +288,6 @@ fn the_limits_of_the_wire_are_told() {
             SampleBlock::ticks(8)
         ),
     ] {
-        assert!(text.contains(&told), "{told}");
+        assert!(text.contains(&reported), "{reported}");
     }
 }

@@ -391,7 +391,7 @@ fn l7_bytes_without_end_are_refused_once_and_the_next_frame_comes_through() {
 }
 
 #[test]
-fn l6_too_short_and_empty_frames_are_told_apart() {
+fn l6_too_short_and_empty_frames_are_distinguished() {
     // Delimiters alone are no frames; fewer bytes than a channel and a checksum are no frame.
     assert_eq!(whole(&[0, 0, 0]), vec![]);
     assert_eq!(whole(&[1, 0]), vec![Err(FrameError::Malformed)]);

@@ -78,13 +78,16 @@ fn run(words: &[&str]) -> Aftermath {
 }
 
 /// Runs the line with a fault, which must be latched within so many ms (the board tells its state
-/// over the line: some ms are the telling), and leave the robot braked, without torque.
+/// over the line: some ms are the report), and leave the robot braked, without torque.
 fn stops(word: &str, fault: FaultId, within_ms: usize) {
     let after = run(&[word]);
     let record = after.record().unwrap_or_else(|| panic!("{word}: no fault"));
     assert_eq!(record.fault, fault, "{word}: {record:?}");
     let detected = after.detected_after_ms().unwrap();
-    assert!(detected <= within_ms, "{word}: told after {detected} ms");
+    assert!(
+        detected <= within_ms,
+        "{word}: reported after {detected} ms"
+    );
     let end = after.end();
     assert!(
         matches!(end, Some(State::Fault | State::EStop)),

@@ -1,5 +1,5 @@
 //! The documentation does what it says: its commands run, its examples are accepted or refused as
-//! told, the files that it names are there.
+//! stated, the files that it names are there.
 #![cfg(unix)]
 
 use mcdpr_tests::mcdpr;
@@ -281,7 +281,7 @@ fn files_that_the_documentation_names_are_there() {
 }
 
 #[test]
-fn lines_are_told_apart_from_placeholders() {
+fn lines_are_distinguished_from_placeholders() {
     for line in [
         "mcdpr",
         "mcdpr demo --json",

@@ -112,7 +112,7 @@ fn a_robot_that_is_well_is_well_in_every_part_and_when_it_arms() {
 }
 
 #[test]
-fn a_port_that_is_not_there_is_told_with_what_to_do() {
+fn a_port_that_is_not_there_is_reported_with_what_to_do() {
     let (document, code) = document(&["--on", "/dev/mcdpr-not-there"]);
     assert_eq!(code, 1);
     assert_eq!(document["healthy"], false);

@@ -38,7 +38,7 @@ fn run(ids: &[FaultId], words: &[String]) -> Aftermath {
 }
 
 /// What holds whatever happened: the first fault stays, nothing re-energises, all ends braked and
-/// without torque, something is told, and with cables, brakes and drives intact nothing falls.
+/// without torque, something is reported, and with cables, brakes and drives intact nothing falls.
 fn judge(ids: &[FaultId], words: &[String], after: &Aftermath) -> Vec<String> {
     let mut wrong = Vec::new();
     let mut tell = |what: String| wrong.push(format!("{words:?}: {what}"));
@@ -62,7 +62,7 @@ fn judge(ids: &[FaultId], words: &[String], after: &Aftermath) -> Vec<String> {
         tell(format!("ends unsafely in {:?}", after.end()));
     }
     if record.is_none() && after.error.is_none() && after.end() != Some(State::Disarmed) {
-        tell(format!("nothing is told in {:?}", after.end()));
+        tell(format!("nothing is reported in {:?}", after.end()));
     }
     let intact = ids.iter().all(|id| class(*id) == Class::Intact);
     if intact && after.drop_m() > 5e-3 {
@@ -100,7 +100,7 @@ fn every_row_is_shown_and_ends_safely_or_is_refused_with_a_reason() {
                 wrong.extend(judge(&[id], &words, &after));
                 if let Some(record) = after.record() {
                     println!("{}: {record:?}", words[0]);
-                    // Which bytes are hit decides whether noise on the line is ever told.
+                    // Which bytes are hit decides whether noise on the line is ever reported.
                     if id != FaultId::L1 {
                         noticed.push(words[0].clone());
                     }

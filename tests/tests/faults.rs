@@ -155,7 +155,7 @@ fn s6_inputs_of_an_encoder_that_float_count_noise_and_stop_the_robot() {
 }
 
 #[test]
-fn s7_an_open_input_is_told_with_the_pull_up_of_the_wiring_and_not_with_a_weak_one() {
+fn s7_an_open_input_is_reported_with_the_pull_up_of_the_wiring_and_not_with_a_weak_one() {
     let wired = with_fault(0.8, |plant| {
         plant.faults_mut().cables[3].tension = TensionFault::OpenWith(10_000);
     });

@@ -265,13 +265,13 @@ fn a_winch_that_is_not_there_is_named() {
     }
 }
 
-/// Arms a robot whose brakes have play, and disarms it again; `told` is what the board knows of it.
-fn armed_and_disarmed(play_m: f64, told_m: f64) -> Result<(), String> {
+/// Arms a robot whose brakes have play, and disarms it again; `stated_m` is what the board knows of it.
+fn armed_and_disarmed(play_m: f64, stated_m: f64) -> Result<(), String> {
     let mut built = Robot::built_in("paper-table5").unwrap();
     let mut says = built.clone();
-    for (winch, told) in built.winches.iter_mut().zip(&mut says.winches) {
+    for (winch, reported) in built.winches.iter_mut().zip(&mut says.winches) {
         winch.brake_play_m = play_m;
-        told.brake_play_m = told_m;
+        reported.brake_play_m = stated_m;
     }
     let (built, says) = (Model::new(&built).unwrap(), Model::new(&says).unwrap());
     let line = LinkOptions::default();
@@ -299,8 +299,8 @@ fn a_brake_with_play_is_taken_for_a_slipping_one_only_where_the_board_does_not_k
     // 1 degree on a drum of 20 mm.
     let play_m = 0.35e-3;
     assert_eq!(armed_and_disarmed(play_m, play_m), Ok(()));
-    let untold = armed_and_disarmed(play_m, 0.0).unwrap_err();
-    assert!(untold.contains("B2"), "{untold}");
+    let refused = armed_and_disarmed(play_m, 0.0).unwrap_err();
+    assert!(refused.contains("B2"), "{refused}");
 }
 
 #[test]

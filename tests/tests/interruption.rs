@@ -130,10 +130,10 @@ impl Scene {
     /// The host stopped the robot in good order: brakes are closed and nothing is latched.
     fn stopped_in_good_order(&self, what: &str) {
         // Nobody moves it any more: a stop asks the board itself, and changes nothing.
-        let told = self.ask("stop").unwrap_or_default();
-        let view = &told["view"];
-        assert_eq!(view["state"], "Disarmed", "{what}: {told}");
-        assert_eq!(view["fault"], Value::Null, "{what}: {told}");
+        let reported = self.ask("stop").unwrap_or_default();
+        let view = &reported["view"];
+        assert_eq!(view["state"], "Disarmed", "{what}: {reported}");
+        assert_eq!(view["fault"], Value::Null, "{what}: {reported}");
     }
 }
 

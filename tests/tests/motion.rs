@@ -328,7 +328,7 @@ fn the_boards_clock_is_known_by_offset_and_drift() {
 }
 
 #[test]
-fn a_jog_moves_as_told_stops_by_itself_and_at_a_limit() {
+fn a_jog_moves_as_ordered_stops_by_itself_and_at_a_limit() {
     let model = model("lab-fast");
     let link = SimulatedRobot::new(Mismatch::default(), 1)
         .at_home(&model)

@@ -189,7 +189,7 @@ fn miette_help(error: &dyn miette::Diagnostic) -> String {
 }
 
 #[test]
-fn a_silent_line_is_told_from_a_board() {
+fn a_silent_line_is_distinguished_from_a_board() {
     struct Silence(u64);
     impl Link for Silence {
         fn now_us(&self) -> u64 {
@@ -330,7 +330,7 @@ fn a_dead_host_is_noticed_and_the_platform_does_not_fall_l10_l12_l15() {
         .map(|p| at_rest - p.truth.tool_position_m[2]);
     let drop = drop.fold(0.0, f64::max);
     assert!(drop < 5e-3, "dropped by {drop} m");
-    // The next host is told, clears it, and moves on from where the robot is.
+    // The next host reads the fault, clears it, and moves on from where the robot is.
     let error = Experiment::new(&model, short_task())
         .run_on(link.clone())
         .unwrap_err();

@@ -227,14 +227,14 @@ fn serving(words: &[&str], folder: &Path) -> (Child, String) {
     command.args(words).args(["--serve", "0", "--record"]);
     command.arg(folder).stdout(Stdio::piped());
     let mut child = command.spawn().unwrap();
-    let mut told = BufReader::new(child.stdout.take().unwrap());
-    let mut lines = told.by_ref().lines().map_while(Result::ok);
+    let mut reported = BufReader::new(child.stdout.take().unwrap());
+    let mut lines = reported.by_ref().lines().map_while(Result::ok);
     let address = lines.find_map(|line| {
         let address = line.strip_prefix("to give orders:")?;
         Some(address.trim().to_owned())
     });
     // What it says later finds an open pipe.
-    child.stdout = Some(told.into_inner());
+    child.stdout = Some(reported.into_inner());
     (child, address.unwrap())
 }
 

@@ -181,7 +181,7 @@ fn a_record_without_its_end_is_read_and_replayed_as_far_as_it_goes() {
     assert!(run.frames.len() > 100 && run.gaps == 0);
     let proof = replay(&run, &Controller::InProcess).unwrap();
     assert!(!proof.whole);
-    // In front of the first chunk there is the scenario already; without it, the reason is told.
+    // In front of the first chunk there is the scenario already; without it, the reason is reported.
     let error = load("tiny", &bytes[..100]).unwrap_err();
     assert!(matches!(error, LoadError::Other { .. }), "{error}");
     let error = load("other", b"PNG").unwrap_err();

@@ -54,8 +54,8 @@ fn l10_l11_l12_l15_silence_has_one_timeline_and_nothing_falls() {
         assert!(after.is_safe(), "{word}");
         assert!(after.drop_m() < 0.5e-3, "{word}: {}", after.drop_m());
         let error = after.error.as_ref().unwrap();
-        let told = matches!(error, RunError::Client(_) | RunError::Fault { .. });
-        assert!(told, "{word}: {error:?}");
+        let reported = matches!(error, RunError::Client(_) | RunError::Fault { .. });
+        assert!(reported, "{word}: {error:?}");
     }
 }
 
@@ -126,7 +126,7 @@ fn d2_d7_an_rmds_without_torque_is_braked_before_the_others() {
 /// Nothing but its own current tells of it where no length is held: friction holds the cable for a
 /// while, and its drum would run off later.
 #[test]
-fn d2_an_rmds_that_dies_on_the_tension_held_cable_is_told_by_its_current() {
+fn d2_an_rmds_that_dies_on_the_tension_held_cable_is_reported_by_its_current() {
     let after = run(&["D2:4@0.9s"]);
     let record = after.record().unwrap();
     assert_eq!((record.fault, record.cable), (FaultId::D2, 4));
@@ -171,10 +171,12 @@ fn a_scenario_of_two_faults_keeps_the_first_cause() {
     let record = after.record().unwrap();
     assert_eq!((record.fault, record.cable), (FaultId::S7, 2));
     assert!(after.is_safe());
-    let told: Vec<_> = after.timeline().into_iter().map(|m| m.what).collect();
-    let stop = told.iter().position(|what| what.starts_with("Stopping"));
-    let off = told.iter().rposition(|what| what == "torque off");
-    assert!(stop.unwrap() < off.unwrap(), "{told:?}");
+    let reported: Vec<_> = after.timeline().into_iter().map(|m| m.what).collect();
+    let stop = reported
+        .iter()
+        .position(|what| what.starts_with("Stopping"));
+    let off = reported.iter().rposition(|what| what == "torque off");
+    assert!(stop.unwrap() < off.unwrap(), "{reported:?}");
 }
 
 #[test]

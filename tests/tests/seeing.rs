@@ -74,7 +74,7 @@ fn a_run_is_reported_compared_and_exported() {
             .all(|line| line.split(',').count() == head.len())
     );
     assert!(cables.lines().count() > 1000);
-    // A corrupt record is told and used as far as it goes; a cut one, too.
+    // A corrupt record is reported and used as far as it goes; a cut one, too.
     let record = at.join("one/run.mcap");
     let bytes = std::fs::read(&record).unwrap();
     std::fs::write(&record, &bytes[..bytes.len() / 2]).unwrap();

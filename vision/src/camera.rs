@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_camera_is_told() {
+    fn what_is_no_camera_is_reported() {
         let mut camera = lens();
         camera.focal_px[1] = f64::NAN;
         assert_eq!(camera.validate().unwrap_err().name, "fy");

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_picture_and_odd_widths_are_told() {
+    fn a_cut_picture_and_odd_widths_are_reported() {
         let cut = rgb_from_yuyv(&[0; 7], [2, 2], 4).unwrap_err();
         assert!(cut.contains("7 bytes, 8"), "{cut}");
         assert!(rgb_from_yuyv(&[0; 60], [3, 2], 6).is_err());
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_is_not_there_is_told() {
+    fn a_device_that_is_not_there_is_reported() {
         let error = V4l2::open(Path::new("/dev/video250"), [640, 480])
             .err()
             .unwrap();

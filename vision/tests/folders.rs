@@ -76,7 +76,7 @@ fn a_recorded_folder_reads_as_the_camera_that_filled_it() {
 }
 
 #[test]
-fn missing_intrinsics_are_told() {
+fn missing_intrinsics_are_reported() {
     let folder = written("no_intrinsics");
     std::fs::remove_file(folder.join("intrinsics.json")).unwrap();
     let reason = reason(&folder);
@@ -85,7 +85,7 @@ fn missing_intrinsics_are_told() {
 }
 
 #[test]
-fn pictures_of_another_size_are_told() {
+fn pictures_of_another_size_are_reported() {
     let folder = written("size");
     write_color(
         &folder.join("color_0001.png"),
@@ -98,7 +98,7 @@ fn pictures_of_another_size_are_told() {
 }
 
 #[test]
-fn a_wrong_depth_unit_is_told() {
+fn a_wrong_depth_unit_is_reported() {
     let folder = written("unit");
     let path = folder.join("intrinsics.json");
     let text = std::fs::read_to_string(&path).unwrap();
@@ -117,7 +117,7 @@ fn a_wrong_depth_unit_is_told() {
 }
 
 #[test]
-fn an_empty_depth_picture_is_told() {
+fn an_empty_depth_picture_is_reported() {
     let folder = written("zero");
     write_depth(&folder.join("depth_0001.png"), &Image::filled(16, 12, 0)).unwrap();
     let reason = reason(&folder);
@@ -125,7 +125,7 @@ fn an_empty_depth_picture_is_told() {
 }
 
 #[test]
-fn depth_with_eight_bits_and_unknown_keys_are_told() {
+fn depth_with_eight_bits_and_unknown_keys_are_reported() {
     let folder = written("bits");
     let color = std::fs::read(folder.join("color_0001.png")).unwrap();
     std::fs::write(folder.join("depth_0001.png"), color).unwrap();

@@ -120,7 +120,7 @@ fn a_picture_counts_when_its_frame_file_is_there() {
 }
 
 #[test]
-fn what_is_missing_or_wrong_is_told() {
+fn what_is_missing_or_wrong_is_reported() {
     let path = folder("wrong");
     let none = LiveFolder::open(&path).unwrap_err().to_string();
     assert!(none.contains("there is no such folder"), "{none}");
@@ -159,7 +159,7 @@ fn what_is_missing_or_wrong_is_told() {
 }
 
 #[test]
-fn a_camera_that_has_stopped_is_told_with_the_age_of_its_last_picture() {
+fn a_camera_that_has_stopped_is_reported_with_the_age_of_its_last_picture() {
     let path = folder("stopped");
     let mut writer = LiveWriter::create(&path, &cameras(), 1e-4).unwrap();
     writer

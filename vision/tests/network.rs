@@ -178,7 +178,7 @@ fn a_network_that_likes_heights_grasps_what_stands_there() {
 }
 
 #[test]
-fn other_heads_shapes_and_files_are_told() {
+fn other_heads_shapes_and_files_are_reported() {
     let affga = Net::drawn(Head::Affga, 1);
     let error = Network::read(&affga.file(), Head::Ggcnn, "net.onnx").unwrap_err();
     let NetworkError::Count {
@@ -210,7 +210,7 @@ fn other_heads_shapes_and_files_are_told() {
 }
 
 #[test]
-fn numbers_that_a_head_can_not_give_are_told() {
+fn numbers_that_a_head_can_not_give_are_reported() {
     let mut net = Net::drawn(Head::Affga, 1);
     net.sigmoid = false;
     net.last[0].bias = vec![5.0];

@@ -126,7 +126,7 @@ fn pictures_lenses_places_and_units_come_through() {
 }
 
 #[test]
-fn what_is_missing_is_told_in_the_librarys_words() {
+fn what_is_missing_is_reported_in_the_librarys_words() {
     let none = refusal("libnot-there.so".as_ref(), [4, 2]);
     assert!(none.contains("install librealsense2"), "{none}");
     let whole = library("sizes", "");

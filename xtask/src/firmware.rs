@@ -158,7 +158,7 @@ mod tests {
     use super::is_float_helper;
 
     #[test]
-    fn float_helpers_are_told_from_integer_ones() {
+    fn float_helpers_are_reported_from_integer_ones() {
         for name in [
             "__aeabi_fmul",
             "__aeabi_dadd",

@@ -70,7 +70,7 @@ fn every_derivative_matches_differences() {
                     0.0
                 };
                 let slope = (up[i] - down[i]) / 2e-6;
-                let told = if j < own {
+                let reported = if j < own {
                     row.own[j]
                 } else {
                     row.shared
@@ -81,15 +81,15 @@ fn every_derivative_matches_differences() {
                 };
                 // The mounting turns about axes that are a little turned by itself.
                 let limit = small
-                    + 2e-2 * told.abs()
+                    + 2e-2 * reported.abs()
                     + 2e-2
                         * f64::from(u8::from(
                             row.group <= Group::Yaw && row.group >= Group::Tilt,
                         ))
-                    + 1e-5 * (1.0 + told.abs());
+                    + 1e-5 * (1.0 + reported.abs());
                 assert!(
-                    (slope - told).abs() < limit,
-                    "sample {k}, {:?} {}, unknown {j}: {slope} {told}",
+                    (slope - reported).abs() < limit,
+                    "sample {k}, {:?} {}, unknown {j}: {slope} {reported}",
                     row.group,
                     row.index
                 );

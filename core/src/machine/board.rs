@@ -34,8 +34,12 @@ const CIA402_ENABLE_MS: i32 = 500;
 const FEEDBACK_MS: i32 = 10;
 /// Time from a bus slot to the drive's action, s.
 const BUS_LATENCY_S: f64 = 0.000_25;
-/// Following error that is a fault, µm (S2, D7).
-const FOLLOWING_UM: i32 = 1000;
+/// Following error that is a fault, m (S2, D7): the least limit.
+const FOLLOWING_M: f64 = 1e-3;
+/// A drive's lag is known to this share. At the robot's largest speed a healthy drum is behind or
+/// ahead of its command by this share of the lead that compensates the lag (`lab-fast`: 0.4 of
+/// 7.2 ms at 0.5 m/s, 1.4 mm).
+const LAG_SHARE: f64 = 0.4;
 /// A slack cable is reeled in no faster than this, m/s: slow enough to watch.
 const MOST_REEL_MPS: f64 = 0.02;
 /// A cable may exceed the speed limit that follows from the motor by this share before the board
@@ -185,7 +189,8 @@ fn cable(
     put(CableKey::DrumMass, winch.effective_mass_kg() * 1e3)?;
     put(CableKey::LeadUs, lead_s * 1e6)?;
     put(CableKey::BrakeCloseMs, winch.brake_close_s * 1e3)?;
-    put(CableKey::FollowingError, f64::from(FOLLOWING_UM))?;
+    let following_m = FOLLOWING_M.max(LAG_SHARE * lead_s * robot.limits.speed_mps);
+    put(CableKey::FollowingError, following_m * 1e6)?;
     put(CableKey::MaxSpeed, speed * 1e6)?;
     let turn = std::f64::consts::TAU * winch.drum_radius_m;
     put(CableKey::LengthMin, 0.0)?;

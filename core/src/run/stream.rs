@@ -96,7 +96,7 @@ fn feed<L: Link>(
         view.paused = false;
     });
     let started_us = client.now_us();
-    let (mut told_us, mut asked_us) = (0, started_us);
+    let (mut reported_us, mut asked_us) = (0, started_us);
     loop {
         client.step()?;
         if let Some(kind) = orders::stop_wanted(client) {
@@ -170,8 +170,8 @@ fn feed<L: Link>(
             }
         }
         let now = client.now_us();
-        if now >= told_us + 100_000 {
-            told_us = now;
+        if now >= reported_us + 100_000 {
+            reported_us = now;
             progress(Progress {
                 path_s: f64::from(beat.path_ms) * 1e-3,
                 duration_s,

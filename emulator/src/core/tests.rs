@@ -371,7 +371,7 @@ fn an_interrupt_whose_priority_nobody_set_is_noticed() {
 }
 
 #[test]
-fn access_to_nothing_and_to_a_stopped_peripheral_are_told_apart() {
+fn access_to_nothing_and_to_a_stopped_peripheral_are_distinguished() {
     let mut bus = bus();
     let nothing = Trap::Bus {
         address: 0x2000_5000,

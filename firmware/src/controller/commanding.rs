@@ -51,7 +51,7 @@ impl<const N: usize> Controller<N> {
             };
             *demand = match (config.control, torque) {
                 (Control::Length, false) => DriveDemand::EnablePosition,
-                (Control::Tension, false) if config.tells_speed() => DriveDemand::EnableSpeed,
+                (Control::Tension, false) if config.commands_speed() => DriveDemand::EnableSpeed,
                 (Control::Tension, false) => DriveDemand::EnableCurrent,
                 (Control::Length, true) => {
                     // Sign and scale of the encoder may be what is being determined: it must not
@@ -84,7 +84,7 @@ impl<const N: usize> Controller<N> {
                     // If a brake does not hold, the law carries the load.
                     let held = held && self.unsound != number;
                     let relief = cable.proof.relief();
-                    if config.tells_speed() {
+                    if config.commands_speed() {
                         // Before the brakes open, the drive must not wind up against them.
                         let closed = brake == Brake::Closed && phase <= Phase::Opening;
                         let umps = if relief != 0 {

@@ -57,7 +57,7 @@ impl Cable {
             | (self.tension_mn > config.ceiling_mn)
             | (off.unsigned_abs() > TENSION_CALM_MN.unsigned_abs())
             | (error.unsigned_abs() > config.following_error.cast_unsigned())
-            | is_deaf(self.told(config), self.given(config, drive));
+            | is_deaf(self.commanded(config), self.given(config, drive));
         !odd && self.watch.is_quiet(
             adc,
             self.tension_mn,
@@ -69,19 +69,19 @@ impl Cable {
     /// Size of a tension-held drum's command, mA or µm/s; none if it is so small that a drive
     /// measures it inaccurately, or that static friction holds the drive for a while.
     #[inline]
-    fn told(&self, config: &CableConfig) -> i32 {
-        let (told, least) = if config.tells_speed() {
-            (self.tension_loop.told_speed_umps().abs(), SLOW_UMPS)
+    fn commanded(&self, config: &CableConfig) -> i32 {
+        let (commanded, least) = if config.commands_speed() {
+            (self.tension_loop.commanded_speed_umps().abs(), SLOW_UMPS)
         } else {
             (self.tension_loop.hold().abs(), config.most_ma >> 5)
         };
-        if told > least { told } else { 0 }
+        if commanded > least { commanded } else { 0 }
     }
 
     /// Size of its output, likewise.
     #[inline]
     fn given(&self, config: &CableConfig, drive: &DriveInput) -> i32 {
-        if config.tells_speed() {
+        if config.commands_speed() {
             self.speed_umps.saturating_abs()
         } else {
             i32::from(drive.current_ma).abs()
@@ -135,7 +135,11 @@ impl Cable {
             } else {
                 self.axis.motor_error(&self.target, self.by_motor)
             },
-            told: if around.braked { 0 } else { self.told(config) },
+            commanded: if around.braked {
+                0
+            } else {
+                self.commanded(config)
+            },
             given: self.given(config, drive),
             saturated: !around.braked
                 && (self.tension_loop.saturated

@@ -27,7 +27,7 @@ pub(super) struct Speed {
     answer: LowPass,
     /// Remainder of the last rounding to whole turns per minute, 16 fractional bits.
     carry_q16: i32,
-    told_umps: i32,
+    commanded_umps: i32,
 }
 
 impl Speed {
@@ -36,7 +36,7 @@ impl Speed {
         rests: false,
         answer: LowPass::at(0),
         carry_q16: 0,
-        told_umps: 0,
+        commanded_umps: 0,
     };
 }
 
@@ -67,7 +67,7 @@ impl TensionLoop {
         let limited = speed.clamp(-most, most);
         self.saturated = false;
         (self.current_ma, self.force_mn) = (0, 0);
-        self.speed.told_umps = limited;
+        self.speed.commanded_umps = limited;
         limited
     }
 
@@ -121,8 +121,8 @@ impl TensionLoop {
 
     /// The speed of the last tick, µm/s.
     #[must_use]
-    pub(crate) const fn told_speed_umps(&self) -> i32 {
-        self.speed.told_umps
+    pub(crate) const fn commanded_speed_umps(&self) -> i32 {
+        self.speed.commanded_umps
     }
 
     /// Motor speed for a speed of the cable (µm/s), rpm. The remainder of the rounding is added to

@@ -60,7 +60,7 @@ fn s4_a_reversed_encoder_aborts_arming_with_brakes_and_torque_off_at_once() {
 }
 
 #[test]
-fn s2_an_encoder_that_is_dead_at_arming_is_told_from_a_brake_that_is_stuck() {
+fn s2_an_encoder_that_is_dead_at_arming_is_distinguished_from_a_brake_that_is_stuck() {
     let mut bench = Bench::ready();
     bench.tamper = |i| i.encoders[1] = 7;
     bench.run(5);
@@ -121,7 +121,7 @@ fn b2_torque_stays_on_for_as_long_as_a_brake_does_not_hold() {
 }
 
 #[test]
-fn b3_a_brake_that_closes_late_keeps_torque_until_it_holds_and_is_told() {
+fn b3_a_brake_that_closes_late_keeps_torque_until_it_holds_and_is_reported() {
     let mut bench = Bench::holding();
     bench.weak[0] = true;
     bench.request(Request::Disarm).unwrap();

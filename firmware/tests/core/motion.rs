@@ -174,14 +174,17 @@ fn while_braking_velocity_and_acceleration_are_those_of_real_time() {
         for i in 0..2 {
             // 0.1 µm per ms is 100 µm/s.
             let velocity = (length(&three[2], i) - length(&three[0], i)) * 50.0;
-            let told = f64::from(three[1].points[i].velocity_umps);
+            let reported = f64::from(three[1].points[i].velocity_umps);
             // The clock steps once per tick, so the velocity of a tick lags half of one.
-            assert!((velocity - told).abs() < 800.0, "{velocity} {told}");
+            assert!((velocity - reported).abs() < 800.0, "{velocity} {reported}");
         }
         // The steady cable only decelerates with the clock: 0.2 m/s in 0.3 s.
-        let told = f64::from(three[1].points[0].acceleration_umps2);
+        let reported = f64::from(three[1].points[0].acceleration_umps2);
         let truth = -f64::from(STEADY_UMPS) / 0.3;
-        assert!((told - truth).abs() < 0.01 * truth.abs(), "{told} {truth}");
+        assert!(
+            (reported - truth).abs() < 0.01 * truth.abs(),
+            "{reported} {truth}"
+        );
     }
 }
 

@@ -279,7 +279,11 @@ fn a_claim_ends_by_close_or_100_ms_of_silence() {
 fn l1_a_damaged_frame_is_answered_with_the_number_that_is_missing() {
     let mut bench = Bench::new();
     bench.step();
-    assert_eq!(bench.server.complain(), None, "nobody is there to be told");
+    assert_eq!(
+        bench.server.complain(),
+        None,
+        "there is no host to report to"
+    );
     bench.open();
     let complaint = bench.server.complain().unwrap();
     assert_eq!(
@@ -322,14 +326,14 @@ fn l1_l6_the_receiver_counts_whole_and_damaged_frames() {
 }
 
 #[test]
-fn the_state_is_told_ten_times_a_second_and_at_every_change() {
+fn the_state_is_reported_ten_times_a_second_and_at_every_change() {
     let mut bench = Bench::ready();
     let counters = LinkCounters {
         frames_ok: 5,
         frames_bad: 6,
         telemetry_dropped: 7,
     };
-    let mut told = vec![];
+    let mut reported = vec![];
     bench.server.take_status(&counters);
     for tick in 1..=300_u32 {
         if tick == 250 {
@@ -345,11 +349,11 @@ fn the_state_is_told_ten_times_a_second_and_at_every_change() {
                 ),
                 (5, 6, 7)
             );
-            told.push((tick, status.state));
+            reported.push((tick, status.state));
         }
     }
     assert_eq!(
-        told,
+        reported,
         [
             (100, State::Disarmed),
             (200, State::Disarmed),

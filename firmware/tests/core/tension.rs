@@ -444,7 +444,7 @@ fn eq_1_with_a_speed_as_output_is_eq_1() {
         (f64::from(-speed) - expected_mmps * 1e3).abs() < 3.0,
         "{speed} of {expected_mmps} mm/s"
     );
-    assert_eq!(law.hold(), 0, "no current is told");
+    assert_eq!(law.hold(), 0, "no current is commanded");
 }
 
 #[test]

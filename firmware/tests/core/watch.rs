@@ -252,14 +252,14 @@ fn s2_and_d7_fire_after_20_ticks_beyond_a_millimetre_and_tell_encoder_from_drive
 
 #[test]
 fn d2_a_motor_that_gives_under_a_quarter_of_its_current_fires_after_20_ticks() {
-    let (given, told) = (-99_i32, 400);
-    let found = ticks_until(|v| (v.told, v.given) = (400, 99));
-    assert_eq!(found, (20, FaultId::D2, given.abs(), told / 4));
+    let (given, reported) = (-99_i32, 400);
+    let found = ticks_until(|v| (v.commanded, v.given) = (400, 99));
+    assert_eq!(found, (20, FaultId::D2, given.abs(), reported / 4));
     let mut watch = CableWatch::default();
     for tick in 0..500 {
         // A current that changes its sign and is seen late passes through zero, but does not stay.
         let view = CableView {
-            told,
+            commanded: reported,
             given: if tick % 20 == 0 { 100 } else { 99 },
             ..healthy(tick)
         };

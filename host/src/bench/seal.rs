@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_changed_record_is_told_and_so_is_another_key() {
+    fn a_changed_record_is_reported_and_so_is_another_key() {
         let Value::Object(record) = json!({ "verdict": "fail", "serial": "01" }) else {
             panic!("an object")
         };

@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_view_is_told_in_lines_of_constant_number() {
+    fn a_view_is_reported_in_lines_of_constant_number() {
         let mut view = View {
             lengths_m: vec![0.3171, 0.4791],
             setpoints_m: vec![0.317, 0.479],

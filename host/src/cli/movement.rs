@@ -116,7 +116,7 @@ fn go(
         let home = model.robot().tool.home_in_world_m;
         let plan = crate::run::plan_from(&model, task, &home, speed_mps);
         return match plan {
-            Ok(plan) => told(common, name, &plan, "nothing was moved"),
+            Ok(plan) => report(common, name, &plan, "nothing was moved"),
             Err(RunError::Plan(error)) if is_there(&error) => there(common, name),
             Err(error) => Err(error.into()),
         };
@@ -137,7 +137,7 @@ fn go(
     })?;
     bar.finish();
     match plan {
-        Some(plan) => told(common, name, &plan, "brakes closed"),
+        Some(plan) => report(common, name, &plan, "brakes closed"),
         None => there(common, name),
     }
 }
@@ -156,7 +156,7 @@ fn there(common: &Common, name: &str) -> Outcome {
     Ok(())
 }
 
-fn told(common: &Common, name: &str, plan: &Plan, end: &str) -> Outcome {
+fn report(common: &Common, name: &str, plan: &Plan, end: &str) -> Outcome {
     let duration_s = plan.timed.duration_s();
     let at = plan.timed.tool_m(duration_s)?;
     if common.json {

@@ -16,7 +16,7 @@ const SEGMENTS: u32 = 32;
 const BETWEEN: u32 = 16;
 
 /// The error, in its own words.
-fn told(error: impl std::fmt::Display) -> ReproduceError {
+fn failed(error: impl std::fmt::Display) -> ReproduceError {
     ReproduceError::Service(error.to_string())
 }
 
@@ -31,7 +31,7 @@ fn deviation_m(
 ) -> Result<f64, ReproduceError> {
     let lengths = |time: f64| {
         let place = at(law(time))?;
-        robot.lengths_m(&Pose::level(place)).map_err(told)
+        robot.lengths_m(&Pose::level(place)).map_err(failed)
     };
     let times: Vec<f64> = (0..=SEGMENTS)
         .map(|knot| f64::from(knot) / f64::from(SEGMENTS))
@@ -42,21 +42,21 @@ fn deviation_m(
         for time in &times {
             values.push(lengths(*time)?.get(cable).copied().unwrap_or_default());
         }
-        splines.push(Spline::interpolate(&times, &values, ends).map_err(told)?);
+        splines.push(Spline::interpolate(&times, &values, ends).map_err(failed)?);
     }
     let mut worst_m = 0.0_f64;
     for step in 0..=SEGMENTS * BETWEEN {
         let time = f64::from(step) / f64::from(SEGMENTS * BETWEEN);
         let mut made = Vec::new();
         for spline in &splines {
-            made.push(spline.sample(time).map_err(told)?.value);
+            made.push(spline.sample(time).map_err(failed)?.value);
         }
         let wanted = at(law(time))?;
         let options = ForwardOptions::default();
         let level = Rotation3::identity();
         let found = robot
             .position(&made, &level, Some(&wanted), &options)
-            .map_err(told)?;
+            .map_err(failed)?;
         worst_m = worst_m.max((found.pose.position_m - wanted).norm());
     }
     Ok(worst_m)
@@ -65,17 +65,17 @@ fn deviation_m(
 /// Both tables at the paper's own height.
 pub(super) fn at_24_mm(_bench: &Bench) -> Result<Outcome, ReproduceError> {
     let model = Model::new(&paper_robot()?)?;
-    let robot = machine::geometry(model.robot()).map_err(told)?;
-    let circle = Path::paper_circle(HEIGHT_M).map_err(told)?;
-    let line = Path::paper_line(HEIGHT_M).map_err(told)?;
+    let robot = machine::geometry(model.robot()).map_err(failed)?;
+    let circle = Path::paper_circle(HEIGHT_M).map_err(failed)?;
+    let line = Path::paper_line(HEIGHT_M).map_err(failed)?;
     let along = |path: &Path, arcs: bool, share: f64| {
         let pieces = path.pieces().iter();
         let mut wanted = pieces.filter(|piece| piece.radius_m().is_some() == arcs);
         let Some(piece) = wanted.next() else {
-            return Err(told("the path has no such piece"));
+            return Err(failed("the path has no such piece"));
         };
         let s_m = (share * piece.length_m()).clamp(0.0, piece.length_m());
-        Ok(piece.point(s_m).map_err(told)?.position_m)
+        Ok(piece.point(s_m).map_err(failed)?.position_m)
     };
     let on_circle = |share: f64| along(&circle, true, share);
     let on_line = |share: f64| along(&line, false, share);

@@ -308,7 +308,7 @@ pub(super) fn disturbed(bench: &Bench) -> Result<Outcome, ReproduceError> {
             .into_par_iter()
             .map(|seed| greatest_push(&model, &Mismatch::realistic(), seed))
             .collect();
-        let told = |push_n: f64| {
+        let pushed = |push_n: f64| {
             if push_n > MOST_PUSH_N - 0.1 {
                 format!("over {:.1}", MOST_PUSH_N - 0.1)
             } else {
@@ -318,7 +318,7 @@ pub(super) fn disturbed(bench: &Bench) -> Result<Outcome, ReproduceError> {
         rows.push(row(
             format!("{winch}: greatest push aside that leaves the tension in the band, N"),
             "not stated",
-            [told(ideal), told(median(real?)), none()],
+            [pushed(ideal), pushed(median(real?)), none()],
         ));
     }
     Ok(Outcome {

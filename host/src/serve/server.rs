@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn more_viewers_than_places_are_told_so() {
+    fn more_viewers_than_places_are_refused_with_the_reason() {
         let server = server();
         let port = server.port();
         let viewers: Vec<_> = (0..VIEWERS).map(|_| viewer(port)).collect();

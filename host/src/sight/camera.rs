@@ -38,15 +38,15 @@ impl Camera {
     ) -> Result<Self, SourceError> {
         let (asks, wants) = channel();
         let (send, answers) = channel();
-        let (told, opened) = channel();
+        let (sender, opened) = channel();
         let work = move || {
             let mut source = match open() {
                 Ok(source) => {
-                    let _ = told.send(Ok((source.name(), source.cameras())));
+                    let _ = sender.send(Ok((source.name(), source.cameras())));
                     source
                 }
                 Err(error) => {
-                    let _ = told.send(Err(error));
+                    let _ = sender.send(Err(error));
                     return;
                 }
             };

@@ -120,8 +120,8 @@ impl Cia402 {
                 Ok(())
             }
             (id, bytes) if self.network == Network::Operational => {
-                let told = self.objects.get(0x1400, 1);
-                let mine = told >> 31 == 0 && u32::from(id) == told & 0x7FF;
+                let entry = self.objects.get(0x1400, 1);
+                let mine = entry >> 31 == 0 && u32::from(id) == entry & 0x7FF;
                 if mine && self.objects.unpack(0x1600, bytes) {
                     self.command(plant, index, fault, at_us, out)?;
                 }
@@ -198,10 +198,10 @@ impl Cia402 {
     ) -> Result<(), PlantError> {
         self.refresh(plant, index, fault)?;
         for pdo in 0..3_u16 {
-            let told = self.objects.get(0x1800 + pdo, 1);
+            let entry = self.objects.get(0x1800 + pdo, 1);
             let kind = self.objects.get(0x1800 + pdo, 2) as u8;
             // 1 to 240: at every so many SYNCs.
-            if told >> 31 == 1 || !(1..=240).contains(&kind) {
+            if entry >> 31 == 1 || !(1..=240).contains(&kind) {
                 continue;
             }
             let passed = &mut self.syncs[usize::from(pdo)];
@@ -211,7 +211,7 @@ impl Cia402 {
             }
             *passed = 0;
             let (data, len) = self.objects.pack(0x1A00 + pdo);
-            let id = (told & 0x7FF) as u16;
+            let id = (entry & 0x7FF) as u16;
             out(at_us, CanFrame { id, len, data });
         }
         Ok(())

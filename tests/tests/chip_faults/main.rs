@@ -3,7 +3,7 @@
 //! refuse. The ids of the rows are in the tests' names.
 //!
 //! `cargo xtask test` builds the file and says where it is. The board tells its state over the line:
-//! some ms of every time here are the telling.
+//! some ms of every time here are the report.
 
 mod floods;
 mod processor;

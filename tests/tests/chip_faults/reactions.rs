@@ -7,7 +7,7 @@ use mcdpr::robot::{DriveKind, Robot};
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultId, SessionId};
 
-/// A row: what is injected, what is latched, its cable (0 for any), told within so many ms, and
+/// A row: what is injected, what is latched, its cable (0 for any), reported within so many ms, and
 /// how far the tool may drop, m.
 type Row = (&'static str, FaultId, u8, usize, f64);
 
@@ -23,13 +23,16 @@ fn stops_on(model: &Model, &(word, fault, cable, within_ms, most_drop_m): &Row) 
     let record = after.record().unwrap_or_else(|| panic!("{word}: no fault"));
     assert_eq!(record.fault, fault, "{word}: {record:?}");
     assert!(cable == 0 || record.cable == cable, "{word}: {record:?}");
-    let told = after.detected_after_ms().unwrap();
+    let reported = after.detected_after_ms().unwrap();
     println!(
-        "{word}: {:?} told after {told} ms, drop {:.2} mm",
+        "{word}: {:?} reported after {reported} ms, drop {:.2} mm",
         record.fault,
         after.drop_m() * 1e3
     );
-    assert!(told <= within_ms, "{word}: told after {told} ms");
+    assert!(
+        reported <= within_ms,
+        "{word}: reported after {reported} ms"
+    );
     let end = after.end();
     assert!(
         matches!(end, Some(State::Fault | State::EStop)),
@@ -70,7 +73,7 @@ fn s2_s4_s6_s11_and_d7_stop_the_robot_of_the_chip() {
 
 #[test]
 fn d4_a_motor_of_the_chips_robot_that_gives_all_it_has_stops_it() {
-    // The brake drags: 100 ms at the limit, and what it takes to come there and to be told.
+    // The brake drags: 100 ms at the limit, after the time to get there and to report it.
     stops(&[("D4:1@0.9s", FaultId::D4, 1, 180, 5e-3)]);
 }
 
@@ -117,9 +120,9 @@ fn c1_c2_c3_c5_and_s5_stop_the_robot_of_the_chip() {
         let after = run_with(&[word]);
         let record = after.record().unwrap_or_else(|| panic!("{word}: no fault"));
         assert!(may_be.contains(&record.fault), "{word}: {record:?}");
-        let told = after.detected_after_ms().unwrap();
-        println!("{word}: {:?} told after {told} ms", record.fault);
-        assert!(told <= 130, "{word}: told after {told} ms");
+        let reported = after.detected_after_ms().unwrap();
+        println!("{word}: {:?} reported after {reported} ms", record.fault);
+        assert!(reported <= 130, "{word}: reported after {reported} ms");
         assert!(after.is_safe(), "{word}");
     }
 }
@@ -156,7 +159,7 @@ fn l1_l3_l4_l8_l9_s1_s9_s10_do_not_end_a_motion_of_the_chip() {
         "S10:2@0.5s",
     ] {
         let after = run_with(&[word]);
-        // A tension-held cable with a wrong sensor pulls wrongly; a length-held one is only told.
+        // A tension-held cable with a wrong sensor pulls wrongly; a length-held one only gives a report.
         assert!(after.error.is_none(), "{word}: {:?}", after.error);
         assert_eq!(after.record(), None, "{word}");
         assert_eq!(after.injected_ms.len(), 1, "{word}");

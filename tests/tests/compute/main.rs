@@ -413,7 +413,7 @@ fn units_mean_the_same_place() {
 }
 
 #[test]
-fn corrections_to_the_length_are_told_with_their_size() {
+fn corrections_to_the_length_are_reported_with_their_size() {
     let place = ["statics", "320", "0", "-200", "--tension", "4=10"];
     let plain = answer(&place);
     assert_eq!(plain["stretch_m"], Value::Null);

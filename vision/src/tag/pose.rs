@@ -331,13 +331,16 @@ mod tests {
             }
         }
         for i in 0..6 {
-            let (told, seen) = (found[0].covariance[(i, i)], sum[(i, i)]);
-            assert!((told / seen - 1.0).abs() < 0.02, "{i}: {told} {seen}");
+            let (reported, seen) = (found[0].covariance[(i, i)], sum[(i, i)]);
+            assert!(
+                (reported / seen - 1.0).abs() < 0.02,
+                "{i}: {reported} {seen}"
+            );
         }
     }
 
     #[test]
-    fn a_missing_tag_is_told_with_those_seen() {
+    fn a_missing_tag_is_reported_with_those_seen() {
         let pose = Isometry3::translation(0.0, 0.0, 0.5);
         let error = pose_of_tag(&camera(), &seen(&pose, 0.1), 7, 0.1).unwrap_err();
         assert_eq!(

@@ -201,7 +201,7 @@ fn hash_sees_values_and_not_their_spelling() {
 }
 
 #[test]
-fn all_mistakes_are_told_in_the_order_of_the_file() {
+fn all_mistakes_are_reported_in_the_order_of_the_file() {
     let text = LEAST
         .replace("[platform]", "[platform]\nmass_kg = 0\nfoo_bar = 1")
         .replace("[1000, 0, 1000]", "[1000]");

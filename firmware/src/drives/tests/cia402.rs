@@ -264,7 +264,7 @@ fn a_drive_in_a_wrong_mode_never_becomes_ready() {
 }
 
 #[test]
-fn heat_is_told_until_the_drive_takes_it_back() {
+fn heat_is_reported_until_the_drive_takes_it_back() {
     let mut bench = enabled();
     // Excess temperature of the motor's supply (0x4310), error register 9.
     bench.give(0x083, &[0x10, 0x43, 0x09, 0, 0, 0, 0, 0]);

@@ -22,7 +22,7 @@ fn enabled() -> Bench {
 }
 
 #[test]
-fn a_drive_is_reset_told_to_report_and_put_in_its_mode() {
+fn a_drive_is_reset_ordered_to_report_and_put_in_its_mode() {
     let mut bench = enabled();
     let frames = bench.sent();
     assert_eq!(
@@ -108,7 +108,7 @@ fn a_silent_drive_never_becomes_ready_and_is_woken_again_and_again() {
         assert!(inputs.iter().all(|drive| !drive.ready));
     }
     let resets = bench.sent().iter().filter(|(id, _)| *id == 0x030).count();
-    // 510 ms until it is told to report, 100 ms until it is lost, and its slots.
+    // 510 ms until it is commanded to report, 100 ms until it is lost, and its slots.
     assert!((7..=9).contains(&resets), "{resets}");
 }
 
@@ -149,7 +149,7 @@ fn what_the_port_has_no_room_for_goes_in_the_next_tick() {
 }
 
 #[test]
-fn a_bus_that_is_off_is_told() {
+fn a_bus_that_is_off_is_reported() {
     let mut bench = enabled();
     bench.port.state = BusState::Off;
     assert!(bench.tick(ENABLE).iter().all(|drive| drive.bus_off));
@@ -158,7 +158,7 @@ fn a_bus_that_is_off_is_told() {
 }
 
 #[test]
-fn a_drive_that_is_told_a_speed_enters_the_speed_mode() {
+fn a_drive_that_is_given_a_speed_enters_the_speed_mode() {
     let mut bench = Bench::new(DriveKind::Rmds);
     bench.active.cables[1].output = TensionOutput::Speed;
     let enable = [DriveDemand::EnablePosition, DriveDemand::EnableSpeed];
@@ -169,17 +169,17 @@ fn a_drive_that_is_told_a_speed_enters_the_speed_mode() {
         bench.tick(if tick < 520 { OFF } else { enable });
     }
     let frames = bench.sent();
-    let told = hex(&frames);
-    assert_eq!(told[5], "051 03 55 55 55 55 55 55 55");
+    let commanded = hex(&frames);
+    assert_eq!(commanded[5], "051 03 55 55 55 55 55 55 55");
     // -300 rpm (0xFED4) at the whole voltage, 5000 (0x1388).
     let demands = [OFF[0], DriveDemand::Speed { rpm: -300 }];
     for _ in 0..2 {
         bench.tick(demands);
     }
     let frames = bench.sent();
-    let told = hex(&frames);
+    let commanded = hex(&frames);
     assert!(
-        told.iter().any(|f| f == "054 13 88 FE D4 55 55 55 55"),
-        "{told:?}"
+        commanded.iter().any(|f| f == "054 13 88 FE D4 55 55 55 55"),
+        "{commanded:?}"
     );
 }

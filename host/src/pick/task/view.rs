@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distances_in_another_unit_are_told() {
+    fn distances_in_another_unit_are_reported() {
         let mat = MatSight::sure(Isometry3::new(
             Vector3::new(0.1, 0.02, -0.4),
             Vector3::new(0.0, 0.05, 0.0),

@@ -199,7 +199,7 @@ fn drives_of_both_kinds_come_up_and_obey() {
 }
 
 #[test]
-fn the_speed_that_is_told_is_the_speed() {
+fn the_commanded_speed_is_the_speed() {
     for protocol in BOTH {
         let mut bench = enabled(protocol);
         bench.plant.set_brake(0, false).expect("cable");
@@ -295,7 +295,7 @@ fn a_wrong_mode_is_noticed_before_and_after_arming() {
 }
 
 #[test]
-fn faults_heat_and_missing_heartbeats_are_told() {
+fn faults_heat_and_missing_heartbeats_are_reported() {
     let mut bench = enabled(Protocol::Cia402);
     let demands = hold(&bench);
     // Over-current.
@@ -457,7 +457,7 @@ fn a_schedule_over_seventy_percent_is_refused_by_the_board() {
 }
 
 #[test]
-fn drives_of_both_kinds_turn_at_the_speed_that_they_are_told() {
+fn drives_of_both_kinds_turn_at_the_speed_that_is_commanded() {
     let enable = [ENABLE[0], ENABLE[1], ENABLE[2], DriveDemand::EnableSpeed];
     for protocol in BOTH {
         let mut bench = Bench::new(protocol);
