@@ -76,6 +76,8 @@ fn serve(place: &Place) -> Result<(), NodeError> {
             Told::Sample { id, data } => node.sample(id, data.0),
             Told::Reply { call, data } => node.reply(call, data.0),
         }
+        // Lines come 50 times a second.
+        node.answer();
     }
     Ok(())
 }

@@ -9,18 +9,21 @@ use rustdds::dds::result::CreateError;
 use rustdds::no_key::{DataReader, DataWriter};
 use rustdds::policy::{Durability, History, Reliability};
 use rustdds::{
-    DomainParticipant, DomainParticipantBuilder, Duration, Publisher, QosPolicies,
-    QosPolicyBuilder, RTPSEntity as _, Subscriber, TopicKind,
+    DataWriterStatus, DomainParticipant, DomainParticipantBuilder, Duration, GUID, Publisher,
+    QosPolicies, QosPolicyBuilder, RTPSEntity as _, StatusEvented as _, Subscriber, TopicKind,
 };
 use std::collections::{BTreeMap, HashMap};
 use std::io::Write as _;
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 /// Calls that wait for their reply; older ones are forgotten, and their callers wait in vain.
 const CALLS: usize = 256;
 /// Samples that are kept for a subscriber that is behind: the depth of ROS 2's default profile.
 const DEPTH: i32 = 10;
+/// How long a reply waits for the reader of its caller to be known.
+const MATCHING: std::time::Duration = std::time::Duration::from_secs(1);
 /// How long a write may wait for a slow subscriber, ms.
 const BLOCKING_MS: i64 = 100;
 
@@ -85,18 +88,63 @@ fn profile(keep: bool, depth: i32) -> QosPolicies {
 #[derive(Default)]
 struct Calls {
     next: u64,
-    waiting: BTreeMap<u64, (u32, Caller)>,
+    waiting: BTreeMap<u64, Asked>,
+}
+
+/// A call: its service, who called, and the writer of the request.
+struct Asked {
+    service: u32,
+    caller: Caller,
+    from: GUID,
 }
 
 impl Calls {
-    fn add(&mut self, service: u32, caller: Caller) -> u64 {
+    fn add(&mut self, asked: Asked) -> u64 {
         self.next += 1;
-        self.waiting.insert(self.next, (service, caller));
+        self.waiting.insert(self.next, asked);
         if self.waiting.len() > CALLS {
             self.waiting.pop_first();
         }
         self.next
     }
+}
+
+/// What sends a service's replies, and who is known to read them.
+struct Replies {
+    writer: DataWriter<Raw, AsIs>,
+    readers: Vec<GUID>,
+}
+
+impl Replies {
+    /// Takes note of who reads the replies.
+    fn look(&mut self) {
+        while let Some(status) = self.writer.try_recv_status() {
+            let DataWriterStatus::PublicationMatched {
+                current, reader, ..
+            } = status
+            else {
+                continue;
+            };
+            self.readers.retain(|known| *known != reader);
+            if current.count_change() > 0 {
+                self.readers.push(reader);
+            }
+        }
+    }
+
+    /// Whether a program that sent a request reads the replies.
+    fn reach(&self, from: GUID) -> bool {
+        self.readers
+            .iter()
+            .any(|reader| reader.prefix == from.prefix)
+    }
+}
+
+/// A reply on its way.
+struct Answer {
+    asked: Asked,
+    data: Raw,
+    until: Instant,
 }
 
 /// A node with its topics and services.
@@ -107,7 +155,8 @@ pub(crate) struct Node {
     info: DataWriter<Raw, AsIs>,
     entities: Entities,
     writers: HashMap<u32, DataWriter<Raw, AsIs>>,
-    replies: HashMap<u32, DataWriter<Raw, AsIs>>,
+    replies: HashMap<u32, Replies>,
+    answers: Vec<Answer>,
     calls: Arc<Mutex<Calls>>,
 }
 
@@ -141,6 +190,7 @@ impl Node {
             entities: Entities::default(),
             writers: HashMap::new(),
             replies: HashMap::new(),
+            answers: Vec::new(),
             calls: Arc::default(),
         })
     }
@@ -192,7 +242,14 @@ impl Node {
         let reader = reader.map_err(dds(&topic))?;
         self.entities.writers.push(reply.guid());
         self.entities.readers.push(reader.guid());
-        self.replies.insert(id, reply);
+        let readers = Vec::new();
+        self.replies.insert(
+            id,
+            Replies {
+                writer: reply,
+                readers,
+            },
+        );
         let calls = Arc::clone(&self.calls);
         std::thread::Builder::new()
             .name(name.to_owned())
@@ -212,18 +269,35 @@ impl Node {
     }
 
     /// Answers a call.
-    pub(crate) fn reply(&self, call: u64, data: Raw) {
+    pub(crate) fn reply(&mut self, call: u64, data: Raw) {
         let mut calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner);
-        let waiting = calls.waiting.remove(&call);
+        let asked = calls.waiting.remove(&call);
         drop(calls);
-        let Some((service, caller)) = waiting else {
-            return;
-        };
-        let (bytes, options) = caller.reply(data);
-        if let Some(writer) = self.replies.get(&service)
-            && let Err(error) = writer.write_with_options(bytes, options)
-        {
-            eprintln!("mcdpr-ros: a reply of service {service} is lost: {error:?}");
+        if let Some(asked) = asked {
+            let until = Instant::now() + MATCHING;
+            self.answers.push(Answer { asked, data, until });
+        }
+    }
+
+    /// Sends the replies whose callers read them by now: a caller's first request may be here before its reader is known.
+    pub(crate) fn answer(&mut self) {
+        self.replies.values_mut().for_each(Replies::look);
+        let now = Instant::now();
+        for answer in std::mem::take(&mut self.answers) {
+            let Some(replies) = self.replies.get(&answer.asked.service) else {
+                continue;
+            };
+            if now < answer.until && !replies.reach(answer.asked.from) {
+                self.answers.push(answer);
+                continue;
+            }
+            let Asked {
+                service, caller, ..
+            } = answer.asked;
+            let (bytes, options) = caller.reply(answer.data);
+            if let Err(error) = replies.writer.write_with_options(bytes, options) {
+                eprintln!("mcdpr-ros: a reply of service {service} is lost: {error:?}");
+            }
         }
     }
 
@@ -268,7 +342,12 @@ fn listen(service: u32, reader: DataReader<Raw, AsIs>, calls: &Mutex<Calls>) {
             continue;
         };
         let mut known = calls.lock().unwrap_or_else(PoisonError::into_inner);
-        let call = known.add(service, caller);
+        let from = info.writer_guid();
+        let call = known.add(Asked {
+            service,
+            caller,
+            from,
+        });
         drop(known);
         let data = Hex(data);
         let said = Said::Call {

@@ -72,10 +72,13 @@ class Ros:
                         return sample
         raise AssertionError(f"nothing good came, last was {last}")
 
-    def state(self, *wanted: str) -> Any:
-        """The next diagnostics in one of these states of the board."""
+    def state(self, *wanted: str, **others: str) -> Any:
+        """The next diagnostics in one of these states of the board, and with these values."""
         reader = self.subscribe("rt/diagnostics", m.DiagnosticArray)
-        return self.wait(reader, lambda sample: values(sample)["state"] in wanted)
+        return self.wait(
+            reader,
+            lambda sample: values(sample)["state"] in wanted and others.items() <= values(sample).items(),
+        )
 
     def connect(self, name: str, request: Any, reply: Any) -> tuple[DataWriter, DataReader]:
         """Writer and reader of a service, when it is there."""

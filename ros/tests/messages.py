@@ -4,8 +4,6 @@ Source: common_interfaces, geometry2 and rcl_interfaces (Humble and later). A re
 begins with the header of rmw_cyclonedds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from cyclonedds.idl import IdlStruct

@@ -190,13 +190,16 @@ fn spawn(program: &Program) -> io::Result<Child> {
         .spawn()
 }
 
+/// Executes a call.
+type Called = dyn Fn(&Outlet, Call) + Send + Sync;
+
 /// Keeps the process running.
 struct Keeper {
     program: Program,
     greeting: Vec<String>,
     receiver: Receiver<Line>,
     outlet: Outlet,
-    called: Arc<dyn Fn(&Outlet, Call) + Send + Sync>,
+    called: Arc<Called>,
     over: Arc<AtomicBool>,
     /// Number of the start.
     start: u64,

@@ -22,6 +22,8 @@ use mcdpr_protocol::{Request, SessionId};
 const LOOK_US: u64 = 40_000;
 /// Polling interval for a plan's end, µs: a stop is noticed within this time.
 const PLAN_LOOK_US: u64 = 4_000;
+/// A goal this near is reached, m.
+const THERE_M: f64 = 1e-6;
 /// While the robot holds, goals are looked for this often, s.
 const GOAL_LOOK_S: f64 = 0.02;
 
@@ -132,7 +134,8 @@ impl Node<'_> {
         let mut next = Some(first);
         while let Some(goal) = next {
             match self.planned(&mut session, &goal.wish) {
-                Ok(plan) => {
+                Ok(None) => goal.judged(Ok(0.0)),
+                Ok(Some(plan)) => {
                     goal.judged(Ok(plan.timed.duration_s()));
                     if !armed {
                         session.arm()?;
@@ -147,8 +150,9 @@ impl Node<'_> {
                     }
                 }
             }
-            self.feed.set_task("");
+            // Who sees that there is no task may send the next goal.
             self.goals.done();
+            self.feed.set_task("");
             if !armed {
                 return session.close();
             }
@@ -174,14 +178,16 @@ impl Node<'_> {
         }
     }
 
-    /// Plans on another thread while this one keeps the connection alive, and obeys a stop meanwhile.
+    /// Plans on another thread while this one keeps the connection alive, and obeys a stop meanwhile. None: the tool
+    /// is there already.
     fn planned<L: Link>(
         &self,
         session: &mut Session<'_, L>,
         wish: &Wish,
-    ) -> Result<Plan, RunError> {
+    ) -> Result<Option<Plan>, RunError> {
         let (model, from_m) = (self.model, session.tool_m());
         let (task, speed_mps) = match wish {
+            Wish::Move { to_m, .. } if (to_m - from_m).norm() < THERE_M => return Ok(None),
             Wish::Move { to_m, speed_mps } => (Task::go_to("move", *to_m)?, *speed_mps),
             Wish::Task(task) => (task.clone(), None),
         };
@@ -199,7 +205,7 @@ impl Node<'_> {
                 client.pump(client.now_us() + PLAN_LOOK_US)?;
             }
             match worker.join() {
-                Ok(plan) => plan,
+                Ok(plan) => plan.map(Some),
                 Err(panic) => std::panic::resume_unwind(panic),
             }
         })
