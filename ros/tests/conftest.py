@@ -24,7 +24,6 @@ os.environ["CYCLONEDDS_URI"] = """<CycloneDDS><Domain><General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
 
-from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication  # noqa: E402
 from cyclonedds.core import Qos, Policy, ReadCondition, SampleState, InstanceState, ViewState, WaitSet  # noqa: E402
 from cyclonedds.domain import DomainParticipant  # noqa: E402
 from cyclonedds.pub import DataWriter  # noqa: E402

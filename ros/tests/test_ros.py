@@ -12,7 +12,7 @@ from typing import Any
 
 import messages as m
 import pytest
-from conftest import DEADLINE_S, DOMAIN, KEPT, PROFILE, PROGRAM, Ros, values
+from conftest import DEADLINE_S, DOMAIN, KEPT, PROGRAM, Ros, values
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import Policy
 
@@ -21,7 +21,6 @@ HOME = (0.255, -0.105, -0.180)
 PLACE = (0.265, -0.105, -0.170)
 # A stop that comes by ROS is obeyed within this, s.
 STOP_S = 0.1
-MOVING = ("Moving", "Pausing")
 
 
 def statics(x_m: float, y_m: float, z_m: float) -> Any:
@@ -105,9 +104,7 @@ def test_types_and_profiles_are_those_of_ros(ros: Ros) -> None:
     others = {sample.topic_name: sample for sample in found if sample.participant_key != ros.participant.guid}
     for topic, kind in kinds.items():
         assert others[topic].type_name == kind
-        assert others[topic].qos[Policy.Reliability] == PROFILE[Policy.Reliability] or isinstance(
-            others[topic].qos[Policy.Reliability], type(PROFILE[Policy.Reliability])
-        )
+        assert isinstance(others[topic].qos[Policy.Reliability], Policy.Reliability.Reliable)
     # Six services; six topics, four wrenches and the replies.
     reader = ros.subscribe("ros_discovery_info", m.ParticipantEntities, KEPT)
     info = ros.wait(reader, lambda sample: len(sample.node_entities_info_seq[0].writer_gid_seq) == 16)
@@ -120,7 +117,8 @@ def test_a_goal_out_of_reach_is_refused_and_nothing_moves(ros: Ros) -> None:
     ros.state("Disarmed")
     before = ros.wait(ros.subscribe("rt/joint_states", m.JointState)).position
     for place, words in [
-        ((3.0, 0.0, -0.2), "m"),
+        ((3.0, 0.0, -0.2), "from the anchor of cable"),
+        ((0.265, -0.105, -0.05), "a cable cannot push"),
         ((0.255, -0.105, float("nan")), "no place"),
     ]:
         refused = ros.move_to(*place)
@@ -174,25 +172,23 @@ def test_pictures_have_their_lens(ros: Ros) -> None:
 
 
 def test_a_ros_side_that_dies_changes_nothing_for_the_robot(ros: Ros, robot: subprocess.Popen[str]) -> None:
-    accepted = ros.move_to(HOME[0] + 0.05, HOME[1], HOME[2] + 0.02, speed=0.01)
+    accepted = ros.move_to(HOME[0] + 0.05, HOME[1], HOME[2] + 0.02, speed=0.005)
     assert accepted.accepted, accepted
     moving = ros.state("Moving")
     (child,) = children(robot.pid)
     begun = time.monotonic()
     os.kill(child, signal.SIGKILL)
-    # It comes again by itself, and tells of a motion that went on meanwhile, or has ended as planned.
+    # It comes again by itself, and tells of a motion that went on meanwhile.
     again = ros.wait(
         ros.subscribe("rt/diagnostics", m.DiagnosticArray),
-        lambda sample: values(sample)["state"] in (*MOVING, "Holding", "Disarmed")
-        and sample.header.stamp.sec > moving.header.stamp.sec + 1
-        and children(robot.pid) not in ([], [child]),
+        lambda sample: values(sample)["state"] != values(moving)["state"] or children(robot.pid) not in ([], [child]),
     )
+    assert values(again)["state"] == "Moving", again
     assert values(again)["fault"] == "" and values(again)["trouble"] == "", again
     # As far as it would be without: the path's time follows the clock.
     passed = time.monotonic() - begun
-    if values(again)["state"] == "Moving":
-        gone = float(values(again)["path_s"]) - float(values(moving)["path_s"])
-        assert gone > 0.5 * passed, (gone, passed)
+    gone = float(values(again)["path_s"]) - float(values(moving)["path_s"])
+    assert gone > 0.5 * passed, (gone, passed)
     assert robot.poll() is None
     ros.clients.clear()
     stopped, _ = ros.trigger("stop")
