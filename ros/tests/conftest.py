@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
@@ -43,8 +44,8 @@ KEPT = PROFILE + Qos(Policy.Durability.TransientLocal)
 class Ros:
     """What a program of ROS 2 does, with Cyclone DDS alone."""
 
-    def __init__(self) -> None:
-        self.participant = DomainParticipant(DOMAIN)
+    def __init__(self, domain: int) -> None:
+        self.participant = DomainParticipant(domain)
         self.numbers = itertools.count(1)
         self.clients: dict[str, tuple[DataWriter, DataReader]] = {}
         self.readers: dict[str, DataReader] = {}
@@ -119,20 +120,30 @@ def values(sample: Any) -> dict[str, str]:
     return {value.key: value.value for value in sample.status[0].values}
 
 
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Popen[str]]:
-    """A simulated robot in real time."""
-    words = [PROGRAM, "ros", "--json", "--domain", str(DOMAIN), "--camera"]
-    folder = tmp_path_factory.mktemp("robot")
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=folder) as process:
+@contextlib.contextmanager
+def serving(folder: Path, domain: int, *words: str) -> Iterator[subprocess.Popen[str]]:
+    """`mcdpr ros` with these words."""
+    command = [PROGRAM, "ros", "--json", "--domain", str(domain), *words]
+    # What it keeps of a robot is no one's but this test's.
+    own = {**os.environ, "XDG_STATE_HOME": str(folder)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder, env=own) as process:
         assert process.stdout is not None
-        said = json.loads(process.stdout.readline())
-        assert said["domain"] == DOMAIN and said["interfaces"] == ["127.0.0.1"]
-        yield process
-        process.terminate()
+        try:
+            said = json.loads(process.stdout.readline())
+            assert said["domain"] == domain and said["interfaces"] == ["127.0.0.1"]
+            yield process
+        finally:
+            process.terminate()
         assert process.wait(timeout=DEADLINE_S) in (0, 130)
 
 
 @pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Popen[str]]:
+    """A simulated robot in real time."""
+    with serving(tmp_path_factory.mktemp("robot"), DOMAIN, "--camera") as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
 def ros(robot: subprocess.Popen[str]) -> Ros:
-    return Ros()
+    return Ros(DOMAIN)

@@ -8,11 +8,12 @@ import os
 import signal
 import subprocess
 import time
+from pathlib import Path
 from typing import Any
 
 import messages as m
 import pytest
-from conftest import DEADLINE_S, DOMAIN, KEPT, PROGRAM, Ros, values
+from conftest import DEADLINE_S, DOMAIN, KEPT, PROGRAM, Ros, serving, values
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import Policy
 
@@ -213,3 +214,22 @@ def test_a_program_without_its_bridge_says_how_to_get_it(robot: subprocess.Popen
     words = [PROGRAM, "ros", "--bridge", "/nowhere/mcdpr-ros", "--domain", str(DOMAIN)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=DEADLINE_S)
     assert done.returncode == 1 and "cargo xtask ros --build" in done.stderr, done.stderr
+
+
+def test_a_robot_behind_a_port_obeys_as_well(tmp_path: Path) -> None:
+    words = [PROGRAM, "sim", "--pty", "--json"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=tmp_path) as board:
+        assert board.stdout is not None
+        try:
+            port = json.loads(board.stdout.readline())["port"]
+            with serving(tmp_path, DOMAIN + 1, "--on", port):
+                ros = Ros(DOMAIN + 1)
+                ros.connect("mcdpr/stop", m.TriggerRequest, m.TriggerReply)
+                accepted = ros.move_to(*PLACE, speed=0.005)
+                assert accepted.accepted, accepted
+                ros.state("Moving")
+                stopped, took_s = ros.trigger("stop")
+                assert stopped.success and took_s < STOP_S, (stopped, took_s)
+                assert values(ros.state("Disarmed"))["fault"] == ""
+        finally:
+            board.terminate()
