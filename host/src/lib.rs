@@ -15,6 +15,7 @@
 //! | [`replay`] | the host and the core run again on recorded bytes |
 //! | [`report`] | figures, plots and files of a run |
 //! | [`serve`] | the live page |
+//! | `ros` | topics and services of ROS 2, through a process that speaks DDS |
 //! | [`reproduce`] | the paper's experiments, compared with its numbers |
 //! | [`run`] | running a plan on a board |
 //! | [`scenario`] | fault injection, and its results |
@@ -80,6 +81,7 @@ pub mod replay;
 pub mod report;
 pub mod reproduce;
 pub mod robot;
+mod ros;
 pub mod run;
 pub mod scenario;
 pub mod serve;

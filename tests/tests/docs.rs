@@ -30,6 +30,10 @@ const NOT_RUN: &[(&str, &str)] = &[
         "serves until it is interrupted; tests/tests/page.rs looks at it in a browser",
     ),
     (
+        "mcdpr ros",
+        "serves until it is interrupted, and needs mcdpr-ros; `cargo xtask ros` runs it",
+    ),
+    (
         "mcdpr pick --objects 2 --serve",
         "keeps real time and a port; tests/tests/page.rs does it with a port of its own",
     ),

@@ -4,6 +4,7 @@ mod firmware;
 mod functions;
 mod public;
 mod python;
+mod ros;
 mod seams;
 mod source;
 mod tools;
@@ -17,6 +18,8 @@ test        every test: host crates, system tests with the real program, the fir
 wheel       build the Python package mcdpr (target/wheels)
 python      the same, and its tests on the installed wheel (mypy, pytest; several minutes of build);
             --built: on what the tests have built, as `test` does
+ros         build mcdpr and its ROS side (ros/, outside of the workspace: minutes), and test them with Eclipse
+            Cyclone DDS; --build: build only
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
@@ -32,6 +35,10 @@ fn main() -> ExitCode {
         }
         Some("python") => python::test(),
         Some("wheel") => python::wheel().map(|file| println!("{}", file.display())),
+        Some("ros") if std::env::args().nth(2).as_deref() == Some("--build") => {
+            ros::build(FEATURES)
+        }
+        Some("ros") => ros::test(FEATURES),
         Some("firmware") => firmware::build_and_check(),
         Some("seams") => seams().and_then(|()| functions::print_longest()),
         Some("lint") => lint(),
@@ -151,6 +158,7 @@ fn lint() -> Result<(), String> {
         "warnings",
     ])?;
     firmware::lint()?;
+    ros::check_format()?;
     run(Command::new(cargo_program())
         .args(["doc", "--locked", "--workspace", "--no-deps"])
         .env("RUSTDOCFLAGS", "-D warnings"))

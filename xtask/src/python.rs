@@ -140,7 +140,7 @@ fn judge(python: &Path) -> Result<(), String> {
 }
 
 /// Installs packages that are not there.
-fn pip(python: &Path, packages: &[&str]) -> Result<(), String> {
+pub(crate) fn pip(python: &Path, packages: &[&str]) -> Result<(), String> {
     run(Command::new(python)
         .args([
             "-m",

@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Where the modules of the workspace's crates are.
-const SOURCES: [&str; 13] = [
+const SOURCES: [&str; 14] = [
     "protocol/src",
     "kinematics/src",
     "vision/src",
@@ -26,6 +26,7 @@ const SOURCES: [&str; 13] = [
     "emulator/src",
     "host/src",
     "tests/src",
+    "ros/src",
     "xtask/src",
 ];
 

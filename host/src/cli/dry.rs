@@ -79,6 +79,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("rig lower", Refuses),
     ("rig spool", Refuses),
     ("rig tension", Refuses),
+    ("ros", Judges),
     ("run", Judges),
     ("serve", Judges),
     ("sim", Refuses),

@@ -27,6 +27,7 @@ mod export;
 mod eye;
 mod faults;
 mod flash;
+mod line;
 mod model;
 #[cfg(unix)]
 mod monitor;
@@ -48,6 +49,7 @@ mod replay;
 mod report;
 mod reproduce;
 mod rig;
+mod ros;
 mod run;
 mod serve;
 mod service;
@@ -201,6 +203,7 @@ enum Command {
     Clear(clear::Cmd),
     Commission(commission::Cmd),
     Serve(serve::Cmd),
+    Ros(ros::Cmd),
     #[cfg(unix)]
     Monitor(monitor::Cmd),
     Replay(replay::Cmd),
@@ -315,6 +318,7 @@ pub fn main() -> ExitCode {
         Command::Clear(cmd) => cmd.run(common),
         Command::Commission(cmd) => cmd.run(common),
         Command::Serve(cmd) => cmd.run(common),
+        Command::Ros(cmd) => cmd.run(common),
         #[cfg(unix)]
         Command::Monitor(cmd) => cmd.run(common),
         Command::Replay(cmd) => cmd.run(common),

@@ -1,5 +1,6 @@
 //! `mcdpr serve`: the live page, and a robot behind it.
 
+use super::line::{in_words, keep_open, refuse_for_a_while, watched};
 use super::recorded::{About, Recorded};
 use super::run::tool_height_m;
 use super::token::Token;
@@ -9,7 +10,7 @@ use crate::experiment::{Experiment, SimulatedRobot};
 use crate::link::{Client, ClientError, Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
-use crate::record::events::{Patience, TruthTap, Watched};
+use crate::record::events::{Patience, TruthTap};
 use crate::record::{Doing, EventBus, TaskSource};
 use crate::run::{
     self, Homing, LengthFiles, RunError, Session, interrupted, new_session, watch_for_interrupts,
@@ -20,7 +21,7 @@ use std::cell::Cell;
 use std::io::Write as _;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Default port of the page.
 pub(crate) const PORT: u16 = 8650;
@@ -31,10 +32,6 @@ const ANSWER: Duration = Duration::from_millis(50);
 const JOG_HOLD_S: f64 = 3.0;
 /// How long a jog order is valid without a new one, s.
 const JOG_VALID_S: f64 = 0.2;
-/// Time between two attempts to reconnect to a robot whose line was lost.
-const AGAIN: Duration = Duration::from_secs(1);
-/// Meanwhile an order waits no longer than this for its refusal.
-const LONGEST_REFUSAL: Duration = Duration::from_millis(10);
 /// Polling interval of an idle board, µs.
 const LOOK_US: u64 = 40_000;
 
@@ -227,46 +224,18 @@ impl Show<'_> {
     /// opened again, and viewers see the reason; only at the start it must exist.
     fn go<L: Link>(
         &self,
-        mut open: impl FnMut() -> Result<L, ClientError>,
+        open: impl FnMut() -> Result<L, ClientError>,
         tap: Option<&TruthTap>,
     ) -> Outcome {
-        let mut line = open()?;
-        loop {
-            match self.round(&mut line, tap) {
-                Ok(true) => {}
-                Ok(false) => return Ok(()),
-                Err(error) => {
-                    let mut reason = in_words(&error);
-                    // A port admits one program: close it before opening it again.
-                    drop(line);
-                    line = loop {
-                        self.lost.set(true);
-                        self.feed.set_trouble(&reason);
-                        if !self.refuse_for_a_while(&reason) {
-                            return Ok(());
-                        }
-                        match open() {
-                            Ok(line) => break line,
-                            Err(error) => reason = in_words(&error.into()),
-                        }
-                    };
-                }
-            }
-        }
-    }
-
-    /// Refuses all orders with a reason for a second; returns whether the program continues.
-    fn refuse_for_a_while(&self, reason: &str) -> bool {
-        let until = Instant::now() + AGAIN;
-        while Instant::now() < until {
-            if interrupted() {
-                return false;
-            }
-            self.handle.close(reason);
-            self.start.store(false, Ordering::SeqCst);
-            std::thread::sleep(LONGEST_REFUSAL);
-        }
-        true
+        let round = |line: &mut L| self.round(line, tap);
+        keep_open(open, round, |reason| {
+            self.lost.set(true);
+            self.feed.set_trouble(reason);
+            refuse_for_a_while(|| {
+                self.handle.close(reason);
+                self.start.store(false, Ordering::SeqCst);
+            })
+        })
     }
 
     /// Waits for a request and executes it once; returns whether the program continues.
@@ -341,10 +310,10 @@ impl Show<'_> {
             Err(RunError::Interrupted) => self.feed.say("stopped; Start goes on"),
             // The robot answers, but the request failed.
             Err(error @ RunError::Client(ClientError::Refused { .. })) => {
-                self.feed.set_trouble(&in_words(&error.into()));
+                self.feed.set_trouble(&in_words(&error));
             }
             Err(error @ RunError::Client(_)) => return Err(error.into()),
-            Err(error) => self.feed.set_trouble(&in_words(&error.into())),
+            Err(error) => self.feed.set_trouble(&in_words(&error)),
         }
         Ok(true)
     }
@@ -450,23 +419,5 @@ impl Show<'_> {
         };
         client.request(Request::Close)?;
         Ok(outcome)
-    }
-}
-
-/// An error with its causes and its remedy, in one line.
-fn in_words(error: &miette::Report) -> String {
-    let words: Vec<_> = error.chain().map(ToString::to_string).collect();
-    let words = words.join(": ");
-    match error.help() {
-        Some(help) => format!("{words}; {help}"),
-        None => words,
-    }
-}
-
-fn watched<'a, L: Link>(link: L, events: &'a EventBus, tap: Option<&TruthTap>) -> Watched<'a, L> {
-    let watched = Watched::new(link, events);
-    match tap {
-        Some(tap) => watched.with_truth(tap.clone()),
-        None => watched,
     }
 }

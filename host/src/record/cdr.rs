@@ -4,11 +4,11 @@
 //! and geometry2 (ROS 2 Humble).
 
 /// Bytes of one message.
-pub(super) struct Cdr(Vec<u8>);
+pub(crate) struct Cdr(Vec<u8>);
 
 impl Cdr {
     /// Begins with the encapsulation header: CDR, little-endian.
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(vec![0, 1, 0, 0])
     }
 
@@ -19,25 +19,25 @@ impl Cdr {
         }
     }
 
-    pub(super) fn u8(&mut self, value: u8) -> &mut Self {
+    pub(crate) fn u8(&mut self, value: u8) -> &mut Self {
         self.0.push(value);
         self
     }
 
-    pub(super) fn u32(&mut self, value: u32) -> &mut Self {
+    pub(crate) fn u32(&mut self, value: u32) -> &mut Self {
         self.align(4);
         self.0.extend_from_slice(&value.to_le_bytes());
         self
     }
 
-    pub(super) fn f64(&mut self, value: f64) -> &mut Self {
+    pub(crate) fn f64(&mut self, value: f64) -> &mut Self {
         self.align(8);
         self.0.extend_from_slice(&value.to_le_bytes());
         self
     }
 
     /// Numbers of an array of fixed length: no count before them.
-    pub(super) fn f64s<'a>(&mut self, values: impl IntoIterator<Item = &'a f64>) -> &mut Self {
+    pub(crate) fn f64s<'a>(&mut self, values: impl IntoIterator<Item = &'a f64>) -> &mut Self {
         for value in values {
             self.f64(*value);
         }
@@ -45,22 +45,22 @@ impl Cdr {
     }
 
     /// A count before the elements of a sequence.
-    pub(super) fn count(&mut self, count: usize) -> &mut Self {
+    pub(crate) fn count(&mut self, count: usize) -> &mut Self {
         self.u32(u32::try_from(count).unwrap_or(u32::MAX))
     }
 
     /// A sequence of numbers.
-    pub(super) fn sequence(&mut self, values: &[f64]) -> &mut Self {
+    pub(crate) fn sequence(&mut self, values: &[f64]) -> &mut Self {
         self.count(values.len()).f64s(values)
     }
 
-    pub(super) fn text(&mut self, text: &str) -> &mut Self {
+    pub(crate) fn text(&mut self, text: &str) -> &mut Self {
         self.count(text.len() + 1);
         self.0.extend_from_slice(text.as_bytes());
         self.u8(0)
     }
 
-    pub(super) fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
+    pub(crate) fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
         self.count(bytes.len());
         self.0.extend_from_slice(bytes);
         self
@@ -73,7 +73,7 @@ impl Cdr {
         self.u32(seconds).u32(rest).text(frame)
     }
 
-    pub(super) fn done(&mut self) -> Vec<u8> {
+    pub(crate) fn done(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.0)
     }
 }

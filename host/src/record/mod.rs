@@ -8,7 +8,7 @@
 //! | [`events`] | passes events to watchers on separate threads |
 //! | [`recording`] | the watcher that writes the MCAP file |
 //! | `panel` | the robot in Foxglove's terms, for its 3-D panel |
-//! | `rosbag`, `cdr` | a record as a bag of ROS 2 |
+//! | `rosbag`, `ros2`, `cdr` | a record as a bag of ROS 2; its messages, and their bytes |
 //! | [`load`] | a recorded run, read back |
 //! | [`scenario`] | the inputs of a run, for repeating it |
 //! | [`words`] | states and limits in words |
@@ -17,14 +17,15 @@
 //! the host (its plan). The thread that moves the robot copies a few hundred bytes into a queue and
 //! continues, independent of the disk or a browser.
 
-mod cdr;
+pub(crate) mod cdr;
 pub mod decode;
 pub mod events;
 pub mod load;
 pub mod mcap;
 mod pack;
-mod panel;
+pub(crate) mod panel;
 pub mod recording;
+pub(crate) mod ros2;
 pub(crate) mod rosbag;
 pub mod scenario;
 mod schemas;

@@ -150,7 +150,7 @@ pub(super) fn path(plan: &PlanNote, stamp: &impl Serialize) -> Value {
 }
 
 /// A part fixed to the platform: the name of its frame, and platform_from_it.
-pub(super) fn fixed(model: &Model) -> [(&'static str, Pose); 2] {
+pub(crate) fn fixed(model: &Model) -> [(&'static str, Pose); 2] {
     let robot = model.robot();
     [
         ("tool", Pose::level(robot.tool.tcp_in_platform_m)),

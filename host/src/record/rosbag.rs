@@ -2,8 +2,9 @@
 //!
 //! Source: rosbag2 (storage plugin mcap, metadata version 5) and the profile `ros2` of the MCAP registry.
 
-use super::cdr::{Cdr, definition};
+use super::cdr::definition;
 use super::mcap::{ChannelId, ReadError, Writer, read};
+use super::ros2::{self, Condition, Encoded, Frame};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -156,12 +157,12 @@ fn metadata(topics: &[(String, &str, u64)], (from_ns, to_ns): (u64, u64), file: 
 }
 
 impl Bagger {
-    fn put(&mut self, topic: &str, kind: &'static str, time_ns: u64, message: &mut Cdr) {
+    fn put(&mut self, topic: &str, time_ns: u64, message: Encoded) {
         self.out.push(Message {
             topic: topic.to_owned(),
-            kind,
+            kind: message.kind,
             time_ns,
-            data: message.done(),
+            data: message.data,
         });
     }
 
@@ -177,41 +178,33 @@ impl Bagger {
         }
     }
 
-    /// Winches as joints: position is the cable that is paid out (m), effort its tension (N).
     fn cables(&mut self, time_ns: u64, body: &Value) {
         let lengths = numbers(&body["length_m"]);
         self.tensions_n = numbers(&body["tension_n"]);
-        let mut out = Cdr::new();
-        out.header(time_ns, "").count(lengths.len());
-        for cable in 1..=lengths.len() {
-            out.text(&format!("winch_{cable}"));
-        }
-        out.sequence(&lengths)
-            .sequence(&[])
-            .sequence(&self.tensions_n);
-        self.put("/joint_states", "sensor_msgs/JointState", time_ns, &mut out);
+        let message = ros2::joint_state(time_ns, &lengths, &[], &self.tensions_n);
+        self.put("/joint_states", time_ns, message);
     }
 
     fn transform(&mut self, time_ns: u64, body: &Value) {
         let text = |key: &str| body[key].as_str().unwrap_or_default();
-        let (parent, child) = (text("parent_frame_id"), text("child_frame_id"));
-        let place = part(&body["translation"], &["x", "y", "z"]);
-        let turn = part(&body["rotation"], &["x", "y", "z", "w"]);
+        let parent = text("parent_frame_id");
+        let message = ros2::transforms(
+            time_ns,
+            &[Frame {
+                parent,
+                child: text("child_frame_id").to_owned(),
+                place_m: part(&body["translation"], ["x", "y", "z"]),
+                turn_xyzw: part(&body["rotation"], ["x", "y", "z", "w"]),
+            }],
+        );
         let topic = if parent == "world" {
             "/tf"
         } else {
             "/tf_static"
         };
-        let mut out = Cdr::new();
-        out.count(1)
-            .header(time_ns, parent)
-            .text(child)
-            .f64s(&place)
-            .f64s(&turn);
-        self.put(topic, "tf2_msgs/TFMessage", time_ns, &mut out);
+        self.put(topic, time_ns, message);
     }
 
-    /// What each cable pulls with at its attachment, world axes, and where that is.
     fn pulls(&mut self, time_ns: u64, body: &Value) {
         let cables = body["entities"]
             .as_array()
@@ -219,29 +212,15 @@ impl Bagger {
         let Some(points) = cables.and_then(|cables| cables["lines"][0]["points"].as_array()) else {
             return;
         };
-        let points: Vec<_> = points.iter().map(|p| part(p, &["x", "y", "z"])).collect();
-        let pairs: Vec<_> = points.chunks_exact(2).map(|pair| pair.to_vec()).collect();
-        for (cable, (ends, tension)) in pairs.iter().zip(self.tensions_n.clone()).enumerate() {
-            let [from, to] = ends.as_slice() else {
+        let points: Vec<_> = points.iter().map(|p| part(p, ["x", "y", "z"])).collect();
+        let pairs: Vec<_> = points.chunks_exact(2).map(<[_]>::to_vec).collect();
+        for (cable, (ends, tension_n)) in pairs.iter().zip(self.tensions_n.clone()).enumerate() {
+            let [from_m, to_m] = ends.as_slice() else {
                 continue;
             };
-            let (topic, frame) = (
-                format!("/cables/cable_{}/wrench", cable + 1),
-                format!("attachment_{}", cable + 1),
-            );
-            let away: Vec<f64> = from.iter().zip(to).map(|(a, b)| a - b).collect();
-            let length = away.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
-            let force: Vec<f64> = away.iter().map(|x| x / length * tension).collect();
-            let mut out = Cdr::new();
-            out.header(time_ns, &frame).f64s(&force).f64s(&[0.0; 3]);
-            self.put(&topic, "geometry_msgs/WrenchStamped", time_ns, &mut out);
-            let mut out = Cdr::new();
-            out.count(1)
-                .header(time_ns, "world")
-                .text(&frame)
-                .f64s(to)
-                .f64s(&[0.0, 0.0, 0.0, 1.0]);
-            self.put("/tf", "tf2_msgs/TFMessage", time_ns, &mut out);
+            let pull = ros2::pull(time_ns, cable, (from_m, to_m), tension_n);
+            self.put(&pull.topic, time_ns, pull.wrench);
+            self.put("/tf", time_ns, ros2::transforms(time_ns, &[pull.frame]));
         }
     }
 
@@ -250,28 +229,22 @@ impl Bagger {
         let state = body["state"].as_str().unwrap_or_default();
         let fault = body["fault"].as_str();
         let level = match (fault, body["limits"].as_u64()) {
-            (Some(_), _) => 2,
-            (None, Some(0) | None) => 0,
-            (None, Some(_)) => 1,
+            (Some(_), _) => Condition::Error,
+            (None, Some(0) | None) => Condition::Ok,
+            (None, Some(_)) => Condition::Warning,
         };
-        let mut out = Cdr::new();
-        out.header(time_ns, "")
-            .count(1)
-            .u8(level)
-            .text("mcdpr: board")
-            .text(fault.unwrap_or(state))
-            .text(&self.robot);
         let values = body.as_object().into_iter().flatten();
-        let values: Vec<_> = values.filter(|(key, _)| *key != "timestamp").collect();
-        out.count(values.len());
-        for (key, value) in values {
-            let words = value
-                .as_str()
-                .map_or_else(|| value.to_string(), str::to_owned);
-            out.text(key).text(&words);
-        }
-        let kind = "diagnostic_msgs/DiagnosticArray";
-        self.put("/diagnostics", kind, time_ns, &mut out);
+        let values = values.filter(|(key, _)| *key != "timestamp");
+        let values: Vec<_> = values
+            .map(|(key, value)| {
+                let words = value.as_str();
+                let words = words.map_or_else(|| value.to_string(), str::to_owned);
+                (key.as_str(), words)
+            })
+            .collect();
+        let said = fault.unwrap_or(state);
+        let message = ros2::diagnostics(time_ns, level, said, &self.robot, &values);
+        self.put("/diagnostics", time_ns, message);
     }
 
     fn image(&mut self, time_ns: u64, body: &Value) {
@@ -279,10 +252,8 @@ impl Bagger {
             return;
         };
         let format = body["format"].as_str().unwrap_or("png");
-        let mut out = Cdr::new();
-        out.header(time_ns, "camera").text(format).bytes(&data);
-        let (topic, kind) = ("/camera/image/compressed", "sensor_msgs/CompressedImage");
-        self.put(topic, kind, time_ns, &mut out);
+        let message = ros2::picture(time_ns, format, &data);
+        self.put("/camera/image/compressed", time_ns, message);
     }
 
     fn lens(&mut self, time_ns: u64, body: &Value) {
@@ -290,22 +261,11 @@ impl Bagger {
             let pixels = body[key].as_u64().unwrap_or(0);
             u32::try_from(pixels).unwrap_or(0)
         };
-        let mut out = Cdr::new();
-        out.header(time_ns, "camera")
-            .u32(size("height"))
-            .u32(size("width"))
-            .text(body["distortion_model"].as_str().unwrap_or_default())
-            .sequence(&numbers(&body["D"]));
-        for (key, count) in [("K", 9), ("R", 9), ("P", 12)] {
-            let mut matrix = numbers(&body[key]);
-            matrix.resize(count, 0.0);
-            out.f64s(&matrix);
-        }
-        // No binning, the whole picture, not rectified.
-        out.u32(0).u32(0);
-        out.u32(0).u32(0).u32(0).u32(0).u8(0);
-        let (topic, kind) = ("/camera/camera_info", "sensor_msgs/CameraInfo");
-        self.put(topic, kind, time_ns, &mut out);
+        let matrices = ["K", "R", "P"].map(|key| numbers(&body[key]));
+        let model = body["distortion_model"].as_str().unwrap_or_default();
+        let sizes = [size("width"), size("height")];
+        let message = ros2::lens(time_ns, sizes, model, &numbers(&body["D"]), &matrices);
+        self.put("/camera/camera_info", time_ns, message);
     }
 }
 
@@ -314,9 +274,8 @@ fn numbers(value: &Value) -> Vec<f64> {
     list.map(|x| x.as_f64().unwrap_or(f64::NAN)).collect()
 }
 
-fn part(value: &Value, keys: &[&str]) -> Vec<f64> {
-    let number = |key: &&str| value[*key].as_f64().unwrap_or(f64::NAN);
-    keys.iter().map(number).collect()
+fn part<const N: usize>(value: &Value, keys: [&str; N]) -> [f64; N] {
+    keys.map(|key| value[key].as_f64().unwrap_or(f64::NAN))
 }
 
 /// The bytes of a text in base64; `None` for one that is none.

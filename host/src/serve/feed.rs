@@ -212,7 +212,7 @@ impl Feed {
     }
 
     /// A viewer was connected (`true`) or disconnected.
-    pub(super) fn viewer(&self, came: bool) {
+    pub(crate) fn viewer(&self, came: bool) {
         let mut inner = self.lock();
         inner.viewers = if came {
             inner.viewers + 1

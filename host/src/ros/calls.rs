@@ -1,0 +1,269 @@
+//! The services, and their requests as orders.
+
+use super::goals::{Goal, Goals, Verdict, Wish};
+use super::pipe::{Call, Outlet, Tell};
+use crate::control::{Handle, Ticket};
+use crate::motion::Task;
+use crate::record::cdr::Cdr;
+use crate::serve::Feed;
+use nalgebra::Vector3;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
+
+/// How long an order's outcome is waited for. A stop that takes longer remains ordered.
+const ANSWER: Duration = Duration::from_secs(2);
+/// Orders whose outcome is waited for.
+const WAITING: usize = 64;
+
+/// Types of the services, as DDS has them.
+const TRIGGER: &str = "std_srvs::srv::dds_::Trigger";
+const MOVE_TO: &str = "mcdpr_msgs::srv::dds_::MoveTo";
+const RUN_TASK: &str = "mcdpr_msgs::srv::dds_::RunTask";
+
+/// A service of the node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Service {
+    Stop,
+    Hold,
+    Resume,
+    Clear,
+    MoveTo,
+    RunTask,
+}
+
+/// Their names and types; the place here is the number on the lines.
+const SERVICES: [(&str, &str, Service); 6] = [
+    ("mcdpr/stop", TRIGGER, Service::Stop),
+    ("mcdpr/hold", TRIGGER, Service::Hold),
+    ("mcdpr/resume", TRIGGER, Service::Resume),
+    ("mcdpr/clear", TRIGGER, Service::Clear),
+    ("mcdpr/move_to", MOVE_TO, Service::MoveTo),
+    ("mcdpr/run_task", RUN_TASK, Service::RunTask),
+];
+
+/// The lines that make the services.
+pub(super) fn greeting() -> impl Iterator<Item = String> {
+    let services = SERVICES.iter().enumerate();
+    services.map(|(id, (name, kind, _))| Tell::Service { id, name, kind }.line())
+}
+
+/// Passes the requests of services on, and their outcomes back.
+pub(crate) struct Desk {
+    handle: Handle,
+    goals: Goals,
+    feed: Feed,
+    tasks: Vec<(String, Task)>,
+    orders: SyncSender<(Outlet, Call, Ticket)>,
+}
+
+impl Desk {
+    /// Orders go to `handle`, places and these tasks (by name) to `goals`; viewers see what was asked for.
+    ///
+    /// # Errors
+    /// If the system has no thread for the answers.
+    pub(crate) fn new(
+        handle: &Handle,
+        goals: &Goals,
+        feed: &Feed,
+        tasks: Vec<(String, Task)>,
+    ) -> std::io::Result<Self> {
+        let (orders, asked) = sync_channel(WAITING);
+        let answering = handle.clone();
+        std::thread::Builder::new()
+            .name("answers".to_owned())
+            .spawn(move || answer(&answering, &asked))?;
+        Ok(Self {
+            handle: handle.clone(),
+            goals: goals.clone(),
+            feed: feed.clone(),
+            tasks,
+            orders,
+        })
+    }
+
+    /// Executes a call; the reply follows by itself.
+    pub(crate) fn called(&self, outlet: &Outlet, call: Call) {
+        let Some((name, _, service)) = SERVICES.get(call.service) else {
+            return;
+        };
+        let ticket = match service {
+            Service::Stop => {
+                let ticket = self.handle.stop();
+                self.goals.refuse("a stop came first");
+                ticket
+            }
+            Service::Hold => self.handle.hold(),
+            Service::Resume => self.handle.resume(),
+            Service::Clear => self.handle.clear(),
+            Service::MoveTo => return self.offer(outlet, call, Self::place),
+            Service::RunTask => return self.offer(outlet, call, Self::task),
+        };
+        self.feed.say(&format!("order from ROS: {name}"));
+        // Outcomes come in the order of orders; a stop ends the wait for those before it.
+        if let Err(full) = self.orders.try_send((outlet.clone(), call, ticket)) {
+            let (std::sync::mpsc::TrySendError::Full((outlet, call, _))
+            | std::sync::mpsc::TrySendError::Disconnected((outlet, call, _))) = full;
+            let reason = format!("{WAITING} orders wait already; this one was given all the same");
+            outlet.reply(&call, &triggered(Err(reason)));
+        }
+    }
+
+    fn offer(
+        &self,
+        outlet: &Outlet,
+        call: Call,
+        read: impl FnOnce(&Self, &[u8]) -> Result<Wish, String>,
+    ) {
+        let wish = read(self, &call.data);
+        let (outlet, feed) = (outlet.clone(), self.feed.clone());
+        let tell = move |verdict: Verdict| {
+            match &verdict {
+                Ok(seconds) => feed.say(&format!("goal from ROS: {seconds:.1} s")),
+                Err(reason) => feed.say(&format!("goal from ROS refused: {reason}")),
+            }
+            outlet.reply(&call, &judged(&verdict));
+        };
+        match wish {
+            Ok(wish) => self.goals.offer(Goal::new(wish, tell)),
+            Err(reason) => tell(Err(reason)),
+        }
+    }
+
+    /// `MoveTo`: target (m, world), greatest speed (m/s; 0: the robot file's).
+    fn place(&self, data: &[u8]) -> Result<Wish, String> {
+        let mut read = Reader(data);
+        let numbers = [(); 4].map(|()| read.f64());
+        let [Some(x), Some(y), Some(z), Some(speed)] = numbers else {
+            return Err("the request is shorter than a MoveTo".to_owned());
+        };
+        let to_m = Vector3::new(x, y, z);
+        if !to_m.iter().all(|value| value.is_finite()) {
+            return Err(format!("the target ({x}, {y}, {z}) m is no place"));
+        }
+        if !(speed.is_finite() && speed >= 0.0) {
+            return Err(format!(
+                "{speed} m/s is no speed; 0 takes the robot file's limit"
+            ));
+        }
+        let speed_mps = (speed > 0.0).then_some(speed);
+        Ok(Wish::Move { to_m, speed_mps })
+    }
+
+    /// `RunTask`: the task's name.
+    fn task(&self, data: &[u8]) -> Result<Wish, String> {
+        let name = Reader(data).text();
+        let name = name.ok_or("the request is shorter than a RunTask")?;
+        let found = self.tasks.iter().find(|(known, _)| *known == name);
+        let known: Vec<_> = self.tasks.iter().map(|(name, _)| name.as_str()).collect();
+        let found = found.ok_or_else(|| {
+            let known = known.join(", ");
+            format!("there is no task {name} here; `mcdpr ros --task` names those that there are: {known}")
+        });
+        Ok(Wish::Task(found?.1.clone()))
+    }
+}
+
+/// Waits for the outcomes of orders, and replies.
+fn answer(handle: &Handle, asked: &Receiver<(Outlet, Call, Ticket)>) {
+    while let Ok((outlet, call, ticket)) = asked.recv() {
+        let outcome = handle.wait(ticket, ANSWER).unwrap_or_else(|| {
+            let seconds = ANSWER.as_secs();
+            Err(format!("no answer within {seconds} s; the order waits"))
+        });
+        outlet.reply(&call, &triggered(outcome));
+    }
+}
+
+/// `std_srvs/srv/Trigger`, the response.
+fn triggered(outcome: Result<(), String>) -> Vec<u8> {
+    let said = outcome.as_ref().err().map_or("", String::as_str);
+    Cdr::new().u8(outcome.is_ok().into()).text(said).done()
+}
+
+/// `MoveTo` and `RunTask`, the response: accepted, message, duration (s).
+fn judged(verdict: &Verdict) -> Vec<u8> {
+    let said = verdict.as_ref().err().map_or("", String::as_str);
+    let seconds = verdict.as_ref().map_or(0.0, |seconds| *seconds);
+    let mut out = Cdr::new();
+    out.u8(verdict.is_ok().into()).text(said).f64(seconds);
+    out.done()
+}
+
+/// Reads plain CDR, little-endian, from its first number on.
+struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (now, rest) = self.0.split_first_chunk::<N>()?;
+        self.0 = rest;
+        Some(*now)
+    }
+
+    fn f64(&mut self) -> Option<f64> {
+        self.take().map(f64::from_le_bytes)
+    }
+
+    /// A text, without the zero at its end.
+    fn text(&mut self) -> Option<&'a str> {
+        let count = usize::try_from(u32::from_le_bytes(self.take()?)).ok()?;
+        let bytes = self.0.get(..count)?;
+        std::str::from_utf8(bytes.strip_suffix(&[0])?).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn desk() -> Desk {
+        let task = Task::built_in("paper:table8", -0.1).unwrap();
+        let tasks = vec![("line".to_owned(), task)];
+        Desk::new(&Handle::new(), &Goals::default(), &Feed::default(), tasks).unwrap()
+    }
+
+    fn numbers(values: [f64; 4]) -> Vec<u8> {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect()
+    }
+
+    #[test]
+    fn requests_are_read_and_what_is_none_is_refused_in_words() {
+        let desk = desk();
+        let place = desk.place(&numbers([0.1, 0.2, -0.3, 0.0]));
+        assert!(
+            matches!(place, Ok(Wish::Move { to_m, speed_mps: None }) if to_m == Vector3::new(0.1, 0.2, -0.3))
+        );
+        for (wrong, word) in [
+            ([f64::NAN, 0.0, 0.0, 0.0], "no place"),
+            ([0.0, f64::INFINITY, 0.0, 0.0], "no place"),
+            ([0.0, 0.0, 0.0, -1.0], "no speed"),
+            ([0.0, 0.0, 0.0, f64::NAN], "no speed"),
+        ] {
+            let said = desk.place(&numbers(wrong)).unwrap_err();
+            assert!(said.contains(word), "{said}");
+        }
+        assert!(desk.place(&[0; 31]).unwrap_err().contains("shorter"));
+        let named = |text: &str| Cdr::new().text(text).done().split_off(4);
+        assert!(matches!(desk.task(&named("line")), Ok(Wish::Task(_))));
+        let said = desk.task(&named("/etc/passwd")).unwrap_err();
+        assert!(said.contains("there are: line"), "{said}");
+        for short in [&[][..], &[9, 0, 0, 0, b'a', 0], &[1, 0, 0, 0, b'a']] {
+            assert!(desk.task(short).unwrap_err().contains("shorter"));
+        }
+    }
+
+    #[test]
+    fn replies_are_those_of_the_message_files() {
+        let done = triggered(Ok(()));
+        assert_eq!(done, [0, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0]);
+        let refused = judged(&Err("no".to_owned()));
+        let wanted = [
+            &[0, 1, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, b'n', b'o', 0, 0][..],
+            &[0, 0, 0, 0],
+            &0.0_f64.to_le_bytes(),
+        ];
+        assert_eq!(refused, wanted.concat());
+    }
+}
