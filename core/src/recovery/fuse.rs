@@ -51,7 +51,7 @@ pub struct Found {
     /// What a metre more of each cable would move the tool by, m, as weighed.
     pub tool_per_length: DMatrix<f64>,
     /// What a metre more of each cable would add to the root of `chi2`.
-    pub shows_per_length: Vec<f64>,
+    pub residual_per_length: Vec<f64>,
 }
 
 struct Problem<'a> {
@@ -176,14 +176,14 @@ pub fn fuse(
     // A length that is off by one adds a column of the whitening matrix to the rows.
     let gain = &covariance * slopes.transpose();
     let mut tool_per_length = DMatrix::zeros(3, lengths);
-    let mut shows_per_length = Vec::new();
+    let mut residual_per_length = Vec::new();
     if let Some(white) = &problem.white {
         for cable in 0..lengths {
             let mut bias = DVector::zeros(rows.len());
             bias.rows_mut(0, lengths).copy_from(&white.column(cable));
             let moved = &gain * &bias;
             tool_per_length.set_column(cable, &moved.rows(0, 3));
-            shows_per_length.push((bias - &slopes * &moved).norm());
+            residual_per_length.push((bias - &slopes * &moved).norm());
         }
     }
     let tensions = weighed.tensions_n.len();
@@ -195,7 +195,7 @@ pub fn fuse(
         tension_residuals: rows.rows(lengths, tensions).iter().copied().collect(),
         length_chi2: rows.rows(0, lengths).norm_squared(),
         tool_per_length: -tool_per_length,
-        shows_per_length,
+        residual_per_length,
         rest,
     })
 }

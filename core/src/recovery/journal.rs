@@ -105,7 +105,9 @@ pub struct Journal {
     pub last: Option<Kept>,
     /// The last instant in which the robot stood: held by torque or brakes.
     pub still: Option<Kept>,
-    /// Whether the program came to its own end: it lived on when the line was gone.
+    /// Path time that the last plan has reached, ms; 0 before its motion.
+    pub path_ms: u32,
+    /// Whether the program ended by itself: it continued when the line was gone.
     pub ended: bool,
     /// Number of the last whole record.
     pub number: u32,
@@ -412,6 +414,7 @@ impl Journal {
         let mut identity = None;
         let (mut plan, mut last, mut still) = (None, None, None);
         let (mut ended, mut number, mut torn_bytes) = (false, 0, 0);
+        let mut path_ms = 0;
         loop {
             let at = records.at;
             let damaged = || JournalError::Damaged {
@@ -435,12 +438,15 @@ impl Journal {
                         KIND_PLAN => {
                             let read = serde_json::from_slice::<Plan>(payload);
                             plan = Some(read.map_err(|_| damaged())?);
+                            path_ms = 0;
                         }
                         KIND_KEPT => {
                             let read = kept(payload).ok_or_else(damaged)?;
                             if matches!(read.state, BoardState::Disarmed | BoardState::Holding) {
                                 still = Some(read.clone());
                             }
+                            // A board that holds after its motion gives 0.
+                            path_ms = path_ms.max(read.path_ms);
                             last = Some(read);
                         }
                         KIND_END => ended = true,
@@ -459,6 +465,7 @@ impl Journal {
             plan,
             last,
             still,
+            path_ms,
             ended,
             number,
             torn_bytes,

@@ -9,7 +9,9 @@
 pub mod cut;
 pub mod fuse;
 pub mod journal;
+pub mod looks;
 pub mod verdict;
+mod weigh;
 
 pub use journal::{Identity, Journal, JournalError, Kept, Plan};
 pub use verdict::{Evidence, Source, Verdict, judge};

@@ -150,13 +150,13 @@ fn told(common: &Common, verdict: &Verdict) -> Outcome {
         list("used", &verdict.used);
         list("contradicts", &verdict.contradicts);
         let out: Vec<_> = verdict
-            .let_out_mm
+            .paid_out_mm
             .iter()
             .map(|mm| format!("{mm:.2}"))
             .collect();
         if !out.is_empty() {
             say!(
-                "let out since the last state that was kept: {} mm",
+                "paid out since the last state in the journal: {} mm",
                 out.join(", ")
             );
         }

@@ -18,12 +18,14 @@ use crate::link::{Client, Link};
 use crate::motion::Model;
 use crate::run::{self, RunError};
 use crate::sight::TagSource;
+use mcdpr_core::recovery::looks::{Looks, Rest};
 
 /// Looks at the sensors: this many, so far apart, µs. A platform swings some times meanwhile.
 const LOOKS: u32 = 60;
 const APART_US: u64 = 50_000;
-/// Pictures of a look at tags.
-const PICTURES: u32 = 30;
+
+/// A platform that still moves is given this many times three seconds to come to rest.
+const MOST_LOOKS: u32 = 5;
 
 /// What is known before the board is asked.
 pub struct Before<'a> {
@@ -53,22 +55,18 @@ pub fn recover<L: Link>(
     if let Some(record) = status.fault {
         return Err(RunError::Latched { record });
     }
-    let (tensions_n, tension_errors_n) = tensions(client)?;
-    let mut seen = Measurements::default();
-    if let Some((camera, places)) = before.camera {
-        for _ in 0..PICTURES {
-            let until_us = client.now_us() + APART_US;
-            client.pump(until_us)?;
-            let views = camera.look().map_err(RunError::Sight)?;
-            let known = |id: u32| {
-                let mut tags = model.robot().tags.iter();
-                tags.any(|tag| tag.id == id && places.iter().any(|place| place.body == tag.body))
-            };
-            seen.views
-                .extend(views.into_iter().filter(|view| known(view.id)));
-        }
-        seen.places = places;
-    }
+    let places = before
+        .camera
+        .as_ref()
+        .map(|(_, places)| places.clone())
+        .unwrap_or_default();
+    let mut camera = before.camera.map(|(camera, _)| camera);
+    let (looks, rest) = look_until_still(client, model, &mut camera, &places)?;
+    let seen = Measurements {
+        views: looks.steady_views(),
+        places,
+        ..Measurements::default()
+    };
     let source = if status.referenced {
         Source::Board {
             lengths_m: status.lengths_m().collect(),
@@ -81,13 +79,23 @@ pub fn recover<L: Link>(
     };
     let evidence = Evidence {
         source,
-        tensions_n,
-        tension_errors_n,
+        rest,
         seen,
         untouched: before.untouched,
         bound_m: before.bound_m,
     };
-    let verdict = judge(model, &evidence)?;
+    let mut verdict = judge(model, &evidence)?;
+    if looks.lost_tag() {
+        let lost = "the tag leaves the camera's picture while the platform swings: it was not used";
+        verdict.contradicts.push(lost.to_owned());
+    }
+    if std::env::var_os("DEBUG_LOOKS").is_some() {
+        let seen = looks.pictures.iter().filter(|p| !p.is_empty()).count();
+        eprintln!(
+            "SEEN {seen} of {} VERDICT {verdict:?}",
+            looks.pictures.len()
+        );
+    }
     if verdict.accepted {
         let reference = crate::machine::reference(&verdict.lengths_m, &verdict.tensions_n);
         client.request(reference)?;
@@ -95,22 +103,48 @@ pub fn recover<L: Link>(
     Ok(verdict)
 }
 
-/// Mean tensions and the standard errors of the means, N.
-fn tensions<L: Link>(client: &mut Client<L>) -> Result<(Vec<f64>, Vec<f64>), RunError> {
-    let mut rows: Vec<Vec<f64>> = Vec::new();
-    for _ in 0..LOOKS {
-        rows.push(run::status(client)?.tensions_n().collect());
+/// Looks again while the platform moves, [`MOST_LOOKS`] times at most.
+fn look_until_still<L: Link>(
+    client: &mut Client<L>,
+    model: &Model,
+    camera: &mut Option<&mut dyn TagSource>,
+    places: &[TagPlace],
+) -> Result<(Looks, Rest), RunError> {
+    let mut number = 0;
+    loop {
+        let looks = look(client, model, camera, places)?;
+        let rest = looks.rest(model.robot());
+        number += 1;
+        if rest.is_still() || number >= MOST_LOOKS {
+            return Ok((looks, rest));
+        }
+    }
+}
+
+/// Reads the sensors for three seconds, and takes a picture at every second reading.
+fn look<L: Link>(
+    client: &mut Client<L>,
+    model: &Model,
+    camera: &mut Option<&mut dyn TagSource>,
+    places: &[TagPlace],
+) -> Result<Looks, RunError> {
+    let known = |id: u32| {
+        let mut tags = model.robot().tags.iter();
+        tags.any(|tag| tag.id == id && places.iter().any(|place| place.body == tag.body))
+    };
+    let mut looks = Looks::default();
+    for number in 0..LOOKS {
+        looks
+            .tensions_n
+            .push(run::status(client)?.tensions_n().collect());
         let until_us = client.now_us() + APART_US;
         client.pump(until_us)?;
+        if let Some(camera) = camera.as_mut().filter(|_| number % 2 == 1) {
+            let views = camera.look().map_err(RunError::Sight)?;
+            looks
+                .pictures
+                .push(views.into_iter().filter(|view| known(view.id)).collect());
+        }
     }
-    let count = rows.len() as f64;
-    let cables = rows.first().map_or(0, Vec::len);
-    let column = |cable: usize| rows.iter().filter_map(move |row| row.get(cable).copied());
-    let figures = (0..cables).map(|cable| {
-        let mean = column(cable).sum::<f64>() / count;
-        let squares: f64 = column(cable).map(|value| (value - mean).powi(2)).sum();
-        // A swing makes neighbours alike: ten readings count as one.
-        (mean, (squares / count / (count / 10.0)).sqrt())
-    });
-    Ok(figures.unzip())
+    Ok(looks)
 }

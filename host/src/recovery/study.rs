@@ -64,7 +64,13 @@ pub struct Case {
     pub bound_mm: Option<f64>,
     /// What the estimate is off by, mm.
     pub error_mm: Option<f64>,
-    /// What it said.
+    /// Swing of the platform at the tag while it was looked at, peak to peak, mm.
+    pub swing_mm: Option<f64>,
+    /// Largest swing of a tension meanwhile, peak to peak, N.
+    pub swing_n: f64,
+    /// Statistical bound, 95 %, mm.
+    pub bound_95_mm: Option<f64>,
+    /// The verdict's sentence.
     pub sentence: String,
 }
 
@@ -271,6 +277,9 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         accepted,
         sentence,
         bound_mm,
+        bound_95_mm,
+        swing_mm,
+        swing_n,
         ..
     } = verdict;
     Ok(Some(Case {
@@ -282,7 +291,10 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         drop_mm: played.drop_m * 1e3,
         accepted,
         bound_mm,
+        bound_95_mm,
         error_mm: error_m.map(|error| error * 1e3),
+        swing_mm,
+        swing_n: swing_n.into_iter().fold(0.0, f64::max),
         sentence,
     }))
 }
