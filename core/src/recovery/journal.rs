@@ -10,6 +10,7 @@
 //! Beside it a [`Mark`] says which record has certainly reached the disk, so that a file from which
 //! whole records were taken, or one of another run, is found out.
 
+use crate::motion::Interruption;
 use mcdpr_protocol::BoardState;
 use mcdpr_protocol::frame::crc32;
 use miette::Diagnostic;
@@ -49,13 +50,16 @@ pub struct Identity {
     pub wall_ms: u64,
 }
 
-/// What the host planned: enough to make the same plan again.
+/// The host's plan: enough to make it again from the task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
-    /// The tool at its start, world, m.
+    /// The tool at the start of the whole motion, world, m.
     pub start_m: [f64; 3],
-    /// Its duration, s.
+    /// Duration of the plan under way, s.
     pub duration_s: f64,
+    /// Interruptions after which the motion was continued. Path times count from the last one.
+    #[serde(default)]
+    pub interruptions: Vec<Interruption>,
 }
 
 /// What is kept of one instant.

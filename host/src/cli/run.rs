@@ -16,6 +16,7 @@ use crate::record::events::Patience;
 use crate::record::{Doing, TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
+use crate::run::saved::scale_of;
 use crate::run::{Homing, new_session, watch_for_interrupts};
 use crate::serve::{CameraWatcher, Feed, FeedWatcher, Server};
 use mcdpr_protocol::SessionId;
@@ -39,6 +40,10 @@ pub(crate) struct Cmd {
     /// The robot hangs at its home now: for a board without reference lengths
     #[arg(long)]
     at_home: bool,
+    /// Continue this task where a loss of power interrupted it, after `mcdpr recover`: straight back to its
+    /// path, then the rest
+    #[arg(long, conflicts_with = "at_home")]
+    resume: bool,
     #[command(flatten)]
     options: Options,
 }
@@ -59,6 +64,13 @@ impl Cmd {
         let robot = common.robot()?;
         let model = Model::new(&robot)?.with_options(self.options.chosen());
         let task = crate::motion::find_task(&self.task, tool_height_m(&robot, self.z_mm))?;
+        if self.resume && common.on == "sim" {
+            let reason = "no simulated robot outlasts this program: `mcdpr recover --resume` cuts its power, recovers and continues, or give a port with --on";
+            return Err(Failed::from_error("run --resume")(reason).into());
+        }
+        if common.dry_run && self.resume {
+            return Err(super::dry::refusal("run --resume").into());
+        }
         if common.dry_run {
             return super::plan::show(common, &model, task, &Watch::default());
         }
@@ -84,6 +96,7 @@ impl Cmd {
         } else {
             new_session()
         };
+        let hash = crate::recovery::task_hash(&source);
         let folder_name = source.name.clone();
         let about = About {
             name: &folder_name,
@@ -122,7 +135,14 @@ impl Cmd {
                     } else {
                         Homing::Known
                     };
-                    Experiment::new(&model, task)
+                    let experiment = Experiment::new(&model, task);
+                    let experiment = if self.resume {
+                        let scale = scale_of(&robot);
+                        experiment.resume(hash, move |board| crate::recovery::load(board, scale))
+                    } else {
+                        experiment
+                    };
+                    experiment
                         .session(session)
                         .handle(&handle)
                         .homing(homing)

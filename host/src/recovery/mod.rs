@@ -1,9 +1,9 @@
-//! Going on after a loss of power: the journal in files, what a board shows now, the verdict.
+//! Continuing after a loss of power: the journal in files, the readings of the board, the verdict.
 //!
 //! The mathematics is in [`mcdpr_core::recovery`], which knows no file and no clock.
 
 mod disk;
-pub mod story;
+pub mod simulated;
 pub mod study;
 mod writer;
 
@@ -16,30 +16,32 @@ pub(crate) use writer::JournalWriter;
 use crate::estimate::{Measurements, TagPlace};
 use crate::link::{Client, Link};
 use crate::motion::Model;
+use crate::record::TaskSource;
 use crate::run::{self, RunError};
 use crate::sight::TagSource;
 use mcdpr_core::recovery::looks::{Looks, Rest};
+use mcdpr_protocol::BoardState;
 
-/// Looks at the sensors: this many, so far apart, µs. A platform swings some times meanwhile.
+/// Readings of the sensors, and the time between them, µs: several periods of a swinging platform.
 const LOOKS: u32 = 60;
 const APART_US: u64 = 50_000;
 
 /// A platform that still moves is given this many times three seconds to come to rest.
 const MOST_LOOKS: u32 = 5;
 
-/// What is known before the board is asked.
+/// What a recovery uses besides the board's readings.
 pub struct Before<'a> {
-    /// The journal of this board, or why none is believed.
+    /// The journal of this board, or why there is no valid one.
     pub journal: Result<Journal, JournalError>,
     /// A camera that sees tags whose places are known.
     pub camera: Option<(&'a mut dyn TagSource, Vec<TagPlace>)>,
-    /// Whether somebody vouches that no hand moved drums or platform meanwhile.
+    /// Whether the user states that nobody moved drums, brakes or platform without power.
     pub untouched: bool,
-    /// Largest bound of the tool's place that the job allows, m.
+    /// Largest bound of the tool's position that the job allows, m.
     pub bound_m: f64,
 }
 
-/// Judges where a disarmed robot hangs, and on acceptance references the board's lengths. Nothing
+/// Judges where a disarmed robot hangs. If it is accepted, the board's lengths are referenced. Nothing
 /// moves.
 ///
 /// # Errors
@@ -88,13 +90,6 @@ pub fn recover<L: Link>(
     if looks.lost_tag() {
         let lost = "the tag leaves the camera's picture while the platform swings: it was not used";
         verdict.contradicts.push(lost.to_owned());
-    }
-    if std::env::var_os("DEBUG_LOOKS").is_some() {
-        let seen = looks.pictures.iter().filter(|p| !p.is_empty()).count();
-        eprintln!(
-            "SEEN {seen} of {} VERDICT {verdict:?}",
-            looks.pictures.len()
-        );
     }
     if verdict.accepted {
         let reference = crate::machine::reference(&verdict.lengths_m, &verdict.tensions_n);
@@ -147,4 +142,48 @@ fn look<L: Link>(
         }
     }
     Ok(looks)
+}
+
+/// Checksum of a task: of its text; of name and height for a built-in one.
+pub(crate) fn task_hash(task: &TaskSource) -> u32 {
+    let text = match &task.text {
+        Some(text) => text.clone(),
+        None => format!("{} at {} m", task.name, task.tool_z_m),
+    };
+    mcdpr_protocol::frame::crc32(text.as_bytes())
+}
+
+/// One sentence on a board that has lost its lengths, by its journal; `None` without a journal.
+pub(crate) fn after_cut(board: &str, scale: u32) -> Option<String> {
+    let journal = match load(board, scale) {
+        Ok(journal) => journal,
+        Err(JournalError::Missing { .. }) => return None,
+        Err(reason) => {
+            return Some(format!(
+                "the board lost its lengths, and its journal is not valid: {reason}"
+            ));
+        }
+    };
+    let last = journal.last.as_ref()?;
+    let (hour, minute) = crate::stamp::utc_clock(journal.identity.wall_ms / 1000);
+    let doing = match last.state {
+        BoardState::Moving | BoardState::Pausing | BoardState::Stopping => {
+            format!(
+                "moving at path time {:.1} s",
+                f64::from(journal.path_ms) * 1e-3
+            )
+        }
+        BoardState::Disarmed => "parked".to_owned(),
+        BoardState::Fault | BoardState::EStop if journal.path_ms > 0 => {
+            format!(
+                "stopped at path time {:.1} s",
+                f64::from(journal.path_ms) * 1e-3
+            )
+        }
+        state => format!("{state:?}").to_lowercase(),
+    };
+    Some(format!(
+        "the board lost its lengths; the journal of {hour:02}:{minute:02} UTC says that it was {doing} ({})",
+        journal.identity.task
+    ))
 }

@@ -261,9 +261,11 @@ where
                 let Some(first) = plan.points.first() else {
                     return;
                 };
+                let resumed = plan.resumed.clone();
                 let plan = Plan {
-                    start_m: first.tool_m,
+                    start_m: resumed.as_ref().map_or(first.tool_m, |of| of.start_m),
                     duration_s: plan.duration_s,
+                    interruptions: resumed.map_or_else(Vec::new, |of| of.interruptions),
                 };
                 let record = self.disk.is_some().then(|| self.encoder.plan(&plan));
                 self.plan = Some(plan);
