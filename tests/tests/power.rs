@@ -236,3 +236,72 @@ fn p2_another_task_a_changed_plan_and_a_lost_object_are_not_continued() {
     // The robot has not moved: the true journal still continues.
     assert!(after.resume(&model, task(&model), journal).is_ok());
 }
+
+#[test]
+fn p2_the_journal_takes_less_than_a_megabyte_a_minute() {
+    let model = model("lab-fast");
+    let after = interrupted(&model, Supply::Board, Disturbance::None);
+    let journal = after.read(&model, u64::MAX / 2).unwrap();
+    // A state every 9 to 10 ms of the time since arming began, and nothing else that grows.
+    let states = f64::from(journal.number);
+    let bytes_per_state = after.journal.len() as f64 / states;
+    let megabytes = bytes_per_state * 60.0 / 9e-3 / 1e6;
+    assert!(states > 100.0, "{states}");
+    assert!((0.2..1.0).contains(&megabytes), "{megabytes} MB a minute");
+}
+
+#[test]
+fn p2_on_the_emulated_chip_a_cut_is_recovered_and_the_task_continues() {
+    let model = model("paper-table5");
+    let cut = SimulatedCut {
+        task: task(&model),
+        mismatch: Mismatch::realistic(),
+        seed: 3,
+        supply: Supply::Board,
+        at_s: 0.8,
+        lasts_s: 1.0,
+        disturbance: Disturbance::None,
+        controller: Controller::Chip(mcdpr_tests::chip::firmware()),
+    };
+    let after = simulate(&model, &cut).unwrap().unwrap();
+    assert!(after.drop_m < 5e-3, "{} m", after.drop_m);
+    let (verdict, off_mm) = recovered(&model, &after, true, false);
+    assert!(verdict.accepted, "{}", verdict.sentence);
+    assert!(off_mm < 1.0, "{off_mm} mm");
+    let journal = after.read(&model, u64::MAX / 2).unwrap();
+    let run = after.resume(&model, task(&model), journal).unwrap();
+    let most_mm = run.figures(&model).unwrap().path_error_m.unwrap().max * 1e3;
+    assert!(most_mm < PATH_MM, "{most_mm} mm");
+}
+
+/// One case of the study: whether it was accepted, and wrongly so.
+fn study(words: &[&str]) -> serde_json::Value {
+    let out = mcdpr(&[&["study", "power", "--json"], words].concat());
+    let errors = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert!(out.status.success(), "{errors}");
+    serde_json::from_slice(&out.stdout).unwrap()
+}
+
+#[test]
+fn p2_the_study_has_all_kinds_and_accepts_none_wrongly() {
+    let document = study(&["--runs", "6", "--seed", "7", "--robot", "lab-fast"]);
+    let kinds = document["kinds"].as_object().unwrap();
+    assert_eq!(kinds.len(), 6, "{document}");
+    assert!(kinds.values().all(|kind| kind["cases"] == 1), "{document}");
+    assert_eq!(document["accepted_wrongly"], 0, "{document}");
+    for kind in ["swapped", "corrupted"] {
+        assert_eq!(kinds[kind]["accepted"], 0, "{document}");
+    }
+}
+
+#[test]
+fn p2_slipped_brakes_that_leave_a_slack_cable_or_a_swing_are_not_accepted_wrongly() {
+    // 1070 and 1082 hang with a slack cable. In 2 the tag leaves the picture at one end of the swing.
+    for (seed, accepted) in [("1070", 0), ("1082", 0), ("2", 1)] {
+        let document = study(&["--runs", "1", "--seed", seed, "--robot", "lab-fast"]);
+        let slipped = &document["kinds"]["slipped"];
+        assert_eq!(slipped["cases"], 1, "{document}");
+        assert_eq!(slipped["accepted"], accepted, "{document}");
+        assert_eq!(document["accepted_wrongly"], 0, "{document}");
+    }
+}

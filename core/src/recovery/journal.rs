@@ -31,7 +31,7 @@ const KIND_PLAN: u8 = 2;
 const KIND_KEPT: u8 = 3;
 const KIND_END: u8 = 4;
 
-/// Whose journal it is.
+/// The robot and the task of a journal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     /// Number of the board, hexadecimal.
@@ -62,14 +62,14 @@ pub struct Plan {
     pub interruptions: Vec<Interruption>,
 }
 
-/// What is kept of one instant.
+/// The state of one instant.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Kept {
     /// The link's time, µs.
     pub time_us: u64,
     /// Path time of the motion, ms; 0 while nothing moves.
     pub path_ms: u32,
-    /// What the board did.
+    /// The board's state.
     pub state: BoardState,
     /// Whether its lengths were referenced.
     pub referenced: bool,
@@ -105,9 +105,9 @@ pub struct Journal {
     pub identity: Identity,
     /// The plan under way, if one was made.
     pub plan: Option<Plan>,
-    /// The last instant that was kept.
+    /// The last state.
     pub last: Option<Kept>,
-    /// The last instant in which the robot stood: held by torque or brakes.
+    /// The last state at rest, held by torque or brakes.
     pub still: Option<Kept>,
     /// Path time that the last plan has reached, ms; 0 before its motion.
     pub path_ms: u32,
@@ -128,7 +128,7 @@ pub struct Mark {
     pub number: u32,
 }
 
-/// Why a journal is not believed.
+/// Why a journal is not valid.
 #[derive(Debug, Clone, PartialEq, Eq, Error, Diagnostic)]
 pub enum JournalError {
     /// There is none.
@@ -138,8 +138,8 @@ pub enum JournalError {
         /// The board.
         board: String,
     },
-    /// The file begins otherwise.
-    #[error("it is no journal: it begins with other bytes")]
+    /// The file is not a journal.
+    #[error("the file is not a journal: its first bytes differ")]
     #[diagnostic(code(mcdpr::journal::form))]
     Form,
     /// A record was changed.
@@ -151,17 +151,17 @@ pub enum JournalError {
         /// Bytes after it.
         after: usize,
     },
-    /// It holds no state.
+    /// It has no state.
     #[error("it was cut before its first state")]
     #[diagnostic(code(mcdpr::journal::empty))]
     Empty,
-    /// Records that were on the disk are gone.
+    /// Records that were on the disk are missing.
     #[error("it ends with record {last}, but record {marked} had reached the disk: it was cut")]
     #[diagnostic(code(mcdpr::journal::cut))]
     Cut {
-        /// What is there.
+        /// The last record in the file.
         last: u32,
-        /// What was.
+        /// The record that the mark names.
         marked: u32,
     },
     /// It is of another run than the last one.
@@ -189,7 +189,7 @@ pub enum JournalError {
         /// The journal's robot.
         journal: String,
     },
-    /// It begins after now.
+    /// It begins in the future.
     #[error("it is from the future, by {ahead_s} s: check this computer's clock")]
     #[diagnostic(code(mcdpr::journal::future))]
     Future {
@@ -257,7 +257,7 @@ impl Encoder {
         self.record(KIND_KEPT, &payload)
     }
 
-    /// The program's own end.
+    /// The end record of a program that ended by itself.
     pub fn end(&mut self) -> Vec<u8> {
         self.record(KIND_END, &[])
     }

@@ -6,13 +6,15 @@ use crate::motion::{
     remaining,
 };
 use crate::recovery::{Journal, JournalError};
-use mcdpr_protocol::Status;
+use mcdpr_protocol::{BoardState, Status};
 use miette::Diagnostic;
 use nalgebra::Vector3;
 use thiserror::Error;
 
 /// The same task makes a plan of the same duration, within this, s.
 const SAME_S: f64 = 1.5e-3;
+/// The journal's last state before the end of a motion is at most so old, s.
+const LAST_S: f64 = 0.1;
 /// Longest way back to the path, m. The space between is not known to be free over a longer one.
 const MOST_WAY_BACK_M: f64 = 0.05;
 
@@ -139,7 +141,11 @@ pub(super) fn plan_rest(
         .into());
     }
     let path_s = f64::from(journal.path_ms) * 1e-3;
-    if path_s >= now_s {
+    let rests = journal
+        .last
+        .as_ref()
+        .is_some_and(|last| matches!(last.state, BoardState::Holding | BoardState::Disarmed));
+    if path_s >= now_s || (rests && path_s > now_s - LAST_S) {
         let state = "the motion had reached its end";
         return Err(ResumeError::NoMotion { state }.into());
     }

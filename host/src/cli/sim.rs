@@ -7,7 +7,7 @@ use crate::experiment::SimulatedRobot;
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::run::{interrupted, watch_for_interrupts};
-use crate::scenario::{FaultyLink, Injection};
+use crate::scenario::{FaultyLink, Injection, Supply};
 use mcdpr_simulator::LinkOptions;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -49,6 +49,11 @@ impl Cmd {
         let cables = robot.cables.len();
         let faults = self.fault.iter().map(|word| Injection::parse(word, cables));
         let faults = faults.collect::<Result<Vec<_>, _>>()?;
+        let host = |fault: &Injection| matches!(fault.supply, Some(Supply::Host | Supply::All));
+        if faults.iter().any(host) {
+            let reason = "the computer of the other program is not simulated: give power:board or power:drives";
+            return Err(Failed::from_error("--fault")(reason).into());
+        }
         if let Some(target) = self.target.target() {
             robot.tags = target::tags(target);
         }
