@@ -172,8 +172,9 @@ fn the_program_recovers_or_refuses_with_what_to_do() {
     }
 }
 
-/// The disturbed path's error: pulleys, elasticity and the recovered position's error.
-const PATH_MM: f64 = 3.0;
+/// Path error of a robot whose position is known, mm: pulleys and elasticity. The error of the recovered
+/// position adds to it.
+const PATH_MM: f64 = 1.0;
 
 #[test]
 fn p2_a_task_continues_where_it_was_interrupted() {
@@ -196,7 +197,8 @@ fn p2_a_task_continues_where_it_was_interrupted() {
         assert!((run.plan.timed.tool_m(last_s).unwrap() - end_m).norm() < 1e-6);
         let figures = run.figures(&model).unwrap();
         let most_mm = figures.path_error_m.unwrap().max * 1e3;
-        assert!(most_mm < PATH_MM, "{robot}: {most_mm} mm");
+        let bound_mm = verdict.bound_mm.unwrap();
+        assert!(most_mm < bound_mm + PATH_MM, "{robot}: {most_mm} mm");
         let resumed = run.plan.resumed.unwrap();
         assert_eq!(resumed.interruptions.len(), 1);
     }
@@ -271,7 +273,7 @@ fn p2_on_the_emulated_chip_a_cut_is_recovered_and_the_task_continues() {
     let journal = after.read(&model, u64::MAX / 2).unwrap();
     let run = after.resume(&model, task(&model), journal).unwrap();
     let most_mm = run.figures(&model).unwrap().path_error_m.unwrap().max * 1e3;
-    assert!(most_mm < PATH_MM, "{most_mm} mm");
+    assert!(most_mm < 1.0 + PATH_MM, "{most_mm} mm");
 }
 
 /// One case of the study: whether it was accepted, and wrongly so.

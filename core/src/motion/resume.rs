@@ -36,13 +36,13 @@ pub struct Resumed {
 
 /// The rest of a motion.
 #[derive(Debug, Clone)]
-pub struct Remaining {
+pub(crate) struct Remaining {
     /// The way back to the path, if there is a distance, then the remaining steps.
-    pub steps: Vec<Step>,
+    pub(crate) steps: Vec<Step>,
     /// Path time of the interrupted motion at which it continues, s.
-    pub from_s: f64,
+    pub(crate) from_s: f64,
     /// Distance from the tool to that point, m.
-    pub way_back_m: f64,
+    pub(crate) way_back_m: f64,
 }
 
 /// The rest of the motion `timed` of `steps`, interrupted at `path_s`, for a tool at `tool_m` (world, m).
@@ -50,15 +50,14 @@ pub struct Remaining {
 ///
 /// # Errors
 /// [`PlanError::Path`]: not for a motion that was planned.
-pub fn remaining(
+pub(crate) fn remaining(
     model: &Model,
     timed: &Timed,
     steps: &[Step],
     interruption: &Interruption,
 ) -> Result<Remaining, PlanError> {
     let tool_m = Vector3::from(interruption.tool_m);
-    let progress = |time_s: f64| timed.progress(time_s);
-    let Some((step, began_s, _)) = progress(interruption.path_s) else {
+    let Some((step, began_s, _)) = timed.progress(interruption.path_s) else {
         return Err(super::path::PathError::Empty.into());
     };
     let earliest_s = began_s.max(interruption.path_s - BACK_S);
@@ -81,7 +80,7 @@ pub fn remaining(
             speed_mps: Some(WAY_BACK_MPS.min(model.robot().limits.speed_mps)),
         });
     }
-    let way_m = progress(from_s).map_or(0.0, |(_, _, way_m)| way_m);
+    let way_m = timed.progress(from_s).map_or(0.0, |(_, _, way_m)| way_m);
     let top_mps = timed
         .top_speed_mps(step)
         .min(model.robot().limits.speed_mps);
@@ -120,7 +119,7 @@ pub fn remaining(
 impl Plan {
     /// The same plan as the rest of an interrupted motion.
     #[must_use]
-    pub fn as_rest_of(mut self, resumed: Resumed) -> Self {
+    pub(crate) fn as_rest_of(mut self, resumed: Resumed) -> Self {
         self.resumed = Some(resumed);
         self
     }

@@ -62,13 +62,13 @@ pub struct Rest {
 
 /// A cable without enough tension.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slack {
+pub(crate) struct Slack {
     /// The cable, from 0.
-    pub cable: usize,
+    pub(crate) cable: usize,
     /// Its mean tension, or the least one if it is slack at times only, N.
-    pub tension_n: f64,
+    pub(crate) tension_n: f64,
     /// Whether its mean is slack.
-    pub always: bool,
+    pub(crate) always: bool,
 }
 
 impl Looks {
@@ -139,7 +139,7 @@ impl Rest {
 
     /// The cable with the least tension, if that is slack, with its sensor's uncertainty.
     #[must_use]
-    pub fn slack(&self) -> Option<Slack> {
+    pub(crate) fn slack(&self) -> Option<Slack> {
         let least = self.least_n.iter().zip(&self.tensions_n).enumerate();
         let (cable, (least_n, mean_n)) = least.min_by(|(_, a), (_, b)| a.0.total_cmp(b.0))?;
         let always = *mean_n <= SLACK_N;
@@ -152,7 +152,7 @@ impl Rest {
 
     /// A motion in one direction, in words: a brake that slips, or a hand at the platform.
     #[must_use]
-    pub fn drift(&self) -> Option<String> {
+    pub(crate) fn drift(&self) -> Option<String> {
         let swing_n = self.swing_n.iter().copied().fold(0.0, f64::max);
         let most_n = DRIFT_SHARE.mul_add(swing_n, DRIFT_N);
         let mut rows = (1_usize..).zip(&self.drift_n);

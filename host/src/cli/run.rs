@@ -11,7 +11,7 @@ use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::Mismatch;
-use crate::motion::{Model, Watch};
+use crate::motion::{Model, Task, Watch};
 use crate::record::events::Patience;
 use crate::record::{Doing, TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
@@ -64,13 +64,7 @@ impl Cmd {
         let robot = common.robot()?;
         let model = Model::new(&robot)?.with_options(self.options.chosen());
         let task = crate::motion::find_task(&self.task, tool_height_m(&robot, self.z_mm))?;
-        if self.resume && common.on == "sim" {
-            let reason = "no simulated robot outlasts this program: `mcdpr recover --resume` cuts its power, recovers and continues, or give a port with --on";
-            return Err(Failed::from_error("run --resume")(reason).into());
-        }
-        if common.dry_run && self.resume {
-            return Err(super::dry::refusal("run --resume").into());
-        }
+        self.check_resume(common)?;
         if common.dry_run {
             return super::plan::show(common, &model, task, &Watch::default());
         }
@@ -125,32 +119,15 @@ impl Cmd {
                 (simulated.run, Some(factor))
             })
         } else {
+            let experiment = self
+                .on_port(&model, task, hash)
+                .session(session)
+                .handle(&handle)
+                .progress(|p| bar.update(p));
             common
                 .open_port()
                 .map_err(|error| crate::link::ClientError::from(error).into())
-                .and_then(|link| {
-                    let link = Watched::new(link, events).with_orders(&handle);
-                    let homing = if self.at_home {
-                        Homing::Place(robot.tool.home_in_world_m)
-                    } else {
-                        Homing::Known
-                    };
-                    let experiment = Experiment::new(&model, task);
-                    let experiment = if self.resume {
-                        let scale = scale_of(&robot);
-                        experiment.resume(hash, move |board| crate::recovery::load(board, scale))
-                    } else {
-                        experiment
-                    };
-                    experiment
-                        .session(session)
-                        .handle(&handle)
-                        .homing(homing)
-                        .progress(|p| {
-                            bar.update(p);
-                        })
-                        .run_on(link)
-                })
+                .and_then(|link| experiment.run_on(Watched::new(link, events).with_orders(&handle)))
                 .map(|run| (run, None))
         };
         bar.finish();
@@ -186,6 +163,34 @@ impl Cmd {
         super::write_out(&lay_out(&rows));
         say!("run folder: {}", folder.path().display());
         Ok(())
+    }
+
+    /// Refuses `--resume` where nothing can be continued.
+    fn check_resume(&self, common: &Common) -> Outcome {
+        if self.resume && common.on == "sim" {
+            let reason = "no simulated robot outlasts this program: `mcdpr recover --resume` cuts its power, recovers and continues; or give a port with --on";
+            return Err(Failed::from_error("run --resume")(reason).into());
+        }
+        if self.resume && common.dry_run {
+            return Err(super::dry::refusal("run --resume").into());
+        }
+        Ok(())
+    }
+
+    /// The task on a board, from its start or from where it was interrupted; `hash` is its checksum.
+    fn on_port<'m>(&self, model: &'m Model, task: Task, hash: u32) -> Experiment<'m> {
+        let experiment = Experiment::new(model, task);
+        let homing = if self.at_home {
+            Homing::Place(model.robot().tool.home_in_world_m)
+        } else {
+            Homing::Known
+        };
+        let experiment = experiment.homing(homing);
+        if self.resume {
+            let scale = scale_of(model.robot());
+            return experiment.resume(hash, move |board| crate::recovery::load(board, scale));
+        }
+        experiment
     }
 }
 
