@@ -159,9 +159,9 @@ fn the_program_recovers_or_refuses_with_what_to_do() {
     assert_eq!(verdict["accepted"], true);
     assert!(verdict["bound_mm"].as_f64().unwrap() < 5.0);
     let out = mcdpr(&["recover"]);
-    let told = String::from_utf8_lossy(&out.stderr).into_owned();
-    assert_eq!(out.status.code(), Some(1), "{told}");
-    assert!(told.contains("--untouched"), "{told}");
+    let errors = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert_eq!(out.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("--untouched"), "{errors}");
     for wrong in [
         &["--bound-mm", "0"][..],
         &["--fault", "S2@1s"],
