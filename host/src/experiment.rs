@@ -26,8 +26,9 @@ use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Plan, PlanError, PlanOptions, Task};
 use crate::record::events::{EventBus, TruthTap, Watched};
 use crate::report::{self, Figures, PathPoint};
-use crate::run::{self, Homing, Measured, Progress, Recorder, RunError, Session};
+use crate::run::{self, Homing, Measured, Progress, Recorder, ResumeError, RunError, Session};
 use crate::sight::Scene;
+use mcdpr_core::recovery::{Journal, JournalError};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{LinkOptions, Simulation};
 use std::time::{Duration, Instant};
@@ -149,6 +150,16 @@ pub struct Experiment<'a> {
     progress: Box<dyn FnMut(Progress) + 'a>,
     recorder: Option<&'a EventBus>,
     time_scale: Option<f64>,
+    resume: Option<Resume<'a>>,
+}
+
+/// The journal of a board, by the board's number.
+type JournalOf<'a> = dyn FnOnce(&str) -> Result<Journal, JournalError> + 'a;
+
+/// A task that is to be continued: its checksum, and the journal.
+struct Resume<'a> {
+    hash: u32,
+    journal: Box<JournalOf<'a>>,
 }
 
 impl<'a> Experiment<'a> {
@@ -164,6 +175,7 @@ impl<'a> Experiment<'a> {
             progress: Box::new(|_| {}),
             recorder: None,
             time_scale: None,
+            resume: None,
         }
     }
 
@@ -215,6 +227,21 @@ impl<'a> Experiment<'a> {
     #[must_use]
     pub(crate) const fn time_scale(mut self, scale: Option<f64>) -> Self {
         self.time_scale = scale;
+        self
+    }
+
+    /// Continues the task where a loss of power interrupted it, by the journal of the board; `hash` is
+    /// the task's checksum.
+    #[must_use]
+    pub(crate) fn resume(
+        mut self,
+        hash: u32,
+        journal: impl FnOnce(&str) -> Result<Journal, JournalError> + 'a,
+    ) -> Self {
+        self.resume = Some(Resume {
+            hash,
+            journal: Box::new(journal),
+        });
         self
     }
 
@@ -288,7 +315,14 @@ impl<'a> Experiment<'a> {
         let homing = self.homing.unwrap_or(Homing::Known);
         let (model, handle) = (self.model, &self.handle);
         let mut session = Session::open(model, link, number, handle, homing, &run::LengthFiles)?;
-        let plan = session.plan(self.task, None)?;
+        let plan = match self.resume {
+            None => session.plan(self.task, None)?,
+            Some(Resume { hash, journal }) => {
+                let board = run::saved::board_name(session.client().hello());
+                let journal = journal(&board).map_err(ResumeError::Journal)?;
+                session.plan_rest(self.task, hash, &journal)?
+            }
+        };
         session.arm()?;
         let mut recorder = Recorder::default();
         session.follow(&plan, &mut recorder, self.progress)?;

@@ -9,6 +9,12 @@ pub(crate) fn utc_stamp() -> String {
     stamp(since.map_or(0, |since| since.as_secs()))
 }
 
+/// Hour and minute of a Unix time, UTC.
+#[must_use]
+pub(crate) const fn utc_clock(seconds: u64) -> (u64, u64) {
+    (seconds / 3600 % 24, seconds / 60 % 60)
+}
+
 /// Date and time of a Unix time, Gregorian calendar.
 fn stamp(seconds: u64) -> String {
     let (mut days, clock) = (seconds / 86_400, seconds % 86_400);

@@ -110,6 +110,8 @@ pub struct PathPoint {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Piece {
     shape: Shape,
+    /// Arc length of the shape before the piece's start, m: over 0 for the rest of a piece.
+    skip_m: f64,
     length_m: f64,
 }
 
@@ -145,6 +147,7 @@ impl Piece {
         let direction = step / length_m;
         Ok(Self {
             shape: Shape::Line { from_m, direction },
+            skip_m: 0.0,
             length_m,
         })
     }
@@ -185,6 +188,7 @@ impl Piece {
                 start_rad: arm.y.atan2(arm.x),
                 sense: sweep_rad.signum(),
             },
+            skip_m: 0.0,
             length_m,
         })
     }
@@ -208,6 +212,7 @@ impl Piece {
                 Ok(Self {
                     length_m: finite("a point", curve.length_m())?,
                     shape: Shape::Curve(Arc::new(curve)),
+                    skip_m: 0.0,
                 })
             }
         }
@@ -245,7 +250,17 @@ impl Piece {
         Ok(self.evaluate(on_path(s_m, self.length_m)?))
     }
 
+    /// The rest of the piece from arc length `s_m` on.
+    fn tail(&self, s_m: f64) -> Self {
+        Self {
+            shape: self.shape.clone(),
+            skip_m: self.skip_m + s_m,
+            length_m: self.length_m - s_m,
+        }
+    }
+
     fn evaluate(&self, s_m: f64) -> PathPoint {
+        let s_m = s_m + self.skip_m;
         match &self.shape {
             Shape::Curve(curve) => curve.at(s_m),
             Shape::Line { from_m, direction } => PathPoint {
@@ -367,6 +382,23 @@ impl Path {
             .iter()
             .filter_map(Piece::radius_m)
             .min_by(f64::total_cmp)
+    }
+
+    /// The rest of the path from arc length `s_m` on.
+    ///
+    /// # Errors
+    /// [`PathError::OffPath`]; [`PathError::Empty`] at the path's end.
+    pub(crate) fn tail(&self, s_m: f64) -> Result<Self, PathError> {
+        let mut before_m = on_path(s_m, self.length_m)?;
+        let mut pieces = Vec::new();
+        for piece in &self.pieces {
+            let rest_m = piece.length_m - before_m;
+            if rest_m >= LEAST_LENGTH_M {
+                pieces.push(piece.tail(before_m));
+            }
+            before_m = (-rest_m).max(0.0);
+        }
+        Self::new(pieces)
     }
 
     /// The point at arc length `s_m` from the start. At a join, the start of the later piece.

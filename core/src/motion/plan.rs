@@ -7,6 +7,7 @@
 
 use super::model::{Model, StaticState};
 use super::path::PathError;
+use super::resume::Resumed;
 use super::spline::SplineError;
 use super::time_law::TimeLawError;
 use super::timed::{Step, Timed};
@@ -215,6 +216,8 @@ pub struct Plan {
     pub knots: Vec<Knot>,
     /// How the robot hangs at the start.
     pub start: StaticState,
+    /// The interrupted motion that this plan continues, if it does.
+    pub resumed: Option<Resumed>,
     model: Model,
 }
 
@@ -243,6 +246,7 @@ impl Plan {
             timed,
             knots: Vec::new(),
             start,
+            resumed: None,
             model: model.clone(),
         })
     }

@@ -54,6 +54,8 @@ pub enum Action {
 
 #[derive(Debug, Clone)]
 struct Leg {
+    /// The step, from 0.
+    step: usize,
     start_s: f64,
     /// `None`: it stays at the track's only point.
     path: Option<(Path, TimeLaw, Shaper)>,
@@ -68,6 +70,8 @@ pub struct Timed {
     legs: Vec<Leg>,
     actions: Vec<(f64, Action)>,
     duration_s: f64,
+    /// The step that is being added, from 0.
+    step: usize,
     /// Points at which the statics were solved.
     places: usize,
     /// Impulses of the shapers over all milliseconds so far.
@@ -87,12 +91,14 @@ impl Timed {
             legs: Vec::new(),
             actions: Vec::new(),
             duration_s: 0.0,
+            step: 0,
             places: 0,
             impulses: 0.0,
         };
         bounds::check(model, steps)?;
         let mut at_m = *start_m;
         for (number, step) in (1..).zip(steps) {
+            timed.step = number - 1;
             match step {
                 Step::Move {
                     path,
@@ -227,6 +233,7 @@ impl Timed {
         let start_s = self.duration_s;
         self.duration_s = ((start_s + duration_s) * 1e3 - 1e-6).ceil() * 1e-3;
         self.legs.push(Leg {
+            step: self.step,
             start_s,
             path,
             at_m,
@@ -249,6 +256,29 @@ impl Timed {
     pub(crate) fn rests_s(&self) -> Vec<f64> {
         let starts = self.legs.iter().map(|leg| leg.start_s);
         starts.chain([self.duration_s]).collect()
+    }
+
+    /// The step in progress at a time (from 0), its start, s, and the distance along its path, m.
+    #[must_use]
+    pub(crate) fn progress(&self, time_s: f64) -> Option<(usize, f64, f64)> {
+        let (leg, way_m) = self.locate(time_s).ok()?;
+        let length_m = leg.path.as_ref().map_or(0.0, |(path, ..)| path.length_m());
+        Some((leg.step, leg.start_s, way_m.clamp(0.0, length_m)))
+    }
+
+    /// Greatest speed of the tool in a step (from 0), m/s, every 5 ms.
+    #[must_use]
+    pub(crate) fn top_speed_mps(&self, step: usize) -> f64 {
+        let mut legs = self.legs.iter().skip_while(|leg| leg.step != step);
+        let Some(leg) = legs.next() else {
+            return 0.0;
+        };
+        let end_s = legs.next().map_or(self.duration_s, |next| next.start_s);
+        let times = (0_u32..).map(|index| leg.start_s + f64::from(index) * 5e-3);
+        let times = times.take_while(|time_s| *time_s < end_s);
+        times
+            .map(|time_s| self.speed_mps(time_s))
+            .fold(0.0, f64::max)
     }
 
     /// The actions in order of time, s.

@@ -1,9 +1,9 @@
 //! Where the robot hangs, by lengths with a full covariance, tensions and tags.
 //!
-//! As [`crate::estimate`], but after a cut the errors of the lengths are large and belong together:
-//! all drums fell for about the same time. Their rows are whitened by the Cholesky factor of their
-//! covariance (generalised least squares, Aitken 1935). Unknown are the tool's place, the tension of the
-//! tension-held cable and how far the attitude is from that of statics.
+//! As [`crate::estimate`], but after a cut the errors of the lengths are large and correlated: all drums
+//! paid out for about the same time. Their rows are whitened by the Cholesky factor of their
+//! covariance (generalised least squares, Aitken 1935). Unknown are the tool's position, the tension of the
+//! tension-held cable and the difference of the attitude from that of statics.
 
 use super::cut::Lengths;
 use crate::estimate::{EstimateError, Measurements, Sigmas, residuals};
@@ -16,25 +16,25 @@ const CHANGES: [f64; UNKNOWNS] = [1e-5, 1e-5, 1e-5, 1e-3, 1e-5, 1e-5, 1e-5];
 
 type Unknowns = SVector<f64, UNKNOWNS>;
 
-/// What is weighed.
+/// The evidence of one estimate.
 #[derive(Debug, Clone)]
 pub struct Weighed<'a> {
-    /// Lengths; `None` where nothing is known of them.
+    /// Lengths; `None` where they are unknown.
     pub lengths: Option<&'a Lengths>,
     /// Tensions at rest and their standard deviations, N.
     pub tensions_n: &'a [f64],
     /// Standard deviation of each.
     pub tension_sigmas_n: &'a [f64],
-    /// Tags and where they lie; its lengths and tensions count for nothing here.
+    /// Tags and their places; its lengths and tensions are not used.
     pub seen: &'a Measurements,
-    /// How far the attitude may be from that of statics, rad.
+    /// Standard deviation of the attitude from that of statics, rad.
     pub attitude_rad: f64,
 }
 
-/// Where the robot hangs.
+/// An estimate of how the robot hangs.
 #[derive(Debug, Clone)]
 pub struct Found {
-    /// How.
+    /// The robot's statics there.
     pub rest: StaticState,
     /// The tool, world, m.
     pub tool_m: Vector3<f64>,
@@ -44,14 +44,14 @@ pub struct Found {
     pub chi2: f64,
     /// Rows minus unknowns.
     pub freedoms: usize,
-    /// Tensions, shown less those of the estimate, over their standard deviations.
+    /// Measured minus estimated tensions, over their standard deviations.
     pub tension_residuals: Vec<f64>,
-    /// Whitened residuals of the lengths, if they were weighed.
+    /// Sum of the squared whitened residuals of the lengths, if they were used.
     pub length_chi2: f64,
-    /// What a metre more of each cable would move the tool by, m, as weighed.
+    /// Change of the estimated tool position per metre of each cable, 3 x n.
     pub tool_per_length: DMatrix<f64>,
-    /// What a metre more of each cable would add to the root of `chi2`.
-    pub shows_per_length: Vec<f64>,
+    /// Increase of the root of `chi2` per metre of each cable.
+    pub residual_per_length: Vec<f64>,
 }
 
 struct Problem<'a> {
@@ -98,7 +98,7 @@ impl Problem<'_> {
     }
 }
 
-/// Weighs everything, starting with the tool at `start_m`.
+/// Estimates by all the evidence, starting with the tool at `start_m`.
 ///
 /// # Errors
 /// [`EstimateError`].
@@ -176,14 +176,14 @@ pub fn fuse(
     // A length that is off by one adds a column of the whitening matrix to the rows.
     let gain = &covariance * slopes.transpose();
     let mut tool_per_length = DMatrix::zeros(3, lengths);
-    let mut shows_per_length = Vec::new();
+    let mut residual_per_length = Vec::new();
     if let Some(white) = &problem.white {
         for cable in 0..lengths {
             let mut bias = DVector::zeros(rows.len());
             bias.rows_mut(0, lengths).copy_from(&white.column(cable));
             let moved = &gain * &bias;
             tool_per_length.set_column(cable, &moved.rows(0, 3));
-            shows_per_length.push((bias - &slopes * &moved).norm());
+            residual_per_length.push((bias - &slopes * &moved).norm());
         }
     }
     let tensions = weighed.tensions_n.len();
@@ -195,7 +195,7 @@ pub fn fuse(
         tension_residuals: rows.rows(lengths, tensions).iter().copied().collect(),
         length_chi2: rows.rows(0, lengths).norm_squared(),
         tool_per_length: -tool_per_length,
-        shows_per_length,
+        residual_per_length,
         rest,
     })
 }

@@ -10,6 +10,7 @@
 //! Beside it a [`Mark`] says which record has certainly reached the disk, so that a file from which
 //! whole records were taken, or one of another run, is found out.
 
+use crate::motion::Interruption;
 use mcdpr_protocol::BoardState;
 use mcdpr_protocol::frame::crc32;
 use miette::Diagnostic;
@@ -30,7 +31,7 @@ const KIND_PLAN: u8 = 2;
 const KIND_KEPT: u8 = 3;
 const KIND_END: u8 = 4;
 
-/// Whose journal it is.
+/// The robot and the task of a journal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     /// Number of the board, hexadecimal.
@@ -49,23 +50,26 @@ pub struct Identity {
     pub wall_ms: u64,
 }
 
-/// What the host planned: enough to make the same plan again.
+/// The host's plan: enough to make it again from the task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
-    /// The tool at its start, world, m.
+    /// The tool at the start of the whole motion, world, m.
     pub start_m: [f64; 3],
-    /// Its duration, s.
+    /// Duration of the plan under way, s.
     pub duration_s: f64,
+    /// Interruptions after which the motion was continued. Path times count from the last one.
+    #[serde(default)]
+    pub interruptions: Vec<Interruption>,
 }
 
-/// What is kept of one instant.
+/// The state of one instant.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Kept {
     /// The link's time, µs.
     pub time_us: u64,
     /// Path time of the motion, ms; 0 while nothing moves.
     pub path_ms: u32,
-    /// What the board did.
+    /// The board's state.
     pub state: BoardState,
     /// Whether its lengths were referenced.
     pub referenced: bool,
@@ -101,11 +105,13 @@ pub struct Journal {
     pub identity: Identity,
     /// The plan under way, if one was made.
     pub plan: Option<Plan>,
-    /// The last instant that was kept.
+    /// The last state.
     pub last: Option<Kept>,
-    /// The last instant in which the robot stood: held by torque or brakes.
+    /// The last state at rest, held by torque or brakes.
     pub still: Option<Kept>,
-    /// Whether the program came to its own end: it lived on when the line was gone.
+    /// Path time that the last plan has reached, ms; 0 before its motion.
+    pub path_ms: u32,
+    /// Whether the program ended by itself: it continued when the line was gone.
     pub ended: bool,
     /// Number of the last whole record.
     pub number: u32,
@@ -122,7 +128,7 @@ pub struct Mark {
     pub number: u32,
 }
 
-/// Why a journal is not believed.
+/// Why a journal is not valid.
 #[derive(Debug, Clone, PartialEq, Eq, Error, Diagnostic)]
 pub enum JournalError {
     /// There is none.
@@ -132,8 +138,8 @@ pub enum JournalError {
         /// The board.
         board: String,
     },
-    /// The file begins otherwise.
-    #[error("it is no journal: it begins with other bytes")]
+    /// The file is not a journal.
+    #[error("the file is not a journal: its first bytes differ")]
     #[diagnostic(code(mcdpr::journal::form))]
     Form,
     /// A record was changed.
@@ -145,17 +151,17 @@ pub enum JournalError {
         /// Bytes after it.
         after: usize,
     },
-    /// It holds no state.
+    /// It has no state.
     #[error("it was cut before its first state")]
     #[diagnostic(code(mcdpr::journal::empty))]
     Empty,
-    /// Records that were on the disk are gone.
+    /// Records that were on the disk are missing.
     #[error("it ends with record {last}, but record {marked} had reached the disk: it was cut")]
     #[diagnostic(code(mcdpr::journal::cut))]
     Cut {
-        /// What is there.
+        /// The last record in the file.
         last: u32,
-        /// What was.
+        /// The record that the mark names.
         marked: u32,
     },
     /// It is of another run than the last one.
@@ -183,7 +189,7 @@ pub enum JournalError {
         /// The journal's robot.
         journal: String,
     },
-    /// It begins after now.
+    /// It begins in the future.
     #[error("it is from the future, by {ahead_s} s: check this computer's clock")]
     #[diagnostic(code(mcdpr::journal::future))]
     Future {
@@ -251,7 +257,7 @@ impl Encoder {
         self.record(KIND_KEPT, &payload)
     }
 
-    /// The program's own end.
+    /// The end record of a program that ended by itself.
     pub fn end(&mut self) -> Vec<u8> {
         self.record(KIND_END, &[])
     }
@@ -412,6 +418,7 @@ impl Journal {
         let mut identity = None;
         let (mut plan, mut last, mut still) = (None, None, None);
         let (mut ended, mut number, mut torn_bytes) = (false, 0, 0);
+        let mut path_ms = 0;
         loop {
             let at = records.at;
             let damaged = || JournalError::Damaged {
@@ -435,12 +442,15 @@ impl Journal {
                         KIND_PLAN => {
                             let read = serde_json::from_slice::<Plan>(payload);
                             plan = Some(read.map_err(|_| damaged())?);
+                            path_ms = 0;
                         }
                         KIND_KEPT => {
                             let read = kept(payload).ok_or_else(damaged)?;
                             if matches!(read.state, BoardState::Disarmed | BoardState::Holding) {
                                 still = Some(read.clone());
                             }
+                            // A board that holds after its motion gives 0.
+                            path_ms = path_ms.max(read.path_ms);
                             last = Some(read);
                         }
                         KIND_END => ended = true,
@@ -459,6 +469,7 @@ impl Journal {
             plan,
             last,
             still,
+            path_ms,
             ended,
             number,
             torn_bytes,

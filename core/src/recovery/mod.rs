@@ -1,15 +1,17 @@
-//! Where the robot is after a loss of power: what a journal kept, what the drums did until their
-//! brakes held, what sensors and camera show now, and whether that is enough to go on.
+//! The robot's position after a loss of power: from the journal, the model of the drums until their brakes
+//! hold, and the readings of sensors and camera; and whether the robot may continue.
 //!
-//! [`journal`] is what survives: the last states of a run, record by record, each with its own
-//! checksum. [`cut`] is the model of what a drum does between the cut and the closed brake, with
-//! covariance. [`fuse`] weighs lengths, tensions and tags by least squares. [`verdict`] accepts with
-//! a bound, or refuses and says what to measure.
+//! [`journal`] is the file that survives: the last states of a run in records with checksums. [`cut`]
+//! models the drums between the cut and the closed brakes, with covariance. [`looks`] finds motion and
+//! slack cables in the readings. [`fuse`] estimates by lengths, tensions and tags with least squares.
+//! [`verdict`] accepts with a bound, or refuses and names the next measurement.
 
 pub mod cut;
 pub mod fuse;
 pub mod journal;
+pub mod looks;
 pub mod verdict;
+mod weigh;
 
 pub use journal::{Identity, Journal, JournalError, Kept, Plan};
 pub use verdict::{Evidence, Source, Verdict, judge};

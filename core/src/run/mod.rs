@@ -4,6 +4,7 @@ mod interrupt;
 pub mod jog;
 mod orders;
 mod record;
+mod resume;
 pub mod saved;
 mod session;
 mod stream;
@@ -11,6 +12,7 @@ mod stream;
 pub use interrupt::{interrupt, interrupted};
 pub use orders::stop_wanted;
 pub use record::{Measured, Recorder};
+pub use resume::ResumeError;
 pub use saved::{LengthStore, NoStore};
 pub use session::{Homing, Session, plan_from};
 pub(crate) use stream::follow_plan;
@@ -119,6 +121,10 @@ pub enum RunError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Estimate(crate::estimate::EstimateError),
+    /// An interrupted task is not continued.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Resume(ResumeError),
     /// The task is invalid.
     #[error(transparent)]
     #[diagnostic(transparent)]

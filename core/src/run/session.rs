@@ -7,6 +7,7 @@ use crate::estimate::{EstimateError, Measurements, Sigmas, TagPlace, estimate};
 use crate::link::{Client, Link, Note};
 use crate::machine;
 use crate::motion::{Model, Plan, PlanError, StaticState, Task, TaskError};
+use crate::recovery::Journal;
 use crate::sight::TagSource;
 use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
 use nalgebra::Vector3;
@@ -141,6 +142,22 @@ impl<'m, L: Link> Session<'m, L> {
     /// The first limit that would be broken.
     pub fn plan(&self, task: Task, speed_mps: Option<f64>) -> Result<Plan, RunError> {
         plan_from(self.model, task, &self.tool_m(), speed_mps)
+    }
+
+    /// Plans the rest of the task that a loss of power interrupted, from where the tool is; `hash` is
+    /// the task's checksum.
+    ///
+    /// # Errors
+    /// [`super::ResumeError`]; the first limit that the rest would break.
+    pub fn plan_rest(
+        &mut self,
+        task: Task,
+        hash: u32,
+        journal: &Journal,
+    ) -> Result<Plan, RunError> {
+        let status = super::status(&mut self.client)?;
+        let tool_m = self.tool_m();
+        super::resume::plan_rest(self.model, (task, hash), journal, &status, &tool_m)
     }
 
     /// Enables drives, checks, opens brakes and holds.

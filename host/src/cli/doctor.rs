@@ -8,7 +8,8 @@ use crate::link::{Client, ClientError, Link, SimulatedLink};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::robot::Robot;
-use crate::run::{Homing, LengthFiles, RunError, Session, new_session, watch_for_interrupts};
+use crate::run::saved::{board_name, scale_of};
+use crate::run::{self, Homing, LengthFiles, RunError, Session, new_session, watch_for_interrupts};
 use mcdpr_protocol::Request;
 
 /// Check port, board, firmware, drives, encoders, tensions and brakes; say what to do
@@ -22,6 +23,19 @@ pub(crate) struct Cmd {
     arm: bool,
     #[command(flatten)]
     machine: Machine,
+}
+
+/// The state after a loss of power, by the board's journal.
+fn power<L: Link>(client: &mut Client<L>, robot: &Robot) -> miette::Result<Option<Finding>> {
+    if run::status(client)?.referenced {
+        return Ok(None);
+    }
+    let board = board_name(client.hello());
+    let sentence = crate::recovery::after_cut(&board, scale_of(robot));
+    Ok(sentence.map(|sentence| {
+        let next = "`mcdpr recover --on PORT`";
+        Finding::with(Verdict::Note, "power", sentence, next)
+    }))
 }
 
 /// The simulated robot behind the line, if there is one.
@@ -95,7 +109,12 @@ impl Cmd {
             }
         };
         match doctor::examine(&mut client, robot) {
-            Ok(found) => findings.extend(found),
+            Ok(found) => {
+                findings.extend(found);
+                if simulated.is_none() {
+                    findings.extend(power(&mut client, robot)?);
+                }
+            }
             Err(error) => findings.push(doctor::refused("line", &error)),
         }
         if client.request(Request::Close).is_err() || !self.arm {

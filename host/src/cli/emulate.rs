@@ -44,6 +44,6 @@ impl Cmd {
             .controller(&Controller::Chip(firmware))
             .at_home(&model)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        sim::serve(robot, common, scale, None)
+        sim::serve(robot, &[], common, scale, None)
     }
 }

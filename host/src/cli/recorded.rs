@@ -119,13 +119,12 @@ impl Recorded {
         }
         if let Some(model) = model.filter(|_| !simulated) {
             let task = &scenario.task;
-            let text = task.text.as_ref().unwrap_or(&task.name);
             let about = crate::recovery::About {
                 session: session.0,
                 robot: model.robot().name.clone(),
                 scale: crate::run::saved::scale_of(model.robot()),
                 task: task.name.clone(),
-                task_hash: mcdpr_protocol::frame::crc32(text.as_bytes()),
+                task_hash: crate::recovery::task_hash(task),
             };
             let open = crate::recovery::FileDisk::of_board;
             let writer = crate::recovery::JournalWriter::new(about, open);

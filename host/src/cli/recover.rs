@@ -1,4 +1,4 @@
-//! `mcdpr recover`: where the robot is after a loss of power, with a bound, or what to measure.
+//! `mcdpr recover`: the robot's position after a loss of power with a bound, or the next measurement.
 
 use super::eye::Eye;
 use super::{Common, Failed, Outcome, print_json};
@@ -6,26 +6,27 @@ use crate::estimate::TagPlace;
 use crate::link::{Client, ClientError};
 use crate::machine::Mismatch;
 use crate::motion::Model;
-use crate::recovery::story::{Mishap, Story, play};
+use crate::recovery::simulated::{Disturbance, SimulatedCut, simulate};
 use crate::recovery::{Before, Verdict, load, recover};
 use crate::run::saved::{board_name, scale_of};
-use crate::run::{RunError, new_session};
+use crate::run::{ResumeError, RunError, new_session};
 use crate::scenario::{Injection, When};
 use crate::sight::TagSource;
 use mcdpr_protocol::Request;
 
-/// After a loss of power: say where the robot is, with a bound, and tell the board; or say what to measure
+/// After a loss of power: find the tool's position with a bound, and reference the board's lengths; or say
+/// what to measure
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Largest error of the tool's place (95 %) that the job allows, mm
+    /// Largest error of the tool's position that the job allows, mm
     #[arg(long, default_value_t = 5.0, value_name = "MM")]
     bound_mm: f64,
-    /// Nobody touched drums, brakes or platform while the power was gone: you vouch for it
+    /// You confirm that nobody touched drums, brakes or platform without power
     #[arg(long)]
     untouched: bool,
     #[command(flatten)]
     eye: Eye,
-    /// On the simulator: which supply goes when and for how long, while the robot runs --task
+    /// On the simulator: the supply that fails while the robot runs --task, when and for how long
     #[arg(
         long,
         default_value = "power:all@2s/1s",
@@ -38,6 +39,9 @@ pub(crate) struct Cmd {
     /// On the simulator: look at the tag on the floor
     #[arg(long)]
     tag: bool,
+    /// On the simulator: then continue the task (on a port: `mcdpr run TASK --resume`)
+    #[arg(long)]
+    resume: bool,
 }
 
 impl Cmd {
@@ -53,10 +57,14 @@ impl Cmd {
         } else {
             self.on_port(common, &model)?
         };
-        told(common, &verdict)
+        print(common, &verdict)
     }
 
     fn on_port(&self, common: &Common, model: &Model) -> miette::Result<Verdict> {
+        if self.resume {
+            let reason = "continue with `mcdpr run TASK --resume --on PORT`";
+            return Err(Failed::from_error("--resume")(reason).into());
+        }
         if self.tag {
             let reason = "that is the simulator's camera; name one with --camera";
             return Err(Failed::from_error("--tag")(reason).into());
@@ -98,28 +106,41 @@ impl Cmd {
             return Err(wrong("give a time after the motion's start, such as 2s").into());
         };
         let height_m = super::run::tool_height_m(model.robot(), super::demo::HEIGHT_MM);
-        let story = Story {
+        let cut_motion = SimulatedCut {
             task: crate::motion::find_task(&self.task, height_m)?,
             mismatch: Mismatch::realistic(),
             seed: common.seed,
             supply,
             at_s,
             lasts_s: cut.lasts_s.unwrap_or(1.0),
-            mishap: Mishap::None,
+            disturbance: Disturbance::None,
             controller: common.controller.clone(),
         };
-        let played = play(model, &story)?;
-        let played =
-            played.ok_or_else(|| wrong("the task was done before: give an earlier time"))?;
+        let after = simulate(model, &cut_motion)?;
+        let after = after.ok_or_else(|| wrong("the task was done before: give an earlier time"))?;
         let now_ms = u64::MAX / 2;
-        let journal = played.read(model, now_ms);
+        let journal = after.read(model, now_ms);
         let bound_m = self.bound_mm * 1e-3;
         let (verdict, truth_m) =
-            played.recover(model, journal, self.tag, self.untouched, bound_m)?;
+            after.recover(model, journal.clone(), self.tag, self.untouched, bound_m)?;
         if let Some(error_m) = crate::recovery::verdict::error_m(&verdict, &truth_m) {
             eprintln!(
-                "simulated: the tool is truly {:.2} mm from there",
+                "simulated: the tool's true position is {:.2} mm from there",
                 error_m * 1e3
+            );
+        }
+        if self.resume && verdict.accepted {
+            let journal = journal
+                .map_err(ResumeError::Journal)
+                .map_err(RunError::from)?;
+            let run = after.resume(model, cut_motion.task, journal)?;
+            let figures = run.figures(model)?;
+            let error_mm = figures
+                .path_error_m
+                .map_or(f64::NAN, |error| error.max * 1e3);
+            eprintln!(
+                "resumed: {:.1} s to the task's end, the tool at most {error_mm:.2} mm from the path",
+                run.plan.timed.duration_s()
             );
         }
         Ok(verdict)
@@ -135,7 +156,7 @@ struct Refused {
     next: String,
 }
 
-fn told(common: &Common, verdict: &Verdict) -> Outcome {
+fn print(common: &Common, verdict: &Verdict) -> Outcome {
     if common.json {
         print_json(verdict)?;
     } else if verdict.accepted {
@@ -147,16 +168,22 @@ fn told(common: &Common, verdict: &Verdict) -> Outcome {
                 say!("{name}: {}", words.join("; "));
             }
         };
+        let bounds = verdict.bound_95_mm.zip(verdict.integrity_bound_mm);
+        if let Some((statistical, integrity)) = bounds {
+            say!(
+                "bounds: {statistical:.1} mm in 95 % of cases without a slip, {integrity:.1} mm with an undetected slip of one drum"
+            );
+        }
         list("used", &verdict.used);
         list("contradicts", &verdict.contradicts);
         let out: Vec<_> = verdict
-            .let_out_mm
+            .paid_out_mm
             .iter()
             .map(|mm| format!("{mm:.2}"))
             .collect();
         if !out.is_empty() {
             say!(
-                "let out since the last state that was kept: {} mm",
+                "paid out since the last state in the journal: {} mm",
                 out.join(", ")
             );
         }

@@ -11,11 +11,12 @@ use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::Mismatch;
-use crate::motion::{Model, Watch};
+use crate::motion::{Model, Task, Watch};
 use crate::record::events::Patience;
 use crate::record::{Doing, TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
+use crate::run::saved::scale_of;
 use crate::run::{Homing, new_session, watch_for_interrupts};
 use crate::serve::{CameraWatcher, Feed, FeedWatcher, Server};
 use mcdpr_protocol::SessionId;
@@ -39,6 +40,10 @@ pub(crate) struct Cmd {
     /// The robot hangs at its home now: for a board without reference lengths
     #[arg(long)]
     at_home: bool,
+    /// Continue this task where a loss of power interrupted it, after `mcdpr recover`: straight back to its
+    /// path, then the rest
+    #[arg(long, conflicts_with = "at_home")]
+    resume: bool,
     #[command(flatten)]
     options: Options,
 }
@@ -59,6 +64,7 @@ impl Cmd {
         let robot = common.robot()?;
         let model = Model::new(&robot)?.with_options(self.options.chosen());
         let task = crate::motion::find_task(&self.task, tool_height_m(&robot, self.z_mm))?;
+        self.check_resume(common)?;
         if common.dry_run {
             return super::plan::show(common, &model, task, &Watch::default());
         }
@@ -84,6 +90,7 @@ impl Cmd {
         } else {
             new_session()
         };
+        let hash = crate::recovery::task_hash(&source);
         let folder_name = source.name.clone();
         let about = About {
             name: &folder_name,
@@ -112,25 +119,15 @@ impl Cmd {
                 (simulated.run, Some(factor))
             })
         } else {
+            let experiment = self
+                .on_port(&model, task, hash)
+                .session(session)
+                .handle(&handle)
+                .progress(|p| bar.update(p));
             common
                 .open_port()
                 .map_err(|error| crate::link::ClientError::from(error).into())
-                .and_then(|link| {
-                    let link = Watched::new(link, events).with_orders(&handle);
-                    let homing = if self.at_home {
-                        Homing::Place(robot.tool.home_in_world_m)
-                    } else {
-                        Homing::Known
-                    };
-                    Experiment::new(&model, task)
-                        .session(session)
-                        .handle(&handle)
-                        .homing(homing)
-                        .progress(|p| {
-                            bar.update(p);
-                        })
-                        .run_on(link)
-                })
+                .and_then(|link| experiment.run_on(Watched::new(link, events).with_orders(&handle)))
                 .map(|run| (run, None))
         };
         bar.finish();
@@ -166,6 +163,34 @@ impl Cmd {
         super::write_out(&lay_out(&rows));
         say!("run folder: {}", folder.path().display());
         Ok(())
+    }
+
+    /// Refuses `--resume` where nothing can be continued.
+    fn check_resume(&self, common: &Common) -> Outcome {
+        if self.resume && common.on == "sim" {
+            let reason = "no simulated robot outlasts this program: `mcdpr recover --resume` cuts its power, recovers and continues; or give a port with --on";
+            return Err(Failed::from_error("run --resume")(reason).into());
+        }
+        if self.resume && common.dry_run {
+            return Err(super::dry::refusal("run --resume").into());
+        }
+        Ok(())
+    }
+
+    /// The task on a board, from its start or from where it was interrupted; `hash` is its checksum.
+    fn on_port<'m>(&self, model: &'m Model, task: Task, hash: u32) -> Experiment<'m> {
+        let experiment = Experiment::new(model, task);
+        let homing = if self.at_home {
+            Homing::Place(model.robot().tool.home_in_world_m)
+        } else {
+            Homing::Known
+        };
+        let experiment = experiment.homing(homing);
+        if self.resume {
+            let scale = scale_of(model.robot());
+            return experiment.resume(hash, move |board| crate::recovery::load(board, scale));
+        }
+        experiment
     }
 }
 

@@ -365,6 +365,15 @@ impl Show<'_> {
             self.feed.clear_trouble();
             self.feed.say("the robot answers again");
         }
+        // A simulated robot in this process is placed at home by the program.
+        if self.common.on != "sim" && !run::status(&mut client)?.referenced {
+            let board = run::saved::board_name(client.hello());
+            let scale = run::saved::scale_of(self.model.robot());
+            if let Some(sentence) = crate::recovery::after_cut(&board, scale) {
+                self.feed
+                    .set_trouble(&format!("{sentence}; next: `mcdpr recover`"));
+            }
+        }
         let outcome = loop {
             if interrupted() {
                 break Wanted::Nothing;

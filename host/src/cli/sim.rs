@@ -7,6 +7,7 @@ use crate::experiment::SimulatedRobot;
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::run::{interrupted, watch_for_interrupts};
+use crate::scenario::{FaultyLink, Injection, Supply};
 use mcdpr_simulator::LinkOptions;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -32,6 +33,10 @@ pub(crate) struct Cmd {
     /// the floor
     #[arg(long, value_name = "N", requires = "camera")]
     objects: Option<usize>,
+    /// Inject a fault, as `mcdpr demo --fault` does: power:board@2s/1s cuts the board's supply 2 s after
+    /// the first motion's start, for 1 s
+    #[arg(long, value_name = "FAULT@TIME")]
+    fault: Vec<String>,
     /// The tags on the floor
     #[arg(long, value_enum, default_value_t = On::Robot, requires = "camera", conflicts_with = "objects")]
     target: On,
@@ -41,6 +46,14 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
         let mut robot = crate::robot::find(&common.robot)?;
+        let cables = robot.cables.len();
+        let faults = self.fault.iter().map(|word| Injection::parse(word, cables));
+        let faults = faults.collect::<Result<Vec<_>, _>>()?;
+        let host = |fault: &Injection| matches!(fault.supply, Some(Supply::Host | Supply::All));
+        if faults.iter().any(host) {
+            let reason = "the computer of the other program is not simulated: give power:board or power:drives";
+            return Err(Failed::from_error("--fault")(reason).into());
+        }
         if let Some(target) = self.target.target() {
             robot.tags = target::tags(target);
         }
@@ -66,7 +79,7 @@ impl Cmd {
         };
         let eye = self.camera.as_ref();
         let eye = eye.map(|folder| Eye::start(folder, &robot, &link, &below, common.seed));
-        serve(link, common, scale, eye.transpose()?.as_ref())
+        serve(link, &faults, common, scale, eye.transpose()?.as_ref())
     }
 }
 
@@ -79,6 +92,7 @@ const WRITTEN_AT_ONCE: usize = 128;
 #[cfg(unix)]
 pub(super) fn serve(
     robot: crate::link::SimulatedLink,
+    faults: &[Injection],
     common: &Common,
     scale: f64,
     eye: Option<&Eye>,
@@ -106,7 +120,7 @@ pub(super) fn serve(
     // A reader that waits for the name must not wait for a full buffer.
     let _ = std::io::stdout().flush();
     let began = Instant::now();
-    let mut link = robot;
+    let mut link = FaultyLink::new(robot.clone(), faults);
     let mut buffer = [0; 512];
     let mut answer = Vec::new();
     while !interrupted() {
@@ -137,7 +151,7 @@ pub(super) fn serve(
             answer.clear();
         }
         if let Some(eye) = eye {
-            eye.look(&link)?;
+            eye.look(&robot)?;
         }
         // Only now: a byte must not reach the board before it was sent, however late this loop is.
         link.send(buffer.get(..used).unwrap_or_default())
@@ -149,6 +163,7 @@ pub(super) fn serve(
 #[cfg(not(unix))]
 pub(super) fn serve(
     _robot: crate::link::SimulatedLink,
+    _faults: &[Injection],
     _common: &Common,
     _scale: f64,
     _eye: Option<&Eye>,

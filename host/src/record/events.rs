@@ -2,7 +2,7 @@
 
 use crate::control::{Handle, Order, ScriptedOrder};
 use crate::link::{Direction, Link, LinkError, Note, RawFrame, SimulatedLink};
-use crate::motion::Plan;
+use crate::motion::{Plan, Resumed};
 use crate::sight::Shown;
 use mcdpr_simulator::TracePoint;
 use serde::{Deserialize, Serialize};
@@ -47,6 +47,9 @@ pub struct PlanNote {
     pub duration_s: f64,
     /// Instants in order, the last at the end.
     pub points: Vec<PlanPoint>,
+    /// The interrupted motion that it continues; not part of a record.
+    #[serde(skip)]
+    pub resumed: Option<Resumed>,
 }
 
 impl PlanNote {
@@ -80,6 +83,7 @@ impl PlanNote {
         Self {
             duration_s,
             points: points.collect(),
+            resumed: plan.resumed.clone(),
         }
     }
 

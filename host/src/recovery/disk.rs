@@ -24,7 +24,7 @@ pub trait Disk: Send + 'static {
     /// The system's.
     fn append(&mut self, bytes: &[u8]) -> Result<()>;
 
-    /// Makes sure that all of it would outlast a cut, and says up to where.
+    /// Flushes to the disk, then writes the mark of the last record.
     ///
     /// # Errors
     /// The system's.
@@ -130,7 +130,7 @@ impl Disk for FileDisk {
 /// The journal of a board, checked; `scale` is the robot's checksum.
 ///
 /// # Errors
-/// [`JournalError`] says why none is believed. No file is changed.
+/// [`JournalError`] where there is no valid one. No file is changed.
 pub fn load(board: &str, scale: u32) -> std::result::Result<Journal, JournalError> {
     let missing = || JournalError::Missing {
         board: board.to_owned(),
@@ -181,7 +181,7 @@ impl MemoryDisk {
         self.lock().bytes.clone()
     }
 
-    /// What a cut would have left for certain, and its mark.
+    /// The bytes that are certainly on the disk, and the mark.
     #[must_use]
     pub(crate) fn synced(&self) -> (Vec<u8>, Option<Mark>) {
         let memory = self.lock();

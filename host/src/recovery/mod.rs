@@ -1,9 +1,9 @@
-//! Going on after a loss of power: the journal in files, what a board shows now, the verdict.
+//! Continuing after a loss of power: the journal in files, the readings of the board, the verdict.
 //!
 //! The mathematics is in [`mcdpr_core::recovery`], which knows no file and no clock.
 
 mod disk;
-pub mod story;
+pub mod simulated;
 pub mod study;
 mod writer;
 
@@ -16,28 +16,32 @@ pub(crate) use writer::JournalWriter;
 use crate::estimate::{Measurements, TagPlace};
 use crate::link::{Client, Link};
 use crate::motion::Model;
+use crate::record::TaskSource;
 use crate::run::{self, RunError};
 use crate::sight::TagSource;
+use mcdpr_core::recovery::looks::{Looks, Rest};
+use mcdpr_protocol::BoardState;
 
-/// Looks at the sensors: this many, so far apart, µs. A platform swings some times meanwhile.
+/// Readings of the sensors, and the time between them, µs: several periods of a swinging platform.
 const LOOKS: u32 = 60;
 const APART_US: u64 = 50_000;
-/// Pictures of a look at tags.
-const PICTURES: u32 = 30;
 
-/// What is known before the board is asked.
+/// A platform that still moves is given this many times three seconds to come to rest.
+const MOST_LOOKS: u32 = 5;
+
+/// What a recovery uses besides the board's readings.
 pub struct Before<'a> {
-    /// The journal of this board, or why none is believed.
+    /// The journal of this board, or why there is no valid one.
     pub journal: Result<Journal, JournalError>,
     /// A camera that sees tags whose places are known.
     pub camera: Option<(&'a mut dyn TagSource, Vec<TagPlace>)>,
-    /// Whether somebody vouches that no hand moved drums or platform meanwhile.
+    /// Whether the user states that nobody moved drums, brakes or platform without power.
     pub untouched: bool,
-    /// Largest bound of the tool's place that the job allows, m.
+    /// Largest bound of the tool's position that the job allows, m.
     pub bound_m: f64,
 }
 
-/// Judges where a disarmed robot hangs, and on acceptance references the board's lengths. Nothing
+/// Judges where a disarmed robot hangs. If it is accepted, the board's lengths are referenced. Nothing
 /// moves.
 ///
 /// # Errors
@@ -53,22 +57,18 @@ pub fn recover<L: Link>(
     if let Some(record) = status.fault {
         return Err(RunError::Latched { record });
     }
-    let (tensions_n, tension_errors_n) = tensions(client)?;
-    let mut seen = Measurements::default();
-    if let Some((camera, places)) = before.camera {
-        for _ in 0..PICTURES {
-            let until_us = client.now_us() + APART_US;
-            client.pump(until_us)?;
-            let views = camera.look().map_err(RunError::Sight)?;
-            let known = |id: u32| {
-                let mut tags = model.robot().tags.iter();
-                tags.any(|tag| tag.id == id && places.iter().any(|place| place.body == tag.body))
-            };
-            seen.views
-                .extend(views.into_iter().filter(|view| known(view.id)));
-        }
-        seen.places = places;
-    }
+    let places = before
+        .camera
+        .as_ref()
+        .map(|(_, places)| places.clone())
+        .unwrap_or_default();
+    let mut camera = before.camera.map(|(camera, _)| camera);
+    let (looks, rest) = look_until_still(client, model, &mut camera, &places)?;
+    let seen = Measurements {
+        views: looks.steady_views(),
+        places,
+        ..Measurements::default()
+    };
     let source = if status.referenced {
         Source::Board {
             lengths_m: status.lengths_m().collect(),
@@ -81,13 +81,16 @@ pub fn recover<L: Link>(
     };
     let evidence = Evidence {
         source,
-        tensions_n,
-        tension_errors_n,
+        rest,
         seen,
         untouched: before.untouched,
         bound_m: before.bound_m,
     };
-    let verdict = judge(model, &evidence)?;
+    let mut verdict = judge(model, &evidence)?;
+    if looks.lost_tag() {
+        let lost = "the tag leaves the camera's picture while the platform swings: it was not used";
+        verdict.contradicts.push(lost.to_owned());
+    }
     if verdict.accepted {
         let reference = crate::machine::reference(&verdict.lengths_m, &verdict.tensions_n);
         client.request(reference)?;
@@ -95,22 +98,92 @@ pub fn recover<L: Link>(
     Ok(verdict)
 }
 
-/// Mean tensions and the standard errors of the means, N.
-fn tensions<L: Link>(client: &mut Client<L>) -> Result<(Vec<f64>, Vec<f64>), RunError> {
-    let mut rows: Vec<Vec<f64>> = Vec::new();
-    for _ in 0..LOOKS {
-        rows.push(run::status(client)?.tensions_n().collect());
+/// Looks again while the platform moves, [`MOST_LOOKS`] times at most.
+fn look_until_still<L: Link>(
+    client: &mut Client<L>,
+    model: &Model,
+    camera: &mut Option<&mut dyn TagSource>,
+    places: &[TagPlace],
+) -> Result<(Looks, Rest), RunError> {
+    let mut number = 0;
+    loop {
+        let looks = look(client, model, camera, places)?;
+        let rest = looks.rest(model.robot());
+        number += 1;
+        if rest.is_still() || number >= MOST_LOOKS {
+            return Ok((looks, rest));
+        }
+    }
+}
+
+/// Reads the sensors for three seconds, and takes a picture at every second reading.
+fn look<L: Link>(
+    client: &mut Client<L>,
+    model: &Model,
+    camera: &mut Option<&mut dyn TagSource>,
+    places: &[TagPlace],
+) -> Result<Looks, RunError> {
+    let known = |id: u32| {
+        let mut tags = model.robot().tags.iter();
+        tags.any(|tag| tag.id == id && places.iter().any(|place| place.body == tag.body))
+    };
+    let mut looks = Looks::default();
+    for number in 0..LOOKS {
+        looks
+            .tensions_n
+            .push(run::status(client)?.tensions_n().collect());
         let until_us = client.now_us() + APART_US;
         client.pump(until_us)?;
+        if let Some(camera) = camera.as_mut().filter(|_| number % 2 == 1) {
+            let views = camera.look().map_err(RunError::Sight)?;
+            looks
+                .pictures
+                .push(views.into_iter().filter(|view| known(view.id)).collect());
+        }
     }
-    let count = rows.len() as f64;
-    let cables = rows.first().map_or(0, Vec::len);
-    let column = |cable: usize| rows.iter().filter_map(move |row| row.get(cable).copied());
-    let figures = (0..cables).map(|cable| {
-        let mean = column(cable).sum::<f64>() / count;
-        let squares: f64 = column(cable).map(|value| (value - mean).powi(2)).sum();
-        // A swing makes neighbours alike: ten readings count as one.
-        (mean, (squares / count / (count / 10.0)).sqrt())
-    });
-    Ok(figures.unzip())
+    Ok(looks)
+}
+
+/// Checksum of a task: of its text; of name and height for a built-in one.
+pub(crate) fn task_hash(task: &TaskSource) -> u32 {
+    let text = match &task.text {
+        Some(text) => text.clone(),
+        None => format!("{} at {} m", task.name, task.tool_z_m),
+    };
+    mcdpr_protocol::frame::crc32(text.as_bytes())
+}
+
+/// One sentence on a board that has lost its lengths, by its journal; `None` without a journal.
+pub(crate) fn after_cut(board: &str, scale: u32) -> Option<String> {
+    let journal = match load(board, scale) {
+        Ok(journal) => journal,
+        Err(JournalError::Missing { .. }) => return None,
+        Err(reason) => {
+            return Some(format!(
+                "the board lost its lengths, and its journal is not valid: {reason}"
+            ));
+        }
+    };
+    let last = journal.last.as_ref()?;
+    let (hour, minute) = crate::stamp::utc_clock(journal.identity.wall_ms / 1000);
+    let doing = match last.state {
+        BoardState::Moving | BoardState::Pausing | BoardState::Stopping => {
+            format!(
+                "moving at path time {:.1} s",
+                f64::from(journal.path_ms) * 1e-3
+            )
+        }
+        BoardState::Disarmed => "parked".to_owned(),
+        BoardState::Fault | BoardState::EStop if journal.path_ms > 0 => {
+            format!(
+                "stopped at path time {:.1} s",
+                f64::from(journal.path_ms) * 1e-3
+            )
+        }
+        state => format!("{state:?}").to_lowercase(),
+    };
+    Some(format!(
+        "the board lost its lengths; the journal of {hour:02}:{minute:02} UTC says that it was {doing} ({})",
+        journal.identity.task
+    ))
 }

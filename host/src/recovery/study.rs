@@ -1,7 +1,7 @@
-//! Cut after cut, seed after seed: what a recovery says, and what is true. `mcdpr study power` prints
-//! it, docs/results/power.md quotes it.
+//! Random losses of power over many seeds, and the errors of the recovery. `mcdpr study power` prints the
+//! figures, docs/results/power.md quotes them.
 
-use super::story::{Mishap, Played, Story, play};
+use super::simulated::{AfterCut, Disturbance, SimulatedCut, simulate};
 use super::{Journal, JournalError, Verdict};
 use crate::experiment::Experiment;
 use crate::machine::{Controller, Mismatch};
@@ -21,11 +21,11 @@ const WRONG: f64 = 1.5;
 pub enum Kind {
     /// A cut, and a camera that sees a tag.
     Camera,
-    /// A cut, no camera, and somebody who says truly that nobody touched anything.
+    /// A cut without a camera; nobody touches the robot, and the user confirms it.
     NoCamera,
     /// A brake that slips or closes late; a camera in every other case.
     Slipped,
-    /// Somebody moved the platform; a camera in every other case.
+    /// A person moves the platform; a camera in every other case.
     Moved,
     /// A journal of another board, calibration, run or time.
     Swapped,
@@ -52,7 +52,7 @@ pub struct Case {
     pub kind: Kind,
     /// Whether a camera saw a tag.
     pub camera: bool,
-    /// Whose supply went.
+    /// The supply that failed.
     pub supply: &'static str,
     /// Speed of the tool at the cut, mm/s.
     pub speed_mm_s: f64,
@@ -64,7 +64,13 @@ pub struct Case {
     pub bound_mm: Option<f64>,
     /// What the estimate is off by, mm.
     pub error_mm: Option<f64>,
-    /// What it said.
+    /// Swing of the platform at the tag while it was looked at, peak to peak, mm.
+    pub swing_mm: Option<f64>,
+    /// Largest swing of a tension meanwhile, peak to peak, N.
+    pub swing_n: f64,
+    /// Statistical bound, 95 %, mm.
+    pub bound_95_mm: Option<f64>,
+    /// The verdict's sentence.
     pub sentence: String,
 }
 
@@ -90,8 +96,14 @@ pub struct Figures {
     pub median_mm: Option<f64>,
     /// Largest error of the accepted, mm.
     pub most_mm: Option<f64>,
-    /// Share of the accepted whose error is within the bound.
+    /// Share of the accepted whose error is within the greater of both bounds.
     pub inside: Option<f64>,
+    /// Share of the accepted whose error is within the statistical bound (95 %).
+    pub inside_95: Option<f64>,
+    /// Median of the statistical bound of the accepted, mm.
+    pub bound_95_median_mm: Option<f64>,
+    /// Share of the accepted for which the integrity bound is the greater one.
+    pub by_integrity: Option<f64>,
     /// Median and largest bound of the accepted, mm.
     pub bound_median_mm: Option<f64>,
     /// The largest.
@@ -115,10 +127,20 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
     let accepted: Vec<_> = cases.iter().filter(|case| case.accepted).collect();
     let errors: Vec<f64> = accepted.iter().filter_map(|case| case.error_mm).collect();
     let bounds: Vec<f64> = accepted.iter().filter_map(|case| case.bound_mm).collect();
-    let pairs = accepted
+    let share = |count: usize| (!accepted.is_empty()).then(|| count as f64 / accepted.len() as f64);
+    let inside = |bound: fn(&Case) -> Option<f64>| {
+        let pairs = accepted
+            .iter()
+            .filter_map(|case| case.error_mm.zip(bound(case)));
+        share(pairs.filter(|(error, bound)| error <= bound).count())
+    };
+    let bounds_95: Vec<f64> = accepted
         .iter()
-        .filter_map(|case| case.error_mm.zip(case.bound_mm));
-    let inside = pairs.filter(|(error, bound)| error <= bound).count();
+        .filter_map(|case| case.bound_95_mm)
+        .collect();
+    let integrity = accepted
+        .iter()
+        .filter(|case| case.bound_mm > case.bound_95_mm);
     let slow = accepted.iter().filter(|case| case.speed_mm_s < 100.0);
     let median = |values: &[f64]| {
         (!values.is_empty()).then(|| crate::calibration::study::median(values.to_vec()))
@@ -130,7 +152,10 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
         refused: 1.0 - accepted.len() as f64 / cases.len().max(1) as f64,
         median_mm: median(&errors),
         most_mm: most(errors.iter().copied()),
-        inside: (!accepted.is_empty()).then(|| inside as f64 / accepted.len() as f64),
+        inside: inside(|case| case.bound_mm),
+        inside_95: inside(|case| case.bound_95_mm),
+        bound_95_median_mm: median(&bounds_95),
+        by_integrity: share(integrity.count()),
         bound_median_mm: median(&bounds),
         bound_most_mm: most(bounds.iter().copied()),
         bound_most_slow_mm: most(slow.filter_map(|case| case.bound_mm)),
@@ -211,7 +236,7 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
     };
     let at_s = duration_s * unit(&mut random);
     let even = (seed / KINDS.len() as u64).is_multiple_of(2);
-    // What only happens to who lost his counts is tried on who lost them.
+    // A journal and an unnoticed slip matter only where the board has lost its lengths.
     let lost = [Supply::Board, Supply::All];
     let any = Supply::ALL.map(|(supply, _)| supply);
     let supply = match kind {
@@ -219,12 +244,12 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         _ => lost[pick(&mut random, lost.len())],
     };
     let cable = pick(&mut random, model.robot().cables.len());
-    let mishap = match kind {
-        Kind::Slipped if unit(&mut random) < 0.5 => Mishap::Weak {
+    let disturbance = match kind {
+        Kind::Slipped if unit(&mut random) < 0.5 => Disturbance::Weak {
             cable,
             holds_n: 0.5 + 8.0 * unit(&mut random),
         },
-        Kind::Slipped => Mishap::Late {
+        Kind::Slipped => Disturbance::Late {
             cable,
             by_s: 0.03 + 0.27 * unit(&mut random),
         },
@@ -237,40 +262,43 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
                 .sum::<f64>()
                 .sqrt()
                 .max(0.1);
-            Mishap::Moved {
+            Disturbance::Moved {
                 by_m: way.map(|part| part / norm * far_m),
             }
         }
-        _ => Mishap::None,
+        _ => Disturbance::None,
     };
-    let story = Story {
+    let cut = SimulatedCut {
         task,
         mismatch: Mismatch::realistic(),
         seed,
         supply,
         at_s,
         lasts_s: 1.0,
-        mishap,
+        disturbance,
         controller: Controller::InProcess,
     };
-    let Some(played) = play(model, &story)? else {
+    let Some(after) = simulate(model, &cut)? else {
         return Ok(None);
     };
-    let journal = found(&mut random, model, &played, kind);
+    let journal = found(&mut random, model, &after, kind);
     let camera = match kind {
         Kind::Camera => true,
         Kind::NoCamera => false,
         _ => even,
     };
-    // Who moved the platform says so, or says nothing.
+    // A person who moved the platform does not confirm that nobody did.
     let untouched = kind != Kind::Moved;
-    let (verdict, truth_m) = played.recover(model, journal, camera, untouched, bound_m)?;
+    let (verdict, truth_m) = after.recover(model, journal, camera, untouched, bound_m)?;
     let error_m = mcdpr_core::recovery::verdict::error_m(&verdict, &truth_m);
     let name = Supply::ALL.iter().find(|(known, _)| *known == supply);
     let Verdict {
         accepted,
         sentence,
         bound_mm,
+        bound_95_mm,
+        swing_mm,
+        swing_n,
         ..
     } = verdict;
     Ok(Some(Case {
@@ -278,28 +306,31 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         kind,
         camera,
         supply: name.map_or("", |(_, name)| name),
-        speed_mm_s: played.speed_mps * 1e3,
-        drop_mm: played.drop_m * 1e3,
+        speed_mm_s: after.speed_mps * 1e3,
+        drop_mm: after.drop_m * 1e3,
         accepted,
         bound_mm,
+        bound_95_mm,
         error_mm: error_m.map(|error| error * 1e3),
+        swing_mm,
+        swing_n: swing_n.into_iter().fold(0.0, f64::max),
         sentence,
     }))
 }
 
-/// The journal that is found, spoiled as its kind says.
+/// The journal that the recovery reads, changed according to the kind.
 fn found(
     random: &mut Random,
     model: &Model,
-    played: &Played,
+    after: &AfterCut,
     kind: Kind,
 ) -> Result<Journal, JournalError> {
     let now_ms = super::disk::now_ms();
-    let mut spoiled = Played {
-        link: played.link.clone(),
-        journal: played.journal.clone(),
-        board: played.board.clone(),
-        ..*played
+    let mut spoiled = AfterCut {
+        link: after.link.clone(),
+        journal: after.journal.clone(),
+        board: after.board.clone(),
+        ..*after
     };
     let which = 0.5 + random.within(0.5);
     let share = 0.5 + random.within(0.5);

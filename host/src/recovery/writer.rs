@@ -1,7 +1,7 @@
 //! Keeps the journal while a robot moves, on a thread of its own.
 //!
-//! A [`EventBus`](crate::record::EventBus) shows the writer what passes over the line, through a queue
-//! that never lets the line wait. A disk that stalls costs the newest states, and no heartbeat.
+//! An [`EventBus`](crate::record::EventBus) passes the frames of the line to the writer, through a queue
+//! for which the line never waits. A disk that stalls loses the newest states and delays no heartbeat.
 
 use super::disk::{Disk, now_ms};
 use super::{Identity, Plan};
@@ -18,7 +18,7 @@ const FLUSH_US: u64 = 50_000;
 /// Bytes after which a file is begun anew.
 const ANEW_BYTES: usize = 512 << 10;
 
-/// What a journal says of its run.
+/// The run that a journal belongs to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct About {
     /// Number of the session on the wire.
@@ -156,7 +156,7 @@ where
         }
     }
 
-    /// Writes what is known now, and begins a file where that is due.
+    /// Writes the present state, and begins a new file where that is due.
     fn write(&mut self, time_us: u64) {
         if self.failed || self.over {
             return;
@@ -261,9 +261,11 @@ where
                 let Some(first) = plan.points.first() else {
                     return;
                 };
+                let resumed = plan.resumed.clone();
                 let plan = Plan {
-                    start_m: first.tool_m,
+                    start_m: resumed.as_ref().map_or(first.tool_m, |of| of.start_m),
                     duration_s: plan.duration_s,
+                    interruptions: resumed.map_or_else(Vec::new, |of| of.interruptions),
                 };
                 let record = self.disk.is_some().then(|| self.encoder.plan(&plan));
                 self.plan = Some(plan);
@@ -319,7 +321,7 @@ mod tests {
         }
     }
 
-    /// A disk that stands until it is told to go on.
+    /// A disk that stalls until the test releases it.
     struct Stalled {
         began: Sender<()>,
         go_on: Receiver<()>,
@@ -340,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_that_stalls_lets_no_line_wait() {
+    fn a_stalled_disk_delays_no_line() {
         let (began, has_begun) = channel();
         let (release, go_on) = channel();
         let mut parts = Some((began, go_on));
@@ -368,8 +370,8 @@ mod tests {
         }
         events.publish(first);
         has_begun.recv().unwrap();
-        // Five seconds of a busy line, and more, while the disk stands: every call returns, what has
-        // no room is counted.
+        // More than five seconds of a busy line while the disk stalls: every call returns, and
+        // frames without room in the queue are counted.
         for index in 0..25_000_u64 {
             events.publish(wire(index * 1000));
         }

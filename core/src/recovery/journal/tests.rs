@@ -40,6 +40,10 @@ fn file(states: u32) -> (Vec<u8>, Vec<usize>) {
     let plan = Plan {
         start_m: [0.1, 0.2, 0.3],
         duration_s: 4.0,
+        interruptions: vec![crate::motion::Interruption {
+            path_s: 1.25,
+            tool_m: [0.3, 0.2, -0.1],
+        }],
     };
     let mut bytes = encoder.begin(&identity(), Some(&plan));
     let mut ends = Vec::new();

@@ -1,4 +1,4 @@
-//! `mcdpr study power`: cuts of the power, and what a recovery makes of them.
+//! `mcdpr study power`: random losses of power, and the errors of the recovery.
 
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
@@ -6,7 +6,7 @@ use crate::motion::Model;
 use crate::recovery::study::{Case, Figures, KINDS, Kind, figures, study};
 use std::path::PathBuf;
 
-/// Random cuts of the power on realistic machines: what a recovery says, and what is true
+/// Random losses of power on realistic machines, and the errors of the recovery
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
     /// Cuts; the kinds take turns
@@ -67,6 +67,7 @@ impl Cmd {
                 "refused_wrongly": fine.refused,
                 "median_mm": with_camera.median_mm,
                 "inside": fine.inside,
+                "inside_95": fine.inside_95,
                 "kinds": kinds,
             }));
         }
@@ -76,7 +77,8 @@ impl Cmd {
             "accepted",
             "wrongly",
             "error median / most, mm",
-            "inside",
+            "inside 95 % / both bounds",
+            "bound 95 %, median",
             "bound median / most, mm",
             "most under 0.1 m/s",
             "drop, mm",
@@ -103,7 +105,8 @@ fn row(name: &str, figures: &Figures) -> Vec<String> {
         figures.accepted.to_string(),
         figures.accepted_wrongly.to_string(),
         format!("{} / {}", cell(figures.median_mm), cell(figures.most_mm)),
-        cell(figures.inside),
+        format!("{} / {}", cell(figures.inside_95), cell(figures.inside)),
+        cell(figures.bound_95_median_mm),
         format!(
             "{} / {}",
             cell(figures.bound_median_mm),

@@ -1,0 +1,327 @@
+//! The estimates behind a decision: by lengths and tensions, by a tag, by all of them; with a
+//! statistical bound and an integrity bound.
+
+use super::cut::{Cut, Lengths, lengths_after};
+use super::fuse::{Found, Weighed, chi2_quantile, fuse, radius_95_m};
+use super::journal::Journal;
+use super::verdict::{Evidence, Source, mm, worst_tension};
+use crate::estimate::{EstimateError, Measurements};
+use crate::motion::Model;
+use crate::sight::TagView;
+use nalgebra::{Matrix3, Vector3};
+
+/// Normal deviate above which evidence counts as contradictory: one valid case in a thousand.
+const CONTRADICTS: f64 = 3.09;
+/// A length that is off by so many of its standard deviations is named.
+const NAMED: f64 = 4.0;
+/// Lengths within so many standard deviations of the tag's estimate are combined with it.
+const AGREES: f64 = 3.0;
+/// Standard deviation of a length by a view of a tag alone, m.
+const TAG_LENGTH_M: f64 = 1e-3;
+/// A slip that adds this to the root of chi-square is detected as a rule: the threshold for one degree
+/// of freedom at [`CONTRADICTS`].
+const DETECTED: f64 = 3.3;
+/// Standard deviations of a tension: a constant part, and a share for gain and pulleys.
+const TENSION_N: f64 = 0.12;
+const TENSION_SHARE: f64 = 0.02;
+/// Standard deviation of the attitude from that of statics, rad.
+const ATTITUDE_RAD: f64 = 3e-3;
+/// Position of the camera's mounting and of a tag after a calibration, standard deviation, m per axis.
+const TAG_PLACE_M: f64 = 2.0e-4;
+/// The same at each corner in a picture, px.
+const MOUNTING_PX: f64 = 0.25;
+/// Time from the last record on the disk to the cut where the computer failed too, s: mean and
+/// standard deviation.
+const UNSEEN_DEAD_S: [f64; 2] = [0.036, 0.018];
+/// The same where the program continued: a block of samples on its way.
+const UNSEEN_ALIVE_S: [f64; 2] = [0.007, 0.004];
+
+/// Lengths by the journal or the board.
+#[derive(Debug, Clone)]
+pub(super) struct Known {
+    pub(super) lengths: Lengths,
+    /// The last lengths before the loss of power, m.
+    pub(super) before_m: Vec<f64>,
+}
+
+/// Estimates with their bounds.
+#[derive(Debug, Clone)]
+pub(super) struct Estimates {
+    /// By the tag and tensions, or, without a tag, by lengths and tensions.
+    pub(super) alone: Found,
+    /// By the tag, tensions and lengths, where they agree.
+    pub(super) with_lengths: Option<Found>,
+    pub(super) by_tag: bool,
+    pub(super) known: Option<Known>,
+    /// Statistical bound, 95 %, m.
+    pub(super) bound_95_m: f64,
+    /// Error by an undetected slip of one drum, m.
+    pub(super) integrity_bound_m: f64,
+    /// Drums that slipped, and other causes of a contradiction, in words.
+    pub(super) suspects: Vec<String>,
+}
+
+impl Estimates {
+    /// The most exact one.
+    pub(super) fn best(&self) -> &Found {
+        self.with_lengths.as_ref().unwrap_or(&self.alone)
+    }
+
+    /// The bound that the decision uses, m.
+    pub(super) fn bound_m(&self) -> f64 {
+        bound_m(self.bound_95_m, self.integrity_bound_m)
+    }
+
+    pub(super) fn fits(&self) -> bool {
+        fits(self.best())
+    }
+}
+
+/// The greater of both bounds: an undetected slip is not part of the covariance.
+fn bound_m(bound_95_m: f64, integrity_bound_m: f64) -> f64 {
+    bound_95_m.max(integrity_bound_m)
+}
+
+/// Error of the tool that a slip of one drum can cause without being detected, m: the protection level
+/// of receiver autonomous integrity monitoring (Brown 1992), for one fault.
+fn integrity_bound_m(found: &Found) -> f64 {
+    let slopes = found
+        .tool_per_length
+        .column_iter()
+        .zip(&found.residual_per_length);
+    let off = slopes.map(|(tool, residual)| DETECTED * tool.norm() / residual.max(1e-9));
+    off.fold(0.0, f64::max)
+}
+
+fn fits(found: &Found) -> bool {
+    found.freedoms == 0 || found.chi2 <= chi2_quantile(found.freedoms as f64, CONTRADICTS)
+}
+
+/// The estimates; `None` where no length is known and no tag is in view.
+///
+/// # Errors
+/// [`EstimateError`].
+pub(super) fn estimates(
+    model: &Model,
+    evidence: &Evidence<'_>,
+) -> Result<Option<Estimates>, EstimateError> {
+    let known = known(model, evidence)?;
+    let tensions_n = &evidence.rest.tensions_n;
+    let errors = evidence.rest.tension_errors_n.iter().copied();
+    let sigmas_n: Vec<f64> = tensions_n
+        .iter()
+        .zip(errors.chain(std::iter::repeat(0.0)))
+        .map(|(tension, error)| {
+            let share = TENSION_SHARE * tension;
+            (TENSION_N.powi(2) + share * share + error * error).sqrt()
+        })
+        .collect();
+    let nothing = Measurements::default();
+    let weighed = |lengths, seen| Weighed {
+        lengths,
+        tensions_n,
+        tension_sigmas_n: &sigmas_n,
+        seen,
+        attitude_rad: ATTITUDE_RAD,
+    };
+    let start_m = start(model, known.as_ref(), tensions_n);
+    if !evidence.seen.views.is_empty() {
+        let seen = averaged(&evidence.seen, evidence.rest.swing_px);
+        let alone = fuse(model, &weighed(None, &seen), &start_m)?;
+        // Lengths that agree with the tag make the position more exact. Lengths that do not agree
+        // only name the drum that slipped.
+        let with_lengths = known
+            .as_ref()
+            .filter(|known| deviations(&known.lengths, &alone, AGREES).is_empty())
+            .map(|known| fuse(model, &weighed(Some(&known.lengths), &seen), &start_m))
+            .transpose()?
+            .filter(fits);
+        let found = with_lengths.as_ref().unwrap_or(&alone);
+        let covariance = found.covariance_m2 + Matrix3::identity() * TAG_PLACE_M.powi(2);
+        return Ok(Some(Estimates {
+            bound_95_m: radius_95_m(&covariance),
+            integrity_bound_m: integrity_bound_m(found),
+            suspects: slipped_drums(known.as_ref(), &alone),
+            by_tag: true,
+            alone,
+            with_lengths,
+            known,
+        }));
+    }
+    let Some(known) = known else {
+        return Ok(None);
+    };
+    let weighed = weighed(Some(&known.lengths), &nothing);
+    let found = fuse(model, &weighed, &start_m)?;
+    let suspects = if fits(&found) {
+        Vec::new()
+    } else {
+        suspects(model, &weighed, &found)
+    };
+    Ok(Some(Estimates {
+        bound_95_m: radius_95_m(&found.covariance_m2),
+        integrity_bound_m: integrity_bound_m(&found),
+        by_tag: false,
+        alone: found,
+        with_lengths: None,
+        known: Some(known),
+        suspects,
+    }))
+}
+
+/// Start of the search: by the lengths, else home.
+fn start(model: &Model, known: Option<&Known>, tensions_n: &[f64]) -> Vector3<f64> {
+    let by_lengths = known.and_then(|known| {
+        let list: Vec<f64> = known.lengths.mean_m.iter().copied().collect();
+        let rest = model.rest_from_lengths(&list, tensions_n).ok()?;
+        Some(model.tool_m(&rest))
+    });
+    by_lengths.unwrap_or(model.robot().tool.home_in_world_m)
+}
+
+/// Lengths by the journal or the board.
+fn known(model: &Model, evidence: &Evidence<'_>) -> Result<Option<Known>, EstimateError> {
+    let journal: &Journal = match &evidence.source {
+        Source::Journal(journal) => journal,
+        Source::Board { lengths_m } => {
+            return Ok(Some(Known {
+                lengths: Lengths::counted(lengths_m),
+                before_m: lengths_m.clone(),
+            }));
+        }
+        Source::Refused(_) => return Ok(None),
+    };
+    let Some(last) = journal.last.as_ref().filter(|last| last.referenced) else {
+        return Ok(None);
+    };
+    if last.cables.len() != model.robot().cables.len() {
+        return Ok(None);
+    }
+    let before_m: Vec<f64> = last.cables.iter().map(|cable| cable.length_m).collect();
+    let tensions_n: Vec<f64> = last.cables.iter().map(|cable| cable.tension_n).collect();
+    let rest = model
+        .rest_from_lengths(&before_m, &tensions_n)
+        .map_err(|source| EstimateError::NoFit {
+            source: Box::new(source),
+        })?;
+    let [unseen_s, unseen_sd_s] = if journal.ended {
+        UNSEEN_ALIVE_S
+    } else {
+        UNSEEN_DEAD_S
+    };
+    let cut = Cut {
+        unseen_s,
+        unseen_sd_s,
+        // A computer that failed too was on the same supply, as a rule with the drives.
+        torque_gone: if journal.ended { 0.5 } else { 0.9 },
+    };
+    Ok(Some(Known {
+        lengths: lengths_after(model, &rest, last, &cut),
+        before_m,
+    }))
+}
+
+/// Pictures of one pose as one view for each tag. The error of the mounting is the same in every
+/// picture: averaging does not reduce it. `swing_px` is the standard deviation of the corners by the
+/// platform's motion.
+fn averaged(seen: &Measurements, swing_px: f64) -> Measurements {
+    let mut views: Vec<TagView> = Vec::new();
+    for view in &seen.views {
+        if views.iter().any(|known| known.id == view.id) {
+            continue;
+        }
+        let same: Vec<_> = seen.views.iter().filter(|of| of.id == view.id).collect();
+        let count = same.len() as f64;
+        let mut mean = *view;
+        for (index, corner) in mean.corners_px.iter_mut().enumerate() {
+            for (axis, value) in corner.iter_mut().enumerate() {
+                let all = same
+                    .iter()
+                    .filter_map(|of| of.corners_px.get(index)?.get(axis));
+                *value = all.sum::<f64>() / count;
+            }
+        }
+        // Neighbouring pictures of a swing are alike: five count as one.
+        let swing_px2 = swing_px.powi(2) / (count / 5.0).max(1.0);
+        for covariance in &mut mean.covariance_px2 {
+            for (axis, row) in covariance.iter_mut().enumerate() {
+                if let Some(variance) = row.get_mut(axis) {
+                    *variance = *variance / count + MOUNTING_PX.powi(2) + swing_px2;
+                }
+            }
+        }
+        views.push(mean);
+    }
+    Measurements {
+        views,
+        ..seen.clone()
+    }
+}
+
+/// Drums whose lengths differ from an estimate without them by more than `limit` standard deviations,
+/// and by how much, m.
+fn deviations(lengths: &Lengths, found: &Found, limit: f64) -> Vec<(usize, f64)> {
+    let pairs = lengths.mean_m.iter().zip(&found.rest.paid_out_m);
+    pairs
+        .enumerate()
+        .map(|(cable, (expected, now))| (cable, now - expected))
+        .filter(|(cable, off_m)| off_m.abs() > limit * lengths.sigma_m(*cable).hypot(TAG_LENGTH_M))
+        .collect()
+}
+
+/// Drums that slipped, by the tag's estimate.
+fn slipped_drums(known: Option<&Known>, alone: &Found) -> Vec<String> {
+    let off = known.map_or(Vec::new(), |known| deviations(&known.lengths, alone, NAMED));
+    let mut words: Vec<String> = off
+        .iter()
+        .map(|(cable, off_m)| slipped(*cable, *off_m))
+        .collect();
+    if off.len() > 1 {
+        words.push("the platform was moved, or drums were turned by hand".to_owned());
+    }
+    words
+}
+
+fn slipped(cable: usize, off_m: f64) -> String {
+    let verb = if off_m > 0.0 { "paid out" } else { "took in" };
+    format!(
+        "drum {} {verb} {} without power",
+        cable + 1,
+        mm(off_m.abs())
+    )
+}
+
+/// The drum whose slip would explain a contradiction: the one whose length, left out, lets the rest
+/// agree. Without such a drum the platform was moved or is loaded.
+fn suspects(model: &Model, weighed: &Weighed<'_>, found: &Found) -> Vec<String> {
+    let Some(lengths) = weighed.lengths else {
+        return Vec::new();
+    };
+    let mut best: Option<(f64, usize, f64)> = None;
+    for cable in 0..lengths.mean_m.len() {
+        let mut loose = lengths.clone();
+        loose.covariance_m2[(cable, cable)] += 0.1_f64.powi(2);
+        let without = Weighed {
+            lengths: Some(&loose),
+            ..weighed.clone()
+        };
+        let Ok(other) = fuse(model, &without, &found.tool_m) else {
+            continue;
+        };
+        let now_m = other.rest.paid_out_m.get(cable).copied().unwrap_or(0.0);
+        let off_m = now_m - lengths.mean_m[cable];
+        if fits(&other) && best.is_none_or(|(chi2, ..)| other.chi2 < chi2) {
+            best = Some((other.chi2, cable, off_m));
+        }
+    }
+    match best {
+        Some((_, cable, off_m)) => vec![slipped(cable, off_m)],
+        None => vec![format!(
+            "the platform was moved or is loaded by hand, or a cable is off its drum (tension {} differs most)",
+            worst_tension(found) + 1
+        )],
+    }
+}
+
+#[cfg(test)]
+mod tests;

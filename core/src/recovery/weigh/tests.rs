@@ -1,0 +1,114 @@
+use super::*;
+use crate::recovery::looks::Rest;
+use crate::recovery::verdict::judge;
+use crate::robot::Robot;
+
+/// A robot that hangs at home and counts its drums; the true lengths differ by `slip_m` of one cable.
+fn slipped_robot(slip_m: f64) -> (Model, Vec<f64>, Rest, Vector3<f64>) {
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    let home = model.rest_at_home().unwrap();
+    let counted_m = home.paid_out_m.clone();
+    let mut true_m = counted_m.clone();
+    true_m[1] += slip_m;
+    let rest = model.rest_from_lengths(&true_m, home.tensions_n()).unwrap();
+    let tensions_n = rest.tensions_n().to_vec();
+    let readings = Rest {
+        least_n: tensions_n.clone(),
+        tension_errors_n: vec![0.02; 4],
+        tensions_n,
+        ..Rest::default()
+    };
+    let truth_m = model.tool_m(&rest);
+    (model, counted_m, readings, truth_m)
+}
+
+fn evidence(lengths_m: Vec<f64>, rest: Rest) -> Evidence<'static> {
+    Evidence {
+        source: Source::Board { lengths_m },
+        rest,
+        seen: Measurements::default(),
+        untouched: false,
+        bound_m: 0.05,
+    }
+}
+
+#[test]
+fn the_bound_covers_a_slip_that_is_not_detected() {
+    // The largest slip that the tensions do not show yet.
+    let mut found = None;
+    for step in 1..80 {
+        let slip_m = f64::from(step) * 1e-4;
+        let (model, counted_m, rest, truth_m) = slipped_robot(slip_m);
+        let evidence = evidence(counted_m, rest);
+        let estimates = estimates(&model, &evidence).unwrap().unwrap();
+        if !estimates.fits() {
+            break;
+        }
+        found = Some((estimates, truth_m, slip_m));
+    }
+    let (estimates, truth_m, slip_m) = found.unwrap();
+    let error_m = (estimates.best().tool_m - truth_m).norm();
+    assert!(slip_m > 1e-3, "{slip_m}");
+    // Statistics alone do not cover it: they know no slip.
+    assert!(
+        error_m > estimates.bound_95_m,
+        "{error_m} m, {} m",
+        estimates.bound_95_m
+    );
+    assert!(
+        error_m < 1.5 * estimates.bound_m(),
+        "{error_m} m, {} m",
+        estimates.bound_m()
+    );
+}
+
+#[test]
+fn a_large_slip_is_refused_and_its_drum_named() {
+    let (model, counted_m, rest, _) = slipped_robot(0.012);
+    let verdict = judge(&model, &evidence(counted_m, rest)).unwrap();
+    assert!(!verdict.accepted, "{}", verdict.sentence);
+    assert!(verdict.sentence.contains("drum 2"), "{}", verdict.sentence);
+}
+
+#[test]
+fn a_slack_cable_is_refused_with_its_name_whatever_else_agrees() {
+    let (model, counted_m, mut rest, _) = slipped_robot(0.0);
+    let good = judge(&model, &evidence(counted_m.clone(), rest.clone())).unwrap();
+    assert!(good.accepted, "{}", good.sentence);
+    (rest.tensions_n[2], rest.least_n[2]) = (0.1, 0.0);
+    let verdict = judge(&model, &evidence(counted_m, rest)).unwrap();
+    assert!(!verdict.accepted);
+    assert!(
+        verdict.sentence.contains("cable 3 is slack"),
+        "{}",
+        verdict.sentence
+    );
+    assert!(
+        verdict.next.contains("mcdpr rig tension"),
+        "{}",
+        verdict.next
+    );
+}
+
+#[test]
+fn a_platform_that_sinks_is_refused_until_it_rests() {
+    let (model, counted_m, mut rest, _) = slipped_robot(0.0);
+    rest.drift_n = vec![0.0, -0.6, 0.0, 0.0];
+    let verdict = judge(&model, &evidence(counted_m, rest)).unwrap();
+    assert!(
+        !verdict.accepted && verdict.sentence.contains("tension 2"),
+        "{}",
+        verdict.sentence
+    );
+    assert!(verdict.next.contains("recover again"), "{}", verdict.next);
+}
+
+#[test]
+fn a_swing_widens_the_bound() {
+    let (model, counted_m, mut rest, _) = slipped_robot(0.0);
+    let still = judge(&model, &evidence(counted_m.clone(), rest.clone())).unwrap();
+    rest.tension_errors_n = vec![0.8; 4];
+    let swinging = judge(&model, &evidence(counted_m, rest)).unwrap();
+    let bounds = still.bound_mm.zip(swinging.bound_mm).unwrap();
+    assert!(bounds.1 > 1.1 * bounds.0, "{bounds:?}");
+}

@@ -1,0 +1,134 @@
+//! The robot after the power is back: its journal, the recovery, the rest of its task.
+
+use crate::estimate::TagPlace;
+use crate::experiment::{Experiment, Run};
+use crate::link::{Client, SimulatedLink};
+use crate::motion::{Model, Task};
+use crate::recovery::{Before, Journal, JournalError, MemoryDisk, Verdict, recover};
+use crate::report;
+use crate::run::saved::scale_of;
+use crate::run::{self, RunError};
+use crate::sight::{Scene, SimulatedTags, TagSource};
+use mcdpr_core::random::Random;
+use mcdpr_core::recovery::journal::Mark;
+use mcdpr_protocol::{Request, SessionId};
+use mcdpr_simulator::Simulation;
+use nalgebra::Vector3;
+
+/// Noise of a tag's corners, px.
+const CORNER_PX: f64 = 0.1;
+/// Error of the camera's mounting after a calibration: half width, m and rad.
+const MOUNTING: [f64; 2] = [2e-4, 3e-4];
+
+/// A robot whose power is back.
+pub struct AfterCut {
+    /// The line to the robot.
+    pub link: SimulatedLink,
+    /// The journal's bytes.
+    pub journal: Vec<u8>,
+    /// The last record that is certainly on the disk.
+    pub mark: Option<Mark>,
+    /// Number of its board.
+    pub board: String,
+    /// How far the tool fell below its planned motion, m.
+    pub drop_m: f64,
+    /// Speed of the tool at the cut, m/s.
+    pub speed_mps: f64,
+    pub(in crate::recovery) seed: u64,
+}
+
+/// The journal of a program that continued, or whose computer failed too: then it has no end record, and
+/// its last records had not reached the disk.
+pub(super) fn left_journal(disk: &MemoryDisk, alive: bool, seed: u64) -> (Vec<u8>, Option<Mark>) {
+    let (bytes, mark) = disk.synced();
+    if alive {
+        return (bytes, mark);
+    }
+    let mut random = Random::new(seed ^ 0x6469_736B);
+    let share = 0.5 + random.within(0.5);
+    // An end of 11 bytes, and up to 50 ms of records of 92 bytes every 10 ms.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "some hundred bytes"
+    )]
+    let lost = 11 + (share * 5.0 * 92.0) as usize;
+    let kept = bytes
+        .get(..bytes.len().saturating_sub(lost))
+        .unwrap_or_default();
+    let mark = Journal::read(kept).ok().map(|journal| Mark {
+        session: journal.identity.session,
+        number: journal.number,
+    });
+    (kept.to_vec(), mark)
+}
+
+impl AfterCut {
+    /// The journal as a recovery finds it.
+    ///
+    /// # Errors
+    /// [`JournalError`].
+    pub fn read(&self, model: &Model, now_ms: u64) -> Result<Journal, JournalError> {
+        let journal = Journal::read(&self.journal)?;
+        journal.check(&self.board, scale_of(model.robot()), self.mark, now_ms)?;
+        Ok(journal)
+    }
+
+    /// Recovers; also the tool's true mean position meanwhile, world, m.
+    ///
+    /// # Errors
+    /// As [`recover`].
+    pub fn recover(
+        &self,
+        model: &Model,
+        journal: Result<Journal, JournalError>,
+        camera: bool,
+        untouched: bool,
+        bound_m: f64,
+    ) -> Result<(Verdict, Vector3<f64>), RunError> {
+        let scene = Scene::on_floor(model.robot(), MOUNTING[0], MOUNTING[1], self.seed);
+        let places = scene.world_from_body.iter().map(|(body, pose)| TagPlace {
+            body: *body,
+            world_from_body: *pose,
+        });
+        let places: Vec<_> = places.collect();
+        let mut tags = SimulatedTags::new(self.link.clone(), scene, CORNER_PX, self.seed);
+        let mut client = Client::connect(self.link.clone(), SessionId(3))?;
+        if run::status(&mut client)?.fault.is_some() {
+            client.request(Request::ClearFault)?;
+        }
+        self.link.with(Simulation::take_trace);
+        let source: &mut dyn TagSource = &mut tags;
+        let before = Before {
+            journal,
+            camera: camera.then_some((source, places)),
+            untouched,
+            bound_m,
+        };
+        let verdict = recover(&mut client, model, before)?;
+        client.request(Request::Close)?;
+        let trace = self.link.with(Simulation::take_trace);
+        let tools = trace
+            .iter()
+            .map(|point| Vector3::from(point.truth.tool_position_m));
+        let mean = tools.sum::<Vector3<f64>>() / (trace.len().max(1)) as f64;
+        Ok((verdict, mean))
+    }
+
+    /// Continues the interrupted task, after an accepted recovery.
+    ///
+    /// # Errors
+    /// As [`Experiment::run_on`]; [`crate::run::ResumeError`].
+    pub fn resume(&self, model: &Model, task: Task, journal: Journal) -> Result<Run, RunError> {
+        self.link.with(Simulation::take_trace);
+        let hash = mcdpr_protocol::frame::crc32(task.name.as_bytes());
+        let mut run = Experiment::new(model, task)
+            .session(SessionId(4))
+            .resume(hash, move |_| Ok(journal))
+            .run_on(self.link.clone())?;
+        let trace = self.link.with(Simulation::take_trace);
+        run.simulated = true;
+        run.true_path = Some(report::true_path(&trace));
+        Ok(run)
+    }
+}

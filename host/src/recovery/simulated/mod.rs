@@ -1,0 +1,194 @@
+//! A simulated robot in motion that loses power: faults at the plant, the line and the supplies, never in
+//! the memory of host or board.
+
+mod after;
+mod fall;
+
+pub use after::AfterCut;
+
+use super::MemoryDisk;
+use super::writer::{About, JournalWriter};
+use crate::experiment::Experiment;
+use crate::link::{Client, ClientError, SimulatedLink, plant_failed};
+use crate::machine::{self, Controller, Mismatch};
+use crate::motion::{Model, Task};
+use crate::record::EventBus;
+use crate::record::events::{Patience, Watched};
+use crate::run::saved::scale_of;
+use crate::run::{self, Homing, RunError};
+use crate::scenario::{FaultyLink, Injection, Supply, When};
+use fall::{fallen, moved};
+use mcdpr_core::random::Random;
+use mcdpr_protocol::frame::crc32;
+use mcdpr_protocol::{FaultId, SessionId};
+use mcdpr_simulator::{LinkOptions, Simulation};
+use nalgebra::Vector3;
+
+/// Board and robot come to rest after the power is back, µs.
+const SETTLE_US: u64 = 5_000_000;
+
+/// What else happens.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Disturbance {
+    /// Nothing.
+    None,
+    /// A brake holds only this force from the cut on, N.
+    Weak {
+        /// The cable, from 0.
+        cable: usize,
+        /// Its holding force, N.
+        holds_n: f64,
+    },
+    /// A brake closes late.
+    Late {
+        /// The cable, from 0.
+        cable: usize,
+        /// By how much, s.
+        by_s: f64,
+    },
+    /// A person moves the platform and turns the drums after it.
+    Moved {
+        /// From where it hung, world, m.
+        by_m: [f64; 3],
+    },
+}
+
+/// A motion that is interrupted by a loss of power.
+#[derive(Debug, Clone)]
+pub struct SimulatedCut {
+    /// The robot's task.
+    pub task: Task,
+    /// Difference of the machine from its file.
+    pub mismatch: Mismatch,
+    /// Seed of the machine and of everything else.
+    pub seed: u64,
+    /// The supply that fails.
+    pub supply: Supply,
+    /// Time of the cut after the motion's start, s.
+    pub at_s: f64,
+    /// Its duration, s.
+    pub lasts_s: f64,
+    /// What else happens.
+    pub disturbance: Disturbance,
+    /// The controller of the robot.
+    pub controller: Controller,
+}
+
+/// Brakes differ from the robot file: closing times within a quarter of the robot file's, holding 60 to 250 N, and
+/// friction off by a third. Drawn independently of the recovery's assumptions.
+fn brakes(params: &mut mcdpr_simulator::plant::PlantParams, seed: u64) {
+    let mut random = Random::new(seed ^ 0x6272_616B);
+    for winch in &mut params.winches {
+        let brake = &mut winch.brake;
+        brake.close_delay_s *= 1.05 + random.within(0.25);
+        brake.holding_n = 155.0 + random.within(95.0);
+        winch.friction_n *= 1.0 + random.within(0.33);
+    }
+}
+
+/// Runs the task until the cut and after it. `None` where the task is done before the cut.
+///
+/// # Errors
+/// Where the task cannot be planned, the machine cannot hang, or physics end.
+pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, RunError> {
+    let plant = |error| RunError::Client(ClientError::from(plant_failed(error)));
+    let robot = model.robot();
+    let home = model.rest_at_home()?;
+    let mut params = machine::plant_params(robot, &case.mismatch, case.seed);
+    brakes(&mut params, case.seed);
+    let (pose, held, seed) = (&home.equilibrium.pose, model.tension_held(), case.seed);
+    let simulation = machine::hang(params, pose, home.tensions_n(), held, seed).and_then(|plant| {
+        machine::with_board(plant, &LinkOptions::default(), seed, &case.controller)
+    });
+    let link = SimulatedLink::new(simulation.map_err(plant)?);
+    link.with(Simulation::record_truth);
+    let mut injections = vec![Injection {
+        lasts_s: Some(case.lasts_s),
+        ..Injection::cut(case.supply, When::Motion(case.at_s))
+    }];
+    injections.extend(brake_fault(case));
+    let faulty = FaultyLink::new(link.clone(), &injections);
+    let disk = MemoryDisk::default();
+    let mine = disk.clone();
+    let about = About {
+        session: 1,
+        robot: robot.name.clone(),
+        scale: scale_of(robot),
+        task: case.task.name.clone(),
+        task_hash: crc32(case.task.name.as_bytes()),
+    };
+    let mut events = EventBus::default();
+    let writer = JournalWriter::new(about, move |_: &str| Ok(mine.clone()));
+    if let Err(error) = events.add(writer, Patience::Wait) {
+        let what = error.to_string();
+        return Err(RunError::Sight(crate::sight::SightError::Simulation {
+            what,
+        }));
+    }
+    let watched = Watched::new(faulty.clone(), &events);
+    let place = Homing::Place(robot.tool.home_in_world_m);
+    let outcome = Experiment::new(model, case.task.clone())
+        .session(SessionId(1))
+        .homing(place)
+        .run_on(watched);
+    events.finish();
+    match outcome {
+        Ok(_) => return Ok(None),
+        Err(error @ (RunError::Plan(_) | RunError::Config(_))) => return Err(error),
+        Err(_) => {}
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "some seconds"
+    )]
+    let lasts_us = (case.lasts_s * 1e6) as u64;
+    faulty
+        .settle(lasts_us + SETTLE_US)
+        .map_err(ClientError::from)?;
+    let trace = link.with(Simulation::take_trace);
+    let cut_s = faulty
+        .injected_ms()
+        .first()
+        .map_or(0.0, |ms| *ms as f64 * 1e-3);
+    let (drop_m, speed_mps) = fallen(&trace, cut_s, model);
+    if let Disturbance::Moved { by_m } = case.disturbance {
+        moved(model, &link, Vector3::from(by_m))?;
+    }
+    let board = Client::connect(link.clone(), SessionId(2))
+        .map(|client| run::saved::board_name(client.hello()))?;
+    let alive = matches!(case.supply, Supply::Board | Supply::Drives);
+    let (journal, mark) = after::left_journal(&disk, alive, case.seed);
+    Ok(Some(AfterCut {
+        link,
+        journal,
+        mark,
+        board,
+        drop_m: if case.supply == Supply::Host {
+            0.0
+        } else {
+            drop_m
+        },
+        speed_mps,
+        seed: case.seed,
+    }))
+}
+
+fn brake_fault(case: &SimulatedCut) -> Option<Injection> {
+    // With the cut: an open brake has no effect, and arming has tested it.
+    let when = When::Motion((case.at_s - 0.002).max(0.0));
+    match case.disturbance {
+        Disturbance::Weak { cable, holds_n } => Some(Injection {
+            cable,
+            // The nominal fault leaves a fiftieth, of 155 N in the middle.
+            strength: 0.02 * 155.0 / holds_n.max(0.1),
+            ..Injection::new(FaultId::B2, when)
+        }),
+        Disturbance::Late { cable, by_s } => Some(Injection {
+            cable,
+            strength: by_s / 0.3,
+            ..Injection::new(FaultId::B3, when)
+        }),
+        Disturbance::None | Disturbance::Moved { .. } => None,
+    }
+}
