@@ -20,6 +20,19 @@ pub fn find_task(name: &str, z_m: f64) -> Result<Task, TaskError> {
     }
 }
 
+/// The task of this name for a robot: as [`find_task`], and the one that fits any robot.
+///
+/// # Errors
+/// As [`find_task`]; [`TaskError::Fitting`] where nothing fits.
+pub fn find_task_for(model: &Model, name: &str, z_m: f64) -> Result<Task, TaskError> {
+    if name == FITTING {
+        return Task::fitting(model).map_err(|source| TaskError::Fitting {
+            source: Box::new(source),
+        });
+    }
+    find_task(name, z_m)
+}
+
 fn load(name: &str) -> Result<Task, TaskError> {
     let path = PathBuf::from(name);
     let text = match read_text_to(&path, MOST_BYTES) {

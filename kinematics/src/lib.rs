@@ -49,5 +49,5 @@ pub use jacobian::LengthDerivatives;
 pub use pose::{Pose, angular_velocity_from_rates, rotation_from_rpy, rpy_from_rotation};
 pub use robot::{Cable, GRAVITY_MPS2, Platform, Robot};
 pub use stability::{Linearisation, Stability, ToolSensitivity};
-pub use tension::{Distribution, Goal, TensionLimits, distribute};
+pub use tension::{Band, Distribution, Goal, TensionLimits, distribute};
 pub use workspace::{Grid, Verdict, WorkspaceTest};

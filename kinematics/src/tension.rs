@@ -9,6 +9,7 @@
 //! stages; the final set of cables at their limits is then solved exactly. (The problem statement
 //! follows Pott, 2018; the dual Newton method is that of Li and Swetits, 1997.)
 
+mod centre;
 mod closed;
 mod dual;
 
@@ -22,6 +23,7 @@ use crate::math::sqrt;
 use crate::pose::Pose;
 use crate::robot::Robot;
 
+pub use centre::Band;
 pub(crate) use closed::limiting;
 use closed::{closed_form, three_forces};
 use dual::dual;

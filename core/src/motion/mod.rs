@@ -2,6 +2,7 @@
 
 mod bounds;
 mod curve;
+mod fitting;
 mod gcode;
 pub mod knot;
 pub mod knots;
@@ -9,6 +10,7 @@ mod model;
 mod options;
 pub mod path;
 mod plan;
+mod posed;
 mod schedule;
 mod shaper;
 pub mod spline;
@@ -26,6 +28,6 @@ pub use model::{Model, StaticState};
 pub use options::{PlanOptions, Planner, Shaping, Tensioning};
 pub use plan::{Plan, PlanError};
 pub use shaper::Shaper;
-pub use task::{BUILT_IN, Task, TaskError};
+pub use task::{BUILT_IN, FITTING, Task, TaskError};
 pub use timed::{Action, Step, Timed};
 pub use verdict::{Extremes, Watch, judge_place};

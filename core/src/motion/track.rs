@@ -24,6 +24,38 @@ const MOST_HALVINGS: usize = 7;
 /// Number of points of one track beyond which the spacing is not halved any more.
 const MANY_PLACES: usize = 50_000;
 
+/// A turn of the platform on the way along a path: about one fixed axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Turn {
+    /// Attitude at the start, world_from_platform.
+    pub from: Rotation3<f64>,
+    /// Rotation vector from there to the attitude at the end, in the platform's frame at the start, rad.
+    by: Vector3<f64>,
+}
+
+impl Turn {
+    /// The shortest turn between two attitudes.
+    #[must_use]
+    pub fn between(from: Rotation3<f64>, to: Rotation3<f64>) -> Self {
+        Self {
+            from,
+            by: (from.inverse() * to).scaled_axis(),
+        }
+    }
+
+    /// The whole angle, rad.
+    #[must_use]
+    pub fn angle_rad(&self) -> f64 {
+        self.by.norm()
+    }
+
+    /// The attitude after a share of the way.
+    #[must_use]
+    pub fn at(&self, share: f64) -> Rotation3<f64> {
+        self.from * Rotation3::new(self.by * share)
+    }
+}
+
 /// The robot along one path.
 #[derive(Debug, Clone)]
 pub(crate) struct Track {
@@ -42,12 +74,16 @@ impl Track {
     pub fn along(
         model: &Model,
         path: &Path,
+        turn: &Turn,
         near: Option<&StaticState>,
     ) -> Result<Self, PlanError> {
         let length_m = path.length_m();
         let tension = Tension::along(model, path, near)?;
         let solve = |way_m: f64, near: Option<&StaticState>| {
             let tool_m = path.point(way_m)?.position_m;
+            if !model.holding().hangs() {
+                return model.rest_turned(&tool_m, &turn.at(way_m / length_m));
+            }
             model.rest_planned(&tool_m, tension.at(way_m)?, near)
         };
         let mut count = segments(length_m, FURTHEST_M).max(4);
@@ -246,6 +282,9 @@ impl Tension {
     fn along(model: &Model, path: &Path, near: Option<&StaticState>) -> Result<Self, PlanError> {
         let options = model.options();
         let setpoint_n = model.robot().tension.setpoint_n;
+        if !model.holding().hangs() {
+            return Ok(Self::Constant(setpoint_n));
+        }
         if options.tensioning == Tensioning::Setpoint || options.planner == Planner::Level {
             return Ok(Self::Constant(setpoint_n));
         }

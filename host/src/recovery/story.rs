@@ -116,7 +116,11 @@ pub fn play(model: &Model, story: &Story) -> Result<Option<Played>, RunError> {
     let home = model.rest_at_home()?;
     let mut params = machine::plant_params(robot, &story.mismatch, story.seed);
     brakes(&mut params, story.seed);
-    let (pose, held, seed) = (&home.equilibrium.pose, model.tension_held(), story.seed);
+    let (pose, held, seed) = (
+        &home.equilibrium.pose,
+        model.holding().by_tension(),
+        story.seed,
+    );
     let simulation = machine::hang(params, pose, home.tensions_n(), held, seed).and_then(|plant| {
         machine::with_board(plant, &LinkOptions::default(), seed, &story.controller)
     });

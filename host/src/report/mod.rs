@@ -17,10 +17,30 @@ pub(crate) use plot::PathTrace;
 pub(crate) use plot::draw_path;
 
 use mcdpr_simulator::TracePoint;
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion};
+
+/// True attitudes (world_from_platform) of a simulated run along its motion: path time (s) and rotation.
+#[must_use]
+pub(crate) fn true_turns(trace: &[TracePoint]) -> Vec<(f64, Rotation3<f64>)> {
+    along(trace)
+        .map(|point| {
+            let [w, x, y, z] = point.truth.pose.rotation_wxyz;
+            let turned = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+            (f64::from(point.path_ms) * 1e-3, turned.into())
+        })
+        .collect()
+}
 
 /// True tool positions of a simulated run along its motion: path time (s) and position (m).
 #[must_use]
 pub fn true_path(trace: &[TracePoint]) -> Vec<(f64, [f64; 3])> {
+    along(trace)
+        .map(|point| (f64::from(point.path_ms) * 1e-3, point.truth.tool_position_m))
+        .collect()
+}
+
+/// The points of the last motion of a trace.
+fn along(trace: &[TracePoint]) -> impl Iterator<Item = &TracePoint> {
     // A path clock that runs back belongs to another motion.
     let begun = trace
         .windows(2)
@@ -29,6 +49,4 @@ pub fn true_path(trace: &[TracePoint]) -> Vec<(f64, [f64; 3])> {
         .iter()
         .skip(begun.map_or(0, |index| index + 1))
         .filter(|point| point.path_ms > 0)
-        .map(|point| (f64::from(point.path_ms) * 1e-3, point.truth.tool_position_m))
-        .collect()
 }
