@@ -202,7 +202,7 @@ impl LegFile {
         if let (Some(to), Some(angles)) = (self.to_mm, self.attitude_deg)
             && (point(to) - at_m).norm() <= NEAR_M
         {
-            return Ok(vec![Piece::turn(at_m, turned.angle_to(&attitude(angles)))?]);
+            return Ok(vec![Piece::turn(at_m, angle(turned, &attitude(angles)))?]);
         }
         if let Some(to) = self.to_mm {
             return Ok(vec![Piece::line(at_m, point(to))?]);
@@ -457,7 +457,7 @@ impl Task {
             return Ok(self);
         };
         let from = attitude.unwrap_or_default();
-        let turned = self.start_attitude.map_or(0.0, |to| from.angle_to(&to));
+        let turned = self.start_attitude.map_or(0.0, |to| angle(&from, &to));
         let path = if (start_m - from_m).norm() > NEAR_M {
             Path::through(&[*from_m, start_m])?
         } else if turned > LEAST_TURN_RAD {
@@ -479,6 +479,11 @@ impl Task {
 fn start_of(path: &Path) -> Vector3<f64> {
     let first = path.pieces().first().map(|piece| piece.start().position_m);
     first.unwrap_or_default()
+}
+
+/// Angle between two attitudes, rad; by the axis, which rounding does not take out of the domain.
+fn angle(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
+    (a.inverse() * b).scaled_axis().norm()
 }
 
 /// Roll, pitch and yaw in degrees as a rotation, R = Rz Ry Rx.

@@ -2,6 +2,7 @@
 
 use super::bounds;
 use super::model::{Model, StaticState};
+use super::options::Planner;
 use super::path::TURN_LEVER_M;
 use super::path::{Path, PathError};
 use super::plan::{LONGEST_S, MOST_IMPULSES, MOST_PLACES, PlanError};
@@ -108,6 +109,9 @@ impl Timed {
             impulses: 0.0,
             attitude,
         };
+        if model.options().planner == Planner::Level {
+            model.hanging("a plan for a level platform (--planner level)")?;
+        }
         bounds::check(model, steps)?;
         let mut at_m = *start_m;
         for (number, step) in (1..).zip(steps) {

@@ -25,7 +25,7 @@ const CLOSURE_LIMIT_M: f64 = 0.004;
 const NEXT_CLOSURE: f64 = 0.6;
 /// Share of the tensions' vertical parts that pulley losses and sensor gains may account for, where
 /// cables pull against each other.
-const LOSSES_SHARE: f64 = 0.05;
+const LOSSES_SHARE: f64 = 0.08;
 
 /// Force on the platform other than the cables' that is not yet reported as a contact, as a share
 /// of its weight: pulley losses, sensor gains and an error of the mass stay below it.

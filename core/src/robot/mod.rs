@@ -67,6 +67,11 @@ pub const BUILT_IN: &[(&str, &str)] = &[
         "planar-four",
         include_str!("../../../robots/planar-four.toml"),
     ),
+    ("six-cable", include_str!("../../../robots/six-cable.toml")),
+    (
+        "planar-vertical",
+        include_str!("../../../robots/planar-vertical.toml"),
+    ),
     (
         "three-point",
         include_str!("../../../robots/three-point.toml"),

@@ -123,7 +123,8 @@ impl Figures {
             let errors: Vec<f64> = along
                 .filter_map(|(time_s, turned)| {
                     let planned = plan.state(*time_s)?.equilibrium.pose.rotation;
-                    Some(planned.angle_to(turned))
+                    // By the axis: the angle from the trace is not a number where rounding exceeds 1.
+                    Some((planned.inverse() * turned).scaled_axis().norm())
                 })
                 .collect();
             MeanMax {
