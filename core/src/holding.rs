@@ -129,7 +129,7 @@ impl Freedom {
     /// The twists `[velocity, angular velocity]` (world, about the platform's origin) that lengths
     /// hold; for a hanging platform its translations.
     #[must_use]
-    pub fn twists(&self) -> Vec<Vector6<f64>> {
+    pub(crate) fn twists(&self) -> Vec<Vector6<f64>> {
         let shift = |v: Vector3<f64>| Vector6::new(v.x, v.y, v.z, 0.0, 0.0, 0.0);
         let turn = |v: Vector3<f64>| Vector6::new(0.0, 0.0, 0.0, v.x, v.y, v.z);
         let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];

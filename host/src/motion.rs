@@ -13,7 +13,7 @@ const MOST_BYTES: u64 = 4 << 20;
 ///
 /// # Errors
 /// [`TaskError`] with what is wrong and where.
-pub fn find_task(name: &str, z_m: f64) -> Result<Task, TaskError> {
+pub(crate) fn find_task(name: &str, z_m: f64) -> Result<Task, TaskError> {
     match Task::built_in(name, z_m) {
         Err(TaskError::Unknown { .. }) => load(name),
         found => found,

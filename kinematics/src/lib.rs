@@ -14,6 +14,7 @@
 
 mod any_robot;
 mod cable_vec;
+mod centred;
 mod correction;
 mod descent;
 mod energy;
@@ -36,6 +37,7 @@ mod workspace;
 
 pub use any_robot::{AnyGoal, AnyRobot, AnyWorkspaceTest, Balance};
 pub use cable_vec::{CableMatrix, CableSet, CableVec, MAX_CABLES};
+pub use centred::Band;
 pub use correction::{CableMaterial, CorrectedLength, Correction, corrected_length};
 pub use descent::{Attempt, Damping, Descent, descend};
 pub use equilibrium::EquilibriumGuess;
@@ -49,5 +51,5 @@ pub use jacobian::LengthDerivatives;
 pub use pose::{Pose, angular_velocity_from_rates, rotation_from_rpy, rpy_from_rotation};
 pub use robot::{Cable, GRAVITY_MPS2, Platform, Robot};
 pub use stability::{Linearisation, Stability, ToolSensitivity};
-pub use tension::{Band, Distribution, Goal, TensionLimits, distribute};
+pub use tension::{Distribution, Goal, TensionLimits, distribute};
 pub use workspace::{Grid, Verdict, WorkspaceTest};

@@ -9,7 +9,6 @@
 //! stages; the final set of cables at their limits is then solved exactly. (The problem statement
 //! follows Pott, 2018; the dual Newton method is that of Li and Swetits, 1997.)
 
-mod centre;
 mod closed;
 mod dual;
 
@@ -23,7 +22,6 @@ use crate::math::sqrt;
 use crate::pose::Pose;
 use crate::robot::Robot;
 
-pub use centre::Band;
 pub(crate) use closed::limiting;
 use closed::{closed_form, three_forces};
 use dual::dual;

@@ -342,7 +342,7 @@ impl Path {
     /// The same path with an attitude (world_from_platform) at its end: the platform turns on the way,
     /// about one axis, in proportion to the way. Without it the attitude stays as it is.
     #[must_use]
-    pub fn turning_to(mut self, attitude: Option<Rotation3<f64>>) -> Self {
+    pub(crate) fn turning_to(mut self, attitude: Option<Rotation3<f64>>) -> Self {
         self.attitude = attitude;
         self
     }
