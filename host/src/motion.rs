@@ -20,10 +20,11 @@ pub(crate) fn find_task(name: &str, z_m: f64) -> Result<Task, TaskError> {
     }
 }
 
-/// The task of this name for a robot: as [`find_task`], and the one that fits any robot.
+/// A built-in task by name, a task file by path, or the task that fits any robot. `z_m` is the height of
+/// the tool for the paper's ones.
 ///
 /// # Errors
-/// As [`find_task`]; [`TaskError::Fitting`] where nothing fits.
+/// [`TaskError`] with what is wrong and where; [`TaskError::Fitting`] where nothing fits.
 pub fn find_task_for(model: &Model, name: &str, z_m: f64) -> Result<Task, TaskError> {
     if name == FITTING {
         return Task::fitting(model).map_err(|source| TaskError::Fitting {

@@ -9,7 +9,7 @@
 //!
 //! The dual problem `min_v sum phi*_i((A^T v)_i) - b.v` has one unknown per equation and no limits;
 //! `T_i` as a function of `(A^T v)_i` is the root of a quadratic. Newton's method with a line search
-//! solves it in at most [`MOST_STEPS`] steps.
+//! solves it in a bounded number of steps.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 
