@@ -6,7 +6,7 @@ use super::plan::{MOST_STEPS, PlanError};
 use super::timed::Step;
 use mcdpr_kinematics::rotation_from_rpy;
 use miette::Diagnostic;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -481,9 +481,9 @@ fn start_of(path: &Path) -> Vector3<f64> {
     first.unwrap_or_default()
 }
 
-/// Angle between two attitudes, rad; by the axis, which rounding does not take out of the domain.
+/// Angle between two attitudes, rad; by a quaternion, which rounding does not take out of the domain.
 fn angle(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
-    (a.inverse() * b).scaled_axis().norm()
+    UnitQuaternion::from_rotation_matrix(&(a.inverse() * b)).angle()
 }
 
 /// Roll, pitch and yaw in degrees as a rotation, R = Rz Ry Rx.

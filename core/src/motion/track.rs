@@ -11,7 +11,7 @@ use super::plan::PlanError;
 use super::schedule;
 use super::spline::{Ends, Spline, SplineError};
 use mcdpr_kinematics::Pose;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 /// Greatest error of lengths between the solved points, m.
 const TOLERANCE_M: f64 = 1e-6;
@@ -39,7 +39,7 @@ impl Turn {
     pub fn between(from: Rotation3<f64>, to: Rotation3<f64>) -> Self {
         Self {
             from,
-            by: (from.inverse() * to).scaled_axis(),
+            by: UnitQuaternion::from_rotation_matrix(&(from.inverse() * to)).scaled_axis(),
         }
     }
 
@@ -139,7 +139,7 @@ impl Track {
         let rows: Vec<Vec<f64>> = nodes
             .iter()
             .map(|rest| {
-                let turned = rest.equilibrium.pose.rotation.scaled_axis();
+                let turned = rotation_vector(&rest.equilibrium.pose.rotation);
                 let lengths = rest.paid_out_m.iter().copied();
                 let tensions = rest.tensions_n().iter().copied();
                 let rotation = [turned.x, turned.y, turned.z];
@@ -270,6 +270,16 @@ impl Track {
         }
         Ok(rest)
     }
+}
+
+/// The rotation vector of an attitude, rad.
+fn rotation_vector(rotation: &Rotation3<f64>) -> Vector3<f64> {
+    let turned = rotation.scaled_axis();
+    if turned.iter().all(|x| x.is_finite()) {
+        return turned;
+    }
+    // Rounding next to no turn at all leaves the domain of the arc-cosine.
+    UnitQuaternion::from_rotation_matrix(rotation).scaled_axis()
 }
 
 /// The scheduled tension along a path.

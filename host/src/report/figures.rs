@@ -2,7 +2,7 @@
 
 use crate::motion::{Model, Plan, PlanError};
 use crate::run::Measured;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 /// Mean and greatest value, m or rad.
@@ -123,8 +123,9 @@ impl Figures {
             let errors: Vec<f64> = along
                 .filter_map(|(time_s, turned)| {
                     let planned = plan.state(*time_s)?.equilibrium.pose.rotation;
-                    // By the axis: the angle from the trace is not a number where rounding exceeds 1.
-                    Some((planned.inverse() * turned).scaled_axis().norm())
+                    // By a quaternion: rounding takes the angle from the trace out of its domain.
+                    let off = planned.inverse() * turned;
+                    Some(UnitQuaternion::from_rotation_matrix(&off).angle())
                 })
                 .collect();
             MeanMax {
