@@ -212,8 +212,8 @@ impl Model {
                 break;
             }
         }
-        // The negation also refuses lengths that are not numbers.
-        if !(off_m <= FITS_M) {
+        // Lengths that are not numbers fit nothing.
+        if off_m.is_nan() || off_m > FITS_M {
             return Err(lost(Error::NotConverged {
                 solver: Solver::Pose,
                 iterations,
