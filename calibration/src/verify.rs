@@ -127,6 +127,9 @@ pub fn distances(robot: &Robot, rows: &[Row]) -> Result<Vec<f64>, VerifyError> {
         }
     };
     let model = Model::new(robot).map_err(failed(0))?;
+    model
+        .hanging("the comparison with a tracker")
+        .map_err(failed(0))?;
     let (home_m, scale) = match &robot.calibrated {
         Some(calibrated) => (calibrated.home_lengths_m.clone(), calibrated.drum_scale),
         None => {
@@ -178,7 +181,13 @@ fn resting(model: &Model, paid_out_m: &[f64], tension_n: Option<f64>) -> Result<
         tensions = found.tensions_n.iter().copied().collect();
         pose = Some(found.pose);
     }
-    pose.ok_or(PlanError::Holding { held: 0 })
+    pose.ok_or(PlanError::Lengths {
+        source: mcdpr_kinematics::Error::TooFewCables {
+            solver: mcdpr_kinematics::Solver::GeometricoStatic,
+            needed: 3,
+            got: 0,
+        },
+    })
 }
 
 /// Rotation and shift that take the first points nearest to the second (Kabsch, 1976).

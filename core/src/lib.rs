@@ -3,6 +3,7 @@
 //!
 //! | module | what it is for |
 //! |---|---|
+//! | [`holding`] | which cables are held by length, which by tension |
 //! | [`robot`] | the robot description, from text |
 //! | [`machine`] | the description as geometry and as a board's configuration |
 //! | [`random`] | random numbers from a seed |
@@ -20,6 +21,7 @@
 pub mod control;
 pub mod estimate;
 pub mod faults;
+pub mod holding;
 pub mod link;
 pub mod machine;
 pub mod motion;

@@ -31,7 +31,11 @@ use crate::sight::Scene;
 use mcdpr_core::recovery::{Journal, JournalError};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{LinkOptions, Simulation};
+use nalgebra::Rotation3;
 use std::time::{Duration, Instant};
+
+/// Modules on the board whose firmware the emulated chip executes.
+const CHIP_CABLES: u8 = 4;
 
 /// A task that was run.
 #[derive(Debug, Clone)]
@@ -42,6 +46,9 @@ pub struct Run {
     pub samples: Vec<Measured>,
     /// True positions of the tool; `None` on hardware.
     pub true_path: Option<Vec<PathPoint>>,
+    /// True attitudes of the platform (world_from_platform); `None` on hardware, and for a robot that was
+    /// calibrated, whose world frame is another one.
+    pub(crate) true_turns: Option<Vec<(f64, Rotation3<f64>)>>,
     /// Whether the board was simulated.
     pub simulated: bool,
 }
@@ -52,7 +59,9 @@ impl Run {
     /// # Errors
     /// Never for a plan that was run.
     pub fn figures(&self, model: &Model) -> Result<Figures, PlanError> {
-        report::measure(model, &self.plan, &self.samples, self.true_path.as_deref())
+        let truth = self.true_path.as_deref();
+        let figures = report::measure(model, &self.plan, &self.samples, truth)?;
+        Ok(figures.with_attitude(model, &self.plan, self.true_turns.as_deref()))
     }
 }
 
@@ -130,8 +139,16 @@ impl SimulatedRobot {
             ..PlanOptions::default()
         };
         let home = Model::new(machine)?.with_options(hanging).rest_at_home()?;
+        // The emulated chip is the board of the paper: it has four modules.
+        let cables = machine.cables.len();
+        if matches!(self.controller, Controller::Chip(_)) && cables != usize::from(CHIP_CABLES) {
+            return Err(RunError::Cables {
+                board: CHIP_CABLES,
+                robot: cables,
+            });
+        }
         let params = machine::plant_params(machine, mismatch, seed);
-        let (pose, held) = (&home.equilibrium.pose, model.tension_held());
+        let (pose, held) = (&home.equilibrium.pose, model.holding().by_tension());
         let simulation = machine::hang(params, pose, home.tensions_n(), held, seed)
             .and_then(|plant| machine::with_board(plant, &self.line, seed, &self.controller))
             .map_err(|error| RunError::Client(plant_failed(error).into()))?;
@@ -285,6 +302,7 @@ impl<'a> Experiment<'a> {
         };
         // A chip's firmware does not know that its robot is simulated.
         run.simulated = true;
+        run.true_turns = (model.robot().calibrated.is_none()).then(|| report::true_turns(&trace));
         run.true_path = Some(in_calibrated_frame(model, report::true_path(&trace)));
         Ok(SimulatedRun {
             run,
@@ -332,6 +350,7 @@ impl<'a> Experiment<'a> {
             plan,
             samples: recorder.samples,
             true_path: None,
+            true_turns: None,
             simulated,
         })
     }

@@ -13,11 +13,25 @@ const MOST_BYTES: u64 = 4 << 20;
 ///
 /// # Errors
 /// [`TaskError`] with what is wrong and where.
-pub fn find_task(name: &str, z_m: f64) -> Result<Task, TaskError> {
+pub(crate) fn find_task(name: &str, z_m: f64) -> Result<Task, TaskError> {
     match Task::built_in(name, z_m) {
         Err(TaskError::Unknown { .. }) => load(name),
         found => found,
     }
+}
+
+/// A built-in task by name, a task file by path, or the task that fits any robot. `z_m` is the height of
+/// the tool for the paper's ones.
+///
+/// # Errors
+/// [`TaskError`] with what is wrong and where; [`TaskError::Fitting`] where nothing fits.
+pub fn find_task_for(model: &Model, name: &str, z_m: f64) -> Result<Task, TaskError> {
+    if name == FITTING {
+        return Task::fitting(model).map_err(|source| TaskError::Fitting {
+            source: Box::new(source),
+        });
+    }
+    find_task(name, z_m)
 }
 
 fn load(name: &str) -> Result<Task, TaskError> {

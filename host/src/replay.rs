@@ -201,11 +201,11 @@ pub(crate) fn recorded_robot(run: &RecordedRun) -> Result<Robot, ReplayError> {
 ///
 /// # Errors
 /// [`ReplayError::Task`].
-pub(crate) fn recorded_task(run: &RecordedRun) -> Result<Task, ReplayError> {
+pub(crate) fn recorded_task(run: &RecordedRun, model: &Model) -> Result<Task, ReplayError> {
     let source = &run.scenario.task;
     Ok(match &source.text {
         Some(text) => Task::parse(text, source.name.clone().into())?,
-        None => crate::motion::find_task(&source.name, source.tool_z_m)?,
+        None => crate::motion::find_task_for(model, &source.name, source.tool_z_m)?,
     })
 }
 
@@ -222,7 +222,7 @@ pub fn replay(run: &RecordedRun, controller: &Controller) -> Result<Proof, Repla
     let model = Model::new(&recorded_robot(run)?)?.with_options(scenario.options);
     let (host_bytes, whole) = match scenario.doing {
         Doing::Task => {
-            let (bytes, whole) = host(run, &model, recorded_task(run)?)?;
+            let (bytes, whole) = host(run, &model, recorded_task(run, &model)?)?;
             (Some(bytes), whole)
         }
         Doing::Orders | Doing::Pictures | Doing::Hands => (None, run.damage.is_none()),

@@ -14,6 +14,7 @@
 
 mod any_robot;
 mod cable_vec;
+mod centred;
 mod correction;
 mod descent;
 mod energy;
@@ -36,6 +37,7 @@ mod workspace;
 
 pub use any_robot::{AnyGoal, AnyRobot, AnyWorkspaceTest, Balance};
 pub use cable_vec::{CableMatrix, CableSet, CableVec, MAX_CABLES};
+pub use centred::Band;
 pub use correction::{CableMaterial, CorrectedLength, Correction, corrected_length};
 pub use descent::{Attempt, Damping, Descent, descend};
 pub use equilibrium::EquilibriumGuess;

@@ -12,6 +12,9 @@ mod imp {
     pub fn atan2(y: f64, x: f64) -> f64 {
         y.atan2(x)
     }
+    pub(crate) fn ln(x: f64) -> f64 {
+        x.ln()
+    }
     pub(crate) fn sinh(x: f64) -> f64 {
         x.sinh()
     }
@@ -35,6 +38,9 @@ mod imp {
     pub fn atan2(y: f64, x: f64) -> f64 {
         libm::atan2(y, x)
     }
+    pub(crate) fn ln(x: f64) -> f64 {
+        libm::log(x)
+    }
     pub(crate) fn sinh(x: f64) -> f64 {
         libm::sinh(x)
     }
@@ -46,7 +52,7 @@ mod imp {
     }
 }
 
-pub(crate) use imp::{asinh, atan2, cosh, sin_cos, sinh, sqrt};
+pub(crate) use imp::{asinh, atan2, cosh, ln, sin_cos, sinh, sqrt};
 
 /// Coefficients of atan(u)/u in powers of u^2 on |u| <= tan(pi/8), interpolated at Chebyshev
 /// nodes in 50-digit arithmetic; relative error below 7e-17 before rounding.

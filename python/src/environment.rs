@@ -172,9 +172,10 @@ impl Machines {
             rpm_max: whole(winch.max_motor_rpm.min(f64::from(u16::MAX))),
         });
         let drums: Vec<Drum> = drums.collect();
-        let own = self.tensions_n.iter().position(Option::is_some);
+        let held = self.tensions_n.iter().position(Option::is_some);
         let failed = |error: PlantError| Failure::new("RunError", error.to_string());
-        let mut plant = hang(params, &rest.pose, &rest.tensions_n, own, seed).map_err(failed)?;
+        let mut plant =
+            hang(params, &rest.pose, &rest.tensions_n, held.as_slice(), seed).map_err(failed)?;
         let mode = match self.acts {
             Acts::Velocity => Mode::Position,
             Acts::Tensions => Mode::Current,

@@ -6,6 +6,7 @@ use mcdpr::robot::RobotError;
 use mcdpr::run::RunError;
 use mcdpr_calibration::Refusal;
 use mcdpr_core::faults::{advice, describe_fault};
+use mcdpr_core::holding::HoldingError;
 use mcdpr_core::motion::{PlanError, TaskError};
 use mcdpr_kinematics::Error;
 use mcdpr_protocol::FaultRecord;
@@ -308,7 +309,7 @@ impl From<PlanError> for Failure {
                 .with("value", *asked)
                 .with("limit", *limit)
                 .with("unit", *unit),
-            PlanError::Holding { held } => failure.with("held", *held),
+            PlanError::Holding(HoldingError::Count { held, .. }) => failure.with("held", *held),
             PlanError::Reach {
                 step,
                 cable,

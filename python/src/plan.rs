@@ -35,7 +35,7 @@ impl What {
                 None => {
                     let tool_m = model.robot().tool.tcp_in_platform_m.z;
                     let height_m = height_m.unwrap_or(HEIGHT_M) + tool_m;
-                    Ok(mcdpr::motion::find_task(name, height_m)?)
+                    Ok(mcdpr::motion::find_task_for(model, name, height_m)?)
                 }
             },
         }

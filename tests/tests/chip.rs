@@ -57,7 +57,7 @@ fn robot(model: &Model) -> (SimulatedLink, SharedChip) {
     let home = model.rest_at_home().unwrap();
     let params = machine::plant_params(model.robot(), &Mismatch::realistic(), 3);
     let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
-    let plant = machine::hang(params, pose, tensions, model.tension_held(), 3).unwrap();
+    let plant = machine::hang(params, pose, tensions, model.holding().by_tension(), 3).unwrap();
     let board = firmware().board().unwrap();
     let chip = board.chip();
     let options = LinkOptions::default();

@@ -136,15 +136,17 @@ impl<'a> SelfCheck<'a> {
     /// Adds a reading.
     ///
     /// # Errors
-    /// [`PlanError::Holding`] if it is not of this robot, [`PlanError::Lengths`] if no resting pose
-    /// fits the lengths.
+    /// [`PlanError::Lengths`] if it is not of this robot, or if no resting pose fits the lengths.
     pub fn add(&mut self, reading: &Reading) -> Result<(), PlanError> {
         let count = self.model.robot().cables.len();
         let whole = reading.lengths_m.len() == count && reading.tensions_n.len() == count;
         let numbers = reading.lengths_m.iter().chain(&reading.tensions_n);
         if !whole || numbers.into_iter().any(|x| !x.is_finite()) {
-            return Err(PlanError::Holding {
-                held: reading.lengths_m.len(),
+            return Err(PlanError::Lengths {
+                source: mcdpr_kinematics::Error::CableCount {
+                    expected: count,
+                    got: reading.lengths_m.len(),
+                },
             });
         }
         let hung = residual::hung(self.model, reading, &self.sigmas, self.known.as_ref())?;

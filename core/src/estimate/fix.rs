@@ -104,6 +104,11 @@ pub fn estimate(
     sigmas: &Sigmas,
     start_m: &Vector3<f64>,
 ) -> Result<Estimate, EstimateError> {
+    model
+        .hanging("the estimate from tensions and tags")
+        .map_err(|source| EstimateError::NoFit {
+            source: Box::new(source),
+        })?;
     let tension_n = rows::held_tension_n(model, measured);
     let start = Vector4::new(start_m.x, start_m.y, start_m.z, tension_n);
     solve(model, measured, sigmas, start, None)
@@ -222,7 +227,8 @@ pub(super) fn solve(
         .tool_sensitivity(&rest.equilibrium, tool)
         .map_err(|source| no_fit(source.into()))?;
     let per_tension = model
-        .tension_held()
+        .holding()
+        .first_by_tension()
         .map_or([0.0; 3], |held| slopes.rotation_per_tension[held]);
     let mut turning = SMatrix::<f64, 3, UNKNOWNS>::zeros();
     turning

@@ -41,7 +41,7 @@ pub fn find_slip(
     }
     let mut found: Vec<(f64, Slip)> = Vec::new();
     for cable in 0..measured.lengths_m.len() {
-        let held = model.tension_held().unwrap_or(0);
+        let held = model.holding().first_by_tension().unwrap_or(0);
         let tension = estimate.rest.tensions_n().get(held).copied().unwrap_or(1.0);
         let tool = &estimate.tool_m;
         let start = Vector4::new(tool.x, tool.y, tool.z, tension);

@@ -6,29 +6,14 @@ mod board;
 pub use board::{CableRates, OutOfRange, configuration, hash_of, reference};
 
 use crate::robot::Robot;
-use mcdpr_kinematics::{AnyRobot, Cable, Error, Platform};
+use mcdpr_kinematics::{AnyRobot, Error};
 
 /// The robot's geometry for the solvers.
 ///
 /// # Errors
 /// What the geometry check finds; see [`AnyRobot::new`].
 pub fn geometry(robot: &Robot) -> Result<AnyRobot, Error> {
-    let cables: Vec<_> = robot
-        .cables
-        .iter()
-        .map(|cable| Cable {
-            anchor_m: cable.anchor_in_world_m,
-            swivel_axis: cable.swivel_axis_in_world,
-            pulley_radius_m: cable.pulley_radius_m,
-            attachment_m: cable.attachment_in_platform_m,
-        })
-        .collect();
-    let platform = Platform {
-        mass_kg: robot.platform.mass_kg,
-        center_of_mass_m: robot.platform.center_of_mass_m,
-        inertia_kg_m2: Some(robot.platform.inertia_kg_m2),
-    };
-    AnyRobot::new(&cables, platform)
+    robot.geometry()
 }
 
 /// Length of cable `index` (from 0) that a drum has paid out when the geometric length from pulley

@@ -2,6 +2,7 @@
 
 mod bounds;
 mod curve;
+mod fitting;
 mod gcode;
 pub mod knot;
 pub mod knots;
@@ -9,6 +10,7 @@ mod model;
 mod options;
 pub mod path;
 mod plan;
+mod posed;
 mod resume;
 mod schedule;
 mod shaper;
@@ -29,6 +31,6 @@ pub use plan::{Plan, PlanError};
 pub(crate) use resume::remaining;
 pub use resume::{Interruption, Resumed};
 pub use shaper::Shaper;
-pub use task::{BUILT_IN, Task, TaskError};
+pub use task::{BUILT_IN, FITTING, Task, TaskError};
 pub use timed::{Action, Step, Timed};
 pub use verdict::{Extremes, Watch, judge_place};

@@ -3,6 +3,7 @@
 use super::options::{PlanOptions, Planner, Tensioning};
 use super::plan::PlanError;
 use super::schedule;
+use crate::holding::Holding;
 use crate::machine;
 use crate::robot::{Control, Robot};
 use mcdpr_kinematics::{AnyRobot, Equilibrium, EquilibriumGuess, Held, Pose, Start, StaticOptions};
@@ -16,6 +17,7 @@ const TAUT_N: f64 = 0.5;
 pub struct Model {
     robot: Robot,
     geometry: AnyRobot,
+    holding: Holding,
     options: PlanOptions,
 }
 
@@ -40,26 +42,26 @@ impl Model {
     /// Prepares a robot for planning.
     ///
     /// # Errors
-    /// [`PlanError::Geometry`] if the geometry is invalid; [`PlanError::Holding`] if not exactly
-    /// three cables are held by length (the attitude would then not follow from statics);
-    /// [`PlanError::NoTension`] if no cable is held by tension; [`PlanError::Cables`] if there are
+    /// [`PlanError::Geometry`] if the geometry is invalid; [`PlanError::Holding`] if the cables held by
+    /// length do not hold the platform, or are more than it takes; [`PlanError::Cables`] if there are
     /// more than a board drives.
     pub fn new(robot: &Robot) -> Result<Self, PlanError> {
-        let by_length = |control| control == Control::Position;
-        let held = robot.cables.iter().filter(|c| by_length(c.control)).count();
-        if held != 3 {
-            return Err(PlanError::Holding { held });
-        }
         let cables = robot.cables.len();
-        if cables == held {
-            return Err(PlanError::NoTension);
-        }
         if cables > mcdpr_protocol::MAX_CABLES {
             return Err(PlanError::Cables { cables });
         }
+        let geometry = machine::geometry(robot)?;
+        let by_length: Vec<bool> = robot
+            .cables
+            .iter()
+            .map(|cable| cable.control == Control::Position)
+            .collect();
+        let home = robot.tool.home_in_world_m - robot.tool.tcp_in_platform_m;
+        let holding = Holding::new(&geometry, &by_length, &Pose::level(home))?;
         Ok(Self {
             robot: robot.clone(),
-            geometry: machine::geometry(robot)?,
+            geometry,
+            holding,
             options: PlanOptions::default(),
         })
     }
@@ -76,11 +78,23 @@ impl Model {
         &self.geometry
     }
 
-    /// The first tension-held cable, from 0.
+    /// Which cables are held by length, which by tension.
     #[must_use]
-    pub fn tension_held(&self) -> Option<usize> {
-        let mut cables = self.robot.cables.iter();
-        cables.position(|cable| cable.control == Control::Tension)
+    pub const fn holding(&self) -> &Holding {
+        &self.holding
+    }
+
+    /// The first tension-held cable of a platform that hangs on three lengths, from 0; `what` needs it.
+    ///
+    /// # Errors
+    /// [`PlanError::Hanging`] for any other robot.
+    pub fn hanging(&self, what: &'static str) -> Result<usize, PlanError> {
+        let held = self.holding.first_by_tension();
+        held.filter(|_| self.holding.hangs())
+            .ok_or_else(|| PlanError::Hanging {
+                what,
+                robot: self.robot.name.clone(),
+            })
     }
 
     /// The same robot with other planning options.
@@ -114,6 +128,11 @@ impl Model {
         tool_m: &Vector3<f64>,
         near: Option<&StaticState>,
     ) -> Result<StaticState, PlanError> {
+        if !self.holding.hangs() {
+            let attitude =
+                near.map_or_else(Rotation3::identity, |rest| rest.equilibrium.pose.rotation);
+            return self.rest_turned(tool_m, &attitude);
+        }
         let tension_n = match self.options.tensioning {
             Tensioning::MaxMin => schedule::best_n(self, tool_m, near)?,
             Tensioning::Setpoint => self.robot.tension.setpoint_n,
@@ -132,6 +151,9 @@ impl Model {
         tension_n: f64,
         near: Option<&StaticState>,
     ) -> Result<StaticState, PlanError> {
+        if !self.holding.hangs() {
+            return self.rest(tool_m, near);
+        }
         let mut tensions = [None; mcdpr_kinematics::MAX_CABLES];
         let count = self.robot.cables.len();
         for (slot, cable) in tensions.iter_mut().zip(&self.robot.cables) {
@@ -199,6 +221,9 @@ impl Model {
         paid_out_m: &[f64],
         tensions_n: &[f64],
     ) -> Result<StaticState, PlanError> {
+        if !self.holding.hangs() {
+            return self.rest_fitting(paid_out_m, tensions_n);
+        }
         let cables = self.robot.cables.iter();
         let held: Vec<_> = cables
             .zip(paid_out_m.iter().zip(tensions_n))
@@ -224,6 +249,12 @@ impl Model {
     pub fn tool_m(&self, rest: &StaticState) -> Vector3<f64> {
         let tool = &self.robot.tool.tcp_in_platform_m;
         rest.equilibrium.pose.transform(tool)
+    }
+
+    /// Place of the platform with its tool at `tool_m` and an attitude.
+    pub(super) fn pose_of(&self, tool_m: &Vector3<f64>, attitude: &Rotation3<f64>) -> Pose {
+        let tool = &self.robot.tool.tcp_in_platform_m;
+        Pose::new(tool_m - attitude * tool, *attitude)
     }
 
     /// A resting state with the lengths that the drums have paid out for it.

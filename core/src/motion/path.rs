@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use super::curve::Curve;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 /// Two pieces join if the end of one and the start of the next are nearer than this, m.
 const JOIN_M: f64 = 1e-6;
@@ -129,9 +129,35 @@ enum Shape {
         sense: f64,
     },
     Curve(Arc<Curve>),
+    /// A turn in place.
+    Turn {
+        at_m: Vector3<f64>,
+    },
 }
 
+/// A turn counts as the way of a point at this distance from the tool, m: limits of speed, acceleration
+/// and jerk apply to it.
+pub(super) const TURN_LEVER_M: f64 = 0.2;
+
 impl Piece {
+    /// The place at which the platform turns by an angle without moving its tool: its length is that
+    /// angle times 0.2 m.
+    ///
+    /// # Errors
+    /// [`PathError::NotFinite`], [`PathError::NoLength`].
+    pub fn turn(at_m: Vector3<f64>, angle_rad: f64) -> Result<Self, PathError> {
+        near(&at_m)?;
+        let length_m = finite("an angle", angle_rad.abs() * TURN_LEVER_M)?;
+        if length_m < LEAST_LENGTH_M {
+            return Err(PathError::NoLength { length_m });
+        }
+        Ok(Self {
+            shape: Shape::Turn { at_m },
+            skip_m: 0.0,
+            length_m,
+        })
+    }
+
     /// The straight piece between two points of the world frame, m.
     ///
     /// # Errors
@@ -226,7 +252,7 @@ impl Piece {
     /// Least radius of curvature, m; `None` for a straight piece.
     pub fn radius_m(&self) -> Option<f64> {
         match &self.shape {
-            Shape::Line { .. } => None,
+            Shape::Line { .. } | Shape::Turn { .. } => None,
             Shape::Arc { radius_m, .. } => Some(*radius_m),
             Shape::Curve(curve) => Some(curve.least_radius_m()),
         }
@@ -263,6 +289,11 @@ impl Piece {
         let s_m = s_m + self.skip_m;
         match &self.shape {
             Shape::Curve(curve) => curve.at(s_m),
+            Shape::Turn { at_m } => PathPoint {
+                position_m: *at_m,
+                tangent: Vector3::zeros(),
+                curvature_per_m: Vector3::zeros(),
+            },
             Shape::Line { from_m, direction } => PathPoint {
                 position_m: from_m + direction * s_m,
                 tangent: *direction,
@@ -292,6 +323,7 @@ impl Piece {
 pub struct Path {
     pieces: Vec<Piece>,
     length_m: f64,
+    attitude: Option<Rotation3<f64>>,
 }
 
 impl Path {
@@ -316,7 +348,25 @@ impl Path {
             }
         }
         let length_m = pieces.iter().map(Piece::length_m).sum();
-        Ok(Self { pieces, length_m })
+        Ok(Self {
+            pieces,
+            length_m,
+            attitude: None,
+        })
+    }
+
+    /// The same path with an attitude (world_from_platform) at its end: the platform turns on the way,
+    /// about one axis, in proportion to the way. Without it the attitude stays as it is.
+    #[must_use]
+    pub(crate) fn turning_to(mut self, attitude: Option<Rotation3<f64>>) -> Self {
+        self.attitude = attitude;
+        self
+    }
+
+    /// The attitude at its end, if one is asked for.
+    #[must_use]
+    pub fn attitude(&self) -> Option<Rotation3<f64>> {
+        self.attitude
     }
 
     /// Straight lines through the points in turn, world frame, m.

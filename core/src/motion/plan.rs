@@ -1,8 +1,9 @@
 //! From a path to the knots that a board follows, judged before anything moves.
 //!
-//! At every instant the platform is assumed to hang in equilibrium (three cables hold lengths, the
-//! others tensions): the planner specifies the tool's position and obtains attitude, tensions and
-//! lengths. The platform's inertia is left out: at these accelerations it shifts the equilibrium by
+//! At every instant the platform is assumed to be in equilibrium. Where it hangs (three cables hold
+//! lengths, the others tensions) the planner specifies the tool's position and obtains attitude, tensions
+//! and lengths; where the lengths hold the whole pose, it specifies the attitude too and distributes the
+//! tensions. The platform's inertia is left out: at these accelerations it shifts the equilibrium by
 //! less than the plan's tolerance, and a planner that includes it can diverge.
 
 use super::model::{Model, StaticState};
@@ -13,9 +14,10 @@ use super::time_law::TimeLawError;
 use super::timed::{Step, Timed};
 use super::verdict::{Extremes, Watch};
 use super::{verdict, wire};
+use crate::holding::HoldingError;
 use mcdpr_protocol::Knot;
 use miette::Diagnostic;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use thiserror::Error;
 
 /// Knots are close enough together when no length between them is off by more than this, m.
@@ -39,27 +41,56 @@ pub enum PlanError {
     #[error("the robot's geometry is unusable")]
     #[diagnostic(code(mcdpr::plan::geometry), help("correct the robot file"))]
     Geometry(#[from] mcdpr_kinematics::Error),
-    /// The planner works for three length-held cables.
+    /// The cables that are held by length do not hold the robot.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Holding(#[from] HoldingError),
+    /// What is made for a platform whose attitude gravity decides.
     #[error(
-        "{held} cables are held by length: this planner needs exactly three, the rest by tension"
+        "{what} needs a platform that hangs on three cables held by length and at least one by tension; {robot} is held otherwise"
     )]
     #[diagnostic(
-        code(mcdpr::plan::holding),
-        help("set control = \"tension\" for the cables of the robot file that keep it taut")
+        code(mcdpr::plan::hanging),
+        help("choose another robot; docs/robot-file.md says what each kind of robot can do")
     )]
-    Holding {
-        /// Cables that are.
-        held: usize,
+    Hanging {
+        /// What was asked for.
+        what: &'static str,
+        /// The robot's name.
+        robot: String,
     },
-    /// Without a tension-held cable, slip or breakage could not be detected.
-    #[error("no cable of the robot is held by tension: this planner needs at least one")]
+    /// An attitude that the robot cannot take.
+    #[error("step {step} asks for an attitude, but {why}")]
     #[diagnostic(
-        code(mcdpr::plan::no_tension),
+        code(mcdpr::plan::attitude),
         help(
-            "three cables held by length leave nothing to compare with: add a cable with control = \"tension\" to the robot file"
+            "leave out attitude_deg and start_attitude_deg of the task, or choose a robot that has it"
         )
     )]
-    NoTension,
+    Attitude {
+        /// Which step, from 1.
+        step: usize,
+        /// Why not.
+        why: &'static str,
+    },
+    /// A position beside the plane in which all cables lie.
+    #[error(
+        "the tool at ({x_mm:.1}, {y_mm:.1}, {z_mm:.1}) mm is {off_mm:.3} mm beside the plane of the cables, across which nothing pulls"
+    )]
+    #[diagnostic(
+        code(mcdpr::plan::off_plane),
+        help("give the task positions in the plane of the anchors")
+    )]
+    OffPlane {
+        /// Tool, mm.
+        x_mm: f64,
+        /// Tool, mm.
+        y_mm: f64,
+        /// Tool, mm.
+        z_mm: f64,
+        /// Distance from the plane, mm.
+        off_mm: f64,
+    },
     /// More cables than a board drives.
     #[error(
         "the robot has {cables} cables, a board drives at most {}",
@@ -231,6 +262,21 @@ impl Plan {
         Self::unjudged(model, start_m, steps)?.judged()
     }
 
+    /// As [`Plan::new`], from an attitude other than level (world_from_platform). A robot whose attitude
+    /// gravity decides ignores it.
+    ///
+    /// # Errors
+    /// As [`Plan::new`].
+    pub fn turned(
+        model: &Model,
+        start_m: &Vector3<f64>,
+        attitude: Rotation3<f64>,
+        steps: &[Step],
+    ) -> Result<Self, PlanError> {
+        let timed = Timed::turned(model, start_m, attitude, steps)?;
+        Self::of(model, timed)?.judged()
+    }
+
     /// Plans without checking limits, to examine a plan that breaks one.
     ///
     /// # Errors
@@ -240,7 +286,10 @@ impl Plan {
         start_m: &Vector3<f64>,
         steps: &[Step],
     ) -> Result<Self, PlanError> {
-        let timed = Timed::new(model, start_m, steps)?;
+        Self::of(model, Timed::new(model, start_m, steps)?)
+    }
+
+    fn of(model: &Model, timed: Timed) -> Result<Self, PlanError> {
         let start = timed.rest(model, 0.0)?;
         Ok(Self {
             timed,

@@ -41,7 +41,7 @@ pub(super) fn best_n(
     near: Option<&StaticState>,
 ) -> Result<f64, PlanError> {
     let (low, high) = bounds_n(model);
-    let Some(held) = model.tension_held() else {
+    let Some(held) = model.holding().first_by_tension() else {
         return Ok(model.robot().tension.setpoint_n);
     };
     let weight_n = model.geometry().weight_n();

@@ -2,10 +2,11 @@
 
 use super::gcode;
 use super::path::{Path, PathError, Piece};
-use super::plan::MOST_STEPS;
+use super::plan::{MOST_STEPS, PlanError};
 use super::timed::Step;
+use mcdpr_kinematics::rotation_from_rpy;
 use miette::Diagnostic;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -17,10 +18,20 @@ pub const BUILT_IN: &[(&str, &str)] = &[
         "the paper's approach and circle of 65 mm, in 10 s (Table 7)",
     ),
     ("paper:table8", "the paper's line of 500 mm (Table 8)"),
+    (
+        FITTING,
+        "a circle that fits the robot's own work space, then tilts and turns where it has an attitude",
+    ),
 ];
+
+/// Name of the task that fits any robot.
+pub const FITTING: &str = "fitting";
 
 /// Time for the paper's circle, limited by its geared drives, s.
 const CIRCLE_S: f64 = 10.0;
+
+/// Smaller turns are not made, rad.
+const LEAST_TURN_RAD: f64 = 1e-5;
 
 /// Positions closer than this are the same, m.
 const NEAR_M: f64 = 5e-7;
@@ -32,6 +43,8 @@ pub struct Task {
     pub name: String,
     /// Where it starts, world, m; `None`: the tool's current position.
     start_m: Option<Vector3<f64>>,
+    /// The attitude that it starts with (world_from_platform); `None`: the current one.
+    start_attitude: Option<Rotation3<f64>>,
     /// Steps from rest to rest, each starting where the one before ends.
     pub steps: Vec<Step>,
 }
@@ -105,6 +118,16 @@ pub enum TaskError {
         /// Why.
         source: PathError,
     },
+    /// Nothing that a robot could do was found.
+    #[error("no circle fits the robot's work space")]
+    #[diagnostic(
+        code(mcdpr::task::fitting),
+        help("correct box_mm of [limits] or home_mm of [tool], or name a task file")
+    )]
+    Fitting {
+        /// Why the last one tried is impossible.
+        source: Box<PlanError>,
+    },
     /// A built-in task at an impossible height.
     #[error(transparent)]
     #[diagnostic(code(mcdpr::task::path))]
@@ -121,6 +144,7 @@ fn names() -> String {
 struct TaskFile {
     name: Option<String>,
     start_mm: [f64; 3],
+    start_attitude_deg: Option<[f64; 3]>,
     speed_mm_s: Option<f64>,
     #[serde(default)]
     leg: Vec<LegFile>,
@@ -138,6 +162,7 @@ struct LegFile {
     sweep_deg: Option<f64>,
     duration_s: Option<f64>,
     speed_mm_s: Option<f64>,
+    attitude_deg: Option<[f64; 3]>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -172,7 +197,13 @@ impl LegFile {
     }
 
     /// The pieces of path from `at_m` on; several if the tool rests between them.
-    fn pieces(&self, at_m: Vector3<f64>) -> Result<Vec<Piece>, PathError> {
+    fn pieces(&self, at_m: Vector3<f64>, turned: &Rotation3<f64>) -> Result<Vec<Piece>, PathError> {
+        // To the same place with another attitude: a turn in place.
+        if let (Some(to), Some(angles)) = (self.to_mm, self.attitude_deg)
+            && (point(to) - at_m).norm() <= NEAR_M
+        {
+            return Ok(vec![Piece::turn(at_m, angle(turned, &attitude(angles)))?]);
+        }
         if let Some(to) = self.to_mm {
             return Ok(vec![Piece::line(at_m, point(to))?]);
         }
@@ -210,6 +241,7 @@ impl Task {
             "paper:table8" => Ok(Self {
                 name: name.to_owned(),
                 start_m: Some(start_of(&Path::paper_line(z_m)?)),
+                start_attitude: None,
                 steps: vec![moved(Path::paper_line(z_m)?, None)],
             }),
             _ => Err(TaskError::Unknown {
@@ -228,6 +260,7 @@ impl Task {
         Ok(Self {
             name: "paper:table7".to_owned(),
             start_m: Some(start_of(&whole)),
+            start_attitude: None,
             steps: steps.collect::<Result<_, PathError>>()?,
         })
     }
@@ -243,6 +276,7 @@ impl Task {
             Ok((start_m, steps)) => Ok(Self {
                 name,
                 start_m,
+                start_attitude: None,
                 steps,
             }),
             Err(error) => Err(TaskError::GCode {
@@ -268,7 +302,9 @@ impl Task {
             return Err(malformed("there is no [[leg]]".to_owned()));
         }
         let start_m = point(file.start_mm);
+        let start_attitude = file.start_attitude_deg.map(attitude);
         let mut at_m = start_m;
+        let mut turned = start_attitude.unwrap_or_default();
         let mut steps = Vec::new();
         let too_many = || malformed(format!("it has more than {MOST_STEPS} steps"));
         for (number, leg) in (1..).zip(&file.leg) {
@@ -284,6 +320,16 @@ impl Task {
                 }
             };
             let moves = !matches!(kind, "dwell_s" | "gripper");
+            if leg.attitude_deg.is_some() && !moves {
+                return Err(wrong(format!("attitude_deg does not go with {kind}")));
+            }
+            let angles = leg.attitude_deg.iter().flatten();
+            if angles
+                .chain(file.start_attitude_deg.iter().flatten())
+                .any(|a| !a.is_finite())
+            {
+                return Err(wrong("an attitude is three finite angles".to_owned()));
+            }
             for (key, value, fits) in [
                 ("duration_s", leg.duration_s, moves && kind != "points_mm"),
                 ("speed_mm_s", leg.speed_mm_s, moves),
@@ -316,7 +362,10 @@ impl Task {
                 leg: number,
                 source,
             };
-            let pieces = leg.pieces(at_m).map_err(bad)?;
+            let to = leg.attitude_deg.map(attitude);
+            let pieces = leg.pieces(at_m, &turned).map_err(bad)?;
+            turned = to.unwrap_or(turned);
+            let last = pieces.len().saturating_sub(1);
             if moves && pieces.is_empty() {
                 return Err(wrong(format!("{kind} has no points")));
             }
@@ -325,10 +374,13 @@ impl Task {
             if steps.len() + pieces.len() > MOST_STEPS {
                 return Err(too_many());
             }
-            for piece in pieces {
+            for (index, piece) in pieces.into_iter().enumerate() {
                 at_m = piece.end().position_m;
                 steps.push(Step::Move {
-                    path: Path::new(vec![piece]).map_err(bad)?,
+                    // Several pieces turn on the last one.
+                    path: Path::new(vec![piece])
+                        .map_err(bad)?
+                        .turning_to(to.filter(|_| index == last)),
                     duration_s: leg.duration_s,
                     speed_mps: leg.speed_mm_s.or(general).map(|mm_s| mm_s * 1e-3),
                 });
@@ -338,8 +390,21 @@ impl Task {
         Ok(Self {
             name,
             start_m: Some(start_m),
+            start_attitude,
             steps,
         })
+    }
+
+    /// A task from `start_m` on with the platform level, where the robot has an attitude to choose.
+    pub(super) fn fitted(start_m: Vector3<f64>, steps: Vec<Step>) -> Self {
+        let turns =
+            |step: &Step| matches!(step, Step::Move { path, .. } if path.attitude().is_some());
+        Self {
+            name: FITTING.to_owned(),
+            start_m: Some(start_m),
+            start_attitude: steps.iter().any(turns).then(Rotation3::identity),
+            steps,
+        }
     }
 
     /// The task of the tool going straight to a position (world, m) from its current one.
@@ -353,6 +418,7 @@ impl Task {
         Ok(Self {
             name: name.to_owned(),
             start_m: Some(place_m),
+            start_attitude: None,
             steps: Vec::new(),
         })
     }
@@ -369,21 +435,43 @@ impl Task {
     /// # Errors
     /// [`TaskError::Path`].
     pub fn approached_from(
-        mut self,
+        self,
         from_m: &Vector3<f64>,
         speed_mps: Option<f64>,
     ) -> Result<Self, TaskError> {
-        if let Some(start_m) = self.start_m
-            && (start_m - from_m).norm() > NEAR_M
-        {
-            let way = Step::Move {
-                path: Path::through(&[*from_m, start_m])?,
-                duration_s: None,
-                speed_mps,
-            };
-            self.steps.insert(0, way);
-            self.start_m = Some(*from_m);
-        }
+        self.approached_turned(from_m, None, speed_mps)
+    }
+
+    /// As [`Task::approached_from`], from an attitude (world_from_platform) too: a task that gives one at
+    /// its start is reached with it, by a turn in place where there is no way to go.
+    ///
+    /// # Errors
+    /// [`TaskError::Path`].
+    pub(crate) fn approached_turned(
+        mut self,
+        from_m: &Vector3<f64>,
+        attitude: Option<Rotation3<f64>>,
+        speed_mps: Option<f64>,
+    ) -> Result<Self, TaskError> {
+        let Some(start_m) = self.start_m else {
+            return Ok(self);
+        };
+        let from = attitude.unwrap_or_default();
+        let turned = self.start_attitude.map_or(0.0, |to| angle(&from, &to));
+        let path = if (start_m - from_m).norm() > NEAR_M {
+            Path::through(&[*from_m, start_m])?
+        } else if turned > LEAST_TURN_RAD {
+            Path::new(vec![Piece::turn(start_m, turned)?])?
+        } else {
+            return Ok(self);
+        };
+        let way = Step::Move {
+            path: path.turning_to(self.start_attitude),
+            duration_s: None,
+            speed_mps,
+        };
+        self.steps.insert(0, way);
+        self.start_m = Some(*from_m);
         Ok(self)
     }
 }
@@ -391,6 +479,16 @@ impl Task {
 fn start_of(path: &Path) -> Vector3<f64> {
     let first = path.pieces().first().map(|piece| piece.start().position_m);
     first.unwrap_or_default()
+}
+
+/// Angle between two attitudes, rad; by a quaternion, which rounding does not take out of the domain.
+fn angle(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
+    UnitQuaternion::from_rotation_matrix(&(a.inverse() * b)).angle()
+}
+
+/// Roll, pitch and yaw in degrees as a rotation, R = Rz Ry Rx.
+fn attitude(degrees: [f64; 3]) -> Rotation3<f64> {
+    rotation_from_rpy(degrees.map(f64::to_radians))
 }
 
 fn point([x, y, z]: [f64; 3]) -> Vector3<f64> {

@@ -2,12 +2,14 @@
 
 use super::bounds;
 use super::model::{Model, StaticState};
+use super::options::Planner;
+use super::path::TURN_LEVER_M;
 use super::path::{Path, PathError};
 use super::plan::{LONGEST_S, MOST_IMPULSES, MOST_PLACES, PlanError};
 use super::shaper::Shaper;
 use super::time_law::{Bounds, TimeLaw};
-use super::track::Track;
-use nalgebra::Vector3;
+use super::track::{Track, Turn};
+use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::SQRT_2;
 
 /// Time for a gripper if its robot file gives none, s.
@@ -76,6 +78,8 @@ pub struct Timed {
     places: usize,
     /// Impulses of the shapers over all milliseconds so far.
     impulses: f64,
+    /// Attitude after the steps so far.
+    attitude: Rotation3<f64>,
 }
 
 impl Timed {
@@ -87,6 +91,20 @@ impl Timed {
     /// does not start where the one before ends; [`PlanError::Long`], [`PlanError::Large`] and
     /// [`PlanError::Reach`] if it exceeds the bounds of one plan.
     pub fn new(model: &Model, start_m: &Vector3<f64>, steps: &[Step]) -> Result<Self, PlanError> {
+        Self::turned(model, start_m, Rotation3::identity(), steps)
+    }
+
+    /// As [`Timed::new`], from an attitude other than level (world_from_platform).
+    ///
+    /// # Errors
+    /// As [`Timed::new`]; [`PlanError::Attitude`] if a step asks for an attitude that the robot cannot
+    /// take.
+    pub fn turned(
+        model: &Model,
+        start_m: &Vector3<f64>,
+        attitude: Rotation3<f64>,
+        steps: &[Step],
+    ) -> Result<Self, PlanError> {
         let mut timed = Self {
             legs: Vec::new(),
             actions: Vec::new(),
@@ -94,7 +112,11 @@ impl Timed {
             step: 0,
             places: 0,
             impulses: 0.0,
+            attitude,
         };
+        if model.options().planner == Planner::Level {
+            model.hanging("a plan for a level platform (--planner level)")?;
+        }
         bounds::check(model, steps)?;
         let mut at_m = *start_m;
         for (number, step) in (1..).zip(steps) {
@@ -155,7 +177,9 @@ impl Timed {
         duration_s: Option<f64>,
         speed_mps: Option<f64>,
     ) -> Result<(), PlanError> {
-        let track = Track::along(model, path, self.last_rest())?;
+        let turn = self.turn(model, number, path)?;
+        let track = Track::along(model, path, &turn, self.last_rest())?;
+        self.attitude = turn.at(1.0);
         let shaper = match track.nodes().last() {
             Some(end) => {
                 let modes = model.geometry().stability(&end.equilibrium)?.modes_hz;
@@ -172,6 +196,13 @@ impl Timed {
             });
         }
         let mut bounds = tool_bounds(model, path, number, speed_mps)?;
+        // A platform that turns much on a short way is limited by its turn.
+        let spin = turn.angle_rad() * TURN_LEVER_M / path.length_m();
+        if spin > 1.0 {
+            bounds.speed_mps /= spin;
+            bounds.acceleration_mps2 /= spin;
+            bounds.jerk_mps3 /= spin;
+        }
         for (cable, slope) in track.slopes().into_iter().enumerate() {
             if let Some(winch) = model.robot().winch_of(cable) {
                 let most_mps = winch.max_cable_speed_mps() * DRUM_SHARE / slope.max(1e-6);
@@ -200,6 +231,17 @@ impl Timed {
         Ok(())
     }
 
+    /// The turn that a path asks for.
+    fn turn(&self, model: &Model, step: usize, path: &Path) -> Result<Turn, PlanError> {
+        let Some(to) = path.attitude() else {
+            return Ok(Turn::between(self.attitude, self.attitude));
+        };
+        model
+            .takes_attitude(&to)
+            .map_err(|why| PlanError::Attitude { step, why })?;
+        Ok(Turn::between(self.attitude, to))
+    }
+
     fn stay(
         &mut self,
         model: &Model,
@@ -211,9 +253,10 @@ impl Timed {
         }
         let rest = match self.last_rest() {
             Some(rest) => rest.clone(),
+            None if !model.holding().hangs() => model.rest_turned(at_m, &self.attitude)?,
             None => {
                 let rest = model.rest(at_m, None)?;
-                let held = model.tension_held().unwrap_or(0);
+                let held = model.holding().first_by_tension().unwrap_or(0);
                 let tension_n = rest.tensions_n().get(held).copied().unwrap_or(0.0);
                 model.rest_planned(at_m, tension_n, None)?
             }

@@ -11,7 +11,7 @@ use super::plan::PlanError;
 use super::schedule;
 use super::spline::{Ends, Spline, SplineError};
 use mcdpr_kinematics::Pose;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 /// Greatest error of lengths between the solved points, m.
 const TOLERANCE_M: f64 = 1e-6;
@@ -23,6 +23,38 @@ const RULE_SPACING_M: f64 = 0.02;
 const MOST_HALVINGS: usize = 7;
 /// Number of points of one track beyond which the spacing is not halved any more.
 const MANY_PLACES: usize = 50_000;
+
+/// A turn of the platform on the way along a path: about one fixed axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Turn {
+    /// Attitude at the start, world_from_platform.
+    pub from: Rotation3<f64>,
+    /// Rotation vector from there to the attitude at the end, in the platform's frame at the start, rad.
+    by: Vector3<f64>,
+}
+
+impl Turn {
+    /// The shortest turn between two attitudes.
+    #[must_use]
+    pub fn between(from: Rotation3<f64>, to: Rotation3<f64>) -> Self {
+        Self {
+            from,
+            by: UnitQuaternion::from_rotation_matrix(&(from.inverse() * to)).scaled_axis(),
+        }
+    }
+
+    /// The whole angle, rad.
+    #[must_use]
+    pub fn angle_rad(&self) -> f64 {
+        self.by.norm()
+    }
+
+    /// The attitude after a share of the way.
+    #[must_use]
+    pub fn at(&self, share: f64) -> Rotation3<f64> {
+        self.from * Rotation3::new(self.by * share)
+    }
+}
 
 /// The robot along one path.
 #[derive(Debug, Clone)]
@@ -42,12 +74,16 @@ impl Track {
     pub fn along(
         model: &Model,
         path: &Path,
+        turn: &Turn,
         near: Option<&StaticState>,
     ) -> Result<Self, PlanError> {
         let length_m = path.length_m();
         let tension = Tension::along(model, path, near)?;
         let solve = |way_m: f64, near: Option<&StaticState>| {
             let tool_m = path.point(way_m)?.position_m;
+            if !model.holding().hangs() {
+                return model.rest_turned(&tool_m, &turn.at(way_m / length_m));
+            }
             model.rest_planned(&tool_m, tension.at(way_m)?, near)
         };
         let mut count = segments(length_m, FURTHEST_M).max(4);
@@ -103,7 +139,7 @@ impl Track {
         let rows: Vec<Vec<f64>> = nodes
             .iter()
             .map(|rest| {
-                let turned = rest.equilibrium.pose.rotation.scaled_axis();
+                let turned = rotation_vector(&rest.equilibrium.pose.rotation);
                 let lengths = rest.paid_out_m.iter().copied();
                 let tensions = rest.tensions_n().iter().copied();
                 let rotation = [turned.x, turned.y, turned.z];
@@ -236,6 +272,16 @@ impl Track {
     }
 }
 
+/// The rotation vector of an attitude, rad.
+fn rotation_vector(rotation: &Rotation3<f64>) -> Vector3<f64> {
+    let turned = rotation.scaled_axis();
+    if turned.iter().all(|x| x.is_finite()) {
+        return turned;
+    }
+    // Rounding next to no turn at all leaves the domain of the arc-cosine.
+    UnitQuaternion::from_rotation_matrix(rotation).scaled_axis()
+}
+
 /// The scheduled tension along a path.
 enum Tension {
     Constant(f64),
@@ -246,6 +292,9 @@ impl Tension {
     fn along(model: &Model, path: &Path, near: Option<&StaticState>) -> Result<Self, PlanError> {
         let options = model.options();
         let setpoint_n = model.robot().tension.setpoint_n;
+        if !model.holding().hangs() {
+            return Ok(Self::Constant(setpoint_n));
+        }
         if options.tensioning == Tensioning::Setpoint || options.planner == Planner::Level {
             return Ok(Self::Constant(setpoint_n));
         }

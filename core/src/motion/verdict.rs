@@ -5,6 +5,7 @@ use super::model::{Model, StaticState};
 use super::options::Planner;
 use super::plan::PlanError;
 use super::timed::Timed;
+use crate::holding::Freedom;
 use mcdpr_kinematics::PlatformBox;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -129,7 +130,7 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
             broken = broken.or_else(|| judge_force(model, &forces));
         }
         // Distances change slowly: every fifth state is enough.
-        if index % 5 == 0 && model.options().planner == Planner::Equilibrium {
+        if index % 5 == 0 && model.options().planner == Planner::Equilibrium && !meets(model) {
             let (near, touching) = clearances(model, &rest, &body)?;
             if let Some(near) = near {
                 let least = seen.cable_distance_m.unwrap_or(f64::MAX);
@@ -341,6 +342,12 @@ fn platform_box(model: &Model) -> PlatformBox {
         center_m: platform.center_of_mass_m,
         half_size_m: edges * (0.5 * SOLID),
     }
+}
+
+/// Whether all cables meet in one point of the platform: they touch there by design.
+fn meets(model: &Model) -> bool {
+    let freedom = model.holding().freedom();
+    matches!(freedom, Freedom::Point | Freedom::PlanePoint { .. })
 }
 
 /// Distance of the closest cables, and the first contact.

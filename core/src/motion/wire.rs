@@ -21,6 +21,12 @@ const MOST_SPACING_MS: usize = 1000;
 /// Swing, friction and model errors of the machine stay below it.
 const CLOSURE_LIMIT_M: f64 = 0.004;
 
+/// Each further tension-held cable counts this much in the closure row: mirror images do not cancel.
+const NEXT_CLOSURE: f64 = 0.6;
+/// Share of the tensions' vertical parts that pulley losses and sensor gains may account for, where
+/// cables pull against each other.
+const LOSSES_SHARE: f64 = 0.08;
+
 /// Force on the platform other than the cables' that is not yet reported as a contact, as a share
 /// of its weight: pulley losses, sensor gains and an error of the mass stay below it.
 const CONTACT_SHARE: f64 = 0.2;
@@ -148,10 +154,12 @@ fn contact_row(model: &Model, rest: &StaticState) -> Option<ResidualRow> {
         .ok()?;
     let mut tensions = PerCable::new();
     let mut lengths = PerCable::new();
+    let mut vertical_n = 0.0;
     for cable in 0..count {
         // A row begins with the direction in which the cable gets longer; the cable pulls the other
         // way.
         let upward = -jacobian.get(cable)?[2];
+        vertical_n += upward.abs() * rest.tensions_n().get(cable).copied().unwrap_or(0.0);
         let scaled = rounded(upward * f64::from(ResidualRow::TENSION_SCALE));
         tensions
             .push(Coefficient(i16::try_from(scaled).ok()?))
@@ -164,35 +172,57 @@ fn contact_row(model: &Model, rest: &StaticState) -> Option<ResidualRow> {
         lengths,
         tensions,
         // The row's µm are mN.
-        limit: Micrometres(Millinewtons::from_newtons(CONTACT_SHARE * weight_n).0),
+        limit: Micrometres(
+            Millinewtons::from_newtons((CONTACT_SHARE * weight_n).max(LOSSES_SHARE * vertical_n)).0,
+        ),
     })
 }
 
-/// Consistency of measured lengths and tensions: at equilibrium the length of the tension-held
-/// cable follows from the other lengths and its tension.
+/// Consistency of measured lengths and tensions: at equilibrium the lengths of the tension-held cables
+/// follow from the other lengths and their tensions. A robot without tension-held cables has a row of
+/// zeros, which never fires.
 fn closure_row(model: &Model, rest: &StaticState) -> Option<ResidualRow> {
-    let held = model.tension_held()?;
-    let response = model.geometry().linearise(&rest.equilibrium).ok()?.response;
-    let row = response.row(held)?;
+    let holding = model.holding();
+    let count = model.robot().cables.len();
+    // m, and m/N.
+    let (mut by_length, mut by_tension) = (vec![0.0; count], vec![0.0; count]);
+    if holding.first_by_tension().is_some() {
+        let response = model.geometry().linearise(&rest.equilibrium).ok()?.response;
+        let mut weight = 1.0;
+        for &held in holding.by_tension() {
+            let row = response.row(held)?;
+            for (cable, &by_input) in row.iter().enumerate() {
+                let column = if holding.by_tension().contains(&cable) {
+                    &mut by_tension
+                } else {
+                    &mut by_length
+                };
+                *column.get_mut(cable)? -= weight * by_input;
+            }
+            *by_length.get_mut(held)? += weight;
+            // A cable that six lengths keep taut stretches by more than the platform gives way.
+            if !holding.hangs() {
+                let cable = model.robot().cables.get(held)?;
+                let length_m = rest.equilibrium.lengths_m.get(held)? + cable.routing_length_m;
+                *by_tension.get_mut(held)? += weight * length_m / cable.ea_n;
+            }
+            weight *= NEXT_CLOSURE;
+        }
+    }
     let mut lengths = PerCable::new();
     let mut tensions = PerCable::new();
-    for (cable, &by_input) in row.iter().enumerate() {
-        let (length, tension) = if cable == held {
-            // m/N is 1000 µm/mN.
-            (1.0, -by_input * 1e3)
-        } else {
-            (-by_input, 0.0)
-        };
+    for (length, tension) in by_length.iter().zip(&by_tension) {
         let scaled = |value: f64, scale: i32| {
             i16::try_from(rounded(value * f64::from(scale)))
                 .ok()
                 .map(Coefficient)
         };
         lengths
-            .push(scaled(length, ResidualRow::LENGTH_SCALE)?)
+            .push(scaled(*length, ResidualRow::LENGTH_SCALE)?)
             .ok()?;
+        // m/N is 1000 µm/mN.
         tensions
-            .push(scaled(tension, ResidualRow::TENSION_SCALE)?)
+            .push(scaled(tension * 1e3, ResidualRow::TENSION_SCALE)?)
             .ok()?;
     }
     Some(ResidualRow {

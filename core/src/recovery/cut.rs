@@ -77,7 +77,7 @@ impl Lengths {
 fn slopes(model: &Model, rest: &StaticState) -> Option<DMatrix<f64>> {
     let tool_m = model.tool_m(rest);
     let count = rest.paid_out_m.len();
-    let held = model.tension_held().unwrap_or(0);
+    let held = model.holding().first_by_tension().unwrap_or(0);
     let tension_n = rest.tensions_n().get(held).copied()?;
     let mut slopes = DMatrix::zeros(count, 3);
     for axis in 0..3 {

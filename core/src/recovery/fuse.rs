@@ -120,7 +120,7 @@ pub fn fuse(
         weighed,
         white,
     };
-    let held = model.tension_held().unwrap_or(0);
+    let held = model.holding().first_by_tension().unwrap_or(0);
     let shown = weighed.tensions_n.get(held).copied();
     let mut x = Unknowns::zeros();
     x.fixed_rows_mut::<3>(0).copy_from(start_m);

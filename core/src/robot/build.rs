@@ -80,7 +80,7 @@ pub(super) fn build(
         None => below_anchors_m(&cables),
     };
 
-    reader.is_clean().then(|| Robot {
+    let mut robot = reader.is_clean().then(|| Robot {
         name: file.text(key!(ROBOT, "name")).to_owned(),
         platform,
         cables,
@@ -104,7 +104,10 @@ pub(super) fn build(
         tags,
         limits,
         calibrated: None,
-    })
+        chosen: None,
+    })?;
+    super::auto::choose(reader, &cable_tables, &mut robot)?;
+    Some(robot)
 }
 
 /// Default tool position: the middle of the anchors, a quarter of their diagonal below the lowest.

@@ -167,9 +167,9 @@ pub(crate) static CABLE: Section = Section {
         ),
         key(
             "control",
-            Kind::Word(&["position", "tension"]),
+            Kind::Word(&["position", "tension", "auto"]),
             Word("position"),
-            "what the winch holds: the cable's length or its tension",
+            "what the winch holds: the cable's length or its tension; auto: the program chooses, see below",
         ),
         positive("ea_n", 50_000.0, "axial stiffness EA of the cable, N"),
         non_negative(

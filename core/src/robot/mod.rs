@@ -14,6 +14,7 @@
 //! # Ok::<(), mcdpr_core::robot::RobotError>(())
 //! ```
 
+mod auto;
 mod build;
 mod error;
 mod json_schema;
@@ -65,6 +66,15 @@ pub const BUILT_IN: &[(&str, &str)] = &[
     (
         "planar-four",
         include_str!("../../../robots/planar-four.toml"),
+    ),
+    ("six-cable", include_str!("../../../robots/six-cable.toml")),
+    (
+        "planar-vertical",
+        include_str!("../../../robots/planar-vertical.toml"),
+    ),
+    (
+        "three-point",
+        include_str!("../../../robots/three-point.toml"),
     ),
     (
         "point-anchor",

@@ -1,6 +1,7 @@
 //! The robot as the program uses it: SI units, every default filled in, checked.
 
-use mcdpr_kinematics::Pose;
+use crate::holding::Choice;
+use mcdpr_kinematics::{AnyRobot, Pose};
 use mcdpr_vision::Camera as Lens;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -38,6 +39,10 @@ pub struct Robot {
     /// Where these values come from, if not from the robot file alone. Not part of the description.
     #[serde(skip)]
     pub calibrated: Option<Box<Calibrated>>,
+    /// How the cables to hold by length were chosen, where the file leaves that to the program. Not
+    /// part of the description.
+    #[serde(skip)]
+    pub chosen: Option<Choice>,
 }
 
 /// The origin of a calibrated robot.
@@ -438,6 +443,29 @@ pub struct Limits {
 }
 
 impl Robot {
+    /// The geometry for the solvers.
+    ///
+    /// # Errors
+    /// What the geometry check finds; see [`AnyRobot::new`].
+    pub(crate) fn geometry(&self) -> Result<AnyRobot, mcdpr_kinematics::Error> {
+        let cables: Vec<_> = self
+            .cables
+            .iter()
+            .map(|cable| mcdpr_kinematics::Cable {
+                anchor_m: cable.anchor_in_world_m,
+                swivel_axis: cable.swivel_axis_in_world,
+                pulley_radius_m: cable.pulley_radius_m,
+                attachment_m: cable.attachment_in_platform_m,
+            })
+            .collect();
+        let platform = mcdpr_kinematics::Platform {
+            mass_kg: self.platform.mass_kg,
+            center_of_mass_m: self.platform.center_of_mass_m,
+            inertia_kg_m2: Some(self.platform.inertia_kg_m2),
+        };
+        AnyRobot::new(&cables, platform)
+    }
+
     /// The winch that drives cable `cable` (from 0), if there is such a cable.
     pub fn winch_of(&self, cable: usize) -> Option<&Winch> {
         self.winches.get(self.cables.get(cable)?.winch_index)

@@ -16,10 +16,16 @@ pub trait ModuleFiles {
 #[derive(Debug, Clone, Copy)]
 pub struct BuiltInModules;
 
-const BUILT_IN: &[(&str, &str)] = &[(
-    "modules/geared-371.toml",
-    include_str!("../../../robots/modules/geared-371.toml"),
-)];
+const BUILT_IN: &[(&str, &str)] = &[
+    (
+        "modules/geared-371.toml",
+        include_str!("../../../robots/modules/geared-371.toml"),
+    ),
+    (
+        "modules/fast-27.toml",
+        include_str!("../../../robots/modules/fast-27.toml"),
+    ),
+];
 
 impl ModuleFiles for BuiltInModules {
     fn open(&self, asked: &str) -> Result<(String, String), (String, String)> {

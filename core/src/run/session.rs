@@ -10,7 +10,7 @@ use crate::motion::{Model, Plan, PlanError, StaticState, Task, TaskError};
 use crate::recovery::Journal;
 use crate::sight::TagSource;
 use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 /// Number of pictures that one observation of a tag averages.
 const PICTURES: usize = 30;
@@ -141,7 +141,8 @@ impl<'m, L: Link> Session<'m, L> {
     /// # Errors
     /// The first limit that would be broken.
     pub fn plan(&self, task: Task, speed_mps: Option<f64>) -> Result<Plan, RunError> {
-        plan_from(self.model, task, &self.tool_m(), speed_mps)
+        let attitude = self.at.equilibrium.pose.rotation;
+        plan_turned(self.model, task, &self.tool_m(), attitude, speed_mps)
     }
 
     /// Plans the rest of the task that a loss of power interrupted, from where the tool is; `hash` is
@@ -285,14 +286,25 @@ pub fn plan_from(
     start_m: &Vector3<f64>,
     speed_mps: Option<f64>,
 ) -> Result<Plan, RunError> {
+    plan_turned(model, task, start_m, Rotation3::identity(), speed_mps)
+}
+
+/// As [`plan_from`], from an attitude (world_from_platform).
+fn plan_turned(
+    model: &Model,
+    task: Task,
+    start_m: &Vector3<f64>,
+    attitude: Rotation3<f64>,
+    speed_mps: Option<f64>,
+) -> Result<Plan, RunError> {
     let task = task
-        .approached_from(start_m, speed_mps)
+        .approached_turned(start_m, Some(attitude), speed_mps)
         .map_err(|error| match error {
             TaskError::Path(error) => PlanError::from(error),
             // Joining a move to a valid task can fail only in the path.
             _ => PlanError::from(crate::motion::path::PathError::Empty),
         })?;
-    Ok(Plan::new(model, start_m, &task.steps)?)
+    Ok(Plan::turned(model, start_m, attitude, &task.steps)?)
 }
 
 /// How the robot hangs according to the camera's view of tags.

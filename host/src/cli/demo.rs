@@ -1,9 +1,10 @@
-//! `mcdpr demo`: the paper's robot around its circle, on the simulator.
+//! `mcdpr demo`: the paper's robot around its circle, or another one around a circle that fits it, on the
+//! simulator.
 
 use super::progress::Bar;
 use super::reaction;
 use super::recorded::{About, Recorded};
-use super::run::{figure_rows, tool_height_m};
+use super::run::{figure_rows, say_choice, tool_height_m};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment::{Experiment, SimulatedRobot, SimulatedRun};
@@ -16,7 +17,7 @@ use crate::scenario::Scenario;
 use mcdpr_protocol::SessionId;
 use serde::Serialize;
 
-/// Show the simulated robot following the paper's circle (the default)
+/// Show the simulated robot following the paper's circle, or one that fits the robot (the default)
 #[derive(Debug, Default, clap::Args)]
 pub(crate) struct Cmd {
     /// Inject a fault and show the reaction: ID[:CABLE]@TIME, such as S2@3.0s, C3:2@1.5s, B1@start
@@ -29,6 +30,9 @@ pub(crate) struct Cmd {
 
 /// Height of the circle: the paper's own, 24 mm, needs tensions beyond its sensors.
 pub(crate) const HEIGHT_MM: f64 = -100.0;
+
+/// The task of robots like the paper's.
+const PAPER: &str = "paper:table7";
 
 /// One JSON document of the demo. The figures at the top are those of the realistic machine.
 #[derive(Debug, Serialize)]
@@ -55,7 +59,8 @@ impl Cmd {
         }
         let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
-        let task = Task::built_in("paper:table7", tool_height_m(&robot, HEIGHT_MM))?;
+        let task = task_for(&model)?;
+        say_choice(&model);
         let cables = robot.cables.len();
         let scenario = match &self.scenario {
             Some(file) => Some(Scenario::load(file, cables)?),
@@ -91,8 +96,27 @@ impl Cmd {
         };
         let ideal = one("machine as described", &Mismatch::default())?;
         let (real, folder) = recorded(&model, task.clone(), common)?;
-        report(&model, &ideal, &real, &folder, common)
+        report(&model, task.name == PAPER, &ideal, &real, &folder, common)
     }
+}
+
+/// The paper's circle where the robot hangs like the paper's and its frame contains it, else one that fits.
+fn task_for(model: &Model) -> miette::Result<Task> {
+    let robot = model.robot();
+    let paper = Task::built_in(PAPER, tool_height_m(robot, HEIGHT_MM))?;
+    let like_paper = model.holding().hangs() && model.holding().first_by_tension().is_some();
+    let [low, high] = robot.search_box_in_world_m();
+    let inside = paper
+        .start_m()
+        .is_some_and(|at| at.x > low.x && at.x < high.x && at.y > low.y && at.y < high.y);
+    if like_paper && inside {
+        return Ok(paper);
+    }
+    Ok(crate::motion::find_task_for(
+        model,
+        crate::motion::FITTING,
+        0.0,
+    )?)
 }
 
 /// The run on the realistic machine, with its record.
@@ -102,7 +126,7 @@ fn recorded(
     common: &Common,
 ) -> miette::Result<(SimulatedRun, RunFolder)> {
     let mismatch = Mismatch::realistic();
-    let source = TaskSource::of("paper:table7", tool_height_m(model.robot(), HEIGHT_MM));
+    let source = TaskSource::of(&task.name, tool_height_m(model.robot(), HEIGHT_MM));
     // The same seed must give the same run, bytes on the wire included.
     let session = SessionId(1);
     let about = About {
@@ -128,12 +152,13 @@ fn recorded(
 
 fn report(
     model: &Model,
+    paper: bool,
     ideal: &SimulatedRun,
     real: &SimulatedRun,
     folder: &RunFolder,
     common: &Common,
 ) -> Outcome {
-    save(model, ideal, real, folder)?;
+    save((model, paper), ideal, real, folder)?;
     let (as_described, realistic) = (ideal.run.figures(model)?, real.run.figures(model)?);
     let simulated_s = ideal.simulated_s + real.simulated_s;
     let took_s = (ideal.took + real.took).as_secs_f64();
@@ -151,22 +176,42 @@ fn report(
     if common.json {
         return print_json(&document);
     }
-    say!(
-        "{}: approach and circle of Table 7 with the platform at z = {HEIGHT_MM:.0} mm, {:.1} s",
-        model.robot().name,
-        document.duration_s
-    );
+    if paper {
+        say!(
+            "{}: approach and circle of Table 7 with the platform at z = {HEIGHT_MM:.0} mm, {:.1} s",
+            model.robot().name,
+            document.duration_s
+        );
+    } else {
+        say!(
+            "{}: approach and circle that fits its work space{}, {:.1} s",
+            model.robot().name,
+            if model.holding().freedom().turns() {
+                ", then tilts and turns both ways"
+            } else {
+                ""
+            },
+            document.duration_s
+        );
+    }
     let words = |row: [&str; 4]| row.map(str::to_owned).to_vec();
     let mut rows = vec![
         words(["", "simulation,", "simulation,", "the paper,"]),
         words(["", "realistic machine", "as described", "hardware"]),
     ];
-    let paper = ["3.425 / 7.044", "1.240 / 1.062 / 4.105", "0.291 /  -"];
-    for (mut row, theirs) in figure_rows(&[realistic, as_described])
+    let theirs = ["3.425 / 7.044", "1.240 / 1.062 / 4.105", "0.291 /  -"];
+    if !paper {
+        for row in &mut rows {
+            row.pop();
+        }
+    }
+    for (index, mut row) in figure_rows(model, &[realistic, as_described])
         .into_iter()
-        .zip(paper)
+        .enumerate()
     {
-        row.push(theirs.to_owned());
+        if paper {
+            row.push(theirs.get(index).copied().unwrap_or_default().to_owned());
+        }
         rows.push(row);
     }
     super::write_out(&lay_out(&rows));
@@ -186,7 +231,12 @@ fn report(
     Ok(())
 }
 
-fn save(model: &Model, ideal: &SimulatedRun, real: &SimulatedRun, folder: &RunFolder) -> Outcome {
+fn save(
+    (model, paper): (&Model, bool),
+    ideal: &SimulatedRun,
+    real: &SimulatedRun,
+    folder: &RunFolder,
+) -> Outcome {
     let failed = || Failed::from_error("writing the run folder");
     let plan = &real.run.plan;
     for (name, run) in [
@@ -204,10 +254,12 @@ fn save(model: &Model, ideal: &SimulatedRun, real: &SimulatedRun, folder: &RunFo
             points: run.run.true_path.as_deref().unwrap_or_default(),
         })
         .collect();
-    let title = format!(
-        "{}: the circle of Table 7, simulated tool",
-        model.robot().name
-    );
+    let shown = if paper {
+        "the circle of Table 7"
+    } else {
+        "a circle that fits"
+    };
+    let title = format!("{}: {shown}, simulated tool", model.robot().name);
     folder
         .write("path.svg", &draw_path(&title, plan, &traces)?)
         .map_err(failed())?;

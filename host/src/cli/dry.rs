@@ -91,6 +91,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("study motion", Refuses),
     ("study power", Refuses),
     ("study real", Computes),
+    ("study robots", Computes),
     ("study tension", Refuses),
     ("study winch", Refuses),
     ("tune tension", Refuses),

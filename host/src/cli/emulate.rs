@@ -29,6 +29,7 @@ impl Cmd {
         let firmware = Firmware::find(Some(&self.file))?;
         let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
+        model.hanging("the emulated chip, which has four modules,")?;
         let mismatch = if self.ideal {
             Mismatch::default()
         } else {

@@ -96,7 +96,7 @@ impl Cmd {
                 ..PlanOptions::default()
             });
         }
-        let held = model.tension_held().unwrap_or(0);
+        let held = model.hanging("holding a tension while hands pull")?;
         let experiment = Experiment::find(&self.what, held, robot.cables.len())?;
         if common.dry_run {
             eprintln!(

@@ -50,7 +50,10 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = common.robot()?;
         let model = Model::new(&robot)?.with_options(self.options.chosen());
-        let task = crate::motion::find_task(&self.task, tool_height_m(&robot, self.z_mm))?;
+        let task = {
+            let height_m = tool_height_m(&robot, self.z_mm);
+            crate::motion::find_task_for(&model, &self.task, height_m)?
+        };
         let watch = Watch {
             in_view_m: self.keep_in_view.as_deref().map(|mm| {
                 Vector3::from_iterator(mm.iter().copied().chain([f64::NAN; 3]).take(3)) * 1e-3
@@ -63,6 +66,7 @@ impl Cmd {
 /// Plans, judges, draws and reports; fails if a limit would be broken.
 pub(crate) fn show(common: &Common, model: &Model, task: Task, watch: &Watch) -> Outcome {
     let name = task.name.clone();
+    super::run::say_choice(model);
     let start = model.robot().tool.home_in_world_m;
     let task = task.approached_from(&start, None)?;
     let plan = Plan::unjudged(model, &start, &task.steps)?;

@@ -51,6 +51,7 @@ impl Cmd {
             return Err(Failed::from_error("--bound-mm")(reason).into());
         }
         let model = Model::new(&common.robot()?)?;
+        model.hanging("going on after a loss of power")?;
         let verdict = if common.on == "sim" {
             self.eye.refused_on_simulator()?;
             self.on_simulator(common, &model)?

@@ -63,7 +63,11 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = common.robot()?;
         let model = Model::new(&robot)?.with_options(self.options.chosen());
-        let task = crate::motion::find_task(&self.task, tool_height_m(&robot, self.z_mm))?;
+        let task = {
+            let height_m = tool_height_m(&robot, self.z_mm);
+            crate::motion::find_task_for(&model, &self.task, height_m)?
+        };
+        say_choice(&model);
         self.check_resume(common)?;
         if common.dry_run {
             return super::plan::show(common, &model, task, &Watch::default());
@@ -159,7 +163,10 @@ impl Cmd {
             "hardware"
         };
         let rows = [vec![String::new(), title.to_owned()]];
-        let rows: Vec<_> = rows.into_iter().chain(figure_rows(&[figures])).collect();
+        let rows: Vec<_> = rows
+            .into_iter()
+            .chain(figure_rows(&model, &[figures]))
+            .collect();
         super::write_out(&lay_out(&rows));
         say!("run folder: {}", folder.path().display());
         Ok(())
@@ -256,13 +263,19 @@ fn save(model: &Model, name: &str, run: &Run, folder: &RunFolder) -> Outcome {
 }
 
 /// Rows of a table of figures, one column per run.
-pub(crate) fn figure_rows(figures: &[Figures]) -> Vec<Vec<String>> {
+pub(crate) fn figure_rows(model: &Model, figures: &[Figures]) -> Vec<Vec<String>> {
     let row = |name: &str, cell: &dyn Fn(&Figures) -> String| {
         std::iter::once(name.to_owned())
             .chain(figures.iter().map(cell))
             .collect()
     };
-    vec![
+    let numbers: Vec<_> = model
+        .holding()
+        .by_tension()
+        .iter()
+        .map(|cable| (cable + 1).to_string())
+        .collect();
+    let mut rows = vec![
         row("path error of the tool, mean / max, mm", &|f| {
             f.path_error_m.map_or("not measured".to_owned(), |e| {
                 format!("{:.3} / {:.3}", e.mean * 1e3, e.max * 1e3)
@@ -277,9 +290,42 @@ pub(crate) fn figure_rows(figures: &[Figures]) -> Vec<Vec<String>> {
                 e.max * 1e3
             )
         }),
-        row("cable-4 tension error, mean / max, N", &|f| {
+    ];
+    if !numbers.is_empty() {
+        let name = format!("cable-{} tension error, mean / max, N", numbers.join(", -"));
+        rows.push(row(&name, &|f| {
             let e = f.tension_error_n;
             format!("{:.3} / {:.3}", e.mean_abs, e.max_abs)
-        }),
-    ]
+        }));
+    }
+    if figures.iter().any(|f| f.attitude_error_rad.is_some()) {
+        rows.push(row("attitude error, mean / max, deg", &|f| {
+            f.attitude_error_rad.map_or("not measured".to_owned(), |e| {
+                format!("{:.3} / {:.3}", e.mean.to_degrees(), e.max.to_degrees())
+            })
+        }));
+    }
+    rows
+}
+
+/// Says how the cables to hold by length were chosen, where the program chose them.
+pub(crate) fn say_choice(model: &Model) {
+    let Some(choice) = &model.robot().chosen else {
+        return;
+    };
+    let list = |cables: &[usize]| {
+        let numbers: Vec<_> = cables.iter().map(|cable| (cable + 1).to_string()).collect();
+        numbers.join(", ")
+    };
+    let holding = model.holding();
+    let next = choice.next.map_or_else(String::new, |next| {
+        format!(", the next best choice {next:.3}")
+    });
+    eprintln!(
+        "control = \"auto\": cables {} by length, {} by tension; worst conditioning over the work space \
+         {:.3}{next}",
+        list(holding.by_length()),
+        list(holding.by_tension()),
+        choice.condition
+    );
 }

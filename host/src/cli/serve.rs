@@ -131,7 +131,7 @@ impl Cmd {
         let robot = common.robot()?;
         let model = Model::new(&robot)?;
         let height_m = tool_height_m(&robot, self.z_mm);
-        let task = crate::motion::find_task(&self.task, height_m)?;
+        let task = crate::motion::find_task_for(&model, &self.task, height_m)?;
         let token = self.token.chosen()?;
         // A task that would be refused is refused before anything is shown.
         Experiment::new(&model, task.clone()).plan()?;

@@ -86,7 +86,7 @@ impl Tension {
             return Err(Failed::from_error("the step is out of range")(why).into());
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        let cable = model.tension_held().unwrap_or(0);
+        let cable = model.hanging("tuning the tension law")?;
         let missing = || Failed::from_error("the robot file")("it has no winch for this cable");
         let winch = robot.winch_of(cable).ok_or_else(missing)?;
         let damping_time_s = robot.cables.get(cable).map_or(0.0, |c| c.damping_time_s);

@@ -32,7 +32,8 @@ impl Subject {
     /// What the geometry check finds; see [`AnyRobot::new`].
     pub fn new(robot: Robot) -> Result<Self, ComputeError> {
         let geometry = machine::geometry(&robot)?;
-        let planar = is_planar(&geometry);
+        let planar =
+            mcdpr_core::holding::vertical_plane(&geometry).is_some() || geometry.cable_count() == 1;
         Ok(Self {
             robot,
             geometry,
@@ -95,9 +96,14 @@ impl Subject {
         }
     }
 
-    /// The robot file's own tension-held cables at their set-point, N; `None` for the others.
+    /// The robot file's own tension-held cables at their set-point, N; `None` for the others. Where six
+    /// lengths hold the pose the tensions are distributed: then every entry is `None`.
     #[must_use]
     pub fn own_tensions(&self) -> CableVec<Option<f64>> {
+        let cables = self.robot.cables.iter();
+        if cables.filter(|c| c.control == Control::Position).count() >= 6 {
+            return CableVec::from_fn(self.count(), |_| None);
+        }
         CableVec::from_fn(self.count(), |i| {
             let cable = self.robot.cables.get(i)?;
             (cable.control == Control::Tension).then_some(self.robot.tension.setpoint_n)
@@ -283,32 +289,4 @@ impl Subject {
             stable: false,
         })
     }
-}
-
-/// Whether all anchors and attachments lie in one vertical plane through the platform's origin,
-/// across which the cables then exert no force.
-fn is_planar(geometry: &AnyRobot) -> bool {
-    let cables = geometry.cables();
-    let across = |v: &Vector3<f64>| Vector3::new(v.x, v.y, 0.0);
-    let Some(first) = cables.first() else {
-        return true;
-    };
-    let spread = cables
-        .iter()
-        .map(|cable| across(&(cable.anchor_m - first.anchor_m)));
-    let widest = spread.fold(
-        Vector3::zeros(),
-        |a: Vector3<f64>, b| {
-            if b.norm() > a.norm() { b } else { a }
-        },
-    );
-    if widest.norm() == 0.0 {
-        return true;
-    }
-    let normal = widest.cross(&Vector3::z()).normalize();
-    let flat = 1e-6 * widest.norm();
-    cables.iter().all(|cable| {
-        let anchor = (cable.anchor_m - first.anchor_m).dot(&normal);
-        anchor.abs() <= flat && cable.attachment_m.dot(&normal).abs() <= flat
-    })
 }

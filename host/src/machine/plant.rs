@@ -306,8 +306,8 @@ pub fn with_board(
     Ok(Simulation::with_board(plant, Box::new(board), link, seed))
 }
 
-/// The plant of a robot that hangs at rest near a pose, brakes closed, its tension-held cable at
-/// its tension (N).
+/// The plant of a robot that hangs at rest near a pose, brakes closed, its tension-held cables (from 0)
+/// at their tensions (N).
 ///
 /// # Errors
 /// If it finds no equilibrium near the pose.
@@ -315,13 +315,13 @@ pub fn hang(
     params: PlantParams,
     pose: &mcdpr_kinematics::Pose,
     tensions_n: &[f64],
-    held: Option<usize>,
+    held: &[usize],
     seed: u64,
 ) -> Result<Plant, PlantError> {
     let mut plant = Plant::new(params, seed)?;
     let matrix = pose.rotation.matrix();
     let rotation = [0, 1, 2].map(|row| [0, 1, 2].map(|column| matrix[(row, column)]));
     let start = Pose::from_matrix(pose.position_m.into(), &rotation)?;
-    plant.settle_at(&start, tensions_n, held)?;
+    plant.settle_held(&start, tensions_n, held)?;
     Ok(plant)
 }

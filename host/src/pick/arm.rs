@@ -286,7 +286,7 @@ impl<L: Link> Arm<L> {
         if self.model.robot().calibrated.is_some() {
             return;
         }
-        let Some(held) = self.model.tension_held() else {
+        let Some(held) = self.model.holding().first_by_tension() else {
             return;
         };
         let start = knots.first().and_then(|knot| knot.cables.get(held));

@@ -16,6 +16,19 @@ pub(crate) use plot::PathTrace;
 pub(crate) use plot::draw_path;
 
 use mcdpr_simulator::TracePoint;
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion};
+
+/// True attitudes (world_from_platform) of a simulated run along its motion: path time (s) and rotation.
+#[must_use]
+pub(crate) fn true_turns(trace: &[TracePoint]) -> Vec<(f64, Rotation3<f64>)> {
+    along(trace)
+        .map(|point| {
+            let [w, x, y, z] = point.truth.pose.rotation_wxyz;
+            let turned = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+            (f64::from(point.path_ms) * 1e-3, turned.into())
+        })
+        .collect()
+}
 
 /// The tool at one time of its path.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,6 +42,16 @@ pub struct PathPoint {
 /// True tool positions of a simulated run along its motion.
 #[must_use]
 pub fn true_path(trace: &[TracePoint]) -> Vec<PathPoint> {
+    along(trace)
+        .map(|point| PathPoint {
+            path_s: f64::from(point.path_ms) * 1e-3,
+            tool_m: point.truth.tool_position_m,
+        })
+        .collect()
+}
+
+/// The points of the last motion of a trace.
+fn along(trace: &[TracePoint]) -> impl Iterator<Item = &TracePoint> {
     // A path clock that runs back belongs to another motion.
     let begun = trace
         .windows(2)
@@ -37,9 +60,4 @@ pub fn true_path(trace: &[TracePoint]) -> Vec<PathPoint> {
         .iter()
         .skip(begun.map_or(0, |index| index + 1))
         .filter(|point| point.path_ms > 0)
-        .map(|point| PathPoint {
-            path_s: f64::from(point.path_ms) * 1e-3,
-            tool_m: point.truth.tool_position_m,
-        })
-        .collect()
 }

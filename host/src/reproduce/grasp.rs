@@ -143,9 +143,9 @@ pub(super) fn cycle(bench: &Bench) -> Result<Outcome, ReproduceError> {
     );
     let ran = &all.as_described;
     let cables = model.robot().cables.len();
-    let held: Vec<_> = model.tension_held().into_iter().collect();
+    let held = model.holding().by_tension();
     let mut charts = length_charts(ran, cables, "Figure 26").to_vec();
-    charts.push(tension_chart(ran, &held, "Tension of cable 4 in the cycle"));
+    charts.push(tension_chart(ran, held, "Tension of cable 4 in the cycle"));
     charts.push(path_chart(
         ran,
         "Figure 27: the path from the front",

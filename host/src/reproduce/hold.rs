@@ -106,7 +106,7 @@ fn hold(
         .request(Request::Samples { enabled: false })
         .map_err(RunError::from)?;
     run::disarm(&mut client)?;
-    let held = model.tension_held().unwrap_or(3);
+    let held = model.holding().first_by_tension().unwrap_or(3);
     let first = recorder.samples.first().map_or(0, |sample| sample.tick);
     let points = recorder.samples.iter().filter_map(|sample| {
         let time_s = f64::from(sample.tick.wrapping_sub(first)) * 1e-3;

@@ -381,8 +381,8 @@ pub(super) fn line(bench: &Bench) -> Result<Outcome, ReproduceError> {
     let cables = model.robot().cables.len();
     let mut charts = vec![path_chart(ran, "Figure 28: the path from above", [0, 1])];
     charts.extend(length_charts(ran, cables, "Figure 29"));
-    let held: Vec<_> = model.tension_held().into_iter().collect();
-    charts.push(tension_chart(ran, &held, "Figure 30: tension of cable 4"));
+    let held = model.holding().by_tension();
+    charts.push(tension_chart(ran, held, "Figure 30: tension of cable 4"));
     Ok(Outcome {
         id: "line",
         title: "The line (Table 8, Figures 28 to 30)",

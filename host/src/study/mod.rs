@@ -2,3 +2,4 @@
 
 pub mod iso9283;
 pub mod motion;
+pub(crate) mod robots;

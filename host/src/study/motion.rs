@@ -280,7 +280,7 @@ fn rest<L: crate::link::Link>(session: &mut Session<'_, L>, seconds: f64) -> Res
     Ok(session.client().pump(until_us)?)
 }
 
-fn true_lengths_m(link: &SimulatedLink, cables: usize) -> Result<Vec<f64>, RunError> {
+pub(super) fn true_lengths_m(link: &SimulatedLink, cables: usize) -> Result<Vec<f64>, RunError> {
     let truth = link.with(|simulation| simulation.plant().truth());
     let truth = truth.map_err(|error| RunError::Client(crate::link::plant_failed(error).into()))?;
     Ok(truth

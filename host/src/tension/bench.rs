@@ -251,7 +251,7 @@ impl<'l> Bench<'l> {
         let mut params = machine::plant_params(robot, &mismatch, seed);
         change.apply(&mut params);
         let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
-        let (pose, held) = (&home.equilibrium.pose, model.tension_held());
+        let (pose, held) = (&home.equilibrium.pose, model.holding().by_tension());
         let simulation = machine::hang(params, pose, home.tensions_n(), held, seed)
             .and_then(|plant| machine::with_board(plant, &LinkOptions::default(), seed, controller))
             .map_err(broken)?;
@@ -264,7 +264,7 @@ impl<'l> Bench<'l> {
         run::arm(&mut client, hash)?;
         let until = client.now_us() + seconds(REST_S);
         client.pump(until)?;
-        let watched = model.tension_held().unwrap_or(0);
+        let watched = model.holding().first_by_tension().unwrap_or(0);
         let setpoint_n = home.tensions_n().get(watched).copied().unwrap_or(0.0);
         Ok(Self {
             link,

@@ -61,7 +61,7 @@ pub fn hold<L: Link>(
     if fault.is_none() {
         run::disarm(&mut client)?;
     }
-    let watched = model.tension_held().unwrap_or(0);
+    let watched = model.holding().first_by_tension().unwrap_or(0);
     let first = recorder.samples.first().map_or(0, |sample| sample.tick);
     let mut trace = Trace {
         setpoint_n: model.robot().tension.setpoint_n,

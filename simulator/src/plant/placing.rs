@@ -70,12 +70,25 @@ impl Plant {
         tensions_n: &[f64],
         held: Option<usize>,
     ) -> Result<(), PlantError> {
-        if let Some(cable) = held {
+        self.settle_held(pose, tensions_n, held.as_slice())
+    }
+
+    /// [`Plant::settle_at`] with any number of drums that keep their tension.
+    ///
+    /// # Errors
+    /// As [`Plant::settle_at`].
+    pub fn settle_held(
+        &mut self,
+        pose: &Pose,
+        tensions_n: &[f64],
+        held: &[usize],
+    ) -> Result<(), PlantError> {
+        for &cable in held {
             self.known(cable)?;
         }
         self.place_at(pose, tensions_n)?;
         let mut holds = [Hold::Locked; MAX_CABLES];
-        if let Some(cable) = held {
+        for &cable in held {
             holds[cable] = Hold::Tension(tensions_n[cable]);
         }
         let motion = settle(
@@ -87,7 +100,7 @@ impl Plant {
             self.params.step_s,
             self.motion,
         )?;
-        if let Some(cable) = held {
+        for &cable in held {
             let length_m = self.path(&motion, cable)?.length_m;
             self.cables[cable].cut_to(length_m, tensions_n[cable]);
         }

@@ -119,7 +119,7 @@ fn in_process(model: &Model, seed: u64) -> SimulatedLink {
     let home = model.rest_at_home().unwrap();
     let params = machine::plant_params(model.robot(), &Mismatch::realistic(), seed);
     let (pose, tensions) = (&home.equilibrium.pose, home.tensions_n());
-    let plant = machine::hang(params, pose, tensions, model.tension_held(), seed).unwrap();
+    let plant = machine::hang(params, pose, tensions, model.holding().by_tension(), seed).unwrap();
     let options = LinkOptions::default();
     SimulatedLink::new(Simulation::new(plant, &options, seed).unwrap())
 }

@@ -1,7 +1,33 @@
 use super::*;
+use crate::motion::StaticState;
 use crate::recovery::looks::Rest;
 use crate::recovery::verdict::judge;
 use crate::robot::Robot;
+use nalgebra::{Matrix4, Vector4};
+
+/// The state with all four lengths held by brakes: tool and tension of the fourth cable by Newton's
+/// method with finite differences.
+fn rest_on_brakes(model: &Model, lengths_m: &[f64], start: &StaticState) -> StaticState {
+    let tool_m = model.tool_m(start);
+    let mut x = Vector4::new(tool_m.x, tool_m.y, tool_m.z, start.tensions_n()[3]);
+    let at = |x: &Vector4<f64>| model.rest_with(&x.xyz(), x.w, None).unwrap();
+    let error_m = |rest: &StaticState| Vector4::from_fn(|i, _| lengths_m[i] - rest.paid_out_m[i]);
+    for _ in 0..40 {
+        let rest = at(&x);
+        let off_m = error_m(&rest);
+        if off_m.norm() < 1e-9 {
+            return rest;
+        }
+        let mut slopes = Matrix4::zeros();
+        for (column, step) in [1e-5, 1e-5, 1e-5, 1e-2].into_iter().enumerate() {
+            let mut moved = x;
+            moved[column] += step;
+            slopes.set_column(column, &((off_m - error_m(&at(&moved))) / step));
+        }
+        x += slopes.lu().solve(&off_m).unwrap();
+    }
+    panic!("no equilibrium with lengths {lengths_m:?}");
+}
 
 /// A robot that hangs at home and counts its drums; the true lengths differ by `slip_m` of one cable.
 fn slipped_robot(slip_m: f64) -> (Model, Vec<f64>, Rest, Vector3<f64>) {
@@ -10,7 +36,7 @@ fn slipped_robot(slip_m: f64) -> (Model, Vec<f64>, Rest, Vector3<f64>) {
     let counted_m = home.paid_out_m.clone();
     let mut true_m = counted_m.clone();
     true_m[1] += slip_m;
-    let rest = model.rest_from_lengths(&true_m, home.tensions_n()).unwrap();
+    let rest = rest_on_brakes(&model, &true_m, &home);
     let tensions_n = rest.tensions_n().to_vec();
     let readings = Rest {
         least_n: tensions_n.clone(),
@@ -36,8 +62,8 @@ fn evidence(lengths_m: Vec<f64>, rest: Rest) -> Evidence<'static> {
 fn the_bound_covers_a_slip_that_is_not_detected() {
     // The largest slip that the tensions do not show yet.
     let mut found = None;
-    for step in 1..80 {
-        let slip_m = f64::from(step) * 1e-4;
+    for step in 1..100 {
+        let slip_m = f64::from(step) * 5e-5;
         let (model, counted_m, rest, truth_m) = slipped_robot(slip_m);
         let evidence = evidence(counted_m, rest);
         let estimates = estimates(&model, &evidence).unwrap().unwrap();
@@ -47,6 +73,10 @@ fn the_bound_covers_a_slip_that_is_not_detected() {
         found = Some((estimates, truth_m, slip_m));
     }
     let (estimates, truth_m, slip_m) = found.unwrap();
+    println!(
+        "{slip_m} m, {:?}",
+        (estimates.bound_95_m, estimates.bound_m())
+    );
     let error_m = (estimates.best().tool_m - truth_m).norm();
     assert!(slip_m > 1e-3, "{slip_m}");
     // Statistics alone do not cover it: they know no slip.
@@ -64,7 +94,7 @@ fn the_bound_covers_a_slip_that_is_not_detected() {
 
 #[test]
 fn a_large_slip_is_refused_and_its_drum_named() {
-    let (model, counted_m, rest, _) = slipped_robot(0.012);
+    let (model, counted_m, rest, _) = slipped_robot(0.004);
     let verdict = judge(&model, &evidence(counted_m, rest)).unwrap();
     assert!(!verdict.accepted, "{}", verdict.sentence);
     assert!(verdict.sentence.contains("drum 2"), "{}", verdict.sentence);
@@ -107,8 +137,8 @@ fn a_platform_that_sinks_is_refused_until_it_rests() {
 fn a_swing_widens_the_bound() {
     let (model, counted_m, mut rest, _) = slipped_robot(0.0);
     let still = judge(&model, &evidence(counted_m.clone(), rest.clone())).unwrap();
-    rest.tension_errors_n = vec![0.8; 4];
+    rest.tension_errors_n = vec![2.0; 4];
     let swinging = judge(&model, &evidence(counted_m, rest)).unwrap();
     let bounds = still.bound_mm.zip(swinging.bound_mm).unwrap();
-    assert!(bounds.1 > 1.1 * bounds.0, "{bounds:?}");
+    assert!(bounds.1 > 1.2 * bounds.0, "{bounds:?}");
 }

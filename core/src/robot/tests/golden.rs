@@ -83,7 +83,7 @@ fn golden_messages_name_file_line_key_and_remedy() {
         ),
         (
             add("control = \"speed\"\n"),
-            "my/robot.toml:9: cable 2: `control` must be \"position\" or \"tension\", not \"speed\"",
+            "my/robot.toml:9: cable 2: `control` must be \"position\" or \"tension\" or \"auto\", not \"speed\"",
             "the cable's length or its tension",
         ),
         (

@@ -88,7 +88,7 @@ impl<'a> Reach<'a> {
     #[must_use]
     pub fn new(model: &'a Model) -> Option<Self> {
         let robot = model.robot();
-        let held = model.tension_held()?;
+        let held = model.holding().first_by_tension()?;
         let winch = robot.winch_of(held)?;
         let limits = &robot.limits;
         let most = limits.tension_max_n.min(winch.tension_max_n);

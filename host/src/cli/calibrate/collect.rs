@@ -129,6 +129,7 @@ impl How {
         }
         let before = self.before(path)?;
         let model = Model::new(&robot)?;
+        model.hanging("collecting")?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let mismatch = Mismatch::as_built();
         let simulated = common.on == "sim";

@@ -137,6 +137,7 @@ impl Cmd {
             // The sensor of the simulated machine is off by up to 1 %, so that there is an error to
             // find.
             let model = Model::new(robot)?;
+            model.hanging("calibrating the tension sensors")?;
             let link = SimulatedRobot::new(about.mismatch, common.seed)
                 .controller(&common.controller)
                 .at_home(&model)?;

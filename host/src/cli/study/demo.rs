@@ -44,6 +44,7 @@ impl Cmd {
         }
         let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
+        model.hanging("the study of the paper's circle")?;
         let height_m = crate::cli::run::tool_height_m(&robot, crate::cli::demo::HEIGHT_MM);
         let task = crate::motion::find_task("paper:table7", height_m)?;
         let mut runs = Vec::new();

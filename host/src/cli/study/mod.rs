@@ -5,6 +5,7 @@ mod iso9283;
 mod motion;
 mod power;
 mod real;
+mod robots;
 mod tension;
 mod winch;
 
@@ -24,6 +25,7 @@ enum Which {
     Motion(motion::Cmd),
     Power(power::Cmd),
     Real(real::Cmd),
+    Robots(robots::Cmd),
     Tension(tension::Cmd),
     Winch(winch::Cmd),
 }
@@ -37,6 +39,7 @@ impl Cmd {
             Which::Motion(cmd) => cmd.run(common),
             Which::Power(cmd) => cmd.run(common),
             Which::Real(cmd) => cmd.run(common),
+            Which::Robots(cmd) => cmd.run(common),
             Which::Tension(cmd) => cmd.run(common),
             Which::Winch(cmd) => cmd.run(common),
         }

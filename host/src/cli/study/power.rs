@@ -39,6 +39,7 @@ impl Cmd {
         }
         let robot = crate::robot::find(&common.robot)?;
         let model = Model::new(&robot)?;
+        model.hanging("going on after a loss of power")?;
         let bound_m = self.bound_mm * 1e-3;
         let cases = study(&model, common.seed, self.runs, bound_m)?;
         if let Some(path) = &self.cases {

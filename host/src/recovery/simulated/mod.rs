@@ -96,7 +96,11 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
     let home = model.rest_at_home()?;
     let mut params = machine::plant_params(robot, &case.mismatch, case.seed);
     brakes(&mut params, case.seed);
-    let (pose, held, seed) = (&home.equilibrium.pose, model.tension_held(), case.seed);
+    let (pose, held, seed) = (
+        &home.equilibrium.pose,
+        model.holding().by_tension(),
+        case.seed,
+    );
     let simulation = machine::hang(params, pose, home.tensions_n(), held, seed).and_then(|plant| {
         machine::with_board(plant, &LinkOptions::default(), seed, &case.controller)
     });

@@ -1,0 +1,229 @@
+//! The robot where lengths hold its whole pose: the planner chooses the attitude, and the tensions are
+//! distributed.
+
+use super::model::{Model, StaticState};
+use super::plan::PlanError;
+use crate::holding::Freedom;
+use crate::robot::Control;
+use mcdpr_kinematics::{Band, CableSet, CableVec, Equilibrium, Error, Pose, Solver};
+use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
+
+/// A wished tension keeps this share of the range from both limits.
+const WISH_SHARE: f64 = 0.02;
+/// Most steps from home to the pose that fits measured lengths.
+const MOST_STEPS: usize = 60;
+/// One step moves the platform by at most this, m (and rad).
+const LONGEST_STEP: f64 = 0.1;
+/// Measured lengths fit a pose if they are off by no more than this, root mean square, m.
+const FITS_M: f64 = 5e-3;
+/// The plane of the cables and a tool further from it than this do not belong together, m.
+const IN_PLANE_M: f64 = 1e-6;
+
+impl Model {
+    /// Whether the robot can be asked for an attitude (world_from_platform).
+    ///
+    /// # Errors
+    /// Why not, in words.
+    pub(super) fn takes_attitude(&self, attitude: &Rotation3<f64>) -> Result<(), &'static str> {
+        match self.holding().freedom() {
+            Freedom::Pose => Ok(()),
+            Freedom::Plane { normal } if (attitude * normal - normal).norm() < 1e-9 => Ok(()),
+            Freedom::Plane { .. } => Err("this robot turns in the plane of its cables only"),
+            Freedom::Hanging => Err("gravity decides the attitude of this robot"),
+            Freedom::Point | Freedom::PlanePoint { .. } => {
+                Err("this robot has none: its cables meet in one point")
+            }
+        }
+    }
+
+    /// The robot at rest with its tool at `tool_m` (world, m) and an attitude (world_from_platform). The
+    /// tensions are those of [`mcdpr_kinematics::AnyRobot::centred_tensions`] about the set-point.
+    ///
+    /// # Errors
+    /// [`PlanError::NoEquilibrium`] where no tensions within the limits hold it there,
+    /// [`PlanError::OffPlane`].
+    pub(super) fn rest_turned(
+        &self,
+        tool_m: &Vector3<f64>,
+        attitude: &Rotation3<f64>,
+    ) -> Result<StaticState, PlanError> {
+        let pose = self.pose_of(tool_m, attitude);
+        let (x_mm, y_mm, z_mm) = (tool_m.x * 1e3, tool_m.y * 1e3, tool_m.z * 1e3);
+        if let Freedom::Plane { normal } | Freedom::PlanePoint { normal } = self.holding().freedom()
+        {
+            let cables = self.geometry().cables();
+            let anchor_m = cables.first().map_or(Vector3::zeros(), |c| c.anchor_m);
+            let off_m = normal.dot(&(pose.position_m - anchor_m)).abs();
+            if off_m > IN_PLANE_M {
+                return Err(PlanError::OffPlane {
+                    x_mm,
+                    y_mm,
+                    z_mm,
+                    off_mm: off_m * 1e3,
+                });
+            }
+        }
+        let nowhere = |source| PlanError::NoEquilibrium {
+            x_mm,
+            y_mm,
+            z_mm,
+            source,
+        };
+        let tensions_n = self.distributed(&pose).map_err(nowhere)?;
+        self.posed(&pose, tensions_n).map_err(nowhere)
+    }
+
+    /// Tensions that hold a pose.
+    fn distributed(&self, pose: &Pose) -> Result<CableVec<f64>, Error> {
+        let robot = self.robot();
+        let count = robot.cables.len();
+        let (mut min, mut max, mut wish) = (vec![0.0; count], vec![0.0; count], vec![0.0; count]);
+        let slots = min.iter_mut().zip(&mut max).zip(&mut wish);
+        for (index, (((low, high), wish), cable)) in slots.zip(&robot.cables).enumerate() {
+            *low = robot.limits.tension_min_n;
+            *high = robot.limits.tension_max_n;
+            if let Some(winch) = robot.winch_of(index) {
+                *high = high.min(winch.tension_max_n);
+            }
+            if cable.control == Control::Tension {
+                *low = low.max(robot.tension.floor_n);
+                *high = high.min(robot.tension.ceiling_n);
+            }
+            let edge_n = WISH_SHARE * (*high - *low);
+            *wish = robot
+                .tension
+                .setpoint_n
+                .max(*low + edge_n)
+                .min(*high - edge_n);
+        }
+        let band = Band {
+            min_n: &min,
+            max_n: &max,
+            wish_n: &wish,
+        };
+        let twists = self.holding().freedom().twists();
+        self.geometry().centred_tensions(pose, &twists, &band)
+    }
+
+    /// The state of a pose under tensions.
+    fn posed(&self, pose: &Pose, tensions_n: CableVec<f64>) -> Result<StaticState, Error> {
+        let (robot, holding) = (self.robot(), self.holding());
+        let lengths_m = self.geometry().lengths_m(pose)?;
+        let mut tension_held = CableSet::default();
+        for &cable in holding.by_tension() {
+            tension_held.insert(cable);
+        }
+        let axial = |index: usize| {
+            let cable = robot.cables.get(index)?;
+            let length_m = lengths_m.get(index)? + cable.routing_length_m;
+            (cable.control == Control::Position).then_some(cable.ea_n / length_m)
+        };
+        let mut equilibrium = Equilibrium {
+            pose: *pose,
+            tensions_n,
+            lengths_m,
+            slack: CableSet::default(),
+            tension_held,
+            axial_stiffness_n_per_m: CableVec::from_fn(robot.cables.len(), |index| {
+                axial(index).unwrap_or(0.0)
+            }),
+            residual_n: 0.0,
+            residual_m: 0.0,
+            iterations: 0,
+            stable: false,
+        };
+        equilibrium.stable = self.keeps(&equilibrium)?;
+        Ok(self.with_lengths(equilibrium))
+    }
+
+    /// Whether the platform stays: the lengths hold it, and the tensions bring it back to their plane.
+    fn keeps(&self, equilibrium: &Equilibrium) -> Result<bool, Error> {
+        if !self.holding().holds_at(self.geometry(), &equilibrium.pose) {
+            return Ok(false);
+        }
+        let (Freedom::Plane { normal } | Freedom::PlanePoint { normal }) = self.holding().freedom()
+        else {
+            return Ok(true);
+        };
+        let stiffness = self.geometry().stability(equilibrium)?.stiffness;
+        let across = stiffness.fixed_view::<3, 3>(0, 0) * normal;
+        Ok(normal.dot(&across) > 0.0)
+    }
+
+    /// The robot at rest with these lengths paid out under these tensions: the pose that fits all of them
+    /// best, from home on.
+    ///
+    /// # Errors
+    /// [`PlanError::Lengths`] where none fits.
+    pub(super) fn rest_fitting(
+        &self,
+        paid_out_m: &[f64],
+        tensions_n: &[f64],
+    ) -> Result<StaticState, PlanError> {
+        let robot = self.robot();
+        let taut_m: Vec<f64> = robot
+            .cables
+            .iter()
+            .zip(paid_out_m.iter().zip(tensions_n))
+            .map(|(cable, (paid_out, tension))| {
+                let total = paid_out + cable.routing_length_m;
+                total * (1.0 + tension.max(0.0) / cable.ea_n) - cable.routing_length_m
+            })
+            .collect();
+        let lost = |source| PlanError::Lengths { source };
+        let mut pose = self.pose_of(&robot.tool.home_in_world_m, &Rotation3::identity());
+        let twists = self.holding().freedom().twists();
+        let count = taut_m.len();
+        let (mut off_m, mut iterations) = (f64::INFINITY, 0);
+        while iterations < MOST_STEPS {
+            iterations += 1;
+            let lengths_m = self.geometry().lengths_m(&pose).map_err(lost)?;
+            let rows = self.geometry().twist_jacobian(&pose).map_err(lost)?;
+            let wrong = DVector::from_iterator(
+                count,
+                taut_m
+                    .iter()
+                    .zip(&lengths_m)
+                    .map(|(taut, here)| taut - here),
+            );
+            off_m = wrong.norm() / (count.max(1) as f64).sqrt();
+            let slopes = DMatrix::from_fn(count, twists.len(), |cable, freedom| {
+                let row = rows.get(cable).zip(twists.get(freedom));
+                row.map_or(0.0, |(row, twist)| {
+                    row.iter().zip(twist.iter()).map(|(a, b)| a * b).sum()
+                })
+            });
+            let normal = slopes.transpose() * &slopes;
+            let Some(step) = normal
+                .cholesky()
+                .map(|c| c.solve(&(slopes.transpose() * wrong)))
+            else {
+                break;
+            };
+            let share = (LONGEST_STEP / step.norm().max(1e-12)).min(1.0);
+            let mut by = nalgebra::Vector6::zeros();
+            for (weight, twist) in step.iter().zip(&twists) {
+                by += twist * (*weight * share);
+            }
+            let shift = by.fixed_rows::<3>(0).into_owned();
+            let turn = by.fixed_rows::<3>(3).into_owned();
+            pose = pose.displaced(&shift, &turn);
+            if step.norm() < 1e-10 {
+                break;
+            }
+        }
+        // Lengths that are not numbers fit nothing.
+        if off_m.is_nan() || off_m > FITS_M {
+            return Err(lost(Error::NotConverged {
+                solver: Solver::Pose,
+                iterations,
+                residual: off_m,
+            }));
+        }
+        // Where the tensions of a plan are impossible the measured ones stand.
+        let tensions = self.distributed(&pose).unwrap_or_else(|_| {
+            CableVec::from_fn(count, |i| tensions_n.get(i).copied().unwrap_or(0.0))
+        });
+        self.posed(&pose, tensions).map_err(lost)
+    }
+}
