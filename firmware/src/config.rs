@@ -258,7 +258,7 @@ impl CableConfig {
 
     /// Whether the tension law of this cable sends a speed to the drive.
     #[must_use]
-    pub fn commands_speed(&self) -> bool {
+    pub(crate) fn commands_speed(&self) -> bool {
         self.control == Control::Tension && self.output == TensionOutput::Speed
     }
 

@@ -89,24 +89,23 @@ pub(crate) fn remaining(
             path,
             duration_s,
             speed_mps,
-        }) => {
-            if path.length_m() - way_m > LEAST_M {
-                rest.push(Step::Move {
-                    path: path.tail(way_m)?,
-                    duration_s: None,
-                    speed_mps: if duration_s.is_some() {
-                        Some(top_mps.max(1e-4))
-                    } else {
-                        *speed_mps
-                    },
-                });
-            }
+        }) if path.length_m() - way_m > LEAST_M => {
+            rest.push(Step::Move {
+                path: path.tail(way_m)?,
+                duration_s: None,
+                speed_mps: if duration_s.is_some() {
+                    Some(top_mps.max(1e-4))
+                } else {
+                    *speed_mps
+                },
+            });
         }
         Some(Step::Dwell { duration_s }) => rest.push(Step::Dwell {
             duration_s: (duration_s - (from_s - began_s)).max(0.0),
         }),
         Some(gripper @ Step::Gripper { .. }) => rest.push(gripper.clone()),
-        None => {}
+        // A move of which nothing remains.
+        Some(Step::Move { .. }) | None => {}
     }
     rest.extend(steps.iter().skip(step + 1).cloned());
     Ok(Remaining {
@@ -119,7 +118,7 @@ pub(crate) fn remaining(
 impl Plan {
     /// The same plan as the rest of an interrupted motion.
     #[must_use]
-    pub(crate) fn as_rest_of(mut self, resumed: Resumed) -> Self {
+    pub(crate) fn resuming(mut self, resumed: Resumed) -> Self {
         self.resumed = Some(resumed);
         self
     }

@@ -162,7 +162,7 @@ pub(super) fn plan_rest(
     let mut interruptions = kept.interruptions.clone();
     interruptions.push(interruption);
     let plan = Plan::new(model, tool_m, &rest.steps)?;
-    Ok(plan.as_rest_of(Resumed {
+    Ok(plan.resuming(Resumed {
         start_m: kept.start_m,
         interruptions,
     }))

@@ -52,13 +52,13 @@ impl Figure {
         let title = escape(&self.title);
         let mut out = String::new();
         // Writing to a string cannot fail.
-        let _ = write!(
+        let _ = writeln!(
             out,
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{top:.0}\" \
              viewBox=\"0 0 {width:.0} {top:.0}\"><rect width=\"100%\" height=\"100%\" \
              fill=\"#ffffff\"/><text x=\"6\" y=\"21\" font-size=\"15\" font-weight=\"600\" \
              font-family=\"system-ui,'DejaVu Sans',sans-serif\" fill=\"#17202a\">{title}</text>\
-             {body}</svg>\n"
+             {body}</svg>"
         );
         out
     }

@@ -67,11 +67,11 @@ impl Cmd {
             let height_m = tool_height_m(&robot, self.z_mm);
             crate::motion::find_task_for(&model, &self.task, height_m)?
         };
-        say_choice(&model);
         self.check_resume(common)?;
         if common.dry_run {
             return super::plan::show(common, &model, task, &Watch::default());
         }
+        say_choice(&model);
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = Bar::new("running");
         // A run with viewers keeps real time.

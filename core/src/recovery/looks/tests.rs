@@ -7,7 +7,11 @@ fn looks(change: impl Fn(f64) -> f64) -> Looks {
     let row = |number: u32| {
         let time_s = f64::from(number) * 0.05;
         // Noise of 0.05 N: alternating, so that no random number is needed.
-        let noise_n = if number % 2 == 0 { 0.05 } else { -0.05 };
+        let noise_n = if number.is_multiple_of(2) {
+            0.05
+        } else {
+            -0.05
+        };
         vec![
             10.0 + noise_n,
             10.0 + noise_n + change(time_s),
