@@ -76,7 +76,7 @@ fn without_arguments_it_shows_the_circle_and_writes_its_folder() {
     assert!(lines.all(|line| line.split(',').count() == columns));
     let svg = std::fs::read_to_string(run.join("path.svg")).unwrap();
     assert!(
-        svg.starts_with("<svg") && svg.matches("<polyline").count() >= 5,
+        svg.starts_with("<svg") && svg.matches("<path").count() >= 8,
         "{svg:.200}"
     );
 }

@@ -15,7 +15,7 @@ const BALANCED_N: f64 = 1e-8;
 const AT_REST_MPS: f64 = 1e-9;
 /// What is left of the forces (N) and of the speed (m/s) where the search gives up, yet the platform hangs.
 const NEARLY_N: f64 = 1e-3;
-const NEARLY_MPS: f64 = 1e-4;
+const NEARLY_MPS: f64 = 1e-3;
 /// The search gives up after this much simulated time (s).
 const GIVE_UP_S: f64 = 120.0;
 
