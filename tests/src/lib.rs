@@ -20,7 +20,11 @@ pub fn mcdpr() -> Command {
          `cargo build --release -p mcdpr`",
         path.display()
     );
-    Command::new(path)
+    let mut command = Command::new(path);
+    // Journals and lengths of simulated boards must not reach the user's, nor another test's.
+    let state = std::env::temp_dir().join(format!("mcdpr-state-{}", std::process::id()));
+    command.env("XDG_STATE_HOME", state);
+    command
 }
 
 fn program() -> PathBuf {
