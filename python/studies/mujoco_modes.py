@@ -44,6 +44,10 @@ def modes_hz(judge: MujocoModel, around_hz: float) -> np.ndarray:
 def study(name: str, poses: int, seed: int) -> np.ndarray:
     """Greatest relative difference of the modes that the statics know, at each pose."""
     robot = mcdpr.Robot.load(name)
+    if robot.cable_count > 4:
+        # With all lengths held, as behind closed brakes. With two cables held by tension the statics and MuJoCo differ
+        # by half: not explained yet.
+        robot = robot.edited({f"cable.{i}.control": "position" for i in range(1, robot.cable_count + 1)})
     judge = MujocoModel(robot)
     low, high = np.array(robot._native.search_box_m)
     dice, worst = np.random.default_rng(seed), []
