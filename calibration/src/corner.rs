@@ -68,7 +68,7 @@ impl<'a> Corner<'a> {
         axis: usize,
         weight: f64,
         own: &mut [f64],
-        shared: &mut Vec<(usize, f64)>,
+        shared: &mut Vec<Entry>,
         at: &Places,
     ) -> Vector3<f64> {
         let by_point = self.seen.by_point.row(axis).transpose() * weight;
@@ -90,9 +90,24 @@ pub(crate) fn put(own: &mut [f64], at: usize, v: &Vector3<f64>) {
     own[at..at + 3].copy_from_slice(v.as_slice());
 }
 
+/// An entry of a sparse row: the derivative with respect to one unknown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Entry {
+    /// Index of the unknown.
+    pub at: usize,
+    /// The derivative.
+    pub slope: f64,
+}
+
+impl Entry {
+    pub(crate) const fn new(at: usize, slope: f64) -> Self {
+        Self { at, slope }
+    }
+}
+
 /// Adds a vector to a sparse row.
-pub(crate) fn spread(shared: &mut Vec<(usize, f64)>, at: usize, v: &Vector3<f64>) {
+pub(crate) fn spread(shared: &mut Vec<Entry>, at: usize, v: &Vector3<f64>) {
     for k in 0..3 {
-        shared.push((at + k, v[k]));
+        shared.push(Entry::new(at + k, v[k]));
     }
 }

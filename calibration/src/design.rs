@@ -234,7 +234,8 @@ impl Design {
         data: &Data,
         all: &mut Vec<Candidate>,
         options: &Options,
-        (keep, search): (usize, Search),
+        keep: usize,
+        search: Search,
         mut near: impl FnMut(&Candidate, f64) -> Option<Candidate>,
     ) {
         // Start at half of a distance that makes a difference.

@@ -1,6 +1,7 @@
 //! Normal equations in arrow form: unknowns of each pose, and unknowns shared by all. The former are
 //! eliminated pose by pose (Schur complement; Triggs et al., 2000), which leaves a small dense system.
 
+use super::corner::Entry;
 use super::rows::{Model, Row, Source, singles};
 use super::unknowns::{Priors, State};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -77,7 +78,7 @@ impl Normal {
                     list.push(row.residual);
                     let weight = weight.copied().unwrap_or(1.0);
                     if let Source::Corner(_, _, axis) = row.source {
-                        if corners.body != row.shared.get(6).map(|(at, _)| *at) {
+                        if corners.body != row.shared.get(6).map(|entry| entry.at) {
                             corners.flush_pose(k, &mut out);
                             corners.flush_shared(&mut out);
                         }
@@ -127,14 +128,29 @@ impl Normal {
                 *slot += value * other;
             }
             let line = &mut cross[a * shared..(a + 1) * shared];
-            for &(j, other) in row.shared {
+            for &Entry {
+                at: j,
+                slope: other,
+            } in row.shared
+            {
                 line[j] += value * other;
             }
         }
-        for (p, &(i, value)) in row.shared.iter().enumerate() {
+        for (
+            p,
+            &Entry {
+                at: i,
+                slope: value,
+            },
+        ) in row.shared.iter().enumerate()
+        {
             let value = value * weight;
             self.shared_g[i] += value * row.residual;
-            for &(j, other) in &row.shared[..=p] {
+            for &Entry {
+                at: j,
+                slope: other,
+            } in &row.shared[..=p]
+            {
                 self.shared_h[i.max(j) * shared + i.min(j)] += value * other;
             }
         }
@@ -245,27 +261,27 @@ impl CornerSums {
     /// Adds a row in the order in which `Model::rows` gives the unknowns of a corner.
     fn add(&mut self, row: &Row<'_>, weight: f64, axis: usize) {
         if self.body.is_none() {
-            self.body = row.shared.get(6).map(|(at, _)| *at);
-            for (slot, (at, _)) in self.places.iter_mut().zip(&row.shared[..13]) {
-                *slot = *at;
+            self.body = row.shared.get(6).map(|entry| entry.at);
+            for (slot, entry) in self.places.iter_mut().zip(&row.shared[..13]) {
+                *slot = entry.at;
             }
-            let center = row.shared[13].0 - axis;
+            let center = row.shared[13].at - axis;
             self.places[13] = center;
             self.places[14] = center + 1;
-            self.places[15] = row.shared[14].0;
-            self.places[16] = row.shared[15].0;
+            self.places[15] = row.shared[14].at;
+            self.places[16] = row.shared[15].at;
         }
         if weight == 0.0 {
             return;
         }
         let mut x = [0.0; CORNER];
         x[..OWN].copy_from_slice(&row.own[..OWN]);
-        for (slot, (_, value)) in x[OWN..].iter_mut().zip(&row.shared[..13]) {
-            *slot = *value;
+        for (slot, entry) in x[OWN..].iter_mut().zip(&row.shared[..13]) {
+            *slot = entry.slope;
         }
-        x[19 + axis] = row.shared[13].1;
-        x[21] = row.shared[14].1;
-        x[22] = row.shared[15].1;
+        x[19 + axis] = row.shared[13].slope;
+        x[21] = row.shared[14].slope;
+        x[22] = row.shared[15].slope;
         x[23] = row.residual;
         for (i, line) in self.sums.iter_mut().enumerate() {
             let value = x[i] * weight;
@@ -450,9 +466,9 @@ impl Reduced {
         }
         // With b = J - C a over the shared unknowns: b' V b, term by term, since J is sparse.
         let mut sum = 0.0;
-        for &(i, x) in row.shared {
+        for &Entry { at: i, slope: x } in row.shared {
             let mut inner = 0.0;
-            for &(j, y) in row.shared {
+            for &Entry { at: j, slope: y } in row.shared {
                 inner += covariance[(j, i)] * y;
             }
             let mut across = 0.0;

@@ -127,10 +127,14 @@ pub fn choose(
     design.exchange(0);
     if let Some(robot) = nominal(data) {
         let mut random = Random::new(0x6E65_6172);
-        let within = (0, Search::THOROUGH);
-        design.refine(data, &mut all, options, within, |candidate, size| {
-            near(data, (&robot, space), &mut random, candidate, size)
-        });
+        design.refine(
+            data,
+            &mut all,
+            options,
+            0,
+            Search::THOROUGH,
+            |candidate, size| near(data, (&robot, space), &mut random, candidate, size),
+        );
     }
     // In the order of their worth.
     let chosen = design.taken().to_vec();

@@ -6,7 +6,7 @@
 use super::answer::Answer;
 use super::data::Data;
 use mcdpr_core::motion::{Model, PlanError};
-use mcdpr_core::robot::{Calibrated, Robot, Tag};
+use mcdpr_core::robot::{Calibrated, Robot, Tag, TagPlace};
 use mcdpr_kinematics::Pose;
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 use serde_json::{Value, json};
@@ -172,17 +172,20 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
         .collect();
     let places = list(&answer["H_world_tag_bodies"], "H_world_tag_bodies")?;
     let numbers = list(&value["bodies"], "bodies")?;
-    let mut world_from_body = Vec::new();
+    let mut found = Vec::new();
     for (number, place) in numbers.iter().zip(places) {
         let number = number.as_u64().and_then(|n| u32::try_from(n).ok());
         let number = number.ok_or("bodies must be whole numbers")?;
-        world_from_body.push((number, transform(place, "H_world_tag_bodies")?));
+        found.push(TagPlace {
+            body: number,
+            world_from_body: transform(place, "H_world_tag_bodies")?,
+        });
     }
     let home_m: Vec<f64> = initial.iter().map(|mm| mm * 1e-3).collect();
     robot.tool.home_in_world_m = home_of(&robot, &home_m).map_err(|error| error.to_string())?;
     robot.calibrated = Some(Box::new(Calibrated {
         designed: machine,
-        world_from_body,
+        places: found,
         simulated_seed: value["simulated_seed"].as_u64(),
         date: value["date"].as_str().unwrap_or("").to_owned(),
         predicted_error_m: answer["predicted_tcp_error_mm"]

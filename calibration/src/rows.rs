@@ -5,7 +5,7 @@
 //! a change dA of the attachment's place and dB of the anchor turn t by H (dA - dB), a change of the
 //! pulley's radius by (1 - cos theta)/s n.
 
-use super::corner::{Corner, Places, put, spread};
+use super::corner::{Corner, Entry, Places, put, spread};
 use super::data::Data;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
@@ -33,8 +33,8 @@ pub struct Row<'a> {
     pub residual: f64,
     /// Derivatives with respect to the pose's own unknowns, dense.
     pub own: &'a [f64],
-    /// Derivatives with respect to shared unknowns: index and value.
-    pub shared: &'a [(usize, f64)],
+    /// Derivatives with respect to shared unknowns.
+    pub shared: &'a [Entry],
 }
 
 /// Standard deviations of the rows.
@@ -126,7 +126,7 @@ impl Model<'_> {
         let seen = &self.data.poses[k];
         let statics = self.layout.statics && seen.tension_n.is_some();
         let mut own = vec![0.0; self.layout.local()];
-        let mut shared: Vec<(usize, f64)> = Vec::with_capacity(64);
+        let mut shared: Vec<Entry> = Vec::with_capacity(64);
         let mut paths = [const { None }; mcdpr_kinematics::MAX_CABLES];
         for (slot, cable) in paths.iter_mut().zip(cables) {
             *slot = Some(path(cable, pose, statics)?);
@@ -159,12 +159,18 @@ impl Model<'_> {
                 self.layout.attachment(i),
                 &(path.by_attachment * (taut * weight)),
             );
-            shared.push((self.layout.radius(i), path.by_radius * taut * weight));
-            shared.push((self.layout.initial_length(i), -weight));
-            shared.push((s, -reading * weight));
+            shared.push(Entry::new(
+                self.layout.radius(i),
+                path.by_radius * taut * weight,
+            ));
+            shared.push(Entry::new(self.layout.initial_length(i), -weight));
+            shared.push(Entry::new(s, -reading * weight));
             if self.layout.statics {
                 let stretching = path.length_m + state.routing_m[i];
-                shared.push((self.layout.statics(), -stretching * tension * weight));
+                shared.push(Entry::new(
+                    self.layout.statics(),
+                    -stretching * tension * weight,
+                ));
             }
             // The length off the drum, less the routing's nominal length: (L + r)(1 - c T) - r.
             let stretch = state.compliance_per_n * tension * state.routing_m[i];
@@ -185,7 +191,7 @@ impl Model<'_> {
                 own.fill(0.0);
                 own[6 + i] = weight;
                 shared.clear();
-                shared.push((self.layout.loss(i), reading * weight));
+                shared.push(Entry::new(self.layout.loss(i), reading * weight));
                 let expected = reading * (1.0 - state.loss[i]);
                 take(&Row {
                     source: Source::Tension(i),
@@ -280,7 +286,7 @@ impl Model<'_> {
             row_shared.extend(
                 shared
                     .iter()
-                    .map(|(index, by)| (*index, by[block][i] * weight[block])),
+                    .map(|(index, by)| Entry::new(*index, by[block][i] * weight[block])),
             );
             take(&Row {
                 source: Source::Balance(axis),
@@ -296,7 +302,7 @@ impl Model<'_> {
         state: &State,
         k: usize,
         own: &mut [f64],
-        shared: &mut Vec<(usize, f64)>,
+        shared: &mut Vec<Entry>,
         take: &mut impl FnMut(&Row<'_>),
     ) -> Result<(), Error> {
         let (layout, pose) = (&self.layout, &state.poses[k]);
@@ -326,10 +332,10 @@ impl Model<'_> {
                 for (axis, measured) in pixel.iter().enumerate() {
                     let by_world = corner.derivatives(axis, weight, own, shared, &at);
                     let nominal = self.data.camera.focal_px[axis] / state.camera.focal_px[axis];
-                    shared.push((s + 1, seen.by_focal[axis] * nominal * weight));
-                    shared.push((s + 2 + axis, weight));
-                    shared.push((s + 4, seen.by_k1[axis] * weight));
-                    shared.push((s + 5, by_world.dot(&corner.arm)));
+                    shared.push(Entry::new(s + 1, seen.by_focal[axis] * nominal * weight));
+                    shared.push(Entry::new(s + 2 + axis, weight));
+                    shared.push(Entry::new(s + 4, seen.by_k1[axis] * weight));
+                    shared.push(Entry::new(s + 5, by_world.dot(&corner.arm)));
                     take(&Row {
                         source: Source::Corner(v, c, axis),
                         residual: (seen.pixel[axis] - measured) * weight,
@@ -418,7 +424,11 @@ mod tests {
                 .rows(&state, &singles(&state).unwrap(), k, |row| {
                     let mut dense = vec![0.0; own + shared];
                     dense[..own].copy_from_slice(row.own);
-                    for &(j, value) in row.shared {
+                    for &Entry {
+                        at: j,
+                        slope: value,
+                    } in row.shared
+                    {
                         dense[own + j] += value;
                     }
                     rows.push((row.source, dense));

@@ -380,9 +380,17 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         let Some((pose, tensions_n)) = next.next(&mut random) else {
             continue;
         };
-        let poses = (&world_from_body[..], &camera_from_platform, &pose);
+        let from_world = camera_from_platform.compose(&pose.inverse());
+        let bodies = &world_from_body;
         let size = 1.0 + silent.tag;
-        let views = views_within(&machine.camera, &data.tags, poses, size, margin_px);
+        let views = views_within(
+            &machine.camera,
+            &data.tags,
+            bodies,
+            &from_world,
+            size,
+            margin_px,
+        );
         if !views.is_empty() {
             taken.push((pose, tensions_n, views));
         }

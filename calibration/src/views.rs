@@ -21,8 +21,9 @@ pub fn views_at(
     world_from_platform: &Pose,
     tag_scale: f64,
 ) -> Vec<View> {
-    let poses = (world_from_body, camera_from_platform, world_from_platform);
-    views_within(camera, tags, poses, tag_scale, MARGIN_PX)
+    let camera_from_world = camera_from_platform.compose(&world_from_platform.inverse());
+    let (from_world, bodies) = (&camera_from_world, world_from_body);
+    views_within(camera, tags, bodies, from_world, tag_scale, MARGIN_PX)
 }
 
 /// The tags that keep `margin_px` from the picture's edge; negative: that may lie outside of it.
@@ -30,11 +31,11 @@ pub fn views_at(
 pub fn views_within(
     camera: &Camera,
     tags: &[Tag],
-    (world_from_body, camera_from_platform, world_from_platform): (&[Pose], &Pose, &Pose),
+    world_from_body: &[Pose],
+    camera_from_world: &Pose,
     tag_scale: f64,
     margin_px: f64,
 ) -> Vec<View> {
-    let camera_from_world = camera_from_platform.compose(&world_from_platform.inverse());
     let see = |(index, tag): (usize, &Tag)| {
         let camera_from_body = camera_from_world.compose(&world_from_body[tag.body]);
         let mut corners_px = [[0.0; 2]; 4];

@@ -7,6 +7,7 @@
 #[path = "../tests/support/mod.rs"]
 mod support;
 
+use mcdpr_emulator::ProfileRow;
 use mcdpr_protocol::Request;
 use support::Bench;
 
@@ -29,7 +30,12 @@ fn main() {
         "{} ticks, median {}, most {}",
         stats.count, stats.median, stats.max
     );
-    for (address, all, longest) in bench.chip.tick_profile() {
+    for ProfileRow {
+        address,
+        all,
+        longest,
+    } in bench.chip.tick_profile()
+    {
         println!("{address:#010x} {all} {longest}");
     }
 }

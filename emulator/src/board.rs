@@ -4,7 +4,7 @@
 //! Time advances in slices of 50 us: the plant first, then the chip with the new sensor values. So
 //! a reading is at most a slice old, and an output reaches the plant within one.
 
-use crate::chip::{Chip, Port};
+use crate::chip::{Chip, Port, SentFrame};
 use crate::device::can_line::{CanFrame, CanWiring};
 use crate::device::gpio::Drive;
 use crate::error::{LoadError, Stop};
@@ -192,13 +192,14 @@ impl VirtualBoard for ChipBoard {
             chip.can_send(at_us, CanFrame::standard(frame.id, bytes));
         };
         let nodes = line.nodes_mut();
-        for (at_us, frame) in heard.into_iter().filter(|(_, frame)| !frame.extended) {
+        let standard = heard.into_iter().filter(|sent| !sent.frame.extended);
+        for SentFrame { ends_at_us, frame } in standard {
             let frame = drives::CanFrame {
                 id: frame.id as u16,
                 len: frame.length,
                 data: frame.data,
             };
-            nodes.hear(plant, at_us, None, &frame, &mut send)?;
+            nodes.hear(plant, ends_at_us, None, &frame, &mut send)?;
         }
         nodes.pass(plant, until_us, &mut send)
     }

@@ -5,6 +5,7 @@ use crate::core::decode::decode;
 use crate::core::op::Op;
 use crate::core::{Cpu, Switch};
 use crate::device::TICKS_PER_SECOND;
+use crate::device::can_line::CanFrame;
 use crate::device::gpio::Drive;
 use crate::device::rcc::{RESET_POWER, RESET_SOFTWARE, RESET_WATCHDOG};
 use crate::elf;
@@ -50,6 +51,26 @@ impl Pins {
     pub fn any_brake_open(&self) -> bool {
         self.brakes.contains(&Drive::High)
     }
+}
+
+/// How often an instruction was executed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ProfileRow {
+    /// Its address.
+    pub address: u32,
+    /// In all ticks.
+    pub all: u64,
+    /// In the longest tick.
+    pub longest: u64,
+}
+
+/// A frame that the chip sent and another node received.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SentFrame {
+    /// When it ended, us.
+    pub ends_at_us: u64,
+    /// The frame.
+    pub frame: CanFrame,
 }
 
 /// Error counters and states of the CAN controller.

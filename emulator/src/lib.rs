@@ -31,7 +31,7 @@ mod trap;
 
 pub use board::{ChipBoard, SharedChip};
 pub use bus::Identity;
-pub use chip::{CanErrors, Chip, Jumpers, Pins, Port, TickStats};
+pub use chip::{CanErrors, Chip, Jumpers, Pins, Port, ProfileRow, SentFrame, TickStats};
 pub use device::can_line::{CanFrame, CanWiring};
 pub use device::gpio::Drive;
 pub use elf::flash_image;

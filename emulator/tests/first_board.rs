@@ -227,7 +227,9 @@ fn a_tension_stays_what_it_is_while_the_supply_drifts() {
 /// Frames that the chip has sent since the last call, by identifier.
 fn sent(bench: &mut Bench) -> Vec<(u64, u32)> {
     let frames = bench.chip.can_take().into_iter();
-    frames.map(|(at, frame)| (at, frame.id)).collect()
+    frames
+        .map(|sent| (sent.ends_at_us, sent.frame.id))
+        .collect()
 }
 
 #[test]

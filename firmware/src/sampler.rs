@@ -15,8 +15,19 @@ pub struct Row<const N: usize> {
     pub path_ms: u32,
     /// Whether the host asked for samples just before: samples collected until then are void.
     pub first: bool,
-    /// Cable by cable: paid-out length (0.1 µm), tension (mN), motor current (mA).
-    pub cables: [(i32, i32, i16); N],
+    /// Cable by cable.
+    pub cables: [Measured; N],
+}
+
+/// Measurements of one cable.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct Measured {
+    /// Paid-out length, 0.1 µm.
+    pub length: i32,
+    /// Tension, mN.
+    pub tension_mn: i32,
+    /// Motor current, mA.
+    pub current_ma: i16,
 }
 
 /// Collects ticks until a block is full.
@@ -48,11 +59,11 @@ impl<const N: usize> Sampler<N> {
             *self = Self::default();
         }
         let mut samples = [Sample::default(); N];
-        for (sample, &(length, tension, current)) in samples.iter_mut().zip(&row.cables) {
+        for (sample, measured) in samples.iter_mut().zip(&row.cables) {
             *sample = Sample {
-                length: TenthMicrometres(length),
-                tension: Millinewtons(tension),
-                current: Milliamps(i32::from(current)),
+                length: TenthMicrometres(measured.length),
+                tension: Millinewtons(measured.tension_mn),
+                current: Milliamps(i32::from(measured.current_ma)),
             };
         }
         if !core::mem::replace(&mut self.primed, true) {

@@ -242,6 +242,15 @@ pub enum Reply {
     Bench(Bench),
 }
 
+/// Error counters of a CAN controller (ISO 11898-1).
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
+pub struct CanErrors {
+    /// Transmit errors.
+    pub transmit: u8,
+    /// Receive errors.
+    pub receive: u8,
+}
+
 /// Results of a board's self-test; zeros in a simulation without a chip.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, MaxSize)]
 pub struct Bench {
@@ -261,8 +270,8 @@ pub struct Bench {
     pub supply_mv: u16,
     /// The slow oscillator's frequency by the crystal, Hz; 0 in the first two seconds.
     pub slow_hz: u32,
-    /// CAN: transmit and receive error counters.
-    pub can_errors: (u8, u8),
+    /// CAN: the error counters.
+    pub can_errors: CanErrors,
     /// CAN: received frames that were lost.
     pub can_lost: u32,
     /// CAN: whether the last [`BenchTest::CanLoop`] returned the frames sent; `None` before the

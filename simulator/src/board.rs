@@ -2,6 +2,7 @@
 
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError};
+use crate::simulation::WireVersion;
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::io::{self, Line, RING};
 use mcdpr_firmware::link::{Incoming, LinkState, Outgoing, Queues};
@@ -129,12 +130,15 @@ pub(crate) struct Board<const N: usize> {
     drives: DriveBus<N>,
     now: Tick,
     line_errors: u16,
-    version: Option<(u16, u16)>,
+    version: Option<WireVersion>,
 }
 
 impl<const N: usize> Board<N> {
-    pub(crate) fn new(first_tick: Tick, version: Option<(u16, u16)>) -> Self {
-        let (major, minor) = version.unwrap_or((PROTOCOL_MAJOR, PROTOCOL_MINOR));
+    pub(crate) fn new(first_tick: Tick, version: Option<WireVersion>) -> Self {
+        let WireVersion { major, minor } = version.unwrap_or(WireVersion {
+            major: PROTOCOL_MAJOR,
+            minor: PROTOCOL_MINOR,
+        });
         let hello = Hello {
             major,
             minor,

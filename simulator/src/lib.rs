@@ -18,5 +18,5 @@ mod simulation;
 mod wire;
 
 pub use board::VirtualBoard;
-pub use simulation::{LinkOptions, Simulation, TracePoint};
+pub use simulation::{LinkOptions, Simulation, TracePoint, WireVersion};
 pub use wire::{Wire, WireFaults};

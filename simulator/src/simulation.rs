@@ -22,7 +22,16 @@ pub struct LinkOptions {
     /// The board's tick when it starts (a test of the counter's wrap starts near the end).
     pub first_tick: u32,
     /// Wire format that the board reports, if not this one.
-    pub version: Option<(u16, u16)>,
+    pub version: Option<WireVersion>,
+}
+
+/// Version of a wire format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WireVersion {
+    /// Boards and hosts of different major versions do not understand each other.
+    pub major: u16,
+    /// Raised by every change.
+    pub minor: u16,
 }
 
 impl Default for LinkOptions {

@@ -165,7 +165,7 @@ fn a_motion_costs_no_more_than_it_may() {
         let rows = chip.with(|chip| chip.tick_profile());
         let rows = rows
             .iter()
-            .map(|(at, all, longest)| format!("{at:#x} {all} {longest}\n"));
+            .map(|row| format!("{:#x} {} {}\n", row.address, row.all, row.longest));
         std::fs::write(file, rows.collect::<String>()).unwrap();
     }
     assert!(!run.samples.is_empty());

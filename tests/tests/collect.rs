@@ -36,6 +36,7 @@ fn options(poses: usize, seed: u64) -> Options {
         candidates: 120,
         seed,
         simulated_seed: Some(seed),
+        session: Some(SessionId(1)),
         ..Options::default()
     }
 }
@@ -51,7 +52,6 @@ fn on_simulator(
     let link = SimulatedRobot::new(Mismatch::as_built(), options.seed).at_home(&model)?;
     let scene = Scene::of(robot, options.seed);
     let mut tags = SimulatedTags::new(link.clone(), scene, 0.1, options.seed);
-    let link = (link, Some(SessionId(1)));
     collect(&model, link, &mut tags, options, before, keep, tell)
 }
 
@@ -158,9 +158,8 @@ fn a_target_out_of_view_is_named() {
     let link = SimulatedRobot::new(Mismatch::as_built(), 1).at_home(&model);
     let link = link.unwrap();
     let mut scene = Scene::of(&robot, 1);
-    scene.world_from_body[0].1.position_m.x += 2.0;
+    scene.places[0].world_from_body.position_m.x += 2.0;
     let mut tags = SimulatedTags::new(link.clone(), scene, 0.1, 1);
-    let link = (link, Some(SessionId(1)));
     let refused = collect(
         &model,
         link,
@@ -207,7 +206,7 @@ fn s12_lost_tags_cost_their_pose_and_a_wrong_sight_is_named_and_moves_nothing() 
         going: going.clone(),
     };
     let mut skipped = Vec::new();
-    let line = (link.clone(), Some(SessionId(1)));
+    let line = link.clone();
     let data = collect(
         &model,
         line,
@@ -268,7 +267,7 @@ fn poses_that_all_give_nothing_end_it_and_the_robot_goes_home() {
         tags: SimulatedTags::new(link.clone(), Scene::of(&robot, 4), 0.1, 4),
         going: going.clone(),
     };
-    let line = (link.clone(), Some(SessionId(1)));
+    let line = link.clone();
     let tell = |step| going.set(going.get() + usize::from(matches!(step, Step::Going { .. })));
     let keep = |_: &Data| Ok(());
     let ended = collect(&model, line, &mut eye, &options(12, 4), None, keep, tell);
@@ -380,7 +379,7 @@ fn pictures_calibrate_a_robot() {
         found.push(views.collect::<Vec<_>>());
         Ok(())
     };
-    let line = (link, Some(SessionId(1)));
+    let line = link;
     let mut data = collect(&model, line, &mut eye, &options, None, photograph, |_| ()).unwrap();
     assert_eq!(data.poses.len(), found.len());
     // A tag at the picture's edge has no white rim there: it is projected, and not found.

@@ -8,7 +8,7 @@ use mcdpr::robot::Robot;
 use mcdpr::run::{self, RunError};
 use mcdpr_firmware::State;
 use mcdpr_protocol::{FaultId, PROTOCOL_MINOR, Request, SessionId};
-use mcdpr_simulator::{LinkOptions, WireFaults};
+use mcdpr_simulator::{LinkOptions, WireFaults, WireVersion};
 
 fn model() -> Model {
     Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap()
@@ -148,9 +148,21 @@ fn a_board_of_another_protocol_version_is_named_and_never_moved_l17() {
     let model = model();
     let minor = PROTOCOL_MINOR;
     for (version, remedy) in [
-        ((0, minor - 1), "flash"),
-        ((0, minor + 1), "update"),
-        ((1, 0), "update"),
+        (
+            WireVersion {
+                major: 0,
+                minor: minor - 1,
+            },
+            "flash",
+        ),
+        (
+            WireVersion {
+                major: 0,
+                minor: minor + 1,
+            },
+            "update",
+        ),
+        (WireVersion { major: 1, minor: 0 }, "update"),
     ] {
         let options = LinkOptions {
             version: Some(version),
@@ -163,7 +175,7 @@ fn a_board_of_another_protocol_version_is_named_and_never_moved_l17() {
         };
         let text = error.to_string();
         assert!(
-            text.contains(&format!("{}.{}", version.0, version.1)),
+            text.contains(&format!("{}.{}", version.major, version.minor)),
             "{text}"
         );
         assert!(

@@ -159,10 +159,10 @@ fn calibrated(seed: u64) -> Robot {
         seed,
         simulated_seed: Some(seed),
         described: Some(designed.content_hash()),
+        session: Some(SessionId(1)),
         ..Options::default()
     };
-    let line = (link, Some(SessionId(1)));
-    let data = collect(&model, line, &mut tags, &options, None, |_| Ok(()), |_| {}).unwrap();
+    let data = collect(&model, link, &mut tags, &options, None, |_| Ok(()), |_| {}).unwrap();
     let answer = joint(&data, &Estimator::default()).unwrap();
     let document = result::document(&designed, &data, &answer).unwrap();
     result::applied(&designed, &document).unwrap()
@@ -193,7 +193,7 @@ fn checked(model: &Model, seed: u64, slip: (usize, f64)) -> Finding {
         client.pump(until_us).unwrap();
     }
     let mut found = Finding::Holds;
-    recheck(model, &mut session, None, (1, sigmas), |check, _| {
+    recheck(model, &mut session, None, 1, sigmas, |check, _| {
         found = check.finding();
         true
     })

@@ -1,5 +1,7 @@
 //! Kinds of readings.
 
+use super::unknowns::Unit;
+
 /// Kinds of readings, each with a scatter of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Group {
@@ -41,21 +43,33 @@ impl Group {
     pub const fn index(self) -> usize {
         self as usize
     }
-    /// In words, with the factor and the unit for printing.
+    /// Its name.
     #[must_use]
-    pub const fn words(self) -> (&'static str, f64, &'static str) {
-        const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+    pub const fn name(self) -> &'static str {
         match self {
-            Self::Length => ("length", 1e3, "mm"),
-            Self::Tension => ("tension", 1.0, "N"),
-            Self::Swivel => ("swivel angle", DEGREES, "deg"),
-            Self::Tilt => ("tilt", DEGREES, "deg"),
-            Self::Yaw => ("yaw", DEGREES, "deg"),
-            Self::Force => ("balance of forces", 1.0, "N"),
-            Self::Moment => ("balance of moments", 1.0, "N m"),
-            Self::Corner => ("corner", 1.0, "px"),
+            Self::Length => "length",
+            Self::Tension => "tension",
+            Self::Swivel => "swivel angle",
+            Self::Tilt => "tilt",
+            Self::Yaw => "yaw",
+            Self::Force => "balance of forces",
+            Self::Moment => "balance of moments",
+            Self::Corner => "corner",
         }
     }
+
+    /// How its values are printed.
+    #[must_use]
+    pub const fn unit(self) -> Unit {
+        match self {
+            Self::Length => Unit::new(1e3, "mm"),
+            Self::Tension | Self::Force => Unit::new(1.0, "N"),
+            Self::Swivel | Self::Tilt | Self::Yaw => Unit::new(180.0 / std::f64::consts::PI, "deg"),
+            Self::Moment => Unit::new(1.0, "N m"),
+            Self::Corner => Unit::new(1.0, "px"),
+        }
+    }
+
     /// Whether a sensor reads it.
     #[must_use]
     pub(crate) const fn is_sensor(self) -> bool {

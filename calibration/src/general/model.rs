@@ -10,7 +10,7 @@ pub use super::group::{GROUPS, Group};
 
 use super::data::{Sample, Set};
 use super::unknowns::Layout;
-use crate::corner::{Corner, Places, put, spread};
+use crate::corner::{Corner, Entry, Places, put, spread};
 use mcdpr_kinematics::{
     Cable, Error, GRAVITY_MPS2, Platform, Pose, Robot, angular_velocity_from_rates,
     rpy_from_rotation,
@@ -30,7 +30,7 @@ pub struct Row {
     /// Derivatives with respect to the sample's own unknowns.
     pub own: Vec<f64>,
     /// Derivatives with respect to shared unknowns.
-    pub shared: Vec<(usize, f64)>,
+    pub shared: Vec<Entry>,
     /// Standard deviation per scatter of the kind, and what is added to it in quadrature.
     pub scale: [f64; 2],
 }
@@ -190,15 +190,15 @@ impl Model<'_> {
                 let mut own = own();
                 own[6 + i] = gain * kept;
                 let mut shared = vec![
-                    (layout.zero(i), 1.0),
-                    (layout.gain(i), tension * kept),
-                    (layout.loss(i), -gain * tension * sign * feels),
+                    Entry::new(layout.zero(i), 1.0),
+                    Entry::new(layout.gain(i), tension * kept),
+                    Entry::new(layout.loss(i), -gain * tension * sign * feels),
                 ];
                 let mut zero = theta[layout.zero(i)];
                 if let Some(slot) = slot {
                     let at = layout.zero_of(slot, i);
                     zero += theta[at];
-                    shared.push((at, 1.0));
+                    shared.push(Entry::new(at, 1.0));
                 }
                 // If the direction of the cable's last motion is unknown, its loss counts as
                 // scatter.
@@ -223,14 +223,14 @@ impl Model<'_> {
                 let mut own = own();
                 put(&mut own, 0, &by);
                 put(&mut own, 3, &path.u.cross(&by));
-                let mut shared = vec![(layout.swivel(i), 1.0)];
+                let mut shared = vec![Entry::new(layout.swivel(i), 1.0)];
                 spread(&mut shared, layout.anchor(i), &-by);
                 spread(&mut shared, layout.attachment(i), &r.tr_mul(&by));
                 let mut offset = theta[layout.swivel(i)];
                 if let Some(slot) = slot {
                     let at = layout.swivel_of(slot, i);
                     offset += theta[at];
-                    shared.push((at, 1.0));
+                    shared.push(Entry::new(at, 1.0));
                 }
                 out.push(Row {
                     group: Group::Swivel,
@@ -272,10 +272,10 @@ impl Model<'_> {
         put(&mut own, 3, &(path.u.cross(&path.t) * slope));
         own[6 + i] = -compliance * stretching;
         let mut shared = vec![
-            (layout.drum(i), -beyond),
-            (layout.offset(i), 1.0),
-            (layout.compliance(), -tension * stretching),
-            (layout.radius(i), path.by_radius * slope),
+            Entry::new(layout.drum(i), -beyond),
+            Entry::new(layout.offset(i), 1.0),
+            Entry::new(layout.compliance(), -tension * stretching),
+            Entry::new(layout.radius(i), path.by_radius * slope),
         ];
         spread(&mut shared, layout.anchor(i), &(path.t * -slope));
         spread(
@@ -287,12 +287,12 @@ impl Model<'_> {
         if let Some(slot) = slot {
             let at = layout.offset_of(slot, i);
             offset += theta[at];
-            shared.push((at, 1.0));
+            shared.push(Entry::new(at, 1.0));
         }
         for (j, jump) in layout.breaks.iter().enumerate() {
             if jump.cable == i && jump.session == session && k >= jump.from {
                 offset += theta[layout.jump(j)];
-                shared.push((layout.jump(j), 1.0));
+                shared.push(Entry::new(layout.jump(j), 1.0));
             }
         }
         let predicted =
@@ -342,14 +342,14 @@ impl Model<'_> {
             let mut predicted = rpy[axis];
             if let Some(slot) = slot {
                 for k in 0..2 {
-                    shared.push((layout.mount_of(slot) + k, by_mount[(axis, k)]));
+                    shared.push(Entry::new(layout.mount_of(slot) + k, by_mount[(axis, k)]));
                 }
                 if axis == 2 {
                     let at = layout.yaw_of(slot);
                     let time = sample.time_s.unwrap_or(0.0);
                     predicted += theta[at] + theta[at + 1] * time;
-                    shared.push((at, 1.0));
-                    shared.push((at + 1, time));
+                    shared.push(Entry::new(at, 1.0));
+                    shared.push(Entry::new(at + 1, time));
                 }
             }
             out.push(Row {
@@ -441,7 +441,7 @@ impl Model<'_> {
                     own: own.iter().map(|column| column[block][axis]).collect(),
                     shared: shared
                         .iter()
-                        .map(|(at, by)| (*at, by[block][axis]))
+                        .map(|(at, by)| Entry::new(*at, by[block][axis]))
                         .collect(),
                     scale: [sample.noise_factor, extra],
                 });
@@ -485,10 +485,10 @@ impl Model<'_> {
                     let mut shared = Vec::with_capacity(16);
                     let by_world = corner.derivatives(axis, 1.0, &mut own, &mut shared, &at_places);
                     let focal = 1.0 / (1.0 + theta[at + 6]);
-                    shared.push((at + 6, seen.by_focal[axis] * focal));
-                    shared.push((at + 7 + axis, 1.0));
-                    shared.push((at + 9, seen.by_k1[axis]));
-                    shared.push((at + 10, by_world.dot(&corner.arm)));
+                    shared.push(Entry::new(at + 6, seen.by_focal[axis] * focal));
+                    shared.push(Entry::new(at + 7 + axis, 1.0));
+                    shared.push(Entry::new(at + 9, seen.by_k1[axis]));
+                    shared.push(Entry::new(at + 10, by_world.dot(&corner.arm)));
                     out.push(Row {
                         group: Group::Corner,
                         index: 8 * v + 2 * c + axis,

@@ -6,6 +6,7 @@ use super::fit::Fit;
 use super::model::{Group, Model, Row, State, stepped_own};
 use super::solve::{Scatter, variance};
 use super::unknowns::{Layout, unknowns};
+use crate::corner::Entry;
 use mcdpr_kinematics::Pose;
 use nalgebra::{DMatrix, DVector};
 
@@ -166,7 +167,7 @@ impl Case<'_> {
         for row in found.rows.iter().filter(|row| is_given(row)) {
             let w = 1.0 / variance(row, self.scatter);
             for (i, &a) in row.own.iter().enumerate() {
-                for &(at, by) in &row.shared {
+                for &Entry { at, slope: by } in &row.shared {
                     mixed[(i, at)] += w * a * by;
                 }
             }
@@ -179,7 +180,7 @@ impl Case<'_> {
             .map(|row| {
                 let own = DVector::from_column_slice(&row.own);
                 let mut total = follow.tr_mul(&own);
-                for &(at, by) in &row.shared {
+                for &Entry { at, slope: by } in &row.shared {
                     total[at] += by;
                 }
                 let spread = total.dot(&(self.covariance * &total))

@@ -10,6 +10,17 @@ use mcdpr_core::random::Random;
 use mcdpr_kinematics::{Cable, Platform, Pose, Robot, rpy_from_rotation};
 use nalgebra::{Rotation3, Vector3};
 
+/// A cable that slips on its drum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SimulatedSlip {
+    /// The cable, 0 for the first.
+    pub cable: usize,
+    /// The first sample with the slip.
+    pub from: usize,
+    /// By how much the cable is longer than before, m.
+    pub size_m: f64,
+}
+
 /// What to simulate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Case {
@@ -17,8 +28,8 @@ pub struct Case {
     pub samples: [usize; 2],
     /// Gain of cable 1's drum beyond the others', share.
     pub drum: f64,
-    /// Cable, sample of the first session from which on, and size in m, of a slip.
-    pub slip: Option<(usize, usize, f64)>,
+    /// A slip in the first session.
+    pub slip: Option<SimulatedSlip>,
     /// Whether there are swivel sensors and an inclinometer.
     pub attitude: bool,
     /// Factor on all errors of the machine.
@@ -154,7 +165,7 @@ pub fn simulate(case: &Case) -> Option<(Set, Truth)> {
                 let sign = if random.unit() < 0.5 { -1.0 } else { 1.0 };
                 sample.arrived[i] = Some(sign);
                 let slip = match case.slip {
-                    Some((cable, from, size)) if cable == i && session == 0 && k >= from => size,
+                    Some(slip) if slip.cable == i && session == 0 && k >= slip.from => slip.size_m,
                     _ => 0.0,
                 };
                 let offset = offsets[i] + homing[i] + slip + off * 2e-4 * random.normal();

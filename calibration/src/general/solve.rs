@@ -2,6 +2,7 @@
 
 use super::model::{GROUPS, Model, Row, State, stepped_own};
 use super::unknowns::Unknown;
+use crate::corner::Entry;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Cholesky, DMatrix, DVector, Vector3};
 
@@ -31,7 +32,7 @@ impl Block {
     #[must_use]
     pub fn total(&self, row: &Row) -> DVector<f64> {
         let mut out = self.follow.tr_mul(&DVector::from_column_slice(&row.own));
-        for &(at, by) in &row.shared {
+        for &Entry { at, slope: by } in &row.shared {
             out[at] += by;
         }
         out
@@ -174,11 +175,11 @@ fn normal(rows: &[Row], weights: &[f64], own: usize, shared: usize) -> Normal {
             for (j, &b) in row.own.iter().enumerate() {
                 out.own[(i, j)] += wa * b;
             }
-            for &(at, by) in &row.shared {
+            for &Entry { at, slope: by } in &row.shared {
                 out.mixed[(i, at)] += wa * by;
             }
         }
-        for &(at, _) in &row.shared {
+        for &Entry { at, .. } in &row.shared {
             seen[at] = true;
         }
     }
@@ -261,9 +262,9 @@ fn assemble(
     let mut normals = Vec::with_capacity(rows.len());
     for (rows, weights) in rows.iter().zip(weights) {
         for (row, &w) in rows.iter().zip(weights) {
-            for &(i, a) in &row.shared {
+            for &Entry { at: i, slope: a } in &row.shared {
                 gradient[i] += w * a * row.residual;
-                for &(j, b) in &row.shared {
+                for &Entry { at: j, slope: b } in &row.shared {
                     shared[(i, j)] += w * a * b;
                 }
             }

@@ -45,7 +45,7 @@ impl Errors {
     /// Over some answers.
     #[must_use]
     pub fn of(answers: &[Answer]) -> Self {
-        let of = |group: Group| score(answers, group, group.words().1);
+        let of = |group: Group| score(answers, group, group.unit().factor);
         let (length, tilt) = (of(Group::Length), of(Group::Tilt));
         let (tension, swivel) = (of(Group::Tension), of(Group::Swivel));
         let rms = |s: Option<Score>| s.map(|s| s.rms);
@@ -81,6 +81,15 @@ pub struct FirstPose {
     pub stated_mm: f64,
 }
 
+/// Errors at the samples of one session.
+#[derive(Debug, Clone)]
+pub struct SessionErrors {
+    /// The session's name.
+    pub name: String,
+    /// The errors.
+    pub errors: Errors,
+}
+
 /// The whole result.
 #[derive(Debug, Clone)]
 pub struct Study {
@@ -89,7 +98,7 @@ pub struct Study {
     /// All samples of the other sessions; `None` without one.
     pub other_sessions: Option<Errors>,
     /// The same by session.
-    pub by_session: Vec<(String, Errors)>,
+    pub by_session: Vec<SessionErrors>,
     /// The first poses.
     pub first_poses: Vec<FirstPose>,
     /// The estimate.
@@ -162,7 +171,10 @@ pub fn study(set: &Set, train: &str, options: &Options) -> Result<Study, String>
     for (index, name) in set.sessions.iter().enumerate() {
         let part = set.only(|_, sample| sample.session == index && index != session);
         if !part.samples.is_empty() {
-            by_session.push((name.clone(), errors(&part)));
+            by_session.push(SessionErrors {
+                name: name.clone(),
+                errors: errors(&part),
+            });
         }
     }
     Ok(Study {

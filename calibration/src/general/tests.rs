@@ -4,7 +4,7 @@ use super::first::{first_pose, pose_of};
 use super::fit::{Options, fit};
 use super::model::{Group, Model, stepped_own};
 use super::predict::{predict, score};
-use super::simulate::{Case, simulate};
+use super::simulate::{Case, SimulatedSlip, simulate};
 use super::study::{given, study};
 use super::unknowns::{Layout, unknowns};
 use super::verdict::verdict;
@@ -75,8 +75,8 @@ fn every_derivative_matches_differences() {
                 } else {
                     row.shared
                         .iter()
-                        .filter(|(at, _)| *at == j - own)
-                        .map(|(_, by)| by)
+                        .filter(|entry| entry.at == j - own)
+                        .map(|entry| entry.slope)
                         .sum()
                 };
                 // The mounting turns about axes that are a little turned by itself.
@@ -153,7 +153,11 @@ fn a_slip_is_named_with_its_cable_and_its_sample() {
     for seed in 1..=6 {
         let (cable, from) = ((seed as usize) % 4, 8 + seed as usize);
         let (set, _) = simulate(&Case {
-            slip: Some((cable, from, 0.01)),
+            slip: Some(SimulatedSlip {
+                cable,
+                from,
+                size_m: 0.01,
+            }),
             ..case(seed)
         })
         .unwrap();

@@ -262,8 +262,8 @@ pub struct Unknown {
     pub mean: f64,
     /// Standard deviation; infinite without prior knowledge.
     pub sigma: f64,
-    /// Factor and unit for printing.
-    pub unit: (f64, &'static str),
+    /// How it is printed.
+    pub unit: Unit,
     /// The value entered in the robot's description, if it is a measured constant.
     pub entered: Option<f64>,
 }
@@ -294,13 +294,25 @@ pub(crate) fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unkno
     list.out
 }
 
-/// Factor and unit for printing.
-type Unit = (f64, &'static str);
+/// How a value is printed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unit {
+    /// Printed value per SI value.
+    pub factor: f64,
+    /// Symbol of the printed unit.
+    pub symbol: &'static str,
+}
 
-const PERCENT: Unit = (100.0, "%");
-const MM: Unit = (1e3, "mm");
-const N: Unit = (1.0, "N");
-const DEGREES: Unit = (180.0 / std::f64::consts::PI, "deg");
+impl Unit {
+    pub(crate) const fn new(factor: f64, symbol: &'static str) -> Self {
+        Self { factor, symbol }
+    }
+}
+
+const PERCENT: Unit = Unit::new(100.0, "%");
+const MM: Unit = Unit::new(1e3, "mm");
+const N: Unit = Unit::new(1.0, "N");
+const DEGREES: Unit = Unit::new(180.0 / std::f64::consts::PI, "deg");
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The unknowns so far; its methods add those of one part in the layout's order.
@@ -375,11 +387,11 @@ impl List<'_> {
         self.entered(
             "the mass".to_owned(),
             priors.mass,
-            (robot.mass_kg, "kg"),
+            Unit::new(robot.mass_kg, "kg"),
             1.0,
         );
         let name = "the cables' compliance".to_owned();
-        self.free(name, priors.compliance_per_n, (1e6, "1/MN"));
+        self.free(name, priors.compliance_per_n, Unit::new(1e6, "1/MN"));
         for axis in AXES {
             let name = format!("the inclinometer's mounting about {axis}");
             self.free(name, priors.mount_rad, DEGREES);
@@ -399,17 +411,22 @@ impl List<'_> {
     fn eye(&mut self, eye: &Eye, bodies: usize) {
         let priors = self.priors;
         self.place("the camera's place");
-        let focal = (eye.camera.focal_px[0], "px");
+        let focal = Unit::new(eye.camera.focal_px[0], "px");
         self.entered("the focal length".to_owned(), priors.focal, focal, 1.0);
         for (axis, at) in ["u", "v"].iter().zip(eye.camera.center_px) {
             let name = format!("the principal point in {axis}");
-            self.entered(name, priors.center_px, (1.0, "px"), at);
+            self.entered(name, priors.center_px, Unit::new(1.0, "px"), at);
         }
         let k1 = eye.camera.distortion[0];
-        self.entered("the lens's k1".to_owned(), priors.k1, (1.0, ""), k1);
+        self.entered(
+            "the lens's k1".to_owned(),
+            priors.k1,
+            Unit::new(1.0, ""),
+            k1,
+        );
         let size = eye.tags.first().map_or(1.0, |tag| tag.size_m * 1e3);
         let name = "the tags' size".to_owned();
-        self.entered(name, priors.tag, (size, "mm"), 1.0);
+        self.entered(name, priors.tag, Unit::new(size, "mm"), 1.0);
         for body in 0..bodies {
             self.place(&format!("tag body {}", body + 1));
         }
@@ -440,7 +457,7 @@ impl List<'_> {
         }
         let yaw = format!("the yaw's zero in {name}");
         self.free(yaw, priors.yaw_rad, DEGREES);
-        let drift = (DEGREES.0 * 60.0, "deg/min");
+        let drift = Unit::new(DEGREES.factor * 60.0, "deg/min");
         let what = format!("the yaw's drift in {name}");
         self.free(what, priors.yaw_rate_rps, drift);
     }

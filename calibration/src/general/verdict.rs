@@ -5,6 +5,7 @@ use super::fit::{Fit, expected};
 use super::model::Group;
 use super::slip::{self, Candidate};
 use super::solve::variance;
+use super::unknowns::Unit;
 
 /// Above this cable speed a sample counts as taken in motion, m/s: the inertia of the platform then
 /// exceeds the residual of the equations of equilibrium at rest.
@@ -116,7 +117,10 @@ fn contradictions(fit: &Fit, out: &mut Verdict) {
         if off.abs() < CONTRADICTED * fixed.sqrt() {
             continue;
         }
-        let (factor, unit) = unknown.unit;
+        let Unit {
+            factor,
+            symbol: unit,
+        } = unknown.unit;
         out.contradicted.push(format!(
             "{} is entered as {:.3} {unit}, the data want {:.3} {unit}",
             unknown.name,
@@ -139,7 +143,11 @@ fn distrusted(fit: &Fit, out: &mut Verdict) -> (usize, usize) {
                 continue;
             }
             named += 1;
-            let (what, factor, unit) = row.group.words();
+            let what = row.group.name();
+            let Unit {
+                factor,
+                symbol: unit,
+            } = row.group.unit();
             let of = match row.group {
                 Group::Length | Group::Tension | Group::Swivel => {
                     format!("cable {}'s {what}", row.index + 1)
@@ -163,7 +171,10 @@ fn observability(fit: &Fit, out: &mut Verdict) {
     for (i, unknown) in fit.unknowns.iter().enumerate() {
         // An eyelet's radius is not an unknown.
         if unknown.sigma.is_finite() && unknown.sigma > 1e-8 && of(i) > OPEN * unknown.sigma {
-            let (factor, unit) = unknown.unit;
+            let Unit {
+                factor,
+                symbol: unit,
+            } = unknown.unit;
             let name = &unknown.name;
             out.open
                 .push(format!("{name} (+-{:.2} {unit})", of(i) * factor));
@@ -198,7 +209,11 @@ fn refusal(fit: &Fit, named: usize, all: usize) -> Option<String> {
     for group in Group::ALL {
         let g = group.index();
         if fit.scatter[g] > SCATTER * expected[g] {
-            let (what, factor, unit) = group.words();
+            let what = group.name();
+            let Unit {
+                factor,
+                symbol: unit,
+            } = group.unit();
             return Some(format!(
                 "no robot like this one fits the data: each {what} scatters by {:.2} {unit}, {:.2} are \
                  expected; check units, order of the cables, and that every sample was at rest",

@@ -28,7 +28,7 @@ impl Known {
         let covariance = calibrated.covariance.as_ref()?;
         let mut layout = Layout {
             cables: robot.cables.len(),
-            bodies: calibrated.world_from_body.len(),
+            bodies: calibrated.places.len(),
             statics: true,
         };
         if layout.len() != covariance.nrows() {

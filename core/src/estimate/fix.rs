@@ -17,6 +17,7 @@ const PRIORS: usize = 3;
 const CHANGES: [f64; UNKNOWNS] = [1e-5, 1e-5, 1e-5, 1e-3, 1e-5, 1e-5, 1e-5];
 
 type Unknowns = SVector<f64, UNKNOWNS>;
+type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
 fn place(x: &Unknowns) -> Vector3<f64> {
     x.fixed_rows::<3>(0).into_owned()
@@ -114,6 +115,182 @@ pub fn estimate(
     solve(model, measured, sigmas, start, None)
 }
 
+/// What is solved: the rows, where the search starts, and the pose of a tag left out.
+struct Problem<'a> {
+    model: &'a Model,
+    measured: &'a Measurements,
+    sigmas: &'a Sigmas,
+    /// The tool (world, m) and the tension of the tension-held cable (N) at the start.
+    start: Vector4<f64>,
+    /// Index of the row that is left out.
+    skip: Option<usize>,
+}
+
+impl Problem<'_> {
+    /// The resting state of these unknowns.
+    fn rest(&self, x: &Unknowns, near: Option<&StaticState>) -> Result<StaticState, EstimateError> {
+        let rest = self.model.rest_with(&place(x), x[3].max(0.05), near);
+        rest.map_err(no_fit)
+    }
+
+    /// Rows over their standard deviation.
+    fn residuals(
+        &self,
+        rest: &StaticState,
+        x: &Unknowns,
+        into: &mut Vec<f64>,
+    ) -> Result<(), EstimateError> {
+        let state = (rest, &turned(x), self.skip);
+        rows::residuals(self.model, self.measured, self.sigmas, state, into)
+            .ok_or(EstimateError::Rank)
+    }
+
+    /// Without a measured tension the tension-held cable's is a weak guess, not an unknown.
+    fn has_prior(&self) -> bool {
+        self.measured.tensions_n.is_empty()
+    }
+
+    /// Sum of squares, with the guess of the tension.
+    fn cost(&self, residuals: &[f64], x: &Unknowns) -> f64 {
+        let sum: f64 = residuals.iter().map(|r| r * r).sum();
+        let off = (x[3] - self.start.w) / PRIOR_N;
+        sum + if self.has_prior() { off * off } else { 0.0 }
+    }
+
+    /// Derivatives of the rows by forward differences: rows x [`UNKNOWNS`].
+    fn jacobian(
+        &self,
+        x: &Unknowns,
+        rest: &StaticState,
+        residuals: &[f64],
+    ) -> Result<DMatrix<f64>, EstimateError> {
+        let mut jacobian = DMatrix::zeros(residuals.len(), UNKNOWNS);
+        let mut moved_residuals = Vec::new();
+        for (column, change) in CHANGES.into_iter().enumerate() {
+            let mut moved = *x;
+            moved[column] += change;
+            let near = self.rest(&moved, Some(rest))?;
+            self.residuals(&near, &moved, &mut moved_residuals)?;
+            for (row, (new, old)) in moved_residuals.iter().zip(residuals).enumerate() {
+                jacobian[(row, column)] = (new - old) / change;
+            }
+        }
+        Ok(jacobian)
+    }
+
+    /// Normal matrix and gradient at `x`.
+    fn normal(
+        &self,
+        x: &Unknowns,
+        rest: &StaticState,
+        residuals: &[f64],
+    ) -> Result<(Normal, Unknowns), EstimateError> {
+        let jacobian = self.jacobian(x, rest, residuals)?;
+        let right = DVector::from_column_slice(residuals);
+        let mut normal = (jacobian.transpose() * &jacobian)
+            .fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0)
+            .into_owned();
+        let mut gradient: Unknowns = (jacobian.transpose() * right)
+            .fixed_rows::<UNKNOWNS>(0)
+            .into_owned();
+        if self.has_prior() {
+            normal[(3, 3)] += 1.0 / (PRIOR_N * PRIOR_N);
+            gradient[3] += (x[3] - self.start.w) / (PRIOR_N * PRIOR_N);
+        }
+        Ok((normal, gradient))
+    }
+
+    /// The search's first state, with as many rows as unknowns at least.
+    fn first(&self) -> Result<Fit, EstimateError> {
+        let mut x = Unknowns::zeros();
+        x.fixed_rows_mut::<4>(0).copy_from(&self.start);
+        let rest = self.rest(&x, None)?;
+        let mut residuals = Vec::new();
+        self.residuals(&rest, &x, &mut residuals)?;
+        if residuals.iter().any(|r| !r.is_finite()) {
+            return Err(EstimateError::NotFinite);
+        }
+        if residuals.len() + usize::from(self.has_prior()) < UNKNOWNS {
+            return Err(EstimateError::Few {
+                rows: residuals.len().saturating_sub(PRIORS),
+            });
+        }
+        let normal = Normal::zeros();
+        Ok(Fit {
+            x,
+            rest,
+            residuals,
+            normal,
+        })
+    }
+
+    /// Where `x` is a resting state that fits no worse than `fit`: that state.
+    fn improved(&self, fit: &Fit, x: Unknowns) -> Option<(StaticState, Vec<f64>)> {
+        let rest = self.rest(&x, Some(&fit.rest)).ok()?;
+        let mut residuals = Vec::new();
+        self.residuals(&rest, &x, &mut residuals).ok()?;
+        (self.cost(&residuals, &x) <= self.cost(&fit.residuals, &fit.x))
+            .then_some((rest, residuals))
+    }
+}
+
+/// A state of the search.
+struct Fit {
+    x: Unknowns,
+    rest: StaticState,
+    residuals: Vec<f64>,
+    /// At the last step's start.
+    normal: Normal,
+}
+
+impl Fit {
+    /// Attitude's derivatives with respect to the unknowns, rad per unit.
+    fn turning(&self, model: &Model) -> Result<SMatrix<f64, 3, UNKNOWNS>, EstimateError> {
+        let tool = &model.robot().tool.tcp_in_platform_m;
+        let slopes = model
+            .geometry()
+            .tool_sensitivity(&self.rest.equilibrium, tool)
+            .map_err(|source| no_fit(source.into()))?;
+        let per_tension = model
+            .holding()
+            .first_by_tension()
+            .map_or([0.0; 3], |held| slopes.rotation_per_tension[held]);
+        let mut turning = SMatrix::<f64, 3, UNKNOWNS>::zeros();
+        turning
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&slopes.rotation_per_position);
+        turning.set_column(3, &Vector3::from(per_tension));
+        turning
+            .fixed_view_mut::<3, 3>(0, 4)
+            .copy_from(&Matrix3::identity());
+        Ok(turning)
+    }
+
+    /// The estimate, with its covariance.
+    fn estimate(self, problem: &Problem<'_>) -> Result<Estimate, EstimateError> {
+        let covariance = self.normal.try_inverse().ok_or(EstimateError::Rank)?;
+        let turning = self.turning(problem.model)?;
+        let rows = self.residuals.len() + usize::from(problem.has_prior());
+        Ok(Estimate {
+            tool_m: place(&self.x),
+            off_statics_rad: turned(&self.x),
+            covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+            rotation_covariance_rad2: turning * covariance * turning.transpose(),
+            chi2: self.residuals.iter().map(|r| r * r).sum(),
+            freedoms: rows.saturating_sub(UNKNOWNS),
+            residuals: self.residuals,
+            rest: self.rest,
+        })
+    }
+}
+
+fn no_fit(source: PlanError) -> EstimateError {
+    EstimateError::NoFit {
+        source: Box::new(source),
+    }
+}
+
+/// Levenberg-Marquardt steps from `start`; a step is taken where it fits no worse.
 pub(super) fn solve(
     model: &Model,
     measured: &Measurements,
@@ -121,70 +298,18 @@ pub(super) fn solve(
     start: Vector4<f64>,
     skip: Option<usize>,
 ) -> Result<Estimate, EstimateError> {
-    let no_fit = |source| EstimateError::NoFit {
-        source: Box::new(source),
-    };
-    let at =
-        |x: &Unknowns, near: Option<&StaticState>| model.rest_with(&place(x), x[3].max(0.05), near);
-    let mut x = Unknowns::zeros();
-    x.fixed_rows_mut::<4>(0).copy_from(&start);
-    let mut rest = at(&x, None).map_err(no_fit)?;
-    let mut residuals = Vec::new();
-    let mut next_residuals = Vec::new();
-    rows::residuals(
+    let problem = Problem {
         model,
         measured,
         sigmas,
-        (&rest, &turned(&x), skip),
-        &mut residuals,
-    )
-    .ok_or(EstimateError::Rank)?;
-    if residuals.iter().any(|r| !r.is_finite()) {
-        return Err(EstimateError::NotFinite);
-    }
-    // Without a measured tension the tension-held cable's is a weak guess, not an unknown.
-    let prior = measured.tensions_n.is_empty();
-    if residuals.len() + usize::from(prior) < UNKNOWNS {
-        return Err(EstimateError::Few {
-            rows: residuals.len().saturating_sub(PRIORS),
-        });
-    }
-    let cost = |list: &[f64], x: &Unknowns| {
-        let sum: f64 = list.iter().map(|r| r * r).sum();
-        let off = (x[3] - start.w) / PRIOR_N;
-        sum + if prior { off * off } else { 0.0 }
+        start,
+        skip,
     };
+    let mut fit = problem.first()?;
     let mut damping = 1e-6;
-    let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
     for _ in 0..MOST_STEPS {
-        let mut jacobian = DMatrix::zeros(residuals.len(), UNKNOWNS);
-        for (column, change) in CHANGES.into_iter().enumerate() {
-            let mut moved = x;
-            moved[column] += change;
-            let near = at(&moved, Some(&rest)).map_err(no_fit)?;
-            rows::residuals(
-                model,
-                measured,
-                sigmas,
-                (&near, &turned(&moved), skip),
-                &mut next_residuals,
-            )
-            .ok_or(EstimateError::Rank)?;
-            for (row, (new, old)) in next_residuals.iter().zip(&residuals).enumerate() {
-                jacobian[(row, column)] = (new - old) / change;
-            }
-        }
-        let right = DVector::from_column_slice(&residuals);
-        normal = (jacobian.transpose() * &jacobian)
-            .fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0)
-            .into_owned();
-        let mut gradient: Unknowns = (jacobian.transpose() * right)
-            .fixed_rows::<UNKNOWNS>(0)
-            .into_owned();
-        if prior {
-            normal[(3, 3)] += 1.0 / (PRIOR_N * PRIOR_N);
-            gradient[3] += (x[3] - start.w) / (PRIOR_N * PRIOR_N);
-        }
+        let (normal, gradient) = problem.normal(&fit.x, &fit.rest, &fit.residuals)?;
+        fit.normal = normal;
         let mut damped = normal;
         for i in 0..UNKNOWNS {
             damped[(i, i)] *= 1.0 + damping;
@@ -194,23 +319,12 @@ pub(super) fn solve(
         };
         // A step larger than a hand's width is not plausible in this problem.
         let step = step * (0.05 / place(&step).norm().max(0.05));
-        let tried = x + step;
-        let better = at(&tried, Some(&rest)).ok().filter(|near| {
-            rows::residuals(
-                model,
-                measured,
-                sigmas,
-                (near, &turned(&tried), skip),
-                &mut next_residuals,
-            )
-            .is_some()
-                && cost(&next_residuals, &tried) <= cost(&residuals, &x)
-        });
-        match better {
-            Some(near) => {
-                x = tried;
-                rest = near;
-                std::mem::swap(&mut residuals, &mut next_residuals);
+        let tried = fit.x + step;
+        match problem.improved(&fit, tried) {
+            Some((rest, residuals)) => {
+                fit.x = tried;
+                fit.rest = rest;
+                fit.residuals = residuals;
                 damping = (damping * 0.1).max(1e-12);
                 if place(&step).norm() < 1e-9 {
                     break;
@@ -220,35 +334,7 @@ pub(super) fn solve(
             None => damping = (damping * 10.0).max(1e-3),
         }
     }
-    let covariance = normal.try_inverse().ok_or(EstimateError::Rank)?;
-    let tool = &model.robot().tool.tcp_in_platform_m;
-    let slopes = model
-        .geometry()
-        .tool_sensitivity(&rest.equilibrium, tool)
-        .map_err(|source| no_fit(source.into()))?;
-    let per_tension = model
-        .holding()
-        .first_by_tension()
-        .map_or([0.0; 3], |held| slopes.rotation_per_tension[held]);
-    let mut turning = SMatrix::<f64, 3, UNKNOWNS>::zeros();
-    turning
-        .fixed_view_mut::<3, 3>(0, 0)
-        .copy_from(&slopes.rotation_per_position);
-    turning.set_column(3, &Vector3::from(per_tension));
-    turning
-        .fixed_view_mut::<3, 3>(0, 4)
-        .copy_from(&Matrix3::identity());
-    let chi2 = residuals.iter().map(|r| r * r).sum();
-    Ok(Estimate {
-        tool_m: place(&x),
-        off_statics_rad: turned(&x),
-        covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
-        rotation_covariance_rad2: turning * covariance * turning.transpose(),
-        chi2,
-        freedoms: (residuals.len() + usize::from(prior)).saturating_sub(UNKNOWNS),
-        residuals,
-        rest,
-    })
+    fit.estimate(&problem)
 }
 
 /// Standard deviation assumed for a tension that was not measured, N.

@@ -18,5 +18,5 @@ mod slip;
 
 pub use fix::{Estimate, EstimateError, estimate};
 pub(crate) use rows::residuals;
-pub use rows::{Measurements, Sigmas, TagPlace};
+pub use rows::{Measurements, Sigmas};
 pub use slip::{Slip, find_slip};

@@ -1,7 +1,7 @@
 //! The measurements, and what a resting state predicts for them.
 
 use crate::motion::{Model, StaticState};
-use crate::robot::Control;
+use crate::robot::{Control, TagPlace};
 use crate::sight::TagView;
 use mcdpr_kinematics::Pose;
 use nalgebra::{Rotation3, Vector3};
@@ -26,15 +26,6 @@ impl Default for Sigmas {
             attitude_rad: 3e-3,
         }
     }
-}
-
-/// Pose of a rigid body of tags: its number, and world_from_body.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TagPlace {
-    /// Number of the body.
-    pub body: u32,
-    /// world_from_body.
-    pub world_from_body: Pose,
 }
 
 /// All measurements of a robot at rest; what was not measured is empty.

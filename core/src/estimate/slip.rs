@@ -19,8 +19,6 @@ pub struct Slip {
     pub cable: usize,
     /// How much longer it truly is than its encoder says, m.
     pub slip_m: f64,
-    /// Sum of squares with and without its length.
-    pub chi2: (f64, f64),
     /// Whether no other cable explains it nearly as well.
     pub clear: bool,
 }
@@ -54,7 +52,6 @@ pub fn find_slip(
             Slip {
                 cable: cable + 1,
                 slip_m: said - read,
-                chi2: (estimate.chi2, left),
                 clear: false,
             },
         ));

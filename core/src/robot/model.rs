@@ -45,13 +45,22 @@ pub struct Robot {
     pub chosen: Option<Choice>,
 }
 
+/// Pose of a rigid body of tags.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TagPlace {
+    /// Number of the body.
+    pub body: u32,
+    /// world_from_body.
+    pub world_from_body: Pose,
+}
+
 /// The origin of a calibrated robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibrated {
     /// The robot as its file describes it, with the tags that it was calibrated by.
     pub designed: Robot,
-    /// Where each body of tags was found: its number and world_from_body.
-    pub world_from_body: Vec<(u32, Pose)>,
+    /// Where each body of tags was found.
+    pub places: Vec<TagPlace>,
     /// Seed of the simulated machine that was calibrated; `None` for a real one.
     pub simulated_seed: Option<u64>,
     /// When, UTC, as in 20260301-120000.

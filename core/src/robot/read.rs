@@ -171,99 +171,31 @@ impl Reader {
             file,
             span: value.span(),
         };
+        let given = value.get_ref();
         let checked = match key.kind {
-            Kind::Text => match value.get_ref().as_str() {
-                Some(text) if !text.trim().is_empty() => Ok(Value::Text(text.to_owned())),
-                Some(_) => Err("must not be empty".to_owned()),
-                None => Err(wrong_kind("a text in quotes", value.get_ref())),
-            },
-            Kind::Word(words) => match value.get_ref().as_str() {
-                Some(text) if words.contains(&text) => Ok(Value::Text(text.to_owned())),
-                Some(text) => Err(format!("must be {}, not \"{text}\"", alternatives(words))),
-                None => Err(wrong_kind(&alternatives(words), value.get_ref())),
-            },
-            Kind::Switch => match value.get_ref().as_bool() {
+            Kind::Text => text(given),
+            Kind::Word(words) => word(given, words),
+            Kind::Switch => match given.as_bool() {
                 Some(on) => Ok(Value::Switch(on)),
-                None => Err(wrong_kind("true or false", value.get_ref())),
+                None => Err(wrong_kind("true or false", given)),
             },
-            Kind::Whole(low, high) => {
-                let wanted = format!("a whole number from {low} to {high}");
-                match value.get_ref() {
-                    DeValue::Integer(digits) => {
-                        match i64::from_str_radix(digits.as_str(), digits.radix()) {
-                            Ok(number) if (low..=high).contains(&number) => {
-                                Ok(Value::Whole(number))
-                            }
-                            _ => Err(format!("must be {wanted}, not {digits}")),
-                        }
-                    }
-                    other => Err(wrong_kind(&wanted, other)),
-                }
-            }
-            Kind::Number(range) => match number(value.get_ref()) {
+            Kind::Whole(low, high) => whole(given, low, high),
+            Kind::Number(range) => match number(given) {
                 Some(number) if range.contains(number) => Ok(Value::Number(number)),
                 Some(number) => Err(format!("must be {}, not {number}", range.in_words())),
-                None => Err(wrong_kind("a number", value.get_ref())),
+                None => Err(wrong_kind("a number", given)),
             },
-            Kind::List(counts, range) => match numbers(value.get_ref()) {
-                Some(list) if !counts.contains(&list.len()) => Err(format!(
-                    "must hold {} numbers, not {}",
-                    counts
-                        .iter()
-                        .map(usize::to_string)
-                        .collect::<Vec<_>>()
-                        .join(" or "),
-                    list.len()
-                )),
-                Some(list) => match list.iter().find(|number| !range.contains(**number)) {
-                    Some(bad) => Err(format!("must hold only {NUMBERS}, not {bad}")),
-                    None => Ok(Value::Numbers(list)),
-                },
-                None => Err(wrong_kind("a list of numbers, [x, y, z]", value.get_ref())),
-            },
-            Kind::Rows(rows, columns) => rows_of(value.get_ref(), rows, columns),
-            Kind::Table(section) => match value.get_ref().as_table() {
+            Kind::List(counts, range) => list(given, counts, &range),
+            Kind::Rows(rows, columns) => rows_of(given, rows, columns),
+            Kind::Table(section) => match given.as_table() {
                 Some(table) => {
                     let span = value.span();
-                    Ok(Value::Table(self.table(
-                        file,
-                        table,
-                        span,
-                        section,
-                        section.title,
-                    )))
+                    let title = section.title;
+                    Ok(Value::Table(self.table(file, table, span, section, title)))
                 }
-                None => Err(wrong_kind(
-                    &format!("a table {}", section.title),
-                    value.get_ref(),
-                )),
+                None => Err(wrong_kind(&format!("a table {}", section.title), given)),
             },
-            Kind::Tables(section) => match value.get_ref().as_array() {
-                Some(array) => {
-                    let mut tables = Vec::new();
-                    for (index, element) in array.iter().enumerate() {
-                        let place = format!("{} {}", key.name, index + 1);
-                        let at = At {
-                            file,
-                            span: element.span(),
-                        };
-                        match element.get_ref().as_table() {
-                            Some(table) => {
-                                tables.push(self.table(file, table, at.span, section, &place));
-                            }
-                            None => {
-                                let what = format!("must be a table {}", section.title);
-                                self.problem(&at, &place, what, None);
-                            }
-                        }
-                    }
-                    Ok(Value::Tables(tables))
-                }
-                None => Err(wrong_kind(
-                    &format!("a list of tables, each under a header {}", section.title),
-                    value.get_ref(),
-                )),
-            },
+            Kind::Tables(section) => self.tables(file, key, given, section),
         };
         match checked {
             Ok(checked) => Some(checked),
@@ -274,6 +206,78 @@ impl Reader {
                 None
             }
         }
+    }
+
+    /// Tables under repeated headers.
+    fn tables(
+        &mut self,
+        file: usize,
+        key: &'static Key,
+        given: &DeValue<'_>,
+        section: &'static Section,
+    ) -> Result<Value, String> {
+        let Some(array) = given.as_array() else {
+            let wanted = format!("a list of tables, each under a header {}", section.title);
+            return Err(wrong_kind(&wanted, given));
+        };
+        let mut tables = Vec::new();
+        for (index, element) in array.iter().enumerate() {
+            let place = format!("{} {}", key.name, index + 1);
+            let at = At {
+                file,
+                span: element.span(),
+            };
+            match element.get_ref().as_table() {
+                Some(table) => tables.push(self.table(file, table, at.span, section, &place)),
+                None => {
+                    let what = format!("must be a table {}", section.title);
+                    self.problem(&at, &place, what, None);
+                }
+            }
+        }
+        Ok(Value::Tables(tables))
+    }
+}
+
+fn text(given: &DeValue<'_>) -> Result<Value, String> {
+    match given.as_str() {
+        Some(text) if !text.trim().is_empty() => Ok(Value::Text(text.to_owned())),
+        Some(_) => Err("must not be empty".to_owned()),
+        None => Err(wrong_kind("a text in quotes", given)),
+    }
+}
+
+fn word(given: &DeValue<'_>, words: &[&str]) -> Result<Value, String> {
+    match given.as_str() {
+        Some(text) if words.contains(&text) => Ok(Value::Text(text.to_owned())),
+        Some(text) => Err(format!("must be {}, not \"{text}\"", alternatives(words))),
+        None => Err(wrong_kind(&alternatives(words), given)),
+    }
+}
+
+fn whole(given: &DeValue<'_>, low: i64, high: i64) -> Result<Value, String> {
+    let wanted = format!("a whole number from {low} to {high}");
+    let DeValue::Integer(digits) = given else {
+        return Err(wrong_kind(&wanted, given));
+    };
+    match i64::from_str_radix(digits.as_str(), digits.radix()) {
+        Ok(number) if (low..=high).contains(&number) => Ok(Value::Whole(number)),
+        _ => Err(format!("must be {wanted}, not {digits}")),
+    }
+}
+
+fn list(given: &DeValue<'_>, counts: &[usize], range: &Range) -> Result<Value, String> {
+    let Some(list) = numbers(given) else {
+        return Err(wrong_kind("a list of numbers, [x, y, z]", given));
+    };
+    if !counts.contains(&list.len()) {
+        let counts: Vec<String> = counts.iter().map(usize::to_string).collect();
+        let counts = counts.join(" or ");
+        return Err(format!("must hold {counts} numbers, not {}", list.len()));
+    }
+    match list.iter().find(|number| !range.contains(**number)) {
+        Some(bad) => Err(format!("must hold only {NUMBERS}, not {bad}")),
+        None => Ok(Value::Numbers(list)),
     }
 }
 

@@ -3,11 +3,12 @@
 use super::saved::{Implausible, LengthStore, Saved, board_name};
 use super::{Progress, Recorder, RunError, follow_plan, joined_to, lead_in};
 use crate::control::Handle;
-use crate::estimate::{EstimateError, Measurements, Sigmas, TagPlace, estimate};
+use crate::estimate::{EstimateError, Measurements, Sigmas, estimate};
 use crate::link::{Client, Link, Note};
 use crate::machine;
 use crate::motion::{Model, Plan, PlanError, StaticState, Task, TaskError};
 use crate::recovery::Journal;
+use crate::robot::TagPlace;
 use crate::sight::TagSource;
 use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
 use nalgebra::{Rotation3, Vector3};

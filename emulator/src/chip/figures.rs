@@ -1,6 +1,6 @@
 //! Figures of a run: instructions, ticks, stack, resets, and the log of a probe.
 
-use super::{Chip, TickStats};
+use super::{Chip, ProfileRow, TickStats};
 use crate::bus::{RAM, RAM_BYTES};
 use crate::error::ResetBy;
 
@@ -35,10 +35,9 @@ impl Chip {
         self.profile = Some(Box::default());
     }
 
-    /// Addresses of the SysTick handler's instructions since [`Self::profile_ticks`], each with
-    /// how often it was executed in all ticks, and in the longest one.
+    /// The SysTick handler's instructions executed since [`Self::profile_ticks`].
     #[must_use]
-    pub fn tick_profile(&self) -> Vec<(u32, u64, u64)> {
+    pub fn tick_profile(&self) -> Vec<ProfileRow> {
         let Some(profile) = &self.profile else {
             return Vec::new();
         };
@@ -52,7 +51,11 @@ impl Chip {
         }
         let counts = counts.into_iter();
         counts
-            .map(|(pc, (all, longest))| (pc, all, longest))
+            .map(|(address, (all, longest))| ProfileRow {
+                address,
+                all,
+                longest,
+            })
             .collect()
     }
 

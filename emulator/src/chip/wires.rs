@@ -1,6 +1,6 @@
 //! External connections of the chip and their faults: pins, voltages, lines, supply, crystal.
 
-use super::{CanErrors, Chip, Drive, Jumpers, Pins, Port, TICKS_PER_US};
+use super::{CanErrors, Chip, Drive, Jumpers, Pins, Port, SentFrame, TICKS_PER_US};
 use crate::bus::{Identity, RAM, RAM_BYTES};
 use crate::device::can_line::{CanFrame, CanWiring};
 use crate::scs::HARD_FAULT;
@@ -206,13 +206,15 @@ impl Chip {
         self.bus.plan();
     }
 
-    /// Frames of the chip that the other nodes have received since the last call, each with the
-    /// time of its end in microseconds.
-    pub fn can_take(&mut self) -> Vec<(u64, CanFrame)> {
+    /// Frames of the chip that the other nodes have received since the last call.
+    pub fn can_take(&mut self) -> Vec<SentFrame> {
         let taken = std::mem::take(&mut self.bus.can_line.delivered);
         let taken = taken.into_iter();
         taken
-            .map(|(at, frame)| (at / TICKS_PER_US, frame))
+            .map(|(ends_at, frame)| SentFrame {
+                ends_at_us: ends_at / TICKS_PER_US,
+                frame,
+            })
             .collect()
     }
 

@@ -11,7 +11,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_stm32::pac;
 use embassy_stm32::pac::rcc::vals::Rtcsel;
 use mcdpr_firmware::Inputs;
-use mcdpr_protocol::Bench;
+use mcdpr_protocol::{Bench, CanErrors};
 
 /// Ticks over which the slow oscillator is counted.
 const COUNTED_TICKS: u32 = 1024;
@@ -125,7 +125,10 @@ impl Gauge {
         report.supply_mv = supply_mv;
         report.slow_hz = COUNTED.load(Ordering::Relaxed) * 1000 / COUNTED_TICKS;
         let errors = pac::CAN.esr().read();
-        report.can_errors = (errors.tec(), errors.rec());
+        report.can_errors = CanErrors {
+            transmit: errors.tec(),
+            receive: errors.rec(),
+        };
         report.can_lost = can::lost();
         report.can_loop = can::looped();
         report.tick_cycles = self.tick_cycles;

@@ -2,15 +2,20 @@
 
 use super::{Cable, Controller};
 use crate::io::Brake;
+use crate::sampler::Measured;
 use mcdpr_protocol::{Limits, Millinewtons, PerCable, Status, TenthMicrometres};
 
 impl<const N: usize> Controller<N> {
-    /// Lengths (0.1 µm), tensions (mN) and motor currents (mA) of this tick.
+    /// The measurements of this tick.
     #[must_use]
-    pub fn measured(&self) -> [(i32, i32, i16); N] {
-        let mut rows = [(0, 0, 0); N];
+    pub fn measured(&self) -> [Measured; N] {
+        let mut rows = [Measured::default(); N];
         for (row, cable) in rows.iter_mut().zip(&self.cables) {
-            *row = (cable.length, cable.tension_mn, cable.current_ma);
+            *row = Measured {
+                length: cable.length,
+                tension_mn: cable.tension_mn,
+                current_ma: cable.current_ma,
+            };
         }
         rows
     }

@@ -376,10 +376,10 @@ fn samples_unpack_to_what_was_measured_tick_by_tick() {
     for _ in 0..200 {
         bench.step();
         let rows = bench.server.controller().measured();
-        let samples = rows.iter().map(|&(length, tension, current)| Sample {
-            length: length.into(),
-            tension: tension.into(),
-            current: i32::from(current).into(),
+        let samples = rows.iter().map(|row| Sample {
+            length: row.length.into(),
+            tension: row.tension_mn.into(),
+            current: i32::from(row.current_ma).into(),
         });
         measured.push((bench.now, samples.collect()));
         let row = bench.server.take_row();

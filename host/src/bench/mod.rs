@@ -16,7 +16,7 @@ use crate::doctor::{Finding, Verdict, hash_of};
 use crate::link::{Client, Link};
 use crate::run::{RunError, status};
 use crate::service::volts;
-use mcdpr_protocol::{Bench, BenchTest, BoardState, Reply, Request, Winch};
+use mcdpr_protocol::{Bench, BenchTest, BoardState, CanErrors, Reply, Request, Winch};
 
 /// The device of an STM32F103x8 or xB in its identity (RM0008, 31.6.1).
 const DEVICE: u32 = 0x410;
@@ -231,7 +231,10 @@ fn can<L: Link>(client: &mut Client<L>, findings: &mut Vec<Finding>) -> Result<(
     }
     wait(client, 50_000)?;
     let seen = ask(client, BenchTest::Look)?;
-    let (sent, received) = seen.can_errors;
+    let CanErrors {
+        transmit: sent,
+        receive: received,
+    } = seen.can_errors;
     let found = format!(
         "loop through the controller {}, error counters {sent} and {received}, {} frames lost",
         if seen.can_loop == Some(true) {

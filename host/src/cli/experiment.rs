@@ -127,8 +127,8 @@ impl Cmd {
             let link = common
                 .open_port()
                 .map_err(|error| RunError::from(ClientError::from(error)))?;
-            let line = (record.line(link), record.session);
-            Ok(hold(&model, line, &experiment, |words| {
+            let (line, session) = (record.line(link), record.session);
+            Ok(hold(&model, line, session, &experiment, |words| {
                 eprintln!("{words}")
             })?)
         })?;

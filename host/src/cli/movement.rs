@@ -255,7 +255,6 @@ fn ended<'a>(
 }
 
 fn home_by_tag(common: &Common, model: &Model) -> Outcome {
-    use crate::estimate::TagPlace;
     use crate::sight::{Scene, SimulatedTags};
     let options = mcdpr_simulator::LinkOptions::default();
     let mismatch = crate::machine::Mismatch::realistic();
@@ -264,11 +263,7 @@ fn home_by_tag(common: &Common, model: &Model) -> Outcome {
         .controller(&common.controller)
         .at_home(model)?;
     let scene = Scene::on_floor(model.robot(), 0.0, 0.0, common.seed);
-    let places = scene.world_from_body.iter().map(|(body, pose)| TagPlace {
-        body: *body,
-        world_from_body: *pose,
-    });
-    let places = places.collect();
+    let places = scene.places.clone();
     let mut camera = SimulatedTags::new(link.clone(), scene, 0.1, common.seed);
     let boxed: Box<dyn Link> = Box::new(link.clone());
     let session = Session::open(

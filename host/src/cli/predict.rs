@@ -80,13 +80,13 @@ impl Cmd {
         let mut table = vec![head.map(str::to_owned).to_vec()];
         for answer in &answers {
             for one in &answer.readings {
-                let (_, factor, unit) = one.group.words();
+                let unit = one.group.unit();
                 table.push(vec![
                     rest.name(answer.sample),
                     name(one.group, one.index),
-                    format!("{:+.2}", one.error * factor),
-                    format!("{:.2}", HALF_95 * one.sigma * factor),
-                    unit.to_owned(),
+                    format!("{:+.2}", one.error * unit.factor),
+                    format!("{:.2}", HALF_95 * one.sigma * unit.factor),
+                    unit.symbol.to_owned(),
                     if one.inside() { "" } else { "outside" }.to_owned(),
                 ]);
             }
@@ -125,7 +125,7 @@ fn name(group: Group, index: usize) -> String {
         Group::Tension => format!("tension{}", index + 1),
         Group::Swivel => format!("swivel{}", index + 1),
         Group::Tilt | Group::Yaw => TURNS.get(index).map_or("", |word| word).to_owned(),
-        _ => format!("{}{}", group.words().0, index + 1),
+        _ => format!("{}{}", group.name(), index + 1),
     }
 }
 

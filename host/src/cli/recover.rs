@@ -2,7 +2,6 @@
 
 use super::eye::Eye;
 use super::{Common, Failed, Outcome, print_json};
-use crate::estimate::TagPlace;
 use crate::link::{Client, ClientError};
 use crate::machine::Mismatch;
 use crate::motion::Model;
@@ -72,14 +71,7 @@ impl Cmd {
         }
         let mut camera = self.eye.tags(model.robot())?;
         let calibrated = model.robot().calibrated.as_ref();
-        let places = calibrated.map_or(Vec::new(), |calibrated| {
-            let bodies = calibrated.world_from_body.iter();
-            let place = |(body, pose): &(u32, _)| TagPlace {
-                body: *body,
-                world_from_body: *pose,
-            };
-            bodies.map(place).collect()
-        });
+        let places = calibrated.map_or(Vec::new(), |calibrated| calibrated.places.clone());
         let link = common.open_port().map_err(ClientError::from)?;
         let mut client = Client::connect(link, new_session()).map_err(RunError::from)?;
         let board = board_name(client.hello());

@@ -86,7 +86,10 @@ enum RigError {
 }
 
 /// The line to the robot, and the session to open on it.
-type Line<'l> = (Box<dyn Link + 'l>, SessionId);
+struct Line<'l> {
+    link: Box<dyn Link + 'l>,
+    session: SessionId,
+}
 
 /// The action, and the tensions after it, N.
 struct Done {
@@ -178,7 +181,10 @@ impl Cmd {
             } else {
                 record.line(port(common)?)
             };
-            work((line, record.session))
+            work(Line {
+                link: line,
+                session: record.session,
+            })
         })?;
         let folder = folder.path().display();
         if common.json {
@@ -255,7 +261,7 @@ impl Cmd {
         let count = robot.cables.len();
         // Approximate: the length on the drum is counted only from here on.
         let lengths: Vec<f64> = model.rest_at_home()?.paid_out_m;
-        let mut rig = Rig::start(&robot, line, &lengths, &vec![0.0; count])?;
+        let mut rig = Rig::start(&robot, line.link, line.session, &lengths, &vec![0.0; count])?;
         rig.wind(cable, length_mm * 1e-3, speed)?;
         rig.finish()?;
         Ok(Done::new("wound; the brakes are closed", Vec::new()))
@@ -269,7 +275,13 @@ impl Cmd {
         ))?;
         let lengths: Vec<f64> = model.rest_at_home()?.paid_out_m;
         let slack = vec![0.0; lengths.len()];
-        let mut rig = Rig::start(&rigged(model.robot()), line, &lengths, &slack)?;
+        let mut rig = Rig::start(
+            &rigged(model.robot()),
+            line.link,
+            line.session,
+            &lengths,
+            &slack,
+        )?;
         let now = rig.take_up(Some(cable), STRETCHES, |now| eprintln!("  {}", words(now)))?;
         rig.tension(&slack)?;
         rig.finish()?;
@@ -289,7 +301,13 @@ impl Cmd {
              up the slack",
         )?;
         let slack = vec![0.0; goal.len()];
-        let mut rig = Rig::start(&rigged(model.robot()), line, &home.paid_out_m, &slack)?;
+        let mut rig = Rig::start(
+            &rigged(model.robot()),
+            line.link,
+            line.session,
+            &home.paid_out_m,
+            &slack,
+        )?;
         let now = rig.take_up(None, STRETCHES, |now| eprintln!("  {}", words(now)))?;
         if let Some((index, &tension_n)) =
             now.iter().enumerate().find(|(_, n)| **n < 0.5 * TAKEN_UP_N)
@@ -316,7 +334,13 @@ impl Cmd {
     fn lower(&self, model: &Model, line: Line<'_>, tensions_n: &[f64]) -> miette::Result<Done> {
         self.confirm("the stand is under the platform, which hangs at home: arm and let it down")?;
         let home = model.rest_at_home()?;
-        let mut rig = Rig::start(&rigged(model.robot()), line, &home.paid_out_m, tensions_n)?;
+        let mut rig = Rig::start(
+            &rigged(model.robot()),
+            line.link,
+            line.session,
+            &home.paid_out_m,
+            tensions_n,
+        )?;
         let low = vec![TAKEN_UP_N; tensions_n.len()];
         let now = rig.tension(&low)?;
         eprintln!("the stand carries: {}", words(&now));

@@ -244,7 +244,7 @@ impl Tries<'_> {
             };
             let home = model.rest_at_home()?;
             let (lengths_m, tensions_n) = (&home.paid_out_m, home.tensions_n());
-            let mut rig = Rig::start(model.robot(), (line, record.session), lengths_m, tensions_n)?;
+            let mut rig = Rig::start(model.robot(), line, record.session, lengths_m, tensions_n)?;
             let answer = excite(&mut rig, self.cable, self.stages)?;
             rig.finish()?;
             Ok(answer)

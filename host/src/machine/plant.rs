@@ -1,12 +1,13 @@
 //! The robot description as physics for the simulator, exact or with a stated mismatch.
 
 use super::Controller;
-use crate::robot::{DriveKind, Gear, Robot};
+use crate::robot::{Cable, DriveKind, Gear, Robot, Winch};
 use mcdpr_simulator::plant::{
     BrakeParams, BusParams, CableParams, DriveParams, GearParams, Plant, PlantError, PlantParams,
     PlatformParams, Pose, Protocol, TensionSensorParams, WinchParams,
 };
 use mcdpr_simulator::{LinkOptions, Simulation};
+use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
@@ -114,116 +115,17 @@ const PRESLIDING_M: f64 = 2e-4;
 /// The physics of this robot, off by `mismatch` drawn with `seed`.
 #[must_use]
 pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParams {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6D69_736D);
-    let mut draw = |half_width: f64| {
-        let unit = f64::from(rng.next_u32()) / f64::from(u32::MAX);
-        (2.0 * unit - 1.0) * half_width
-    };
-    let shifted = |vector: [f64; 3], half_width: f64, draw: &mut dyn FnMut(f64) -> f64| {
-        vector.map(|value| value + draw(half_width))
-    };
-    // A separate sequence: machines without gears are unchanged.
-    let mut gear_rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6765_6172);
+    let mut draws = Draws::new(seed);
     let mut cables = Vec::new();
     let mut winches = Vec::new();
     for (index, cable) in robot.cables.iter().enumerate() {
-        cables.push(CableParams {
-            anchor_m: shifted(
-                cable.anchor_in_world_m.into(),
-                mismatch.anchors_m,
-                &mut draw,
-            ),
-            swivel_axis: cable.swivel_axis_in_world.into(),
-            pulley_radius_m: cable.pulley_radius_m,
-            attachment_m: shifted(
-                cable.attachment_in_platform_m.into(),
-                mismatch.attachments_m,
-                &mut draw,
-            ),
-            ea_n: cable.ea_n * (1.0 + draw(mismatch.ea)),
-            damping_time_s: cable.damping_time_s,
-            routing_length_m: cable.routing_length_m,
-            pulley_loss: cable.pulley_loss.max(mismatch.pulley_loss),
-            pulley_presliding_m: PRESLIDING_M,
-        });
-        let Some(winch) = robot.winch_of(index) else {
-            continue;
-        };
-        winches.push(WinchParams {
-            drum_radius_m: winch.drum_radius_m,
-            encoder_counts_per_turn: f64::from(winch.encoder_counts_per_turn),
-            encoder_sign: winch.encoder_sign,
-            motor_counts_per_drum_turn: winch.motor_counts_per_turn.abs(),
-            motor_sign: if winch.motor_counts_per_turn < 0.0 {
-                -1
-            } else {
-                1
-            },
-            gear_ratio: winch.gear_ratio,
-            rotor_inertia_kg_m2: winch.rotor_inertia_kg_m2,
-            torque_constant_nm_per_a: winch.torque_constant_nm_per_a,
-            max_motor_rpm: winch.max_motor_rpm,
-            max_current_a: winch.max_current_a,
-            friction_n: winch.friction_n,
-            viscous_friction_ns_per_m: VISCOUS_FRICTION_NS_PER_M,
-            gear: winch
-                .gear
-                .map(|gear| gear_params(&gear, &mismatch.gears, &mut gear_rng)),
-            eccentricity_m: winch.drum_eccentricity_m,
-            eccentric_rad: std::f64::consts::TAU * unit(&mut gear_rng),
-            drum_mass_kg: winch.drum_inertia_kg_m2 / winch.drum_radius_m.powi(2),
-            brake: BrakeParams {
-                close_delay_s: winch.brake_close_s,
-                open_delay_s: winch.brake_close_s,
-                holding_n: BRAKE_HOLDING_N,
-                play_m: winch.brake_play_m,
-            },
-            drive: DriveParams {
-                position_bandwidth_rad_s: winch.drive_bandwidth_rad_s
-                    * (1.0 + draw(mismatch.bandwidth)),
-                current_lag_s: winch.current_lag_s,
-                inner_lag_s: if winch.gear.is_some() {
-                    INNER_LAG_S
-                } else {
-                    0.0
-                },
-                // The motor is the limit, not the drive's profile.
-                max_acceleration_mps2: MAX_ACCELERATION_MPS2,
-                protocol: match winch.drive {
-                    DriveKind::Rmds => Protocol::Rmds,
-                    DriveKind::Cia402 => Protocol::Cia402,
-                },
-                node: Some(winch.node),
-                mode_time_s: match winch.drive {
-                    DriveKind::Rmds => RMDS_MODE_S,
-                    DriveKind::Cia402 => CIA402_MODE_S,
-                },
-                ..WinchParams::default().drive
-            },
-            sensor: TensionSensorParams {
-                gain_n_per_v: winch.tension_gain_n_per_v * (1.0 + draw(mismatch.sensor_gain)),
-                zero_v: winch.tension_zero_v,
-                noise_n: SENSOR_NOISE_N,
-                max_n: winch.tension_max_n * SENSOR_OVERLOAD,
-            },
-        });
+        cables.push(cable_params(cable, mismatch, &mut draws));
+        if let Some(winch) = robot.winch_of(index) {
+            winches.push(winch_params(winch, mismatch, &mut draws));
+        }
     }
-    let platform = &robot.platform;
-    let mass_kg = platform.mass_kg * (1.0 + draw(mismatch.mass));
-    let inertia = platform.inertia_kg_m2;
     PlantParams {
-        platform: PlatformParams {
-            mass_kg,
-            center_of_mass_m: shifted(
-                platform.center_of_mass_m.into(),
-                mismatch.center_of_mass_m,
-                &mut draw,
-            ),
-            inertia_kg_m2: [0, 1, 2].map(|row| [0, 1, 2].map(|column| inertia[(row, column)])),
-            tcp_m: robot.tool.tcp_in_platform_m.into(),
-            linear_damping_ns_per_m: 0.0,
-            angular_damping_nms: 0.0,
-        },
+        platform: platform_params(robot, mismatch, &mut draws),
         cables,
         winches,
         bus: BusParams {
@@ -235,6 +137,120 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
         step_s: 1e-4,
         cables_attached: true,
         e_stop_cuts_power: true,
+    }
+}
+
+/// Random errors of one machine. The order of the draws decides what a seed means.
+struct Draws {
+    rng: ChaCha8Rng,
+    /// A separate sequence: machines without gears are unchanged.
+    gears: ChaCha8Rng,
+}
+
+impl Draws {
+    fn new(seed: u64) -> Self {
+        Self {
+            rng: ChaCha8Rng::seed_from_u64(seed ^ 0x6D69_736D),
+            gears: ChaCha8Rng::seed_from_u64(seed ^ 0x6765_6172),
+        }
+    }
+
+    /// A number from `-half_width` to `half_width`.
+    fn within(&mut self, half_width: f64) -> f64 {
+        (2.0 * unit(&mut self.rng) - 1.0) * half_width
+    }
+
+    fn shifted(&mut self, vector: Vector3<f64>, half_width: f64) -> [f64; 3] {
+        let vector: [f64; 3] = vector.into();
+        vector.map(|value| value + self.within(half_width))
+    }
+}
+
+fn cable_params(cable: &Cable, mismatch: &Mismatch, draws: &mut Draws) -> CableParams {
+    CableParams {
+        anchor_m: draws.shifted(cable.anchor_in_world_m, mismatch.anchors_m),
+        swivel_axis: cable.swivel_axis_in_world.into(),
+        pulley_radius_m: cable.pulley_radius_m,
+        attachment_m: draws.shifted(cable.attachment_in_platform_m, mismatch.attachments_m),
+        ea_n: cable.ea_n * (1.0 + draws.within(mismatch.ea)),
+        damping_time_s: cable.damping_time_s,
+        routing_length_m: cable.routing_length_m,
+        pulley_loss: cable.pulley_loss.max(mismatch.pulley_loss),
+        pulley_presliding_m: PRESLIDING_M,
+    }
+}
+
+fn winch_params(winch: &Winch, mismatch: &Mismatch, draws: &mut Draws) -> WinchParams {
+    let reversed = winch.motor_counts_per_turn < 0.0;
+    let gear = winch
+        .gear
+        .map(|gear| gear_params(&gear, &mismatch.gears, &mut draws.gears));
+    WinchParams {
+        drum_radius_m: winch.drum_radius_m,
+        encoder_counts_per_turn: f64::from(winch.encoder_counts_per_turn),
+        encoder_sign: winch.encoder_sign,
+        motor_counts_per_drum_turn: winch.motor_counts_per_turn.abs(),
+        motor_sign: if reversed { -1 } else { 1 },
+        gear_ratio: winch.gear_ratio,
+        rotor_inertia_kg_m2: winch.rotor_inertia_kg_m2,
+        torque_constant_nm_per_a: winch.torque_constant_nm_per_a,
+        max_motor_rpm: winch.max_motor_rpm,
+        max_current_a: winch.max_current_a,
+        friction_n: winch.friction_n,
+        viscous_friction_ns_per_m: VISCOUS_FRICTION_NS_PER_M,
+        gear,
+        eccentricity_m: winch.drum_eccentricity_m,
+        eccentric_rad: std::f64::consts::TAU * unit(&mut draws.gears),
+        drum_mass_kg: winch.drum_inertia_kg_m2 / winch.drum_radius_m.powi(2),
+        brake: BrakeParams {
+            close_delay_s: winch.brake_close_s,
+            open_delay_s: winch.brake_close_s,
+            holding_n: BRAKE_HOLDING_N,
+            play_m: winch.brake_play_m,
+        },
+        drive: drive_params(winch, mismatch, draws),
+        sensor: TensionSensorParams {
+            gain_n_per_v: winch.tension_gain_n_per_v * (1.0 + draws.within(mismatch.sensor_gain)),
+            zero_v: winch.tension_zero_v,
+            noise_n: SENSOR_NOISE_N,
+            max_n: winch.tension_max_n * SENSOR_OVERLOAD,
+        },
+    }
+}
+
+fn drive_params(winch: &Winch, mismatch: &Mismatch, draws: &mut Draws) -> DriveParams {
+    let (protocol, mode_time_s) = match winch.drive {
+        DriveKind::Rmds => (Protocol::Rmds, RMDS_MODE_S),
+        DriveKind::Cia402 => (Protocol::Cia402, CIA402_MODE_S),
+    };
+    DriveParams {
+        position_bandwidth_rad_s: winch.drive_bandwidth_rad_s
+            * (1.0 + draws.within(mismatch.bandwidth)),
+        current_lag_s: winch.current_lag_s,
+        inner_lag_s: if winch.gear.is_some() {
+            INNER_LAG_S
+        } else {
+            0.0
+        },
+        // The motor is the limit, not the drive's profile.
+        max_acceleration_mps2: MAX_ACCELERATION_MPS2,
+        protocol,
+        node: Some(winch.node),
+        mode_time_s,
+        ..WinchParams::default().drive
+    }
+}
+
+fn platform_params(robot: &Robot, mismatch: &Mismatch, draws: &mut Draws) -> PlatformParams {
+    let platform = &robot.platform;
+    let inertia = platform.inertia_kg_m2;
+    PlatformParams {
+        mass_kg: platform.mass_kg * (1.0 + draws.within(mismatch.mass)),
+        center_of_mass_m: draws.shifted(platform.center_of_mass_m, mismatch.center_of_mass_m),
+        inertia_kg_m2: [0, 1, 2].map(|row| [0, 1, 2].map(|column| inertia[(row, column)])),
+        tcp_m: robot.tool.tcp_in_platform_m.into(),
+        linear_damping_ns_per_m: 0.0,
+        angular_damping_nms: 0.0,
     }
 }
 

@@ -5,7 +5,7 @@
 //! pulley away. A winch is a slide behind the pulley that takes cable up.
 
 use super::{Home, escaped, list, on_winch, platform_half_size_m, pulley_frame, quaternion};
-use crate::robot::Robot;
+use crate::robot::{Robot, TagPlace};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::fmt::Write as _;
 
@@ -221,15 +221,19 @@ fn platform(out: &mut String, robot: &Robot, home: &Home) {
 
 /// Thin plates at the tags' poses: the calibrated ones, else those of the simulator.
 fn tags(out: &mut String, robot: &Robot, home: &Home) {
-    for (number, world_from_body) in &home.bodies {
-        let of_body = robot.tags.iter().filter(|tag| tag.body == *number);
+    for TagPlace {
+        body,
+        world_from_body,
+    } in &home.places
+    {
+        let of_body = robot.tags.iter().filter(|tag| tag.body == *body);
         let of_body: Vec<_> = of_body.collect();
         if of_body.is_empty() {
             continue;
         }
         let _ = writeln!(
             out,
-            "    <body name=\"tags_{number}\" pos=\"{}\" quat=\"{}\">",
+            "    <body name=\"tags_{body}\" pos=\"{}\" quat=\"{}\">",
             list(&world_from_body.position_m),
             quaternion(&world_from_body.rotation)
         );

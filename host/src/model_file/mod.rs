@@ -13,7 +13,7 @@ mod urdf;
 
 use crate::compute::{ComputeError, Subject};
 use crate::machine;
-use crate::robot::{Control, Robot};
+use crate::robot::{Control, Robot, TagPlace};
 use crate::sight::Scene;
 use mcdpr_kinematics::{CablePath, Pose};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -58,8 +58,7 @@ struct Home {
     tensions_n: Vec<f64>,
     paid_out_m: Vec<f64>,
     winches: Winches,
-    /// Place of each body of tags: its number and world_from_body.
-    bodies: Vec<(u32, Pose)>,
+    places: Vec<TagPlace>,
 }
 
 impl Home {
@@ -69,9 +68,9 @@ impl Home {
         let (found, _) = subject.hang(&at_m, true, &subject.own_tensions(), None)?;
         let paths = subject.geometry.paths(&found.pose)?;
         let pairs = found.lengths_m.iter().zip(&found.tensions_n).enumerate();
-        let bodies = match &robot.calibrated {
-            Some(calibrated) => calibrated.world_from_body.clone(),
-            None => Scene::on_floor(robot, 0.0, 0.0, 1).world_from_body,
+        let places = match &robot.calibrated {
+            Some(calibrated) => calibrated.places.clone(),
+            None => Scene::on_floor(robot, 0.0, 0.0, 1).places,
         };
         Ok(Self {
             pose: found.pose,
@@ -81,7 +80,7 @@ impl Home {
                 .collect(),
             tensions_n: found.tensions_n.to_vec(),
             winches,
-            bodies,
+            places,
         })
     }
 }

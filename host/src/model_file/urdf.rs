@@ -74,8 +74,8 @@ pub(super) fn write(robot: &Robot, home: &Home) -> String {
     out.push_str("  <link name=\"camera\"/>\n");
     let camera = robot.camera.camera_from_platform.inverse();
     joint(&mut out, "fixed", "platform", "camera", &camera);
-    for (number, world_from_body) in &home.bodies {
-        for tag in robot.tags.iter().filter(|tag| tag.body == *number) {
+    for place in &home.places {
+        for tag in robot.tags.iter().filter(|tag| tag.body == place.body) {
             let [a, b, c, d] = &tag.corners_in_body_m;
             let x = (b - a).normalize();
             let z = x.cross(&(d - a)).normalize();
@@ -88,7 +88,7 @@ pub(super) fn write(robot: &Robot, home: &Home) -> String {
             let size = tag.size_m;
             let shape = format!("<geometry><box size=\"{size} {size} 0.001\"/></geometry>");
             link(&mut out, &name, &shape);
-            let place = world_from_body.compose(&body_from_tag);
+            let place = place.world_from_body.compose(&body_from_tag);
             joint(&mut out, "fixed", "world", &name, &place);
         }
     }

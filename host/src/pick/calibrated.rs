@@ -52,11 +52,11 @@ pub fn calibrated(robot: &Robot, seed: u64, controller: &Controller) -> Result<R
             seed: seed.wrapping_add(set * SET_SEED),
             simulated_seed: Some(seed),
             described: Some(robot.content_hash()),
+            session: Some(SessionId(1)),
             ..Options::default()
         };
-        let line = (link, Some(SessionId(1)));
         let keep = |_: &_| Ok(());
-        collect(&model, line, &mut tags, &options, None, keep, |_| {})
+        collect(&model, link, &mut tags, &options, None, keep, |_| {})
             .map_err(|error| failed(&error))
     };
     let mut measured = measure(0);

@@ -13,8 +13,17 @@ use nalgebra::{Isometry3, Matrix6, Point3, Vector3, Vector6};
 /// A sheet of tags.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mat {
-    /// Number of each tag and its corners on the sheet, m, as [`crate::robot::Tag`] has them.
-    pub tags: Vec<(u32, [Vector3<f64>; 4])>,
+    /// Its tags.
+    pub tags: Vec<SheetTag>,
+}
+
+/// A tag on a sheet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SheetTag {
+    /// Its number.
+    pub id: u32,
+    /// Its corners on the sheet, m, in the order of [`crate::robot::Tag`].
+    pub corners_m: [Vector3<f64>; 4],
 }
 
 /// Fewer tags than this are not used: a covered edge is detected only by comparison with others.
@@ -86,9 +95,9 @@ impl Mat {
         let mut squares: Vec<Square> = found
             .iter()
             .filter_map(|seen| {
-                let (_, corners_m) = self.tags.iter().find(|(id, _)| *id == seen.id)?;
+                let tag = self.tags.iter().find(|tag| tag.id == seen.id)?;
                 Some(Square {
-                    corners_in_body_m: *corners_m,
+                    corners_in_body_m: tag.corners_m,
                     corners_px: seen.corners_px.map(Into::into),
                 })
             })

@@ -2,7 +2,7 @@
 
 use super::budget::Uncertainty;
 use super::choose::Choice;
-use super::mat::Mat;
+use super::mat::{Mat, SheetTag};
 use super::task::{Options, Watcher};
 use crate::link::SimulatedLink;
 use crate::motion::Model;
@@ -266,7 +266,10 @@ pub fn mat(rows: &TagRows) -> Mat {
                 corner(-1.0, 1.0),
             ];
             let id = rows.first + row * rows.count[0] + column;
-            tags.push((u32::try_from(id).unwrap_or(u32::MAX), corners));
+            tags.push(SheetTag {
+                id: u32::try_from(id).unwrap_or(u32::MAX),
+                corners_m: corners,
+            });
         }
     }
     Mat { tags }

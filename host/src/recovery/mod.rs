@@ -13,10 +13,11 @@ pub use mcdpr_core::recovery::*;
 pub use writer::About;
 pub(crate) use writer::JournalWriter;
 
-use crate::estimate::{Measurements, TagPlace};
+use crate::estimate::Measurements;
 use crate::link::{Client, Link};
 use crate::motion::Model;
 use crate::record::TaskSource;
+use crate::robot::TagPlace;
 use crate::run::{self, RunError};
 use crate::sight::TagSource;
 use mcdpr_core::recovery::looks::{Looks, Rest};

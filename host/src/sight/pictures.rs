@@ -55,7 +55,7 @@ impl SceneCamera {
     /// # Errors
     /// [`SightError::Simulation`].
     pub fn picture(&mut self, world_from_platform: &Place) -> Result<RgbImage, SightError> {
-        let camera_from_platform = place(&self.scene.camera_from_platform);
+        let camera_from_platform = frame(&self.scene.camera_from_platform);
         let world_from_camera = world_from_platform.then(&camera_from_platform.inverse());
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(self.taken);
         self.taken += 1;
@@ -94,8 +94,9 @@ impl SceneCamera {
     fn surroundings(&self) -> Surroundings {
         let mut bodies = Vec::new();
         let mut lowest_m = f64::INFINITY;
-        for (number, pose) in &self.scene.world_from_body {
-            let on_body = self.scene.tags.iter().filter(|tag| tag.body == *number);
+        for place in &self.scene.places {
+            let pose = &place.world_from_body;
+            let on_body = self.scene.tags.iter().filter(|tag| tag.body == place.body);
             let tags: Vec<_> = on_body
                 .map(|tag| {
                     let [a, b, c, d] = tag.corners_in_body_m;
@@ -112,7 +113,7 @@ impl SceneCamera {
                     (tag.id as usize, tag.size_m, frame)
                 })
                 .collect();
-            bodies.push(Body::tags(&tags, place(pose)));
+            bodies.push(Body::tags(&tags, frame(pose)));
         }
         let floor = Place::at([0.3, 0.0, lowest_m.min(0.0) - 0.025]);
         bodies.push(Body::fixed_box("floor", [2.0, 2.0, 0.01], floor, FLOOR));
@@ -123,7 +124,7 @@ impl SceneCamera {
     }
 }
 
-fn place(pose: &mcdpr_kinematics::Pose) -> Place {
+fn frame(pose: &mcdpr_kinematics::Pose) -> Place {
     let m = pose.rotation.matrix();
     Place {
         rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)])),

@@ -1,6 +1,6 @@
 //! True poses of a simulated robot's tags, and the true mounting of its camera.
 
-use crate::robot::{Robot, Tag};
+use crate::robot::{Robot, Tag, TagPlace};
 use mcdpr_core::random::Random;
 use mcdpr_kinematics::Pose;
 use mcdpr_vision::Camera;
@@ -15,8 +15,8 @@ pub struct Scene {
     pub camera_from_platform: Pose,
     /// The true tags.
     pub tags: Vec<Tag>,
-    /// Pose of each body of tags, world_from_body: the body's number and its pose.
-    pub world_from_body: Vec<(u32, Pose)>,
+    /// Pose of each body of tags.
+    pub places: Vec<TagPlace>,
 }
 
 /// Height of the floor below the lowest anchor, m.
@@ -46,7 +46,7 @@ impl Scene {
         bodies.sort_unstable();
         bodies.dedup();
         let count = bodies.len() as f64;
-        let world_from_body = bodies
+        let places = bodies
             .into_iter()
             .enumerate()
             .map(|(i, body)| {
@@ -60,7 +60,10 @@ impl Scene {
                 let turn = 0.5 + random.within(0.3);
                 let face_up = Rotation3::from_euler_angles(std::f64::consts::PI, 0.0, turn);
                 let tilt = Vector3::from_fn(|_, _| random.within(0.02));
-                (body, Pose::new(at, Rotation3::new(tilt) * face_up))
+                TagPlace {
+                    body,
+                    world_from_body: Pose::new(at, Rotation3::new(tilt) * face_up),
+                }
             })
             .collect();
         let shift = Vector3::from_fn(|_, _| random.within(mounting_m));
@@ -69,7 +72,7 @@ impl Scene {
             lens: robot.camera.lens,
             camera_from_platform: robot.camera.camera_from_platform.displaced(&shift, &turn),
             tags: robot.tags.clone(),
-            world_from_body,
+            places,
         }
     }
 
@@ -91,18 +94,15 @@ impl Scene {
     pub(crate) fn known_from_true(robot: &Robot) -> Option<Pose> {
         let calibrated = robot.calibrated.as_ref()?;
         let scene = Self::of(robot, calibrated.simulated_seed?);
-        let (number, place) = calibrated.world_from_body.first()?;
-        let true_place = scene.body(*number)?;
-        Some(place.compose(&true_place.inverse()))
+        let place = calibrated.places.first()?;
+        let true_place = scene.body(place.body)?;
+        Some(place.world_from_body.compose(&true_place.inverse()))
     }
 
     /// The true pose of a body of tags.
     #[must_use]
     pub fn body(&self, number: u32) -> Option<&Pose> {
-        let found = self
-            .world_from_body
-            .iter()
-            .find(|(body, _)| *body == number);
-        found.map(|(_, pose)| pose)
+        let found = self.places.iter().find(|place| place.body == number);
+        found.map(|place| &place.world_from_body)
     }
 }

@@ -174,11 +174,11 @@ mod tests {
     fn a_tag_that_is_turned_over_or_cut_off_is_not_seen() {
         let (_, mut tags) = robot_at_home(5);
         assert_eq!(tags.look().unwrap().len(), 1);
-        let upright = tags.scene.world_from_body[0].1;
+        let upright = tags.scene.places[0].world_from_body;
         let over = Vector3::new(std::f64::consts::PI, 0.0, 0.0);
-        tags.scene_mut().world_from_body[0].1 = upright.displaced(&Vector3::zeros(), &over);
+        tags.scene_mut().places[0].world_from_body = upright.displaced(&Vector3::zeros(), &over);
         assert!(tags.look().unwrap().is_empty());
-        tags.scene_mut().world_from_body[0].1 =
+        tags.scene_mut().places[0].world_from_body =
             upright.displaced(&Vector3::new(2.0, 0.0, 0.0), &Vector3::zeros());
         assert!(tags.look().unwrap().is_empty());
     }

@@ -9,7 +9,6 @@
 use crate::calibration::simulate::Target;
 use crate::calibration::target;
 use crate::control::Handle;
-use crate::estimate::TagPlace;
 use crate::experiment::SimulatedRobot;
 use crate::link::SimulatedLink;
 use crate::machine::Mismatch;
@@ -200,14 +199,7 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
         ..PlanOptions::default()
     });
     let scene = Scene::on_floor(&robot, 0.0, 0.0, seed);
-    let places: Vec<TagPlace> = scene
-        .world_from_body
-        .iter()
-        .map(|(body, pose)| TagPlace {
-            body: *body,
-            world_from_body: *pose,
-        })
-        .collect();
+    let places = scene.places.clone();
     let mut camera = SimulatedTags::new(link.clone(), scene, CORNER_PX, seed);
     let homing = match case.known {
         Known::Homed | Known::HomedByOne => Homing::Tags(&mut camera, places.clone()),

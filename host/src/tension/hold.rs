@@ -15,7 +15,8 @@ use mcdpr_protocol::SessionId;
 /// As a run. Afterwards the brakes are closed and the session is ended.
 pub fn hold<L: Link>(
     model: &Model,
-    (link, session): (L, SessionId),
+    link: L,
+    session: SessionId,
     experiment: &Experiment,
     mut tell: impl FnMut(&str),
 ) -> Result<Trace, RunError> {

@@ -66,7 +66,8 @@ impl<L: Link> Rig<L> {
     /// As a run.
     pub fn start(
         robot: &Robot,
-        (link, session): (L, SessionId),
+        link: L,
+        session: SessionId,
         lengths_m: &[f64],
         tensions_n: &[f64],
     ) -> Result<Self, RunError> {

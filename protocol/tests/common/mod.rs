@@ -269,7 +269,10 @@ pub fn replies() -> Vec<(&'static str, Reply)> {
                 crystal: true,
                 supply_mv: 3300,
                 slow_hz: 40_000,
-                can_errors: (0, 1),
+                can_errors: CanErrors {
+                    transmit: 0,
+                    receive: 1,
+                },
                 can_lost: 2,
                 can_loop: Some(true),
                 tick_cycles: 9000,

@@ -1,6 +1,6 @@
 //! A simulated CiA 402 drive: CANopen's services and the power state machine.
 
-use super::nodes::{NodeFault, Outbox};
+use super::nodes::{NodeFault, ObjectAddress, Outbox};
 use super::objects::{NO_OBJECT, Objects};
 use crate::plant::{DriveCommand, DriveState, Mode, Plant, PlantError, WinchParams};
 use mcdpr_firmware::drives::CanFrame;
@@ -158,7 +158,10 @@ impl Cia402 {
     /// Expedited transfers only: no object of such a drive is longer than four bytes.
     fn serve(&mut self, fault: &NodeFault, at_us: u64, request: &[u8], out: Outbox<'_>) {
         let node = self.node(fault);
-        let address = (u16::from_le_bytes([request[1], request[2]]), request[3]);
+        let address = ObjectAddress {
+            index: u16::from_le_bytes([request[1], request[2]]),
+            sub: request[3],
+        };
         let value = u32::from_le_bytes([request[4], request[5], request[6], request[7]]);
         let outcome = match request[0] {
             _ if fault.lacks == Some(address) => Err(NO_OBJECT),
@@ -175,9 +178,9 @@ impl Cia402 {
             _ => Err(NO_OBJECT),
         };
         let (command, value) = outcome.unwrap_or_else(|code| (0x80, code));
-        let [low, high] = address.0.to_le_bytes();
+        let [low, high] = address.index.to_le_bytes();
         let [a, b, c, d] = value.to_le_bytes();
-        let data = [command, low, high, address.1, a, b, c, d];
+        let data = [command, low, high, address.sub, a, b, c, d];
         out(
             at_us,
             CanFrame {

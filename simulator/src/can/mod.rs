@@ -17,7 +17,7 @@ mod wire;
 
 pub use bus::{BusCounters, BusFaults, CanBus, Delivery};
 pub use line::{BoardPort, DriveLine};
-pub use nodes::{DriveNodes, NodeFault};
+pub use nodes::{DriveNodes, NodeFault, ObjectAddress};
 pub use wire::frame_bits;
 
 #[cfg(doc)]

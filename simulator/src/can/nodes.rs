@@ -21,10 +21,19 @@ pub struct NodeFault {
     pub fault: Option<u16>,
     /// It is too hot, and reports it (CiA 402).
     pub hot: bool,
-    /// It lacks this object, by index and sub-index (CiA 402).
-    pub lacks: Option<(u16, u8)>,
+    /// It lacks this object (CiA 402).
+    pub lacks: Option<ObjectAddress>,
     /// Its communication starts this much later, ms (CiA 402).
     pub boots_late_ms: u32,
+}
+
+/// Address of an object of the dictionary (CiA 301).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ObjectAddress {
+    /// Index.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
 }
 
 /// One drive's electronics.

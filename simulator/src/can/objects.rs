@@ -1,9 +1,7 @@
 //! The object dictionary of a simulated CiA 402 drive.
 
+use super::nodes::ObjectAddress;
 use std::collections::BTreeMap;
-
-/// Index and sub-index of an object.
-pub(super) type Address = (u16, u8);
 
 /// An object: its size in bytes and its value.
 #[derive(Debug, Clone, Copy)]
@@ -16,7 +14,7 @@ struct Object {
 /// All objects of a drive.
 #[derive(Debug, Clone)]
 pub(super) struct Objects {
-    map: BTreeMap<Address, Object>,
+    map: BTreeMap<ObjectAddress, Object>,
 }
 
 /// Abort codes of CiA 301.
@@ -37,7 +35,7 @@ impl Objects {
                 value,
                 writable,
             };
-            objects.map.insert((index, sub), object);
+            objects.map.insert(ObjectAddress { index, sub }, object);
         };
         // Servo drive of profile 402.
         add(0x1000, 0, 4, 0x0002_0192, false);
@@ -79,24 +77,26 @@ impl Objects {
 
     /// An object's value; 0 where there is none.
     pub fn get(&self, index: u16, sub: u8) -> u32 {
-        self.map.get(&(index, sub)).map_or(0, |object| object.value)
+        self.map
+            .get(&ObjectAddress { index, sub })
+            .map_or(0, |object| object.value)
     }
 
     /// The drive itself sets an object.
     pub fn set(&mut self, index: u16, sub: u8, value: u32) {
-        if let Some(object) = self.map.get_mut(&(index, sub)) {
+        if let Some(object) = self.map.get_mut(&ObjectAddress { index, sub }) {
             object.value = value;
         }
     }
 
     /// Size in bytes and value, for a reader.
-    pub fn read(&self, address: Address) -> Result<(u8, u32), u32> {
+    pub fn read(&self, address: ObjectAddress) -> Result<(u8, u32), u32> {
         let object = self.map.get(&address).ok_or(NO_OBJECT)?;
         Ok((object.size, object.value))
     }
 
     /// A node on the bus writes an object.
-    pub fn write(&mut self, address: Address, size: u8, value: u32) -> Result<(), u32> {
+    pub fn write(&mut self, address: ObjectAddress, size: u8, value: u32) -> Result<(), u32> {
         let object = self.map.get_mut(&address).ok_or(NO_OBJECT)?;
         if !object.writable {
             return Err(READ_ONLY);

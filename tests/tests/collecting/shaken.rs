@@ -11,7 +11,7 @@ use mcdpr::motion::Model;
 use mcdpr::run::RunError;
 use mcdpr::sight::{Scene, SimulatedTags};
 use mcdpr_firmware::State;
-use mcdpr_protocol::{FaultId, SessionId};
+use mcdpr_protocol::{FaultId};
 use std::cell::Cell;
 use std::rc::Rc;
 
@@ -88,7 +88,7 @@ fn collected(seed: u64, load_n: fn(f64) -> f64) -> Result<(Vec<String>, usize), 
     let (mut going, mut skipped) = (0, Vec::new());
     let data = collect(
         &model,
-        (line, Some(SessionId(1))),
+        line,
         &mut tags,
         &options(10, seed),
         None,

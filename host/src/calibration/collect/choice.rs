@@ -101,7 +101,8 @@ impl<'a> Choice<'a> {
             known,
             &mut self.all,
             &Estimator::default(),
-            (keep, Search::QUICK),
+            keep,
+            Search::QUICK,
             |candidate, size| reach.near(known, candidate, size, random),
         );
     }

@@ -45,6 +45,8 @@ pub struct Options {
     pub simulated_seed: Option<u64>,
     /// Hash of the robot's description, if the tags in use are not those of the description.
     pub described: Option<u32>,
+    /// Session of the link; `None` for a new one.
+    pub session: Option<SessionId>,
 }
 
 impl Default for Options {
@@ -56,6 +58,7 @@ impl Default for Options {
             seed: 1,
             simulated_seed: None,
             described: None,
+            session: None,
         }
     }
 }
@@ -150,7 +153,7 @@ impl CollectError {
 /// [`CollectError`]; the robot then is at rest with its brakes closed, or stops by itself.
 pub fn collect<L: Link, S: TagSource>(
     model: &Model,
-    (link, session): (L, Option<SessionId>),
+    link: L,
     source: &mut S,
     options: &Options,
     before: Option<Data>,
@@ -163,7 +166,7 @@ pub fn collect<L: Link, S: TagSource>(
             "set control = \"tension\" for one cable",
         )
     })?;
-    let mut client = Client::connect(link, session.unwrap_or_else(run::new_session))?;
+    let mut client = Client::connect(link, options.session.unwrap_or_else(run::new_session))?;
     let hash = run::configure(&mut client, model.robot())?;
     let status = run::status(&mut client)?;
     if let Some(record) = status.fault {

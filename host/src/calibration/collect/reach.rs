@@ -344,8 +344,16 @@ fn rim_in_view(data: &Data, view: &View) -> bool {
 
 /// The tags completely in view at a pose by nominal values, with this margin to the picture's edge.
 fn views(data: &Data, pose: &Pose, margin_px: f64) -> Vec<View> {
-    let poses = (&data.world_from_body[..], &data.camera_from_platform, pose);
-    views_within(&data.camera, &data.tags, poses, 1.0, margin_px)
+    let from_world = data.camera_from_platform.compose(&pose.inverse());
+    let bodies = &data.world_from_body;
+    views_within(
+        &data.camera,
+        &data.tags,
+        bodies,
+        &from_world,
+        1.0,
+        margin_px,
+    )
 }
 
 #[cfg(test)]

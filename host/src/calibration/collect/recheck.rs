@@ -5,7 +5,7 @@
 use super::CollectError;
 use super::still::{self, Still};
 use crate::calibration::slip::{Reading, SelfCheck, Sigmas};
-use crate::estimate::{self, Measurements, TagPlace};
+use crate::estimate::{self, Measurements};
 use crate::link::{Link, meanwhile};
 use crate::motion::{Model, Task};
 use crate::run::{Recorder, Session, plan_from};
@@ -35,7 +35,8 @@ pub fn recheck<L: Link>(
     model: &Model,
     session: &mut Session<'_, L>,
     source: Option<&mut dyn TagSource>,
-    (places, sigmas): (usize, Sigmas),
+    places: usize,
+    sigmas: Sigmas,
     mut judge: impl FnMut(&SelfCheck<'_>, &Reading) -> bool,
 ) -> Result<(), CollectError> {
     let mut check = SelfCheck::new(model, sigmas);
@@ -128,11 +129,10 @@ fn reading_of(model: &Model, still: &Still, near: &Vector3<f64>) -> Reading {
 /// Pose of the platform by the tags alone, with the attitude from statics.
 fn seen(model: &Model, still: &Still, near: &Vector3<f64>) -> Option<Pose> {
     let calibrated = model.robot().calibrated.as_ref()?;
-    let places = calibrated.world_from_body.iter();
     let variance = still.sigma_px * still.sigma_px;
-    let views = still.tags.iter().map(|(id, corners_px)| TagView {
-        id: *id,
-        corners_px: *corners_px,
+    let views = still.tags.iter().map(|tag| TagView {
+        id: tag.id,
+        corners_px: tag.corners_px,
         covariance_px2: [[[variance, 0.0], [0.0, variance]]; 4],
         image_time_us: 0,
     });
@@ -144,12 +144,7 @@ fn seen(model: &Model, still: &Still, near: &Vector3<f64>) -> Option<Pose> {
         lengths_m: Vec::new(),
         tensions_n: still.tensions_n.clone(),
         views,
-        places: places
-            .map(|(body, pose)| TagPlace {
-                body: *body,
-                world_from_body: *pose,
-            })
-            .collect(),
+        places: calibrated.places.clone(),
     };
     let found = estimate::estimate(model, &measured, &estimate::Sigmas::default(), near).ok()?;
     Some(found.rest.equilibrium.pose)

@@ -3,6 +3,7 @@
 use super::super::data::{Data, Limits, Noise, NominalRobot, Origin, Tag, View};
 use super::super::plan::Candidate;
 use super::super::pnp::{Square, sightings_of};
+use super::still::MeanTag;
 use super::{CollectError, Still, observation, still};
 use crate::motion::StaticState;
 use crate::robot::Robot;
@@ -110,7 +111,7 @@ impl Sketch {
     /// seen before gets its start value from this picture.
     pub fn add(&mut self, near: &Pose, still: &Still) {
         let mut views = Vec::new();
-        for (id, corners_px) in &still.tags {
+        for MeanTag { id, corners_px } in &still.tags {
             let number = self.robot.tags.iter().find(|tag| tag.id == *id);
             let Some(number) = number.map(|tag| tag.body) else {
                 continue;
@@ -140,7 +141,7 @@ impl Sketch {
         let on_body: Vec<Square> = still
             .tags
             .iter()
-            .filter_map(|(id, corners_px)| {
+            .filter_map(|MeanTag { id, corners_px }| {
                 let mut tags = self.robot.tags.iter();
                 let tag = tags.find(|tag| tag.id == *id && tag.body == number)?;
                 Some(Square {

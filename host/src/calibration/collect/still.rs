@@ -40,8 +40,8 @@ pub struct Still {
     pub lengths_m: Vec<f64>,
     /// Tensions at the winches, N.
     pub tensions_n: Vec<f64>,
-    /// Mean corners of the tags that were in every picture: id and corners, px.
-    pub tags: Vec<(u32, [[f64; 2]; 4])>,
+    /// The tags that were in every picture.
+    pub tags: Vec<MeanTag>,
     /// Standard deviation of each mean coordinate, px.
     pub sigma_px: f64,
     /// Amplitude of the swing, m.
@@ -50,6 +50,15 @@ pub struct Still {
     pub averaged: bool,
     /// Number of pictures.
     pub frames: usize,
+}
+
+/// A tag over several pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeanTag {
+    /// Its number.
+    pub id: u32,
+    /// Mean of its corners, px.
+    pub corners_px: [[f64; 2]; 4],
 }
 
 struct Window {
@@ -246,7 +255,10 @@ fn mean(seen: &Window, ids: &[u32], swing_m: f64, window: bool) -> Still {
         }
         variance += noise / ids.len() as f64;
         leak_px = leak_px.max(edge_px);
-        tags.push((id, corners));
+        tags.push(MeanTag {
+            id,
+            corners_px: corners,
+        });
     }
     let samples = &seen.recorder.samples;
     let sample_weights = weights(samples.len(), window);
@@ -311,7 +323,7 @@ mod tests {
                 recorder: Recorder::default(),
             };
             let found = mean(&seen, &[7], 1e-3, true);
-            let off = found.tags[0].1[0][0].abs();
+            let off = found.tags[0].corners_px[0][0].abs();
             assert!(off < LEAK, "{hz} Hz: {off}");
             assert!(found.sigma_px > CORNER_FLOOR_PX);
         }

@@ -124,7 +124,8 @@ impl Cmd {
             model,
             &mut session,
             source,
-            (usize::from(self.places), sigmas),
+            usize::from(self.places),
+            sigmas,
             |check, reading| {
                 let found = check.finding();
                 if !common.json {

@@ -159,6 +159,7 @@ impl How {
             seed: common.seed,
             simulated_seed: simulated.then_some(common.seed),
             described: Some(designed.content_hash()),
+            session: None,
         };
         let mut keeper = Keeper::start(path.to_owned())?;
         // The pictures only changed the choice of poses.
@@ -168,7 +169,10 @@ impl How {
                 Some(link) => record.simulated(link),
                 None => record.line(common.open_port().map_err(ClientError::from)?),
             };
-            let line = (line, Some(record.session));
+            let options = Options {
+                session: Some(record.session),
+                ..options
+            };
             let tell = |step| print_step(&step);
             let keep = |data: &Data| keeper.keep(data);
             let done = collect(&model, line, &mut tags, &options, before, keep, tell);

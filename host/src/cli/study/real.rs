@@ -30,7 +30,7 @@ impl Cmd {
             let by_session: serde_json::Map<_, _> = found
                 .by_session
                 .iter()
-                .map(|(name, errors)| (name.clone(), serde_json::json!(errors)))
+                .map(|of| (of.name.clone(), serde_json::json!(of.errors)))
                 .collect();
             return print_json(&serde_json::json!({
                 "study": "real",
@@ -61,8 +61,8 @@ impl Cmd {
             &format!("every third of {}", self.train),
             &found.held_out,
         ));
-        for (name, errors) in &found.by_session {
-            table.push(row(name, errors));
+        for of in &found.by_session {
+            table.push(row(&of.name, &of.errors));
         }
         write_out(&lay_out(&table));
         for first in &found.first_poses {

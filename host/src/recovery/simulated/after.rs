@@ -1,6 +1,5 @@
 //! The robot after the power is back: its journal, the recovery, the rest of its task.
 
-use crate::estimate::TagPlace;
 use crate::experiment::{Experiment, Run};
 use crate::link::{Client, SimulatedLink};
 use crate::motion::{Model, Task};
@@ -87,11 +86,7 @@ impl AfterCut {
         bound_m: f64,
     ) -> Result<(Verdict, Vector3<f64>), RunError> {
         let scene = Scene::on_floor(model.robot(), MOUNTING[0], MOUNTING[1], self.seed);
-        let places = scene.world_from_body.iter().map(|(body, pose)| TagPlace {
-            body: *body,
-            world_from_body: *pose,
-        });
-        let places: Vec<_> = places.collect();
+        let places = scene.places.clone();
         let mut tags = SimulatedTags::new(self.link.clone(), scene, CORNER_PX, self.seed);
         let mut client = Client::connect(self.link.clone(), SessionId(3))?;
         if run::status(&mut client)?.fault.is_some() {

@@ -1,6 +1,7 @@
 //! The firmware's `DriveBus` and the simulated drives, over the simulated wires.
 
 use super::{BusState, DriveLine, DriveState, Mode, Plant, PlantParams, Protocol};
+use crate::can::ObjectAddress;
 use mcdpr_firmware::config::{Active, ConfigStore, TensionOutput};
 use mcdpr_firmware::drives::DriveBus;
 use mcdpr_firmware::drives::last::LastDrives;
@@ -337,7 +338,7 @@ fn a_drive_whose_board_died_gives_no_torque() {
 #[test]
 fn a_drive_without_an_abort_connection_option_goes_on_when_its_board_died() {
     let mut bench = Bench::new(Protocol::Cia402);
-    bench.line.nodes_mut().fault_mut(1).expect("drive").lacks = Some((0x6007, 0));
+    bench.line.nodes_mut().fault_mut(1).expect("drive").lacks = Some(object(0x6007));
     bench.run(1200, OFF);
     bench.run(700, ENABLE);
     assert_eq!(bench.ready(), [true; 4], "the object is optional");
@@ -389,7 +390,7 @@ fn a_drive_that_boots_late_comes_up_and_one_without_its_mode_says_which_object()
         .fault_mut(0)
         .expect("drive")
         .boots_late_ms = 700;
-    bench.line.nodes_mut().fault_mut(2).expect("drive").lacks = Some((0x6060, 0));
+    bench.line.nodes_mut().fault_mut(2).expect("drive").lacks = Some(object(0x6060));
     bench.run(3000, OFF);
     bench.run(700, ENABLE);
     assert_eq!(bench.ready(), [true, true, false, true]);
@@ -482,4 +483,9 @@ fn drives_of_both_kinds_turn_at_the_speed_that_is_commanded() {
         let rest = bench.inputs.drives[3];
         assert!(rest.rpm.abs() <= 150, "{protocol:?} {rest:?}");
     }
+}
+
+/// The address of an object without sub-indices.
+const fn object(index: u16) -> ObjectAddress {
+    ObjectAddress { index, sub: 0 }
 }
