@@ -1,4 +1,4 @@
-//! What came of a motion, as arrays.
+//! The record of a motion, as arrays.
 
 use crate::failure::{Failure, to_python};
 use crate::rows::array;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// What the other program asks for.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Told {
+pub(crate) enum Order {
     /// The name of the node, without namespace.
     Node {
         /// Such as `mcdpr`.
@@ -50,7 +50,7 @@ pub(crate) enum Told {
     },
 }
 
-/// What the other program is told.
+/// A line to the other program.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Said {
@@ -103,12 +103,12 @@ mod tests {
 
     #[test]
     fn lines_are_read_as_they_are_written() {
-        let told = r#"{"sample":{"id":3,"data":"00ff7f"}}"#;
-        let told: Told = serde_json::from_str(told).unwrap();
-        assert!(matches!(told, Told::Sample { id: 3, data } if data.0 == [0, 255, 127]));
+        let order = r#"{"sample":{"id":3,"data":"00ff7f"}}"#;
+        let order: Order = serde_json::from_str(order).unwrap();
+        assert!(matches!(order, Order::Sample { id: 3, data } if data.0 == [0, 255, 127]));
         for wrong in ["0", "0g", "é"] {
             let line = format!(r#"{{"reply":{{"call":1,"data":"{wrong}"}}}}"#);
-            assert!(serde_json::from_str::<Told>(&line).is_err(), "{line}");
+            assert!(serde_json::from_str::<Order>(&line).is_err(), "{line}");
         }
         let said = Said::Call {
             service: 1,

@@ -1,6 +1,6 @@
 //! The ROS 2 side of `mcdpr ros`: topics and services on DDS, in a process of its own.
 //!
-//! It knows nothing of robots. Standard input has one JSON document a line ([`lines::Told`]): topics and
+//! It knows nothing of robots. Standard input has one JSON document a line ([`lines::Order`]): topics and
 //! services to make, samples and replies to send, each as the bytes of its CDR encoding. Standard output has
 //! the calls of services ([`lines::Said`]). It ends with its input.
 
@@ -10,7 +10,7 @@ mod node;
 mod raw;
 mod service;
 
-use lines::Told;
+use lines::Order;
 use node::{Node, NodeError};
 use std::io::BufRead as _;
 use std::net::IpAddr;
@@ -58,23 +58,23 @@ fn serve(place: &Place) -> Result<(), NodeError> {
     let mut node = Node::new(place.domain, &place.interfaces)?;
     for line in std::io::stdin().lock().lines() {
         let line = line.map_err(NodeError::Input)?;
-        let told: Told = serde_json::from_str(&line).map_err(|error| NodeError::Line {
+        let order: Order = serde_json::from_str(&line).map_err(|error| NodeError::Line {
             reason: error.to_string(),
             line: line.chars().take(80).collect(),
         })?;
         // A topic that cannot be made ends this process, and is heard of. A sample that cannot be sent is lost,
         // as it would be on a bad network.
-        match told {
-            Told::Node { name } => node.name(&name)?,
-            Told::Writer {
+        match order {
+            Order::Node { name } => node.name(&name)?,
+            Order::Writer {
                 id,
                 topic,
                 kind,
                 keep,
             } => node.writer(id, &topic, &kind, keep)?,
-            Told::Service { id, name, kind } => node.service(id, &name, &kind)?,
-            Told::Sample { id, data } => node.sample(id, data.0),
-            Told::Reply { call, data } => node.reply(call, data.0),
+            Order::Service { id, name, kind } => node.service(id, &name, &kind)?,
+            Order::Sample { id, data } => node.sample(id, data.0),
+            Order::Reply { call, data } => node.reply(call, data.0),
         }
         // Lines come 50 times a second.
         node.answer();

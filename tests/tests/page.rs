@@ -85,6 +85,24 @@ fn the_page_shows_the_moving_robot() {
 }
 
 #[test]
+fn the_page_shows_and_stops_a_robot_of_eight_cables() {
+    let _alone = alone();
+    let serve = Serve::start(&["--robot", "eight-cable"]);
+    let mut browser = Browser::start();
+    let mut page = browser.open(&serve.with_token());
+    wait(&mut page, MOVING);
+    assert_eq!(page.text("name"), "eight-cable");
+    let cells =
+        "[...document.querySelectorAll('#cables td:nth-child(4)')].map(c => +c.textContent)";
+    wait(
+        &mut page,
+        &format!("{cells}.length === 8 && {cells}.every(t => t > 5 && t < 176)"),
+    );
+    page.press("Escape");
+    wait(&mut page, "mcdpr.live.state !== 'Moving'");
+}
+
+#[test]
 fn the_stop_button_and_the_escape_key_end_the_motion_within_100_ms() {
     let _alone = alone();
     let serve = Serve::start(&[]);

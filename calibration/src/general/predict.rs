@@ -7,7 +7,7 @@ use super::model::{Group, Model, Row, State, stepped_own};
 use super::solve::{Scatter, variance};
 use super::unknowns::{Layout, unknowns};
 use crate::corner::Entry;
-use mcdpr_kinematics::Pose;
+use mcdpr_kinematics::{Attempt, Damping, Pose, descend};
 use nalgebra::{DMatrix, DVector};
 
 /// Half the width of a 95 % interval, in standard deviations.
@@ -124,12 +124,28 @@ struct Case<'a> {
     scatter: &'a Scatter,
 }
 
+/// A sample's own unknowns.
 struct Own {
     pose: Pose,
     tensions_n: Vec<f64>,
     rows: Vec<Row>,
+    /// Of the given readings and the statics.
     normal: DMatrix<f64>,
+    gradient: DVector<f64>,
     cost: f64,
+}
+
+impl Own {
+    fn new(pose: Pose, tensions_n: Vec<f64>, rows: Vec<Row>, unknowns: usize) -> Self {
+        Self {
+            pose,
+            tensions_n,
+            rows,
+            normal: DMatrix::zeros(unknowns, unknowns),
+            gradient: DVector::zeros(unknowns),
+            cost: 0.0,
+        }
+    }
 }
 
 impl Case<'_> {
@@ -212,66 +228,53 @@ impl Case<'_> {
         is_given: &dyn Fn(&Row) -> bool,
     ) -> Option<Own> {
         let known = &self.fit.solution.state;
-        let mut pose = known.poses[from];
-        let mut tensions = known.tensions_n[from].clone();
-        let evaluate = |pose: &Pose, tensions: &[f64]| {
+        let evaluate = |pose: Pose, tensions_n: Vec<f64>| {
             let rows = self
                 .model
-                .rows(self.state, sample, k, pose, tensions)
+                .rows(self.state, sample, k, &pose, &tensions_n)
                 .ok()?;
-            let cost: f64 = rows
-                .iter()
-                .filter(|row| is_given(row))
-                .map(|row| row.residual.powi(2) / variance(row, self.scatter))
-                .sum();
-            cost.is_finite().then_some((rows, cost))
-        };
-        let (mut rows, mut cost) = evaluate(&pose, &tensions)?;
-        let own = self.model.layout.own();
-        let mut damping = 1e-2;
-        let mut normal = DMatrix::zeros(own, own);
-        for _ in 0..80 {
-            normal.fill(0.0);
-            let mut gradient = DVector::zeros(own);
-            for row in rows.iter().filter(|row| is_given(row)) {
+            let mut own = Own::new(pose, tensions_n, rows, self.model.layout.own());
+            for row in own.rows.iter().filter(|row| is_given(row)) {
                 let w = 1.0 / variance(row, self.scatter);
                 let a = DVector::from_column_slice(&row.own);
-                normal.ger(w, &a, &a, 1.0);
-                gradient.axpy(w * row.residual, &a, 1.0);
+                own.normal.ger(w, &a, &a, 1.0);
+                own.gradient.axpy(w * row.residual, &a, 1.0);
+                own.cost += w * row.residual.powi(2);
             }
-            let mut gained = None;
-            while damping < 1e9 {
-                let mut system = normal.clone();
-                for i in 0..own {
-                    system[(i, i)] *= 1.0 + damping;
+            own.cost.is_finite().then_some(own)
+        };
+        let first = evaluate(known.poses[from], known.tensions_n[from].clone())?;
+        let found = descend(first, (), &DAMPING, |at, (), damping| {
+            let mut system = at.normal.clone();
+            for i in 0..system.nrows() {
+                system[(i, i)] *= 1.0 + damping;
+            }
+            let step = -system.cholesky()?.solve(&at.gradient);
+            let (pose, tensions_n) = stepped_own(&at.pose, &at.tensions_n, step.as_slice());
+            Some(match evaluate(pose, tensions_n) {
+                Some(next) if next.cost <= at.cost * (1.0 + 1e-12) + 1e-15 => {
+                    if at.cost - next.cost < 1e-10 {
+                        Attempt::Last(next, ())
+                    } else {
+                        Attempt::Better(next, ())
+                    }
                 }
-                let step = -system.cholesky()?.solve(&gradient);
-                let next = stepped_own(&pose, &tensions, step.as_slice());
-                if let Some((new_rows, new)) = evaluate(&next.0, &next.1)
-                    && new <= cost * (1.0 + 1e-12) + 1e-15
-                {
-                    gained = Some(cost - new);
-                    (pose, tensions) = next;
-                    (rows, cost) = (new_rows, new);
-                    break;
-                }
-                damping *= 5.0;
-            }
-            damping = (damping / 10.0).max(1e-14);
-            if gained.is_none_or(|gain| gain < 1e-10) {
-                break;
-            }
-        }
-        Some(Own {
-            pose,
-            tensions_n: tensions,
-            rows,
-            normal,
-            cost,
-        })
-        .filter(|own| own.tensions_n.iter().all(|t| t.is_finite()))
+                _ => Attempt::Worse,
+            })
+        })?;
+        Some(found.at).filter(|own| own.tensions_n.iter().all(|t| t.is_finite()))
     }
 }
+
+/// Damping of the search for a sample's own unknowns.
+const DAMPING: Damping = Damping {
+    start: 1e-2,
+    least: 1e-14,
+    most: 1e9,
+    after_success: 0.1,
+    after_failure: 5.0,
+    steps: 200,
+};
 
 /// How far the given readings of two samples are apart: 50 mm of length count as 10 N.
 fn distance(a: &Sample, b: &Sample, given: &[Given]) -> f64 {

@@ -2,12 +2,24 @@
 
 use super::rows::{self, Measurements, Sigmas};
 use crate::motion::{Model, PlanError, StaticState};
+use mcdpr_kinematics::{Attempt, Damping, descend};
 use miette::Diagnostic;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3, Vector4};
 use thiserror::Error;
 
-/// At most this many steps; it usually takes four or five.
-const MOST_STEPS: usize = 40;
+/// It usually takes four or five steps.
+const DAMPING: Damping = Damping {
+    start: 1e-6,
+    least: 1e-12,
+    most: 1e6,
+    after_success: 0.1,
+    after_failure: 10.0,
+    steps: 40,
+};
+/// A step is no longer than this, m: more than a hand's width is not plausible in this problem.
+const LONGEST_STEP_M: f64 = 0.05;
+/// The search ends after a step shorter than this, m.
+const LAST_STEP_M: f64 = 1e-9;
 /// Unknowns: the tool's position (m), the tension of the tension-held cable (N), the attitude
 /// relative to statics (rad).
 const UNKNOWNS: usize = 7;
@@ -17,7 +29,6 @@ const PRIORS: usize = 3;
 const CHANGES: [f64; UNKNOWNS] = [1e-5, 1e-5, 1e-5, 1e-3, 1e-5, 1e-5, 1e-5];
 
 type Unknowns = SVector<f64, UNKNOWNS>;
-type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
 fn place(x: &Unknowns) -> Vector3<f64> {
     x.fixed_rows::<3>(0).into_owned()
@@ -158,35 +169,25 @@ impl Problem<'_> {
     }
 
     /// Derivatives of the rows by forward differences: rows x [`UNKNOWNS`].
-    fn jacobian(
-        &self,
-        x: &Unknowns,
-        rest: &StaticState,
-        residuals: &[f64],
-    ) -> Result<DMatrix<f64>, EstimateError> {
-        let mut jacobian = DMatrix::zeros(residuals.len(), UNKNOWNS);
+    fn jacobian(&self, fit: &Fit) -> Result<DMatrix<f64>, EstimateError> {
+        let mut jacobian = DMatrix::zeros(fit.residuals.len(), UNKNOWNS);
         let mut moved_residuals = Vec::new();
         for (column, change) in CHANGES.into_iter().enumerate() {
-            let mut moved = *x;
+            let mut moved = fit.x;
             moved[column] += change;
-            let near = self.rest(&moved, Some(rest))?;
+            let near = self.rest(&moved, Some(&fit.rest))?;
             self.residuals(&near, &moved, &mut moved_residuals)?;
-            for (row, (new, old)) in moved_residuals.iter().zip(residuals).enumerate() {
+            for (row, (new, old)) in moved_residuals.iter().zip(&fit.residuals).enumerate() {
                 jacobian[(row, column)] = (new - old) / change;
             }
         }
         Ok(jacobian)
     }
 
-    /// Normal matrix and gradient at `x`.
-    fn normal(
-        &self,
-        x: &Unknowns,
-        rest: &StaticState,
-        residuals: &[f64],
-    ) -> Result<(Normal, Unknowns), EstimateError> {
-        let jacobian = self.jacobian(x, rest, residuals)?;
-        let right = DVector::from_column_slice(residuals);
+    /// Normal matrix and gradient.
+    fn linear(&self, fit: &Fit) -> Result<Linear, EstimateError> {
+        let jacobian = self.jacobian(fit)?;
+        let right = DVector::from_column_slice(&fit.residuals);
         let mut normal = (jacobian.transpose() * &jacobian)
             .fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0)
             .into_owned();
@@ -195,9 +196,9 @@ impl Problem<'_> {
             .into_owned();
         if self.has_prior() {
             normal[(3, 3)] += 1.0 / (PRIOR_N * PRIOR_N);
-            gradient[3] += (x[3] - self.start.w) / (PRIOR_N * PRIOR_N);
+            gradient[3] += (fit.x[3] - self.start.w) / (PRIOR_N * PRIOR_N);
         }
-        Ok((normal, gradient))
+        Ok(Linear { normal, gradient })
     }
 
     /// The search's first state, with as many rows as unknowns at least.
@@ -215,23 +216,51 @@ impl Problem<'_> {
                 rows: residuals.len().saturating_sub(PRIORS),
             });
         }
-        let normal = Normal::zeros();
-        Ok(Fit {
-            x,
-            rest,
-            residuals,
-            normal,
-        })
+        Ok(Fit { x, rest, residuals })
     }
 
-    /// Where `x` is a resting state that fits no worse than `fit`: that state.
-    fn improved(&self, fit: &Fit, x: Unknowns) -> Option<(StaticState, Vec<f64>)> {
+    /// The state at `x`, where it is a resting state that fits no worse than `fit`.
+    fn improved(&self, fit: &Fit, x: Unknowns) -> Option<Fit> {
         let rest = self.rest(&x, Some(&fit.rest)).ok()?;
         let mut residuals = Vec::new();
         self.residuals(&rest, &x, &mut residuals).ok()?;
-        (self.cost(&residuals, &x) <= self.cost(&fit.residuals, &fit.x))
-            .then_some((rest, residuals))
+        let better = self.cost(&residuals, &x) <= self.cost(&fit.residuals, &fit.x);
+        better.then_some(Fit { x, rest, residuals })
     }
+
+    fn attempt(
+        &self,
+        fit: &Fit,
+        linear: &Linear,
+        damping: f64,
+    ) -> Result<Attempt<Fit, Linear>, EstimateError> {
+        let mut damped = linear.normal;
+        for i in 0..UNKNOWNS {
+            damped[(i, i)] *= 1.0 + damping;
+        }
+        let factor = damped.cholesky().ok_or(EstimateError::Rank)?;
+        let step = factor.solve(&-linear.gradient);
+        let step = step * (LONGEST_STEP_M / place(&step).norm().max(LONGEST_STEP_M));
+        let last = place(&step).norm() < LAST_STEP_M;
+        Ok(match self.improved(fit, fit.x + step) {
+            Some(next) => {
+                let linear = self.linear(&next)?;
+                if last {
+                    Attempt::Last(next, linear)
+                } else {
+                    Attempt::Better(next, linear)
+                }
+            }
+            None if last => Attempt::Enough,
+            None => Attempt::Worse,
+        })
+    }
+}
+
+/// Normal equations.
+struct Linear {
+    normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    gradient: Unknowns,
 }
 
 /// A state of the search.
@@ -239,8 +268,6 @@ struct Fit {
     x: Unknowns,
     rest: StaticState,
     residuals: Vec<f64>,
-    /// At the last step's start.
-    normal: Normal,
 }
 
 impl Fit {
@@ -267,8 +294,8 @@ impl Fit {
     }
 
     /// The estimate, with its covariance.
-    fn estimate(self, problem: &Problem<'_>) -> Result<Estimate, EstimateError> {
-        let covariance = self.normal.try_inverse().ok_or(EstimateError::Rank)?;
+    fn estimate(self, linear: &Linear, problem: &Problem<'_>) -> Result<Estimate, EstimateError> {
+        let covariance = linear.normal.try_inverse().ok_or(EstimateError::Rank)?;
         let turning = self.turning(problem.model)?;
         let rows = self.residuals.len() + usize::from(problem.has_prior());
         Ok(Estimate {
@@ -290,7 +317,6 @@ fn no_fit(source: PlanError) -> EstimateError {
     }
 }
 
-/// Levenberg-Marquardt steps from `start`; a step is taken where it fits no worse.
 pub(super) fn solve(
     model: &Model,
     measured: &Measurements,
@@ -305,36 +331,19 @@ pub(super) fn solve(
         start,
         skip,
     };
-    let mut fit = problem.first()?;
-    let mut damping = 1e-6;
-    for _ in 0..MOST_STEPS {
-        let (normal, gradient) = problem.normal(&fit.x, &fit.rest, &fit.residuals)?;
-        fit.normal = normal;
-        let mut damped = normal;
-        for i in 0..UNKNOWNS {
-            damped[(i, i)] *= 1.0 + damping;
-        }
-        let Some(step) = damped.cholesky().map(|c| c.solve(&-gradient)) else {
-            return Err(EstimateError::Rank);
-        };
-        // A step larger than a hand's width is not plausible in this problem.
-        let step = step * (0.05 / place(&step).norm().max(0.05));
-        let tried = fit.x + step;
-        match problem.improved(&fit, tried) {
-            Some((rest, residuals)) => {
-                fit.x = tried;
-                fit.rest = rest;
-                fit.residuals = residuals;
-                damping = (damping * 0.1).max(1e-12);
-                if place(&step).norm() < 1e-9 {
-                    break;
-                }
-            }
-            None if damping > 1e6 || place(&step).norm() < 1e-10 => break,
-            None => damping = (damping * 10.0).max(1e-3),
-        }
+    let first = problem.first()?;
+    let linear = problem.linear(&first)?;
+    let mut failure = EstimateError::Rank;
+    let found = descend(first, linear, &DAMPING, |fit, linear, damping| {
+        problem
+            .attempt(fit, linear, damping)
+            .map_err(|error| failure = error)
+            .ok()
+    });
+    match found {
+        Some(found) => found.at.estimate(&found.linear, &problem),
+        None => Err(failure),
     }
-    fit.estimate(&problem)
 }
 
 /// Standard deviation assumed for a tension that was not measured, N.

@@ -42,7 +42,7 @@ pub struct Halt {
 }
 
 /// As [`follow`], until `watch` finds a reason in the samples so far: then the robot comes to rest
-/// along its path, and the reason is the inner error.
+/// along its path, and the reason is returned.
 ///
 /// # Errors
 /// As [`follow`], and [`RunError::NoChange`] if it does not stop.
@@ -51,11 +51,8 @@ pub fn follow_watched<L: Link>(
     knots: &[Knot],
     recorder: &mut Recorder,
     watch: impl FnMut(&Recorder) -> Option<Halt>,
-) -> Result<Result<(), Halt>, RunError> {
-    match feed(client, knots, &[], recorder, |_| {}, watch)? {
-        Some(halt) => Ok(Err(halt)),
-        None => Ok(Ok(())),
-    }
+) -> Result<Option<Halt>, RunError> {
+    feed(client, knots, &[], recorder, |_| {}, watch)
 }
 
 /// As [`follow`], for a plan: its actions are executed when the path time reaches them. `knots` are

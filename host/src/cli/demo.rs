@@ -100,8 +100,12 @@ impl Cmd {
     }
 }
 
-/// The paper's circle where the robot hangs like the paper's and its frame contains it, else one that fits.
-fn task_for(model: &Model) -> miette::Result<Task> {
+/// Name of the built-in task that fits a robot: the paper's circle for a robot like the paper's, else
+/// a path through the middle of its own work space.
+///
+/// # Errors
+/// As [`Task::built_in`].
+pub(crate) fn fitting_task(model: &Model) -> miette::Result<&'static str> {
     let robot = model.robot();
     let paper = Task::built_in(PAPER, tool_height_m(robot, HEIGHT_MM))?;
     let like_paper = model.holding().hangs() && model.holding().first_by_tension().is_some();
@@ -109,14 +113,17 @@ fn task_for(model: &Model) -> miette::Result<Task> {
     let inside = paper
         .start_m()
         .is_some_and(|at| at.x > low.x && at.x < high.x && at.y > low.y && at.y < high.y);
-    if like_paper && inside {
-        return Ok(paper);
-    }
-    Ok(crate::motion::find_task_for(
-        model,
-        crate::motion::FITTING,
-        0.0,
-    )?)
+    Ok(if like_paper && inside {
+        PAPER
+    } else {
+        crate::motion::FITTING
+    })
+}
+
+fn task_for(model: &Model) -> miette::Result<Task> {
+    let height_m = tool_height_m(model.robot(), HEIGHT_MM);
+    let name = fitting_task(model)?;
+    Ok(crate::motion::find_task_for(model, name, height_m)?)
 }
 
 /// The run on the realistic machine, with its record.

@@ -13,7 +13,7 @@ const AGAIN: Duration = Duration::from_secs(1);
 /// Meanwhile an order waits no longer than this for its refusal.
 const LONGEST_REFUSAL: Duration = Duration::from_millis(10);
 
-/// Executes rounds until one says that the program ends. A lost line is opened again, and `lost` is told the reason
+/// Executes rounds until one says that the program ends. A lost line is opened again, and `lost` receives the reason
 /// before each attempt; it says whether the program continues. Only at the start the line must exist.
 pub(super) fn keep_open<L: Link>(
     mut open: impl FnMut() -> Result<L, ClientError>,

@@ -237,6 +237,7 @@ impl Home {
                 let reason = "there is no camera behind this port; give the place with --at X Y Z";
                 return Err(Failed::from_error("--tag")(reason).into());
             }
+            model.hanging("homing by tags")?;
             return home_by_tag(common, &model);
         } else {
             with_session(common, &model, None, Some(Homing::Place(place)), ended)?

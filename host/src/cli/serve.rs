@@ -38,9 +38,8 @@ const LOOK_US: u64 = 40_000;
 /// Show the robot in a browser, live, with buttons; the simulated one goes around its circle
 #[derive(Debug, clap::Args)]
 pub(crate) struct Cmd {
-    /// Name of a built-in task, or a task file (TOML), for the Start button
-    #[arg(default_value = "paper:table7")]
-    task: String,
+    /// Name of a built-in task, or a task file (TOML), for the Start button; without one, as `demo`
+    task: Option<String>,
     /// Port of the page on this machine; 0 takes a free one
     #[arg(long, default_value_t = PORT)]
     port: u16,
@@ -131,7 +130,11 @@ impl Cmd {
         let robot = common.robot()?;
         let model = Model::new(&robot)?;
         let height_m = tool_height_m(&robot, self.z_mm);
-        let task = crate::motion::find_task_for(&model, &self.task, height_m)?;
+        let name = match &self.task {
+            Some(name) => name.as_str(),
+            None => super::demo::fitting_task(&model)?,
+        };
+        let task = crate::motion::find_task_for(&model, name, height_m)?;
         let token = self.token.chosen()?;
         // A task that would be refused is refused before anything is shown.
         Experiment::new(&model, task.clone()).plan()?;
@@ -156,7 +159,7 @@ impl Cmd {
         #[cfg(unix)]
         let _listening = super::orders::listen(common, &handle)?;
         announce(&server, common)?;
-        let source = TaskSource::of(&self.task, height_m);
+        let source = TaskSource::of(name, height_m);
         let show = Show {
             common,
             model: &model,

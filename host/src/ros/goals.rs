@@ -29,7 +29,7 @@ pub(crate) struct Goal {
 }
 
 impl Goal {
-    /// A wish, whose verdict is told by `tell`.
+    /// A wish, whose verdict is passed to `tell`.
     pub(super) fn new(wish: Wish, tell: impl FnOnce(Verdict) + Send + 'static) -> Self {
         let tell = Box::new(tell);
         Self { wish, tell }

@@ -380,7 +380,7 @@ mod tests {
         assert_eq!(topics, wanted);
         assert!(topics.iter().all(|topic| id_of(topic, 4).is_some()));
         assert!(source.messages(&first, Some(0.0), None, 6).is_empty());
-        // A fault is told at once.
+        // A fault is published at once.
         let faulty = Live {
             fault: Some("S2".to_owned()),
             ..first

@@ -185,7 +185,8 @@ impl Injection {
             text: text.to_owned(),
             what: what.to_owned(),
         };
-        if let Some(supply) = supply_named(what) {
+        if is_power(what) {
+            let supply = supply_named(what);
             let supply =
                 supply.ok_or_else(|| form("its supply is not board, drives, host or all"))?;
             return Ok(Self::cut(supply, when));
@@ -213,16 +214,24 @@ impl Injection {
     }
 }
 
-/// The supply of `power`, `power:WHOSE` or P1; `Some(None)` for a supply that there is not.
-fn supply_named(text: &str) -> Option<Option<Supply>> {
-    let (word, whose) = text.split_once(':').unwrap_or((text, "all"));
-    if text.trim().eq_ignore_ascii_case(FaultId::P1.name()) {
-        return Some(Some(Supply::Board));
+/// Whether the text is `power`, `power:WHOSE` or P1.
+fn is_power(text: &str) -> bool {
+    let (word, _) = text.split_once(':').unwrap_or((text, ""));
+    is_board_power(text) || word.trim().eq_ignore_ascii_case(POWER)
+}
+
+fn is_board_power(text: &str) -> bool {
+    text.trim().eq_ignore_ascii_case(FaultId::P1.name())
+}
+
+/// The supply of such a text; `None` for an unknown one.
+fn supply_named(text: &str) -> Option<Supply> {
+    if is_board_power(text) {
+        return Some(Supply::Board);
     }
+    let (_, whose) = text.split_once(':').unwrap_or((text, "all"));
     let mut known = Supply::ALL.into_iter();
-    word.trim()
-        .eq_ignore_ascii_case(POWER)
-        .then(|| Some(known.find(|(_, name)| *name == whose.trim())?.0))
+    Some(known.find(|(_, name)| *name == whose.trim())?.0)
 }
 
 fn is_snag(id: &str) -> bool {
@@ -384,9 +393,9 @@ impl Scenario {
                 let what = "along is for id = \"snag\": a direction of finite numbers, not all 0";
                 return Err(wrong(what.to_owned()));
             }
-            let injection = if let Some(supply) = supply_named(&entry.id) {
+            let injection = if is_power(&entry.id) {
                 let none = || wrong("its supply is not board, drives, host or all".to_owned());
-                Injection::cut(supply.ok_or_else(none)?, when)
+                Injection::cut(supply_named(&entry.id).ok_or_else(none)?, when)
             } else if snag {
                 let direction = entry.along.map_or(Snag::Fast, Snag::Against);
                 Injection::snagged(direction, when)

@@ -11,7 +11,7 @@ use mcdpr::robot::{BUILT_IN, BuiltInModules, Robot};
 use mcdpr_simulator::LinkOptions;
 use std::path::PathBuf;
 
-/// What became of an input.
+/// The outcome for an input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Came {
     /// The robot file was refused.

@@ -52,7 +52,7 @@ impl Link for Disturbed {
     }
 }
 
-/// What came of a disturbance at 0.5 s.
+/// The effects of a disturbance at 0.5 s.
 struct After {
     trace: Vec<TracePoint>,
     fault: Option<FaultRecord>,
@@ -75,7 +75,7 @@ fn disturbed(due: &[Disturbance]) -> After {
     after
 }
 
-/// Whether the line was driven to its end, and what came of it.
+/// Whether the line was driven to its end, and the effects.
 fn run(due: &[Disturbance]) -> (bool, After) {
     let model = model();
     let (inner, chip) = robot(&model);

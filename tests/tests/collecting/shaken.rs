@@ -11,7 +11,7 @@ use mcdpr::motion::Model;
 use mcdpr::run::RunError;
 use mcdpr::sight::{Scene, SimulatedTags};
 use mcdpr_firmware::State;
-use mcdpr_protocol::{FaultId};
+use mcdpr_protocol::FaultId;
 use std::cell::Cell;
 use std::rc::Rc;
 

@@ -12,6 +12,7 @@ pub use reach::Reach;
 pub use recheck::recheck;
 pub(crate) use skeleton::{Sketch, of_this_robot};
 pub use still::Still;
+use still::Waited;
 pub use travel::{Transfer, way};
 
 use super::data::{Data, Observation, View};
@@ -246,11 +247,11 @@ impl<L: Link> Session<'_, L> {
         if sketch.data.poses.is_empty() {
             let here = self.here.clone();
             match self.measure(source, &sketch)? {
-                Ok(still) => {
+                Waited::Still(still) => {
                     let pose = &here.equilibrium.pose;
                     meanwhile(&mut self.client, || sketch.add(pose, &still))?;
                 }
-                Err(reason) => {
+                Waited::Nothing(reason) => {
                     return Err(CollectError::impossible(
                         format!("where the robot hangs now, {reason}"),
                         "lay the target so that the camera sees it from home, with the tags of the \
@@ -289,11 +290,11 @@ impl<L: Link> Session<'_, L> {
                 wanted: options.poses,
             });
             let tried = match self.go(&goal)? {
-                Ok(()) => self.measure(source, &sketch)?,
-                Err(reason) => Err(reason),
+                None => self.measure(source, &sketch)?,
+                Some(reason) => Waited::Nothing(reason),
             };
             match tried {
-                Ok(still) => {
+                Waited::Still(still) => {
                     let expected_error_m = meanwhile(&mut self.client, || {
                         sketch.add(&goal.equilibrium.pose, &still);
                         choice.measured(k);
@@ -310,7 +311,7 @@ impl<L: Link> Session<'_, L> {
                         expected_error_m,
                     });
                 }
-                Err(reason) => {
+                Waited::Nothing(reason) => {
                     choice.give_up(k);
                     lost += 1;
                     if lost == LOST_MAX {
@@ -332,14 +333,15 @@ impl<L: Link> Session<'_, L> {
         &mut self,
         source: &mut S,
         sketch: &Sketch,
-    ) -> Result<Result<Still, String>, CollectError> {
+    ) -> Result<Waited, CollectError> {
         let (model, here) = (self.model, &self.here);
         let slowest_s = meanwhile(&mut self.client, || slowest_s(model, here))?;
         still::measure(&mut self.client, source, |id| sketch.size_m(id), slowest_s)
     }
 
-    /// Moves to a resting pose, over home if the straight line leaves the robot's reach.
-    fn go(&mut self, goal: &StaticState) -> Result<Result<(), String>, CollectError> {
+    /// Moves to a resting pose, over home if the straight line leaves the robot's reach. Returns the
+    /// reason if the robot did not arrive.
+    fn go(&mut self, goal: &StaticState) -> Result<Option<String>, CollectError> {
         let model = self.model;
         let robot = model.robot();
         let (reach, offsets_m) = (&self.reach, &self.offsets_m);
@@ -359,21 +361,21 @@ impl<L: Link> Session<'_, L> {
                 .map(Vec::from_iter)
         })?;
         let Some(ways) = ways else {
-            return Ok(Err(
-                "no way there keeps every cable within its limits".into()
+            return Ok(Some(
+                "no way there keeps every cable within its limits".into(),
             ));
         };
         for (way, to) in ways {
             let mut recorder = Recorder::default();
             let watch = |seen: &Recorder| guard::halt(&self.reach, &seen.samples);
             let gone = run::follow_watched(&mut self.client, &way.knots, &mut recorder, watch)?;
-            if let Err(halt) = gone {
+            if let Some(halt) = gone {
                 self.turn_back(halt.kind, &recorder)?;
-                return Ok(Err(halt.reason));
+                return Ok(Some(halt.reason));
             }
             self.here = to;
         }
-        Ok(Ok(()))
+        Ok(None)
     }
 
     /// After a stop during a move: back to its start.

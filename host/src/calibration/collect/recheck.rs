@@ -112,9 +112,9 @@ fn measure<L: Link>(
         Some((b - a).norm())
     };
     match still::measure(session.client(), &mut source, size_m, slowest_s)? {
-        Ok(still) => Ok(still),
+        still::Waited::Still(still) => Ok(still),
         // Without a tag in view lengths and tensions are still used.
-        Err(_) => still::blind(session.client(), slowest_s),
+        still::Waited::Nothing(_) => still::blind(session.client(), slowest_s),
     }
 }
 

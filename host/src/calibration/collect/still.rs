@@ -66,7 +66,16 @@ struct Window {
     recorder: Recorder,
 }
 
-/// Waits for rest and measures. The inner error is why this pose failed.
+/// The result of waiting for rest at a pose.
+#[derive(Debug, Clone)]
+pub enum Waited {
+    /// The platform came to rest.
+    Still(Still),
+    /// This pose gives nothing, for this reason; others may.
+    Nothing(String),
+}
+
+/// Waits for rest and measures.
 ///
 /// # Errors
 /// The link's, the camera's, an interruption.
@@ -75,7 +84,7 @@ pub fn measure<L: Link, S: TagSource>(
     source: &mut S,
     size_m: impl Fn(u32) -> Option<f64>,
     slowest_s: f64,
-) -> Result<Result<Still, String>, CollectError> {
+) -> Result<Waited, CollectError> {
     let begun_us = client.now_us();
     let window_s = slowest_s.max(WINDOW_MIN_S);
     loop {
@@ -83,23 +92,23 @@ pub fn measure<L: Link, S: TagSource>(
         let waited_s = (client.now_us() - begun_us) as f64 * 1e-6;
         let ids = common(&seen.frames);
         if ids.is_empty() {
-            return Ok(Err(nothing(&seen.frames)));
+            return Ok(Waited::Nothing(nothing(&seen.frames)));
         }
         let swing_m = swing(&seen.frames, &ids, &size_m);
         if swing_m < AT_REST_M {
-            return Ok(Ok(mean(&seen, &ids, swing_m, false)));
+            return Ok(Waited::Still(mean(&seen, &ids, swing_m, false)));
         }
         if waited_s > PATIENCE_S && swing_m < SWING_MAX_M {
             let long = look(client, source, PERIODS * slowest_s)?;
             let ids = common(&long.frames);
             if ids.is_empty() {
-                return Ok(Err(nothing(&long.frames)));
+                return Ok(Waited::Nothing(nothing(&long.frames)));
             }
             let swing_m = swing(&long.frames, &ids, &size_m);
-            return Ok(Ok(mean(&long, &ids, swing_m, true)));
+            return Ok(Waited::Still(mean(&long, &ids, swing_m, true)));
         }
         if waited_s > GIVE_UP_S {
-            return Ok(Err(format!(
+            return Ok(Waited::Nothing(format!(
                 "the platform still swings by {:.2} mm after {waited_s:.0} s, at most {:.0} mm can be \
                  averaged: look for draught, a loose cable or a tension loop that oscillates",
                 swing_m * 1e3,

@@ -75,6 +75,10 @@ impl Cmd {
         if common.dry_run {
             return self.judged(common);
         }
+        let model = Model::new(&robot)?;
+        if self.data.is_none() {
+            model.hanging("calibrating the tension sensors")?;
+        }
         let folder = RunFolder::create(common.record.as_deref(), &name).into_diagnostic()?;
         let readings = match &self.data {
             Some(path) => readings(path)?,
@@ -83,7 +87,7 @@ impl Cmd {
                     record: Some(folder.path().to_owned()),
                     ..common.clone()
                 };
-                self.read(&robot, winch, &common)?
+                self.read(&model, winch, &common)?
             }
         };
         let fit = fit(&readings)?;
@@ -112,10 +116,11 @@ impl Cmd {
     /// Reads the channel under every weight, on record.
     fn read(
         &self,
-        robot: &Robot,
+        model: &Model,
         winch: &crate::robot::Winch,
         common: &Common,
     ) -> miette::Result<Vec<Reading>> {
+        let robot = model.robot();
         let about = Work {
             name: "tension-sensor",
             doing: Doing::Hands,
@@ -136,11 +141,9 @@ impl Cmd {
             }
             // The sensor of the simulated machine is off by up to 1 %, so that there is an error to
             // find.
-            let model = Model::new(robot)?;
-            model.hanging("calibrating the tension sensors")?;
             let link = SimulatedRobot::new(about.mismatch, common.seed)
                 .controller(&common.controller)
-                .at_home(&model)?;
+                .at_home(model)?;
             let line = (record.simulated(link.clone()), record.session);
             self.guide(robot, winch, line, |mass_kg| {
                 let weight_n = mass_kg * mcdpr_kinematics::GRAVITY_MPS2;

@@ -162,7 +162,7 @@ pub fn read(bytes: &[u8]) -> Result<Contents, ReadError> {
             return Ok(contents);
         }
         let understood = match kind {
-            op::CHUNK => chunk(body, &mut contents)?,
+            op::CHUNK => chunk(body, &mut contents)?.then_some(()),
             op::ATTACHMENT => attachment(body, &mut contents),
             op::METADATA => metadata(body, &mut contents),
             _ => plain(kind, body, &mut contents),
@@ -212,7 +212,8 @@ fn unpack(stored: &[u8], size: u64) -> Option<Vec<u8>> {
     (records.len() as u64 == size).then_some(records)
 }
 
-fn chunk(body: &[u8], contents: &mut Contents) -> Result<Option<()>, ReadError> {
+/// Returns whether the chunk is whole.
+fn chunk(body: &[u8], contents: &mut Contents) -> Result<bool, ReadError> {
     let mut fields = Fields(body);
     let mut head = || {
         let _start_ns = fields.u64()?;
@@ -223,30 +224,30 @@ fn chunk(body: &[u8], contents: &mut Contents) -> Result<Option<()>, ReadError> 
         Some((size, checksum, compression, fields.bytes64()?))
     };
     let Some((size, checksum, compression, stored)) = head() else {
-        return Ok(None);
+        return Ok(false);
     };
     let unpacked = match compression.as_str() {
         "" => None,
         LZ4 => match unpack(stored, size) {
             Some(records) => Some(records),
-            None => return Ok(None),
+            None => return Ok(false),
         },
         _ => return Err(ReadError::Compressed { how: compression }),
     };
     let records = unpacked.as_deref().unwrap_or(stored);
     if checksum != 0 && crc32(records) != checksum {
-        return Ok(None);
+        return Ok(false);
     }
     let mut inside = Fields(records);
     while !inside.0.is_empty() {
         let Some((kind, body)) = inside.record() else {
-            return Ok(None);
+            return Ok(false);
         };
         if plain(kind, body, contents).is_none() {
-            return Ok(None);
+            return Ok(false);
         }
     }
-    Ok(Some(()))
+    Ok(true)
 }
 
 fn attachment(body: &[u8], contents: &mut Contents) -> Option<()> {

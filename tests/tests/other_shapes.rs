@@ -1,0 +1,94 @@
+//! The program with robots of other shapes than the paper's: what docs/robot-file.md says works, works,
+//! and what it says is refused is refused before anything is written.
+
+use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::Folder;
+use std::path::Path;
+use std::process::Output;
+
+fn run(robot: &str, words: &[&str], folder: &Path) -> Output {
+    mcdpr()
+        .args(words)
+        .args(["--robot", robot])
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+fn words(output: &Output) -> String {
+    let text = [&output.stdout[..], &output.stderr[..]].concat();
+    String::from_utf8_lossy(&text).into_owned()
+}
+
+#[test]
+fn what_such_a_robot_cannot_do_is_refused_by_name_and_leaves_no_files() {
+    let folder = Folder::new("other-shapes-refused");
+    for line in [
+        "home --tag",
+        "estimate",
+        "recover",
+        "rig tension",
+        "rig attach 1",
+        "tune tension",
+        "experiment hold",
+        "calibrate collect",
+        "calibrate tension 1",
+        "pick",
+        "study power",
+        "study iso9283",
+        "study demo",
+    ] {
+        let line: Vec<&str> = line.split(' ').collect();
+        let done = run("eight-cable", &line, folder.path());
+        let said = words(&done);
+        assert_eq!(done.status.code(), Some(1), "{line:?}: {said}");
+        assert!(said.contains("mcdpr::plan::hanging"), "{line:?}: {said}");
+        assert!(said.contains("docs/robot-file.md"), "{line:?}: {said}");
+        let left = std::fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(left, 0, "{line:?} left a file");
+    }
+}
+
+#[test]
+fn they_move_jog_and_are_homed_at_a_place() {
+    let folder = Folder::new("other-shapes-moves");
+    for (robot, lines) in [
+        (
+            "eight-cable",
+            [
+                "move 50 -30 720",
+                "jog 10 0 5 --for 1",
+                "home --at 20 0 700",
+            ],
+        ),
+        (
+            "planar-vertical",
+            ["move 30 0 670", "jog 10 0 5 --for 1", "home --at 20 0 650"],
+        ),
+    ] {
+        for line in lines {
+            let line: Vec<&str> = line.split(' ').collect();
+            let done = run(robot, &line, folder.path());
+            assert!(done.status.success(), "{robot} {line:?}: {}", words(&done));
+        }
+    }
+    // A place outside of the work space is refused, with the limit.
+    let done = run("eight-cable", &["move", "0", "0", "20"], folder.path());
+    let said = words(&done);
+    assert_eq!(done.status.code(), Some(1), "{said}");
+    assert!(said.contains("limits.box_mm"), "{said}");
+}
+
+#[test]
+fn the_record_of_such_a_run_replays_and_is_reported() {
+    let folder = Folder::new("other-shapes-record");
+    let done = run("three-point", &["demo", "--record", "here"], folder.path());
+    assert!(done.status.success(), "{}", words(&done));
+    let done = run("three-point", &["replay", "here"], folder.path());
+    let said = words(&done);
+    assert!(done.status.success(), "{said}");
+    assert!(said.contains("answered the same"), "{said}");
+    let done = run("three-point", &["report", "here"], folder.path());
+    assert!(done.status.success(), "{}", words(&done));
+    assert!(folder.path().join("here/report.html").is_file());
+}
