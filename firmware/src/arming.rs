@@ -3,10 +3,11 @@
 
 use crate::adc;
 use crate::axis::Target;
-use crate::config::Active;
+use crate::config::{Active, Control};
 use crate::io::{DriveInput, Inputs};
 use crate::proof;
 use crate::tension;
+use crate::watch::Persist;
 use mcdpr_protocol::FaultId;
 
 /// Milliseconds that drives may take beyond their own enable time (D5).
@@ -14,7 +15,7 @@ const ENABLE_GRACE_MS: u32 = 500;
 /// Milliseconds of torque under closed brakes before they are tested.
 const PRELOAD_MS: u32 = 30;
 /// Milliseconds for the test of the brakes, at most.
-const PROOF_MS: u32 = 500;
+const PROOF_MS: u32 = 1000;
 /// Milliseconds for the platform to come to rest after the drums were moved: some of its stiff
 /// modes, near 10 Hz, decay within half a second.
 const SETTLE_MS: u32 = 500;
@@ -22,6 +23,8 @@ const SETTLE_MS: u32 = 500;
 const OPEN_MS: u32 = 50;
 /// The tension may differ from the static model by this, mN, or by a fifth of it (S10).
 const TENSION_BAND_MN: i32 = 2000;
+/// A cable below its floor for so many ticks after the first check aborts arming (C1).
+const SLACK_TICKS: u16 = 5;
 
 /// Phase of arming.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Default)]
@@ -56,6 +59,8 @@ impl Phase {
 pub struct Arming {
     phase: Phase,
     ticks: u32,
+    /// Some cable is below its floor.
+    slack: Persist,
 }
 
 /// Work on a single winch.
@@ -99,6 +104,14 @@ impl Arming {
         self.ticks += 1;
         if self.phase != Phase::Enabling {
             check_drives(config, inputs, service)?;
+            // A cable may break while drives and brakes are tested: no brake opens then. Once the
+            // drums are free, the detectors of a robot under torque apply.
+            if !self.phase.is_free() && service.is_none() {
+                let slack = check_floors(config, inputs, expected_mn);
+                if self.slack.update(slack.is_err(), SLACK_TICKS) {
+                    slack?;
+                }
+            }
         }
         match self.phase {
             Phase::Enabling => {
@@ -109,6 +122,7 @@ impl Arming {
                 match pending {
                     None => {
                         if service.is_none() {
+                            check_floors(config, inputs, expected_mn)?;
                             check_tensions(config, inputs, expected_mn)?;
                         }
                         self.enter(Phase::Preload);
@@ -323,6 +337,27 @@ fn check_tensions<const N: usize>(
         let band = TENSION_BAND_MN.max(expected / 5);
         if (measured - expected).abs() > band {
             return Err((FaultId::S10, cable, measured, expected));
+        }
+    }
+    Ok(())
+}
+
+/// A cable that carries less than its floor may be broken, or off its pulley: no brake opens on it.
+/// One that is held by tension may be slack where the host expects that (rigging).
+fn check_floors<const N: usize>(
+    config: &Active<N>,
+    inputs: &Inputs<N>,
+    expected_mn: &[i32; N],
+) -> Result<(), Abort> {
+    let channels = inputs.tension_adc.iter().zip(expected_mn);
+    let channels = config.cables.iter().zip(channels);
+    for (cable, (config, (&adc, &expected))) in (1_u8..).zip(channels) {
+        let measured = tension::measured_mn(config, adc);
+        let floor = config.floor_mn;
+        let slack = config.control == Control::Tension && expected < floor;
+        // A floor of 0 demands nothing; a reading at a rail is the sensor's fault (S8).
+        if floor > 0 && !slack && measured < floor && adc::is_plausible(adc) {
+            return Err((FaultId::C1, cable, measured, floor));
         }
     }
     Ok(())

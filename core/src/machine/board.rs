@@ -238,6 +238,15 @@ pub fn hash_of(entries: &[ConfigEntry]) -> ConfigHash {
     config_hash(entries.iter().copied())
 }
 
+/// Tensions that a board shall expect of a hanging robot, N: those of statics, and no less than the
+/// floor. Statics rest on the tension-held cable's own sensor: where that is below the floor, the
+/// cable is slack or broken, and arming must end there (C1).
+#[must_use]
+pub fn expected_n(robot: &Robot, tensions_n: &[f64]) -> Vec<f64> {
+    let floor_n = robot.limits.tension_min_n;
+    tensions_n.iter().map(|n| n.max(floor_n)).collect()
+}
+
 /// The request that sets a board's cable lengths: paid-out lengths in m, tensions in N.
 #[must_use]
 pub fn reference(lengths_m: &[f64], tensions_n: &[f64]) -> Request {

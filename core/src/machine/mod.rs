@@ -3,7 +3,7 @@
 
 mod board;
 
-pub use board::{CableRates, OutOfRange, configuration, hash_of, reference};
+pub use board::{CableRates, OutOfRange, configuration, expected_n, hash_of, reference};
 
 use crate::robot::Robot;
 use mcdpr_kinematics::{AnyRobot, Error};

@@ -99,7 +99,8 @@ impl<'m, L: Link> Session<'m, L> {
         };
         // A board that knows its lengths keeps them; the expected tensions are those of this
         // position.
-        client.request(machine::reference(&lengths_m, at.tensions_n()))?;
+        let tensions_n = machine::expected_n(model.robot(), at.tensions_n());
+        client.request(machine::reference(&lengths_m, &tensions_n))?;
         Ok(Self {
             client,
             model,

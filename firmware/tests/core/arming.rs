@@ -1,6 +1,8 @@
-use crate::support::{Bench, CABLES, ENABLE_MS, adc_of};
+use crate::support::{Bench, CABLES, ENABLE_MS, START, TENSION_MN, adc_of};
 use mcdpr_firmware::{Brake, DriveDemand, Inputs, State};
-use mcdpr_protocol::{CableKey, ConfigKey, FaultId, Reject, Reply, Request};
+use mcdpr_protocol::{
+    CableKey, ConfigKey, FaultId, Millinewtons, PerCable, Reject, Reply, Request, TenthMicrometres,
+};
 
 #[test]
 fn arming_enables_drives_then_gives_torque_then_opens_brakes_then_holds() {
@@ -39,8 +41,9 @@ fn arming_enables_drives_then_gives_torque_then_opens_brakes_then_holds() {
     }
     let (torque, open, holding) = (torque.unwrap(), open.unwrap(), holding.unwrap());
     assert!(torque > 30, "not before the slowest drive");
-    // 30 ms of torque, then the push against the brakes: at most 0.5 s, here far less.
-    assert!((40..=150).contains(&(open - torque)), "{}", open - torque);
+    // 30 ms of torque, then the push against the brakes: reached within a tenth of a second, and
+    // held for 200 ms.
+    assert!((280..=400).contains(&(open - torque)), "{}", open - torque);
     // 50 ms to open, the test motion of four drums for 120 ms each, 500 ms of rest.
     assert_eq!(holding - open, 50 + 4 * 120 + 500);
 }
@@ -244,4 +247,77 @@ fn d7_a_motor_that_does_not_push_against_its_closed_brake_is_named_and_no_brake_
         assert_eq!(record.cable, [2, 4][index]);
         assert!(!bench.any_torque());
     }
+}
+
+/// A cable that carries 0.1 N, of a floor of 0.5 N.
+const CUT: [fn(&mut Inputs<CABLES>); CABLES] = [
+    |i| i.tension_adc[0] = adc_of(100) + i.tension_adc[0] % 7,
+    |i| i.tension_adc[1] = adc_of(100) + i.tension_adc[1] % 7,
+    |i| i.tension_adc[2] = adc_of(100) + i.tension_adc[2] % 7,
+    |i| i.tension_adc[3] = adc_of(100) + i.tension_adc[3] % 7,
+];
+
+#[test]
+fn c1_a_cable_under_its_floor_aborts_arming_although_it_is_within_what_the_host_expects() {
+    for (index, cut) in CUT.into_iter().enumerate() {
+        let mut bench = Bench::ready();
+        bench.tamper = cut;
+        // Little, but not below the floor: the band of 2 N does not show it.
+        let mut tensions = [Millinewtons(TENSION_MN); CABLES];
+        tensions[index] = Millinewtons(500);
+        let request = Request::Reference {
+            lengths: PerCable::collect([TenthMicrometres(START); CABLES]),
+            tensions: PerCable::collect(tensions),
+        };
+        bench.request(request).unwrap();
+        bench.arm().unwrap();
+        for _ in 0..1500 {
+            bench.step();
+            assert!(bench.all_brakes(Brake::Closed), "cable {}", index + 1);
+        }
+        let record = bench.status().fault.unwrap();
+        assert_eq!(record.fault, FaultId::C1);
+        assert_eq!(usize::from(record.cable), index + 1);
+        assert_eq!(bench.state(), State::Fault);
+    }
+}
+
+#[test]
+fn c1_a_cable_that_breaks_while_drives_and_brakes_are_tested_is_named_and_no_brake_opens() {
+    let mut bench = Bench::ready();
+    bench.arm().unwrap();
+    let mut opens = 0;
+    while bench.all_brakes(Brake::Closed) {
+        bench.step();
+        opens += 1;
+    }
+    // It is detected within five ticks.
+    for at in (1..opens - 6).step_by(3) {
+        let index = at as usize % CABLES;
+        let mut bench = Bench::ready();
+        bench.arm().unwrap();
+        bench.run(at);
+        bench.tamper = CUT[index];
+        for tick in 0..1500 {
+            bench.step();
+            assert!(bench.all_brakes(Brake::Closed), "cut at {at}, tick {tick}");
+        }
+        let record = bench.status().fault.unwrap();
+        assert_eq!(record.fault, FaultId::C1, "cut at {at}");
+        assert_eq!(usize::from(record.cable), index + 1, "cut at {at}");
+    }
+}
+
+#[test]
+fn c1_four_ticks_below_the_floor_do_not_abort_arming() {
+    let mut bench = Bench::ready();
+    bench.arm().unwrap();
+    while !bench.any_torque() {
+        bench.step();
+    }
+    bench.tamper = CUT[1];
+    bench.run(4);
+    bench.tamper = |_| {};
+    bench.until(State::Holding, 2000);
+    assert_eq!(bench.fault(), None);
 }

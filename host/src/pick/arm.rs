@@ -81,8 +81,9 @@ impl<L: Link> Arm<L> {
             );
             (home, lengths_m)
         };
+        let tensions_n = machine::expected_n(model.robot(), start.tensions_n());
         client
-            .request(machine::reference(&lengths_m, start.tensions_n()))
+            .request(machine::reference(&lengths_m, &tensions_n))
             .map_err(RunError::from)?;
         run::arm(&mut client, hash)?;
         let tool_m = model.tool_m(&start);

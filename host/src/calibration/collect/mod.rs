@@ -184,7 +184,8 @@ pub fn collect<L: Link, S: TagSource>(
     let start = if status.referenced {
         let (metres, newtons) = measured(&status);
         let there = model.rest_from_lengths(&metres, &newtons)?;
-        client.request(machine::reference(&metres, there.tensions_n()))?;
+        let tensions_n = machine::expected_n(model.robot(), there.tensions_n());
+        client.request(machine::reference(&metres, &tensions_n))?;
         there
     } else {
         client.request(machine::reference(&home.paid_out_m, home.tensions_n()))?;
@@ -389,7 +390,9 @@ impl<L: Link> Session<'_, L> {
         } else {
             let (metres, newtons) = measured(&status);
             // The expected tensions are those of this position, on this machine.
-            self.client.request(machine::reference(&metres, &newtons))?;
+            let expected_n = machine::expected_n(self.model.robot(), &newtons);
+            let reference = machine::reference(&metres, &expected_n);
+            self.client.request(reference)?;
             run::arm(&mut self.client, self.hash)?;
             self.model.rest_from_lengths(&metres, &newtons)?
         };
