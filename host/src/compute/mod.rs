@@ -365,7 +365,7 @@ mod tests {
                         / (4.0 * step_m * step_m);
                     let stated = stability.stiffness[(i, j)];
                     assert!(
-                        (found - stated).abs() < 2.0,
+                        (found - stated).abs() < 0.01,
                         "{place:?} {i}{j}: {found} {stated}"
                     );
                 }
