@@ -198,6 +198,20 @@ impl AnyRobot {
         dispatch!(self, r => Ok(list(&r.lengths_m(pose)?)))
     }
 
+    /// As [`Self::lengths_m`], into a slice, as many as both have: without a list between, for batches.
+    ///
+    /// # Errors
+    /// As [`Robot::inverse`].
+    #[inline]
+    pub fn lengths_into(&self, pose: &Pose, out: &mut [f64]) -> Result<(), Error> {
+        dispatch!(self, r => {
+            for (slot, length_m) in out.iter_mut().zip(r.lengths_m(pose)?) {
+                *slot = length_m;
+            }
+            Ok(())
+        })
+    }
+
     /// As [`Robot::paths`].
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use mcdpr::machine::{Mismatch, hang, plant_params};
 use mcdpr_core::machine::paid_out_m;
 use mcdpr_simulator::plant::{DriveCommand, Mode, Plant, PlantError};
 use nalgebra::Vector3;
-use numpy::{PyArray2, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use std::f64::consts::TAU;
 
@@ -20,8 +20,23 @@ const TICK_S: f64 = 1e-3;
 const STEP_S: f64 = 2.5e-4;
 /// Drives are awake and in their mode when an episode begins.
 const READY_S: f64 = 2e-3;
-/// Columns before those of the cables: tool, attitude, velocity, angular velocity, planned tool.
+/// Columns of an observation beside those of the cables: tool, attitude, velocity, angular velocity, and
+/// the way from tool to target at its end.
 const COMMON: usize = 15;
+/// A cable over this share of its limit is torn.
+const TORN: f64 = 1.5;
+/// Reward of a step that loses the robot.
+const LOST: f64 = -10.0;
+
+/// What machines look like after a step: observations (m, 15 + 2 n), rewards (m,), which are lost (m,), which
+/// are at their target (m,), where the tools are meant to be (m, 3).
+type Seen = (
+    Py<PyArray2<f32>>,
+    Py<PyArray1<f64>>,
+    Py<PyArray1<bool>>,
+    Py<PyArray1<bool>>,
+    Py<PyArray2<f64>>,
+);
 
 /// What the numbers of an action are.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -45,6 +60,8 @@ struct Machine {
     drums: Vec<Drum>,
     /// Where the tool is meant to be.
     tool_m: Vector3<f64>,
+    /// Where it shall go.
+    goal_m: Vector3<f64>,
     /// Paid out since the start, as last commanded, m.
     target_m: Vec<f64>,
     /// What the drums had paid out at the start, by the description, m.
@@ -60,13 +77,27 @@ pub(crate) struct Machines {
     tensions_n: Vec<Option<f64>>,
     mismatch: Mismatch,
     acts: Acts,
+    /// Least and greatest number of an action; others are cut to them.
+    within: (f64, f64),
+    /// Distance from the target that costs one of reward, m.
+    reach_m: f64,
+    /// Nearer than this to its target a tool is there, m.
+    at_target_m: f64,
     machines: Vec<Option<Machine>>,
 }
 
 #[pymethods]
 impl Machines {
     #[new]
-    fn new(robot: &Robot, count: usize, action: &str, mismatch: &str) -> PyResult<Self> {
+    fn new(
+        robot: &Robot,
+        count: usize,
+        action: &str,
+        mismatch: &str,
+        within: (f64, f64),
+        reach_m: f64,
+        at_target_m: f64,
+    ) -> PyResult<Self> {
         let acts = match action {
             "velocity" => Acts::Velocity,
             "tensions" => Acts::Tensions,
@@ -81,31 +112,51 @@ impl Machines {
             mismatch: mismatch_of(mismatch)?,
             subject,
             acts,
+            within,
+            reach_m,
+            at_target_m,
             machines: (0..count).map(|_| None).collect(),
         })
     }
 
-    /// Lays out machine `index` anew, drawn by `seed`, at rest with the tool at a place.
-    fn reset(&mut self, py: Python<'_>, index: usize, seed: u64, tool_m: [f64; 3]) -> PyResult<()> {
-        let made = py.detach(|| self.machine(seed, Vector3::from(tool_m)));
+    /// Lays out machine `index` anew, drawn by `seed`, at rest with the tool at a place, and with another
+    /// where it shall go.
+    fn reset(
+        &mut self,
+        py: Python<'_>,
+        index: usize,
+        seed: u64,
+        tool_m: [f64; 3],
+        goal_m: [f64; 3],
+    ) -> PyResult<()> {
+        let mut made = py.detach(|| self.machine(seed, Vector3::from(tool_m)))?;
+        made.goal_m = Vector3::from(goal_m);
         let slot = self.machines.get_mut(index);
-        *slot.ok_or_else(|| Failure::input(format!("there is no machine {index}")))? = Some(made?);
+        *slot.ok_or_else(|| Failure::input(format!("there is no machine {index}")))? = Some(made);
         Ok(())
     }
 
-    /// Lets `seconds` pass under actions (m, 3 or n) and gives the states (m, 15 + 2 n) and which machines
-    /// the physics can go on with.
+    /// Lets `seconds` pass under actions (m, 3 or n).
     fn step(
         &mut self,
         py: Python<'_>,
         actions: PyReadonlyArray2<'_, f64>,
         seconds: f64,
-    ) -> PyResult<(Py<PyArray2<f64>>, Vec<bool>)> {
+    ) -> PyResult<()> {
         let width = match self.acts {
             Acts::Velocity => 3,
             Acts::Tensions => self.subject.count(),
         };
-        let actions = Table::of("action", &actions, width)?;
+        let mut actions = Table::of("action", &actions, width)?;
+        let (least, most) = self.within;
+        for (index, value) in actions.values_mut().enumerate() {
+            if !value.is_finite() {
+                let shown = if value.is_nan() { "nan" } else { "infinite" };
+                let words = format!("action[{}] is {shown}: it must be finite", index % width);
+                return Err(Failure::input(words).into());
+            }
+            *value = value.clamp(least, most);
+        }
         py.detach(|| {
             let Self {
                 subject,
@@ -120,38 +171,62 @@ impl Machines {
                 }
             }
         });
-        self.states(py)
+        Ok(())
     }
 
-    /// As [`Self::step`], without letting time pass.
-    fn states(&self, py: Python<'_>) -> PyResult<(Py<PyArray2<f64>>, Vec<bool>)> {
+    /// What the machines look like now.
+    fn seen(&self, py: Python<'_>) -> PyResult<Seen> {
         let cables = self.subject.count();
+        let [low, high] = self.subject.robot.search_box_in_world_m();
+        let torn_n = TORN * self.subject.robot.limits.tension_max_n;
         let width = COMMON + 2 * cables;
-        let mut rows = Vec::with_capacity(width * self.machines.len());
-        let mut alive = Vec::with_capacity(self.machines.len());
-        for machine in &self.machines {
+        let count = self.machines.len();
+        let mut rows = Vec::with_capacity(width * count);
+        let mut planned = Vec::with_capacity(3 * count);
+        let (mut rewards, mut lost, mut there) = (vec![0.0; count], vec![true; count], Vec::new());
+        let verdicts = rewards.iter_mut().zip(&mut lost);
+        for (machine, (reward, lost)) in self.machines.iter().zip(verdicts) {
             let Some(machine) = machine else {
                 let words = "a machine that was never reset";
                 return Err(Failure::input(words).into());
             };
-            match machine.plant.truth() {
-                Ok(truth) => {
-                    alive.push(machine.ended.is_none());
-                    rows.extend(truth.tool_position_m);
-                    rows.extend(rpy(truth.pose.rotation_wxyz));
-                    rows.extend(truth.velocity_mps);
-                    rows.extend(truth.angular_velocity_rad_s);
-                    rows.extend(machine.tool_m.iter());
-                    rows.extend(truth.tensions_winch_n.iter().take(cables));
-                    rows.extend(truth.drum_positions_m.iter().take(cables));
-                }
-                Err(_) => {
-                    alive.push(false);
-                    rows.extend(std::iter::repeat_n(f64::NAN, width));
-                }
-            }
+            planned.extend(machine.tool_m.iter());
+            let Ok(truth) = machine.plant.truth() else {
+                rows.extend(std::iter::repeat_n(0.0, width));
+                *reward = LOST;
+                there.push(false);
+                continue;
+            };
+            let left_m = machine.goal_m - Vector3::from(truth.tool_position_m);
+            let tensions = || truth.tensions_winch_n.iter().take(cables);
+            let mut column =
+                |values: &[f64]| rows.extend(values.iter().map(|value| single(*value)));
+            column(&truth.tool_position_m);
+            column(&rpy(truth.pose.rotation_wxyz));
+            column(&truth.velocity_mps);
+            column(&truth.angular_velocity_rad_s);
+            column(truth.tensions_winch_n.get(..cables).unwrap_or_default());
+            column(truth.drum_positions_m.get(..cables).unwrap_or_default());
+            column(left_m.as_slice());
+            let inside = (0..3).all(|k| (low[k]..=high[k]).contains(&truth.tool_position_m[k]));
+            *lost = machine.ended.is_some() || !inside || tensions().any(|n| *n > torn_n);
+            let away_m = left_m.norm();
+            let near = !*lost && away_m < self.at_target_m;
+            there.push(near);
+            *reward = match (*lost, near) {
+                (true, _) => LOST,
+                (false, true) => 1.0 - away_m / self.reach_m,
+                (false, false) => -away_m / self.reach_m,
+            };
         }
-        Ok((array(py, rows, width)?, alive))
+        let seen = PyArray1::from_vec(py, rows).reshape([count, width])?;
+        Ok((
+            seen.unbind(),
+            PyArray1::from_vec(py, rewards).unbind(),
+            PyArray1::from_vec(py, lost).unbind(),
+            PyArray1::from_vec(py, there).unbind(),
+            array(py, planned, 3)?,
+        ))
     }
 }
 
@@ -195,6 +270,7 @@ impl Machines {
             target_m: vec![0.0; drums.len()],
             drums,
             tool_m,
+            goal_m: tool_m,
             start_m,
             ended: None,
         };
@@ -311,6 +387,15 @@ fn rpy([w, x, y, z]: [f64; 4]) -> [f64; 3] {
     let rotation = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
     let (roll, pitch, yaw) = rotation.euler_angles();
     [roll, pitch, yaw]
+}
+
+/// As an observation has it: what is not a number is 0.
+#[expect(clippy::cast_possible_truncation, reason = "rounds")]
+fn single(value: f64) -> f32 {
+    if value.is_nan() {
+        return 0.0;
+    }
+    value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
 }
 
 // `as` saturates: a drive's own limits are far inside.

@@ -2,20 +2,21 @@
 
 use crate::edit::set;
 use crate::failure::{Failure, to_python};
-use crate::rows::{Answers, Table, fill};
+use crate::rows::{Answers, Table, array, fill};
 use mcdpr::calibration::result;
 use mcdpr::compute::{ComputeError, Free, Subject};
 use mcdpr::model_file::{self, Format, Winches};
 use mcdpr_core::machine;
 use mcdpr_core::robot::{BUILT_IN, BuiltInModules, ModuleFiles};
 use mcdpr_kinematics::{
-    AnyGoal, AnyWorkspaceTest, Balance, Bound as Side, Equilibrium, Error, ForwardOptions, Grid,
-    Pose, Stability, Verdict, rotation_from_rpy,
+    AnyGoal, AnyRobot, AnyWorkspaceTest, Balance, Bound as Side, Equilibrium, Error,
+    ForwardOptions, Grid, MAX_CABLES, Pose, Stability, Verdict, rotation_from_rpy,
 };
-use nalgebra::{Vector3, Vector6};
+use nalgebra::{Rotation3, Vector3, Vector6};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use serde_json::Value;
+use std::hint::black_box;
 use std::path::Path;
 
 /// Columns of natural frequencies; missing ones are NaN.
@@ -176,12 +177,45 @@ impl Robot {
         let poses = self.poses(&position_m, attitude_rad.as_ref(), tool)?;
         let cables = self.subject.count();
         let geometry = &self.subject.geometry;
+        if poses.attitude.is_none() {
+            let mut out = vec![f64::NAN; cables * count];
+            py.detach(|| level_lengths(geometry, &poses, nan, &mut out))?;
+            return array(py, out, cables);
+        }
         let answers = Answers::solve(py, count, [cables], nan, |index, [lengths]| {
-            fill(lengths, &*geometry.lengths_m(&poses.at(index))?);
-            Ok(())
+            Ok(geometry.lengths_into(&poses.at(index), lengths)?)
         })?;
         let [lengths] = answers.arrays(py)?;
         Ok(lengths)
+    }
+
+    /// `count` lengths in Rust alone, over and over at some poses, which are prepared, with nothing kept: the
+    /// loop of the crate's own benchmark, to compare with.
+    fn lengths_alone(
+        &self,
+        py: Python<'_>,
+        position_m: PyReadonlyArray2<'_, f64>,
+        count: usize,
+    ) -> PyResult<()> {
+        let some = position_m.shape()[0];
+        let poses = self.poses(&position_m, None, false)?;
+        let prepared: Vec<Pose> = (0..some).map(|k| poses.at(k)).collect();
+        let geometry = &self.subject.geometry;
+        py.detach(|| {
+            let poses = prepared.iter().cycle().take(count);
+            match geometry {
+                AnyRobot::C4(robot) => poses.for_each(|pose| {
+                    let _ = black_box(robot.lengths_m(black_box(pose)));
+                }),
+                robot => {
+                    let mut out = [0.0; MAX_CABLES];
+                    poses.for_each(|pose| {
+                        let _ = black_box(robot.lengths_into(black_box(pose), &mut out));
+                    });
+                }
+            }
+        });
+        Ok(())
     }
 
     /// Lengths, wrap angles, directions, tangent points.
@@ -501,18 +535,48 @@ fn table_of(
 }
 
 /// Poses of the platform, row by row.
+/// Lengths of a level platform at many places: one pose that moves, straight into the rows of the answer.
+fn level_lengths(
+    geometry: &AnyRobot,
+    poses: &Poses,
+    nan: bool,
+    out: &mut [f64],
+) -> Result<(), Failure> {
+    let mut pose = Pose::new(Vector3::zeros(), poses.level);
+    let shift = poses.level * poses.point_m;
+    let rows = out.chunks_exact_mut(geometry.cable_count());
+    for (index, (place, row)) in poses.position.rows().zip(rows).enumerate() {
+        let [x, y, z] = place else { continue };
+        pose.position_m = Vector3::new(*x, *y, *z) - shift;
+        let done = match geometry {
+            // The usual number of cables without a choice at every pose.
+            AnyRobot::C4(robot) => robot.lengths_m(&pose).map(|got| row.copy_from_slice(&got)),
+            robot => robot.lengths_into(&pose, row),
+        };
+        match done {
+            Err(error) if !nan => {
+                return Err(Failure::from(ComputeError::from(error)).with("index", index));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 struct Poses {
     position: Table,
     attitude: Option<Table>,
     point_m: Vector3<f64>,
+    level: Rotation3<f64>,
 }
 
 impl Poses {
+    #[inline]
     fn at(&self, index: usize) -> Pose {
         let position = Vector3::from(self.position.triple(index));
         let rotation = match &self.attitude {
             Some(attitude) => rotation_from_rpy(attitude.triple(index)),
-            None => rotation_from_rpy([0.0; 3]),
+            None => self.level,
         };
         Pose::new(position - rotation * self.point_m, rotation)
     }
@@ -537,6 +601,7 @@ impl Robot {
             position: Table::of("position_m", position, 3)?,
             attitude: table_of("attitude_rad", attitude, 3)?,
             point_m: self.subject.point(tool),
+            level: rotation_from_rpy([0.0; 3]),
         })
     }
 

@@ -23,9 +23,22 @@ impl Table {
             let words = format!("{name}: {got} numbers along the last axis, {width} needed");
             return Err(Failure::input(words).into());
         }
-        // Whatever its strides are.
-        let values = array.as_array().iter().copied().collect();
+        let values = match array.as_slice() {
+            Ok(values) => values.to_vec(),
+            // Whatever its strides are.
+            Err(_) => array.as_array().iter().copied().collect(),
+        };
         Ok(Self { values, width })
+    }
+
+    /// Every number, row after row.
+    pub(crate) fn values_mut(&mut self) -> impl Iterator<Item = &mut f64> {
+        self.values.iter_mut()
+    }
+
+    /// The rows.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = &[f64]> {
+        self.values.chunks_exact(self.width)
     }
 
     /// One row.

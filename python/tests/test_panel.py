@@ -78,7 +78,7 @@ def test_the_record_stays_small(recorded: tuple[Path, Any]) -> None:
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
-    assert {chunk.compression for chunk in summary.chunk_indexes} == {"lz4"}
+    assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
     seconds = mcdpr.Record.load(file).duration_s
     # The goal is 0.2 MB/s, a third of what it was before chunks were packed; 0.26 are reached.
     assert file.stat().st_size / seconds < 0.28e6

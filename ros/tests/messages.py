@@ -7,7 +7,7 @@ begins with the header of rmw_cyclonedds.
 from dataclasses import dataclass
 
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import array, byte, float64, int32, int64, sequence, uint8, uint32, uint64
+from cyclonedds.idl.types import array, byte, float64, int8, int32, int64, sequence, uint8, uint32, uint64
 
 
 def msg(package: str, name: str) -> str:
@@ -174,4 +174,121 @@ class RunTaskReply(IdlStruct, typename="mcdpr_msgs.srv.dds_.RunTask_Response_"):
     seq: int64
     accepted: bool
     message: str
+    duration_s: float64
+
+
+# Actions: three services and two topics each. Identities are unique_identifier_msgs/UUID.
+@dataclass
+class UUID(IdlStruct, typename=msg("unique_identifier_msgs", "UUID")):
+    uuid: array[uint8, 16]
+
+
+@dataclass
+class GoalInfo(IdlStruct, typename=msg("action_msgs", "GoalInfo")):
+    goal_id: UUID
+    stamp: Time
+
+
+@dataclass
+class GoalStatus(IdlStruct, typename=msg("action_msgs", "GoalStatus")):
+    goal_info: GoalInfo
+    status: int8
+
+
+@dataclass
+class GoalStatusArray(IdlStruct, typename=msg("action_msgs", "GoalStatusArray")):
+    status_list: sequence[GoalStatus]
+
+
+@dataclass
+class MoveToSendGoalRequest(IdlStruct, typename="mcdpr_msgs.action.dds_.MoveTo_SendGoal_Request_"):
+    guid: uint64
+    seq: int64
+    goal_id: UUID
+    target: Point
+    speed_mps: float64
+
+
+@dataclass
+class MoveToSendGoalReply(IdlStruct, typename="mcdpr_msgs.action.dds_.MoveTo_SendGoal_Response_"):
+    guid: uint64
+    seq: int64
+    accepted: bool
+    stamp: Time
+
+
+@dataclass
+class RunTaskSendGoalRequest(IdlStruct, typename="mcdpr_msgs.action.dds_.RunTask_SendGoal_Request_"):
+    guid: uint64
+    seq: int64
+    goal_id: UUID
+    task: str
+
+
+@dataclass
+class RunTaskSendGoalReply(IdlStruct, typename="mcdpr_msgs.action.dds_.RunTask_SendGoal_Response_"):
+    guid: uint64
+    seq: int64
+    accepted: bool
+    stamp: Time
+
+
+@dataclass
+class MoveToGetResultRequest(IdlStruct, typename="mcdpr_msgs.action.dds_.MoveTo_GetResult_Request_"):
+    guid: uint64
+    seq: int64
+    goal_id: UUID
+
+
+@dataclass
+class MoveToGetResultReply(IdlStruct, typename="mcdpr_msgs.action.dds_.MoveTo_GetResult_Response_"):
+    guid: uint64
+    seq: int64
+    status: int8
+    reached: bool
+    message: str
+
+
+@dataclass
+class RunTaskGetResultRequest(IdlStruct, typename="mcdpr_msgs.action.dds_.RunTask_GetResult_Request_"):
+    guid: uint64
+    seq: int64
+    goal_id: UUID
+
+
+@dataclass
+class RunTaskGetResultReply(IdlStruct, typename="mcdpr_msgs.action.dds_.RunTask_GetResult_Response_"):
+    guid: uint64
+    seq: int64
+    status: int8
+    reached: bool
+    message: str
+
+
+@dataclass
+class CancelGoalRequest(IdlStruct, typename="action_msgs.srv.dds_.CancelGoal_Request_"):
+    guid: uint64
+    seq: int64
+    goal_info: GoalInfo
+
+
+@dataclass
+class CancelGoalReply(IdlStruct, typename="action_msgs.srv.dds_.CancelGoal_Response_"):
+    guid: uint64
+    seq: int64
+    return_code: int8
+    goals_canceling: sequence[GoalInfo]
+
+
+@dataclass
+class MoveToFeedback(IdlStruct, typename="mcdpr_msgs.action.dds_.MoveTo_FeedbackMessage_"):
+    goal_id: UUID
+    path_s: float64
+    duration_s: float64
+
+
+@dataclass
+class RunTaskFeedback(IdlStruct, typename="mcdpr_msgs.action.dds_.RunTask_FeedbackMessage_"):
+    goal_id: UUID
+    path_s: float64
     duration_s: float64

@@ -99,6 +99,11 @@ def test_types_and_profiles_are_those_of_ros(ros: Ros) -> None:
         "rt/cables/cable_4/wrench": "geometry_msgs::msg::dds_::WrenchStamped_",
         "rr/mcdpr/stopReply": "std_srvs::srv::dds_::Trigger_Response_",
         "rr/mcdpr/move_toReply": "mcdpr_msgs::srv::dds_::MoveTo_Response_",
+        "rr/mcdpr/move_to/_action/send_goalReply": "mcdpr_msgs::action::dds_::MoveTo_SendGoal_Response_",
+        "rr/mcdpr/move_to/_action/cancel_goalReply": "action_msgs::srv::dds_::CancelGoal_Response_",
+        "rr/mcdpr/run_task/_action/get_resultReply": "mcdpr_msgs::action::dds_::RunTask_GetResult_Response_",
+        "rt/mcdpr/run_task/_action/feedback": "mcdpr_msgs::action::dds_::RunTask_FeedbackMessage_",
+        "rt/mcdpr/move_to/_action/status": "action_msgs::msg::dds_::GoalStatusArray_",
     }
     found = BuiltinDataReader(ros.participant, BuiltinTopicDcpsPublication).read(1000)
     # Those of this test have types of the same names.
@@ -106,12 +111,12 @@ def test_types_and_profiles_are_those_of_ros(ros: Ros) -> None:
     for topic, kind in kinds.items():
         assert others[topic].type_name == kind
         assert isinstance(others[topic].qos[Policy.Reliability], Policy.Reliability.Reliable)
-    # Six services; six topics, four wrenches and the replies.
+    # Six services and two actions of three each; six topics, four wrenches, two topics of each action, and the replies.
     reader = ros.subscribe("ros_discovery_info", m.ParticipantEntities, KEPT)
-    info = ros.wait(reader, lambda sample: len(sample.node_entities_info_seq[0].writer_gid_seq) == 16)
+    info = ros.wait(reader, lambda sample: len(sample.node_entities_info_seq[0].writer_gid_seq) == 26)
     (node,) = info.node_entities_info_seq
     assert (node.node_namespace, node.node_name) == ("/", "mcdpr")
-    assert len(node.reader_gid_seq) == 6
+    assert len(node.reader_gid_seq) == 12
 
 
 def test_a_goal_out_of_reach_is_refused_and_nothing_moves(ros: Ros) -> None:
@@ -164,6 +169,75 @@ def test_hold_and_resume_and_a_stop_within_a_tenth_of_a_second(ros: Ros) -> None
     assert len(resting.position) == 4
     cleared, _ = ros.trigger("clear")
     assert isinstance(cleared.message, str)
+
+
+def goal_id(number: int) -> Any:
+    return m.UUID([number] * 16)
+
+
+def status_of(ros: Ros, action: str, number: int, *wanted: int) -> None:
+    """Waits until the list of goals has the goal in one of these states."""
+    lists = ros.subscribe(f"rt/mcdpr/{action}/_action/status", m.GoalStatusArray, KEPT)
+
+    def has(sample: Any) -> bool:
+        goals = {bytes(goal.goal_info.goal_id.uuid): goal.status for goal in sample.status_list}
+        return goals.get(bytes([number] * 16)) in wanted
+
+    ros.wait(lists, has)
+
+
+def test_an_action_has_feedback_and_a_result(ros: Ros) -> None:
+    ros.state("Disarmed", "Holding", task="")
+    feedback = ros.subscribe("rt/mcdpr/move_to/_action/feedback", m.MoveToFeedback)
+    send = ("mcdpr/move_to/_action/send_goal", m.MoveToSendGoalRequest, m.MoveToSendGoalReply)
+    ask = ("mcdpr/move_to/_action/get_result", m.MoveToGetResultRequest, m.MoveToGetResultReply)
+    ros.connect(*send)
+    ros.connect(*ask)
+    accepted, _ = ros.call(*send, goal_id(1), m.Point(PLACE[0] + 0.02, PLACE[1], PLACE[2]), 0.01)
+    assert accepted.accepted and accepted.stamp.sec == pytest.approx(time.time(), abs=DEADLINE_S)
+    # Another while it is under way is not accepted.
+    status_of(ros, "move_to", 1, 2)
+    busy, _ = ros.call(*send, goal_id(2), m.Point(*HOME), 0.0)
+    assert not busy.accepted
+    seen = ros.wait(feedback, lambda sample: sample.path_s > 0.1)
+    assert bytes(seen.goal_id.uuid) == bytes([1] * 16) and seen.path_s < seen.duration_s
+    # The reply comes at its end.
+    result, _ = ros.call(*ask, goal_id(1))
+    assert (result.status, result.reached, result.message) == (4, True, ""), result
+    status_of(ros, "move_to", 1, 4)
+    unknown, _ = ros.call(*ask, goal_id(99))
+    assert unknown.status == 0 and "no such goal" in unknown.message, unknown
+    # What the planner refuses is aborted in its words, and nothing moves.
+    accepted, _ = ros.call(*send, goal_id(3), m.Point(3.0, 0.0, -0.2), 0.0)
+    assert accepted.accepted
+    result, _ = ros.call(*ask, goal_id(3))
+    assert result.status == 6 and not result.reached and "from the anchor of cable" in result.message, result
+    wrong, _ = ros.call(*send, goal_id(4), m.Point(0.255, float("nan"), -0.2), 0.0)
+    assert not wrong.accepted
+
+
+def test_an_action_that_is_cancelled_stops_along_its_path(ros: Ros) -> None:
+    ros.state("Disarmed", "Holding", task="")
+    send = ("mcdpr/run_task/_action/send_goal", m.RunTaskSendGoalRequest, m.RunTaskSendGoalReply)
+    ask = ("mcdpr/run_task/_action/get_result", m.RunTaskGetResultRequest, m.RunTaskGetResultReply)
+    end = ("mcdpr/run_task/_action/cancel_goal", m.CancelGoalRequest, m.CancelGoalReply)
+    for each in (send, ask, end):
+        ros.connect(*each)
+    none, _ = ros.call(*end, m.GoalInfo(goal_id(77), m.Time(0, 0)))
+    assert none.return_code == 2 and not none.goals_canceling
+    accepted, _ = ros.call(*send, goal_id(11), "paper:table8")
+    assert accepted.accepted
+    ros.state("Moving")
+    cancelled, took_s = ros.call(*end, m.GoalInfo(goal_id(11), m.Time(0, 0)))
+    assert cancelled.return_code == 0 and len(cancelled.goals_canceling) == 1, cancelled
+    assert bytes(cancelled.goals_canceling[0].goal_id.uuid) == bytes([11] * 16)
+    result, _ = ros.call(*ask, goal_id(11))
+    assert (result.status, result.reached) == (5, False), result
+    sample = ros.state("Disarmed")
+    assert values(sample)["brakes_open"] == "0b0" and values(sample)["fault"] == ""
+    over, _ = ros.call(*end, m.GoalInfo(goal_id(11), m.Time(0, 0)))
+    assert over.return_code == 3, over
+    assert took_s < DEADLINE_S
 
 
 def test_pictures_have_their_lens(ros: Ros) -> None:

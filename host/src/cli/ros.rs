@@ -11,7 +11,7 @@ use crate::link::{ClientError, Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::{BUILT_IN, Model, Task, find_task};
 use crate::record::events::TruthTap;
-use crate::ros::{Desk, Goals, Pipe, Program, Topics};
+use crate::ros::{Actions, Desk, Goals, Pipe, Program, Topics};
 use crate::run::watch_for_interrupts;
 use crate::serve::Feed;
 use std::cell::Cell;
@@ -91,7 +91,8 @@ impl Cmd {
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let (feed, handle, goals) = (Feed::default(), Handle::new(), Goals::default());
         let failed = || Failed::from_error("starting a thread");
-        let desk = Desk::new(&handle, &goals, &feed, tasks).map_err(failed())?;
+        let actions = Actions::default();
+        let desk = Desk::new(&handle, &goals, &actions, &feed, tasks).map_err(failed())?;
         let program = self.program(domain);
         let pipe = Pipe::start(
             program.clone(),
@@ -101,7 +102,7 @@ impl Cmd {
             },
         );
         let pipe = pipe.map_err(|error| no_bridge(&program.path, &error))?;
-        let topics = Topics::start(pipe.outlet(), feed.clone(), model.clone());
+        let topics = Topics::start(pipe.outlet(), feed.clone(), actions, model.clone());
         let _topics = topics.map_err(failed())?;
         if self.camera {
             // Pictures are rendered for viewers only.

@@ -209,7 +209,7 @@ impl Subject {
             .geometry
             .geometrico_static(held, Start::Cold, &StaticOptions::default())
             .map_err(refused)?;
-        let stability = self.geometry.stability(&found).map_err(refused)?;
+        let stability = self.stability(&found).map_err(refused)?;
         Ok((found, stability))
     }
 
@@ -246,12 +246,40 @@ impl Subject {
         };
         let refused = |error| self.refused(error);
         let found = found.map_err(refused)?;
-        let stability = self.geometry.stability(&found).map_err(refused)?;
+        let stability = self.stability(&found).map_err(refused)?;
         Ok((found, stability))
     }
 
+    /// Stiffness and modes of a platform at rest. Length-held cables stretch by their EA in the modes,
+    /// which are the slowest ones, as many as inextensible cables would leave: at 30 N the stretch makes
+    /// them up to 3 % slower than rigid cables would.
+    fn stability(&self, found: &Equilibrium) -> Result<Stability, Error> {
+        let mut stability = self.geometry.stability(found)?;
+        let mut elastic = *found;
+        for (index, axial) in elastic.axial_stiffness_n_per_m.iter_mut().enumerate() {
+            if !found.tension_held.contains(index) {
+                *axial = self.axial_n_per_m(index, &found.lengths_m, &found.tensions_n);
+            }
+        }
+        let modes_hz = self.geometry.stability(&elastic)?.modes_hz;
+        let known = stability.modes_hz.len().min(modes_hz.len());
+        stability.modes_hz = CableVec::from_fn(known, |k| modes_hz[k]);
+        Ok(stability)
+    }
+
+    /// Axial stiffness of a taut cable with its routing, N/m: EA over the unstretched length.
+    fn axial_n_per_m(&self, index: usize, lengths_m: &[f64], tensions_n: &[f64]) -> f64 {
+        let taut = lengths_m.get(index).zip(tensions_n.get(index));
+        let of = self.robot.cables.get(index).zip(taut);
+        of.map_or(0.0, |(cable, (length_m, tension_n))| {
+            (cable.ea_n + tension_n) / (length_m + cable.routing_length_m)
+        })
+    }
+
     /// Tensions for a chosen pose: within the robot's limits, nearest to their middle, those of
-    /// `tensions_n` as given. The cables are elastic; otherwise there would be no vibration.
+    /// `tensions_n` as given. Without any given, the robot file says which cables are held by tension:
+    /// these keep the tension that they get here, whatever the platform does, and add no axial stiffness.
+    /// The others are elastic; otherwise there would be no vibration.
     fn distributed(&self, pose: &Pose, tensions_n: &[Option<f64>]) -> Result<Equilibrium, Error> {
         let limits = &self.robot.limits;
         let given = |i: usize| tensions_n.get(i).copied().flatten();
@@ -265,15 +293,15 @@ impl Subject {
             AnyGoal::Middle,
         )?;
         let lengths_m = self.geometry.lengths_m(pose)?;
+        let chosen = tensions_n.iter().any(Option::is_some);
+        let by_tension = |i: usize| match self.robot.cables.get(i) {
+            Some(cable) if !chosen => cable.control == Control::Tension,
+            _ => given(i).is_some(),
+        };
         let mut tension_held = CableSet::default();
-        for index in (0..tensions_n.len()).filter(|&i| given(i).is_some()) {
+        for index in (0..tensions_n.len()).filter(|&i| by_tension(i)) {
             tension_held.insert(index);
         }
-        let axial = |i: usize| {
-            let cable = self.robot.cables.get(i)?;
-            let length_m = lengths_m.get(i)? + cable.routing_length_m;
-            given(i).is_none().then(|| cable.ea_n / length_m)
-        };
         Ok(Equilibrium {
             pose: *pose,
             tensions_n: tensions,
@@ -281,12 +309,91 @@ impl Subject {
             slack: CableSet::default(),
             tension_held,
             axial_stiffness_n_per_m: CableVec::from_fn(tensions_n.len(), |i| {
-                axial(i).unwrap_or(0.0)
+                if by_tension(i) {
+                    0.0
+                } else {
+                    self.axial_n_per_m(i, &lengths_m, &tensions)
+                }
             }),
             residual_n: 0.0,
             residual_m: 0.0,
             iterations: 0,
             stable: false,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Energy of elastic length-held cables, tension-held cables and the weight, J, with the platform
+    /// moved from a pose at rest. It needs lengths alone, and shares nothing with the Hessian.
+    fn energy_j(subject: &Subject, rest: &Equilibrium, by_m: Vector3<f64>) -> f64 {
+        let pose = Pose::new(rest.pose.position_m + by_m, rest.pose.rotation);
+        let lengths_m = subject.geometry.lengths_m(&pose).unwrap();
+        let weight_n = subject.robot.platform.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
+        let mut energy_j = weight_n * by_m.z;
+        for (index, cable) in subject.robot.cables.iter().enumerate() {
+            let longer_m = lengths_m[index] - rest.lengths_m[index];
+            energy_j += rest.tensions_n[index] * longer_m;
+            if cable.control == Control::Position {
+                let strain = rest.tensions_n[index] / cable.ea_n;
+                let taut_m = rest.lengths_m[index] + cable.routing_length_m;
+                energy_j += 0.5 * cable.ea_n * (1.0 + strain) / taut_m * longer_m * longer_m;
+            }
+        }
+        energy_j
+    }
+
+    #[test]
+    fn the_stiffness_of_eight_cables_is_that_of_six_lengths_and_two_tensions() {
+        let subject = Subject::new(Robot::built_in("eight-cable").unwrap()).unwrap();
+        let own = subject.own_tensions();
+        for place in [[0.0, 0.0, 0.85], [0.2, -0.15, 0.7], [-0.3, 0.1, 0.95]] {
+            let (rest, stability) = subject.hang(&place.into(), false, &own, None).unwrap();
+            let step_m = 1e-4;
+            for i in 0..3 {
+                for j in 0..3 {
+                    let at = |a: f64, b: f64| {
+                        let mut by_m = Vector3::zeros();
+                        by_m[i] += a * step_m;
+                        by_m[j] += b * step_m;
+                        energy_j(&subject, &rest, by_m)
+                    };
+                    let found = (at(1.0, 1.0) - at(1.0, -1.0) - at(-1.0, 1.0) + at(-1.0, -1.0))
+                        / (4.0 * step_m * step_m);
+                    let stated = stability.stiffness[(i, j)];
+                    assert!(
+                        (found - stated).abs() < 0.01,
+                        "{place:?} {i}{j}: {found} {stated}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn stiff_cables_swing_as_rigid_ones_and_soft_ones_more_slowly() {
+        let mut robot = Robot::built_in("paper-table5").unwrap();
+        let place = robot.tool.home_in_world_m;
+        let swings = |robot: &Robot| {
+            let subject = Subject::new(robot.clone()).unwrap();
+            let own = subject.own_tensions();
+            let (rest, stability) = subject.hang(&place, true, &own, None).unwrap();
+            let rigid = subject.geometry.stability(&rest).unwrap();
+            assert_eq!(stability.modes_hz.len(), 3);
+            let ratio = |k: usize| stability.modes_hz[k] / rigid.modes_hz[k];
+            [ratio(0), ratio(1), ratio(2)]
+        };
+        let soft = swings(&robot);
+        for cable in &mut robot.cables {
+            cable.ea_n *= 1e4;
+        }
+        let stiff = swings(&robot);
+        for (soft, stiff) in soft.into_iter().zip(stiff) {
+            assert!((0.97..0.9999).contains(&soft), "{soft}");
+            assert!((stiff - 1.0).abs() < 1e-5, "{stiff}");
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! The services, and their requests as orders.
 
+use super::actions::{Actions, GoalId, Kind, accepted};
 use super::goals::{Goal, Goals, Verdict, Wish};
 use super::pipe::{Call, Outlet, Tell};
 use crate::control::{Handle, Ticket};
@@ -19,6 +20,7 @@ const WAITING: usize = 64;
 const TRIGGER: &str = "std_srvs::srv::dds_::Trigger";
 const MOVE_TO: &str = "mcdpr_msgs::srv::dds_::MoveTo";
 const RUN_TASK: &str = "mcdpr_msgs::srv::dds_::RunTask";
+const CANCEL: &str = "action_msgs::srv::dds_::CancelGoal";
 
 /// A service of the node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,16 +31,46 @@ enum Service {
     Clear,
     MoveTo,
     RunTask,
+    /// Of an action: `send_goal`, `cancel_goal`, `get_result`.
+    Send(Kind),
+    Cancel,
+    Result,
 }
 
 /// Their names and types; the place here is the number on the lines.
-const SERVICES: [(&str, &str, Service); 6] = [
+const SERVICES: [(&str, &str, Service); 12] = [
     ("mcdpr/stop", TRIGGER, Service::Stop),
     ("mcdpr/hold", TRIGGER, Service::Hold),
     ("mcdpr/resume", TRIGGER, Service::Resume),
     ("mcdpr/clear", TRIGGER, Service::Clear),
     ("mcdpr/move_to", MOVE_TO, Service::MoveTo),
     ("mcdpr/run_task", RUN_TASK, Service::RunTask),
+    (
+        "mcdpr/move_to/_action/send_goal",
+        "mcdpr_msgs::action::dds_::MoveTo_SendGoal",
+        Service::Send(Kind::MoveTo),
+    ),
+    ("mcdpr/move_to/_action/cancel_goal", CANCEL, Service::Cancel),
+    (
+        "mcdpr/move_to/_action/get_result",
+        "mcdpr_msgs::action::dds_::MoveTo_GetResult",
+        Service::Result,
+    ),
+    (
+        "mcdpr/run_task/_action/send_goal",
+        "mcdpr_msgs::action::dds_::RunTask_SendGoal",
+        Service::Send(Kind::RunTask),
+    ),
+    (
+        "mcdpr/run_task/_action/cancel_goal",
+        CANCEL,
+        Service::Cancel,
+    ),
+    (
+        "mcdpr/run_task/_action/get_result",
+        "mcdpr_msgs::action::dds_::RunTask_GetResult",
+        Service::Result,
+    ),
 ];
 
 /// The lines that make the services.
@@ -51,19 +83,22 @@ pub(super) fn greeting() -> impl Iterator<Item = String> {
 pub(crate) struct Desk {
     handle: Handle,
     goals: Goals,
+    actions: Actions,
     feed: Feed,
     tasks: Vec<(String, Task)>,
     orders: SyncSender<(Outlet, Call, Ticket)>,
 }
 
 impl Desk {
-    /// Orders go to `handle`, places and these tasks (by name) to `goals`; viewers see what was asked for.
+    /// Orders go to `handle`, places and these tasks (by name) to `goals`, what becomes of those that came as actions
+    /// to `actions`; viewers see what was asked for.
     ///
     /// # Errors
     /// If the system has no thread for the answers.
     pub(crate) fn new(
         handle: &Handle,
         goals: &Goals,
+        actions: &Actions,
         feed: &Feed,
         tasks: Vec<(String, Task)>,
     ) -> std::io::Result<Self> {
@@ -75,6 +110,7 @@ impl Desk {
         Ok(Self {
             handle: handle.clone(),
             goals: goals.clone(),
+            actions: actions.clone(),
             feed: feed.clone(),
             tasks,
             orders,
@@ -97,6 +133,12 @@ impl Desk {
             Service::Clear => self.handle.clear(),
             Service::MoveTo => return self.offer(outlet, call, Self::place),
             Service::RunTask => return self.offer(outlet, call, Self::task),
+            Service::Send(kind) => return self.send(outlet, &call, *kind),
+            Service::Cancel => return self.cancel(outlet, &call),
+            Service::Result => {
+                let id = goal_id(&call.data).unwrap_or_default();
+                return self.actions.result(&id, outlet, call);
+            }
         };
         self.feed.say(&format!("order from ROS: {name}"));
         // Outcomes come in the order of orders; a stop ends the wait for those before it.
@@ -127,6 +169,59 @@ impl Desk {
             Ok(wish) => self.goals.offer(Goal::new(wish, tell)),
             Err(reason) => tell(Err(reason)),
         }
+    }
+
+    /// A goal of an action: identity, and what a request of the service has.
+    fn send(&self, outlet: &Outlet, call: &Call, kind: Kind) {
+        let taken = self.taken(&call.data, kind);
+        match &taken {
+            Ok(()) => self.feed.say("goal from ROS accepted"),
+            Err(reason) => self.feed.say(&format!("goal from ROS refused: {reason}")),
+        }
+        outlet.reply(call, &accepted(taken.is_ok()));
+    }
+
+    fn taken(&self, data: &[u8], kind: Kind) -> Result<(), String> {
+        let id = goal_id(data).ok_or("the request is shorter than a goal")?;
+        let asked = data.get(id.len()..).unwrap_or_default();
+        let wish = match kind {
+            Kind::MoveTo => self.place(asked)?,
+            Kind::RunTask => self.task(asked)?,
+        };
+        if !self.actions.add(kind, id) {
+            return Err("there is a goal of that identity".to_owned());
+        }
+        let (judging, ending, feed) = (
+            self.actions.clone(),
+            self.actions.clone(),
+            self.feed.clone(),
+        );
+        let tell = move |verdict: Verdict| {
+            if let Err(reason) = &verdict {
+                feed.say(&format!("goal from ROS given up: {reason}"));
+            }
+            judging.judged(&id, &verdict);
+        };
+        let goal = Goal::new(wish, tell).with_end(move |how| ending.ended(&id, how));
+        self.goals.try_offer(goal).map_err(|(_, reason)| {
+            self.actions.forget(&id);
+            reason.to_owned()
+        })
+    }
+
+    /// Stops a goal of an action along its path.
+    fn cancel(&self, outlet: &Outlet, call: &Call) {
+        let (reply, stops) = match goal_id(&call.data) {
+            Some(id) => self.actions.cancel(&id),
+            None => return self.feed.say("a request to cancel is too short"),
+        };
+        if stops {
+            self.feed.say("goal from ROS cancelled");
+            // Its end is the goal's result.
+            let _ = self.handle.stop();
+            self.goals.refuse("cancelled");
+        }
+        outlet.reply(call, &reply);
     }
 
     /// `MoveTo`: target (m, world), greatest speed (m/s; 0: the robot file's).
@@ -189,6 +284,11 @@ fn judged(verdict: &Verdict) -> Vec<u8> {
     out.done()
 }
 
+/// The identity that a request of an action begins with.
+fn goal_id(data: &[u8]) -> Option<GoalId> {
+    data.first_chunk().copied()
+}
+
 /// Reads plain CDR, little-endian, from its first number on.
 struct Reader<'a>(&'a [u8]);
 
@@ -218,7 +318,8 @@ mod tests {
     fn desk() -> Desk {
         let task = Task::built_in("paper:table8", -0.1).unwrap();
         let tasks = vec![("line".to_owned(), task)];
-        Desk::new(&Handle::new(), &Goals::default(), &Feed::default(), tasks).unwrap()
+        let (goals, actions) = (Goals::default(), Actions::default());
+        Desk::new(&Handle::new(), &goals, &actions, &Feed::default(), tasks).unwrap()
     }
 
     fn numbers(values: [f64; 4]) -> Vec<u8> {
@@ -252,6 +353,22 @@ mod tests {
         for short in [&[][..], &[9, 0, 0, 0, b'a', 0], &[1, 0, 0, 0, b'a']] {
             assert!(desk.task(short).unwrap_err().contains("shorter"));
         }
+    }
+
+    #[test]
+    fn a_goal_of_an_action_is_taken_once_and_one_at_a_time() {
+        let desk = desk();
+        let goal = |id: u8| [vec![id; 16], numbers([0.1, 0.2, -0.3, 0.0])].concat();
+        assert_eq!(desk.taken(&goal(1), Kind::MoveTo), Ok(()));
+        let again = desk.taken(&goal(1), Kind::MoveTo).unwrap_err();
+        assert!(again.contains("of that identity"), "{again}");
+        let second = desk.taken(&goal(2), Kind::MoveTo).unwrap_err();
+        assert!(second.contains("came first"), "{second}");
+        let short = desk.taken(&[3; 20], Kind::MoveTo).unwrap_err();
+        assert!(short.contains("shorter"), "{short}");
+        // What was refused can be sent again.
+        desk.goals.refuse("enough");
+        assert_eq!(desk.taken(&goal(2), Kind::MoveTo), Ok(()));
     }
 
     #[test]

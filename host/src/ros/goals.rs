@@ -21,23 +21,56 @@ pub(crate) enum Wish {
 /// How a goal was judged: how long it takes (s), or why it is refused.
 pub(crate) type Verdict = Result<f64, String>;
 
-/// A wish, and whom to tell the verdict.
+/// How a goal that was accepted ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Ending {
+    /// The motion was made.
+    Reached,
+    /// Somebody stopped it.
+    Stopped,
+    /// Why it could not be made.
+    Failed(String),
+}
+
+/// A wish, and whom to tell its verdict and its end.
 pub(crate) struct Goal {
     /// What is to be done.
     pub(crate) wish: Wish,
-    tell: Box<dyn FnOnce(Verdict) + Send>,
+    tell: Option<Box<dyn FnOnce(Verdict) + Send>>,
+    end: Option<Box<dyn FnOnce(Ending) + Send>>,
 }
 
 impl Goal {
     /// A wish, whose verdict is passed to `tell`.
     pub(super) fn new(wish: Wish, tell: impl FnOnce(Verdict) + Send + 'static) -> Self {
-        let tell = Box::new(tell);
-        Self { wish, tell }
+        Self {
+            wish,
+            tell: Some(Box::new(tell)),
+            end: None,
+        }
     }
 
-    /// Tells the verdict.
-    pub(crate) fn judged(self, verdict: Verdict) {
-        (self.tell)(verdict);
+    /// Whose end is told as well.
+    pub(super) fn with_end(mut self, end: impl FnOnce(Ending) + Send + 'static) -> Self {
+        self.end = Some(Box::new(end));
+        self
+    }
+
+    /// Tells the verdict. A refused goal has no end of its own.
+    pub(crate) fn judged(&mut self, verdict: Verdict) {
+        if verdict.is_err() {
+            self.end = None;
+        }
+        if let Some(tell) = self.tell.take() {
+            tell(verdict);
+        }
+    }
+
+    /// Tells the end.
+    pub(crate) fn ended(mut self, ending: Ending) {
+        if let Some(end) = self.end.take() {
+            end(ending);
+        }
     }
 }
 
@@ -61,17 +94,25 @@ impl Goals {
 
     /// Gives a goal to the thread that moves the robot; refuses it while there is another.
     pub(super) fn offer(&self, goal: Goal) {
+        if let Err((mut goal, reason)) = self.try_offer(goal) {
+            goal.judged(Err(reason.to_owned()));
+        }
+    }
+
+    /// As [`Self::offer`]; a goal that is refused comes back unjudged, with the reason.
+    pub(super) fn try_offer(&self, goal: Goal) -> Result<(), (Goal, &'static str)> {
         let mut slot = self.lock();
-        let reason = if slot.under_way {
-            "a motion is under way: stop it first, or wait for its end"
-        } else if slot.waiting.is_some() {
-            "another goal came first"
-        } else {
-            slot.waiting = Some(goal);
-            return;
-        };
-        drop(slot);
-        goal.judged(Err(reason.to_owned()));
+        if slot.under_way {
+            return Err((
+                goal,
+                "a motion is under way: stop it first, or wait for its end",
+            ));
+        }
+        if slot.waiting.is_some() {
+            return Err((goal, "another goal came first"));
+        }
+        slot.waiting = Some(goal);
+        Ok(())
     }
 
     /// The goal that waits. Others are refused from now on, until [`Self::done`].
@@ -90,7 +131,7 @@ impl Goals {
     /// Refuses the goal that waits.
     pub(crate) fn refuse(&self, reason: &str) {
         let waiting = self.lock().waiting.take();
-        if let Some(goal) = waiting {
+        if let Some(mut goal) = waiting {
             goal.judged(Err(reason.to_owned()));
         }
     }
@@ -117,7 +158,7 @@ mod tests {
         goals.offer(goal(2));
         let (number, verdict) = verdicts.try_recv().unwrap();
         assert!(number == 2 && verdict.unwrap_err().contains("came first"));
-        let taken = goals.take().unwrap();
+        let mut taken = goals.take().unwrap();
         assert!(goals.take().is_none());
         goals.offer(goal(3));
         let (number, verdict) = verdicts.try_recv().unwrap();

@@ -1,5 +1,6 @@
 //! The robot's state as messages: joint states, frames, wrenches, diagnostics, pictures.
 
+use super::actions::{self, Actions};
 use super::calls;
 use super::pipe::{Outlet, Tell};
 use crate::motion::Model;
@@ -89,7 +90,19 @@ impl Topics {
             .line()
         });
         let mut lines = vec![Tell::Node { name: NODE }.line()];
-        lines.extend(writers.chain(calls::greeting()));
+        let first = TOPICS.len() + cables;
+        let of_actions = actions::topics().enumerate();
+        let of_actions = of_actions.map(|(place, (topic, kind, keep))| {
+            let id = first + place;
+            Tell::Writer {
+                id,
+                topic,
+                kind,
+                keep,
+            }
+            .line()
+        });
+        lines.extend(writers.chain(of_actions).chain(calls::greeting()));
         let frames = panel::fixed(model).map(|(child, pose)| frame("platform", child, &pose));
         let fixed = ros2::transforms(now_ns(), &frames);
         if let Some(id) = id_of("/tf_static", 0) {
@@ -102,7 +115,12 @@ impl Topics {
     ///
     /// # Errors
     /// If the system has no thread for it.
-    pub(crate) fn start(outlet: Outlet, feed: Feed, model: Model) -> std::io::Result<Self> {
+    pub(crate) fn start(
+        outlet: Outlet,
+        feed: Feed,
+        actions: Actions,
+        model: Model,
+    ) -> std::io::Result<Self> {
         let (over, ended) = sync_channel(0);
         let mut source = Source::new(model);
         let thread = std::thread::Builder::new()
@@ -115,6 +133,10 @@ impl Topics {
                         if let Some(id) = id_of(&topic, source.cables()) {
                             outlet.tell(&Tell::sample(id, &message));
                         }
+                    }
+                    for (place, message) in actions.due(live.path_s, live.duration_s) {
+                        let id = TOPICS.len() + source.cables() + place;
+                        outlet.tell(&Tell::sample(id, &message));
                     }
                 }
             })?;

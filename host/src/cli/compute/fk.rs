@@ -6,7 +6,7 @@ use super::statics::say_cables;
 use super::{UNITS, batch, conclude, numbers, numbers_in_words, quantity, say_pose, triple};
 use crate::compute::{ComputeError, Free, Subject};
 use crate::units::Quantity;
-use mcdpr_kinematics::{ForwardOptions, Pose};
+use mcdpr_kinematics::{CableSet, ForwardOptions, Pose};
 use serde::{Deserialize, Serialize};
 
 /// Pose from cable lengths: for a given attitude, with free yaw, or hanging at rest
@@ -89,6 +89,8 @@ struct StaticAnswer {
     stable: bool,
     modes_hz: List<f64>,
     #[serde(skip)]
+    tension_held: CableSet,
+    #[serde(skip)]
     pose: Pose,
 }
 
@@ -135,7 +137,7 @@ impl Cmd {
                     .lengths_or_gaps()
                     .and_then(|lengths| rest(&subject, &lengths, &tensions));
                 conclude(common, answer.map_err(Into::into), |answer| {
-                    show_rest(&subject, answer, &tensions);
+                    show_rest(&subject, answer);
                 })
             }
         }
@@ -189,6 +191,7 @@ fn rest(
         slack: numbers(found.slack, count),
         stable: stability.stable,
         modes_hz: List(stability.modes_hz),
+        tension_held: found.tension_held,
         pose: found.pose,
     })
 }
@@ -205,14 +208,14 @@ fn show(subject: &Subject, answer: &Answer) {
     }
 }
 
-fn show_rest(subject: &Subject, answer: &StaticAnswer, tensions_n: &[Option<f64>]) {
+fn show_rest(subject: &Subject, answer: &StaticAnswer) {
     say_pose(subject, &answer.pose);
     let notes = |index: usize| {
         let slack = answer.slack.0.iter().any(|&n| usize::from(n) == index + 1);
         if slack {
             "slack"
         } else {
-            held_in_words(tensions_n, index)
+            held_in_words(answer.tension_held, index)
         }
     };
     say_cables(&answer.lengths_m.0, &answer.tensions_n.0, notes);
@@ -220,10 +223,11 @@ fn show_rest(subject: &Subject, answer: &StaticAnswer, tensions_n: &[Option<f64>
 }
 
 /// The quantity that a cable's winch holds.
-pub(super) fn held_in_words(tensions_n: &[Option<f64>], index: usize) -> &'static str {
-    match tensions_n.get(index) {
-        Some(Some(_)) => "tension held",
-        _ => "length held",
+pub(super) fn held_in_words(tension_held: CableSet, index: usize) -> &'static str {
+    if tension_held.contains(index) {
+        "tension held"
+    } else {
+        "length held"
     }
 }
 

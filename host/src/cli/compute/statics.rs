@@ -7,7 +7,9 @@ use super::lists::{ByCable, List};
 use super::{UNITS, batch, conclude, say_pose, triple};
 use crate::compute::{ComputeError, Subject};
 use crate::units::Quantity;
-use mcdpr_kinematics::{CableMaterial, CableVec, Correction, GRAVITY_MPS2, Pose, corrected_length};
+use mcdpr_kinematics::{
+    CableMaterial, CableSet, CableVec, Correction, GRAVITY_MPS2, Pose, corrected_length,
+};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -95,6 +97,8 @@ struct Answer {
     #[serde(flatten)]
     corrected: Option<Corrected>,
     #[serde(skip)]
+    tension_held: CableSet,
+    #[serde(skip)]
     pose: Pose,
 }
 
@@ -138,7 +142,7 @@ impl Cmd {
         let answer = triple("position", Quantity::Length, &words)
             .and_then(|place| solve(place, &tensions, attitude));
         conclude(common, answer.map_err(Into::into), |answer| {
-            show(&subject, answer, &tensions);
+            show(&subject, answer);
         })
     }
 }
@@ -196,11 +200,12 @@ fn solve(
         stable: stability.stable,
         modes_hz: List(stability.modes_hz),
         corrected: None,
+        tension_held: found.tension_held,
         pose: found.pose,
     })
 }
 
-fn show(subject: &Subject, answer: &Answer, tensions_n: &[Option<f64>]) {
+fn show(subject: &Subject, answer: &Answer) {
     say_pose(subject, &answer.pose);
     let limits = &subject.robot.limits;
     say_cables(
@@ -209,7 +214,7 @@ fn show(subject: &Subject, answer: &Answer, tensions_n: &[Option<f64>]) {
         |index| match answer.tensions_n.0.get(index) {
             Some(&t) if t < limits.tension_min_n => "below its limit",
             Some(&t) if t > limits.tension_max_n => "over its limit",
-            _ => held_in_words(tensions_n, index),
+            _ => held_in_words(answer.tension_held, index),
         },
     );
     say_rest(answer.stable, &answer.modes_hz.0);

@@ -10,7 +10,7 @@ use crate::machine::Mismatch;
 use crate::motion::{Plan, Task};
 use crate::record::events::{Patience, TruthTap};
 use crate::record::{Doing, EventBus, TaskSource};
-use crate::ros::{Goal, Wish};
+use crate::ros::{Ending, Goal, Wish};
 use crate::run::{
     self, Homing, LengthFiles, Recorder, RunError, Session, interrupted, new_session, plan_from,
     stop_now, stop_wanted,
@@ -120,7 +120,7 @@ impl Node<'_> {
         link: impl Link,
         number: SessionId,
         homing: Homing<'_>,
-        first: Goal,
+        mut first: Goal,
     ) -> Result<(), RunError> {
         let opened = Session::open(self.model, link, number, &self.handle, homing, &LengthFiles);
         let mut session = match opened {
@@ -132,16 +132,21 @@ impl Node<'_> {
         };
         let mut armed = false;
         let mut next = Some(first);
-        while let Some(goal) = next {
+        while let Some(mut goal) = next {
             match self.planned(&mut session, &goal.wish) {
-                Ok(None) => goal.judged(Ok(0.0)),
+                Ok(None) => {
+                    goal.judged(Ok(0.0));
+                    goal.ended(Ending::Reached);
+                }
                 Ok(Some(plan)) => {
                     goal.judged(Ok(plan.timed.duration_s()));
-                    if !armed {
-                        session.arm()?;
-                        armed = true;
-                    }
-                    session.follow(&plan, &mut Recorder::default(), |_| {})?;
+                    let moved = moved(&mut session, &plan, &mut armed);
+                    goal.ended(match &moved {
+                        Ok(()) => Ending::Reached,
+                        Err(RunError::Interrupted) => Ending::Stopped,
+                        Err(error) => Ending::Failed(in_words(error)),
+                    });
+                    moved?;
                 }
                 Err(error) => {
                     goal.judged(Err(in_words(&error)));
@@ -243,7 +248,7 @@ impl Node<'_> {
             // The last motion has been stopped by now; a stop that comes later ends the next one.
             self.handle.start_anew();
             let status = run::status(&mut client)?;
-            if let Some(goal) = self.goals.take() {
+            if let Some(mut goal) = self.goals.take() {
                 if status.fault.is_none() {
                     let referenced = status.referenced;
                     break Some(Wanted { goal, referenced });
@@ -274,6 +279,20 @@ impl Node<'_> {
             Err(error) => Err(error),
         }
     }
+}
+
+/// Makes a motion; arms before the first one.
+fn moved<L: Link>(
+    session: &mut Session<'_, L>,
+    plan: &Plan,
+    armed: &mut bool,
+) -> Result<(), RunError> {
+    if !*armed {
+        session.arm()?;
+        *armed = true;
+    }
+    session.follow(plan, &mut Recorder::default(), |_| {})?;
+    Ok(())
 }
 
 /// Whether an error while planning ends the session: not where only the goal is wrong.

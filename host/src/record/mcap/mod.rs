@@ -1,5 +1,5 @@
 //! The MCAP container (version 0, `mcap.dev/spec`): only the parts that a run needs, with chunks
-//! compressed by LZ4.
+//! compressed by Zstandard; those of earlier versions, by LZ4, are read.
 //!
 //! Own code, because the published crate adds three procedural-macro stacks to the first build and
 //! does not control when a chunk reaches the disk, which is needed to be "readable after a crash".
@@ -15,8 +15,10 @@ pub(crate) use write::Writer;
 /// What every MCAP file starts and ends with.
 const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
 
-/// The name of the packing in a chunk.
+/// The name of the packing in a chunk of records before version 0.2.
 const LZ4: &str = "lz4";
+/// That of records now.
+const ZSTD: &str = "zstd";
 /// Most bytes of an uncompressed chunk: far more than a writer collects.
 const MOST_CHUNK_BYTES: u64 = 64 << 20;
 
@@ -82,6 +84,34 @@ mod tests {
         assert_eq!(contents.metadata["run"]["seed"], "7");
         assert_eq!(contents.attachments[0].name, "robot.toml");
         assert_eq!(contents.attachments[0].data, b"name = \"r\"");
+    }
+
+    #[test]
+    fn chunks_packed_by_lz4_are_read() {
+        let mut message = vec![super::op::MESSAGE];
+        message.extend_from_slice(&27_u64.to_le_bytes());
+        message.extend_from_slice(&1_u16.to_le_bytes());
+        message.extend_from_slice(&9_u32.to_le_bytes());
+        message.extend_from_slice(&[3_u64.to_le_bytes(), 3_u64.to_le_bytes()].concat());
+        message.extend_from_slice(b"hello");
+        let mut packer = lz4_flex::frame::FrameEncoder::new(Vec::new());
+        std::io::Write::write_all(&mut packer, &message).unwrap();
+        let packed = packer.finish().unwrap();
+        let mut chunk = [3_u64.to_le_bytes(), 3_u64.to_le_bytes()].concat();
+        chunk.extend_from_slice(&(message.len() as u64).to_le_bytes());
+        chunk.extend_from_slice(&super::crc32(&message).to_le_bytes());
+        chunk.extend_from_slice(&3_u32.to_le_bytes());
+        chunk.extend_from_slice(b"lz4");
+        chunk.extend_from_slice(&(packed.len() as u64).to_le_bytes());
+        chunk.extend_from_slice(&packed);
+        let mut bytes = super::MAGIC.to_vec();
+        bytes.push(super::op::CHUNK);
+        bytes.extend_from_slice(&(chunk.len() as u64).to_le_bytes());
+        bytes.extend_from_slice(&chunk);
+        let contents = read(&bytes).unwrap();
+        assert_eq!(contents.messages.len(), 1);
+        assert_eq!(contents.messages[0].data, b"hello");
+        assert_eq!(contents.messages[0].sequence, 9);
     }
 
     #[test]

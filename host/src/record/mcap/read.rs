@@ -1,9 +1,9 @@
 //! Reading MCAP, front to back, so that a file without its end gives what it has.
 
-use super::{LZ4, MAGIC, MOST_CHUNK_BYTES, crc32, op};
+use super::{LZ4, MAGIC, MOST_CHUNK_BYTES, ZSTD, crc32, op};
 use lz4_flex::frame::FrameDecoder;
 use std::collections::BTreeMap;
-use std::io::Read as _;
+use std::io::Read;
 use thiserror::Error;
 
 /// One message.
@@ -202,13 +202,12 @@ fn plain(kind: u8, body: &[u8], contents: &mut Contents) -> Option<()> {
 }
 
 /// The records of a compressed chunk, if its size is as stated and within the limit.
-fn unpack(stored: &[u8], size: u64) -> Option<Vec<u8>> {
+fn unpack(decoder: impl Read, size: u64) -> Option<Vec<u8>> {
     if size > MOST_CHUNK_BYTES {
         return None;
     }
     let mut records = Vec::new();
-    let mut decoder = FrameDecoder::new(stored).take(size + 1);
-    decoder.read_to_end(&mut records).ok()?;
+    decoder.take(size + 1).read_to_end(&mut records).ok()?;
     (records.len() as u64 == size).then_some(records)
 }
 
@@ -228,10 +227,18 @@ fn chunk(body: &[u8], contents: &mut Contents) -> Result<bool, ReadError> {
     };
     let unpacked = match compression.as_str() {
         "" => None,
-        LZ4 => match unpack(stored, size) {
-            Some(records) => Some(records),
-            None => return Ok(false),
-        },
+        how @ (LZ4 | ZSTD) => {
+            let records = if how == LZ4 {
+                unpack(FrameDecoder::new(stored), size)
+            } else {
+                let decoder = zstd::stream::read::Decoder::new(stored).ok();
+                decoder.and_then(|decoder| unpack(decoder, size))
+            };
+            match records {
+                Some(records) => Some(records),
+                None => return Ok(false),
+            }
+        }
         _ => return Err(ReadError::Compressed { how: compression }),
     };
     let records = unpacked.as_deref().unwrap_or(stored);

@@ -1,7 +1,6 @@
 //! Writing MCAP, chunk by chunk.
 
-use super::{LZ4, MAGIC, crc32, op};
-use lz4_flex::frame::{BlockMode, FrameEncoder, FrameInfo};
+use super::{MAGIC, ZSTD, crc32, op};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
@@ -22,15 +21,9 @@ struct ChunkEntry {
     packed_size: u64,
 }
 
-/// The records of a chunk as a frame of LZ4.
-fn pack(records: &[u8]) -> io::Result<Vec<u8>> {
-    // Blocks that refer to those before them: messages repeat themselves, and blocks are small.
-    let info = FrameInfo::new().block_mode(BlockMode::Linked);
-    let room = Vec::with_capacity(records.len() / 2);
-    let mut encoder = FrameEncoder::with_frame_info(info, room);
-    encoder.write_all(records)?;
-    encoder.finish().map_err(io::Error::other)
-}
+/// Level of the compression. On the record of a circle (8.8 MB, chunks of 0.4 s) level 1 leaves 23 %, level 3 the same
+/// and takes a third more time, LZ4 leaves 37 %.
+const LEVEL: i32 = 1;
 
 /// Writes one file. Messages are collected in a chunk; a chunk is written when it is full, by
 /// [`Writer::flush`] and at the end. Flushed data can be read even if the rest is missing.
@@ -263,8 +256,8 @@ impl<W: Write> Writer<W> {
         body.extend_from_slice(&end_ns.to_le_bytes());
         body.extend_from_slice(&size.to_le_bytes());
         body.extend_from_slice(&crc32(&records).to_le_bytes());
-        put_text(&mut body, LZ4);
-        let packed = pack(&records)?;
+        put_text(&mut body, ZSTD);
+        let packed = zstd::bulk::compress(&records, LEVEL)?;
         let packed_size = packed.len() as u64;
         body.extend_from_slice(&packed_size.to_le_bytes());
         body.extend_from_slice(&packed);
@@ -395,7 +388,7 @@ fn chunk_index(chunk: &ChunkEntry) -> Vec<u8> {
         body.extend_from_slice(&at.to_le_bytes());
     }
     body.extend_from_slice(&chunk.indexes_length.to_le_bytes());
-    put_text(&mut body, LZ4);
+    put_text(&mut body, ZSTD);
     body.extend_from_slice(&chunk.packed_size.to_le_bytes());
     body.extend_from_slice(&chunk.size.to_le_bytes());
     body

@@ -1,0 +1,55 @@
+"""Lengths of many poses from Python against the same lengths in Rust alone, in one run: `python speed.py`.
+
+From Python: the whole call, with its checks and its arrays of poses and lengths. In Rust alone: the loop of the
+kinematics crate's benchmark, over prepared poses, nothing kept: so many that the processor does not learn their branches.
+Both have one core; they take turns, times are the processor's, and the best of each counts, so that other work of the
+computer does not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import mcdpr
+import numpy as np
+
+PREPARED = 65536
+"""Poses of the loop in Rust; to prepare them is a hundredth of its time."""
+
+
+def took_s(call: Callable[[], object]) -> float:
+    """Processor time of a call, s."""
+    began = time.process_time()
+    call()
+    return time.process_time() - began
+
+
+def compare(name: str, count: int, rounds: int, turned: bool) -> tuple[float, float]:
+    """Best times of ``count`` lengths from Python and in Rust, s."""
+    robot = mcdpr.Robot.load(name)
+    home = np.array(robot.values["tool"]["home_in_world_m"])
+    dice = np.random.default_rng(1)
+    place = home + dice.uniform(-0.05, 0.05, (count, 3))
+    attitude = dice.uniform(-0.1, 0.1, (count, 3)) if turned else None
+    python, rust = np.inf, np.inf
+    for _ in range(rounds):
+        python = min(python, took_s(lambda: robot.lengths(place, attitude)))
+        rust = min(rust, took_s(lambda: robot._native.lengths_alone(place[:PREPARED], count)))
+    return python, rust
+
+
+if __name__ == "__main__":
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--robot", default="paper-table5")
+    options.add_argument("--count", type=int, default=1_000_000)
+    options.add_argument("--rounds", type=int, default=20)
+    given = options.parse_args()
+    for turned in (False, True):
+        python_s, rust_s = compare(given.robot, given.count, given.rounds, turned)
+        what = "places and attitudes" if turned else "places"
+        print(
+            f"{given.robot}, {given.count} {what}: Python {python_s:.4f} s, Rust {rust_s:.4f} s, "
+            f"ratio {python_s / rust_s:.2f}"
+        )
