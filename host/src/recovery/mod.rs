@@ -2,11 +2,13 @@
 //!
 //! The mathematics is in [`mcdpr_core::recovery`], which knows no file and no clock.
 
+mod cost;
 mod disk;
 pub mod simulated;
 pub mod study;
 mod writer;
 
+pub use cost::{Cost, cost};
 pub use disk::{Disk, load};
 pub(crate) use disk::{FileDisk, MemoryDisk};
 pub use mcdpr_core::recovery::*;
