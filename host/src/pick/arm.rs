@@ -7,7 +7,7 @@ use crate::link::{Client, Link, Note, meanwhile};
 use crate::machine;
 use crate::motion::path::Path;
 use crate::motion::{Model, Plan, PlanError, StaticState, Step};
-use crate::recovery::{Journal, JournalError};
+use crate::recovery::{Journal, JournalError, load};
 use crate::report::PathPoint;
 use crate::robot::Robot;
 use crate::run::{self, Measured, Recorder, ResumeError, RunError};
@@ -60,7 +60,7 @@ impl<L: Link> Arm<L> {
         session: SessionId,
         handle: &Handle,
     ) -> Result<Self, PickError> {
-        Self::open(model, link, session, handle, |_, _| Ok(()))
+        Self::open(model, link, session, handle, |_, _, _| Ok(0.0))
     }
 
     /// As [`Self::start`], after a loss of power that interrupted picking; `hash` is the checksum of the
@@ -77,7 +77,7 @@ impl<L: Link> Arm<L> {
         (hash, journal): (u32, impl FnOnce(&str) -> Result<Journal, JournalError>),
     ) -> Result<(Self, bool), PickError> {
         let mut was_closed = false;
-        let arm = Self::open(model, link, session, handle, |board, status| {
+        let arm = Self::open(model, link, session, handle, |board, status, model| {
             let journal = journal(board).map_err(ResumeError::Journal);
             let journal = journal.map_err(RunError::from)?;
             super::resume::check(&journal, hash).map_err(RunError::from)?;
@@ -85,18 +85,19 @@ impl<L: Link> Arm<L> {
                 return Err(PickError::NotReferenced);
             }
             was_closed = journal.last.is_some_and(|last| last.gripper_closed);
-            Ok(())
+            let (lengths_m, tensions_n) = (lengths(status), tensions(status));
+            Ok(load::in_jaws_kg(model, status, &lengths_m, &tensions_n))
         })?;
         Ok((arm, was_closed))
     }
 
-    /// `check` gets the number of the board and its state.
+    /// `check` gets the number of the board and its state, and returns the mass in the jaws, kg.
     fn open(
         model: Model,
         link: L,
         session: SessionId,
         handle: &Handle,
-        check: impl FnOnce(&str, &Status) -> Result<(), PickError>,
+        check: impl FnOnce(&str, &Status, &Model) -> Result<f64, PickError>,
     ) -> Result<Self, PickError> {
         let mut client = Client::connect(link, session).map_err(RunError::from)?;
         client.obey(handle.clone());
@@ -105,7 +106,13 @@ impl<L: Link> Arm<L> {
         if let Some(record) = status.fault {
             return Err(RunError::Latched { record }.into());
         }
-        check(&run::saved::board_name(client.hello()), &status)?;
+        let board = run::saved::board_name(client.hello());
+        let carried_kg = check(&board, &status, &model)?;
+        let model = if carried_kg > 0.0 {
+            load::loaded(&model, carried_kg)?
+        } else {
+            model
+        };
         let (start, lengths_m) = if status.referenced {
             let lengths_m = lengths(&status);
             (
@@ -132,7 +139,7 @@ impl<L: Link> Arm<L> {
             model,
             hash,
             tool_m,
-            carried_kg: 0.0,
+            carried_kg,
             keep: false,
             samples: Vec::new(),
             planned: Vec::new(),
@@ -402,7 +409,8 @@ impl<L: Link> Arm<L> {
         let now_n = self.mean_tensions_n()?;
         let tool_m = self.tool_m;
         let rest = self.meanwhile(|model| model.rest(&tool_m, None))??;
-        self.lift_n(rest.tensions_n(), &now_n)
+        let more_n = self.lift_n(rest.tensions_n(), &now_n)?;
+        Ok(more_n + self.carried_kg * mcdpr_kinematics::GRAVITY_MPS2)
     }
 
     /// Tensions averaged while the robot is at rest, N.
@@ -429,16 +437,7 @@ impl<L: Link> Arm<L> {
     pub(crate) fn lift_n(&mut self, before_n: &[f64], now_n: &[f64]) -> Result<f64, PickError> {
         let tool_m = self.tool_m;
         let rest = self.meanwhile(|model| model.rest(&tool_m, None))??;
-        let pose = &rest.equilibrium.pose;
-        let cables = self.model.robot().cables.iter();
-        Ok(cables
-            .zip(before_n.iter().zip(now_n))
-            .map(|(cable, (before, now))| {
-                let at = pose.transform(&cable.attachment_in_platform_m);
-                let way = cable.anchor_in_world_m - at;
-                (now - before) * way.z / way.norm().max(1e-9)
-            })
-            .sum())
+        Ok(load::lift_n(&self.model, &rest, before_n, now_n))
     }
 
     /// Plans from now on with this mass at the tool, kg.
