@@ -303,8 +303,11 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         disturbance,
         controller: Controller::InProcess,
     };
-    let Some(after) = simulate(model, &cut)? else {
-        return Ok(None);
+    let after = match simulate(model, &cut) {
+        Ok(Some(after)) => after,
+        // From where the robot is homed the way may be one that no plan fits.
+        Ok(None) | Err(RunError::Plan(_)) => return Ok(None),
+        Err(error) => return Err(error),
     };
     let journal = found(&mut random, model, &after, kind);
     let camera = match kind {
