@@ -52,6 +52,12 @@ pub struct Found {
     pub tool_per_length: DMatrix<f64>,
     /// Increase of the root of `chi2` per metre of each cable.
     pub residual_per_length: Vec<f64>,
+    /// Change of the estimated tool position per change of the tags' place, 3 x 3: identity where the
+    /// tags alone give the position, zero without tags.
+    pub tool_per_tag: Matrix3<f64>,
+    /// Logarithm of the probability density of the evidence, up to a constant that is the same for all
+    /// lengths with the other evidence unchanged (Laplace's approximation).
+    pub log_evidence: f64,
 }
 
 struct Problem<'a> {
@@ -186,8 +192,21 @@ pub fn fuse(
             residual_per_length.push((bias - &slopes * &moved).norm());
         }
     }
+    let spread = covariance.determinant().max(f64::MIN_POSITIVE).ln();
+    let white = problem.white.as_ref().map_or(0.0, |white| {
+        white.diagonal().iter().map(|part| part.abs().ln()).sum()
+    });
+    let log_evidence = 0.5 * (spread - rows.norm_squared()) + white;
     let tensions = weighed.tensions_n.len();
+    // All tags shifted alike change their rows as a shift of the tool does, the other way. The
+    // attitude's rows below them do not depend on the tool's position.
+    let first = lengths + tensions;
+    let tag_rows = rows.len() - first;
+    let tags = slopes.view((first, 0), (tag_rows, 3));
+    let by_tags = gain.view((0, first), (3, tag_rows)) * tags;
     Ok(Found {
+        log_evidence,
+        tool_per_tag: by_tags.fixed_view::<3, 3>(0, 0).into_owned(),
         tool_m: x.fixed_rows::<3>(0).into_owned(),
         covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         chi2: rows.norm_squared(),

@@ -4,10 +4,13 @@
 //! brake slips, or that has a slack cable, has other tensions and another position in each picture. So the
 //! spread of the readings over the sensors' noise, the difference between both halves and the least
 //! readings are figures of their own.
+//!
+//! Means are weighted with a Hann window: of a swing with more than two periods in the readings, under
+//! 3 % of its amplitude are left in such a mean (Harris 1978, table 1), of one with equal weights up to 16 %.
 
 use crate::robot::Robot;
 use crate::sight::TagView;
-use std::f64::consts::SQRT_2;
+use std::f64::consts::{SQRT_2, TAU};
 
 /// Noise of one tension reading, N, one standard deviation: assumption, 0.02 to 0.1 N.
 const NOISE_N: f64 = 0.06;
@@ -27,8 +30,9 @@ const DRIFT_SHARE: f64 = 0.06;
 /// The same for a tag's corners, at the tag, m.
 const DRIFT_M: f64 = 1e-3;
 const DRIFT_SHARE_M: f64 = 0.35;
-/// So many neighbouring readings of a swinging platform count as one.
-const ALIKE: f64 = 10.0;
+/// Share of a swing's standard deviation that its weighted mean is off by, at least: the window's highest
+/// side lobe, 0.027 of the amplitude.
+const LEAK_LEAST: f64 = 0.04;
 
 /// Readings at equal times.
 #[derive(Debug, Clone, Default)]
@@ -54,8 +58,8 @@ pub struct Rest {
     pub drift_n: Vec<f64>,
     /// The same swing of the corners in the pictures, at the tag, m; absent without tags.
     pub swing_m: Option<f64>,
-    /// Standard deviation of a corner's coordinate by the platform's motion, px.
-    pub swing_px: f64,
+    /// Standard error of a corner's mean coordinate by the platform's motion, px.
+    pub picture_error_px: f64,
     /// Distance of the corners between the means of both halves, at the tag, m.
     pub drift_m: Option<f64>,
 }
@@ -77,20 +81,26 @@ impl Looks {
     pub fn rest(&self, robot: &Robot) -> Rest {
         let cables = self.tensions_n.first().map_or(0, Vec::len);
         let mut rest = Rest::default();
+        let weights = taper(self.tensions_n.len());
+        let noise_share: f64 = weights.iter().map(|weight| weight * weight).sum();
+        let mut swings = Vec::new();
         for cable in 0..cables {
             let column = self.tensions_n.iter();
             let mut series: Vec<f64> = column.filter_map(|row| row.get(cable).copied()).collect();
             let moments = Moments::of(&series);
-            rest.tensions_n.push(moments.mean);
-            let readings = series.len().max(1) as f64;
-            let error = moments.variance / (readings / ALIKE).max(1.0);
-            rest.tension_errors_n.push(error.sqrt());
+            rest.tensions_n.push(moments.tapered);
+            swings.push(moments.swing(NOISE_N.powi(2)));
             rest.swing_n.push(swing(moments.variance - NOISE_N.powi(2)));
             rest.drift_n.push(moments.drift);
             series.sort_by(f64::total_cmp);
             let least = series.get(SLACK_READINGS - 1).or(series.first());
             rest.least_n.push(least.copied().unwrap_or(0.0));
         }
+        let leak = leak(&swings);
+        rest.tension_errors_n = swings
+            .iter()
+            .map(|swing| (NOISE_N.powi(2) * noise_share + swing.variance * leak * leak).sqrt())
+            .collect();
         for tag in &robot.tags {
             let views: Vec<&TagView> = self
                 .pictures
@@ -102,7 +112,7 @@ impl Looks {
                     |before: Option<f64>, now: f64| Some(before.map_or(now, |of| of.max(now)));
                 rest.swing_m = most(rest.swing_m, motion.swing_m);
                 rest.drift_m = most(rest.drift_m, motion.drift_m);
-                rest.swing_px = rest.swing_px.max(motion.sigma_px);
+                rest.picture_error_px = rest.picture_error_px.max(motion.error_px);
             }
         }
         rest
@@ -170,11 +180,48 @@ impl Rest {
     }
 }
 
+/// Weights of a Hann window over so many equidistant readings; their sum is one.
+///
+/// Harris, "On the use of windows for harmonic analysis with the discrete Fourier transform", 1978.
+#[must_use]
+pub(crate) fn taper(count: usize) -> Vec<f64> {
+    let whole = count.max(1) as f64;
+    let weight = |index: usize| (1.0 - (TAU * (index as f64 + 0.5) / whole).cos()) / whole;
+    match count {
+        0 | 1 => vec![1.0; count],
+        _ => (0..count).map(weight).collect(),
+    }
+}
+
+/// Motion in one series of readings.
+struct Swing {
+    /// Variance over the noise.
+    variance: f64,
+    /// Square of half the difference between the weighted means of both halves, over the noise.
+    halves: f64,
+}
+
+/// Share of a swing's standard deviation that is left in the weighted mean of its readings, of all
+/// series together, because they have the same periods. The halves show it: a mean over half the time
+/// contains more of the swing than one over all of it.
+fn leak(swings: &[Swing]) -> f64 {
+    let sum = |of: fn(&Swing) -> f64| swings.iter().map(of).sum::<f64>();
+    let (variance, halves) = (sum(|of| of.variance), sum(|of| of.halves));
+    if variance <= 0.0 {
+        return 1.0;
+    }
+    (halves / variance).sqrt().clamp(LEAK_LEAST, 1.0)
+}
+
 struct Moments {
-    mean: f64,
+    /// Mean with the weights of [`taper`].
+    tapered: f64,
     variance: f64,
     /// Mean of the second half minus that of the first.
     drift: f64,
+    /// The same with weighted means.
+    tapered_drift: f64,
+    count: usize,
 }
 
 impl Moments {
@@ -183,14 +230,34 @@ impl Moments {
         let mean = mean_of(series);
         let squares = series.iter().map(|value| (value - mean).powi(2));
         let (first, second) = series.split_at(series.len() / 2);
+        let tapered_of = |part: &[f64]| {
+            let pairs = part.iter().zip(taper(part.len()));
+            pairs.map(|(value, weight)| value * weight).sum::<f64>()
+        };
         Self {
-            mean,
+            tapered: tapered_of(series),
+            tapered_drift: if first.is_empty() {
+                0.0
+            } else {
+                tapered_of(second) - tapered_of(first)
+            },
+            count: series.len(),
             variance: squares.sum::<f64>() / series.len().max(1) as f64,
             drift: if first.is_empty() {
                 0.0
             } else {
                 mean_of(second) - mean_of(first)
             },
+        }
+    }
+
+    /// The motion in the series, over readings with this variance of their noise.
+    fn swing(&self, noise: f64) -> Swing {
+        // A Hann window averages noise as two thirds of its readings do.
+        let of_noise = 2.0 * noise * 1.5 / (0.5 * self.count.max(2) as f64);
+        Swing {
+            variance: (self.variance - noise).max(0.0),
+            halves: (self.tapered_drift.powi(2) - of_noise).max(0.0) / 4.0,
         }
     }
 }
@@ -203,7 +270,8 @@ fn swing(variance: f64) -> f64 {
 struct TagMotion {
     swing_m: f64,
     drift_m: f64,
-    sigma_px: f64,
+    /// Standard error of a corner's weighted mean by the motion, px.
+    error_px: f64,
 }
 
 impl TagMotion {
@@ -215,11 +283,15 @@ impl TagMotion {
         let count = views.len() as f64;
         // Sums over both axes, means over four corners.
         let (mut variance, mut noise, mut drift, mut edge_px) = (0.0, 0.0, 0.0, 0.0);
+        let sigmas_px2 = views.iter().map(|view| view.sigma_px().powi(2));
+        let noise_px2 = sigmas_px2.sum::<f64>() / count;
+        let mut swings = Vec::new();
         for corner in 0..4 {
             for axis in 0..2 {
                 let at = |view: &&TagView| view.corners_px.get(corner)?.get(axis).copied();
                 let series: Vec<f64> = views.iter().filter_map(at).collect();
                 let moments = Moments::of(&series);
+                swings.push(moments.swing(noise_px2));
                 variance += moments.variance / 4.0;
                 drift += moments.drift.powi(2) / 4.0;
             }
@@ -234,7 +306,7 @@ impl TagMotion {
         Some(Self {
             swing_m: swing(variance - noise) * m_per_px,
             drift_m: (drift - 4.0 * noise / count).max(0.0).sqrt() * m_per_px,
-            sigma_px: (0.5 * (variance - noise)).max(0.0).sqrt(),
+            error_px: leak(&swings) * (0.5 * (variance - noise)).max(0.0).sqrt(),
         })
     }
 }

@@ -8,7 +8,7 @@ use super::weigh::{Estimates, estimates};
 use crate::estimate::{EstimateError, Measurements};
 use crate::motion::Model;
 use mcdpr_protocol::BoardState;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
 /// Source of the lengths.
@@ -55,6 +55,9 @@ pub struct Verdict {
     pub bound_95_mm: Option<f64>,
     /// Integrity bound: the error that an undetected slip of one drum can cause.
     pub integrity_bound_mm: Option<f64>,
+    /// Covariance of the tool behind the statistical bound, world, mm².
+    #[serde(skip)]
+    pub covariance_mm2: Option<Matrix3<f64>>,
     /// The evidence that the estimate uses.
     pub used: Vec<String>,
     /// Contradictions in the evidence.
@@ -109,6 +112,7 @@ impl Verdict {
             bound_mm: Some(estimates.bound_m() * 1e3),
             bound_95_mm: Some(estimates.bound_95_m * 1e3),
             integrity_bound_mm: Some(estimates.integrity_bound_m * 1e3),
+            covariance_mm2: Some(estimates.covariance_m2 * 1e6),
             lengths_m: found.rest.paid_out_m.clone(),
             tensions_n: found.rest.tensions_n().to_vec(),
             paid_out_mm: pairs.map(|(now, then)| (now - then) * 1e3).collect(),
@@ -313,4 +317,14 @@ pub(super) fn worst_tension(found: &Found) -> usize {
 pub fn error_m(verdict: &Verdict, truth_m: &Vector3<f64>) -> Option<f64> {
     let tool = Vector3::from(verdict.tool_mm?) * 1e-3;
     Some((tool - truth_m).norm())
+}
+
+/// Square of an estimate's error in units of its covariance: chi-square with three degrees of freedom if
+/// the covariance is right (normalised estimation error squared; Bar-Shalom, Li and Kirubarajan 2001,
+/// section 5.4).
+#[must_use]
+pub fn normalised_error(verdict: &Verdict, truth_m: &Vector3<f64>) -> Option<f64> {
+    let off_mm = Vector3::from(verdict.tool_mm?) - truth_m * 1e3;
+    let weight = verdict.covariance_mm2?.try_inverse()?;
+    Some((off_mm.transpose() * weight * off_mm).x)
 }

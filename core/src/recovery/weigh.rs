@@ -2,13 +2,17 @@
 //! statistical bound and an integrity bound.
 
 use super::cut::{Cut, Lengths, lengths_after};
-use super::fuse::{Found, Weighed, chi2_quantile, fuse, radius_95_m};
+use super::fuse::{Found, Weighed, chi2_quantile, fuse};
 use super::journal::Journal;
+use super::looks::taper;
 use super::verdict::{Evidence, Source, mm, worst_tension};
 use crate::estimate::{EstimateError, Measurements};
 use crate::motion::Model;
 use crate::sight::TagView;
+use causes::Chosen;
 use nalgebra::{Matrix3, Vector3};
+
+mod causes;
 
 /// Normal deviate above which evidence counts as contradictory: one valid case in a thousand.
 const CONTRADICTS: f64 = 3.09;
@@ -28,6 +32,9 @@ const TENSION_SHARE: f64 = 0.02;
 const ATTITUDE_RAD: f64 = 3e-3;
 /// Position of the camera's mounting and of a tag after a calibration, standard deviation, m per axis.
 const TAG_PLACE_M: f64 = 2.0e-4;
+/// Place at which the robot was homed, standard deviation, m per axis: no better known than anchors and
+/// tags after a calibration (0.3 mm, uniform).
+const HOMED_M: f64 = 1.7e-4;
 /// The same at each corner in a picture, px.
 const MOUNTING_PX: f64 = 0.25;
 /// Time from the last record on the disk to the cut where the computer failed too, s: mean and
@@ -40,8 +47,17 @@ const UNSEEN_ALIVE_S: [f64; 2] = [0.007, 0.004];
 #[derive(Debug, Clone)]
 pub(super) struct Known {
     pub(super) lengths: Lengths,
+    /// The same for either cause of the cut; empty where only one is possible.
+    causes: Vec<Cause>,
     /// The last lengths before the loss of power, m.
     pub(super) before_m: Vec<f64>,
+}
+
+/// A possible cause of the cut: with or without torque on the drums until their brakes closed.
+#[derive(Debug, Clone)]
+struct Cause {
+    probability: f64,
+    lengths: Lengths,
 }
 
 /// Estimates with their bounds.
@@ -53,6 +69,8 @@ pub(super) struct Estimates {
     pub(super) with_lengths: Option<Found>,
     pub(super) by_tag: bool,
     pub(super) known: Option<Known>,
+    /// Covariance of the tool, without a slip that is not detected, m².
+    pub(super) covariance_m2: Matrix3<f64>,
     /// Statistical bound, 95 %, m.
     pub(super) bound_95_m: f64,
     /// Error by an undetected slip of one drum, m.
@@ -126,43 +144,48 @@ pub(super) fn estimates(
     };
     let start_m = start(model, known.as_ref(), tensions_n);
     if !evidence.seen.views.is_empty() {
-        let seen = averaged(&evidence.seen, evidence.rest.swing_px);
+        let seen = averaged(&evidence.seen, evidence.rest.picture_error_px);
         let alone = fuse(model, &weighed(None, &seen), &start_m)?;
         // Lengths that agree with the tag make the position more exact. Lengths that do not agree
         // only name the drum that slipped.
         let with_lengths = known
             .as_ref()
             .filter(|known| deviations(&known.lengths, &alone, AGREES).is_empty())
-            .map(|known| fuse(model, &weighed(Some(&known.lengths), &seen), &start_m))
+            .map(|known| causes::choose(model, &weighed(None, &seen), known, &start_m))
             .transpose()?
-            .filter(fits);
-        let found = with_lengths.as_ref().unwrap_or(&alone);
-        let covariance = found.covariance_m2 + Matrix3::identity() * TAG_PLACE_M.powi(2);
+            .filter(|chosen| fits(&chosen.found));
+        let chosen = with_lengths.unwrap_or_else(|| Chosen::only(alone.clone()));
+        let used_lengths = !chosen.found.residual_per_length.is_empty();
         return Ok(Some(Estimates {
-            bound_95_m: radius_95_m(&covariance),
-            integrity_bound_m: integrity_bound_m(found),
+            covariance_m2: chosen.covariance_m2(),
+            bound_95_m: chosen.bound_95_m(),
+            integrity_bound_m: integrity_bound_m(&chosen.found),
             suspects: slipped_drums(known.as_ref(), &alone),
             by_tag: true,
             alone,
-            with_lengths,
+            with_lengths: used_lengths.then_some(chosen.found),
             known,
         }));
     }
     let Some(known) = known else {
         return Ok(None);
     };
-    let weighed = weighed(Some(&known.lengths), &nothing);
-    let found = fuse(model, &weighed, &start_m)?;
-    let suspects = if fits(&found) {
+    let chosen = causes::choose(model, &weighed(None, &nothing), &known, &start_m)?;
+    let suspects = if fits(&chosen.found) {
         Vec::new()
     } else {
-        suspects(model, &weighed, &found)
+        suspects(
+            model,
+            &weighed(Some(&known.lengths), &nothing),
+            &chosen.found,
+        )
     };
     Ok(Some(Estimates {
-        bound_95_m: radius_95_m(&found.covariance_m2),
-        integrity_bound_m: integrity_bound_m(&found),
+        covariance_m2: chosen.covariance_m2(),
+        bound_95_m: chosen.bound_95_m(),
+        integrity_bound_m: integrity_bound_m(&chosen.found),
         by_tag: false,
-        alone: found,
+        alone: chosen.found,
         with_lengths: None,
         known: Some(known),
         suspects,
@@ -186,6 +209,7 @@ fn known(model: &Model, evidence: &Evidence<'_>) -> Result<Option<Known>, Estima
         Source::Board { lengths_m } => {
             return Ok(Some(Known {
                 lengths: Lengths::counted(lengths_m),
+                causes: Vec::new(),
                 before_m: lengths_m.clone(),
             }));
         }
@@ -209,44 +233,52 @@ fn known(model: &Model, evidence: &Evidence<'_>) -> Result<Option<Known>, Estima
     } else {
         UNSEEN_DEAD_S
     };
-    let cut = Cut {
-        unseen_s,
-        unseen_sd_s,
-        // A computer that failed too was on the same supply, as a rule with the drives.
-        torque_gone: if journal.ended { 0.5 } else { 0.9 },
+    // A computer that failed too was on the same supply, as a rule with the drives.
+    let gone = if journal.ended { 0.5 } else { 0.9 };
+    let after = |torque_gone: f64| {
+        let cut = Cut {
+            unseen_s,
+            unseen_sd_s,
+            torque_gone,
+        };
+        lengths_after(model, &rest, last, &cut)
+    };
+    let cause = |probability: f64, torque_gone: f64| Cause {
+        probability,
+        lengths: after(torque_gone),
     };
     Ok(Some(Known {
-        lengths: lengths_after(model, &rest, last, &cut),
+        lengths: after(gone),
+        causes: vec![cause(gone, 1.0), cause(1.0 - gone, 0.0)],
         before_m,
     }))
 }
 
 /// Pictures of one pose as one view for each tag. The error of the mounting is the same in every
-/// picture: averaging does not reduce it. `swing_px` is the standard deviation of the corners by the
-/// platform's motion.
-fn averaged(seen: &Measurements, swing_px: f64) -> Measurements {
+/// picture: averaging does not reduce it. `motion_px` is the standard error of the corners' means by
+/// the platform's motion.
+fn averaged(seen: &Measurements, motion_px: f64) -> Measurements {
     let mut views: Vec<TagView> = Vec::new();
     for view in &seen.views {
         if views.iter().any(|known| known.id == view.id) {
             continue;
         }
         let same: Vec<_> = seen.views.iter().filter(|of| of.id == view.id).collect();
-        let count = same.len() as f64;
+        let weights = taper(same.len());
+        let noise_share: f64 = weights.iter().map(|weight| weight * weight).sum();
         let mut mean = *view;
         for (index, corner) in mean.corners_px.iter_mut().enumerate() {
             for (axis, value) in corner.iter_mut().enumerate() {
-                let all = same
-                    .iter()
-                    .filter_map(|of| of.corners_px.get(index)?.get(axis));
-                *value = all.sum::<f64>() / count;
+                let all = same.iter().zip(&weights);
+                let all = all
+                    .filter_map(|(of, weight)| Some(weight * of.corners_px.get(index)?.get(axis)?));
+                *value = all.sum();
             }
         }
-        // Neighbouring pictures of a swing are alike: five count as one.
-        let swing_px2 = swing_px.powi(2) / (count / 5.0).max(1.0);
         for covariance in &mut mean.covariance_px2 {
             for (axis, row) in covariance.iter_mut().enumerate() {
                 if let Some(variance) = row.get_mut(axis) {
-                    *variance = *variance / count + MOUNTING_PX.powi(2) + swing_px2;
+                    *variance = *variance * noise_share + MOUNTING_PX.powi(2) + motion_px.powi(2);
                 }
             }
         }

@@ -7,10 +7,11 @@ use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::motion::Model;
 use crate::pick::study::{self, Knowledge, SceneReport, picking_robot};
-use crate::pick::{End, Outcome as Came, Report};
+use crate::pick::{End, Jaws, Outcome as Came, Report, Resumed};
 use crate::record::{Doing, TaskSource};
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
+use crate::scenario::{Injection, When};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::camera::Order;
 use mcdpr_vision::grasp::{Antipodal, Detector};
@@ -72,6 +73,17 @@ pub(crate) struct Cmd {
     /// has already added
     #[arg(long, value_name = "FILE", requires = "scenes")]
     keep: Option<PathBuf>,
+    /// Continue after a loss of power: on a port after `mcdpr recover`; on the simulator the power fails
+    /// first, as --fault says
+    #[arg(long, conflicts_with = "scenes")]
+    resume: bool,
+    /// On the simulator: the supply that fails before --resume, when and for how long
+    #[arg(
+        long,
+        default_value = "power:drives@20s/1s",
+        value_name = "power:WHOSE@TIME/DURATION"
+    )]
+    fault: String,
     /// Show it in a browser on this machine, in real time, with the camera's pictures; port 8650 if
     /// none is given
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650", conflicts_with = "scenes")]
@@ -123,7 +135,11 @@ impl Cmd {
             paper: self.task == "paper",
             mat: !self.no_mat,
         };
-        let scene = self.watched(common, &robot, &wanted, &handle)?;
+        let scene = if self.resume {
+            self.after_cut(common, &robot, &wanted, &handle)?
+        } else {
+            self.watched(common, &robot, &wanted, &handle)?
+        };
         if common.json {
             return print_json(&scene);
         }
@@ -186,6 +202,41 @@ impl Cmd {
         }
         eprintln!("run folder: {}", folder.path().display());
         Ok(outcome?)
+    }
+
+    /// Picks one scene in which the power fails.
+    fn after_cut(
+        &self,
+        common: &Common,
+        robot: &Robot,
+        wanted: &study::Wanted,
+        handle: &Handle,
+    ) -> miette::Result<SceneReport> {
+        let wrong = |reason: &str| Failed::from_error("--fault")(reason.to_owned());
+        if self.serve.is_some() {
+            let reason = "the simulator's loss of power is not shown in a browser";
+            return Err(Failed::from_error("--serve")(reason).into());
+        }
+        let cut = Injection::parse(&self.fault, robot.cables.len())?;
+        if cut.supply.is_none() {
+            return Err(wrong(
+                "it cuts no supply: give power:board, power:drives, power:host or power:all",
+            )
+            .into());
+        }
+        if !matches!(cut.when, When::Motion(_)) {
+            return Err(wrong("give a time after the first motion's start, such as 20s").into());
+        }
+        let mut detector = self.detector()?;
+        let (scene, verdict) = study::scene_after_cut(
+            robot,
+            wanted,
+            (handle, detector.as_mut()),
+            &common.controller,
+            &cut,
+        )?;
+        eprintln!("recovered: {}", verdict.sentence);
+        Ok(scene)
     }
 
     fn detector(&self) -> miette::Result<Box<dyn Detector>> {
@@ -338,6 +389,23 @@ fn table(report: &Report, grips: &[String]) {
     super::write_out(&lay_out(&rows));
 }
 
+/// How picking continued after a loss of power.
+fn continued(resumed: &Resumed) -> String {
+    let weight = resumed
+        .weight_n
+        .map_or_else(String::new, |weight_n| format!(" ({weight_n:.1} N)"));
+    match (resumed.jaws, resumed.outcome) {
+        (Jaws::Empty, _) => "the jaws were empty".to_owned(),
+        (Jaws::Dropped, _) => {
+            "the jaws have opened without power: what they held has fallen".to_owned()
+        }
+        (Jaws::Holding, Some(Came::Delivered)) => {
+            format!("the jaws held an object{weight}; it was delivered")
+        }
+        (Jaws::Holding, _) => format!("the jaws held an object{weight}; it was lost on the way"),
+    }
+}
+
 /// Results from the pictures: the error budget, and the paper's numbers.
 fn seen(report: &Report) {
     if let Some(attempt) = report.attempts.first() {
@@ -376,6 +444,9 @@ fn end(end: &End) -> String {
 }
 
 fn print_scene(scene: &SceneReport) {
+    if let Some(resumed) = &scene.report.resumed {
+        say!("continued: {}", continued(resumed));
+    }
     table(&scene.report, &scene.grips);
     seen(&scene.report);
     if let (Some(least), Some(most)) = (

@@ -7,9 +7,10 @@ use crate::link::{Client, Link, Note, meanwhile};
 use crate::machine;
 use crate::motion::path::Path;
 use crate::motion::{Model, Plan, PlanError, StaticState, Step};
+use crate::recovery::{Journal, JournalError, load};
 use crate::report::PathPoint;
 use crate::robot::Robot;
-use crate::run::{self, Measured, Recorder, RunError};
+use crate::run::{self, Measured, Recorder, ResumeError, RunError};
 use crate::sight::Shown;
 use mcdpr_protocol::{ConfigHash, Knot, Request, SessionId, Status};
 use nalgebra::{Isometry3, Vector3};
@@ -59,6 +60,45 @@ impl<L: Link> Arm<L> {
         session: SessionId,
         handle: &Handle,
     ) -> Result<Self, PickError> {
+        Self::open(model, link, session, handle, |_, _, _| Ok(0.0))
+    }
+
+    /// As [`Self::start`], after a loss of power that interrupted picking; `hash` is the checksum of the
+    /// task. Also returns whether the jaws were closed before.
+    ///
+    /// # Errors
+    /// As [`Self::start`]; [`ResumeError`] where the journal is not valid or not of an interrupted picking,
+    /// [`PickError::NotReferenced`] where the board has lost its lengths. Nothing has moved then.
+    pub(crate) fn resume(
+        model: Model,
+        link: L,
+        session: SessionId,
+        handle: &Handle,
+        (hash, journal): (u32, impl FnOnce(&str) -> Result<Journal, JournalError>),
+    ) -> Result<(Self, bool), PickError> {
+        let mut was_closed = false;
+        let arm = Self::open(model, link, session, handle, |board, status, model| {
+            let journal = journal(board).map_err(ResumeError::Journal);
+            let journal = journal.map_err(RunError::from)?;
+            super::resume::check(&journal, hash).map_err(RunError::from)?;
+            if !status.referenced {
+                return Err(PickError::NotReferenced);
+            }
+            was_closed = journal.last.is_some_and(|last| last.gripper_closed);
+            let (lengths_m, tensions_n) = (lengths(status), tensions(status));
+            Ok(load::in_jaws_kg(model, status, &lengths_m, &tensions_n))
+        })?;
+        Ok((arm, was_closed))
+    }
+
+    /// `check` gets the number of the board and its state, and returns the mass in the jaws, kg.
+    fn open(
+        model: Model,
+        link: L,
+        session: SessionId,
+        handle: &Handle,
+        check: impl FnOnce(&str, &Status, &Model) -> Result<f64, PickError>,
+    ) -> Result<Self, PickError> {
         let mut client = Client::connect(link, session).map_err(RunError::from)?;
         client.obey(handle.clone());
         let hash = run::configure(&mut client, model.robot())?;
@@ -66,6 +106,13 @@ impl<L: Link> Arm<L> {
         if let Some(record) = status.fault {
             return Err(RunError::Latched { record }.into());
         }
+        let board = run::saved::board_name(client.hello());
+        let carried_kg = check(&board, &status, &model)?;
+        let model = if carried_kg > 0.0 {
+            load::loaded(&model, carried_kg)?
+        } else {
+            model
+        };
         let (start, lengths_m) = if status.referenced {
             let lengths_m = lengths(&status);
             (
@@ -93,7 +140,7 @@ impl<L: Link> Arm<L> {
             model,
             hash,
             tool_m,
-            carried_kg: 0.0,
+            carried_kg,
             keep: false,
             samples: Vec::new(),
             planned: Vec::new(),
@@ -346,6 +393,27 @@ impl<L: Link> Arm<L> {
         Ok(run::status(&mut self.client)?.gripper_switch)
     }
 
+    /// Whether the gripper is commanded closed.
+    ///
+    /// # Errors
+    /// The line's.
+    pub(crate) fn gripper_closed(&mut self) -> Result<bool, PickError> {
+        Ok(run::status(&mut self.client)?.gripper_closed)
+    }
+
+    /// Weight at the tool by tensions at rest, over the platform's by statics, N. Pulley friction and the
+    /// error of the platform's mass are in it.
+    ///
+    /// # Errors
+    /// The line's; if the robot cannot hang there.
+    pub(crate) fn weight_n(&mut self) -> Result<f64, PickError> {
+        let now_n = self.mean_tensions_n()?;
+        let tool_m = self.tool_m;
+        let rest = self.meanwhile(|model| model.rest(&tool_m, None))??;
+        let more_n = self.lift_n(rest.tensions_n(), &now_n)?;
+        Ok(more_n + self.carried_kg * mcdpr_kinematics::GRAVITY_MPS2)
+    }
+
     /// Tensions averaged while the robot is at rest, N.
     ///
     /// # Errors
@@ -370,16 +438,7 @@ impl<L: Link> Arm<L> {
     pub(crate) fn lift_n(&mut self, before_n: &[f64], now_n: &[f64]) -> Result<f64, PickError> {
         let tool_m = self.tool_m;
         let rest = self.meanwhile(|model| model.rest(&tool_m, None))??;
-        let pose = &rest.equilibrium.pose;
-        let cables = self.model.robot().cables.iter();
-        Ok(cables
-            .zip(before_n.iter().zip(now_n))
-            .map(|(cable, (before, now))| {
-                let at = pose.transform(&cable.attachment_in_platform_m);
-                let way = cable.anchor_in_world_m - at;
-                (now - before) * way.z / way.norm().max(1e-9)
-            })
-            .sum())
+        Ok(load::lift_n(&self.model, &rest, before_n, now_n))
     }
 
     /// Plans from now on with this mass at the tool, kg.

@@ -52,6 +52,41 @@ pub enum PickError {
         /// Why not.
         reason: String,
     },
+    /// Picking cannot continue: the position is not known.
+    #[error("the board does not know its lengths")]
+    #[diagnostic(
+        code(mcdpr::pick::not_referenced),
+        help("find out where the tool is: `mcdpr recover`; then `mcdpr pick --resume`")
+    )]
+    NotReferenced,
+    /// Picking cannot continue: nobody knows what the jaws hold.
+    #[error(
+        "the jaws are closed, no switch says what they hold, and {weight_n:.1} N more than the platform's \
+         weight are too little to tell"
+    )]
+    #[diagnostic(
+        code(mcdpr::pick::jaws),
+        help(
+            "take what is in the jaws out of them, and run `mcdpr pick` from its start: it looks at the tray first"
+        )
+    )]
+    Jaws {
+        /// Weight by tensions and statics, N.
+        weight_n: f64,
+    },
+    /// A simulated recovery refused.
+    #[error("not recovered: {sentence}")]
+    #[diagnostic(code(mcdpr::pick::not_recovered), help("{next}"))]
+    NotRecovered {
+        /// Why.
+        sentence: String,
+        /// What to do.
+        next: String,
+    },
+    /// The picking was over before the simulated cut.
+    #[error("the picking was over before the power failed")]
+    #[diagnostic(code(mcdpr::pick::early), help("give --fault an earlier time"))]
+    NotCut,
     /// The study's results cannot be saved.
     #[error("{file}: {reason}")]
     #[diagnostic(

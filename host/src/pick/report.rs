@@ -67,10 +67,36 @@ pub enum End {
     Enough,
 }
 
+/// Contents of the jaws after a loss of power.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Jaws {
+    /// They were open, or they closed on nothing.
+    Empty,
+    /// They were closed before and are open now: what they held has fallen.
+    Dropped,
+    /// They hold an object.
+    Holding,
+}
+
+/// How picking continued after a loss of power.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Resumed {
+    /// What was in the jaws.
+    pub jaws: Jaws,
+    /// Weight by tensions and statics, N; `None` with open jaws.
+    pub weight_n: Option<f64>,
+    /// What became of an object in the jaws.
+    pub outcome: Option<Outcome>,
+}
+
 /// All of a picking task.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
-    /// Every attempt.
+    /// How it continued, if a loss of power had interrupted it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub resumed: Option<Resumed>,
+    /// Every attempt, of the continuation alone after a loss of power.
     pub attempts: Vec<Attempt>,
     /// Why it ended.
     pub end: End,
@@ -87,6 +113,8 @@ impl Report {
     #[must_use]
     pub fn delivered(&self) -> usize {
         let delivered = |attempt: &&Attempt| attempt.outcome == Outcome::Delivered;
+        let resumed = self.resumed.as_ref().and_then(|resumed| resumed.outcome);
         self.attempts.iter().filter(delivered).count()
+            + usize::from(resumed == Some(Outcome::Delivered))
     }
 }

@@ -20,9 +20,11 @@ use mcdpr_vision::grasp::{Antipodal, Detector};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+mod cut;
 mod many;
 mod tally;
 
+pub use cut::scene_after_cut;
 pub use many::Study;
 pub use tally::{Figures, Line, Tally};
 
@@ -241,84 +243,119 @@ pub(crate) fn scene_by(
     watching: &Watching<'_>,
     controller: &Controller,
 ) -> Result<SceneReport, PickError> {
-    let Wanted {
-        order,
-        count,
-        knowledge,
-        seed,
-        turns,
-        attempts_max,
-        views,
-        near,
-        paper,
-        mat,
-    } = *wanted;
-    let (mismatch, mounting) = knowledge.mismatch();
-    let known = match knowledge {
-        Knowledge::Calibrated if robot.calibrated.is_none() => {
-            &calibrated(robot, seed, controller)?
-        }
-        _ => robot,
-    };
-    let model = Model::new(known)?.with_options(planning());
-    let robot = known;
-    let link = SimulatedRobot::new(mismatch, seed)
-        .controller(controller)
-        .at_home(&model)?;
-    let (cell, mut options) = if paper {
-        workcell::paper(&model)?
-    } else {
-        let mut tray = Tray::default();
-        if mat {
-            tray = tray.with_mat();
-        }
-        let cell = workcell::cell(robot, tray, order, count, seed)?;
-        (cell, workcell::options(robot)?)
-    };
-    options.mat = cell.tray.mat.as_ref().map(workcell::mat);
-    if options.mat.is_some() {
-        options.hand.margin_m = workcell::MARGIN_BY_MAT_M;
-    }
-    workcell::look_from(&mut options, views);
-    if !near {
-        options.near_m = None;
-    }
-    let objects = cell.objects().len();
-    link.with(|simulation| simulation.set_cell(cell));
-    let mut eye = SimulatedEye::new(link.clone(), robot, &mounting, seed);
-    let mut observer = CellObserver::new(link.clone(), *eye.camera());
-    options.turns = turns;
-    if let Some(most) = attempts_max {
-        options.attempts_max = most;
-    }
-    let line = watching.line(&link, robot.cables.len(), handle);
-    let mut arm = Arm::start(model, line, SessionId(1), handle)?;
+    let mut stage = Stage::new(robot, wanted, controller)?;
+    let link = stage.link.clone();
+    let line = watching.line(&link, stage.model.robot().cables.len(), handle);
+    let mut arm = Arm::start(stage.model.clone(), line, SessionId(1), handle)?;
     let began_us = link.now_us();
     if watching.keep {
         arm.keep_samples();
         link.with(mcdpr_simulator::Simulation::record_truth);
     }
-    let report = Picker::new(&mut arm, &mut eye, detector, &options).run(&mut observer)?;
+    let report =
+        Picker::new(&mut arm, &mut stage.eye, detector, &stage.options).run(&mut stage.observer)?;
     let kept = watching.keep.then(|| Kept {
         samples: arm.samples().to_vec(),
         planned: arm.planned().to_vec(),
         truth: true_states(&link, began_us),
-        first_look: observer.first_look.take(),
+        first_look: stage.observer.first_look.take(),
     });
     arm.finish()?;
-    let end = link.with(|simulation| simulation.cell().map(Ended::of));
-    let end = end.unwrap_or_default();
-    Ok(SceneReport {
-        seed,
-        objects,
-        left: end.left,
-        carried_off: end.carried_off,
-        report,
-        errors_m: observer.off_m.iter().map(Vector3::norm).collect(),
-        off_m: observer.off_m.into_iter().map(Into::into).collect(),
-        grips: end.grips,
-        kept,
-    })
+    Ok(stage.ended(report, kept))
+}
+
+/// A simulated robot before a tray, and the options of picking there.
+struct Stage {
+    seed: u64,
+    model: Model,
+    link: SimulatedLink,
+    options: super::Options,
+    eye: SimulatedEye,
+    observer: CellObserver,
+    objects: usize,
+}
+
+impl Stage {
+    fn new(robot: &Robot, wanted: &Wanted, controller: &Controller) -> Result<Self, PickError> {
+        let Wanted {
+            order,
+            count,
+            knowledge,
+            seed,
+            turns,
+            attempts_max,
+            views,
+            near,
+            paper,
+            mat,
+        } = *wanted;
+        let (mismatch, mounting) = knowledge.mismatch();
+        let known = match knowledge {
+            Knowledge::Calibrated if robot.calibrated.is_none() => {
+                &calibrated(robot, seed, controller)?
+            }
+            _ => robot,
+        };
+        let model = Model::new(known)?.with_options(planning());
+        let robot = known;
+        let link = SimulatedRobot::new(mismatch, seed)
+            .controller(controller)
+            .at_home(&model)?;
+        let (cell, mut options) = if paper {
+            workcell::paper(&model)?
+        } else {
+            let mut tray = Tray::default();
+            if mat {
+                tray = tray.with_mat();
+            }
+            let cell = workcell::cell(robot, tray, order, count, seed)?;
+            (cell, workcell::options(robot)?)
+        };
+        options.mat = cell.tray.mat.as_ref().map(workcell::mat);
+        if options.mat.is_some() {
+            options.hand.margin_m = workcell::MARGIN_BY_MAT_M;
+        }
+        workcell::look_from(&mut options, views);
+        if !near {
+            options.near_m = None;
+        }
+        let objects = cell.objects().len();
+        link.with(|simulation| simulation.set_cell(cell));
+        let eye = SimulatedEye::new(link.clone(), robot, &mounting, seed);
+        let observer = CellObserver::new(link.clone(), *eye.camera());
+        options.turns = turns;
+        if let Some(most) = attempts_max {
+            options.attempts_max = most;
+        }
+        Ok(Self {
+            seed,
+            model,
+            link,
+            options,
+            eye,
+            observer,
+            objects,
+        })
+    }
+
+    /// The scene after picking.
+    fn ended(self, report: Report, kept: Option<Kept>) -> SceneReport {
+        let end = self
+            .link
+            .with(|simulation| simulation.cell().map(Ended::of));
+        let end = end.unwrap_or_default();
+        SceneReport {
+            seed: self.seed,
+            objects: self.objects,
+            left: end.left,
+            carried_off: end.carried_off,
+            report,
+            errors_m: self.observer.off_m.iter().map(Vector3::norm).collect(),
+            off_m: self.observer.off_m.into_iter().map(Into::into).collect(),
+            grips: end.grips,
+            kept,
+        }
+    }
 }
 
 /// True states since `began_us`, every 10 ms.

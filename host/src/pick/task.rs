@@ -12,6 +12,7 @@ use mcdpr_vision::grasp::{Detector, Hand, NoGrasp};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 mod reach;
+mod resumed;
 mod view;
 
 use view::Viewed;
@@ -165,6 +166,7 @@ impl<'a, L: Link> Picker<'a, L> {
             None => None,
         };
         Ok(Report {
+            resumed: None,
             attempts,
             end,
             probe_m: probe,

@@ -2,11 +2,14 @@
 //!
 //! The mathematics is in [`mcdpr_core::recovery`], which knows no file and no clock.
 
+mod cost;
 mod disk;
+pub(crate) mod load;
 pub mod simulated;
 pub mod study;
 mod writer;
 
+pub use cost::{Cost, cost};
 pub use disk::{Disk, load};
 pub(crate) use disk::{FileDisk, MemoryDisk};
 pub use mcdpr_core::recovery::*;
@@ -80,6 +83,23 @@ pub fn recover<L: Link>(
             Err(reason) => Source::Refused(reason.clone()),
         }
     };
+    // Statics with the object that the jaws hold: without it tensions contradict the lengths.
+    let lengths_m: Vec<f64> = match &source {
+        Source::Board { lengths_m } => lengths_m.clone(),
+        Source::Journal(journal) => {
+            let cables = journal.last.iter().flat_map(|last| &last.cables);
+            cables.map(|cable| cable.length_m).collect()
+        }
+        Source::Refused(_) => Vec::new(),
+    };
+    let load_kg = load::in_jaws_kg(model, &status, &lengths_m, &rest.tensions_n);
+    let with_load;
+    let model = if load_kg > 0.0 {
+        with_load = load::loaded(model, load_kg)?;
+        &with_load
+    } else {
+        model
+    };
     let evidence = Evidence {
         source,
         rest,
@@ -88,6 +108,11 @@ pub fn recover<L: Link>(
         bound_m: before.bound_m,
     };
     let mut verdict = judge(model, &evidence)?;
+    if load_kg > 0.0 {
+        let weight_n = load_kg * mcdpr_kinematics::GRAVITY_MPS2;
+        let used = format!("{weight_n:.1} N in the jaws, by tensions and statics");
+        verdict.used.push(used);
+    }
     if looks.lost_tag() {
         let lost = "the tag leaves the camera's picture while the platform swings: it was not used";
         verdict.contradicts.push(lost.to_owned());

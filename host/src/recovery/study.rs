@@ -70,11 +70,19 @@ pub struct Case {
     pub swing_n: f64,
     /// Statistical bound, 95 %, mm.
     pub bound_95_mm: Option<f64>,
+    /// Square of the error in units of its covariance, three degrees of freedom.
+    pub normalised: Option<f64>,
     /// The verdict's sentence.
     pub sentence: String,
 }
 
 impl Case {
+    /// Whether the board has lost its counts.
+    #[must_use]
+    pub fn counts_lost(&self) -> bool {
+        matches!(self.supply, "board" | "all")
+    }
+
     fn wrong(&self) -> bool {
         let pair = self.error_mm.zip(self.bound_mm);
         self.accepted && pair.is_none_or(|(error, bound)| error > WRONG * bound)
@@ -100,6 +108,8 @@ pub struct Figures {
     pub inside: Option<f64>,
     /// Share of the accepted whose error is within the statistical bound (95 %).
     pub inside_95: Option<f64>,
+    /// Mean of the squared errors in units of their covariance; three if that is right.
+    pub normalised_mean: Option<f64>,
     /// Median of the statistical bound of the accepted, mm.
     pub bound_95_median_mm: Option<f64>,
     /// Share of the accepted for which the integrity bound is the greater one.
@@ -138,6 +148,7 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
         .iter()
         .filter_map(|case| case.bound_95_mm)
         .collect();
+    let normalised: Vec<f64> = accepted.iter().filter_map(|case| case.normalised).collect();
     let integrity = accepted
         .iter()
         .filter(|case| case.bound_mm > case.bound_95_mm);
@@ -154,6 +165,8 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
         most_mm: most(errors.iter().copied()),
         inside: inside(|case| case.bound_mm),
         inside_95: inside(|case| case.bound_95_mm),
+        normalised_mean: (!normalised.is_empty())
+            .then(|| normalised.iter().sum::<f64>() / normalised.len() as f64),
         bound_95_median_mm: median(&bounds_95),
         by_integrity: share(integrity.count()),
         bound_median_mm: median(&bounds),
@@ -163,15 +176,22 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
     }
 }
 
-/// Runs `runs` cases from the seed `first` on; the kinds take turns. Cases for whose seed no motion was
-/// found, or whose motion was over before the cut, are left out.
+/// Runs the seeds from `first` on, `runs` of them; the kinds take turns, and those that are not in `kinds`
+/// are skipped. Cases for whose seed no motion was found, or whose motion was over before the cut, are left
+/// out.
 ///
 /// # Errors
 /// Where the robot cannot hang at home.
-pub fn study(model: &Model, first: u64, runs: u64, bound_m: f64) -> Result<Vec<Case>, RunError> {
+pub fn study(
+    model: &Model,
+    (first, runs): (u64, u64),
+    kinds: &[Kind],
+    bound_m: f64,
+) -> Result<Vec<Case>, RunError> {
     model.rest_at_home()?;
     let cases: Result<Vec<_>, RunError> = (first..first.saturating_add(runs))
         .into_par_iter()
+        .filter(|seed| kind_of(*seed).is_some_and(|kind| kinds.contains(&kind)))
         .map(|seed| case(model, seed, bound_m))
         .collect();
     Ok(cases?.into_iter().flatten().collect())
@@ -215,10 +235,15 @@ fn task(random: &mut Random, model: &Model) -> Option<(Task, f64)> {
     None
 }
 
+/// The kind of a seed.
+fn kind_of(seed: u64) -> Option<Kind> {
+    let turn = usize::try_from(seed % KINDS.len() as u64).unwrap_or(0);
+    KINDS.get(turn).copied()
+}
+
 fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError> {
     let mut random = Random::new(seed ^ 0x7077_7263);
-    let turn = usize::try_from(seed % KINDS.len() as u64).unwrap_or(0);
-    let Some(kind) = KINDS.get(turn).copied() else {
+    let Some(kind) = kind_of(seed) else {
         return Ok(None);
     };
     let Some((task, duration_s)) = task(&mut random, model) else {
@@ -278,8 +303,11 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         disturbance,
         controller: Controller::InProcess,
     };
-    let Some(after) = simulate(model, &cut)? else {
-        return Ok(None);
+    let after = match simulate(model, &cut) {
+        Ok(Some(after)) => after,
+        // From where the robot is homed the way may be one that no plan fits.
+        Ok(None) | Err(RunError::Plan(_)) => return Ok(None),
+        Err(error) => return Err(error),
     };
     let journal = found(&mut random, model, &after, kind);
     let camera = match kind {
@@ -290,6 +318,7 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
     // A person who moved the platform does not confirm that nobody did.
     let untouched = kind != Kind::Moved;
     let (verdict, truth_m) = after.recover(model, journal, camera, untouched, bound_m)?;
+    let normalised = mcdpr_core::recovery::verdict::normalised_error(&verdict, &truth_m);
     let error_m = mcdpr_core::recovery::verdict::error_m(&verdict, &truth_m);
     let name = Supply::ALL.iter().find(|(known, _)| *known == supply);
     let Verdict {
@@ -311,6 +340,7 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         accepted,
         bound_mm,
         bound_95_mm,
+        normalised,
         error_mm: error_m.map(|error| error * 1e3),
         swing_mm,
         swing_n: swing_n.into_iter().fold(0.0, f64::max),

@@ -1,5 +1,6 @@
 use super::*;
 use crate::motion::StaticState;
+use crate::recovery::journal::{Identity, Kept, KeptCable};
 use crate::recovery::looks::Rest;
 use crate::recovery::verdict::judge;
 use crate::robot::Robot;
@@ -81,11 +82,86 @@ fn the_bound_covers_a_slip_that_is_not_detected() {
         "{error_m} m, {} m",
         estimates.bound_95_m
     );
+    let bound_m = estimates.bound_m();
+    assert!(error_m < bound_m, "{error_m} m, {bound_m} m");
+    // The bound is that of the slip, some times the statistical one.
     assert!(
-        error_m < 1.5 * estimates.bound_m(),
-        "{error_m} m, {} m",
-        estimates.bound_m()
+        bound_m > 2.0 * estimates.bound_95_m && bound_m >= estimates.integrity_bound_m,
+        "{bound_m} m, {} m",
+        estimates.bound_95_m
     );
+}
+
+/// The journal of a robot that held at home with open brakes; its program continued.
+fn journal(lengths_m: &[f64], tensions_n: &[f64]) -> Journal {
+    let cables = lengths_m.iter().zip(tensions_n);
+    let cables = cables.map(|(length_m, tension_n)| KeptCable {
+        length_m: *length_m,
+        setpoint_m: *length_m,
+        speed_mps: 0.0,
+        tension_n: *tension_n,
+    });
+    Journal {
+        identity: Identity {
+            board: "00".to_owned(),
+            session: 1,
+            robot: "lab-fast".to_owned(),
+            scale: 1,
+            task: "t".to_owned(),
+            task_hash: 1,
+            wall_ms: 0,
+        },
+        plan: None,
+        last: Some(Kept {
+            brakes_open: 15,
+            referenced: true,
+            cables: cables.collect(),
+            ..Kept::default()
+        }),
+        still: None,
+        path_ms: 0,
+        ended: true,
+        number: 1,
+        torn_bytes: 0,
+    }
+}
+
+#[test]
+fn without_a_tag_the_bound_reaches_both_causes_of_a_cut_and_no_further() {
+    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    let home = model.rest_at_home().unwrap();
+    let journal = journal(&home.paid_out_m, home.tensions_n());
+    for torque_gone in [0.0, 1.0] {
+        let cut = Cut {
+            unseen_s: 0.0,
+            unseen_sd_s: 0.0,
+            torque_gone,
+        };
+        let last = journal.last.as_ref().unwrap();
+        let lengths = lengths_after(&model, &home, last, &cut);
+        let true_m: Vec<f64> = lengths.mean_m.iter().copied().collect();
+        let rest = rest_on_brakes(&model, &true_m, &home);
+        let tensions_n = rest.tensions_n().to_vec();
+        let evidence = Evidence {
+            source: Source::Journal(&journal),
+            rest: Rest {
+                least_n: tensions_n.clone(),
+                tension_errors_n: vec![0.02; 4],
+                tensions_n,
+                ..Rest::default()
+            },
+            seen: Measurements::default(),
+            untouched: true,
+            bound_m: 0.05,
+        };
+        let estimates = estimates(&model, &evidence).unwrap().unwrap();
+        let error_m = (estimates.best().tool_m - model.tool_m(&rest)).norm();
+        let bound_m = estimates.bound_95_m;
+        assert!(error_m > 5e-4, "the estimate is in between: {error_m} m");
+        assert!(error_m < bound_m, "{error_m} m, {bound_m} m");
+        let wide_m = crate::recovery::fuse::radius_95_m(&estimates.covariance_m2);
+        assert!(bound_m < 0.95 * wide_m, "{bound_m} m, {wide_m} m");
+    }
 }
 
 #[test]

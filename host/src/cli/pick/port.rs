@@ -12,7 +12,9 @@ use crate::pick::{
     Arm, Choice, Options, Outcome as Came, PickError, Picker, Report, Watcher, workcell,
 };
 use crate::record::{Doing, TaskSource, Watched};
+use crate::recovery::load;
 use crate::robot::Robot;
+use crate::run::saved::scale_of;
 use crate::run::{RunError, new_session, watch_for_interrupts};
 use mcdpr_simulator::camera::Tray;
 use mcdpr_vision::Source;
@@ -69,6 +71,7 @@ impl Cmd {
             at_home: false,
         };
         let session = about.session;
+        let hash = crate::recovery::task_hash(&about.task);
         let mut recorded = Recorded::start(common, Some(&model), about)?;
         let page = self
             .serve
@@ -78,9 +81,20 @@ impl Cmd {
             let port = common.open_port().map_err(ClientError::from);
             let port = port.map_err(RunError::from)?;
             let line = Watched::new(port, &recorded.events).with_orders(&handle);
-            let mut arm = Arm::start(model.clone(), line, session, &handle)?;
-            let done =
-                Picker::new(&mut arm, &mut eye, detector.as_mut(), &options).run(&mut Nobody);
+            let (mut arm, was_closed) = if self.resume {
+                let journal = |board: &str| load(board, scale_of(model.robot()));
+                let task = (hash, journal);
+                Arm::resume(model.clone(), line, session, &handle, task)
+                    .map(|(arm, was_closed)| (arm, Some(was_closed)))?
+            } else {
+                let arm = Arm::start(model.clone(), line, session, &handle)?;
+                (arm, None)
+            };
+            let mut picker = Picker::new(&mut arm, &mut eye, detector.as_mut(), &options);
+            let done = match was_closed {
+                Some(was_closed) => picker.resume(was_closed, &mut Nobody),
+                None => picker.run(&mut Nobody),
+            };
             match done {
                 Ok(report) => {
                     arm.finish()?;
@@ -106,6 +120,9 @@ impl Cmd {
         let report = outcome?;
         if common.json {
             return print_json(&report);
+        }
+        if let Some(resumed) = &report.resumed {
+            say!("continued: {}", super::continued(resumed));
         }
         table(&report, &[]);
         seen(&report);

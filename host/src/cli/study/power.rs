@@ -2,8 +2,9 @@
 
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
-use crate::motion::Model;
+use crate::motion::{Model, Task};
 use crate::recovery::study::{Case, Figures, KINDS, Kind, figures, study};
+use crate::recovery::{Cost, cost};
 use std::path::PathBuf;
 
 /// Random losses of power on realistic machines, and the errors of the recovery
@@ -15,6 +16,12 @@ pub(crate) struct Cmd {
     /// Largest bound of the tool's place that the job allows, mm
     #[arg(long, default_value_t = 5.0, value_name = "MM")]
     bound_mm: f64,
+    /// Only cuts with nothing else: skip the seeds of the other kinds
+    #[arg(long)]
+    undisturbed: bool,
+    /// Closing time of all brakes instead of the robot file's, ms
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u16).range(1..=500))]
+    brake_ms: Option<u16>,
     /// Write every case into this file, a line of JSON each
     #[arg(long, value_name = "FILE")]
     cases: Option<PathBuf>,
@@ -31,31 +38,70 @@ const fn name(kind: Kind) -> &'static str {
     }
 }
 
+/// The kinds without a fault but the cut.
+const UNDISTURBED: [Kind; 2] = [Kind::Camera, Kind::NoCamera];
+
+/// The journal's cost over a straight way of some seconds.
+fn journal_cost(model: &Model) -> miette::Result<Cost> {
+    let home = model.robot().tool.home_in_world_m * 1e3;
+    let text = format!(
+        "start_mm = [{x}, {y}, {z}]\n[[leg]]\nto_mm = [{}, {y}, {z}]\nduration_s = 8\n",
+        home.x + 60.0,
+        x = home.x,
+        y = home.y,
+        z = home.z,
+    );
+    let task = Task::parse(&text, "way.toml".into())?;
+    Ok(cost(model, &task)?)
+}
+
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         if common.on != "sim" {
             let reason = "a study needs the truth, which only the simulator knows";
             return Err(Failed::from_error("--on")(reason).into());
         }
-        let robot = crate::robot::find(&common.robot)?;
+        let mut robot = crate::robot::find(&common.robot)?;
+        if let Some(brake_ms) = self.brake_ms {
+            for winch in &mut robot.winches {
+                winch.brake_close_s = f64::from(brake_ms) * 1e-3;
+            }
+        }
         let model = Model::new(&robot)?;
         model.hanging("going on after a loss of power")?;
         let bound_m = self.bound_mm * 1e-3;
-        let cases = study(&model, common.seed, self.runs, bound_m)?;
+        let kinds = match self.undisturbed {
+            true => &UNDISTURBED[..],
+            false => &KINDS[..],
+        };
+        let cases = study(&model, (common.seed, self.runs), kinds, bound_m)?;
+        let cost = journal_cost(&model)?;
         if let Some(path) = &self.cases {
             let lines: Result<Vec<_>, _> = cases.iter().map(serde_json::to_string).collect();
             let text = lines.map_err(Failed::from_error("the cases"))?.join("\n");
             crate::files::write_atomically(path, text)
                 .map_err(Failed::from_error("writing the cases"))?;
         }
-        let undisturbed = |case: &&Case| matches!(case.kind, Kind::Camera | Kind::NoCamera);
+        let undisturbed = |case: &&Case| UNDISTURBED.contains(&case.kind);
         let fine = figures(cases.iter().filter(undisturbed));
+        let lost = figures(
+            cases
+                .iter()
+                .filter(undisturbed)
+                .filter(|case| case.counts_lost()),
+        );
+        let counted = figures(
+            cases
+                .iter()
+                .filter(undisturbed)
+                .filter(|case| !case.counts_lost()),
+        );
         let all = figures(cases.iter());
         let with_camera = figures(cases.iter().filter(|case| case.kind == Kind::Camera));
         let last = common.seed + self.runs - 1;
         let of = |kind: Kind| figures(cases.iter().filter(|case| case.kind == kind));
         if common.json {
-            let kinds: serde_json::Map<_, _> = KINDS
+            let kinds: serde_json::Map<_, _> = kinds
                 .iter()
                 .map(|kind| (key(*kind), serde_json::json!(of(*kind))))
                 .collect();
@@ -69,6 +115,10 @@ impl Cmd {
                 "median_mm": with_camera.median_mm,
                 "inside": fine.inside,
                 "inside_95": fine.inside_95,
+                "undisturbed": fine,
+                "counts_kept": counted,
+                "counts_lost": lost,
+                "journal": cost,
                 "kinds": kinds,
             }));
         }
@@ -79,16 +129,28 @@ impl Cmd {
             "wrongly",
             "error median / most, mm",
             "inside 95 % / both bounds",
+            "normalised error squared",
             "bound 95 %, median",
             "bound median / most, mm",
             "most under 0.1 m/s",
             "drop, mm",
         ];
         let mut rows = vec![head.map(str::to_owned).to_vec()];
-        rows.extend(KINDS.iter().map(|kind| row(name(*kind), &of(*kind))));
+        rows.extend(kinds.iter().map(|kind| row(name(*kind), &of(*kind))));
+        rows.push(row("undisturbed", &fine));
+        rows.push(row("  board kept its counts", &counted));
+        rows.push(row("  board lost its counts", &lost));
         rows.push(row("all", &all));
         write_out(&lay_out(&rows));
         say!("robot {}, seeds {} to {last}", robot.name, common.seed);
+        let share = cost.core_share.map_or("not measured".to_owned(), |share| {
+            format!("{:.2} % of a core", share * 100.0)
+        });
+        say!(
+            "journal: {:.2} MB a minute, {share}, over {:.1} s in real time",
+            cost.mb_per_min,
+            cost.duration_s
+        );
         Ok(())
     }
 }
@@ -107,6 +169,7 @@ fn row(name: &str, figures: &Figures) -> Vec<String> {
         figures.accepted_wrongly.to_string(),
         format!("{} / {}", cell(figures.median_mm), cell(figures.most_mm)),
         format!("{} / {}", cell(figures.inside_95), cell(figures.inside)),
+        cell(figures.normalised_mean),
         cell(figures.bound_95_median_mm),
         format!(
             "{} / {}",

@@ -10,6 +10,7 @@ use crate::run::{self, RunError};
 use crate::sight::{Scene, SimulatedTags, TagSource};
 use mcdpr_core::random::Random;
 use mcdpr_core::recovery::journal::Mark;
+use mcdpr_kinematics::Pose;
 use mcdpr_protocol::{Request, SessionId};
 use mcdpr_simulator::Simulation;
 use nalgebra::Vector3;
@@ -18,6 +19,10 @@ use nalgebra::Vector3;
 const CORNER_PX: f64 = 0.1;
 /// Error of the camera's mounting after a calibration: half width, m and rad.
 const MOUNTING: [f64; 2] = [2e-4, 3e-4];
+
+/// The place of a tag as a calibration has it, half width per axis, m: as that of anchors
+/// ([`crate::machine::Mismatch::realistic`]).
+const TAG_PLACE_M: f64 = 3e-4;
 
 /// A robot whose power is back.
 pub struct AfterCut {
@@ -38,7 +43,7 @@ pub struct AfterCut {
 
 /// The journal of a program that continued, or whose computer failed too: then it has no end record, and
 /// its last records had not reached the disk.
-pub(super) fn left_journal(disk: &MemoryDisk, alive: bool, seed: u64) -> (Vec<u8>, Option<Mark>) {
+fn left_journal(disk: &MemoryDisk, alive: bool, seed: u64) -> (Vec<u8>, Option<Mark>) {
     let (bytes, mark) = disk.synced();
     if alive {
         return (bytes, mark);
@@ -63,6 +68,31 @@ pub(super) fn left_journal(disk: &MemoryDisk, alive: bool, seed: u64) -> (Vec<u8
 }
 
 impl AfterCut {
+    /// A robot behind `link` whose power is back, and what the journal on `disk` has kept of it: all of it
+    /// if the host did not fail (`alive`).
+    ///
+    /// # Errors
+    /// The client's.
+    pub(crate) fn of(
+        link: SimulatedLink,
+        disk: &MemoryDisk,
+        alive: bool,
+        seed: u64,
+    ) -> Result<Self, RunError> {
+        let board = Client::connect(link.clone(), SessionId(2))
+            .map(|client| run::saved::board_name(client.hello()))?;
+        let (journal, mark) = left_journal(disk, alive, seed);
+        Ok(Self {
+            link,
+            journal,
+            mark,
+            board,
+            drop_m: 0.0,
+            speed_mps: 0.0,
+            seed,
+        })
+    }
+
     /// The journal as a recovery finds it.
     ///
     /// # Errors
@@ -86,7 +116,11 @@ impl AfterCut {
         bound_m: f64,
     ) -> Result<(Verdict, Vector3<f64>), RunError> {
         let scene = Scene::on_floor(model.robot(), MOUNTING[0], MOUNTING[1], self.seed);
-        let places = scene.places.clone();
+        let mut random = Random::new(self.seed ^ 0x7461_6773);
+        let mut places = scene.places.clone();
+        for place in &mut places {
+            place.world_from_body.position_m += Vector3::from_fn(|_, _| random.within(TAG_PLACE_M));
+        }
         let mut tags = SimulatedTags::new(self.link.clone(), scene, CORNER_PX, self.seed);
         let mut client = Client::connect(self.link.clone(), SessionId(3))?;
         if run::status(&mut client)?.fault.is_some() {

@@ -9,13 +9,13 @@ pub use after::AfterCut;
 use super::MemoryDisk;
 use super::writer::{About, JournalWriter};
 use crate::experiment::Experiment;
-use crate::link::{Client, ClientError, SimulatedLink, plant_failed};
+use crate::link::{ClientError, SimulatedLink, plant_failed};
 use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Task};
 use crate::record::EventBus;
 use crate::record::events::{Patience, Watched};
 use crate::run::saved::scale_of;
-use crate::run::{self, Homing, RunError};
+use crate::run::{Homing, RunError};
 use crate::scenario::{FaultyLink, Injection, Supply, When};
 use fall::{fallen, moved};
 use mcdpr_core::random::Random;
@@ -74,15 +74,33 @@ pub struct SimulatedCut {
     pub controller: Controller,
 }
 
-/// Brakes differ from the robot file: closing times within a quarter of the robot file's, holding 60 to 250 N, and
-/// friction off by a third. Drawn independently of the recovery's assumptions.
-fn brakes(params: &mut mcdpr_simulator::plant::PlantParams, seed: u64) {
+/// Closing time of a brake over the robot file's, middle and half width: an operating manual gives mean
+/// values that are "subject to variations", for a warm coil and the rated air gap (INTORQ BFK458, BA
+/// 14.0217, table 9: 28 ms for 4 Nm). Their size is an assumption.
+const CLOSE: [f64; 2] = [1.05, 0.25];
+/// Its holding force, N, middle and half width: 4 Nm of the same table at a drum of 20 mm would be 200 N.
+const HOLDS_N: [f64; 2] = [155.0, 95.0];
+/// Friction of a winch over the robot file's, half width; assumption.
+const FRICTION: f64 = 0.33;
+/// A tension sensor's zero, half width, N: 0.5 % of 39 N, what 10 K do to a simple load cell with 0.05 % per
+/// kelvin.
+const ZERO_N: f64 = 0.2;
+/// The place of the tool while the robot is homed, half width per axis, m: that of anchors after a
+/// calibration ([`Mismatch::realistic`]).
+const HOMED_M: f64 = 3e-4;
+
+/// What else differs from the robot file.
+fn differ(params: &mut mcdpr_simulator::plant::PlantParams, seed: u64) {
     let mut random = Random::new(seed ^ 0x6272_616B);
     for winch in &mut params.winches {
         let brake = &mut winch.brake;
-        brake.close_delay_s *= 1.05 + random.within(0.25);
-        brake.holding_n = 155.0 + random.within(95.0);
-        winch.friction_n *= 1.0 + random.within(0.33);
+        brake.close_delay_s *= CLOSE[0] + random.within(CLOSE[1]);
+        brake.holding_n = HOLDS_N[0] + random.within(HOLDS_N[1]);
+        winch.friction_n *= 1.0 + random.within(FRICTION);
+    }
+    for winch in &mut params.winches {
+        let sensor = &mut winch.sensor;
+        sensor.zero_v += random.within(ZERO_N) / sensor.gain_n_per_v;
     }
 }
 
@@ -95,7 +113,7 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
     let robot = model.robot();
     let home = model.rest_at_home()?;
     let mut params = machine::plant_params(robot, &case.mismatch, case.seed);
-    brakes(&mut params, case.seed);
+    differ(&mut params, case.seed);
     let (pose, held, seed) = (
         &home.equilibrium.pose,
         model.holding().by_tension(),
@@ -130,7 +148,9 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
         }));
     }
     let watched = Watched::new(faulty.clone(), &events);
-    let place = Homing::Place(robot.tool.home_in_world_m);
+    let mut random = Random::new(case.seed ^ 0x686F_6D65);
+    let off_m = Vector3::from_fn(|_, _| random.within(HOMED_M));
+    let place = Homing::Place(robot.tool.home_in_world_m + off_m);
     let outcome = Experiment::new(model, case.task.clone())
         .session(SessionId(1))
         .homing(place)
@@ -159,22 +179,15 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
     if let Disturbance::Moved { by_m } = case.disturbance {
         moved(model, &link, Vector3::from(by_m))?;
     }
-    let board = Client::connect(link.clone(), SessionId(2))
-        .map(|client| run::saved::board_name(client.hello()))?;
     let alive = matches!(case.supply, Supply::Board | Supply::Drives);
-    let (journal, mark) = after::left_journal(&disk, alive, case.seed);
     Ok(Some(AfterCut {
-        link,
-        journal,
-        mark,
-        board,
         drop_m: if case.supply == Supply::Host {
             0.0
         } else {
             drop_m
         },
         speed_mps,
-        seed: case.seed,
+        ..AfterCut::of(link, &disk, alive, case.seed)?
     }))
 }
 

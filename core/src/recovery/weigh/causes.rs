@@ -1,0 +1,128 @@
+//! The estimate where two causes of the cut are possible: the drives lost their supply with the board, or
+//! they held their drums until the brakes closed.
+//!
+//! The lengths differ by millimetres between both, so their distribution has two peaks. Each cause is
+//! estimated by itself and weighted with the probability of the evidence (a Gaussian sum; Alspach and
+//! Sorenson 1972). A tag decides between them as a rule. Without one the estimate is in between, and the
+//! bound reaches both.
+
+use super::{HOMED_M, Known, TAG_PLACE_M};
+use crate::estimate::EstimateError;
+use crate::motion::Model;
+use crate::recovery::fuse::{Found, Weighed, fuse, radius_95_m};
+use nalgebra::{Matrix3, Vector3};
+
+/// A cause with this probability counts as known.
+const KNOWN: f64 = 0.99;
+/// A cause under this probability is outside the bound of 95 %.
+const BESIDE: f64 = 0.02;
+/// Standard deviations between an estimate and a peak from which on the error is beyond the peak.
+const APART: f64 = 2.0;
+/// Normal deviate of 95 %, one-sided.
+const ONE_SIDED: f64 = 1.645;
+
+/// An estimate, and how far the causes are from it.
+#[derive(Debug, Clone)]
+pub(super) struct Chosen {
+    pub(super) found: Found,
+    /// For each cause that is possible: probability, shift of the tool (m), covariance (m²). Empty where
+    /// one is known.
+    peaks: Vec<(f64, Vector3<f64>, Matrix3<f64>)>,
+}
+
+impl Chosen {
+    /// An estimate without any doubt about the cause.
+    pub(super) const fn only(found: Found) -> Self {
+        Self {
+            found,
+            peaks: Vec::new(),
+        }
+    }
+
+    /// Covariance of the tool, world, m².
+    pub(super) fn covariance_m2(&self) -> Matrix3<f64> {
+        if self.peaks.is_empty() {
+            return self.found.covariance_m2 + of_places(&self.found);
+        }
+        let parts = self.peaks.iter().map(|(probability, shift, covariance)| {
+            (covariance + shift * shift.transpose()) * *probability
+        });
+        parts.sum::<Matrix3<f64>>() + of_places(&self.found)
+    }
+
+    /// Radius that holds the error in 95 % of cases, m.
+    pub(super) fn bound_95_m(&self) -> f64 {
+        let round = radius_95_m(&self.covariance_m2());
+        let places = of_places(&self.found);
+        // Beyond a peak's shift along it, with what is across.
+        let reach = |(_, shift, covariance): &(f64, Vector3<f64>, Matrix3<f64>)| {
+            let covariance = covariance + places;
+            let far = shift.norm();
+            let along = shift / far.max(1e-12);
+            let variance = (along.transpose() * covariance * along).x;
+            // Close to it the error may be on any side.
+            if far < APART * variance.sqrt() {
+                return far + radius_95_m(&covariance);
+            }
+            let ahead = far + ONE_SIDED * variance.sqrt();
+            ahead.hypot((covariance.trace() - variance).max(0.0).sqrt())
+        };
+        let peaks = self.peaks.iter().filter(|peak| peak.0 > BESIDE);
+        let reached = peaks.map(reach).fold(0.0, f64::max);
+        if reached > 0.0 {
+            round.min(reached)
+        } else {
+            round
+        }
+    }
+}
+
+/// Covariance by the places of homing, of tags and of the camera, m². They are wrong by the same in all
+/// rows, so each counts as far as the estimate follows it.
+fn of_places(found: &Found) -> Matrix3<f64> {
+    let tag = found.tool_per_tag;
+    let mut sum = tag * tag.transpose() * TAG_PLACE_M.powi(2);
+    if !found.residual_per_length.is_empty() {
+        let rest = Matrix3::identity() - tag;
+        sum += rest * rest.transpose() * HOMED_M.powi(2);
+    }
+    sum
+}
+
+/// The estimate by lengths and the other evidence in `weighed`.
+///
+/// # Errors
+/// [`EstimateError`].
+pub(super) fn choose(
+    model: &Model,
+    weighed: &Weighed<'_>,
+    known: &Known,
+    start_m: &Vector3<f64>,
+) -> Result<Chosen, EstimateError> {
+    let with = |lengths| Weighed {
+        lengths: Some(lengths),
+        ..weighed.clone()
+    };
+    let mut each = Vec::new();
+    for cause in &known.causes {
+        // A cause under which the robot could not hang at all is none.
+        if let Ok(found) = fuse(model, &with(&cause.lengths), start_m) {
+            each.push((cause.probability.ln() + found.log_evidence, found));
+        }
+    }
+    let most = each.iter().map(|(log, _)| *log).fold(f64::MIN, f64::max);
+    let total: f64 = each.iter().map(|(log, _)| (log - most).exp()).sum();
+    let share = |log: f64| (log - most).exp() / total;
+    if let Some((_, found)) = each.iter().find(|(log, _)| share(*log) > KNOWN) {
+        return Ok(Chosen::only(found.clone()));
+    }
+    let found = fuse(model, &with(&known.lengths), start_m)?;
+    let peaks = each.iter().map(|(log, of)| {
+        let shift = of.tool_m - found.tool_m;
+        (share(*log), shift, of.covariance_m2)
+    });
+    Ok(Chosen {
+        peaks: peaks.collect(),
+        found,
+    })
+}
