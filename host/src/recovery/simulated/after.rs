@@ -10,7 +10,6 @@ use crate::run::{self, RunError};
 use crate::sight::{Scene, SimulatedTags, TagSource};
 use mcdpr_core::random::Random;
 use mcdpr_core::recovery::journal::Mark;
-use mcdpr_kinematics::Pose;
 use mcdpr_protocol::{Request, SessionId};
 use mcdpr_simulator::Simulation;
 use nalgebra::Vector3;
