@@ -203,9 +203,9 @@ impl Desk {
             judging.judged(&id, &verdict);
         };
         let goal = Goal::new(wish, tell).with_end(move |how| ending.ended(&id, how));
-        self.goals.try_offer(goal).map_err(|(_, reason)| {
+        self.goals.try_offer(goal).map_err(|back| {
             self.actions.forget(&id);
-            reason.to_owned()
+            back.1.to_owned()
         })
     }
 

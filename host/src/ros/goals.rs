@@ -94,22 +94,21 @@ impl Goals {
 
     /// Gives a goal to the thread that moves the robot; refuses it while there is another.
     pub(super) fn offer(&self, goal: Goal) {
-        if let Err((mut goal, reason)) = self.try_offer(goal) {
+        if let Err(back) = self.try_offer(goal) {
+            let (mut goal, reason) = *back;
             goal.judged(Err(reason.to_owned()));
         }
     }
 
     /// As [`Self::offer`]; a goal that is refused comes back unjudged, with the reason.
-    pub(super) fn try_offer(&self, goal: Goal) -> Result<(), (Goal, &'static str)> {
+    pub(super) fn try_offer(&self, goal: Goal) -> Result<(), Box<(Goal, &'static str)>> {
         let mut slot = self.lock();
         if slot.under_way {
-            return Err((
-                goal,
-                "a motion is under way: stop it first, or wait for its end",
-            ));
+            let reason = "a motion is under way: stop it first, or wait for its end";
+            return Err(Box::new((goal, reason)));
         }
         if slot.waiting.is_some() {
-            return Err((goal, "another goal came first"));
+            return Err(Box::new((goal, "another goal came first")));
         }
         slot.waiting = Some(goal);
         Ok(())
