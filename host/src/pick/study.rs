@@ -24,7 +24,7 @@ mod cut;
 mod many;
 mod tally;
 
-pub use cut::scene_after_cut;
+pub(crate) use cut::scene_after_cut;
 pub use many::Study;
 pub use tally::{Figures, Line, Tally};
 

@@ -227,7 +227,7 @@ const IDLE: Duration = Duration::from_millis(250);
 
 /// Events gather for this long before a watcher sees them: a busy line has thousands of short reads a second,
 /// and to wake a thread for each took more time than the watchers' work (4 % of a core for a journal).
-const GATHER: Duration = Duration::from_millis(2);
+const GATHER: Duration = Duration::from_millis(5);
 
 struct Watching {
     sender: SyncSender<Arc<RunEvent>>,

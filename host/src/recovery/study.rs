@@ -78,8 +78,7 @@ pub struct Case {
 
 impl Case {
     /// Whether the board has lost its counts.
-    #[must_use]
-    pub fn counts_lost(&self) -> bool {
+    pub(crate) fn counts_lost(&self) -> bool {
         matches!(self.supply, "board" | "all")
     }
 

@@ -32,7 +32,7 @@ const HASH: u32 = 1;
 /// # Errors
 /// As [`super::scene`]; [`PickError::NotCut`] where picking was over before, [`PickError::NotRecovered`]
 /// where the recovery refuses.
-pub fn scene_after_cut(
+pub(crate) fn scene_after_cut(
     robot: &Robot,
     wanted: &Wanted,
     (handle, detector): (&Handle, &mut dyn Detector),
