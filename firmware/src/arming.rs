@@ -15,7 +15,7 @@ const ENABLE_GRACE_MS: u32 = 500;
 /// Milliseconds of torque under closed brakes before they are tested.
 const PRELOAD_MS: u32 = 30;
 /// Milliseconds for the test of the brakes, at most.
-const PROOF_MS: u32 = 1000;
+const PROOF_MS: u32 = 500;
 /// Milliseconds for the platform to come to rest after the drums were moved: some of its stiff
 /// modes, near 10 Hz, decay within half a second.
 const SETTLE_MS: u32 = 500;

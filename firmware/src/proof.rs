@@ -2,10 +2,6 @@
 //! releases the load and pushes against the closed brake. Only a brake that holds more than the
 //! load passes (B2, B3).
 //!
-//! The test is static. A geared rotor is heavy at the cable (34 kg at 371:1): against a brake that
-//! lacks a newton it needs a tenth of a second to turn four encoder counts, while a drive has its
-//! current within milliseconds. So the push is held, and the drum's encoder decides.
-//!
 //! Between a motor and its drum, and between drum and brake, there is play. Until the motor is
 //! through it, the motor's current gives no information about the brake; afterwards the motor's
 //! friction must be subtracted. Both are in the configuration. After the push the motor returns to
@@ -13,19 +9,12 @@
 
 use crate::config::{Active, CableConfig, Control};
 
-/// A brake must hold half of the load beyond the load, or at least this, mN.
-const LEAST_MORE_MN: i32 = 1000;
-/// The push exceeds what a brake must hold by a sixteenth, or by this, mN, but by no more than an
-/// eighth: errors of drives and sensors, and what turns a heavy rotor in time.
-const MARGIN_MN: i32 = 250;
-/// Ticks for which the push is held: 0.25 N turn 34 kg by 147 um in that time; four counts are
-/// 123 um on the paper's winch.
-const HOLD_TICKS: u16 = 200;
+/// The push beyond the load is half of the load, or at least this, mN.
+const LEAST_PUSH_MN: i32 = 1000;
 /// Greatest distance that a position-held drive releases beyond the play, 0.1 µm.
 const RELIEF_MOST: i32 = 5000;
-/// Force that a tension-held drive releases per tick, mN: at most and at least.
+/// Force that a tension-held drive releases per tick, mN.
 const RELEASE_MN: i32 = 256;
-const LEAST_RELEASE_MN: i32 = 8;
 /// In the play a motor turns no faster than this, 0.1 µm per tick (5 mm/s), and a drive commanded
 /// by speed changes it by no more than this per tick, µm/s (0.05 m/s²): its current is then that of
 /// its friction, not of its inertia.
@@ -33,7 +22,7 @@ const THROUGH_PLAY: i32 = 50;
 const FASTEST_UMPS: i32 = 5000;
 const FASTER_UMPS: i32 = 50;
 /// Ticks that a current must last behind play: the impact at its end causes ringing.
-const LASTS: u16 = 5;
+const LASTS: u8 = 5;
 
 /// Addition for the play of the widest winch to the duration of a test, ms: there and back at
 /// [`THROUGH_PLAY`], and as much again for its slow start.
@@ -65,8 +54,7 @@ pub struct Proof {
     relief: i32,
     /// The brake has held the push; the motor is returning.
     pushed: bool,
-    /// Ticks with the wanted current.
-    lasted: u16,
+    lasted: u8,
     holds: bool,
 }
 
@@ -97,16 +85,16 @@ impl Proof {
         if turned.unsigned_abs() > most.unsigned_abs() {
             return Verdict::Slips(turned);
         }
-        // The push pays out: it adds to the load on the brake. The winch's friction holds, too, but
-        // is not the brake's; behind a gear it is half as much again at rest.
-        let push_mn = push_mn(load_mn);
+        // The push pays out: it adds to the load on the brake. Friction is subtracted first; at
+        // rest it is half as much again.
+        let push_mn = (load_mn / 2).max(LEAST_PUSH_MN);
         // A force-controlled drive returns by itself, with the force that it held before.
         let gives_force = config.control == Control::Tension && !config.commands_speed();
         let geared = config.play > 0 || config.commands_speed();
         let rubbing_mn = if geared {
             config.friction_mn + config.friction_mn / 2
         } else {
-            config.friction_mn
+            0
         };
         let wanted_mn = if self.pushed {
             // Back at the side of the play that carries the load.
@@ -115,30 +103,53 @@ impl Proof {
             -(push_mn + rubbing_mn)
         };
         let wanted_ma = config.current_ma(wanted_mn);
-        let given_ma = i32::from(current_ma) * wanted_ma.signum();
-        let wanted_ma = wanted_ma.abs().max(1);
-        // A current that is measured in steps is complete within a thirty-second.
-        let reached = given_ma >= wanted_ma - (wanted_ma >> 5);
-        if reached {
-            self.lasted += 1;
-        } else if self.pushed {
-            self.lasted = 0;
-        }
-        if self.pushed {
-            self.go_back(config, self.lasted >= LASTS);
-        } else if self.lasted >= HOLD_TICKS {
-            if !geared || gives_force {
-                self.holds = true;
-            } else {
-                self.pushed = true;
-                self.lasted = 0;
-                if config.control == Control::Tension {
-                    self.relief = 0;
-                }
-            }
+        let current_ma = i32::from(current_ma);
+        let reached = (wanted_ma > 0 && current_ma >= wanted_ma)
+            || (wanted_ma < 0 && current_ma <= wanted_ma);
+        self.lasted = if reached {
+            self.lasted.saturating_add(1)
         } else {
-            let most_mn = 2 * (load_mn.max(0) + push_mn) + rubbing_mn;
-            self.release(config, wanted_ma, wanted_ma - given_ma, push_mn, most_mn);
+            0
+        };
+        let done = if geared {
+            self.lasted >= LASTS
+        } else {
+            reached
+        };
+        if self.pushed && config.control == Control::Length {
+            self.relief = (self.relief - THROUGH_PLAY).max(0);
+            self.holds = self.relief == 0;
+        } else if done && (self.pushed || !geared || gives_force) {
+            (self.relief, self.holds) = (0, true);
+        } else if done {
+            self.pushed = true;
+            self.lasted = 0;
+            if config.control == Control::Tension {
+                self.relief = 0;
+            }
+        } else if config.commands_speed() {
+            let step = if self.pushed {
+                -FASTER_UMPS
+            } else {
+                FASTER_UMPS
+            };
+            self.relief = (self.relief + step).clamp(-FASTEST_UMPS, FASTEST_UMPS);
+        } else {
+            self.relief = match config.control {
+                // Slowly at first: a stiff drive reaches its full force within micrometres.
+                Control::Length if config.play == 0 => {
+                    (self.relief + 1 + self.relief / 32).min(RELIEF_MOST + config.brake_play)
+                }
+                Control::Length => {
+                    let step = (1 + self.relief / 64).min(THROUGH_PLAY);
+                    (self.relief + step).min(RELIEF_MOST + config.play + config.brake_play)
+                }
+                // The drive's force before is not exactly the load.
+                Control::Tension => {
+                    let most = 2 * (load_mn + push_mn) + rubbing_mn;
+                    (self.relief + RELEASE_MN).min(most)
+                }
+            };
         }
         if self.holds {
             self.relief = 0;
@@ -146,58 +157,4 @@ impl Proof {
         }
         Verdict::Pending
     }
-
-    /// Releases the set-point until the drive gives the wanted current, and no more of it: a drive
-    /// that integrates increases its current as long as it is off.
-    fn release(
-        &mut self,
-        config: &CableConfig,
-        wanted_ma: i32,
-        missing_ma: i32,
-        push_mn: i32,
-        most_mn: i32,
-    ) {
-        let share = missing_ma.abs().min(wanted_ma);
-        if config.commands_speed() {
-            let target = missing_ma.signum() * (FASTEST_UMPS * share / wanted_ma);
-            let step = (target - self.relief).clamp(-FASTER_UMPS, FASTER_UMPS);
-            self.relief += step;
-        } else if config.control == Control::Length {
-            // Slowly at first and at last: a stiff drive reaches its full force within micrometres,
-            // and its feedback is some milliseconds late.
-            let step = if config.play == 0 {
-                1 + self.relief * share / (32 * wanted_ma)
-            } else {
-                (1 + self.relief * share / (64 * wanted_ma)).min(THROUGH_PLAY)
-            };
-            let relief = self.relief + missing_ma.signum() * step;
-            self.relief = relief.clamp(0, RELIEF_MOST + config.play + config.brake_play);
-        } else if missing_ma > 0 {
-            // The drive's force before is not exactly the load: the last part is approached slower
-            // than its current is reported.
-            let step = (push_mn / wanted_ma).max(1).saturating_mul(missing_ma) / 16;
-            let relief = self.relief + step.clamp(LEAST_RELEASE_MN, RELEASE_MN);
-            self.relief = relief.min(most_mn);
-        }
-    }
-
-    /// Behind play the motor returns to where it carried the load.
-    fn go_back(&mut self, config: &CableConfig, carries: bool) {
-        if config.control == Control::Length {
-            self.relief = (self.relief - THROUGH_PLAY).max(0);
-            self.holds = self.relief == 0;
-        } else if carries {
-            self.holds = true;
-        } else {
-            self.relief = (self.relief - FASTER_UMPS).max(-FASTEST_UMPS);
-        }
-    }
-}
-
-/// What the motor adds to the load in the test of a brake, mN.
-fn push_mn(load_mn: i32) -> i32 {
-    let load_mn = load_mn.max(0);
-    let must_hold_mn = load_mn + (load_mn / 2).max(LEAST_MORE_MN);
-    let margin_mn = MARGIN_MN.min(must_hold_mn >> 3).max(must_hold_mn >> 4);
-    must_hold_mn + margin_mn - load_mn
 }

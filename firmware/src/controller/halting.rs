@@ -21,7 +21,7 @@ const RETRY_MS: u16 = 50;
 /// late (B3).
 const TRIES: u16 = 10;
 /// Ticks for a drive to push against a brake: a drive that gives no torque cannot lose it.
-const PROOF_MS: u16 = 1000;
+const PROOF_MS: u16 = 500;
 
 impl<const N: usize> Controller<N> {
     #[inline(never)]
@@ -73,17 +73,12 @@ impl<const N: usize> Controller<N> {
             return all;
         };
         let cables = self.cables.iter_mut().zip(&active.cables);
-        let cables = cables.zip(inputs.drives.iter().zip(&inputs.tension_adc));
-        for (number, ((cable, config), (drive, &adc))) in (1_u8..).zip(cables) {
+        let cables = cables.zip(&inputs.drives);
+        for (number, ((cable, config), drive)) in (1_u8..).zip(cables) {
             if cable.abandoned {
                 continue;
             }
-            // The load on the brake, where it can be measured.
-            let load = if cable.blind || !is_plausible(adc) {
-                cable.setpoint_mn
-            } else {
-                cable.tension_mn
-            };
+            let load = cable.setpoint_mn;
             let verdict = cable
                 .proof
                 .tick(config, cable.length, drive.current_ma, load);

@@ -98,7 +98,7 @@ fn l10_l12_l15_a_moving_robot_decelerates_holds_closes_its_brakes_and_lets_go() 
         "{holding}"
     );
     assert_eq!(braked, 2100);
-    assert_eq!(off, 2100 + BRAKE_MS + 150 + PROOF_MS - 1);
+    assert_eq!(off, 2100 + BRAKE_MS + 150 + PROOF_MS);
 }
 
 #[test]

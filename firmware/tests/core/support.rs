@@ -36,9 +36,9 @@ pub const MOTOR_COUNTS: i32 = 1_520_148;
 pub const STOP_MS: u32 = 300;
 pub const ENABLE_MS: u32 = 40;
 pub const BRAKE_MS: u32 = 30;
-/// Time until the slowest of the bench's drives has released 10 N and pushes with 6.4 N, and 200 ms
-/// of that push; one less from rest, where a drive gives a little less.
-pub const PROOF_MS: u32 = 298;
+/// Time until the slowest of the bench's drives has pushed against its brake: 15 N at 256 mN a
+/// tick.
+pub const PROOF_MS: u32 = 59;
 pub const TENSION_MN: i32 = 10_000;
 /// Length of every cable at the reference, 0.1 µm.
 pub const START: i32 = 8_000_000;
