@@ -139,7 +139,8 @@ fn c1_c3_a_cable_that_breaks_while_the_robot_arms_opens_no_brake() {
             assert!(opens_ms < 3000, "{name} does not arm");
         }
         let count = model.robot().cables.len();
-        for share in [0.1, 0.5, 0.9, 0.97] {
+        // Later than that the brakes have their order to open, which takes them 30 ms.
+        for share in [0.1, 0.5, 0.9] {
             for cable in 0..count {
                 let (link, mut client) = begin(1);
                 let cut_ms = (share * f64::from(opens_ms)) as u64;

@@ -159,7 +159,12 @@ impl<'m, L: Link> Session<'m, L> {
         journal: &Journal,
     ) -> Result<Plan, RunError> {
         let status = super::status(&mut self.client)?;
-        let tool_m = self.tool_m();
+        // Once the robot holds, tensions are no longer those that the cut left: with the same lengths
+        // the tool hangs elsewhere, and from there the motion starts.
+        let planned = self.model.rest(&self.tool_m(), None)?;
+        let (held_m, tensions_n) = (&self.at.paid_out_m, planned.tensions_n());
+        let start = self.model.rest_from_lengths(held_m, tensions_n)?;
+        let tool_m = self.model.tool_m(&start);
         super::resume::plan_rest(self.model, (task, hash), journal, &status, &tool_m)
     }
 

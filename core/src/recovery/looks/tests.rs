@@ -83,7 +83,18 @@ fn a_swing_is_no_rest_and_widens_the_error_of_the_mean() {
     let rest = looks(|time_s| (TAU * 1.3 * time_s).sin()).rest(&robot);
     assert!(!rest.is_still() && rest.drift().is_none(), "{rest:?}");
     assert!((rest.swing_n[1] - 2.0).abs() < 0.1, "{rest:?}");
-    assert!(rest.tension_errors_n[1] > 0.2, "{rest:?}");
+    // Four periods in the window: little is left of them, but more than of the noise.
+    assert!(
+        rest.tension_errors_n[1] > 2.0 * rest.tension_errors_n[0],
+        "{rest:?}"
+    );
+    // Three quarters of one: the mean is off, and its error states that.
+    let slow = looks(|time_s| (TAU * 0.25 * time_s).sin()).rest(&robot);
+    let off_n = (slow.tensions_n[1] - 10.0).abs();
+    assert!(
+        off_n > 0.2 && slow.tension_errors_n[1] > 0.5 * off_n,
+        "{slow:?}"
+    );
 }
 
 #[test]
