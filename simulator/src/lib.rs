@@ -17,6 +17,6 @@ pub mod plant;
 mod simulation;
 mod wire;
 
-pub use board::VirtualBoard;
-pub use simulation::{LinkOptions, Simulation, TracePoint, WireVersion};
+pub use board::{VirtualBoard, WireVersion};
+pub use simulation::{LinkOptions, Simulation, TracePoint};
 pub use wire::{Wire, WireFaults};

@@ -1,6 +1,6 @@
 //! The whole simulated robot behind a serial line, in virtual time.
 
-use crate::board::{Board, VirtualBoard};
+use crate::board::{Board, VirtualBoard, WireVersion};
 use crate::camera::Cell;
 use crate::can::DriveLine;
 use crate::plant::{Plant, PlantError, Truth};
@@ -23,15 +23,6 @@ pub struct LinkOptions {
     pub first_tick: u32,
     /// Wire format that the board reports, if not this one.
     pub version: Option<WireVersion>,
-}
-
-/// Version of a wire format.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WireVersion {
-    /// Boards and hosts of different major versions do not understand each other.
-    pub major: u16,
-    /// Raised by every change.
-    pub minor: u16,
 }
 
 impl Default for LinkOptions {

@@ -193,10 +193,12 @@ fn b1_b2_b3_arming_names_the_winch_and_lets_nothing_fall() {
     }
     // A brake that holds nothing shows at once, and not only on its own cable.
     let after = run(&["B2:2@start"]);
-    assert!(matches!(
-        after.record().unwrap().fault,
-        FaultId::B2 | FaultId::S10
-    ));
+    let record = after.record().unwrap();
+    let slack = record.fault == FaultId::C1 && record.cable == 2;
+    assert!(
+        slack || matches!(record.fault, FaultId::B2 | FaultId::S10),
+        "{record:?}"
+    );
     let after = run(&["B3:2@start"]);
     assert_eq!(after.record().unwrap().fault, FaultId::B3);
     assert!(after.is_safe());

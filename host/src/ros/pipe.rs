@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -126,8 +126,12 @@ impl Outlet {
 pub(crate) struct Pipe {
     outlet: Outlet,
     over: Arc<AtomicBool>,
+    child: Running,
     keeper: Option<JoinHandle<()>>,
 }
+
+/// The process, while lines are sent to it.
+type Running = Arc<Mutex<Option<Child>>>;
 
 impl Pipe {
     /// Starts the process, sends it `greeting` (at each start), and gives its calls to `called`, on another thread.
@@ -142,6 +146,7 @@ impl Pipe {
         let (sender, receiver) = sync_channel(QUEUE);
         let outlet = Outlet { sender };
         let over = Arc::new(AtomicBool::new(false));
+        let child = Running::default();
         let first = spawn(&program)?;
         let keeper = Keeper {
             program,
@@ -150,6 +155,7 @@ impl Pipe {
             outlet: outlet.clone(),
             called: Arc::new(called),
             over: Arc::clone(&over),
+            child: Arc::clone(&child),
             start: 0,
         };
         let keeper = std::thread::Builder::new()
@@ -158,6 +164,7 @@ impl Pipe {
         Ok(Self {
             outlet,
             over,
+            child,
             keeper: Some(keeper),
         })
     }
@@ -172,10 +179,24 @@ impl Drop for Pipe {
     fn drop(&mut self) {
         self.over.store(true, Ordering::SeqCst);
         if let Some(keeper) = self.keeper.take() {
+            // A process that reads nothing blocks the keeper in a write: only its end frees the keeper.
+            let until = Instant::now() + ENDING;
+            while !keeper.is_finished() && Instant::now() < until {
+                std::thread::sleep(LOOK / 10);
+            }
+            if !keeper.is_finished()
+                && let Some(child) = locked(&self.child).as_mut()
+            {
+                let _ = child.kill();
+            }
             // One that panicked has said so.
             let _ = keeper.join();
         }
     }
+}
+
+fn locked(child: &Running) -> MutexGuard<'_, Option<Child>> {
+    child.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn spawn(program: &Program) -> io::Result<Child> {
@@ -201,6 +222,7 @@ struct Keeper {
     outlet: Outlet,
     called: Arc<Called>,
     over: Arc<AtomicBool>,
+    child: Running,
     /// Number of the start.
     start: u64,
 }
@@ -259,23 +281,33 @@ impl Keeper {
         if let Err(error) = listener {
             return end(child, Some(error));
         }
+        *locked(&self.child) = Some(child);
         let greeting = self.greeting.iter().try_for_each(|line| put(&mut to, line));
-        let outcome = greeting.and_then(|()| self.pass(&mut child, &mut to));
+        let outcome = greeting.and_then(|()| self.pass(&mut to));
         drop(to);
-        end(child, outcome.err())
+        let child = locked(&self.child).take();
+        child.map_or_else(String::new, |child| end(child, outcome.err()))
     }
 
-    fn pass(&self, child: &mut Child, to: &mut ChildStdin) -> io::Result<()> {
+    fn pass(&self, to: &mut ChildStdin) -> io::Result<()> {
         while !self.over.load(Ordering::SeqCst) {
             match self.receiver.recv_timeout(LOOK) {
                 Ok((_, Some(start))) if start != self.start => {}
                 Ok((line, _)) => put(to, &line)?,
-                Err(RecvTimeoutError::Timeout) if child.try_wait()?.is_some() => return Ok(()),
+                Err(RecvTimeoutError::Timeout) if self.has_ended()? => return Ok(()),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return Ok(()),
             }
         }
         Ok(())
+    }
+}
+
+impl Keeper {
+    fn has_ended(&self) -> io::Result<bool> {
+        let mut child = locked(&self.child);
+        let status = child.as_mut().map(Child::try_wait).transpose()?;
+        Ok(status.is_none_or(|status| status.is_some()))
     }
 }
 
@@ -398,7 +430,9 @@ mod tests {
         for _ in 0..3 * QUEUE {
             pipe.outlet().tell(&Tell::sample(0, &big));
         }
-        // Nothing waits for a process that reads nothing; the time is that of 30 MB of digits.
+        drop(pipe);
+        // Nothing waits for a process that reads nothing; the time is that of 30 MB of digits, and of
+        // the two seconds that the process may take to end.
         assert!(begun.elapsed() < Duration::from_secs(20));
     }
 

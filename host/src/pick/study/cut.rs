@@ -44,7 +44,7 @@ pub(crate) fn scene_after_cut(
     let lasts_s = cut.lasts_s.unwrap_or(LASTS_S);
     let injection = Injection {
         lasts_s: Some(lasts_s),
-        ..cut.clone()
+        ..*cut
     };
     let faulty = FaultyLink::new(stage.link.clone(), &[injection]);
     let disk = MemoryDisk::default();
