@@ -28,8 +28,8 @@ const TORN: f64 = 1.5;
 /// Reward of a step that loses the robot.
 const LOST: f64 = -10.0;
 
-/// What machines look like after a step: observations (m, 15 + 2 n), rewards (m,), which are lost (m,), which
-/// are at their target (m,), where the tools are meant to be (m, 3).
+/// State of the machines after a step: observations (m, 15 + 2 n), rewards (m,), which are lost (m,), which
+/// are at their target (m,), the planned places of the tools (m, 3).
 type Seen = (
     Py<PyArray2<f32>>,
     Py<PyArray1<f64>>,
@@ -60,7 +60,7 @@ struct Machine {
     drums: Vec<Drum>,
     /// Where the tool is meant to be.
     tool_m: Vector3<f64>,
-    /// Where it shall go.
+    /// Target of the tool, world, m.
     goal_m: Vector3<f64>,
     /// Paid out since the start, as last commanded, m.
     target_m: Vec<f64>,
@@ -119,8 +119,8 @@ impl Machines {
         })
     }
 
-    /// Lays out machine `index` anew, drawn by `seed`, at rest with the tool at a place, and with another
-    /// where it shall go.
+    /// Lays out machine `index` anew, drawn by `seed`, at rest with the tool at a place, and with a
+    /// target.
     fn reset(
         &mut self,
         py: Python<'_>,

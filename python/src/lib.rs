@@ -13,6 +13,7 @@ mod environment;
 mod failure;
 mod followed;
 mod plan;
+mod poses;
 mod record;
 mod robot;
 mod rows;

@@ -2,6 +2,7 @@
 
 use crate::edit::set;
 use crate::failure::{Failure, to_python};
+use crate::poses::{Poses, level_lengths, table_of};
 use crate::rows::{Answers, Table, array, fill};
 use mcdpr::calibration::result;
 use mcdpr::compute::{ComputeError, Free, Subject};
@@ -12,7 +13,7 @@ use mcdpr_kinematics::{
     AnyGoal, AnyRobot, AnyWorkspaceTest, Balance, Bound as Side, Equilibrium, Error,
     ForwardOptions, Grid, MAX_CABLES, Pose, Stability, Verdict, rotation_from_rpy,
 };
-use nalgebra::{Rotation3, Vector3, Vector6};
+use nalgebra::{Vector3, Vector6};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use serde_json::Value;
@@ -174,10 +175,10 @@ impl Robot {
         nan: bool,
     ) -> PyResult<Two> {
         let count = position_m.shape()[0];
-        let poses = self.poses(&position_m, attitude_rad.as_ref(), tool)?;
+        let poses = Poses::of(&self.subject, &position_m, attitude_rad.as_ref(), tool)?;
         let cables = self.subject.count();
         let geometry = &self.subject.geometry;
-        if poses.attitude.is_none() {
+        if poses.are_level() {
             let mut out = vec![f64::NAN; cables * count];
             py.detach(|| level_lengths(geometry, &poses, nan, &mut out))?;
             return array(py, out, cables);
@@ -198,7 +199,7 @@ impl Robot {
         count: usize,
     ) -> PyResult<()> {
         let some = position_m.shape()[0];
-        let poses = self.poses(&position_m, None, false)?;
+        let poses = Poses::of(&self.subject, &position_m, None, false)?;
         let prepared: Vec<Pose> = (0..some).map(|k| poses.at(k)).collect();
         let geometry = &self.subject.geometry;
         py.detach(|| {
@@ -228,7 +229,7 @@ impl Robot {
         nan: bool,
     ) -> PyResult<[Two; 4]> {
         let count = position_m.shape()[0];
-        let poses = self.poses(&position_m, attitude_rad.as_ref(), tool)?;
+        let poses = Poses::of(&self.subject, &position_m, attitude_rad.as_ref(), tool)?;
         let cables = self.subject.count();
         let widths = [cables, cables, 3 * cables, 3 * cables];
         let geometry = &self.subject.geometry;
@@ -261,7 +262,7 @@ impl Robot {
         nan: bool,
     ) -> PyResult<Two> {
         let count = position_m.shape()[0];
-        let poses = self.poses(&position_m, attitude_rad.as_ref(), tool)?;
+        let poses = Poses::of(&self.subject, &position_m, attitude_rad.as_ref(), tool)?;
         let geometry = &self.subject.geometry;
         let width = 6 * self.subject.count();
         let answers = Answers::solve(py, count, [width], nan, |index, [row]| {
@@ -377,7 +378,7 @@ impl Robot {
         nan: bool,
     ) -> PyResult<Two> {
         let count = position_m.shape()[0];
-        let poses = self.poses(&position_m, attitude_rad.as_ref(), false)?;
+        let poses = Poses::of(&self.subject, &position_m, attitude_rad.as_ref(), false)?;
         let wrench = Table::of("wrench", &wrench, 6)?;
         let balance = if forces_only {
             Balance::Forces
@@ -526,82 +527,12 @@ fn held(values: &[f64]) -> Vec<Option<f64>> {
     values.iter().map(given).collect()
 }
 
-fn table_of(
-    name: &str,
-    array: Option<&PyReadonlyArray2<'_, f64>>,
-    width: usize,
-) -> PyResult<Option<Table>> {
-    array.map(|array| Table::of(name, array, width)).transpose()
-}
-
-/// Poses of the platform, row by row.
-/// Lengths of a level platform at many places: one pose that moves, straight into the rows of the answer.
-fn level_lengths(
-    geometry: &AnyRobot,
-    poses: &Poses,
-    nan: bool,
-    out: &mut [f64],
-) -> Result<(), Failure> {
-    let mut pose = Pose::new(Vector3::zeros(), poses.level);
-    let shift = poses.level * poses.point_m;
-    let rows = out.chunks_exact_mut(geometry.cable_count());
-    for (index, (place, row)) in poses.position.rows().zip(rows).enumerate() {
-        let [x, y, z] = place else { continue };
-        pose.position_m = Vector3::new(*x, *y, *z) - shift;
-        let done = match geometry {
-            // The usual number of cables without a choice at every pose.
-            AnyRobot::C4(robot) => robot.lengths_m(&pose).map(|got| row.copy_from_slice(&got)),
-            robot => robot.lengths_into(&pose, row),
-        };
-        match done {
-            Err(error) if !nan => {
-                return Err(Failure::from(ComputeError::from(error)).with("index", index));
-            }
-            _ => {}
-        }
-    }
-    Ok(())
-}
-
-struct Poses {
-    position: Table,
-    attitude: Option<Table>,
-    point_m: Vector3<f64>,
-    level: Rotation3<f64>,
-}
-
-impl Poses {
-    #[inline]
-    fn at(&self, index: usize) -> Pose {
-        let position = Vector3::from(self.position.triple(index));
-        let rotation = match &self.attitude {
-            Some(attitude) => rotation_from_rpy(attitude.triple(index)),
-            None => self.level,
-        };
-        Pose::new(position - rotation * self.point_m, rotation)
-    }
-}
-
 impl Robot {
     fn with_robot(&self, robot: mcdpr_core::robot::Robot) -> PyResult<Self> {
         Ok(Self {
             subject: Subject::new(robot).map_err(Failure::from)?,
             files: self.files.clone(),
             origin: self.origin.clone(),
-        })
-    }
-
-    fn poses(
-        &self,
-        position: &PyReadonlyArray2<'_, f64>,
-        attitude: Option<&PyReadonlyArray2<'_, f64>>,
-        tool: bool,
-    ) -> PyResult<Poses> {
-        Ok(Poses {
-            position: Table::of("position_m", position, 3)?,
-            attitude: table_of("attitude_rad", attitude, 3)?,
-            point_m: self.subject.point(tool),
-            level: rotation_from_rpy([0.0; 3]),
         })
     }
 

@@ -270,6 +270,14 @@ mod tests {
     }
 
     #[test]
+    fn no_cable_is_expected_below_its_floor_c1() {
+        let robot = Robot::built_in("paper-table5").unwrap();
+        let floor_n = robot.limits.tension_min_n;
+        let expected = expected_n(&robot, &[8.0, 6.0, floor_n, 0.1]);
+        assert_eq!(expected, [8.0, 6.0, floor_n, floor_n]);
+    }
+
+    #[test]
     fn a_fast_robot_may_be_behind_by_a_share_of_its_drives_lag_d7() {
         // 7.2 ms at 0.5 m/s are 3.6 mm, 40 % of it 1.44 mm; the paper's robot is slow.
         let fast = following_um("lab-fast");

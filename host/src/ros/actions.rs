@@ -12,14 +12,14 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Goals that are remembered after their end, for those who ask late.
+/// Goals that are remembered after their end, for late requests.
 const REMEMBERED: usize = 16;
 /// Looks at the robot between two feedbacks: ten a second.
 const FEEDBACK_LOOKS: u32 = 5;
 /// Bytes of a goal's identity.
 const ID: usize = 16;
 
-/// What a goal asks for.
+/// Kind of a goal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     MoveTo,
@@ -71,7 +71,7 @@ struct Entry {
     time_ns: u64,
     status: Status,
     said: String,
-    /// Who waits for the result.
+    /// Clients that wait for the result.
     waiting: Vec<(Outlet, Call)>,
 }
 
@@ -160,7 +160,7 @@ impl Actions {
         }
     }
 
-    /// The end of a goal: those who wait for its result get it.
+    /// The end of a goal: waiting clients get its result.
     pub(super) fn ended(&self, id: &GoalId, ending: Ending) {
         let mut book = self.lock();
         let Some(entry) = book.find(id) else { return };

@@ -26,13 +26,13 @@ pub(crate) type Verdict = Result<f64, String>;
 pub(crate) enum Ending {
     /// The motion was made.
     Reached,
-    /// Somebody stopped it.
+    /// It was stopped.
     Stopped,
     /// Why it could not be made.
     Failed(String),
 }
 
-/// A wish, and whom to tell its verdict and its end.
+/// A wish, with callbacks for its verdict and its end.
 pub(crate) struct Goal {
     /// What is to be done.
     pub(crate) wish: Wish,
@@ -50,13 +50,13 @@ impl Goal {
         }
     }
 
-    /// Whose end is told as well.
+    /// Adds a callback for the end.
     pub(super) fn with_end(mut self, end: impl FnOnce(Ending) + Send + 'static) -> Self {
         self.end = Some(Box::new(end));
         self
     }
 
-    /// Tells the verdict. A refused goal has no end of its own.
+    /// Reports the verdict. A refused goal has no end of its own.
     pub(crate) fn judged(&mut self, verdict: Verdict) {
         if verdict.is_err() {
             self.end = None;
@@ -66,7 +66,7 @@ impl Goal {
         }
     }
 
-    /// Tells the end.
+    /// Reports the end.
     pub(crate) fn ended(mut self, ending: Ending) {
         if let Some(end) = self.end.take() {
             end(ending);
