@@ -25,24 +25,33 @@ pub(crate) struct Places {
     pub(crate) body: usize,
 }
 
+/// Estimated places of the platform, of its camera and of the tag's body.
+#[derive(Clone, Copy)]
+pub(crate) struct Poses<'a> {
+    pub(crate) world_from_platform: &'a Pose,
+    pub(crate) camera_from_platform: &'a Pose,
+    pub(crate) world_from_body: &'a Pose,
+}
+
 impl<'a> Corner<'a> {
     /// Projects a corner (in its body, m) of a tag whose size is `scale` times the nominal one;
-    /// `camera_from_world` is the rotation that belongs to `pose` and `camera_from_platform`.
+    /// `camera_from_world` is the rotation that belongs to `poses`.
     ///
     /// # Errors
     /// [`Error::InvalidInput`] where the corner is behind the camera.
     pub(crate) fn new(
         camera: &Camera,
         camera_from_world: &'a Matrix3<f64>,
-        (pose, camera_from_platform, world_from_body): (&Pose, &Pose, &Pose),
+        poses: Poses<'_>,
         corner_in_body_m: &Vector3<f64>,
         scale: f64,
     ) -> Result<Self, Error> {
-        let arm = world_from_body.rotation * corner_in_body_m;
+        let body = poses.world_from_body;
+        let arm = body.rotation * corner_in_body_m;
         let on_body = arm * scale;
-        let from_platform = world_from_body.position_m + on_body - pose.position_m;
+        let from_platform = body.position_m + on_body - poses.world_from_platform.position_m;
         let turned = camera_from_world * from_platform;
-        let point = turned + camera_from_platform.position_m;
+        let point = turned + poses.camera_from_platform.position_m;
         let seen = camera
             .projection(&point.into())
             .ok_or(Error::InvalidInput {

@@ -119,6 +119,16 @@ fn unloaded() -> Platform {
     }
 }
 
+/// The estimate by Eq. 44.
+pub struct Fitted {
+    /// The unknowns.
+    pub estimate: Estimate,
+    /// Weighted sum of squares, mm².
+    pub cost_mm2: f64,
+    /// Steps tried.
+    pub steps: usize,
+}
+
 impl Problem {
     /// world_from_platform at a pose: the camera's place in the platform gives the platform's.
     pub(crate) fn platform(&self, at: &Estimate, k: usize) -> Pose {
@@ -199,15 +209,11 @@ impl Problem {
         Some(())
     }
 
-    /// Levenberg-Marquardt on Eq. 44. Returns the estimate, its cost (mm^2, weighted) and the steps.
+    /// Levenberg-Marquardt on Eq. 44.
     ///
     /// # Errors
     /// [`Refusal::NotConverged`].
-    pub fn solve(
-        &self,
-        start: &Estimate,
-        weights: &Weights,
-    ) -> Result<(Estimate, f64, usize), Refusal> {
+    pub fn solve(&self, start: &Estimate, weights: &Weights) -> Result<Fitted, Refusal> {
         let outside = || Refusal::NotConverged {
             what: "the start is outside the robot's domain".to_owned(),
         };
@@ -233,7 +239,11 @@ impl Problem {
             })
         };
         let found = descend(start.clone(), now, &DAMPING, attempt).ok_or_else(outside)?;
-        Ok((found.at, found.linear.cost, found.steps))
+        Ok(Fitted {
+            estimate: found.at,
+            cost_mm2: found.linear.cost,
+            steps: found.steps,
+        })
     }
 }
 

@@ -398,10 +398,20 @@ impl Scaled {
     }
 }
 
+/// A step of the unknowns.
+pub struct Step {
+    /// Of the shared ones.
+    pub shared: DVector<f64>,
+    /// Of each pose's own, one pose after the other.
+    pub own: DVector<f64>,
+    /// Expected decrease of the cost.
+    pub expected: f64,
+}
+
 impl Reduced {
-    /// The step of the shared unknowns and of each pose's own, and the expected decrease of the cost.
+    /// The undamped step of the damped system.
     #[must_use]
-    pub fn step(&self) -> Option<(DVector<f64>, DVector<f64>, f64)> {
+    pub fn step(&self) -> Option<Step> {
         let shared = Scaled::new(&self.information)?.solve(&-&self.gradient);
         let mut own = -&self.own_g;
         own.gemv_tr(-1.0, &self.coupling, &shared, 1.0);
@@ -419,7 +429,11 @@ impl Reduced {
         }
         (shared.iter().chain(own.iter()))
             .all(|x| x.is_finite())
-            .then_some((shared, own, expected))
+            .then_some(Step {
+                shared,
+                own,
+                expected,
+            })
     }
 
     /// Covariance of the shared unknowns.

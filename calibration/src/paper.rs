@@ -57,7 +57,8 @@ pub fn paper(data: &Data, weights: &Weights) -> Result<Answer, Refusal> {
         camera_from_platform,
     };
     start.initial_length_m = mean_initial(&problem, &start)?;
-    let (found, _, iterations) = problem.solve(&start, weights)?;
+    let fitted = problem.solve(&start, weights)?;
+    let (found, iterations) = (fitted.estimate, fitted.steps);
     warnings.push(
         match weights.term {
             AnchorTerm::Millimetres => format!(

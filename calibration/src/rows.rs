@@ -5,7 +5,7 @@
 //! a change dA of the attachment's place and dB of the anchor turn t by H (dA - dB), a change of the
 //! pulley's radius by (1 - cos theta)/s n.
 
-use super::corner::{Corner, Entry, Places, put, spread};
+use super::corner::{Corner, Entry, Places, Poses, put, spread};
 use super::data::Data;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
@@ -324,10 +324,14 @@ impl Model<'_> {
                 .zip(view.corners_px)
                 .enumerate()
             {
-                let places = (pose, &state.camera_from_platform, body);
+                let poses = Poses {
+                    world_from_platform: pose,
+                    camera_from_platform: &state.camera_from_platform,
+                    world_from_body: body,
+                };
                 let camera = &state.camera;
                 let corner =
-                    Corner::new(camera, &camera_from_world, places, corner, state.tag_scale)?;
+                    Corner::new(camera, &camera_from_world, poses, corner, state.tag_scale)?;
                 let seen = &corner.seen;
                 for (axis, measured) in pixel.iter().enumerate() {
                     let by_world = corner.derivatives(axis, weight, own, shared, &at);

@@ -2,7 +2,7 @@
 
 use super::data::Data;
 use super::error::Refusal;
-use super::normal::{Normal, Reduced, Weights};
+use super::normal::{Normal, Reduced, Step, Weights};
 use super::rows::{Model, Source, singles};
 use super::unknowns::{Priors, State};
 use mcdpr_kinematics::{Attempt, Damping, Descent};
@@ -61,7 +61,12 @@ fn descend(
     let attempt = |state: &State, normal: &Normal, damping: f64| {
         let little = 1e-5 + 1e-9 * normal.cost();
         let step = normal.reduced(damping).and_then(|reduced| reduced.step());
-        let Some((shared, own, expected)) = step else {
+        let Some(Step {
+            shared,
+            own,
+            expected,
+        }) = step
+        else {
             return Some(Attempt::Worse);
         };
         if damping < 1e-4 && expected < little {

@@ -413,7 +413,7 @@ fn pendulum(geometry: &AnyRobot) -> Result<(), HoldingError> {
 }
 
 /// Unit normal of the vertical plane in which all anchors, and all attachments of a level platform with
-/// its origin in that plane, lie; `None` if there is none.
+/// its origin in that plane, lie; `None` if there is no such plane.
 #[must_use]
 pub fn vertical_plane(geometry: &AnyRobot) -> Option<Vector3<f64>> {
     let cables = geometry.cables();

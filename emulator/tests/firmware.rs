@@ -46,7 +46,10 @@ fn boots_and_says_who_it_is() {
     };
     assert_eq!((info.cables, info.ticks_per_second), (4, 1000));
     assert!(!info.simulated);
-    assert!(info.last_panic.is_empty(), "noise in RAM is no panic");
+    assert!(
+        info.last_panic.is_empty(),
+        "noise in RAM was taken for a panic"
+    );
     assert_eq!(bench.chip.pins().brakes, [Drive::Low; 4]);
     assert!(!bench.chip.rtt_take().is_empty(), "it logs its start");
 }

@@ -7,7 +7,7 @@ use crate::config::{Active, Control};
 use crate::io::{DriveInput, Inputs};
 use crate::proof;
 use crate::tension;
-use crate::watch::Persist;
+use crate::watch::{Finding, Persist};
 use mcdpr_protocol::FaultId;
 
 /// Milliseconds that drives may take beyond their own enable time (D5).
@@ -272,11 +272,11 @@ impl Oscillation {
     /// # Errors
     /// B1 if the motor could not turn, S4 if the drum turned the other way, S2 if it did not turn
     /// at all; with the measured and the expected displacement, µm.
-    pub fn verdict(&self, amplitude: i32) -> Result<(), (FaultId, i32, i32)> {
+    pub fn verdict(&self, amplitude: i32) -> Result<(), Finding> {
         let (motor, drum) = self.farthest;
         let along = if motor < 0 { -drum } else { drum };
         let least = amplitude / 4;
-        let fault = if motor.abs() < least {
+        let (fault, moved) = if motor.abs() < least {
             (FaultId::B1, motor)
         } else if along < -least {
             (FaultId::S4, drum)
@@ -285,7 +285,7 @@ impl Oscillation {
         } else {
             return Ok(());
         };
-        Err((fault.0, fault.1 / 10, amplitude / 10))
+        Err(Finding::new(fault, moved / 10, amplitude / 10))
     }
 }
 

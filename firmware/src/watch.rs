@@ -94,6 +94,29 @@ impl Conditions {
     }
 }
 
+/// A fault that a detector found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Finding {
+    /// The fault.
+    pub fault: FaultId,
+    /// What was measured; the fault has its unit (`docs/protocol.md`).
+    pub value: i32,
+    /// The limit that it exceeds, same unit.
+    pub limit: i32,
+}
+
+impl Finding {
+    /// With all of its parts.
+    #[must_use]
+    pub(crate) const fn new(fault: FaultId, value: i32, limit: i32) -> Self {
+        Self {
+            fault,
+            value,
+            limit,
+        }
+    }
+}
+
 /// Inputs of a cable's detectors in a tick.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CableView {
@@ -203,7 +226,8 @@ impl CableWatch {
         &mut self,
         adc: u16,
         tension_mn: i32,
-        (motor, drum): (i32, i32),
+        motor: i32,
+        drum: i32,
         way: i32,
     ) -> bool {
         if self.counting | !crate::adc::is_plausible(adc) | (adc == self.last_adc) {
@@ -229,8 +253,8 @@ impl CableWatch {
             + ((change_mn.unsigned_abs().min(10_000) * 64).cast_signed() - self.noise_q6) / 128
     }
 
-    /// Checks one tick under torque; returns the first fault found, with value and limit.
-    pub fn update(&mut self, view: &CableView) -> Option<(FaultId, i32, i32)> {
+    /// Checks one tick under torque; returns the first fault found.
+    pub fn update(&mut self, view: &CableView) -> Option<Finding> {
         let tension = view.tension_mn;
         let open = view.adc >= crate::adc::RAIL_HIGH;
         let short = view.adc <= crate::adc::RAIL_LOW;
@@ -298,12 +322,7 @@ impl CableWatch {
 
     /// Counts how long conditions have been true.
     #[inline(never)]
-    fn judge(
-        &mut self,
-        view: &CableView,
-        now: &Conditions,
-        reversed: bool,
-    ) -> Option<(FaultId, i32, i32)> {
+    fn judge(&mut self, view: &CableView, now: &Conditions, reversed: bool) -> Option<Finding> {
         let adc = i32::from(view.adc);
         let tension = view.tension_mn;
         let slack_ticks = if view.reels_in {
@@ -366,7 +385,7 @@ impl CableWatch {
         } else {
             return None;
         };
-        Some((fault, value, limit))
+        Some(Finding::new(fault, value, limit))
     }
 
     /// Whether the tension reading is noisy (S9).

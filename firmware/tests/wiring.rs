@@ -115,7 +115,10 @@ fn the_net_list_has_every_pin_of_the_table_once_and_no_loose_end() {
     for net in &nets {
         assert!(net.nodes.len() > 1, "{} ends nowhere", net.name);
         for part in net.parts() {
-            assert!(named.binary_search(&part).is_ok(), "{part} is no part");
+            assert!(
+                named.binary_search(&part).is_ok(),
+                "{part} is not a part of the board"
+            );
         }
     }
     let mut pins = used_pins();

@@ -126,7 +126,7 @@ fn compare(name: &str, aim: Duration, rounds: usize, fast: &dyn Fn(), plain: &dy
 fn calibration(c: &mut Criterion) {
     let (problem, start) = given_tags();
     let solved = problem.solve(&start, &weights());
-    let analytic = solved.map_or(f64::NAN, |(_, cost, _)| cost);
+    let analytic = solved.map_or(f64::NAN, |fitted| fitted.cost_mm2);
     let numeric = plain(&problem, &start).map_or(f64::NAN, |(_, cost)| cost);
     assert!(
         (analytic - numeric).abs() < 1e-3 * numeric + 1e-6,

@@ -39,7 +39,7 @@ impl Watcher for Keep {
 struct NoOrders;
 
 impl Desk for NoOrders {
-    fn order(&self, _: &str, _: &serde_json::Value) -> Result<(), String> {
+    fn order(&self, _: &str, _: &serde_json::Value) -> Result<serde_json::Value, String> {
         Err("a benchmark obeys nobody".to_owned())
     }
 

@@ -221,7 +221,7 @@ mod tests {
             }
         });
         let (reads, torn) = (reads.into_inner(), torn.into_inner());
-        assert!(reads > 100, "{reads} reads tell nothing");
+        assert!(reads > 100, "{reads} reads prove nothing");
         assert_eq!(torn, 0, "of {reads} reads");
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
         std::fs::remove_dir_all(folder).unwrap();

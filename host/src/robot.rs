@@ -14,8 +14,13 @@ impl ModuleFiles for Folder {
     }
 }
 
+/// Text of a winch module that the program carries, by its path.
+pub(crate) fn module_text(path: &str) -> Option<String> {
+    BuiltInModules.open(path).ok().map(|(_, text)| text)
+}
+
 /// The texts that [`find`] reads for a robot: the robot file first, then the winch modules that it
-/// names, each with its path relative to the robot file. Empty if there is none.
+/// names, each with its path relative to the robot file. Empty if there is no such robot.
 pub fn sources(name_or_path: &str) -> Vec<(String, String)> {
     let as_path = PathBuf::from(name_or_path);
     let built_in = BUILT_IN.iter().find(|(name, _)| *name == name_or_path);

@@ -22,7 +22,7 @@ use crate::math::sqrt;
 use crate::pose::Pose;
 use crate::robot::Robot;
 
-pub(crate) use closed::limiting;
+pub(crate) use closed::{End, limiting};
 use closed::{closed_form, three_forces};
 use dual::dual;
 

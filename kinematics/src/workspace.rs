@@ -7,7 +7,7 @@ use crate::equilibrium_state::StaticOptions;
 use crate::error::{Bound, Error};
 use crate::pose::Pose;
 use crate::robot::Robot;
-use crate::tension::{Goal, TensionLimits, limiting};
+use crate::tension::{End, Goal, TensionLimits, limiting};
 
 /// A box of positions, ends included; x runs fastest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -324,14 +324,14 @@ impl<const N: usize> Robot<N> {
                 } else if lanes.width[l] < 0.0 {
                     let (low, high) = (lanes.low_cable[l], lanes.high_cable[l]);
                     let null: [f64; N] = core::array::from_fn(|i| lanes.null[i % 4][l]);
-                    let ends = (
-                        (-lanes.width[l], low as usize % N),
-                        (0.0, high as usize % N),
-                    );
-                    let (worst, toward, _) = limiting(ends.0, ends.1, &null);
+                    let end = |at, cable| End {
+                        at,
+                        cable: cable as usize % N,
+                    };
+                    let worst = limiting(end(-lanes.width[l], low), end(0.0, high), &null);
                     Verdict::Limited {
-                        cable: worst as u8 + 1,
-                        bound: if toward * null[worst] > 0.0 {
+                        cable: worst.cable as u8 + 1,
+                        bound: if worst.toward * null[worst.cable] > 0.0 {
                             Bound::Minimum
                         } else {
                             Bound::Maximum

@@ -62,7 +62,7 @@ class Error(Exception):
 
 
 class InputError(Error, ValueError):
-    """An argument has the wrong shape, is not finite, or is none of those that there are."""
+    """An argument has the wrong shape, is not finite, or is not one of the allowed values."""
 
 
 class RobotError(Error):

@@ -38,7 +38,7 @@ class MujocoModel:
     data: Any
 
     def __init__(self, robot: Robot, *, every_winch: bool = False) -> None:
-        # It has no type stubs, and is no dependency of the package.
+        # It has no type stubs, and the package does not depend on it.
         mujoco: Any = importlib.import_module("mujoco")
         self.robot = robot
         self._mj = mujoco

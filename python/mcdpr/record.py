@@ -28,7 +28,7 @@ class Record:
         """Reads a run's folder or file; one that is cut short is read as far as it goes.
 
         Raises:
-            RecordError: there is none, it is of another kind, or of another version.
+            RecordError: there is no record, it is of another kind, or of another version.
         """
         return Record(_mcdpr.Record.load(os.fspath(path)))
 

@@ -31,7 +31,7 @@ pub(crate) fn set(table: &mut toml::Table, key: &str, value: toml::Value) -> Res
             (toml::Value::Array(_), None) => {
                 return Err(wrong(&format!("name one of the list, such as {part}.1")));
             }
-            _ => return Err(wrong(&format!("{part} is no table of the robot file"))),
+            _ => return Err(wrong(&format!("{part} is not a table of the robot file"))),
         };
     }
     place.insert(last.to_owned(), value);

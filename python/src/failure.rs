@@ -40,7 +40,7 @@ impl Failure {
         }
     }
 
-    /// An argument that is none.
+    /// An invalid argument.
     pub(crate) fn input(message: impl Into<String>) -> Self {
         Self::new("InputError", message)
     }
@@ -103,7 +103,7 @@ pub(crate) fn to_python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'
         Value::Number(number) => match (number.as_i64(), number.as_f64()) {
             (Some(whole), _) => whole.into_pyobject(py)?.into_any(),
             (None, Some(number)) => number.into_pyobject(py)?.into_any(),
-            (None, None) => return Err(PyRuntimeError::new_err("a number that is none")),
+            (None, None) => return Err(PyRuntimeError::new_err("a number that JSON cannot hold")),
         },
         Value::String(text) => text.into_pyobject(py)?.into_any(),
         Value::Array(values) => {

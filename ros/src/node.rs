@@ -68,7 +68,7 @@ fn dds(what: &str) -> impl FnOnce(CreateError) -> NodeError + '_ {
     }
 }
 
-/// The profile of ROS 2 for topics and services: reliable, the last ten; `keep` for those who come late.
+/// The profile of ROS 2 for topics and services: reliable, the last ten; `keep` for late subscribers.
 fn profile(keep: bool, depth: i32) -> QosPolicies {
     let durability = if keep {
         Durability::TransientLocal
@@ -84,7 +84,7 @@ fn profile(keep: bool, depth: i32) -> QosPolicies {
         .build()
 }
 
-/// Calls without a reply yet: which service, and who called.
+/// Calls without a reply yet: service and caller.
 #[derive(Default)]
 struct Calls {
     next: u64,
@@ -109,14 +109,14 @@ impl Calls {
     }
 }
 
-/// What sends a service's replies, and who is known to read them.
+/// The writer of a service's replies, and their known readers.
 struct Replies {
     writer: DataWriter<Raw, AsIs>,
     readers: Vec<GUID>,
 }
 
 impl Replies {
-    /// Takes note of who reads the replies.
+    /// Notes a reader of the replies.
     fn look(&mut self) {
         while let Some(status) = self.writer.try_recv_status() {
             let DataWriterStatus::PublicationMatched {
@@ -198,7 +198,7 @@ impl Node {
     /// Names the node.
     pub(crate) fn name(&mut self, name: &str) -> Result<(), NodeError> {
         name.clone_into(&mut self.entities.name);
-        self.tell();
+        self.announce();
         Ok(())
     }
 
@@ -214,7 +214,7 @@ impl Node {
         let writer = write_to(&self.participant, &self.publisher, (topic, kind), qos)?;
         self.entities.writers.push(writer.guid());
         self.writers.insert(id, writer);
-        self.tell();
+        self.announce();
         Ok(())
     }
 
@@ -255,7 +255,7 @@ impl Node {
             .name(name.to_owned())
             .spawn(move || listen(id, reader, &calls))
             .map_err(NodeError::Thread)?;
-        self.tell();
+        self.announce();
         Ok(())
     }
 
@@ -301,8 +301,8 @@ impl Node {
         }
     }
 
-    /// Tells other participants which node has these topics.
-    fn tell(&self) {
+    /// Announces to other participants which node has these topics.
+    fn announce(&self) {
         if self.entities.name.is_empty() {
             return;
         }

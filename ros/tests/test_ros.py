@@ -62,7 +62,7 @@ def test_frames_and_wrenches_fit_each_other(ros: Ros) -> None:
     places = {frame.child_frame_id: frame for frame in ros.wait(frames).transforms}
     assert set(places) == {"platform", *(f"attachment_{cable}" for cable in range(1, 5))}
     assert all(frame.header.frame_id == "world" for frame in places.values())
-    # For those who come late: the tool and the camera on the platform.
+    # Kept for late subscribers: the tool and the camera on the platform.
     fixed = ros.wait(ros.subscribe("rt/tf_static", m.TFMessage, KEPT)).transforms
     assert {frame.child_frame_id: frame.header.frame_id for frame in fixed} == {
         "tool": "platform",

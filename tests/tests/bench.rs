@@ -1,5 +1,5 @@
 //! `mcdpr bench`: the firmware's own file on the emulated chip passes, and fails for each fault of a
-//! board; what is no board for it is refused before anything is tried.
+//! board; a port without a suitable board is refused before anything is tried.
 
 use mcdpr::bench::{BenchError, Report, examine};
 use mcdpr::control::Handle;

@@ -46,13 +46,13 @@ fn on_simulator(
     options: &Options,
     before: Option<Data>,
     keep: impl FnMut(&Data) -> Result<(), CollectError>,
-    tell: impl FnMut(Step),
+    progress: impl FnMut(Step),
 ) -> Result<Data, CollectError> {
     let model = Model::new(robot)?;
     let link = SimulatedRobot::new(Mismatch::as_built(), options.seed).at_home(&model)?;
     let scene = Scene::of(robot, options.seed);
     let mut tags = SimulatedTags::new(link.clone(), scene, 0.1, options.seed);
-    collect(&model, link, &mut tags, options, before, keep, tell)
+    collect(&model, link, &mut tags, options, before, keep, progress)
 }
 
 fn with_board(name: &str) -> Robot {
@@ -268,9 +268,17 @@ fn poses_that_all_give_nothing_end_it_and_the_robot_goes_home() {
         going: going.clone(),
     };
     let line = link.clone();
-    let tell = |step| going.set(going.get() + usize::from(matches!(step, Step::Going { .. })));
+    let progress = |step| going.set(going.get() + usize::from(matches!(step, Step::Going { .. })));
     let keep = |_: &Data| Ok(());
-    let ended = collect(&model, line, &mut eye, &options(12, 4), None, keep, tell);
+    let ended = collect(
+        &model,
+        line,
+        &mut eye,
+        &options(12, 4),
+        None,
+        keep,
+        progress,
+    );
     let words = ended.unwrap_err().to_string();
     assert!(words.contains("8 poses one after another"), "{words}");
     assert_eq!(going.get(), 8);

@@ -203,7 +203,11 @@ fn broken_sensors_and_a_silent_bus_are_each_named() {
     assert_eq!(bad(&findings), [], "{findings:?}");
     let noted = findings.iter().filter(|f| f.verdict == Verdict::Note);
     let noted: Vec<_> = noted.map(|f| (f.part, f.cable)).collect();
-    assert_eq!(noted, [("tension", Some(1))], "noise is no reason to stop");
+    assert_eq!(
+        noted,
+        [("tension", Some(1))],
+        "noise must not stop the doctor"
+    );
     let findings = examined(|faults| faults.bus_off = true);
     let all: Vec<_> = (1..=4).map(|cable| ("drive", Some(cable))).collect();
     assert_eq!(bad(&findings), all, "{findings:?}");
@@ -370,7 +374,7 @@ fn the_real_firmware_is_examined_by_doctor_and_accepted_by_flash() {
         accepted["flash_bytes"].as_u64().unwrap() > 20_000,
         "{accepted}"
     );
-    // No probe is here, or this program cannot use one: it says so, and that the file is good.
+    // Without a probe, or in a program that cannot use one, it reports that, and that the file is good.
     let output = call(&["flash", &path]);
     let words = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{words}");

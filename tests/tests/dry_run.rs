@@ -7,7 +7,7 @@ use mcdpr_tests::mcdpr;
 use mcdpr_tests::process::Folder;
 use std::process::{Output, Stdio};
 
-/// A port that is not there: whoever connects says so.
+/// A port that does not exist: a command that connects reports it.
 const PORT: &str = "/nowhere/port";
 
 /// What a command needs besides its own words.

@@ -41,16 +41,16 @@ fn run(ids: &[FaultId], words: &[String]) -> Aftermath {
 /// without torque, something is reported, and with cables, brakes and drives intact nothing falls.
 fn judge(ids: &[FaultId], words: &[String], after: &Aftermath) -> Vec<String> {
     let mut wrong = Vec::new();
-    let mut tell = |what: String| wrong.push(format!("{words:?}: {what}"));
+    let mut note = |what: String| wrong.push(format!("{words:?}: {what}"));
     let record = after.record();
     let mut off = false;
     for point in after.trace.iter().skip_while(|point| point.fault.is_none()) {
         if point.fault != record {
-            tell(format!("{record:?} became {:?}", point.fault));
+            note(format!("{record:?} became {:?}", point.fault));
             break;
         }
         if off && point.torque_on {
-            tell("torque came back".to_owned());
+            note("torque came back".to_owned());
             break;
         }
         off = !point.torque_on;
@@ -59,14 +59,14 @@ fn judge(ids: &[FaultId], words: &[String], after: &Aftermath) -> Vec<String> {
     let stands = matches!(after.end(), Some(State::Stopping | State::Holding));
     let kept = ids.contains(&FaultId::B2) && stands;
     if !kept && !after.is_safe() {
-        tell(format!("ends unsafely in {:?}", after.end()));
+        note(format!("ends unsafely in {:?}", after.end()));
     }
     if record.is_none() && after.error.is_none() && after.end() != Some(State::Disarmed) {
-        tell(format!("nothing is reported in {:?}", after.end()));
+        note(format!("nothing is reported in {:?}", after.end()));
     }
     let intact = ids.iter().all(|id| class(*id) == Class::Intact);
     if intact && after.drop_m() > 5e-3 {
-        tell(format!("falls {:.2} mm", after.drop_m() * 1e3));
+        note(format!("falls {:.2} mm", after.drop_m() * 1e3));
     }
     wrong
 }

@@ -153,7 +153,7 @@ fn no_text_is_too_much_for_the_reader_of_scenarios() {
 }
 
 /// Each text as it is, with mistakes, and beside pure rubbish; some of those with mistakes must
-/// still be taken, else the mistakes tell nothing.
+/// still be accepted, else the mistakes prove nothing.
 fn taken(name: &str, count: u64, texts: &[&str], read: fn(&str) -> bool) {
     let good = texts.iter().filter(|text| read(text)).count();
     assert!(good > 0, "{name}: no example is taken");
@@ -183,7 +183,7 @@ fn any_robot_with_any_task_is_planned_or_refused() {
         let at = planning::Came::ALL.iter().position(|one| *one == came);
         counts[at.unwrap()].fetch_add(1, std::sync::atomic::Ordering::Relaxed);
     });
-    // Inputs that are all refused at the door would tell nothing of what is behind it.
+    // Inputs that are all refused at the door would not test what is behind it.
     for (came, count) in planning::Came::ALL.iter().zip(counts) {
         assert!(count.into_inner() >= 5, "{came:?} is hardly ever reached");
     }

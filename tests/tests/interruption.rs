@@ -70,7 +70,7 @@ impl Scene {
         document.filter(|_| output.status.success())
     }
 
-    /// Waits until one who looks on sees the robot move. `false` where the run ended before: a
+    /// Waits until an observer sees the robot move. `false` where the run ended before: a
     /// machine that is too busy to feed a robot is not what is tested here.
     fn moves(&self, run: &mut Child) -> bool {
         let deadline = Instant::now() + SOON;

@@ -391,6 +391,9 @@ fn a_single_run_is_shown_too_and_its_record_replays_with_the_orders_from_the_pag
     }
 }
 
+/// The page has asked for the tasks and got them: it sends no order by itself any more.
+const LISTED: &str = "document.getElementById('task-list').options.length > 0";
+
 /// Every button that there is, with what the page has sent.
 const BUTTONS: &str =
     "[...document.querySelectorAll('button')].filter(b => !b.disabled && b.offsetParent)";
@@ -402,7 +405,7 @@ fn space_and_escape_act_whatever_has_the_focus_and_press_no_button() {
     let mut browser = Browser::start();
     let mut page = browser.open(&serve.with_token());
     wait(&mut page, MOVING);
-    wait(&mut page, "mcdpr.may");
+    wait(&mut page, LISTED);
     let count = page.number(&format!("{BUTTONS}.length"));
     assert!(count >= 12.0, "{count} buttons");
     page.run("mcdpr.answers.length = 0");
@@ -451,6 +454,7 @@ fn keys_jog_only_after_they_were_switched_on() {
     let mut browser = Browser::start();
     let mut page = browser.open(&serve.with_token());
     wait(&mut page, "mcdpr.may && mcdpr.live.state === 'Disarmed'");
+    wait(&mut page, LISTED);
     // With the focus on a jog button or nowhere, keys jog nothing: an order that comes after them is
     // the first that is answered.
     for focus in [

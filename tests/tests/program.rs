@@ -192,7 +192,7 @@ fn k1_bad_ports_and_tasks_are_refused_before_anything_moves() {
         1,
         &["paper:table9", "paper:table7"],
     );
-    // The paper's own height needs more tension than its sensors can tell.
+    // The paper's own height needs more tension than its sensors can measure.
     refused(
         mcdpr().args(["run", "paper:table7", "--z-mm", "24"]),
         1,

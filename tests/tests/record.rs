@@ -439,7 +439,7 @@ fn every_command_that_moves_a_drum_leaves_a_record() {
             }
             other => panic!("{words:?}: {other:?}"),
         }
-        // What was known of it can be read as tables; a bare winch has no tensions and lengths to tell.
+        // What was known of it can be read as tables; a bare winch has no tensions and lengths to show.
         let mut export = mcdpr_tests::mcdpr();
         export.arg("export").arg(kept.join(what)).arg("--csv");
         let tables = folder.path().join("tables");

@@ -114,7 +114,7 @@ fn what_a_run_was_planned_with_and_single_orders_replay_too() {
     let shaped = proof("shaped");
     assert!(shaped["host_bytes"].as_u64().unwrap() > 1000, "{shaped}");
     assert!(shaped["core_bytes"].as_u64().unwrap() > 10_000, "{shaped}");
-    // Of single orders the core is run again; who gave them is not.
+    // A replay of single orders runs the core again, not the program that gave them.
     good(at, &["move", "275", "-85", "-180", "--record", "moved"]);
     let moved = proof("moved");
     assert!(moved["host_bytes"].is_null(), "{moved}");

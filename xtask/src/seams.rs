@@ -75,7 +75,7 @@ pub(crate) fn check() -> Result<(), String> {
     }
 }
 
-/// What is wrong with a ring: who is in it, and which files tie it.
+/// Describes a ring: its modules, and the files that tie them.
 fn describe(name: &str, ring: &[String], ties: &Ties) -> String {
     let mut out = format!(
         "seams: modules of {name} use each other in a ring: {}\n  move what ties them to where both may \

@@ -1,4 +1,4 @@
-//! Reading Rust sources as words: enough to see who names whom, without a compiler.
+//! Reading Rust sources as words: enough to see which module names which, without a compiler.
 
 use std::path::{Path, PathBuf};
 

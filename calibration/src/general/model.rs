@@ -10,7 +10,7 @@ pub use super::group::{GROUPS, Group};
 
 use super::data::{Sample, Set};
 use super::unknowns::Layout;
-use crate::corner::{Corner, Entry, Places, put, spread};
+use crate::corner::{Corner, Entry, Places, Poses, put, spread};
 use mcdpr_kinematics::{
     Cable, Error, GRAVITY_MPS2, Platform, Pose, Robot, angular_velocity_from_rates,
     rpy_from_rotation,
@@ -477,8 +477,12 @@ impl Model<'_> {
                 .zip(view.corners_px)
                 .enumerate()
             {
-                let places = (pose, &state.camera_from_platform, body);
-                let corner = Corner::new(&lens, &camera_from_world, places, corner, scale)?;
+                let poses = Poses {
+                    world_from_platform: pose,
+                    camera_from_platform: &state.camera_from_platform,
+                    world_from_body: body,
+                };
+                let corner = Corner::new(&lens, &camera_from_world, poses, corner, scale)?;
                 let seen = &corner.seen;
                 for (axis, measured) in pixel.iter().enumerate() {
                     let mut own = vec![0.0; layout.own()];

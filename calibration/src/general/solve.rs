@@ -3,7 +3,7 @@
 use super::model::{GROUPS, Model, Row, State, stepped_own};
 use super::unknowns::Unknown;
 use crate::corner::Entry;
-use mcdpr_kinematics::Pose;
+use mcdpr_kinematics::{Attempt, Damping, Pose, descend};
 use nalgebra::{Cholesky, DMatrix, DVector, Vector3};
 
 /// One standard deviation per kind of reading.
@@ -187,7 +187,60 @@ fn normal(rows: &[Row], weights: &[f64], own: usize, shared: usize) -> Normal {
     out
 }
 
-/// Solves by Levenberg and Marquardt's method with fixed weights.
+/// Marquardt's damping of all steps together; the limit of steps counts those that are taken.
+const DAMPING: Damping = Damping {
+    start: 1e-3,
+    least: 1e-12,
+    most: 1e9,
+    after_success: 0.125,
+    after_failure: 4.0,
+    steps: usize::MAX,
+};
+
+/// Rows, cost and normal equations of a state.
+struct Linear {
+    rows: Vec<Vec<Row>>,
+    cost: f64,
+    equations: Equations,
+}
+
+/// A problem with fixed weights.
+struct Problem<'a, 'b> {
+    model: &'a Model<'b>,
+    unknowns: &'a [Unknown],
+    weights: &'a Weights,
+}
+
+impl Problem<'_, '_> {
+    fn linear(&self, state: &State, rows: Vec<Vec<Row>>, cost: f64) -> Linear {
+        let own = self.model.layout.own();
+        Linear {
+            equations: assemble(&rows, self.weights, state, self.unknowns, own),
+            rows,
+            cost,
+        }
+    }
+
+    /// The state after a step; `None` where the cost is greater there or cannot be computed.
+    fn improved(&self, state: &State, linear: &Linear, damping: f64) -> Option<(State, Linear)> {
+        let (step, owns) = step(&linear.equations, damping)?;
+        let mut next = self.model.stepped(state, step.as_slice());
+        for (k, own) in owns.iter().enumerate() {
+            let (pose, tensions) =
+                stepped_own(&state.poses[k], &state.tensions_n[k], own.as_slice());
+            next.poses[k] = pose;
+            next.tensions_n[k] = tensions;
+        }
+        let rows = all_rows(self.model, &next).ok()?;
+        let new = cost(&rows, self.weights, &next, self.unknowns);
+        (new <= linear.cost * (1.0 + 1e-12) + 1e-12).then(|| {
+            let linear = self.linear(&next, rows, new);
+            (next, linear)
+        })
+    }
+}
+
+/// Solves by Levenberg and Marquardt's method with fixed weights; at most `steps` are taken.
 ///
 /// # Errors
 /// In words, if the start has no geometry or a system cannot be solved.
@@ -198,51 +251,45 @@ pub fn solve(
     from: &State,
     steps: usize,
 ) -> Result<Solution, String> {
-    let (n, own) = (unknowns.len(), model.layout.own());
-    let mut state = from.clone();
-    let mut rows = all_rows(model, &state).map_err(|error| error.to_string())?;
-    let mut at = cost(&rows, weights, &state, unknowns);
-    let mut damping = 1e-3;
-    let mut converged = false;
-    for _ in 0..steps {
-        let (shared, gradient, normals) = assemble(&rows, weights, &state, unknowns, own);
-        let mut gained = None;
-        while damping < 1e9 {
-            let Some((step, owns)) = step(&shared, &gradient, &normals, damping) else {
-                damping *= 4.0;
-                continue;
-            };
-            let mut next = model.stepped(&state, step.as_slice());
-            for (k, own) in owns.iter().enumerate() {
-                let (pose, tensions) =
-                    stepped_own(&state.poses[k], &state.tensions_n[k], own.as_slice());
-                next.poses[k] = pose;
-                next.tensions_n[k] = tensions;
-            }
-            if let Ok(new_rows) = all_rows(model, &next) {
-                let new = cost(&new_rows, weights, &next, unknowns);
-                if new <= at * (1.0 + 1e-12) + 1e-12 {
-                    gained = Some(at - new);
-                    (state, rows, at) = (next, new_rows, new);
-                    break;
-                }
-            }
-            damping *= 4.0;
-        }
-        let Some(gain) = gained else {
-            converged = true;
-            break;
+    let problem = Problem {
+        model,
+        unknowns,
+        weights,
+    };
+    let rows = all_rows(model, from).map_err(|error| error.to_string())?;
+    let at = cost(&rows, weights, from, unknowns);
+    let linear = problem.linear(from, rows, at);
+    let (mut taken, mut converged) = (0, steps > 0);
+    let damping = Damping {
+        steps: if steps == 0 { 0 } else { DAMPING.steps },
+        ..DAMPING
+    };
+    let found = descend(from.clone(), linear, &damping, |state, linear, damping| {
+        let Some((next, after)) = problem.improved(state, linear, damping) else {
+            return Some(Attempt::Worse);
         };
-        damping = (damping / 8.0).max(1e-12);
-        if gain < 1e-6 * at.max(1.0) {
-            converged = true;
-            break;
-        }
-    }
-    finish(state, rows, weights, unknowns, own, n, at, converged)
+        taken += 1;
+        let gain = linear.cost - after.cost;
+        let small = gain < 1e-6 * after.cost.max(1.0);
+        converged = small || taken < steps;
+        Some(if small || taken == steps {
+            Attempt::Last(next, after)
+        } else {
+            Attempt::Better(next, after)
+        })
+    })
+    .ok_or("the least squares were not solved")?;
+    finish(found.at, found.linear, unknowns.len(), converged)
 }
 
-type Assembled = (DMatrix<f64>, DVector<f64>, Vec<Normal>);
+/// Normal equations of the shared unknowns, and those of every sample.
+struct Equations {
+    shared: DMatrix<f64>,
+    gradient: DVector<f64>,
+    normals: Vec<Normal>,
+    /// Unknowns of each sample.
+    own: usize,
+}
 
 fn assemble(
     rows: &[Vec<Row>],
@@ -250,7 +297,7 @@ fn assemble(
     state: &State,
     unknowns: &[Unknown],
     own: usize,
-) -> Assembled {
+) -> Equations {
     let n = unknowns.len();
     let mut shared = DMatrix::zeros(n, n);
     let mut gradient = DVector::zeros(n);
@@ -271,7 +318,12 @@ fn assemble(
         }
         normals.push(normal(rows, weights, own, n));
     }
-    (shared, gradient, normals)
+    Equations {
+        shared,
+        gradient,
+        normals,
+        own,
+    }
 }
 
 /// The own system of a sample with damping; a small diagonal keeps unknowns without rows solvable.
@@ -284,12 +336,14 @@ fn damped(own: &DMatrix<f64>, damping: f64) -> Option<Cholesky<f64, nalgebra::Dy
     Cholesky::new(own)
 }
 
-fn step(
-    shared: &DMatrix<f64>,
-    gradient: &DVector<f64>,
-    normals: &[Normal],
-    damping: f64,
-) -> Option<(DVector<f64>, Vec<DVector<f64>>)> {
+/// A step of the shared unknowns, and of those of each sample.
+fn step(equations: &Equations, damping: f64) -> Option<(DVector<f64>, Vec<DVector<f64>>)> {
+    let Equations {
+        shared,
+        gradient,
+        normals,
+        ..
+    } = equations;
     let mut reduced = shared.clone();
     let mut right = gradient.clone();
     let mut parts = Vec::with_capacity(normals.len());
@@ -353,18 +407,19 @@ impl Scaled {
     }
 }
 
-#[allow(clippy::too_many_arguments)]
-fn finish(
-    state: State,
-    rows: Vec<Vec<Row>>,
-    weights: &Weights,
-    unknowns: &[Unknown],
-    own: usize,
-    n: usize,
-    cost: f64,
-    converged: bool,
-) -> Result<Solution, String> {
-    let (mut reduced, _, normals) = assemble(&rows, weights, &state, unknowns, own);
+/// The minimum with its covariance, undamped.
+fn finish(state: State, linear: Linear, n: usize, converged: bool) -> Result<Solution, String> {
+    let Linear {
+        rows,
+        cost,
+        equations,
+    } = linear;
+    let Equations {
+        shared: mut reduced,
+        normals,
+        own,
+        ..
+    } = equations;
     let mut blocks = Vec::with_capacity(rows.len());
     for (normal, rows) in normals.iter().zip(rows) {
         let solver = damped(&normal.own, 0.0).ok_or("a sample's own unknowns are not fixed")?;

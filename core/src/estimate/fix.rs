@@ -151,8 +151,12 @@ impl Problem<'_> {
         x: &Unknowns,
         into: &mut Vec<f64>,
     ) -> Result<(), EstimateError> {
-        let state = (rest, &turned(x), self.skip);
-        rows::residuals(self.model, self.measured, self.sigmas, state, into)
+        let supposed = rows::Supposed {
+            rest,
+            turned: turned(x),
+            skip: self.skip,
+        };
+        rows::residuals(self.model, self.measured, self.sigmas, supposed, into)
             .ok_or(EstimateError::Rank)
     }
 

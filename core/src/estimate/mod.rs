@@ -17,6 +17,6 @@ mod rows;
 mod slip;
 
 pub use fix::{Estimate, EstimateError, estimate};
-pub(crate) use rows::residuals;
 pub use rows::{Measurements, Sigmas};
+pub(crate) use rows::{Supposed, residuals};
 pub use slip::{Slip, find_slip};

@@ -41,17 +41,28 @@ pub struct Measurements {
     pub places: Vec<TagPlace>,
 }
 
+/// An assumed state of the resting robot.
+#[derive(Clone, Copy)]
+pub(crate) struct Supposed<'a> {
+    /// By statics.
+    pub(crate) rest: &'a StaticState,
+    /// Difference of the attitude from that of statics, rotation vector, world, rad.
+    pub(crate) turned: Vector3<f64>,
+    /// The length of this cable (from 0) counts as not measured.
+    pub(crate) skip: Option<usize>,
+}
+
 /// One row: the measured minus the predicted value over its standard deviation. `None` where the
-/// state predicts nothing (a tag behind the camera). The length of the cable `skip` (from 0) counts as
-/// not measured. The last three rows hold the attitude near that of statics.
+/// state predicts nothing (a tag behind the camera). The last three rows hold the attitude near that of statics.
 pub(crate) fn residuals(
     model: &Model,
     measured: &Measurements,
     sigmas: &Sigmas,
-    (rest, turned, skip): (&StaticState, &Vector3<f64>, Option<usize>),
+    supposed: Supposed<'_>,
     out: &mut Vec<f64>,
 ) -> Option<()> {
     out.clear();
+    let Supposed { rest, turned, skip } = supposed;
     let lengths = measured.lengths_m.iter().zip(&rest.paid_out_m);
     out.extend(lengths.map(|(seen, said)| (seen - said) / sigmas.length_m));
     if let Some(slot) = skip.and_then(|cable| out.get_mut(cable)) {
@@ -63,7 +74,7 @@ pub(crate) fn residuals(
     // Turned about the tool, whose position is a separate unknown.
     let tool = &model.robot().tool.tcp_in_platform_m;
     let pose = &rest.equilibrium.pose;
-    let rotation = Rotation3::new(*turned) * pose.rotation;
+    let rotation = Rotation3::new(turned) * pose.rotation;
     let seen_pose = Pose::new(pose.transform(tool) - rotation * tool, rotation);
     let camera_from_world = camera.camera_from_platform.compose(&seen_pose.inverse());
     for view in &measured.views {

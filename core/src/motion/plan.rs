@@ -273,8 +273,7 @@ impl Plan {
         attitude: Rotation3<f64>,
         steps: &[Step],
     ) -> Result<Self, PlanError> {
-        let timed = Timed::turned(model, start_m, attitude, steps)?;
-        Self::of(model, timed)?.judged()
+        Self::unjudged_turned(model, start_m, attitude, steps)?.judged()
     }
 
     /// Plans without checking limits, to examine a plan that breaks one.
@@ -287,6 +286,19 @@ impl Plan {
         steps: &[Step],
     ) -> Result<Self, PlanError> {
         Self::of(model, Timed::new(model, start_m, steps)?)
+    }
+
+    /// As [`Plan::unjudged`], from an attitude other than level (world_from_platform).
+    ///
+    /// # Errors
+    /// As [`Plan::unjudged`].
+    pub(crate) fn unjudged_turned(
+        model: &Model,
+        start_m: &Vector3<f64>,
+        attitude: Rotation3<f64>,
+        steps: &[Step],
+    ) -> Result<Self, PlanError> {
+        Self::of(model, Timed::turned(model, start_m, attitude, steps)?)
     }
 
     fn of(model: &Model, timed: Timed) -> Result<Self, PlanError> {
@@ -321,8 +333,8 @@ impl Plan {
 
     /// How close it comes to every limit; the first broken one is in the answer.
     ///
-    /// Never for a plan that was made.
-    /// Not for a plan that was made.
+    /// # Errors
+    /// None for a plan that was made.
     pub fn extremes(&self, watch: &Watch) -> Result<Extremes, PlanError> {
         verdict::extremes(&self.model, &self.timed, watch)
     }

@@ -3,7 +3,7 @@
 use super::Model;
 use super::path::Path;
 use super::plan::{Plan, PlanError};
-use super::timed::{Step, Timed};
+use super::timed::{Step, StepProgress, Timed};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -57,9 +57,9 @@ pub(crate) fn remaining(
     interruption: &Interruption,
 ) -> Result<Remaining, PlanError> {
     let tool_m = Vector3::from(interruption.tool_m);
-    let Some((step, began_s, _)) = timed.progress(interruption.path_s) else {
-        return Err(super::path::PathError::Empty.into());
-    };
+    let StepProgress { step, began_s, .. } = timed
+        .progress(interruption.path_s)
+        .ok_or(super::path::PathError::Empty)?;
     let earliest_s = began_s.max(interruption.path_s - BACK_S);
     let mut from_s = interruption.path_s;
     let mut nearest_m = (timed.tool_m(from_s)? - tool_m).norm();
@@ -80,7 +80,7 @@ pub(crate) fn remaining(
             speed_mps: Some(WAY_BACK_MPS.min(model.robot().limits.speed_mps)),
         });
     }
-    let way_m = timed.progress(from_s).map_or(0.0, |(_, _, way_m)| way_m);
+    let way_m = timed.progress(from_s).map_or(0.0, |at| at.way_m);
     let top_mps = timed
         .top_speed_mps(step)
         .min(model.robot().limits.speed_mps);
@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn actions_before_the_interruption_are_not_repeated_and_later_ones_remain() {
         let (model, plan, steps) = planned(CIRCLE);
-        let gripper_s = plan.timed.actions()[0].0;
+        let gripper_s = plan.timed.actions()[0].time_s;
         let count = |path_s: f64| {
             let tool_m = plan.timed.tool_m(path_s).unwrap().into();
             let interruption = Interruption { path_s, tool_m };

@@ -66,11 +66,30 @@ struct Leg {
     track: Track,
 }
 
+/// An action, and when it is due.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimedAction {
+    /// Path time, s.
+    pub time_s: f64,
+    /// The action.
+    pub action: Action,
+}
+
+/// Progress of a motion.
+pub(crate) struct StepProgress {
+    /// The step, from 0.
+    pub(crate) step: usize,
+    /// Its start, path time, s.
+    pub(crate) began_s: f64,
+    /// Distance along its path, m.
+    pub(crate) way_m: f64,
+}
+
 /// A motion in time.
 #[derive(Debug, Clone)]
 pub struct Timed {
     legs: Vec<Leg>,
-    actions: Vec<(f64, Action)>,
+    actions: Vec<TimedAction>,
     duration_s: f64,
     /// The step that is being added, from 0.
     step: usize,
@@ -150,9 +169,10 @@ impl Timed {
                     timed.stay(model, &at_m, *duration_s)?;
                 }
                 Step::Gripper { closed } => {
-                    timed
-                        .actions
-                        .push((timed.duration_s, Action::Gripper { closed: *closed }));
+                    timed.actions.push(TimedAction {
+                        time_s: timed.duration_s,
+                        action: Action::Gripper { closed: *closed },
+                    });
                     let wait_s = model.robot().gripper.close_s.max(LEAST_GRIPPER_S);
                     timed.stay(model, &at_m, wait_s)?;
                 }
@@ -301,12 +321,16 @@ impl Timed {
         starts.chain([self.duration_s]).collect()
     }
 
-    /// The step in progress at a time (from 0), its start, s, and the distance along its path, m.
+    /// The step in progress at a path time.
     #[must_use]
-    pub(crate) fn progress(&self, time_s: f64) -> Option<(usize, f64, f64)> {
+    pub(crate) fn progress(&self, time_s: f64) -> Option<StepProgress> {
         let (leg, way_m) = self.locate(time_s).ok()?;
         let length_m = leg.path.as_ref().map_or(0.0, |(path, ..)| path.length_m());
-        Some((leg.step, leg.start_s, way_m.clamp(0.0, length_m)))
+        Some(StepProgress {
+            step: leg.step,
+            began_s: leg.start_s,
+            way_m: way_m.clamp(0.0, length_m),
+        })
     }
 
     /// Greatest speed of the tool in a step (from 0), m/s, every 5 ms.
@@ -326,7 +350,7 @@ impl Timed {
 
     /// The actions in order of time, s.
     #[must_use]
-    pub fn actions(&self) -> &[(f64, Action)] {
+    pub fn actions(&self) -> &[TimedAction] {
         &self.actions
     }
 

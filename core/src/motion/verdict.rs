@@ -1,6 +1,7 @@
 //! Checks a motion before it starts: the first limit that it would break, and its margin to the
 //! others.
 
+use super::margin::{Margin, Margins, Moment};
 use super::model::{Model, StaticState};
 use super::options::Planner;
 use super::plan::PlanError;
@@ -48,6 +49,8 @@ pub struct Extremes {
     pub tilt_rad: f64,
     /// Least distance between two cables, m; `None` without a pair.
     pub cable_distance_m: Option<f64>,
+    /// Where it comes closest to each limit, the closest first.
+    pub margins: Vec<Margin>,
     /// The first limit that would be broken, in words.
     pub broken: Option<String>,
 }
@@ -109,6 +112,7 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
         drum_turns: vec![0.0; count],
         ..Extremes::default()
     };
+    let mut margins = (!refuse).then(Margins::default);
     let mut before: Option<(f64, StaticState, Vec<f64>)> = None;
     let end_s = timed.duration_s();
     let mut last = false;
@@ -123,10 +127,17 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
         let mut broken = judge_state(model, &tool_m, &rest, watch)
             .or_else(|| speeds.as_ref().and_then(|v| judge_speed(model, v)));
         seen.take(model, &rest, timed.speed_mps(time_s));
+        let at = Moment { time_s, tool_m };
+        if let Some(margins) = &mut margins {
+            margins.take_state(model, &rest, at);
+        }
         if let Some(now) = &speeds {
             let then = before.as_ref().map(|(_, _, then)| then.as_slice());
             let forces = forces(model, &rest, now, then.unwrap_or_default(), step_s);
             seen.take_speeds(model, now, &forces);
+            if let Some(margins) = &mut margins {
+                margins.take_speeds(model, now, &forces, at);
+            }
             broken = broken.or_else(|| judge_force(model, &forces));
         }
         // Distances change slowly: every fifth state is enough.
@@ -135,6 +146,9 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
             if let Some(near) = near {
                 let least = seen.cable_distance_m.unwrap_or(f64::MAX);
                 seen.cable_distance_m = Some(least.min(near));
+                if let Some(margins) = &mut margins {
+                    margins.take_distance(near, CABLE_CLEARANCE_M, at);
+                }
             }
             broken = broken.or(touching);
         }
@@ -160,6 +174,7 @@ fn look(model: &Model, timed: &Timed, watch: &Watch, refuse: bool) -> Result<Ext
         }
         last = f64::from(index + 1) * CHECK_STEP_S >= end_s;
     }
+    seen.margins = margins.map_or_else(Vec::new, Margins::sorted);
     Ok(seen)
 }
 

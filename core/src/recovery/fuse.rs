@@ -6,12 +6,25 @@
 //! tension-held cable and the difference of the attitude from that of statics.
 
 use super::cut::Lengths;
-use crate::estimate::{EstimateError, Measurements, Sigmas, residuals};
+use crate::estimate::{EstimateError, Measurements, Sigmas, Supposed, residuals};
 use crate::motion::{Model, StaticState};
+use mcdpr_kinematics::{Attempt, Damping, descend};
 use nalgebra::{DMatrix, DVector, Matrix3, SVector, Vector3};
 
 const UNKNOWNS: usize = 7;
-const MOST_STEPS: usize = 25;
+/// A step is no longer than this, m.
+const LONGEST_STEP_M: f64 = 0.05;
+/// After a step shorter than this the search ends, m.
+const LAST_STEP_M: f64 = 1e-8;
+const DAMPING: Damping = Damping {
+    start: 1e-6,
+    least: 1e-12,
+    most: 1e7,
+    after_success: 0.1,
+    after_failure: 30.0,
+    steps: 25,
+};
+/// Steps of the numerical derivatives: m, N, rad.
 const CHANGES: [f64; UNKNOWNS] = [1e-5, 1e-5, 1e-5, 1e-3, 1e-5, 1e-5, 1e-5];
 
 type Unknowns = SVector<f64, UNKNOWNS>;
@@ -91,16 +104,82 @@ impl Problem<'_> {
             attitude_rad: weighed.attitude_rad,
             ..Sigmas::default()
         };
-        let turned = x.fixed_rows::<3>(4).into_owned();
+        let supposed = Supposed {
+            rest,
+            turned: x.fixed_rows::<3>(4).into_owned(),
+            skip: None,
+        };
         let mut others = Vec::new();
-        let state = (rest, &turned, None);
-        residuals(self.model, weighed.seen, &sigmas, state, &mut others)
+        residuals(self.model, weighed.seen, &sigmas, supposed, &mut others)
             .ok_or(EstimateError::Rank)?;
         rows.extend(others);
         if rows.iter().any(|row| !row.is_finite()) {
             return Err(EstimateError::NotFinite);
         }
         Ok(DVector::from_vec(rows))
+    }
+}
+
+/// A state of the search.
+struct Fit {
+    x: Unknowns,
+    rest: StaticState,
+    rows: DVector<f64>,
+}
+
+impl Problem<'_> {
+    /// Derivatives of the rows with respect to the unknowns.
+    fn slopes(&self, fit: &Fit) -> Result<DMatrix<f64>, EstimateError> {
+        let mut slopes = DMatrix::zeros(fit.rows.len(), UNKNOWNS);
+        for (column, change) in CHANGES.into_iter().enumerate() {
+            let mut moved = fit.x;
+            moved[column] += change;
+            let there = if column < 4 {
+                self.rows(&moved, &self.rest(&moved, Some(&fit.rest))?)?
+            } else {
+                self.rows(&moved, &fit.rest)?
+            };
+            slopes.set_column(column, &((there - &fit.rows) / change));
+        }
+        Ok(slopes)
+    }
+
+    /// The state at `x`, where it fits no worse than `fit`.
+    fn improved(&self, fit: &Fit, x: Unknowns) -> Option<Fit> {
+        let rest = self.rest(&x, Some(&fit.rest)).ok()?;
+        let rows = self.rows(&x, &rest).ok()?;
+        let better = rows.norm_squared() <= fit.rows.norm_squared();
+        better.then_some(Fit { x, rest, rows })
+    }
+
+    fn attempt(
+        &self,
+        fit: &Fit,
+        slopes: &DMatrix<f64>,
+        damping: f64,
+    ) -> Result<Attempt<Fit, DMatrix<f64>>, EstimateError> {
+        let mut normal = slopes.transpose() * slopes;
+        let gradient = slopes.transpose() * &fit.rows;
+        for i in 0..UNKNOWNS {
+            normal[(i, i)] *= 1.0 + damping;
+        }
+        let step = normal
+            .cholesky()
+            .ok_or(EstimateError::Rank)?
+            .solve(&-gradient);
+        let far = step.rows(0, 3).norm();
+        let step = step * (LONGEST_STEP_M / far.max(LONGEST_STEP_M));
+        let tried = fit.x + Unknowns::from_iterator(step.iter().copied());
+        Ok(match self.improved(fit, tried) {
+            // The slopes hardly change over the last step.
+            Some(next) if far < LAST_STEP_M => Attempt::Last(next, slopes.clone()),
+            Some(next) => {
+                let slopes = self.slopes(&next)?;
+                Attempt::Better(next, slopes)
+            }
+            None if far < 0.1 * LAST_STEP_M => Attempt::Enough,
+            None => Attempt::Worse,
+        })
     }
 }
 
@@ -131,92 +210,68 @@ pub fn fuse(
     let mut x = Unknowns::zeros();
     x.fixed_rows_mut::<3>(0).copy_from(start_m);
     x[3] = shown.unwrap_or(model.robot().tension.setpoint_n).max(0.5);
-    let mut rest = problem.rest(&x, None)?;
-    let mut rows = problem.rows(&x, &rest)?;
-    let mut damping = 1e-6;
-    let mut slopes = DMatrix::zeros(rows.len(), UNKNOWNS);
-    for _ in 0..MOST_STEPS {
-        for (column, change) in CHANGES.into_iter().enumerate() {
-            let mut moved = x;
-            moved[column] += change;
-            let near = if column < 4 {
-                problem.rest(&moved, Some(&rest))?
-            } else {
-                rest.clone()
-            };
-            let there = problem.rows(&moved, &near)?;
-            slopes.set_column(column, &((there - &rows) / change));
-        }
-        let mut normal = slopes.transpose() * &slopes;
-        let gradient = slopes.transpose() * &rows;
-        for i in 0..UNKNOWNS {
-            normal[(i, i)] *= 1.0 + damping;
-        }
-        let step = normal
-            .cholesky()
-            .ok_or(EstimateError::Rank)?
-            .solve(&-gradient);
-        let far = step.rows(0, 3).norm();
-        let step = step * (0.05 / far.max(0.05));
-        let tried = x + Unknowns::from_iterator(step.iter().copied());
-        let better = problem.rest(&tried, Some(&rest)).and_then(|near| {
-            let there = problem.rows(&tried, &near)?;
-            Ok((near, there))
-        });
-        match better {
-            Ok((near, there)) if there.norm_squared() <= rows.norm_squared() => {
-                (x, rest, rows) = (tried, near, there);
-                damping = (damping * 0.1_f64).max(1e-12);
-                if far < 1e-8 {
-                    break;
-                }
-            }
-            _ if damping > 1e6 || far < 1e-9 => break,
-            _ => damping = (damping * 10.0).max(1e-3),
-        }
-    }
-    let covariance = (slopes.transpose() * &slopes)
-        .try_inverse()
-        .ok_or(EstimateError::Rank)?;
-    let lengths = problem.white.as_ref().map_or(0, DMatrix::nrows);
-    // A length that is off by one adds a column of the whitening matrix to the rows.
-    let gain = &covariance * slopes.transpose();
-    let mut tool_per_length = DMatrix::zeros(3, lengths);
-    let mut residual_per_length = Vec::new();
-    if let Some(white) = &problem.white {
-        for cable in 0..lengths {
-            let mut bias = DVector::zeros(rows.len());
-            bias.rows_mut(0, lengths).copy_from(&white.column(cable));
-            let moved = &gain * &bias;
-            tool_per_length.set_column(cable, &moved.rows(0, 3));
-            residual_per_length.push((bias - &slopes * &moved).norm());
-        }
-    }
-    let spread = covariance.determinant().max(f64::MIN_POSITIVE).ln();
-    let white = problem.white.as_ref().map_or(0.0, |white| {
-        white.diagonal().iter().map(|part| part.abs().ln()).sum()
-    });
-    let log_evidence = 0.5 * (spread - rows.norm_squared()) + white;
-    let tensions = weighed.tensions_n.len();
-    // All tags shifted alike change their rows as a shift of the tool does, the other way. The
-    // attitude's rows below them do not depend on the tool's position.
-    let first = lengths + tensions;
-    let tag_rows = rows.len() - first;
-    let tags = slopes.view((first, 0), (tag_rows, 3));
-    let by_tags = gain.view((0, first), (3, tag_rows)) * tags;
-    Ok(Found {
-        log_evidence,
-        tool_per_tag: by_tags.fixed_view::<3, 3>(0, 0).into_owned(),
-        tool_m: x.fixed_rows::<3>(0).into_owned(),
-        covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
-        chi2: rows.norm_squared(),
-        freedoms: rows.len().saturating_sub(UNKNOWNS),
-        tension_residuals: rows.rows(lengths, tensions).iter().copied().collect(),
-        length_chi2: rows.rows(0, lengths).norm_squared(),
-        tool_per_length: -tool_per_length,
-        residual_per_length,
-        rest,
+    let rest = problem.rest(&x, None)?;
+    let rows = problem.rows(&x, &rest)?;
+    let first = Fit { x, rest, rows };
+    let slopes = problem.slopes(&first)?;
+    let mut failure = EstimateError::Rank;
+    let found = descend(first, slopes, &DAMPING, |fit, slopes, damping| {
+        problem
+            .attempt(fit, slopes, damping)
+            .map_err(|error| failure = error)
+            .ok()
     })
+    .ok_or(failure)?;
+    problem.found(found.at, &found.linear)
+}
+
+impl Problem<'_> {
+    /// The estimate at the end of the search, with its covariance.
+    fn found(&self, fit: Fit, slopes: &DMatrix<f64>) -> Result<Found, EstimateError> {
+        let Fit { x, rest, rows } = fit;
+        let covariance = (slopes.transpose() * slopes)
+            .try_inverse()
+            .ok_or(EstimateError::Rank)?;
+        let lengths = self.white.as_ref().map_or(0, DMatrix::nrows);
+        // A length that is off by one adds a column of the whitening matrix to the rows.
+        let gain = &covariance * slopes.transpose();
+        let mut tool_per_length = DMatrix::zeros(3, lengths);
+        let mut residual_per_length = Vec::new();
+        if let Some(white) = &self.white {
+            for cable in 0..lengths {
+                let mut bias = DVector::zeros(rows.len());
+                bias.rows_mut(0, lengths).copy_from(&white.column(cable));
+                let moved = &gain * &bias;
+                tool_per_length.set_column(cable, &moved.rows(0, 3));
+                residual_per_length.push((bias - slopes * &moved).norm());
+            }
+        }
+        let spread = covariance.determinant().max(f64::MIN_POSITIVE).ln();
+        let white = self.white.as_ref().map_or(0.0, |white| {
+            white.diagonal().iter().map(|part| part.abs().ln()).sum()
+        });
+        let log_evidence = 0.5 * (spread - rows.norm_squared()) + white;
+        let tensions = self.weighed.tensions_n.len();
+        // All tags shifted alike change their rows as a shift of the tool does, the other way. The
+        // attitude's rows below them do not depend on the tool's position.
+        let first = lengths + tensions;
+        let tag_rows = rows.len() - first;
+        let tags = slopes.view((first, 0), (tag_rows, 3));
+        let by_tags = gain.view((0, first), (3, tag_rows)) * tags;
+        Ok(Found {
+            log_evidence,
+            tool_per_tag: by_tags.fixed_view::<3, 3>(0, 0).into_owned(),
+            tool_m: x.fixed_rows::<3>(0).into_owned(),
+            covariance_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+            chi2: rows.norm_squared(),
+            freedoms: rows.len().saturating_sub(UNKNOWNS),
+            tension_residuals: rows.rows(lengths, tensions).iter().copied().collect(),
+            length_chi2: rows.rows(0, lengths).norm_squared(),
+            tool_per_length: -tool_per_length,
+            residual_per_length,
+            rest,
+        })
+    }
 }
 
 /// The quantile of a chi-square distribution at a normal deviate (Wilson and Hilferty 1931).

@@ -131,7 +131,7 @@ pub struct Mark {
 /// Why a journal is not valid.
 #[derive(Debug, Clone, PartialEq, Eq, Error, Diagnostic)]
 pub enum JournalError {
-    /// There is none.
+    /// There is no journal.
     #[error("no journal was kept for board {board}")]
     #[diagnostic(code(mcdpr::journal::missing))]
     Missing {

@@ -45,7 +45,7 @@ pub struct Looks {
 
 /// Mean tensions, and the platform's motion while they were read.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Rest {
+pub struct RestReadings {
     /// Mean tensions, N.
     pub tensions_n: Vec<f64>,
     /// Standard errors of the means, N, the swing's spread included.
@@ -78,9 +78,9 @@ pub(crate) struct Slack {
 impl Looks {
     /// Means and motion. Tags that the robot file does not have are left out.
     #[must_use]
-    pub fn rest(&self, robot: &Robot) -> Rest {
+    pub fn rest(&self, robot: &Robot) -> RestReadings {
         let cables = self.tensions_n.first().map_or(0, Vec::len);
-        let mut rest = Rest::default();
+        let mut rest = RestReadings::default();
         let weights = taper(self.tensions_n.len());
         let noise_share: f64 = weights.iter().map(|weight| weight * weight).sum();
         let mut swings = Vec::new();
@@ -138,7 +138,7 @@ impl Looks {
     }
 }
 
-impl Rest {
+impl RestReadings {
     /// Whether the platform hangs as still as it needs to.
     #[must_use]
     pub fn is_still(&self) -> bool {

@@ -3,7 +3,7 @@
 
 use super::fuse::Found;
 use super::journal::{Journal, JournalError};
-use super::looks::Rest;
+use super::looks::RestReadings;
 use super::weigh::{Estimates, estimates};
 use crate::estimate::{EstimateError, Measurements};
 use crate::motion::Model;
@@ -31,7 +31,7 @@ pub struct Evidence<'a> {
     /// Source of the lengths.
     pub source: Source<'a>,
     /// Tensions with closed brakes, and the motion of the platform while they were read.
-    pub rest: Rest,
+    pub rest: RestReadings,
     /// Views of tags; empty without a camera.
     pub seen: Measurements,
     /// Whether the user states that nobody moved drums, brakes or platform without power.

@@ -39,7 +39,17 @@ pub(super) fn build(
     let cables_at = file
         .has(key!(ROBOT, "cable"))
         .then(|| file.at(key!(ROBOT, "cable")));
-    let cable_tables = file.take_tables(key!(ROBOT, "cable"));
+    let mut cable_tables = file.take_tables(key!(ROBOT, "cable"));
+    let common = [
+        key!(CABLE, "anchor_mm"),
+        key!(CABLE, "attachment_mm"),
+        key!(CABLE, "winch"),
+    ];
+    let all_cables = file.take_table(key!(ROBOT, "all_cables"), &schema::CABLE);
+    let all_cables = in_common(reader, all_cables, &common);
+    for table in &mut cable_tables {
+        table.fill_from(all_cables.clone());
+    }
     if let Some(at) = cables_at
         && !(1..=CABLES_MAX).contains(&cable_tables.len())
     {
@@ -48,7 +58,21 @@ pub(super) fn build(
         let help = "write one [[cable]] table per cable";
         reader.problem(&at, schema::ROBOT.title, what, Some(help.into()));
     }
-    let winch_tables = file.take_tables(key!(ROBOT, "winch"));
+    let mut winch_tables = file.take_tables(key!(ROBOT, "winch"));
+    let common = [key!(WINCH, "id"), key!(WINCH, "node")];
+    let all_winches = file.take_table(key!(ROBOT, "all_winches"), &schema::WINCH);
+    let all_winches = in_common(reader, all_winches, &common);
+    if winch_tables.is_empty() && !all_winches.is_empty() {
+        winch_tables = (1..=cable_tables.len())
+            .map(|number| {
+                let place = format!("winch {number}");
+                Values::absent(&schema::WINCH, &place, all_winches.at.clone())
+            })
+            .collect();
+    }
+    for table in &mut winch_tables {
+        table.fill_from(all_winches.clone());
+    }
     let winches_given = !winch_tables.is_empty();
 
     let winches = super::winches::winches(reader, winch_tables, modules, &cable_tables);
@@ -108,6 +132,19 @@ pub(super) fn build(
     })?;
     super::auto::choose(reader, &cable_tables, &mut robot)?;
     Some(robot)
+}
+
+/// Values for all tables of a section. Keys that cannot be the same in each are refused.
+fn in_common(reader: &mut Reader, mut table: Values, own: &[Named]) -> Values {
+    for key in own {
+        if table.has(*key) {
+            let what = format!("`{}` cannot be the same in all tables", key.name());
+            let help = format!("write it in each {} table", table.section_title());
+            reader.problem(&table.at(*key), &table.place.clone(), what, Some(help));
+            table.forget(*key);
+        }
+    }
+    table
 }
 
 /// Default tool position: the middle of the anchors, a quarter of their diagonal below the lowest.

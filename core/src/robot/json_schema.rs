@@ -86,6 +86,11 @@ fn kind(kind: Kind) -> Value {
             json!({ "type": "array", "items": row, "minItems": rows, "maxItems": rows })
         }
         Kind::Table(inner) => section(inner),
+        Kind::Common(inner) => {
+            let mut common = section(inner);
+            common["required"] = json!([]);
+            common
+        }
         Kind::Tables(inner) => json!({ "type": "array", "items": section(inner), "minItems": 1 }),
     }
 }

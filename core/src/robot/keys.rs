@@ -62,10 +62,22 @@ pub(crate) static ROBOT: Section = Section {
             "one table per cable, cable 1 first; 1 to 16",
         ),
         key(
+            "all_cables",
+            Kind::Common(&CABLE),
+            Follows("nothing in common"),
+            "keys of [[cable]] for every cable that does not give its own",
+        ),
+        key(
             "winch",
             Kind::Tables(&WINCH),
             Follows("one winch of defaults per cable"),
             "one table per winch module",
+        ),
+        key(
+            "all_winches",
+            Kind::Common(&WINCH),
+            Follows("nothing in common"),
+            "keys of [[winch]] for every winch that does not give its own",
         ),
         key(
             "bus",

@@ -235,7 +235,7 @@ impl Winch {
 
     /// Motor force at the cable needed for `force_n`: it includes gear losses on the way to the
     /// drum and friction, N.
-    pub(crate) fn driving_force_n(&self, force_n: f64) -> f64 {
+    pub fn driving_force_n(&self, force_n: f64) -> f64 {
         let efficiency = self.gear.map_or(1.0, |gear| gear.efficiency);
         (force_n + self.friction_n) / efficiency + self.total_friction_n() - self.friction_n
     }
@@ -253,7 +253,7 @@ impl Winch {
     }
 
     /// Cable force per motor current, N/A, without losses in the gear.
-    pub(crate) fn force_per_current_n_per_a(&self) -> f64 {
+    pub fn force_per_current_n_per_a(&self) -> f64 {
         self.torque_constant_nm_per_a * self.gear_ratio / self.drum_radius_m
     }
 

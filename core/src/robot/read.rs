@@ -117,6 +117,28 @@ impl Reader {
         section: &'static Section,
         place: &str,
     ) -> Values {
+        let values = self.part(file, table, header, section, place);
+        for key in section.keys {
+            let given = table.contains_key(key.name);
+            if matches!(key.absent, Absent::Required) && !given {
+                let what = format!("the key `{}` is missing", key.name);
+                let help = format!("add {} = ...: {}", key.name, key.meaning);
+                let at = values.at.clone();
+                self.problem(&at, place, what, Some(help));
+            }
+        }
+        values
+    }
+
+    /// As [`Reader::table`], with required keys missing.
+    fn part(
+        &mut self,
+        file: usize,
+        table: &DeTable<'_>,
+        header: Span<usize>,
+        section: &'static Section,
+        place: &str,
+    ) -> Values {
         let mut values = Values {
             section,
             place: place.to_owned(),
@@ -146,15 +168,6 @@ impl Reader {
                 values.found.insert(key.name, (checked, at));
             } else {
                 values.found.remove(key.name);
-            }
-        }
-        for key in section.keys {
-            let given = table.contains_key(key.name);
-            if matches!(key.absent, Absent::Required) && !given {
-                let what = format!("the key `{}` is missing", key.name);
-                let help = format!("add {} = ...: {}", key.name, key.meaning);
-                let at = values.at.clone();
-                self.problem(&at, place, what, Some(help));
             }
         }
         values
@@ -196,6 +209,15 @@ impl Reader {
                 None => Err(wrong_kind(&format!("a table {}", section.title), given)),
             },
             Kind::Tables(section) => self.tables(file, key, given, section),
+            Kind::Common(section) => match given.as_table() {
+                Some(table) => {
+                    let span = value.span();
+                    Ok(Value::Table(
+                        self.part(file, table, span, section, key.name),
+                    ))
+                }
+                None => Err(wrong_kind(&format!("a table [{}]", key.name), given)),
+            },
         };
         match checked {
             Ok(checked) => Some(checked),
@@ -309,6 +331,16 @@ impl Values {
         for (name, found) in base.found {
             self.found.entry(name).or_insert(found);
         }
+    }
+
+    /// The header of the tables that it belongs to.
+    pub(crate) const fn section_title(&self) -> &'static str {
+        self.section.title
+    }
+
+    /// Whether no key is given.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.found.is_empty()
     }
 
     /// Treats the key as absent, after it has been refused.

@@ -74,6 +74,8 @@ pub enum Kind {
     Table(&'static Section),
     /// A list of tables `[[name]]`, each with the keys of the section.
     Tables(&'static Section),
+    /// A table of values that all tables of the section have in common, none of them required.
+    Common(&'static Section),
 }
 
 /// What an absent key means.

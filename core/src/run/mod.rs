@@ -14,7 +14,7 @@ pub use orders::stop_wanted;
 pub use record::{Measured, Recorder};
 pub use resume::ResumeError;
 pub use saved::{LengthStore, NoStore};
-pub use session::{Homing, Session, plan_from};
+pub use session::{Homing, Session, plan_from, preview};
 pub(crate) use stream::follow_plan;
 pub use stream::{Halt, Progress, follow, follow_watched};
 

@@ -97,27 +97,20 @@ impl From<ResumeError> for RunError {
     }
 }
 
-/// The rest of the task in the journal, for a robot with its tool at `tool_m` (world, m): judged like
+/// The rest of the journal's task, for a robot with its tool at `tool_m` (world, m): judged like
 /// any plan.
 ///
 /// # Errors
 /// [`ResumeError`]; [`RunError::Plan`] where the rest breaks a limit.
 pub(super) fn plan_rest(
     model: &Model,
-    (task, task_hash): (Task, u32),
+    task: Task,
     journal: &Journal,
     status: &Status,
     tool_m: &Vector3<f64>,
 ) -> Result<Plan, RunError> {
     if model.options().planner == Planner::Level {
         return Err(ResumeError::Level.into());
-    }
-    if journal.identity.task_hash != task_hash {
-        return Err(ResumeError::Task {
-            journal: journal.identity.task.clone(),
-            asked: task.name,
-        }
-        .into());
     }
     let kept = journal.plan.as_ref().ok_or(ResumeError::NoMotion {
         state: "the journal has no plan",
@@ -188,8 +181,11 @@ fn check_gripper(
     status: &Status,
 ) -> Result<(), ResumeError> {
     let before = plan.timed.actions().iter().rev();
-    let mut before = before.filter(|(time_s, _)| *time_s < from_s);
-    let planned = before.next().map(|(_, Action::Gripper { closed })| *closed);
+    let mut before = before.filter(|action| action.time_s < from_s);
+    let planned = before.next().map(|timed| {
+        let Action::Gripper { closed } = timed.action;
+        closed
+    });
     let kept = journal.last.as_ref().map(|last| last.gripper_closed);
     let closed = planned.or(kept).unwrap_or(false);
     let wrong = |expected, found| Err(ResumeError::Gripper { expected, found });

@@ -27,7 +27,12 @@ pub enum Homing<'a> {
     /// The drums have paid out these lengths, m.
     Lengths(Vec<f64>),
     /// From tags in the camera's view whose poses are known.
-    Tags(&'a mut dyn TagSource, Vec<TagPlace>),
+    Tags {
+        /// The camera.
+        camera: &'a mut dyn TagSource,
+        /// The tags' bodies.
+        places: Vec<TagPlace>,
+    },
 }
 
 /// A robot under this program's control.
@@ -69,13 +74,13 @@ impl<'m, L: Link> Session<'m, L> {
         };
         let (at, lengths_m) = match homing {
             Homing::Place(place) => home(&place)?,
-            Homing::Tags(source, places) => {
+            Homing::Tags { camera, places } => {
                 let start = if status.referenced {
                     model.tool_m(&model.rest_from_lengths(&known, &tensions_n)?)
                 } else {
                     model.robot().tool.home_in_world_m
                 };
-                let rest = seen(model, source, places, &tensions_n, &start, &mut || Ok(()))?;
+                let rest = seen(model, camera, places, &tensions_n, &start, &mut || Ok(()))?;
                 let lengths_m = rest.paid_out_m.clone();
                 (rest, lengths_m)
             }
@@ -158,6 +163,13 @@ impl<'m, L: Link> Session<'m, L> {
         hash: u32,
         journal: &Journal,
     ) -> Result<Plan, RunError> {
+        if journal.identity.task_hash != hash {
+            return Err(super::ResumeError::Task {
+                journal: journal.identity.task.clone(),
+                asked: task.name,
+            }
+            .into());
+        }
         let status = super::status(&mut self.client)?;
         // Once the robot holds, tensions are no longer those that the cut left: with the same lengths
         // the tool hangs elsewhere, and from there the motion starts.
@@ -165,7 +177,7 @@ impl<'m, L: Link> Session<'m, L> {
         let (held_m, tensions_n) = (&self.at.paid_out_m, planned.tensions_n());
         let start = self.model.rest_from_lengths(held_m, tensions_n)?;
         let tool_m = self.model.tool_m(&start);
-        super::resume::plan_rest(self.model, (task, hash), journal, &status, &tool_m)
+        super::resume::plan_rest(self.model, task, journal, &status, &tool_m)
     }
 
     /// Enables drives, checks, opens brakes and holds.
@@ -296,6 +308,26 @@ pub fn plan_from(
     plan_turned(model, task, start_m, Rotation3::identity(), speed_mps)
 }
 
+/// As [`plan_from`], from an attitude (world_from_platform), without judging it: to show what a task
+/// would do.
+///
+/// # Errors
+/// Why it cannot be followed at all.
+pub fn preview(
+    model: &Model,
+    task: Task,
+    start_m: &Vector3<f64>,
+    attitude: Rotation3<f64>,
+) -> Result<Plan, RunError> {
+    let task = approached(task, start_m, attitude, None)?;
+    Ok(Plan::unjudged_turned(
+        model,
+        start_m,
+        attitude,
+        &task.steps,
+    )?)
+}
+
 /// As [`plan_from`], from an attitude (world_from_platform).
 fn plan_turned(
     model: &Model,
@@ -304,14 +336,23 @@ fn plan_turned(
     attitude: Rotation3<f64>,
     speed_mps: Option<f64>,
 ) -> Result<Plan, RunError> {
-    let task = task
-        .approached_turned(start_m, Some(attitude), speed_mps)
-        .map_err(|error| match error {
-            TaskError::Path(error) => PlanError::from(error),
-            // Joining a move to a valid task can fail only in the path.
-            _ => PlanError::from(crate::motion::path::PathError::Empty),
-        })?;
+    let task = approached(task, start_m, attitude, speed_mps)?;
     Ok(Plan::turned(model, start_m, attitude, &task.steps)?)
+}
+
+/// The task with the way to its start.
+fn approached(
+    task: Task,
+    start_m: &Vector3<f64>,
+    attitude: Rotation3<f64>,
+    speed_mps: Option<f64>,
+) -> Result<Task, PlanError> {
+    let approached = task.approached_turned(start_m, Some(attitude), speed_mps);
+    approached.map_err(|error| match error {
+        TaskError::Path(error) => PlanError::from(error),
+        // Joining a move to a valid task can fail only in the path.
+        _ => PlanError::from(crate::motion::path::PathError::Empty),
+    })
 }
 
 /// How the robot hangs according to the camera's view of tags.

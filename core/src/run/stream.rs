@@ -2,7 +2,7 @@
 
 use super::{Recorder, RunError, orders, stop_now};
 use crate::link::{Client, ClientError, Event, Link};
-use crate::motion::{Action, Plan};
+use crate::motion::{Action, Plan, TimedAction};
 use mcdpr_protocol::{BoardState, Knot, Reject, Request, StopKind};
 
 /// Progress of a motion.
@@ -76,7 +76,7 @@ pub(crate) fn follow_plan<L: Link>(
 fn feed<L: Link>(
     client: &mut Client<L>,
     knots: &[Knot],
-    actions: &[(f64, Action)],
+    actions: &[TimedAction],
     recorder: &mut Recorder,
     mut progress: impl FnMut(Progress),
     mut watch: impl FnMut(&Recorder) -> Option<Halt>,
@@ -123,8 +123,8 @@ fn feed<L: Link>(
             continue;
         };
         let path_s = client.path_s().unwrap_or(0.0);
-        while let Some((_, action)) = actions.next_if(|(time_s, _)| *time_s <= path_s) {
-            act(client, *action)?;
+        while let Some(due) = actions.next_if(|timed| timed.time_s <= path_s) {
+            act(client, due.action)?;
         }
         if beat.state == BoardState::Moving {
             if let Some(until_s) = feeder.confirmed_s(beat.next_knot) {
@@ -141,8 +141,8 @@ fn feed<L: Link>(
             && !client.handle().view().paused
         {
             // The end of a motion is also a time: actions at the end are executed.
-            for (_, action) in actions {
-                act(client, *action)?;
+            for timed in actions {
+                act(client, timed.action)?;
             }
             progress(Progress {
                 path_s: duration_s,

@@ -154,7 +154,7 @@ impl Bench {
     pub fn status(&mut self) -> Status {
         match self.done(Request::Status) {
             Reply::Status(status) => status,
-            other => panic!("{other:?} is no status"),
+            other => panic!("{other:?} is not a status"),
         }
     }
 

@@ -115,9 +115,8 @@ impl<const N: usize> Controller<N> {
         // The paper's law does not use the planned motion: its drum cannot be tested by moving.
         let can_oscillate = config.control == Control::Length || config.law == TensionLaw::Default;
         let amplitude = Oscillation::amplitude(config.per_count_q24);
-        if let (true, Err((fault, value, limit))) = (can_oscillate, oscillation.verdict(amplitude))
-        {
-            self.trip(fault, number + 1, value, limit);
+        if let (true, Err(found)) = (can_oscillate, oscillation.verdict(amplitude)) {
+            self.trip(found.fault, number + 1, found.value, found.limit);
         }
     }
 

@@ -2,7 +2,7 @@
 //! Nothing is switched on because of them.
 
 use super::{Controller, Event, FaultId, Inputs, Limit, slowest_brake_ms};
-use crate::watch::CableView;
+use crate::watch::{CableView, Finding};
 
 /// Ticks that drums have for coming to rest after their brakes have closed.
 const REST_TICKS: u16 = 50;
@@ -60,9 +60,9 @@ impl<const N: usize> Controller<N> {
             let turned = cable.length.saturating_sub(cable.target.length);
             let most = MOST_FOURS * config.four_counts + config.brake_play;
             let fault = if cable.lost {
-                Some((FaultId::S6, 0, 0))
+                Some(Finding::new(FaultId::S6, 0, 0))
             } else if turned.unsigned_abs() > most.unsigned_abs() {
-                Some((FaultId::B2, turned / 10, most / 10))
+                Some(Finding::new(FaultId::B2, turned / 10, most / 10))
             } else {
                 let view = CableView {
                     adc,
@@ -83,8 +83,8 @@ impl<const N: usize> Controller<N> {
                 self.limits.insert(Limit::CableSlack);
             }
             found = found.or(fault
-                .filter(|(fault, ..)| *fault != FaultId::C1)
-                .map(|(fault, value, limit)| (fault, number, value, limit)));
+                .filter(|found| found.fault != FaultId::C1)
+                .map(|found| (found.fault, number, found.value, found.limit)));
         }
         if let Some((fault, cable, value, limit)) = found {
             self.latch_fault(fault, cable, value, limit);

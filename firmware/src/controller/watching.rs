@@ -6,7 +6,7 @@ use super::{
 };
 use crate::config::{CableConfig, TensionLaw};
 use crate::io::DriveInput;
-use crate::watch::{CableView, Persist, is_deaf};
+use crate::watch::{CableView, Finding, Persist, is_deaf};
 use mcdpr_protocol::ResidualRow;
 
 /// Time of contact after which the robot stops, ticks (C5).
@@ -61,7 +61,8 @@ impl Cable {
         !odd && self.watch.is_quiet(
             adc,
             self.tension_mn,
-            (self.by_motor, self.length),
+            self.by_motor,
+            self.length,
             config.four_counts,
         )
     }
@@ -99,7 +100,7 @@ impl Cable {
         }
     }
 
-    /// Every detector; the first fault with its value and limit. Warnings go into `limits`.
+    /// Every detector; the first fault. Warnings go into `limits`.
     #[inline(never)]
     fn examine(
         &mut self,
@@ -107,7 +108,7 @@ impl Cable {
         (number, drive, adc): (u8, &DriveInput, u16),
         around: &Around,
         limits: &mut Limits,
-    ) -> Option<(FaultId, i32, i32)> {
+    ) -> Option<Finding> {
         let by_tension = config.control == Control::Tension;
         let view = CableView {
             adc,
@@ -179,7 +180,7 @@ impl Cable {
                 limits.insert(limit);
             }
         }
-        fault.or_else(|| self.lost.then_some((FaultId::S6, 0, 0)))
+        fault.or_else(|| self.lost.then_some(Finding::new(FaultId::S6, 0, 0)))
     }
 }
 
@@ -245,17 +246,17 @@ impl<const N: usize> Controller<N> {
             let fault = cable.examine(config, pins, &around, &mut self.limits);
             // A slack cable under a closed brake stays slack until it is pulled: that is only a
             // warning.
-            let fault = fault.filter(|(fault, ..)| !around.braked || *fault != FaultId::C1);
+            let fault = fault.filter(|found| !around.braked || found.fault != FaultId::C1);
             eased |= cable.watch.saturates();
             let (tension, ceiling) = (cable.tension_mn, config.ceiling_mn);
-            if fault.is_some_and(|(fault, ..)| fault == FaultId::C2) {
+            if fault.is_some_and(|found| found.fault == FaultId::C2) {
                 if cable.watch.snag_ticks() < breaks && tension <= ceiling {
                     continue;
                 }
                 tight = tight.or(Some((FaultId::C2, number, tension, ceiling)));
             }
             if found.is_none() {
-                found = fault.map(|(fault, value, limit)| (fault, number, value, limit));
+                found = fault.map(|found| (found.fault, number, found.value, found.limit));
             }
         }
         self.motion.ease(eased);

@@ -27,8 +27,8 @@ fn rising(step_mn: i32, horizon_us: i32) -> (FaultId, i32) {
             feedback_timeout_ms: 10,
             ..CableView::default()
         };
-        if let Some((fault, ..)) = watch.update(&view) {
-            return (fault, tension_mn);
+        if let Some(found) = watch.update(&view) {
+            return (found.fault, tension_mn);
         }
     }
     panic!("never");

@@ -28,8 +28,8 @@ fn ticks_until(change: fn(&mut CableView)) -> (u32, FaultId, i32, i32) {
     for tick in 1..=500 {
         let mut view = healthy(tick);
         change(&mut view);
-        if let Some((fault, value, limit)) = watch.update(&view) {
-            return (tick, fault, value, limit);
+        if let Some(found) = watch.update(&view) {
+            return (tick, found.fault, found.value, found.limit);
         }
     }
     panic!("never");
@@ -44,8 +44,9 @@ fn c1_slack_fires_after_20_ticks_and_c3_a_break_after_10() {
             tension_mn: 10_000 - 100 * tick as i32,
             ..healthy(tick)
         };
-        if let Some(fault) = watch.update(&view) {
-            assert_eq!((tick, fault), (95 + 20, (FaultId::C1, -1500, 500)));
+        if let Some(found) = watch.update(&view) {
+            let seen = (found.fault, found.value, found.limit);
+            assert_eq!((tick, seen), (95 + 20, (FaultId::C1, -1500, 500)));
             break;
         }
         assert!(tick < 200);
@@ -80,8 +81,8 @@ fn s4_a_drum_that_turns_against_its_motor_fires_at_the_second_comparison() {
             drum_length: drum,
             ..view(tick, at, 1)
         };
-        if let Some((fault, ..)) = watch.update(&view) {
-            found = Some((tick, fault));
+        if let Some(seen) = watch.update(&view) {
+            found = Some((tick, seen.fault));
             break;
         }
     }

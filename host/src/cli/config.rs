@@ -1,5 +1,8 @@
 //! `mcdpr config`: the robot file.
 
+mod init;
+mod physics;
+
 use super::{Common, Failed, Outcome, print_json, write_out};
 use crate::machine;
 use crate::robot::json_schema;
@@ -15,12 +18,19 @@ pub(crate) struct Cmd {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Write a commented robot file as a start (that of --robot)
+    /// Write a robot file: a short one from a few answers (options, or questions on a terminal), or with
+    /// --copy, or without a terminal, the commented one of --robot
     Init {
         /// The new file; an existing one is not overwritten
         file: PathBuf,
+        /// Copy the file of --robot with its comments
+        #[arg(long)]
+        copy: bool,
+        #[command(flatten)]
+        answers: init::Answers,
     },
-    /// Check a robot file: keys, ranges, geometry, limits of the board
+    /// Check a robot file: keys, ranges, geometry, limits of the board, and whether such a robot can
+    /// work
     Check {
         /// The file, or the name of a built-in robot; --robot without it
         file: Option<String>,
@@ -38,7 +48,20 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let named = |file: &Option<String>| file.clone().unwrap_or_else(|| common.robot.clone());
         match &self.what {
-            What::Init { file } => init(file, common),
+            What::Init {
+                file,
+                copy,
+                answers,
+            } => {
+                if *copy && !answers.is_empty() {
+                    let reason = "it copies a file as it is: give the answers without it";
+                    return Err(Failed::from_error("--copy")(reason).into());
+                }
+                if *copy || (answers.is_empty() && !init::can_ask()) {
+                    return copied(file, common);
+                }
+                init::init(file, answers, common)
+            }
             What::Check { file } => check(&named(file), common),
             What::Schema => {
                 let text = serde_json::to_string_pretty(&json_schema());
@@ -58,7 +81,8 @@ impl Cmd {
     }
 }
 
-fn init(file: &std::path::Path, common: &Common) -> Outcome {
+fn copied(file: &std::path::Path, common: &Common) -> Outcome {
+    init::refuse_existing(file)?;
     crate::robot::find(&common.robot)?;
     let folder = file.parent().map(PathBuf::from).unwrap_or_default();
     let failed = || Failed::from_error("writing the robot file");
@@ -70,10 +94,6 @@ fn init(file: &std::path::Path, common: &Common) -> Outcome {
             folder.join(name)
         };
         if path.exists() {
-            if index == 0 {
-                let reason = format!("{} is there already; it was not touched", path.display());
-                return Err(Failed::from_error("writing the robot file")(reason).into());
-            }
             // An existing module file belongs to the user.
             continue;
         }
@@ -98,22 +118,29 @@ fn init(file: &std::path::Path, common: &Common) -> Outcome {
 fn check(name: &str, common: &Common) -> Outcome {
     let robot = crate::robot::find(name)?;
     machine::geometry(&robot).map_err(Failed::from_error("the robot's geometry"))?;
-    let entries = machine::configuration(&robot)?;
-    let hash = machine::hash_of(&entries);
+    let (entries, board_hash) = physics::board(&robot)?;
+    let judged = physics::judge(&robot)?;
+    let problems = judged.problems.clone();
     if common.json {
-        return print_json(&serde_json::json!({
+        print_json(&serde_json::json!({
             "name": robot.name,
             "cables": robot.cables.len(),
-            "board_entries": entries.len(),
-            "board_hash": format!("{:08x}", hash.0),
-        }));
+            "board_entries": entries,
+            "board_hash": format!("{board_hash:08x}"),
+            "hash": format!("{:08x}", robot.content_hash()),
+            "physics": judged,
+        }))?;
+    } else {
+        say!(
+            "{}: hash {:08x} of every value; {entries} values for the board, hash {board_hash:08x}",
+            robot.name,
+            robot.content_hash(),
+        );
+        physics::show(&judged, name);
     }
-    say!(
-        "{}: {} cables; {} values for the board, hash {:08x}",
-        robot.name,
-        robot.cables.len(),
-        entries.len(),
-        hash.0
-    );
-    Ok(())
+    if problems.is_empty() {
+        return Ok(());
+    }
+    let name = name.to_owned();
+    Err(physics::Unfit { name, problems }.into())
 }

@@ -86,14 +86,21 @@ fn bag(common: &Common, run: &RecordedRun, folder: &Path) -> Outcome {
     let about = folder.join("metadata.yaml");
     crate::files::write_atomically(&about, &bag.metadata).map_err(failed())?;
     if common.json {
-        let topics = bag.topics.iter().map(|(topic, kind, count)| {
-            serde_json::json!({ "topic": topic, "type": kind, "messages": count })
+        let topics = bag.topics.iter().map(|topic| {
+            serde_json::json!({
+                "topic": topic.name, "type": topic.kind, "messages": topic.messages,
+            })
         });
         let topics: Vec<_> = topics.collect();
         return print_json(&serde_json::json!({ "folder": folder, "topics": topics }));
     }
-    for (topic, kind, count) in &bag.topics {
-        say!("{topic}: {count} messages of {kind}");
+    for topic in &bag.topics {
+        say!(
+            "{}: {} messages of {}",
+            topic.name,
+            topic.messages,
+            topic.kind
+        );
     }
     say!("{}", folder.display());
     Ok(())

@@ -272,7 +272,10 @@ fn home_by_tag(common: &Common, model: &Model) -> Outcome {
         boxed,
         crate::run::new_session(),
         &crate::control::Handle::new(),
-        Homing::Tags(&mut camera, places),
+        Homing::Tags {
+            camera: &mut camera,
+            places,
+        },
         &crate::run::LengthFiles,
     )?;
     homed(common, ended(session)?, "homed")

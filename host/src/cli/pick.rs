@@ -1,6 +1,7 @@
 //! `mcdpr pick`: empty a tray.
 
 use super::eye::Eye;
+use super::progress::Phase;
 use super::recorded::{About, Recorded};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
@@ -185,6 +186,7 @@ impl Cmd {
             time_scale: common.checked_time_scale()?.or(self.serve.map(|_| 1.0)),
             keep: false,
         };
+        let phase = Phase::begin("picking on the simulator; Ctrl-C stops the robot");
         let outcome = study::scene_by(
             robot,
             wanted,
@@ -193,7 +195,7 @@ impl Cmd {
             &watching,
             &common.controller,
         );
-        drop(page);
+        drop((phase, page));
         let folder = recorded.finish();
         if let Ok(scene) = &outcome
             && let Err(error) = folder.write_json("summary.json", scene)
@@ -231,7 +233,8 @@ impl Cmd {
         let (scene, verdict) = study::scene_after_cut(
             robot,
             wanted,
-            (handle, detector.as_mut()),
+            detector.as_mut(),
+            handle,
             &common.controller,
             &cut,
         )?;

@@ -3,7 +3,9 @@
 use super::run::tool_height_m;
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
-use crate::motion::{Model, Plan, PlanOptions, Planner, Shaping, Task, Tensioning, Watch};
+use crate::motion::{
+    Extremes, Margin, Model, Plan, PlanOptions, Planner, Shaping, Task, Tensioning, Watch,
+};
 use crate::report::{RunFolder, draw_plan};
 use nalgebra::Vector3;
 
@@ -59,34 +61,54 @@ impl Cmd {
                 Vector3::from_iterator(mm.iter().copied().chain([f64::NAN; 3]).take(3)) * 1e-3
             }),
         };
-        show(common, &model, task, &watch)
+        let drawing = if common.dry_run {
+            Drawing::OnRequest
+        } else {
+            Drawing::Always
+        };
+        show(common, &model, task, &watch, drawing)?;
+        if drawing == Drawing::Always && !common.json {
+            say!(
+                "next: mcdpr run {} --robot {}",
+                quoted(&self.task),
+                quoted(&common.robot)
+            );
+        }
+        Ok(())
     }
 }
 
-/// Plans, judges, draws and reports; fails if a limit would be broken.
-pub(crate) fn show(common: &Common, model: &Model, task: Task, watch: &Watch) -> Outcome {
+/// Whether a plan is drawn where no folder is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Drawing {
+    /// In a new folder below `runs`.
+    Always,
+    /// Only into the folder of `--record`.
+    OnRequest,
+}
+
+/// Plans, judges, draws and reports; fails if a limit would be broken. A refused plan is drawn into the
+/// folder of `--record` only.
+pub(crate) fn show(
+    common: &Common,
+    model: &Model,
+    task: Task,
+    watch: &Watch,
+    drawing: Drawing,
+) -> Outcome {
     let name = task.name.clone();
     super::run::say_choice(model);
     let start = model.robot().tool.home_in_world_m;
     let task = task.approached_from(&start, None)?;
     let plan = Plan::unjudged(model, &start, &task.steps)?;
     let seen = plan.extremes(watch)?;
-    let folder = match &common.record {
-        Some(_) => {
-            let folder = RunFolder::create(common.record.as_deref(), &name)
-                .map_err(Failed::from_error("writing the plan's folder"))?;
-            folder
-                .write("plan.svg", &draw_plan(&name, &plan)?)
-                .map_err(Failed::from_error("writing the plan's folder"))?;
-            folder
-                .write_json("plan.json", &seen)
-                .map_err(Failed::from_error("writing the plan's folder"))?;
-            Some(folder.path().display().to_string())
-        }
-        None => None,
-    };
     // The refusal itself, with its code and help.
-    let plan = plan.judged()?.watched(watch)?;
+    let judged = plan.clone().judged().and_then(|plan| plan.watched(watch));
+    let draws = common.record.is_some() || (drawing == Drawing::Always && judged.is_ok());
+    let folder = draws
+        .then(|| draw(common, &name, &plan, &seen))
+        .transpose()?;
+    let plan = judged?;
     if common.json {
         return print_json(&serde_json::json!({
             "task": name,
@@ -106,38 +128,47 @@ pub(crate) fn show(common: &Common, model: &Model, task: Task, watch: &Watch) ->
         seen.speed_mps * 1e3,
         seen.tilt_rad.to_degrees()
     );
-    let head = [
-        "cable",
-        "tension, N",
-        "motor rpm",
-        "current, A",
-        "drum turns",
-    ];
-    let mut rows = vec![head.map(str::to_owned).to_vec()];
-    for (index, (low, high)) in seen
-        .tension_min_n
-        .iter()
-        .zip(&seen.tension_max_n)
-        .enumerate()
-    {
-        let cell = |list: &[f64], digits: usize| {
-            list.get(index)
-                .map_or(String::new(), |v| format!("{v:.digits$}"))
-        };
-        rows.push(vec![
-            (index + 1).to_string(),
-            format!("{low:.1} to {high:.1}"),
-            cell(&seen.motor_rpm, 0),
-            cell(&seen.motor_current_a, 3),
-            cell(&seen.drum_turns, 2),
-        ]);
-    }
-    super::write_out(&lay_out(&rows));
-    if let Some(near) = seen.cable_distance_m {
-        say!("cables come as close as {:.0} mm to each other", near * 1e3);
-    }
+    super::write_out(&lay_out(&rows(&seen.margins)));
     if let Some(folder) = folder {
         say!("drawn in {folder}/plan.svg: path, lengths, tensions, tilt");
     }
     Ok(())
+}
+
+/// A word as a shell takes it.
+fn quoted(name: &str) -> String {
+    if name.contains(char::is_whitespace) {
+        format!("\"{name}\"")
+    } else {
+        name.to_owned()
+    }
+}
+
+/// Writes picture and figures; gives the folder.
+fn draw(common: &Common, name: &str, plan: &Plan, seen: &Extremes) -> miette::Result<String> {
+    let failed = || Failed::from_error("writing the plan's folder");
+    let picture = draw_plan(name, plan)?;
+    let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
+    folder.write("plan.svg", &picture).map_err(failed())?;
+    folder.write_json("plan.json", seen).map_err(failed())?;
+    Ok(folder.path().display().to_string())
+}
+
+/// A table of all limits, the tightest first.
+fn rows(margins: &[Margin]) -> Vec<Vec<String>> {
+    let head = ["limit", "value", "limit at", "left, %", "at, s", "tool, mm"];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    rows.extend(margins.iter().map(|margin| {
+        let digits = if margin.unit == "A" { 2 } else { 1 };
+        let place = margin.tool_m.map(|v| format!("{:.0}", v * 1e3)).join(" ");
+        vec![
+            format!("{}, {}", margin.what, margin.unit),
+            format!("{:.digits$}", margin.value),
+            format!("{:.digits$}", margin.limit),
+            format!("{:.0}", margin.left_percent),
+            format!("{:.2}", margin.time_s),
+            place,
+        ]
+    }));
+    rows
 }

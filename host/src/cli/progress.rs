@@ -2,6 +2,7 @@
 
 use crate::run::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
+use std::time::Duration;
 
 /// A bar for one motion.
 pub(crate) struct Bar {
@@ -35,6 +36,33 @@ impl Bar {
     }
 
     pub(crate) fn finish(self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// How often the line of a phase is drawn again.
+const REDRAW: Duration = Duration::from_millis(200);
+
+/// A line on standard error with what is being done, and for how long; disabled if that is not a
+/// terminal. It disappears when it is dropped, which must be before anything else is printed.
+pub(crate) struct Phase {
+    bar: ProgressBar,
+}
+
+impl Phase {
+    pub(crate) fn begin(what: &'static str) -> Self {
+        let bar = ProgressBar::new_spinner();
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}, {elapsed}") {
+            bar.set_style(style);
+        }
+        bar.set_message(what);
+        bar.enable_steady_tick(REDRAW);
+        Self { bar }
+    }
+}
+
+impl Drop for Phase {
+    fn drop(&mut self) {
         self.bar.finish_and_clear();
     }
 }

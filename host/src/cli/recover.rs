@@ -1,16 +1,16 @@
 //! `mcdpr recover`: the robot's position after a loss of power with a bound, or the next measurement.
 
 use super::eye::Eye;
+use super::progress::Phase;
 use super::{Common, Failed, Outcome, print_json};
 use crate::link::{Client, ClientError};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::recovery::simulated::{Disturbance, SimulatedCut, simulate};
-use crate::recovery::{Before, Verdict, load, recover};
+use crate::recovery::{Before, KnownTags, Verdict, load, recover};
 use crate::run::saved::{board_name, scale_of};
 use crate::run::{ResumeError, RunError, new_session};
 use crate::scenario::{Injection, When};
-use crate::sight::TagSource;
 use mcdpr_protocol::Request;
 
 /// After a loss of power: find the tool's position with a bound, and reference the board's lengths; or say
@@ -46,7 +46,7 @@ pub(crate) struct Cmd {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         if !(self.bound_mm.is_finite() && self.bound_mm > 0.0) {
-            let reason = format!("{} is no bound: give a length over 0", self.bound_mm);
+            let reason = format!("the bound is {} mm: give a length over 0", self.bound_mm);
             return Err(Failed::from_error("--bound-mm")(reason).into());
         }
         let model = Model::new(&common.robot()?)?;
@@ -77,9 +77,7 @@ impl Cmd {
         let board = board_name(client.hello());
         let before = Before {
             journal: load(&board, scale_of(model.robot())),
-            camera: camera
-                .as_mut()
-                .map(|camera| (camera as &mut dyn TagSource, places)),
+            tags: camera.as_mut().map(|camera| KnownTags { camera, places }),
             untouched: self.untouched,
             bound_m: self.bound_mm * 1e-3,
         };
@@ -109,6 +107,7 @@ impl Cmd {
             disturbance: Disturbance::None,
             controller: common.controller.clone(),
         };
+        let phase = Phase::begin("simulating the loss of power and the recovery");
         let after = simulate(model, &cut_motion)?;
         let after = after.ok_or_else(|| wrong("the task was done before: give an earlier time"))?;
         let now_ms = u64::MAX / 2;
@@ -116,6 +115,7 @@ impl Cmd {
         let bound_m = self.bound_mm * 1e-3;
         let (verdict, truth_m) =
             after.recover(model, journal.clone(), self.tag, self.untouched, bound_m)?;
+        drop(phase);
         if let Some(error_m) = crate::recovery::verdict::error_m(&verdict, &truth_m) {
             eprintln!(
                 "simulated: the tool's true position is {:.2} mm from there",

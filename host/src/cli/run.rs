@@ -69,7 +69,8 @@ impl Cmd {
         };
         self.check_resume(common)?;
         if common.dry_run {
-            return super::plan::show(common, &model, task, &Watch::default());
+            let drawing = super::plan::Drawing::OnRequest;
+            return super::plan::show(common, &model, task, &Watch::default(), drawing);
         }
         say_choice(&model);
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
@@ -221,7 +222,7 @@ pub(crate) fn page(
     }
     let desk = Arc::new(PageDesk {
         handle: handle.clone(),
-        start: None,
+        work: None,
         most_mps: model.robot().limits.speed_mps,
     });
     let server = Server::start(port, None, model.robot(), feed, desk)?;

@@ -1,5 +1,15 @@
 //! `mcdpr serve`: the live page, and a robot behind it.
 
+mod desk;
+mod library;
+mod planning;
+
+pub(crate) use desk::PageDesk;
+
+use desk::Work;
+use library::Library;
+use planning::{Chosen, Planning};
+
 use super::line::{in_words, keep_open, refuse_for_a_while, watched};
 use super::recorded::{About, Recorded};
 use super::run::tool_height_m;
@@ -9,29 +19,24 @@ use crate::control::{Handle, Order};
 use crate::experiment::{Experiment, SimulatedRobot};
 use crate::link::{Client, ClientError, Link, Paced};
 use crate::machine::Mismatch;
-use crate::motion::{Model, Task};
+use crate::motion::Model;
 use crate::record::events::{Patience, TruthTap};
 use crate::record::{Doing, EventBus, TaskSource};
 use crate::run::{
     self, Homing, LengthFiles, RunError, Session, interrupted, new_session, watch_for_interrupts,
 };
-use crate::serve::{CameraWatcher, Desk, Feed, FeedWatcher, Server};
+use crate::serve::{CameraWatcher, Feed, FeedWatcher, Server};
 use mcdpr_protocol::{Request, SessionId};
 use std::cell::Cell;
 use std::io::Write as _;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
 
 /// Default port of the page.
 pub(crate) const PORT: u16 = 8650;
-/// Time that an order may take before the page gets the answer "in progress": a stop that follows
-/// on the same connection waits no longer.
-const ANSWER: Duration = Duration::from_millis(50);
 /// A robot that was armed for jogging holds this long after the last jog, s.
 const JOG_HOLD_S: f64 = 3.0;
-/// How long a jog order is valid without a new one, s.
-const JOG_VALID_S: f64 = 0.2;
 /// Polling interval of an idle board, µs.
 const LOOK_US: u64 = 40_000;
 
@@ -43,6 +48,9 @@ pub(crate) struct Cmd {
     /// Port of the page on this machine; 0 takes a free one
     #[arg(long, default_value_t = PORT)]
     port: u16,
+    /// Folder of the task files that the page offers, reads and saves
+    #[arg(long, value_name = "FOLDER", default_value = "tasks")]
+    tasks: PathBuf,
     /// Wait for Start, also on the simulator
     #[arg(long)]
     idle: bool,
@@ -51,78 +59,6 @@ pub(crate) struct Cmd {
     /// Height of a built-in task: that of a level platform's origin; the tool is below it
     #[arg(long, value_name = "MM", default_value_t = -100.0, allow_negative_numbers = true)]
     z_mm: f64,
-}
-
-/// Passes the page's orders to the thread that moves the robot.
-pub(crate) struct PageDesk {
-    pub(crate) handle: Handle,
-    /// Whether Start was pressed; `None` if a page cannot start anything.
-    pub(crate) start: Option<Arc<AtomicBool>>,
-    /// Greatest speed of a jog, m/s.
-    pub(crate) most_mps: f64,
-}
-
-impl PageDesk {
-    /// The page does not wait for a jog either: it is repeated as long as its button is held.
-    fn jog(&self, message: &serde_json::Value) -> Result<(), String> {
-        if self.start.is_none() {
-            return Err("a task is under way: stop it first".to_owned());
-        }
-        let velocity = message["velocity_mps"].as_array();
-        let axes = velocity.into_iter().flatten();
-        let axes: Vec<_> = axes.filter_map(serde_json::Value::as_f64).collect();
-        let velocity_mps: [f64; 3] = axes
-            .try_into()
-            .map_err(|_| "a jog needs velocity_mps, three numbers in m/s".to_owned())?;
-        let speed = velocity_mps.iter().map(|v| v * v).sum::<f64>().sqrt();
-        if speed.is_nan() || speed > self.most_mps {
-            let most = self.most_mps * 1e3;
-            return Err(format!(
-                "a jog of {:.0} mm/s is asked for, the robot's limit is {most:.0} mm/s",
-                speed * 1e3
-            ));
-        }
-        self.handle.order(Order::Jog {
-            velocity_mps,
-            valid_s: JOG_VALID_S,
-        });
-        Ok(())
-    }
-}
-
-impl Desk for PageDesk {
-    fn order(&self, name: &str, message: &serde_json::Value) -> Result<(), String> {
-        let ticket = match name {
-            "stop" => {
-                if let Some(start) = &self.start {
-                    start.store(false, Ordering::SeqCst);
-                }
-                // The page does not wait for a stop: it is in progress.
-                self.handle.stop();
-                return Ok(());
-            }
-            "hold" => self.handle.pause(),
-            "resume" => self.handle.resume(),
-            "clear" => self.handle.clear(),
-            "jog" => return self.jog(message),
-            "start" => {
-                let start = self.start.as_ref();
-                let start = start.ok_or("this page cannot start a task")?;
-                start.store(true, Ordering::SeqCst);
-                return Ok(());
-            }
-            other => return Err(format!("there is no order {other}")),
-        };
-        self.handle.wait(ticket, ANSWER).unwrap_or(Ok(()))
-    }
-
-    fn orders(&self) -> Vec<&'static str> {
-        let mut orders = vec!["stop", "hold", "resume", "clear"];
-        if self.start.is_some() {
-            orders.extend(["start", "jog"]);
-        }
-        orders
-    }
 }
 
 impl Cmd {
@@ -150,9 +86,18 @@ impl Cmd {
         let feed = Feed::default();
         let handle = Handle::new();
         let start = Arc::new(AtomicBool::new(simulated && !self.idle));
+        let planning = Planning::start(model.clone(), feed.clone())
+            .map_err(Failed::from_error("starting the planner's thread"))?;
+        let work = Work {
+            model: model.clone(),
+            feed: feed.clone(),
+            start: Arc::clone(&start),
+            library: Library::new(self.tasks.clone(), height_m),
+            planning: planning.clone(),
+        };
         let desk = PageDesk {
             handle: handle.clone(),
-            start: Some(Arc::clone(&start)),
+            work: Some(work),
             most_mps: robot.limits.speed_mps,
         };
         let server = Server::start(self.port, token, &robot, feed.clone(), Arc::new(desk))?;
@@ -163,8 +108,8 @@ impl Cmd {
         let show = Show {
             common,
             model: &model,
-            task,
-            source,
+            default: Chosen { task, source },
+            planning,
             feed,
             handle,
             start,
@@ -213,8 +158,9 @@ enum Wanted {
 struct Show<'a> {
     common: &'a Common,
     model: &'a Model,
-    task: Task,
-    source: TaskSource,
+    /// The task of Start while the page has not chosen one.
+    default: Chosen,
+    planning: Planning,
     feed: Feed,
     handle: Handle,
     start: Arc<AtomicBool>,
@@ -261,10 +207,14 @@ impl Show<'_> {
         };
         self.feed.clear_trouble();
         let session = new_session();
+        let chosen = self.planning.chosen();
+        // A default task is repeated on the simulator, one that the page chose is not.
+        let repeats = tap.is_some() && chosen.is_none();
+        let Chosen { task, source } = chosen.unwrap_or_else(|| self.default.clone());
         // A chip's firmware does not know that its robot is simulated.
         let at_home = tap.is_some() && !referenced;
         let recorded = record
-            .then(|| self.record(jogs, session, at_home))
+            .then(|| self.record(jogs, &source, session, at_home))
             .transpose()?;
         let (mut events, rest) = match recorded.map(Recorded::split) {
             Some((events, rest)) => (events, Some(rest)),
@@ -276,7 +226,7 @@ impl Show<'_> {
                 .add(self.camera(), Patience::Drop)
                 .map_err(failed())?;
         }
-        let name = if jogs { "jogging" } else { &self.task.name };
+        let name = if jogs { "jogging" } else { &task.name };
         self.feed.set_task(name);
         let homing = if at_home {
             Homing::Place(self.model.robot().tool.home_in_world_m)
@@ -284,7 +234,7 @@ impl Show<'_> {
             Homing::Known
         };
         let line = watched(&mut *link, &events, tap).with_orders(&self.handle);
-        let (task, handle) = (self.task.clone(), &self.handle);
+        let handle = &self.handle;
         let outcome = if jogs {
             self.jog(line, session, homing)
         } else {
@@ -305,7 +255,7 @@ impl Show<'_> {
             Ok(()) if jogs => self.feed.say("jogging is over: brakes closed"),
             Ok(()) => {
                 self.feed.say("the task is done");
-                if tap.is_some() && self.handle.stop_ordered().is_none() {
+                if repeats && self.handle.stop_ordered().is_none() {
                     self.start.store(true, Ordering::SeqCst);
                 }
             }
@@ -322,11 +272,17 @@ impl Show<'_> {
     }
 
     /// Starts the record of a task or of jogs.
-    fn record(&self, jogs: bool, session: SessionId, at_home: bool) -> Result<Recorded, Failed> {
+    fn record(
+        &self,
+        jogs: bool,
+        source: &TaskSource,
+        session: SessionId,
+        at_home: bool,
+    ) -> Result<Recorded, Failed> {
         let mismatch = Mismatch::realistic();
         let about = About {
-            name: if jogs { "jog" } else { &self.source.name },
-            task: self.source.clone(),
+            name: if jogs { "jog" } else { &source.name },
+            task: source.clone(),
             session,
             mismatch: &mismatch,
             doing: if jogs { Doing::Orders } else { Doing::Task },
@@ -407,6 +363,16 @@ impl Show<'_> {
                     Order::Jog { velocity_mps, .. } => {
                         jogs |= velocity_mps != [0.0; 3];
                         Ok(())
+                    }
+                    Order::Gripper { closed } => {
+                        match client.request(Request::Gripper { closed }) {
+                            Ok(_) => Ok(()),
+                            Err(refused @ ClientError::Refused { .. }) => Err(refused.to_string()),
+                            Err(error) => {
+                                self.handle.done(ticket, Err(error.to_string()));
+                                return Err(error.into());
+                            }
+                        }
                     }
                     other => Err(format!("{} is not possible: nothing moves", other.name())),
                 };

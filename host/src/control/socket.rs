@@ -320,7 +320,7 @@ pub fn call(path: &Path, order: Option<Order>) -> Result<View, SocketError> {
 /// robot), and returns their views.
 ///
 /// # Errors
-/// [`SocketError::Nobody`] if there is none; otherwise the first that failed, after all got the
+/// [`SocketError::Nobody`] if no program listens; otherwise the first that failed, after all got the
 /// order.
 pub(crate) fn call_all(
     on: &str,

@@ -74,7 +74,8 @@ impl<L: Link> Arm<L> {
         link: L,
         session: SessionId,
         handle: &Handle,
-        (hash, journal): (u32, impl FnOnce(&str) -> Result<Journal, JournalError>),
+        hash: u32,
+        journal: impl FnOnce(&str) -> Result<Journal, JournalError>,
     ) -> Result<(Self, bool), PickError> {
         let mut was_closed = false;
         let arm = Self::open(model, link, session, handle, |board, status, model| {

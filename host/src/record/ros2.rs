@@ -90,7 +90,8 @@ pub(crate) struct Pull {
 pub(crate) fn pull(
     time_ns: u64,
     cable: usize,
-    (from_m, to_m): (&[f64; 3], &[f64; 3]),
+    from_m: &[f64; 3],
+    to_m: &[f64; 3],
     tension_n: f64,
 ) -> Pull {
     let mut force_n = *from_m;

@@ -17,7 +17,15 @@ const CHUNK_BYTES: usize = 1 << 20;
 pub(crate) struct Bag {
     pub(crate) mcap: Vec<u8>,
     pub(crate) metadata: String,
-    pub(crate) topics: Vec<(String, &'static str, u64)>,
+    pub(crate) topics: Vec<Topic>,
+}
+
+/// A topic of a bag.
+pub(crate) struct Topic {
+    pub(crate) name: String,
+    /// The message's type, as `sensor_msgs/JointState`.
+    pub(crate) kind: &'static str,
+    pub(crate) messages: u64,
 }
 
 /// What keeps a record from becoming a bag.
@@ -107,7 +115,11 @@ fn write(mut messages: Vec<Message>, file: &str) -> Result<Bag, BagError> {
     writer.finish()?;
     let topics: Vec<_> = channels
         .iter()
-        .map(|(topic, (_, kind, count))| ((*topic).to_owned(), *kind, *count))
+        .map(|(name, (_, kind, messages))| Topic {
+            name: (*name).to_owned(),
+            kind,
+            messages: *messages,
+        })
         .collect();
     drop(channels);
     Ok(Bag {
@@ -123,8 +135,8 @@ fn full_name(kind: &str) -> String {
 }
 
 /// What `metadata.yaml` says.
-fn metadata(topics: &[(String, &str, u64)], (from_ns, to_ns): (u64, u64), file: &str) -> String {
-    let total: u64 = topics.iter().map(|(_, _, count)| count).sum();
+fn metadata(topics: &[Topic], (from_ns, to_ns): (u64, u64), file: &str) -> String {
+    let total: u64 = topics.iter().map(|topic| topic.messages).sum();
     let mut text = String::from("rosbag2_bagfile_information:\n  version: 5\n");
     let span = |indent: &str| {
         format!(
@@ -136,15 +148,20 @@ fn metadata(topics: &[(String, &str, u64)], (from_ns, to_ns): (u64, u64), file: 
     text += "  storage_identifier: mcap\n";
     text += &span("  ");
     text += "  topics_with_message_count:\n";
-    for (topic, kind, count) in topics {
+    for Topic {
+        name,
+        kind,
+        messages,
+    } in topics
+    {
         // Writing to a string cannot fail.
         let _ = write!(
             text,
-            "    - topic_metadata:\n        name: {topic}\n        type: {}\n        \
+            "    - topic_metadata:\n        name: {name}\n        type: {}\n        \
              serialization_format: cdr\n        offered_qos_profiles: \"{}\"\n      \
-             message_count: {count}\n",
+             message_count: {messages}\n",
             full_name(kind),
-            quality_of_service(topic).replace('\n', "\\n")
+            quality_of_service(name).replace('\n', "\\n")
         );
     }
     text += "  compression_format: \"\"\n  compression_mode: \"\"\n";
@@ -218,7 +235,7 @@ impl Bagger {
             let [from_m, to_m] = ends.as_slice() else {
                 continue;
             };
-            let pull = ros2::pull(time_ns, cable, (from_m, to_m), tension_n);
+            let pull = ros2::pull(time_ns, cable, from_m, to_m, tension_n);
             self.put(&pull.topic, time_ns, pull.wrench);
             self.put("/tf", time_ns, ros2::transforms(time_ns, &[pull.frame]));
         }
@@ -278,7 +295,7 @@ fn part<const N: usize>(value: &Value, keys: [&str; N]) -> [f64; N] {
     keys.map(|key| value[key].as_f64().unwrap_or(f64::NAN))
 }
 
-/// The bytes of a text in base64; `None` for one that is none.
+/// The bytes of a base64 text; `None` if it is not base64.
 fn from_base64(text: &str) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(text.len() / 4 * 3);
     let (mut bits, mut count) = (0_u32, 0);

@@ -23,7 +23,7 @@ use crate::record::TaskSource;
 use crate::robot::TagPlace;
 use crate::run::{self, RunError};
 use crate::sight::TagSource;
-use mcdpr_core::recovery::looks::{Looks, Rest};
+use mcdpr_core::recovery::looks::{Looks, RestReadings};
 use mcdpr_protocol::BoardState;
 
 /// Readings of the sensors, and the time between them, µs: several periods of a swinging platform.
@@ -33,12 +33,20 @@ const APART_US: u64 = 50_000;
 /// A platform that still moves is given this many times three seconds to come to rest.
 const MOST_LOOKS: u32 = 5;
 
+/// A camera, and the places of the tags that it may see.
+pub struct KnownTags<'a> {
+    /// The camera.
+    pub camera: &'a mut dyn TagSource,
+    /// The tags' bodies.
+    pub places: Vec<TagPlace>,
+}
+
 /// What a recovery uses besides the board's readings.
 pub struct Before<'a> {
     /// The journal of this board, or why there is no valid one.
     pub journal: Result<Journal, JournalError>,
     /// A camera that sees tags whose places are known.
-    pub camera: Option<(&'a mut dyn TagSource, Vec<TagPlace>)>,
+    pub tags: Option<KnownTags<'a>>,
     /// Whether the user states that nobody moved drums, brakes or platform without power.
     pub untouched: bool,
     /// Largest bound of the tool's position that the job allows, m.
@@ -61,12 +69,10 @@ pub fn recover<L: Link>(
     if let Some(record) = status.fault {
         return Err(RunError::Latched { record });
     }
-    let places = before
-        .camera
-        .as_ref()
-        .map(|(_, places)| places.clone())
-        .unwrap_or_default();
-    let mut camera = before.camera.map(|(camera, _)| camera);
+    let (mut camera, places) = match before.tags {
+        Some(KnownTags { camera, places }) => (Some(camera), places),
+        None => (None, Vec::new()),
+    };
     let (looks, rest) = look_until_still(client, model, &mut camera, &places)?;
     let seen = Measurements {
         views: looks.steady_views(),
@@ -130,7 +136,7 @@ fn look_until_still<L: Link>(
     model: &Model,
     camera: &mut Option<&mut dyn TagSource>,
     places: &[TagPlace],
-) -> Result<(Looks, Rest), RunError> {
+) -> Result<(Looks, RestReadings), RunError> {
     let mut number = 0;
     loop {
         let looks = look(client, model, camera, places)?;

@@ -183,12 +183,12 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
 /// Where the robot cannot hang at home.
 pub fn study(
     model: &Model,
-    (first, runs): (u64, u64),
+    seeds: std::ops::Range<u64>,
     kinds: &[Kind],
     bound_m: f64,
 ) -> Result<Vec<Case>, RunError> {
     model.rest_at_home()?;
-    let cases: Result<Vec<_>, RunError> = (first..first.saturating_add(runs))
+    let cases: Result<Vec<_>, RunError> = seeds
         .into_par_iter()
         .filter(|seed| kind_of(*seed).is_some_and(|kind| kinds.contains(&kind)))
         .map(|seed| case(model, seed, bound_m))

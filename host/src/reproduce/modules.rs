@@ -118,7 +118,7 @@ pub(super) fn motor(bench: &Bench) -> Result<Outcome, ReproduceError> {
             "The simulated winch has the paper's reduction, so the mean only shows that `mcdpr \
              calibrate winch` finds what is there: one drum turn at a time, three out and three \
              back, at rest at each end. What it adds is the spread: an encoder count is 371 motor \
-             counts, and that is the resolution of one turn. 371.13 is no gear ratio but motor \
+             counts, and that is the resolution of one turn. 371.13 is not a gear ratio but motor \
              counts per encoder count: 1,520,148 per drum turn."
                 .to_owned(),
         ],

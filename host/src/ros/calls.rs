@@ -2,7 +2,7 @@
 
 use super::actions::{Actions, GoalId, Kind, accepted};
 use super::goals::{Goal, Goals, Verdict, Wish};
-use super::pipe::{Call, Outlet, Tell};
+use super::pipe::{Call, Outlet, ToNode};
 use crate::control::{Handle, Ticket};
 use crate::motion::Task;
 use crate::record::cdr::Cdr;
@@ -76,7 +76,7 @@ const SERVICES: [(&str, &str, Service); 12] = [
 /// The lines that make the services.
 pub(super) fn greeting() -> impl Iterator<Item = String> {
     let services = SERVICES.iter().enumerate();
-    services.map(|(id, (name, kind, _))| Tell::Service { id, name, kind }.line())
+    services.map(|(id, (name, kind, _))| ToNode::Service { id, name, kind }.line())
 }
 
 /// Passes the requests of services on, and their outcomes back.
@@ -158,7 +158,7 @@ impl Desk {
     ) {
         let wish = read(self, &call.data);
         let (outlet, feed) = (outlet.clone(), self.feed.clone());
-        let tell = move |verdict: Verdict| {
+        let report = move |verdict: Verdict| {
             match &verdict {
                 Ok(seconds) => feed.say(&format!("goal from ROS: {seconds:.1} s")),
                 Err(reason) => feed.say(&format!("goal from ROS refused: {reason}")),
@@ -166,8 +166,8 @@ impl Desk {
             outlet.reply(&call, &judged(&verdict));
         };
         match wish {
-            Ok(wish) => self.goals.offer(Goal::new(wish, tell)),
-            Err(reason) => tell(Err(reason)),
+            Ok(wish) => self.goals.offer(Goal::new(wish, report)),
+            Err(reason) => report(Err(reason)),
         }
     }
 
@@ -196,13 +196,13 @@ impl Desk {
             self.actions.clone(),
             self.feed.clone(),
         );
-        let tell = move |verdict: Verdict| {
+        let report = move |verdict: Verdict| {
             if let Err(reason) = &verdict {
                 feed.say(&format!("goal from ROS given up: {reason}"));
             }
             judging.judged(&id, &verdict);
         };
-        let goal = Goal::new(wish, tell).with_end(move |how| ending.ended(&id, how));
+        let goal = Goal::new(wish, report).with_end(move |how| ending.ended(&id, how));
         self.goals.try_offer(goal).map_err(|back| {
             self.actions.forget(&id);
             back.1.to_owned()
@@ -233,11 +233,11 @@ impl Desk {
         };
         let to_m = Vector3::new(x, y, z);
         if !to_m.iter().all(|value| value.is_finite()) {
-            return Err(format!("the target ({x}, {y}, {z}) m is no place"));
+            return Err(format!("the target ({x}, {y}, {z}) m is not finite"));
         }
         if !(speed.is_finite() && speed >= 0.0) {
             return Err(format!(
-                "{speed} m/s is no speed; 0 takes the robot file's limit"
+                "the speed {speed} m/s is negative or not finite; 0 takes the robot file's limit"
             ));
         }
         let speed_mps = (speed > 0.0).then_some(speed);
@@ -252,7 +252,7 @@ impl Desk {
         let known: Vec<_> = self.tasks.iter().map(|(name, _)| name.as_str()).collect();
         let found = found.ok_or_else(|| {
             let known = known.join(", ");
-            format!("there is no task {name} here; `mcdpr ros --task` names those that there are: {known}")
+            format!("there is no task {name}; `mcdpr ros --task` offers: {known}")
         });
         Ok(Wish::Task(found?.1.clone()))
     }

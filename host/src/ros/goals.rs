@@ -36,16 +36,16 @@ pub(crate) enum Ending {
 pub(crate) struct Goal {
     /// What is to be done.
     pub(crate) wish: Wish,
-    tell: Option<Box<dyn FnOnce(Verdict) + Send>>,
+    report: Option<Box<dyn FnOnce(Verdict) + Send>>,
     end: Option<Box<dyn FnOnce(Ending) + Send>>,
 }
 
 impl Goal {
-    /// A wish, whose verdict is passed to `tell`.
-    pub(super) fn new(wish: Wish, tell: impl FnOnce(Verdict) + Send + 'static) -> Self {
+    /// A wish, whose verdict is passed to `report`.
+    pub(super) fn new(wish: Wish, report: impl FnOnce(Verdict) + Send + 'static) -> Self {
         Self {
             wish,
-            tell: Some(Box::new(tell)),
+            report: Some(Box::new(report)),
             end: None,
         }
     }
@@ -61,8 +61,8 @@ impl Goal {
         if verdict.is_err() {
             self.end = None;
         }
-        if let Some(tell) = self.tell.take() {
-            tell(verdict);
+        if let Some(report) = self.report.take() {
+            report(verdict);
         }
     }
 

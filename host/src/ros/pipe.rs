@@ -27,7 +27,7 @@ const HEADER: usize = 4;
 /// A line to the process.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Tell<'a> {
+pub(super) enum ToNode<'a> {
     Node {
         name: &'a str,
     },
@@ -52,11 +52,11 @@ pub(super) enum Tell<'a> {
     },
 }
 
-impl Tell<'_> {
+impl ToNode<'_> {
     /// A message of the topic with this number.
     pub(super) fn sample(id: usize, message: &Encoded) -> Self {
         let data = hex(&message.data);
-        Tell::Sample { id, data }
+        ToNode::Sample { id, data }
     }
 
     pub(super) fn line(&self) -> String {
@@ -108,13 +108,13 @@ pub(crate) struct Outlet {
 
 impl Outlet {
     /// Sends a line if there is room for it, and never waits.
-    pub(super) fn tell(&self, line: &Tell<'_>) {
+    pub(super) fn send(&self, line: &ToNode<'_>) {
         let _ = self.sender.try_send((line.line(), None));
     }
 
     /// Replies to a call, with CDR that has its header.
     pub(super) fn reply(&self, call: &Call, message: &[u8]) {
-        let line = Tell::Reply {
+        let line = ToNode::Reply {
             call: call.number,
             data: hex(message),
         };
@@ -428,7 +428,7 @@ mod tests {
             data: vec![0; 10_000],
         };
         for _ in 0..3 * QUEUE {
-            pipe.outlet().tell(&Tell::sample(0, &big));
+            pipe.outlet().send(&ToNode::sample(0, &big));
         }
         drop(pipe);
         // Nothing waits for a process that reads nothing; the time is that of 30 MB of digits, and of

@@ -2,7 +2,7 @@
 
 use super::actions::{self, Actions};
 use super::calls;
-use super::pipe::{Outlet, Tell};
+use super::pipe::{Outlet, ToNode};
 use crate::motion::Model;
 use crate::record::panel;
 use crate::record::ros2::{self, Condition, Encoded, Frame};
@@ -81,7 +81,7 @@ impl Topics {
         let writers = topics.map(|(id, (topic, kind))| {
             let keep = topic == "/tf_static";
             let (topic, kind) = (format!("rt{topic}"), dds_type(kind));
-            Tell::Writer {
+            ToNode::Writer {
                 id,
                 topic,
                 kind,
@@ -89,12 +89,12 @@ impl Topics {
             }
             .line()
         });
-        let mut lines = vec![Tell::Node { name: NODE }.line()];
+        let mut lines = vec![ToNode::Node { name: NODE }.line()];
         let first = TOPICS.len() + cables;
         let of_actions = actions::topics().enumerate();
         let of_actions = of_actions.map(|(place, (topic, kind, keep))| {
             let id = first + place;
-            Tell::Writer {
+            ToNode::Writer {
                 id,
                 topic,
                 kind,
@@ -106,7 +106,7 @@ impl Topics {
         let frames = panel::fixed(model).map(|(child, pose)| frame("platform", child, &pose));
         let fixed = ros2::transforms(now_ns(), &frames);
         if let Some(id) = id_of("/tf_static", 0) {
-            lines.push(Tell::sample(id, &fixed).line());
+            lines.push(ToNode::sample(id, &fixed).line());
         }
         lines
     }
@@ -131,12 +131,12 @@ impl Topics {
                     let picture = feed.picture_after(source.picture);
                     for (topic, message) in source.messages(&live, age_s, picture, now_ns()) {
                         if let Some(id) = id_of(&topic, source.cables()) {
-                            outlet.tell(&Tell::sample(id, &message));
+                            outlet.send(&ToNode::sample(id, &message));
                         }
                     }
                     for (place, message) in actions.due(live.path_s, live.duration_s) {
                         let id = TOPICS.len() + source.cables() + place;
-                        outlet.tell(&Tell::sample(id, &message));
+                        outlet.send(&ToNode::sample(id, &message));
                     }
                 }
             })?;
@@ -278,8 +278,8 @@ impl Source {
         };
         let cables = paths.iter().zip(tensions_n).enumerate();
         let pulls = cables.map(|(cable, (path, tension_n))| {
-            let ends = (&path.tangent_point_m.into(), &path.attachment_m.into());
-            ros2::pull(time_ns, cable, ends, *tension_n)
+            let (from_m, to_m) = (path.tangent_point_m.into(), path.attachment_m.into());
+            ros2::pull(time_ns, cable, &from_m, &to_m, *tension_n)
         });
         pulls.collect()
     }

@@ -187,17 +187,17 @@ impl Aftermath {
         let mut moments = Vec::new();
         for pair in self.trace.windows(2) {
             let [before, now] = pair else { continue };
-            let mut tell = |what: String| {
+            let mut note = |what: String| {
                 moments.push(Moment {
                     after_ms: i64::from(now.tick.0) - zero,
                     what,
                 });
             };
             if let (None, Some(record)) = (before.fault, now.fault) {
-                tell(format!("noticed: {}", crate::link::describe_fault(&record)));
+                note(format!("noticed: {}", crate::link::describe_fault(&record)));
             }
             if before.state != now.state {
-                tell(meaning(now.state).to_owned());
+                note(meaning(now.state).to_owned());
             }
             let closed = |point: &TracePoint| {
                 let brakes = point.truth.brakes_closed.iter().take(self.limits.cables);
@@ -205,7 +205,7 @@ impl Aftermath {
             };
             let count = closed(now);
             if closed(before) != count {
-                tell(format!("{count} of {} brakes closed", self.limits.cables));
+                note(format!("{count} of {} brakes closed", self.limits.cables));
             }
             if before.torque_on != now.torque_on {
                 let what = if now.torque_on {
@@ -213,7 +213,7 @@ impl Aftermath {
                 } else {
                     "torque off"
                 };
-                tell(what.to_owned());
+                note(what.to_owned());
             }
         }
         moments

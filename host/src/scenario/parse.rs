@@ -169,10 +169,10 @@ impl Injection {
             None => (when, None),
             Some((when, lasts)) => match parse_time(lasts.trim()) {
                 Some(When::Motion(lasts_s)) if lasts_s > 0.0 => (when, Some(lasts_s)),
-                _ => return Err(form("how long it lasts is no time")),
+                _ => return Err(form("its duration is not a time")),
             },
         };
-        let when = parse_time(when.trim()).ok_or_else(|| form("its time is none"))?;
+        let when = parse_time(when.trim()).ok_or_else(|| form("its start is not a time"))?;
         let injection = Self::read(text, what, when, cables)?;
         Ok(Self {
             lasts_s,

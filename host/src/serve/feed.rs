@@ -5,7 +5,7 @@ use crate::motion::Model;
 use crate::record::decode::{Decoder, Seen};
 use crate::record::events::Watcher;
 use crate::record::{PlanNote, RunEvent, words};
-use crate::robot::{Control, Robot};
+use crate::robot::{Control, GripperKind, Robot};
 use crate::sight::Shown;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -83,14 +83,25 @@ pub struct Live {
     pub trouble: Option<String>,
 }
 
+impl Live {
+    /// Whether the program is using the robot: an order to start something else has to wait.
+    #[must_use]
+    pub(crate) fn is_busy(&self) -> bool {
+        let busy = ["Arming", "Moving", "Pausing", "Holding"].contains(&self.state.as_str());
+        busy && !self.task.is_empty()
+    }
+}
+
 #[derive(Debug, Default)]
 struct Inner {
     live: Live,
     heard: Option<Instant>,
     plan: Option<Arc<PlanNote>>,
     plans: u64,
-    log: VecDeque<(u64, f64, String)>,
+    log: VecDeque<LogLine>,
     logged: u64,
+    preview: Option<Arc<serde_json::Value>>,
+    previews: u64,
     picture: Option<Arc<Picture>>,
     pictures: u64,
     viewers: usize,
@@ -109,6 +120,15 @@ pub struct Picture {
 #[derive(Debug, Clone, Default)]
 pub struct Feed {
     shared: Arc<Mutex<Inner>>,
+}
+
+/// A line of the log that viewers see.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct LogLine {
+    pub(crate) number: u64,
+    /// Link time, s.
+    time_s: f64,
+    text: String,
 }
 
 /// Lines of the log that a new viewer gets.
@@ -151,6 +171,22 @@ impl Feed {
         if self.lock().live.trouble.is_some() {
             self.change(false, |inner| inner.live.trouble = None);
         }
+    }
+
+    /// Shows viewers what a task would do.
+    pub(crate) fn set_preview(&self, preview: serde_json::Value) {
+        self.change(false, |inner| {
+            inner.preview = Some(Arc::new(preview));
+            inner.previews += 1;
+        });
+    }
+
+    /// The preview and its number, if it is newer than this number.
+    pub(crate) fn preview_after(&self, number: u64) -> Option<(u64, Arc<serde_json::Value>)> {
+        let inner = self.lock();
+        let preview = inner.preview.as_ref();
+        let new = preview.filter(|_| inner.previews > number);
+        new.map(|preview| (inner.previews, Arc::clone(preview)))
     }
 
     /// Adds a line to the log that viewers see.
@@ -227,19 +263,22 @@ impl Feed {
         self.lock().viewers > 0
     }
 
-    /// Lines of the log after this number: number, link time (s), text.
+    /// Lines of the log after this number.
     #[must_use]
-    pub(crate) fn log_after(&self, number: u64) -> Vec<(u64, f64, String)> {
+    pub(crate) fn log_after(&self, number: u64) -> Vec<LogLine> {
         let inner = self.lock();
-        let new = inner.log.iter().filter(|(index, ..)| *index > number);
+        let new = inner.log.iter().filter(|line| line.number > number);
         new.cloned().collect()
     }
 }
 
 fn push(inner: &mut Inner, text: &str) {
     inner.logged += 1;
-    let entry = (inner.logged, inner.live.time_s, text.to_owned());
-    inner.log.push_back(entry);
+    inner.log.push_back(LogLine {
+        number: inner.logged,
+        time_s: inner.live.time_s,
+        text: text.to_owned(),
+    });
     if inner.log.len() > LOG {
         inner.log.pop_front();
     }
@@ -423,5 +462,7 @@ pub(crate) fn describe(robot: &Robot) -> serde_json::Value {
         "tension_max_n": robot.limits.tension_max_n,
         "setpoint_n": robot.tension.setpoint_n,
         "speed_mps": robot.limits.speed_mps,
+        "home_m": robot.tool.home_in_world_m.as_slice(),
+        "gripper": robot.gripper.kind != GripperKind::None,
     })
 }

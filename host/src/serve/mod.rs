@@ -29,4 +29,5 @@ pub fn page() -> String {
         .replace("/*STYLE*/", include_str!("page.css"))
         .replace("/*SCENE*/", include_str!("scene.js"))
         .replace("/*SCRIPT*/", include_str!("page.js"))
+        .replace("/*WORK*/", include_str!("work.js"))
 }

@@ -9,6 +9,9 @@ use std::sync::{Mutex, PoisonError};
 /// Orders that stop the robot: every page with the token may give them.
 const STOPS: [&str; 2] = ["stop", "hold"];
 
+/// Orders that are not worth a line of the log: they come often, or move nothing.
+const QUIET: [&str; 5] = ["jog", "tasks", "task_read", "plan", "forget"];
+
 /// State of the permission.
 pub(super) struct Orders {
     token: String,
@@ -68,7 +71,7 @@ impl Orders {
             Some(name) => match self.may(page, name, knows) {
                 Err(reason) => Err(reason.to_owned()),
                 // The page asks whether its buttons should work.
-                Ok(()) if name == "may" => Ok(()),
+                Ok(()) if name == "may" => Ok(Value::Null),
                 Ok(()) => give(name, &message, desk, feed),
             },
         };
@@ -78,16 +81,17 @@ impl Orders {
             "order": message["order"],
             "ok": outcome.is_ok(),
             "may_stop": knows,
-            "reason": outcome.err(),
+            "data": outcome.as_ref().ok(),
+            "reason": outcome.as_ref().err(),
         })
     }
 }
 
-fn give(name: &str, message: &Value, desk: &dyn Desk, feed: &Feed) -> Result<(), String> {
+fn give(name: &str, message: &Value, desk: &dyn Desk, feed: &Feed) -> Result<Value, String> {
     let outcome = desk.order(name, message);
     if let Err(reason) = &outcome {
         feed.say(&format!("{name}: {reason}"));
-    } else if name != "jog" {
+    } else if !QUIET.contains(&name) {
         feed.say(&format!("order from the page: {name}"));
     }
     outcome

@@ -9,7 +9,13 @@
   const color = i => getComputedStyle(document.documentElement).getPropertyValue(COLORS[i % COLORS.length]).trim();
   const mm = (v, d) => (v * 1e3).toFixed(d);
   const text = (id, value) => { const e = $(id); if (e.textContent !== value) e.textContent = value; };
-  window.mcdpr = { get live() { return live; }, get may() { return may; }, send, get connected() { return !!socket && socket.readyState === 1; }, answers: [] };
+  const waiting = new Map();
+  // An order, and its answer: { ok, data, reason }.
+  const request = message => new Promise(done => {
+    const id = send(message);
+    if (id) waiting.set(id, done); else done({ ok: false, reason: 'no connection' });
+  });
+  window.mcdpr = { request, get robot() { return robot; }, get live() { return live; }, get may() { return may; }, send, get connected() { return !!socket && socket.readyState === 1; }, answers: [] };
 
   function connect() {
     socket = new WebSocket(`ws://${location.host}/ws`);
@@ -19,14 +25,16 @@
     socket.onclose = () => {
       pill('link', 'no connection, trying again', 'bad');
       may = mayStop = asked = false; gone = true; refused = ''; endJog(); jogKeys(false); buttons();
+      waiting.forEach(done => done({ ok: false, reason: 'the connection was lost' })); waiting.clear();
       setTimeout(connect, wait); wait = Math.min(2000, wait * 1.5);
     };
   }
 
   function send(message) {
-    if (!socket || socket.readyState !== 1) { text('answer', 'not sent: no connection'); return; }
+    if (!socket || socket.readyState !== 1) { text('answer', 'not sent: no connection'); return 0; }
     message.id = ++sent; message.token = token;
     socket.send(JSON.stringify(message));
+    return message.id;
   }
 
   function take(m) {
@@ -35,10 +43,12 @@
       text('name', robot.name); document.title = robot.name + ' - MCDPR';
       text('most', robot.tension_max_n.toFixed(0) + ' N');
       Scene.setRobot(robot); rows(); buttons();
+      for (const o of $('jog-speed').options) o.disabled = o.value * 1e-3 > robot.speed_mps;
     } else if (m.type === 'plan') Scene.setPlan(m.tool_m);
     else if (m.type === 'log') m.lines.forEach(log);
     else if (m.type === 'answer') answer(m);
     else if (m.type === 'live') show(m);
+    else if (m.type === 'preview') Work.show(m);
     else if (m.type === 'camera') camera = m;
   }
 
@@ -82,6 +92,8 @@
       return;
     }
     text('answer', m.ok ? '' : `${m.order}: ${m.reason}`);
+    const done = waiting.get(m.id);
+    if (done) { waiting.delete(m.id); done(m); }
   }
 
   function show(m) {
@@ -142,9 +154,9 @@
     });
   }
 
-  function log([, time, words]) {
+  function log({ time_s, text: words }) {
     const item = document.createElement('li'), at = document.createElement('time');
-    at.textContent = time.toFixed(2) + ' s'; item.append(at, words);
+    at.textContent = time_s.toFixed(2) + ' s'; item.append(at, words);
     $('log').prepend(item);
     while ($('log').children.length > 60) $('log').lastChild.remove();
   }
@@ -153,8 +165,9 @@
 
   function buttons() {
     document.querySelectorAll('[data-order]').forEach(b => { b.disabled = !(may || mayStop && STOPS.includes(b.dataset.order)) || !orders.includes(b.dataset.order); });
-    $('jog').disabled = !may; $('jog').hidden = !orders.includes('jog');
+    $('jog').disabled = !may;
     if (!may) jogKeys(false);
+    Work.allow(may, orders, gone ? 'no connection' : refused || 'view only: orders need the address with the token');
     text('may', gone ? 'The program that serves this page does not answer: it has ended, or this machine is not reached any more. Trying again. Stop the robot by its emergency stop.'
       : may ? 'Esc stops and Space holds, whatever is selected; R resumes, G starts.' : mayStop ? refused
       : !token ? 'View only: orders need the address with the token that the program printed.'
@@ -165,9 +178,9 @@
   // A button keeps no focus: the next key must not press it again.
   document.addEventListener('click', e => { const b = e.target.closest('button'); if (b) b.blur(); });
   // A jog order is valid for a fifth of a second and repeated while a button or a key is held.
-  let jogging = null;
-  const jog = v => send({ order: 'jog', velocity_mps: v.map(c => c * 0.01) });
-  const beginJog = v => { if (jogging || !may) return; jog(v); jogging = { timer: setInterval(() => jog(v), 80) }; };
+  let jogging = null, padVelocity = null;
+  const jog = v => send({ order: 'jog', velocity_mps: v.map(c => c * $('jog-speed').value * 1e-3) });
+  const beginJog = v => { if (jogging || !may) return; jog(v); jogging = { timer: setInterval(() => jog(padJogs ? padVelocity : v), 80) }; };
   const endJog = () => { if (jogging) { clearInterval(jogging.timer); jogging = null; jog([0, 0, 0]); } };
   document.querySelectorAll('[data-jog]').forEach(b => {
     const v = b.dataset.jog.split(',').map(Number);
@@ -191,7 +204,10 @@
   window.addEventListener('keydown', e => {
     if (e.key === 'Escape') { letGo(); send({ order: 'stop' }); return ours(e); }
     if (e.ctrlKey || e.metaKey || e.altKey) return;
-    if (e.key === ' ') { ours(e); if (!e.repeat) { letGo(); send({ order: 'hold' }); } return; }
+    const typing = e.target.matches && e.target.matches('input, textarea');
+    // Space holds wherever the focus is; in a text it also types.
+    if (e.key === ' ') { if (!typing) ours(e); if (!e.repeat) { letGo(); if (!typing || live && live.state === 'Moving') send({ order: 'hold' }); } return; }
+    if (typing) return;
     if (keysJog && JOG_KEYS[e.key]) { ours(e); if (!e.repeat && !jogKey) { jogKey = e.key; beginJog(JOG_KEYS[e.key]); } return; }
     // Start and Resume let the robot move: a key that is still held from before does not.
     if (e.repeat) return;
@@ -200,9 +216,22 @@
   }, true);
   window.addEventListener('keyup', e => {
     // Some browsers press the focused button when Space is let go.
-    if (e.key === ' ') ours(e);
+    if (e.key === ' ' && !(e.target.matches && e.target.matches('input, textarea'))) ours(e);
     if (e.key === jogKey) { jogKey = null; endJog(); ours(e); }
   }, true);
+
+  // A gamepad jogs while its left shoulder button is held: the left stick moves x and y, the right one z.
+  let padJogs = false;
+  function gamepad() {
+    const pad = [...(navigator.getGamepads ? navigator.getGamepads() : [])].find(p => p && p.buttons.length > 4);
+    if (!pad || !may || !pad.buttons[4].pressed) { if (padJogs) { padJogs = false; endJog(); } return; }
+    const dead = v => Math.abs(v || 0) < 0.15 ? 0 : v;
+    const v = [dead(pad.axes[0]), -dead(pad.axes[1]), -dead(pad.axes[3])], n = Math.hypot(...v);
+    const now = n > 1 ? v.map(c => c / n) : v;
+    if (n === 0) { if (padJogs) { padJogs = false; endJog(); } return; }
+    if (!padJogs && !jogging) { padJogs = true; beginJog(now); }
+    padVelocity = now;
+  }
 
   function chart(canvas, rows, floor, band) {
     const scale = window.devicePixelRatio || 1, w = Math.round(canvas.clientWidth * scale), h = Math.round(canvas.clientHeight * scale);
@@ -244,6 +273,7 @@
     $('stale').hidden = !old;
     if (old) text('stale', live && Number.isFinite(age) && live.age_s !== null ? `old data: ${age.toFixed(1)} s` : 'no data yet');
     Scene.draw();
+    gamepad();
     if (robot) {
       chart($('tensions'), history.tensions, [0, 15], [robot.setpoint_n - 0.5, robot.setpoint_n + 0.5]);
       chart($('errors'), history.errors, [-0.1, 0.1]);
@@ -251,7 +281,15 @@
     requestAnimationFrame(frame);
   }
 
+  const tab = name => {
+    letGo();
+    document.querySelectorAll('[data-tab]').forEach(b => {
+      b.setAttribute('aria-selected', b.dataset.tab === name); $(b.dataset.tab).hidden = b.dataset.tab !== name;
+    });
+  };
+  document.querySelectorAll('[data-tab]').forEach(b => b.addEventListener('click', () => tab(b.dataset.tab)));
   Scene.bind($('scene')); Scene.theme();
   window.matchMedia('(prefers-color-scheme: light)').addEventListener('change', Scene.theme);
-  buttons(); connect(); requestAnimationFrame(frame);
+  // The rest of the page is there when this runs.
+  window.addEventListener('DOMContentLoaded', () => { buttons(); connect(); requestAnimationFrame(frame); });
 })();

@@ -2,7 +2,7 @@
 // The robot in three dimensions on a 2-D canvas: few lines, drawn back to front.
 const Scene = (() => {
   const home = { yaw: 0.55, pitch: 0.4, zoom: 1.12 };
-  let eye = { ...home }, robot = null, plan = [], trace = [], pose = null, live = null, dirty = true;
+  let eye = { ...home }, robot = null, plan = [], next = [], trace = [], picked = null, pose = null, live = null, dirty = true;
   let canvas, pen, colors = {};
   let middle = [0, 0, 0], size = 1, low = 0;
 
@@ -114,6 +114,8 @@ const Scene = (() => {
     };
     tip([1, 0, 0], colors.bad, 'x'); tip([0, 1, 0], colors.good, 'y'); tip([0, 0, 1], colors.accent, 'z');
     line(plan, colors.plan, 2, [5 * scale, 4 * scale]);
+    line(next, colors.accent, 2.5, [2 * scale, 5 * scale]);
+    if (next.length) dotAt(next[next.length - 1], 0.008, colors.accent);
     line(trace, colors.trace, 2.5);
     if (!pose) { anchors.forEach(a => dotAt(a, 0.01, colors.dim)); return; }
     const at = m => add(pose.position_m, turn(pose.rotation_xyzw, m));
@@ -159,11 +161,31 @@ const Scene = (() => {
     ms.forEach(m => dotAt(at(m), 0.005, colors.text));
   }
 
+  // The point at height z (m) under a point of the drawing (CSS pixels); null above the horizon.
+  function pointAt(px, py, z) {
+    const scale = window.devicePixelRatio || 1;
+    const unit = Math.min(canvas.width, canvas.height * 1.25) / (1.75 * size) * eye.zoom, far = 3.2 * size;
+    const sx = (px * scale - canvas.width / 2) / unit, sy = (canvas.height * 0.47 - py * scale) / unit;
+    const qz = z - middle[2], cp = Math.cos(eye.pitch), sp = Math.sin(eye.pitch);
+    const under = sp * far - sy * cp;
+    if (Math.abs(under) < 1e-9) return null;
+    const y = (sy * (far - qz * sp) - qz * cp * far) / under, depth = y * cp - qz * sp;
+    if (far + depth <= 0) return null;
+    const x = sx * (far + depth) / far, c = Math.cos(eye.yaw), s = Math.sin(eye.yaw);
+    return [middle[0] + x * c - y * s, middle[1] + x * s + y * c, z];
+  }
+
   function bind(element) {
     canvas = element; pen = canvas.getContext('2d');
-    let last = null;
-    canvas.addEventListener('pointerdown', e => { last = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
-    canvas.addEventListener('pointerup', () => { last = null; });
+    let last = null, began = null;
+    canvas.addEventListener('pointerdown', e => { last = began = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
+    canvas.addEventListener('pointerup', e => {
+      const still = began && Math.hypot(e.clientX - began[0], e.clientY - began[1]) < 4;
+      last = began = null;
+      if (!picked || !still) return;
+      const box = canvas.getBoundingClientRect();
+      picked((z) => pointAt(e.clientX - box.left, e.clientY - box.top, z));
+    });
     canvas.addEventListener('pointermove', e => {
       if (!last) return;
       eye.yaw += (e.clientX - last[0]) * 0.008;
@@ -202,6 +224,10 @@ const Scene = (() => {
 
   return {
     bind, draw, setRobot, theme, heat,
+    // What to do with a click: gets a function from height to the point there.
+    onPick(then) { picked = then; },
+    pointAt, project: p => project(p).slice(0, 2).map(v => v / (window.devicePixelRatio || 1)),
+    setNext(points) { next = points; dirty = true; },
     setPlan(points) { plan = points; trace = []; dirty = true; },
     setLive(now) {
       live = now;

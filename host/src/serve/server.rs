@@ -32,7 +32,7 @@ const READ: Duration = Duration::from_millis(100);
 /// Greatest number of connections whose request is not complete; of more, the oldest is closed.
 const HALF_OPEN: usize = 32;
 /// Bytes of a message that a viewer may send.
-const MOST: usize = 4096;
+const MOST: usize = 64 * 1024;
 
 /// Why the page cannot be served.
 #[derive(Debug, Error, Diagnostic)]
@@ -62,12 +62,12 @@ pub enum ServeError {
 
 /// Executes the orders of viewers with permission.
 pub trait Desk: Send + Sync + 'static {
-    /// An order, by its name and numbers; returns its outcome, or why it is refused. Must return
-    /// soon: the viewer's connection waits for it.
+    /// An order, by its name and arguments; returns its answer (null without one), or why it is
+    /// refused. Must return soon: the viewer's connection waits for it.
     ///
     /// # Errors
     /// The reason of a refusal, in words.
-    fn order(&self, name: &str, message: &Value) -> Result<(), String>;
+    fn order(&self, name: &str, message: &Value) -> Result<Value, String>;
 
     /// Available orders, for the page.
     fn orders(&self) -> Vec<&'static str>;
@@ -306,7 +306,7 @@ fn keep_showing(
     shared: &Shared,
     send: &impl Fn(&mut WebSocket<TcpStream>, &Value) -> io::Result<()>,
 ) -> io::Result<()> {
-    let (mut revision, mut plan, mut logged, mut pictures) = (0, 0, 0, 0);
+    let (mut revision, mut plan, mut logged, mut pictures, mut previews) = (0, 0, 0, 0, 0);
     let mut sent = Instant::now();
     let mut due = sent;
     while !shared.ended.load(Ordering::SeqCst) {
@@ -336,6 +336,10 @@ fn keep_showing(
             let message = json!({ "type": "plan", "duration_s": new.duration_s, "tool_m": points });
             send(socket, &message)?;
         }
+        if let Some((number, new)) = shared.feed.preview_after(previews) {
+            previews = number;
+            send(socket, &new)?;
+        }
         if let Some((number, new)) = shared.feed.picture_after(pictures) {
             pictures = number;
             send(socket, &new.about)?;
@@ -343,8 +347,8 @@ fn keep_showing(
             socket.send(bytes).map_err(io::Error::other)?;
         }
         let lines = shared.feed.log_after(logged);
-        if let Some((last, ..)) = lines.last() {
-            logged = *last;
+        if let Some(last) = lines.last() {
+            logged = last.number;
             send(socket, &json!({ "type": "log", "lines": lines }))?;
         }
         let (live, age_s) = shared.feed.now();
@@ -372,8 +376,8 @@ mod tests {
     struct Nothing;
 
     impl Desk for Nothing {
-        fn order(&self, _: &str, _: &Value) -> Result<(), String> {
-            Ok(())
+        fn order(&self, _: &str, _: &Value) -> Result<Value, String> {
+            Ok(Value::Null)
         }
 
         fn orders(&self) -> Vec<&'static str> {

@@ -112,37 +112,37 @@ pub fn commission<L: Link>(
 
 fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<String> {
     let mut words = Vec::new();
-    let mut tell = |is: bool, name: &str, file: String, here: String| {
+    let mut note = |is: bool, name: &str, file: String, here: String| {
         if is {
             words.push(format!("{name}: the robot file says {file}, it is {here}"));
         }
     };
-    tell(
+    note(
         found.node != described.node,
         "node",
         described.node.to_string(),
         found.node.to_string(),
     );
-    tell(
+    note(
         found.encoder_sign != described.encoder_sign,
         "encoder_sign",
         described.encoder_sign.to_string(),
         found.encoder_sign.to_string(),
     );
-    tell(
+    note(
         (found.motor_counts_per_turn - described.motor_counts_per_turn).abs() > 0.5,
         "motor_counts_per_turn",
         described.motor_counts_per_turn.to_string(),
         found.motor_counts_per_turn.to_string(),
     );
-    tell(
+    note(
         (found.tension_zero_v - described.tension_zero_v).abs() > 0.002,
         "tension_zero_v",
         described.tension_zero_v.to_string(),
         found.tension_zero_v.to_string(),
     );
     let file_deg = (described.brake_play_m / described.drum_radius_m).to_degrees();
-    tell(
+    note(
         (found.brake_play_deg - file_deg).abs() > brake_play_unsure_deg(described),
         "brake_play_deg",
         format!("{file_deg:.2}"),
@@ -154,7 +154,7 @@ fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<Str
     if let Some(friction) = &rubs.friction {
         let file_n = described.total_friction_n();
         // With the friction known to a quarter a board reels in and tests brakes correctly.
-        tell(
+        note(
             (friction.friction_n - file_n).abs() > (0.25 * file_n).max(0.3),
             "friction at the cable",
             format!("{file_n:.2} N"),
@@ -162,7 +162,7 @@ fn differences(found: &Commissioned, described: &crate::robot::Winch) -> Vec<Str
         );
     }
     let file_deg = (described.play_m() / described.drum_radius_m).to_degrees();
-    tell(
+    note(
         (rubs.play_deg - file_deg).abs() > 0.1,
         "play_deg",
         format!("{file_deg:.2}"),

@@ -202,7 +202,10 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
     let places = scene.places.clone();
     let mut camera = SimulatedTags::new(link.clone(), scene, CORNER_PX, seed);
     let homing = match case.known {
-        Known::Homed | Known::HomedByOne => Homing::Tags(&mut camera, places.clone()),
+        Known::Homed | Known::HomedByOne => Homing::Tags {
+            camera: &mut camera,
+            places: places.clone(),
+        },
         Known::Absolute => Homing::Lengths(true_lengths_m(&link, robot.cables.len())?),
     };
     let handle = Handle::new();

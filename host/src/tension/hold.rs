@@ -8,7 +8,7 @@ use crate::motion::Model;
 use crate::run::{self, Recorder, RunError};
 use mcdpr_protocol::SessionId;
 
-/// Arms the robot at its present position and holds as long as the experiment requires; `tell` gets
+/// Arms the robot at its present position and holds as long as the experiment requires; `note` gets
 /// the instructions for the operator. The trace has measured tensions only.
 ///
 /// # Errors
@@ -18,7 +18,7 @@ pub fn hold<L: Link>(
     link: L,
     session: SessionId,
     experiment: &Experiment,
-    mut tell: impl FnMut(&str),
+    mut note: impl FnMut(&str),
 ) -> Result<Trace, RunError> {
     let mut client = Client::connect(link, session)?;
     let hash = run::configure(&mut client, model.robot())?;
@@ -52,7 +52,7 @@ pub fn hold<L: Link>(
             }
         }
         if !text.is_empty() {
-            tell(text);
+            note(text);
         }
         if run::interrupted() {
             break;

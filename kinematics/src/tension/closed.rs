@@ -207,47 +207,64 @@ fn closed_form_error<const N: usize>(
         return not_finite();
     }
     // The two cables whose intervals along the line do not meet.
-    let (mut low, mut high) = ((f64::NEG_INFINITY, 0), (f64::INFINITY, 0));
-    for i in 0..N {
-        let inverse = 1.0 / (null[i] + 1e-280);
-        let p = (limits.min_n[i] - base[i]) * inverse;
-        let q = (limits.max_n[i] - base[i]) * inverse;
+    let first = |at| End { at, cable: 0 };
+    let (mut low, mut high) = (first(f64::NEG_INFINITY), first(f64::INFINITY));
+    for cable in 0..N {
+        let inverse = 1.0 / (null[cable] + 1e-280);
+        let p = (limits.min_n[cable] - base[cable]) * inverse;
+        let q = (limits.max_n[cable] - base[cable]) * inverse;
         let (p, q) = (p.min(q), p.max(q));
-        if p > low.0 {
-            low = (p, i);
+        if p > low.at {
+            low = End { at: p, cable };
         }
-        if q < high.0 {
-            high = (q, i);
+        if q < high.at {
+            high = End { at: q, cable };
         }
     }
-    let (worst, toward, size) = limiting(low, high, null);
+    let worst = limiting(low, high, null);
     Error::OutsideTensionLimits {
-        cable: worst + 1,
+        cable: worst.cable + 1,
         // Cable `low` wants a larger s: its tension is then too small if it grows with s.
-        bound: if toward * null[worst] > 0.0 {
+        bound: if worst.toward * null[worst.cable] > 0.0 {
             Bound::Minimum
         } else {
             Bound::Maximum
         },
-        violation_n: size,
+        violation_n: worst.violation_n,
     }
 }
 
+/// An end of a cable's interval along the null vector.
+#[derive(Clone, Copy)]
+pub(crate) struct End {
+    pub(crate) at: f64,
+    pub(crate) cable: usize,
+}
+
+/// The cable that keeps tensions from their limits.
+pub(crate) struct Limiting {
+    pub(crate) cable: usize,
+    /// +1 if it needs to go up along the null vector, -1 if down.
+    pub(crate) toward: f64,
+    /// N.
+    pub(crate) violation_n: f64,
+}
+
 /// Of the two cables with incompatible limits (ends of their intervals along `null`), the one with
-/// the larger violation at their least-squares compromise: (index, +1 if it is the lower one,
-/// violation).
+/// the larger violation at their least-squares compromise.
 #[inline(always)]
-pub(crate) fn limiting<const N: usize>(
-    low: (f64, usize),
-    high: (f64, usize),
-    null: &[f64; N],
-) -> (usize, f64, f64) {
-    let gap = low.0 - high.0;
-    let (p, q) = (null[low.1].abs(), null[high.1].abs());
+pub(crate) fn limiting<const N: usize>(low: End, high: End, null: &[f64; N]) -> Limiting {
+    let gap = low.at - high.at;
+    let (p, q) = (null[low.cable].abs(), null[high.cable].abs());
     let shared = p * q * gap / (p * p + q * q).max(f64::MIN_POSITIVE);
-    if q > p {
-        (low.1, 1.0, shared * q)
+    let (cable, toward, size) = if q > p {
+        (low.cable, 1.0, q)
     } else {
-        (high.1, -1.0, shared * p)
+        (high.cable, -1.0, p)
+    };
+    Limiting {
+        cable,
+        toward,
+        violation_n: shared * size,
     }
 }

@@ -7,7 +7,7 @@
 use super::frame::Frame;
 use super::objects::{Kind, kinds};
 use super::scene::{Body, Part, Scene};
-use super::shape::{Shape, Surface, TagRows};
+use super::shape::{Shape, Span, Surface, TagRows};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::f64::consts::{PI, TAU};
@@ -248,7 +248,9 @@ fn heights(body: &Body, [x, y]: [f64; 2]) -> Option<(f64, f64)> {
         let span = part
             .shape
             .span(place.point_inside(start), place.direction_inside(down));
-        let Some((near, far, _)) = span else { continue };
+        let Some(Span { near, far, .. }) = span else {
+            continue;
+        };
         let (low, high) = (top - far, top - near);
         found = Some(found.map_or((low, high), |(l, h)| (l.min(low), h.max(high))));
     }

@@ -4,7 +4,7 @@ use super::frame::Frame;
 use super::lens::Lens;
 use super::noise::RowNoise;
 use super::scene::Scene;
-use super::tracer::Tracer;
+use super::tracer::{Seen, Tracer};
 use crate::plant::vec3::{axpy, sub};
 use rayon::prelude::*;
 
@@ -63,7 +63,12 @@ pub fn render_color(
         let ray = lens.ray([u, v]);
         tracer.cast(ray).map_or(([0.0; 3], None), |hit| {
             let (color, lit) = tracer.shade(ray, &hit);
-            (color, Some((hit.body, hit.part, lit)))
+            let seen = Seen {
+                body: hit.body,
+                part: hit.part,
+                lit,
+            };
+            (color, Some(seen))
         })
     };
     let (centers, met): (Vec<[f32; 3]>, Vec<_>) = (0..width * height)

@@ -45,7 +45,7 @@ impl Default for Stereo {
     }
 }
 
-/// A depth picture, rows from the top: distances along the camera's z, 0 where there is none.
+/// A depth picture, rows from the top: distances along the camera's z, 0 where no distance is known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthPicture {
     /// Width, px.

@@ -7,6 +7,7 @@
 
 use super::frame::Frame;
 use super::scene::Body;
+use super::shape::Span;
 use crate::plant::vec3::{V3, axpy, dot, norm, sub};
 
 /// A gripper with two parallel jaws. Its tool frame: origin in the middle between the pads, z up
@@ -246,7 +247,7 @@ fn first_surface(body: &Body, from: V3, along: V3) -> Option<(f64, V3)> {
         let span = part
             .shape
             .span(inner.point_inside(start), inner.direction_inside(way));
-        if let Some((near, _, normal)) = span
+        if let Some(Span { near, normal, .. }) = span
             && near > 0.0
             && best.is_none_or(|(way, _)| near < way)
         {

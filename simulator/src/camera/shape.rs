@@ -142,7 +142,7 @@ impl Shape {
 
     /// Distances along the ray at which it enters and leaves the solid, with the outward normal at
     /// the entry. `None` if it misses.
-    pub(super) fn span(&self, from: V3, along: V3) -> Option<(f64, f64, V3)> {
+    pub(super) fn span(&self, from: V3, along: V3) -> Option<Span> {
         let mut span = Span::default();
         match *self {
             Self::Box { half_m } => {
@@ -164,18 +164,23 @@ impl Shape {
                     return None;
                 }
                 let normal = [0.0, 0.0, -along[2].signum()];
-                return Some((way, way, normal));
+                return Some(Span {
+                    near: way,
+                    far: way,
+                    normal,
+                });
             }
         }
-        Some((span.near, span.far, span.normal))
+        Some(span)
     }
 }
 
-/// The part of a ray that is inside everything so far.
-struct Span {
-    near: f64,
-    far: f64,
-    normal: V3,
+/// The part of a ray that is inside a shape: distances along it, m, and the normal where it enters.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    pub(super) near: f64,
+    pub(super) far: f64,
+    pub(super) normal: V3,
 }
 
 impl Default for Span {
@@ -236,14 +241,14 @@ mod tests {
     #[test]
     fn rays_meet_solids_where_they_are() {
         let cube = Shape::Box { half_m: [1.0; 3] };
-        let (near, far, normal) = cube.span([0.2, 0.3, 5.0], [0.0, 0.0, -1.0]).unwrap();
+        let Span { near, far, normal } = cube.span([0.2, 0.3, 5.0], [0.0, 0.0, -1.0]).unwrap();
         assert_eq!((near, far, normal), (4.0, 6.0, [0.0, 0.0, 1.0]));
         assert!(cube.span([1.2, 0.3, 5.0], [0.0, 0.0, -1.0]).is_none());
         let can = Shape::Cylinder {
             radius_m: 0.5,
             half_m: 1.0,
         };
-        let (near, far, normal) = can.span([-3.0, 0.3, 0.0], [1.0, 0.0, 0.0]).unwrap();
+        let Span { near, far, normal } = can.span([-3.0, 0.3, 0.0], [1.0, 0.0, 0.0]).unwrap();
         assert!((near - 2.6).abs() < 1e-12 && (far - 3.4).abs() < 1e-12);
         assert!((normal[0] + 0.8).abs() < 1e-12 && (normal[1] - 0.6).abs() < 1e-12);
         assert!(can.contains([0.0, 0.49, 0.9], 0.0) && !can.contains([0.0, 0.51, 0.9], 0.0));

@@ -7,7 +7,7 @@
 
 use super::frame::Frame;
 use super::scene::{Hit, Scene};
-use super::shape::{Shape, Surface};
+use super::shape::{Shape, Span, Surface};
 use crate::plant::vec3::{V3, add, axpy, cross, dot, norm, scale};
 
 /// A scene prepared for many rays from one eye.
@@ -73,6 +73,17 @@ impl Outline {
     }
 }
 
+/// The part that a pixel shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Seen {
+    /// Index of its body.
+    pub(crate) body: usize,
+    /// Index within the body.
+    pub(crate) part: usize,
+    /// Whether the lamp reaches it.
+    pub(crate) lit: bool,
+}
+
 impl Prepared {
     fn new(
         (body, number): (usize, usize),
@@ -134,7 +145,7 @@ impl Prepared {
         let start = self.place.point_inside(from);
         let way = self.place.direction_inside(along);
         let span = self.shape.span(start, way);
-        span.is_some_and(|(near, _, _)| near > least && near < most)
+        span.is_some_and(|span| span.near > least && span.near < most)
     }
 }
 
@@ -182,7 +193,7 @@ impl<'a> Tracer<'a> {
                 continue;
             }
             let way = part.place.direction_inside(along);
-            let Some((near, _, normal)) = part.shape.span(part.eye_m, way) else {
+            let Some(Span { near, normal, .. }) = part.shape.span(part.eye_m, way) else {
                 continue;
             };
             if near <= 0.0 || best.is_some_and(|hit| hit.way <= near) {
@@ -238,17 +249,18 @@ impl<'a> Tracer<'a> {
     /// The mean of the results of [`Tracer::cast`] and [`Tracer::shade`] for rays that are known to
     /// hit this part of this body first, lit or not: print needs many rays and has nothing in
     /// front.
-    pub(crate) fn shade_on(
-        &self,
-        rays: impl Iterator<Item = V3>,
-        (body, number, lit): (usize, usize, bool),
-    ) -> [f64; 3] {
+    pub(crate) fn shade_on(&self, rays: impl Iterator<Item = V3>, seen: Seen) -> [f64; 3] {
+        let Seen {
+            body,
+            part: number,
+            lit,
+        } = seen;
         let part = &self.parts[self.first[body] + number];
         let (place, shape, start) = (&part.place, &part.shape, part.eye_m);
         let (mut sum, mut count) = ([0.0; 3], 0.0);
         for along in rays {
             let way = place.direction_inside(along);
-            let Some((near, _, normal)) = shape.span(start, way) else {
+            let Some(Span { near, normal, .. }) = shape.span(start, way) else {
                 continue;
             };
             let hit = Hit {
@@ -265,8 +277,8 @@ impl<'a> Tracer<'a> {
     }
 
     /// Whether a part is a sheet of many tags.
-    pub(crate) fn is_rows(&self, (body, part, _): (usize, usize, bool)) -> bool {
-        let surface = &self.scene.bodies[body].parts[part].surface;
+    pub(crate) fn is_rows(&self, seen: Seen) -> bool {
+        let surface = &self.scene.bodies[seen.body].parts[seen.part].surface;
         matches!(surface, Surface::Tags(_))
     }
 }

@@ -232,7 +232,8 @@ impl Plant {
                 self.hung_n[i].unwrap_or(self.cables[i].tension.winch_n),
                 now_s,
                 &mut self.faults.cables[i],
-                (&mut self.noise, fresh),
+                &mut self.noise,
+                fresh,
             );
             out.encoder_counts[i] = counts;
             out.adc[i] = adc;

@@ -33,7 +33,7 @@ pub(crate) struct Pulley {
 }
 
 impl Pulley {
-    /// The path to an attachment at `point_m` (world frame), or `None` if there is none: on the
+    /// The path to an attachment at `point_m` (world frame), or `None` if no path exists: on the
     /// axis, or inside the circle.
     #[inline(always)]
     pub(crate) fn path_to(&self, point_m: V3) -> Option<Path> {

@@ -172,7 +172,8 @@ impl CableSensors {
         tension_n: f64,
         now_s: f64,
         fault: &mut CableFaults,
-        (noise, fresh): (&mut Noise, bool),
+        noise: &mut Noise,
+        fresh: bool,
     ) -> (u16, u16) {
         let passed_s = now_s - self.read_s;
         let counts = self.encoder(drum_m, &mut fault.encoder, noise, passed_s);

@@ -1,4 +1,5 @@
 //! A headless Chromium, driven over its own protocol, and the program that serves the page.
+#![allow(dead_code, reason = "each test program uses a part")]
 
 use mcdpr_tests::mcdpr;
 use serde_json::{Value, json};
@@ -247,6 +248,26 @@ impl Page {
         self.key(key, false);
     }
 
+    /// Types into a field, after clearing it.
+    pub fn fill(&mut self, id: &str, value: &str) {
+        let value = json!(value);
+        self.run(&format!(
+            "(() => {{ const e = document.getElementById('{id}'); e.focus(); e.value = {value}; \
+             e.dispatchEvent(new Event('input', {{ bubbles: true }})); \
+             e.dispatchEvent(new Event('change', {{ bubbles: true }})); }})()"
+        ));
+    }
+
+    /// A click of a real mouse at a point of the page, CSS pixels.
+    pub fn click_at(&mut self, x: f64, y: f64) {
+        for kind in ["mousePressed", "mouseReleased"] {
+            let params = json!({
+                "type": kind, "x": x, "y": y, "button": "left", "clickCount": 1,
+            });
+            self.call("Input.dispatchMouseEvent", params);
+        }
+    }
+
     /// A click of a real mouse in the middle of an element.
     pub fn click(&mut self, selector: &str) {
         let at = format!(
@@ -255,12 +276,8 @@ impl Page {
              return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
         );
         let at = self.run(&at);
-        for kind in ["mousePressed", "mouseReleased"] {
-            let params = json!({
-                "type": kind, "x": at[0], "y": at[1], "button": "left", "clickCount": 1,
-            });
-            self.call("Input.dispatchMouseEvent", params);
-        }
+        let [x, y] = [0, 1].map(|axis| at[axis].as_f64().unwrap());
+        self.click_at(x, y);
     }
 
     pub fn resize(&mut self, width: u32, height: u32) {

@@ -267,7 +267,7 @@ fn k10_a_start_that_a_stop_has_overtaken_starts_nothing() {
     let mut client = armed(&model, &link);
     load_motion(&mut client);
     let session = SessionId(1).0;
-    // A number that is none of the session's: the board says which it waits for.
+    // A number outside of the session's: the board says which it waits for.
     let answers = refusals::ask(&mut link, &frame(session, 30_000, Request::Start));
     let expected = answers.iter().find_map(|answer| match answer.result {
         Err(Reject::Sequence { expected }) => Some(expected.0),

@@ -152,7 +152,7 @@ fn s8_a_supply_that_is_not_the_sensors_stops_the_robot_of_the_chip() {
         assert_eq!((after.state, after.resets), (State::Fault, 0), "{volts} V");
         assert!(after.drop_m() < 5e-3, "{volts} V: {} m", after.drop_m());
     }
-    // Within its tolerance the supply is no reason to stop.
+    // A supply within its tolerance does not stop the robot.
     let sets: fn(&mut Chip) = |chip| chip.set_supply_v(3.2);
     let (goes_on, after) = run(&[(500_000, sets)]);
     assert!(goes_on && after.fault.is_none(), "{:?}", after.fault);

@@ -6,6 +6,7 @@
 
 use super::Detection;
 use crate::camera::Camera;
+use mcdpr_kinematics::{Attempt, Damping, descend};
 use nalgebra::{
     Isometry3, Matrix2, Matrix3, Point3, Rotation3, SMatrix, SVector, Translation3, Unit,
     UnitQuaternion, Vector2, Vector3,
@@ -192,44 +193,46 @@ fn from_homography(camera: &Camera, rows: &[Row]) -> Option<Isometry3<f64>> {
     (t.z > 0.0).then(|| Isometry3::from_parts(Translation3::from(t), rotation.into()))
 }
 
-/// Levenberg's method to the nearest minimum, with its covariance.
+const DAMPING: Damping = Damping {
+    start: 1e-4,
+    least: 1e-12,
+    most: 1e8,
+    after_success: 0.2,
+    after_failure: 8.0,
+    steps: 60,
+};
+
+/// The nearest minimum of the weighted squares, with its covariance.
 fn polish(camera: &Camera, rows: &[Row], start: Isometry3<f64>) -> Option<TagPose> {
-    let mut pose = start;
-    let (mut normal, mut right, mut cost) = linearise(camera, rows, &pose)?;
-    let mut damping = 1e-4;
-    for _ in 0..60 {
-        let mut left = normal;
+    let linear = linearise(camera, rows, &start)?;
+    let found = descend(start, linear, &DAMPING, |pose, linear, damping| {
+        let mut left = linear.normal;
         for i in 0..6 {
             left[(i, i)] *= 1.0 + damping;
         }
-        let step = left.cholesky()?.solve(&right);
-        let moved = moved(&pose, &step);
-        match linearise(camera, rows, &moved) {
-            Some(next) if next.2 <= cost => {
-                let gained = cost - next.2;
-                pose = moved;
-                (normal, right, cost) = next;
-                damping = (damping * 0.2_f64).max(1e-12);
-                if step.norm() < 1e-12 || gained < 1e-14 * cost {
-                    break;
+        let step = left.cholesky()?.solve(&linear.right);
+        let moved = moved(pose, &step);
+        Some(match linearise(camera, rows, &moved) {
+            Some(next) if next.cost <= linear.cost => {
+                let gained = linear.cost - next.cost;
+                if step.norm() < 1e-12 || gained < 1e-14 * next.cost {
+                    Attempt::Last(moved, next)
+                } else {
+                    Attempt::Better(moved, next)
                 }
             }
-            _ => {
-                damping *= 8.0;
-                if damping > 1e8 {
-                    break;
-                }
-            }
-        }
-    }
+            _ => Attempt::Worse,
+        })
+    })?;
+    let pose = found.at;
     let squares: f64 = rows
         .iter()
         .filter_map(|row| Some((row.pixel - camera.project(&(pose * row.point))?).norm_squared()))
         .sum();
     Some(TagPose {
         camera_from_tag: pose,
-        covariance: normal.try_inverse()?,
-        cost,
+        covariance: found.linear.normal.try_inverse()?,
+        cost: found.linear.cost,
         residual_px: (squares / rows.len() as f64).sqrt(),
     })
 }
@@ -243,12 +246,20 @@ fn moved(pose: &Isometry3<f64>, step: &SVector<f64, 6>) -> Isometry3<f64> {
     )
 }
 
-type Normal = (SMatrix<f64, 6, 6>, SVector<f64, 6>, f64);
+/// Normal equations of a step at a pose.
+struct Linear {
+    normal: SMatrix<f64, 6, 6>,
+    right: SVector<f64, 6>,
+    /// Sum of the weighted squares.
+    cost: f64,
+}
 
-fn linearise(camera: &Camera, rows: &[Row], pose: &Isometry3<f64>) -> Option<Normal> {
-    let mut normal = SMatrix::<f64, 6, 6>::zeros();
-    let mut right = SVector::<f64, 6>::zeros();
-    let mut cost = 0.0;
+fn linearise(camera: &Camera, rows: &[Row], pose: &Isometry3<f64>) -> Option<Linear> {
+    let mut out = Linear {
+        normal: SMatrix::zeros(),
+        right: SVector::zeros(),
+        cost: 0.0,
+    };
     for row in rows {
         let seen = camera.projection(&(pose * row.point))?;
         let slope = seen.by_point;
@@ -258,11 +269,11 @@ fn linearise(camera: &Camera, rows: &[Row], pose: &Isometry3<f64>) -> Option<Nor
             .copy_from(&(-slope * arm.cross_matrix()));
         by.fixed_columns_mut::<3>(3).copy_from(&slope);
         let off = row.pixel - seen.pixel;
-        normal += by.transpose() * row.weight * by;
-        right += by.transpose() * row.weight * off;
-        cost += off.dot(&(row.weight * off));
+        out.normal += by.transpose() * row.weight * by;
+        out.right += by.transpose() * row.weight * off;
+        out.cost += off.dot(&(row.weight * off));
     }
-    (cost.is_finite()).then_some((normal, right, cost))
+    out.cost.is_finite().then_some(out)
 }
 
 #[cfg(test)]
@@ -305,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn the_covariance_tells_how_poses_scatter() {
+    fn the_covariance_is_that_of_scattered_poses() {
         // A change of one corner by its standard deviation moves the pose as the covariance says:
         // the sum over all eight coordinates of the outer products is the covariance.
         let turn = UnitQuaternion::from_euler_angles(2.9, 0.2, 0.5);

@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, Vector3};
 /// A cause with this probability counts as known.
 const KNOWN: f64 = 0.99;
 /// A cause under this probability is outside the bound of 95 %.
-const BESIDE: f64 = 0.02;
+const LEAST_PROBABILITY: f64 = 0.02;
 /// Standard deviations between an estimate and a peak from which on the error is beyond the peak.
 const APART: f64 = 2.0;
 /// Normal deviate of 95 %, one-sided.
@@ -25,9 +25,17 @@ const ONE_SIDED: f64 = 1.645;
 #[derive(Debug, Clone)]
 pub(super) struct Chosen {
     pub(super) found: Found,
-    /// For each cause that is possible: probability, shift of the tool (m), covariance (m²). Empty where
-    /// one is known.
-    peaks: Vec<(f64, Vector3<f64>, Matrix3<f64>)>,
+    /// One for each possible cause. Empty where the cause is known.
+    peaks: Vec<Peak>,
+}
+
+/// The estimate under one cause.
+#[derive(Debug, Clone)]
+struct Peak {
+    probability: f64,
+    /// Displacement of the tool from the weighted estimate, world, m.
+    shift_m: Vector3<f64>,
+    covariance_m2: Matrix3<f64>,
 }
 
 impl Chosen {
@@ -44,8 +52,9 @@ impl Chosen {
         if self.peaks.is_empty() {
             return self.found.covariance_m2 + of_places(&self.found);
         }
-        let parts = self.peaks.iter().map(|(probability, shift, covariance)| {
-            (covariance + shift * shift.transpose()) * *probability
+        let parts = self.peaks.iter().map(|peak| {
+            let shifted = peak.shift_m * peak.shift_m.transpose();
+            (peak.covariance_m2 + shifted) * peak.probability
         });
         parts.sum::<Matrix3<f64>>() + of_places(&self.found)
     }
@@ -55,10 +64,10 @@ impl Chosen {
         let round = radius_95_m(&self.covariance_m2());
         let places = of_places(&self.found);
         // Beyond a peak's shift along it, with what is across.
-        let reach = |(_, shift, covariance): &(f64, Vector3<f64>, Matrix3<f64>)| {
-            let covariance = covariance + places;
-            let far = shift.norm();
-            let along = shift / far.max(1e-12);
+        let reach = |peak: &Peak| {
+            let covariance = peak.covariance_m2 + places;
+            let far = peak.shift_m.norm();
+            let along = peak.shift_m / far.max(1e-12);
             let variance = (along.transpose() * covariance * along).x;
             // Close to it the error may be on any side.
             if far < APART * variance.sqrt() {
@@ -67,7 +76,10 @@ impl Chosen {
             let ahead = far + ONE_SIDED * variance.sqrt();
             ahead.hypot((covariance.trace() - variance).max(0.0).sqrt())
         };
-        let peaks = self.peaks.iter().filter(|peak| peak.0 > BESIDE);
+        let peaks = self
+            .peaks
+            .iter()
+            .filter(|peak| peak.probability > LEAST_PROBABILITY);
         let reached = peaks.map(reach).fold(0.0, f64::max);
         if reached > 0.0 {
             round.min(reached)
@@ -105,7 +117,7 @@ pub(super) fn choose(
     };
     let mut each = Vec::new();
     for cause in &known.causes {
-        // A cause under which the robot could not hang at all is none.
+        // A cause under which the robot could not hang at all is impossible.
         if let Ok(found) = fuse(model, &with(&cause.lengths), start_m) {
             each.push((cause.probability.ln() + found.log_evidence, found));
         }
@@ -117,9 +129,10 @@ pub(super) fn choose(
         return Ok(Chosen::only(found.clone()));
     }
     let found = fuse(model, &with(&known.lengths), start_m)?;
-    let peaks = each.iter().map(|(log, of)| {
-        let shift = of.tool_m - found.tool_m;
-        (share(*log), shift, of.covariance_m2)
+    let peaks = each.iter().map(|(log, of)| Peak {
+        probability: share(*log),
+        shift_m: of.tool_m - found.tool_m,
+        covariance_m2: of.covariance_m2,
     });
     Ok(Chosen {
         peaks: peaks.collect(),

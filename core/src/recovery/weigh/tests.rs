@@ -1,7 +1,7 @@
 use super::*;
 use crate::motion::StaticState;
 use crate::recovery::journal::{Identity, Kept, KeptCable};
-use crate::recovery::looks::Rest;
+use crate::recovery::looks::RestReadings;
 use crate::recovery::verdict::judge;
 use crate::robot::Robot;
 use nalgebra::{Matrix4, Vector4};
@@ -31,7 +31,7 @@ fn rest_on_brakes(model: &Model, lengths_m: &[f64], start: &StaticState) -> Stat
 }
 
 /// A robot that hangs at home and counts its drums; the true lengths differ by `slip_m` of one cable.
-fn slipped_robot(slip_m: f64) -> (Model, Vec<f64>, Rest, Vector3<f64>) {
+fn slipped_robot(slip_m: f64) -> (Model, Vec<f64>, RestReadings, Vector3<f64>) {
     let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
     let home = model.rest_at_home().unwrap();
     let counted_m = home.paid_out_m.clone();
@@ -39,17 +39,17 @@ fn slipped_robot(slip_m: f64) -> (Model, Vec<f64>, Rest, Vector3<f64>) {
     true_m[1] += slip_m;
     let rest = rest_on_brakes(&model, &true_m, &home);
     let tensions_n = rest.tensions_n().to_vec();
-    let readings = Rest {
+    let readings = RestReadings {
         least_n: tensions_n.clone(),
         tension_errors_n: vec![0.02; 4],
         tensions_n,
-        ..Rest::default()
+        ..RestReadings::default()
     };
     let truth_m = model.tool_m(&rest);
     (model, counted_m, readings, truth_m)
 }
 
-fn evidence(lengths_m: Vec<f64>, rest: Rest) -> Evidence<'static> {
+fn evidence(lengths_m: Vec<f64>, rest: RestReadings) -> Evidence<'static> {
     Evidence {
         source: Source::Board { lengths_m },
         rest,
@@ -144,11 +144,11 @@ fn without_a_tag_the_bound_reaches_both_causes_of_a_cut() {
         let tensions_n = rest.tensions_n().to_vec();
         let evidence = Evidence {
             source: Source::Journal(&journal),
-            rest: Rest {
+            rest: RestReadings {
                 least_n: tensions_n.clone(),
                 tension_errors_n: vec![0.02; 4],
                 tensions_n,
-                ..Rest::default()
+                ..RestReadings::default()
             },
             seen: Measurements::default(),
             untouched: true,

@@ -181,9 +181,9 @@ pub(crate) static WINCH: Section = Section {
         ),
         key(
             "node",
-            Kind::Whole(1, 127),
+            Kind::Whole(1, 126),
             Follows("the winch's id"),
-            "number of the drive on the bus; rmds takes 1 to 15, cia402 1 to 127",
+            "number of the drive on the bus; rmds takes 1 to 15, cia402 1 to 126",
         ),
         positive(
             "drive_bandwidth_rad_s",

@@ -369,3 +369,56 @@ fn random_bytes_and_mutations_never_panic() {
     }
     assert!(refused > 50, "{refused}");
 }
+
+#[test]
+fn values_in_common_count_where_a_table_gives_none() {
+    let text = "name = \"common\"\n[all_cables]\nea_n = 30000\npulley_radius_mm = 12\n\
+        [all_winches]\nmax_motor_rpm = 5000\nmodule = \"modules/fast-27.toml\"\n\
+        [[cable]]\nanchor_mm = [0, 0, 1000]\nattachment_mm = [0, 0, 0]\nea_n = 40000\n\
+        [[cable]]\nanchor_mm = [1000, 0, 1000]\nattachment_mm = [0, 0, 0]\n\
+        [[cable]]\nanchor_mm = [0, 1000, 1000]\nattachment_mm = [0, 0, 0]\n";
+    let robot = Robot::parse(text, "common.toml", &BuiltInModules).unwrap();
+    let stiffness: Vec<_> = robot.cables.iter().map(|cable| cable.ea_n).collect();
+    assert_eq!(stiffness, [40_000.0, 30_000.0, 30_000.0]);
+    assert!(robot.cables.iter().all(|c| c.pulley_radius_m == 0.012));
+    // Each cable has a winch of its own: the common values come before those of the module's file.
+    let winches: Vec<_> = robot.winches.iter().map(|w| (w.id, w.node)).collect();
+    assert_eq!(winches, [(1, 1), (2, 2), (3, 3)]);
+    assert!(
+        robot
+            .winches
+            .iter()
+            .all(|w| w.max_motor_rpm == 5000.0 && w.gear_ratio == 27.0)
+    );
+    // Written out, it is the same robot.
+    let winch = |id: u8| {
+        format!("[[winch]]\nid = {id}\nmax_motor_rpm = 5000\nmodule = \"modules/fast-27.toml\"\n")
+    };
+    let all = format!("{}{}{}[all_cables]", winch(1), winch(2), winch(3));
+    let written = text
+        .replace(
+            "[all_winches]\nmax_motor_rpm = 5000\nmodule = \"modules/fast-27.toml\"\n",
+            "",
+        )
+        .replace("[all_cables]", &all);
+    let same = Robot::parse(&written, "written.toml", &BuiltInModules).unwrap();
+    assert_eq!(same.content_hash(), robot.content_hash());
+}
+
+#[test]
+fn what_cannot_be_common_is_refused_with_its_place() {
+    let text = "name = \"common\"\n[all_cables]\nanchor_mm = [0, 0, 1]\nea = 3\n[all_winches]\nid = 2\n\
+        [[cable]]\nanchor_mm = [0, 0, 1000]\n";
+    let found = mistakes(text);
+    for what in [
+        "`anchor_mm` cannot be the same",
+        "`ea`",
+        "`id` cannot be the same",
+        "`attachment_mm` is missing",
+    ] {
+        assert!(
+            found.iter().any(|said| said.contains(what)),
+            "{what}: {found:?}"
+        );
+    }
+}

@@ -148,7 +148,7 @@ impl CollectError {
 }
 
 /// Collects data: moves to chosen poses, waits for rest, measures, and moves home. `before` are
-/// earlier data; `keep` gets all data after every pose; `tell` is called with the progress.
+/// earlier data; `keep` gets all data after every pose; `progress` is called before and after every pose.
 ///
 /// # Errors
 /// [`CollectError`]; the robot then is at rest with its brakes closed, or stops by itself.
@@ -159,7 +159,7 @@ pub fn collect<L: Link, S: TagSource>(
     options: &Options,
     before: Option<Data>,
     mut keep: impl FnMut(&Data) -> Result<(), CollectError>,
-    mut tell: impl FnMut(Step),
+    mut progress: impl FnMut(Step),
 ) -> Result<Data, CollectError> {
     let reach = Reach::new(model).ok_or_else(|| {
         CollectError::impossible(
@@ -201,7 +201,7 @@ pub fn collect<L: Link, S: TagSource>(
         home,
         offsets_m: Vec::new(),
     };
-    let outcome = session.work(source, options, before, &mut keep, &mut tell);
+    let outcome = session.work(source, options, before, &mut keep, &mut progress);
     match outcome {
         Ok(data) => {
             session.go_home()?;
@@ -235,7 +235,7 @@ impl<L: Link> Session<'_, L> {
         options: &Options,
         before: Option<Data>,
         keep: &mut impl FnMut(&Data) -> Result<(), CollectError>,
-        tell: &mut impl FnMut(Step),
+        progress: &mut impl FnMut(Step),
     ) -> Result<Data, CollectError> {
         let robot = self.model.robot().clone();
         self.join()?;
@@ -286,7 +286,7 @@ impl<L: Link> Session<'_, L> {
             let Some((k, goal)) = meanwhile(client, || choice.next(here))? else {
                 break;
             };
-            tell(Step::Going {
+            progress(Step::Going {
                 done: count,
                 wanted: options.poses,
             });
@@ -303,7 +303,7 @@ impl<L: Link> Session<'_, L> {
                     })?;
                     lost = 0;
                     keep(&sketch.data)?;
-                    tell(Step::Measured {
+                    progress(Step::Measured {
                         done: count + 1,
                         wanted: options.poses,
                         swing_m: still.swing_m,
@@ -323,7 +323,7 @@ impl<L: Link> Session<'_, L> {
                             "look at camera and target, then continue with --resume",
                         ));
                     }
-                    tell(Step::Skipped { reason });
+                    progress(Step::Skipped { reason });
                 }
             }
         }

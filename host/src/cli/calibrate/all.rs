@@ -4,6 +4,7 @@ use super::Method;
 use super::collect::{How, data_path};
 use crate::calibration::paper::{AnchorTerm, Weights, paper};
 use crate::calibration::{Answer, Data, Options, Refusal, joint, result};
+use crate::cli::progress::Phase;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use std::path::PathBuf;
@@ -128,7 +129,10 @@ impl Solve {
                 (data, Some(robot))
             }
         };
-        let answer = refusable(common, solve(&data))?;
+        let phase = Phase::begin("calibrating");
+        let solved = solve(&data);
+        drop(phase);
+        let answer = refusable(common, solved)?;
         let kept = match designed {
             Some(robot) => {
                 let document = refusable(common, result::document(&robot, &data, &answer))?;

@@ -173,9 +173,9 @@ impl How {
                 session: Some(record.session),
                 ..options
             };
-            let tell = |step| print_step(&step);
+            let progress = |step| print_step(&step);
             let keep = |data: &Data| keeper.keep(data);
-            let done = collect(&model, line, &mut tags, &options, before, keep, tell);
+            let done = collect(&model, line, &mut tags, &options, before, keep, progress);
             // Also if it ended early: the measurements so far are kept.
             let kept = keeper.finish();
             let data = done?;

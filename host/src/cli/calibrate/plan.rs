@@ -3,6 +3,7 @@
 use crate::calibration::plan::{candidates, choose, work_poses};
 use crate::calibration::space::Space;
 use crate::calibration::{Data, Options, Refusal};
+use crate::cli::progress::Phase;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use std::path::PathBuf;
@@ -25,7 +26,9 @@ impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let what = format!("calibration data {}", self.data.display());
         let text = crate::files::read_text(&self.data).map_err(Failed::from_error(&what))?;
+        let phase = Phase::begin("choosing poses");
         let outcome = self.plan(&text, common.seed);
+        drop(phase);
         let (found, plan) = match outcome {
             Ok(done) => done,
             Err(refusal) => {

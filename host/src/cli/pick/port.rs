@@ -83,8 +83,7 @@ impl Cmd {
             let line = Watched::new(port, &recorded.events).with_orders(&handle);
             let (mut arm, was_closed) = if self.resume {
                 let journal = |board: &str| load(board, scale_of(model.robot()));
-                let task = (hash, journal);
-                Arm::resume(model.clone(), line, session, &handle, task)
+                Arm::resume(model.clone(), line, session, &handle, hash, journal)
                     .map(|(arm, was_closed)| (arm, Some(was_closed)))?
             } else {
                 let arm = Arm::start(model.clone(), line, session, &handle)?;

@@ -155,7 +155,7 @@ impl Node<'_> {
                     }
                 }
             }
-            // Who sees that there is no task may send the next goal.
+            // A client may send its next goal as soon as it sees that no task runs.
             self.goals.done();
             self.feed.set_task("");
             if !armed {

@@ -74,7 +74,8 @@ impl Cmd {
             true => &UNDISTURBED[..],
             false => &KINDS[..],
         };
-        let cases = study(&model, (common.seed, self.runs), kinds, bound_m)?;
+        let seeds = common.seed..common.seed.saturating_add(self.runs);
+        let cases = study(&model, seeds, kinds, bound_m)?;
         let cost = journal_cost(&model)?;
         if let Some(path) = &self.cases {
             let lines: Result<Vec<_>, _> = cases.iter().map(serde_json::to_string).collect();

@@ -35,7 +35,8 @@ const HASH: u32 = 1;
 pub(crate) fn scene_after_cut(
     robot: &Robot,
     wanted: &Wanted,
-    (handle, detector): (&Handle, &mut dyn Detector),
+    detector: &mut dyn Detector,
+    handle: &Handle,
     controller: &Controller,
     cut: &Injection,
 ) -> Result<(SceneReport, Verdict), PickError> {
@@ -92,9 +93,11 @@ pub(crate) fn scene_after_cut(
             next: verdict.next,
         });
     }
-    let task = (HASH, |_: &str| journal);
     let line = stage.link.clone();
-    let (mut arm, was_closed) = Arm::resume(stage.model.clone(), line, SessionId(4), handle, task)?;
+    let session = SessionId(4);
+    let journal = |_: &str| journal;
+    let resumed = Arm::resume(stage.model.clone(), line, session, handle, HASH, journal);
+    let (mut arm, was_closed) = resumed?;
     let report = Picker::new(&mut arm, &mut stage.eye, detector, &stage.options)
         .resume(was_closed, &mut stage.observer)?;
     arm.finish()?;

@@ -106,7 +106,8 @@ impl Study {
             }
             drop(send);
             for (job, scene) in receive {
-                let tally = Tally::new(key(job.seed, job.order, job.knowledge), &scene);
+                let cluttered = job.order == Order::Cluttered;
+                let tally = Tally::new(job.seed, cluttered, job.knowledge, &scene);
                 let kept = Kept {
                     how: how.clone(),
                     tally: tally.clone(),
@@ -278,10 +279,10 @@ mod tests {
             mat: true,
         };
         let line = |seed: u64, how: &How| {
-            let job = (seed, false, Knowledge::Exact);
+            let scene = Err(PickError::NoCamera { on: "chip".into() });
             let tally = Tally {
                 attempts: 4,
-                ..Tally::new(job, &Err(PickError::NoCamera { on: "chip".into() }))
+                ..Tally::new(seed, false, Knowledge::Exact, &scene)
             };
             serde_json::to_string(&Kept {
                 how: how.clone(),

@@ -35,7 +35,9 @@ impl Tally {
     /// From a scene that was picked, or from one in which the robot stopped.
     #[must_use]
     pub fn new(
-        (seed, cluttered, knowledge): (u64, bool, Knowledge),
+        seed: u64,
+        cluttered: bool,
+        knowledge: Knowledge,
         scene: &Result<SceneReport, PickError>,
     ) -> Self {
         let nothing = Self {

@@ -3,7 +3,7 @@
 use crate::experiment::{Experiment, Run};
 use crate::link::{Client, SimulatedLink};
 use crate::motion::{Model, Task};
-use crate::recovery::{Before, Journal, JournalError, MemoryDisk, Verdict, recover};
+use crate::recovery::{Before, Journal, JournalError, KnownTags, MemoryDisk, Verdict, recover};
 use crate::report;
 use crate::run::saved::scale_of;
 use crate::run::{self, RunError};
@@ -129,7 +129,10 @@ impl AfterCut {
         let source: &mut dyn TagSource = &mut tags;
         let before = Before {
             journal,
-            camera: camera.then_some((source, places)),
+            tags: camera.then_some(KnownTags {
+                camera: source,
+                places,
+            }),
             untouched,
             bound_m,
         };

@@ -1,0 +1,484 @@
+//! `mcdpr config init`: a short robot file from a few answers.
+
+use super::super::{Common, Failed, Outcome, print_json};
+use super::physics;
+use std::fmt::Write as _;
+use std::io::{BufRead as _, IsTerminal as _, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Cable beyond the greatest distance in the frame, turns of a drum.
+const SPARE_TURNS: f64 = 2.0;
+/// Share of the frame, from its middle to each side, in which the tool may be.
+const BOX_SHARE: f64 = 0.3;
+/// Heights of that box, share of the frame's height.
+const BOX_HEIGHTS: [f64; 2] = [0.15, 0.7];
+/// Radius of the modules' drums, mm.
+const DRUM_MM: f64 = 20.0;
+/// Gravity, m/s².
+const G: f64 = mcdpr_kinematics::GRAVITY_MPS2;
+
+/// A winch module that the program knows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Module {
+    /// Gear of 27:1, up to 0.62 m/s of cable, sensors for 200 N
+    #[value(name = "fast-27")]
+    Fast,
+    /// The paper's gear of 371:1, up to 45 mm/s of cable, sensors for 39 N
+    #[value(name = "geared-371")]
+    Geared,
+}
+
+impl Module {
+    const fn file(self) -> &'static str {
+        match self {
+            Self::Fast => "modules/fast-27.toml",
+            Self::Geared => "modules/geared-371.toml",
+        }
+    }
+
+    /// Greatest tension of its sensor, N.
+    const fn most_n(self) -> f64 {
+        match self {
+            Self::Fast => 200.0,
+            Self::Geared => 39.13,
+        }
+    }
+}
+
+/// The answers; what is absent is asked for on a terminal.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub(crate) struct Answers {
+    /// Name of the robot; without it, that of the file
+    #[arg(long, value_name = "TEXT")]
+    name: Option<String>,
+    /// Size of the frame: the anchors are its corners, the origin is on the floor in its middle
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], conflicts_with = "anchor_mm")]
+    frame_mm: Option<Vec<f64>>,
+    /// Cables in a frame: 4 (from the top corners) or 8 (from all corners)
+    #[arg(long, value_name = "N", conflicts_with = "anchor_mm")]
+    cables: Option<u8>,
+    /// An anchor, world frame, mm; once for each cable, in order
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
+    anchor_mm: Vec<f64>,
+    /// Mass of the platform with its tool, kg
+    #[arg(long, value_name = "KG")]
+    mass_kg: Option<f64>,
+    /// Size of the platform; cables are attached at its edges
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"])]
+    platform_mm: Option<Vec<f64>>,
+    /// Winches
+    #[arg(long, value_enum)]
+    winch: Option<Module>,
+}
+
+impl Answers {
+    /// Whether anything was given.
+    pub(super) const fn is_empty(&self) -> bool {
+        self.name.is_none()
+            && self.frame_mm.is_none()
+            && self.cables.is_none()
+            && self.anchor_mm.is_empty()
+            && self.mass_kg.is_none()
+            && self.platform_mm.is_none()
+            && self.winch.is_none()
+    }
+}
+
+/// A complete description.
+#[derive(Debug, Clone, PartialEq)]
+struct Frame {
+    name: String,
+    /// Anchors and attachments, mm.
+    cables: Vec<Ends>,
+    /// Whether cables come from below, too.
+    from_below: bool,
+    /// Greatest corner minus least corner of the anchors, the floor included, mm.
+    size_mm: [f64; 3],
+    /// Middle of the anchors in x and y, mm.
+    middle_mm: [f64; 2],
+    mass_kg: f64,
+    platform_mm: [f64; 3],
+    module: Module,
+}
+
+/// Ends of a cable, mm: world, and platform.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Ends {
+    anchor: [f64; 3],
+    attachment: [f64; 3],
+    /// Direction of the cable along the pulley's swivel axis.
+    swivel_z: f64,
+}
+
+/// Writes the file, checks it, and says what comes next.
+pub(super) fn init(file: &Path, answers: &Answers, common: &Common) -> Outcome {
+    refuse_existing(file)?;
+    let answers = if answers.is_empty() {
+        ask(file)?
+    } else {
+        answers.clone()
+    };
+    let frame = complete(file, &answers).map_err(Failed::from_error("the answers"))?;
+    let failed = || Failed::from_error("writing the robot file");
+    let folder = file.parent().map(PathBuf::from).unwrap_or_default();
+    let module = folder.join(frame.module.file());
+    if let Some(parent) = module.parent() {
+        std::fs::create_dir_all(parent).map_err(failed())?;
+    }
+    let mut written = Vec::new();
+    // An existing module file belongs to the user.
+    if !module.exists() {
+        let text = crate::robot::module_text(frame.module.file());
+        let text = text.ok_or("the program lacks this module");
+        let text = text.map_err(Failed::from_error("writing the robot file"))?;
+        crate::files::write_atomically(&module, text).map_err(failed())?;
+        written.push(module.display().to_string());
+    }
+    crate::files::write_atomically(file, frame.text()).map_err(failed())?;
+    written.push(file.display().to_string());
+    let name = file.display().to_string();
+    let robot = crate::robot::find(&name)?;
+    let judged = physics::judge(&robot)?;
+    if common.json {
+        return print_json(&serde_json::json!({ "written": written, "physics": judged }));
+    }
+    for path in written {
+        say!("wrote {path}");
+    }
+    physics::show(&judged, &name);
+    Ok(())
+}
+
+/// # Errors
+/// If the file exists.
+pub(super) fn refuse_existing(file: &Path) -> Result<(), Failed> {
+    if file.exists() {
+        let reason = format!("{} is there already; it was not touched", file.display());
+        return Err(Failed::from_error("writing the robot file")(reason));
+    }
+    Ok(())
+}
+
+fn positive(what: &str, values: &[f64]) -> Result<(), String> {
+    if values.iter().all(|v| v.is_finite() && *v > 0.0) {
+        return Ok(());
+    }
+    Err(format!("{what} must be over 0"))
+}
+
+fn three(what: &str, values: &[f64]) -> Result<[f64; 3], String> {
+    let found: Result<[f64; 3], _> = values.try_into();
+    found.map_err(|_| format!("{what} needs three numbers, mm"))
+}
+
+/// Checks the answers and adds the defaults.
+fn complete(file: &Path, answers: &Answers) -> Result<Frame, String> {
+    let stem = file.file_stem().and_then(|stem| stem.to_str());
+    let name = answers.name.clone().or_else(|| stem.map(str::to_owned));
+    let name = name.unwrap_or_else(|| "my-robot".to_owned());
+    if name.trim().is_empty() || name.chars().any(|c| c.is_control() || "\"\\".contains(c)) {
+        return Err("a name is a text without quotes and line ends".to_owned());
+    }
+    let mass_kg = answers.mass_kg.unwrap_or(1.5);
+    positive("the mass", &[mass_kg])?;
+    let platform_mm = match &answers.platform_mm {
+        Some(size) => three("--platform-mm", size)?,
+        None => [200.0, 200.0, 80.0],
+    };
+    positive("the platform's size", &platform_mm)?;
+    let module = answers.winch.unwrap_or(Module::Fast);
+    let (cables, from_below) = if let Some(frame) = &answers.frame_mm {
+        let frame = three("--frame-mm", frame)?;
+        positive("the frame's size", &frame)?;
+        match answers.cables.unwrap_or(4) {
+            4 => (top_corners(frame, platform_mm, 0.0), false),
+            8 => (all_corners(frame, platform_mm), true),
+            other => {
+                return Err(format!(
+                    "a frame has 4 or 8 cables, not {other}; give any other number by --anchor-mm"
+                ));
+            }
+        }
+    } else if answers.anchor_mm.is_empty() {
+        return Err(
+            "give the frame's size with --frame-mm X Y Z, or every anchor with --anchor-mm"
+                .to_owned(),
+        );
+    } else {
+        let anchors: Vec<[f64; 3]> = answers
+            .anchor_mm
+            .chunks_exact(3)
+            .map(|c| [c[0], c[1], c[2]])
+            .collect();
+        (around(&anchors, platform_mm), false)
+    };
+    let ends = |axis: usize| {
+        let values = cables.iter().map(|cable| cable.anchor[axis]);
+        values.fold((f64::MAX, f64::MIN), |(low, high), v| {
+            (low.min(v), high.max(v))
+        })
+    };
+    let (x, y, z) = (ends(0), ends(1), ends(2));
+    Ok(Frame {
+        name,
+        from_below,
+        size_mm: [x.1 - x.0, y.1 - y.0, z.1 - z.0.min(0.0)],
+        middle_mm: [(x.0 + x.1) / 2.0, (y.0 + y.1) / 2.0],
+        cables,
+        mass_kg,
+        platform_mm,
+        module,
+    })
+}
+
+/// Corners in the order of the built-in robots: anticlockwise from -x, -y seen from below.
+const CORNERS: [[f64; 2]; 4] = [[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]];
+
+fn top_corners(frame: [f64; 3], platform: [f64; 3], z: f64) -> Vec<Ends> {
+    CORNERS
+        .map(|[x, y]| Ends {
+            anchor: [x * frame[0], y * frame[1], frame[2]],
+            attachment: [x * platform[0], y * platform[1], z],
+            swivel_z: 1.0,
+        })
+        .to_vec()
+}
+
+/// Four cables from above to the platform's underside, on a rectangle that is long in x, and four from
+/// below to its top, on one that is long in y: so tilt and yaw are held (as in `eight-cable`).
+fn all_corners(frame: [f64; 3], platform: [f64; 3]) -> Vec<Ends> {
+    let [a, b, c] = platform;
+    let mut cables = top_corners(frame, [a, b / 2.0, c], -c / 2.0);
+    cables.extend(CORNERS.map(|[x, y]| Ends {
+        anchor: [x * frame[0], y * frame[1], 0.0],
+        attachment: [x * a / 2.0, y * b, c / 2.0],
+        swivel_z: -1.0,
+    }));
+    cables
+}
+
+/// Attachments towards the anchors on the ellipse in the platform's outline.
+fn around(anchors: &[[f64; 3]], platform: [f64; 3]) -> Vec<Ends> {
+    let count = anchors.len().max(1) as f64;
+    let middle = |axis: usize| anchors.iter().map(|a| a[axis]).sum::<f64>() / count;
+    let (x, y) = (middle(0), middle(1));
+    let ends = anchors.iter().map(|anchor| {
+        let angle = (anchor[1] - y).atan2(anchor[0] - x);
+        let rounded = |v: f64| (v * 10.0).round() / 10.0;
+        Ends {
+            anchor: *anchor,
+            attachment: [
+                rounded(angle.cos() * platform[0] / 2.0),
+                rounded(angle.sin() * platform[1] / 2.0),
+                0.0,
+            ],
+            swivel_z: 1.0,
+        }
+    });
+    ends.collect()
+}
+
+/// Numbers as a person writes them.
+fn list(values: &[f64]) -> String {
+    let words: Vec<_> = values.iter().map(|v| format!("{}", v + 0.0)).collect();
+    format!("[{}]", words.join(", "))
+}
+
+impl Frame {
+    fn home_mm(&self) -> [f64; 3] {
+        let [x, y] = self.middle_mm;
+        let height = if self.from_below { 0.5 } else { 0.45 };
+        [x, y, (self.size_mm[2] * height).round()]
+    }
+
+    /// Tension with which all cables carry alike at home, N; more than the weight's share where
+    /// cables pull from below.
+    fn setpoint_n(&self) -> f64 {
+        let home = self.home_mm();
+        let rise: f64 = self
+            .cables
+            .iter()
+            .map(|cable| {
+                let d: [f64; 3] =
+                    std::array::from_fn(|i| cable.anchor[i] - home[i] - cable.attachment[i]);
+                d[2].max(0.0) / d.iter().map(|v| v * v).sum::<f64>().sqrt().max(1.0)
+            })
+            .sum();
+        let even_n = self.mass_kg * G / rise.max(0.1);
+        let wanted = if self.from_below {
+            2.0 * even_n
+        } else {
+            even_n
+        };
+        wanted.min(0.5 * self.module.most_n()).max(5.0)
+    }
+
+    /// The file: what differs from the defaults.
+    fn text(&self) -> String {
+        let diagonal_mm = self.size_mm.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let turns = (diagonal_mm / (std::f64::consts::TAU * DRUM_MM)).ceil() + SPARE_TURNS;
+        let [a, b, c] = self.platform_mm.map(|mm| mm * 1e-3);
+        let inertia = [b * b + c * c, a * a + c * c, a * a + b * b]
+            .map(|squares| (self.mass_kg / 12.0 * squares * 1e5).round() / 1e5);
+        let low_mm = if self.from_below { 0.0 } else { -30.0 };
+        let [x, y] = self.middle_mm;
+        let [half_x, half_y] = [self.size_mm[0], self.size_mm[1]].map(|size| size * BOX_SHARE);
+        let [bottom, top] = BOX_HEIGHTS.map(|share| (self.size_mm[2] * share).round());
+        let mut text = format!(
+            "# {}: written by `mcdpr config init`. Every key is explained in docs/robot-file.md; absent\n\
+             # keys have their defaults. Lines marked \"assumption\" are yours to measure.\n\n\
+             name = \"{}\"\n\n[platform]\nmass_kg = {}                     # with tool, gripper and wiring\n\
+             center_of_mass_mm = [0, 0, {low_mm}]      # assumption\n\
+             inertia_kg_m2 = {}  # assumption: a solid box of {} mm\n",
+            self.name,
+            self.name,
+            self.mass_kg,
+            list(&inertia),
+            list(&self.platform_mm),
+        );
+        // Writing to a string cannot fail.
+        let _ = write!(
+            text,
+            "\n[all_cables]\ncontrol = \"auto\"                 # the program chooses which are held by length\n\
+             routing_length_mm = {:.0}          # assumption: from the drum up the post\n\
+             pulley_radius_mm = 15             # assumption\n\
+             \n[all_winches]\nmodule = \"{}\"\nturns_max = {turns:.0}                    # enough for the frame's diagonal\n",
+            self.size_mm[2],
+            self.module.file(),
+        );
+        for cable in &self.cables {
+            let _ = write!(
+                text,
+                "\n[[cable]]\nanchor_mm = {}\nattachment_mm = {}\n",
+                list(&cable.anchor),
+                list(&cable.attachment)
+            );
+            if cable.swivel_z < 0.0 {
+                text.push_str("swivel_axis = [0, 0, -1]\n");
+            }
+        }
+        let _ = write!(
+            text,
+            "\n[tension]\nsetpoint_n = {:.1}\n\n[tool]\nhome_mm = {}\n\n[limits]\nbox_mm = [{}, {}]\n",
+            self.setpoint_n(),
+            list(&self.home_mm()),
+            list(&[x - half_x, y - half_y, bottom].map(f64::round)),
+            list(&[x + half_x, y + half_y, top].map(f64::round)),
+        );
+        text
+    }
+}
+
+/// Asks on the terminal; an empty line takes the answer in brackets.
+fn ask(file: &Path) -> Result<Answers, Failed> {
+    let stem = file.file_stem().and_then(|stem| stem.to_str());
+    let mut asker = Asker(Vec::new());
+    let name = asker.line("Name of the robot", stem.unwrap_or("my-robot"))?;
+    let frame = asker.line("Size of the frame x y z, mm", "1000 1000 1000")?;
+    let cables = asker.line("Cables: 4 from the top corners, or 8 from all corners", "4")?;
+    let mass = asker.line("Mass of the platform with its tool, kg", "1.5")?;
+    let platform = asker.line("Size of the platform x y z, mm", "200 200 80")?;
+    let winch = asker.line(
+        "Winches: fast-27 (0.62 m/s, 200 N) or geared-371 (45 mm/s, 39 N)",
+        "fast-27",
+    )?;
+    let bad = || Failed::from_error("the answers");
+    let numbers = |text: &str| -> Result<Vec<f64>, Failed> {
+        let words = text.split([' ', ',', 'x']).filter(|word| !word.is_empty());
+        let numbers: Result<Vec<f64>, _> = words.map(str::parse).collect();
+        numbers.map_err(|_| bad()(format!("{text:?} is not a list of numbers")))
+    };
+    Ok(Answers {
+        name: Some(name),
+        frame_mm: Some(numbers(&frame)?),
+        cables: Some(
+            cables
+                .parse()
+                .map_err(|_| bad()(format!("{cables:?} is not a number of cables")))?,
+        ),
+        anchor_mm: Vec::new(),
+        mass_kg: Some(
+            mass.parse()
+                .map_err(|_| bad()(format!("{mass:?} is not a mass in kg")))?,
+        ),
+        platform_mm: Some(numbers(&platform)?),
+        winch: Some(<Module as clap::ValueEnum>::from_str(&winch, true).map_err(bad())?),
+    })
+}
+
+/// Questions on standard error, answers on standard input.
+struct Asker(Vec<u8>);
+
+impl Asker {
+    fn line(&mut self, question: &str, default: &str) -> Result<String, Failed> {
+        let failed = || Failed::from_error("asking");
+        eprint!("{question} [{default}]: ");
+        std::io::stderr().flush().map_err(failed())?;
+        self.0.clear();
+        let read = std::io::stdin().lock().read_until(b'\n', &mut self.0);
+        if read.map_err(failed())? == 0 {
+            return Err(Failed::from_error("asking")("the input ended"));
+        }
+        let text = String::from_utf8_lossy(&self.0).trim().to_owned();
+        Ok(if text.is_empty() {
+            default.to_owned()
+        } else {
+            text
+        })
+    }
+}
+
+/// Whether questions can be asked.
+pub(super) fn can_ask() -> bool {
+    std::io::stdin().is_terminal()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn answers(frame: [f64; 3], cables: u8) -> Answers {
+        Answers {
+            frame_mm: Some(frame.to_vec()),
+            cables: Some(cables),
+            ..Answers::default()
+        }
+    }
+
+    #[test]
+    fn a_frame_of_four_and_of_eight_cables_is_complete() {
+        let four = complete(
+            Path::new("a/hall.toml"),
+            &answers([2000.0, 3000.0, 2500.0], 4),
+        )
+        .unwrap();
+        assert_eq!((four.name.as_str(), four.cables.len()), ("hall", 4));
+        assert_eq!(four.cables[0].anchor, [-1000.0, -1500.0, 2500.0]);
+        // Four cables at these angles carry the weight alike at the set-point.
+        let set = four.setpoint_n();
+        assert!(set > 4.0 && set < 12.0, "{set}");
+        let eight = complete(Path::new("b.toml"), &answers([2000.0, 2000.0, 1500.0], 8)).unwrap();
+        assert_eq!(eight.cables.len(), 8);
+        assert!(eight.text().contains("swivel_axis = [0, 0, -1]"));
+        assert!(eight.setpoint_n() > four.setpoint_n());
+    }
+
+    #[test]
+    fn bad_answers_are_refused_in_words() {
+        let refused = |answers: &Answers| complete(Path::new("a.toml"), answers).unwrap_err();
+        let frame = [1000.0; 3];
+        assert!(refused(&Answers::default()).contains("--frame-mm"));
+        assert!(refused(&answers(frame, 5)).contains("4 or 8"));
+        assert!(refused(&answers([1000.0, -1.0, 1000.0], 4)).contains("over 0"));
+        let named = Answers {
+            name: Some("a\"b".into()),
+            ..answers(frame, 4)
+        };
+        assert!(refused(&named).contains("without quotes"));
+        let heavy = Answers {
+            mass_kg: Some(f64::NAN),
+            ..answers(frame, 4)
+        };
+        assert!(refused(&heavy).contains("mass"));
+    }
+}
