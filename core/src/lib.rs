@@ -25,6 +25,7 @@ pub mod holding;
 pub mod link;
 pub mod machine;
 pub mod motion;
+mod near;
 pub mod random;
 pub mod recovery;
 pub mod robot;

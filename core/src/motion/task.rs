@@ -4,6 +4,7 @@ use super::gcode;
 use super::path::{Path, PathError, Piece};
 use super::plan::{MOST_STEPS, PlanError};
 use super::timed::Step;
+use crate::near::nearest;
 use mcdpr_kinematics::rotation_from_rpy;
 use miette::Diagnostic;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
@@ -57,7 +58,8 @@ pub enum TaskError {
     #[diagnostic(
         code(mcdpr::task::unknown),
         help(
-            "built in are {}; anything else must be a task file (TOML), see docs/tasks.md",
+            "{}built in are {}; anything else must be a task file (TOML), see docs/tasks.md",
+            meant(name),
             names()
         )
     )]
@@ -132,6 +134,11 @@ pub enum TaskError {
     #[error(transparent)]
     #[diagnostic(code(mcdpr::task::path))]
     Path(#[from] PathError),
+}
+
+fn meant(name: &str) -> String {
+    let known = BUILT_IN.iter().map(|(known, _)| *known);
+    nearest(name, known).map_or(String::new(), |known| format!("did you mean `{known}`? "))
 }
 
 fn names() -> String {

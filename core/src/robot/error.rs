@@ -114,10 +114,17 @@ impl RobotError {
 impl Diagnostic for RobotError {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
         match self {
-            RobotError::NotFound { built_in, .. } => Some(Box::new(format!(
-                "give the path of a robot file or the name of a built-in robot: {}",
-                built_in.join(", ")
-            ))),
+            RobotError::NotFound {
+                asked, built_in, ..
+            } => {
+                let meant = crate::near::nearest(asked, built_in.iter().copied());
+                let meant =
+                    meant.map_or(String::new(), |name| format!("did you mean `{name}`? Or "));
+                Some(Box::new(format!(
+                    "{meant}give the path of a robot file or the name of a built-in robot: {}",
+                    built_in.join(", ")
+                )))
+            }
             RobotError::Unreadable { .. } => Some(Box::new(
                 "check that it is a text file that you may read".to_string(),
             )),

@@ -10,6 +10,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::error::{Invalid, Problem, RobotError};
 use super::schema::{Absent, Key, Kind, Named, Range, SECTIONS, Section};
+use crate::near::nearest;
 
 /// Permitted elements of a list, for messages.
 const NUMBERS: &str = "numbers from -1e9 to 1e9";
@@ -504,16 +505,8 @@ fn alternatives(words: &[&str]) -> String {
 /// Message and help for an unknown key: the nearest known one, or the section it belongs to.
 fn unknown(name: &str, section: &'static Section) -> (String, String) {
     let what = format!("unknown key `{name}` in {}", section.title);
-    let near = section
-        .keys
-        .iter()
-        .map(|key| (distance(name, key.name), key.name))
-        .filter(|(steps, known)| {
-            *steps <= 2.max(known.len() / 4)
-                || (name.len() > 2 && (known.starts_with(name) || name.starts_with(known)))
-        })
-        .min();
-    if let Some((_, known)) = near {
+    let keys = section.keys.iter().map(|key| key.name);
+    if let Some(known) = nearest(name, keys) {
         return (what, format!("did you mean `{known}`?"));
     }
     if let Some(home) = SECTIONS.iter().find(|section| section.key(name).is_some()) {
@@ -521,43 +514,4 @@ fn unknown(name: &str, section: &'static Section) -> (String, String) {
     }
     let known: Vec<&str> = section.keys.iter().map(|key| key.name).collect();
     (what, format!("the keys known here: {}", known.join(", ")))
-}
-
-/// Levenshtein distance: insertions, deletions and replacements of one character.
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, letter) in a.chars().enumerate() {
-        let mut diagonal = i;
-        let mut left = i + 1;
-        for (slot, other) in row.iter_mut().skip(1).zip(&b) {
-            let replaced = diagonal + usize::from(letter != *other);
-            diagonal = *slot;
-            left = replaced.min(left + 1).min(diagonal + 1);
-            *slot = left;
-        }
-        if let Some(first) = row.first_mut() {
-            *first = i + 1;
-        }
-    }
-    row.last().copied().unwrap_or(0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::distance;
-
-    #[test]
-    fn distance_counts_single_character_edits() {
-        for (a, b, steps) in [
-            ("", "", 0),
-            ("", "abc", 3),
-            ("abc", "", 3),
-            ("kitten", "sitting", 3),
-            ("anchor_m", "anchor_mm", 1),
-            ("flaw", "lawn", 2),
-        ] {
-            assert_eq!(distance(a, b), steps, "{a} {b}");
-        }
-    }
 }

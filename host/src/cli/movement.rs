@@ -1,5 +1,6 @@
 //! `mcdpr move`, `jog`, `park`, `home`, `arm`, `disarm`, `gripper`: one thing at a time.
 
+use super::numbers::{finite, length_mm, positive};
 use super::progress::Bar;
 use super::reach::with_session;
 use super::{Common, Failed, Outcome, print_json};
@@ -11,11 +12,11 @@ use nalgebra::Vector3;
 /// Move the tool straight to a place, then close the brakes
 #[derive(Debug, clap::Args)]
 pub(crate) struct Move {
-    /// Position of the tool in the world, mm
-    #[arg(num_args = 3, required = true, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
+    /// Position of the tool in the world, mm or with a unit (0.3m)
+    #[arg(num_args = 3, required = true, value_names = ["X", "Y", "Z"], allow_hyphen_values = true, value_parser = length_mm)]
     place_mm: Vec<f64>,
     /// Greatest speed, mm/s; the robot file's limit if left out
-    #[arg(long, value_name = "MM_S")]
+    #[arg(long, value_name = "MM_S", value_parser = positive)]
     speed: Option<f64>,
     /// Shape the motion against swing
     #[arg(long, value_enum, default_value_t = Shaping::None)]
@@ -26,10 +27,10 @@ pub(crate) struct Move {
 #[derive(Debug, clap::Args)]
 pub(crate) struct Jog {
     /// Velocity of the tool in the world, mm/s
-    #[arg(num_args = 3, required = true, value_names = ["VX", "VY", "VZ"], allow_negative_numbers = true)]
+    #[arg(num_args = 3, required = true, value_names = ["VX", "VY", "VZ"], allow_negative_numbers = true, value_parser = finite)]
     velocity_mm_s: Vec<f64>,
     /// For how long, s
-    #[arg(long = "for", value_name = "S", default_value_t = 1.0)]
+    #[arg(long = "for", value_name = "S", default_value_t = 1.0, value_parser = positive)]
     seconds: f64,
 }
 
@@ -41,7 +42,7 @@ pub(crate) struct Park {}
 #[derive(Debug, clap::Args)]
 pub(crate) struct Home {
     /// The tool hangs here, world, mm; the robot file's home if left out
-    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_hyphen_values = true, value_parser = length_mm)]
     at: Option<Vec<f64>>,
     /// Use a tag whose pose is known (on the simulator, which knows it)
     #[arg(long, conflicts_with = "at")]
@@ -52,7 +53,7 @@ pub(crate) struct Home {
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arm {
     /// Disarm again after this long, s
-    #[arg(long = "for", value_name = "S")]
+    #[arg(long = "for", value_name = "S", value_parser = positive)]
     seconds: Option<f64>,
 }
 

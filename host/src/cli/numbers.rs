@@ -1,13 +1,22 @@
 //! Numbers on the command line, for clap's `value_parser`: invalid ones are refused before anything
 //! begins.
 
-fn finite(text: &str) -> Result<f64, String> {
+use crate::units::Quantity;
+
+/// A finite number.
+pub(crate) fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     if value.is_finite() {
         Ok(value)
     } else {
         Err("not finite".to_owned())
     }
+}
+
+/// A length with or without a unit (mm without); in mm.
+pub(crate) fn length_mm(text: &str) -> Result<f64, String> {
+    let length_m = Quantity::Length.parse(text);
+    length_m.map(|m| m * 1e3).map_err(|error| error.to_string())
 }
 
 /// Above zero.

@@ -29,6 +29,7 @@ use crate::serve::{CameraWatcher, Feed, FeedWatcher, Server};
 use mcdpr_protocol::{Request, SessionId};
 use std::cell::Cell;
 use std::io::Write as _;
+use std::net::IpAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -51,6 +52,10 @@ pub(crate) struct Cmd {
     /// Folder of the task files that the page offers, reads and saves
     #[arg(long, value_name = "FOLDER", default_value = "tasks")]
     tasks: PathBuf,
+    /// Address to listen on; others than this machine's own let other machines look, and give orders
+    /// with the token (the connection is not encrypted)
+    #[arg(long, value_name = "IP", default_value = "127.0.0.1")]
+    host: IpAddr,
     /// Wait for Start, also on the simulator
     #[arg(long)]
     idle: bool,
@@ -100,7 +105,15 @@ impl Cmd {
             work: Some(work),
             most_mps: robot.limits.speed_mps,
         };
-        let server = Server::start(self.port, token, &robot, feed.clone(), Arc::new(desk))?;
+        let desk = Arc::new(desk);
+        if !self.host.is_loopback() {
+            eprintln!(
+                "warning: other machines can reach this page at {}; whoever reads the unencrypted \
+                 connection reads the token",
+                self.host
+            );
+        }
+        let server = Server::start_on(self.host, self.port, token, &robot, feed.clone(), desk)?;
         #[cfg(unix)]
         let _listening = super::orders::listen(common, &handle)?;
         announce(&server, common)?;

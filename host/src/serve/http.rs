@@ -1,6 +1,7 @@
 //! The part of HTTP that one page and a WebSocket need.
 
 use std::io::{self, Read, Write};
+use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
 /// Most bytes of a request's head.
@@ -64,18 +65,25 @@ impl Request {
     }
 
     /// Whether the browser addresses this server: a page of another site, or a host name that was
-    /// redirected to this address, is refused.
-    pub(super) fn is_for(&self, port: u16) -> bool {
+    /// redirected to this address, is refused. A server that listens for other machines (`open`) is
+    /// addressed by number: names, which somebody else may redirect, are refused.
+    pub(super) fn is_for(&self, port: u16, open: bool) -> bool {
         let own = |authority: &str| {
-            ["127.0.0.1", "localhost", "[::1]"]
+            let local = ["127.0.0.1", "localhost", "[::1]"]
                 .iter()
-                .any(|host| authority == format!("{host}:{port}"))
+                .any(|host| authority == format!("{host}:{port}"));
+            let number = || {
+                let address = authority.parse::<SocketAddr>();
+                address.is_ok_and(|address| address.port() == port)
+            };
+            local || (open && number())
         };
+        let host = self.header("host").filter(|host| own(host));
         let origin = self.header("origin").map(|origin| {
             let bare = origin.strip_prefix("http://");
-            bare.is_some_and(own)
+            bare.is_some_and(own) && (!open || bare == host)
         });
-        self.header("host").is_some_and(own) && origin.unwrap_or(true)
+        host.is_some() && origin.unwrap_or(true)
     }
 }
 
@@ -122,12 +130,32 @@ mod tests {
     fn other_sites_are_refused() {
         let ask = |host: &str, origin: &str| {
             let text = format!("GET / HTTP/1.1\r\nHost: {host}\r\n{origin}\r\n");
-            request(&text).unwrap().is_for(8650)
+            request(&text).unwrap().is_for(8650, false)
         };
         assert!(ask("127.0.0.1:8650", ""));
         assert!(ask("localhost:8650", "Origin: http://localhost:8650\r\n"));
         assert!(!ask("evil.example:8650", ""));
         assert!(!ask("127.0.0.1:8650", "Origin: http://evil.example\r\n"));
         assert!(!ask("127.0.0.1:9999", ""));
+        assert!(!ask("192.168.0.7:8650", ""));
+    }
+
+    #[test]
+    fn an_open_server_is_addressed_by_number_only() {
+        let ask = |host: &str, origin: &str| {
+            let text = format!("GET / HTTP/1.1\r\nHost: {host}\r\n{origin}\r\n");
+            request(&text).unwrap().is_for(8650, true)
+        };
+        assert!(ask(
+            "192.168.0.7:8650",
+            "Origin: http://192.168.0.7:8650\r\n"
+        ));
+        assert!(ask("localhost:8650", ""));
+        assert!(!ask("robot.example:8650", ""));
+        assert!(!ask(
+            "192.168.0.7:8650",
+            "Origin: http://192.168.0.8:8650\r\n"
+        ));
+        assert!(!ask("192.168.0.7:9999", ""));
     }
 }

@@ -8,7 +8,7 @@ use miette::Diagnostic;
 use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::io::{self, Write as _};
-use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -78,6 +78,8 @@ struct Shared {
     desk: Arc<dyn Desk>,
     robot: Value,
     orders: Orders,
+    /// The address that is listened on.
+    host: IpAddr,
     port: u16,
     ended: AtomicBool,
     viewers: AtomicUsize,
@@ -94,11 +96,27 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves on loopback; port 0 takes a free one.
+    /// Serves on this machine's own address; port 0 takes a free one.
     ///
     /// # Errors
     /// [`ServeError::Taken`], [`ServeError::System`].
     pub fn start(
+        port: u16,
+        token: Option<String>,
+        robot: &Robot,
+        feed: Feed,
+        desk: Arc<dyn Desk>,
+    ) -> Result<Self, ServeError> {
+        let local = IpAddr::from(Ipv4Addr::LOCALHOST);
+        Self::start_on(local, port, token, robot, feed, desk)
+    }
+
+    /// As [`Server::start`], on an address that other machines may reach.
+    ///
+    /// # Errors
+    /// [`ServeError::Taken`], [`ServeError::System`].
+    pub(crate) fn start_on(
+        host: IpAddr,
         port: u16,
         token: Option<String>,
         robot: &Robot,
@@ -112,7 +130,7 @@ impl Server {
                 reason: error.to_string(),
             },
         };
-        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        let address = SocketAddr::from((host, port));
         let listener = TcpListener::bind(address).map_err(system)?;
         let bound = listener.local_addr().map_err(system)?.port();
         let shared = Arc::new(Shared {
@@ -120,6 +138,7 @@ impl Server {
             desk,
             robot: describe(robot),
             orders: Orders::new(token),
+            host,
             port: bound,
             ended: AtomicBool::new(false),
             viewers: AtomicUsize::new(0),
@@ -143,10 +162,22 @@ impl Server {
         self.shared.port
     }
 
+    /// An address at which this machine reaches it.
+    fn reached_at(&self) -> IpAddr {
+        if self.shared.host.is_unspecified() {
+            IpAddr::from(Ipv4Addr::LOCALHOST)
+        } else {
+            self.shared.host
+        }
+    }
+
     /// The address for read-only viewers.
     #[must_use]
     pub fn address(&self) -> String {
-        format!("http://127.0.0.1:{}/", self.shared.port)
+        format!(
+            "http://{}/",
+            SocketAddr::from((self.reached_at(), self.shared.port))
+        )
     }
 
     /// The address for viewers who may give orders. The token follows a `#`: browsers do not send
@@ -161,7 +192,7 @@ impl Drop for Server {
     fn drop(&mut self) {
         self.shared.ended.store(true, Ordering::SeqCst);
         // Wakes the listener.
-        drop(TcpStream::connect((Ipv4Addr::LOCALHOST, self.shared.port)));
+        drop(TcpStream::connect((self.reached_at(), self.shared.port)));
         if let Some(thread) = self.listener.take() {
             let _ = thread.join();
         }
@@ -225,7 +256,7 @@ fn receive(number: u64, mut stream: TcpStream, shared: &Shared) -> io::Result<()
     stream.set_write_timeout(Some(STUCK))?;
     let request = Request::read(&mut stream, HANDSHAKE)?;
     shared.asked(number);
-    if !request.is_for(shared.port) {
+    if !request.is_for(shared.port, !shared.host.is_loopback()) {
         let text = "this page is only for browsers on this machine, by its own address";
         return answer(&mut stream, "403 Forbidden", "text/plain", text);
     }

@@ -1,0 +1,277 @@
+//! A robot of one's own from a few answers: the file is written, checked, planned for and run, by the
+//! real program.
+
+use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::Folder;
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Output, Stdio};
+
+fn call(folder: &Path, arguments: &[&str]) -> Output {
+    mcdpr()
+        .args(arguments)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+fn good(folder: &Path, arguments: &[&str]) -> String {
+    let output = call(folder, arguments);
+    let message = String::from_utf8_lossy(&output.stderr);
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {message}\n{said}");
+    said
+}
+
+fn document(folder: &Path, arguments: &[&str]) -> Value {
+    serde_json::from_str(&good(folder, arguments)).unwrap()
+}
+
+/// What is printed where a command fails with code 1, on one line.
+fn refused(folder: &Path, arguments: &[&str]) -> String {
+    let output = call(folder, arguments);
+    assert_eq!(output.status.code(), Some(1), "{arguments:?}");
+    let text = [output.stdout, output.stderr].concat();
+    let text = String::from_utf8_lossy(&text).replace('│', " ");
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Frames of different size, mass, winches and number of cables.
+const FRAMES: [(&str, &[&str], u64); 4] = [
+    ("small", &["--frame-mm", "1000", "1000", "1000"], 4),
+    (
+        "hall",
+        &[
+            "--frame-mm",
+            "2000",
+            "3000",
+            "2000",
+            "--mass-kg",
+            "4",
+            "--platform-mm",
+            "300",
+            "300",
+            "100",
+        ],
+        4,
+    ),
+    (
+        "slow",
+        &[
+            "--frame-mm",
+            "800",
+            "900",
+            "700",
+            "--mass-kg",
+            "1",
+            "--winch",
+            "geared-371",
+        ],
+        4,
+    ),
+    (
+        "eight",
+        &[
+            "--frame-mm",
+            "2000",
+            "2000",
+            "1500",
+            "--cables",
+            "8",
+            "--mass-kg",
+            "3",
+            "--platform-mm",
+            "400",
+            "400",
+            "200",
+        ],
+        8,
+    ),
+];
+
+#[test]
+fn a_file_from_a_few_answers_is_a_robot_that_runs() {
+    let folder = Folder::new("own-frame");
+    let at = folder.path();
+    for (name, answers, cables) in FRAMES {
+        let file = format!("{name}.toml");
+        let init = [&["config", "init", file.as_str()], answers].concat();
+        let said = good(at, &init);
+        assert!(
+            said.contains("verdict: it can work; next: mcdpr serve"),
+            "{name}: {said}"
+        );
+        let text = std::fs::read_to_string(at.join(&file)).unwrap();
+        assert!(text.contains(&format!("name = \"{name}\"")), "{text}");
+        // Short: what differs from the defaults, and the cables.
+        let lines = text.lines().filter(|line| !line.trim().is_empty()).count();
+        assert!(lines < 60, "{lines} lines");
+        let checked = document(at, &["config", "check", &file, "--json"]);
+        assert_eq!(checked["cables"], cables);
+        assert!(
+            checked["physics"]["share"].as_f64().unwrap() > 0.3,
+            "{name}: {checked}"
+        );
+        let plan = document(at, &["plan", "fitting", "--robot", &file, "--json"]);
+        assert!(plan["verdict"]["broken"].is_null(), "{name}: {plan}");
+        let run = document(at, &["run", "fitting", "--robot", &file, "--json"]);
+        let worst_mm = run["path_error_m"]["max"].as_f64().map(|m| m * 1e3);
+        assert!(worst_mm.is_some_and(|mm| mm < 5.0), "{name}: {run}");
+    }
+}
+
+#[test]
+fn a_robot_that_cannot_work_is_named_with_the_reason() {
+    let folder = Folder::new("own-unfit");
+    let at = folder.path();
+    // 60 kg on sensors for 39 N.
+    let heavy = [
+        "--frame-mm",
+        "1000",
+        "1000",
+        "1000",
+        "--mass-kg",
+        "60",
+        "--winch",
+        "geared-371",
+    ];
+    let said = good(
+        at,
+        &[&["config", "init", "heavy.toml"], &heavy[..]].concat(),
+    );
+    assert!(said.contains("verdict: it cannot work yet"), "{said}");
+    let said = refused(at, &["config", "check", "heavy.toml"]);
+    assert!(said.contains("cannot work as it is described"), "{said}");
+    // Every value is in the hash: a mass that was typed wrong is another robot.
+    good(
+        at,
+        &[
+            "config",
+            "init",
+            "a.toml",
+            "--frame-mm",
+            "1000",
+            "1000",
+            "1000",
+        ],
+    );
+    let text = std::fs::read_to_string(at.join("a.toml")).unwrap();
+    let hash = |name: &str| document(at, &["config", "check", name, "--json"])["hash"].clone();
+    for (from, to) in [
+        ("mass_kg = 1.5", "mass_kg = 1.6"),
+        ("-500, 1000]", "-501, 1000]"),
+    ] {
+        assert!(text.contains(from), "{text}");
+        std::fs::write(at.join("b.toml"), text.replacen(from, to, 1)).unwrap();
+        assert_ne!(hash("a.toml"), hash("b.toml"), "{from}");
+    }
+}
+
+#[test]
+fn bad_answers_write_no_file() {
+    let folder = Folder::new("own-bad");
+    let at = folder.path();
+    for (answers, said) in [
+        (&["--frame-mm", "1000", "0", "1000"][..], "over 0"),
+        (
+            &["--frame-mm", "1000", "1000", "1000", "--cables", "5"],
+            "4 or 8 cables",
+        ),
+        (&["--mass-kg", "2"], "--frame-mm"),
+        (
+            &["--frame-mm", "1000", "1000", "1000", "--mass-kg", "-1"],
+            "mass",
+        ),
+        (&["--copy", "--mass-kg", "2"], "--copy"),
+    ] {
+        let message = {
+            let words = [&["config", "init", "bad.toml"], answers].concat();
+            let output = call(at, &words);
+            assert!(!output.status.success(), "{answers:?}");
+            String::from_utf8_lossy(&output.stderr).into_owned()
+        };
+        assert!(message.contains(said), "{answers:?}: {message}");
+        assert_eq!(std::fs::read_dir(at).unwrap().count(), 0, "{answers:?}");
+    }
+    good(
+        at,
+        &[
+            "config",
+            "init",
+            "a.toml",
+            "--frame-mm",
+            "1000",
+            "1000",
+            "1000",
+        ],
+    );
+    let before = std::fs::read_to_string(at.join("a.toml")).unwrap();
+    let said = refused(
+        at,
+        &[
+            "config",
+            "init",
+            "a.toml",
+            "--frame-mm",
+            "2000",
+            "1000",
+            "1000",
+        ],
+    );
+    assert!(said.contains("not touched"), "{said}");
+    assert_eq!(std::fs::read_to_string(at.join("a.toml")).unwrap(), before);
+}
+
+#[test]
+fn a_plan_lists_every_limit_and_is_drawn() {
+    let folder = Folder::new("own-plan");
+    let at = folder.path();
+    let said = good(at, &["plan", "paper:table7"]);
+    let rows = [
+        "limit",
+        "tilt of the platform, deg",
+        "least tension, cable 1, N",
+        "greatest tension, cable 4, N",
+        "speed, cable 2, mm/s",
+        "motor current, cable 3, A",
+        "length off the drum, cable 4, mm",
+        "distance between cables, mm",
+    ];
+    for row in rows {
+        assert!(said.contains(row), "{row}: {said}");
+    }
+    assert!(
+        said.lines().all(|line| line.chars().count() <= 120),
+        "{said}"
+    );
+    assert!(said.contains("next: mcdpr run paper:table7"), "{said}");
+    let folder = said
+        .split("drawn in ")
+        .nth(1)
+        .unwrap()
+        .split("/plan.svg")
+        .next()
+        .unwrap();
+    let svg = std::fs::read_to_string(at.join(folder).join("plan.svg")).unwrap();
+    assert!(svg.starts_with("<svg"));
+    // The tightest limit comes first; each is within.
+    let plan = document(at, &["plan", "paper:table7", "--json"]);
+    let left: Vec<f64> = plan["verdict"]["margins"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|margin| margin["left_percent"].as_f64().unwrap())
+        .collect();
+    assert!(left.is_sorted() && left[0] > 0.0, "{left:?}");
+    // A refused plan and a dry run leave no folder.
+    let folders = || std::fs::read_dir(at.join("runs")).unwrap().count();
+    let before = folders();
+    let error = refused(at, &["plan", "paper:table7", "--z-mm", "-900"]);
+    assert!(
+        error.contains("cable") || error.contains("limit"),
+        "{error}"
+    );
+    good(at, &["plan", "paper:table7", "--dry-run"]);
+    assert_eq!(folders(), before);
+}
