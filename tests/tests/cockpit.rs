@@ -109,7 +109,7 @@ fn a_text_is_planned_refused_corrected_saved_and_not_replaced_by_mistake() {
     let mut page = at_work(&mut browser, &serve);
     page.click("#tab-points");
     page.click("#teach");
-    page.run("mcdpr.work.points.push([30, 0, mcdpr.work.points[0][2]])");
+    page.run("mcdpr.work.points.push([300, -60, mcdpr.work.points[0][2]])");
     wait(
         &mut page,
         "!document.getElementById('points-edit').disabled",
@@ -121,7 +121,7 @@ fn a_text_is_planned_refused_corrected_saved_and_not_replaced_by_mistake() {
     let good = page.run("document.getElementById('task-text').value");
     let good = good.as_str().unwrap().to_owned();
     // A place outside is refused with the limit, and cannot be started by any way.
-    page.fill("task-text", &good.replace("[30.00,", "[3000.00,"));
+    page.fill("task-text", &good.replace("[300.00,", "[3000.00,"));
     page.click("#text-plan");
     wait(
         &mut page,
@@ -151,7 +151,7 @@ fn a_text_is_planned_refused_corrected_saved_and_not_replaced_by_mistake() {
         std::fs::read_to_string(tasks.join("points.toml")).unwrap(),
         good
     );
-    let other = good.replace("[30.00,", "[20.00,");
+    let other = good.replace("[300.00,", "[290.00,");
     page.fill("task-text", &other);
     page.click("#text-save");
     wait(
@@ -209,7 +209,7 @@ fn the_tool_goes_to_a_place_that_is_typed_or_clicked_and_home() {
     // A click in the drawing is a place at the height in z.
     page.run("document.activeElement.blur()");
     page.click("#to-pick");
-    let wanted = [home[0] - 35.0, home[1] + 25.0, to[2]];
+    let wanted = [home[0] + 75.0, home[1] + 45.0, to[2]];
     let point = format!(
         "[{}, {}, {}]",
         wanted[0] * 1e-3,

@@ -110,14 +110,14 @@ fn a_file_from_a_few_answers_is_a_robot_that_runs() {
         let checked = document(at, &["config", "check", &file, "--json"]);
         assert_eq!(checked["cables"], cables);
         assert!(
-            checked["physics"]["share"].as_f64().unwrap() > 0.3,
+            checked["physics"]["share"].as_f64().unwrap() > 0.4,
             "{name}: {checked}"
         );
         let plan = document(at, &["plan", "fitting", "--robot", &file, "--json"]);
         assert!(plan["verdict"]["broken"].is_null(), "{name}: {plan}");
         let run = document(at, &["run", "fitting", "--robot", &file, "--json"]);
         let worst_mm = run["path_error_m"]["max"].as_f64().map(|m| m * 1e3);
-        assert!(worst_mm.is_some_and(|mm| mm < 5.0), "{name}: {run}");
+        assert!(worst_mm.is_some_and(|mm| mm < 8.0), "{name}: {run}");
     }
 }
 

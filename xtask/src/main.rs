@@ -2,6 +2,7 @@
 
 mod firmware;
 mod functions;
+mod programs;
 mod public;
 mod python;
 mod ros;
@@ -105,9 +106,13 @@ fn test() -> Result<(), String> {
         "realsense",
     ])?;
     let file = std::path::absolute(firmware::elf_path());
+    let file = file.map_err(|error| error.to_string())?;
+    programs::run(&cargo_program(), &arguments, &file)?;
+    let mut documentation = arguments.to_vec();
+    documentation.insert(1, "--doc");
     run(Command::new(cargo_program())
-        .args(arguments)
-        .env("MCDPR_FIRMWARE", file.map_err(|error| error.to_string())?))?;
+        .args(documentation)
+        .env("MCDPR_FIRMWARE", &file))?;
     python::test_built(FEATURES)
 }
 

@@ -44,6 +44,7 @@
       text('most', robot.tension_max_n.toFixed(0) + ' N');
       Scene.setRobot(robot); rows(); buttons();
       for (const o of $('jog-speed').options) o.disabled = o.value * 1e-3 > robot.speed_mps;
+      Work.speeds(robot.speed_mps);
     } else if (m.type === 'plan') Scene.setPlan(m.tool_m);
     else if (m.type === 'log') m.lines.forEach(log);
     else if (m.type === 'answer') answer(m);

@@ -92,6 +92,14 @@ const Work = (() => {
     buttons();
   }
 
+  // Speeds that the robot can do, until somebody types others.
+  let typed = false;
+  function speeds(most_mps) {
+    if (typed) return;
+    for (const id of ['to-speed', 'points-speed']) $(id).value = Math.min(50, Math.floor(most_mps * 900));
+  }
+  for (const id of ['to-speed', 'points-speed']) $(id).addEventListener('input', () => { typed = true; });
+
   let picking = false;
   function pick(on) {
     picking = on; $('to-pick').setAttribute('aria-pressed', on); document.body.classList.toggle('picking', on);
@@ -152,6 +160,6 @@ const Work = (() => {
   // The place of the tool comes and goes.
   setInterval(buttons, 500);
   taught();
-  return { show, allow, get preview() { return preview; }, get points() { return points; } };
+  return { show, allow, speeds, get preview() { return preview; }, get points() { return points; } };
 })();
 window.mcdpr.work = Work;

@@ -8,12 +8,28 @@ use std::path::{Path, PathBuf};
 
 /// Cable beyond the greatest distance in the frame, turns of a drum.
 const SPARE_TURNS: f64 = 2.0;
-/// Share of the frame, from its middle to each side, in which the tool may be.
-const BOX_SHARE: f64 = 0.3;
-/// Heights of that box, share of the frame's height.
-const BOX_HEIGHTS: [f64; 2] = [0.15, 0.7];
+/// Share of the frame, from its middle to each side, in which the tool may be: of a hanging platform,
+/// and of one that is held from below, too. A hanging one tilts and loses tension near the sides.
+const BOX_SHARES: [f64; 2] = [0.2, 0.3];
+/// Heights of that box about home, share of the frame's height.
+const BOX_HEIGHTS: [f64; 2] = [-0.25, 0.12];
+/// Angle of a hanging platform's cables below the horizontal at home: flatter ones hold it stiffer, and
+/// steeper ones with less tension.
+const HOME_DEG: f64 = 30.0;
+/// Height of the platform's origin over the tool, mm: the default of `tcp_mm`.
+const TOOL_MM: f64 = 80.0;
+/// Stiffness EA of a cable, N: braided UHMWPE of 1 mm; the rope's is about half of its fibres' 45 kN.
+const EA_N: f64 = 20_000.0;
 /// Radius of the modules' drums, mm.
 const DRUM_MM: f64 = 20.0;
+/// Cables whose drives one bus commands every 2 ms.
+const FEW: usize = 4;
+/// More drives need a longer period (docs/protocol.md, load of the bus).
+const MANY_DRIVES: &str =
+    "\n[bus]\nperiod_us = 4000                  # more drives than one bus commands in 2 ms\n";
+/// Gains of eight-cable: six held lengths let the platform give way to none.
+const STIFF_GAINS: &str = "kp = 0.1                          # gains of eight-cable; tune with `mcdpr tune tension`\n\
+    kd = 0\nki = 2\ndamping_ns_per_m = 20\nfilter_hz = 80\n";
 /// Gravity, m/s².
 const G: f64 = mcdpr_kinematics::GRAVITY_MPS2;
 
@@ -52,7 +68,7 @@ pub(crate) struct Answers {
     #[arg(long, value_name = "TEXT")]
     name: Option<String>,
     /// Size of the frame: the anchors are its corners, the origin is on the floor in its middle
-    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], conflicts_with = "anchor_mm")]
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true, conflicts_with = "anchor_mm")]
     frame_mm: Option<Vec<f64>>,
     /// Cables in a frame: 4 (from the top corners) or 8 (from all corners)
     #[arg(long, value_name = "N", conflicts_with = "anchor_mm")]
@@ -61,10 +77,10 @@ pub(crate) struct Answers {
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
     anchor_mm: Vec<f64>,
     /// Mass of the platform with its tool, kg
-    #[arg(long, value_name = "KG")]
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     mass_kg: Option<f64>,
     /// Size of the platform; cables are attached at its edges
-    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"])]
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
     platform_mm: Option<Vec<f64>>,
     /// Winches
     #[arg(long, value_enum)]
@@ -285,10 +301,24 @@ fn list(values: &[f64]) -> String {
 }
 
 impl Frame {
+    /// The tool's place at home.
     fn home_mm(&self) -> [f64; 3] {
         let [x, y] = self.middle_mm;
-        let height = if self.from_below { 0.5 } else { 0.45 };
-        [x, y, (self.size_mm[2] * height).round()]
+        if self.from_below {
+            return [x, y, (self.size_mm[2] * 0.5).round()];
+        }
+        let count = self.cables.len().max(1) as f64;
+        let mean = |of: &dyn Fn(&Ends) -> f64| self.cables.iter().map(of).sum::<f64>() / count;
+        let reach = |cable: &Ends| {
+            let across = [0, 1].map(|i| cable.anchor[i] - self.middle_mm[i] - cable.attachment[i]);
+            across[0].hypot(across[1])
+        };
+        let drop = mean(&reach) * HOME_DEG.to_radians().tan();
+        [
+            x,
+            y,
+            (mean(&|cable| cable.anchor[2]) - drop - TOOL_MM).round(),
+        ]
     }
 
     /// Tension with which all cables carry alike at home, N; more than the weight's share where
@@ -299,8 +329,9 @@ impl Frame {
             .cables
             .iter()
             .map(|cable| {
+                let origin = [home[0], home[1], home[2] + TOOL_MM];
                 let d: [f64; 3] =
-                    std::array::from_fn(|i| cable.anchor[i] - home[i] - cable.attachment[i]);
+                    std::array::from_fn(|i| cable.anchor[i] - origin[i] - cable.attachment[i]);
                 d[2].max(0.0) / d.iter().map(|v| v * v).sum::<f64>().sqrt().max(1.0)
             })
             .sum();
@@ -322,8 +353,10 @@ impl Frame {
             .map(|squares| (self.mass_kg / 12.0 * squares * 1e5).round() / 1e5);
         let low_mm = if self.from_below { 0.0 } else { -30.0 };
         let [x, y] = self.middle_mm;
-        let [half_x, half_y] = [self.size_mm[0], self.size_mm[1]].map(|size| size * BOX_SHARE);
-        let [bottom, top] = BOX_HEIGHTS.map(|share| (self.size_mm[2] * share).round());
+        let [half_x, half_y] = [self.size_mm[0], self.size_mm[1]]
+            .map(|size| size * BOX_SHARES[usize::from(self.from_below)]);
+        let home = self.home_mm();
+        let [bottom, top] = BOX_HEIGHTS.map(|share| home[2] + (self.size_mm[2] * share).round());
         let mut text = format!(
             "# {}: written by `mcdpr config init`. Every key is explained in docs/robot-file.md; absent\n\
              # keys have their defaults. Lines marked \"assumption\" are yours to measure.\n\n\
@@ -342,6 +375,7 @@ impl Frame {
             "\n[all_cables]\ncontrol = \"auto\"                 # the program chooses which are held by length\n\
              routing_length_mm = {:.0}          # assumption: from the drum up the post\n\
              pulley_radius_mm = 15             # assumption\n\
+             ea_n = {EA_N}                     # assumption: braided UHMWPE, 1 mm\n\
              \n[all_winches]\nmodule = \"{}\"\nturns_max = {turns:.0}                    # enough for the frame's diagonal\n",
             self.size_mm[2],
             self.module.file(),
@@ -357,11 +391,15 @@ impl Frame {
                 text.push_str("swivel_axis = [0, 0, -1]\n");
             }
         }
+        if self.cables.len() > FEW {
+            text.push_str(MANY_DRIVES);
+        }
         let _ = write!(
             text,
-            "\n[tension]\nsetpoint_n = {:.1}\n\n[tool]\nhome_mm = {}\n\n[limits]\nbox_mm = [{}, {}]\n",
+            "\n[tension]\nsetpoint_n = {:.1}\n{}\n[tool]\nhome_mm = {}\n\n[limits]\nbox_mm = [{}, {}]\n",
             self.setpoint_n(),
-            list(&self.home_mm()),
+            if self.from_below { STIFF_GAINS } else { "" },
+            list(&home),
             list(&[x - half_x, y - half_y, bottom].map(f64::round)),
             list(&[x + half_x, y + half_y, top].map(f64::round)),
         );

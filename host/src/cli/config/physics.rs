@@ -1,11 +1,13 @@
 //! Whether a robot file describes a robot that can work: home, tensions, motors, work space.
 
-use crate::machine;
-use crate::motion::{Model, PlanOptions, judge_place};
+use crate::experiment::{Experiment, SimulatedRobot};
+use crate::machine::{self, Mismatch};
+use crate::motion::{Model, PlanOptions, Task, judge_place};
 use crate::robot::Robot;
 use miette::Diagnostic;
 use nalgebra::Vector3;
 use serde::Serialize;
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// Places along each axis of the box at which the robot is judged.
@@ -14,6 +16,9 @@ const PLACES: u32 = 7;
 const LEAST_SHARE: f64 = 0.05;
 /// A motor that needs more than this share of its current at home has no reserve to accelerate.
 const MOST_CURRENT: f64 = 0.7;
+
+/// How long the simulated robot holds, s.
+const HOLD_S: f64 = 2.0;
 
 /// The judgement.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -47,11 +52,11 @@ pub(super) struct Unfit {
 pub(super) fn judge(robot: &Robot) -> miette::Result<Physics> {
     let model = Model::new(robot)?.with_options(PlanOptions::default());
     let mut out = Physics::default();
-    let held = model.holding().by_tension().len();
+    let by_tension = model.holding().by_tension().len();
     let count = robot.cables.len();
     out.facts.push(format!(
-        "{count} cables: {} held by length, {held} by tension",
-        count - held
+        "{count} cables: {} held by length, {by_tension} by tension",
+        count - by_tension
     ));
     if robot.winches.is_empty() || robot.winch_of(0).is_none() {
         out.facts
@@ -85,7 +90,30 @@ pub(super) fn judge(robot: &Robot) -> miette::Result<Physics> {
         }
     }
     space(&model, &mut out);
+    if out.problems.is_empty() {
+        held(&model, &mut out);
+    }
     Ok(out)
+}
+
+/// Arms the simulated robot, realistically off, and lets it hold at home: a loop that shakes shows.
+fn held(model: &Model, out: &mut Physics) {
+    let [x, y, z] = [0, 1, 2].map(|axis| model.robot().tool.home_in_world_m[axis] * 1e3);
+    let text = format!("start_mm = [{x:?}, {y:?}, {z:?}]\n[[leg]]\ndwell_s = {HOLD_S:?}\n");
+    let task = Task::parse(&text, PathBuf::from("holding at home"));
+    let run = task.map_err(|error| error.to_string()).and_then(|task| {
+        let simulated = SimulatedRobot::new(Mismatch::realistic(), 1);
+        let run = Experiment::new(model, task).simulate(&simulated);
+        run.map_err(|error| error.to_string())
+    });
+    match run {
+        Ok(_) => out.facts.push(format!(
+            "simulation: it arms and holds at home for {HOLD_S:.0} s"
+        )),
+        Err(error) => out.problems.push(format!(
+            "simulation: it does not hold at home: {error}; softer cables (ea_n), or other gains of [tension] (`mcdpr tune tension`)"
+        )),
+    }
 }
 
 /// Speed and torque of the motors.

@@ -1,0 +1,172 @@
+//! Runs the workspace's test programs, several at a time: many of them wait, for a board in real time
+//! or for a browser.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::Mutex;
+use std::sync::mpsc;
+
+/// Programs that measure reaction times: nothing runs beside them. They come last.
+const ALONE: [&str; 2] = ["page", "cockpit"];
+/// Programs that take longest: they begin first, so that none of them is left at the end.
+const LONG: [&str; 6] = [
+    "camera",
+    "picking",
+    "docs",
+    "collect",
+    "interruption",
+    "dry_run",
+];
+/// Programs at a time: their own threads use all processors already.
+const AT_A_TIME: usize = 2;
+
+/// A test program.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Program {
+    name: String,
+    file: PathBuf,
+    /// The folder of its package, in which it runs.
+    folder: PathBuf,
+}
+
+/// Builds the test programs with these arguments of `cargo test`, and runs them all.
+///
+/// # Errors
+/// Where the build fails; the names of the programs that failed.
+pub(crate) fn run(cargo: &str, arguments: &[&str], firmware: &Path) -> Result<(), String> {
+    let programs = built(cargo, arguments)?;
+    let is_alone = |program: &Program| ALONE.contains(&program.name.as_str());
+    let (alone, mut others): (Vec<_>, Vec<_>) = programs.into_iter().partition(is_alone);
+    // Taken from the end.
+    others.sort_by_key(|program| LONG.contains(&program.name.as_str()));
+    let mut failed = beside(others, firmware);
+    for program in alone {
+        let output = start(&program, firmware);
+        failed.extend(report(&program, &output));
+    }
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(format!("xtask: tests failed in {}", failed.join(", ")))
+}
+
+/// Runs programs beside each other; the names of those that failed.
+fn beside(programs: Vec<Program>, firmware: &Path) -> Vec<String> {
+    let waiting = Mutex::new(programs);
+    let (send, receive) = mpsc::channel();
+    std::thread::scope(|scope| {
+        for _ in 0..AT_A_TIME {
+            let (send, waiting) = (send.clone(), &waiting);
+            scope.spawn(move || {
+                let next = || waiting.lock().ok()?.pop();
+                while let Some(program) = next() {
+                    let output = start(&program, firmware);
+                    if send.send((program, output)).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(send);
+        let done = receive.into_iter();
+        done.filter_map(|(program, output)| report(&program, &output))
+            .collect()
+    })
+}
+
+fn start(program: &Program, firmware: &Path) -> std::io::Result<Output> {
+    Command::new(&program.file)
+        .current_dir(&program.folder)
+        .env("CARGO_MANIFEST_DIR", &program.folder)
+        .env("MCDPR_FIRMWARE", firmware)
+        .stdin(Stdio::null())
+        .output()
+}
+
+/// Prints what a program said; its name if it failed.
+fn report(program: &Program, output: &std::io::Result<Output>) -> Option<String> {
+    let name = &program.name;
+    match output {
+        Err(error) => {
+            eprintln!("xtask: {name} cannot be started: {error}");
+            Some(name.clone())
+        }
+        Ok(output) => {
+            println!("xtask: {name} ({})", program.file.display());
+            print!("{}", String::from_utf8_lossy(&output.stdout));
+            eprint!("{}", String::from_utf8_lossy(&output.stderr));
+            (!output.status.success()).then(|| format!("{name} ({})", output.status))
+        }
+    }
+}
+
+fn built(cargo: &str, arguments: &[&str]) -> Result<Vec<Program>, String> {
+    let mut command = Command::new(cargo);
+    command.args(arguments);
+    command.args(["--no-run", "--message-format=json-render-diagnostics"]);
+    eprintln!("xtask: cargo {} --no-run", arguments.join(" "));
+    let output = command.stderr(Stdio::inherit()).output();
+    let output = output.map_err(|error| format!("xtask: cargo cannot be started: {error}"))?;
+    if !output.status.success() {
+        return Err(format!("xtask: the tests do not build: {}", output.status));
+    }
+    let messages = String::from_utf8_lossy(&output.stdout);
+    let programs: Vec<_> = messages.lines().filter_map(program).collect();
+    if programs.is_empty() {
+        return Err("xtask: cargo names no test program".to_owned());
+    }
+    Ok(programs)
+}
+
+/// The test program that a message of cargo names.
+fn program(message: &str) -> Option<Program> {
+    // Of the message's own keys; the first `name` is that of the target.
+    let text = |key: &str| {
+        let (_, rest) = message.split_once(&format!("\"{key}\":\""))?;
+        rest.split('"').next()
+    };
+    if !message.contains("\"reason\":\"compiler-artifact\"") || !message.contains("\"test\":true,")
+    {
+        return None;
+    }
+    let (_, target) = message.split_once("\"target\":{")?;
+    let (_, name) = target.split_once("\"name\":\"")?;
+    let profile = message.split_once("\"profile\":{")?.1.split('}').next()?;
+    if !profile.contains("\"test\":true") {
+        return None;
+    }
+    Some(Program {
+        name: name.split('"').next()?.to_owned(),
+        file: text("executable")?.into(),
+        folder: Path::new(text("manifest_path")?).parent()?.to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_of_cargo_name_test_programs() {
+        let message = |test: bool, executable: &str| {
+            format!(
+                "{{\"reason\":\"compiler-artifact\",\"package_id\":\"x\",\"manifest_path\":\"/a/tests/Cargo.toml\",\
+                 \"target\":{{\"kind\":[\"test\"],\"name\":\"page\",\"test\":true,\"doc\":false}},\
+                 \"profile\":{{\"opt_level\":\"3\",\"test\":{test}}},\"executable\":{executable},\"fresh\":true}}"
+            )
+        };
+        let found = program(&message(true, "\"/a/target/page-1\"")).unwrap();
+        assert_eq!(
+            (found.name.as_str(), found.file),
+            ("page", "/a/target/page-1".into())
+        );
+        assert_eq!(found.folder, Path::new("/a/tests"));
+        // The program itself, a library, another message.
+        assert_eq!(program(&message(false, "\"/a/target/page-1\"")), None);
+        assert_eq!(program(&message(true, "null")), None);
+        assert_eq!(
+            program("{\"reason\":\"build-finished\",\"success\":true}"),
+            None
+        );
+    }
+}
