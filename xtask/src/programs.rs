@@ -125,8 +125,7 @@ fn program(message: &str) -> Option<Program> {
         let (_, rest) = message.split_once(&format!("\"{key}\":\""))?;
         rest.split('"').next()
     };
-    if !message.contains("\"reason\":\"compiler-artifact\"") || !message.contains("\"test\":true,")
-    {
+    if !message.contains("\"reason\":\"compiler-artifact\"") {
         return None;
     }
     let (_, target) = message.split_once("\"target\":{")?;
@@ -151,7 +150,7 @@ mod tests {
         let message = |test: bool, executable: &str| {
             format!(
                 "{{\"reason\":\"compiler-artifact\",\"package_id\":\"x\",\"manifest_path\":\"/a/tests/Cargo.toml\",\
-                 \"target\":{{\"kind\":[\"test\"],\"name\":\"page\",\"test\":true,\"doc\":false}},\
+                 \"target\":{{\"kind\":[\"test\"],\"name\":\"page\",\"doc\":false,\"test\":true}},\
                  \"profile\":{{\"opt_level\":\"3\",\"test\":{test}}},\"executable\":{executable},\"fresh\":true}}"
             )
         };

@@ -150,8 +150,9 @@ fn work(shared: &Shared, model: &Model, feed: &Feed) {
         if about["ok"] == json!(true) {
             inner.allowed = Some((number, wanted));
         }
-        drop(inner);
+        // Under the lock: a plan that is discarded now must not appear afterwards.
         feed.set_preview(about);
+        drop(inner);
     }
 }
 
