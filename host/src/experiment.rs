@@ -332,6 +332,7 @@ impl<'a> Experiment<'a> {
         let number = self.session.unwrap_or_else(run::new_session);
         let homing = self.homing.unwrap_or(Homing::Known);
         let (model, handle) = (self.model, &self.handle);
+        // Planned before it is armed: a refused task moves nothing.
         let mut session = Session::open(model, link, number, handle, homing, &run::LengthFiles)?;
         let plan = match self.resume {
             None => session.plan(self.task, None)?,

@@ -147,6 +147,7 @@ impl Link for Recorded<'_> {
     fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
         let frame = self.take(Direction::ToBoard)?;
         if frame.bytes != bytes {
+            // The error names the call that differs, not the next one.
             self.next -= 1;
             self.differs = Some("it sends other bytes".to_owned());
             return Err(LinkError::Broken {
@@ -215,6 +216,7 @@ pub(crate) fn recorded_task(run: &RecordedRun, model: &Model) -> Result<Task, Re
 /// # Errors
 /// [`ReplayError::Differs`] with the first difference; the others where it cannot be replayed.
 pub fn replay(run: &RecordedRun, controller: &Controller) -> Result<Proof, ReplayError> {
+    // After a hole nothing can be repeated: every later answer depends on it.
     if run.gaps > 0 {
         return Err(ReplayError::Gaps { missing: run.gaps });
     }

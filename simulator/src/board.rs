@@ -217,6 +217,7 @@ impl<const N: usize> io::Board<N> for Rim<'_, N> {
         self.drives.tick(now, config, outputs, &mut port);
         for (i, brake) in outputs.brakes.iter().enumerate() {
             let applied = self.plant.set_brake(i, *brake == Brake::Closed);
+            // The first error is the cause; later ones follow from it.
             if self.applied.is_ok() {
                 self.applied = applied;
             }

@@ -102,6 +102,7 @@ impl Simulation {
         link: &LinkOptions,
         seed: u64,
     ) -> Self {
+        // A salt of its own for each direction: their faults do not coincide.
         let wire = |faults, salt| Wire::new(link.baud, link.latency_us, faults, seed ^ salt);
         Self {
             next_tick_us: board.slice_us(),
@@ -175,10 +176,12 @@ impl Simulation {
         self.plant.set_gripper(false);
         let (plant, line) = (&mut self.plant, &mut self.drives);
         self.board.advance_unpowered(plant, line, self.now_us)?;
+        // After the plant: the jaws are where the slice ends.
         if let Some(cell) = &mut self.cell {
             cell.step(&mut self.plant)?;
         }
         self.received.clear();
+        // What arrives at a board without supply is lost.
         self.to_board.make_noise(self.now_us);
         self.to_board.receive(self.now_us, &mut self.received);
         self.to_board.take_framing_errors(self.now_us);
@@ -228,6 +231,7 @@ impl Simulation {
         let Some(trace) = &mut self.trace else {
             return Ok(());
         };
+        // A slice may be a part of a tick: one point per tick.
         if self.board.now() != before {
             trace.push(TracePoint {
                 tick: self.board.now(),
@@ -238,6 +242,7 @@ impl Simulation {
                 truth: self.plant.truth()?,
             });
         }
+        // Some boards know a tick's path time only ticks later.
         for (tick, path_ms) in self.board.take_path_times() {
             let known = trace.iter_mut().rev().find(|point| point.tick == tick);
             if let Some(point) = known {

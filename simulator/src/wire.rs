@@ -43,6 +43,7 @@ impl Wire {
     #[must_use]
     pub fn new(baud: u32, latency_us: u32, faults: WireFaults, seed: u64) -> Self {
         Self {
+            // Ten bits a byte in ns: 10.85 us at 921600 baud.
             byte_ns: 10_000_000_000 / u64::from(baud.max(1)),
             latency_ns: u64::from(latency_us) * 1000,
             faults,
@@ -70,6 +71,7 @@ impl Wire {
         let step_ns = ((1e9 / rate) as u64).max(self.byte_ns);
         while self.noise_ns + step_ns <= now_ns {
             self.noise_ns += step_ns;
+            // Bytes stay in the order of arrival: the receiver takes them from the front.
             let last = self.bytes.back().map_or(0, |(arrival, _)| *arrival);
             let arrival = last.max(self.noise_ns);
             let bits = self.rng.next_u32();
@@ -85,6 +87,7 @@ impl Wire {
         for &byte in bytes {
             let start = self.free_ns.max(now_us * 1000) + self.pause_ns();
             self.free_ns = start + self.byte_ns;
+            // A byte that is lost has taken its time on the wire.
             if self.happens(self.faults.drop) {
                 continue;
             }

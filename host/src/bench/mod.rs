@@ -38,6 +38,7 @@ const TICK_CYCLES: u32 = 18_000;
 const STACK_FREE: u16 = 1024;
 /// Number of readings of every winch's inputs.
 const LOOKS: usize = 100;
+// 100 looks, 8 ms apart, last 0.8 s: 40 periods of a mains hum of 50 Hz.
 const BETWEEN_US: u64 = 8_000;
 /// Counts by which a drum at rest may flicker.
 const FLICKER: i32 = 1;
@@ -89,9 +90,11 @@ pub fn examine<L: Link>(
         });
     }
     let first = ask(client, BenchTest::Look)?;
+    // All zero: a board in software, which has no identity and no clocks to test.
     if first == Bench::default() {
         return Err(BenchError::NoChip);
     }
+    // DBGMCU_IDCODE: bits 0 to 11 are the device, bits 16 to 31 the revision.
     if first.id_code & 0xFFF != DEVICE {
         return Err(BenchError::UnknownChip {
             id_code: first.id_code,
@@ -112,6 +115,7 @@ pub fn examine<L: Link>(
     findings.extend(clocks(&seen));
     findings.extend(pins(&seen));
     outputs(client, jumpers, confirm, &mut findings)?;
+    // Last, so that longest tick and deepest stack include the tests themselves.
     let last = ask(client, BenchTest::Look)?;
     findings.push(tick(&last));
     findings.push(stack(&last));
@@ -177,6 +181,7 @@ fn start(report: &Bench) -> Finding {
         .filter(|(_, bit)| report.reset_flags & (1 << bit) != 0);
     let causes: Vec<_> = set.map(|(name, _)| *name).collect();
     let found = format!("started by: {}", causes.join(", "));
+    // Bits 5 to 7, both watchdogs and low power: a healthy board starts by none of them.
     if report.reset_flags & 0b1110_0000 != 0 {
         return bad(
             "start",
@@ -229,6 +234,7 @@ fn can<L: Link>(client: &mut Client<L>, findings: &mut Vec<Finding>) -> Result<(
         ));
         return Ok(());
     }
+    // The loop's result is read afterwards: 50 ms are ample for its frames.
     wait(client, 50_000)?;
     let seen = ask(client, BenchTest::Look)?;
     let CanErrors {
@@ -378,6 +384,7 @@ fn channel(winch: usize, looks: &[Winch]) -> Channel {
     let sigma_v = (squares.sum::<f64>() / count).sqrt();
     let mut histogram = [0; 8];
     for volts in &read {
+        // Eight bins of a standard deviation each about the mean.
         let bin = ((volts - mean_v) / sigma_v.max(1e-9))
             .floor()
             .clamp(-4.0, 3.0);

@@ -44,6 +44,7 @@ pub(super) fn outputs<L: Link>(
             ));
             continue;
         }
+        // The board raises an output for 0.3 s: it is read after the first 0.1 s.
         wait(client, 100_000)?;
         let raised = ask(client, BenchTest::Look)?.outputs;
         let during = look(client)?;

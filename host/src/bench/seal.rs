@@ -43,6 +43,7 @@ fn digest(parts: &[&[u8]]) -> [u8; 32] {
 
 fn hmac(key: &[u8], text: &[u8]) -> [u8; 32] {
     let mut block = [0; BLOCK];
+    // RFC 2104: a longer key is replaced by its hash, a shorter one is padded with zeros.
     if key.len() > BLOCK {
         block[..32].copy_from_slice(&digest(&[key]));
     } else {

@@ -239,6 +239,7 @@ impl Chart {
         frame.draw_grid(&mut out, &escape(&self.across), &escape(&self.up));
         self.draw_marks(&mut out, &frame);
         out.push_str("<g fill=\"none\" stroke-width=\"1.5\" stroke-linejoin=\"round\">");
+        // Last first: the first curve lies on top.
         for curve in self.curves.iter().rev() {
             let path = self.path(curve, &frame);
             let _ = write!(
@@ -404,6 +405,7 @@ fn thinned(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     for column in points.chunks(points.len().div_ceil(COLUMNS)) {
         let by = |a: &&[f64; 2], b: &&[f64; 2]| a[1].total_cmp(&b[1]);
         let (low, high) = (column.iter().min_by(by), column.iter().max_by(by));
+        // In the order of time: the least may come after the greatest.
         let mut pair: Vec<_> = low.into_iter().chain(high).copied().collect();
         pair.sort_by(|a, b| a[0].total_cmp(&b[0]));
         pair.dedup();

@@ -61,6 +61,7 @@ impl Cmd {
         let firmware = match common.controller.firmware() {
             Some(firmware) => Some(firmware.clone()),
             None if common.firmware.is_some() => Some(Firmware::find(common.firmware.as_deref())?),
+            // Without a file the board is tested without that comparison.
             None => Firmware::find(None).ok(),
         };
         let image = match &firmware {

@@ -135,6 +135,7 @@ impl Operator for Eyes {
             return Some(given == YesNo::Yes);
         }
         if let Some(now_m) = self.drum_m() {
+            // The simulated drum's displacement grows while it pays out.
             return Some(now_m > self.before_m);
         }
         let mut input = std::io::stdin().lock();
@@ -205,6 +206,7 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
         rotor = w.rotor_inertia_kg_m2,
         friction = friction_text(found, w),
         brake = milli(w.brake_close_s),
+        // A robot file accepts no more than 2 degrees.
         play = found.brake_play_deg.min(2.0),
         bandwidth = w.drive_bandwidth_rad_s,
         lag = milli(w.current_lag_s),
@@ -246,6 +248,7 @@ fn friction_text(found: &Commissioned, winch: &Winch) -> String {
         share(gear.gear_friction_nm),
         gear.static_friction,
         gear.stribeck_rpm,
+        // From N m per rpm to mN m per 1000 rpm.
         viscous * 1e6,
         gear.efficiency,
         gear.backdrive_efficiency,

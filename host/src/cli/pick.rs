@@ -183,6 +183,7 @@ impl Cmd {
             .transpose()?;
         let watching = study::Watching {
             events: Some(&recorded.events),
+            // In real time for viewers, otherwise as fast as the computer can.
             time_scale: common.checked_time_scale()?.or(self.serve.map(|_| 1.0)),
             keep: false,
         };

@@ -117,6 +117,7 @@ impl Recorded {
             }
             Err(error) => warn(&format!("{}: {error}", path.display())),
         }
+        // Only a real robot outlasts the program, and needs a journal.
         if let Some(model) = model.filter(|_| !simulated) {
             let task = &scenario.task;
             let about = crate::recovery::About {

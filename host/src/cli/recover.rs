@@ -110,6 +110,7 @@ impl Cmd {
         let phase = Phase::begin("simulating the loss of power and the recovery");
         let after = simulate(model, &cut_motion)?;
         let after = after.ok_or_else(|| wrong("the task was done before: give an earlier time"))?;
+        // Far ahead: a journal of this very moment is never from the future.
         let now_ms = u64::MAX / 2;
         let journal = after.read(model, now_ms);
         let bound_m = self.bound_mm * 1e-3;

@@ -231,10 +231,12 @@ impl Cmd {
         plant.set_stand(true);
         for cable in 0..model.robot().cables.len() {
             #[expect(clippy::cast_precision_loss, reason = "a small count")]
+            // Each cable has another slack, so that one is taut before the others.
             let longer_m = 0.015 + 0.005 * cable as f64;
             plant.slip_cable(cable, longer_m).map_err(broken)?;
         }
         if let Slack::Free(cable) = slack {
+            // A free end is simulated as a broken cable: neither pulls.
             plant.break_cable(cable).map_err(broken)?;
         }
         let options = LinkOptions::default();
@@ -321,6 +323,7 @@ impl Cmd {
         }
         eprintln!("every cable is taken up: {}", words(&now));
         let step = format!("raise all tensions together to {}", words(&goal));
+        // Down again before the brakes close: a refused step must not leave it half tensioned.
         if let Err(error) = self.confirm(&step) {
             rig.tension(&slack)?;
             rig.finish()?;

@@ -76,6 +76,7 @@ impl Tension {
             return Err(Failed::from_error("a law with `output = \"velocity\"`")(why).into());
         }
         let model = Model::new(&robot)?;
+        // A step up and one down of this height must both stay within floor and ceiling.
         let room = robot.tension.setpoint_n - robot.tension.floor_n;
         let room = room.min(robot.tension.ceiling_n - robot.tension.setpoint_n);
         if !(self.step_n > 0.0 && self.step_n <= room) {

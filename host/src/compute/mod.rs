@@ -101,6 +101,7 @@ impl Subject {
     #[must_use]
     pub fn own_tensions(&self) -> CableVec<Option<f64>> {
         let cables = self.robot.cables.iter();
+        // Six lengths leave no freedom: their tensions are distributed, not set.
         if cables.filter(|c| c.control == Control::Position).count() >= 6 {
             return CableVec::from_fn(self.count(), |_| None);
         }
@@ -272,6 +273,7 @@ impl Subject {
         let taut = lengths_m.get(index).zip(tensions_n.get(index));
         let of = self.robot.cables.get(index).zip(taut);
         of.map_or(0.0, |(cable, (length_m, tension_n))| {
+            // Unstretched l0 = l / (1 + T / EA), so that EA / l0 = (EA + T) / l.
             (cable.ea_n + tension_n) / (length_m + cable.routing_length_m)
         })
     }

@@ -140,6 +140,7 @@ fn key(on: &str, robot: &str) -> String {
 fn plain(name: &str) -> String {
     let safe = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
     let all: Vec<char> = name.chars().map(safe).collect();
+    // The path of a socket has 108 bytes at most (Linux): of a long name the end is kept.
     let keep = all.len().saturating_sub(48);
     all.iter().skip(keep).collect()
 }
@@ -232,6 +233,7 @@ fn serve(stream: UnixStream, handle: &Handle) {
     let Ok(mut writer) = stream.try_clone() else {
         return;
     };
+    // A caller that sends without end must not fill the memory.
     let mut reader = BufReader::new(stream.take(LONGEST_ORDER));
     let mut line = String::new();
     if reader.read_line(&mut line).is_err() || line.is_empty() {

@@ -96,6 +96,7 @@ pub fn examine<L: Link>(client: &mut Client<L>, robot: &Robot) -> Result<Vec<Fin
     let configured = configuration(client, robot, &status)?;
     let usable = configured.verdict == Verdict::Good;
     findings.push(configured);
+    // Without a configuration the board knows neither drives nor sensors.
     if usable {
         findings.extend(parts::drives(client, robot)?);
         let watched = parts::watch(client, robot)?;

@@ -192,6 +192,7 @@ pub(super) fn tensions(watched: &[Watched], robot: &Robot) -> Vec<Finding> {
         if mean <= f64::from(RAIL_LOW) {
             return bad(format!("{read_v:.3} V is the lower rail: a short"), broken);
         }
+        // The converter's own noise changes its readings: 40 equal ones are a dead channel.
         if span(&watched.readings) == 0.0 {
             return bad(format!("{reads}, {LOOKS} times the very same: it does not measure"), broken);
         }

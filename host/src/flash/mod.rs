@@ -158,6 +158,7 @@ pub fn ask_before<L: Link>(
     const UNKNOWN: &str = "no board answered whether the robot is armed: as soon as the chip is written its brakes close and its drives get no commands; hold the platform by other means";
     let mut client = match Client::connect(link, session) {
         Ok(client) => client,
+        // Another program holds the board and may arm it at any time.
         Err(ClientError::Refused {
             reject: Reject::SessionHeld,
             ..
@@ -200,6 +201,7 @@ impl Image {
         };
         let robot = Robot::built_in("paper-table5").map_err(|error| stranger(error.to_string()))?;
         let model = Model::new(&robot).map_err(|error| stranger(error.to_string()))?;
+        // Any robot does: only the greeting is awaited.
         let link = SimulatedRobot::new(Mismatch::default(), 1)
             .controller(&Controller::Chip(firmware.clone()))
             .at_home(&model)

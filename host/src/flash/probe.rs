@@ -99,6 +99,7 @@ pub fn write(
     let mut session = open
         .attach(CHIP, Permissions::default())
         .map_err(failed("attaching to the chip"))?;
+    // Before anything is erased: the content of another chip could not be restored.
     check(&mut session)?;
     let mut loader = session.target().flash_loader();
     loader

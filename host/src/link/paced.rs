@@ -41,6 +41,7 @@ impl<L: Link> Link for Paced<L> {
         let ahead = since_s - self.began.elapsed().as_secs_f64();
         // A sleep is not accurate to half a millisecond anyway.
         if ahead > 5e-4 && ahead.is_finite() {
+            // At most a second at once: a jump of the clock must not block the link for long.
             std::thread::sleep(Duration::from_secs_f64(ahead.min(1.0)));
         }
         Ok(now_us)

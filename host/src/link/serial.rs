@@ -56,6 +56,7 @@ impl SerialLink {
         reason = "positive, and saturates"
     )]
     fn update(&mut self) -> u64 {
+        // A clock that never runs backwards, also after a change of the scale.
         let elapsed = (self.opened.elapsed().as_secs_f64() * self.scale * 1e6) as u64;
         self.now_us = self.now_us.max(elapsed);
         self.now_us
@@ -118,6 +119,7 @@ impl Link for SerialLink {
             let now = self.update();
             let left_s = until_us.saturating_sub(now) as f64 * 1e-6 / self.scale;
             let left = Duration::from_secs_f64(left_s.min(1.0));
+            // A timeout of 0 returns at once, and the loop would take a whole core.
             let wait = left.min(MAX_WAIT).max(Duration::from_millis(1));
             self.port
                 .set_timeout(wait)

@@ -175,6 +175,7 @@ fn cable_params(cable: &Cable, mismatch: &Mismatch, draws: &mut Draws) -> CableP
         ea_n: cable.ea_n * (1.0 + draws.within(mismatch.ea)),
         damping_time_s: cable.damping_time_s,
         routing_length_m: cable.routing_length_m,
+        // The greater of both: a file that names its pulleys' loss keeps it.
         pulley_loss: cable.pulley_loss.max(mismatch.pulley_loss),
         pulley_presliding_m: PRESLIDING_M,
     }
@@ -200,10 +201,13 @@ fn winch_params(winch: &Winch, mismatch: &Mismatch, draws: &mut Draws) -> WinchP
         viscous_friction_ns_per_m: VISCOUS_FRICTION_NS_PER_M,
         gear,
         eccentricity_m: winch.drum_eccentricity_m,
+        // Where the drum's farthest side is when the cable is cut is unknown.
         eccentric_rad: std::f64::consts::TAU * unit(&mut draws.gears),
+        // J / r^2 is the drum's mass at the cable.
         drum_mass_kg: winch.drum_inertia_kg_m2 / winch.drum_radius_m.powi(2),
         brake: BrakeParams {
             close_delay_s: winch.brake_close_s,
+            // A robot file has one time for a brake: it opens as fast as it closes.
             open_delay_s: winch.brake_close_s,
             holding_n: BRAKE_HOLDING_N,
             play_m: winch.brake_play_m,
@@ -275,6 +279,7 @@ fn gear_params(gear: &Gear, off: &GearMismatch, rng: &mut ChaCha8Rng) -> GearPar
         static_friction: gear.static_friction,
         stribeck_rpm: gear.stribeck_rpm,
         viscous_nm_per_rpm: gear.viscous_nm_per_rpm,
+        // Back from a loss to a share: 1 / 0.7 - 1 = 0.43 and 1 / 1.43 = 0.7.
         efficiency_driving: 1.0 / (1.0 + driving),
         efficiency_driven: (1.0 - driven).clamp(0.0, 1.0),
         play_rad: gear.play_rad * play,

@@ -292,6 +292,7 @@ fn actuator(out: &mut String, robot: &Robot, home: &Home, index: usize) {
     };
     if on_winch(robot, home, index) {
         let mass_kg = winch.effective_mass_kg().max(WINCH_KG);
+        // 2 sqrt(k m): critical damping.
         let damping = 2.0 * (HOLDING_N_PER_M * mass_kg).sqrt();
         let _ = writeln!(
             out,

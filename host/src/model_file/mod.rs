@@ -95,6 +95,7 @@ fn on_winch(robot: &Robot, home: &Home, cable: usize) -> bool {
 pub(crate) fn platform_half_size_m(robot: &Robot) -> Vector3<f64> {
     let moments: Vector3<f64> = robot.platform.inertia_kg_m2.diagonal();
     let sum = moments.sum() / 2.0;
+    // I_x = m (y^2 + z^2) / 12 and its like, solved for the edges.
     let edges = moments.map(|moment| (12.0 / robot.platform.mass_kg * (sum - moment)).max(0.0));
     edges.map(|square| (square.sqrt() / 2.0).max(1e-3))
 }

@@ -345,6 +345,7 @@ impl<L: Link> Arm<L> {
         else {
             return;
         };
+        // Lengths on the wire are in 0.1 um: 12 mm are 120 000 of them.
         if f64::from(gap).abs() * 1e-7 > FRAME_GAP_M {
             return;
         }
@@ -371,6 +372,7 @@ impl<L: Link> Arm<L> {
             if let Some(kind) = run::stop_wanted(&self.client) {
                 return Err(run::stop_now(&mut self.client, kind).into());
             }
+            // In slices of 50 ms: a stop that is asked for waits no longer.
             let next = until.min(self.client.now_us() + 50_000);
             self.client.pump(next).map_err(RunError::from)?;
         }
@@ -454,6 +456,7 @@ impl<L: Link> Arm<L> {
         let bare_center = (robot.platform.center_of_mass_m * robot.platform.mass_kg
             - tcp * self.carried_kg)
             / bare_kg;
+        // A weight below zero is an error of the sensors.
         let mass_kg = mass_kg.max(0.0);
         robot.platform.mass_kg = bare_kg + mass_kg;
         robot.platform.center_of_mass_m =
@@ -526,6 +529,7 @@ fn legs(mut at_m: Vector3<f64>, points_m: &[Vector3<f64>]) -> Vec<Vector3<f64>> 
             clippy::cast_sign_loss,
             reason = "a small number"
         )]
+        // At least one: a way without length is a leg too, which the plan leaves out.
         let count = (way.norm() / LEG_MAX_M).ceil().max(1.0) as u32;
         legs.extend((1..=count).map(|k| at_m + way * (f64::from(k) / f64::from(count))));
         at_m = *point;

@@ -59,16 +59,20 @@ impl Uncertainty {
     /// transform. At the grasp it takes the mat from the camera to the tool, which is near. The
     /// anchors have no effect.
     pub(super) fn budget(&self, how: &Measuring) -> Budget {
+        // From a deviation per axis to that of a distance in three axes.
         let axes = 3.0_f64.sqrt();
         let noise = self.disparity_px / self.focal_baseline_px_m;
+        // Half of one reading's: the mean of four noise cells.
         let depth_m = 0.5 * how.distance_m * how.distance_m * noise;
         let (arm_m, geometry_m, mat_m) = match how.by_mat_m {
             Some([look_m, grasp_m]) => (how.to_tool_m, 0.0, look_m.hypot(grasp_m)),
             None => {
+                // Two poses, of look and grasp, each with the anchors' error over sqrt(n).
                 let shared = (2.0 / how.cables.max(1) as f64).sqrt();
                 (how.distance_m, axes * self.anchors_m * shared, 0.0)
             }
         };
+        // Turns about the two axes across the arm move its end.
         let lever_m = 2.0_f64.sqrt() * self.hand_eye_rad * arm_m;
         let hand_eye_m = (axes * self.hand_eye_m).hypot(lever_m);
         let parts = [depth_m, hand_eye_m, geometry_m, mat_m];

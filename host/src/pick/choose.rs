@@ -37,6 +37,7 @@ impl Choice {
     /// of it that they lie on and of the room beside it.
     #[must_use]
     pub fn rank(&self) -> f64 {
+        // From 12 mm on the pads and from 6 mm of room on, more is no better.
         let engaged = (self.engaged_m / 0.012).min(1.0);
         let room = (self.room_m / 0.006).min(1.0);
         let single = 1.0 - 0.9 * (self.other / 0.15).min(1.0);
@@ -168,6 +169,7 @@ fn wrist(world_from_platform: &Isometry3<f64>, closing: &Vector3<f64>, turns: bo
     // tool y after a turn by a is (-sin a, cos a).
     let mut angle = (-on_tool.x).atan2(on_tool.y);
     let half = std::f64::consts::FRAC_PI_2;
+    // Jaws turned by half a turn are the same: a quarter turn is the most that is needed.
     if angle > half {
         angle -= 2.0 * half;
     } else if angle < -half {

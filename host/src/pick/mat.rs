@@ -123,6 +123,7 @@ impl Mat {
                 let (a, b) = (off(&squares[*a]), off(&squares[*b]));
                 a.total_cmp(&b)
             })?;
+            // One bad tag moves the pose of all: the worst is removed, and the rest fitted again.
             if off(&squares[worst]) > CORNER_PX {
                 squares.swap_remove(worst);
                 continue;
@@ -157,6 +158,7 @@ fn covariance<'a>(
         let by_point = camera.projection(&at)?.by_point;
         for k in 0..2 {
             let by_shift = by_point.row(k).transpose();
+            // A turn about the mat's origin moves a point by turn x arm.
             let by_turn = arm.cross(&by_shift);
             let row = Vector6::new(
                 by_shift.x, by_shift.y, by_shift.z, by_turn.x, by_turn.y, by_turn.z,
@@ -165,6 +167,7 @@ fn covariance<'a>(
             rows += 1.0;
         }
     }
+    // Six coordinates of the residuals are taken up by the pose.
     let variance_px2 = (cost_px2 / f64::max(rows - 6.0, 1.0)).max(CORNER_SIGMA_MIN_PX.powi(2));
     normal.try_inverse().map(|inverse| inverse * variance_px2)
 }

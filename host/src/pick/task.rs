@@ -145,6 +145,7 @@ impl<'a, L: Link> Picker<'a, L> {
             if attempts.len() >= self.options.attempts_max {
                 break End::Enough;
             }
+            // Failures in a row: a delivered object clears the list.
             if failed.len() >= self.options.failures_max {
                 let count = failed.len();
                 break End::Failures { count };
@@ -300,6 +301,7 @@ impl<'a, L: Link> Picker<'a, L> {
         let [above, at] = self.way_there(choice);
         (self.bias_m, self.seen_off_m) = (Vector3::zeros(), Vector3::zeros());
         self.arm.go(&[above])?;
+        // At the height of the second weighing: their difference is the object alone.
         let before_n = self.arm.mean_tensions_n()?;
         self.reach(&above, TRIES_ABOVE)?;
         let left_m = self.reach(&at, TRIES)?;
@@ -383,6 +385,7 @@ impl<'a, L: Link> Picker<'a, L> {
             .carry(weight_n.clamp(0.0, WEIGHT_MAX_N) / gravity)?;
         let release = self.options.release_m;
         let above = release + Vector3::new(0.0, 0.0, self.options.above_m);
+        // Across at the greater of both heights: nothing in the tray is touched.
         let level = self.arm.tool_m().z.max(above.z);
         let over = Vector3::new(release.x, release.y, level);
         self.arm.go(&[over, release])?;

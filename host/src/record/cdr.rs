@@ -55,6 +55,7 @@ impl Cdr {
     }
 
     pub(crate) fn text(&mut self, text: &str) -> &mut Self {
+        // A text's count includes its terminating zero.
         self.count(text.len() + 1);
         self.0.extend_from_slice(text.as_bytes());
         self.u8(0)
@@ -68,6 +69,7 @@ impl Cdr {
 
     /// `std_msgs/Header`.
     pub(super) fn header(&mut self, time_ns: u64, frame: &str) -> &mut Self {
+        // `int32` in ROS: the same bits until 2038.
         let seconds = u32::try_from(time_ns / 1_000_000_000).unwrap_or(u32::MAX);
         let rest = u32::try_from(time_ns % 1_000_000_000).unwrap_or(0);
         self.u32(seconds).u32(rest).text(frame)

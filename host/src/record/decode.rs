@@ -118,6 +118,7 @@ impl Decoder {
                 // A repeated request is the same request.
                 if command.request.is_sequenced() {
                     let again = self.sequence.is_some_and(|last| {
+                        // As a signed difference: numbers of 16 bits wrap.
                         command.sequence.0.wrapping_sub(last).cast_signed() <= 0
                     });
                     if again {
@@ -128,6 +129,7 @@ impl Decoder {
                 match command.request {
                     Request::Heartbeat { .. } | Request::Info | Request::Status => {}
                     Request::Knot(knot) => {
+                        // Knot 0 begins a motion: those of the motion before are void.
                         if knot.index == 0 {
                             self.knots.clear();
                         }
@@ -205,6 +207,7 @@ impl Decoder {
                 let rise = |speed: i32| f64::from(speed) * 1e-6 * spacing_s;
                 let (m0, m1) = (rise(a.velocity.0), rise(b.velocity.0));
                 let delta = end - start;
+                // Hermite's cubic in the phase: value and slope are those of both knots.
                 let (c2, c3) = (3.0 * delta - 2.0 * m0 - m1, m0 + m1 - 2.0 * delta);
                 let slope = m0 + phase * (2.0 * c2 + phase * 3.0 * c3);
                 let tension = |knot: i32| f64::from(knot) * 1e-3;
@@ -215,6 +218,7 @@ impl Decoder {
                     } else {
                         0.0
                     },
+                    // Linear between knots, as on the board.
                     tension_n: tension(a.tension.0) * (1.0 - phase) + tension(b.tension.0) * phase,
                 }
             })

@@ -159,6 +159,7 @@ impl RecordedRun {
         };
         let about = contents.metadata.get("mcdpr");
         let theirs = about.and_then(|table| table.get("protocol"));
+        // Before the scenario is read: another version may have another one.
         if let Some(theirs) = theirs
             && *theirs != super::scenario::protocol_version()
         {
@@ -197,6 +198,7 @@ impl RecordedRun {
                         run.gaps += 1;
                         continue;
                     };
+                    // Numbers that are left out are calls that the watcher missed.
                     run.gaps += u64::from(first.wrapping_sub(next_call));
                     next_call = first.wrapping_add(u32::try_from(frames.len()).unwrap_or(0));
                     run.frames.extend(frames);

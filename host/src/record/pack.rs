@@ -26,6 +26,7 @@ impl Pack {
     pub fn push(&mut self, call: u32, frame: &RawFrame) -> Option<(u64, Vec<u8>)> {
         let mut done = None;
         let late = frame.time_us > self.first_us + SPAN_US;
+        // A gap in the calls begins a new pack: within one they are counted, not numbered.
         if !self.bytes.is_empty() && (call != self.next || late || self.bytes.len() > FULL) {
             done = self.take();
         }

@@ -113,6 +113,7 @@ pub(super) fn cables(
             SLACK
         } else {
             let share = share.clamp(0.0, 1.0);
+            // From blue over green in the middle to red.
             [share, 1.0 - (2.0 * share - 1.0).abs(), 1.0 - share, 1.0]
         };
         for end in [&path.tangent_point_m, &path.attachment_m] {

@@ -195,6 +195,7 @@ impl<W: Write + Send + 'static> Recording<W> {
         };
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
+        // Plan and truth keep every digit: replays and reports compute with them.
         let exact = matches!(topic, schemas::PLAN | schemas::TRUTH);
         let text = if exact {
             serde_json::to_vec(body)
@@ -344,6 +345,7 @@ impl<W: Write + Send + 'static> Recording<W> {
             };
             self.log(time_ns, level, &text);
         }
+        // Only bits that are new: a limit that stays reached is one line of the log.
         let new = status.limits.0 & !self.limits;
         self.limits = status.limits.0;
         for one in LIMITS {
@@ -366,6 +368,7 @@ impl<W: Write + Send + 'static> Recording<W> {
             let turn = pose.quaternion();
             let (at, turn) = (pose.position_m.into(), [turn.i, turn.j, turn.k, turn.w]);
             self.pose(schemas::POSE_ESTIMATED, at, turn, time_ns);
+            // A simulated platform has its true pose: one frame must not have two.
             if self.true_pose.is_none() {
                 self.transform("world", "platform", pose, time_ns);
             }
@@ -474,6 +477,7 @@ impl<W: Write + Send + 'static> Recording<W> {
     }
 
     fn flush(&mut self) {
+        // At most half a second of the record is lost with the power.
         if self.flushed.elapsed() >= FLUSH_EVERY {
             self.flushed = Instant::now();
             let pack = self.pack.take();

@@ -95,6 +95,7 @@ pub(crate) fn pull(
     tension_n: f64,
 ) -> Pull {
     let mut force_n = *from_m;
+    // From the attachment towards the pulley: a cable pulls.
     for (value, end) in force_n.iter_mut().zip(to_m) {
         *value -= end;
     }
@@ -162,6 +163,7 @@ pub(crate) fn lens(
         .sequence(distortion);
     for (matrix, count) in matrices.iter().zip([9, 9, 12]) {
         let mut matrix = matrix.clone();
+        // CDR has no count for arrays of fixed length: a short one would shift all that follows.
         matrix.resize(count, 0.0);
         out.f64s(&matrix);
     }

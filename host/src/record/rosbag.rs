@@ -74,6 +74,7 @@ pub(crate) fn bag(record: &[u8], robot: &str, file: &str) -> Result<Bag, BagErro
 }
 
 fn write(mut messages: Vec<Message>, file: &str) -> Result<Bag, BagError> {
+    // Ticks are dated back from the end of their block: the record is not in order of time.
     messages.sort_by_key(|message| message.time_ns);
     let (Some(first), Some(last)) = (messages.first(), messages.last()) else {
         return Err(BagError::Empty);
@@ -214,6 +215,7 @@ impl Bagger {
                 turn_xyzw: part(&body["rotation"], ["x", "y", "z", "w"]),
             }],
         );
+        // Only frames in the world move; those on the platform are constant.
         let topic = if parent == "world" {
             "/tf"
         } else {
@@ -322,6 +324,7 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
 fn quality_of_service(topic: &str) -> String {
     // Transient local for what never changes: a late subscriber receives it, too.
     let durability = if topic == "/tf_static" { 1 } else { 2 };
+    // Infinite, as rosbag2 writes a duration.
     let longest = "\n    sec: 2147483647\n    nsec: 4294967295";
     format!(
         "- history: 1\n  depth: 10\n  reliability: 1\n  durability: {durability}\n  deadline:{longest}\n  \

@@ -140,6 +140,7 @@ impl Scenario {
     pub(crate) fn lay_out_robot(&self, folder: &Path) -> std::io::Result<PathBuf> {
         let mut first = None;
         for file in &self.robot {
+            // A record from elsewhere must not write outside of the folder.
             let inside = Path::new(&file.name)
                 .components()
                 .all(|part| matches!(part, std::path::Component::Normal(_)));

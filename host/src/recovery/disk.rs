@@ -80,6 +80,7 @@ impl Disk for FileDisk {
             .truncate(true)
             .open(&part)?;
         file.write_all(bytes)?;
+        // The content before the name: a cut leaves the old journal or the new one, not a part.
         file.sync_data()?;
         match std::fs::rename(&path, self.folder.join("journal.old")) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
@@ -108,6 +109,7 @@ impl Disk for FileDisk {
         let Some(journal) = &self.journal else {
             return Ok(());
         };
+        // The journal first: a mark must not name a record that the disk does not have.
         journal.sync_data()?;
         let file = match &mut self.mark {
             Some(file) => file,

@@ -79,6 +79,7 @@ pub fn recover<L: Link>(
         places,
         ..Measurements::default()
     };
+    // A board that kept its counts knows more than any file.
     let source = if status.referenced {
         Source::Board {
             lengths_m: status.lengths_m().collect(),

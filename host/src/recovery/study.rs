@@ -374,6 +374,7 @@ fn found(
         Kind::Swapped if which < 0.5 => {
             let mut other = model.robot().clone();
             if let Some(cable) = other.cables.first_mut() {
+                // Another calibration by a millimetre: its checksum differs.
                 cable.anchor_in_world_m.x += 1e-3;
             }
             let scale = crate::run::saved::scale_of(&other);
@@ -386,6 +387,7 @@ fn found(
                 mark.session += 1;
             }
         }
+        // A clock ten minutes behind: the journal then comes from the future.
         Kind::Swapped => return spoiled.read(model, now_ms.saturating_sub(600_000)),
         Kind::Corrupted if which < 0.4 => {
             if let Some(byte) = spoiled.journal.get_mut(at) {
@@ -394,6 +396,7 @@ fn found(
         }
         Kind::Corrupted if which < 0.7 => spoiled.journal.truncate(at),
         Kind::Corrupted => {
+            // A block of 512 bytes that the disk has lost.
             let hole = spoiled.journal.iter_mut().skip(at).take(512);
             hole.for_each(|byte| *byte = 0);
         }

@@ -110,6 +110,7 @@ where
             gripper_switch: status.gripper_switch,
             cables: cables.collect(),
         };
+        // At rest by its state: a speed from the block before is over.
         if matches!(status.state, BoardState::Holding | BoardState::Disarmed) {
             for cable in &mut kept.cables {
                 cable.speed_mps = 0.0;
@@ -148,6 +149,7 @@ where
                 cable.tension_n = tension_n;
             }
         }
+        // Blocks of up to 4 cables come every 10 ms and are all kept; of faster ones, some.
         if self
             .written_us
             .is_none_or(|written| time_us >= written + EVERY_US)
@@ -172,6 +174,7 @@ where
             return Ok(());
         };
         let begun = self.disk.is_some();
+        // Before the brakes open nothing can have moved: the journal of the run before stays valid.
         if !begun && kept.brakes_open == 0 && kept.state != BoardState::Arming {
             return Ok(());
         }

@@ -202,6 +202,7 @@ pub fn report(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> String
 
 /// Time of a tick on the record's axis, s: the link's clock starts about when the board's does.
 fn time_of(tick: &Tick, first: u32) -> f64 {
+    // Ticks last 1 ms; their count of 32 bits wraps after 49.7 days.
     f64::from(tick.tick.wrapping_sub(first)) * 1e-3
 }
 
@@ -275,6 +276,7 @@ fn charts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Chart>
             .fold(f64::NEG_INFINITY, f64::max);
         let asked = Curve::new("set-point", index + 1, planned);
         let mut held = chart(&title, "N", vec![curve, asked]);
+        // A band only about a constant set-point: one that a plan schedules has none.
         if least.is_finite() && most - least < 1e-6 {
             held = held.band(least - 0.5, most + 0.5);
         }
@@ -314,6 +316,7 @@ fn pose_charts(run: &RecordedRun) -> Vec<Chart> {
     }
     charts.push(Chart::new("Tool position", "path time, s", "mm").with(curves));
     let tilt = |q: &[f64; 4]| {
+        // The world's z of the platform's z axis: its arc cosine is the tilt, whatever the yaw.
         (1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1]))
             .clamp(-1.0, 1.0)
             .acos()

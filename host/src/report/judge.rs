@@ -97,6 +97,7 @@ pub fn judge(run: &RecordedRun, robot: &Robot) -> Judgement {
         if !errors.is_empty() {
             cables.push(CableFigures {
                 length_error_m: mean_sd_max(&errors),
+                // `f64::min` ignores NaN: without tensions the least is NaN, not infinity.
                 tension_min_n: tensions.iter().copied().fold(f64::NAN, f64::min),
                 tension_max_n: greatest(&tensions),
             });

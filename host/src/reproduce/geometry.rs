@@ -80,6 +80,7 @@ pub(super) fn at_24_mm(_bench: &Bench) -> Result<Outcome, ReproduceError> {
     let on_circle = |share: f64| along(&circle, true, share);
     let on_line = |share: f64| along(&line, false, share);
     let steady = |t: f64| t;
+    // From rest to rest: speed and acceleration are zero at both ends.
     let quintic = |t: f64| t.powi(3) * (10.0 - 15.0 * t + 6.0 * t * t);
     let clamped = Ends::Clamped {
         start: 0.0,

@@ -48,6 +48,7 @@ fn off_mm(ran: &Ran, place_mm: [f64; 3]) -> Option<f64> {
     let mut count = 0.0;
     for point in ran.run.true_path.iter().flatten() {
         let shall = ran.run.plan.timed.tool_m(point.path_s).ok()?;
+        // Only the times at which the plan itself rests there.
         if (shall - wanted).norm() < 1e-6 {
             sum += Vector3::from(point.tool_m);
             count += 1.0;

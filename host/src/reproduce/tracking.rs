@@ -185,6 +185,7 @@ pub(super) fn length_error(ran: &Ran) -> Vec<f64> {
 
 /// Of the cables that are held by their length: mean of each, or the greatest of each, mm.
 fn length_errors(ran: &Ran, greatest: bool) -> Vec<f64> {
+    // The paper's robot holds cables 1 to 3 by their lengths.
     let held = ran.by_cable_m.iter().take(3);
     held.map(|(mean, max)| if greatest { max } else { mean } * 1e3)
         .collect()

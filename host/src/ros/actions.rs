@@ -121,6 +121,7 @@ impl Actions {
         if book.find(&id).is_some() {
             return false;
         }
+        // Only goals that have ended are forgotten: another must stay possible to cancel.
         while book.entries.len() >= REMEMBERED {
             let Some(old) = book.entries.iter().position(Entry::ended) else {
                 break;
@@ -176,6 +177,7 @@ impl Actions {
         let (status, said, kind) = (entry.status, entry.said.clone(), entry.kind);
         let waiting = std::mem::take(&mut entry.waiting);
         book.note(kind);
+        // Replies go out without the lock: a slow client must not stop the robot's thread.
         drop(book);
         for (outlet, call) in waiting {
             outlet.reply(&call, &result(status, &said));

@@ -125,6 +125,7 @@ impl Desk {
         let ticket = match service {
             Service::Stop => {
                 let ticket = self.handle.stop();
+                // A goal that still waits must not start after the stop.
                 self.goals.refuse("a stop came first");
                 ticket
             }

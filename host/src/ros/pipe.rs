@@ -241,6 +241,7 @@ impl Keeper {
             if self.over.load(Ordering::SeqCst) {
                 return;
             }
+            // A process that ran for longer than the longest pause was well.
             if begun.elapsed() > longest {
                 [pause, _] = AGAIN;
             }
@@ -292,6 +293,7 @@ impl Keeper {
     fn pass(&self, to: &mut ChildStdin) -> io::Result<()> {
         while !self.over.load(Ordering::SeqCst) {
             match self.receiver.recv_timeout(LOOK) {
+                // A reply to a caller of an earlier start: it is gone.
                 Ok((_, Some(start))) if start != self.start => {}
                 Ok((line, _)) => put(to, &line)?,
                 Err(RecvTimeoutError::Timeout) if self.has_ended()? => return Ok(()),

@@ -15,6 +15,7 @@ use mcdpr_protocol::SessionId;
 pub fn new_session() -> SessionId {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     let nanos = since.map_or(1, |since| since.subsec_nanos() ^ low_half(since.as_secs()));
+    // Two programs in the same nanosecond differ by their process number.
     SessionId((nanos ^ std::process::id().rotate_left(16)).max(1))
 }
 

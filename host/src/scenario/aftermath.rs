@@ -175,6 +175,7 @@ impl Aftermath {
         };
         let brakes = end.truth.brakes_closed.iter().take(self.limits.cables);
         let drums = end.truth.drum_speeds_mps.iter().take(self.limits.cables);
+        // 1 um/s: a drum of 31 um a count would need half a minute for the next one.
         let still = drums.clone().all(|speed| speed.abs() < 1e-6);
         brakes.clone().all(|closed| *closed) && still && !end.torque_on
     }

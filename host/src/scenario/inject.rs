@@ -123,6 +123,7 @@ pub(super) fn apply(
         };
         return plant.hook(tool_m, along).map(|()| HostSide::Fine);
     }
+    // Some bytes always arrive: a line that loses all of them is another fault (L11).
     let line = |rate: f64| (rate * strength).min(0.95);
     let mut to_board = WireFaults::default();
     match fault {
@@ -150,6 +151,7 @@ pub(super) fn apply(
             return apply_to_plant(simulation, fault, cable, strength).map(|()| HostSide::Fine);
         }
     }
+    // Noise is for the board's receiver, which counts it (L18).
     let to_host = WireFaults {
         noise_per_s: 0.0,
         ..to_board
@@ -227,6 +229,7 @@ fn apply_to_plant(
         FaultId::D5 => of.drive.late_s = f64::INFINITY,
         FaultId::D7 => of.drive.ignores_commands = true,
         FaultId::B1 => of.brake.stays_closed = true,
+        // A stronger fault leaves less of the brake: 1 leaves a fiftieth, 2 a hundredth.
         FaultId::B2 => of.brake.holding_factor = (0.02 / strength).min(1.0),
         FaultId::B3 => of.brake.extra_close_delay_s = 0.3 * strength,
         _ => {}

@@ -118,6 +118,7 @@ impl FaultyLink {
         };
         let mut waiting = Vec::new();
         for injection in std::mem::take(&mut schedule.pending) {
+            // A phase that has not begun has no due time yet.
             if due_us(&injection).is_none_or(|due| due > now) {
                 waiting.push(injection);
                 continue;
@@ -154,6 +155,7 @@ impl FaultyLink {
                 .map_err(plant_failed)?;
         }
         let idle = schedule.pending.is_empty() && schedule.mends.is_empty();
+        // While a fault waits, the state is looked at in every tick: phases begin between bytes.
         Ok(if idle { u64::MAX } else { now + LOOK_US })
     }
 
@@ -180,6 +182,7 @@ impl Link for FaultyLink {
         loop {
             let look_us = self.work()?;
             let now = self.inner.receive(until_us.min(look_us), into)?;
+            // A host that is silent hears nothing either: what arrived is lost.
             if self.is_silent() {
                 into.truncate(before);
             }

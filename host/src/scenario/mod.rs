@@ -164,6 +164,7 @@ pub fn run(
     };
     settle()?;
     let again = |injection: &Injection| matches!(injection.when, When::After(Phase::Rearming, _));
+    // Only a fault while it arms again needs a second run, and only after a good first one.
     if scenario.injections.iter().any(again) && outcome.is_ok() {
         outcome = Experiment::new(model, task)
             .at_home()

@@ -269,6 +269,7 @@ fn parse_time(text: &str) -> Option<When> {
             _ => None,
         };
     }
+    // `ms` before `s`, in which it ends as well.
     let (number, factor) = match (text.strip_suffix("ms"), text.strip_suffix('s')) {
         (Some(number), _) => (number, 1e-3),
         (None, Some(number)) => (number, 1.0),

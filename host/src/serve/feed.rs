@@ -157,6 +157,7 @@ impl Feed {
     /// Shows viewers beside the buttons why the robot cannot be reached or an order failed; a new
     /// text is also added to the log.
     pub(crate) fn set_trouble(&self, reason: &str) {
+        // The same reason again, as of a port that stays closed, is logged once.
         if self.lock().live.trouble.as_deref() == Some(reason) {
             return;
         }
@@ -307,6 +308,7 @@ impl FeedWatcher {
     fn seen(&self, seen: Seen, time_s: f64) {
         match seen {
             Seen::Ticks(ticks) => {
+                // The youngest tick only: a page shows 60 states a second.
                 let Some(tick) = ticks.into_iter().next_back() else {
                     return;
                 };
@@ -327,6 +329,8 @@ impl FeedWatcher {
                 let metres: Vec<_> = metres.collect();
                 let newtons = status.tensions_n();
                 let newtons: Vec<_> = newtons.collect();
+                // Lengths mean nothing before the reference, and the simulator's truth needs no
+                // estimate.
                 let estimate = (!self.truth_known && status.referenced)
                     .then(|| self.estimate(&metres, &newtons))
                     .flatten();
@@ -357,6 +361,7 @@ impl FeedWatcher {
                     live.path_s = f64::from(status.path_ms) * 1e-3;
                     live.lengths_m = metres;
                     live.tensions_n = newtons;
+                    // Without an estimate the last pose stays on the page.
                     if estimate.is_some() {
                         live.pose = estimate;
                     }
@@ -416,6 +421,7 @@ impl Watcher for FeedWatcher {
             RunEvent::Truth { truth, .. } => {
                 self.truth_known = true;
                 self.feed.change(false, |inner| {
+                    // Before the motion begins there is no planned position to compare with.
                     let planned = inner.plan.as_ref().filter(|_| truth.path_s > 0.0);
                     let shall = planned.and_then(|plan| plan.tool_at(truth.path_s));
                     inner.live.path_error_m = shall.map(|shall| {

@@ -21,6 +21,7 @@ impl Request {
     pub(super) fn read(from: &mut impl Read, patience: Duration) -> io::Result<Self> {
         let began = Instant::now();
         let mut head = Vec::new();
+        // Byte by byte: what follows the head is for the WebSocket.
         let mut byte = [0];
         while !head.ends_with(b"\r\n\r\n") {
             if began.elapsed() > patience || head.len() >= MOST {
@@ -68,6 +69,7 @@ impl Request {
     /// redirected to this address, is refused. A server that listens for other machines (`open`) is
     /// addressed by number: names, which somebody else may redirect, are refused.
     pub(super) fn is_for(&self, port: u16, open: bool) -> bool {
+        // A foreign name that resolves to this machine (DNS rebinding) is none of these.
         let own = |authority: &str| {
             let local = ["127.0.0.1", "localhost", "[::1]"]
                 .iter()
@@ -79,6 +81,7 @@ impl Request {
             local || (open && number())
         };
         let host = self.header("host").filter(|host| own(host));
+        // Browsers send an origin with a WebSocket; other programs send none.
         let origin = self.header("origin").map(|origin| {
             let bare = origin.strip_prefix("http://");
             bare.is_some_and(own) && (!open || bare == host)

@@ -54,6 +54,7 @@ impl Orders {
         if !knows {
             return Err("view only: orders need the address with the token");
         }
+        // A stop needs the token but not the controls: a second page may stop the robot in danger.
         if STOPS.contains(&order) || self.sits(page) {
             return Ok(());
         }

@@ -251,11 +251,13 @@ impl Shared {
 }
 
 fn receive(number: u64, mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
+    // Small messages, 60 a second: Nagle's algorithm would collect them.
     stream.set_nodelay(true)?;
     stream.set_read_timeout(Some(READ))?;
     stream.set_write_timeout(Some(STUCK))?;
     let request = Request::read(&mut stream, HANDSHAKE)?;
     shared.asked(number);
+    // Before any answer: a page of another site must not reach the robot through a browser.
     if !request.is_for(shared.port, !shared.host.is_loopback()) {
         let text = "this page is only for browsers on this machine, by its own address";
         return answer(&mut stream, "403 Forbidden", "text/plain", text);
@@ -271,6 +273,7 @@ fn receive(number: u64, mut stream: TcpStream, shared: &Shared) -> io::Result<()
     match (request.path.as_str(), request.header("sec-websocket-key")) {
         ("/", _) => answer(&mut stream, "200 OK", "text/html", &super::page()),
         ("/ws", Some(key)) => {
+            // Counted first: two connections at one moment cannot both take the last place.
             if shared.viewers.fetch_add(1, Ordering::SeqCst) >= VIEWERS {
                 shared.viewers.fetch_sub(1, Ordering::SeqCst);
                 let text = "too many viewers: close a page that is not needed";
@@ -363,6 +366,7 @@ fn keep_showing(
         }
         if let Some((number, new)) = shared.feed.plan_after(plan) {
             plan = number;
+            // Every fifth point, 0.1 s apart: enough for a drawing.
             let points: Vec<_> = new.points.iter().step_by(5).map(|p| p.tool_m).collect();
             let message = json!({ "type": "plan", "duration_s": new.duration_s, "tool_m": points });
             send(socket, &message)?;

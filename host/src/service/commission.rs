@@ -283,6 +283,7 @@ impl<L: Link> Bench<'_, L> {
             if current_a > 0.5 * asked_a {
                 let now_us = self.client.now_us();
                 let (since, _) = *held_from.get_or_insert((now_us, counted));
+                // 300 ms of it: a current that has just begun does not show that the brake holds.
                 if now_us - since > 300_000 {
                     return Ok((most_a, i64::from(winch.drum_counts)));
                 }

@@ -252,6 +252,7 @@ impl<'a, L: Link> Bench<'a, L> {
             let robot = count;
             return Err(RunError::Cables { board, robot }.into());
         }
+        // 0 wraps to an index that no robot has.
         let index = winch.wrapping_sub(1);
         let Some(described) = robot.winch_of(index) else {
             return Err(ServiceError::NoWinch { winch, count });
@@ -451,9 +452,11 @@ impl<'a, L: Link> Bench<'a, L> {
         let spacing_ms =
             (((time_s * 1e3).ceil() / f64::from(KNOTS)) as u32 + 1).clamp(SPACING_MS, 4000);
         let time_s = f64::from(spacing_ms * KNOTS) * 1e-3;
+        // Knots of an earlier turn must not stay in the buffer.
         self.client.request(Request::Discard)?;
         for number in 0..=KNOTS {
             let (done, slope) = profile(f64::from(number) / f64::from(KNOTS));
+            // In 0.1 um on a drum of 1 mm: a radian is 10 000.
             let at = (from_rad + way_rad * done) * RADIUS_UM * 10.0;
             let speed = way_rad * slope / time_s * RADIUS_UM;
             #[expect(clippy::cast_possible_truncation, reason = "checked by the board")]
@@ -494,6 +497,7 @@ pub(crate) fn scan<L: Link>(client: &mut Client<L>) -> Result<Option<Vec<u8>>, R
         if let Reply::Drives { done: true, nodes } =
             client.request(Request::Scan { restart: false })?
         {
+            // A bit for each number, 32 to a word.
             let answers = |node: &u8| {
                 let word = nodes.get(usize::from(*node >> 5));
                 word.is_some_and(|word| word & (1 << (node & 31)) != 0)

@@ -137,6 +137,7 @@ fn judge<L: Link>(
         _ => (0.0, 0.0),
     };
     let (a, b) = (whole(out), whole(back));
+    // Least squares through the origin over both directions.
     let rho = (a.0 * a.1 + b.0 * b.1) / (a.1 * a.1 + b.1 * b.1);
     let squares: f64 = turns.iter().map(|turn| (turn - rho).powi(2)).sum();
     // Motor counts without drum counts: the difference between the two directions.

@@ -223,6 +223,7 @@ impl<L: Link> Bench<'_, L> {
 fn at_no_speed([fast_rpm, slow_rpm]: [f64; 2], [fast, slow]: [(f64, f64); 2]) -> (f64, f64, f64) {
     let span = (fast_rpm - slow_rpm).max(1e-9);
     let slope = (fast.0 - slow.0) / span;
+    // The value is (fast_rpm slow - slow_rpm fast) / span: independent errors add in squares.
     let error = (slow_rpm / span * fast.1).hypot(fast_rpm / span * slow.1);
     (slope, slow.0 - slope * slow_rpm, error)
 }
@@ -236,5 +237,6 @@ fn mean(values: impl Iterator<Item = f64>) -> (f64, f64) {
         .iter()
         .map(|value| (value - mean).powi(2))
         .sum::<f64>();
+    // Standard error: s / sqrt(n), with s by n - 1.
     (mean, (squares / (count - 1.0).max(1.0) / count).sqrt())
 }

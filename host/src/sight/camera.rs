@@ -73,6 +73,7 @@ impl Camera {
 
     /// Requests what is not in progress yet, and takes what has arrived.
     fn poll(&mut self, want: Want) -> Option<Result<Taken, SourceError>> {
+        // One request at a time: a queue would deliver old pictures.
         if self.asked.is_none() {
             if self.asks.send(want).is_err() {
                 return Some(Err(gone("its thread ended")));

@@ -36,6 +36,7 @@ impl SceneCamera {
     /// The same camera with pictures of a share of its size: for viewers, who need no more.
     #[must_use]
     pub(crate) fn smaller(mut self, share: f64) -> Self {
+        // Distortion is given for directions, not for pixels: it stays as it is.
         let lens = &mut self.scene.lens;
         for values in [&mut lens.focal_px, &mut lens.center_px] {
             *values = values.map(|value| value * share);

@@ -83,6 +83,7 @@ impl TagSource for SimulatedTags {
                     None => whole = false,
                 }
             }
+            // A detector needs all four edges of a tag.
             if !whole {
                 continue;
             }

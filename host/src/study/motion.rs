@@ -106,6 +106,7 @@ pub struct Outcome {
 impl Job {
     /// Steps from the start of the job on, and where it starts (tool, world, m).
     fn steps(self, tool_offset_z_m: f64) -> Result<(Vector3<f64>, Vec<Step>), PlanError> {
+        // -100 mm is the height of the platform's origin: the tool is below it by its offset.
         let z = -0.1 + tool_offset_z_m;
         let go = |path: Path, duration_s, speed_mps| {
             vec![Step::Move {

@@ -49,6 +49,7 @@ impl Default for Change {
 impl Change {
     fn apply(&self, params: &mut PlantParams) {
         params.platform.mass_kg *= self.mass;
+        // The added mass is spread like the platform's own.
         for row in &mut params.platform.inertia_kg_m2 {
             for entry in row {
                 *entry *= self.mass;

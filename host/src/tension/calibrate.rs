@@ -129,6 +129,7 @@ pub fn fit(readings: &[Reading]) -> Result<Fit, CalibrationError> {
     let mut loads: Vec<f64> = readings.iter().map(|reading| reading.mass_kg).collect();
     loads.sort_by(f64::total_cmp);
     loads.dedup_by(|a, b| (*a - *b).abs() < SAME_LOAD_KG);
+    // Through two points there is always a line: the third shows whether it is one.
     if loads.len() < 3 {
         return Err(CalibrationError::Loads { found: loads.len() });
     }
@@ -181,6 +182,7 @@ pub fn fit(readings: &[Reading]) -> Result<Fit, CalibrationError> {
         .iter()
         .map(|r| (r.voltage_v - zero_v - slope * weight(r)).powi(2))
         .sum();
+    // Two values were fitted: two readings fewer count.
     let variance_v2 = squares / (count - 2.0).max(1.0);
     let residuals_n: Vec<f64> = readings
         .iter()
@@ -190,6 +192,7 @@ pub fn fit(readings: &[Reading]) -> Result<Fit, CalibrationError> {
     let worst = residuals_n.iter().map(|r| r.abs()).fold(0.0, f64::max);
     Ok(Fit {
         gain_n_per_v: gain,
+        // dk = k^2 d(1/k): the fit is for the slope, 1/k.
         gain_error_n_per_v: (variance_v2 / spread_n2).sqrt() * gain * gain,
         zero_v,
         zero_error_v: (variance_v2 * (1.0 / count + mean_n * mean_n / spread_n2)).sqrt(),
@@ -259,6 +262,7 @@ pub(crate) fn read_voltage<L: Link>(
     winch: &Winch,
     cable: usize,
 ) -> Result<f64, RunError> {
+    // 100 readings in a second: noise of 0.05 N falls to 5 mN.
     let mut sum_n = 0.0;
     for _ in 0..AVERAGED {
         let status = run::status(client)?;

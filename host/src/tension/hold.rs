@@ -31,6 +31,7 @@ pub fn hold<L: Link>(
         client.request(machine::reference(&home.paid_out_m, home.tensions_n()))?;
     }
     run::arm(&mut client, hash)?;
+    // Samples of arming are not part of the trace.
     while client.next_event().is_some() {}
     let begin_us = client.now_us();
     let mut recorder = Recorder::default();
@@ -59,6 +60,7 @@ pub fn hold<L: Link>(
         }
     }
     let fault = run::status(&mut client)?.fault;
+    // After a fault the board has stopped and closed its brakes by itself.
     if fault.is_none() {
         run::disarm(&mut client)?;
     }

@@ -74,6 +74,7 @@ pub fn recovery(trace: &Trace, on_s: f64, off_s: f64) -> Recovery {
             .map(|(_, least)| *least)
             .fold(f64::INFINITY, f64::min)
     };
+    // One second past the end: the last sample counts as well.
     let end_s = trace.time_s.last().copied().unwrap_or(0.0) + 1.0;
     Recovery {
         peak_n: errors

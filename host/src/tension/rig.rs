@@ -232,6 +232,7 @@ impl<L: Link> Rig<L> {
             from = to;
         }
         knot::end(&mut knots);
+        // Samples from before are not part of this motion.
         while self.client.next_event().is_some() {}
         let mut recorder = Recorder::default();
         run::follow(&mut self.client, &knots, &mut recorder, |_| {})?;

@@ -313,6 +313,7 @@ fn median(runs: &[Option<Vec<f64>>], figures: usize) -> Vec<Option<f64>> {
                 .copied()
                 .collect();
             values.sort_by(f64::total_cmp);
+            // A median over less than half of the runs would show the good machines only.
             (2 * values.len() > runs.len())
                 .then(|| values.get(values.len() / 2).copied())
                 .flatten()

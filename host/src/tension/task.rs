@@ -199,6 +199,7 @@ impl Experiment {
         for pull in &file.pull {
             times("pull", pull.from_s, pull.to_s)?;
             let size = pull.force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
+            // Negated, so that a size that is not a number is refused as well.
             if !(size > 0.0 && size <= STRONGEST_N) {
                 return Err(malformed(format!(
                     "a pull has {size} N; it must be over 0 and at most {STRONGEST_N} N"
@@ -266,6 +267,7 @@ impl Experiment {
             disturbed_s = Some(merge(disturbed_s, slip.from_s, slip.to_s));
         }
         let mut hands: Vec<Action> = scripts.into_iter().flat_map(|s| s.hands).collect();
+        // Pulls and slips may overlap: their actions are put in the order of time.
         hands.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         prompts.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         Ok(Self {

@@ -93,6 +93,7 @@ pub fn machine(robot: &Robot, seed: u64) -> (Robot, [f64; 3]) {
         if let Some(gear) = &mut winch.gear {
             (gear.rotor_friction_nm, gear.gear_friction_nm) = (0.5 * torque_nm, 0.5 * torque_nm);
             gear.efficiency = efficiency;
+            // Teeth rub the same in both directions: 1 - backdrive = 1 / efficiency - 1.
             gear.backdrive_efficiency = (2.0 - 1.0 / efficiency).max(0.0);
             gear.play_rad = play_deg.to_radians();
         }

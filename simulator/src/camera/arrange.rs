@@ -99,6 +99,7 @@ impl Tray {
         let [x, y, z] = self.center_m;
         let [hx, hy] = self.half_m;
         let t = WALL_THICKNESS_M;
+        // The floor is 1 mm thick: the table's top lies 1 mm under the floor's.
         let table = Frame::at([x, y, z - 0.011]);
         let floor = Frame::at([x, y, z - 0.0005]);
         let mut bodies = vec![
@@ -137,6 +138,7 @@ impl Tray {
             ..Scene::default()
         };
         let fixed = scene.bodies.len();
+        // Three draws per object: a full tray ends the search.
         for _ in 0..3 * count {
             if scene.bodies.len() == fixed + count {
                 break;
@@ -239,6 +241,7 @@ fn columns(body: &Body) -> Vec<Column> {
 
 /// Least and greatest height of a body above a place.
 fn heights(body: &Body, [x, y]: [f64; 2]) -> Option<(f64, f64)> {
+    // From a metre above the body: higher than any pile.
     let top = body.world_from_body.position_m[2] + 1.0;
     let start = body.world_from_body.point_inside([x, y, top]);
     let down = body.world_from_body.direction_inside([0.0, 0.0, -1.0]);
@@ -268,6 +271,7 @@ struct RestPose {
 impl RestPose {
     /// Whether the contacts surround a place.
     fn carries(&self, [x, y, _]: [f64; 3]) -> bool {
+        // A contact ahead in each of 16 directions: the place is inside their hull.
         (0..16).all(|k| {
             let angle = TAU * f64::from(k) / 16.0;
             let (s, c) = angle.sin_cos();

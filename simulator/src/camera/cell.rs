@@ -136,6 +136,7 @@ impl Cell {
             return Ok(());
         }
         let since_s = *self.closed_since_s.get_or_insert(now_s);
+        // Judged once, when the jaws have had their time: later motion does not change the grip.
         if self.judged || now_s - since_s < self.gripper.close_s {
             return Ok(());
         }
@@ -155,6 +156,7 @@ impl Cell {
             let body = &self.scene.bodies[body];
             let point =
                 Frame::from(plant.truth()?.pose).point_inside(body.world_from_body.position_m);
+            // The object hangs on the platform by its centre of mass: cables and drives feel it.
             plant.set_load([0.0, 0.0, -9.81 * body.mass_kg], point, [0.0; 3])?;
         }
         // The switch reports that the jaws met each other.

@@ -78,11 +78,13 @@ pub fn render_color(
             (to_f32(color), met)
         })
         .unzip();
+    // Steps without a common divisor with the count: each column and row is used once.
     let (offsets, few) = (offsets(RAYS, 13), offsets(RAYS_OF_ROWS, 5));
     let light: Vec<[f32; 3]> = (0..width * height)
         .into_par_iter()
         .map(|i| {
             let (x, y) = (i % width, i / width);
+            // Pixels without an edge need one ray: most of a picture.
             if !around(width, height, x, y).any(|other| apart(&centers[i], &centers[other])) {
                 return centers[i];
             }
@@ -127,6 +129,8 @@ pub fn render_color(
             for (out, light) in out.iter_mut().zip(light) {
                 for (out, &value) in out.iter_mut().zip(light) {
                     let value = f64::from(value);
+                    // Photon noise grows with the light: sqrt(1 + 0.02 x 240) = 2.4 grey values
+                    // near white.
                     let deviation = (optics.read_noise.powi(2) + optics.shot_noise * value).sqrt();
                     let seen = value + deviation * noise.normal();
                     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -176,6 +180,7 @@ fn blur(light: Vec<[f32; 3]>, width: usize, height: usize, deviation_px: f64) ->
         return light;
     }
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    // Three standard deviations hold 99.7 % of the weight.
     let reach = (3.0 * deviation_px).ceil() as usize;
     let weight = |k: usize| (-0.5 * (k as f64 / deviation_px).powi(2)).exp();
     let total = weight(0) + 2.0 * (1..=reach).map(weight).sum::<f64>();

@@ -100,13 +100,16 @@ pub(crate) fn render_depth(
                     ray[1] * depth_m,
                     depth_m,
                 ]);
+                // 1 um off the surface: the ray must not meet the point it starts from.
                 let start = add(point, scale(hit.normal, 1e-6));
+                // Stereo needs both imagers: what the second cannot see has no distance.
                 if !seen.is_some_and(|pixel| lens.holds(pixel))
                     || tracer.blocked(start, scale(to, 1.0 / way), 1e-6, way)
                 {
                     continue;
                 }
                 let focal_baseline = lens.focal_px[0] * stereo.baseline_m;
+                // f b / z: 607 px x 55 mm at 0.5 m are 66.8 px; a step of 1/32 px is then 0.23 mm.
                 let disparity =
                     focal_baseline / depth_m + stereo.fine_noise_px * fine + coarse.at(x, y);
                 let stepped = (disparity / stereo.step_px).round() * stereo.step_px;

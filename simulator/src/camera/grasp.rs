@@ -112,6 +112,7 @@ impl Gripper {
         if let Some(reason) = self.slips(held, world_from_tool, &left, &right) {
             return Grip::Missed(format!("{} {reason}", held.name));
         }
+        // Both pads go the same way in the end: the body is pushed to the middle.
         let shift_m = 0.5 * (first_left.way_m - first_right.way_m);
         Grip::Held {
             body,
@@ -129,6 +130,7 @@ impl Gripper {
         for side in [-1.0, 1.0] {
             for x in span(-self.pad_half_width_m, self.pad_half_width_m, 5) {
                 for y in span(half, half + self.finger_m, 4) {
+                    // Fingers are as wide as the pads and reach 30 mm above them.
                     for z in span(-self.below_m, self.above_m + 0.03, 20) {
                         let point = tool.point([x, side * y, z]);
                         if let Some(body) = bodies.iter().find(|body| body.contains(point, 0.0)) {
@@ -216,6 +218,7 @@ impl Gripper {
                 middle = axpy(middle, 0.5 * share, contact.point);
             }
         }
+        // Two pads carry the weight, each with friction times the closing force.
         let weight_n = body.mass_kg * 9.81 * SHAKE;
         let friction_n = 2.0 * self.friction * self.force_n;
         if weight_n > friction_n {

@@ -33,6 +33,7 @@ impl Lens {
         let far = [0, 1].map(|i| (pixel[i] - self.center_px[i]) / self.focal_px[i]);
         let (mut x, mut y) = (far[0], far[1]);
         if self.distortion != [0.0; 5] {
+            // A round leaves about 2 |k1| r^2 of the error: with k1 = 0.1 and r = 0.5 a twentieth.
             for _ in 0..20 {
                 let (factor, dx, dy) = self.bend(x, y);
                 (x, y) = ((far[0] - dx) / factor, (far[1] - dy) / factor);

@@ -17,6 +17,7 @@ impl RowNoise {
     pub(super) fn normal(&mut self) -> f64 {
         let bits = self.0.next_u64();
         let sum: u64 = (0..4).map(|k| bits >> (16 * k) & 0xFFFF).sum();
+        // Four uniform numbers have the variance 4 / 12: times sqrt(3) it is 1.
         (sum as f64 / 65_535.0 - 2.0) * 1.732_050_807_568_877_2
     }
 

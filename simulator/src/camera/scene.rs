@@ -45,6 +45,8 @@ impl Default for Light {
     fn default() -> Self {
         Self {
             towards: [0.25, -0.35, 0.9],
+            // A white surface that faces the lamp has 150 + 90 = 240 of 255 grey values: not
+            // saturated.
             lamp: 150.0,
             around: 90.0,
         }
@@ -112,6 +114,7 @@ impl Body {
     pub fn tags(tags: &[(usize, f64, Frame)], world_from_board: Frame) -> Self {
         let part = |&(id, size_m, body_from_part): &(usize, f64, Frame)| Part {
             shape: Shape::Sheet {
+                // Half of the edge, and an eighth of it for the rim: 1/2 + 1/8.
                 half_m: [size_m * 0.625; 2],
             },
             body_from_part,
@@ -129,6 +132,7 @@ impl Body {
     /// Radius of the sphere around the body's origin that holds it, m.
     #[must_use]
     pub fn radius_m(&self) -> f64 {
+        // An upper bound: the distance of the part's centre, and the part's own radius.
         let reach = |part: &Part| norm(part.body_from_part.position_m) + part.shape.radius_m();
         self.parts.iter().map(reach).fold(0.0, f64::max)
     }

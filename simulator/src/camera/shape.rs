@@ -89,6 +89,7 @@ impl Surface {
             Self::Plain(color) => color,
             Self::Tags(rows) => rows.color(point_m),
             Self::Tag { id, size_m } => {
+                // Eight cells across: six of data in a black border of one (AprilTag 36h11).
                 let cell = |value: f64| (value / size_m * 8.0 + 4.0).floor();
                 let (x, y) = (cell(point_m[0]), cell(point_m[1]));
                 let inside = |value: f64, low: f64, high: f64| value >= low && value < high;
@@ -97,6 +98,7 @@ impl Surface {
                 } else if inside(x, 1.0, 7.0) && inside(y, 1.0, 7.0) {
                     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
                     let place = ((y - 1.0) * 6.0 + x - 1.0) as u32;
+                    // Bit 35 is the cell at the top left.
                     CODES[id % CODES.len()] >> (35 - place) & 1 == 1
                 } else {
                     false
@@ -203,6 +205,7 @@ impl Span {
     }
 
     fn slab(&mut self, from: f64, along: f64, half: f64, axis: usize) -> Option<()> {
+        // Parallel to the slab: the whole ray is inside or outside.
         if along.abs() < 1e-15 {
             return (from.abs() < half).then_some(());
         }
@@ -216,9 +219,11 @@ impl Span {
         let a = along[0] * along[0] + along[1] * along[1];
         let b = from[0] * along[0] + from[1] * along[1];
         let c = from[0] * from[0] + from[1] * from[1] - radius * radius;
+        // Along the axis: as above.
         if a < 1e-18 {
             return (c < 0.0).then_some(());
         }
+        // a t^2 + 2 b t + c = 0: a negative root misses the tube.
         let root = b * b - a * c;
         if root <= 0.0 {
             return None;

@@ -223,6 +223,7 @@ impl<'a> Tracer<'a> {
         !self.parts.iter().any(|part| {
             part.lit.holds(x, y)
                 && part.ahead(point, self.lamp)
+                // 1e-6 m: a point must not shade itself.
                 && part.entered(point, self.lamp, 1e-6, f64::INFINITY)
         })
     }
@@ -241,6 +242,7 @@ impl<'a> Tracer<'a> {
         let part = &self.scene.bodies[hit.body].parts[hit.part];
         let light = &self.scene.light;
         let facing = dot(hit.normal, self.lamp).max(0.0);
+        // Lambert: a matt surface looks equally bright from every side.
         let brightness = light.around + if lit { light.lamp * facing } else { 0.0 };
         let color = part.surface.color(hit.point_in_part_m);
         color.map(|share| share * brightness)

@@ -213,12 +213,14 @@ impl CanBus {
                 let passed = if self.faults.shorted {
                     1
                 } else {
+                    // A disturbance hits a frame in its middle, on the average.
                     frame_bits(&frame) / 2
                 };
                 let bits = passed + ERROR_BITS;
                 self.destroy(&senders, start, bit_us(bits, bitrate), bitrate);
                 continue;
             }
+            // Without another controller nobody writes the acknowledge bit.
             if self.is_alone(senders[0]) {
                 self.unacknowledged(senders[0], start, whole_us, bitrate);
                 continue;
@@ -289,9 +291,12 @@ impl CanBus {
         let end = start + length_us;
         for (index, node) in self.nodes.iter_mut().enumerate() {
             if senders.contains(&index) {
+                // ISO 11898-1, fault confinement: 8 for a failed transmission, 1 for an error
+                // heard.
                 node.transmit_errors += 8;
                 fail(node, end, bitrate);
             } else if node.takes_part() && !self.faults.shorted {
+                // Capped: receive errors make a controller passive and never switch it off.
                 node.receive_errors = (node.receive_errors + 1).min(PASSIVE_FROM);
             }
         }
@@ -304,6 +309,7 @@ impl CanBus {
     fn unacknowledged(&mut self, sender: usize, start: u64, length_us: u64, bitrate: u32) {
         let end = start + length_us;
         let node = &mut self.nodes[sender];
+        // A passive sender does not count a missing acknowledgement: it tries for ever.
         if node.transmit_errors < PASSIVE_FROM {
             node.transmit_errors += 8;
         }
@@ -343,6 +349,7 @@ fn fail(node: &mut Node, end: u64, bitrate: u32) {
     let wait_us = |bits: u64| bits * 1_000_000 / u64::from(bitrate.max(1));
     if node.transmit_errors > 255 {
         node.off_until_us = Some(end + wait_us(RECOVERY_BITS));
+        // A controller that comes back must not send frames from before.
         node.waiting.clear();
     } else if node.transmit_errors >= PASSIVE_FROM {
         node.suspended_until_us = end + wait_us(SUSPEND_BITS);

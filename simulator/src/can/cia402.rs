@@ -103,12 +103,14 @@ impl Cia402 {
         let node = self.node(fault);
         let bytes = &frame.data[..usize::from(frame.len.min(8))];
         match (frame.id, bytes) {
+            // Network management: a command and a node, of which 0 calls all.
             (0x000, &[command, called]) if called == 0 || u16::from(called) == node => {
                 self.manage(plant, index, fault, at_us, command)
             }
             (0x080, []) if self.network == Network::Operational => {
                 self.synchronise(plant, index, fault, at_us, out)
             }
+            // The board's heartbeat: it is node 127 (0x700 + 0x7F).
             (0x77F, [_]) => {
                 self.heard_board_us = Some(at_us);
                 Ok(())
@@ -121,6 +123,7 @@ impl Cia402 {
             }
             (id, bytes) if self.network == Network::Operational => {
                 let entry = self.objects.get(0x1400, 1);
+                // Bit 31 of a PDO's identifier switches it off.
                 let mine = entry >> 31 == 0 && u32::from(id) == entry & 0x7FF;
                 if mine && self.objects.unpack(0x1600, bytes) {
                     self.command(plant, index, fault, at_us, out)?;
@@ -140,6 +143,7 @@ impl Cia402 {
         command: u8,
     ) -> Result<(), PlantError> {
         match command {
+            // 0x01 starts, 0x02 stops, 0x80 back to pre-operational, 0x81 and 0x82 reset (CiA 301).
             0x01 if self.network != Network::Off => self.network = Network::Operational,
             0x02 if self.network != Network::Off => {
                 self.network = Network::Stopped;
@@ -177,6 +181,7 @@ impl Cia402 {
             }
             _ => Err(NO_OBJECT),
         };
+        // 0x80 aborts the transfer; the code says why.
         let (command, value) = outcome.unwrap_or_else(|code| (0x80, code));
         let [low, high] = address.index.to_le_bytes();
         let [a, b, c, d] = value.to_le_bytes();
@@ -228,6 +233,7 @@ impl Cia402 {
         fault: &NodeFault,
     ) -> Result<(), PlantError> {
         let ready = matches!(plant.drive_state(index)?, DriveState::Ready(_));
+        // CiA 402: 0x0200 is remote, 0x10 voltage on, the other bits name the state.
         let status = match self.power {
             Power::SwitchOnDisabled => 0x0240,
             Power::ReadyToSwitchOn => 0x0231,
@@ -237,12 +243,14 @@ impl Cia402 {
             Power::OperationEnabled => 0x0233,
             Power::Fault => 0x0208,
         };
+        // Bit 7 is a warning: the drive continues.
         let warning = if fault.hot { 0x80 } else { 0 };
         self.objects.set(0x6041, 0, status | warning);
         let mode = fault.mode.unwrap_or(self.objects.get(0x6060, 0) as u8);
         self.objects.set(0x6061, 0, u32::from(mode));
         let feedback = plant.drive_feedback(index)?;
         self.objects.set(0x6064, 0, feedback.counts.cast_unsigned());
+        // In thousandths of the rated current, with the sign of the current.
         let torque = i32::from(feedback.current_ma) * 1000 / self.rated_ma.max(1) as i32;
         self.objects.set(0x6077, 0, (torque as u32) & 0xFFFF);
         Ok(())
@@ -258,6 +266,7 @@ impl Cia402 {
         out: Outbox<'_>,
     ) -> Result<(), PlantError> {
         let control = self.objects.get(0x6040, 0) as u16;
+        // A fault is reset by a rising edge of bit 7: a bit that stays set resets nothing more.
         let rises = control & 0x80 != 0 && self.last_control & 0x80 == 0;
         self.last_control = control;
         let next = match (self.power, control & 0x0F) {
@@ -266,6 +275,8 @@ impl Cia402 {
                 Power::SwitchOnDisabled
             }
             (Power::Fault, _) => Power::Fault,
+            // Bit 1 clear disables the voltage, bit 2 clear is a quick stop: both end the torque
+            // here.
             (_, bits) if bits & 0x02 == 0 || bits & 0x04 == 0 => Power::SwitchOnDisabled,
             (Power::SwitchOnDisabled, 0x06) => Power::ReadyToSwitchOn,
             (Power::ReadyToSwitchOn, 0x07) => Power::SwitchedOn,
@@ -282,6 +293,7 @@ impl Cia402 {
                 return plant.command_drive(index, DriveCommand::Off);
             }
             if next == Power::OperationEnabled {
+                // Cyclic synchronous modes of CiA 402: position, velocity, torque.
                 let mode = match self.objects.get(0x6060, 0) {
                     8 => Mode::Position,
                     9 => Mode::Velocity,
@@ -296,6 +308,8 @@ impl Cia402 {
         }
         match plant.drive_state(index)? {
             DriveState::Ready(Mode::Position) => {
+                // The first set-point has none before it: the drive goes there without
+                // interpolation.
                 let target = self.objects.get(0x607A, 0).cast_signed();
                 let from = self.way.map_or(target, |(_, last, _)| last);
                 self.way = Some((from, target, at_us));
@@ -327,6 +341,7 @@ impl Cia402 {
         out: Outbox<'_>,
     ) -> Result<(), PlantError> {
         match plant.drive_state(index)? {
+            // The supply is back: the electronics start as after delivery, and so does the motor.
             DriveState::Unpowered if plant.is_powered() => {
                 self.power = Power::SwitchOnDisabled;
                 self.restart(fault, now_us);
@@ -411,6 +426,7 @@ impl Cia402 {
     fn send_emergency(&mut self, fault: &NodeFault, code: u16, at_us: u64, out: Outbox<'_>) {
         self.emergency = code;
         let [low, high] = code.to_le_bytes();
+        // Error register of CiA 301: bit 0 any error, bit 3 temperature, bit 4 communication.
         let register = match code >> 12 {
             _ if code == 0 => 0x00,
             0x4 => 0x09,

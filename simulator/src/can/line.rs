@@ -43,6 +43,7 @@ impl DriveLine {
         while self.now_us < until_us {
             let end_us = until_us.min(self.now_us + STEP_US);
             plant.advance(1e-6 * (end_us - self.now_us) as f64)?;
+            // The plant's `bus_off` means dead wires: here they are shorted.
             self.bus.faults_mut().shorted = plant.faults().bus_off;
             for drive in 0..self.nodes.len() {
                 self.bus.connect(drive + 1, plant.is_powered());

@@ -108,6 +108,7 @@ impl DriveNodes {
         }
         for (index, node) in self.nodes.iter_mut().enumerate() {
             let fault = &self.faults[index];
+            // A controller does not receive its own frames.
             if from == Some(index) || plant.faults().cables[index].drive.ignores_commands {
                 continue;
             }

@@ -40,14 +40,17 @@ impl Objects {
         // Servo drive of profile 402.
         add(0x1000, 0, 4, 0x0002_0192, false);
         add(0x1001, 0, 1, 0, false);
+        // The heartbeat that it monitors and the one that it sends (CiA 301); 0 is none.
         add(0x1016, 1, 4, 0, true);
         add(0x1017, 0, 2, 0, true);
+        // Predefined connection set of CiA 301: command 0x200 + node, feedback 0x180 + node.
         for (pdo, (command, feedback)) in [(0x200, 0x180), (0x300, 0x280), (0x400, 0x380)]
             .into_iter()
             .enumerate()
         {
             let pdo = pdo as u16;
             add(0x1400 + pdo, 1, 4, command + node, true);
+            // 255: by event, not by SYNC.
             add(0x1400 + pdo, 2, 1, 255, true);
             add(0x1800 + pdo, 1, 4, feedback + node, true);
             add(0x1800 + pdo, 2, 1, 255, true);
@@ -64,6 +67,7 @@ impl Objects {
         add(0x6060, 0, 1, 0, true);
         add(0x6061, 0, 1, 0, false);
         add(0x6064, 0, 4, 0, false);
+        // Torques in thousandths of the rated one, as current: 1000 is `rated_ma`.
         add(0x6071, 0, 2, 0, true);
         add(0x6072, 0, 2, 1000, true);
         add(0x6075, 0, 4, rated_ma, false);
@@ -71,6 +75,7 @@ impl Objects {
         add(0x607A, 0, 4, 0, true);
         add(0x6080, 0, 4, 6000, true);
         add(0x60FF, 0, 4, 0, true);
+        // Time between two set-points, ms; with 0 each acts at once.
         add(0x60C2, 1, 1, 0, true);
         objects
     }
@@ -114,6 +119,7 @@ impl Objects {
         let mut used = 0_usize;
         for entry in 1..=self.get(mapping, 0) as u8 {
             let entry = self.get(mapping, entry);
+            // A mapping entry: index (16 bits), sub-index (8), length in bits (8).
             let (index, sub) = ((entry >> 16) as u16, (entry >> 8) as u8);
             let bytes = self.get(index, sub).to_le_bytes();
             for byte in bytes.into_iter().take((entry & 0xFF) as usize / 8) {

@@ -31,6 +31,7 @@ impl Rmds {
         out: Outbox<'_>,
     ) -> Result<(), PlantError> {
         let own = fault.node.unwrap_or(self.number);
+        // Identifier: group, number, function, four bits each; number 0 calls the whole group.
         let (group, number) = ((frame.id >> 8) as u8, (frame.id >> 4) as u8 & 0xF);
         let called = group == own >> 4 && (number == own & 0xF || number == 0);
         if !called || frame.len != 8 {
@@ -72,6 +73,7 @@ impl Rmds {
             }
             _ => return Ok(()),
         };
+        // A drive with a fault gives no torque, but can be reset.
         if fault.fault.is_some() && command != DriveCommand::Reset {
             return plant.command_drive(index, DriveCommand::Off);
         }
@@ -94,6 +96,7 @@ impl Rmds {
         if self.period_us == 0 || now_us < self.next_us {
             return Ok(());
         }
+        // From the time that was due, not from now: the period does not drift.
         self.next_us += self.period_us;
         let feedback = plant.drive_feedback(index)?;
         let [a, b] = feedback.current_ma.to_be_bytes();

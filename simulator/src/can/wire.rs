@@ -19,12 +19,14 @@ fn plain(frame: &CanFrame) -> (u128, u32) {
     };
     push(0, 1);
     push(u32::from(frame.id & 0x7FF), 11);
+    // RTR, IDE and r0 are dominant in a data frame with 11 bits of identifier.
     push(0, 3);
     push(u32::from(frame.len), 4);
     for byte in frame.data.iter().take(usize::from(frame.len)) {
         push(u32::from(*byte), 8);
     }
     let mut check = 0_u16;
+    // The checksum covers all bits since the start of the frame, before stuffing.
     for place in (0..count).rev() {
         let bit = u16::from((bits >> place) & 1 == 1);
         let feed = bit ^ (check >> 14);

@@ -81,7 +81,9 @@ impl Port {
         }
         let last = self.waiting.iter().rposition(Option::is_some);
         match last {
+            // A repeated command takes no second slot.
             Some(i) if self.waiting[i] == Some(command) => {}
+            // A full queue keeps its first commands; the newest takes the last place.
             Some(i) => self.waiting[(i + 1).min(QUEUE - 1)] = Some(command),
             None => self.waiting[0] = Some(command),
         }
@@ -139,7 +141,9 @@ impl Port {
         #[allow(clippy::cast_precision_loss)]
         let periods = self.slot as f64;
         // From the slot's number, so that rounding does not add up over hours.
+        // 1 ns early: the time of a step is a rounded product and must not miss its slot.
         self.next_slot_s = self.offset_s + periods * bus.period_s - 1e-9;
+        // Modes before set-points: a drive ignores a set-point of a mode that it is not in.
         let command = if let Some(first) = self.waiting[0] {
             self.waiting.rotate_left(1);
             self.waiting[QUEUE - 1] = None;
@@ -147,6 +151,7 @@ impl Port {
         } else {
             self.set_point.take()
         };
+        // The command is lost: nobody repeats it on a dead bus.
         if bus_off {
             return;
         }

@@ -84,6 +84,7 @@ impl Plant {
         let tensions_n = outside.tensions_n;
         for (i, (cable, winch)) in self.cables.iter_mut().zip(&mut self.winches).enumerate() {
             winch.drift(0.5 * h);
+            // The engine's tension acts unchanged: pulleys and their losses are part of the engine.
             let tension_n = tensions_n[i];
             cable.tension = Tension {
                 platform_n: tension_n,
@@ -119,10 +120,12 @@ impl Plant {
                 .advance(&paid_out_m[..count], &rates_mps[..count], every as f64 * h)
                 .map_err(|reason| failed(format!("the other engine: {reason}")))?
         };
+        // Refused before they reach the winches: one NaN would spread to every state.
         let finite = hanging.tensions_n.iter().all(|t| t.is_finite());
         if !finite {
             return Err(PlantError::Diverged { time_s: now_s });
         }
+        // The engine reports poses without velocities.
         self.motion = Motion::at_rest(&self.body, &hanging.pose);
         if let Some(outside) = &mut self.outside {
             outside.tensions_n = hanging.tensions_n;

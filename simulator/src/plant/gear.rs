@@ -45,6 +45,7 @@ pub(crate) struct Gear {
 
 impl Gear {
     pub(crate) fn new(p: &WinchParams, gear: &GearParams) -> Self {
+        // From N m at the motor to N at the cable: 371.13 / 20 mm are 18 557 N per N m.
         let per_torque = p.gear_ratio / p.drum_radius_m;
         let stiffness = p.shaft_stiffness_n_per_m(gear);
         let half_play_m = 0.5 * gear.play_rad * p.drum_radius_m;
@@ -56,14 +57,19 @@ impl Gear {
             cold: 1.0,
             half_play_m,
             stiffness,
+            // 2 zeta sqrt(k m): 1 MN/m on a drum of 0.1 kg give 126 N s/m.
             damping: 2.0 * SHAFT_DAMPING * (stiffness * p.drum_mass_kg).sqrt(),
             coulomb_n: (gear.rotor_friction_nm + gear.gear_friction_nm) * per_torque,
             static_share: gear.static_friction - 1.0,
             stribeck_mps: gear.stribeck_rpm * p.mps_per_rpm(),
             viscous: gear.viscous_nm_per_rpm * per_torque / p.mps_per_rpm(),
+            // Driving, the motor gives shaft / efficiency: 70 % cost 43 % more than the shaft's
+            // force.
             loss_driving: 1.0 / gear.efficiency_driving - 1.0,
+            // Driven, it receives shaft x efficiency: the rest is lost as friction.
             loss_driven: 1.0 - gear.efficiency_driven,
             cogging_n: gear.cogging_nm * per_torque,
+            // The motor's angle is the displacement times gear over radius.
             cogging_per_m: f64::from(gear.cogging_per_turn) * per_torque,
             cold_share: gear.cold_friction - 1.0,
             cools_per_s: 1.0 / gear.warming_s,
@@ -127,6 +133,7 @@ impl Gear {
         } else {
             free - stopped_by.copysign(free)
         };
+        // A gear at rest does not cool down again: runs are shorter than that.
         if self.cold_share > 0.0 && self.motor_rate.abs() > self.warming_mps {
             self.cold -= self.cold * h * self.cools_per_s;
         }

@@ -67,6 +67,7 @@ impl Plant {
     pub fn set_brake(&mut self, cable: usize, closed: bool) -> Result<(), PlantError> {
         self.known(cable)?;
         let now_s = self.time_s();
+        // Spring-applied: without supply no output can open a brake.
         let closed = closed || !self.powered;
         let fault = &self.faults.cables[cable].brake;
         self.winches[cable].brake.ask(closed, now_s, fault);
@@ -101,6 +102,7 @@ impl Plant {
         for (i, winch) in self.winches.iter_mut().enumerate() {
             winch.drive.cut_power();
             winch.brake.ask(true, now_s, &self.faults.cables[i].brake);
+            // A command that waits must not move a drive when the supply returns.
             self.ports[i].clear();
         }
     }
@@ -281,6 +283,7 @@ impl Plant {
         }
         let drum_m = self.winches[cable].paid_out().length_m;
         let c = &mut self.cables[cable];
+        // The cable's length stays continuous: the new gain acts on what is wound from now on.
         c.unstretched_zero_m += (c.winding_gain - gain) * drum_m;
         c.winding_gain = gain;
         Ok(())

@@ -262,6 +262,7 @@ impl Plant {
             return Err(error.clone());
         }
         self.target_s += duration_s;
+        // 1e-6 of a step more: a sum of rounded durations must not lose its last step.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let last = (self.target_s / self.params.step_s + 1e-6).floor() as u64;
         while self.steps < last {
@@ -288,6 +289,8 @@ impl Plant {
         body.chain(&m.momentum)
             .copied()
             .chain(drums)
+            // A million m or m/s is beyond any robot: an unstable step is reported before it
+            // overflows.
             .all(|v| v.is_finite() && v.abs() < 1e6)
     }
 
@@ -297,6 +300,7 @@ impl Plant {
         for (i, (port, winch)) in self.ports.iter_mut().zip(&mut self.winches).enumerate() {
             let fault = &self.faults.cables[i].drive;
             let motor = (winch.motor_m(), winch.motor_rate());
+            // Without supply no restart of a drive comes to its end.
             let late_s = if self.powered {
                 fault.late_s
             } else {
@@ -348,6 +352,8 @@ impl Plant {
             if cable.exhausted(off_drum.length_m) {
                 return Err(PlantError::Exhausted { cable: i });
             }
+            // Tension first: the pulley's friction follows the routing's stretch, which the tension
+            // sets.
             cable.tension =
                 cable.tension(path.length_m, rate, off_drum.length_m, off_drum.rate_mps);
             cable.rub(off_drum.length_m);
@@ -363,6 +369,7 @@ impl Plant {
             force = add(force, pull);
             torque = add(torque, cross(cable.attachment, mul_t(&rotation, pull)));
             let fault = &self.faults.cables[i].brake;
+            // An eccentric drum feels the cable at its present radius, not at its nominal one.
             let pull_n = off_drum.lever * cable.force_on_drum(winch_n);
             winch.kick(pull_n, now_s, h, fault);
             winch.drift(half);
@@ -381,6 +388,8 @@ impl Plant {
             force = add(force, pull);
             torque = add(torque, cross(hook.point, mul_t(&rotation, pull)));
         }
+        // All forces belong to the middle of the step: half a drift lies on either side of the
+        // kick.
         self.motion.kick(&self.body, force, torque, h);
         self.motion.drift(&self.body, half);
         self.steps += 1;

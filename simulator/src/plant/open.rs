@@ -22,9 +22,12 @@ pub(super) const WIRED_OHM: u32 = 10_000;
 
 /// The voltage of an open input after `passed_s`, from `from_v`, with a pull-up to the supply.
 pub(super) fn open_v(from_v: f64, pull_up_ohm: f64, passed_s: f64) -> f64 {
+    // A switched capacitor conducts C f: 8 pF at 36 kHz are a resistor of 3.5 MOhm.
     let sampling = SAMPLING_F * CONVERSIONS_HZ;
     let conducts = 1.0 / pull_up_ohm + sampling;
+    // Currents into the pin at rest: pull-up, leakage, charge of the channel before.
     let rests = (ADC_REFERENCE_V / pull_up_ohm - LEAKAGE_A + sampling * BEFORE_V) / conducts;
+    // With the wired pull-up the time constant is 10 kOhm x 10 nF = 0.1 ms.
     rests + (from_v - rests) * (-passed_s * conducts / PIN_F).exp()
 }
 

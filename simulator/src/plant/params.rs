@@ -263,13 +263,17 @@ impl Default for WinchParams {
     fn default() -> Self {
         Self {
             drum_radius_m: 0.02,
+            // One count is 2 pi 20 mm / 4096 = 31 um of cable.
             encoder_counts_per_turn: 4096.0,
             encoder_sign: 1,
+            // 371.13 turns of the motor with 4096 counts each.
             motor_counts_per_drum_turn: 1_520_148.0,
             motor_sign: 1,
             gear_ratio: 371.13,
             rotor_inertia_kg_m2: 0.0,
+            // At the cable 0.01 N m/A x 371.13 / 20 mm = 186 N per ampere.
             torque_constant_nm_per_a: 0.01,
+            // 8000 rpm behind 371.13:1 on 20 mm are 45 mm/s of cable.
             max_motor_rpm: 8000.0,
             max_current_a: 1.0,
             friction_n: 0.5,
@@ -285,11 +289,13 @@ impl Default for WinchParams {
                 play_m: 0.0,
             },
             drive: DriveParams {
+                // 150 rad/s is a lag of 6.7 ms behind a moving set-point.
                 position_bandwidth_rad_s: 150.0,
                 max_acceleration_mps2: 5.0,
                 tuned_load_kg: 1.5,
                 inner_lag_s: 0.0,
                 current_lag_s: 0.003,
+                // 1 mA is 0.19 N at the cable.
                 current_quantum_a: 0.001,
                 reset_time_s: 0.5,
                 mode_time_s: 0.5,
@@ -297,6 +303,7 @@ impl Default for WinchParams {
                 node: None,
             },
             sensor: TensionSensorParams {
+                // The converter's 3.3 V are (3.3 - 0.2355) x 12.77 = 39 N.
                 gain_n_per_v: 12.77,
                 zero_v: 0.2355,
                 noise_n: 0.05,
@@ -340,6 +347,7 @@ impl PlantParams {
                 pulley_radius_m: 0.01,
                 attachment_m,
                 ea_n: 50_000.0,
+                // A cable of 1 m with 50 kN/m then has 10 N s/m.
                 damping_time_s: 2e-4,
                 routing_length_m: 0.7,
                 pulley_loss: 0.0,
@@ -363,6 +371,7 @@ impl PlantParams {
                 bitrate: 1_000_000,
             },
             gravity_mps2: [0.0, 0.0, -9.81],
+            // Ten steps per control tick of 1 ms.
             step_s: 1e-4,
             cables_attached: true,
             e_stop_cuts_power: true,
@@ -402,6 +411,7 @@ impl WinchParams {
     /// Stiffness of the shaft at the cable (N/m).
     #[must_use]
     pub(crate) fn shaft_stiffness_n_per_m(&self, gear: &GearParams) -> f64 {
+        // F = k phi / r with phi = x / r: 400 N m/rad on 20 mm are 1 MN/m.
         gear.stiffness_nm_per_rad / (self.drum_radius_m * self.drum_radius_m)
     }
 

@@ -100,6 +100,7 @@ impl Plant {
             self.params.step_s,
             self.motion,
         )?;
+        // A held drum has followed the platform: its cable is cut to the length found.
         for &cable in held {
             let length_m = self.path(&motion, cable)?.length_m;
             self.cables[cable].cut_to(length_m, tensions_n[cable]);
@@ -108,6 +109,7 @@ impl Plant {
         for i in 0..self.cables.len() {
             let length_m = self.path(&motion, i)?.length_m;
             let cable = &mut self.cables[i];
+            // From here on every drum is locked: the tensions follow from the lengths alone.
             let tension = cable.tension(length_m, 0.0, 0.0, 0.0);
             cable.rest_under(tension);
         }

@@ -77,6 +77,7 @@ impl Pose {
     #[must_use]
     pub fn rpy_rad(&self) -> [f64; 3] {
         let m = self.matrix();
+        // cos(pitch) as a root is never negative: pitch stays within a quarter turn.
         let level = (m[0][0] * m[0][0] + m[1][0] * m[1][0]).sqrt();
         [
             m[2][1].atan2(m[2][2]),
@@ -103,6 +104,7 @@ impl Pose {
         }
         let q = self.rotation_wxyz;
         let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+        // A rounded quaternion is normalised; a length further off is an error in the input.
         if length.is_nan() || (length - 1.0).abs() > 1e-3 {
             return Err(PlantError::Parameter {
                 name: "length of the pose's quaternion",
@@ -220,6 +222,7 @@ impl Motion {
     #[inline(always)]
     pub(crate) fn drift(&mut self, body: &Body, h: f64) {
         self.center_m = axpy(self.center_m, h, self.velocity);
+        // Arguments are half times: x and y turn twice by h / 2 each, z once by h.
         let quarter = 0.25 * h;
         self.turn::<1, 2>(body, 0, quarter);
         self.turn::<2, 0>(body, 1, quarter);

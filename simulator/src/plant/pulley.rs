@@ -52,6 +52,8 @@ impl Pulley {
         let rho = rho_squared.sqrt();
         let out = rho - self.radius_m;
         let to_point_squared = out * out + up * up;
+        // The straight part: a right triangle with the radius, its right angle at the tangent
+        // point.
         let straight_squared = to_point_squared - self.radius_m * self.radius_m;
         // Negated comparisons refuse NaN as well.
         if !(straight_squared > 0.0 && rho > 1e-9) {
@@ -61,6 +63,7 @@ impl Pulley {
         let sine = up * self.radius_m + out * straight;
         let cosine = up * straight - out * self.radius_m;
         let mut wrap = sine.atan2(cosine);
+        // `atan2` ends at half a turn; a cable can wrap further.
         if wrap < 0.0 {
             wrap += std::f64::consts::TAU;
         }

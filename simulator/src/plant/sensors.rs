@@ -137,6 +137,7 @@ impl CableSensors {
             self.drift_since_s = None;
             self.drift_n = 0.0;
         }
+        // The bridge saturates; its noise and its offset are added behind it.
         let sensed = tension_n.min(s.max_n) + noise_n + fault.tension_offset_n + self.drift_n;
         let voltage = sensed / s.gain_n_per_v + s.zero_v;
         let pull_up = match fault.tension {
@@ -145,12 +146,14 @@ impl CableSensors {
             _ => None,
         };
         let passed_s = (now_s - self.read_s).max(0.0);
+        // A connected sensor drives the pin at once; only an open input settles slowly.
         self.pin_v = match pull_up {
             Some(ohm) => super::open::open_v(self.pin_v, f64::from(ohm), passed_s),
             None => voltage,
         };
         self.read_s = now_s;
         let share = (self.pin_v / ADC_REFERENCE_V).clamp(0.0, 1.0);
+        // The converter's last step is never reached: 16 x 4095 = 65 520 of 65 536.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let reading = (share * ADC_STEPS_PER_REFERENCE)
             .min(f64::from(ADC_FULL_SCALE))
@@ -197,6 +200,7 @@ impl Noise {
     /// Uniform over (0, 1), never an end.
     #[allow(clippy::cast_precision_loss)]
     pub(crate) fn uniform(&mut self) -> f64 {
+        // Half a step up: neither 0 nor 1, so that the logarithm in `normal` stays finite.
         ((self.0.next_u64() >> 12) as f64 + 0.5) / (1u64 << 52) as f64
     }
 

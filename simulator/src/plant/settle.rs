@@ -80,6 +80,7 @@ pub(crate) fn settle(
             torque = add(torque, cross(cable.attachment, pull));
         }
         motion.kick(body, force, torque, h);
+        // Drag of this copy alone: the resting pose does not depend on it.
         motion.velocity = scale(motion.velocity, keep);
         motion.momentum = scale(motion.momentum, keep);
         motion.drift(body, 0.5 * h);

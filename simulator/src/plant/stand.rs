@@ -23,6 +23,7 @@ impl Stand {
     /// Under a platform at rest that weighs `weight_n`.
     pub(crate) fn under(center_m: V3, rotation: [[f64; 3]; 3], weight_n: f64) -> Self {
         Self {
+            // Higher by the pads' own compression, 13.7 N / 20 kN/m = 0.7 mm: the platform stays.
             center_m: axpy(center_m, weight_n / STIFFNESS_N_PER_M, [0.0, 0.0, 1.0]),
             rotation,
         }
@@ -41,6 +42,7 @@ impl Stand {
             return ([0.0; 3], [0.0; 3]);
         }
         let mut force = axpy(scale(away, -STIFFNESS_N_PER_M), -DAMPING_NS_PER_M, velocity);
+        // Damping must not turn the push of a leaving platform into a pull.
         force[2] = force[2].max(0.0);
         // Half the sum of the cross products of the axes is the small rotation between two frames.
         let column = |m: &[[f64; 3]; 3], i: usize| [m[0][i], m[1][i], m[2][i]];

@@ -86,6 +86,7 @@ impl Plant {
             );
             let rate = dot(path.direction, velocity);
             let off_drum = winch.paid_out();
+            // An external engine's tensions do not follow from this plant's own geometry.
             let tension: Tension = match self.outside_tension(i) {
                 Some(_) => cable.tension,
                 None => cable.tension(path.length_m, rate, off_drum.length_m, off_drum.rate_mps),

@@ -22,6 +22,7 @@ impl PlantParams {
         }
         self.validate_platform()?;
         require("step_s", self.step_s, Rule::Positive)?;
+        // A board reads and commands once per tick of 1 ms.
         if self.step_s > 1e-3 {
             return Err(PlantError::Parameter {
                 name: "step_s",
@@ -34,6 +35,7 @@ impl PlantParams {
         }
         require("bus period_s", self.bus.period_s, Rule::Positive)?;
         require("bus latency_s", self.bus.latency_s, Rule::NotNegative)?;
+        // A port has one frame in transit: a longer transport would overwrite it by the next.
         if self.bus.latency_s >= self.bus.period_s {
             return Err(PlantError::Parameter {
                 name: "bus latency_s",
@@ -75,6 +77,7 @@ impl PlantParams {
         let scale = m[0][0].abs() + m[1][1].abs() + m[2][2].abs();
         for (i, j) in [(0, 1), (0, 2), (1, 2)] {
             let skew = (m[i][j] - m[j][i]).abs();
+            // More than rounding of an inertia given in other axes.
             if skew > 1e-9 * scale {
                 return Err(PlantError::Parameter {
                     name: "platform inertia_kg_m2 asymmetry",
@@ -221,6 +224,7 @@ impl WinchParams {
         )?;
         let stiffness = self.shaft_stiffness_n_per_m(gear);
         let per_mass = 1.0 / self.drum_mass_kg + 1.0 / self.rotor_mass_kg();
+        // omega^2 h^2 may be 4 at most for an explicit step: 1 leaves a factor of two in omega.
         if stiffness * per_mass * step_s * step_s > 1.0 {
             return Err(PlantError::CableParameter {
                 cable,

@@ -156,11 +156,13 @@ pub(crate) fn q_from_matrix(m: &M3) -> Q {
 pub(crate) fn symmetric_eigen(m: &M3) -> (V3, M3) {
     let mut a = *m;
     let mut basis: M3 = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    // Jacobi sweeps converge quadratically, within some five; 32 is only a bound.
     for _ in 0..32 {
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             if a[p][q] == 0.0 {
                 continue;
             }
+            // The angle that makes a_pq zero: tan(2 angle) = 2 a_pq / (a_qq - a_pp).
             let angle = 0.5 * (2.0 * a[p][q]).atan2(a[q][q] - a[p][p]);
             let (s, c) = angle.sin_cos();
             // Rotate rows and columns p and q of `a`, and columns p and q of the basis.

@@ -147,6 +147,7 @@ impl Winch {
             };
         }
         let (sin, cos) = (self.drum_m / self.radius_m + self.eccentric_rad).sin_cos();
+        // The derivative of the paid out cable by the drum's displacement.
         let lever = 1.0 + self.eccentricity_m / self.radius_m * cos;
         PaidOut {
             length_m: self.drum_m + self.eccentricity_m * (sin - self.eccentric_rad.sin()),
@@ -178,15 +179,19 @@ impl Winch {
         let motor = match &mut self.gear {
             None => self.drive.force(self.drum_m, self.drum_rate, pull_n, h),
             Some(gear) => {
+                // One force for both bodies, taken before either moves: it adds no momentum.
                 let shaft_n = gear.shaft_n(self.drum_m, self.drum_rate);
                 let (motor_m, motor_rate) = (gear.motor_m, gear.motor_rate);
+                // The motor feels the shaft's reaction, not the cable.
                 let motor_n = self.drive.force(motor_m, motor_rate, -shaft_n, h);
                 gear.kick(motor_n, shaft_n, h);
                 shaft_n
             }
         };
         let hm = h / self.mass_kg;
+        // Viscous friction is taken at the end of the step: no value of it is unstable.
         let free = (self.drum_rate + hm * (pull_n + motor)) / (1.0 + hm * self.viscous);
+        // The direction that the drum would take decides which flank of the play carries.
         let braked_n = self.brake.friction_n((self.drum_m, free), now_s, fault);
         let rubbing = self.friction_n + fault.drag_n + braked_n;
         let stopped_by = hm * rubbing;

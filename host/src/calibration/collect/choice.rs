@@ -156,6 +156,7 @@ impl<'a> Choice<'a> {
 fn nearest(here: &StaticState, route: &[(usize, StaticState)]) -> Option<usize> {
     let far = |rest: &StaticState| {
         let pairs = rest.paid_out_m.iter().zip(&here.paid_out_m);
+        // All drums move at once: the longest way of a cable decides.
         pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     };
     let distances = route.iter().map(|(_, rest)| far(rest)).enumerate();

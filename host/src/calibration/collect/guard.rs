@@ -62,6 +62,7 @@ fn swing_n(samples: &[Measured], cable: usize) -> f64 {
         samples.get(at)?.tensions_n.get(cable).copied()
     };
     match [2 * APART, APART, 0].map(tension_n) {
+        // For a sine, half periods apart, a - 2 b + c is four amplitudes.
         [Some(a), Some(b), Some(c)] => (a - 2.0 * b + c).abs() / 4.0,
         _ => 0.0,
     }

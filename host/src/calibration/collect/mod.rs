@@ -382,6 +382,7 @@ impl<L: Link> Session<'_, L> {
     /// After a stop during a move: back to its start.
     fn turn_back(&mut self, stopped: StopKind, seen: &Recorder) -> Result<(), CollectError> {
         let status = run::status(&mut self.client)?;
+        // After a hold it is armed, at its set-points; after a stop it must be armed anew.
         let there = if stopped == StopKind::Hold {
             let commanded = status.setpoints_m();
             let commanded_m: Vec<f64> = commanded.collect();
@@ -442,6 +443,7 @@ impl<L: Link> Session<'_, L> {
 fn slowest_s(model: &Model, rest: &StaticState) -> f64 {
     let found = model.geometry().stability(&rest.equilibrium).ok();
     let slowest = found.and_then(|s| s.modes_hz.iter().copied().next());
+    // Without a credible mode (over 0.2 Hz) a period of 1 s is assumed.
     1.0 / slowest.filter(|hz| *hz > 0.2).unwrap_or(1.0)
 }
 

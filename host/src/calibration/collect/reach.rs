@@ -266,6 +266,7 @@ impl<'a> Reach<'a> {
     #[must_use]
     pub fn candidates(&self, data: &Data, count: usize, seed: u64) -> Vec<Candidate> {
         let mut random = Random::new(seed);
+        // 200 draws per candidate: at most places it cannot hang, or sees no tag.
         let draws = (0..count * 200).filter_map(|_| self.seen(data, &self.random(&mut random)?));
         draws.take(count).collect()
     }

@@ -86,6 +86,7 @@ pub fn measure<L: Link, S: TagSource>(
     slowest_s: f64,
 ) -> Result<Waited, CollectError> {
     let begun_us = client.now_us();
+    // A whole period of the slowest swing: a shorter look would miss it.
     let window_s = slowest_s.max(WINDOW_MIN_S);
     loop {
         let seen = look(client, source, window_s)?;
@@ -159,6 +160,7 @@ fn look<L: Link, S: TagSource>(
         frames: Vec::new(),
         recorder: Recorder::default(),
     };
+    // Samples of the move before are not of this pose.
     while client.next_event().is_some() {}
     let end_us = client.now_us() + (seconds * 1e6) as u64;
     while client.now_us() < end_us || out.frames.len() < FRAMES_MIN {
@@ -218,6 +220,7 @@ fn swing(frames: &[Vec<TagView>], ids: &[u32], size_m: &impl Fn(u32) -> Option<f
                 let values = views.iter().map(|v| v.corners_px[corner][axis]);
                 let mean = values.clone().sum::<f64>() / n;
                 let variance = values.map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+                // The square of a sine's amplitude is twice its variance, here without the noise's.
                 sum += 2.0 * (variance - noise) / (px_per_m * px_per_m);
                 count += 1.0;
             }
@@ -233,6 +236,7 @@ fn weights(n: usize, window: bool) -> Vec<f64> {
         .map(|k| {
             if window {
                 let phase = std::f64::consts::TAU * (k as f64 + 0.5) / n as f64;
+                // Hann: zero at both ends, so that a part of a period left over hardly counts.
                 1.0 - phase.cos()
             } else {
                 1.0

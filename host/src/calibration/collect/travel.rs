@@ -27,7 +27,9 @@ fn share(t: f64) -> f64 {
     t.powi(4) * (35.0 - 84.0 * t + 70.0 * t * t - 20.0 * t * t * t)
 }
 /// Greatest first and second derivative of [`share`].
+/// `140 t^3 (1 - t)^3` at t = 1/2 is 140 / 64.
 const SHARE_SPEED: f64 = 2.1875;
+// 420 t^2 (1 - t)^2 (1 - 2 t) is greatest at t = 0.276: 7.51.
 const SHARE_ACCELERATION: f64 = 7.52;
 
 /// A motion from rest to rest.
@@ -55,6 +57,7 @@ fn states(
     let (t, u) = (*from.tensions_n().get(held)?, *to.tensions_n().get(held)?);
     let mut out: Vec<StaticState> = Vec::with_capacity(shares.len());
     for &s in shares {
+        // The tension changes in equal ratios, the position in equal steps.
         let tension_n = t * (u / t).powf(s);
         let near = out.last().unwrap_or(from);
         out.push(hang(&(a + (b - a) * s), tension_n, near)?);
@@ -143,6 +146,7 @@ fn knots(
         for (i, (x, y)) in a.paid_out_m.iter().zip(&b.paid_out_m).enumerate() {
             let slope = (y - x).abs() * TRIES as f64;
             let fastest = robot.winch_of(i)?.max_cable_speed_mps() * SPEED_SHARE;
+            // v = slope 2.19 / T and a = slope 7.52 / T^2, solved for the time T.
             duration_s = duration_s
                 .max(slope * SHARE_SPEED / fastest)
                 .max((slope * SHARE_ACCELERATION / ACCELERATION_MPS2).sqrt());

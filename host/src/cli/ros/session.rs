@@ -192,6 +192,7 @@ impl Node<'_> {
     ) -> Result<Option<Plan>, RunError> {
         let (model, from_m) = (self.model, session.tool_m());
         let (task, speed_mps) = match wish {
+            // A motion without length cannot be planned.
             Wish::Move { to_m, .. } if (to_m - from_m).norm() < THERE_M => return Ok(None),
             Wish::Move { to_m, speed_mps } => (Task::go_to("move", *to_m)?, *speed_mps),
             Wish::Task(task) => (task.clone(), None),

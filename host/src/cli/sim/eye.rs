@@ -129,6 +129,7 @@ impl Eye {
     /// # Errors
     /// The error that ended the camera.
     pub(in crate::cli) fn look(&self, link: &SimulatedLink) -> Result<(), Failed> {
+        // One picture for each request, however often this is called.
         if self.wanted.swap(false, Ordering::AcqRel) {
             let seen = link.with(|simulation| {
                 let platform = Place::from(simulation.plant().truth()?.pose);

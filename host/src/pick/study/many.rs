@@ -95,6 +95,7 @@ impl Study {
                     loop {
                         let mut left = jobs.lock().unwrap_or_else(PoisonError::into_inner);
                         let Some(job) = left.pop_front() else { break };
+                        // The lock ends before the scene, which takes minutes.
                         drop(left);
                         let pick = || scene(robot, &job);
                         let scene = pool.as_ref().map_or_else(|_| pick(), |p| p.install(pick));
@@ -104,6 +105,7 @@ impl Study {
                     }
                 });
             }
+            // The loop below ends when the last thread has dropped its own sender.
             drop(send);
             for (job, scene) in receive {
                 let cluttered = job.order == Order::Cluttered;

@@ -51,6 +51,7 @@ impl<L: Link> Picker<'_, L> {
         let closing = if options.turns {
             Closing::Any
         } else {
+            // Jaws that do not turn close along the platform's y.
             let jaw = world_from_platform.rotation * Vector3::y();
             Closing::Along(world_from_camera.rotation.inverse() * jaw)
         };

@@ -129,6 +129,7 @@ impl<'a> Fields<'a> {
     }
 
     fn record(&mut self) -> Option<(u8, &'a [u8])> {
+        // Ahead: a record that is cut off leaves the position at its start.
         let mut ahead = Fields(self.0);
         let [kind] = ahead.array()?;
         let body = ahead.bytes64()?;
@@ -203,10 +204,12 @@ fn plain(kind: u8, body: &[u8], contents: &mut Contents) -> Option<()> {
 
 /// The records of a compressed chunk, if its size is as stated and within the limit.
 fn unpack(decoder: impl Read, size: u64) -> Option<Vec<u8>> {
+    // Before memory is taken: a damaged size may be any number.
     if size > MOST_CHUNK_BYTES {
         return None;
     }
     let mut records = Vec::new();
+    // One byte more shows a chunk that is longer than it says.
     decoder.take(size + 1).read_to_end(&mut records).ok()?;
     (records.len() as u64 == size).then_some(records)
 }
@@ -242,6 +245,7 @@ fn chunk(body: &[u8], contents: &mut Contents) -> Result<bool, ReadError> {
         _ => return Err(ReadError::Compressed { how: compression }),
     };
     let records = unpacked.as_deref().unwrap_or(stored);
+    // 0 means that its writer made no checksum (MCAP).
     if checksum != 0 && crc32(records) != checksum {
         return Ok(false);
     }

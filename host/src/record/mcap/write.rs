@@ -119,6 +119,7 @@ impl<W: Write> Writer<W> {
     /// # Errors
     /// The system's.
     pub fn schema(&mut self, name: &str, encoding: &str, data: &[u8]) -> io::Result<u16> {
+        // From 1: 0 stands for no schema (MCAP).
         let id = u16::try_from(self.schemas.len() + 1).unwrap_or(u16::MAX);
         let mut body = id.to_le_bytes().to_vec();
         put_text(&mut body, name);
@@ -164,6 +165,7 @@ impl<W: Write> Writer<W> {
     ) -> io::Result<()> {
         let at = self.chunk.len() as u64;
         self.chunk.push(op::MESSAGE);
+        // Channel, sequence, log time and publish time before the data.
         let length = 2 + 4 + 8 + 8 + data.len() as u64;
         self.chunk.extend_from_slice(&length.to_le_bytes());
         self.chunk.extend_from_slice(&channel.0.to_le_bytes());
@@ -255,6 +257,7 @@ impl<W: Write> Writer<W> {
         body.extend_from_slice(&start_ns.to_le_bytes());
         body.extend_from_slice(&end_ns.to_le_bytes());
         body.extend_from_slice(&size.to_le_bytes());
+        // The checksum of a chunk covers its records before compression (MCAP).
         body.extend_from_slice(&crc32(&records).to_le_bytes());
         put_text(&mut body, ZSTD);
         let packed = zstd::bulk::compress(&records, LEVEL)?;

@@ -26,6 +26,7 @@ pub(super) fn fallen(trace: &[TracePoint], cut_s: f64, model: &Model) -> (f64, f
     let close_s = brakes.fold(0.0, f64::max);
     let speed = Vector3::from(first.truth.velocity_mps).norm();
     let from_m = first.truth.tool_position_m[2];
+    // Only a tool on its way down has a planned part of its fall.
     let way_m = first.truth.velocity_mps[2].min(0.0) * close_s;
     let rest = trace.get(after..).unwrap_or_default();
     let soon = rest
@@ -58,6 +59,7 @@ pub(super) fn moved(
         .zip(&from.paid_out_m)
         .map(|(to, from)| to - from)
         .collect();
+    // 50 x 20 ms: a second, as a person carries it.
     let steps = 50;
     let mut line = link.clone();
     let mut unread = Vec::new();

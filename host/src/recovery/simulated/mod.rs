@@ -156,6 +156,7 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
         .homing(place)
         .run_on(watched);
     events.finish();
+    // An error is the expected end of a run whose power is cut; these two come before it.
     match outcome {
         Ok(_) => return Ok(None),
         Err(error @ (RunError::Plan(_) | RunError::Config(_))) => return Err(error),
@@ -203,6 +204,7 @@ fn brake_fault(case: &SimulatedCut) -> Option<Injection> {
         }),
         Disturbance::Late { cable, by_s } => Some(Injection {
             cable,
+            // The fault's own delay is 0.3 s at strength 1.
             strength: by_s / 0.3,
             ..Injection::new(FaultId::B3, when)
         }),

@@ -58,9 +58,11 @@ impl Cube {
                 share(index / MIDDLES.pow(2)),
             );
             let middle_m = low + size.component_mul(&places);
+            // The cube stays in the box: twice the distance to the nearest face.
             let room_m = (middle_m - low).inf(&(high - middle_m)).min() * 2.0;
             let least_m = best.map_or(LEAST_SIDE_M, |cube| cube.side_m);
             let fits = |side_m| Self { middle_m, side_m }.can_rest(model);
+            // Only a larger cube than the best so far is worth the halvings.
             if room_m <= least_m || !fits(least_m) {
                 continue;
             }

@@ -60,6 +60,7 @@ pub struct DistanceFigures {
 #[must_use]
 pub fn judge_pose(commanded_m: &Vector3<f64>, attained_m: &[Vector3<f64>]) -> Option<PoseFigures> {
     let (middle_m, repeatability_m) = scatter(attained_m)?;
+    // With fewer than three cycles a third is one cycle.
     let third = (attained_m.len() / 3).max(1);
     let first = mean(attained_m.get(..third)?)?;
     let last = mean(attained_m.get(attained_m.len() - third..)?)?;

@@ -190,6 +190,7 @@ pub(crate) fn identify(
     answer: &Answer,
 ) -> Result<Identified, TuneError> {
     let refuse = |what: String| Err(TuneError::Response { what });
+    // The first step ends after 0.66 s: with less than 0.5 s there is no response to fit.
     if answer.measured_n.len() < 500 {
         return refuse(format!("only {} samples came", answer.measured_n.len()));
     }
@@ -216,17 +217,20 @@ pub(crate) fn identify(
     let along: f64 = pairs()
         .map(|(a, m)| (a - asked_mean) * (m - measured_mean))
         .sum();
+    // The slope of measured over requested tension: 1 follows, below 0.3 no loop is at work.
     if along <= 0.3 * swing {
         return refuse(format!(
             "the tension follows only {:.0} % of a step",
             100.0 * along / swing.max(1e-9)
         ));
     }
+    // EA over the length, which is taken as twice the routing; 0.2 m keeps it finite without.
     let nominal = robot
         .cables
         .get(cable)
         .map_or(4e4, |c| c.ea_n / (2.0 * c.routing_length_m).max(0.2));
     let damping_time_s = robot.cables.get(cable).map_or(0.0, |c| c.damping_time_s);
+    // Logarithms: every value stays positive, and 0 is the robot file's own.
     let model = |p: &[f64; UNKNOWNS]| Model {
         gain: p[0].exp(),
         delay_s: 5e-3 * p[1].exp(),
@@ -237,6 +241,7 @@ pub(crate) fn identify(
         far_kg: robot.platform.mass_kg * p[4].exp(),
         far_hz: SWING_HZ * p[5].exp(),
     };
+    // Neighbouring samples err alike: of five, one is independent.
     #[expect(clippy::cast_precision_loss, reason = "some thousand samples")]
     let independent = answer.measured_n.len() as f64 * TICK_S / CORRELATED_S;
     let cost = |p: &[f64; UNKNOWNS]| {
@@ -353,6 +358,7 @@ impl Identified {
         damping_time_s: f64,
         least: &Margins,
     ) -> Result<(TensionLaw, Margins), TuneError> {
+        // Without friction, which would hold a drum that otherwise swings.
         let model = Model {
             friction_n: 0.0,
             ..self.model(damping_time_s)
@@ -425,6 +431,7 @@ fn bisect(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
         return high;
     }
     let (mut low, mut high) = (low, high);
+    // Seven halvings: a factor of 1 to 10 to 0.07, a delay of 20 ms to 0.16 ms.
     for _ in 0..7 {
         let middle = 0.5 * (low + high);
         if holds(middle) {

@@ -58,6 +58,7 @@ impl Model {
         far_damping: f64,
     ) -> Vec<f64> {
         let start_n = asked_n.first().copied().unwrap_or(0.0);
+        // The board's filter, by backward Euler: alpha = w dt / (1 + w dt).
         let w_dt = std::f64::consts::TAU * law.filter_hz * TICK_S;
         let alpha = w_dt / (1.0 + w_dt);
         let far_w = std::f64::consts::TAU * self.far_hz;
@@ -76,6 +77,7 @@ impl Model {
             let before = filtered;
             filtered += alpha * (tension - filtered);
             let error = (asked - start_n) - filtered;
+            // The law compensates 80 % of the declared friction above 4 mm/s (docs/tension.md).
             let moves = (v / 4e-3).clamp(-1.0, 1.0);
             let demand = (asked - start_n) + law.kp * error - law.kd * (filtered - before) / TICK_S
                 + integral
@@ -95,6 +97,7 @@ impl Model {
                 let tension = self.stiffness * (y - x + self.damping_time_s * (u - v));
                 let free = v + h / self.mass_kg * (tension - self.gain * force + push_n);
                 let stopped = h / self.mass_kg * self.friction_n;
+                // Dry friction is an impulse that can stop the drum and no more.
                 v = if free.abs() <= stopped {
                     0.0
                 } else {
@@ -128,6 +131,7 @@ impl Model {
             (peak(early), peak(2500..3000))
         };
         let (early, late) = peaks(FAR_DAMPING_JUDGED, 0..500);
+        // It rests if the last half second swings by less than a twentieth of the first.
         let rests = late.is_finite() && late < 0.05 * early.max(1e-6);
         let (early, late) = peaks(FAR_DAMPING, 500..1000);
         rests && late.is_finite() && late < early.max(0.05)

@@ -33,6 +33,7 @@ pub(super) fn nelder_mead<const N: usize>(
             });
             (point, cost(&point))
         };
+        // Reflection, expansion, contraction and shrinking by 1, 2, 1/2 and 1/2, as in the paper.
         let mirrored = at(-1.0);
         let next = if mirrored.1 < best.1 {
             let further = at(-2.0);
