@@ -189,6 +189,11 @@ impl<const N: usize> Motion<N> {
         self.eased = eased;
     }
 
+    /// Whether there is a path: then every tick sets all targets anew.
+    pub(crate) fn has_path(&self) -> bool {
+        self.segment.is_some()
+    }
+
     /// Advances the clock by one tick; `None` without a path. [`Self::evaluate`] gives the path's
     /// point then.
     pub fn tick(&mut self, stop_ms: u32) -> Option<Progress> {

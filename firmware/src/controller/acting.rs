@@ -28,8 +28,9 @@ impl<const N: usize> Controller<N> {
                     let stands = if self.relieving {
                         self.let_out(inputs)
                     } else {
+                        let set_anew = self.motion.has_path();
                         let rests = self.follow(stop_ms);
-                        let calm = self.give_way(inputs);
+                        let calm = self.give_way(inputs, set_anew);
                         rests && (calm || u32::from(self.stopping) >= stop_ms)
                     };
                     if stands {

@@ -126,8 +126,9 @@ impl<const N: usize> Controller<N> {
     ///
     /// Whether tensions allow the brakes to close: no cable is out of its band, and no tension-held
     /// drum still reels in. If braked earlier, a slack cable stays slack. A drum that pays out does
-    /// not delay the brakes: it lowers the load.
-    pub(super) fn give_way(&mut self, inputs: &Inputs<N>) -> bool {
+    /// not delay the brakes: it lowers the load. `set_anew`: a path has set this tick's targets, so
+    /// that they lack what was given before.
+    pub(super) fn give_way(&mut self, inputs: &Inputs<N>, set_anew: bool) -> bool {
         let mut calm = true;
         let Some(active) = &self.active else {
             return true;
@@ -149,8 +150,10 @@ impl<const N: usize> Controller<N> {
             };
             let mut settled = step == 0;
             if config.control == Control::Length {
+                let given = if set_anew { 0 } else { cable.give };
                 cable.give = (cable.give + step).clamp(-GIVE_MOST, GIVE_MOST);
-                cable.target.length = cable.target.length.saturating_add(cable.give);
+                let missing = cable.give - given;
+                cable.target.length = cable.target.length.saturating_add(missing);
                 // 0.1 µm per ms is 100 µm/s.
                 cable.target.speed_umps = cable.target.speed_umps.saturating_add(100 * step);
             } else if config.law == TensionLaw::Default {

@@ -219,3 +219,27 @@ fn c2_c1_in_a_stop_a_tight_cable_is_let_out_and_a_slack_one_taken_up_slowly_and_
     assert!((99_000..=101_500).contains(&tight), "{tight}");
     assert!((-100_000..=-20_000).contains(&slack), "{slack}");
 }
+
+#[test]
+fn c1_in_a_stop_from_rest_a_slack_cable_is_taken_up_as_slowly() {
+    let mut bench = Bench::holding();
+    bench.stop(StopKind::Stop);
+    bench.tamper = |i| i.tension_adc[1] = crate::support::adc_of(100) + i.tension_adc[0] % 7;
+    let at = |bench: &Bench| bench.status().setpoints[1].0;
+    let before = at(&bench);
+    let (mut last, mut taken) = (before, 0);
+    for _ in 0..400 {
+        if !bench.all_brakes(Brake::Open) {
+            break;
+        }
+        bench.step();
+        let step = last - at(&bench);
+        // 20 mm/s, and never out again.
+        assert!((0..=200).contains(&step), "{step} in a tick");
+        last = at(&bench);
+        taken = before - last;
+    }
+    // The stop ends after 300 ms: 6 mm of the 10 mm at most.
+    assert!((20_000..=100_000).contains(&taken), "{taken}");
+    assert!(!bench.all_brakes(Brake::Open));
+}

@@ -12,9 +12,15 @@ use nalgebra::Vector3;
 /// Move the tool straight to a place, then close the brakes
 #[derive(Debug, clap::Args)]
 pub(crate) struct Move {
-    /// Position of the tool in the world, mm or with a unit (0.3m)
-    #[arg(num_args = 3, required = true, value_names = ["X", "Y", "Z"], allow_hyphen_values = true, value_parser = length_mm)]
-    place_mm: Vec<f64>,
+    /// Position of the tool in the world, mm or with a unit (-0.05m)
+    #[arg(allow_hyphen_values = true, value_parser = length_mm)]
+    x: f64,
+    /// The same
+    #[arg(allow_hyphen_values = true, value_parser = length_mm)]
+    y: f64,
+    /// The same
+    #[arg(allow_hyphen_values = true, value_parser = length_mm)]
+    z: f64,
     /// Greatest speed, mm/s; the robot file's limit if left out
     #[arg(long, value_name = "MM_S", value_parser = positive)]
     speed: Option<f64>,
@@ -91,7 +97,7 @@ impl Move {
         go(
             common,
             "move",
-            place_m(&self.place_mm),
+            place_m(&[self.x, self.y, self.z]),
             self.speed.map(|v| v * 1e-3),
             options,
         )

@@ -48,7 +48,7 @@ pub(super) fn show(model: &Model, task: Task, scenario: &Scenario, common: &Comm
         common.seed
     );
     let moments = after.timeline();
-    // Events before the fault are left out, unless there are no others.
+    // Events before the fault are left out.
     for moment in moments.iter().filter(|moment| moment.after_ms >= 0) {
         say!("{:>+7}   {}", moment.after_ms, moment.what);
     }

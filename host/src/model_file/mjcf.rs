@@ -212,7 +212,8 @@ fn platform(out: &mut String, robot: &Robot, home: &Home) {
         "      <camera name=\"camera\" pos=\"{}\" quat=\"{}\" fovy=\"{}\" resolution=\"{} {}\"/>",
         list(&platform_from_camera.position_m),
         quaternion(&(platform_from_camera.rotation * flip)),
-        2.0 * (lens.size_px[1] as f64 / 2.0 / lens.focal_px[1]).atan(),
+        // In degrees, whatever unit the model's other angles have (MuJoCo's XML reference).
+        (2.0 * (lens.size_px[1] as f64 / 2.0 / lens.focal_px[1]).atan()).to_degrees(),
         lens.size_px[0],
         lens.size_px[1],
     );

@@ -114,8 +114,8 @@ fn one(
     let map_from_world = (world_from_camera * map.camera_from_map).inverse();
     let mut tool_m = seen_m;
     let mut result = None;
-    // The attitude depends on the position and the position on the attitude: two iterations are
-    // enough.
+    // The attitude depends on the position and the position on the attitude: solved by fixed-point
+    // iteration.
     for _ in 0..3 {
         let rest = model
             .rest(&tool_m, None)

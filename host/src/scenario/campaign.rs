@@ -185,7 +185,7 @@ fn robot(draw: &mut Draw) -> Option<Robot> {
     Some(robot)
 }
 
-/// A short move from home that the robot can do; one of twenty draws succeeds.
+/// A short move from home that the robot can do: the first of up to twenty draws.
 fn task(draw: &mut Draw, model: &Model) -> Option<(Task, f64)> {
     let home = model.robot().tool.home_in_world_m * 1e3;
     for _ in 0..20 {

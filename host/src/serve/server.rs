@@ -388,7 +388,7 @@ fn keep_showing(
         }
         let (live, age_s) = shared.feed.now();
         let new = live.revision != revision;
-        // Twice a second the age of old data is sent, too.
+        // The age of old data is sent every 400 ms, too.
         if new || sent.elapsed() > Duration::from_millis(400) {
             revision = live.revision;
             sent = now;

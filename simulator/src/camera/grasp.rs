@@ -203,8 +203,8 @@ impl Gripper {
                 .iter()
                 .fold([0.0; 3], |sum, c| axpy(sum, share, c.normal));
             let facing = outward * dot(normal, jaw) / norm(normal).max(1e-9);
-            // The flat pad turns a loose body until an edge of it lies flat; beyond twice the
-            // friction angle it slips out.
+            // The flat pad turns a loose body until an edge of it lies flat; beyond 1.2 of
+            // the friction angle it slips out.
             let angle = facing.clamp(-1.0, 1.0).acos();
             let limit = 1.2 * self.friction.atan();
             if angle > limit {

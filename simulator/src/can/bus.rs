@@ -203,9 +203,8 @@ impl CanBus {
             let bitrate = self.nodes[senders[0]].bitrate;
             let whole_us = bit_us(frame_bits(&frame), bitrate);
             if start + whole_us > until_us && !self.goes_wrong(&senders, &frame, start) {
-                // It ends later, but can be decided now, as nothing that arrives meanwhile changes
-                // it. It does occupy the wires: controllers that wait until then join the next
-                // arbitration.
+                // It ends later, and a later call delivers it: nothing that arrives meanwhile changes
+                // it. Controllers that have something to send join the next arbitration.
                 return None;
             }
             if self.goes_wrong(&senders, &frame, start) {

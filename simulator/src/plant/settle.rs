@@ -93,7 +93,6 @@ pub(crate) fn settle(
             motion.momentum = [0.0; 3];
             return Ok(motion);
         }
-        // The negation also ends the search when the state is no longer finite.
         // A load on one point has a yaw that almost nothing turns back: it need not come to rest.
         if time_s > GIVE_UP_S && residual_n < NEARLY_N && speed < NEARLY_MPS {
             motion.velocity = [0.0; 3];
