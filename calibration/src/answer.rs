@@ -234,6 +234,7 @@ impl Answer {
     #[must_use]
     pub fn to_json(&self) -> Value {
         let mm = |v: &Vector3<f64>| [v.x * 1e3, v.y * 1e3, v.z * 1e3];
+        // JSON has no NaN.
         let number = |x: f64| if x.is_finite() { json!(x) } else { Value::Null };
         let covariance: Vec<_> = self
             .holdout_covariance_m2

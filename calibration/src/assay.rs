@@ -65,12 +65,14 @@ pub fn split(data: &Data, options: &Options, full: &Answer) -> Option<Split> {
             .zip(predicted)
             .map(|(m, p)| m.map(|m| p - m))
             .collect();
+        // Without all lengths the pose has no position to compare.
         let Some(wrong) = wrong else { continue };
         let (moved, _) = displacement(&cables, pose, &wrong).ok()?;
         let covariance =
             trained.holdout_covariance_m2.get(i)? + Matrix3::identity() * (FLOOR_M * FLOOR_M);
         squares += moved.norm_squared();
         expected += covariance.trace();
+        // Three coordinates: the expected quotient is one.
         ratio += moved.dot(&(covariance.try_inverse()? * moved)) / 3.0;
         count += 1.0;
     }
@@ -155,6 +157,7 @@ pub(crate) fn next_pose(data: &Data, answer: &Answer, options: &Options) -> Opti
     const CANDIDATES: usize = 150;
     let solved = answer.solved.as_ref()?;
     let mut known = data.clone();
+    // Planned with the calibrated robot: the nominal one would hang elsewhere.
     known.robot.cables.clone_from(&solved.state.cables);
     known
         .world_from_body

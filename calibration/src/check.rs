@@ -30,6 +30,7 @@ pub struct Usable {
 pub fn usable(data: &Data) -> Result<Usable, Refusal> {
     for (second, b) in data.poses.iter().enumerate() {
         for (first, a) in data.poses.iter().take(second).enumerate() {
+            // Noise does not repeat all readings exactly: such a pose was written twice.
             if a == b || (a.encoder_m == b.encoder_m && a.encoder_m.iter().all(Option::is_some)) {
                 return Err(Refusal::Duplicate {
                     first: first + 1,
@@ -91,6 +92,7 @@ pub fn usable(data: &Data) -> Result<Usable, Refusal> {
 
 /// Number of poses whose lengths equal those of an earlier one within the noise.
 fn near_repeats(data: &Data) -> usize {
+    // Two readings of one place differ by 1.4 sigma of one reading: 6 sigma include nearly all.
     let limit = 6.0 * data.noise.encoder_m;
     let near = |a: &[Option<f64>], b: &[Option<f64>]| {
         a.iter().zip(b).all(|(x, y)| match (x, y) {
@@ -142,6 +144,7 @@ fn start(data: &Data, k: usize) -> Option<Pose> {
     };
     candidates
         .iter()
+        // A twin that is worse by less than 12 in chi-square cannot be excluded by its corners.
         .filter(|c| c.cost_px2 < best.cost_px2 + 12.0 * noise)
         .map(|c| platform(&c.camera_from_body))
         .min_by(|a, b| a.tilt_rad().total_cmp(&b.tilt_rad()))

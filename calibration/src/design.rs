@@ -137,6 +137,7 @@ impl Design {
         let normal = Normal::at(&model, &options.priors, &state, &Vec::new())?;
         let mut information = normal.reduced(0.0)?.information;
         for p in state.priors(&usable.data, &model.layout, &options.priors) {
+            // The priors count once, in the sum, and not again with every candidate.
             information[(p.index, p.index)] -= 1.0 / (p.sigma * p.sigma);
         }
         self.informations.push(information);

@@ -113,6 +113,7 @@ pub(crate) fn model<'a>(usable: &'a Usable, options: &Options) -> Model<'a> {
 /// Whether another tag size would explain data that do not fit as they are.
 fn diagnosis(data: &Data, usable: &Usable, options: &Options) -> Option<Refusal> {
     let mut open = *options;
+    // With the size left open to 50 %, data whose only error is the size do fit.
     open.priors.tag = 0.5;
     let model = model(usable, &open);
     let minimum = solve(&model, &open.priors, start(usable, &model.layout)).ok()?;
@@ -124,6 +125,7 @@ fn diagnosis(data: &Data, usable: &Usable, options: &Options) -> Option<Refusal>
         .filter(|w| **w > 0.0)
         .count() as f64;
     let scale = minimum.state.tag_scale;
+    // Nearly all rows must be used: the few that suit each other fit any size.
     let explained = minimum.normal.chi_square < 1.6 * used && used > 0.9 * all;
     (explained && (scale - 1.0).abs() > 5e-3).then(|| wrong_size(data, scale))
 }
@@ -149,6 +151,7 @@ pub(crate) fn start(usable: &Usable, layout: &Layout) -> State {
     let data = &usable.data;
     State {
         cables: data.robot.cables.clone(),
+        // `solve` sets them from the poses of the pictures.
         initial_length_m: vec![0.0; layout.cables],
         routing_m: data.robot.routing_m.clone(),
         camera_from_platform: data.camera_from_platform,
@@ -199,6 +202,7 @@ fn answer(
             }
         }
     }
+    // The leverages add up to the number of unknowns that the readings determine.
     let freedom = (used as f64 - leverage).round().max(0.0);
     let chi_square = minimum.normal.chi_square;
     let mut warnings = usable.warnings.clone();
@@ -320,6 +324,7 @@ fn judge(
     let refuse = |what: String| Err(Refusal::Contradiction { what });
     let state = &minimum.state;
     let tags_off = (state.tag_scale - 1.0) / priors.tag;
+    // Six standard deviations of the prior: 0.6 % of the size by default.
     if tags_off.abs() > 6.0 {
         return Err(wrong_size(data, state.tag_scale));
     }
@@ -425,6 +430,7 @@ fn judge_priors(
     for prior in state.priors(data, &model.layout, priors) {
         let off = prior.deviation / prior.sigma;
         let anchor = prior.index < model.layout.initial_length(0);
+        // A fifth more than the tolerance: the estimate has an error of its own.
         let limit = data.robot.anchor_half_tolerance_m * 1.2;
         if anchor && prior.deviation.abs() > 3.0 * limit {
             return Err(Refusal::Contradiction {
@@ -465,6 +471,8 @@ fn blame(model: &Model<'_>, minimum: &Minimum) -> String {
     let mut total = 0.0;
     for (k, sources) in minimum.sources.iter().enumerate() {
         for (j, source) in sources.iter().enumerate() {
+            // 20 standard deviations at most: one gross outlier must not hide the cause of many
+            // misfits.
             let square = minimum.normal.residuals[k][j].powi(2).min(400.0);
             total += square;
             add(format!("pose {}", k + 1), square);

@@ -13,6 +13,7 @@ use nalgebra::{DMatrix, DVector, Matrix3};
 /// scale by the projection onto SO(3). Translations follow by least squares.
 #[must_use]
 pub fn solve(pairs: &[(Pose, Pose)]) -> Option<(Pose, Pose)> {
+    // Two motions about different axes are needed: three poses.
     if pairs.len() < 3 {
         return None;
     }

@@ -225,6 +225,8 @@ impl Problem {
             };
             let trial = at.stepped(&step);
             if step.expected < little && damping < 1e-5 {
+                // The gain is below the rounding of the cost: the step is taken without evaluating
+                // it.
                 return Some(Attempt::Unseen(trial));
             }
             Some(match self.linear(&trial, weights) {

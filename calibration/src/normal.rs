@@ -78,6 +78,7 @@ impl Normal {
                     list.push(row.residual);
                     let weight = weight.copied().unwrap_or(1.0);
                     if let Source::Corner(_, _, axis) = row.source {
+                        // Another body of tags: its sums belong to other unknowns.
                         if corners.body != row.shared.get(6).map(|entry| entry.at) {
                             corners.flush_pose(k, &mut out);
                             corners.flush_shared(&mut out);
@@ -119,6 +120,7 @@ impl Normal {
         let g = &mut self.own_g[k * own..(k + 1) * own];
         let cross = &mut self.cross[k * own * shared..(k + 1) * own * shared];
         for (a, &value) in row.own.iter().enumerate() {
+            // Most entries are zero: a length does not depend on the tensions of other cables.
             if value == 0.0 {
                 continue;
             }

@@ -40,6 +40,7 @@ pub fn paper(data: &Data, weights: &Weights) -> Result<Answer, Refusal> {
         .camera_from_tag
         .iter()
         .zip(&fitted)
+        // B is the inverse of the platform's pose, X that of the tag's (docs/paper-notes.md).
         .map(|(a, pose)| (*a, pose.inverse()))
         .collect();
     let (world_from_tag, camera_from_platform) = match hand_eye::solve(&pairs) {
@@ -87,6 +88,7 @@ fn answer(
     warnings: Vec<String>,
 ) -> Result<Answer, Refusal> {
     let mut lengths_only = *weights;
+    // The rank of the data: the anchors' term would determine every direction by itself.
     lengths_only.anchors = 0.0;
     let linear = problem
         .linear(found, &lengths_only)
@@ -111,6 +113,7 @@ fn answer(
         holdout_encoder_m.push(readings);
     }
     let rows = problem.encoder_m.iter().flatten().flatten().count();
+    // The cost is in mm times lambda_1: the noise in the same unit makes it a chi-square.
     let sigma = data.noise.encoder_m * 1e3 * weights.lengths;
     Ok(Answer {
         method: "paper",
@@ -156,6 +159,7 @@ pub(super) fn tag_poses(usable: &Usable) -> (Problem, Vec<Pose>, Vec<String>) {
             .compose(&start.inverse())
             .compose(&data.world_from_body[0]);
         let candidates = sightings(data, seen, 0);
+        // Of the two mirror images the one near the start: noise may make the wrong one fit better.
         let nearest = candidates.iter().min_by(|a, b| {
             let off =
                 |s: &super::pnp::Sighting| angle(&s.camera_from_body.rotation, &expected.rotation);
@@ -231,6 +235,8 @@ fn differenced(problem: &Problem, start: &[Pose]) -> Result<(Vec<Pose>, Rank), R
         let limit = 1e-9 * svd.singular_values.amax();
         rank = svd.singular_values.iter().filter(|s| **s > limit).count();
         let step = svd
+            // Weak directions are cut off: there the pictures know the poses better than the
+            // differences.
             .solve(&-&residual, 1e-4 * svd.singular_values.amax())
             .map_err(|what| unsolved(what.to_owned()))?;
         for (k, pose) in poses.iter_mut().enumerate() {

@@ -48,6 +48,8 @@ pub fn candidates(data: &Data, space: &Space, count: usize, seed: u64) -> Option
 #[must_use]
 pub fn work_poses(data: &Data, space: &Space, count: usize, seed: u64) -> Option<Vec<Pose>> {
     let robot = nominal(data)?;
+    // Another sequence than that of the candidates: a plan is not judged at the poses it may
+    // choose.
     let mut random = Random::new(seed ^ 0x776F_726B);
     let mut out = Vec::with_capacity(count);
     for _ in 0..count * 200 {
@@ -79,6 +81,7 @@ fn near(
     size: f64,
 ) -> Option<Candidate> {
     let at = candidate.pose.position_m + Vector3::from_fn(|_, _| random.within(0.1 * size));
+    // One try in four draws the held cable anew.
     let other = ((random.unit() * 16.0) as usize).min(15);
     let held = if other < 4 { other } else { candidate.held };
     let held_n = candidate.tensions_n[held] * random.within(size).exp();
@@ -124,6 +127,7 @@ pub fn choose(
         let (k, _) = design.best(|_| true)?;
         design.take(k);
     }
+    // The first poses were chosen without the later ones: together others may be better.
     design.exchange(0);
     if let Some(robot) = nominal(data) {
         let mut random = Random::new(0x6E65_6172);

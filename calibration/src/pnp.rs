@@ -61,6 +61,7 @@ pub fn sightings_of(camera: &Camera, squares: &[Square]) -> Vec<Sighting> {
         .filter_map(|start| refined(camera, &points, start))
         .collect();
     found.sort_by(|a, b| a.cost_px2.total_cmp(&b.cost_px2));
+    // Both starts have ended in the same minimum.
     if let [a, b] = found.as_slice()
         && angle(&a.camera_from_body.rotation, &b.camera_from_body.rotation) < 1e-4
     {
@@ -150,6 +151,7 @@ pub(crate) fn nearest_rotation(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
     let svd = m.svd(true, true);
     let (mut u, v_t) = (svd.u?, svd.v_t?);
     if (u * v_t).determinant() < 0.0 {
+        // A reflection: turning its weakest direction over changes the matrix least.
         let last = svd.singular_values.imin();
         let flipped = -u.column(last).into_owned();
         u.set_column(last, &flipped);
@@ -210,6 +212,7 @@ fn refined(camera: &Camera, points: &[(Vector3<f64>, [f64; 2])], start: &Pose) -
             &step.fixed_rows::<3>(3).into_owned(),
         );
         if damping < 1e-5 && -g.dot(&step) <= 1e-9 * cost + 1e-12 {
+            // The gain is below the rounding of the cost.
             return Some(Attempt::Unseen(trial));
         }
         Some(match evaluate(&trial) {

@@ -57,6 +57,7 @@ impl Data {
         let poses = root
             .get("poses")?
             .each(|node| observation(&node, count, &tags))?;
+        // Data that a plan reads have no poses yet.
         if robot.home >= poses.len() && !poses.is_empty() {
             return Err(Refusal::field(
                 "robot.home_pose_index",
@@ -315,6 +316,7 @@ fn observation(node: &Node<'_>, count: usize, tags: &[Tag]) -> Read<Observation>
     for (id, value) in seen {
         views.push(view(&corners, id, value, tags)?);
     }
+    // The order of keys in a file has no meaning: equal data must give equal rows.
     views.sort_by_key(|view| view.tag);
     Ok(Observation {
         encoder_m,

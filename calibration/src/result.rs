@@ -112,6 +112,7 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
     let radii = optional(&answer["pulley_radius_mm"], |v| {
         numbers(v, "pulley_radius_mm")
     })?;
+    // EA over 10 MN is not distinguished from a stiff cable: the file's value stays.
     let compliance = answer["cable_compliance_per_N"]
         .as_f64()
         .filter(|c| *c > 1e-7);
@@ -127,11 +128,13 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
             cable.ea_n = 1.0 / compliance;
         }
     }
+    // The radius turns counts into lengths: a length per reading is a factor on it.
     let drum = answer["drum_scale"].as_f64().unwrap_or(1.0);
     for winch in &mut robot.winches {
         winch.drum_radius_m *= drum;
     }
     if let Some(mass) = answer["platform_mass_kg"].as_f64() {
+        // Nothing was learned about the platform's shape: its inertia grows with its mass.
         let scale = mass / robot.platform.mass_kg;
         robot.platform.mass_kg = mass;
         robot.platform.inertia_kg_m2 *= scale;

@@ -186,6 +186,7 @@ impl Model<'_> {
             (statics, &seen.tension_n, self.data.noise.tension_n)
         {
             for (i, reading) in tension_n.iter().enumerate() {
+                // The relative part is the friction of the pulleys between sensor and platform.
                 let weight = 1.0
                     / (sigma.hypot(self.scatter.tension_relative * reading) * seen.noise_factor);
                 own.fill(0.0);
@@ -335,6 +336,8 @@ impl Model<'_> {
                 let seen = &corner.seen;
                 for (axis, measured) in pixel.iter().enumerate() {
                     let by_world = corner.derivatives(axis, weight, own, shared, &at);
+                    // `by_focal` is per change of the present focal length; the unknown is a share
+                    // of the stated one.
                     let nominal = self.data.camera.focal_px[axis] / state.camera.focal_px[axis];
                     shared.push(Entry::new(s + 1, seen.by_focal[axis] * nominal * weight));
                     shared.push(Entry::new(s + 2 + axis, weight));

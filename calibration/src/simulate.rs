@@ -438,6 +438,7 @@ fn observe(
         }))
     };
     let (first, first_tensions, _) = taken.first()?;
+    // The encoders are zeroed at the first pose.
     let initial = paid_out(first, first_tensions)?;
     let sigma = noise.tension_n.unwrap_or(0.0);
     let mut poses = Vec::with_capacity(taken.len());

@@ -9,6 +9,7 @@ use mcdpr_kinematics::{Attempt, Damping, Descent};
 use nalgebra::DMatrix;
 
 /// A row farther off than this many standard deviations is rejected.
+/// Of a million normal residuals 7 are, by chance.
 const REJECT: f64 = 4.5;
 /// Scale of the robust loss (Cauchy) in standard deviations, while outliers are sought.
 const ROBUST: f64 = 2.5;
@@ -75,6 +76,7 @@ fn descend(
         }
         let trial = state.stepped(model.data, &model.layout, shared.as_slice(), own.as_slice());
         Some(match Normal::at(model, priors, &trial, weights) {
+            // At the minimum the cost only changes by its rounding.
             Some(next) if next.cost() <= normal.cost() * (1.0 + 1e-12) => {
                 let gain = normal.cost() - next.cost();
                 if gain.max(expected * 0.1) < little {
@@ -105,6 +107,7 @@ pub(super) fn initial_lengths(data: &Data, state: &mut State) -> Result<(), Refu
                 all.push(length - dl);
             }
         }
+        // The median: one wrong reading or picture does not move the start.
         all.sort_by(f64::total_cmp);
         state.initial_length_m[i] =
             *all.get(all.len() / 2)
@@ -164,6 +167,8 @@ fn sources_of(model: &Model<'_>, state: &State) -> Option<Vec<Vec<Source>>> {
 
 /// Residuals in standard deviations of the residual itself, where the measurement is overdetermined.
 fn studentised(residual: f64, leverage: f64) -> f64 {
+    // Near a leverage of 1 the estimate follows the row: the residual is rounding and tells
+    // nothing.
     residual / (1.0 - leverage).max(0.05).sqrt()
 }
 
@@ -218,6 +223,7 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
                 for (j, weight) in list.iter_mut().enumerate() {
                     let r = together(&descent.linear.residuals[k], &sources[k], j) / scale;
                     *weight = match sources[k][j] {
+                        // Equilibrium is no reading: it has no outliers.
                         Source::Balance(_) => 1.0,
                         _ => 1.0 / (1.0 + r * r),
                     };
@@ -245,6 +251,7 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
         let rows = examine(&model, &descent.at, &reduced, &covariance)
             .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
         let mut settled = true;
+        // Later rounds keep the scatter, so that the set of rejected rows can settle.
         if round < 6
             && let Some((ratio, count)) = tension_ratio(&descent.linear, &rows, &weights)
             && let Some(relative) = wider(&model, ratio, count)
@@ -325,6 +332,7 @@ fn wider(model: &Model<'_>, ratio: f64, count: usize) -> Option<f64> {
     squares.sort_by(f64::total_cmp);
     let typical = squares.get(squares.len() / 2)?.max(1e-6);
     let variance = ratio * (sigma * sigma + now * now * typical) - sigma * sigma;
+    // 10 % at most: above 6 % the data are refused in any case.
     let next = (variance.max(0.0) / typical).sqrt().min(0.1);
     ((next - now).abs() > 1e-3).then_some(next)
 }

@@ -152,6 +152,7 @@ impl Space {
             .tensions_n
             .iter()
             .all(|t| (least_n..most_n).contains(t));
+        // An unstable pose is never reached: the platform falls to another one.
         (hang.stable && in_range && hang.pose.tilt_rad() < self.tilt_max_rad).then(|| Hanging {
             pose: hang.pose,
             tensions_n: std::array::from_fn(|i| hang.tensions_n[i]),

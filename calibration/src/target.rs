@@ -33,6 +33,7 @@ pub fn tags(target: Target) -> Vec<Tag> {
 /// The `[[tag]]` tables of a robot file for these tags.
 #[must_use]
 pub fn tables(tags: &[Tag]) -> String {
+    // Whole micrometres: the lines are for people, without the rounding of binary numbers.
     let mm = |metres: f64| (metres * 1e6).round() * 1e-3;
     let mut out = String::new();
     for tag in tags {
@@ -109,6 +110,7 @@ pub fn sheet(tags: &[Tag], body: u32) -> Result<String, TargetError> {
         }
     }
     let origin = low.map(|v| MARGIN_MM - v);
+    // A small tag's sheet must still hold the ruler of 100 mm.
     let width = (high[0] - low[0] + 2.0 * MARGIN_MM).max(100.0 + 2.0 * MARGIN_MM + 10.0);
     let height = high[1] - low[1] + 2.0 * MARGIN_MM + RULER_MM;
     let mut out = format!(
@@ -150,6 +152,7 @@ fn draw(tag: &Tag, origin: [f64; 2], out: &mut String) -> Result<(), TargetError
     rect(x, y, size, size, "black");
     for row in 0..CELLS - 2 {
         for column in 0..CELLS - 2 {
+            // The most significant of the 36 bits is the cell at the top left.
             let bit = 35 - (row * 6 + column);
             if code >> bit & 1 == 1 {
                 let at = |k: u32| f64::from(k + 1) * cell;

@@ -231,6 +231,8 @@ impl State {
         if layout.statics {
             let s = layout.statics();
             let nominal = data.robot.compliance_per_n;
+            // A specified stiffness is known to a share of it; without one the prior is a stiff
+            // cable.
             let sigma = if nominal > 0.0 {
                 priors.compliance * nominal
             } else {

@@ -149,6 +149,8 @@ pub fn distances(robot: &Robot, rows: &[Row]) -> Result<Vec<f64>, VerifyError> {
         said.push(pose.position_m);
     }
     let seen: Vec<Vector3<f64>> = rows.iter().map(|row| row.seen_m).collect();
+    // The other instrument has a frame of its own: only what remains after the best motion is an
+    // error.
     let (rotation, shift) = best_motion(&said, &seen).ok_or(VerifyError::Degenerate)?;
     let pairs = said.iter().zip(&seen);
     Ok(pairs
@@ -205,6 +207,7 @@ pub fn best_motion(
     for (p, q) in from.iter().zip(to) {
         cross += (q - b) * (p - a).transpose();
     }
+    // Points on one line leave a turn about it open: the second singular value is then zero.
     let sizes = cross.singular_values();
     if sizes[1] < 1e-9 * sizes[0].max(1e-12) {
         return None;

@@ -44,6 +44,7 @@ pub fn views_within(
                 camera.projection(&camera_from_body.transform(&(corner * tag_scale)).into())?;
             for (k, value) in slot.iter_mut().enumerate() {
                 let inside = margin_px..camera.size_px[k] as f64 - margin_px;
+                // A tag in part is not seen: a detector needs all four corners and the rim.
                 if !inside.contains(&seen.pixel[k]) {
                     return None;
                 }

@@ -21,6 +21,7 @@ pub fn describe_fault(record: &FaultRecord) -> String {
         FaultId::D2 if record.limit > 0 => format!(
             ": the motor takes {} mA of the commanded {} mA",
             record.value,
+            // The board's limit is a quarter of the commanded current.
             4 * record.limit
         ),
         FaultId::S5 => format!(

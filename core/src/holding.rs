@@ -13,6 +13,7 @@ use thiserror::Error;
 /// Points closer than this are one point, m.
 const SAME_M: f64 = 1e-6;
 /// Below this ratio of least to greatest singular value the lengths do not hold a direction.
+/// At this ratio 1 um of cable moves the platform by about 1 mm in that direction.
 const LEAST_CONDITION: f64 = 1e-3;
 /// Conditionings are compared in steps of this relative size: mirror images are equal.
 const STEP: f64 = 1e-5;
@@ -403,6 +404,7 @@ fn pendulum(geometry: &AnyRobot) -> Result<(), HoldingError> {
     let point = first.map_or(Vector3::zeros(), |c| c.attachment_m);
     let arm = geometry.platform().center_of_mass_m - point;
     let off_m = arm.x.hypot(arm.y);
+    // 1 mrad of tilt counts as level: 1 mm beside the point for a load 1 m below it.
     if off_m > 1e-3 * arm.z.abs() + SAME_M || arm.z > SAME_M {
         return Err(HoldingError::Pendulum {
             off_mm: off_m * 1e3,

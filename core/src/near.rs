@@ -6,6 +6,7 @@ pub(crate) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) 
         .into_iter()
         .map(|known| (distance(name, known), known));
     let near = near.filter(|(steps, known)| {
+        // Two typing errors, or one in four characters of a long name.
         *steps <= 2.max(known.len() / 4)
             || (name.len() > 2 && (known.starts_with(name) || name.starts_with(known)))
     });

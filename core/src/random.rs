@@ -18,6 +18,7 @@ impl Random {
 
     /// Uniform in [0, 1).
     pub fn unit(&mut self) -> f64 {
+        // 53 bits: as many as an f64 holds without rounding up to 1.
         (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64
     }
 
@@ -28,6 +29,7 @@ impl Random {
 
     /// Normal with standard deviation 1 (Box and Muller, 1958).
     pub fn normal(&mut self) -> f64 {
+        // 1 - unit lies in (0, 1]: the logarithm of zero does not occur.
         let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.unit()).cos()
     }

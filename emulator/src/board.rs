@@ -17,8 +17,10 @@ use mcdpr_simulator::plant::{Plant, PlantError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Slice of lockstep, us.
+// 3600 ticks of 72 MHz, a twentieth of the control tick.
 const SLICE_US: u64 = 50;
 /// Ticks after which the measurements of a tick have reached the host.
+// A block of 10 ticks, its queue and its time on the line; an upper bound.
 const BEHIND_TICKS: usize = 40;
 /// Winches of the board.
 const CABLES: usize = 4;
@@ -27,6 +29,7 @@ const TENSION: [u8; CABLES] = [4, 5, 8, 9];
 
 /// Reading of a tension input at the supply, and between 22 kOhm to 0 V and its 10 kOhm to the
 /// supply.
+// PULLED is 22 / 32 of FULL, by the divider with the pull-up.
 const FULL: u16 = 65_520;
 const PULLED: u16 = 45_044;
 
@@ -106,6 +109,7 @@ impl ChipBoard {
         // The counters' value at power-on is where the timers start.
         let before = self.counters.replace(counters).unwrap_or(counters);
         for (index, position) in self.positions.iter_mut().enumerate() {
+            // The plant's counters wrap at 16 bits; positions do not.
             let step = counters[index].wrapping_sub(before[index]).cast_signed();
             *position += i64::from(step);
             // Edges of A count up, edges of B down: one output is high at a time.
@@ -128,6 +132,7 @@ impl ChipBoard {
     /// The chip's pins to the plant's brakes and gripper.
     fn act(plant: &mut Plant, chip: &Chip) -> Result<(), PlantError> {
         for (cable, drive) in chip.pins().brakes.into_iter().enumerate() {
+            // A floating pin closes the brake: the driver has a pull-down.
             plant.set_brake(cable, drive != Drive::High)?;
         }
         plant.set_gripper(chip.pins().gripper == Drive::High);
@@ -177,6 +182,7 @@ impl VirtualBoard for ChipBoard {
         plant.advance(1e-6 * SLICE_US as f64)?;
         let mut chip = self.chip.lock();
         let faults = line.bus_mut().faults_mut();
+        // Taken, not read: each injected error destroys one frame.
         let destroy = std::mem::take(&mut faults.corrupt);
         if destroy > 0 {
             chip.destroy_can_frames(destroy);

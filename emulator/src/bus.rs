@@ -148,6 +148,7 @@ impl Bus {
             ram,
             now,
             clocks: Clocks {
+                // 8 MHz after a reset: nine ticks of 72 MHz per cycle.
                 core: 9,
                 apb1: 9,
                 timers1: 9,
@@ -196,6 +197,7 @@ impl Bus {
     #[inline(always)]
     pub fn read(&mut self, address: u32, size: u32) -> Result<u32, Trap> {
         let in_ram = address.wrapping_sub(RAM);
+        // One comparison with wrapping: addresses below RAM become large.
         if in_ram <= RAM_BYTES - size {
             return Ok(fetch(&self.ram, in_ram, size));
         }
@@ -226,6 +228,7 @@ impl Bus {
             0x4200_0000..=0x43FF_FFFF => 0x4000_0000,
             _ => return None,
         };
+        // Each bit has a word of its own (ARMv7-M, bit-banding): 32 words per byte times four.
         let offset = address & 0x01FF_FFFF;
         Some((base + (offset / 128) * 4, offset / 4 % 32))
     }
@@ -266,6 +269,7 @@ impl Bus {
     #[inline(never)]
     fn write_slow(&mut self, address: u32, size: u32, value: u32) -> Result<(), Trap> {
         if let Some((word, bit)) = Self::bit_band(address) {
+            // Read, change, write: as the bus matrix does it, in one access of the core.
             let old = self.read(word, 4)?;
             return self.write(word, 4, old & !(1 << bit) | (value & 1) << bit);
         }
@@ -274,6 +278,7 @@ impl Bus {
         }
         let lane = 1 << (address & 3);
         let shifted = value << (8 * (address & 3));
+        // Priorities are the only registers that this firmware writes by bytes.
         let first = match address {
             0xE000_E400..=0xE000_E42B => 16 + (address - 0xE000_E400) as u8,
             0xE000_ED18..=0xE000_ED23 => 4 + (address - 0xE000_ED18) as u8,
@@ -306,8 +311,10 @@ impl Bus {
     pub fn set_supply_low(&mut self, low: bool) -> bool {
         let fell = low && !self.supply_low;
         self.supply_low = low;
+        // Detector on, EXTI line unmasked, and its rising edge selected.
         let watched =
             self.power & PVDE != 0 && self.exti[0] & PVD_LINE != 0 && self.exti[2] & PVD_LINE != 0;
+        // An edge: a supply that was low before the detector was set up gives none.
         if watched && fell {
             self.scs.pend_irq(PVD_IRQ);
         }
@@ -381,6 +388,7 @@ impl Bus {
     }
 
     fn move_one(&mut self, from: u32, from_bytes: u32, to: u32, to_bytes: u32) -> Result<(), Trap> {
+        // DMA reads whole registers; their side effects happen as for the core.
         let value = if from >= 0x4000_0000 {
             self.read_register(from & !3)?
         } else {
@@ -409,6 +417,7 @@ impl Bus {
         self.adc.finish_injected(now);
         while self.adc.done_at.is_some_and(|at| at <= now) {
             let (channel, fetch) = self.adc.finish(self.clocks.adc);
+            // PA0 to PA7, PB0 and PB1, PC0 to PC5.
             let analog = match channel {
                 0..8 => self.gpio[0].is_analog(channel),
                 8 | 9 => self.gpio[1].is_analog(channel - 8),

@@ -182,6 +182,7 @@ impl Chip {
     /// The file is not firmware for this chip.
     pub fn load(elf: &[u8]) -> Result<Self, LoadError> {
         let image = elf::load(elf)?;
+        // Xorshift with a fixed seed: firmware must not rely on cleared RAM, and runs must repeat.
         let mut noise = 0x2545_F491_u32;
         let ram = (0..RAM_BYTES).map(|_| {
             noise ^= noise << 13;
@@ -193,6 +194,8 @@ impl Chip {
             let bytes = image.flash.get(at..at + 2).unwrap_or(&[0xFF, 0xFF]);
             u16::from_le_bytes([bytes[0], bytes[1]])
         };
+        // Decoded once: flash does not change while it runs, and decoding would take most of the
+        // time.
         let decoded = (0..FLASH_BYTES as usize)
             .step_by(2)
             .map(|at| decode(FLASH + at as u32, half(at), half(at + 2)))
@@ -268,6 +271,7 @@ impl Chip {
         bus.identity = old.identity;
         bus.can.broken = old.can.broken;
         bus.can_line = old.can_line.clone();
+        // The other nodes' frames stay: only the chip was reset.
         bus.can_line.cut_off();
         bus.usart.sent = std::mem::take(&mut old.usart.sent);
         bus.scs.delivers_faults = old.scs.delivers_faults;
@@ -283,10 +287,12 @@ impl Chip {
     /// # Errors
     /// The firmware did something that is invalid on the chip, or was reset.
     pub fn run_us(&mut self, us: u64) -> Result<(), Stop> {
+        // An instruction may have ended after the slice before: its time is not lost.
         let begin = self.until.max(self.bus.now);
         self.until += us * TICKS_PER_US;
         for timer in 0..4 {
             let (stands, goes) = self.encoders[timer];
+            // TIM1 on PA8, TIM2 on PA0, TIM3 on PA6, TIM4 on PB6; B is the next pin.
             let (port, pin) = [(0, 8), (0, 0), (0, 6), (1, 6)][timer];
             let gpio = &self.bus.gpio[port];
             let wired = gpio.is_digital_input(pin) && gpio.is_digital_input(pin + 1);
@@ -303,6 +309,7 @@ impl Chip {
                 self.attend()?;
             }
             if self.cpu.sleeping || self.hangs {
+                // Asleep, nothing happens before the next event.
                 self.bus.now = self.bus.next_event.min(self.until).max(self.bus.now);
                 continue;
             }
@@ -343,8 +350,11 @@ impl Chip {
     #[inline(never)]
     fn attend(&mut self) -> Result<(), Stop> {
         let pc = self.cpu.pc;
+        // Before and after: an exception may end and the next begin in the same call.
         self.account();
+        // Here, since every write to a peripheral calls for attention: no short pulse is missed.
         self.brakes_opened |= self.pins().any_brake_open();
+        // A reset comes before everything else, even before a hang: the watchdog must end it.
         if let Some(halt) = self.bus.halt {
             let by = match halt {
                 Halt::Watchdog => ResetBy::Watchdog,
@@ -395,6 +405,7 @@ impl Chip {
 
     #[inline(never)]
     fn fault(&mut self, trap: Trap) -> Result<(), Stop> {
+        // Misuse is a judgement of this emulation: a real chip would go on silently.
         let deliverable = !matches!(trap, Trap::Misuse { .. } | Trap::Breakpoint);
         if !self.bus.scs.delivers_faults || !deliverable {
             return Err(self.stop_of(trap));

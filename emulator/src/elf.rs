@@ -21,6 +21,7 @@ struct File<'a>(&'a [u8]);
 
 impl File<'_> {
     fn bytes(&self, at: usize, length: usize) -> Result<&[u8], LoadError> {
+        // Offsets come from the file: they must not overflow before they are checked.
         let needed = at.saturating_add(length);
         self.0.get(at..needed).ok_or(LoadError::Truncated {
             length: self.0.len(),
@@ -46,6 +47,7 @@ pub(crate) fn load(bytes: &[u8]) -> Result<Image, LoadError> {
         return Err(LoadError::NotElf);
     }
     let kind = file.bytes(4, 2)?;
+    // 32 bits, little-endian.
     if kind != [1, 1] {
         return Err(LoadError::WrongKind);
     }
@@ -56,6 +58,7 @@ pub(crate) fn load(bytes: &[u8]) -> Result<Image, LoadError> {
     if file.half(16)? != EXECUTABLE {
         return Err(LoadError::WrongKind);
     }
+    // Erased flash reads as ones.
     let mut flash = vec![0xFF; FLASH_BYTES as usize];
     let headers = file.word(28)? as usize;
     let (size, count) = (usize::from(file.half(42)?), usize::from(file.half(44)?));
@@ -65,6 +68,7 @@ pub(crate) fn load(bytes: &[u8]) -> Result<Image, LoadError> {
             continue;
         }
         let content = file.bytes(file.word(header + 4)? as usize, length as usize)?;
+        // The physical address: initial values of RAM are loaded from flash.
         let address = file.word(header + 12)?;
         let from = address.wrapping_sub(FLASH) as usize;
         let slot = flash.get_mut(from..from.saturating_add(content.len()));
@@ -80,6 +84,8 @@ pub(crate) fn load(bytes: &[u8]) -> Result<Image, LoadError> {
             .map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
     };
     let (stack, entry) = (word(0), word(4));
+    // Checked here, so that a file for another chip is refused with a reason instead of a fault at
+    // once.
     let good_stack = (RAM + 4..=RAM + RAM_BYTES).contains(&stack);
     if !good_stack || entry & 1 == 0 || !(FLASH..FLASH + FLASH_BYTES).contains(&entry) {
         return Err(LoadError::NoVectors { stack, entry });

@@ -15,6 +15,7 @@ pub(crate) const FIRST_IRQ: u8 = 16;
 const IRQS: u8 = 43;
 
 /// PRIGROUP 0 splits below the lowest bit that exists: all four bits preempt.
+// ST implements the upper four bits of a priority (PM0056).
 const PRIORITY_BITS: u32 = 0xF0;
 const ENABLE: u32 = 1;
 const TICKINT: u32 = 2;
@@ -123,6 +124,7 @@ impl Scs {
     /// An interrupt's line is high. It pends unless its handler is about to serve it.
     pub fn raise(&mut self, irq: u8) {
         let bit = 1 << (FIRST_IRQ + irq);
+        // A level that stays high pends again when its handler has returned.
         if self.active & bit == 0 {
             self.pending |= bit;
         }
@@ -131,6 +133,7 @@ impl Scs {
     /// Reset, NMI and hard fault have fixed priorities above all others.
     fn priority_of(&self, number: u8) -> i32 {
         match number {
+            // B1.5.4: fixed priorities are negative, configurable ones begin at 0.
             1 => -3,
             2 => -2,
             3 => -1,
@@ -153,6 +156,7 @@ impl Scs {
             left &= left - 1;
             let group = self.priority_of(number);
             let whole = self.priority[usize::from(number & 63)];
+            // Equal priorities: the lower number comes first, which is the order of this search.
             if best.is_none_or(|(_, first, sub)| (group, whole) < (first, sub)) {
                 best = Some((number, group, whole));
             }
@@ -163,6 +167,7 @@ impl Scs {
     /// The current execution priority, without masks.
     fn active_priority(&self) -> i32 {
         let mut left = self.active;
+        // Below every configurable priority: thread mode.
         let mut priority = 256;
         while left != 0 {
             priority = priority.min(self.priority_of(left.trailing_zeros() as u8));
@@ -196,6 +201,8 @@ impl Scs {
     pub(crate) fn activate(&mut self, number: u8) {
         self.pending &= !(1 << number);
         self.active |= 1 << number;
+        // Reset, NMI and hard fault need no priority. Any other one would share 0 with the control
+        // tick.
         if number >= 4 && self.chosen & 1 << number == 0 && self.unset_priority.is_none() {
             self.unset_priority = Some(number);
         }
@@ -243,6 +250,8 @@ impl Scs {
             Trap::Breakpoint | Trap::Misuse { .. } => 0,
         };
         self.hfsr |= HFSR_FORCED;
+        // Judged before the hard fault is pending: a fault at its priority or above cannot be
+        // delivered.
         let locked = self.execution_priority() <= -1;
         self.pend(HARD_FAULT);
         !locked
@@ -260,9 +269,12 @@ impl Scs {
     pub fn service(&mut self, now: u64, ticks_per_cycle: u64) {
         while self.next_event() <= now {
             let due = self.systick.zero_at;
+            // From the time it was due, not from now: periods do not drift with the emulation's
+            // slices.
             self.systick.zero_at += (u64::from(self.systick.reload) + 1) * ticks_per_cycle;
             self.systick.control |= COUNTFLAG;
             if self.systick.control & TICKINT != 0 {
+                // The one before was never served: two ticks have become one.
                 if self.pending & 1 << SYSTICK != 0 {
                     self.ticks_lost += 1;
                 }
@@ -291,6 +303,7 @@ impl Scs {
             }
             0xE000_E014 => self.systick.reload,
             0xE000_E018 => self.current(now, cost),
+            // 1 ms of a SysTick clock of 9 MHz (RM0008, 10.1.1).
             0xE000_E01C => 9000,
             0xE000_E100..=0xE000_E107 | 0xE000_E180..=0xE000_E187 => banked(self.enabled, word),
             0xE000_E200..=0xE000_E207 | 0xE000_E280..=0xE000_E287 => banked(self.pending, word),
@@ -298,6 +311,7 @@ impl Scs {
             0xE000_E108..=0xE000_E3FF => 0,
             0xE000_E400..=0xE000_E42B => self.priorities(FIRST_IRQ + (address - 0xE000_E400) as u8),
             0xE000_E42C..=0xE000_E5EF => 0,
+            // Cortex-M3 r1p1.
             0xE000_ED00 => 0x411F_C231,
             0xE000_ED04 => self.icsr(),
             0xE000_ED08 => self.vtor,
@@ -334,6 +348,8 @@ impl Scs {
         self.attention = true;
         match address {
             0xE000_1000 => {
+                // Without trace enabled the DWT has no clock: firmware that forgets it would count
+                // nothing.
                 if self.demcr & DEMCR_TRCENA == 0 {
                     return None;
                 }
@@ -350,6 +366,7 @@ impl Scs {
                 self.systick.control = (self.systick.control & COUNTFLAG) | (value & 7);
                 self.systick.held = held;
                 if value & ENABLE != 0 && !was {
+                    // A counter of 0 is reloaded with the first cycle.
                     let first = if held == 0 {
                         self.systick.reload + 1
                     } else {
@@ -377,6 +394,7 @@ impl Scs {
             0xE000_E42C..=0xE000_E5EF => {}
             0xE000_ED04 => self.set_icsr(value),
             0xE000_ED08 => self.vtor = value & 0x3FFF_FF80,
+            // Writes without the key are ignored.
             0xE000_ED0C if value >> 16 == 0x05FA => {
                 self.group = (value >> 8) & 7;
                 self.reset_requested |= value & 4 != 0;

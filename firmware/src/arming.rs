@@ -13,17 +13,24 @@ use mcdpr_protocol::FaultId;
 /// Milliseconds that drives may take beyond their own enable time (D5).
 const ENABLE_GRACE_MS: u32 = 500;
 /// Milliseconds of torque under closed brakes before they are tested.
+// Longer than the current's rise (3 ms on the paper's robot) and several periods of the bus.
 const PRELOAD_MS: u32 = 30;
 /// Milliseconds for the test of the brakes, at most.
+// The push itself takes about 60 ms without play (docs/safety.md). With play, `proof::play_ms` is
+// added.
 const PROOF_MS: u32 = 500;
 /// Milliseconds for the platform to come to rest after the drums were moved: some of its stiff
 /// modes, near 10 Hz, decay within half a second.
 const SETTLE_MS: u32 = 500;
 /// Milliseconds that brakes are given to open.
+// An assumption about the brakes: a brake that needs longer is found by the drums' motion (B1).
 const OPEN_MS: u32 = 50;
 /// The tension may differ from the static model by this, mN, or by a fifth of it (S10).
+// 2 N up to 10 N. Example: at 15 N the band is a fifth, 3 N.
 const TENSION_BAND_MN: i32 = 2000;
 /// A cable below its floor for so many ticks after the first check aborts arming (C1).
+// 5 ms: opening a brake on a cable that just broke must be prevented, a disturbed reading must not
+// abort.
 const SLACK_TICKS: u16 = 5;
 
 /// Phase of arming.
@@ -101,7 +108,9 @@ impl Arming {
         service: Option<Service>,
         unproven: u8,
     ) -> Result<Phase, Abort> {
+        // Counts from the phase's beginning: every phase has its own timeout.
         self.ticks += 1;
+        // Drives that are still coming up are judged by the phase's own time (D5).
         if self.phase != Phase::Enabling {
             check_drives(config, inputs, service)?;
             // A cable may break while drives and brakes are tested: no brake opens then. Once the
@@ -122,9 +131,13 @@ impl Arming {
                 match pending {
                     None => {
                         if service.is_none() {
+                            // Floors first: a broken cable is to be reported as C1, not as a sensor
+                            // that drifted (S10).
                             check_floors(config, inputs, expected_mn)?;
                             check_tensions(config, inputs, expected_mn)?;
                         }
+                        // Only here: all drives are alive and all tensions plausible before any of
+                        // them gives torque.
                         self.enter(Phase::Preload);
                     }
                     // It will not come up: waiting is useless. Value and limit are the drive's
@@ -157,6 +170,7 @@ impl Arming {
                     Phase::Proving
                 });
             }
+            // Every brake has held more than its load: only now may one of them open.
             Phase::Proving if unproven == 0 => self.enter(Phase::Opening),
             // Here no drum moves and no drive pushes: the drive does not follow commands.
             Phase::Proving if self.ticks >= PROOF_MS + u32::from(proof::play_ms(config)) => {
@@ -169,6 +183,7 @@ impl Arming {
                     Phase::Oscillating(0)
                 });
             }
+            // One drum after the other: two that move together would change each other's tension.
             Phase::Oscillating(cable) if self.ticks >= Oscillation::TICKS => {
                 let next = cable + 1;
                 let more = usize::from(next) < N;
@@ -199,8 +214,11 @@ impl Arming {
 /// A quarter of a lobe of the test motion, ticks.
 const QUARTER: u32 = 10;
 /// Encoder counts by which a drum is moved.
+// Two counts: the least that shows a direction beyond one count of quantisation. On the paper's
+// drum (4096 counts, 20 mm) they are 61 um of cable.
 const OSCILLATION_COUNTS: i64 = 2;
 /// Greatest test motion, 0.1 µm, however coarse the encoder.
+// 2 mm.
 const OSCILLATION_MOST: i64 = 20_000;
 
 /// Acceleration in each quarter, in halves of the largest.
@@ -229,6 +247,7 @@ impl Oscillation {
     /// Test motion of a drum, 0.1 µm, for its encoder's resolution.
     #[must_use]
     pub fn amplitude(per_count_q24: i64) -> i32 {
+        // At least 1.6 um: with a finer encoder the motion would vanish in the rounding below.
         let counts = (per_count_q24.abs() * OSCILLATION_COUNTS) >> 24;
         crate::fixed::saturate(counts.clamp(16, OSCILLATION_MOST))
     }
@@ -244,12 +263,16 @@ impl Oscillation {
         let base = *self.base.get_or_insert(length);
         let quarter = usize::try_from(self.ticks / QUARTER).unwrap_or(usize::MAX);
         let halves = OSCILLATION_HALVES.get(quarter).copied().unwrap_or(0);
+        // An acceleration a for a quarter and -a for the next end at rest at a * QUARTER^2: one
+        // half gives half the amplitude, two halves all of it.
         let square = QUARTER.cast_signed() * QUARTER.cast_signed();
         let acceleration_q8 = halves * ((amplitude << 7) / square);
+        // Exact integration over a tick of constant acceleration: the motion ends where it began.
         self.at_q8 += self.speed_q8 + acceleration_q8 / 2;
         self.speed_q8 += acceleration_q8;
         self.ticks += 1;
         // 0.1 µm/ms is 100 µm/s, 0.1 µm/ms² is 100 000 µm/s².
+        // 100,000 / 256 is 390.6: 390 and a half, in 32 bits.
         let acceleration = (acceleration_q8 * 390).saturating_add(acceleration_q8 / 2);
         Target {
             length: base.saturating_add(self.at_q8 >> 8),
@@ -262,6 +285,8 @@ impl Oscillation {
     pub fn observe(&mut self, motor: i32, drum: i32) {
         let from = *self.from.get_or_insert((motor, drum));
         let gone = (motor.wrapping_sub(from.0), drum.wrapping_sub(from.1));
+        // Motor and drum of the same tick: their greatest displacements alone could belong to
+        // different moments.
         if gone.0.unsigned_abs() > self.farthest.0.unsigned_abs() {
             self.farthest = gone;
         }
@@ -275,7 +300,11 @@ impl Oscillation {
     pub fn verdict(&self, amplitude: i32) -> Result<(), Finding> {
         let (motor, drum) = self.farthest;
         let along = if motor < 0 { -drum } else { drum };
+        // A quarter, half an encoder count: less of the motor is no motion, and less of the drum no
+        // answer.
         let least = amplitude / 4;
+        // The motor first: behind a motor that stands, the drum's stillness says nothing about its
+        // encoder.
         let (fault, moved) = if motor.abs() < least {
             (FaultId::B1, motor)
         } else if along < -least {
@@ -290,6 +319,7 @@ impl Oscillation {
 }
 
 fn alive<const N: usize>(config: &Active<N>, drive: &DriveInput) -> bool {
+    // Age too: a drive that was enabled and then fell silent still shows its last, ready state.
     drive.ready && !drive.fault && drive.age_ms < config.feedback_timeout_ms
 }
 

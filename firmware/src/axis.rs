@@ -7,6 +7,7 @@ use crate::io::DriveInput;
 
 /// A gap between motor and drum encoder is closed within about this many milliseconds.
 const TRIM_TIME_MS: i32 = 1 << TRIM_BITS;
+// 512 ms: the trim follows backlash and a wrong ratio, not single counts of the encoder.
 const TRIM_BITS: u32 = 9;
 /// Greatest trim, 0.1 µm: more is not backlash or a wrong ratio, but a fault.
 const TRIM_MAX: i32 = 50_000;
@@ -15,8 +16,10 @@ const TRIM_MAX: i32 = 50_000;
 const LAG_TIME_MS: i32 = 1 << LAG_BITS;
 const LAG_BITS: u32 = 6;
 /// Greatest lag that is compensated, 0.1 µm.
+// 2 mm: at 100 mm/s a lag of 20 ms beyond the stated lead.
 const LAG_MAX: i32 = 20_000;
 /// A position command may exceed the plan's speed by this share of the largest, in percent.
+// Behind 371:1 (45 mm/s of cable) 20 % are 9 mm/s to catch up with the plan.
 const CATCH_UP_PERCENT: i32 = 20;
 
 /// Set-point of a position-held cable in a tick.
@@ -67,10 +70,13 @@ impl Axis {
         let half_count = config.half_count;
         let with_trim = by_motor.saturating_add(self.trim_q9 >> TRIM_BITS);
         let gap = length.saturating_sub(with_trim);
+        // Half a count is 15 um on the paper's drum: below it the drum may not have moved at all.
         let beyond = gap - gap.clamp(-half_count, half_count);
         let most = const { TRIM_MAX * TRIM_TIME_MS };
         self.trim_q9 = self.trim_q9.saturating_add(beyond).clamp(-most, most);
         let with_trim = by_motor.saturating_add(self.trim_q9 >> TRIM_BITS);
+        // By the motor with its trim: the drum's own counts are too coarse for a lag of
+        // micrometres.
         let behind = target.length.saturating_sub(with_trim);
         let most = const { LAG_MAX * LAG_TIME_MS };
         self.lag_q6 = self.lag_q6.saturating_add(behind).clamp(-most, most);
@@ -89,6 +95,7 @@ impl Axis {
     /// held by length (S2).
     #[must_use]
     pub fn slipped(&self, by_motor: i32, length: i32) -> i32 {
+        // 1/64 is 1.6 %: an error of the drum's ratio grows with the way and is no slip.
         let way = by_motor.saturating_sub(self.zero_length).saturating_abs();
         let gap = by_motor.saturating_sub(length);
         gap.signum() * (gap.saturating_abs() - way / 64).max(0)
@@ -104,6 +111,7 @@ impl Axis {
         drive: &DriveInput,
         speed_umps: i32,
     ) -> i32 {
+        // Wrapping: a drive's counter of 32 bits may pass its end between two ticks.
         let counts = drive.counts.wrapping_sub(self.zero_counts);
         let moved = floor_q32(counts, config.length_per_motor_q32);
         // µm/s times ms is 1e-3 µm, that is 1/100 of 0.1 µm.
@@ -124,9 +132,11 @@ impl Axis {
         // which the configuration has already taken 1e3.
         let by_speed =
             quotient::<100_000>(i64::from(target.speed_umps) * i64::from(config.lead_us));
+        // Half of a t^2, the next term of the series.
         let by_acceleration = quotient::<200>(quotient::<1_000_000>(
             i64::from(target.acceleration_umps2) * i64::from(config.lead_square),
         ));
+        // Both in 1/512 of 0.1 um: the lag leads, the trim is taken back.
         let trims = ((self.lag_q6 << (TRIM_BITS - LAG_BITS)) - self.trim_q9) >> TRIM_BITS;
         let ahead = by_speed + by_acceleration + i64::from(trims);
         let change = i64::from(target.length) - i64::from(self.zero_length) + ahead;
@@ -139,6 +149,7 @@ impl Axis {
     pub fn rpm(config: &CableConfig, target: &Target) -> u16 {
         let speed = target.speed_umps.saturating_abs();
         let planned = mul_q32(speed, config.rpm_per_speed_q32);
+        // At least 1 rpm: a limit of 0 would forbid a drive to hold its position.
         let catch_up = i32::from(config.max_rpm) * CATCH_UP_PERCENT / 100;
         let wanted = planned.saturating_add(catch_up.max(1));
         u16::try_from(wanted).map_or(config.max_rpm, |rpm| rpm.min(config.max_rpm))
@@ -148,6 +159,7 @@ impl Axis {
 /// The drum's surface speed by the motor, µm/s, positive as the cable pays out.
 #[must_use]
 pub fn motor_speed_umps(config: &CableConfig, drive: &DriveInput) -> i32 {
+    // Motor speeds are coarse: 1 rpm is 5.6 um/s behind 371:1, and 78 um/s behind 27:1.
     let speed = saturate((i64::from(drive.rpm) * config.speed_per_rpm_q16) >> 16);
     if config.motor_reversed { -speed } else { speed }
 }

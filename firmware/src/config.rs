@@ -43,6 +43,7 @@ struct Slots<const K: usize> {
 
 impl<const K: usize> Slots<K> {
     const EMPTY: Self = {
+        // One bit of `present` per value.
         assert!(K <= 64);
         Self {
             values: [0; K],
@@ -312,6 +313,7 @@ impl<const N: usize> ConfigStore<N> {
     /// # Errors
     /// [`Reject::ConfigSequence`] for none or more than exist.
     pub fn begin(&mut self, entries: u16) -> Result<(), Reject> {
+        // Every key once: an announcement of more can only be damaged or of another version.
         let most = BoardKey::ALL.len() + N * CableKey::ALL.len();
         if entries == 0 || usize::from(entries) > most {
             return Err(Reject::ConfigSequence);
@@ -341,6 +343,7 @@ impl<const N: usize> ConfigStore<N> {
     pub fn put(&mut self, entries: &[ConfigEntry]) -> Result<(), Reject> {
         let (mut last_key, mut received) = (self.last_key, self.received);
         for entry in entries {
+            // Ascending keys exclude repetitions, and both sides hash in the same order.
             if last_key.is_some_and(|last| last >= entry.key) || received >= self.announced {
                 return Err(Reject::ConfigSequence);
             }
@@ -363,6 +366,7 @@ impl<const N: usize> ConfigStore<N> {
             }
         }
         (self.last_key, self.received) = (last_key, received);
+        // The hash covers all entries: a build that has begun is void.
         self.done = 0;
         Ok(())
     }

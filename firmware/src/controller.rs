@@ -30,6 +30,7 @@ mod watching;
 use parking::Parked;
 
 /// Torque is held this long after the brakes have closed, ms.
+// Beyond the slowest brake's time: a brake may close later than its file states (B3).
 const HOLD_TORQUE_MS: u16 = 150;
 /// Ticks for which the emergency input must show a change: one disturbed sample does not count. Its
 /// own contacts cut the power meanwhile.
@@ -37,6 +38,7 @@ const E_STOP_TICKS: u16 = 3;
 /// Control ticks per second.
 const TICKS_PER_SECOND: u16 = 1000;
 /// A motion may start this far from the set-point, 0.1 µm (K4).
+// 5 um: a sixth of an encoder count of the paper's drum (31 um).
 const START_TOLERANCE: i32 = 50;
 
 /// State of one cable.
@@ -266,6 +268,7 @@ impl<const N: usize> Controller<N> {
             self.raise(Event::Booted);
         }
         match (self.e_stop, self.state == State::EStop) {
+            // The record names the cause in `Fault`, to which the release leads.
             (true, false) => {
                 self.latch_fault(FaultId::P7, 0, 0, 0);
                 self.raise(Event::EStopPressed);
@@ -275,6 +278,7 @@ impl<const N: usize> Controller<N> {
             }
             _ => {}
         }
+        // Measure, watch, act, command: a fault of this tick's inputs changes this tick's outputs.
         self.measure(inputs);
         let noisy = self.line_noise.update(inputs.line_errors);
         if self.is_armed() {
@@ -285,6 +289,7 @@ impl<const N: usize> Controller<N> {
             self.watch_link();
             self.act(inputs);
         }
+        // Not an else: a robot that lost its torque in this very tick is parked from now on.
         if !self.is_armed() {
             self.watch_parked(inputs);
         }
@@ -317,6 +322,8 @@ impl<const N: usize> Controller<N> {
     }
 
     fn raise(&mut self, event: Event) -> bool {
+        // The table decides. An event that is impossible in this state is no error: detections
+        // arrive in any state.
         let Some(next) = transition(self.state, event, self.latch.get().is_some()) else {
             return false;
         };
@@ -337,6 +344,8 @@ impl<const N: usize> Controller<N> {
                 self.motion.clear();
                 self.rows = Default::default();
                 for cable in &mut self.cables {
+                    // Counts and means of a robot at rest on its brakes do not describe one under
+                    // torque.
                     cable.watch = CableWatch::default();
                     cable.abandoned = false;
                     cable.blind = false;
@@ -344,15 +353,19 @@ impl<const N: usize> Controller<N> {
                     cable.proof = Proof::default();
                 }
             }
+            // The clock takes as long to come up after a hold as it takes to stop.
             State::Moving => self.motion.run(stop_ms),
             State::Pausing => self.motion.brake(stop_ms),
             State::Stopping => {
+                // All axes follow one path clock: they stop together, and the tool stays on its
+                // path.
                 self.motion.brake(stop_ms);
                 self.stopping = 0;
                 self.closing = None;
                 self.slips = 0;
                 self.relieving = false;
             }
+            // A motion from before must never continue after a new arming.
             State::Disarmed | State::Fault | State::EStop => {
                 self.motion.clear();
                 self.park();
@@ -361,6 +374,7 @@ impl<const N: usize> Controller<N> {
             State::Holding => {
                 self.opening = match &self.active {
                     Some(active) if active.hold_braked || self.unsound > 0 => {
+                        // The configuration has no opening time: the closing time stands for it.
                         slowest_brake_ms(active) + 1
                     }
                     _ => 0,
@@ -370,6 +384,8 @@ impl<const N: usize> Controller<N> {
         self.state = next;
     }
 
+    // Only the first fault since the last clear is kept: the later ones are mostly its
+    // consequences.
     fn latch_fault(&mut self, fault: FaultId, cable: u8, value: i32, limit: i32) {
         self.latch.set(FaultRecord {
             fault,
@@ -388,6 +404,8 @@ impl<const N: usize> Controller<N> {
         if reaction != supervisor::Reaction::Stop || !self.stands_for_its_brake() {
             self.raise(reaction.event());
         }
+        // A path that ends in 300 ms would pull on against the snag. Once brakes close, there is
+        // nothing left to pay out.
         if fault == FaultId::C2 && self.state == State::Stopping && self.closing.is_none() {
             self.relieve();
         }
@@ -403,6 +421,8 @@ impl<const N: usize> Controller<N> {
         }
         if failed {
             let stop_ms = self.active.as_ref().map_or(1, |active| active.stop_ms);
+            // A braked drum no longer follows the path: the others have a quarter of the time, 75
+            // ms of 300, before cables become slack or too tight.
             self.motion.brake(stop_ms / 4);
         }
     }
@@ -418,10 +438,14 @@ impl<const N: usize> Controller<N> {
         let readings = readings.zip(&inputs.drives);
         let cables = self.cables.iter_mut().zip(readings);
         let mut lost = false;
+        // A configuration that is being overwritten has mixed values: nothing may be scaled with
+        // it.
         let taking = self.store.is_taking();
         let Some(active) = self.active.as_ref().filter(|_| !taking) else {
             for (cable, ((&encoder, _), drive)) in cables {
                 cable.current_ma = drive.current_ma;
+                // Without a configuration the largest step is unknown: the counter is followed
+                // across its wrap.
                 lost |= cable.count(encoder, u16::MAX / 2);
             }
             self.referenced &= !lost;
@@ -438,6 +462,8 @@ impl<const N: usize> Controller<N> {
             }
             // Here, because all values that it compares are available.
             cable.well = watched && cable.is_well(config, drive, adc, timeout_ms);
+            // Before the drums are free, the readings show how often this channel repeats by
+            // itself.
             if armed && !watched {
                 cable.watch.learn(adc);
             }

@@ -81,6 +81,7 @@ impl<const N: usize> Cycle<N> {
     fn control<B: Board<N>>(&mut self, now: Tick, late: bool, board: &mut B) {
         board.read(&mut self.inputs);
         self.inputs.overrun = late;
+        // Between reading and stepping: a stop that arrived a moment ago decelerates in this tick.
         self.find_stops(now, board);
         self.server.tick(now, &self.inputs);
         let controller = self.server.controller();
@@ -95,6 +96,7 @@ impl<const N: usize> Cycle<N> {
             self.searched = self.searched.wrapping_add(1);
             if let Some(kind) = self.finder.push(byte) {
                 self.server.stop(now, kind);
+                // Wrapping numbers: only their differences are compared.
                 self.stop_at = Some(self.searched);
             }
         }
@@ -111,10 +113,13 @@ impl<const N: usize> Cycle<N> {
         let mut executed = false;
         // One at most: the line brings up to eight, which wait on it.
         if let Some(waiting) = ends.commands.peek() {
+            // A request without room for its answer waits: it must not be executed and then seem
+            // lost.
             if !ends.answers.ready() {
                 return false;
             }
             executed = true;
+            // The command stays at the head of its queue and comes again in the next tick.
             if !self.server.prepare(&waiting.command) {
                 return executed;
             }
@@ -149,6 +154,7 @@ impl<const N: usize> Cycle<N> {
 
     #[inline(never)]
     fn report(&mut self, tells_state: bool, ends: &mut TickEnds<'_, N>) {
+        // The state waits, not the tick: a full queue means that the line is slow.
         if tells_state
             && self.server.status_is_due()
             && ends.states.ready()
@@ -159,6 +165,7 @@ impl<const N: usize> Cycle<N> {
         if let Some(row) = self.server.take_row()
             && ends.rows.enqueue(row).is_err()
         {
+            // Counted, so that a host sees a gap in its samples as what it is (L16).
             ends.state.drop_telemetry();
         }
     }

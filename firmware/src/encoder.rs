@@ -4,6 +4,7 @@ use crate::fixed::{half, narrow, products, saturate};
 use mcdpr_protocol::TenthMicrometres;
 
 /// Samples that may be rejected in a row before the encoder counts as dead.
+// Two: at the third jump in a row the encoder is lost (S6), 3 ms after the first.
 const MAX_REJECTED: u8 = 2;
 
 /// Result of one sample.
@@ -40,10 +41,13 @@ impl Encoder {
     /// ```
     #[inline]
     pub fn sample(&mut self, counter: u16, max_step: u16) -> Sampled {
+        // The counter's first value is arbitrary: it is the origin.
         let Some(last) = self.last else {
             self.last = Some(counter);
             return Sampled::Good;
         };
+        // A difference modulo 2^16 has the right sign up to 32,767 counts: the wrap needs no case
+        // of its own (S3).
         let step = counter.wrapping_sub(last).cast_signed();
         // The most frequent case.
         if self.rejected == 0 && step.unsigned_abs() <= max_step {
@@ -61,6 +65,8 @@ impl Encoder {
         // After rejected samples the drum may have moved on for several ticks.
         let allowed = u32::from(max_step) * (u32::from(self.rejected) + 1);
         if u32::from(step.unsigned_abs()) <= allowed {
+            // The prediction that was added while samples were rejected is taken back: the counter
+            // knows the whole way.
             let predicted = i64::from(self.step) * i64::from(self.rejected);
             self.counts += i64::from(step) - predicted;
             self.last = Some(counter);
@@ -69,11 +75,13 @@ impl Encoder {
         }
         if self.rejected >= MAX_REJECTED {
             self.last = Some(counter);
+            // The old speed says nothing about the new position.
             self.step = 0;
             self.rejected = 0;
             return Sampled::Lost;
         }
         self.rejected += 1;
+        // A drum cannot stop within a tick: its last speed is the best guess.
         self.counts += i64::from(self.step);
         Sampled::Rejected
     }

@@ -7,6 +7,7 @@
 #[must_use]
 #[inline]
 pub(crate) const fn mul_q32(a: i32, b: i64) -> i32 {
+    // The half is added below the binary point only: `high` has no fraction.
     let (high, low) = products(a, b);
     saturate(high + ((low + half(32)) >> 32))
 }
@@ -41,6 +42,7 @@ pub const fn half(bits: u32) -> i64 {
 /// the result is not. `factor` is not negative and under 2^32, `bits` at most 31.
 #[must_use]
 pub(crate) const fn scale_down(value: i64, factor: i64, bits: u32) -> i64 {
+    // Split before multiplying: neither partial product is wider than 64 bits.
     let low = value & ((1 << bits) - 1);
     (value >> bits) * factor + ((low * factor) >> bits)
 }
@@ -51,6 +53,7 @@ pub(crate) const fn scale_down(value: i64, factor: i64, bits: u32) -> i64 {
 #[must_use]
 #[inline]
 pub(crate) const fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
+    // The remainder with another digit of 16 bits must fit 31 bits.
     const { assert!(DIVISOR > 0 && DIVISOR >> DIVISOR.trailing_zeros() < 1 << 15) };
     match narrow(value) {
         Some(value) => (value / DIVISOR) as i64,
@@ -70,6 +73,7 @@ pub(crate) const fn quotient<const DIVISOR: i32>(value: i64) -> i64 {
     reason = "parts of a number are meant"
 )]
 const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
+    // Factors of two are shifted out first: they would cost digits of the divisor.
     let size = value.unsigned_abs() >> twos;
     let (high, low) = ((size >> 32) as u32, size as u32);
     // The remainder is below the divisor: with another digit it fits 31 bits.
@@ -101,6 +105,8 @@ const fn long_division(value: i64, divisor: u32, twos: u32) -> i64 {
 )]
 pub(crate) const fn division(value: i64, divisor: i64) -> i64 {
     let (mut size, mut by) = (value.unsigned_abs(), divisor.unsigned_abs());
+    // Both are halved: the quotient stays, and the divisor leaves room for eight bits of the next
+    // digit.
     while by >> 24 != 0 {
         (size, by) = (size >> 1, by >> 1);
     }
@@ -130,6 +136,7 @@ pub(crate) const fn division(value: i64, divisor: i64) -> i64 {
 )]
 pub(crate) const fn narrow(value: i64) -> Option<i32> {
     let low = value as i32;
+    // It fits if the upper word is the sign of the lower one.
     if (value >> 32) as i32 == low >> 31 {
         Some(low)
     } else {
@@ -178,6 +185,8 @@ impl LowPass {
 
     /// Takes a sample; `alpha_q16` in 0..=65536 is the share of the new sample.
     pub fn update(&mut self, value: i32, alpha_q16: i32) -> i32 {
+        // In two products: error times alpha may be wider than 64 bits, and its fraction must not
+        // be lost, or the state would stop short of its input.
         let error = (i64::from(value) << 16) - self.state_q16;
         self.state_q16 += (error >> 16) * i64::from(alpha_q16)
             + (((error & 0xFFFF) * i64::from(alpha_q16)) >> 16);

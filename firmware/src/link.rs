@@ -179,6 +179,8 @@ impl Incoming {
         state: &LinkState,
     ) -> bool {
         let arrived = line.arrived();
+        // The ring keeps 512 bytes: beyond that the oldest are overwritten, and frames would be
+        // mixed.
         let kept_up = (arrived.wrapping_sub(self.next) as usize) < RING;
         if !kept_up {
             self.next = arrived;
@@ -233,6 +235,8 @@ impl<const N: usize> Outgoing<N> {
             let Some(block) = self.sampler.push(&row) else {
                 continue;
             };
+            // A whole block is dropped: blocks stay consecutive inside, and the host sees the gap
+            // by its tick.
             if self.block.is_some() {
                 ends.state.drop_telemetry();
             } else {
@@ -243,6 +247,7 @@ impl<const N: usize> Outgoing<N> {
 
     /// Encodes the most urgent message; returns its size, or 0 if there is none.
     pub fn next(&mut self, ends: &mut OutgoingEnds<'_, N>, frame: &mut [u8; MAX_FRAME]) -> usize {
+        // Short answers first: a host waits for them, while telemetry only fills the line.
         let used = if ends.state.hello_due.swap(false, Ordering::Relaxed) {
             encode_bytes(Channel::Hello, &self.hello.to_bytes(), frame)
         } else if let Some(answer) = ends.answers.peek() {

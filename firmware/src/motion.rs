@@ -7,12 +7,14 @@ use heapless::Deque;
 use mcdpr_protocol::{ResidualRow, TenthMicrometres};
 
 /// Knots that the buffer holds.
+// Bounded by the RAM. With knots 30 ms apart they are half a second of motion.
 pub const CAPACITY: usize = 16;
 
 /// Full speed of the path clock, ms per tick with 16 fractional bits.
 const FULL_RATE_Q16: u32 = 1 << 16;
 
 /// Slowest rate of the clock while a motor is at its limit.
+// A quarter: slow enough to relieve a motor, and the robot still moves on (D4).
 const EASED_RATE_Q16: u32 = FULL_RATE_Q16 / 4;
 
 /// Result of a tick of motion.
@@ -130,6 +132,7 @@ impl<const N: usize> Motion<N> {
     #[must_use]
     pub fn covers_a_stop(&self, stop_ms: u32) -> bool {
         self.newest().is_some_and(|newest| {
+            // While it brakes evenly from full rate, the clock runs for half of `stop_ms`.
             newest.last || newest.time_ms.saturating_sub(self.path_ms()) >= stop_ms / 2
         })
     }
@@ -140,6 +143,7 @@ impl<const N: usize> Motion<N> {
         let Some(newest) = self.newest() else {
             return (0, 0);
         };
+        // Before the start the clock stands: no knot is late.
         let now = if self.segment.is_some() {
             self.path_ms()
         } else {
@@ -158,9 +162,11 @@ impl<const N: usize> Motion<N> {
 
     /// A new place at the buffer's end, to be filled; `None` if full (K7).
     pub fn append(&mut self) -> Option<&mut StoredKnot<N>> {
+        // Behind a stop segment there is no path to which a knot could be joined.
         if self.stop_segment || self.knots.push_back(StoredKnot::EMPTY).is_err() {
             return None;
         }
+        // After 65,536 knots the numbers begin again.
         self.next_index = self.next_index.wrapping_add(1);
         self.knots.back_mut()
     }
@@ -170,6 +176,7 @@ impl<const N: usize> Motion<N> {
     pub fn run(&mut self, stop_ms: u32) {
         self.braking = false;
         self.rate_step_q16 = rate_step_q16(stop_ms);
+        // The first knot is at rest, so full rate at once is no jump of the speed.
         if self.start.is_none() {
             self.rate_q16 = FULL_RATE_Q16;
             self.start = self.knots.pop_front();
@@ -199,6 +206,7 @@ impl<const N: usize> Motion<N> {
     pub fn tick(&mut self, stop_ms: u32) -> Option<Progress> {
         self.segment.as_ref()?;
         let before_q16 = self.rate_q16;
+        // Saturating: the last step is shorter, so that the clock never runs backwards.
         self.rate_q16 = if self.braking {
             self.rate_q16.saturating_sub(self.rate_step_q16)
         } else if self.eased {
@@ -208,8 +216,10 @@ impl<const N: usize> Motion<N> {
         } else {
             (self.rate_q16 + self.rate_step_q16).min(FULL_RATE_Q16)
         };
+        // 64 bits: 48 of them are whole ms, which no motion exhausts.
         self.clock_q16 += u64::from(self.rate_q16);
         let mut progress = Progress::Running;
+        // Knots are 4 ms apart at least and a tick advances 1 ms at most: one turn.
         while self.elapsed_q16()? >= u64::from(self.segment.as_ref()?.spacing_ms) << 16 {
             if self.stop_segment {
                 progress = Progress::Stopped;
@@ -217,6 +227,7 @@ impl<const N: usize> Motion<N> {
             }
             let end = self.knots.pop_front()?;
             self.start = Some(end);
+            // It is at rest by its check: the clock may stop without braking.
             if end.last {
                 progress = Progress::Done;
                 break;
@@ -226,6 +237,7 @@ impl<const N: usize> Motion<N> {
                 progress = Progress::RanEmpty;
             }
         }
+        // Only if nothing else ended in this tick: a motion that is done is not paused.
         if self.braking && self.rate_q16 == 0 && progress == Progress::Running {
             progress = if self.stop_segment {
                 Progress::Stopped
@@ -249,6 +261,7 @@ impl<const N: usize> Motion<N> {
         let (Some(segment), Some(elapsed)) = (&self.segment, self.elapsed_q16()) else {
             return;
         };
+        // At full rate path time is real time: the factors would all be 1.
         let slows = self.rate_q16 != FULL_RATE_Q16 || self.change_q16 != 0;
         segment.evaluate(elapsed, |index, mut point, tension| {
             if slows {
@@ -265,7 +278,9 @@ impl<const N: usize> Motion<N> {
     fn slow(&self, point: &mut Point) {
         let rate = i64::from(self.rate_q16);
         let slowed = |value: i32| (i64::from(value) * rate) >> 16;
+        // The second derivative scales with the square of the clock's rate.
         let twice = (slowed(point.acceleration_umps2) * rate) >> 16;
+        // Change per tick of 1 ms, to per second.
         let change_q16 = i64::from(self.change_q16) * 1000;
         let along = (i64::from(point.velocity_umps) * change_q16) >> 16;
         point.velocity_umps = crate::fixed::saturate(slowed(point.velocity_umps));
@@ -316,5 +331,6 @@ impl<const N: usize> Motion<N> {
 }
 
 fn rate_step_q16(stop_ms: u32) -> u32 {
+    // Rounded up: the clock rests after `stop_ms` ticks, not one later. Example: 300 ms give 219.
     FULL_RATE_Q16 / stop_ms.max(1) + 1
 }

@@ -55,6 +55,8 @@ impl<const N: usize> Sampler<N> {
     /// belong to is void: a block's ticks are consecutive.
     pub fn push(&mut self, row: &Row<N>) -> Option<SampleBlock> {
         let follows = row.tick == self.block.tick.after(self.position);
+        // Changes are packed relative to the tick before: after a gap they would add up to wrong
+        // lengths.
         if row.first || (self.position > 0 && !follows) {
             *self = Self::default();
         }
@@ -66,6 +68,7 @@ impl<const N: usize> Sampler<N> {
                 current: Milliamps(i32::from(measured.current_ma)),
             };
         }
+        // The first tick has no tick before: its change is 0.
         if !core::mem::replace(&mut self.primed, true) {
             for (previous, sample) in self.previous.iter_mut().zip(&samples) {
                 *previous = sample.length;

@@ -10,8 +10,11 @@ use mcdpr_protocol::{
 };
 
 /// Shortest time between two knots, ms.
+// 4 ms: more than a tick, so that a tick passes one knot at most, and the rate of knots on the line
+// stays bounded.
 pub const MIN_SPACING_MS: u32 = 4;
 /// Longest time between two knots, ms.
+// 4 s: under 2^12 ms, so that products with a spacing stay within their words.
 pub const MAX_SPACING_MS: u32 = 4000;
 
 /// Fractional bits of coefficients and values.
@@ -22,6 +25,7 @@ const S_Q: u32 = 24;
 const INVERSE_Q: u32 = 30;
 /// Fractional bits of `1 / h` for `s`: with fewer, `s` would fall short of 1 at a long segment's end
 /// and the cable would jump there.
+// The error of 1 / h, 2^-44, times 4000 ms is 2^-32 of a segment: under half a step of s (2^-25).
 const FINE_INVERSE_Q: u32 = 44;
 
 /// Position, velocity and acceleration of one cable at one time.
@@ -64,6 +68,7 @@ impl Cubic {
         let (m0, m1) = (rise(start.velocity), rise(end.velocity));
         Self {
             start: start.length.0,
+            // Standard Hermite coefficients. Their sum is delta exactly, in integers.
             c: [m0, 3 * delta - 2 * m0 - m1, m0 + m1 - 2 * delta],
         }
     }
@@ -88,6 +93,7 @@ impl Cubic {
             let inverse = i64::from(phase.inverse_q30);
             let per_ms = |value: i64| (value * inverse) >> INVERSE_Q;
             (
+                // Horner's scheme: three products, each shifted back to 8 fractional bits.
                 i64::from(times_s(c1 + times_s(c2 + times_s(c3)))),
                 per_ms(i64::from(c1 + times_s(2 * c2 + times_s(3 * c3)))),
                 per_ms(per_ms(i64::from(2 * c2 + times_s(6 * c3)) * 1000)),
@@ -230,6 +236,7 @@ impl<const N: usize> Segment<N> {
     /// The segment between two knots; `end` is at least one millisecond later.
     #[must_use]
     pub fn between(start: &StoredKnot<N>, end: &StoredKnot<N>) -> Self {
+        // Never 0: a division by it must not be possible, whatever the caller sends.
         let spacing_ms = end.time_ms.wrapping_sub(start.time_ms).max(1);
         let mut cubics = [Cubic::default(); N];
         for (cubic, (a, b)) in cubics
@@ -294,6 +301,7 @@ impl<const N: usize> Segment<N> {
 
     fn phase(&self, elapsed_q16: u64) -> Phase {
         let inverse_q30 = low(self.inverse_q44 >> (FINE_INVERSE_Q - INVERSE_Q)).cast_unsigned();
+        // Exactly 1 at the end, so that a segment ends on its knot.
         if elapsed_q16 >> 16 >= u64::from(self.spacing_ms) {
             return Phase {
                 s_q24: 1 << S_Q,

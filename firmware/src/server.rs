@@ -155,6 +155,8 @@ impl<const N: usize> Server<N> {
         self.status_in = STATUS_TICKS;
         self.reported_state = self.controller.state();
         let status = self.status(counters);
+        // A warning that lasts is set again in the next tick; one that was short has been told
+        // once.
         self.controller.forget_limits();
         Some(status)
     }
@@ -174,6 +176,7 @@ impl<const N: usize> Server<N> {
     /// The reply to a damaged frame, so that the host need not wait for its timeout (L1, L3).
     #[must_use]
     pub fn complain(&self) -> Option<Answer> {
+        // Without a session nobody waits for a number.
         self.session.map(|_| Answer {
             sequence: self.expected,
             result: Err(Reject::Sequence {
@@ -226,9 +229,11 @@ impl<const N: usize> Server<N> {
 
     fn dispatch(&mut self, now: Tick, command: &Command) -> Result<Reply, Reject> {
         match &command.request {
+            // Reading needs no session: a second host may look on (L14).
             Request::Info | Request::Status | Request::Winch { .. } => {
                 self.controller.handle(now, &command.request)
             }
+            // Neither does a stop: whoever sees a danger may stop the robot.
             Request::Stop(_) => {
                 self.stopped_at = Some(now);
                 self.controller.handle(now, &command.request)
@@ -246,12 +251,15 @@ impl<const N: usize> Server<N> {
     }
 
     fn open(&mut self, now: Tick, command: &Command) -> Result<Reply, Reject> {
+        // 0 is not a session (docs/protocol.md).
         if command.session == SessionId(0) {
             return Err(Reject::NoSession);
         }
+        // Its answer was lost: opening again changes nothing (L4).
         if self.session == Some(command.session) {
             return Ok(Reply::Done);
         }
+        // A host that has been silent for 100 ms has lost its claim, unless the robot is armed.
         let alive = self.controller.link_health(now) < LinkHealth::Lost;
         if self.session.is_some() && alive {
             return Err(Reject::SessionHeld);
@@ -260,6 +268,7 @@ impl<const N: usize> Server<N> {
         self.session = Some(command.session);
         self.closed = None;
         self.expected = command.sequence.next();
+        // Numbers of the old session must not be answered with its outcomes.
         self.outcomes = [None; WINDOW as usize];
         self.sampling = None;
         Ok(reply)
@@ -270,6 +279,8 @@ impl<const N: usize> Server<N> {
         if ahead != 0 {
             self.sequence_errors = self.sequence_errors.wrapping_add(1);
             let known = self.outcomes.iter().flatten();
+            // A repeated request within the window gets its first outcome and is not executed
+            // again.
             let mut known = known.filter(|(number, _)| *number == command.sequence);
             return match known.next() {
                 Some((_, outcome)) if ahead < 0 => outcome.result(),
@@ -278,6 +289,7 @@ impl<const N: usize> Server<N> {
                 }),
             };
         }
+        // Before execution, refused or not: a refusal consumes the number, too.
         self.expected = self.expected.next();
         let result = self.execute(now, command);
         let slot = usize::from(command.sequence.0 % WINDOW);
@@ -293,18 +305,21 @@ impl<const N: usize> Server<N> {
             request,
             Request::Arm { .. } | Request::Service { .. } | Request::Start | Request::Resume
         );
+        // Stop and start of one tick may come in any order on the line: the stop wins (K10).
         if starts && self.stopped_at == Some(now) {
             let state = self.controller.state();
             return Err(Reject::WrongState { state });
         }
         match request {
             Request::Samples { enabled } => {
+                // The first row is marked, so that the packing half discards an unfinished block.
                 self.sampling = enabled.then_some(false);
                 Ok(Reply::Done)
             }
             Request::Close => {
                 let reply = self.controller.handle(now, request)?;
                 let closed = self.session.take();
+                // Kept for a host that repeats the request because its answer was lost.
                 self.closed = closed.map(|session| (session, command.sequence));
                 self.sampling = None;
                 Ok(reply)

@@ -12,6 +12,8 @@ use crate::fixed::{LowPass, half, mul_q32, quotient, saturate};
 /// Tension in mN from the ADC: `y = k (u - u0)` (Eq. 52).
 #[must_use]
 pub fn measured_mn(config: &CableConfig, adc: u16) -> i32 {
+    // Example: k = 12.77 N/V is 0.643 mN per step of 3.3 V / 65,536. The truncated 24th bit of a
+    // step adds up to less than 0.004 mN at full scale.
     let force_q24 = i64::from(adc) * config.tension_per_adc_q24 - config.tension_zero_q24;
     saturate((force_q24 + half(24)) >> 24)
 }
@@ -36,19 +38,26 @@ pub struct Demand {
 }
 
 /// Share of the friction that is compensated: more would cause stick-slip. Out of 256.
+// 80 %: the file's friction may be above that of the winch. With more than twice the real friction
+// the simulated loop is unstable (docs/tension.md).
 const FRICTION_SHARE: i32 = 205;
 /// Above this drum speed a drum certainly moves, µm/s; below it, the plan gives the sign of
 /// friction.
+// 4 mm/s. Between 0 and this speed the measured sign is blended in linearly.
 const FRICTION_SPEED_UMPS: i32 = 4000;
 /// After slack or overload the set-point returns this fast, mN per ms (20 N/s).
+// Example: a cable that becomes tight at 3 N reaches its set-point of 10 N after 350 ms.
 const RECOVERY_MNPMS: i32 = 20;
 /// While the robot stops: a cable that is slack when the brakes close stays slack.
+// 100 N/s: 7 N are recovered within 70 ms, well before the brakes of a stop of 300 ms close.
 const STOP_RECOVERY_MNPMS: i32 = 100;
 /// Below this planned speed friction feed-forward fades in linearly, µm/s.
+// 0.5 mm/s. A step of the feed-forward at each reversal of the plan would excite the cable.
 const FRICTION_FADE_UMPS: i32 = 500;
 
 /// Largest error that is integrated unclipped, mN with 16 fractional bits (8 kN): its product with
 /// the largest gain fits 64 bits.
+// 2^39 times the largest ki (10,000,000) is 5.5e18, under 2^63 = 9.2e18.
 const MOST_ERROR_Q16: i64 = 1 << 39;
 
 /// State of one cable's tension law.
@@ -90,6 +99,8 @@ impl TensionLoop {
 
     /// One tick: the motor current in mA.
     pub fn update(&mut self, config: &CableConfig, demand: &Demand) -> i32 {
+        // A blind loop keeps the filter's last valid state: its slope is then 0, and a reading at
+        // the rail does not enter the law.
         let before_q16 = self.filter.value_q16();
         if !demand.blind {
             self.filter
@@ -108,8 +119,10 @@ impl TensionLoop {
             TensionLaw::Default => self.default_law(config, demand, slope_mnps),
         };
         let force_mn = saturate(force_mn);
+        // The factor carries the sign of the winding: a positive force always reels in.
         let current = mul_q32(force_mn, config.current_per_force_q32);
         let limited = current.clamp(-config.max_current_ma, config.max_current_ma);
+        // Read by the integral (anti-windup) and by the watch (D4).
         self.saturated = limited != current;
         self.force_mn = force_mn;
         self.current_ma = limited;
@@ -123,6 +136,8 @@ impl TensionLoop {
         let tension_mn = self.filter.value();
         // Without a floor no cable counts as slack: a free end must not be reeled in because a
         // sensor's noise is below zero.
+        // Neither is a cable whose set-point is under the floor: it is meant to be slack, as in
+        // rigging.
         let slack = config.floor_mn > 0
             && tension_mn < config.floor_mn
             && demand.setpoint_mn >= config.floor_mn;
@@ -135,17 +150,22 @@ impl TensionLoop {
         if self.led {
             // The cable is tight again: continue from its actual tension, without the learnt
             // integral.
+            // The integral was learnt on a slack cable: it does not fit the tight one.
             self.led = false;
             self.integral_q16 = 0;
             if !demand.blind {
                 self.short_mn = demand.setpoint_mn.saturating_sub(tension_mn);
             }
         }
+        // The jump to the full set-point would jerk the platform: the difference is worked off as a
+        // ramp.
         self.short_mn = recovered(self.short_mn, demand.stops);
         let setpoint_mn = demand.setpoint_mn.saturating_sub(self.short_mn);
         let error_q16 = if demand.blind {
             0
         } else {
+            // The fractions of a mN count: rounded, the integral would stop short of a zero mean
+            // error.
             (i64::from(setpoint_mn) << 16) - self.filter.value_q16()
         };
         let ahead = i64::from(setpoint_mn)
@@ -179,7 +199,10 @@ impl TensionLoop {
         }
         // ki is in thousandths per second and a tick is a millisecond.
         let error_q16 = error_q16.clamp(-MOST_ERROR_Q16, MOST_ERROR_Q16);
+        // Example: ki = 5 N/s per N (5000) and an error of 1 N add 5 mN per tick, 5 N/s.
         self.integral_q16 += quotient::<1_000_000>(error_q16 * i64::from(config.ki_milli));
+        // A force over the ceiling is never useful: the bound limits how far the integral can wind
+        // up.
         let most = i64::from(config.ceiling_mn) << 16;
         self.integral_q16 = self.integral_q16.clamp(-most, most);
     }
@@ -192,6 +215,7 @@ fn recovered(short_mn: i32, stops: bool) -> i32 {
     } else {
         RECOVERY_MNPMS
     };
+    // From either side: after slack it is positive, after an overload negative.
     short_mn - short_mn.clamp(-step, step)
 }
 
@@ -199,7 +223,10 @@ fn recovered(short_mn: i32, stops: bool) -> i32 {
 /// µm/s. The set-point is constant between knots to
 /// within their slope, so `de/dt` is minus the slope of the measured tension.
 fn pd(config: &CableConfig, error_q16: i64, slope_mnps: i32) -> i64 {
+    // Largest error 76 kN (sensor range, zero and set-point at their bounds) times the largest kp,
+    // in 1/2^16 mN, is 5.0e18: it fits 64 bits.
     let proportional = quotient::<1000>(error_q16 * i64::from(config.kp_milli));
+    // Example: kd = 10 ms (10,000 us) and a slope of 100 N/s give 1 N.
     let derivative = quotient::<1_000_000>(i64::from(slope_mnps) * i64::from(config.kd_us));
     ((proportional + half(16)) >> 16) - derivative
 }
@@ -207,9 +234,11 @@ fn pd(config: &CableConfig, error_q16: i64, slope_mnps: i32) -> i64 {
 /// Force that drives a drum at the cable's reel speed: balances tension and friction, and corrects
 /// the speed.
 fn lead(config: &CableConfig, demand: &Demand, tension_mn: i32, slack: bool) -> i64 {
+    // Lengths grow as the cable pays out: reeling in is a negative speed.
     let sign = if slack { -1 } else { 1 };
     let wanted = sign * i64::from(config.reel_speed_umps);
     let too_fast = i64::from(demand.measured_speed_umps) - wanted;
+    // Tension and friction are balanced, so only the speed's error accelerates the drum.
     i64::from(tension_mn) - sign * i64::from(config.friction_mn)
         + quotient::<1_000_000>(i64::from(config.damping_mns_per_m) * too_fast)
 }
@@ -221,6 +250,8 @@ fn feed_forward(config: &CableConfig, demand: &Demand) -> i64 {
     let measured = i64::from(demand.measured_speed_umps);
     // If the drum certainly moves, friction acts against its motion; if it seems to be at rest, the
     // plan gives the coming direction. A swinging platform reverses drums that no plan moves.
+    // 256 stands for 1. At 2 mm/s the measured sign counts half, and the plan supplies the other
+    // half.
     let moves = demand
         .measured_speed_umps
         .clamp(-FRICTION_SPEED_UMPS, FRICTION_SPEED_UMPS)
@@ -229,12 +260,14 @@ fn feed_forward(config: &CableConfig, demand: &Demand) -> i64 {
     let fade = planned.clamp(-FRICTION_FADE_UMPS, FRICTION_FADE_UMPS);
     let sign_q8 = moves + fade * (256 - moves.abs()) / FRICTION_FADE_UMPS;
     // A drum that pays out is held back by friction, so the motor needs less force.
+    // 52,480 (205 x 256) times the largest friction, 1 kN, is 5.2e10: the product needs 64 bits.
     let friction =
         i64::from(config.friction_mn) * i64::from(FRICTION_SHARE * sign_q8) / (256 * 256);
     // g times µm/s² is nN; 1e6 of them are one mN.
     let acceleration = i64::from(demand.planned_acceleration_umps2);
     let inertia = quotient::<1_000_000>(i64::from(config.mass_g) * acceleration);
     let too_fast = measured - i64::from(planned);
+    // Example: 20 N s/m (20,000 mN s/m) at 5 mm/s too fast are 100 mN.
     let damping = quotient::<1_000_000>(i64::from(config.damping_mns_per_m) * too_fast);
     damping - friction - inertia
 }

@@ -21,6 +21,7 @@ impl Persist {
     #[inline]
     pub fn update(&mut self, condition: bool, limit: u16) -> bool {
         self.ticks = if condition {
+            // Saturating: a condition that lasts for more than 65 s must not wrap to "just begun".
             self.ticks.saturating_add(1)
         } else {
             0
@@ -168,22 +169,35 @@ pub struct CableView {
 }
 
 /// Times of `docs/faults.md`, ticks.
+// 20 ms (C1). A swing or an impact unloads a cable for some ticks without being a fault.
 const SLACK_TICKS: u16 = 20;
 /// Time that a tension-held cable of a robot at rest has for being reeled in.
+// 2 s at the reel speed of at most 20 mm/s are 40 mm of slack.
 const REEL_TICKS: u16 = 2000;
+// 2 ms (C2): one disturbed reading does not stop the robot, and the prediction already covers the
+// drum's time to stop.
 const SNAG_TICKS: u16 = 2;
 /// A reading at the rail within this many ticks of a steep rise is a tension, not a disconnected
 /// plug.
 const RISING_TICKS: u8 = 3;
 /// Below this above the plan, mN, a rising tension does not count as about to exceed the ceiling.
 const COMING_OFF_MN: i32 = 3000;
+// 5 ms (S7, S8): a plug that shakes opens for single ticks.
 const RAIL_TICKS: u16 = 5;
+// 10 repetitions (S11) of a channel that seldom repeats. Quiet channels get more, see
+// `Pace::TABLE`.
 const FROZEN_TICKS: u16 = 10;
+// 20 ms (S2, D7) beyond the following error, which is 1 mm on the paper's robot.
 const FOLLOWING_TICKS: u16 = 20;
+// 20 ms (D2): longer than the feedback's delay and a current's rise, 3 ms on the paper's robot.
 const DEAF_TICKS: u16 = 20;
+// 100 ms (D4): the eased path clock has time to bring the current down.
 const SATURATED_TICKS: u16 = 100;
+// 10 ms after the fall (C3): half of C1's time, since the rate already shows that the cable broke.
 const BREAK_TICKS: u16 = 10;
+// 100 ms (D6): heat changes slowly, a single status bit may be disturbed.
 const HOT_TICKS: u16 = 100;
+// 10 ms (S4): at 30 mm/s the drum has turned by 0.3 mm then.
 const RUNAWAY_TICKS: u16 = 10;
 /// A tension loop that moves its drum faster than this in the wrong direction counts as a runaway,
 /// µm/s.
@@ -192,6 +206,7 @@ const RUNAWAY_UMPS: i32 = 2000;
 /// being tightened bounces by more than half of its small tension.
 pub(crate) const LEAST_OFF_MN: i32 = 2000;
 /// Mean change of a tension from tick to tick that counts as noise, 1/64 mN.
+// 250 mN from tick to tick, as a mean over about 128 ticks (S9).
 const NOISE_Q6: i32 = 250 * 64;
 
 /// Whether a drive gives less than a quarter of its commanded current or speed (D2): the only
@@ -200,6 +215,7 @@ const NOISE_Q6: i32 = 250 * 64;
 /// changes its sign.
 #[inline]
 pub(crate) const fn is_deaf(commanded: i32, given: i32) -> bool {
+    // Saturating: the largest size must compare as large, not wrap to a small one.
     given.saturating_mul(4) < commanded
 }
 
@@ -230,16 +246,19 @@ impl CableWatch {
         drum: i32,
         way: i32,
     ) -> bool {
+        // A repeated reading needs the full check, because it counts towards S11.
         if self.counting | !crate::adc::is_plausible(adc) | (adc == self.last_adc) {
             return false;
         }
         let turned = motor.wrapping_sub(self.polarity.motor).unsigned_abs();
+        // A comparison of motor and drum is due only every four counts. Most ticks skip it.
         if turned >= way.cast_unsigned() && !self.polarity.agrees(motor, drum, way) {
             return false;
         }
         let change = tension_mn.saturating_sub(self.recent_mn);
         self.last_adc = adc;
         self.pace.changed();
+        // The caller has found the tension above its floor.
         self.broke = false;
         self.noise_q6 = self.noise_after(change);
         self.recent_mn = self.recent_mn.saturating_add(change / 2);
@@ -249,6 +268,8 @@ impl CableWatch {
     /// Mean change of the tension with one more.
     #[inline]
     fn noise_after(&self, change_mn: i32) -> i32 {
+        // At most 10 N per tick count: a single glitch, which is two jumps, raises the mean by 156
+        // mN and so stays under the threshold of 250 mN.
         self.noise_q6
             + ((change_mn.unsigned_abs().min(10_000) * 64).cast_signed() - self.noise_q6) / 128
     }
@@ -260,6 +281,7 @@ impl CableWatch {
         let short = view.adc <= crate::adc::RAIL_LOW;
         let frozen = view.adc == self.last_adc && !open && !short;
         self.last_adc = view.adc;
+        // A reading at a rail does not repeat by chance: it is judged as S7 or S8, not as frozen.
         if !frozen {
             self.pace.changed();
         } else {
@@ -267,8 +289,11 @@ impl CableWatch {
         }
         let most = (view.expected_mn / 2).max(LEAST_OFF_MN);
         // A fall to the floor from one tick to the next is a break, a slow one is slack.
+        // A shorted input reads as no tension: that is S8.
         let slack = tension < view.floor_mn && !short;
         let change = tension.saturating_sub(self.recent_mn);
+        // Decided in the first slack tick only: later ones compare with a mean that has fallen,
+        // too.
         if self.slack.ticks() == 0 {
             self.broke = slack && self.recent_mn > tension.saturating_add(most);
         }
@@ -277,6 +302,8 @@ impl CableWatch {
         // Half or one and a half times the tension, and the drum still makes it worse.
         let off = tension.saturating_sub(view.expected_mn);
         // An invalid reading gives no information about the loop.
+        // A law that works pays out while the tension is too high and reels in while it is too low.
+        // A reversed one does the opposite.
         let runs = view.by_tension
             && !(open | short)
             && ((off < -most && view.too_fast_umps > RUNAWAY_UMPS)
@@ -292,6 +319,8 @@ impl CableWatch {
         let over = tension > view.ceiling_mn;
         // A tension that was rising towards the rail has reached it; a plug that comes off jumps.
         let at_rail = open && self.rising > 0;
+        // The count runs down while the reading is off the rail, and stands still while it is at
+        // the rail: the snag lasts as long as the rail reading does.
         self.rising = if (coming | over) && !open {
             RISING_TICKS
         } else {
@@ -311,6 +340,7 @@ impl CableWatch {
             hot: view.hot,
             deaf: is_deaf(view.commanded, view.given),
         };
+        // Feedback's age and the drive's own fault need no counting: they are limits by themselves.
         let any = now.any();
         let lost = view.feedback_age_ms >= view.feedback_timeout_ms;
         if !(any | self.counting | reversed | view.drive_fault | lost) {
@@ -330,8 +360,11 @@ impl CableWatch {
         } else {
             SLACK_TICKS
         };
+        // The count is updated further down: this tick is the one to be added.
         let broken = self.broke && self.slack.ticks() + 1 >= BREAK_TICKS;
         // A dead drive also leaves the motor behind; a dead encoder does not.
+        // Half the limit: at the tick that exceeds it, a motor that stands shows the same error as
+        // the drum, and a motor that follows shows almost none.
         let dead = if view.motor_error.unsigned_abs() > view.length_error_max.unsigned_abs() / 2 {
             FaultId::D7
         } else {
@@ -356,6 +389,8 @@ impl CableWatch {
         let deaf = self.deaf.update(now.deaf, DEAF_TICKS);
         let ticks = |count: &Persist, limit: u16| (i32::from(count.ticks()), i32::from(limit));
         let (age, timeout) = (view.feedback_age_ms, view.feedback_timeout_ms);
+        // Only the first is reported. A reversed loop (STOP0) comes before a lost drive, and faulty
+        // sensors before the tensions that they pretend.
         let (fault, (value, limit)) = if reversed || runs {
             (FaultId::S4, (view.too_fast_umps, RUNAWAY_UMPS))
         } else if view.drive_fault {

@@ -103,6 +103,7 @@ fn sized_limits<const N: usize>(min_n: &[f64], max_n: &[f64]) -> Result<TensionL
     })
 }
 
+// One variant per number of cables: the solvers have fixed sizes, without an allocator.
 macro_rules! any_robot {
     ($($variant:ident = $n:literal),*) => {
         /// A robot of 1 to 16 cables, for programs that load it from a file. Each call is one

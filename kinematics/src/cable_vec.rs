@@ -4,6 +4,7 @@ use core::fmt;
 use core::ops::{Deref, DerefMut, Index, IndexMut};
 
 /// The largest number of cables of a robot in this crate.
+/// One bit each in the `u16` of [`CableSet`].
 pub const MAX_CABLES: usize = 16;
 
 /// One value per cable, in cable order (index 0 is cable 1). Dereferences to a slice.

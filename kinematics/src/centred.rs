@@ -127,6 +127,7 @@ fn unique(
     load: &[f64; K],
     count: usize,
 ) -> Result<CableVec<f64>, Error> {
+    // Unused rows get the unit matrix: one fixed size serves every number of cables.
     let matrix = Matrix6::from_fn(|k, i| {
         if k < count && i < count {
             a[k][i]
@@ -161,6 +162,8 @@ fn centre(
     let mut barriers = [Barrier::default(); MAX_CABLES];
     for i in 0..count {
         let (min, max, wish) = (band.min_n[i], band.max_n[i], band.wish_n[i]);
+        // The distances from the wish are the barrier's weights: at a limit one of them would
+        // vanish.
         if !(min >= 0.0 && min < wish && wish < max && max.is_finite()) {
             return Err(Error::InvalidInput {
                 what: "tension limits must be 0 <= minimum < wished tension < maximum",
@@ -221,6 +224,7 @@ fn centre(
         for _ in 0..40 {
             let trial: [f64; K] = core::array::from_fn(|k| v[k] + share * step[k]);
             let next = value(&trial);
+            // Sufficient decrease (Armijo, 1966); the last term is the rounding of the value.
             if next <= now + 1e-4 * share * slope + 1e-13 * now.abs() {
                 (v, now, moved) = (trial, next, true);
                 break;
@@ -246,6 +250,7 @@ fn impossible(
     off: f64,
     lift: impl Fn(usize) -> f64,
 ) -> Error {
+    // The barrier's slope is infinite at both limits: its size tells how near a cable is to one.
     let pressed = |i: usize| lift(i).abs();
     let worst = (0..count).fold(0, |w, i| if pressed(i) > pressed(w) { i } else { w });
     if !off.is_finite() || barriers[worst].width <= 0.0 {

@@ -147,6 +147,7 @@ pub(crate) fn catenary_excess_m(
         }
     }
     let chord = sqrt(l * l + rise_m * rise_m);
+    // A vertical cable hangs straight, whatever it weighs.
     if w == 0.0 || l < 1e-9 * chord || chord == 0.0 {
         return Ok(0.0);
     }
@@ -165,6 +166,7 @@ pub(crate) fn catenary_excess_m(
         if at <= tension_n {
             break;
         }
+        // H / w far below the span is a deep loop: no taut cable has so little tension.
         if !at.is_finite() || low < 1e-3 * l {
             return Err(Error::NotConverged {
                 solver: Solver::Catenary,

@@ -31,6 +31,8 @@ impl<const N: usize> Robot<N> {
     ) -> Gradient {
         let w = self.weight_n();
         let c = pose.rotation * self.platform().center_of_mass_m;
+        // A rotation phi moves the centre of mass by phi x c: its height changes by phi_x c_y -
+        // phi_y c_x.
         let mut g = [0.0, 0.0, w, w * c.y, -w * c.x, 0.0];
         let (t, u) = (&inverse.directions, &inverse.arms_m);
         for i in 0..N {
@@ -62,6 +64,7 @@ impl<const N: usize> Robot<N> {
             let (sigma, k) = (tensions[i], stiffness[i]);
             let u = inverse.arm_m(i);
             let t = inverse.direction(i);
+            // Without tension a cable's curvature has no effect: its frame is not computed.
             if sigma != 0.0 {
                 let f = inverse.frame(self, i);
                 add_square(&mut h, &lifted(&f.n, &u).data.0[0], sigma * f.n_curvature);

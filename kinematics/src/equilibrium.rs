@@ -109,6 +109,8 @@ impl<const N: usize> Robot<N> {
                 .ok_or(error)?,
         };
         for i in 0..N {
+            // The balance of forces is linear and lets a cable push: only here that becomes an
+            // error.
             let tension_n = hanging.tensions[i];
             if tension_n < 0.0 {
                 return Err(Error::NegativeTension {
@@ -184,6 +186,7 @@ impl<const N: usize> Robot<N> {
         from: Rotation3<f64>,
         options: &StaticOptions,
     ) -> Result<Hanging<N>, Error> {
+        // N m: the tolerance of a force, at the lever.
         let tolerance = options.force_tolerance * self.weight_n() * self.lever_m;
         let mut now = self.balance_forces(&Pose::new(*at, from), given, free)?;
         let mut best = now.moment.norm();
@@ -197,12 +200,14 @@ impl<const N: usize> Robot<N> {
                 }
             }
             let phi = self.moment_step(at, &now, free)?;
+            // 0.35 rad (20 degrees) at most: further away the linearised moments mean little.
             let mut step = (0.35 / phi.norm()).min(1.0);
             let mut moved = false;
             for _ in 0..12 {
                 let pose = Pose::new(*at, now.rotation).displaced(&Vector3::zeros(), &(phi * step));
                 if let Ok(mut trial) = self.balance_forces(&pose, given, free) {
                     let size = trial.moment.norm();
+                    // Within the tolerance only rounding is left, and rounding need not decrease.
                     if size < best * (1.0 - 0.1 * step) || (best <= tolerance && size <= tolerance)
                     {
                         trial.iterations = iteration + 1;
@@ -215,6 +220,8 @@ impl<const N: usize> Robot<N> {
                 step *= 0.5;
             }
             if !moved {
+                // Rounding stopped the search: 50 tolerances are 1e-9 of the weight by default, and
+                // `verified` accepts 1e-8.
                 if best <= tolerance * 50.0 {
                     return Ok(now);
                 }
@@ -244,6 +251,7 @@ impl<const N: usize> Robot<N> {
                 load -= inverse.direction(i) * t;
             }
         }
+        // Three cables in one plane balance no load across it.
         let solved = directions(&inverse, free)
             .try_inverse()
             .map(|m| m * load)
@@ -283,6 +291,8 @@ impl<const N: usize> Robot<N> {
         let inverse = directions(&now.inverse, free)
             .try_inverse()
             .ok_or(singular)?;
+        // Schur complement: the three free tensions follow the rotation, so that forces stay
+        // balanced.
         let jacobian = turning - levers * inverse * coupling;
         let phi = jacobian.try_inverse().ok_or(singular)? * -now.moment;
         if phi.iter().all(|x| x.is_finite()) {
@@ -307,6 +317,7 @@ impl<const N: usize> Robot<N> {
             .map(|c| c.anchor_m)
             .sum::<Vector3<f64>>()
             / n;
+        // Level cables cannot carry the weight: the walk begins clearly below the anchors.
         let highest = middle.z - 0.2 * (self.cables()[0].anchor_m - middle).norm();
         middle.z = target.z.min(highest);
         let mut now = self
@@ -326,6 +337,8 @@ impl<const N: usize> Robot<N> {
                 }
                 Err(_) => {
                     step *= 0.5;
+                    // The equilibria end before the target: smaller steps would only come closer to
+                    // that end.
                     if step < 1e-3 {
                         return None;
                     }

@@ -76,6 +76,7 @@ impl<const N: usize> Robot<N> {
         self.check_lengths(lengths_m, Solver::Position, 3)?;
         let m = rotation.matrix();
         let att = &self.lanes.attachment;
+        // The attitude is given: R A is the same in all steps.
         let mut arms = [[0.0; N]; 3];
         for k in 0..3 {
             for i in 0..N {
@@ -178,6 +179,7 @@ impl<const N: usize> Robot<N> {
             });
         }
         for (i, &value) in l.iter().enumerate() {
+            // Negated, so that NaN is refused, too; the upper bound refuses infinity.
             if !(value > 0.0 && value < 1e9) {
                 return Err(Error::InvalidInput {
                     what: "the length must be positive",
@@ -196,6 +198,7 @@ impl<const N: usize> Robot<N> {
         if position_known {
             return *start;
         }
+        // At a wrong attitude the lengths cannot fit: any residual is good enough for a start.
         let loose = ForwardOptions {
             max_residual_m: f64::MAX,
             ..ForwardOptions::default()
@@ -227,6 +230,8 @@ impl<const N: usize> Robot<N> {
             drop2 += (lengths_m[i] * lengths_m[i] - dx * dx - dy * dy) * per;
             mean += lengths_m[i] * lengths_m[i] * per;
         }
+        // Lengths shorter than the anchors' spread give a negative square: then a tenth of the rms
+        // length.
         middle.z -= sqrt(drop2.max(0.01 * mean));
         middle
     }
@@ -317,7 +322,10 @@ impl<const N: usize> Robot<N> {
             // squared worst amplification of the normal equations.
             let per2 = 1.0 / (shortest * shortest);
             let left2 = step2 * per2 * (step2 * step2 * per2 + predicted) / (det * det);
+            // 1e-13 m: the next step would only move by rounding.
             if left2 < 1e-26 {
+                // The residual predicted for this step stands for another evaluation of all
+                // lengths.
                 return Some((p, predicted / N as f64, iteration));
             }
         }
@@ -340,6 +348,7 @@ impl<const N: usize> Robot<N> {
         let longest = lengths_m.iter().fold(0.0_f64, |a, &b| a.max(b));
         let mut best: Option<Error> = None;
         for k in 0..4 {
+            // Lengths may fit poses on both sides of the anchors: lower starts are tried first.
             let mut from = start;
             match k {
                 0 => {}
@@ -388,6 +397,7 @@ impl<const N: usize> Robot<N> {
                 })
                 .sum()
         };
+        // Radians count as metres at the lever, so that one damping suits both.
         let scale = |k: usize| {
             if k < 3 {
                 1.0
@@ -403,6 +413,7 @@ impl<const N: usize> Robot<N> {
         let mut pose = start;
         let mut inverse = self.inverse(&pose)?;
         let mut cost = cost_at(&inverse);
+        // Undamped first: near the answer this is Gauss-Newton with its fast convergence.
         let mut damping = 0.0;
         for iteration in 0..options.max_iterations {
             let (normal, g) = normal_equations(lengths_m, &inverse, row);
@@ -426,8 +437,12 @@ impl<const N: usize> Robot<N> {
                             trial_pose.rotation.matrix(),
                         );
                         let trial_cost = cost_at(&trial);
+                        // A step of 1e-12 of the shortest length is rounding: the cost may rise by
+                        // rounding, too.
                         let tiny = size2 < 1e-24 * shortest * shortest;
                         if lanes_valid(&trial) && (trial_cost < cost || tiny) {
+                            // What is left after this step is about step (step + residual) /
+                            // length: here below 1e-15 m.
                             let done = tiny || size2 * (size2 + cost) < 1e-30 * shortest * shortest;
                             if trial_cost <= cost {
                                 pose = trial_pose;
@@ -439,6 +454,8 @@ impl<const N: usize> Robot<N> {
                                 return Ok(found(pose, cost, iteration));
                             }
                             damping *= 0.1;
+                            // A remaining trace of damping would make the last steps converge
+                            // linearly.
                             if damping < 1e-9 {
                                 damping = 0.0;
                             }

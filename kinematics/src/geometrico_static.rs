@@ -81,6 +81,7 @@ impl<const N: usize> Robot<N> {
                 {
                     return self.report(&problem, &state, &residual);
                 }
+                // A failed polish reports no count: it counts as all of its steps.
                 spent += POLISH_STEPS;
                 softness = 0.1;
                 known.pose
@@ -183,6 +184,8 @@ impl<const N: usize> Robot<N> {
                 count += 1.0;
             }
         }
+        // Cables near the level carry no weight: the start is a fifth of the robot's size below, at
+        // least.
         let floor = 0.2 * problem.size;
         let drop2 = if count > 0.0 { drop2 / count } else { 0.0 };
         let drop = sqrt(drop2.max(floor * floor));
@@ -205,6 +208,8 @@ impl<const N: usize> Robot<N> {
         for i in 0..N {
             if problem.tension[i].is_nan() {
                 let excess = state.inverse.lengths_m[i] - problem.natural[i];
+                // Elastic: Hooke's law. Taut: the length must fit exactly. Slack: the cable may
+                // only be too long.
                 let miss = if problem.axial[i] > 0.0 {
                     (excess.max(0.0) - state.tensions[i] / problem.axial[i]).abs()
                 } else if state.tensions[i] > 0.0 {
@@ -286,6 +291,8 @@ impl<const N: usize> Robot<N> {
                 Vector3::new(d[0], d[1], d[2]),
                 Vector3::new(d[3], d[4], d[5]),
             );
+            // Half the robot's size or 0.5 rad is beyond quadratic convergence: the stages take
+            // over.
             if !(dp.norm_squared() < 0.25 * problem.size * problem.size
                 && phi.norm_squared() < 0.25)
             {
@@ -298,6 +305,8 @@ impl<const N: usize> Robot<N> {
                     for k in 0..6 {
                         t += stiffness[i] * row[k] * d[k];
                     }
+                    // A cable cannot push: without tension it leaves the active set in the next
+                    // step.
                     state.tensions[i] = t.max(0.0);
                 }
             }
@@ -334,6 +343,7 @@ impl<const N: usize> Robot<N> {
         for stage in 0..12 {
             worst = self.minimise(problem, &mut state, &multipliers, penalty, options)?;
             for i in 0..N {
+                // An elastic cable has a stiffness of its own: its tension needs no multiplier.
                 multipliers[i] = if problem.axial[i] > 0.0 {
                     0.0
                 } else {
@@ -352,6 +362,7 @@ impl<const N: usize> Robot<N> {
                 }
                 state.iterations += POLISH_STEPS;
             }
+            // From a softness of 1e-3 this takes four stages, from 0.1 two.
             penalty = (penalty * 8.0).min(stiffest);
             if state.iterations > options.max_iterations {
                 break;
@@ -382,6 +393,8 @@ impl<const N: usize> Robot<N> {
             state.tensions = tensions;
             let g = self.gradient(&state.pose, &state.inverse, &tensions);
             worst = self.wrench_norm(&g);
+            // 1e-5 of the weight is enough: the multipliers are estimates, and `polish` makes them
+            // exact.
             if worst < 1e-5 * weight {
                 break;
             }
@@ -401,6 +414,8 @@ impl<const N: usize> Robot<N> {
                 if lanes_valid(&inverse) {
                     let (trial, ..) =
                         self.penalised(problem, &pose, &inverse, multipliers, penalty);
+                    // Sufficient decrease (Armijo, 1966); the last term is the rounding of the
+                    // energy.
                     if trial <= energy + 1e-4 * step * slope + 1e-15 * energy.abs() {
                         state.pose = pose;
                         state.inverse = inverse;
@@ -411,6 +426,8 @@ impl<const N: usize> Robot<N> {
                 step *= 0.5;
             }
             state.iterations += 1;
+            // Held lengths bound the platform: 50 sizes away nothing holds it, and the energy has
+            // no minimum.
             if (state.pose.position_m - self.cables()[0].anchor_m).norm() > 50.0 * problem.size {
                 return Err(Error::Unbounded {
                     solver: Solver::GeometricoStatic,
@@ -537,6 +554,7 @@ impl<const N: usize> Robot<N> {
     }
 }
 
+// Three or four are usual; the others are for cables that become slack or taut on the way.
 const POLISH_STEPS: usize = 16;
 
 /// Penalty of a held length, in weights per size of the robot: high enough that the multipliers

@@ -94,6 +94,7 @@ impl<const N: usize> Robot<N> {
         for (i, path) in paths.iter().enumerate() {
             let [from, to] = ends(path);
             let free = (to - from).norm();
+            // A cable shorter than the stub is reduced to a point.
             let to = to - path.direction * stub_m.min(free);
             let local = |p: &Vector3<f64>| {
                 pose.rotation
@@ -123,6 +124,7 @@ pub(crate) fn segment_distance(a: &[Vector3<f64>; 2], b: &[Vector3<f64>; 2]) -> 
     let (uu, uv, vv) = (u.norm_squared(), u.dot(&v), v.norm_squared());
     let (uw, vw) = (u.dot(&w), v.dot(&w));
     let along = |s: f64, t: f64| (w + u * s - v * t).norm();
+    // A segment without length gives 0 / 0: any of its points is its end.
     let unit = |x: f64| {
         if x.is_finite() {
             x.clamp(0.0, 1.0)
@@ -158,6 +160,7 @@ fn segment_box_distance(from: &Vector3<f64>, to: &Vector3<f64>, half: &Vector3<f
     let (mut low, mut high) = (0.0, 1.0);
     let (mut a, mut b) = (high - RATIO, RATIO);
     let (mut fa, mut fb) = (at(a), at(b));
+    // 0.618^80 = 2e-17: the interval is then below rounding.
     for _ in 0..80 {
         if fa <= fb {
             (high, b, fb) = (b, a, fa);

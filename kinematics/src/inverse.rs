@@ -134,11 +134,14 @@ pub(crate) fn evaluate_arms<const N: usize>(
         let rho = sqrt(rho2);
         let radius = lanes.radius[i];
         let x = rho - radius;
+        // The tangent's square is negative inside the pulley: the NaN marks the lane as invalid.
         let s = sqrt(rho * (rho - 2.0 * radius) + h * h);
         let d2 = x * x + h * h;
         let sin = s * x + radius * h;
         let cos = s * h - radius * x;
+        // s^2 + r^2 = D^2, so this unnormalised vector has the norm D^2 and needs no second root.
         let wrap = angle_of(sin, cos, d2);
+        // One division serves both quotients: it is the slowest operation of this loop.
         let inv = 1.0 / (rho * d2);
         let (inv_d2, inv_rho) = (inv * rho, inv * d2);
         let (sin, cos) = (sin * inv_d2, cos * inv_d2);
@@ -236,6 +239,7 @@ impl<const N: usize> Robot<N> {
         if let Err(error) = pose.check() {
             return error;
         }
+        // The fast path only knows that some lane is invalid: the cause is found here.
         for (i, cable) in self.cables().iter().enumerate() {
             let d = pose.transform(&cable.attachment_m) - cable.anchor_m;
             let h = d.dot(&cable.swivel_axis);

@@ -8,6 +8,7 @@ use crate::math::sqrt;
 pub(crate) fn cholesky<const K: usize>(a: &mut [[f64; K]; K]) -> bool {
     for j in 0..K {
         let mut d = a[j][j];
+        // A pivot that has lost fifteen digits is rounding: the matrix is singular.
         let floor = d * 1e-15;
         for k in 0..j {
             d -= a[j][k] * a[j][k];
@@ -54,6 +55,7 @@ pub(crate) const DENSE: usize = 22;
 /// Gaussian elimination with row scaling and partial pivoting. `false` if singular to 1e-13.
 pub(crate) fn eliminate<const W: usize>(a: &mut [[f64; W]; DENSE], n: usize, m: usize) -> bool {
     let width = n + m;
+    // Rows have different units (N, N m, m): scaled, their pivots can be compared.
     for row in a.iter_mut().take(n) {
         let scale = row[..n].iter().fold(0.0_f64, |s, x| s.max(x.abs()));
         if !(scale > 0.0 && scale.is_finite()) {

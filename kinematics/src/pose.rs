@@ -105,6 +105,7 @@ impl Pose {
 
     /// The angle between the platform's z axis and the world's, rad.
     pub fn tilt_rad(&self) -> f64 {
+        // atan2 instead of acos: near zero tilt the arc cosine loses half of the digits.
         let m = self.rotation.matrix();
         crate::math::atan2(
             crate::math::sqrt(m[(0, 2)] * m[(0, 2)] + m[(1, 2)] * m[(1, 2)]),

@@ -6,6 +6,7 @@ use crate::cable_vec::MAX_CABLES;
 use crate::error::Error;
 
 /// Standard acceleration of gravity, m/s^2.
+/// General Conference on Weights and Measures, 1901.
 pub const GRAVITY_MPS2: f64 = 9.806_65;
 
 /// One cable: its anchor on the frame and its attachment on the platform.
@@ -89,6 +90,7 @@ impl<const N: usize> Robot<N> {
             radius: cables.map(|c| c.pulley_radius_m),
             attachment: core::array::from_fn(|k| cables.map(|c| c.attachment_m[k])),
         };
+        // Cables that meet in the origin have no lever: 1 cm keeps moments comparable with forces.
         let sum: f64 = cables.iter().map(|c| c.attachment_m.norm_squared()).sum();
         Ok(Self {
             cables,

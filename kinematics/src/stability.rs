@@ -121,6 +121,8 @@ impl<const N: usize> Robot<N> {
                 a[6 + k][j] = jacobian[(cable, j)];
             }
             let axial = eq.axial_stiffness_n_per_m[cable];
+            // An elastic cable gets longer by its tension over EA / l, in addition to the commanded
+            // length.
             if axial > 0.0 {
                 a[6 + k][6 + k] = -1.0 / axial;
             }
@@ -166,6 +168,7 @@ impl<const N: usize> Robot<N> {
         eq: &Equilibrium,
         tool_in_platform_m: &Vector3<f64>,
     ) -> Result<ToolSensitivity, Error> {
+        // About the tool, its position is an input that a rotation does not change.
         let shifted = self.about(tool_in_platform_m)?;
         let mut about_tool = *eq;
         about_tool.pose.position_m = eq.pose.transform(tool_in_platform_m);
@@ -281,6 +284,7 @@ impl<const N: usize> Robot<N> {
         };
         let reduced = on_basis(&scaled);
         let eigenvalues = leading_eigenvalues(&reduced, freedoms);
+        // N/m. An eigenvalue of rounding size is a free direction, not a stable one.
         let tiny = 1e-9 * self.weight_n() / self.lever_m;
         let mut out = Stability {
             stiffness,
@@ -375,6 +379,7 @@ fn leading_eigenvalues(m: &Matrix6<f64>, n: usize) -> CableVec<f64> {
                 off += if i == j { 0.0 } else { square };
             }
         }
+        // Sums of squares: off-diagonal entries of 1e-16 are rounding.
         if off <= 1e-32 * all {
             break;
         }
@@ -385,6 +390,8 @@ fn leading_eigenvalues(m: &Matrix6<f64>, n: usize) -> CableVec<f64> {
                     continue;
                 }
                 let tau = (a[(q, q)] - a[(p, p)]) / (2.0 * apq);
+                // The smaller root: rotations up to 45 degrees converge (Golub and Van Loan, Matrix
+                // Computations, 8.5).
                 let t = tau.signum() / (tau.abs() + sqrt(1.0 + tau * tau));
                 let c = 1.0 / sqrt(1.0 + t * t);
                 let s = t * c;

@@ -108,6 +108,7 @@ impl<const N: usize> Inverse<N> {
         let (t, u) = (&self.directions, &self.arms_m);
         let mut a = [[0.0; N]; 6];
         for i in 0..N {
+            // Minus: directions point to the platform, and cables pull it the other way.
             a[0][i] = -t[0][i];
             a[1][i] = -t[1][i];
             a[2][i] = -t[2][i];
@@ -196,6 +197,7 @@ pub fn distribute<const K: usize, const N: usize>(
 ) -> Result<Distribution<N>, Error> {
     let target = goal.target(limits);
     if N == K + 1 {
+        // The paper's case, three forces and four cables, needs no factorisation.
         if K == 3
             && let Some(found) = three_forces(a, load, limits, &target)
         {
@@ -312,6 +314,7 @@ fn unique<const K: usize, const N: usize>(
         left += (got[k] - load[k]) * (got[k] - load[k]);
         size += load[k] * load[k];
     }
+    // Squares: 1e-8 of the load may remain, since normal equations lose half of the digits.
     if left > 1e-16 * size {
         return Err(Error::WrenchNotBalanced {
             residual_n: sqrt(left),

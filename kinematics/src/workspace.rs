@@ -149,6 +149,7 @@ impl Verdict {
 }
 
 /// Positions tested side by side in the vectorised test.
+/// Eight `f64` fill one register of AVX-512, or two of AVX2.
 const LANES: usize = 8;
 
 impl<const N: usize> Robot<N> {
@@ -225,6 +226,8 @@ impl<const N: usize> Robot<N> {
 
     fn assess_checked(&self, position_m: &Vector3<f64>, test: &WorkspaceTest<N>) -> Verdict {
         let tried = match test {
+            // Only the existence of tensions counts, so any goal would do: the middle is far from
+            // the limits.
             WorkspaceTest::Forces { rotation, limits } => self
                 .distribute_forces(
                     &Pose::new(*position_m, *rotation),
@@ -251,6 +254,7 @@ impl<const N: usize> Robot<N> {
                     tool_in_platform_m,
                     position_m,
                     tensions_n,
+                    // From a neighbour the verdict would depend on the order of the grid.
                     EquilibriumGuess::Cold,
                     &StaticOptions::default(),
                 )
@@ -300,6 +304,7 @@ impl<const N: usize> Robot<N> {
         for part in out.chunks_mut(LANES) {
             let mut p = [[0.0; LANES]; 3];
             let nx = grid.counts[0].max(1);
+            // All lanes in one row of the grid: x alone changes, and no index is divided per lane.
             if index % nx + LANES <= nx {
                 let base = grid.point_m(index);
                 let (start, step) = ((index % nx) as f64, grid.step(0));
@@ -392,11 +397,13 @@ impl<const N: usize> Robot<N> {
             // NaN for a plane of directions sends the lane to the scalar test.
             let det = if det.abs() > 1e-9 { det } else { f64::NAN };
             let inv = 1.0 / det;
+            // Cramer's rule for the first three cables; the load has a z component only.
             let base = [
                 weight * c12[2] * inv,
                 weight * c20[2] * inv,
                 weight * c01[2] * inv,
             ];
+            // Change of the first three tensions per newton in the fourth.
             let null = [
                 -dot(c3, c12) * inv,
                 -dot(c3, c20) * inv,
@@ -410,6 +417,7 @@ impl<const N: usize> Robot<N> {
                 let a = (limits.min_n[i % N] - base[i]) * inv;
                 let b = (limits.max_n[i % N] - base[i]) * inv;
                 let (a, b) = if a < b { (a, b) } else { (b, a) };
+                // As a number like the others: all lanes stay in one kind of register.
                 let number = i as f64;
                 low_cable = if a > low { number } else { low_cable };
                 low = if a > low { a } else { low };

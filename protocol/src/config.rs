@@ -181,12 +181,14 @@ impl ConfigKey {
     /// The key of a cable, `index` 0 for the first.
     #[must_use]
     pub const fn cable(index: u8, key: CableKey) -> Self {
+        // Group 0 is the board's.
         Self(((index as u16 + 1) << 8) | key as u16)
     }
 
     /// What the key means, or `None` for a key that this version does not know.
     #[must_use]
     pub fn meaning(self) -> Option<KeyMeaning> {
+        // Upper byte first, so that keys in ascending order go cable by cable.
         let [group, field] = self.0.to_be_bytes();
         match group {
             0 => BoardKey::from_number(field).map(KeyMeaning::Board),
@@ -233,6 +235,7 @@ impl Default for ConfigDigest {
 impl ConfigDigest {
     /// Takes the next entry, in ascending order of keys.
     pub fn add(&mut self, entry: ConfigEntry) {
+        // Fixed widths, not varints: the hash does not depend on the encoding of a message.
         self.0.update(&entry.key.0.to_le_bytes());
         self.0.update(&entry.value.to_le_bytes());
     }

@@ -132,12 +132,14 @@ impl FaultId {
 
 impl Serialize for FaultId {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        // By its stable number, not by the position of the variant: rows may be inserted.
         serializer.serialize_u8(self.number())
     }
 }
 
 impl<'de> Deserialize<'de> for FaultId {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        // An unknown number is refused: a host of an older version must not name another fault.
         let number = u8::deserialize(deserializer)?;
         Self::from_number(number).ok_or_else(|| serde::de::Error::custom("unknown fault number"))
     }
@@ -197,6 +199,7 @@ pub struct Limits(pub u16);
 impl Limits {
     /// Adds one.
     pub const fn insert(&mut self, limit: Limit) {
+        // Bits are only ever set here: a status reports every warning since the last one.
         self.0 |= 1 << (limit as u8);
     }
 

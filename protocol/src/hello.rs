@@ -90,6 +90,7 @@ impl Hello {
     /// Returns `None` if the bytes are too short or another device answers.
     #[must_use]
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        // Another device on the port may answer anything: only this prefix is a board.
         let rest = bytes.strip_prefix(MAGIC)?;
         let (major, rest) = rest.split_first_chunk::<2>()?;
         let (minor, rest) = rest.split_first_chunk::<2>()?;
@@ -111,6 +112,7 @@ impl Hello {
         // While the major version is 0, every minor version may change anything.
         let ours = (PROTOCOL_MAJOR, PROTOCOL_MINOR);
         let theirs = (self.major, self.minor);
+        // As semantic versioning has it for versions before 1.
         let same_minor_needed = PROTOCOL_MAJOR == 0;
         if theirs == ours || (self.major == PROTOCOL_MAJOR && !same_minor_needed) {
             Compatibility::Full

@@ -39,6 +39,7 @@ impl<T, const N: usize> List<T, N> {
     pub fn collect(values: impl IntoIterator<Item = T>) -> Self {
         let mut list = Self::new();
         for value in values.into_iter().take(N) {
+            // Cannot fail: `take` ends at the capacity.
             if list.0.push(value).is_err() {
                 break;
             }

@@ -42,6 +42,7 @@ pub struct Command {
 }
 
 /// Configuration entries that travel in one request.
+// 24 entries of up to 8 bytes (key 3, value 5) are 192 of the 249 bytes of a body.
 pub const CONFIG_CHUNK: usize = 24;
 
 /// Requests of a host to a board. Append only.
@@ -446,6 +447,7 @@ pub enum Reject {
 /// Every message fits a frame; a message that does not fit is a compile error.
 const _: () = {
     use crate::frame::MAX_BODY;
+    // While compiling: a message that grows beyond a frame would fail on the robot only.
     assert!(Command::POSTCARD_MAX_SIZE <= MAX_BODY);
     assert!(Answer::POSTCARD_MAX_SIZE <= MAX_BODY);
     assert!(Status::POSTCARD_MAX_SIZE <= MAX_BODY);
@@ -463,6 +465,7 @@ pub fn decode_command(body: &[u8]) -> Option<Command> {
 }
 
 /// Index of [`Request::Stop`] in its enum, as postcard writes it.
+// The position of `Stop` in `Request`, as postcard numbers variants. Append-only enums keep it.
 pub(crate) const STOP: u32 = 5;
 
 /// The stop that a command's body requests, if any; see [`crate::stop`].
@@ -495,6 +498,7 @@ pub fn encode_status(status: &Status, out: &mut [u8; MAX_FRAME]) -> Result<usize
 #[must_use]
 pub fn decode<'a, T: Deserialize<'a>>(body: &'a [u8]) -> Option<T> {
     match postcard::take_from_bytes(body) {
+        // Bytes left over mean another message or another version: it is not executed.
         Ok((message, [])) => Some(message),
         _ => None,
     }

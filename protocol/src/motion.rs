@@ -84,8 +84,10 @@ pub struct ResidualRow {
 
 impl ResidualRow {
     /// Rows that one knot can carry.
+    // S5 and C5 need one row each.
     pub const PER_KNOT: usize = 2;
     /// Scale of [`ResidualRow::lengths`]: coefficients reach ±8 in steps of 1/4096.
+    // 2^15 / 4096 = 8 in 16 bits.
     pub const LENGTH_SCALE: i32 = 4096;
     /// Scale of [`ResidualRow::tensions`]: coefficients reach ±128 µm/mN in steps of 1/256.
     pub const TENSION_SCALE: i32 = 256;

@@ -11,6 +11,7 @@ use crate::message::{STOP, StopKind, stop_in};
 /// Most bytes of a stop's frame between two delimiters: one of COBS, the channel, the session and
 /// its number (five bytes and three, as postcard writes 32 and 16 bits), the request, its kind, and
 /// the checksum.
+// 16 bytes.
 const MOST: usize = 1 + 1 + 5 + 3 + 1 + 1 + 4;
 /// Fewest: session and number may take a byte each.
 const LEAST: usize = 1 + 1 + 1 + 1 + 1 + 1 + 4;
@@ -47,10 +48,12 @@ impl StopFinder {
                 *slot = byte;
                 self.used += 1;
             } else {
+                // Stays there: a long frame of any length is rejected at its end.
                 self.used = MOST + 1;
             }
             return None;
         }
+        // Each delimiter begins anew, whatever came before: noise costs one frame at most.
         let used = core::mem::take(&mut self.used);
         if (LEAST..=MOST).contains(&used) {
             self.finish(used)
@@ -67,6 +70,7 @@ impl StopFinder {
         if !asks_to_stop(coded)? {
             return None;
         }
+        // The checksum counts here, too: noise must not stop a robot.
         match decode_frame(self.frame.get_mut(..used)?) {
             Ok((Channel::Command, body)) => stop_in(body),
             _ => None,
@@ -94,6 +98,7 @@ fn asks_to_stop(coded: &[u8]) -> Option<bool> {
     }
     // Session and number end with a byte under 128.
     for _ in 0..2 {
+        // Varints of postcard: bit 7 says that another byte follows.
         while next()? >= 0x80 {}
     }
     Some(u32::from(next()?) == STOP)

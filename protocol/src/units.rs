@@ -108,6 +108,7 @@ si!(Milliamps, amperes, from_amperes, "A", 1e3, 1e-3);
     reason = "truncates towards zero and saturates, as is wanted"
 )]
 fn nearest(value: f64) -> i32 {
+    // A cast of NaN gives 0, and one out of range the nearest bound.
     let whole = value as i32;
     // Exact within the range of i32; beyond it the sum saturates.
     let rest = value - f64::from(whole);
@@ -130,6 +131,7 @@ impl Tick {
     /// ```
     #[must_use]
     pub const fn since(self, earlier: Self) -> i32 {
+        // Correct up to 24.8 days in either direction (K9).
         self.0.wrapping_sub(earlier.0).cast_signed()
     }
 

@@ -29,6 +29,7 @@ pub struct Aligned {
 /// Known neighbours that a crack needs.
 const NEIGHBOURS_MIN: usize = 5;
 /// By how much they may differ, as a share of the distance.
+/// 5 mm at half a metre.
 const AGREE: f64 = 0.01;
 
 /// Brings the depth picture into the colour camera's pixels.
@@ -57,6 +58,7 @@ pub fn align(frame: &Frame) -> Aligned {
         .into_iter()
         .map(|z| {
             let steps = (f64::from(z) / unit_m).round();
+            // Infinity, a pixel that no patch covers, becomes 0: not measured.
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             let steps = if steps <= 65_535.0 { steps as u16 } else { 0 };
             steps
@@ -145,6 +147,7 @@ fn cover(nearest: &mut [f32], [width, height]: [usize; 2], low: [f64; 2], high: 
 
 fn fill_cracks(nearest: &mut [f32], width: usize) {
     let height = nearest.len() / width;
+    // Collected first: a filled pixel must not support the next one.
     let mut fills = Vec::new();
     for y in 1..height.saturating_sub(1) {
         for x in 1..width - 1 {

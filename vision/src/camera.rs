@@ -127,6 +127,7 @@ impl Camera {
     /// ```
     #[must_use]
     pub fn project(&self, point_m: &Point3<f64>) -> Option<Vector2<f64>> {
+        // A point behind the camera would appear mirrored.
         if !(point_m.z > 1e-6 && point_m.iter().all(|value| value.is_finite())) {
             return None;
         }
@@ -183,11 +184,13 @@ impl Camera {
             let bent = self.bend(&at);
             let [fx, fy] = self.focal_px;
             let slope = Matrix2::new(fx * bent.xx, fx * bent.xy, fy * bent.xy, fy * bent.yy);
+            // Beyond its range a lens's polynomial folds back: its slope vanishes there.
             let Some(inverse) = slope.try_inverse() else {
                 break;
             };
             let step = inverse * (pixel - self.pixel(&bent.at));
             at += step;
+            // 1e-10 px at a focal length of 1000 px.
             if step.norm() < 1e-13 {
                 break;
             }
@@ -216,6 +219,7 @@ impl Camera {
     pub fn mode(&self, size_px: [usize; 2]) -> Self {
         let [w, h] = self.size_px.map(|value| value as f64);
         let [to_w, to_h] = size_px.map(|value| value as f64);
+        // The larger scale fills the new shape; what stands out is cropped.
         let scale = (to_w / w).max(to_h / h);
         let cropped = [(w * scale - to_w) / 2.0, (h * scale - to_h) / 2.0];
         Self {

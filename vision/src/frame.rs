@@ -87,6 +87,7 @@ impl Frame {
         if seen.is_empty() {
             return Err(FrameError::NoDepth);
         }
+        // The median: some far pixels of the background do not make a unit wrong.
         let middle = seen.len() / 2;
         let (_, median, _) = seen.select_nth_unstable(middle);
         let median_m = f64::from(*median) * self.depth.unit_m;
@@ -162,6 +163,7 @@ impl CamerasFile {
                 q.norm()
             ));
         }
+        // Two lenses of one device are centimetres apart: a metre and more is a wrong unit.
         if !self
             .color_from_depth
             .translation_m

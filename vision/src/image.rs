@@ -167,6 +167,7 @@ impl RgbImage {
     #[must_use]
     pub fn to_gray(&self) -> GrayImage {
         self.map(|&[r, g, b]| {
+            // In 256ths: 77 + 150 + 29 = 256, so that white stays white.
             let sum = 77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b);
             #[allow(clippy::cast_possible_truncation)]
             let grey = (sum >> 8) as u8;

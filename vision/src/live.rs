@@ -97,6 +97,7 @@ impl LiveFolder {
                             ),
                         ));
                     }
+                    // An older picture may show the robot where it was before.
                     Ok(taken_s) if taken_s >= asked_s => {
                         match read(self, number) {
                             // A writer that keeps few pictures may have deleted it again.
@@ -275,6 +276,7 @@ impl LiveWriter {
                 old.push(path);
             }
         }
+        // Only a folder that was live before is emptied: recorded pictures are kept.
         if is_live || old.is_empty() {
             return Ok(old);
         }

@@ -104,6 +104,7 @@ impl Source for Recorded {
             },
             cameras: self.intrinsics.cameras,
         };
+        // Counted even if it cannot be used: the next call goes on behind it.
         self.read = number;
         frame.checked().map_err(|reason| SourceError::Frame {
             name: self.name(),

@@ -49,6 +49,8 @@ impl V4l2 {
         let wanted = PixFormat::new(width, height, PixelFormat::YUYV);
         let capture = opened.video_capture(wanted).map_err(failed)?;
         let given = capture.format();
+        // A driver answers with the nearest size that it has; the intrinsics belong to one size
+        // only.
         if [given.width(), given.height()] != [width, height] {
             return Err(device(
                 &name,
@@ -147,6 +149,7 @@ pub(crate) fn rgb_from_yuyv(
         for pair in line[..2 * width].chunks_exact(4) {
             let (u, v) = (f64::from(pair[1]) - 128.0, f64::from(pair[3]) - 128.0);
             for luma in [pair[0], pair[2]] {
+                // 255 / 219: in the limited range black is 16 and white 235.
                 let y = 1.164_384 * (f64::from(luma) - 16.0);
                 let rgb = [
                     y + 1.596_027 * v,

@@ -137,6 +137,7 @@ pub fn fit(set: &Set, options: &Options) -> Result<Fit, String> {
             break;
         };
         let mut breaks = found.layout.breaks.clone();
+        // The same jump once more would have no information of its own.
         if breaks.contains(&slip) {
             break;
         }
@@ -203,12 +204,14 @@ pub(crate) fn fit_with(
         rounds += 1;
         let before = scatter;
         let squares = expected_squares(&solution);
+        // With a scatter that is still wrong, good rows would look like outliers.
         if rounds > 2 {
             trust = trusted(&solution, &squares, &scatter);
         }
         scatter = components(&solution, &squares, &trust, &scatter, &centre);
         let rows: Vec<Vec<Row>> = solution.blocks.iter().map(|b| b.rows.clone()).collect();
         weights = weigh(&rows, &trust, &scatter);
+        // Only the weights have changed: two steps follow them.
         solution = solve(&model, &unknowns, &weights, &solution.state, 2)?;
         let change = scatter
             .iter()
@@ -263,6 +266,8 @@ fn trusted(solution: &Solution, squares: &[Vec<f64>], scatter: &Scatter) -> Vec<
                 .filter(|(row, _)| !row.group.is_sensor())
                 .map(|(row, square)| square / variance(row, scatter))
                 .collect();
+            // One contact or gust disturbs all six equations: Student's distribution in as many
+            // dimensions.
             let together =
                 (FREEDOM + balance.len() as f64) / (FREEDOM + balance.iter().sum::<f64>());
             block

@@ -128,6 +128,7 @@ impl Model<'_> {
         Cable {
             anchor_m: nominal.anchor_m + three(theta, self.layout.anchor(i)),
             attachment_m: nominal.attachment_m + three(theta, self.layout.attachment(i)),
+            // A step may make the radius of a small pulley negative, which has no geometry.
             pulley_radius_m: (nominal.pulley_radius_m + theta[self.layout.radius(i)]).max(0.0),
             ..nominal
         }
@@ -185,6 +186,8 @@ impl Model<'_> {
                 let sign = sample.arrived[i].unwrap_or(0.0);
                 let gain = 1.0 + theta[layout.gain(i)];
                 let feels = (path.wrap_rad / 2.0).sin();
+                // When cable is paid out, the pulley's friction carries a part: the winch reads
+                // less.
                 let kept = 1.0 - sign * theta[layout.loss(i)] * feels;
                 let tension = tensions_n[i];
                 let mut own = own();
@@ -235,6 +238,7 @@ impl Model<'_> {
                 out.push(Row {
                     group: Group::Swivel,
                     index: i,
+                    // A difference across 180 degrees must not count as a whole turn.
                     residual: turned(y.atan2(x) + offset - reading),
                     own,
                     shared,
@@ -264,6 +268,7 @@ impl Model<'_> {
         let layout = &self.layout;
         let compliance = theta[layout.compliance()];
         let stretching = path.length_m + self.set.robot.routing_m[i];
+        // About the middle length a drum's gain does not act like an offset.
         let beyond = path.length_m - self.middle_m;
         let drum = theta[layout.drum(i)];
         let slope = 1.0 - drum - compliance * tension;
@@ -327,6 +332,7 @@ impl Model<'_> {
         }
         let seen = pose.rotation * Rotation3::new(mount);
         let rpy = rpy_from_rotation(&seen);
+        // At a pitch of 90 degrees roll and yaw are one angle: such a reading has no derivatives.
         let Some(rates) = angular_velocity_from_rates(rpy).try_inverse() else {
             return;
         };
@@ -425,6 +431,7 @@ impl Model<'_> {
             &(-pull.cross_matrix() * r),
         );
         shared.extend(radius);
+        // In motion the inertia takes part of the balance: it counts as scatter, not as a force.
         let swing = sample.speed_mps.unwrap_or(0.0) * SWING_PER_S * self.set.robot.mass_kg;
         for (block, (group, residual, extra)) in [
             (Group::Force, force, swing),
@@ -488,6 +495,8 @@ impl Model<'_> {
                     let mut own = vec![0.0; layout.own()];
                     let mut shared = Vec::with_capacity(16);
                     let by_world = corner.derivatives(axis, 1.0, &mut own, &mut shared, &at_places);
+                    // `by_focal` is per change of the present focal length; the unknown is a share
+                    // of the stated one.
                     let focal = 1.0 / (1.0 + theta[at + 6]);
                     shared.push(Entry::new(at + 6, seen.by_focal[axis] * focal));
                     shared.push(Entry::new(at + 7 + axis, 1.0));
@@ -517,6 +526,7 @@ impl Model<'_> {
         if let Some(bodies) = self.layout.bodies {
             let mut place = |pose: &Pose, at: usize| {
                 let moved = pose.displaced(&three(shared, at), &three(shared, at + 3));
+                // The step is in the pose now: counted again from the vector it would act twice.
                 out.theta[at..at + 6].fill(0.0);
                 moved
             };

@@ -97,6 +97,8 @@ pub fn predict(
 /// The estimate with the sessions of another set besides its own.
 fn extended(fit: &Fit, set: &Set, priors: &Priors) -> (Layout, Vec<f64>, DMatrix<f64>) {
     let mut layout = fit.layout.clone();
+    // Slips belong to the estimate's own samples. They are the last unknowns: all others keep their
+    // places.
     layout.breaks.clear();
     let known = layout.len();
     for sample in &set.samples {
@@ -150,6 +152,7 @@ impl Own {
 
 impl Case<'_> {
     fn predict(&self, k: usize, sample: &Sample, given: &[Given]) -> Result<Answer, String> {
+        // The equations of equilibrium always count: they connect lengths, tensions and pose.
         let is_given = |row: &Row| {
             !row.group.is_sensor()
                 || given
@@ -165,6 +168,8 @@ impl Case<'_> {
             .enumerate()
             .map(|(j, other)| (distance(sample, other, given), j))
             .collect();
+        // Few readings can have more than one minimum: three starts, and the one with the least
+        // cost.
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         let found = near
             .iter()

@@ -40,6 +40,7 @@ impl Set {
             value: &value,
             path: String::new(),
         };
+        // The SI layout of other laboratories has no schema key, and its lengths are absolute.
         let absolute = match root.optional("lengths") {
             None => value.get("schema").is_none(),
             Some(node) => match node.text()? {
@@ -112,6 +113,7 @@ impl Set {
                     out["time_s"] = json!(time);
                 }
                 if let Some(speed) = sample.speed_mps {
+                    // The format has a speed per cable; only the fastest was kept.
                     out["speed_mm_s"] = json!(vec![speed * 1e3; cables.len()]);
                 }
                 if sample.noise_factor > 1.0 {
@@ -218,6 +220,7 @@ impl Set {
                 center_of_mass_m: robot.center_of_mass_m,
                 routing_m: robot.routing_m.clone(),
                 anchor_half_tolerance_m: Some(robot.anchor_half_tolerance_m),
+                // Version 1 has changes of lengths since a homing.
                 absolute: false,
             },
             eye: Some(Eye {
@@ -263,6 +266,7 @@ fn points(node: &Node<'_>, keys: &[(&str, f64)]) -> Read<Vec<Vector3<f64>>> {
 fn machine(node: &Node<'_>, absolute: bool) -> Read<Machine> {
     let anchors = points(node, &[("anchors_mm", 1e-3), ("anchors_m", 1.0)])?;
     let n = anchors.len();
+    // Fewer than three cables leave a position open.
     if !(3..=MAX_CABLES).contains(&n) {
         return Err(node.wrong(&format!(
             "{n} anchors are given, 3 to {MAX_CABLES} cables can be calibrated"
@@ -360,6 +364,7 @@ fn eye(root: &Node<'_>) -> Read<Option<Eye>> {
 fn reading(node: &Node<'_>, factor: f64, what: &str, notes: &mut Vec<String>) -> Read<Option<f64>> {
     match node.value {
         Value::Null => Ok(None),
+        // Other programs write NaN, which JSON lacks: `parsed` has turned it into this word.
         Value::String(word) if word == NOT_FINITE => {
             notes.push(format!("{what} is not a finite number: left out"));
             Ok(None)
@@ -374,6 +379,7 @@ fn sample(node: &Node<'_>, number: usize, set: &mut Set) -> Read<Sample> {
         None => "session 1".to_owned(),
         Some((node, _)) => node.text()?.to_owned(),
     };
+    // A session that is not listed counts as homed at the common home.
     let session = set.session(&session).unwrap_or_else(|| {
         set.sessions.push(session);
         set.homed.push(true);

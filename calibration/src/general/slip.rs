@@ -15,6 +15,7 @@ use nalgebra::DVector;
 
 /// Gain in the sum of weighted squares above which a jump is reported. The best of about 80
 /// candidates exceeds it by chance in fewer than 1 of 100 data sets.
+/// That is a jump of 4.7 standard deviations.
 pub(crate) const GAIN: f64 = 22.0;
 
 /// A jump that a cable may have made.
@@ -42,6 +43,8 @@ pub fn candidates(fit: &Fit) -> Vec<Candidate> {
             .filter(|&k| samples[k].session == session)
             .collect();
         for cable in 0..fit.layout.cables {
+            // From the last sample back: each step adds one sample to the rows that a jump there
+            // would shift.
             let (mut score, mut information) = (0.0, 0.0);
             let mut coupling = DVector::zeros(shared);
             // A jump before the first sample is the cable's offset.
@@ -64,6 +67,7 @@ pub fn candidates(fit: &Fit) -> Vec<Candidate> {
                     continue;
                 }
                 let fixed = information - coupling.dot(&(&solution.covariance * &coupling));
+                // The other unknowns explain such a jump completely: it cannot be told from them.
                 if fixed < 1e-9 * information.max(1.0) {
                     continue;
                 }

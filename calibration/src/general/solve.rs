@@ -107,6 +107,8 @@ pub fn start(model: &Model<'_>, unknowns: &[Unknown]) -> State {
             .samples
             .iter()
             .map(|sample| {
+                // A cable without tension has no effect on the equilibrium: its derivatives would
+                // be zero.
                 let of = |t: &Option<f64>| t.unwrap_or(carried).max(0.1 * carried);
                 sample.tension_n.iter().map(of).collect()
             })
@@ -270,6 +272,7 @@ pub fn solve(
         };
         taken += 1;
         let gain = linear.cost - after.cost;
+        // A millionth of the sum of squares: the scatter itself is not known that well.
         let small = gain < 1e-6 * after.cost.max(1.0);
         converged = small || taken < steps;
         Some(if small || taken == steps {
@@ -349,6 +352,7 @@ fn step(equations: &Equations, damping: f64) -> Option<(DVector<f64>, Vec<DVecto
     let mut parts = Vec::with_capacity(normals.len());
     for normal in normals {
         let solver = damped(&normal.own, damping)?;
+        // A sample depends on some of the shared unknowns only: the other columns are zero.
         let mixed = normal.mixed.select_columns(normal.touched.iter());
         let follow = solver.solve(&mixed);
         let apart = solver.solve(&normal.gradient);
@@ -422,6 +426,7 @@ fn finish(state: State, linear: Linear, n: usize, converged: bool) -> Result<Sol
     } = equations;
     let mut blocks = Vec::with_capacity(rows.len());
     for (normal, rows) in normals.iter().zip(rows) {
+        // Undamped: the covariance is that of the problem, not of the search.
         let solver = damped(&normal.own, 0.0).ok_or("a sample's own unknowns are not fixed")?;
         let mixed = normal.mixed.select_columns(normal.touched.iter());
         let part = solver.solve(&mixed);

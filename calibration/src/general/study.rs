@@ -139,6 +139,7 @@ pub fn study(set: &Set, train: &str, options: &Options) -> Result<Study, String>
         .samples
         .iter()
         .map(|sample| {
+            // Counted within the session, so that every part of it is represented.
             place += usize::from(sample.session == session);
             sample.session == session && place % EVERY == 0
         })
@@ -189,6 +190,7 @@ pub fn study(set: &Set, train: &str, options: &Options) -> Result<Study, String>
 }
 
 fn first_poses(set: &Set, options: &Options) -> Result<Vec<FirstPose>, String> {
+    // The reference: an estimate from all sessions.
     let all = fit(set, options)?;
     let mut out = Vec::new();
     for (index, session) in set.sessions.iter().enumerate() {

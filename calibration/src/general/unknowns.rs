@@ -289,6 +289,7 @@ pub(crate) fn unknowns(set: &Set, layout: &Layout, priors: &Priors) -> Vec<Unkno
     }
     for jump in &layout.breaks {
         let name = format!("cable {}'s slip at {}", jump.cable + 1, set.name(jump.from));
+        // A slip of 5 cm is one standard deviation: wide enough to leave its size to the data.
         list.free(name, 0.05, MM);
     }
     list.out

@@ -184,6 +184,8 @@ impl<'a> SelfCheck<'a> {
             at += size;
         }
         if let Some(known) = &self.known {
+            // The errors of the calibration are the same in all readings: they correlate the
+            // blocks.
             let off = by_unknown * &known.factor;
             covariance += &off * off.transpose();
         }
@@ -211,9 +213,11 @@ impl<'a> SelfCheck<'a> {
             return Finding::Holds;
         };
         let second = fits.get(1).map_or(0.0, |fit| fit.3);
+        // One degree of freedom goes to the slip of the best cable.
         let freedom = value.len().saturating_sub(1).max(1) as f64;
         let ratio = (value.norm_squared() - gain) / freedom;
         let several = self.readings > 1 || self.seen;
+        // First: where nothing fits, naming the best cable would send the user to a good drum.
         if ratio > most(freedom) {
             Finding::NoLongerHolds { ratio }
         } else if gain > SURE && gain - second > LEAD {

@@ -31,6 +31,7 @@ impl Known {
             bodies: calibrated.places.len(),
             statics: true,
         };
+        // Data without tensions give a calibration without the unknowns of statics.
         if layout.len() != covariance.nrows() {
             layout.statics = false;
         }
@@ -72,6 +73,7 @@ fn residual(
         .iter()
         .zip(pairs)
         .map(|(cable, (length, tension))| match cable.control {
+            // What a winch holds is given; what follows from it is compared with the reading.
             Control::Tension => Held::Tension(*tension),
             Control::Position => {
                 let total = (length + cable.routing_length_m) * (1.0 + tension / cable.ea_n);
@@ -114,6 +116,7 @@ pub(super) fn hung(
             change(&mut moved, step);
             Ok::<_, PlanError>(residual(model, &moved, Some(&pose))?.0)
         };
+        // Central differences: their error falls with the square of the step.
         Ok::<_, PlanError>((at(step)? - at(-step)?) / (2.0 * step))
     };
     let mut by_length = DMatrix::zeros(count, count);

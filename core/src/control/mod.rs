@@ -274,6 +274,7 @@ impl Handle {
     /// [`Order::Stop`] by the user's interrupt, which the feeding thread has seen at its last poll.
     pub fn interrupt(&self) {
         let mut inner = self.shared.lock();
+        // The poll that saw the interrupt is counted already: a replay stops at the same one.
         let looks = inner.looks.saturating_sub(1);
         if inner.stop.is_none() && inner.arrived.len() < ARRIVED {
             let order = Order::Stop;
@@ -363,6 +364,7 @@ fn place(inner: &mut Inner, order: Order) -> Ticket {
     inner.next += 1;
     let ticket = Ticket(inner.next);
     if order.is_stop() {
+        // A stop goes before everything: waiting orders are answered, and never executed after it.
         let late: Vec<_> = inner.waiting.drain(..).collect();
         for (old, _) in late {
             finish(inner, old, Err("a stop came first".to_owned()));
@@ -372,6 +374,8 @@ fn place(inner: &mut Inner, order: Order) -> Ticket {
             inner.stop = Some(order);
         }
     }
+    // Only the latest wish of a jog counts: older ones would move the tool after the button's
+    // release.
     if let (Order::Jog { .. }, Some(&(old, Order::Jog { .. }))) = (order, inner.waiting.back()) {
         inner.waiting.pop_back();
         finish(inner, old, Ok(()));

@@ -26,6 +26,7 @@ const UNKNOWNS: usize = 7;
 /// Rows that are not measurements: the attitude's three.
 const PRIORS: usize = 3;
 /// Step sizes of the numerical derivatives.
+/// In m, N and rad: 10 um are a thirtieth of a length's assumed error.
 const CHANGES: [f64; UNKNOWNS] = [1e-5, 1e-5, 1e-5, 1e-3, 1e-5, 1e-5, 1e-5];
 
 type Unknowns = SVector<f64, UNKNOWNS>;
@@ -140,6 +141,7 @@ struct Problem<'a> {
 impl Problem<'_> {
     /// The resting state of these unknowns.
     fn rest(&self, x: &Unknowns, near: Option<&StaticState>) -> Result<StaticState, EstimateError> {
+        // The search may step to a negative tension, for which statics refuse to answer.
         let rest = self.model.rest_with(&place(x), x[3].max(0.05), near);
         rest.map_err(no_fit)
     }
@@ -215,6 +217,7 @@ impl Problem<'_> {
         if residuals.iter().any(|r| !r.is_finite()) {
             return Err(EstimateError::NotFinite);
         }
+        // The three rows of the attitude are always there; the user is told of his own values only.
         if residuals.len() + usize::from(self.has_prior()) < UNKNOWNS {
             return Err(EstimateError::Few {
                 rows: residuals.len().saturating_sub(PRIORS),
@@ -244,6 +247,7 @@ impl Problem<'_> {
         }
         let factor = damped.cholesky().ok_or(EstimateError::Rank)?;
         let step = factor.solve(&-linear.gradient);
+        // All unknowns are shortened alike: the step keeps its direction.
         let step = step * (LONGEST_STEP_M / place(&step).norm().max(LONGEST_STEP_M));
         let last = place(&step).norm() < LAST_STEP_M;
         Ok(match self.improved(fit, fit.x + step) {
@@ -337,6 +341,7 @@ pub(super) fn solve(
     };
     let first = problem.first()?;
     let linear = problem.linear(&first)?;
+    // `descend` only tells that an attempt failed: the reason is kept here.
     let mut failure = EstimateError::Rank;
     let found = descend(first, linear, &DAMPING, |fit, linear, damping| {
         problem

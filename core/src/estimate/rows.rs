@@ -65,6 +65,7 @@ pub(crate) fn residuals(
     let Supposed { rest, turned, skip } = supposed;
     let lengths = measured.lengths_m.iter().zip(&rest.paid_out_m);
     out.extend(lengths.map(|(seen, said)| (seen - said) / sigmas.length_m));
+    // Zero instead of removed: the other rows keep their places.
     if let Some(slot) = skip.and_then(|cable| out.get_mut(cable)) {
         *slot = 0.0;
     }
@@ -94,6 +95,8 @@ pub(crate) fn residuals(
                 ((seen[0], said.pixel.x), covariance[0][0]),
                 ((seen[1], said.pixel.y), covariance[1][1]),
             ] {
+                // At least 0.001 px of noise: a perfect simulated corner must not get an infinite
+                // weight.
                 out.push((seen - said) / variance.max(1e-6).sqrt());
             }
         }

@@ -34,6 +34,7 @@ pub fn find_slip(
     sigmas: &Sigmas,
     estimate: &Estimate,
 ) -> Result<Option<Slip>, EstimateError> {
+    // With one degree of freedom every cable explains the disagreement alike.
     if estimate.freedoms < 2 || estimate.chi2 < FINE * estimate.freedoms as f64 {
         return Ok(None);
     }
@@ -60,6 +61,7 @@ pub fn find_slip(
     let Some((left, mut best)) = found.first().copied() else {
         return Ok(None);
     };
+    // No single length explains the disagreement: naming one would send the user to a good drum.
     if left > (1.0 - EXPLAINS) * estimate.chi2 {
         return Ok(None);
     }

@@ -13,6 +13,7 @@ const WINDOW_US: u64 = 250_000;
 const KEPT: usize = 120;
 /// Assumed difference between two crystals before anything was measured, as a share (standard
 /// deviation).
+/// 100 ppm are 3 ms in the half minute of the fit.
 const DRIFT_PRIOR: f64 = 100e-6;
 /// The board's clock jumped if it is this far from the estimate beyond the round trip, µs. A
 /// restarted board is detected by ticks that run backwards, independent of this limit. A simulator
@@ -93,6 +94,8 @@ impl BoardClock {
                 0
             }
             Some((last, ticks)) => {
+                // Ticks wrap after 49 days; a board that restarted counts from zero, so its step is
+                // negative.
                 let step = tick.wrapping_sub(last).cast_signed();
                 let Ok(step) = u64::try_from(step) else {
                     let by_ms = f64::from(step);
@@ -153,6 +156,7 @@ impl BoardClock {
         let xy: f64 = points()
             .map(|p| weight(p) * (x(p) - mean_x) * (y(p) - mean_y))
             .sum();
+        // The prior keeps the drift within some 100 ppm as long as few points are kept.
         let drift = xy / (xx + DRIFT_PRIOR.powi(-2));
         self.line = Some(Line {
             origin_us: first.at_us,

@@ -40,6 +40,7 @@ impl Receiver {
                     .map(Event::Samples)
                     .map(Message::Event),
                 Channel::Status => message::decode(body).map(Event::Status).map(Message::Event),
+                // Only hosts send these: on a line that echoes they count as damaged.
                 Channel::HelloQuery | Channel::Command => None,
             });
             match message {

@@ -35,6 +35,8 @@ pub(super) fn check(model: &Model, steps: &[Step]) -> Result<(), PlanError> {
                 speed_mps,
             } => {
                 length_m += path.length_m();
+                // A lower bound: the whole way at the greatest speed. It refuses hours before they
+                // are solved.
                 let most_mps = speed_mps.unwrap_or(robot.limits.speed_mps);
                 least_s += duration_s.unwrap_or(path.length_m() / most_mps);
                 reached(robot, &reaches_m, number, path)?;
@@ -56,6 +58,7 @@ pub(super) fn check(model: &Model, steps: &[Step]) -> Result<(), PlanError> {
 /// Checks that no point of a path is further from an anchor than its cable reaches.
 fn reached(robot: &Robot, reaches_m: &[f64], step: usize, path: &Path) -> Result<(), PlanError> {
     for look in 0..=LOOKS {
+        // A sample refuses a mistyped coordinate; later the verdict checks every 10 ms of motion.
         let way_m = path.length_m() * f64::from(look) / f64::from(LOOKS);
         let tool_m = path.point(way_m)?.position_m;
         for (index, (cable, reach_m)) in robot.cables.iter().zip(reaches_m).enumerate() {

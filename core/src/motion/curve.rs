@@ -58,6 +58,7 @@ impl Curve {
                 length_m += (next - at) / 6.0 * (ends + 4.0 * curve.speed(0.5 * (at + next)));
                 curve.table.push((next, length_m));
                 let bend = curve.at_parameter(next).curvature_per_m.norm();
+                // A straight part counts as a radius of 1e9 m.
                 curve.least_radius_m = curve.least_radius_m.min(1.0 / bend.max(1e-9));
                 at = next;
             }

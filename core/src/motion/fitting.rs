@@ -74,6 +74,7 @@ fn circle(model: &Model, radius_m: f64) -> Result<Circle, PlanError> {
         let cables = model.geometry().cables();
         let anchor_m = cables.first().map_or(Vector3::zeros(), |c| c.anchor_m);
         let tool = &robot.tool.tcp_in_platform_m;
+        // The platform's origin must lie in the plane of the cables; the tool may stand beside it.
         center_m -= normal * normal.dot(&(center_m - tool - anchor_m));
         axes = [Vector3::z().cross(&normal), Vector3::z()];
     }
@@ -82,6 +83,7 @@ fn circle(model: &Model, radius_m: f64) -> Result<Circle, PlanError> {
     let piece = if plane.is_some() {
         let points: Vec<_> = (0..=POINTS)
             .map(|point| {
+                // The remainder makes the last point exactly the first one.
                 let angle = TAU * f64::from(point % POINTS) / f64::from(POINTS);
                 center_m - across * (radius_m * angle.cos()) - other * (radius_m * angle.sin())
             })

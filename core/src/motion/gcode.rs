@@ -64,6 +64,7 @@ pub(super) fn read(text: &str) -> Result<(Option<Vector3<f64>>, Vec<Step>), GCod
         let ended = machine
             .block(&words)
             .map_err(|(column, message)| at(column, message))?;
+        // On every line: a long program must not fill the memory first.
         if machine.steps.len() > MOST_STEPS {
             return Err(at(
                 1,
@@ -95,6 +96,7 @@ fn words(line: &str) -> Result<Vec<Word>, Wrong> {
         at += 1;
         match letter {
             ';' => break,
+            // The mark at the start and end of a program tape.
             '%' if words.is_empty() => break,
             '(' => {
                 let end = letters.iter().skip(at).position(|&c| c == ')');
@@ -146,6 +148,7 @@ impl Machine {
                 value,
                 column,
             } = *word;
+            // Codes such as G5.1 have one decimal: compared in tenths, G2.1 is not taken for G2.
             let tenths = (value * 10.0).round();
             let whole = |known: &[f64]| known.iter().any(|k| (tenths - k * 10.0).abs() < 0.5);
             match letter {
@@ -177,6 +180,10 @@ impl Machine {
                 _ => return Err((column, format!("{letter}{value} is not understood"))),
             }
         }
+        // The order of execution of a block in RS274/NGC: tool first, then waits and moves.
+        if let Some(closed) = gripper {
+            self.steps.push(Step::Gripper { closed });
+        }
         if let Some(column) = dwell {
             let seconds = wait.ok_or((column, "G4 needs P, the seconds to wait".to_owned()))?;
             if seconds.value < 0.0 {
@@ -193,9 +200,6 @@ impl Machine {
         } else if axes.iter().any(Option::is_some) || offset_i.is_some() || offset_j.is_some() {
             let column = words.first().map_or(1, |word| word.column);
             self.travel(column, axes, offset_i, offset_j)?;
-        }
-        if let Some(closed) = gripper {
-            self.steps.push(Step::Gripper { closed });
         }
         Ok(ended)
     }
@@ -256,6 +260,7 @@ impl Machine {
             arc(column, motion, from_m, to_m, offset_i, offset_j)?
         };
         let speed_mps = match (motion, self.feed_mm_min) {
+            // G0 is as fast as the robot may be; F is in mm/min.
             (0, _) => None,
             (_, Some(feed)) => Some(feed / 60e3),
             (_, None) => return Err((column, "no speed yet: give F, mm/min".to_owned())),
@@ -292,6 +297,7 @@ fn arc(
     }
     let (start, end) = ((from_m - center_m).xy(), (to_m - center_m).xy());
     let gap_m = (start.norm() - end.norm()).abs();
+    // Programs round I, J and the end to some decimals of a millimetre: both radii differ by that.
     if gap_m > 1e-5 {
         let message = format!(
             "the arc's ends are {:.4} and {:.4} mm from its centre",
@@ -302,6 +308,7 @@ fn arc(
     }
     let turn = std::f64::consts::TAU;
     let mut sweep = end.y.atan2(end.x) - start.y.atan2(start.x);
+    // Rounding must not make a whole circle an arc without length.
     if (to_m - from_m).norm() < 1e-7 {
         sweep = 0.0;
     }
@@ -323,6 +330,20 @@ mod tests {
             Step::Move { path, .. } => path.length_m() * 1e3,
             _ => 0.0,
         }
+    }
+
+    #[test]
+    fn the_gripper_acts_before_the_move_of_its_block() {
+        let (_, steps) = read("G90 G0 X300 Y0 Z-180\nG1 X310 M3 F600\nM5 G4 P1").unwrap();
+        assert!(matches!(
+            steps[..],
+            [
+                Step::Gripper { closed: true },
+                Step::Move { .. },
+                Step::Gripper { closed: false },
+                Step::Dwell { .. }
+            ]
+        ));
     }
 
     #[test]

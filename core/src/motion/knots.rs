@@ -86,6 +86,7 @@ pub fn fit<E: From<SplineError>>(
                 function(time_s, &mut values)?;
                 for (spline, value) in splines.iter().zip(&values) {
                     let miss = (spline.sample(time_s)?.value - value).abs();
+                    // `max` drops NaN: a function without a value must not pass as close.
                     error = if miss.is_nan() {
                         f64::INFINITY
                     } else {

@@ -109,6 +109,7 @@ impl Margins {
 
     /// Notes a quantity below a limit.
     fn below(&mut self, what: Quantity, value: f64, limit: f64, at: Moment) {
+        // Over the larger one: a value of ten times the limit is -90 %, not -900 %.
         let left = (limit - value) / limit.max(value).max(f64::MIN_POSITIVE);
         self.note(what, value, limit, left, at);
     }

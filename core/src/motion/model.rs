@@ -231,6 +231,7 @@ impl Model {
                 Control::Tension if tension > TAUT_N => Held::Tension(tension),
                 Control::Tension => Held::Tension(self.robot.tension.setpoint_n),
                 Control::Position => {
+                    // Statics need taut lengths. With EA = 50 kN, 10 N stretch a metre by 0.2 mm.
                     let total = paid_out + cable.routing_length_m;
                     let stretched = total * (1.0 + tension / cable.ea_n);
                     Held::Length(stretched - cable.routing_length_m)

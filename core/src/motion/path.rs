@@ -137,6 +137,7 @@ enum Shape {
 
 /// A turn counts as the way of a point at this distance from the tool, m: limits of speed, acceleration
 /// and jerk apply to it.
+/// A limit of 0.1 m/s allows 0.5 rad/s, 29 degrees a second.
 pub(super) const TURN_LEVER_M: f64 = 0.2;
 
 impl Piece {
@@ -443,6 +444,7 @@ impl Path {
         let mut pieces = Vec::new();
         for piece in &self.pieces {
             let rest_m = piece.length_m - before_m;
+            // A shorter rest would be refused as a piece of no length.
             if rest_m >= LEAST_LENGTH_M {
                 pieces.push(piece.tail(before_m));
             }

@@ -21,6 +21,7 @@ use nalgebra::{Rotation3, Vector3};
 use thiserror::Error;
 
 /// Knots are close enough together when no length between them is off by more than this, m.
+/// A third of an encoder count of the paper's robot (0.03 mm).
 pub(crate) const TOLERANCE_M: f64 = 1e-5;
 /// Longest motion in one plan, s. Judging an hour takes about two seconds.
 pub(super) const LONGEST_S: f64 = 3600.0;
@@ -32,6 +33,7 @@ pub(super) const LONGEST_M: f64 = 500.0;
 pub(super) const MOST_PLACES: usize = 200_000;
 /// Most evaluations of the shaped law in one pass over a plan: impulses times milliseconds, some
 /// seconds of work. Three modes shaped by ZVD have 27 impulses; six have 729.
+/// With 27 impulses that is half an hour of motion.
 pub(super) const MOST_IMPULSES: f64 = 5e7;
 
 /// Why planning failed. Nothing has moved.
@@ -317,6 +319,7 @@ impl Plan {
     /// # Errors
     /// The first limit that it would break.
     pub fn judged(mut self) -> Result<Self, PlanError> {
+        // Before the knots are fitted: a refused plan costs no fitting.
         verdict::judge(&self.model, &self.timed)?;
         self.knots = wire::knots(&self.model, &self.timed)?;
         Ok(self)

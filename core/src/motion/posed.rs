@@ -9,6 +9,7 @@ use mcdpr_kinematics::{Band, CableSet, CableVec, Equilibrium, Error, Pose, Solve
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 
 /// A wished tension keeps this share of the range from both limits.
+/// 0.7 N of a range of 35 N.
 const WISH_SHARE: f64 = 0.02;
 /// Most steps from home to the pose that fits measured lengths.
 const MOST_STEPS: usize = 60;
@@ -27,6 +28,7 @@ impl Model {
     pub(super) fn takes_attitude(&self, attitude: &Rotation3<f64>) -> Result<(), &'static str> {
         match self.holding().freedom() {
             Freedom::Pose => Ok(()),
+            // Only a turn about the plane's normal leaves the normal where it is.
             Freedom::Plane { normal } if (attitude * normal - normal).norm() < 1e-9 => Ok(()),
             Freedom::Plane { .. } => Err("this robot turns in the plane of its cables only"),
             Freedom::Hanging => Err("gravity decides the attitude of this robot"),
@@ -89,6 +91,7 @@ impl Model {
                 *low = low.max(robot.tension.floor_n);
                 *high = high.min(robot.tension.ceiling_n);
             }
+            // A set-point at a limit is moved inside: the barrier needs room on both sides.
             let edge_n = WISH_SHARE * (*high - *low);
             *wish = robot
                 .tension
@@ -113,6 +116,7 @@ impl Model {
         for &cable in holding.by_tension() {
             tension_held.insert(cable);
         }
+        // A winch that holds a tension gives way: its cable has no stiffness here.
         let axial = |index: usize| {
             let cable = robot.cables.get(index)?;
             let length_m = lengths_m.get(index)? + cable.routing_length_m;
@@ -200,6 +204,8 @@ impl Model {
             else {
                 break;
             };
+            // Far from home the lengths are not linear: the whole step is shortened, its direction
+            // kept.
             let share = (LONGEST_STEP / step.norm().max(1e-12)).min(1.0);
             let mut by = nalgebra::Vector6::zeros();
             for (weight, twist) in step.iter().zip(&twists) {

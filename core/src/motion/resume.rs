@@ -60,6 +60,7 @@ pub(crate) fn remaining(
     let StepProgress { step, began_s, .. } = timed
         .progress(interruption.path_s)
         .ok_or(super::path::PathError::Empty)?;
+    // Not before the step's start: a gripper command before it must not be repeated.
     let earliest_s = began_s.max(interruption.path_s - BACK_S);
     let mut from_s = interruption.path_s;
     let mut nearest_m = (timed.tool_m(from_s)? - tool_m).norm();
@@ -93,6 +94,8 @@ pub(crate) fn remaining(
             rest.push(Step::Move {
                 path: path.tail(way_m)?,
                 duration_s: None,
+                // A given duration was for the whole step. At least 0.1 mm/s: a step of a few
+                // milliseconds may have no sample in motion, and a speed of 0 is refused.
                 speed_mps: if duration_s.is_some() {
                     Some(top_mps.max(1e-4))
                 } else {

@@ -4,6 +4,7 @@ use super::options::Shaping;
 use super::time_law::TimeLaw;
 
 /// A mode slower than this is not shaped, because the motion would wait too long, Hz.
+/// Half a period at 0.3 Hz is 1.7 s.
 const SLOWEST_HZ: f64 = 0.3;
 
 /// Impulses: time (s after the first) and share, summing to 1.
@@ -38,6 +39,8 @@ impl Shaper {
         };
         let mut impulses = vec![(0.0, 1.0)];
         for mode_hz in modes_hz.iter().filter(|&&hz| hz > SLOWEST_HZ) {
+            // Two equal impulses half a period apart leave swings of opposite sign. Each mode
+            // multiplies the number of impulses by 2 (ZV) or 3 (ZVD).
             let half_period_s = 0.5 / mode_hz;
             impulses = weights
                 .iter()
@@ -76,6 +79,7 @@ impl Shaper {
             way_m += share * state.position_m;
             speed_mps += share * state.velocity_mps;
         }
+        // Shares sum to 1 only up to rounding: the path has no point beyond its end.
         (way_m.clamp(0.0, law.length_m()), speed_mps)
     }
 

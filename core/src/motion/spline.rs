@@ -218,6 +218,7 @@ impl Spline {
     /// # Errors
     /// [`SplineError::OutsideTime`].
     pub fn sample(&self, time_s: f64) -> Result<Sample, SplineError> {
+        // NaN is after no knot: it ends as a time outside the spline.
         let after = self.knots.partition_point(|knot| knot.time_s <= time_s);
         // The last knot belongs to the segment before it.
         let after = after.min(self.knots.len() - 1);

@@ -33,6 +33,7 @@ pub(super) fn velocities(times: &[f64], values: &[f64], ends: Ends) -> Vec<f64> 
         });
     let (first, last): (Row, Row) = match ends {
         Ends::Clamped { start, end } => ([0.0, 1.0, 0.0, start], [0.0, 1.0, 0.0, end]),
+        // A second derivative of zero: 2 m_0 + m_1 = 3 d_0.
         Ends::Natural => ([0.0, 2.0, 1.0, 3.0 * d0], [1.0, 2.0, 0.0, 3.0 * dn]),
         Ends::NotAKnot => match (&steps[..], &slopes[..]) {
             ([_], [d]) => return vec![*d, *d],
@@ -97,6 +98,7 @@ fn periodic(inner: Vec<Row>, h0: f64, d0: f64, hn: f64, dn: f64) -> Vec<f64> {
     } else {
         let corner_up = rows.first().map_or(0.0, |row| row[0]);
         let corner_down = rows.last().map_or(0.0, |row| row[2]);
+        // This sign doubles the first pivot instead of cancelling it.
         let gamma = -rows.first().map_or(1.0, |row| row[1]);
         if let Some(row) = rows.first_mut() {
             row[1] -= gamma;

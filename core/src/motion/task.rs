@@ -338,6 +338,7 @@ impl Task {
                 return Err(wrong("an attitude is three finite angles".to_owned()));
             }
             for (key, value, fits) in [
+                // Several lines with rests between them have no common duration.
                 ("duration_s", leg.duration_s, moves && kind != "points_mm"),
                 ("speed_mm_s", leg.speed_mm_s, moves),
                 ("sweep_deg", leg.sweep_deg, kind == "circle_center_mm"),
@@ -345,6 +346,7 @@ impl Task {
                 if value.is_some() && !fits {
                     return Err(wrong(format!("{key} does not go with {kind}")));
                 }
+                // A sweep may be negative: clockwise.
                 let positive = key == "sweep_deg" || value.is_none_or(|v| v > 0.0);
                 if !positive || value.is_some_and(|v| !v.is_finite()) {
                     return Err(wrong(format!("{key} must be over 0")));

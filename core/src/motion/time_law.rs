@@ -132,6 +132,7 @@ impl TimeLaw {
         let fastest = Self::fastest(length_m, bounds)?;
         positive("the duration (s)", duration_s)?;
         let least_s = fastest.duration_s();
+        // A duration that equals the least one up to rounding is possible.
         if duration_s < least_s * (1.0 - 1e-12) {
             return Err(TimeLawError::TooShort {
                 length_m,
@@ -160,6 +161,7 @@ impl TimeLaw {
             length_m,
             jerk_s,
             rise_s,
+            // The cruise takes up what the bisection leaves: the duration is met exactly.
             cruise_s: (duration_s - 2.0 * rise_s).max(0.0),
         })
     }
@@ -226,6 +228,7 @@ impl TimeLaw {
                 jerk_mps3: 0.0,
             };
         }
+        // Before the cruise: without one, braking begins where the rise ends.
         if t_s >= end - self.rise_s {
             // The braking is the rise seen backwards, from the end.
             let mirror = self.rising(end - t_s, true);
@@ -310,6 +313,8 @@ fn check(length_m: f64, bounds: Bounds) -> Result<(), TimeLawError> {
 /// Durations of a jerk phase and of the whole rise to a peak speed.
 fn rise(peak_mps: f64, bounds: Bounds) -> (f64, f64) {
     let (a, j) = (bounds.acceleration_mps2, bounds.jerk_mps3);
+    // Above a^2 / j a phase of constant acceleration lies between the jerk phases: with 2 m/s2 and
+    // 40 m/s3 above 0.1 m/s.
     if peak_mps * j > a * a {
         (a / j, a / j + peak_mps / a)
     } else {
@@ -327,6 +332,7 @@ fn peak_speed(length_m: f64, bounds: Bounds) -> f64 {
         // V^2 / a + V a / j = length, the root in the form that does not cancel.
         2.0 * length_m / (jerk_s + (jerk_s * jerk_s + 4.0 * length_m / a).sqrt())
     };
+    // Jerk phases of t each: V = j t^2 and length = 2 V t, so V^3 = j length^2 / 4.
     let without = (0.25 * length_m * length_m * j).cbrt();
     let reachable = if with_constant_acceleration * j > a * a {
         with_constant_acceleration

@@ -136,6 +136,7 @@ impl Timed {
         if model.options().planner == Planner::Level {
             model.hanging("a plan for a level platform (--planner level)")?;
         }
+        // Cheap bounds first: an absurd file is refused before statics are solved.
         bounds::check(model, steps)?;
         let mut at_m = *start_m;
         for (number, step) in (1..).zip(steps) {
@@ -173,6 +174,7 @@ impl Timed {
                         time_s: timed.duration_s,
                         action: Action::Gripper { closed: *closed },
                     });
+                    // The tool stays until the jaws have finished.
                     let wait_s = model.robot().gripper.close_s.max(LEAST_GRIPPER_S);
                     timed.stay(model, &at_m, wait_s)?;
                 }
@@ -181,6 +183,7 @@ impl Timed {
         if timed.legs.is_empty() {
             return Err(PathError::Empty.into());
         }
+        // Known only now: accelerations and shapers add to the lower bound of `bounds::check`.
         if timed.duration_s > LONGEST_S {
             return Err(PlanError::Long {
                 duration_s: timed.duration_s,
@@ -200,6 +203,7 @@ impl Timed {
         let turn = self.turn(model, number, path)?;
         let track = Track::along(model, path, &turn, self.last_rest())?;
         self.attitude = turn.at(1.0);
+        // The swing that remains is the one at the end of the way: its modes are shaped.
         let shaper = match track.nodes().last() {
             Some(end) => {
                 let modes = model.geometry().stability(&end.equilibrium)?.modes_hz;
@@ -225,6 +229,7 @@ impl Timed {
         }
         for (cable, slope) in track.slopes().into_iter().enumerate() {
             if let Some(winch) = model.robot().winch_of(cable) {
+                // A cable whose length does not change along the path sets no limit.
                 let most_mps = winch.max_cable_speed_mps() * DRUM_SHARE / slope.max(1e-6);
                 bounds.speed_mps = bounds.speed_mps.min(most_mps);
             }
@@ -237,6 +242,7 @@ impl Timed {
             None => TimeLaw::fastest(length_m, bounds)?,
         };
         let duration_s = law.duration_s() + shaper.delay_s();
+        // Six modes shaped by ZVD have 729 impulses: each is evaluated at every millisecond.
         self.impulses += duration_s * 1e3 * shaper.impulses().len() as f64;
         if self.impulses > MOST_IMPULSES {
             return Err(PlanError::Large {
@@ -268,6 +274,7 @@ impl Timed {
         at_m: &Vector3<f64>,
         duration_s: f64,
     ) -> Result<(), PlanError> {
+        // Shorter than a tick: no knot could lie at its end.
         if duration_s < 1e-3 {
             return Ok(());
         }
@@ -294,6 +301,7 @@ impl Timed {
         duration_s: f64,
     ) {
         let start_s = self.duration_s;
+        // The 1e-6 ms keep rounding from turning a whole number of milliseconds into one more.
         self.duration_s = ((start_s + duration_s) * 1e3 - 1e-6).ceil() * 1e-3;
         self.legs.push(Leg {
             step: self.step,

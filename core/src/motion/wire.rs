@@ -67,6 +67,8 @@ fn judge(model: &Model, timed: &Timed, knots: &[Knot]) -> Result<(), PlanError> 
         for (cable, (a, b)) in (1..).zip(from.cables.iter().zip(to.cables.iter())) {
             let spacing_s = f64::from(to.time_ms - from.time_ms) * 1e-3;
             let [start, end] = accelerations(a, b, spacing_s);
+            // A cubic's acceleration is linear: its extremes are at the ends, and its slope is the
+            // jerk.
             let largest = start.abs().max(end.abs());
             let jerk = (end - start).abs() / spacing_s;
             let (what, value, limit, unit) = if largest > most.acceleration_mps2 {
@@ -115,6 +117,7 @@ fn fit(model: &Model, timed: &Timed, (from, to): (u32, u32)) -> Result<Vec<Splin
         },
         spacing: Spacing::Ticks,
         tolerance: TOLERANCE_M,
+        // A wait, too, has knots a second apart at most: tensions and rows are linear between them.
         least_segments: span_ms.div_ceil(MOST_SPACING_MS).max(4).min(most_segments),
         most_segments,
     };
@@ -162,6 +165,8 @@ fn contact_row(model: &Model, rest: &StaticState) -> Option<ResidualRow> {
         vertical_n += upward.abs() * rest.tensions_n().get(cable).copied().unwrap_or(0.0);
         let scaled = rounded(upward * f64::from(ResidualRow::TENSION_SCALE));
         tensions
+            // A coefficient beyond the wire's range leaves the row out: the motion goes without
+            // this check.
             .push(Coefficient(i16::try_from(scaled).ok()?))
             .ok()?;
         lengths.push(Coefficient(0)).ok()?;

@@ -104,6 +104,7 @@ pub(crate) fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut:
     let lengths_m: Vec<f64> = kept.cables.iter().map(|cable| cable.length_m).collect();
     let mut lengths = Lengths::counted(&lengths_m);
     let open = |cable: usize| kept.brakes_open >> cable & 1 == 1;
+    // Closed brakes held through the cut: the counts are as good as before.
     if kept.brakes_open == 0 {
         return lengths;
     }
@@ -126,11 +127,15 @@ pub(crate) fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut:
         let time_s = winch.brake_close_s * BRAKE_TIME[0];
         let time_sd_s = winch.brake_close_s * BRAKE_TIME[1];
         let grip_mps = speed + out * time_s;
+        // The cable pulls against the brake. A fifth of its friction remains, so that the way stays
+        // finite.
         let grip_n = (BRAKE_N - state.tension_n).max(0.2 * BRAKE_N);
         let stop_m = grip_mps * grip_mps.abs() * winch.effective_mass_kg() / (2.0 * grip_n);
         let fallen_m = 0.5 * out * time_s * time_s;
         let play_m = winch.brake_play_m;
+        // The drum may rest anywhere in the brake's play: uniform, so mean 1/2 and variance 1/12.
         free[cable] = speed * time_s + fallen_m + stop_m + 0.5 * play_m;
+        // A drive with supply stops its drum within its lag: 1 / (150 rad/s) = 7 ms.
         held[cable] = speed * time_s.min(1.0 / winch.drive_bandwidth_rad_s);
         coasts[cable] = speed;
         grows[cable] = fallen_m * ACCELERATION_SPREAD;
@@ -143,6 +148,8 @@ pub(crate) fn lengths_after(model: &Model, rest: &StaticState, kept: &Kept, cut:
     let gone = cut.torque_gone.clamp(0.0, 1.0);
     let differ = &free - &held;
     lengths.mean_m += &coasts * cut.unseen_s + &held + &differ * gone;
+    // Time and cause of the cut are common to all drums: their errors are fully correlated. The
+    // cause is yes or no: variance p (1 - p).
     lengths.covariance_m2 += &coasts * coasts.transpose() * cut.unseen_sd_s.powi(2);
     lengths.covariance_m2 += &differ * differ.transpose() * (gone * (1.0 - gone));
     lengths.covariance_m2 += &grows * grows.transpose();

@@ -95,6 +95,7 @@ impl Problem<'_> {
         let mut rows = Vec::new();
         if let (Some(lengths), Some(white)) = (weighed.lengths, &self.white) {
             let said = DVector::from_column_slice(&rest.paid_out_m);
+            // Whitened: rows of unit variance, without correlation.
             rows.extend((white * (&lengths.mean_m - said)).iter().copied());
         }
         let tensions = weighed.tensions_n.iter().zip(rest.tensions_n());
@@ -134,6 +135,7 @@ impl Problem<'_> {
         for (column, change) in CHANGES.into_iter().enumerate() {
             let mut moved = fit.x;
             moved[column] += change;
+            // Place and tension change the statics; the other three turn the platform out of them.
             let there = if column < 4 {
                 self.rows(&moved, &self.rest(&moved, Some(&fit.rest))?)?
             } else {
@@ -209,11 +211,13 @@ pub fn fuse(
     let shown = weighed.tensions_n.get(held).copied();
     let mut x = Unknowns::zeros();
     x.fixed_rows_mut::<3>(0).copy_from(start_m);
+    // A sensor near zero would start the search where the robot may have no resting pose.
     x[3] = shown.unwrap_or(model.robot().tension.setpoint_n).max(0.5);
     let rest = problem.rest(&x, None)?;
     let rows = problem.rows(&x, &rest)?;
     let first = Fit { x, rest, rows };
     let slopes = problem.slopes(&first)?;
+    // `descend` only tells that an attempt failed: the reason is kept here.
     let mut failure = EstimateError::Rank;
     let found = descend(first, slopes, &DAMPING, |fit, slopes, damping| {
         problem
@@ -246,6 +250,8 @@ impl Problem<'_> {
                 residual_per_length.push((bias - slopes * &moved).norm());
             }
         }
+        // Laplace: half the logarithm of the determinant, minus half of chi-square. The whitening
+        // adds the normalisation of the lengths, which differs between the causes.
         let spread = covariance.determinant().max(f64::MIN_POSITIVE).ln();
         let white = self.white.as_ref().map_or(0.0, |white| {
             white.diagonal().iter().map(|part| part.abs().ln()).sum()

@@ -20,6 +20,7 @@ use thiserror::Error;
 /// First bytes of a journal.
 pub const MAGIC: &[u8; 8] = b"MCDPRJ01";
 /// Bytes around a payload.
+/// Length 2, kind 1, number 4, CRC-32 4.
 const AROUND: usize = 11;
 /// Most bytes of a payload.
 const MOST_BYTES: usize = 60_000;
@@ -245,6 +246,7 @@ impl Encoder {
             count,
         ]);
         for cable in &kept.cables {
+            // Steps of 0.1 um, 1 um/s and 1 mN: an i32 holds 214 m, 2147 m/s and 2.1 MN.
             for (value, per_unit) in [
                 (cable.length_m, 1e7),
                 (cable.setpoint_m, 1e7),
@@ -264,7 +266,8 @@ impl Encoder {
 
     fn record(&mut self, kind: u8, payload: &[u8]) -> Vec<u8> {
         self.number = self.number.wrapping_add(1);
-        let length = u16::try_from(payload.len()).unwrap_or(u16::MAX);
+        // A longer record would count as damaged when it is read.
+        let length = u16::try_from(payload.len().min(MOST_BYTES)).unwrap_or(u16::MAX);
         let payload = payload.get(..length.into()).unwrap_or(payload);
         let mut bytes = Vec::with_capacity(payload.len() + AROUND);
         bytes.extend(length.to_le_bytes());
@@ -282,6 +285,7 @@ fn fixed(value: f64) -> i32 {
     value.round() as i32
 }
 
+// The index is the byte in the file: a new state goes to the end, or old journals change meaning.
 const STATES: [BoardState; 9] = [
     BoardState::Boot,
     BoardState::Disarmed,
@@ -330,6 +334,7 @@ impl<'a> Records<'a> {
         if rest.iter().all(|byte| *byte == 0) {
             return Next::Torn(rest.len());
         }
+        // No record is that long: its length itself is damaged.
         if length > MOST_BYTES {
             return Next::Damaged;
         }
@@ -442,6 +447,7 @@ impl Journal {
                         KIND_PLAN => {
                             let read = serde_json::from_slice::<Plan>(payload);
                             plan = Some(read.map_err(|_| damaged())?);
+                            // Path times count from the start of each plan.
                             path_ms = 0;
                         }
                         KIND_KEPT => {
@@ -499,11 +505,13 @@ impl Journal {
                 journal: of.robot.clone(),
             });
         }
+        // A computer that lost its date cannot tell the last run from an earlier one.
         if of.wall_ms > now_ms.saturating_add(CLOCK_MS) {
             return Err(JournalError::Future {
                 ahead_s: (of.wall_ms - now_ms) / 1000,
             });
         }
+        // No mark yet: the run was cut before its first record was certain to be on the disk.
         let Some(mark) = mark else {
             return Ok(());
         };
@@ -524,6 +532,7 @@ impl Journal {
 }
 
 /// Bytes of one slot of a file of marks.
+/// Session 4, number 4, CRC-32 4.
 pub const MARK_BYTES: usize = 12;
 
 impl Mark {

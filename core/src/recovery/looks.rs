@@ -90,6 +90,7 @@ impl Looks {
             let moments = Moments::of(&series);
             rest.tensions_n.push(moments.tapered);
             swings.push(moments.swing(NOISE_N.powi(2)));
+            // The sensor's noise is no motion.
             rest.swing_n.push(swing(moments.variance - NOISE_N.powi(2)));
             rest.drift_n.push(moments.drift);
             series.sort_by(f64::total_cmp);
@@ -302,9 +303,11 @@ impl TagMotion {
             let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
             edge_px += (far(a, b) + far(b, c) + far(c, d) + far(d, a)) / 4.0 / count;
         }
+        // The tag's edge gives the scale at its own distance, without a camera model.
         let m_per_px = edge_m / edge_px.max(1.0);
         Some(Self {
             swing_m: swing(variance - noise) * m_per_px,
+            // Noise alone moves the difference of two half means: variance 2 x noise / (count / 2).
             drift_m: (drift - 4.0 * noise / count).max(0.0).sqrt() * m_per_px,
             error_px: leak(&swings) * (0.5 * (variance - noise)).max(0.0).sqrt(),
         })

@@ -166,6 +166,7 @@ fn decide(model: &Model, evidence: &Evidence<'_>) -> Result<Verdict, EstimateErr
         let sentence = format!("the journal is not valid: {reason}; the file is unchanged");
         return Ok(Verdict::refused(sentence, next));
     }
+    // Slack and drift before the estimate: statics hold for taut cables at rest only.
     if let Some(slack) = evidence.rest.slack() {
         let number = slack.cable + 1;
         return Ok(if slack.always {
@@ -233,6 +234,7 @@ fn without_tag(evidence: &Evidence<'_>, estimates: &Estimates) -> Verdict {
     let parked = journal
         .and_then(|journal| journal.last.as_ref())
         .is_some_and(|last| last.state == BoardState::Disarmed);
+    // A bound that is too large is reported first: a confirmation by the user would not reduce it.
     if bound_m > evidence.bound_m {
         verdict.sentence = format!(
             "the tool's position is known to {} only, and {} are required",
@@ -277,6 +279,7 @@ fn by_tag(evidence: &Evidence<'_>, estimates: &Estimates) -> Verdict {
     let found = estimates.best();
     let bound_m = estimates.bound_m();
     let mut verdict = Verdict::of(estimates);
+    // A tag shows the place itself: the user need not confirm that nothing was touched.
     BY_HAND.clone_into(&mut verdict.next);
     verdict.used = vec!["tags in view".to_owned(), "tensions at rest".to_owned()];
     if estimates.with_lengths.is_some() {

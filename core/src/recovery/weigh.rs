@@ -17,8 +17,10 @@ mod causes;
 /// Normal deviate above which evidence counts as contradictory: one valid case in a thousand.
 const CONTRADICTS: f64 = 3.09;
 /// A length that is off by so many of its standard deviations is named.
+/// By chance 6 of 100 000 normal errors are.
 const NAMED: f64 = 4.0;
 /// Lengths within so many standard deviations of the tag's estimate are combined with it.
+/// By chance 3 of 1000 good lengths are further off.
 const AGREES: f64 = 3.0;
 /// Standard deviation of a length by a view of a tag alone, m.
 const TAG_LENGTH_M: f64 = 1e-3;
@@ -26,9 +28,11 @@ const TAG_LENGTH_M: f64 = 1e-3;
 /// of freedom at [`CONTRADICTS`].
 const DETECTED: f64 = 3.3;
 /// Standard deviations of a tension: a constant part, and a share for gain and pulleys.
+/// Together 0.32 N at 15 N.
 const TENSION_N: f64 = 0.12;
 const TENSION_SHARE: f64 = 0.02;
 /// Standard deviation of the attitude from that of statics, rad.
+/// A centre of mass 1 mm off tilts the platform by 1 to 2 mrad.
 const ATTITUDE_RAD: f64 = 3e-3;
 /// Position of the camera's mounting and of a tag after a calibration, standard deviation, m per axis.
 const TAG_PLACE_M: f64 = 2.0e-4;
@@ -215,6 +219,7 @@ fn known(model: &Model, evidence: &Evidence<'_>) -> Result<Option<Known>, Estima
         }
         Source::Refused(_) => return Ok(None),
     };
+    // Without a reference, counts begin at any length.
     let Some(last) = journal.last.as_ref().filter(|last| last.referenced) else {
         return Ok(None);
     };
@@ -265,6 +270,7 @@ fn averaged(seen: &Measurements, motion_px: f64) -> Measurements {
         }
         let same: Vec<_> = seen.views.iter().filter(|of| of.id == view.id).collect();
         let weights = taper(same.len());
+        // 1.5 / n for a Hann window: the noise is averaged as by two thirds of the pictures.
         let noise_share: f64 = weights.iter().map(|weight| weight * weight).sum();
         let mut mean = *view;
         for (index, corner) in mean.corners_px.iter_mut().enumerate() {
@@ -332,6 +338,8 @@ fn suspects(model: &Model, weighed: &Weighed<'_>, found: &Found) -> Vec<String> 
     let mut best: Option<(f64, usize, f64)> = None;
     for cable in 0..lengths.mean_m.len() {
         let mut loose = lengths.clone();
+        // A standard deviation of 0.1 m leaves the length out in effect, and no row changes its
+        // place.
         loose.covariance_m2[(cable, cable)] += 0.1_f64.powi(2);
         let without = Weighed {
             lengths: Some(&loose),

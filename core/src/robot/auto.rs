@@ -40,6 +40,7 @@ pub(super) fn choose(reader: &mut Reader, tables: &[Values], robot: &mut Robot) 
                 if let Some(normal) = plane {
                     at_m -= normal * normal.dot(&(at_m - anchor_m));
                 }
+                // Level: no task is known yet.
                 poses.push(Pose::level(at_m));
             }
         }

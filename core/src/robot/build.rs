@@ -62,6 +62,7 @@ pub(super) fn build(
     let common = [key!(WINCH, "id"), key!(WINCH, "node")];
     let all_winches = file.take_table(key!(ROBOT, "all_winches"), &schema::WINCH);
     let all_winches = in_common(reader, all_winches, &common);
+    // Common keys alone mean one such winch per cable.
     if winch_tables.is_empty() && !all_winches.is_empty() {
         winch_tables = (1..=cable_tables.len())
             .map(|number| {
@@ -104,6 +105,7 @@ pub(super) fn build(
         None => below_anchors_m(&cables),
     };
 
+    // After a mistake some values are placeholders: no robot is built of them.
     let mut robot = reader.is_clean().then(|| Robot {
         name: file.text(key!(ROBOT, "name")).to_owned(),
         platform,
@@ -174,6 +176,7 @@ fn platform(reader: &mut Reader, table: &Values) -> Platform {
         Some(&[xx, yy, zz]) => Matrix3::from_diagonal(&Vector3::new(xx, yy, zz)),
         Some(&[xx, yy, zz, xy, xz, yz]) => Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
         _ => {
+            // A homogeneous box of the assumed size (docs/paper-notes.md): m (b^2 + c^2) / 12.
             let [a, b, c] = BOX_M.map(|edge| edge * edge * mass_kg / 12.0);
             Matrix3::from_diagonal(&Vector3::new(b + c, a + c, a + b))
         }
@@ -184,6 +187,8 @@ fn platform(reader: &mut Reader, table: &Values) -> Platform {
         .copied()
         .collect();
     moments.sort_by(f64::total_cmp);
+    // Of any distribution of mass the greatest moment is at most the sum of the others. A thin
+    // plate has equality, up to rounding.
     if let [least, middle, greatest] = moments[..]
         && (least <= 0.0 || greatest > (least + middle) * (1.0 + 1e-9))
     {
@@ -280,6 +285,7 @@ fn cables(
             swivel_axis_in_world,
             pulley_radius_m: table.number(key!(CABLE, "pulley_radius_mm")) / MM_PER_M,
             attachment_in_platform_m: point_m(&table.numbers(key!(CABLE, "attachment_mm"))),
+            // A missing winch has been reported: no robot with this index is built.
             winch_index: found.unwrap_or(0),
             control: match table.text(key!(CABLE, "control")) {
                 "tension" => Control::Tension,
@@ -313,6 +319,7 @@ fn bus(reader: &mut Reader, table: &Values, winches_given: bool, winches: &[Winc
             Some("500000 or 1000000".into()),
         );
     }
+    // The same frames take twice the time at half the bit rate.
     let standard_us = if bitrate < 1_000_000 { 4000 } else { 2000 };
     let period_us = table
         .whole_given(key!(BUS, "period_us"))
@@ -392,6 +399,7 @@ fn limits(reader: &mut Reader, table: &Values, winches: &[Winch], winches_given:
         );
     }
     Limits {
+        // The slowest winch limits a motion straight along its cable.
         speed_mps: table
             .number_given(key!(LIMITS, "speed_mps"))
             .unwrap_or_else(|| least(Winch::max_cable_speed_mps)),
@@ -425,6 +433,7 @@ fn tension(reader: &mut Reader, table: &Values, limits: &Limits) -> TensionLaw {
         floor_n: table.number(key!(TENSION, "floor_n")),
         ceiling_n: table
             .number_given(key!(TENSION, "ceiling_n"))
+            // A tenth of room below the limit at which the board stops (C2).
             .unwrap_or(0.9 * limits.tension_max_n),
     };
     let mut refuse = |key: Named, what: String, help: &str| {

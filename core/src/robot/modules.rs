@@ -48,6 +48,7 @@ pub(super) fn open(
     modules: &dyn ModuleFiles,
     asked: &str,
 ) -> Result<(String, String), (String, String)> {
+    // A robot file of unknown origin must not read files outside its folder.
     let inside = Path::new(asked)
         .components()
         .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));

@@ -58,6 +58,7 @@ pub(crate) fn refuse_while<L: Link>(
     doing: &str,
     stopping: bool,
 ) -> Result<(), RunError> {
+    // Left to `stop_wanted`, which stops the robot.
     if !stopping && client.handle().stop_ordered().is_some() {
         return Ok(());
     }

@@ -43,6 +43,7 @@ impl Recorder {
             // The path clock is zero while no motion runs.
             let path_s = (block.path_ms > 0)
                 .then(|| (f64::from(block.path_ms) + f64::from(since_first)) * 1e-3)
+                // A block that spans the end of a motion has ticks behind it.
                 .filter(|&path| path <= duration_s);
             self.samples.push(Measured {
                 tick: tick.0,

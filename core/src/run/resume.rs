@@ -121,6 +121,8 @@ pub(super) fn plan_rest(
     }
     let start_m = Vector3::from(kept.start_m);
     let (mut steps, mut plan) = whole(model, task, &start_m)?;
+    // The journal's path time counts from the last continuation: each is planned again, unjudged,
+    // because it was judged before it moved.
     for interruption in &kept.interruptions {
         steps = remaining(model, &plan.timed, &steps, interruption)?.steps;
         plan = Plan::unjudged(model, &interruption.tool_m.into(), &steps)?;
@@ -138,6 +140,7 @@ pub(super) fn plan_rest(
         .last
         .as_ref()
         .is_some_and(|last| matches!(last.state, BoardState::Holding | BoardState::Disarmed));
+    // A robot that rests at the end was sampled up to a tenth of a second before it.
     if path_s >= now_s || (rests && path_s > now_s - LAST_S) {
         let state = "the motion had reached its end";
         return Err(ResumeError::NoMotion { state }.into());
@@ -186,6 +189,7 @@ fn check_gripper(
         let Action::Gripper { closed } = timed.action;
         closed
     });
+    // Without a planned action before that point the last command in the journal counts.
     let kept = journal.last.as_ref().map(|last| last.gripper_closed);
     let closed = planned.or(kept).unwrap_or(false);
     let wrong = |expected, found| Err(ResumeError::Gripper { expected, found });

@@ -14,6 +14,7 @@ use thiserror::Error;
 /// A tension may have changed by this, N, or by a fifth: as arming allows.
 const TENSION_BAND_N: f64 = 2.0;
 /// Greatest residual of a resting pose at which lengths are plausible, m.
+/// The same as the board's limit in motion (S5).
 const CLOSURE_M: f64 = 0.004;
 
 /// The saved values.
@@ -100,6 +101,7 @@ impl Saved {
         for (cable, (&now_n, &then_n)) in (1..).zip(pairs) {
             let band = TENSION_BAND_N.max(then_n / 5.0);
             let off_n = (now_n - then_n).abs();
+            // A NaN is never greater than the band: it would pass as unchanged.
             if off_n.is_nan() || off_n > band {
                 return Err(Implausible::Tension {
                     cable,

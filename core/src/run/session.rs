@@ -14,6 +14,7 @@ use mcdpr_protocol::{BoardState, ConfigHash, Request, SessionId};
 use nalgebra::{Rotation3, Vector3};
 
 /// Number of pictures that one observation of a tag averages.
+/// Their mean has a fifth of one picture's noise.
 const PICTURES: usize = 30;
 /// Time between them, µs: thirty a second.
 const BETWEEN_PICTURES_US: u64 = 33_333;
@@ -185,9 +186,11 @@ impl<'m, L: Link> Session<'m, L> {
     /// # Errors
     /// As [`super::arm`].
     pub fn arm(&mut self) -> Result<(), RunError> {
+        // A simulated robot starts at home: it has no lengths to keep.
         if self.client.info().simulated {
             return super::arm(&mut self.client, self.hash);
         }
+        // Before any drum turns: after a cut in motion the saved lengths would be wrong.
         self.kept.forget(&board_name(self.client.hello()));
         let armed = super::arm(&mut self.client, self.hash);
         // A refused arming leaves a disarmed robot whose board still knows its lengths.
@@ -378,6 +381,7 @@ fn seen(
         return Err(RunError::NoTag);
     }
     let measured = Measurements {
+        // The lengths are what is to be found: the board's own must not count.
         lengths_m: Vec::new(),
         tensions_n: tensions_n.to_vec(),
         views,

@@ -85,6 +85,7 @@ fn feed<L: Link>(
     let duration_s = knots.last().map_or(0.0, |knot| knot.time_s());
     let capacity = usize::from(client.info().knot_capacity);
     let mut feeder = Feeder { knots, next: 0 };
+    // A full buffer before the clock starts: the first stall of the line meets the largest reserve.
     feeder.fill(client, capacity)?;
     drain(client)?;
     client.request(Request::Start)?;
@@ -100,6 +101,7 @@ fn feed<L: Link>(
             return Err(stop_now(client, kind));
         }
         orders::obey_in_motion(client)?;
+        // The refused knot is missing in the path: stop before the buffer comes to the gap.
         if let Err(error) = settle(client) {
             client.stop(StopKind::Stop)?;
             // A board that stopped by itself refuses requests in progress: the fault is the reason.
@@ -112,6 +114,7 @@ fn feed<L: Link>(
             if halt.kind == StopKind::Hold {
                 super::wait_for(client, BoardState::Holding, 3.0)?;
                 drain(client)?;
+                // The board would otherwise continue the rest of the motion on the next resume.
                 client.request(Request::Discard)?;
             } else {
                 super::wait_for(client, BoardState::Disarmed, 3.0)?;
@@ -131,6 +134,7 @@ fn feed<L: Link>(
                 recorder.buffered(until_s - path_s);
             }
             let sent_since = feeder.since(beat.next_knot);
+            // The free room is that of the last beat: knots sent since then have taken part of it.
             let credit = usize::from(beat.knots_free).saturating_sub(sent_since);
             feeder.feed(client, credit)?;
         } else if let Some(fault) = client.status().and_then(|status| status.fault) {

@@ -42,6 +42,7 @@ impl GraspMark {
     ) -> Option<Self> {
         let pad = |side: f64| camera.project(&(point_m + closing * (side * 0.5 * width_m)));
         let (a, b) = (pad(-1.0)?, pad(1.0)?);
+        // The pads are drawn about the pixel that was found, not about their projected middle.
         let shift = nalgebra::Vector2::from(middle_px) - (a + b) * 0.5;
         Some(Self {
             middle_px,

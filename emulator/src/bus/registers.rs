@@ -6,6 +6,7 @@ impl Bus {
     pub(super) fn place(&self, address: u32) -> Result<(Place, u32), Trap> {
         let (apb1, apb2, ahb) = (self.rcc.apb1enr, self.rcc.apb2enr, self.rcc.ahbenr);
         let always = 1;
+        // RM0008, 3.3 (memory map) and 7.3 (clock enables): each peripheral has 1 KB and one bit.
         let (place, clocked) = match address & !0x3FF {
             0x4000_0000 => (Place::Timer(1), apb1),
             0x4000_0400 => (Place::Timer(2), apb1 >> 1),
@@ -35,6 +36,8 @@ impl Bus {
                 });
             }
         };
+        // A real peripheral without its clock reads as zero and ignores writes: a fault that is
+        // hard to find.
         if clocked & 1 == 0 {
             return Err(Trap::ClockOff { address });
         }
@@ -70,6 +73,7 @@ impl Bus {
             Place::Dma => self.dma.read(offset),
             Place::Rcc => self.rcc.read(offset, now),
             Place::Flash => {
+                // The prefetch status follows its enable.
                 (offset == 0).then_some(self.rcc.flash_acr | self.rcc.flash_acr << 1 & 32)
             }
             Place::Power => {
@@ -81,12 +85,14 @@ impl Bus {
                 let (from, since) = self.rtc;
                 let hz = self.watchdog.oscillator_hz;
                 // Source LSI, enabled.
+                // RTCEN, and RTCSEL = 10.
                 let runs = self.rcc.backup() & 0x8300 == 0x8200;
                 let passed = if runs {
                     (now - since) * hz / TICKS_PER_SECOND
                 } else {
                     0
                 };
+                // Counts down, and is reloaded after zero.
                 let left = u64::from(from) - passed % (u64::from(from) + 1);
                 match offset {
                     // Synchronised, and ready for a write.
@@ -116,6 +122,7 @@ impl Bus {
             self.scs
                 .write(address, value, now, cost, cycles)
                 .ok_or(missing)?;
+            // Only requested: the run ends at the next opportunity, not inside a write.
             if self.scs.reset_requested {
                 self.halt = Some(Halt::Software);
             }
@@ -145,6 +152,7 @@ impl Bus {
             }
             // Pending bits are cleared by writing them.
             Place::Exti if index == 5 => Ok(()),
+            // The supply's line is the only one that is emulated: others would seem to work.
             Place::Exti if index < self.exti.len() && value & !PVD_LINE == 0 => {
                 self.exti[index] = value;
                 Ok(())
@@ -154,6 +162,7 @@ impl Bus {
                 Ok(())
             }
             Place::Backup => Ok(()),
+            // PWR_CR, bit 8 (RM0008, 5.4.1).
             Place::Clock if self.power & 1 << 8 == 0 => {
                 Err("the backup domain is write-protected (DBP)")
             }
@@ -173,6 +182,7 @@ impl Bus {
             _ => return Err(missing),
         };
         done.map_err(|what| Trap::Misuse { address, what })?;
+        // Wait states and clock belong together: either write may make the other invalid.
         if matches!(place, Place::Rcc | Place::Flash) {
             let clocks = self
                 .rcc

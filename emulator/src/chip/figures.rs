@@ -79,6 +79,7 @@ impl Chip {
         let stats = self.tick_stats();
         self.ticks.clear();
         (self.latency_max, self.cycles_max) = (0, 0);
+        // Lost ticks are counted by the core, and carried over its resets here.
         self.lost_before = 0;
         self.bus.scs.ticks_lost = 0;
         stats
@@ -100,8 +101,11 @@ impl Chip {
             return taken;
         };
         let mut word = |offset: u32| self.bus.read(block + offset, 4).unwrap_or(0);
+        // SEGGER RTT: 24 bytes of identification and counts, then the first up-channel: name,
+        // buffer, size, write and read position.
         let (id, buffer, size, write, mut read) = (word(0), word(28), word(32), word(36), word(40));
         let initialised = id.to_le_bytes() == *b"SEGG";
+        // Before the firmware's start the block contains arbitrary bytes.
         if !initialised || size > RAM_BYTES || write >= size || read >= size {
             return taken;
         }

@@ -46,6 +46,7 @@ impl Chip {
     pub fn stop_crystal(&mut self) -> bool {
         let watched = self.bus.rcc.watches_crystal();
         if watched {
+            // 2 is the NMI.
             self.bus.scs.pend(2);
         }
         watched
@@ -168,6 +169,7 @@ impl Chip {
     pub fn uart_send(&mut self, bytes: &[u8]) {
         let (now, cycle) = (self.bus.now, self.bus.clocks.apb1);
         self.bus.usart.send(bytes, now, cycle);
+        // The first byte's arrival is a new event.
         self.bus.plan();
     }
 
@@ -201,6 +203,7 @@ impl Chip {
     /// Another node wants to send a frame from `at_us` on (at once, if that is past). It is sent
     /// when the bus is free and nothing more urgent waits, and repeated until it passes.
     pub fn can_send(&mut self, at_us: u64, frame: CanFrame) {
+        // Not into the past: the bus has been served up to now.
         let at = (at_us * TICKS_PER_US).max(self.bus.now);
         self.bus.can_line.offer(at, frame);
         self.bus.plan();

@@ -16,6 +16,7 @@ pub(crate) const fn sign_extend(value: u32, bits: u32) -> i32 {
 /// Decodes the instruction at `pc`: its first half-word and the one that follows (used by 32-bit
 /// encodings only). Returns the operation and its length in bytes.
 pub fn decode(pc: u32, first: u16, second: u16) -> (Op, u8) {
+    // Bits 15 to 11 of 0b11101, 0b11110 and 0b11111 begin an instruction of 32 bits (A5.1).
     if first >= 0xE800 {
         (decode32(pc, first, second), 4)
     } else {
@@ -54,6 +55,7 @@ fn decode16(pc: u32, w: u16) -> Op {
     let (r0, r3, r6, r8) = (low(w, 0), low(w, 3), low(w, 6), low(w, 8));
     let here = pc.wrapping_add(4);
     match w >> 11 {
+        // A shift by an immediate is a move with a shifted operand.
         0b00000..=0b00010 => {
             let (shift, amount) = immediate_shift((w >> 11) as u8, imm5);
             Op::AluReg {
@@ -126,8 +128,10 @@ fn decode16(pc: u32, w: u16) -> Op {
         0b10101 => imm(Alu::Add, Flags::Never, r8, 13, imm8 * 4),
         0b10110 | 0b10111 => miscellaneous(w, here),
         0b11000 => many(false, r8, imm8 as u16, true),
+        // LDM writes back unless its base is loaded.
         0b11001 => many(true, r8, imm8 as u16, imm8 & (1 << r8) == 0),
         0b11010 | 0b11011 => match (w >> 8) & 15 {
+            // Condition 14 is the permanently undefined instruction, 15 the supervisor call.
             14 => Op::Undefined,
             15 => Op::Svc,
             cond => Op::BranchIf {
@@ -143,6 +147,7 @@ fn decode16(pc: u32, w: u16) -> Op {
 
 fn many(load: bool, rn: u8, list: u16, wback: bool) -> Op {
     let down = false;
+    // An empty list is unpredictable: reported, not guessed.
     if list == 0 {
         Op::Undefined
     } else if load {
@@ -214,6 +219,7 @@ fn data_processing(w: u16, rd: u8, rm: u8) -> Op {
         6 => reg(Alu::Sbc, OUTSIDE, rd, rd, rm),
         7 => shift(Shift::Ror),
         8 => reg(Alu::And, Flags::Always, DISCARD, rd, rm),
+        // NEG is 0 minus the register.
         9 => imm(Alu::Rsb, OUTSIDE, rd, rm, 0),
         10 => reg(Alu::Sub, Flags::Always, DISCARD, rd, rm),
         11 => reg(Alu::Add, Flags::Always, DISCARD, rd, rm),
@@ -238,6 +244,7 @@ fn special(w: u16) -> Op {
     match (w >> 8) & 3 {
         0 if rd == 15 => Op::AddPc { rm },
         0 => reg(Alu::Add, Flags::Never, rd, rd, rm),
+        // Unpredictable encodings end the run: a compiler never emits them.
         1 if rd == 15 || rm == 15 => Op::Undefined,
         1 => reg(Alu::Sub, Flags::Always, DISCARD, rd, rm),
         2 if rd == 15 => Op::MovPc { rm },
@@ -276,6 +283,7 @@ fn miscellaneous(w: u16, here: u32) -> Op {
         }),
         4 | 5 => Op::StoreMany {
             rn: 13,
+            // Bit 8 stands for LR (14) in PUSH.
             list: (w & 0xFF) | ((w & 0x100) << 6),
             down: true,
             wback: true,
@@ -293,6 +301,7 @@ fn miscellaneous(w: u16, here: u32) -> Op {
         },
         12 | 13 => Op::LoadMany {
             rn: 13,
+            // Bit 8 stands for PC (15) in POP.
             list: (w & 0xFF) | ((w & 0x100) << 7),
             down: false,
             wback: true,

@@ -50,11 +50,13 @@ fn multiple(a: u16, list: u16, f: Fields) -> Op {
         2 => true,
         _ => return Op::Undefined,
     };
+    // SP in any list, and PC in a store, are unpredictable (A7.7, LDM and STM).
     let refused = if load { 0x2000 } else { 0xA000 };
     let base_in_list = wback && list & (1 << f.rn) != 0;
     if f.rn == 15 || list & refused != 0 || list.count_ones() < 2 || base_in_list {
         return Op::Undefined;
     }
+    // LR and PC together are unpredictable.
     if load && list & 0xC000 == 0xC000 {
         return Op::Undefined;
     }
@@ -187,6 +189,7 @@ fn operation(a: u16, f: Fields) -> Option<(Alu, Flags, u8, u8)> {
         14 => (Alu::Rsb, false, None),
         _ => return None,
     };
+    // AND, EOR, ADD and SUB with destination 15 are TST, TEQ, CMN and CMP.
     let rd = if f.rd == 15 {
         if !(sets && compares) {
             return None;
@@ -336,6 +339,7 @@ fn branch_or_control(pc: u32, a: u16, b: u16, f: Fields) -> Op {
     );
     let low = u32::from(b & 0x7FF) << 1;
     if b & 0x1000 != 0 {
+        // Old encodings have both bits set: inverted with the sign, they extend the range to 16 MB.
         let (i1, i2) = (1 ^ j1 ^ s, 1 ^ j2 ^ s);
         let high = (s << 24) | (i1 << 23) | (i2 << 22) | (u32::from(a & 0x3FF) << 12);
         let target = here.wrapping_add_signed(sign_extend(high | low, 25));
@@ -350,6 +354,7 @@ fn branch_or_control(pc: u32, a: u16, b: u16, f: Fields) -> Op {
     }
     let cond = ((a >> 6) & 15) as u8;
     if cond < 14 {
+        // Conditional branches take the two bits as they are, and in the other order.
         let high = (s << 20) | (j2 << 19) | (j1 << 18) | (u32::from(a & 0x3F) << 12);
         let target = here.wrapping_add_signed(sign_extend(high | low, 21));
         return Op::BranchIf { cond, target };

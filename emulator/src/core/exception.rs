@@ -16,11 +16,13 @@ impl Cpu {
     /// Enters the pending exception of the highest priority, if it may preempt. Gives the core
     /// cycles that took; 0 if there was none.
     pub(crate) fn take_exception(&mut self, bus: &mut Bus) -> Result<u64, Trap> {
+        // Cleared first: whatever follows may raise it again.
         bus.scs.attention = false;
         let Some((number, priority)) = bus.scs.most_urgent() else {
             return Ok(0);
         };
         // A masked exception wakes all the same, if only PRIMASK holds it back.
+        // WFI under PRIMASK (B1.5.17): wakes without entering the handler.
         if self.sleeping && priority < bus.scs.unmasked_priority() {
             self.sleeping = false;
         }
@@ -35,6 +37,8 @@ impl Cpu {
     fn enter(&mut self, bus: &mut Bus, number: u8) -> Result<(), Trap> {
         let xpsr = self.xpsr();
         let on_process = self.on_process_stack();
+        // The frame begins at a multiple of eight; bit 9 of the stacked xPSR says that a word was
+        // skipped.
         let padded = self.regs[13] & 4 != 0 && bus.scs.aligns_stack();
         let frame = (self.regs[13].wrapping_sub(32)) & if padded { !7 } else { !3 };
         let words = [
@@ -47,6 +51,7 @@ impl Cpu {
             self.pc,
             xpsr | if padded { PADDED } else { 0 },
         ];
+        // The exception entered may become a hard fault below.
         let mut number = number;
         let mut address = frame;
         for word in words {
@@ -65,15 +70,18 @@ impl Cpu {
         if self.regs[13] < self.lowest_sp {
             self.lowest_sp = self.regs[13];
         }
+        // EXC_RETURN: to a handler, to thread mode on the main stack, or on the process stack.
         let back = match (self.ipsr != 0, on_process) {
             (true, _) => 0xFFFF_FFF1,
             (false, false) => 0xFFFF_FFF9,
             (false, true) => 0xFFFF_FFFD,
         };
+        // Handlers always run on the main stack.
         if on_process {
             std::mem::swap(&mut self.regs[13], &mut self.other_sp);
             self.control &= !2;
         }
+        // Activated after stacking: a fault while stacking leaves the exception pending.
         bus.scs.activate(number);
         let vector = bus.read(bus.scs.vector(number), 4)?;
         if vector & 1 == 0 {
@@ -83,6 +91,7 @@ impl Cpu {
         self.regs[14] = back;
         self.pc = vector & !1;
         self.it = 0;
+        // An exclusive store after an interrupt must fail, so that its loop repeats.
         self.exclusive = None;
         self.switched = Some(Switch::Enter(number));
         Ok(())
@@ -93,6 +102,8 @@ impl Cpu {
         let number = self.ipsr;
         let refused = Trap::State { address: code };
         let nested = bus.scs.deactivate(number);
+        // The value must fit what is active: a handler that returns to the wrong mode is a fault of
+        // the firmware.
         let to_process = match code {
             0xFFFF_FFF1 if nested => false,
             0xFFFF_FFF9 if !nested => false,
@@ -120,9 +131,11 @@ impl Cpu {
         self.set_apsr(xpsr);
         self.it = ((xpsr >> 25) & 3) as u8 | ((xpsr >> 8) & 0xFC) as u8;
         self.ipsr = (xpsr & 0x1FF) as u8;
+        // A frame that was overwritten by the handler shows here.
         if xpsr & THUMB == 0 || (self.ipsr != 0) != nested {
             return Err(refused);
         }
+        // FAULTMASK is cleared by every return but that from NMI.
         if number != 2 {
             bus.scs.faultmask = false;
         }

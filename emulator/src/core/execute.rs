@@ -7,12 +7,14 @@ use crate::bus::Bus;
 /// Shifts; gives the value and the carry out (A2.2.1). Amounts are 0 to 255.
 #[inline(always)]
 fn shifted(value: u32, shift: Shift, amount: u32, carry: bool) -> (u32, bool) {
+    // The carry stays: a shift by a register of value 0 changes no flag but N and Z.
     if amount == 0 {
         return (value, carry);
     }
     let bit = |place: u32| value.checked_shr(place).unwrap_or(0) & 1 != 0;
     match shift {
         Shift::Lsl => (
+            // Rust panics or masks beyond 31; the core gives 0.
             value.checked_shl(amount).unwrap_or(0),
             amount <= 32 && bit(32 - amount),
         ),
@@ -20,6 +22,7 @@ fn shifted(value: u32, shift: Shift, amount: u32, carry: bool) -> (u32, bool) {
         Shift::Asr => {
             let signed = value as i32;
             (
+                // Beyond 31 all bits are the sign.
                 (signed >> amount.min(31)) as u32,
                 (signed >> (amount - 1).min(31)) & 1 != 0,
             )
@@ -37,6 +40,7 @@ fn shifted(value: u32, shift: Shift, amount: u32, carry: bool) -> (u32, bool) {
 fn add(a: u32, b: u32, carry: bool) -> (u32, bool, bool) {
     let wide = u64::from(a) + u64::from(b) + u64::from(carry);
     let sum = wide as u32;
+    // Overflow: both operands have the same sign and the sum has the other.
     (sum, wide >> 32 != 0, ((a ^ sum) & (b ^ sum)) >> 31 != 0)
 }
 
@@ -62,6 +66,7 @@ impl Cpu {
             Alu::Mvn => (!b, carry, self.v),
             Alu::Add => add(a, b, false),
             Alu::Adc => add(a, b, self.c),
+            // Carry is "no borrow", as the architecture defines subtraction.
             Alu::Sub => add(a, !b, true),
             Alu::Sbc => add(a, !b, self.c),
             Alu::Rsb => add(!a, b, true),
@@ -86,6 +91,7 @@ impl Cpu {
                 imm,
                 carry,
             } => {
+                // An immediate that is rotated gives a carry of its own; others leave it.
                 let carry = carry.unwrap_or(self.c);
                 let sets = Self::sets(flags, in_it);
                 self.alu(alu, sets, rd, self.reg(rn), imm, carry);
@@ -155,6 +161,7 @@ impl Cpu {
                 lsb,
                 width,
             } => {
+                // The field at the top of the word: the shift back extends its sign or zeros.
                 let top = self.reg(rn) << (32 - lsb - width);
                 let value = if signed {
                     (top as i32 >> (32 - width)) as u32
@@ -179,6 +186,7 @@ impl Cpu {
                     (0, (1_i64 << bits) - 1)
                 };
                 let result = value.clamp(low, high);
+                // Sticky: only software clears it.
                 self.q |= result != value;
                 self.set(rd, result as u32);
             }
@@ -200,6 +208,7 @@ impl Cpu {
             Op::BranchReg { rm, link } => {
                 let target = self.reg(rm);
                 let back = self.pc | 1;
+                // LR after the branch: one that fails must not change it.
                 let cycles = self.branch_exchange(bus, target)?;
                 if link {
                     self.regs[14] = back;
@@ -236,6 +245,7 @@ impl Cpu {
         let [rd, rn, rm, ra] = r;
         let (n, m, a) = (self.reg(rn), self.reg(rm), self.reg(ra));
         let (signed_n, signed_m) = (n as i32, m as i32);
+        // `rd` is the upper and `ra` the lower half of a long result.
         let sum = u64::from(self.reg(rd)) << 32 | u64::from(a);
         let unsigned = u64::from(n) * u64::from(m);
         let signed = (i64::from(signed_n) * i64::from(signed_m)) as u64;
@@ -246,6 +256,7 @@ impl Cpu {
             Mul::Umlal => sum.wrapping_add(unsigned),
             Mul::Smlal => sum.wrapping_add(signed),
             short => {
+                // Only if the firmware enabled the trap (DIV_0_TRP): else the quotient is 0.
                 if m == 0 && matches!(short, Mul::Udiv | Mul::Sdiv) && bus.scs.traps_division() {
                     return Err(Trap::Undefined);
                 }
@@ -253,8 +264,10 @@ impl Cpu {
                     Mul::Product => (product, 1),
                     Mul::Mla => (a.wrapping_add(product), 2),
                     Mul::Mls => (a.wrapping_sub(product), 2),
+                    // 2 to 12 cycles on the core, by the operands: 6 is a mean (Cortex-M3 TRM).
                     Mul::Udiv => (n.checked_div(m).unwrap_or(0), 6),
                     _ if m == 0 => (0, 6),
+                    // Wrapping: -2^31 / -1 is -2^31 on the core.
                     _ => (signed_n.wrapping_div(signed_m) as u32, 6),
                 };
                 self.set(rd, value);

@@ -60,12 +60,14 @@ pub(crate) struct Cpu {
 }
 
 /// Core cycles of an exception's entry and of the return from it (Cortex-M3 TRM, no waits).
+// Estimated cycles are good to some 30 % (docs/chip.md): wait states of the flash are not counted.
 const EXCEPTION_CYCLES: u64 = 12;
 
 impl Cpu {
     pub fn new(stack: u32, entry: u32) -> Self {
         let mut regs = [0; 32];
         regs[13] = stack & !3;
+        // LR after a reset (ARMv7-M ARM, B1.5.5): a return to it is an error.
         regs[14] = u32::MAX;
         Self {
             regs,
@@ -106,19 +108,24 @@ impl Cpu {
     #[inline(always)]
     pub fn step(&mut self, bus: &mut Bus, op: Op, length: u32) -> Result<u64, Trap> {
         let at = self.pc;
+        // An instruction reads the program counter two half-words ahead.
         self.regs[15] = at.wrapping_add(4);
         self.pc = at.wrapping_add(length);
         self.instructions += 1;
         let it = self.it;
         if it != 0 {
+            // A mask of 0 ends no block: such an ITSTATE is not valid, and is dropped.
             if it & 0xF == 0 {
                 self.it = 0;
             } else {
+                // ITAdvance: the mask shifts left, and the condition's lowest bit takes its top
+                // bit.
                 self.it = if it & 7 == 0 {
                     0
                 } else {
                     (it & 0xE0) | ((it << 1) & 0x1F)
                 };
+                // A skipped instruction takes a cycle and changes nothing else.
                 if !self.holds(it >> 4) {
                     return Ok(1);
                 }
@@ -126,9 +133,11 @@ impl Cpu {
         }
         let result = self.execute(bus, op, it & 0xF != 0);
         if result.is_err() {
+            // A faulting instruction has not run: it is executed again after the handler.
             self.it = it;
             self.pc = at;
         }
+        // After every instruction: the deepest stack is one of the measured figures.
         if self.regs[13] < self.lowest_sp {
             self.lowest_sp = self.regs[13];
         }
@@ -148,6 +157,7 @@ impl Cpu {
             6 => self.n == self.v && !self.z,
             _ => return true,
         };
+        // Odd conditions are the negations of the even ones.
         basic != (cond & 1 != 0)
     }
 
@@ -169,10 +179,12 @@ impl Cpu {
 
     /// A branch that may leave an exception, by BX, POP or LDR.
     pub(crate) fn branch_exchange(&mut self, bus: &mut Bus, target: u32) -> Result<u64, Trap> {
+        // EXC_RETURN values are no addresses; in thread mode they are an ordinary, invalid branch.
         if self.ipsr != 0 && target >= 0xF000_0000 {
             self.leave(bus, target)?;
             return Ok(EXCEPTION_CYCLES);
         }
+        // This core has no ARM state: bit 0 must be set.
         if target & 1 == 0 {
             return Err(Trap::State { address: target });
         }

@@ -28,6 +28,7 @@ impl Cpu {
                 if faultmask {
                     bus.scs.faultmask = disable;
                 }
+                // A mask that falls may let in an exception that has been pending.
                 bus.scs.attention = true;
             }
             Op::Svc => bus.scs.pend(SVC),
@@ -37,10 +38,13 @@ impl Cpu {
                 bus.scs.attention = true;
             }
             Op::Wfe => {
+                // The event is consumed: WFE returns at once and clears it.
                 if self.event {
                     self.event = false;
                     self.unheard = false;
                 } else {
+                    // Firmware that relies on exceptions setting the event is counted here (erratum
+                    // 563915).
                     self.slept_through += u64::from(std::mem::take(&mut self.unheard));
                     self.sleeping = true;
                     bus.scs.attention = true;
@@ -70,6 +74,7 @@ impl Cpu {
                 };
                 apsr | ipsr
             }
+            // MSP and PSP: register 13 holds the one in use.
             8 if on_process => self.other_sp,
             8 => self.regs[13],
             9 if on_process => self.regs[13],
@@ -99,6 +104,7 @@ impl Cpu {
             8 | 9 => self.other_sp = value & !3,
             16 => bus.scs.primask = value & 1 != 0,
             17 => bus.scs.basepri = priority,
+            // BASEPRI_MAX only raises the mask, so that critical sections nest.
             18 if priority != 0 && (bus.scs.basepri == 0 || priority < bus.scs.basepri) => {
                 bus.scs.basepri = priority;
             }
@@ -106,6 +112,7 @@ impl Cpu {
             19 => bus.scs.faultmask = value & 1 != 0,
             20 => {
                 let control = value as u8 & 3;
+                // In handlers the choice of the stack is ignored.
                 if self.ipsr == 0 && (control ^ self.control) & 2 != 0 {
                     std::mem::swap(&mut self.regs[13], &mut self.other_sp);
                 }

@@ -29,6 +29,7 @@ impl Cpu {
     #[inline(always)]
     fn loaded(&mut self, bus: &mut Bus, rt: u8, value: u32) -> Result<u64, Trap> {
         if rt == 15 {
+            // A load to the program counter is a branch that may leave an exception.
             return Ok(2 + self.branch_exchange(bus, value)?);
         }
         self.set(rt, value);
@@ -69,6 +70,7 @@ impl Cpu {
             } => {
                 let (address, base) = self.indexed(rn, offset, index);
                 let value = self.load(bus, width, address)?;
+                // Before the loaded register is set: if both are the same, the loaded value stays.
                 self.write_back(rn, base);
                 return self.loaded(bus, rt, value);
             }
@@ -112,10 +114,12 @@ impl Cpu {
                 offset,
             } => {
                 let (address, base) = if rn == 15 {
+                    // Literals are relative to the aligned program counter.
                     ((self.regs[15] & !3).wrapping_add_signed(offset), None)
                 } else {
                     self.indexed(rn, offset, index)
                 };
+                // Both words are read before a register changes: a fault leaves all of them.
                 let first = word(bus, address)?;
                 let second = word(bus, address.wrapping_add(4))?;
                 self.write_back(rn, base);
@@ -177,6 +181,7 @@ impl Cpu {
             } => {
                 let address = self.reg(rn).wrapping_add(offset);
                 aligned(address, bytes(width))?;
+                // The reservation is gone in any case, granted or not.
                 let granted = self.exclusive.take() == Some(address);
                 if granted {
                     self.store(bus, width, address, self.reg(rt))?;
@@ -206,6 +211,7 @@ impl Cpu {
         };
         let end = if down { low } else { low + 4 * count };
         aligned(low, 4)?;
+        // All are read first: a fault in the middle must leave the registers for a repetition.
         let mut values = [0; 16];
         let mut address = low;
         for register in 0..16_u8 {
@@ -217,6 +223,7 @@ impl Cpu {
         if wback {
             self.set(rn, end);
         }
+        // After the base: a base in the list gets the loaded value.
         for register in 0..15_u8 {
             if list & 1 << register != 0 {
                 self.set(register, values[usize::from(register)]);

@@ -25,12 +25,15 @@ const REFERENCE: usize = 17;
 const REFERENCE_V: f64 = 1.20;
 const STRT: u32 = 16;
 /// Sampling times, in half cycles.
+// 1.5, 7.5, 13.5, 28.5, 41.5, 55.5, 71.5 and 239.5 cycles.
 const SAMPLING: [u64; 8] = [3, 15, 27, 57, 83, 111, 143, 479];
 /// Conversion after sampling, in half cycles.
+// 12.5 cycles.
 const CONVERSION: u64 = 25;
 /// Cycles of a calibration.
 const CALIBRATION: u64 = 83;
 /// The supply limits the converter's clock to 14 MHz: at least this many ticks.
+// 72 MHz / 14 MHz is 5.14; dividers are even, so 6 is the shortest that is allowed.
 const SHORTEST_CYCLE: u64 = 6;
 
 #[derive(Debug, Clone)]
@@ -104,9 +107,11 @@ impl Adc {
         reason = "saturates"
     )]
     fn share(&self, index: usize) -> u16 {
+        // Exactly the default: no rounding may change results of a supply that was never set.
         if self.supply_v == 3.3 {
             return self.applied[index];
         }
+        // The result is relative to the supply: a lower one makes the same voltage read higher.
         let sum = f64::from(self.applied[index]) * (3.3 / self.supply_v);
         sum.min(4095.0 * 16.0) as u16
     }
@@ -125,6 +130,7 @@ impl Adc {
             return Err("an injected sequence of more than one conversion is not emulated");
         }
         let channel = (sequence >> 15 & 31) as u8;
+        // Data sheet, 5.3.4: a shorter sampling time gives a wrong voltage without any error flag.
         if channel >= INTERNAL {
             if self.cr2 & CR2_TSVREFE == 0 {
                 return Err("an internal channel is converted that is not connected (TSVREFE)");
@@ -137,6 +143,7 @@ impl Adc {
         let end = now + self.takes(channel, cycle);
         self.injected_at = Some(end);
         let again = end + self.duration(cycle);
+        // The interrupted conversion begins anew after the injected one.
         self.done_at = self.done_at.map(|_| again);
         Ok(())
     }
@@ -177,6 +184,7 @@ impl Adc {
     }
 
     fn takes(&self, channel: u8, cycle: u64) -> u64 {
+        // Both are in half cycles.
         (SAMPLING[self.code(channel) as usize] + CONVERSION) * cycle / 2
     }
 
@@ -206,6 +214,7 @@ impl Adc {
 
     /// The data register, as DMA reads it.
     pub fn take(&mut self) -> u32 {
+        // Reading the data clears EOC (RM0008, 11.12.1).
         self.sr &= !EOC;
         self.data
     }
@@ -218,6 +227,7 @@ impl Adc {
         cycle: u64,
     ) -> Result<(), &'static str> {
         match offset {
+            // Flags are cleared by writing 0.
             0x00 => self.sr &= value,
             0x04 if value & 0xE0 != 0 => return Err("interrupts of the ADC are not emulated"),
             0x04 => self.cr1 = value,
@@ -231,6 +241,8 @@ impl Adc {
                 let was = self.cr2;
                 self.cr2 = value & !(CR2_SWSTART | CR2_JSWSTART);
                 let software = value >> 17 & 7 == 7 && value & CR2_EXTTRIG != 0;
+                // ADON written once more without any other change starts a conversion (RM0008,
+                // 11.3.1).
                 let again = was & value & CR2_ADON != 0 && was == value;
                 if value & CR2_ADON == 0 {
                     self.done_at = None;
@@ -264,6 +276,8 @@ impl Adc {
     pub fn finish(&mut self, cycle: u64) -> (u8, bool) {
         let channel = self.channel(self.position);
         let index = usize::from(channel).min(17);
+        // The fraction is carried on: sixteen conversions add up to the applied sum, as a little
+        // noise does it on a real chip.
         let whole = self.share(index) + self.rest[index];
         self.data = u32::from((whole >> 4).min(4095));
         self.rest[index] = whole & 15;

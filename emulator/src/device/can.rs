@@ -77,6 +77,7 @@ pub(crate) struct Can {
 impl Can {
     pub fn new() -> Self {
         Self {
+            // Reset values (RM0008, 24.9.2): asleep, with frozen reception while debugging.
             mcr: 0x0001_0000 | SLEEP,
             msr: SLAK,
             ier: 0,
@@ -105,11 +106,13 @@ impl Can {
     pub(crate) const fn bit_cycles(&self) -> u64 {
         let prescaler = (self.btr & 0x3FF) as u64 + 1;
         let (first, second) = ((self.btr >> 16 & 15) as u64, (self.btr >> 20 & 7) as u64);
+        // One quantum to synchronise, and both segments are coded less one.
         prescaler * (3 + first + second)
     }
 
     /// Whether it participates in the bus.
     pub const fn takes_part(&self) -> bool {
+        // Neither in its set-up nor asleep, and the idle bits have been seen.
         self.msr & (INAK | SLAK) == 0 && !self.bus_off && self.joins_at.is_none()
     }
 
@@ -123,6 +126,7 @@ impl Can {
 
     /// The mailbox that is sent next, and its frame.
     pub fn candidate(&self) -> Option<(usize, CanFrame)> {
+        // A silent controller only listens.
         if !self.takes_part() || self.btr & SILENT != 0 {
             return None;
         }
@@ -147,6 +151,7 @@ impl Can {
     fn next_waiting(&self) -> Option<(usize, CanFrame)> {
         let waiting = (0..3).filter(|&index| self.mailboxes[index].pending);
         let frames = waiting.map(|index| (index, frame_of(&self.mailboxes[index].words)));
+        // Else the lowest identifier goes first, and two frames of one identifier may overtake.
         if self.mcr & TXFP != 0 {
             frames.min_by_key(|(index, _)| self.mailboxes[*index].asked)
         } else {
@@ -156,6 +161,7 @@ impl Can {
 
     /// It lost the arbitration.
     pub(crate) fn lose(&mut self, mailbox: usize) {
+        // No automatic retransmission: a lost arbitration ends the attempt.
         if self.mcr & NART != 0 {
             self.mailboxes[mailbox].pending = false;
             self.results[mailbox] |= RQCP;
@@ -170,6 +176,8 @@ impl Can {
                 self.mailboxes[mailbox].pending = false;
                 self.results[mailbox] |= RQCP | TXOK;
                 self.last_error = 0;
+                // ISO 11898-1, fault confinement: plus 8 for a failed frame, minus 1 for a good
+                // one.
                 self.tec = self.tec.saturating_sub(1);
             }
             Outcome::NoAcknowledge | Outcome::Destroyed => {
@@ -179,6 +187,8 @@ impl Can {
                     self.tec += 8;
                 }
                 self.last_error = if lonely { ACKNOWLEDGE } else { BIT_DOMINANT };
+                // An abort that was requested while the frame was on the wire takes effect at its
+                // end.
                 if self.mcr & NART != 0 || self.mailboxes[mailbox].abort {
                     self.mailboxes[mailbox].pending = false;
                     self.results[mailbox] |= RQCP | TERR;
@@ -186,6 +196,7 @@ impl Can {
                 if self.tec > 255 {
                     self.tec = 255;
                     self.bus_off = true;
+                    // Without ABOM only a new set-up by software brings the controller back.
                     self.joins_at = None;
                     if self.mcr & ABOM != 0 {
                         self.joins_at = Some(now + self.join_bits() * bit);
@@ -208,6 +219,7 @@ impl Can {
             self.note_errors();
             return;
         }
+        // A passive receiver returns to between 119 and 127 with the first good frame.
         self.rec = if self.rec > 127 {
             120
         } else {
@@ -225,6 +237,7 @@ impl Can {
             return;
         }
         self.fifo_flags[fifo] |= 1 << 4;
+        // An unlocked FIFO overwrites its newest frame; the overrun flag is set either way.
         if self.mcr & RFLM == 0 {
             queue[DEPTH - 1] = entry;
         }
@@ -249,6 +262,7 @@ impl Can {
             let halves = [a & 0xFFFF, a >> 16, b & 0xFFFF, b >> 16];
             let list = self.filter_list & bit != 0;
             let found = match (self.filter_wide & bit != 0, list) {
+                // Bit 0 is TXRQ in a mailbox and has no meaning in a filter.
                 (true, false) => [((whole ^ a) & b) >> 1 == 0].iter().position(|&hit| hit),
                 (true, true) => [a, b].iter().position(|id| (id ^ whole) >> 1 == 0),
                 (false, false) => [0, 2]
@@ -261,6 +275,7 @@ impl Can {
             {
                 return Some((fifo, numbers[fifo] + at as u32));
             }
+            // Filter numbers count over all banks of a FIFO, active or not (RM0008, 24.7.4).
             numbers[fifo] += match (self.filter_wide & bit != 0, list) {
                 (true, false) => 1,
                 (true, true) | (false, false) => 2,
@@ -273,12 +288,14 @@ impl Can {
     fn note_errors(&mut self) {
         let esr = self.esr();
         let causes = self.ier >> 8 & 7 & esr;
+        // Warning, passive and bus-off have an enable bit each; the last error code has its own.
         if causes != 0 || (self.ier & 1 << 11 != 0 && self.last_error != 0) {
             self.msr |= ERRI;
         }
     }
 
     fn esr(&self) -> u32 {
+        // 96: the warning limit of ISO 11898-1.
         let warning = self.tec >= 96 || self.rec >= 96;
         u32::from(warning)
             | u32::from(self.is_passive()) << 1
@@ -301,6 +318,7 @@ impl Can {
             self.tec = 0;
             self.rec = 0;
         }
+        // The set-up ends only now: the bus has been idle for long enough.
         self.msr &= !INAK;
     }
 
@@ -321,6 +339,7 @@ impl Can {
     fn tsr(&self) -> u32 {
         let results = (0..3).fold(0, |all, index| all | self.results[index] << (8 * index));
         let empty = (0..3).filter(|&index| !self.mailboxes[index].pending);
+        // CODE: the mailbox that a driver is to fill next.
         let first = empty.clone().next().unwrap_or(0) as u32;
         empty.fold(results | first << 24, |all, index| all | 1 << (26 + index))
     }
@@ -351,6 +370,7 @@ impl Can {
                 let first = self.fifos[index as usize].first();
                 first.map_or(0, |words| words[word as usize])
             }
+            // FMR's reset value with its reserved bits.
             0x200 => 0x2A1C_0E00 | u32::from(self.filter_init),
             0x204 => self.filter_list,
             0x20C => self.filter_wide,
@@ -374,6 +394,7 @@ impl Can {
     ) -> Result<(), &'static str> {
         let initialising = self.msr & INAK != 0;
         match offset {
+            // A master reset clears everything. A defect of the controller stays.
             0x00 if value & RESET != 0 => {
                 *self = Self {
                     broken: self.broken,
@@ -387,11 +408,13 @@ impl Can {
                 let index = usize::from(offset == 0x10);
                 self.fifo_flags[index] &= !(value & 0x18);
                 if value & 1 << 5 != 0 && !self.fifos[index].is_empty() {
+                    // RFOM releases the oldest frame; the next one is there at once in this model.
                     self.fifos[index].remove(0);
                 }
             }
             0x14 => self.ier = value,
             0x18 => self.last_error = value >> 4 & 7,
+            // RM0008, 24.9.2: BTR can be written in the set-up only. A real chip ignores the write.
             0x1C if !initialising => return Err("CAN's bit timing changes outside of its set-up"),
             0x1C if value & LOOP_BACK != 0 && value & SILENT == 0 => {
                 return Err("CAN's loop back onto the bus is not emulated");
@@ -420,6 +443,7 @@ impl Can {
 
     fn write_mcr(&mut self, value: u32, idle_at: u64, bit: u64) {
         self.mcr = value & 0x0001_00FF;
+        // A request for the set-up outweighs one for sleep.
         if value & SLEEP != 0 && value & INRQ == 0 {
             self.msr = (self.msr | SLAK) & !INAK;
             self.joins_at = None;
@@ -437,6 +461,7 @@ impl Can {
     fn write_tsr(&mut self, value: u32) {
         for (index, result) in self.results.iter_mut().enumerate() {
             let bits = value >> (8 * index);
+            // Clearing RQCP clears the mailbox's other results, too.
             if bits & RQCP != 0 {
                 *result = 0;
             } else {
@@ -464,6 +489,7 @@ impl Can {
             ((offset & 15) / 4) as usize,
         );
         let mailbox = &mut self.mailboxes[index];
+        // A driver that writes here would send a mixture of two frames.
         if mailbox.pending {
             return Err("a CAN mailbox changes while it waits to be sent");
         }

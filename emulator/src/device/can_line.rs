@@ -41,6 +41,8 @@ impl CanFrame {
         let remote = self.remote as u32;
         if self.extended {
             // Base, SRR and IDE recessive, extension, RTR.
+            // The first 11 bits at the same places as those of a standard frame: both kinds can be
+            // compared.
             (self.id >> 18) << 21 | 0b11 << 19 | (self.id & 0x3_FFFF) << 1 | remote
         } else {
             self.id << 21 | remote << 20
@@ -54,11 +56,14 @@ impl CanFrame {
         stuffing.put(0, 1);
         if self.extended {
             stuffing.put(self.id >> 18, 11);
+            // SRR and IDE, both recessive.
             stuffing.put(0b11, 2);
             stuffing.put(self.id & 0x3_FFFF, 18);
+            // RTR, and two reserved dominant bits.
             stuffing.put(u32::from(self.remote) << 2, 3);
         } else {
             stuffing.put(self.id, 11);
+            // RTR, IDE, and a reserved dominant bit.
             stuffing.put(u32::from(self.remote) << 2, 3);
         }
         stuffing.put(u32::from(self.length), 4);
@@ -67,6 +72,7 @@ impl CanFrame {
                 stuffing.put(u32::from(byte), 8);
             }
         }
+        // The argument is taken before `put` changes the checksum.
         stuffing.put(stuffing.checksum, 15);
         // Delimiter, acknowledge and its delimiter, end of frame, interframe space.
         stuffing.bits + 1 + 2 + 7 + 3
@@ -90,6 +96,7 @@ impl Stuffing {
             let next = bit ^ (self.checksum >> 14 & 1);
             self.checksum = self.checksum << 1 & 0x7FFF ^ if next != 0 { 0x4599 } else { 0 };
             self.push(bit);
+            // The stuffed bit itself begins a new run, but is not covered by the checksum.
             if self.run == 5 {
                 self.push(bit ^ 1);
             }
@@ -155,10 +162,14 @@ pub(crate) struct CanLine {
 }
 
 /// Error flag, its echo and its delimiter, interframe space.
+// Worst case: other nodes answer with a whole flag of their own, six bits later.
 const ERROR_BITS: u64 = 6 + 6 + 8 + 3;
 /// Waiting time of an error passive sender before it tries again.
+// ISO 11898-1: so that a passive node lets the others go first.
 const SUSPEND_BITS: u64 = 8;
 /// Two nodes understand each other within this share of their bit rates, per mille.
+// 0.5 %: with a jump width of 2 and bits of 18 quanta the oscillators may differ by 2 / (20 x 18) =
+// 0.56 %.
 const TOLERANCE: u64 = 5;
 
 impl CanLine {
@@ -179,6 +190,7 @@ impl CanLine {
 
     /// Another node wants to send a frame from `at` on.
     pub fn offer(&mut self, at: u64, frame: CanFrame) {
+        // After those of the same time: a node's frames keep their order.
         let place = self.waiting.partition_point(|(other, _)| *other <= at);
         self.waiting.insert(place, (at, frame));
     }
@@ -186,6 +198,7 @@ impl CanLine {
     /// When the bus is free for a node that wants to join; never while it is shorted.
     pub(crate) fn idle_from(&self, now: u64) -> u64 {
         if self.wiring.shorted {
+            // No recessive bit passes a shorted bus: 11 of them in a row never come.
             u64::MAX
         } else {
             self.transfer
@@ -227,6 +240,7 @@ impl CanLine {
                 if next == u64::MAX {
                     next
                 } else {
+                    // Nothing starts before the interframe space has ended.
                     next.max(self.idle_at)
                 }
             }
@@ -237,6 +251,7 @@ impl CanLine {
     /// Brings the bus up to `now`. `bit`: the chip's bit in ticks; `wired`: its two pins belong to
     /// CAN.
     pub fn service(&mut self, can: &mut Can, now: u64, bit: u64, wired: (bool, bool)) {
+        // First: a controller that joins now takes part in the arbitration at this moment.
         if can.joins_at.is_some_and(|at| at <= now) {
             can.join();
         }
@@ -258,6 +273,7 @@ impl CanLine {
 
     fn agrees(&self, bit: u64) -> bool {
         let theirs = self.other_bit();
+        // Per mille of the other nodes' bit, in integers.
         bit.abs_diff(theirs) * 1000 <= theirs * TOLERANCE
     }
 
@@ -276,11 +292,13 @@ impl CanLine {
             .enumerate()
             .min_by_key(|(index, (_, frame))| (frame.arbitration(), *index));
         let urgent = urgent.map(|(index, (_, frame))| (index, *frame));
+        // With equal identifiers both send on; the chip's frame is taken.
         let own_wins = |own: &CanFrame| {
             urgent.is_none_or(|(_, other)| own.arbitration() <= other.arbitration())
         };
         match (own, urgent) {
             (Some((mailbox, frame)), _) if own_wins(&frame) => {
+                // A sender reads back each bit: without its receive pin it sees an error at once.
                 let heard = wired.0 && wired.1;
                 let outcome = if !heard || self.wiring.shorted || self.spoils() {
                     Outcome::Destroyed
@@ -301,6 +319,7 @@ impl CanLine {
             }
             (own, Some((index, frame))) => {
                 if let Some((mailbox, _)) = own {
+                    // Unless NART is set, the mailbox takes part in the next arbitration.
                     can.lose(mailbox);
                 }
                 self.waiting.remove(index);
@@ -359,6 +378,7 @@ impl CanLine {
                 }
                 if outcome != Outcome::Good && !self.wiring.shorted {
                     // Its sender tries again.
+                    // At the front, since it was on the wire before the others.
                     self.waiting.push_front((ends_at, frame));
                 }
             }

@@ -46,6 +46,8 @@ impl Dma {
         let memory_bytes = 1 << (config >> 10 & 3);
         let step = |grows: u32, bytes: u32| {
             if config & grows != 0 {
+                // Counted from the start of the transfer: the written addresses themselves do not
+                // change.
                 channel.done * bytes
             } else {
                 0
@@ -57,11 +59,13 @@ impl Dma {
         channel.left -= 1;
         let shift = 4 * index;
         if channel.left == channel.whole / 2 {
+            // Four flags per channel: any, complete, half, error.
             self.flags |= 0b0101 << shift;
         }
         if channel.left == 0 {
             self.flags |= 0b0011 << shift;
             if config & CIRCULAR != 0 {
+                // A circular channel reloads itself and never stops.
                 channel.left = channel.whole;
                 channel.done = 0;
             }
@@ -91,6 +95,7 @@ impl Dma {
 
     /// Whether a channel's interrupt line is high.
     pub fn interrupts(&self, index: usize) -> bool {
+        // The enable bits in CCR are at the same places as the flags: complete, half, error.
         let flags = self.flags >> (4 * index) & 0xE;
         flags & self.channels[index].config & 0xE != 0
     }
@@ -130,6 +135,7 @@ impl Dma {
             return Err("no such register");
         };
         let channel = &mut self.channels[index];
+        // A real channel ignores such a write or mixes addresses: both are errors of the firmware.
         if register > 0 && channel.config & ENABLE != 0 {
             return Err("a DMA channel's address or count changes while it is on");
         }

@@ -25,6 +25,7 @@ pub(crate) struct Gpio {
 impl Gpio {
     pub fn new(applied: [Option<bool>; 16]) -> Self {
         Self {
+            // After a reset every pin is a floating input (RM0008, 9.2.1).
             config: 0x4444_4444_4444_4444,
             output: 0,
             applied,
@@ -50,6 +51,7 @@ impl Gpio {
         match (mode & 3, mode >> 2) {
             (0, _) => Drive::Floating,
             (_, 2..) => Drive::Peripheral,
+            // Open drain: a high level is left to the pull-up.
             (_, 1) if high => Drive::Floating,
             _ if high => Drive::High,
             _ => Drive::Low,
@@ -60,6 +62,7 @@ impl Gpio {
         match self.drive(pin) {
             Drive::High => true,
             Drive::Low => false,
+            // The input stage of an analog pin is off and reads 0.
             _ if self.is_analog(pin) => false,
             _ => self.applied[usize::from(pin & 15)]
                 .unwrap_or(self.mode(pin) == 8 && self.output & 1 << (pin & 15) != 0),

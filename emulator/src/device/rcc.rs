@@ -2,6 +2,7 @@
 
 use super::TICKS_PER_SECOND;
 
+// RM0008, 7.3.1.
 const CR_HSEON: u32 = 1 << 16;
 const CR_CSSON: u32 = 1 << 19;
 const CR_PLLON: u32 = 1 << 24;
@@ -49,6 +50,7 @@ pub(crate) struct Clocks {
 impl Rcc {
     pub fn new(reset_flags: u32) -> Self {
         Self {
+            // The internal oscillator is on and ready; flash and RAM have their clocks.
             cr: 0x83,
             cfgr: 0,
             ahbenr: 0x14,
@@ -92,14 +94,17 @@ impl Rcc {
         match offset {
             0x00 => {
                 if value & CR_HSEON != 0 && self.cr & CR_HSEON == 0 {
+                    // The ready flag comes later; a firmware that does not wait for it is found.
                     self.crystal_at = now + CRYSTAL_TICKS;
                 }
                 if value & CR_PLLON != 0 && self.cr & CR_PLLON == 0 {
                     self.pll_at = now + PLL_TICKS;
                 }
+                // Ready flags are not writable; the internal oscillator stays on.
                 self.cr = (value & !(1 << 17 | 1 << 25)) | 3;
             }
             0x04 => {
+                // RM0008, 7.3.2: source and factor can be written only while the PLL is off.
                 if self.cr & CR_PLLON != 0 && (value ^ self.cfgr) & 0x003F_0000 != 0 {
                     return Err("the PLL's settings change while it runs");
                 }
@@ -122,6 +127,7 @@ impl Rcc {
             0x1C => self.apb1enr = value,
             0x20 => self.bdcr = value,
             0x24 => {
+                // RMVF clears all reset flags.
                 if value & 1 << 24 != 0 {
                     self.csr &= 0x00FF_FFFF;
                 }
@@ -150,6 +156,7 @@ impl Rcc {
                     (false, _) | (true, true) => OSCILLATOR_HZ / 2,
                     (true, false) => OSCILLATOR_HZ,
                 };
+                // Codes 14 and 15 both mean a factor of 16.
                 input * (u64::from((self.cfgr >> 18) & 15) + 2).min(16)
             }
             _ => OSCILLATOR_HZ,
@@ -162,6 +169,7 @@ impl Rcc {
         if core_hz == 0 || core_hz > TICKS_PER_SECOND || !TICKS_PER_SECOND.is_multiple_of(core_hz) {
             return Err("this core clock is over 72 MHz or no whole part of it");
         }
+        // Wait states of the flash (RM0008, 3.3.3).
         let needed = match core_hz {
             0..=24_000_000 => 0,
             24_000_001..=48_000_000 => 1,
@@ -183,6 +191,7 @@ impl Rcc {
         Ok(Clocks {
             core,
             apb1: core * first,
+            // A divided APB clock is doubled for its timers (RM0008, 7.2).
             timers1: if first == 1 { core } else { core * first / 2 },
             apb2: core * second,
             adc: core * adc,

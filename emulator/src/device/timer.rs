@@ -38,9 +38,11 @@ impl Timer {
 
     /// Counts per count of the encoder: 1 or -1; `None` where no edges count.
     fn sense(&self) -> Option<i64> {
+        // Both channels are inputs from their own pins.
         let inputs = self.registers[CCMR1] & 0x0303 == 0x0101;
         let counts = self.registers[CR1] & 1 != 0 && self.registers[SMCR] & 7 == 3;
         let counts = counts && self.registers[ARR] & 0xFFFF != 0;
+        // The polarity of one inverted input reverses the direction; of two it does not.
         let turned = (self.registers[CCER] >> 1 ^ self.registers[CCER] >> 5) & 1 != 0;
         (inputs && counts).then_some(if turned { -1 } else { 1 })
     }
@@ -49,6 +51,7 @@ impl Timer {
     fn filter(&self) -> u64 {
         let first = FILTERS[(self.registers[CCMR1] >> 4 & 15) as usize];
         let second = FILTERS[(self.registers[CCMR1] >> 12 & 15) as usize];
+        // CKD slows the sampling clock by 1, 2 or 4.
         first.max(second) << (self.registers[CR1] >> 8 & 3)
     }
 
@@ -60,11 +63,13 @@ impl Timer {
         } = self.travel;
         // A filtered edge arrives as much later as the filter is long.
         let passed = now.saturating_sub(from + self.filter() * cycle).min(ticks);
+        // 128 bits: a travel of many counts times many ticks may pass 2^63.
         self.count + (i128::from(counts) * i128::from(passed) / i128::from(ticks.max(1))) as i64
     }
 
     /// Lets the encoder turn by `counts` in the next `ticks`. `wired`: both pins are inputs.
     pub fn turn(&mut self, counts: i64, now: u64, ticks: u64, cycle: u64, wired: bool) {
+        // The travel before has ended: its filter delay is not carried over to the next slice.
         self.count += self.travel.counts;
         self.travel = Travel::default();
         let Some(sense) = self.sense().filter(|_| wired) else {
@@ -73,6 +78,7 @@ impl Timer {
         };
         // Each of the two inputs changes with every second count.
         let width = 2 * ticks / counts.unsigned_abs().max(1);
+        // All edges of the slice are too short for the filter.
         if width <= self.filter() * cycle {
             self.lost += counts.unsigned_abs();
             return;

@@ -66,6 +66,7 @@ impl Usart {
     /// Whether the interrupt line is high.
     pub const fn interrupts(&self) -> bool {
         let enabled = self.cr1 & 0x1F0;
+        // RXNEIE enables the overrun, too (RM0008, 27.4).
         let overrun = if self.sr & ORE != 0 { RXNE } else { 0 };
         let errors = self.cr3 & 1 != 0 && self.cr3 & DMAR != 0 && self.sr & ERRORS & !1 != 0;
         (self.sr | overrun) & enabled & 0xF0 != 0 || errors
@@ -88,9 +89,11 @@ impl Usart {
         };
         let step = self.byte_ticks(cycle);
         self.arrives_at = self.arrives_at.map(|at| at + step);
+        // The byte passes unheard, but takes its time on the line.
         if self.cr1 & (UE | RE) != UE | RE || !wired {
             return;
         }
+        // The new byte is lost, the old one stays in the register.
         if self.sr & RXNE != 0 {
             self.sr |= ORE;
             self.overruns += 1;
@@ -131,6 +134,8 @@ impl Usart {
                 self.sr
             }
             0x04 => {
+                // Reading status, then data, clears the error flags: reading the data alone does
+                // not.
                 if self.status_read {
                     self.sr &= !(ERRORS | IDLE);
                     self.status_read = false;
@@ -165,6 +170,7 @@ impl Usart {
                     return Err("a byte is sent before the last one has left the register");
                 }
                 self.sr &= !TC;
+                // An idle transmitter takes the byte at once, and its register stays free.
                 if self.shifting.is_none() {
                     self.shifting = Some(value as u8);
                     self.sent_at = Some(now + self.byte_ticks(cycle));
@@ -175,6 +181,7 @@ impl Usart {
             }
             0x08 => {
                 self.brr = value & 0xFFFF;
+                // Sixteen samples per bit.
                 if self.brr < 16 {
                     return Err("a baud rate over a sixteenth of the bus clock");
                 }

@@ -27,6 +27,7 @@ impl Watchdog {
     }
 
     const fn period(&self) -> u64 {
+        // Divided by 4 to 256; code 7 is the same as 6.
         let prescaler = 4_u64
             << if self.prescaler > 6 {
                 6
@@ -50,6 +51,7 @@ impl Watchdog {
             (0x00, 0x5555) => self.open = true,
             (0x00, 0xAAAA) => {
                 self.open = false;
+                // A feed before the start has no effect. Afterwards nothing can stop the watchdog.
                 self.barks_at = self.barks_at.map(|_| now + self.period());
             }
             (0x00, 0xCCCC) => self.barks_at = Some(now + self.period()),

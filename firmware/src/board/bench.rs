@@ -14,6 +14,7 @@ use mcdpr_firmware::Inputs;
 use mcdpr_protocol::{Bench, CanErrors};
 
 /// Ticks over which the slow oscillator is counted.
+// 1.024 s: 40,960 counts at 40 kHz, so a count is 25 ppm.
 const COUNTED_TICKS: u32 = 1024;
 /// The real-time clock's divider counts down from here: 20 bits.
 const DIVIDER: u32 = 0xF_FFFF;
@@ -66,6 +67,8 @@ impl Gauge {
             w.set_rtcen(true);
         });
         let rtc = pac::RTC;
+        // Bounded: without its oscillator the divider never becomes ready, and the board must
+        // start.
         let idle = || (0..PATIENCE).any(|_| rtc.crl().read().0 & RTOFF != 0);
         if idle() {
             rtc.crl().modify(|w| w.set_cnf(true));
@@ -90,6 +93,7 @@ impl Gauge {
         let rtc = pac::RTC;
         let high = || rtc.divh().read().0;
         // The upper half may change between the two.
+        // Two reads of the upper half that agree enclose a lower half that belongs to them.
         let (before, low, after) = (high(), rtc.divl().read().0, high());
         if before != after {
             self.divider = None;
@@ -97,6 +101,7 @@ impl Gauge {
         }
         let divider = before << 16 | low;
         if let Some(last) = self.divider.replace(divider) {
+            // It counts down: earlier minus later.
             COUNTED.store(last.wrapping_sub(divider) & DIVIDER, Ordering::Relaxed);
         }
     }

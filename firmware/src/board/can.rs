@@ -24,6 +24,8 @@ use static_cell::StaticCell;
 /// Bit rate times its prescaler: 36 MHz in bits of 18 quanta.
 const QUANTA_HZ: u32 = 36_000_000 / 18;
 /// Of the 18 quanta one synchronises; the sample is taken after 14 more, at 83 %.
+// 1 + 14 of 18 quanta are 83 %: late, for long wires, but before the end for the oscillators'
+// tolerance.
 const BEFORE_SAMPLE: u8 = 14;
 const AFTER_SAMPLE: u8 = 3;
 /// Quanta by which an edge may shift a bit.
@@ -33,6 +35,8 @@ const BIT_0: u32 = 1 << 21;
 const BIT_4: u32 = 1 << 25;
 /// Loops until the controller is ready to be set up: it finishes the current frame first, 0.3 ms at
 /// most.
+// A frame of 135 bits at 500 kbit/s takes 0.27 ms; a turn of the loop takes several cycles of 72
+// MHz.
 const PATIENCE: u32 = 5000;
 /// Ticks without a single transmitted frame, while some wait, after which they are dropped. A drive
 /// that returns must not follow outdated commands.
@@ -85,6 +89,7 @@ const LOOPED: [CanFrame; 2] = [
     },
 ];
 /// Ticks that a loop-back test may take: 0.3 ms of frames, after 11 bits of an idle bus.
+// 10 ms: the set-up may have to be repeated in the next tick.
 const LOOP_TICKS: u8 = 10;
 /// Its bit rate.
 const LOOP_BITS_PER_S: u32 = 1_000_000;
@@ -159,6 +164,7 @@ impl Bus {
 
     /// One tick of a loop-back test.
     fn watch_loop(&mut self) {
+        // Each FIFO returns one frame: both filters and both interrupts are tested.
         while let Some(frame) = self.incoming.dequeue() {
             self.came_back += u8::from(LOOPED.contains(&frame));
         }
@@ -180,6 +186,7 @@ impl Bus {
         }
         let delivered = DELIVERED.load(Ordering::Relaxed);
         let tsr = pac::CAN.tsr().read();
+        // Frames that wait without being sent: no other node acknowledges, or the wires are broken.
         let waits = !(tsr.tme(0) && tsr.tme(1) && tsr.tme(2));
         self.stale = if waits && delivered == self.delivered {
             self.stale + 1
@@ -189,6 +196,7 @@ impl Bus {
         self.delivered = delivered;
         if self.stale >= STALE_TICKS {
             self.stale = 0;
+            // Counted now: a frame that is queued afterwards is new and is sent.
             DROP.store(self.outgoing.len() + 1, Ordering::Relaxed);
             ring();
         }
@@ -202,6 +210,7 @@ fn ring() {
 
 impl CanPort for Bus {
     fn set_bitrate(&mut self, bits_per_s: u32) {
+        // Frames of the old bit rate are void.
         while self.incoming.dequeue().is_some() {}
         DROP.store(self.outgoing.len() + 1, Ordering::Relaxed);
         BITRATE.store(bits_per_s, Ordering::Relaxed);
@@ -209,6 +218,7 @@ impl CanPort for Bus {
     }
 
     fn send(&mut self, frame: &CanFrame) -> Result<(), Full> {
+        // First into the queue, then the interrupt: it finds the frame in any case.
         self.outgoing.enqueue(*frame).map_err(|_| Full)?;
         ring();
         Ok(())
@@ -245,18 +255,23 @@ impl Controller {
         }
         if drop > 0 {
             let mut give_up = Tsr(0);
+            // A frame that is on the wire now still ends; the others are free at once (RM0008,
+            // 24.7).
             (0..3).for_each(|mailbox| give_up.set_abrq(mailbox, true));
             pac::CAN.tsr().write_value(give_up);
         }
         let tsr = pac::CAN.tsr().read();
         let mut done = Tsr(0);
         for mailbox in 0..3 {
+            // Written as ones: only the results that were read are cleared, not one that comes
+            // meanwhile.
             done.set_rqcp(mailbox, tsr.rqcp(mailbox));
             if tsr.txok(mailbox) {
                 DELIVERED.fetch_add(1, Ordering::Relaxed);
             }
         }
         pac::CAN.tsr().write_value(done);
+        // Asleep until a configuration gives a bit rate: frames wait in the queue.
         if pac::CAN.msr().read().slak() {
             return;
         }
@@ -303,6 +318,7 @@ impl Controller {
                 LOST.fetch_add(1, Ordering::Relaxed);
             }
             fifo.write_value(release);
+            // The hardware clears it when the next frame is in place, some cycles later.
             while fifo.read().rfom() {}
         }
     }
@@ -320,6 +336,7 @@ fn set_up(bits_per_s: u32) -> bool {
     mode.set_reset(true);
     can.mcr().write_value(mode);
     let mut mode = Mcr(0);
+    // Leaves bus-off by itself, and sends mailboxes in the order of their requests (TXFP).
     mode.set_abom(true);
     mode.set_txfp(true);
     mode.set_inrq(true);
@@ -345,9 +362,11 @@ fn set_up(bits_per_s: u32) -> bool {
     can.fmr().modify(|w| w.set_finit(true));
     can.fs1r().write(|w| w.0 = 0b1111);
     can.fm1r().write(|w| w.0 = 0);
+    // Banks 2 and 3, whose two bits differ, feed FIFO 1.
     can.ffa1r().write(|w| w.0 = 0b1100);
     for (bank, identifier) in [0, BIT_0 | BIT_4, BIT_0, BIT_4].into_iter().enumerate() {
         can.fb(bank).fr1().write(|w| w.0 = identifier);
+        // 0b110: IDE and RTR must be 0, so extended and remote frames pass no filter.
         can.fb(bank).fr2().write(|w| w.0 = BIT_0 | BIT_4 | 0b110);
     }
     can.fa1r().write(|w| w.0 = 0b1111);

@@ -30,6 +30,7 @@ pub fn start() {
         // Its value after a reset differs between manuals and makers of the chip; at 0 the counter
         // stops.
         timer.arr().write(|w| w.0 = u16::MAX.into());
+        // Mode 3 counts every edge of both inputs: 4096 counts of 1024 lines.
         timer.smcr().write(|w| w.set_sms(Sms::ENCODER_MODE_3));
         timer.cr1().write(|w| w.set_cen(true));
     }

@@ -58,6 +58,7 @@ pub fn read_record() -> Record {
     let text = List::collect(bytes.take(length));
     let whole = length <= PANIC_BYTES && crc32(&text) == KEPT.checksum.load(Ordering::Relaxed);
     if whole && (magic == NEW || magic == READ) {
+        // Read once: the next start, of another cause, must not report this one again.
         KEPT.magic.store(READ, Ordering::Relaxed);
         let is_new = magic == NEW;
         return Record { is_new, text };
@@ -77,6 +78,7 @@ impl Message {
     /// Starts with this text. Closes the brakes first, before anything else.
     pub fn new(text: &str) -> Self {
         cortex_m::interrupt::disable();
+        // Interrupts off first: the tick would open the brakes again.
         pins::safe_off();
         Self(List::new()).text(text)
     }
@@ -121,7 +123,9 @@ impl Message {
         }
         KEPT.length.store(text.len(), Ordering::Relaxed);
         KEPT.checksum.store(crc32(&text), Ordering::Relaxed);
+        // Last: a record that is cut off by a reset keeps its old magic, and its checksum fails.
         KEPT.magic.store(NEW, Ordering::Relaxed);
+        // All words are in memory before the reset.
         fence(Ordering::SeqCst);
         SCB::sys_reset()
     }
@@ -138,6 +142,7 @@ fn panic(info: &PanicInfo) -> ! {
     if let Some(place) = info.location() {
         let file = place.file();
         // The end of the path is enough: crate, folder, file.
+        // Half of the record for the path: the rest is for the line.
         let start = file.len().saturating_sub(PANIC_BYTES / 2);
         let end = file.get(start..).unwrap_or_default();
         message = message.text(end).text(":").decimal(place.line() as usize);
@@ -152,6 +157,7 @@ unsafe extern "C" {
 }
 
 /// Bytes of stack that the handler may need.
+// The handler builds a message of 96 bytes; the rest is room for its calls.
 const HANDLER_BYTES: u32 = 1024;
 
 /// Switches to a fresh stack, before anything is pushed, if the old one is used up: its overflow
@@ -169,6 +175,7 @@ unsafe extern "C" fn HardFault() -> ! {
         "movw r1, #:lower16:{low}",
         "movt r1, #:upper16:{low}",
         "cmp r2, r1",
+        // Signed, which is correct: RAM lies at 0x2000_0000, where addresses are positive.
         "bgt 1f",
         "movw r1, #:lower16:{high}",
         "movt r1, #:upper16:{high}",
@@ -187,6 +194,7 @@ extern "C" fn hard_fault(stack: usize) -> ! {
     let low = &raw const _stack_end as usize;
     let high = &raw const _stack_start as usize;
     // SAFETY: a register that can be read at any time without effect.
+    // Names the kind of fault: invalid access, instruction or state (ARMv7-M, CFSR).
     let status = unsafe { (*SCB::PTR).cfsr.read() };
     // The processor pushes eight words: r0 to r3, r12, lr, pc, xpsr.
     if stack < low || stack > high - 32 {
@@ -197,6 +205,7 @@ extern "C" fn hard_fault(stack: usize) -> ! {
         // SAFETY: the eight words from `stack` on lie within the stack, as just checked.
         unsafe { core::ptr::read_volatile((stack + 4 * index) as *const usize) }
     };
+    // Words 6 and 5 of the frame: the faulting address and the caller's (lr).
     let message = Message::new("fault at ").hex(word(6));
     let message = message.text(" from ").hex(word(5));
     message.text(", cfsr ").hex(status as usize).stop()

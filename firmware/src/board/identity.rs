@@ -40,6 +40,7 @@ impl Reset {
 pub fn reset_cause(record: Record) -> Reset {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    // Power first: after power-on the record in RAM is random, and other flags may be set, too.
     let cause = if flags.porrstf() || flags.lpwrrstf() {
         ResetCause::Power
     } else if flags.iwdgrstf() || flags.wwdgrstf() {
@@ -67,6 +68,7 @@ pub fn hello(reset: &Reset) -> Hello {
         *byte = *character;
     }
     let mut board_id = [0; 12];
+    // 96 bits of the factory's unique number (RM0008, 30.2).
     for (index, word) in board_id.chunks_exact_mut(4).enumerate() {
         word.copy_from_slice(&pac::UID.uid(index).read().to_le_bytes());
     }

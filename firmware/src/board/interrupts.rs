@@ -29,6 +29,7 @@ const TICK: u8 = 0;
 /// Of `BASEPRI`: masks priority 1 and below it.
 const BELOW_TICK: u8 = 1 << 4;
 /// Links.
+// Above `OTHER`, below the tick: a received frame waits for the tick only.
 const LINK: u8 = 4 << 4;
 /// Every other interrupt.
 const OTHER: u8 = 8 << 4;
@@ -44,6 +45,7 @@ unsafe impl critical_section::Impl for BelowTick {
         let before = basepri::read();
         // Only ever raises, so that sections nest.
         basepri_max::write(BELOW_TICK);
+        // The new mask holds from the next instruction on.
         cortex_m::asm::isb();
         compiler_fence(Ordering::SeqCst);
         before

@@ -7,6 +7,7 @@ use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 
 /// Its clock is 40 kHz divided by four, but a chip's may be 30 to 60 kHz: these 37.5 ms are 25 to
 /// 50 ms.
+// 375 x 4 / 40 kHz = 37.5 ms; at 60 kHz 25 ms, at 30 kHz 50 ms.
 const RELOAD: u16 = 375 - 1;
 
 /// Parts that must report in.
@@ -38,6 +39,7 @@ impl Keeper {
     pub fn new() -> Self {
         let watchdog = pac::IWDG;
         watchdog.kr().write(|w| w.set_key(Key::ENABLE));
+        // Registers are unlocked by the key above and locked again by the start.
         watchdog.pr().write(|w| w.set_pr(Pr::DIVIDE_BY4));
         watchdog.rlr().write(|w| w.set_rl(RELOAD));
         watchdog.kr().write(|w| w.set_key(Key::START));
@@ -51,6 +53,7 @@ impl Keeper {
 
     /// Feeds it if every part has reported in since it was last fed.
     pub fn feed(&mut self) {
+        // One part that hangs is enough: the others alone do not feed it.
         if SEEN.load(Ordering::Relaxed) == ALL {
             SEEN.store(0, Ordering::Relaxed);
             pac::IWDG.kr().write(|w| w.set_key(Key::RESET));

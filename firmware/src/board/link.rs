@@ -38,6 +38,7 @@ pub fn run(incoming: &'static mut Incoming, outgoing: &'static mut Outgoing) -> 
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
     let executor = EXECUTOR.init_with(|| Executor::new(ptr::null_mut()));
     let (Ok(receive), Ok(send)) = (receive(incoming), send(outgoing)) else {
+        // Each task has room for one instance.
         fatal::stop("a task started twice")
     };
     executor.spawner().spawn(receive);
@@ -144,6 +145,8 @@ impl Incoming {
     #[inline(never)]
     fn receive(&mut self) {
         life::show(Part::Receive);
+        // Here, in thread mode: a tick that floods the processor starves it, and the watchdog
+        // resets the board.
         self.keeper.feed();
         // The flag is cleared with the next byte: until then it is the same error.
         let at = Some(self.ring.arrived());

@@ -55,6 +55,7 @@ const LINK_RX: u32 = 1 << 11;
 /// open, LED dark. The ports' clocks must run.
 pub fn set_up() {
     // Levels first: pull-ups, and the initial levels of outputs.
+    // The output register also selects an input's pull: 1 is up.
     set(pac::GPIOA, GRIPPER_SWITCH, GRIPPER);
     set(pac::GPIOB, E_STOP | CAN_RX | LINK_RX, 0);
     safe_off();
@@ -69,6 +70,7 @@ pub fn set_up() {
 
 /// Sets some pins of a port and clears others, at once.
 fn set(port: Gpio, high: u32, low: u32) {
+    // One write: no interrupt can come between setting and clearing.
     port.bsrr().write_value(Bsrr(high | (low << 16)));
 }
 
@@ -93,6 +95,7 @@ pub fn apply(outputs: &Outputs<CABLES>) {
         open = (open << 1) | u32::from(*brake == Brake::Open);
     }
     let high = (open << FIRST_BRAKE) | (u32::from(outputs.drive_enable) * DRIVE_ENABLE);
+    // All brakes change in the same cycle.
     set(pac::GPIOB, high, (BRAKES | DRIVE_ENABLE) & !high);
     let gripper = u32::from(outputs.gripper_closed) * GRIPPER;
     set(pac::GPIOA, gripper, GRIPPER & !gripper);
@@ -112,6 +115,7 @@ pub fn show(state: State, now: Tick) {
     let lit = match state {
         State::Boot => false,
         // About a second, and an eighth of one.
+        // Bit 10 changes every 1.024 s, bit 7 every 0.128 s.
         State::Disarmed => now.0 & 1024 != 0,
         State::Fault | State::EStop => now.0 & 128 != 0,
         _ => true,

@@ -19,12 +19,14 @@ use mcdpr_firmware::supply::Supply;
 const RESET_HZ: u32 = 8_000_000;
 /// A crystal takes 2 ms to start (data sheet, 5.3.6), a slow one a little more; the PLL 0.2 ms at
 /// most. Together they stay far below the watchdog's timeout, 25 ms at least.
+// 12 ms: six times the typical start-up time. With the PLL's two waits 14 ms, of 25 ms at least.
 const CRYSTAL_MS: u32 = 12;
 const PLL_MS: u32 = 1;
 
 /// The voltage detector's line of EXTI.
 const SUPPLY_LINE: usize = 16;
 /// Field of PWR_CR: 2.9 V.
+// The highest threshold of the detector: it leaves the most time to close the brakes.
 const PVD_2V9: u8 = 7;
 /// Field of AFIO_MAPR: receive on PB8, transmit on PB9.
 const CAN_ON_B8_B9: u8 = 2;
@@ -50,10 +52,12 @@ fn bring_up() -> (
     let Some(core) = cortex_m::Peripherals::take() else {
         fatal::stop("started twice")
     };
+    // Before any interrupt is enabled: none may ever run at the tick's priority.
     interrupts::lower_all(core.NVIC, core.SCB);
     tick::start_cycle_counter(core.DCB, core.DWT);
 
     let crystal = clocks(&mut keeper);
+    // The clocks took up to 14 ms of the watchdog's time.
     keeper.feed_at_start();
     pins::set_up();
     watch_supply();
@@ -80,6 +84,7 @@ fn bring_up() -> (
 
     let mut syst = core.SYST;
     syst.set_clock_source(SystClkSource::Core);
+    // 36 MHz instead of 72 MHz: half as many cycles are the same millisecond.
     let cycles = if crystal {
         CYCLES_PER_TICK
     } else {
@@ -102,6 +107,7 @@ fn watch_supply() {
     pac::EXTI.rtsr(0).write(|w| w.set_line(SUPPLY_LINE, true));
     pac::EXTI.imr(0).write(|w| w.set_line(SUPPLY_LINE, true));
     interrupts::enable_link(pac::Interrupt::PVD);
+    // After the interrupt is enabled: a fall in between is then either an edge or seen here.
     if pac::PWR.csr().read().pvdo() {
         fatal::stop(fatal::SUPPLY_LOW)
     }
@@ -112,6 +118,7 @@ fn watch_supply() {
 fn comes(within_ms: u32, is_there: impl Fn() -> bool) -> bool {
     let began = DWT::cycle_count();
     while !is_there() {
+        // Counted in cycles: no timer runs yet.
         if DWT::cycle_count().wrapping_sub(began) > within_ms * (RESET_HZ / 1000) {
             return false;
         }
@@ -129,6 +136,7 @@ fn comes(within_ms: u32, is_there: impl Fn() -> bool) -> bool {
 fn clocks(keeper: &mut Keeper) -> bool {
     let rcc = pac::RCC;
     pac::FLASH.acr().write(|w| {
+        // Two wait states above 48 MHz (RM0008, 3.3.3), set before the clock becomes fast.
         w.set_latency(Latency::WS2);
         w.set_prftbe(true);
     });
@@ -139,6 +147,7 @@ fn clocks(keeper: &mut Keeper) -> bool {
         w.set_adcpre(Adcpre::DIV6);
         if crystal {
             w.set_pllsrc(Pllsrc::HSE_DIV_PREDIV);
+            // APB1 is limited to 36 MHz. Without the crystal the core itself has 36 MHz.
             w.set_ppre1(Ppre::DIV2);
         }
     });
@@ -146,6 +155,7 @@ fn clocks(keeper: &mut Keeper) -> bool {
     rcc.cr().modify(|w| {
         w.set_hseon(crystal);
         w.set_pllon(true);
+        // Only a crystal that runs can be monitored.
         w.set_csson(crystal);
     });
     if !comes(PLL_MS, || rcc.cr().read().pllrdy()) {
@@ -173,6 +183,7 @@ fn clocks(keeper: &mut Keeper) -> bool {
     });
     pac::AFIO.mapr().write(|w| {
         w.set_can1_remap(CAN_ON_B8_B9);
+        // Frees PA15, PB3 (drive enable) and PB4; a probe needs SWD only.
         w.set_swj_cfg(SwjCfg::JTAG_DISABLE);
     });
     // A probe can read the log while the processor sleeps.

@@ -45,6 +45,7 @@ pub fn start() {
     // Two cycles of its clock at least (RM0008, 11.4); it takes a microsecond to power up.
     cortex_m::asm::delay(CORE_HZ / 500_000);
     adc.cr2().modify(|w| w.set_rstcal(true));
+    // Some cycles of its clock. A converter that never ends is caught by the watchdog.
     while adc.cr2().read().rstcal() {}
     adc.cr2().modify(|w| w.set_cal(true));
     while adc.cr2().read().cal() {}
@@ -60,6 +61,7 @@ pub fn start() {
         w.set_minc(true);
         w.set_psize(Size::BITS16);
         w.set_msize(Size::BITS16);
+        // A sample that is not fetched before the next one is lost, and cables would be exchanged.
         w.set_pl(Pl::HIGH);
         w.set_en(true);
     });
@@ -94,6 +96,7 @@ pub fn start() {
 pub fn read(supply: &mut Supply) -> [u16; CABLES] {
     let adc = pac::ADC1;
     let supplied = supply.update(adc.jdr(0).read().jdata());
+    // Its result is read in the next tick: 21 us of conversion are over by then.
     adc.cr2().modify(|w| w.set_jswstart(true));
     if !supplied {
         return [0; CABLES];
@@ -103,6 +106,7 @@ pub fn read(supply: &mut Supply) -> [u16; CABLES] {
     // Four scans at a time, unrolled: a loop costs as much as its body.
     let (scans, _) = RING.as_chunks::<8>();
     for [a, b, c, d, e, f, g, h] in scans {
+        // Wrapping never happens: sixteen samples are 65,520 at most in each half.
         first = first.wrapping_add(at(a)).wrapping_add(at(c));
         second = second.wrapping_add(at(b)).wrapping_add(at(d));
         first = first.wrapping_add(at(e)).wrapping_add(at(g));

@@ -21,6 +21,7 @@ use mcdpr_protocol::{Bench, FaultId, Info, List, Tick};
 use static_cell::StaticCell;
 
 /// Greatest interval between the starts of two ticks: a tenth late is an overrun (P5).
+// 7,200 cycles, 0.1 ms.
 const LATE_CYCLES: u32 = CYCLES_PER_TICK + CYCLES_PER_TICK / 10;
 
 /// Counts core clock cycles from here on.
@@ -75,6 +76,8 @@ impl Board<CABLES> for Rim {
             self.can.begin_loop();
         }
         if let Some(last) = self.drives.take_new() {
+            // Stored as soon as drives may be commanded: a reset in the next tick must already find
+            // it.
             keep::store(&last);
         }
     }
@@ -107,8 +110,10 @@ impl Core {
         let last = self.started.replace(cycles);
         let now = Tick(clock::advance());
 
+        // Wrapping: the cycle counter passes its end every 60 s.
         let late = last.is_some_and(|last| cycles.wrapping_sub(last) > LATE_CYCLES);
         self.cycle.tick(now, late, &mut self.rim, &mut self.ends);
+        // At the end: a tick that hangs does not report in.
         life::show(Part::Tick);
         let gauge = &mut self.rim.gauge;
         gauge.count(now.0);
@@ -127,6 +132,7 @@ pub fn hand_over(rim: Rim, ends: TickEnds<'static, CABLES>, reset: &Reset, cryst
     static PLACE: StaticCell<Core> = StaticCell::new();
     static CYCLE: StaticCell<Cycle<CABLES>> = StaticCell::new();
     let cycle = CYCLE.init_with(|| Cycle::new(false));
+    // P6 outweighs the cause of the last reset: it cannot be cleared.
     if !crystal {
         cycle.start_in_lasting_fault(FaultId::P6);
     } else if let Some(fault) = reset.fault() {

@@ -75,6 +75,8 @@ pub fn open() -> (Sender, Ring, Tap) {
         w.set_minc(true);
         w.set_psize(Size::BITS8);
         w.set_msize(Size::BITS8);
+        // Above the converter's and the transmitter's channels: the next byte arrives 10.9 us
+        // later.
         w.set_pl(Pl::VERY_HIGH);
         w.set_en(true);
     });
@@ -86,6 +88,7 @@ pub fn open() -> (Sender, Ring, Tap) {
     let channel = pac::DMA1.ch(SEND_CHANNEL);
     channel.par().write_value(usart.dr().as_ptr() as u32);
     static FRAME: StaticCell<[u8; MAX_FRAME]> = StaticCell::new();
+    // Static: DMA reads it after this function has returned.
     let frame = FRAME.init_with(|| [0; MAX_FRAME]);
     interrupts::enable_link(interrupt::DMA1_CHANNEL2);
     (Sender { frame }, Ring(()), Tap(()))
@@ -100,6 +103,7 @@ impl Sender {
 
     /// Sends this many bytes of it.
     pub fn start(&mut self, used: usize) {
+        // Never more than the buffer: DMA would send what lies behind it.
         let count = u16::try_from(used.min(MAX_FRAME)).unwrap_or(0);
         if count == 0 || SENDING.load(Ordering::Relaxed) {
             return;
@@ -137,6 +141,8 @@ fn arrived() -> u32 {
     let left = pac::DMA1.ch(RECEIVE_CHANNEL).ndtr().read().ndt();
     fence(Ordering::SeqCst);
     let written = u32::from(TRANSFERS.wrapping_sub(left));
+    // The distance modulo 512 is unambiguous while less than a ring's worth arrives between two
+    // calls.
     known.wrapping_add(written.wrapping_sub(known) % u32::from(TRANSFERS))
 }
 

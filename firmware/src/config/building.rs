@@ -15,9 +15,11 @@ use mcdpr_protocol::config::ConfigDigest;
 use mcdpr_protocol::{BoardKey, CableKey, ConfigEntry, ConfigHash, ConfigKey, Reject};
 
 /// Longest coordinated stop, ms.
+// 300 ms, the time that docs/safety.md states for every stop along the path.
 const MAX_STOP_MS: i32 = 300;
 
 /// Largest limit of a jerk, mm/s³: its products with a spacing stay in 64 bits.
+// 10,000 m/s^3. Times a spacing of 4000 ms squared it is 1.6e14.
 const MAX_JERK_MMPS3: i32 = 10_000_000;
 
 /// Bit rates that the board's CAN clock gives exactly, bit/s.
@@ -31,6 +33,7 @@ struct Periods {
 }
 
 /// Highest ceiling, in tenths of the reading at which a sensor counts as open.
+// The margin of a tenth lets the prediction (C2) act before the reading reaches the rail.
 const MOST_OF_RAIL_TENTHS: i64 = 9;
 
 /// Step of one slice.
@@ -119,6 +122,7 @@ impl<const N: usize> ConfigStore<N> {
         let slice = self.slice();
         let result = self.work(slice, host, active);
         self.done = match (slice, &result) {
+            // From the beginning after a refusal: entries may come anew.
             (Slice::TakeHash, _) | (_, Err(_)) => 0,
             _ => self.done + 1,
         };
@@ -142,6 +146,7 @@ impl<const N: usize> ConfigStore<N> {
                 hash(&mut self.digest, &self.board, all, ConfigKey::board);
             }
             Slice::HashCable { index, second } => {
+                // Half of a cable's 36 entries per tick keeps the slice short.
                 let (half, all) = (CableKey::ALL.len() / 2, CableKey::ALL.len());
                 let places = if second { half..all } else { 0..half };
                 if let Some(values) = self.cables.get(usize::from(index)) {
@@ -153,6 +158,8 @@ impl<const N: usize> ConfigStore<N> {
             }
             Slice::CheckBoard => {
                 let board = self.digest.clone().finish();
+                // Compared before any value is judged: a wrong transmission is to be reported as
+                // such (L2).
                 if board != host {
                     return Err(Reject::ConfigHash { board, host });
                 }
@@ -235,6 +242,7 @@ impl<const N: usize> ConfigStore<N> {
         let (drive_kind, bus_bitrate) = (self.drive_kind()?, self.bus_bitrate()?);
         let periods = self.periods()?;
         let cycles = self.cables.iter().map(|values| {
+            // Every cable was checked by the slices before: a missing value cannot occur here.
             let by_tension = values.get(CableKey::Control as usize - 1) != Some(0);
             let by_force =
                 by_tension && values.get(CableKey::TensionOutput as usize - 1) != Some(1);
@@ -245,6 +253,8 @@ impl<const N: usize> ConfigStore<N> {
             };
             (u32::from(ticks) * 1000, by_force)
         });
+        // A bus beyond its capacity would delay commands by more and more until feedback is lost
+        // (D3).
         if load_permille(drive_kind, bus_bitrate, cycles) > MOST_LOAD_PERMILLE {
             return refused(ConfigKey::board(BoardKey::BusPeriodUs));
         }
@@ -254,6 +264,7 @@ impl<const N: usize> ConfigStore<N> {
         let hold_braked = self.board_key(BoardKey::HoldBrakes, 0, 1)? == 1;
         let feedback_timeout_ms = self.feedback_timeout_ms()?;
         if active.is_none() {
+            // From a constant: it would otherwise be built on the stack first.
             *active = const { Some(Active::NOTHING) };
         }
         let Some(active) = active else {
@@ -287,6 +298,7 @@ impl<const N: usize> ConfigStore<N> {
             key: ConfigKey::cable(index, key).0,
         };
         // 1 mm to 500 mm keeps every product below in 64 bits; 312689/49766 is 2 pi to 1e-11.
+        // Largest radius: 5,000,000 x 312,689 x 2^20 is 1.6e18, under 2^63.
         let radius = key(CableKey::DrumRadius, 10_000, 5_000_000)?;
         let circumference_q20 = quotient::<49_766>((i64::from(radius) * 312_689) << 20);
         let circumference_q8 = (circumference_q20 + half(12)) >> 12;
@@ -295,14 +307,17 @@ impl<const N: usize> ConfigStore<N> {
         if sign == 0 {
             return Err(refuse(CableKey::EncoderSign));
         }
+        // Example: 20 mm and 4096 counts give 306.8 of 0.1 um, 30.7 um per count.
         let per_count_q24 = i64::from(sign) * rounded(circumference_q20 << 4, i64::from(counts));
         let motor_counts = key(CableKey::MotorCountsPerTurn, -8_000_000, 8_000_000)?;
         if motor_counts == 0 {
             return Err(refuse(CableKey::MotorCountsPerTurn));
         }
         let per_rev = key(CableKey::MotorCountsPerRev, 4, 1_000_000)?;
+        // Counts per 0.1 um: 1,520,148 per turn of 125.7 mm are 1.21.
         let motor_per_length_q32 = division(i64::from(motor_counts) << 40, circumference_q8);
         // µm/s to rpm: ten 0.1 µm per µm, 60 s per minute.
+        // Example: 4096 counts per turn and 1.21 per 0.1 um are 0.177 rpm per um/s.
         let rpm_per_speed_q32 = division(motor_per_length_q32.abs() * 600, i64::from(per_rev));
         let force = key(CableKey::ForcePerCurrent, -100_000_000, 100_000_000)?;
         if force == 0 {
@@ -314,7 +329,9 @@ impl<const N: usize> ConfigStore<N> {
         let floor_mn = key(CableKey::TensionFloor, 0, tension_max_mn)?;
         // Sixteen conversions of 12 bits, summed: 65,536 steps would be 3.3 V, so a step is
         // k[mN/V] * 3.3 / 65,536, with 24 fractional bits.
+        // 3.3 x 2^24 / 65,536 is 844.8.
         let tension_per_adc_q24 = quotient::<10>(gain * 8448);
+        // mN/V times uV are 1e-6 mN. Example: 12.77 N/V and 0.2355 V are 3.007 N at 0 V.
         let tension_zero_q24 = quotient::<1000>(quotient::<1000>(gain * zero_uv) << 24);
         // Above the rail a reading is not a tension (S7): a ceiling that can never be reached does
         // not protect.
@@ -326,19 +343,23 @@ impl<const N: usize> ConfigStore<N> {
         let filter_mhz = i64::from(key(CableKey::TensionFilterMhz, 100, 400_000)?);
         let alpha_q16 = alpha_q16_of(filter_mhz);
         let corner_alpha_q16 = match key(CableKey::SpeedCornerMhz, 0, 400_000)? {
+            // A share of 1: no low-pass.
             0 => 1 << 16,
             corner_mhz => alpha_q16_of(i64::from(corner_mhz)),
         };
         let length_min = key(CableKey::LengthMin, -2_000_000_000, 2_000_000_000)?;
         // One millisecond at one and a half times the largest speed, and a count of rounding.
+        // um/s are 0.01 of 0.1 um per ms; one and a half of that is 15 / 1000.
         let step = quotient::<1000>(i64::from(max_speed_umps) * 15 * (1 << 24));
         let step = division(step, per_count_q24).abs() + 2;
         let max_current_ma = key(CableKey::MaxCurrentMa, 1, 32_000)?;
         // mA times mN/A is µN.
+        // Example: 0.5 A at 112 N/A are 56 N.
         let most_force_mn =
             quotient::<1000>(i64::from(max_current_ma) * i64::from(force.abs())).max(1);
         let mass_g = key(CableKey::DrumMass, 0, 100_000_000)?;
         // g times µm/s over mN is µs.
+        // Example: 34 kg and 56 N are 0.61 us per um/s, 18 ms from 30 mm/s.
         let stop_q16 = division(i64::from(mass_g) << 16, most_force_mn);
         let lead_us = key(CableKey::LeadUs, 0, 100_000)?;
         // A bus has no drive 0: that number addresses all of them. 127 is the board itself.
@@ -352,6 +373,7 @@ impl<const N: usize> ConfigStore<N> {
             _ => Control::Tension,
         };
         // Slots are spread evenly over the drives' period.
+        // The SYNC comes with the shorter period: a drive of the longer one answers every so many.
         let (period, syncs) = match control {
             Control::Length => (periods.by_length, periods.by_length / periods.by_tension),
             Control::Tension => (periods.by_tension, 1),
@@ -362,6 +384,7 @@ impl<const N: usize> ConfigStore<N> {
             per_count_q24,
             half_count: saturate(per_count_q24.abs() >> 25),
             four_counts: saturate(per_count_q24.abs() >> 22),
+            // Under half of the counter's range, beyond which a step's direction is ambiguous.
             max_encoder_step: u16::try_from(step.min(16_000)).unwrap_or(16_000),
             motor_per_length_q32,
             length_per_motor_q32: division(circumference_q8 << 24, i64::from(motor_counts)),
@@ -370,6 +393,7 @@ impl<const N: usize> ConfigStore<N> {
             motor_reversed: motor_counts < 0,
             max_rpm: small(key(CableKey::MaxMotorRpm, 1, 30_000)?),
             max_current_ma,
+            // 31 / 32: a drive at its limit reports a little less than the limit.
             most_ma: max_current_ma - max_current_ma / 32,
             current_per_force_q32: division(1000 << 32, i64::from(force)),
             tension_per_adc_q24,
@@ -409,6 +433,7 @@ impl<const N: usize> ConfigStore<N> {
             length_max: key(CableKey::LengthMax, length_min, 2_000_000_000)?,
             node: u8::try_from(node).unwrap_or(u8::MAX),
             period_ticks: period,
+            // Example: four drives with a period of 2 ticks get slots 0, 0, 1, 1.
             slot: index * period / N.to_le_bytes()[0],
             syncs,
             // Counts per ms, times 60,000 ms per minute.
@@ -424,11 +449,13 @@ impl<const N: usize> ConfigStore<N> {
 /// Share of a new sample in a low-pass with this corner, 16 fractional bits.
 const fn alpha_q16_of(corner_mhz: i64) -> i64 {
     // alpha = w dt / (1 + w dt) with w dt = 2 pi f / 1000, f in mHz: 1e6 in the denominator.
+    // 2 pi 2^24 is 105,414,357. Example: 5 Hz give an alpha of 0.030, 400 Hz one of 0.715.
     let w_dt_q24 = quotient::<1_000_000>(corner_mhz * 105_414_357);
     rounded(w_dt_q24 << 16, (1 << 24) + w_dt_q24)
 }
 
 /// Greatest play between motor and drum, and of a brake, 0.1 µm.
+// 2 mm each: with both, the brakes' test takes 3.2 s longer.
 const MOST_PLAY: i32 = 20_000;
 
 /// Hashes the values that are present, of keys at these indices.
@@ -452,6 +479,7 @@ fn refused<T>(key: ConfigKey) -> Result<T, Reject> {
 
 /// Whole ticks of a period.
 fn ticks(key: BoardKey, us: i32) -> Result<u8, Reject> {
+    // The schedule knows whole ticks only: 1.5 ms is refused instead of rounded.
     let ticks = u8::try_from(us / 1000).ok().filter(|_| us % 1000 == 0);
     ticks.map_or(refused(ConfigKey::board(key)), Ok)
 }

@@ -3,6 +3,7 @@
 use super::DriveKind;
 
 /// SYNCs from one report of the mode to the next.
+// A wrong mode is noticed within 20 ms at the usual period of 2 ms.
 pub(crate) const MODE_SYNCS: u8 = 10;
 /// Greatest share of the bus for cyclic frames, in thousandths: the rest is for other frames and
 /// repetitions.
@@ -15,6 +16,8 @@ pub(crate) const MOST_LOAD_PERMILLE: u32 = 700;
 #[must_use]
 pub const fn worst_bits(bytes: u32) -> u32 {
     let stuffed = 34 + 8 * bytes;
+    // Eight bytes: 98 + 24 + 13 = 135 bits. The 13 are delimiters, acknowledge, end of frame and
+    // interframe space.
     stuffed + (stuffed - 1) / 4 + 13
 }
 
@@ -63,6 +66,7 @@ pub fn load_permille(
 ) -> u32 {
     let (mut bits, mut drives, mut shortest_us) = (0, 0, u32::MAX);
     for (period_us, by_tension) in cycles {
+        // Rounded up throughout: the result is a worst case.
         bits += 1_000_000_u32.div_ceil(period_us) * bits_per_cycle(kind, by_tension);
         drives += 1;
         shortest_us = shortest_us.min(period_us);

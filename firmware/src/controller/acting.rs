@@ -19,6 +19,7 @@ impl<const N: usize> Controller<N> {
             State::Moving | State::Pausing => {
                 self.follow(stop_ms);
                 if self.state == State::Moving && !self.motion.covers_a_stop(stop_ms) {
+                    // Advice while there is time: if no knot follows, the buffer runs empty (K6).
                     self.limits.insert(Limit::BufferShort);
                 }
             }
@@ -53,9 +54,13 @@ impl<const N: usize> Controller<N> {
                 length: cable.length,
                 ..Target::default()
             };
+            // Motor counts have no absolute meaning: they are tied to the drum's length when torque
+            // begins.
             cable.axis = Axis::zeroed(drive.counts, cable.length);
             cable.sense_motor(config, drive);
             cable.tension_loop = TensionLoop::at(cable.tension_mn);
+            // The static model's tension for the reference, with which the measured one has just
+            // been compared.
             cable.setpoint_mn = cable.reference_mn;
         }
     }
@@ -73,6 +78,8 @@ impl<const N: usize> Controller<N> {
                 cable.setpoint_mn = tension_mn;
             }
         });
+        // Coefficients are linearised about the plan between two knots: they change with the
+        // segment.
         if let Some(rows) = self.motion.take_rows() {
             self.rows = *rows;
         }
@@ -80,6 +87,8 @@ impl<const N: usize> Controller<N> {
             Progress::Running => return false,
             Progress::Done => {
                 self.motion.clear();
+                // Either is impossible in the other's state: Moving ends with the first, Pausing
+                // with the second.
                 self.raise(Event::MotionDone);
                 self.raise(Event::AtRest);
             }
@@ -87,10 +96,12 @@ impl<const N: usize> Controller<N> {
                 self.raise(Event::AtRest);
             }
             Progress::RanEmpty => {
+                // Not at rest yet: the stop segment follows the tangent from here.
                 self.trip(FaultId::K6, 0, 0, 0);
                 return false;
             }
             Progress::Stopped => {
+                // The stop segment has left the path: nothing of the motion can be resumed.
                 self.motion.clear();
                 self.raise(Event::AtRest);
             }

@@ -10,10 +10,13 @@ impl<const N: usize> Controller<N> {
         let armed = self.is_armed();
         let outputs = &mut self.outputs;
         outputs.gripper_closed = self.gripper_closed;
+        // The contactor opens with an emergency stop, in addition to the stop's own contacts.
         outputs.drive_enable = self.active.is_some() && self.state != State::EStop;
         outputs.scan = core::mem::take(&mut self.scan_asked);
         let Some(active) = self.active.as_ref().filter(|_| armed) else {
             for (demand, brake) in outputs.drives.iter_mut().zip(&mut outputs.brakes) {
+                // Set anew in every tick without torque: no output may survive from the tick
+                // before.
                 (*demand, *brake) = (DriveDemand::Off, Brake::Closed);
             }
             outputs.can_loop = core::mem::take(&mut self.loop_asked);
@@ -25,10 +28,12 @@ impl<const N: usize> Controller<N> {
         let phase = self.arming.phase();
         let brake = match (self.state, self.closing, phase) {
             (State::Stopping, Some(_), _) => Brake::Closed,
+            // No brake opens before every one has passed its test.
             (_, _, Phase::Enabling | Phase::Preload | Phase::Proving) => Brake::Closed,
             (State::Holding, ..) if active.hold_braked || self.unsound > 0 => Brake::Closed,
             _ => Brake::Open,
         };
+        // Drives enable without torque: the set-point is taken up only when all of them are ready.
         let torque = phase != Phase::Enabling;
         let slots = outputs.drives.iter_mut().zip(&mut outputs.brakes);
         let slots = slots.zip(active.cables.iter().zip(&inputs.drives));
@@ -43,6 +48,7 @@ impl<const N: usize> Controller<N> {
             // A drive that is lost holds nothing: its brake must close now, independent of the
             // others.
             let gone = drive.fault || drive.age_ms >= active.feedback_timeout_ms;
+            // A drive that is still enabling may be silent: that is no loss.
             cable.abandoned |= torque && gone;
             *brake_slot = if cable.abandoned {
                 Brake::Closed
@@ -62,6 +68,7 @@ impl<const N: usize> Controller<N> {
                             .learn(config, &cable.target, cable.by_motor, cable.length);
                     }
                     let mut target = cable.target;
+                    // The brake's test lets the drive pay out against the closed brake.
                     target.length = target.length.saturating_add(cable.proof.relief());
                     DriveDemand::Position {
                         counts: cable.axis.counts(config, &target),
@@ -86,6 +93,7 @@ impl<const N: usize> Controller<N> {
                     let relief = cable.proof.relief();
                     if config.commands_speed() {
                         // Before the brakes open, the drive must not wind up against them.
+                        // A drive's speed loop has an integral of its own.
                         let closed = brake == Brake::Closed && phase <= Phase::Opening;
                         let umps = if relief != 0 {
                             relief
@@ -98,6 +106,7 @@ impl<const N: usize> Controller<N> {
                         *demand = DriveDemand::Speed { rpm };
                         continue;
                     }
+                    // From the current that was held: the release is a change of it.
                     let ma = if relief > 0 {
                         cable.tension_loop.hold() + config.current_ma(-relief)
                     } else if self.relieving && self.closing.is_none() {
@@ -110,6 +119,8 @@ impl<const N: usize> Controller<N> {
                         cable.tension_loop.update(config, &measured)
                     };
                     DriveDemand::Current {
+                        // The configuration allows 32 A at most: only the sum with a release could
+                        // exceed 16 bits.
                         ma: crate::fixed::saturate_i16(ma),
                     }
                 }

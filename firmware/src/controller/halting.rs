@@ -9,16 +9,20 @@ use crate::proof::play_ms;
 
 /// Speed at which a length-held cable pays out in a stop, 0.1 µm per tick (20 mm/s), and the
 /// greatest distance.
+// Slow enough that a slack cable becomes tight without an impact, and 6 mm within a stop of 300 ms.
 const GIVE_STEP: i32 = 200;
+// 10 mm: a sensor that reads wrong must not move the platform far.
 const GIVE_MOST: i32 = 100_000;
 /// A tension-held drum has settled if it reels in no faster than this, µm/s, and its cable is at
 /// most this below its tension, mN.
 const CALM_UMPS: i32 = 3000;
 const CALM_MN: i32 = 2000;
 /// Ticks until a brake that slipped is tried again.
+// 50 ms: the drive pulls the drum back meanwhile, and a slow brake closes a little further.
 const RETRY_MS: u16 = 50;
 /// Number of tries after which a brake is reported as not holding (B2); one that holds before was
 /// late (B3).
+// Ten attempts of 50 ms: half a second for a brake that is late.
 const TRIES: u16 = 10;
 /// Ticks for a drive to push against a brake: a drive that gives no torque cannot lose it.
 const PROOF_MS: u16 = 500;
@@ -27,6 +31,7 @@ impl<const N: usize> Controller<N> {
     #[inline(never)]
     pub(super) fn act_arming(&mut self, inputs: &Inputs<N>) {
         // Not by `map`: that would copy all cables to the stack.
+        // What the host's model expects at the reference: set with the lengths, before arming.
         let mut expected = [0; N];
         for (expected, cable) in expected.iter_mut().zip(&self.cables) {
             *expected = cable.reference_mn;
@@ -37,6 +42,7 @@ impl<const N: usize> Controller<N> {
             Phase::Proving => match self.prove(inputs) {
                 (Verdict::Holds, _) => {}
                 (Verdict::Pending, cable) => unproven = cable,
+                // No brake has opened yet: torque stays on, and the other brakes stay closed.
                 (Verdict::Slips(turned), cable) => {
                     self.unsound = cable;
                     return self.trip(FaultId::B2, cable, turned / 10, 0);
@@ -51,8 +57,11 @@ impl<const N: usize> Controller<N> {
             .tick(active, inputs, &expected, self.service, unproven)
         {
             Err((fault, cable, value, limit)) => self.trip(fault, cable, value, limit),
+            // Once: the set-points of all drives are taken where the drums are now.
             Ok(Phase::Preload) if before == Phase::Enabling => self.take_up(inputs),
             Ok(Phase::Done) => {
+                // A bare winch carries no platform: there is nothing to be watched after it is
+                // parked.
                 if self.service.is_none() {
                     self.hangs();
                 }
@@ -75,6 +84,7 @@ impl<const N: usize> Controller<N> {
         let cables = self.cables.iter_mut().zip(&active.cables);
         let cables = cables.zip(&inputs.drives);
         for (number, ((cable, config), drive)) in (1_u8..).zip(cables) {
+            // Its drive may not give torque any more, so its brake cannot be tested.
             if cable.abandoned {
                 continue;
             }
@@ -82,6 +92,7 @@ impl<const N: usize> Controller<N> {
             let verdict = cable
                 .proof
                 .tick(config, cable.length, drive.current_ma, load);
+            // A brake that slips outweighs one that is still being tested.
             if verdict != Verdict::Holds && !matches!(all.0, Verdict::Slips(_)) {
                 all = (verdict, number);
             }
@@ -91,11 +102,13 @@ impl<const N: usize> Controller<N> {
 
     fn oscillate(&mut self, index: usize) {
         let Some(active) = &self.active else { return };
+        // The phase's index is below N; a panic is not an option on the board.
         let (Some(cable), Some(config)) = (self.cables.get_mut(index), active.cables.get(index))
         else {
             return;
         };
         let amplitude = Oscillation::amplitude(config.per_count_q24);
+        // Observed first: the displacement belongs to the set-points of the ticks before.
         self.oscillation.observe(cable.by_motor, cable.length);
         cable.target = self.oscillation.step(amplitude, cable.target.length);
     }
@@ -108,6 +121,8 @@ impl<const N: usize> Controller<N> {
         else {
             return;
         };
+        // Exactly back to the length before: rounding of the test motion must not add up over the
+        // drums.
         cable.target = Target {
             length: oscillation.base(cable.target.length),
             ..Target::default()
@@ -129,6 +144,7 @@ impl<const N: usize> Controller<N> {
     /// not delay the brakes: it lowers the load. `set_anew`: a path has set this tick's targets, so
     /// that they lack what was given before.
     pub(super) fn give_way(&mut self, inputs: &Inputs<N>, set_anew: bool) -> bool {
+        // Every cable moves in each tick, even after one was found that is not calm.
         let mut calm = true;
         let Some(active) = &self.active else {
             return true;
@@ -158,6 +174,8 @@ impl<const N: usize> Controller<N> {
                 cable.target.speed_umps = cable.target.speed_umps.saturating_add(100 * step);
             } else if config.law == TensionLaw::Default {
                 let missing = cable.setpoint_mn.saturating_sub(cable.tension_mn);
+                // A quarter of the set-point, or 2 N: a law that still reels in would be stopped
+                // half way.
                 settled &= (missing <= (cable.setpoint_mn >> 2).max(CALM_MN))
                     & (cable.speed_umps >= -CALM_UMPS);
             }
@@ -175,8 +193,10 @@ impl<const N: usize> Controller<N> {
         let (Some(ticks), Some(active)) = (self.closing, &self.active) else {
             return;
         };
+        // Example: brakes of 30 ms are tested after 180 ms.
         let held = slowest_brake_ms(active) + HOLD_TORQUE_MS;
         let most = held + PROOF_MS + play_ms(active);
+        // At most some 2000 + 150 + 500 ms and the play's time, with the retries: 16 bits suffice.
         self.closing = Some(ticks + 1);
         if ticks < held {
             return;
@@ -192,6 +212,7 @@ impl<const N: usize> Controller<N> {
             }
             return;
         }
+        // The proofs of arming are over: each brake is tested anew at its present place.
         if ticks == held {
             for cable in &mut self.cables {
                 cable.proof = Proof::default();
@@ -206,7 +227,10 @@ impl<const N: usize> Controller<N> {
                 for cable in &mut self.cables {
                     cable.proof = Proof::default();
                 }
+                // Only the waiting time is repeated, not the brakes' whole closing time.
                 self.closing = Some(held - RETRY_MS);
+                // A brake that failed since arming gets no ten further attempts: the drum moves at
+                // each.
                 if self.slips >= TRIES || self.unsound > 0 {
                     self.unsound = cable;
                     self.latch_fault(FaultId::B2, cable, turned / 10, 0);
@@ -221,6 +245,7 @@ impl<const N: usize> Controller<N> {
                 }
                 true
             }
+            // A drive without torque never reaches the push: the stop must end nevertheless.
             Verdict::Pending => ticks >= most,
         };
         if done {

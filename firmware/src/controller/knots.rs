@@ -10,12 +10,14 @@ impl<const N: usize> Controller<N> {
     pub(super) fn handle_knot(&mut self, knot: &Knot) -> Result<Reply, Reject> {
         self.only_in(&[State::Holding, State::Moving, State::Pausing])?;
         self.no_fault()?;
+        // Before anything else: the zips below would silently ignore missing cables.
         Self::count(knot.cables.len())?;
         for row in knot.rows.iter() {
             Self::count(row.lengths.len())?;
             Self::count(row.tensions.len())?;
         }
         let expected = self.motion.next_index();
+        // A repeated or skipped knot would shift the whole path (L3, L4).
         if knot.index != expected {
             return Err(Reject::KnotIndex { expected });
         }
@@ -27,6 +29,7 @@ impl<const N: usize> Controller<N> {
             None => self.check_first(knot)?,
             Some(newest) => self.check_joined(newest, knot)?,
         }
+        // The last knot must be at rest: the path clock simply stops there.
         if knot.last && knot.cables.iter().any(|cable| cable.velocity.0 != 0) {
             return Err(Reject::KnotEnd);
         }
@@ -46,6 +49,7 @@ impl<const N: usize> Controller<N> {
             if value.velocity.0.saturating_abs() > config.max_speed_umps {
                 return Err(Reject::KnotSpeed { cable });
             }
+            // A cable cannot push, and a set-point over the ceiling would stop the robot (C2).
             if !(0..=config.ceiling_mn).contains(&value.tension.0) {
                 return Err(Reject::KnotTension { cable });
             }
@@ -63,6 +67,8 @@ impl<const N: usize> Controller<N> {
             // The length of a tension-held cable follows from its tension: it is only expected.
             let bound = config.control == Control::Length;
             let gap = start.length.0.saturating_sub(cable.target.length);
+            // Compared with the set-point, not with the measurement: the drive follows the
+            // set-point.
             if (bound && gap.saturating_abs() > START_TOLERANCE) || start.velocity.0 != 0 {
                 return Err(Reject::KnotStart {
                     cable: number,
@@ -74,11 +80,13 @@ impl<const N: usize> Controller<N> {
     }
 
     fn check_joined(&self, newest: &StoredKnot<N>, knot: &Knot) -> Result<(), Reject> {
+        // A motion has one end; the next one begins with knot 0.
         if newest.last {
             return Err(Reject::KnotEnd);
         }
         let (earliest_ms, latest_ms) = self.motion.time_window_ms();
         let later = knot.time_ms > newest.time_ms;
+        // At least 4 ms ahead of the path's clock: the segment before must not have ended yet.
         if !later || knot.time_ms < earliest_ms || knot.time_ms > latest_ms {
             return Err(Reject::KnotTime { earliest_ms });
         }
@@ -104,6 +112,7 @@ impl<const N: usize> Controller<N> {
 }
 
 /// Largest speed that is checked exactly, µm/s: sums of three of them fit 32 bits.
+// 100 m/s. `start - 2 (3 mean - start - end) + end` is at most 12 times that: 1.2e9, under 2^31.
 const FAR_TOO_FAST: i32 = 100_000_000;
 
 /// Speeds of one cable's cubic between two knots, µm/s, each [`FAR_TOO_FAST`] at most; a fifth of
@@ -120,6 +129,7 @@ impl Speeds {
     fn between(from: &CableKnot, to: &CableKnot, spacing_ms: u32) -> Option<Self> {
         // 0.1 µm per ms is 100 µm/s.
         let way = (i64::from(to.length.0) - i64::from(from.length.0)) * 100;
+        // A way of up to 2.1 m takes one division of 32 bits; others take the long one.
         let mean = match narrow(way) {
             Some(way) => way / spacing_ms.cast_signed().max(1),
             None => narrow(division(way, i64::from(spacing_ms.max(1))))?,
@@ -139,11 +149,15 @@ impl Speeds {
         if start.abs() > limit_umps || end.abs() > limit_umps {
             return true;
         }
+        // From the Hermite cubic: the derivative's Bezier values are v0, 3 mean - v0 - v1, v1.
         let middle = 3 * mean - start - end;
+        // The quadratic's leading coefficient: 0 for a straight line, which is largest at an end.
         let bend = start - 2 * middle + end;
+        // The extremum is at s = (start - middle) / bend: inside if 0 < s < 1.
         let along = (start - middle) * bend.signum();
         // The extremum is (start * end - middle²) / bend; if the middle is within the limit, too,
         // it cannot exceed it.
+        // The limit plus 1 um/s: the rounded mean must not refuse a plan at exactly the limit.
         bend != 0
             && middle.abs() > limit_umps
             && along > 0
@@ -156,7 +170,9 @@ impl Speeds {
     fn accelerate_over(&self, spacing_ms: u32, limit_umps2: i32) -> bool {
         let &Self { start, mean, end } = self;
         let most = times(limit_umps2, spacing_ms.cast_signed());
+        // um/s per ms, times 1000, are um/s^2. Example: 50 mm/s in 10 ms are 5 m/s^2.
         let over = |change: i32| times(change.abs(), 1000) > most;
+        // The second derivative of the Hermite cubic at s = 0 and s = 1, times the spacing.
         over(6 * mean - 4 * start - 2 * end) || over(6 * mean - 2 * start - 4 * end)
     }
 
@@ -164,6 +180,7 @@ impl Speeds {
     fn jerk_over(&self, spacing_ms: u32, limit_mmps3: i32) -> bool {
         let &Self { start, mean, end } = self;
         let square = (spacing_ms * spacing_ms).cast_signed();
+        // The third derivative times the spacing squared; um/s per ms^2, times 1000, are mm/s^3.
         let change = 6 * (start + end) - 12 * mean;
         times(change.abs(), 1000) > times(limit_mmps3, square)
     }

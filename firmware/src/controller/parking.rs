@@ -5,8 +5,10 @@ use super::{Controller, Event, FaultId, Inputs, Limit, slowest_brake_ms};
 use crate::watch::{CableView, Finding};
 
 /// Ticks that drums have for coming to rest after their brakes have closed.
+// 50 ms beyond the slowest brake's time: drums settle into the play of their brakes.
 const REST_TICKS: u16 = 50;
 /// A drum that turns by more than this many times four encoder counts is not at rest.
+// Eight counts are 0.25 mm on the paper's drum.
 const MOST_FOURS: i32 = 2;
 
 /// State of a robot that hangs on its brakes.
@@ -42,18 +44,22 @@ impl<const N: usize> Controller<N> {
     #[inline(never)]
     pub(super) fn watch_parked(&mut self, inputs: &Inputs<N>) {
         let taking = self.store.is_taking();
+        // Half a configuration has no valid scale.
         let Some(active) = self.active.as_ref().filter(|_| !taking) else {
             return;
         };
+        // A robot that was never armed may be moved by hand: its readings prove nothing.
         if !self.parked.hangs {
             return;
         }
         let rests = slowest_brake_ms(active) + REST_TICKS;
+        // Saturating: a robot may hang for days.
         self.parked.ticks = self.parked.ticks.saturating_add(1);
         let settled = self.parked.ticks > rests;
         let mut found = None;
         let cables = self.cables.iter_mut().zip(&active.cables);
         for (number, ((cable, config), &adc)) in (1_u8..).zip(cables.zip(&inputs.tension_adc)) {
+            // Until then the rest position follows the drum: it may turn while its brake closes.
             if !settled {
                 cable.target.length = cable.length;
             }
@@ -69,7 +75,11 @@ impl<const N: usize> Controller<N> {
                     tension_mn: cable.tension_mn,
                     floor_mn: config.floor_mn,
                     ceiling_mn: config.ceiling_mn,
+                    // No plan is in force: the tension is compared with its rails, floor and
+                    // ceiling only.
                     expected_mn: cable.tension_mn,
+                    // Checks that need torque are made ineffective: no command, no feedback, no
+                    // direction.
                     length_error_max: 1,
                     feedback_timeout_ms: u16::MAX,
                     polarity_way: i32::MAX,
@@ -82,12 +92,14 @@ impl<const N: usize> Controller<N> {
             if slack {
                 self.limits.insert(Limit::CableSlack);
             }
+            // The first cable's fault is reported; the others are still watched in this tick.
             found = found.or(fault
                 .filter(|found| found.fault != FaultId::C1)
                 .map(|found| (found.fault, number, found.value, found.limit)));
         }
         if let Some((fault, cable, value, limit)) = found {
             self.latch_fault(fault, cable, value, limit);
+            // Brakes are closed and torque is off already: the event only leads to `Fault`.
             self.raise(Event::Emergency);
         }
     }

@@ -35,6 +35,7 @@ impl<const N: usize> Controller<N> {
     #[must_use]
     pub fn status(&self) -> Status {
         let bits = |values: &[bool]| {
+            // Bit 0 is cable 1.
             let pairs = (0_u8..8).zip(values);
             pairs.fold(0_u8, |bits, (bit, &set)| bits | (u8::from(set) << bit))
         };

@@ -10,6 +10,7 @@ use mcdpr_protocol::{
 };
 
 /// Largest plausible length, 0.1 µm (200 m).
+// 200 m leave a margin of 14 m to the range of 32 bits (214.7 m), for motions from there.
 const LENGTH_LIMIT: i32 = 2_000_000_000;
 
 impl<const N: usize> Controller<N> {
@@ -23,6 +24,8 @@ impl<const N: usize> Controller<N> {
             Request::Status => Ok(Reply::Status(self.status())),
             Request::Open | Request::Close => self.handle_claim(now, request),
             Request::Heartbeat { host_time_us } => {
+                // The reply carries what a host needs to stream: clock, path time and room in the
+                // buffer.
                 self.heartbeat.beat(now);
                 Ok(Reply::Beat {
                     host_time_us: *host_time_us,
@@ -44,7 +47,9 @@ impl<const N: usize> Controller<N> {
             }
             Request::ConfigCommit { hash } => {
                 self.may_configure()?;
+                // The server has prepared it over the ticks before: no slice is left here.
                 while !self.prepare(*hash) {}
+                // A refused configuration leaves the active one as it is.
                 self.built.take().unwrap_or(Ok(()))?;
                 self.store.clear();
                 self.config_taken();
@@ -57,6 +62,7 @@ impl<const N: usize> Controller<N> {
                 cable,
                 open,
             } => {
+                // Only the check that there is such a winch.
                 self.winch(*cable)?;
                 let service = Service {
                     cable: *cable,
@@ -70,6 +76,8 @@ impl<const N: usize> Controller<N> {
                 if self.active.is_none() {
                     return Err(Reject::NotConfigured);
                 }
+                // The scan begins with the next tick's outputs, so it does not count as done until
+                // then.
                 self.scan_asked |= *restart;
                 Ok(Reply::Drives {
                     done: self.scan.done && !self.scan_asked,
@@ -79,13 +87,18 @@ impl<const N: usize> Controller<N> {
             Request::Bench { test } => self.handle_bench(*test),
             Request::Disarm => {
                 self.only_in(&[State::Arming, State::Holding, State::Disarmed])?;
+                // Disarming is a stop: brakes close and are tested under torque before torque is
+                // switched off.
                 self.raise(Event::Stop);
                 Ok(Reply::Done)
             }
             Request::Knot(knot) => self.handle_knot(knot),
             Request::Start => {
                 self.possible(Event::Start)?;
+                // A hold keeps torque on with a latched fault: the robot must not move before it is
+                // cleared.
                 self.no_fault()?;
+                // Two knots at least: a segment has a beginning and an end.
                 if !self.motion.is_fresh() {
                     return Err(Reject::NothingToStart);
                 }
@@ -95,6 +108,8 @@ impl<const N: usize> Controller<N> {
             Request::Resume => {
                 self.possible(Event::Resume)?;
                 self.no_fault()?;
+                // After a stop segment the robot is not on its path: the rest of the motion is
+                // void.
                 if !self.motion.is_paused() {
                     return Err(Reject::NothingToStart);
                 }
@@ -107,6 +122,7 @@ impl<const N: usize> Controller<N> {
                 Ok(Reply::Done)
             }
             Request::ClearFault => self.handle_clear(now),
+            // The server executes it; a request for samples never comes here.
             Request::Samples { .. } => Err(Reject::Unsupported),
             Request::Gripper { closed } => {
                 // A stop or a fault does not change the gripper: its load must not fall while
@@ -126,6 +142,7 @@ impl<const N: usize> Controller<N> {
     /// Does a slice of activating a configuration; returns whether it is done, so that
     /// [`Self::handle`] has little left to do. A control tick has no time for all of it.
     pub fn prepare(&mut self, hash: ConfigHash) -> bool {
+        // The commit itself gives the refusal.
         if self.may_configure().is_err() {
             return true;
         }
@@ -154,6 +171,8 @@ impl<const N: usize> Controller<N> {
         self.possible(Event::Arm)?;
         let active = self.active.as_ref().ok_or(Reject::NotConfigured)?;
         let board = active.hash;
+        // Host and board must mean the same robot: an old file's gains or limits would be used
+        // otherwise (F9).
         if board != host {
             return Err(Reject::ConfigHash { board, host });
         }
@@ -165,6 +184,7 @@ impl<const N: usize> Controller<N> {
         if service.is_some() {
             self.forget_parked();
         }
+        // The request is a sign of life. Without this the first tick under torque could report L10.
         self.heartbeat.beat(now);
         self.raise(Event::Arm);
         Ok(Reply::Done)
@@ -174,6 +194,8 @@ impl<const N: usize> Controller<N> {
     fn handle_bench(&mut self, test: BenchTest) -> Result<Reply, Reject> {
         self.only_in(&[State::Disarmed, State::Fault, State::EStop])?;
         if test != BenchTest::Look {
+            // Outputs are tried only without a configuration: with one, pins move real brakes of a
+            // robot that hangs.
             self.only_in(&[State::Disarmed])?;
             if self.active.is_some() {
                 return Err(Reject::Configured);
@@ -257,6 +279,8 @@ impl<const N: usize> Controller<N> {
         if matches!(request, Request::Close) {
             self.only_in(&[State::Disarmed, State::Fault, State::EStop])?;
         } else if self.is_armed() {
+            // The session that armed may have fallen silent: a new host waits until the robot has
+            // stopped by itself (L10).
             return Err(Reject::SessionHeld);
         } else {
             self.heartbeat.beat(now);
@@ -298,10 +322,12 @@ impl<const N: usize> Controller<N> {
             if length.0.saturating_abs() > LENGTH_LIMIT {
                 return Err(Reject::KnotLength { cable: number });
             }
+            // 10 kN: the largest full scale that a configuration may state.
             if tension.0.saturating_abs() > 10_000_000 {
                 return Err(Reject::KnotTension { cable: number });
             }
         }
+        // All values were valid: only now is any of them taken.
         let values = lengths.iter().zip(tensions.iter());
         for (cable, (length, tension)) in self.cables.iter_mut().zip(values) {
             cable.scale.reference_counts = cable.encoder.counts();
@@ -328,6 +354,7 @@ impl<const N: usize> Controller<N> {
         self.possible(Event::Clear)?;
         let link = self.heartbeat.health(now);
         match self.latch.get().map(|record| record.fault) {
+            // The request to clear is no heartbeat: the link is still lost.
             Some(FaultId::L10) if link >= LinkHealth::Lost => {
                 return Err(Reject::CauseRemains {
                     fault: FaultId::L10,

@@ -12,6 +12,8 @@ use mcdpr_protocol::ResidualRow;
 /// Time of contact after which the robot stops, ticks (C5).
 const CONTACT_TICKS: u16 = 20;
 /// Deviation of a tension from its expected value that is a warning, mN.
+// 3 N: more than the 2 N that arming accepts (S10). Only advice, since a pull at the platform
+// causes it, too.
 const TENSION_WARN_MN: i32 = 3000;
 /// Deviation below which no further check is needed, mN.
 const TENSION_CALM_MN: i32 = 2000;
@@ -49,6 +51,7 @@ impl Cable {
             Control::Length => self.target.length.saturating_sub(self.length),
             Control::Tension => self.by_motor.saturating_sub(self.length),
         };
+        // Without branches: in nearly every tick all of them are false.
         let odd = (drive.fault | drive.over_temperature | drive.warning)
             | (self.lost | self.tension_loop.saturated | self.axis.trim_saturated())
             | (drive.age_ms >= timeout_ms)
@@ -76,6 +79,7 @@ impl Cable {
         } else {
             (self.tension_loop.hold().abs(), config.most_ma >> 5)
         };
+        // A thirty-second of the largest current: 15 mA of 0.5 A on the paper's drive.
         if commanded > least { commanded } else { 0 }
     }
 
@@ -110,6 +114,8 @@ impl Cable {
         limits: &mut Limits,
     ) -> Option<Finding> {
         let by_tension = config.control == Control::Tension;
+        // Out of range values switch a detector off for this tick, so that its counts go on in one
+        // place.
         let view = CableView {
             adc,
             tension_mn: self.tension_mn,
@@ -127,10 +133,12 @@ impl Cable {
                 && !around.braked
                 && config.law == TensionLaw::Default
                 && self.target.speed_umps == 0,
+            // Never switched off, not even on a bare winch: a cable may have been caught.
             ceiling_mn: config.ceiling_mn,
             horizon_us: horizon_us(config, self.speed_umps),
             length_error: self.length_error(config),
             length_error_max: config.following_error,
+            // A tension-held drum follows no length: a difference can only be the encoder's (S2).
             motor_error: if by_tension {
                 0
             } else {
@@ -142,6 +150,8 @@ impl Cable {
                 self.commanded(config)
             },
             given: self.given(config, drive),
+            // Either side: the law's limit, or the current of a drive that holds a position by
+            // itself.
             saturated: !around.braked
                 && (self.tension_loop.saturated
                     || i32::from(drive.current_ma).abs() > config.most_ma),
@@ -180,6 +190,7 @@ impl Cable {
                 limits.insert(limit);
             }
         }
+        // Last: S6 is reported if no detector names another cause.
         fault.or_else(|| self.lost.then_some(Finding::new(FaultId::S6, 0, 0)))
     }
 }
@@ -195,6 +206,7 @@ impl<const N: usize> Controller<N> {
     #[inline(never)]
     pub(super) fn watch(&mut self, inputs: &Inputs<N>) {
         if inputs.overrun || self.late_ticks.ticks() > 0 {
+            // One late tick is made up for by the next; two in a row are 2 ms without control (P5).
             let late = self.late_ticks.update(inputs.overrun, 2);
             if late {
                 self.trip(FaultId::P5, 0, 2, 1);
@@ -202,6 +214,7 @@ impl<const N: usize> Controller<N> {
         }
         let phase = self.arming.phase();
         if inputs.drives.iter().any(|drive| drive.bus_off) {
+            // Feedback of a bus that is off is old: judging it would add D3 for every drive.
             self.trip(FaultId::D1, 0, 1, 0);
             if phase > Phase::Enabling {
                 return;
@@ -225,6 +238,7 @@ impl<const N: usize> Controller<N> {
         let mut tight = None;
         // A cable that has just lost its tension shifts load to the others: that is not a snag,
         // unless these rose with it.
+        // Taken before the loop: the loop changes the counts cable by cable.
         let breaks = self.cables.iter().map(|cable| cable.watch.breaks_ticks());
         let breaks = breaks.max().unwrap_or(0);
         let mut eased = false;
@@ -250,6 +264,8 @@ impl<const N: usize> Controller<N> {
             eased |= cable.watch.saturates();
             let (tension, ceiling) = (cable.tension_mn, config.ceiling_mn);
             if fault.is_some_and(|found| found.fault == FaultId::C2) {
+                // It rose after the break and is still below its ceiling: its load came from the
+                // broken cable.
                 if cable.watch.snag_ticks() < breaks && tension <= ceiling {
                     continue;
                 }
@@ -259,6 +275,7 @@ impl<const N: usize> Controller<N> {
                 found = fault.map(|found| (found.fault, number, found.value, found.limit));
             }
         }
+        // One saturated motor slows the common clock: the tool stays on its path (D4).
         self.motion.ease(eased);
         let residual = self.watch_residuals();
         if let Some((fault, cable, value, limit)) = found.or(residual) {
@@ -278,6 +295,7 @@ impl<const N: usize> Controller<N> {
         let kinds = [(FaultId::S5, residual_ms), (FaultId::C5, CONTACT_TICKS)];
         let rows = self.rows.iter().zip(self.residuals.iter_mut()).zip(kinds);
         for ((row, persist), (fault, ticks)) in rows {
+            // No row: the count of an earlier segment must not go on with the next one.
             if row.limit_um <= 0 {
                 *persist = Persist::default();
                 continue;
@@ -293,6 +311,8 @@ impl<const N: usize> Controller<N> {
             // 0.1 µm and 1/4096 against µm and 1/256, which is what tensions have.
             const { assert!(ResidualRow::TENSION_SCALE == 256) };
             const RATIO: i32 = 10 * ResidualRow::LENGTH_SCALE / 256;
+            // Example: a coefficient of 1 (4096) and 100 um (1000 of 0.1 um) are 4,096,000 / 160 =
+            // 25,600, that is 100 um in 1/256.
             let sum_q8 = crate::fixed::quotient::<RATIO>(by_lengths) + by_tensions;
             let residual_um = crate::fixed::saturate(sum_q8 >> 8);
             let limit = row.limit_um.unsigned_abs();
@@ -313,10 +333,13 @@ impl<const N: usize> Controller<N> {
             LinkHealth::Late => self.limits.insert(Limit::HeartbeatLate),
             LinkHealth::Lost => {
                 self.limits.insert(Limit::HeartbeatLate);
+                // In every tick while it lasts: the latch keeps the first record, and Hold is
+                // accepted where the robot still moves.
                 self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
             }
             LinkHealth::Expired => {
                 self.trip(FaultId::L10, 0, self.heartbeat.age_ms(self.now), 100);
+                // Without torque the load would drop: the lost host is the smaller danger.
                 if !self.stands_for_its_brake() {
                     self.raise(Event::Stop);
                 }

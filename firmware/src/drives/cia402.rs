@@ -22,8 +22,10 @@ const AT_SYNC: u32 = 1;
 /// Milliseconds between two heartbeats of a drive.
 const BEAT_MS: u32 = 100;
 /// Milliseconds after which a drive without heartbeats is lost: two may be late.
+// 300 ms are three heartbeats of 100 ms.
 const QUIET_MS: u16 = 300;
 /// Milliseconds for a drive to start its communication.
+// 1 s; an assumption for the slowest drive.
 const BOOT_MS: u16 = 1000;
 /// A drive that was started and does not answer for this long has lost its power: start again.
 const LOST_MS: u16 = 100;
@@ -129,8 +131,10 @@ const fn optional(index: u16, sub: u8, size: u8, from: From, value: u32) -> Obje
 /// it accepted.
 static SETUP: [Object; 31] = [
     // Feedback: status word, position, torque, at SYNC.
+    // CiA 301: an identifier may be changed only while bit 31 switches the PDO off.
     object(0x1800, 1, 4, From::Node, 0xC000_0000 | FEEDBACK as u32),
     object(0x1800, 2, 1, From::Syncs, 0),
+    // A mapping is changed only with a count of 0; an entry is index, sub-index and bits.
     object(0x1A00, 0, 1, From::Number, 0),
     object(0x1A00, 1, 4, From::Number, 0x6041_0010),
     object(0x1A00, 2, 4, From::Number, 0x6064_0020),
@@ -149,6 +153,7 @@ static SETUP: [Object; 31] = [
     optional(0x1803, 1, 4, From::Node, 0xC000_0480),
     // Command: control word and target, at once.
     object(0x1400, 1, 4, From::Node, 0x8000_0000 | COMMAND as u32),
+    // 255: takes effect on reception, without waiting for a SYNC.
     optional(0x1400, 2, 1, From::Number, 255),
     object(0x1600, 0, 1, From::Number, 0),
     object(0x1600, 1, 4, From::Number, 0x6040_0010),
@@ -165,8 +170,10 @@ static SETUP: [Object; 31] = [
         ((BOARD_NODE as u32) << 16) | 200,
     ),
     // Its reaction to that, and to a stop: disable voltage.
+    // 2 is "disable voltage": the brake, not a ramp of the drive, stops the drum.
     optional(0x6007, 0, 2, From::Number, 2),
     object(0x6060, 0, 1, From::Mode, 0),
+    // The motor's rated current, mA: torques on the bus are thousandths of it.
     object(0x6075, 0, 4, From::Drive, 0),
     optional(0x6072, 0, 2, From::Torque, 0),
     optional(0x6080, 0, 4, From::Speed, 0),
@@ -181,6 +188,7 @@ fn setup(step: u8) -> Option<&'static Object> {
 /// The number of a mode: cyclic synchronous position, torque, velocity.
 pub(super) const fn mode_number(mode: Mode) -> u8 {
     match mode {
+        // CiA 402, object 0x6060.
         Mode::Position => 8,
         Mode::Current => 10,
         Mode::Speed => 9,
@@ -231,6 +239,7 @@ pub(super) fn probed(received: &CanFrame) -> Option<u8> {
     let node = u8::try_from(received.id & 0x7F).ok()?;
     // A device type of profile 402: the lower half.
     let [_, low, high, _, profile_low, profile_high, ..] = received.data;
+    // The answer must be to this question: index 0x1000, and 402 = 0x0192 in its lower half.
     let is_drive = [low, high] == [0x00, 0x10] && [profile_low, profile_high] == [0x92, 0x01];
     (received.id & 0x780 == SDO_ANSWER && is_drive).then_some(node)
 }
@@ -262,6 +271,7 @@ fn set_up(drive: &Drive, cable: &CableConfig, object: &Object) -> CanFrame {
 
 /// A current in thousandths of the drive's rated one, which CiA 402 uses for torque.
 fn thousandths(ma: i32, rated_ma: i32) -> u16 {
+    // 32,000 mA times 1000 are 3.2e7; a rated current of 0 would be one that the drive never told.
     let share = ma * 1000 / rated_ma.max(1);
     crate::fixed::saturate_i16(share).cast_unsigned()
 }
@@ -269,12 +279,14 @@ fn thousandths(ma: i32, rated_ma: i32) -> u16 {
 /// The control word that brings a drive from a state towards operation enabled.
 fn onwards(status: u16) -> u16 {
     match status & STATE_BITS {
+        // One state per command: 0x06 shutdown, 0x07 switch on, 0x0F enable operation.
         READY_TO_SWITCH_ON => 0x07,
         SWITCHED_ON | OPERATION_ENABLED => 0x0F,
         _ if status & NO_TORQUE_BITS == SWITCH_ON_DISABLED => 0x06,
         // An old fault: the edge from 0, which every drive receives while it is off, resets it
         // once.
         _ if status & NO_TORQUE_BITS == FAULT => 0x80,
+        // Not ready, or stopping on its own: wait with the voltage disabled.
         _ => 0x00,
     }
 }
@@ -285,7 +297,9 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
     let wanted = mode_of(demand) == Some(Mode::of(cable));
     let nmt = |command| frame(NMT, &[command, node]);
     match drive.phase {
+        // The drive still boots, or an answer is pending.
         Phase::Waiting | Phase::Setup if drive.timer > 0 => return None,
+        // From a known state: a drive may have kept PDOs of an earlier configuration.
         Phase::Cold | Phase::Waiting => {
             return Some(Step::new(nmt(RESET_COMMUNICATION), Phase::Waiting, BOOT_MS));
         }
@@ -303,9 +317,11 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
     }
     let obeys = is_enabled(drive) && drive.mode == drive.wanted_mode;
     let (control, then) = match drive.phase {
+        // Disable voltage: torque goes at once, as STOP0 requires.
         _ if !wanted => (0x00, Phase::Idle),
         // A torque demand does not enable a drive that arming has not enabled.
         Phase::Idle if demand.gives_torque() => (0x00, Phase::Idle),
+        // A drive that lost its state is not enabled again by itself: `has_failed` reports it (D2).
         Phase::Enabled => (if obeys { 0x0F } else { 0x00 }, Phase::Enabled),
         _ if obeys => (0x0F, Phase::Enabled),
         _ => (onwards(drive.status), Phase::Enabling),
@@ -318,6 +334,7 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
         DriveDemand::Position { counts, .. } => (counts, 6),
         // In turns per minute, as the largest speed of 0x6080 is.
         DriveDemand::Speed { rpm } => (i32::from(rpm), 6),
+        // While enabling, the target is where the motor is: no jump when torque comes.
         _ => match Mode::of(cable) {
             Mode::Position => (drive.input.counts, 6),
             Mode::Current => (0, 4),
@@ -327,6 +344,7 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
     let [low, high] = control.to_le_bytes();
     let [a, b, c, d] = target.to_le_bytes();
     let mut command = frame(COMMAND | u16::from(node), &[low, high, a, b, c, d]);
+    // In torque mode the mapped PDO has four bytes: control word and 16 bits of torque.
     if bytes == 4 {
         command.len = 4;
         command.data = [low, high, a, b, 0, 0, 0, 0];
@@ -352,6 +370,7 @@ pub(super) const fn is_quiet(drive: &Drive) -> bool {
 
 /// Takes a frame; returns whether it was this drive's feedback.
 pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
+    // CiA 301's default identifiers: function in bits 7 to 10, node in bits 0 to 6.
     if received.id & 0x7F != u16::from(drive.node) {
         return false;
     }
@@ -360,6 +379,7 @@ pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
         (HEARTBEAT, 1) => {
             drive.quiet_ms = 0;
             if a == BOOT_UP {
+                // Boot-up: the drive has lost its settings, by a reset or a dip of its supply.
                 drive.phase = Phase::Setup;
                 drive.step = 0;
                 drive.timer = 0;
@@ -367,6 +387,7 @@ pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
                 drive.at_sync = false;
                 drive.emergency = 0;
             } else if a & 0x7F != OPERATIONAL && drive.phase as u8 > Phase::Idle as u8 {
+                // Bit 7 may toggle. A drive that left the operational state ignores its PDOs.
                 drive.phase = Phase::Cold;
             }
         }
@@ -377,11 +398,13 @@ pub(super) fn take(drive: &mut Drive, received: &CanFrame) -> bool {
             drive.status = u16::from_le_bytes([a, b]);
             let counts = i32::from_le_bytes([c, d, e, f]);
             let torque = i32::from(i16::from_le_bytes([g, h]));
+            // 32,768 thousandths of 60 A are 1.97e9 in the product: it fits 32 bits.
             drive.input.current_ma = crate::fixed::saturate_i16(torque * drive.rated_ma / 1000);
             // Feedback is sampled at SYNC: whole periods lie between two samples, independent of
             // their arrival.
             let period = i32::from(drive.period_ms.max(1));
             let periods = (i32::from(drive.since_ms) + (period - 1) / 2) / period;
+            // CiA 402 has a speed object, too, but the PDO's eight bytes are full.
             let moved = i64::from(counts.wrapping_sub(drive.input.counts));
             let rpm_ms = (moved * i64::from(drive.rpm_per_count_q16)) >> 16;
             drive.input.rpm = crate::fixed::saturate_i16(
@@ -402,6 +425,7 @@ fn answered(drive: &mut Drive, received: &CanFrame) {
         return;
     };
     let [command, low, high, sub, a, b, c, d] = received.data;
+    // An answer that arrives after its repetition belongs to an earlier object.
     if u16::from_le_bytes([low, high]) != object.index || sub != object.sub() {
         return;
     }
@@ -418,6 +442,7 @@ fn answered(drive: &mut Drive, received: &CanFrame) {
     }
     match (object.index, refused) {
         (0x1801 | 0x1A01, true) => drive.tells_mode = false,
+        // The same object again, with the other transmission type.
         (0x1400, true) if !drive.at_sync => {
             drive.at_sync = true;
             drive.timer = 0;
@@ -425,6 +450,7 @@ fn answered(drive: &mut Drive, received: &CanFrame) {
         }
         _ => {}
     }
+    // It cannot report its mode: it is assumed to be in the one that it accepted.
     if object.index == 0x6060 && !drive.tells_mode {
         drive.mode = drive.wanted_mode;
     }

@@ -53,6 +53,7 @@ impl<const N: usize> LastDrives<N> {
     /// `None` if the memory does not contain valid data.
     #[must_use]
     pub fn from_words(&[kind, bits_per_s, nodes, sum]: &[u32; WORDS]) -> Option<Self> {
+        // RAM at power-on is random: by chance a checksum of 32 bits fits once in 4e9 starts.
         if sum != checksum([kind, bits_per_s, nodes]) || bits_per_s == 0 {
             return None;
         }

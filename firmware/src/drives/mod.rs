@@ -33,6 +33,7 @@ use last::LastDrives;
 use mcdpr_protocol::{ConfigHash, Tick};
 
 /// Frames taken in per tick, at most: more than a bus of 1 Mbit/s brings in a millisecond.
+// An empty frame without stuffed bits takes 47 bits (ISO 11898-1): 21 fit into a millisecond.
 const FRAMES_PER_TICK: usize = 24;
 /// The highest drive number on a bus: 127 is the board.
 const LAST_NODE: u8 = 126;
@@ -41,9 +42,11 @@ const SCANNED: u8 = LAST_NODE + 50;
 
 /// How often drives are stopped after a reset of the board, and the interval in ticks: one frame
 /// may be sent before the bus is ready.
+// Five frames 10 ms apart: drives are stopped within 30 ms of the start, even if the first is lost.
 const STOPS: u8 = 5;
 const STOP_EVERY: u32 = 10;
 /// Older feedback is not used to judge torque, ms.
+// 20 ms: ten periods of 2 ms.
 const TORQUE_MS: u16 = 20;
 /// Current above which a motor counts as having torque, mA.
 const TORQUE_MA: u16 = 200;
@@ -97,9 +100,11 @@ impl<const N: usize> DriveBus<N> {
     /// Takes the received frames. Once per tick, before [`Self::fill`].
     pub fn listen(&mut self, port: &mut impl CanPort) {
         for drive in &mut self.drives {
+            // Saturating at 65 s: a silent drive must never look fresh again.
             drive.input.age_ms = drive.input.age_ms.saturating_add(1);
             drive.timer = drive.timer.saturating_sub(1);
         }
+        // Only these drives have heartbeats; an RMDS does not pay for them.
         if self.kind == DriveKind::Cia402 {
             for drive in &mut self.drives {
                 drive.quiet_ms = drive.quiet_ms.saturating_add(1);
@@ -172,7 +177,10 @@ impl<const N: usize> DriveBus<N> {
         for (input, drive) in inputs.drives.iter_mut().zip(&self.drives) {
             *input = drive.input;
             let fresh = drive.input.age_ms < TORQUE_MS;
+            // A current that flows is torque, whatever the drive's state claims.
             let pulls = fresh && drive.input.current_ma.unsigned_abs() > TORQUE_MA;
+            // Passive is not off: the controller still sends, and D3 reports drives that fall
+            // silent.
             input.bus_off = self.bus == BusState::Off;
             match self.kind {
                 DriveKind::None => {}
@@ -205,8 +213,11 @@ impl<const N: usize> DriveBus<N> {
         port: &mut impl CanPort,
     ) {
         let Some(active) = active else {
+            // Without a configuration no drive is commanded; only those from before a reset are
+            // stopped.
             return self.stop_drives(now, port);
         };
+        // The hash stands for every value: another one may mean other nodes or another protocol.
         if self.follows != Some(active.hash) {
             self.follow(active, port);
         }
@@ -222,6 +233,7 @@ impl<const N: usize> DriveBus<N> {
         let slots = outputs.drives.iter().zip(&active.cables);
         for (bit, (drive, (&demand, cable))) in (0_u8..8).zip(self.drives.iter_mut().zip(slots)) {
             let slot = now.0 % u32::from(cable.period_ticks.max(1)) == u32::from(cable.slot);
+            // A drive that is to lose its torque must not wait for up to a period of 20 ms.
             let torque_off = demand == DriveDemand::Off && drive.phase as u8 > Phase::Idle as u8;
             self.late |= u8::from(slot || torque_off) << bit;
             if self.late & (1 << bit) == 0 {
@@ -233,6 +245,7 @@ impl<const N: usize> DriveBus<N> {
                 DriveKind::Cia402 => cia402::next(drive, cable, demand),
             };
             if let Some(Step { frame, then, timer }) = step {
+                // The bit in `late` stays: the frame is offered again in the next tick.
                 if port.send(&frame).is_err() {
                     continue;
                 }
@@ -268,6 +281,7 @@ impl<const N: usize> DriveBus<N> {
             DriveKind::Cia402 => cia402::probe(self.asking),
             _ => rmds::probe(self.asking),
         };
+        // A number that found no room is asked again; beyond the last one only time passes.
         if self.asking > LAST_NODE || port.send(&frame).is_ok() {
             self.asking += 1;
         }
@@ -292,6 +306,7 @@ impl<const N: usize> DriveBus<N> {
         if self.sync_late {
             self.sync_late = port.send(&cia402::sync()).is_err();
         }
+        // At remainder 1: not in the tick of a SYNC with an even period, which is the usual one.
         if now.0 % cia402::BOARD_BEAT_MS == 1 {
             // A lost one does not matter: three more follow before a drive stops.
             let _ = port.send(&cia402::beat());

@@ -17,6 +17,7 @@ pub(crate) const MODE_MS: u16 = 500;
 /// Allowance: a frame may wait for the bus.
 const SLACK_MS: u16 = 10;
 /// A drive that was commanded to answer and does not for this long has lost its power: start again.
+// 100 ms: fifty periods of 2 ms without a single feedback.
 const LOST_MS: u16 = 100;
 
 const FILL: [u8; 8] = [0x55; 8];
@@ -29,6 +30,7 @@ const CONFIGURE: u16 = 0xA;
 const FEEDBACK: u16 = 0xB;
 const ONLINE: u16 = 0xF;
 /// The whole supply voltage.
+// 5000 is the full voltage: the current or speed limits, not the voltage, bound the motor.
 const PWM: [u8; 2] = 5000_u16.to_be_bytes();
 
 fn frame(node: u8, function: u16, start: &[u8]) -> CanFrame {
@@ -68,8 +70,10 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
     match drive.phase {
         Phase::Cold => Some(again),
         Phase::Waiting if drive.timer == 0 => {
+            // Feedback comes by itself at this interval, ms.
             let start = [cable.period_ticks, 0];
             Some(Step::new(
+                // A drive that restarts has forgotten it: therefore it is sent after every reset.
                 frame(node, CONFIGURE, &start),
                 Phase::Idle,
                 LOST_MS,
@@ -124,6 +128,7 @@ pub(super) fn next(drive: &Drive, cable: &CableConfig, demand: DriveDemand) -> O
 
 /// Whether the drive follows commands.
 pub(super) fn is_ready(drive: &Drive) -> bool {
+    // The drive acknowledges no mode: only the time since the choice shows that it is in effect.
     drive.phase == Phase::Enabling && drive.timer == 0
 }
 
@@ -138,6 +143,7 @@ pub(super) struct Feedback {
 /// Decodes a frame as feedback.
 pub(super) fn feedback(received: &CanFrame) -> Option<Feedback> {
     let [a, b, c, d, e, f, g, h] = received.data;
+    // All eight bytes: a shorter frame is another message with the same function.
     let is_feedback = received.id & 0xF == FEEDBACK && received.len == 8;
     is_feedback.then(|| Feedback {
         node: received.id >> 4,

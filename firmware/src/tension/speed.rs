@@ -10,12 +10,17 @@ use crate::config::{CableConfig, TensionLaw};
 use crate::fixed::{LowPass, half, mul_q32, saturate};
 
 /// Share of a new error in the slow filter that decides whether a drum may rest: 5 Hz.
+// 2000 / 65,536 of each sample at 1 kHz: w = 0.0315 per ms, that is 5.0 Hz.
 const SLOW_ALPHA_Q16: i32 = 2000;
 /// A drum rests while the slow error is within this, mN, and turns again when it exceeds the
 /// second, or the error itself the third. A drum that turned for less would repeatedly break loose
 /// and stick, because its friction is higher at rest than in motion.
+// Wider than the error that remains at rest: 2 mN in the median and 9 mN in the 95th percentile of
+// the simulated winches (docs/tension.md).
 const REST_MN: i32 = 20;
+// Beyond twice REST_MN: between the two the drum keeps the state that it has.
 const WAKE_MN: i32 = 45;
+// A pull shows in the error at once; the slow mean follows with a time constant of 32 ms.
 const JUMP_MN: i32 = 150;
 
 /// State of the speed output.
@@ -56,6 +61,7 @@ impl TensionLoop {
         }
         let slope_mnps = saturate(((self.filter.value_q16() - before_q16) * 1000) >> 16);
         let speed = match config.law {
+            // Without a plan and without a reading the only safe speed is none.
             TensionLaw::Pd if demand.blind => 0,
             TensionLaw::Pd => {
                 let error_q16 = (i64::from(demand.setpoint_mn) << 16) - self.filter.value_q16();
@@ -65,6 +71,7 @@ impl TensionLoop {
         };
         let most = config.max_speed_umps;
         let limited = speed.clamp(-most, most);
+        // The law gives no current: D4 is judged by the drive's feedback.
         self.saturated = false;
         (self.current_ma, self.force_mn) = (0, 0);
         self.speed.commanded_umps = limited;
@@ -73,6 +80,7 @@ impl TensionLoop {
 
     fn default_speed(&mut self, config: &CableConfig, demand: &Demand, slope_mnps: i32) -> i32 {
         if demand.blind {
+            // Without a reading the plan alone gives the speed, as for a length-held cable.
             return demand.planned_speed_umps;
         }
         let tension_mn = self.filter.value();
@@ -81,7 +89,9 @@ impl TensionLoop {
             && demand.setpoint_mn >= config.floor_mn;
         if slack || tension_mn > config.ceiling_mn {
             self.led = true;
+            // Back in the band the drum has to come to rest anew.
             self.speed.rests = false;
+            // The low-pass must not carry the last correction into the tight cable.
             self.speed.answer = LowPass::at(0);
             return if slack {
                 -config.reel_speed_umps
@@ -101,6 +111,8 @@ impl TensionLoop {
         self.speed.slow.update(error_mn, SLOW_ALPHA_Q16);
         let slow_mn = self.speed.slow.value();
         let within = if self.speed.rests { WAKE_MN } else { REST_MN };
+        // Only without a planned motion and without a set-point that still rises: there the drum
+        // turns anyway, and its friction is that of motion.
         self.speed.rests = demand.planned_speed_umps == 0
             && slow_mn.abs() <= within
             && error_mn.abs() <= JUMP_MN
@@ -109,6 +121,8 @@ impl TensionLoop {
             self.speed.answer = LowPass::at(0);
             return 0;
         }
+        // Not while it rests: the integral would grow with an error that friction hides, and break
+        // the drum loose.
         self.integrate(config, error_q16);
         let answer = pd(config, error_q16, slope_mnps) + ((self.integral_q16 + half(16)) >> 16);
         // With the low-pass the drum responds like a mass: large for slow errors, small where
@@ -128,6 +142,7 @@ impl TensionLoop {
     /// Motor speed for a speed of the cable (µm/s), rpm. The remainder of the rounding is added to
     /// the next ones, so that the mean of slow speeds is exact.
     pub fn rpm(&mut self, config: &CableConfig, speed_umps: i32) -> i16 {
+        // Zero is exact: no remainder of an earlier rounding may turn a drum that is told to stand.
         if speed_umps == 0 {
             self.speed.carry_q16 = 0;
             return 0;
@@ -135,8 +150,11 @@ impl TensionLoop {
         // 32 fractional bits and 65,536 times: at most 30,000 rpm are left in 31 bits.
         let exact_q16 = mul_q32(speed_umps, config.rpm_per_speed_q32 << 16)
             .saturating_add(self.speed.carry_q16);
+        // Example: 1 rpm is 5.6 um/s behind 371:1. A command of 2 um/s is 0.36 rpm: the remainders
+        // make it one turn per minute in about every third tick.
         let whole = (exact_q16.saturating_add(1 << 15)) >> 16;
         self.speed.carry_q16 = exact_q16.wrapping_sub(whole << 16);
+        // After the remainder is taken: a command over the bound must not be made up for later.
         let most = i32::from(config.max_rpm);
         let rpm = crate::fixed::saturate_i16(whole.clamp(-most, most));
         if config.motor_reversed { -rpm } else { rpm }

@@ -28,6 +28,8 @@ impl Default for Pace {
 impl Pace {
     /// Up to this mean, this many ticks: p is 1 - 1 / mean.
     const TABLE: [(i32, u16); 5] = [
+        // So many repetitions occur by chance with p^ticks: (1/9)^10 = 3e-10, (1/4)^16 = 2e-10,
+        // (1/2)^31 = 5e-10, (3/4)^73 = 8e-10, (15/16)^322 = 9e-10.
         (256 * 9 / 8, FROZEN_TICKS),
         (256 * 4 / 3, 16),
         (256 * 2, 31),
@@ -45,6 +47,7 @@ impl Pace {
     }
 
     pub(super) const fn repeated(&mut self) {
+        // Bounded, so that 256 times the run fits 32 bits. 4 s are longer than any limit here.
         if self.run < 4096 {
             self.run += 1;
         }
@@ -54,6 +57,7 @@ impl Pace {
     pub(super) fn patience(&self) -> u16 {
         let mut steps = Self::TABLE.iter();
         let step = steps.find(|(mean_q8, _)| self.mean_q8 <= *mean_q8);
+        // A channel that stays for more than 16 ticks on average: 2 s without a change.
         step.map_or(2000, |&(_, ticks)| ticks)
     }
 }
@@ -82,6 +86,7 @@ impl Polarity {
     /// whether they diverged twice in a row.
     pub(super) fn update(&mut self, motor: i32, drum: i32, way: i32) -> bool {
         let by_motor = motor.wrapping_sub(self.motor);
+        // The motor has not turned far enough: the drum's difference may be its quantisation.
         if by_motor.unsigned_abs() < way.unsigned_abs() {
             return false;
         }
@@ -92,11 +97,14 @@ impl Polarity {
         } else {
             by_drum
         };
+        // Half the distance against the motor: less may be quantisation, up to one count of four.
         self.against = if along < -way / 2 {
             self.against + 1
         } else {
             0
         };
+        // A single comparison may contain a replaced sample (S1). Two are eight encoder counts of
+        // motion.
         self.against >= 2
     }
 }

@@ -11,6 +11,7 @@ pub(crate) struct LineNoise {
 /// Increment per error and decrement per tick; the limit: ten errors at once, or 150 per second
 /// over a tenth of a second.
 const ERROR_LEVEL: u16 = 20;
+// 150 errors per second add 3 and lose 1 per tick: the bucket of 200 is full after 100 ms.
 const NOISE_LEVEL: u16 = 200;
 
 impl LineNoise {
@@ -19,8 +20,10 @@ impl LineNoise {
         let filled = errors.saturating_mul(ERROR_LEVEL);
         self.level = self
             .level
+            // Leaks first, then fills: ten errors in one tick reach the limit exactly.
             .saturating_sub(1)
             .saturating_add(filled)
+            // Bounded: after the longest burst the line counts as good again within 200 ms.
             .min(2 * NOISE_LEVEL);
         self.level >= NOISE_LEVEL
     }
@@ -61,6 +64,8 @@ impl Heartbeat {
     #[must_use]
     pub fn health(&self, now: Tick) -> LinkHealth {
         match self.last.map(|last| now.since(last)) {
+            // A wrapped difference is negative and counts as fresh. `forget_expired` keeps that
+            // from happening.
             Some(..20) => LinkHealth::Good,
             Some(20..100) => LinkHealth::Late,
             Some(100..2100) => LinkHealth::Lost,
@@ -92,6 +97,8 @@ pub(crate) struct Latch {
 impl Latch {
     /// Latches, if nothing is latched yet.
     pub fn set(&mut self, record: FaultRecord) {
+        // Consequences of a fault often trip other detectors: only the first record names the
+        // cause.
         self.record.get_or_insert(record);
     }
 

@@ -50,6 +50,8 @@ pub(super) fn three_forces<const K: usize, const N: usize>(
     let best = top / bottom;
     let (mut low, mut high) = (min[3], max[3]);
     for i in 0..3 {
+        // A flat cable (slope 0) bounds nothing: the offset gives huge ends instead of 0 times
+        // infinity.
         let inv = 1.0 / (slope[i] + 1e-280);
         let (p, q) = ((min[i] - base[i]) * inv, (max[i] - base[i]) * inv);
         let (p, q) = if p < q { (p, q) } else { (q, p) };
@@ -66,6 +68,7 @@ pub(super) fn three_forces<const K: usize, const N: usize>(
     let mut valid = (low <= high) & (steepest < 20.0) & best.is_finite();
     for i in 0..4 {
         let t = base[i] + s * slope[i];
+        // Rounding must not carry a tension past its limit.
         let t = if t < min[i] { min[i] } else { t };
         out.tensions_n[i % N] = if t > max[i] { max[i] } else { t };
         valid &= (0.0 <= min[i]) & (min[i] <= max[i]) & (max[i] < f64::INFINITY);
@@ -124,6 +127,7 @@ pub(super) fn closed_form<const K: usize, const N: usize>(
             & (limits.min_n[i] <= limits.max_n[i])
             & (limits.max_n[i] < f64::INFINITY));
     }
+    // The nearest point of the interval to the target: no search is needed on a line.
     let s = 0.0_f64.max(low).min(high);
     let mut out = Distribution {
         tensions_n: [0.0; N],
@@ -256,6 +260,7 @@ pub(crate) struct Limiting {
 pub(crate) fn limiting<const N: usize>(low: End, high: End, null: &[f64; N]) -> Limiting {
     let gap = low.at - high.at;
     let (p, q) = (null[low.cable].abs(), null[high.cable].abs());
+    // Both violations share the gap so that the sum of their squares is least.
     let shared = p * q * gap / (p * p + q * q).max(f64::MIN_POSITIVE);
     let (cable, toward, size) = if q > p {
         (low.cable, 1.0, q)

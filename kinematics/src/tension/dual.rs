@@ -31,6 +31,8 @@ pub(super) fn dual<const K: usize, const N: usize>(
     let mut violations = [0.0; N];
     // `soft` is the slope of the tension beyond a limit.
     let mut soft = 1.0;
+    // Seven stages: the slope falls from 1 to 0.05^6 = 1.6e-8, nearly a hard limit. A hard limit at
+    // once gives a singular Hessian when too many cables are at limits.
     for _ in 0..7 {
         let value = |v: &[f64; K]| -> (f64, [f64; N]) {
             let lift = transposed_times(a, v);
@@ -76,6 +78,7 @@ pub(super) fn dual<const K: usize, const N: usize>(
             for _ in 0..40 {
                 let trial: [f64; K] = core::array::from_fn(|k| v[k] + step * d[k]);
                 let (next, next_z) = value(&trial);
+                // Sufficient decrease (Armijo, 1966); the last term is the rounding of the value.
                 if next <= now + 1e-4 * step * slope + 1e-14 * now.abs() {
                     moved = next < now || step == 1.0;
                     v = trial;
@@ -93,6 +96,7 @@ pub(super) fn dual<const K: usize, const N: usize>(
             return Ok(exact);
         }
         violations = core::array::from_fn(|i| soft * (z[i] - clamp(i, z[i])));
+        // The set of cables at their limits was not right yet: harder limits separate them better.
         soft *= 0.05;
     }
     Err(worst_violation(&violations))

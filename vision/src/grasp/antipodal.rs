@@ -47,6 +47,7 @@ const BELOW_TIP_M: f64 = 0.0015;
 /// Walls must be the same this much higher up, m.
 const WALL_M: f64 = 0.0075;
 /// Greatest shift of an end over that height, steps of half a millimetre.
+/// 2.5 mm over 7.5 mm: a wall may lean by 18 degrees.
 const WALL_SLACK: u32 = 5;
 /// Steps between the places at which room for a finger is looked for: 2 mm.
 const LOOK_EVERY: u32 = 4;
@@ -131,6 +132,7 @@ impl Antipodal {
         for (quality, found) in ranked {
             let alike = |other: &Candidate| {
                 let [x, y] = [0, 1].map(|i| other.place[i] - found.place[i]);
+                // Either way round is the same grasp; 0.85 is 32 degrees.
                 let turn = (other.way[0] * found.way[0] + other.way[1] * found.way[1]).abs();
                 x * x + y * y < ALIKE_M * ALIKE_M && turn > 0.85
             };
@@ -147,6 +149,7 @@ impl Antipodal {
     /// Whether wider jaws would find something.
     fn why_none(&self, map: &HeightMap, picture: &Aligned, wanted: &Wanted) -> NoGrasp {
         let fits_m = wanted.hand.opening_m - 2.0 * wanted.hand.margin_m;
+        // This call was the one with the widest jaws: it ends the recursion.
         if wanted.hand.opening_m >= WIDEST_M {
             return NoGrasp::NoRoom;
         }
@@ -168,6 +171,7 @@ impl Antipodal {
     /// Closing directions in the map's plane.
     fn ways(&self, map: &HeightMap, closing: &Closing) -> Vec<[f64; 2]> {
         match closing {
+            // Half a turn is enough: both jaws are alike.
             Closing::Any => (0..self.directions)
                 .map(|k| {
                     let (s, c) = (PI * f64::from(k) / f64::from(self.directions)).sin_cos();
@@ -199,6 +203,7 @@ fn candidate(
     let top_m = map.height_m(place[0], place[1]);
     let mut tried_m = f64::NAN;
     for depth_m in DEPTHS_M {
+        // A flat object: the tips stop above the ground by the margin.
         let tip_m = (top_m - depth_m).max(hand.margin_m);
         if tip_m == tried_m || top_m - tip_m < ENGAGED_MIN_M {
             continue;
@@ -295,6 +300,7 @@ fn slope(
     let most = ((half_m + BEYOND_M) / STEP_M).ceil() as u32;
     let until = Until::level(level_m);
     let lanes = [-reach, reach].map(|offset| along(middle, side, offset));
+    // The object must lie between both ends of the pads, not only in their middle.
     if !lanes.iter().all(|lane| walk.higher(*lane, level_m)) {
         return None;
     }
@@ -346,6 +352,7 @@ fn single(map: &HeightMap, found: &Candidate) -> f64 {
             let [x, y] = along(lane, found.way, s);
             let (color, height) = (map.color(x, y), map.height_m(x, y));
             s += 0.002;
+            // An unknown cell has a height that was filled in, but no colour.
             if color == [0.0; 3] {
                 continue;
             }

@@ -59,6 +59,7 @@ impl HeightMap {
                 continue;
             };
             let enough = |fit: &Fit| fit.engaged_m.min(ENOUGH_M) - OTHER_M * fit.other;
+            // Of equal contacts the highest: lower down there may be another object.
             if best.is_none_or(|best| enough(&fit) >= enough(&best)) {
                 best = Some(fit);
             }
@@ -96,9 +97,11 @@ impl HeightMap {
         }
         let [left, right] = ways;
         let width_m = hand.opening_m - left - right;
+        // Without a contact on both sides the pads would meet each other.
         if width_m <= 0.0 {
             return None;
         }
+        // The first contact stops a pad: patches that would meet a wall later do not touch it.
         met.retain(|(side, _, way, _)| *way <= ways[*side] + SAME_WALL_M);
         let engaged = |wanted: usize| {
             let mut rows: Vec<u32> = met

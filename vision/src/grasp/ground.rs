@@ -7,8 +7,10 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, Vector2, Vector3};
 /// Share of the distances that the ground must hold.
 const GROUND_SHARE: f64 = 0.2;
 /// Points closer to a plane than this share of the distance belong to it.
+/// 2 mm at half a metre.
 const NEAR: f64 = 0.004;
 /// Pixels between the points that vote for a plane.
+/// Some 11 000 points of 1280 x 720 px.
 const VOTE_STEP: usize = 9;
 /// Planes that are tried.
 const TRIES: usize = 48;
@@ -54,6 +56,7 @@ pub(super) fn ground(picture: &Aligned) -> Result<Isometry3<f64>, NoGrasp> {
         let high = usize::try_from(state >> 33).unwrap_or(0);
         high % points.len().max(1)
     };
+    // If 60 % of the points lie on the ground, 48 triples miss it in one of 100 000 pictures.
     for _ in 0..TRIES {
         let three = [draw(), draw(), draw()].map(|i| points.get(i).copied().unwrap_or_default());
         if let Some(plane) = through(&three) {
@@ -90,6 +93,7 @@ pub(super) fn ground(picture: &Aligned) -> Result<Isometry3<f64>, NoGrasp> {
 
 fn through(three: &[Vector3<f64>; 3]) -> Option<Vector3<f64>> {
     let rows = Matrix3::from_rows(&three.map(|p| Vector3::new(p.x, p.y, 1.0).transpose()));
+    // Three points near one line: any plane through the line would fit.
     if rows.determinant().abs() < 1e-4 {
         return None;
     }
@@ -98,6 +102,7 @@ fn through(three: &[Vector3<f64>; 3]) -> Option<Vector3<f64>> {
 
 /// camera_from_map of a plane a x + b y + c = 1/z, that is a X + b Y + c Z = 1.
 fn frame_of(plane: &Vector3<f64>) -> Option<Isometry3<f64>> {
+    // 1/z on the optical axis: a plane further than 1 km, or behind the camera.
     if plane.z < 1e-3 {
         return None;
     }

@@ -11,6 +11,7 @@ const CELL_M: f64 = 0.001;
 /// Greater heights are not objects in a tray, m.
 const HIGHEST_M: f64 = 0.25;
 /// Largest map, cells.
+/// Along one side: 0.7 m.
 const CELLS_MAX: usize = 700;
 
 /// A map of heights over the ground plane. Its frame lies in the plane, x along the camera's x,
@@ -60,6 +61,8 @@ impl HeightMap {
             let from = map_from_camera.translation.vector;
             let way = -from.z / along.z.min(-1e-6);
             for i in 0..2 {
+                // A ray near the horizon meets the ground far away, or never: 5 m are enough for a
+                // tray.
                 let value = from[i] + way.clamp(0.0, 5.0) * along[i];
                 low[i] = low[i].min(value);
                 high[i] = high[i].max(value);
@@ -201,6 +204,7 @@ impl HeightMap {
             }
         }
         for (value, low) in self.heights_m.iter_mut().zip(lowest) {
+            // Without any known height in four directions: ground.
             let filled = if low < f32::INFINITY { low } else { 0.0 };
             *value = known(*value, filled);
         }

@@ -5,6 +5,7 @@ use super::map::HeightMap;
 use nalgebra::Point3;
 
 /// Regions with fewer cells are noise.
+/// 40 mm^2.
 const LEAST_CELLS: usize = 40;
 
 /// A connected piece.

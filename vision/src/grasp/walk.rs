@@ -73,6 +73,8 @@ impl Until {
 impl<'a> Walk<'a> {
     /// Walks that are quick for up to `most` steps from a cell's middle.
     pub(super) fn new(map: &'a HeightMap, way: [f64; 2], most: u32) -> Self {
+        // Fixed point: a step is two additions and two shifts, without a conversion from floating
+        // point.
         let step = way.map(|way| (way * STEP_M / HeightMap::CELL_M * PARTS).round() as i32);
         let ahead = [1, -1].map(|sign: i32| {
             let cells = |far: i32| step.map(|step| (HALF + sign * far * step) >> BITS);

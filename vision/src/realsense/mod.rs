@@ -31,6 +31,7 @@ const BROWN_CONRADY: c_int = 4;
 /// Longest wait for a pair of pictures, ms.
 const WAIT_MS: c_uint = 5000;
 /// Pairs that are discarded first: exposure settles meanwhile.
+/// Half a second at 30 pictures a second.
 const SETTLE: usize = 15;
 
 /// File names of the library.
@@ -197,6 +198,7 @@ impl RealSense {
         // SAFETY: the library guarantees this number of bytes, as long as the frame lives, which
         // its caller releases after this.
         let bytes = unsafe { std::slice::from_raw_parts(data, needed) };
+        // Lines may end with padding, which is not part of the picture.
         let lines = bytes.chunks(stride).take(height);
         let pixels = lines
             .flat_map(|bytes| bytes.iter().take(line).copied())
@@ -223,6 +225,7 @@ impl RealSense {
         let mut place = Extrinsics::default();
         call!(api, rs2_get_extrinsics(
             from => Handle, to => Handle, &raw mut place => *mut Extrinsics) -> ())?;
+        // The library stores this rotation column by column.
         let rotation = Matrix3::from_column_slice(&place.rotation.map(f64::from));
         if (rotation.determinant() - 1.0).abs() > 1e-3 {
             return Err(device(

@@ -30,6 +30,7 @@ pub(super) fn read(
     let grey = |x: f64, y: f64| {
         let p = picture_from_cells * Vector3::new(x, y, 1.0);
         let (u, v) = (p.x / p.z, p.y / p.z);
+        // Outside the picture `sample` repeats the border, which could pass for a white rim.
         let inside =
             u >= 0.0 && v >= 0.0 && u <= picture.width() as f64 && v <= picture.height() as f64;
         inside.then(|| picture.sample(u, v))

@@ -93,6 +93,7 @@ pub(crate) fn pose_of_points(
         .zip(pixels)
         .zip(covariance_px2)
         .map(|((point, pixel), covariance)| {
+            // A singular covariance, as of a perfect simulated corner, counts as 1 px.
             let weight = covariance.try_inverse().unwrap_or_else(Matrix2::identity);
             Row {
                 point: *point,
@@ -110,6 +111,7 @@ pub(crate) fn pose_of_points(
             .camera_from_tag
             .rotation
             .angle_to(&second.camera_from_tag.rotation);
+        // Within 1 mrad both starts have reached the same minimum.
         if apart > 1e-3 {
             found.push(second);
         }
@@ -138,6 +140,8 @@ fn mirrored(pose: &Isometry3<f64>) -> Option<Isometry3<f64>> {
 
 fn from_homography(camera: &Camera, rows: &[Row]) -> Option<Isometry3<f64>> {
     let z = rows[0].point.z;
+    // Coordinates of the order of one: the entries of the homography are then comparable (Hartley,
+    // 1997).
     let scale = rows
         .iter()
         .map(|r| r.point.coords.norm())
@@ -183,6 +187,7 @@ fn from_homography(camera: &Camera, rows: &[Row]) -> Option<Isometry3<f64>> {
     let size = if whole[(2, 2)] < 0.0 { -size } else { size };
     let (x, y, t) = (x / size, y / size, whole.column(2) / size);
     let rough = Matrix3::from_columns(&[x, y, x.cross(&y)]);
+    // Noise makes the columns oblique: the nearest rotation in the least-squares sense.
     let svd = rough.svd(true, true);
     let mut rotation = svd.u? * svd.v_t?;
     if rotation.determinant() < 0.0 {

@@ -34,6 +34,7 @@ pub(super) fn quads(dark: &Image<u8>, edge_min_px: f64) -> Vec<[Vector2<f64>; 4]
                 continue;
             }
             trace(dark, (x, y), &mut traced, &mut outline);
+            // Four edges; diagonal steps save some of their pixels.
             if (outline.len() as f64) < 3.0 * edge_min_px {
                 continue;
             }
@@ -72,6 +73,7 @@ fn trace(
         // Look from the last free neighbour on.
         at = to;
         from = (way + 4) % 8;
+        // No quadrangle has an outline this long, and the loop must end.
         if outline.len() > 4 * (width + dark.height()) * 8 {
             return;
         }
@@ -126,10 +128,12 @@ fn quad_of(outline: &[(i32, i32)], edge_min_px: f64) -> Option<[Vector2<f64>; 4]
             &(there - here).normalize(),
             &(corners[(i + 2) % 4] - there).normalize(),
         );
+        // The sine of the turn: under 9 degrees three corners are on one line.
         if turn < 0.15 {
             return None;
         }
     }
+    // A disc has 1.57 times the area of its quadrangle, a star less than it.
     if !(0.8..1.25).contains(&(double_area / quad_area)) {
         return None;
     }

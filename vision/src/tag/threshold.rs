@@ -3,6 +3,7 @@
 use crate::image::{GrayImage, Image};
 
 /// Side of the squares whose extremes decide, px.
+/// The cells of the smallest tag, 20 px wide, have 2.5 px.
 const TILE_PX: usize = 4;
 
 /// 1 where a pixel is darker than the middle between the extremes of the tiles around it, 0 where
@@ -38,6 +39,7 @@ pub(super) fn dark(picture: &GrayImage, contrast_min: f64) -> Image<u8> {
             if high - low < contrast_min {
                 0
             } else {
+                // Halved first: the sum would not fit into a byte.
                 (low / 2 + high / 2).max(1)
             }
         })

@@ -19,10 +19,12 @@ use mcdpr_protocol::{
 use std::collections::VecDeque;
 
 /// Time between heartbeats, µs: a board warns at 20 ms and stops at 100 ms.
+/// One may be lost without a warning, eleven in a row without a stop.
 const HEARTBEAT_US: u64 = 8_000;
 /// A request without an answer is sent again after this, µs.
 const RETRY_US: u64 = 30_000;
 /// A board that leaves a request unanswered for this long is lost, µs.
+/// A board without heartbeats closes its brakes after 2.1 s.
 const GIVE_UP_US: u64 = 1_500_000;
 /// Time to wait for another session to end: a board keeps the session of a dead host for two
 /// seconds, µs.
@@ -96,6 +98,8 @@ impl<L: Link> Client<L> {
     pub fn connect(mut link: L, session: SessionId) -> Result<Self, ClientError> {
         let mut receiver = Receiver::default();
         let hello = wire::find(&mut link, &mut receiver)?;
+        // Before anything else: another version may understand every later message differently
+        // (L17).
         match hello.compatibility() {
             Compatibility::Full => {}
             other => {
@@ -137,6 +141,7 @@ impl<L: Link> Client<L> {
             heard_us: 0,
             looped_us: 0,
         };
+        // Silence counts from now on, not from the link's zero.
         (client.heard_us, client.looped_us) = (client.link.now_us(), client.link.now_us());
         if let Reply::Info(info) = client.request(Request::Info)? {
             client.info = info;
@@ -160,6 +165,7 @@ impl<L: Link> Client<L> {
                 Err(error) => return Err(error),
             }
         }
+        // The first heartbeat is due at once: a board that hears none stops after 100 ms.
         self.heartbeat_us = Some(0);
         self.heard_us = self.link.now_us();
         Ok(())

@@ -9,6 +9,7 @@ use crate::link::{Event, Link, LinkError};
 use mcdpr_protocol::{Answer, Reject, Reply, Request, SequenceNumber};
 
 /// A loop that has not run for this long was suspended, µs.
+/// By then the board has held for 400 ms.
 const SLEPT_US: u64 = 500_000;
 /// Frames are sent again at most this often after complaints, µs.
 const RESEND_PAUSE_US: u64 = 3_000;
@@ -160,6 +161,8 @@ impl<L: Link> Client<L> {
             return Ok(());
         }
         if let Err(Reject::Sequence { expected }) = answer.result {
+            // After one lost frame the board complains about each later one: a single answer is
+            // enough.
             if self.link.now_us() >= self.resent_us + RESEND_PAUSE_US {
                 self.resend(expected)?;
             }
@@ -167,6 +170,7 @@ impl<L: Link> Client<L> {
         }
         let mut pending = self.pending.iter_mut();
         if let Some(pending) = pending.find(|pending| pending.sequence == answer.sequence) {
+            // A frame that was sent twice is answered twice: the first answer counts.
             pending.result.get_or_insert(answer.result);
         }
         while self

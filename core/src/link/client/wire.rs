@@ -35,6 +35,7 @@ pub(super) fn find(link: &mut impl Link, receiver: &mut Receiver) -> Result<Hell
     link.send(&[0])?;
     while link.now_us() < give_up {
         link.send(&frame(Channel::HelloQuery, &[]))?;
+        // A starting board misses the first questions: thirty of them fit into the wait.
         let ask_again = link.now_us() + 100_000;
         while link.now_us() < ask_again {
             for message in receiver.take(link, ask_again)? {

@@ -122,6 +122,7 @@ pub(super) fn choose(
             each.push((cause.probability.ln() + found.log_evidence, found));
         }
     }
+    // Relative to the likeliest cause: exp of a log density of -1000 alone would be zero.
     let most = each.iter().map(|(log, _)| *log).fold(f64::MIN, f64::max);
     let total: f64 = each.iter().map(|(log, _)| (log - most).exp()).sum();
     let share = |log: f64| (log - most).exp() / total;

@@ -176,6 +176,8 @@ impl Head {
                 size,
                 quality: outputs[0].clone(),
                 angle_rad: (outputs[1].iter().zip(&outputs[2]))
+                    // Half a turn gives the same grasp: the network learns twice the angle, which
+                    // has no jump there.
                     .map(|(cos, sin)| 0.5 * sin.atan2(*cos))
                     .collect(),
                 width_px: scaled(&outputs[3], GGCNN_WIDTH_PX),
@@ -293,6 +295,7 @@ impl Maps {
                 if here < PEAK_MIN {
                     continue;
                 }
+                // Equal neighbours pass here; `near` keeps the first pixel of such a plateau.
                 let highest = (y - apart..=y + apart).all(|row| {
                     let from = row * size + x - apart;
                     (self.quality[from..=from + 2 * apart].iter()).all(|other| *other <= here)
@@ -326,6 +329,7 @@ pub fn blurred(map: &[f32], size: usize, sigma_px: f64) -> Vec<f32> {
         reason = "some pixels"
     )]
     let reach = (4.0 * sigma_px + 0.5) as usize;
+    // Cut off as by SciPy's `gaussian_filter`: int(4 sigma + 0.5) on either side.
     let weights: Vec<f64> = (0..=2 * reach)
         .map(|k| (-0.5 * ((k as f64 - reach as f64) / sigma_px).powi(2)).exp())
         .collect();

@@ -125,6 +125,7 @@ impl Network {
         let declared = model.input_shape(0).unwrap_or_default();
         let fits = |(dimension, wanted): (&Dimension, usize)| match dimension {
             Dimension::Fixed(size) => *size == wanted,
+            // A size that the file leaves open: the run on zeros below shows whether it fits.
             Dimension::Symbolic(_) => true,
         };
         if !declared.is_empty()
@@ -276,6 +277,7 @@ fn grasp(
         return None;
     }
     let place = map.camera_from_map.inverse_transform_point(&seen);
+    // The map's median removes a thin top: the measured point itself counts as well.
     let top_m = map.height_m(place.x, place.y).max(place.z);
     if top_m < LEAST_HEIGHT_M {
         return None;
