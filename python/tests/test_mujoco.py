@@ -45,8 +45,8 @@ def test_lengths_at_home_are_those_of_the_kinematics(name: str) -> None:
     assert mass == robot.values["platform"]["mass_kg"]
     tool = judge.data.site("tool").xpos
     assert np.abs(tool - robot.values["tool"]["home_in_world_m"]).max() < 1e-9
-    lens = robot.values["camera"]["lens"]
-    seen_deg = 2 * np.degrees(np.arctan(lens["size_px"][1] / 2 / lens["focal_px"][1]))
+    lens = robot.values["camera"]
+    seen_deg = 2 * np.degrees(np.arctan(lens["height_px"] / 2 / lens["fy_px"]))
     # MuJoCo keeps a camera's field of view in degrees.
     assert abs(judge.model.cam_fovy[0] - seen_deg) < 1e-6
     assert judge.model.ncam == 1 and judge.model.nsensor == 3 * robot.cable_count + 2

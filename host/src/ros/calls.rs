@@ -338,10 +338,10 @@ mod tests {
             matches!(place, Ok(Wish::Move { to_m, speed_mps: None }) if to_m == Vector3::new(0.1, 0.2, -0.3))
         );
         for (wrong, word) in [
-            ([f64::NAN, 0.0, 0.0, 0.0], "no place"),
-            ([0.0, f64::INFINITY, 0.0, 0.0], "no place"),
-            ([0.0, 0.0, 0.0, -1.0], "no speed"),
-            ([0.0, 0.0, 0.0, f64::NAN], "no speed"),
+            ([f64::NAN, 0.0, 0.0, 0.0], "m is not finite"),
+            ([0.0, f64::INFINITY, 0.0, 0.0], "m is not finite"),
+            ([0.0, 0.0, 0.0, -1.0], "m/s is negative"),
+            ([0.0, 0.0, 0.0, f64::NAN], "or not finite"),
         ] {
             let said = desk.place(&numbers(wrong)).unwrap_err();
             assert!(said.contains(word), "{said}");
