@@ -350,7 +350,7 @@ mod tests {
         let named = |text: &str| Cdr::new().text(text).done().split_off(4);
         assert!(matches!(desk.task(&named("line")), Ok(Wish::Task(_))));
         let said = desk.task(&named("/etc/passwd")).unwrap_err();
-        assert!(said.contains("there are: line"), "{said}");
+        assert!(said.contains("offers: line"), "{said}");
         for short in [&[][..], &[9, 0, 0, 0, b'a', 0], &[1, 0, 0, 0, b'a']] {
             assert!(desk.task(short).unwrap_err().contains("shorter"));
         }
