@@ -84,7 +84,16 @@ fn a_task_is_chosen_planned_drawn_and_started_and_runs_once() {
         page.truth("mcdpr.live.state === 'Disarmed'"),
         "a plan moves nothing"
     );
-    carry_out(&mut page);
+    wait(&mut page, "!document.getElementById('plan-start').disabled");
+    page.click("#plan-start");
+    wait(&mut page, "mcdpr.live.state === 'Moving'");
+    // A second start waits for nothing: it is refused while the first is under way.
+    page.run("mcdpr.send({ order: 'start' })");
+    wait(
+        &mut page,
+        "mcdpr.answers.some(m => m.order === 'start' && !m.ok && m.reason.includes('under way'))",
+    );
+    wait(&mut page, IDLE);
     // It is not repeated by itself: an order that comes later is the next thing in the log.
     wait(
         &mut page,
@@ -128,11 +137,17 @@ fn a_text_is_planned_refused_corrected_saved_and_not_replaced_by_mistake() {
         "document.getElementById('verdict').classList.contains('broken')",
     );
     assert!(page.truth("document.getElementById('plan-start').disabled"));
-    page.run("mcdpr.send({ order: 'start', plan: 2 })");
-    wait(
-        &mut page,
-        "mcdpr.answers.some(m => m.order === 'start' && !m.ok)",
-    );
+    for start in [
+        "{ order: 'start', plan: mcdpr.work.preview.id }",
+        "{ order: 'start' }",
+    ] {
+        page.run("mcdpr.answers.length = 0");
+        page.run(&format!("mcdpr.send({start})"));
+        wait(
+            &mut page,
+            "mcdpr.answers.some(m => m.order === 'start' && !m.ok && m.reason.includes('breaks a limit'))",
+        );
+    }
     // A text that is not a task says where.
     page.fill("task-text", "start_mm = [1, 2]");
     page.click("#text-save");
@@ -216,12 +231,15 @@ fn the_tool_goes_to_a_place_that_is_typed_or_clicked_and_home() {
         wanted[1] * 1e-3,
         wanted[2] * 1e-3
     );
-    let on_page = page.run(&format!(
-        "(() => {{ const c = document.getElementById('scene'); c.scrollIntoView({{ block: 'center' }}); \
-         const b = c.getBoundingClientRect(), p = Scene.project({point}); return [b.x + p[0], b.y + p[1]]; }})()"
-    ));
+    wait(
+        &mut page,
+        "document.getElementById('to-pick').getAttribute('aria-pressed') === 'true'",
+    );
     page.run("mcdpr.work.seen = mcdpr.work.preview.id");
-    page.click_at(on_page[0].as_f64().unwrap(), on_page[1].as_f64().unwrap());
+    page.click_at(
+        "#scene",
+        &format!("(b => {{ const p = Scene.project({point}); return [b.x + p[0], b.y + p[1]]; }})(e.getBoundingClientRect())"),
+    );
     wait(
         &mut page,
         &format!("{ALLOWED} && mcdpr.work.preview.id !== mcdpr.work.seen"),

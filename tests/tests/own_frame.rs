@@ -143,6 +143,25 @@ fn a_robot_that_cannot_work_is_named_with_the_reason() {
     assert!(said.contains("verdict: it cannot work yet"), "{said}");
     let said = refused(at, &["config", "check", "heavy.toml"]);
     assert!(said.contains("cannot work as it is described"), "{said}");
+    // A tension loop that shakes on stiff cables without damping is found by the simulation.
+    good(
+        at,
+        &[
+            "config",
+            "init",
+            "stiff.toml",
+            "--frame-mm",
+            "1000",
+            "1000",
+            "1000",
+        ],
+    );
+    let text = std::fs::read_to_string(at.join("stiff.toml")).unwrap();
+    assert!(text.contains("ea_n = 20000"), "{text}");
+    let stiff = text.replace("ea_n = 20000", "ea_n = 50000");
+    std::fs::write(at.join("stiff.toml"), stiff).unwrap();
+    let said = refused(at, &["config", "check", "stiff.toml"]);
+    assert!(said.contains("does not hold at home"), "{said}");
     // Every value is in the hash: a mass that was typed wrong is another robot.
     good(
         at,

@@ -10,7 +10,7 @@ use nalgebra::{Rotation3, Vector3};
 const JOIN_M: f64 = 1e-6;
 
 /// A piece shorter than this is refused, m.
-const LEAST_LENGTH_M: f64 = 1e-6;
+pub(super) const LEAST_LENGTH_M: f64 = 1e-6;
 
 /// No coordinate of a path is greater, m: twice what the wire's lengths can say. A number beyond it
 /// is a typing error or an unfriendly file.

@@ -1,7 +1,7 @@
 //! Tasks: motions of the tool, by name or from a file.
 
 use super::gcode;
-use super::path::{Path, PathError, Piece};
+use super::path::{LEAST_LENGTH_M, Path, PathError, Piece};
 use super::plan::{MOST_STEPS, PlanError};
 use super::timed::Step;
 use crate::near::nearest;
@@ -33,9 +33,6 @@ const CIRCLE_S: f64 = 10.0;
 
 /// Smaller turns are not made, rad.
 const LEAST_TURN_RAD: f64 = 1e-5;
-
-/// Positions closer than this are the same, m.
-const NEAR_M: f64 = 5e-7;
 
 /// A motion of the tool.
 #[derive(Debug, Clone)]
@@ -207,7 +204,7 @@ impl LegFile {
     fn pieces(&self, at_m: Vector3<f64>, turned: &Rotation3<f64>) -> Result<Vec<Piece>, PathError> {
         // To the same place with another attitude: a turn in place.
         if let (Some(to), Some(angles)) = (self.to_mm, self.attitude_deg)
-            && (point(to) - at_m).norm() <= NEAR_M
+            && (point(to) - at_m).norm() < LEAST_LENGTH_M
         {
             return Ok(vec![Piece::turn(at_m, angle(turned, &attitude(angles)))?]);
         }
@@ -438,8 +435,8 @@ impl Task {
         self.start_m
     }
 
-    /// The same task with a straight move to its start from `from_m`, if that is further than half
-    /// a micrometre away; the move keeps `speed_mps` if one is given.
+    /// The same task with a straight move to its start from `from_m`, if that is a micrometre
+    /// away or more; the move keeps `speed_mps` if one is given.
     ///
     /// # Errors
     /// [`TaskError::Path`].
@@ -467,7 +464,7 @@ impl Task {
         };
         let from = attitude.unwrap_or_default();
         let turned = self.start_attitude.map_or(0.0, |to| angle(&from, &to));
-        let path = if (start_m - from_m).norm() > NEAR_M {
+        let path = if (start_m - from_m).norm() >= LEAST_LENGTH_M {
             Path::through(&[*from_m, start_m])?
         } else if turned > LEAST_TURN_RAD {
             Path::new(vec![Piece::turn(start_m, turned)?])?
@@ -502,4 +499,26 @@ fn attitude(degrees: [f64; 3]) -> Rotation3<f64> {
 
 fn point([x, y, z]: [f64; 3]) -> Vector3<f64> {
     Vector3::new(x, y, z) / 1e3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_start_at_any_small_distance_is_reached_or_is_here_already() {
+        let text = "start_mm = [300, 0, -200]\n[[leg]]\nto_mm = [310, 0, -200]\n";
+        let task = Task::parse(text, PathBuf::from("line.toml")).unwrap();
+        for nanometres in 0..3000 {
+            let from_m = Vector3::new(0.3 - f64::from(nanometres) * 1e-9, 0.0, -0.2);
+            let whole = task.clone().approached_from(&from_m, None);
+            let steps = whole.map(|whole| whole.steps.len());
+            // Around the shortest piece that a path takes, rounding decides.
+            match nanometres {
+                0..999 => assert_eq!(steps.ok(), Some(1), "{nanometres} nm"),
+                1001.. => assert_eq!(steps.ok(), Some(2), "{nanometres} nm"),
+                _ => assert!(steps.is_ok(), "{nanometres} nm: {steps:?}"),
+            }
+        }
+    }
 }

@@ -266,8 +266,7 @@ impl Encoder {
 
     fn record(&mut self, kind: u8, payload: &[u8]) -> Vec<u8> {
         self.number = self.number.wrapping_add(1);
-        // A longer record would count as damaged when it is read.
-        let length = u16::try_from(payload.len().min(MOST_BYTES)).unwrap_or(u16::MAX);
+        let length = u16::try_from(payload.len()).unwrap_or(u16::MAX);
         let payload = payload.get(..length.into()).unwrap_or(payload);
         let mut bytes = Vec::with_capacity(payload.len() + AROUND);
         bytes.extend(length.to_le_bytes());

@@ -1,14 +1,12 @@
 //! Continuing a task that a loss of power interrupted.
 
 use super::RunError;
-use crate::motion::{
-    Action, Interruption, Model, Plan, PlanError, Planner, Resumed, Step, Task, TaskError,
-    remaining,
-};
+use super::session::approached;
+use crate::motion::{Action, Interruption, Model, Plan, Planner, Resumed, Step, Task, remaining};
 use crate::recovery::{Journal, JournalError};
 use mcdpr_protocol::{BoardState, Status};
 use miette::Diagnostic;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use thiserror::Error;
 
 /// The same task makes a plan of the same duration, within this, s.
@@ -166,12 +164,7 @@ pub(super) fn plan_rest(
 
 /// The whole task from `start_m`, not judged again: it was, before it began.
 fn whole(model: &Model, task: Task, start_m: &Vector3<f64>) -> Result<(Vec<Step>, Plan), RunError> {
-    let task = task
-        .approached_from(start_m, None)
-        .map_err(|error| match error {
-            TaskError::Path(error) => PlanError::from(error),
-            _ => PlanError::from(crate::motion::path::PathError::Empty),
-        })?;
+    let task = approached(task, start_m, Rotation3::identity(), None)?;
     let plan = Plan::unjudged(model, start_m, &task.steps)?;
     Ok((task.steps, plan))
 }

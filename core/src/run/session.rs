@@ -344,7 +344,7 @@ fn plan_turned(
 }
 
 /// The task with the way to its start.
-fn approached(
+pub(super) fn approached(
     task: Task,
     start_m: &Vector3<f64>,
     attitude: Rotation3<f64>,

@@ -118,7 +118,8 @@ fn copied(file: &std::path::Path, common: &Common) -> Outcome {
 fn check(name: &str, common: &Common) -> Outcome {
     let robot = crate::robot::find(name)?;
     machine::geometry(&robot).map_err(Failed::from_error("the robot's geometry"))?;
-    let (entries, board_hash) = physics::board(&robot)?;
+    let entries = machine::configuration(&robot)?;
+    let (entries, board_hash) = (entries.len(), machine::hash_of(&entries).0);
     let judged = physics::judge(&robot)?;
     let problems = judged.problems.clone();
     if common.json {

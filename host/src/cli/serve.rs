@@ -15,7 +15,7 @@ use super::recorded::{About, Recorded};
 use super::run::tool_height_m;
 use super::token::Token;
 use super::{Common, Failed, Outcome, print_json};
-use crate::control::{Handle, Order};
+use crate::control::{Handle, Order, Outcome as Answered, Ticket};
 use crate::experiment::{Experiment, SimulatedRobot};
 use crate::link::{Client, ClientError, Link, Paced};
 use crate::machine::Mismatch;
@@ -220,7 +220,7 @@ impl Show<'_> {
         };
         self.feed.clear_trouble();
         let session = new_session();
-        let chosen = self.planning.chosen();
+        let chosen = self.planning.begun();
         // A default task is repeated on the simulator, one that the page chose is not.
         let repeats = tap.is_some() && chosen.is_none();
         let Chosen { task, source } = chosen.unwrap_or_else(|| self.default.clone());
@@ -330,6 +330,26 @@ impl Show<'_> {
         session.disarm()
     }
 
+    /// Makes a request for an order: done, or the board's refusal in words.
+    ///
+    /// # Errors
+    /// The line's; the order is answered with it.
+    fn ask<L: Link>(
+        &self,
+        client: &mut Client<L>,
+        ticket: Ticket,
+        request: Request,
+    ) -> Result<Answered, ClientError> {
+        match client.request(request) {
+            Ok(_) => Ok(Ok(())),
+            Err(refused @ ClientError::Refused { .. }) => Ok(Err(refused.to_string())),
+            Err(error) => {
+                self.handle.done(ticket, Err(error.to_string()));
+                Err(error)
+            }
+        }
+    }
+
     /// Polls the idle robot until there is a request.
     fn wait(&self, link: impl Link) -> Result<Wanted, RunError> {
         let mut client = Client::connect(link, new_session())?;
@@ -353,21 +373,14 @@ impl Show<'_> {
             let mut jogs = false;
             while let Some((ticket, order)) = self.handle.take() {
                 let outcome = match order {
-                    Order::Clear => match client.request(Request::ClearFault) {
-                        Ok(_) => {
-                            self.feed.clear_trouble();
-                            Ok(())
+                    Order::Clear => {
+                        let outcome = self.ask(&mut client, ticket, Request::ClearFault)?;
+                        match &outcome {
+                            Ok(()) => self.feed.clear_trouble(),
+                            Err(reason) => self.feed.set_trouble(reason),
                         }
-                        Err(refused @ ClientError::Refused { .. }) => {
-                            let reason = refused.to_string();
-                            self.feed.set_trouble(&reason);
-                            Err(reason)
-                        }
-                        Err(error) => {
-                            self.handle.done(ticket, Err(error.to_string()));
-                            return Err(error.into());
-                        }
-                    },
+                        outcome
+                    }
                     Order::Stop | Order::Emergency => {
                         jogs = false;
                         Ok(())
@@ -378,14 +391,7 @@ impl Show<'_> {
                         Ok(())
                     }
                     Order::Gripper { closed } => {
-                        match client.request(Request::Gripper { closed }) {
-                            Ok(_) => Ok(()),
-                            Err(refused @ ClientError::Refused { .. }) => Err(refused.to_string()),
-                            Err(error) => {
-                                self.handle.done(ticket, Err(error.to_string()));
-                                return Err(error.into());
-                            }
-                        }
+                        self.ask(&mut client, ticket, Request::Gripper { closed })?
                     }
                     other => Err(format!("{} is not possible: nothing moves", other.name())),
                 };

@@ -178,13 +178,17 @@ const Scene = (() => {
   function bind(element) {
     canvas = element; pen = canvas.getContext('2d');
     let last = null, began = null;
-    canvas.addEventListener('pointerdown', e => { last = began = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
-    canvas.addEventListener('pointerup', e => {
-      const still = began && Math.hypot(e.clientX - began[0], e.clientY - began[1]) < 4;
-      last = began = null;
-      if (!picked || !still) return;
+    canvas.addEventListener('pointerdown', e => {
+      last = [e.clientX, e.clientY];
+      // The place that was aimed at: the page can move until the button is let go.
       const box = canvas.getBoundingClientRect();
-      picked((z) => pointAt(e.clientX - box.left, e.clientY - box.top, z));
+      began = { x: e.clientX, y: e.clientY, in: [e.clientX - box.left, e.clientY - box.top] };
+      canvas.setPointerCapture(e.pointerId);
+    });
+    canvas.addEventListener('pointerup', e => {
+      const from = began && Math.hypot(e.clientX - began.x, e.clientY - began.y) < 4 && began.in;
+      last = began = null;
+      if (picked && from) picked(z => pointAt(...from, z));
     });
     canvas.addEventListener('pointermove', e => {
       if (!last) return;

@@ -5,7 +5,7 @@ use super::mutate::{Rng, mistake};
 use mcdpr::experiment::SimulatedRobot;
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::motion::{
-    Model, Plan, PlanOptions, Planner, Shaping, Task, TaskError, Tensioning, Watch,
+    Extremes, Model, Plan, PlanOptions, Planner, Shaping, Task, TaskError, Tensioning, Watch,
 };
 use mcdpr::robot::{BUILT_IN, BuiltInModules, Robot};
 use mcdpr_simulator::LinkOptions;
@@ -218,7 +218,10 @@ pub fn plan(input: &Input) -> Came {
     };
     let seen = plan.extremes(&Watch::default());
     let broken = match &seen {
-        Ok(seen) => seen.broken.is_some(),
+        Ok(seen) => {
+            assert_margins(seen);
+            seen.broken.is_some()
+        }
         Err(error) => return refused(error, Came::Judged),
     };
     match plan.judged() {
@@ -228,6 +231,24 @@ pub fn plan(input: &Input) -> Came {
             Came::Planned
         }
         Err(error) => refused(&error, Came::Judged),
+    }
+}
+
+/// The listed margins and the verdict are of the same limits: a margin is used up exactly where a limit
+/// that has one is broken.
+fn assert_margins(seen: &Extremes) {
+    // The verdict allows a cable's speed a millionth.
+    let used_up = seen
+        .margins
+        .iter()
+        .find(|margin| margin.left_percent < -1e-3);
+    match &seen.broken {
+        None => assert!(used_up.is_none(), "allowed, and {used_up:?}"),
+        Some(said) => {
+            let has_no_margin = ["stability", "from the platform"];
+            let exempt = has_no_margin.iter().any(|what| said.contains(what));
+            assert!(exempt || used_up.is_some(), "no margin is used up: {said}");
+        }
     }
 }
 

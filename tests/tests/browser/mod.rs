@@ -215,8 +215,11 @@ impl Page {
         let guarded = format!("typeof mcdpr !== 'undefined' && !!({expression})");
         while self.run(&guarded) != json!(true) {
             if Instant::now() > give_up {
-                let live = self.run("JSON.stringify(window.mcdpr && mcdpr.live)");
-                panic!("not true within {patience:?}: {expression}\nthe page knows {live}");
+                let knows = self.run(
+                    "JSON.stringify(window.mcdpr && { live: mcdpr.live, may: mcdpr.may, answers: mcdpr.answers, \
+                     words: ['verdict-words', 'may', 'trouble'].map(id => document.getElementById(id)?.textContent) })",
+                );
+                panic!("not true within {patience:?}: {expression}\nthe page knows {knows}");
             }
             std::thread::yield_now();
         }
@@ -258,26 +261,57 @@ impl Page {
         ));
     }
 
-    /// A click of a real mouse at a point of the page, CSS pixels.
-    pub fn click_at(&mut self, x: f64, y: f64) {
-        for kind in ["mousePressed", "mouseReleased"] {
-            let params = json!({
-                "type": kind, "x": x, "y": y, "button": "left", "clickCount": 1,
-            });
-            self.call("Input.dispatchMouseEvent", params);
+    /// A click of a real mouse on the element of `selector`, at the point that `at` gives: an expression for
+    /// `[x, y]`, CSS pixels, with the element as `e`.
+    ///
+    /// On a busy machine the page can move between the question and the click, which then goes elsewhere.
+    /// Such a click is kept from the page and made again.
+    pub fn click_at(&mut self, selector: &str, at: &str) {
+        let aim = format!(
+            "(() => {{
+              if (!window.aims) {{
+                window.aims = true;
+                for (const type of ['pointerdown', 'mousedown', 'pointerup', 'mouseup', 'click'])
+                  window.addEventListener(type, event => {{
+                    const aim = window.aim;
+                    if (!aim || !event.isTrusted) return;
+                    if (type === 'pointerdown') {{
+                      const [x, y] = aim.at();
+                      aim.hit = aim.e.contains(event.target) && Math.hypot(event.clientX - x, event.clientY - y) < 1;
+                    }}
+                    if (!aim.hit) {{ event.preventDefault(); event.stopImmediatePropagation(); }}
+                    else if (type === 'click') aim.clicked = true;
+                  }}, true);
+              }}
+              const e = document.querySelector('{selector}');
+              e.scrollIntoView({{ block: 'center' }});
+              window.aim = {{ e, at: () => {at}, hit: false, clicked: false }};
+              return window.aim.at();
+            }})()"
+        );
+        for _ in 0..50 {
+            let point = self.run(&aim);
+            for kind in ["mousePressed", "mouseReleased"] {
+                let params = json!({
+                    "type": kind, "x": point[0], "y": point[1], "button": "left", "clickCount": 1,
+                });
+                self.call("Input.dispatchMouseEvent", params);
+            }
+            // A page that was left by the click has no aim any more.
+            if self.truth("!window.aim || window.aim.clicked") {
+                self.run("window.aim = null");
+                return;
+            }
         }
+        panic!("{selector} is not where it can be clicked, or is disabled");
     }
 
     /// A click of a real mouse in the middle of an element.
     pub fn click(&mut self, selector: &str) {
-        let at = format!(
-            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: \
-             'center' }}); const b = e.getBoundingClientRect(); \
-             return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
+        self.click_at(
+            selector,
+            "(b => [b.x + b.width / 2, b.y + b.height / 2])(e.getBoundingClientRect())",
         );
-        let at = self.run(&at);
-        let [x, y] = [0, 1].map(|axis| at[axis].as_f64().unwrap());
-        self.click_at(x, y);
     }
 
     pub fn resize(&mut self, width: u32, height: u32) {

@@ -18,7 +18,8 @@ const BOX_HEIGHTS: [f64; 2] = [-0.25, 0.12];
 const HOME_DEG: f64 = 30.0;
 /// Height of the platform's origin over the tool, mm: the default of `tcp_mm`.
 const TOOL_MM: f64 = 80.0;
-/// Stiffness EA of a cable, N: braided UHMWPE of 1 mm; the rope's is about half of its fibres' 45 kN.
+/// Stiffness EA of a cable, N: an assumption for a braided line of 1 mm, softer than the robot file's
+/// default. The file says that it is to be measured.
 const EA_N: f64 = 20_000.0;
 /// Radius of the modules' drums, mm.
 const DRUM_MM: f64 = 20.0;
@@ -375,7 +376,7 @@ impl Frame {
             "\n[all_cables]\ncontrol = \"auto\"                 # the program chooses which are held by length\n\
              routing_length_mm = {:.0}          # assumption: from the drum up the post\n\
              pulley_radius_mm = 15             # assumption\n\
-             ea_n = {EA_N}                     # assumption: braided UHMWPE, 1 mm\n\
+             ea_n = {EA_N}                     # assumption: a braided line of 1 mm\n\
              \n[all_winches]\nmodule = \"{}\"\nturns_max = {turns:.0}                    # enough for the frame's diagonal\n",
             self.size_mm[2],
             self.module.file(),

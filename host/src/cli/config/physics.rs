@@ -1,7 +1,7 @@
 //! Whether a robot file describes a robot that can work: home, tensions, motors, work space.
 
 use crate::experiment::{Experiment, SimulatedRobot};
-use crate::machine::{self, Mismatch};
+use crate::machine::Mismatch;
 use crate::motion::{Model, PlanOptions, Task, judge_place};
 use crate::robot::Robot;
 use miette::Diagnostic;
@@ -58,11 +58,6 @@ pub(super) fn judge(robot: &Robot) -> miette::Result<Physics> {
         "{count} cables: {} held by length, {by_tension} by tension",
         count - by_tension
     ));
-    if robot.winches.is_empty() || robot.winch_of(0).is_none() {
-        out.facts
-            .push("no winches: the file serves for computation only".to_owned());
-        return Ok(out);
-    }
     let home_m = robot.tool.home_in_world_m;
     match model.rest_at_home() {
         Err(error) => {
@@ -231,14 +226,4 @@ pub(super) fn show(judged: &Physics, name: &str) {
             "verdict: it cannot work yet; next: change {quoted}, then mcdpr config check {quoted}"
         );
     }
-}
-
-/// Checks that the board takes the configuration; its entries and their hash.
-///
-/// # Errors
-/// What it would refuse.
-pub(super) fn board(robot: &Robot) -> miette::Result<(usize, u32)> {
-    let entries = machine::configuration(robot)?;
-    let hash = machine::hash_of(&entries);
-    Ok((entries.len(), hash.0))
 }

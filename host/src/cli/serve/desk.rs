@@ -82,13 +82,11 @@ impl PageDesk {
 
 impl Work {
     fn start(&self, message: &Value) -> Result<(), String> {
-        if let Some(number) = message["plan"].as_u64() {
-            self.planning.check(number)?;
-        }
         let live = self.feed.now().0;
         if live.is_busy() {
             return Err(format!("{} is under way: stop it first", live.task));
         }
+        self.planning.begin(message["plan"].as_u64())?;
         self.start.store(true, Ordering::SeqCst);
         Ok(())
     }

@@ -20,12 +20,25 @@ pub(crate) struct Chosen {
 
 /// The latest plan that was asked for.
 #[derive(Debug, Default)]
+enum Latest {
+    /// There is none, or it was discarded.
+    #[default]
+    Nothing,
+    /// It is being made.
+    Waiting(Chosen),
+    /// It breaks a limit, or cannot be made at all.
+    Refused,
+    /// It is within every limit.
+    Allowed(Chosen),
+}
+
+#[derive(Debug, Default)]
 struct Inner {
     /// Number of the latest request.
     asked: u64,
-    waiting: Option<Chosen>,
-    /// The planned task and its number, if it is within every limit.
-    allowed: Option<(u64, Chosen)>,
+    latest: Latest,
+    /// The task that was started last; `None`: the program's own.
+    begun: Option<Chosen>,
     ended: bool,
 }
 
@@ -43,10 +56,7 @@ impl Shared {
 
 /// Plans what the page asks for. Only the latest request counts.
 #[derive(Debug, Clone)]
-pub(crate) struct Planning {
-    shared: Arc<Shared>,
-    end: Arc<End>,
-}
+pub(crate) struct Planning(Arc<End>);
 
 /// Ends the thread with the last clone.
 #[derive(Debug)]
@@ -71,47 +81,54 @@ impl Planning {
         std::thread::Builder::new()
             .name("plans".to_owned())
             .spawn(move || work(&mine, &model, &feed))?;
-        let end = Arc::new(End(Arc::clone(&shared)));
-        Ok(Self { shared, end })
+        Ok(Self(Arc::new(End(shared))))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.0.0.lock()
     }
 
     /// Asks for a plan; gives its number. Whatever was planned before can no longer be started.
     pub(super) fn ask(&self, wanted: Chosen) -> u64 {
-        let mut inner = self.shared.lock();
+        let mut inner = self.lock();
         inner.asked += 1;
-        inner.waiting = Some(wanted);
-        inner.allowed = None;
-        self.end.0.changed.notify_all();
+        inner.latest = Latest::Waiting(wanted);
+        self.0.0.changed.notify_all();
         inner.asked
     }
 
     /// Forgets the plan.
     pub(super) fn forget(&self) {
-        let mut inner = self.shared.lock();
+        let mut inner = self.lock();
         inner.asked += 1;
-        (inner.waiting, inner.allowed) = (None, None);
+        inner.latest = Latest::Nothing;
     }
 
-    /// Checks that the plan with this number can be started.
+    /// Decides what a start begins: the latest plan (that of `number`, if one is given), or the program's
+    /// own task where no plan was asked for. Plans that are asked for later do not change it.
     ///
     /// # Errors
-    /// The reason, in words.
-    pub(super) fn check(&self, number: u64) -> Result<(), String> {
-        let inner = self.shared.lock();
-        match &inner.allowed {
-            Some((known, _)) if *known == number => Ok(()),
-            _ if inner.waiting.is_some() => Err("it is still being planned".to_owned()),
-            _ if number != inner.asked => {
-                Err("another plan has taken its place: plan it again".to_owned())
-            }
-            _ => Err("this plan breaks a limit: it cannot be started".to_owned()),
+    /// The reason, in words: a start must not begin another task than the one that is shown.
+    pub(super) fn begin(&self, number: Option<u64>) -> Result<(), &'static str> {
+        let mut inner = self.lock();
+        if number.is_some_and(|number| number != inner.asked) {
+            return Err("another plan has taken its place: plan it again");
         }
+        inner.begun = match &inner.latest {
+            Latest::Waiting(_) => return Err("it is still being planned"),
+            Latest::Refused => {
+                return Err("the plan breaks a limit: discard it, or plan another");
+            }
+            Latest::Allowed(chosen) => Some(chosen.clone()),
+            Latest::Nothing if number.is_some() => return Err("there is no plan: plan it again"),
+            Latest::Nothing => None,
+        };
+        Ok(())
     }
 
-    /// The task that Start begins, if one was planned.
-    pub(crate) fn chosen(&self) -> Option<Chosen> {
-        let inner = self.shared.lock();
-        inner.allowed.as_ref().map(|(_, chosen)| chosen.clone())
+    /// The task that was started last; `None`: the program's own.
+    pub(crate) fn begun(&self) -> Option<Chosen> {
+        self.lock().begun.clone()
     }
 }
 
@@ -123,8 +140,8 @@ fn work(shared: &Shared, model: &Model, feed: &Feed) {
             if inner.ended {
                 return;
             }
-            if let Some(wanted) = inner.waiting.clone() {
-                break wanted;
+            if let Latest::Waiting(wanted) = &inner.latest {
+                break wanted.clone();
             }
             inner = shared
                 .changed
@@ -139,7 +156,6 @@ fn work(shared: &Shared, model: &Model, feed: &Feed) {
         if inner.asked != number {
             continue;
         }
-        inner.waiting = None;
         let mut about = match result {
             Ok(about) => about,
             Err(reason) => json!({ "ok": false, "reason": reason, "tool_m": [], "margins": [] }),
@@ -147,9 +163,11 @@ fn work(shared: &Shared, model: &Model, feed: &Feed) {
         about["type"] = json!("preview");
         about["id"] = json!(number);
         about["name"] = json!(wanted.task.name);
-        if about["ok"] == json!(true) {
-            inner.allowed = Some((number, wanted));
-        }
+        inner.latest = if about["ok"] == json!(true) {
+            Latest::Allowed(wanted)
+        } else {
+            Latest::Refused
+        };
         // Under the lock: a plan that is discarded now must not appear afterwards.
         feed.set_preview(about);
         drop(inner);
@@ -197,4 +215,64 @@ fn words(margin: &Margin) -> String {
         ..
     } = margin;
     format!("{what}: {value:.1} of {limit:.1} {unit}, {left_percent:.0} % left, at {time_s:.1} s")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::Robot;
+    use std::path::PathBuf;
+    use std::time::{Duration, Instant};
+
+    fn chosen(name: &str, x_mm: f64) -> Chosen {
+        let text = format!("start_mm = [300, 0, -200]\n[[leg]]\nto_mm = [{x_mm:?}, 0, -200]\n");
+        let mut task = Task::parse(&text, PathBuf::from("line.toml")).unwrap();
+        name.clone_into(&mut task.name);
+        let source = TaskSource {
+            name: name.to_owned(),
+            text: Some(text),
+            tool_z_m: -0.2,
+        };
+        Chosen { task, source }
+    }
+
+    /// Waits for the plan with this number.
+    fn wait(planning: &Planning, number: u64) {
+        let give_up = Instant::now() + Duration::from_secs(60);
+        while planning.begin(Some(number)) == Err("it is still being planned") {
+            assert!(Instant::now() < give_up, "no plan was made");
+            std::thread::yield_now();
+        }
+    }
+
+    #[test]
+    fn a_start_begins_what_is_shown_and_nothing_else() {
+        let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
+        let feed = Feed::default();
+        let planning = Planning::start(model, feed.clone()).unwrap();
+        let begun = || planning.begun().map(|chosen| chosen.task.name);
+        // Without a plan it is the program's own task, but not for a page that shows a plan.
+        assert!(planning.begin(Some(1)).is_err());
+        assert_eq!((planning.begin(None), begun()), (Ok(()), None));
+        let first = planning.ask(chosen("first", 330.0));
+        wait(&planning, first);
+        assert_eq!(planning.begin(None), Ok(()));
+        assert_eq!(begun().as_deref(), Some("first"));
+        // A plan that is asked for afterwards changes nothing of what was started.
+        let far = planning.ask(chosen("far", 3000.0));
+        assert_eq!(begun().as_deref(), Some("first"));
+        wait(&planning, far);
+        // One that breaks a limit is not replaced by the program's own task, nor by an older plan.
+        for number in [None, Some(far), Some(first)] {
+            assert!(planning.begin(number).is_err(), "{number:?}");
+        }
+        let (_, shown) = feed.preview_after(0).unwrap();
+        assert_eq!(
+            (shown["id"].as_u64(), &shown["ok"]),
+            (Some(far), &json!(false))
+        );
+        planning.forget();
+        assert!(planning.begin(Some(far)).is_err());
+        assert_eq!((planning.begin(None), begun()), (Ok(()), None));
+    }
 }
