@@ -9,7 +9,7 @@ use mcdpr_tests::process::{Folder, alone};
 use std::time::Duration;
 
 /// Long enough for a busy machine.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 fn wait(page: &mut Page, what: &str) {
     page.wait(what, PATIENCE);

@@ -122,6 +122,57 @@ fn a_file_from_a_few_answers_is_a_robot_that_runs() {
 }
 
 #[test]
+fn an_own_frame_is_calibrated_and_picks() {
+    let folder = Folder::new("own-pick");
+    let at = folder.path();
+    for (name, answers, _) in &FRAMES[1..3] {
+        let file = format!("{name}.toml");
+        let equipped = ["--gripper-mm", "60", "--camera"];
+        good(
+            at,
+            &[&["config", "init", file.as_str()], *answers, &equipped].concat(),
+        );
+        let calibrate = [
+            "calibrate",
+            "all",
+            "--robot",
+            &file,
+            "--target",
+            "board",
+            "--poses",
+            "10",
+            "--candidates",
+            "60",
+            "--json",
+        ];
+        let calibration = document(at, &calibrate);
+        let verdict = calibration["verdict"].as_str().unwrap();
+        assert!(verdict.starts_with("accepted"), "{name}: {verdict}");
+        let scene = document(at, &["pick", "--robot", &file, "--objects", "1", "--json"]);
+        assert_eq!(scene["carried_off"], 1, "{name}: {scene}");
+        let off_m = scene["errors_m"][0].as_f64();
+        assert!(off_m.is_some_and(|m| m < 3e-3), "{name}: {scene}");
+    }
+    // A place of release in the tray is refused before anything is connected.
+    let said = refused(
+        at,
+        &[
+            "pick",
+            "--robot",
+            "hall.toml",
+            "--release-mm",
+            "0",
+            "50",
+            "700",
+        ],
+    );
+    assert!(
+        said.contains("is in the tray") && said.contains("--release-mm"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_robot_that_cannot_work_is_named_with_the_reason() {
     let folder = Folder::new("own-unfit");
     let at = folder.path();
@@ -201,6 +252,10 @@ fn bad_answers_write_no_file() {
         (
             &["--frame-mm", "1000", "1000", "1000", "--mass-kg", "-1"],
             "mass",
+        ),
+        (
+            &["--frame-mm", "1000", "1000", "1000", "--gripper-mm", "0"],
+            "the gripper's opening must be over 0",
         ),
         (&["--copy", "--mass-kg", "2"], "--copy"),
     ] {

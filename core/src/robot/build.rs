@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::model::{
     Bus, Cable, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
-    TensionLaw, TensionOutput, Tool, Winch,
+    Surroundings, TensionLaw, TensionOutput, Tool, Winch,
 };
 use super::modules::ModuleFiles;
 use super::read::{Reader, Values};
@@ -100,6 +100,9 @@ pub(super) fn build(
     let tag_tables = file.take_tables(key!(ROBOT, "tag"));
     let tags = super::scene::tags(reader, &tag_tables);
 
+    let surroundings = file.take_table(key!(ROBOT, "surroundings"), &schema::SURROUNDINGS);
+    let place_m = |key| surroundings.numbers_given(key).map(point_m);
+
     let home_m = match tool.numbers_given(key!(TOOL, "home_mm")) {
         Some(mm) => point_m(mm),
         None => below_anchors_m(&cables),
@@ -128,6 +131,11 @@ pub(super) fn build(
         },
         camera,
         tags,
+        surroundings: Surroundings {
+            target_m: place_m(key!(SURROUNDINGS, "target_mm")),
+            tray_m: place_m(key!(SURROUNDINGS, "tray_mm")),
+            release_m: place_m(key!(SURROUNDINGS, "release_mm")),
+        },
         limits,
         calibrated: None,
         chosen: None,

@@ -116,6 +116,12 @@ pub(crate) static ROBOT: Section = Section {
             "one table per fiducial tag in the scene",
         ),
         key(
+            "surroundings",
+            Kind::Table(&SURROUNDINGS),
+            Follows("all defaults"),
+            "what lies around the robot",
+        ),
+        key(
             "limits",
             Kind::Table(&LIMITS),
             Follows("all defaults"),
@@ -451,6 +457,31 @@ pub(crate) static TAG: Section = Section {
     ],
 };
 
+/// `[surroundings]`.
+pub static SURROUNDINGS: Section = Section {
+    title: "[surroundings]",
+    keys: &[
+        key(
+            "target_mm",
+            POINT,
+            Follows("on the floor between the middle of the anchors and home"),
+            "where the simulated calibration target lies, world frame, mm; a real one is found by the calibration",
+        ),
+        key(
+            "tray_mm",
+            POINT,
+            Follows("below home; for the paper's frame (315, -30, -545)"),
+            "middle of the floor of the tray that `mcdpr pick` empties, world frame, mm",
+        ),
+        key(
+            "release_mm",
+            POINT,
+            Follows("beside the tray: (20, 155, 35) mm from it, within `box_mm`"),
+            "where `mcdpr pick` releases, world frame, mm",
+        ),
+    ],
+};
+
 /// `[limits]`.
 pub static LIMITS: Section = Section {
     title: "[limits]",
@@ -490,7 +521,7 @@ pub static LIMITS: Section = Section {
 };
 
 /// Every section of the file, the file itself first.
-pub(crate) static SECTIONS: [&Section; 12] = [
+pub(crate) static SECTIONS: [&Section; 13] = [
     &ROBOT,
     &PLATFORM,
     &CABLE,
@@ -502,5 +533,6 @@ pub(crate) static SECTIONS: [&Section; 12] = [
     &CAMERA,
     &CAMERA_FROM_PLATFORM,
     &TAG,
+    &SURROUNDINGS,
     &LIMITS,
 ];

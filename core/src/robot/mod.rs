@@ -34,7 +34,7 @@ pub use error::{Invalid, Problem, RobotError};
 pub use json_schema::json_schema;
 pub use model::{
     Bus, Cable, Calibrated, Camera, Control, DriveKind, Gear, Gripper, GripperKind, LawKind,
-    Limits, Platform, Robot, Tag, TagPlace, TensionLaw, TensionOutput, Tool, Winch,
+    Limits, Platform, Robot, Surroundings, Tag, TagPlace, TensionLaw, TensionOutput, Tool, Winch,
 };
 pub use modules::{BuiltInModules, ModuleFiles};
 

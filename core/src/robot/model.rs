@@ -34,6 +34,9 @@ pub struct Robot {
     pub camera: Camera,
     /// The tags in the scene.
     pub tags: Vec<Tag>,
+    /// What lies around the robot.
+    #[serde(skip_serializing_if = "Surroundings::is_default")]
+    pub surroundings: Surroundings,
     /// Limits of a motion.
     pub limits: Limits,
     /// Where these values come from, if not from the robot file alone. Not part of the description.
@@ -371,6 +374,24 @@ pub struct Gripper {
     pub close_s: f64,
     /// Whether a switch reports that the fingers closed on nothing.
     pub switch: bool,
+}
+
+/// What lies around the robot, world frame, m. What is absent has a default that follows from the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Surroundings {
+    /// Where the simulated calibration target lies.
+    pub target_m: Option<Vector3<f64>>,
+    /// Middle of the floor of the tray that is picked from.
+    pub tray_m: Option<Vector3<f64>>,
+    /// Where objects are released.
+    pub release_m: Option<Vector3<f64>>,
+}
+
+impl Surroundings {
+    /// Whether nothing is given: such robots have the hash of their description without this section.
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// The canonical form of a transform, see [`Robot::content_hash`].

@@ -7,6 +7,7 @@ use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::motion::Model;
+use crate::pick::place::Places;
 use crate::pick::study::{self, Knowledge, SceneReport, picking_robot};
 use crate::pick::{End, Jaws, Outcome as Came, Report, Resumed};
 use crate::record::{Doing, TaskSource};
@@ -16,9 +17,13 @@ use crate::scenario::{Injection, When};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::camera::Order;
 use mcdpr_vision::grasp::{Antipodal, Detector};
+use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 
 mod port;
+
+/// No tray is farther away, mm.
+const FURTHEST_MM: f64 = 100_000.0;
 
 /// Pick objects from a tray until it is empty: look, choose, take, verify, carry, release
 #[derive(Debug, clap::Args)]
@@ -52,6 +57,12 @@ pub(crate) struct Cmd {
     /// The tray's floor has no printed tags for localisation
     #[arg(long)]
     no_mat: bool,
+    /// Middle of the tray's floor, world frame; without it, that of the robot file
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
+    tray_mm: Option<Vec<f64>>,
+    /// Where objects are released, world frame; without it, that of the robot file
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
+    release_mm: Option<Vec<f64>>,
     /// What to pick: `tray`, or `paper` for the paper's one object at (252, -39, -517) mm
     #[arg(long, default_value = "tray", value_name = "tray|paper", value_parser = ["tray", "paper"])]
     task: String,
@@ -91,6 +102,19 @@ pub(crate) struct Cmd {
     serve: Option<u16>,
 }
 
+/// A point of the world frame, m, from the numbers of an option, mm.
+fn point(option: &str, mm: Option<&Vec<f64>>) -> Result<Option<Vector3<f64>>, Failed> {
+    match mm.map(Vec::as_slice) {
+        None => Ok(None),
+        Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.abs() <= FURTHEST_MM) => {
+            Ok(Some(Vector3::new(x, y, z) * 1e-3))
+        }
+        Some(_) => Err(Failed::from_error(option)(format!(
+            "a place is three numbers in mm, each within {FURTHEST_MM:.0} mm"
+        ))),
+    }
+}
+
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         if common.on == "sim" {
@@ -103,7 +127,12 @@ impl Cmd {
         } else {
             common.robot()?
         };
-        let robot = picking_robot(&robot);
+        let mut robot = picking_robot(&robot);
+        let places = &mut robot.surroundings;
+        places.tray_m = point("--tray-mm", self.tray_mm.as_ref())?.or(places.tray_m);
+        places.release_m = point("--release-mm", self.release_mm.as_ref())?.or(places.release_m);
+        // Before anything is connected: no room for the workcell moves nothing.
+        Places::of(&robot)?;
         if common.on != "sim" {
             return self.on_port(common, &robot);
         }

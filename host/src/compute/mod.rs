@@ -2,8 +2,10 @@
 //! file's tool, set-points and limits, and with errors in the robot's terms.
 
 mod error;
+mod planned;
 
 pub use error::ComputeError;
+pub use planned::Planned;
 
 use crate::machine;
 use crate::robot::{Control, Robot};

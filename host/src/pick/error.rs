@@ -121,6 +121,26 @@ pub enum PickError {
         /// Which robot.
         robot: String,
     },
+    /// Objects would be released into the tray, or on its edge.
+    #[error(
+        "the place of release ({:.0}, {:.0}, {:.0}) mm is in the tray, whose middle is ({:.0}, {:.0}, {:.0}) mm",
+        .release_mm[0], .release_mm[1], .release_mm[2], .tray_mm[0], .tray_mm[1], .tray_mm[2]
+    )]
+    #[diagnostic(
+        code(mcdpr::pick::no_room),
+        help(
+            "give another with --release-mm or release_mm of [surroundings]: at least {:.0} mm from the middle in x or {:.0} mm in y",
+            .half_mm[0], .half_mm[1]
+        )
+    )]
+    NoRoom {
+        /// Middle of the tray's floor, mm.
+        tray_mm: [f64; 3],
+        /// The place of release, mm.
+        release_mm: [f64; 3],
+        /// Least distances in x and y, mm.
+        half_mm: [f64; 2],
+    },
     /// No camera with distances was named.
     #[error("on {on} the pictures must come from a camera with distances, and none was named")]
     #[diagnostic(

@@ -13,6 +13,7 @@ mod calibrated;
 mod choose;
 mod error;
 mod mat;
+pub(crate) mod place;
 mod report;
 mod resume;
 pub mod study;

@@ -1,5 +1,6 @@
 //! Seeded scenes, with calibrated and with nominal parameters: one, or many ([`Study`]).
 
+use super::place::Places;
 use super::report::{Outcome, Report};
 use super::task::Picker;
 use super::workcell::{self, CellObserver, Mounting, SimulatedEye};
@@ -15,7 +16,7 @@ use crate::robot::Robot;
 use crate::run::Measured;
 use crate::sight::Shown;
 use mcdpr_protocol::SessionId;
-use mcdpr_simulator::camera::{Cell, Grip, Order, Tray};
+use mcdpr_simulator::camera::{Cell, Grip, Order};
 use mcdpr_vision::grasp::{Antipodal, Detector};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -304,7 +305,7 @@ impl Stage {
         let (cell, mut options) = if paper {
             workcell::paper(&model)?
         } else {
-            let mut tray = Tray::default();
+            let mut tray = Places::of(robot)?.tray();
             if mat {
                 tray = tray.with_mat();
             }

@@ -3,6 +3,7 @@
 use super::budget::Uncertainty;
 use super::choose::Choice;
 use super::mat::{Mat, SheetTag};
+use super::place::Places;
 use super::task::{Options, Watcher};
 use crate::link::SimulatedLink;
 use crate::motion::Model;
@@ -280,30 +281,19 @@ pub fn mat(rows: &TagRows) -> Mat {
 /// The picking task of the simulated workcell.
 ///
 /// # Errors
-/// As [`gripper_of`].
+/// As [`gripper_of`]; [`PickError::NoRoom`].
 pub fn options(robot: &Robot) -> Result<Options, PickError> {
     let (_, hand) = gripper_of(robot)?;
-    let tray = Tray::default();
-    let tray_m = Vector3::from(tray.center_m);
-    // The camera looks down beside the tool: it must see the tray's middle.
-    let to_camera = Isometry3::from(robot.camera.camera_from_platform)
-        .inverse()
-        .translation
-        .vector;
-    let tool = robot.tool.tcp_in_platform_m;
-    let look_m = Vector3::new(
-        tray_m.x - to_camera.x,
-        tray_m.y - to_camera.y,
-        tray_m.z + LOOK_HEIGHT_M - to_camera.z + tool.z,
-    );
+    let places = Places::of(robot)?;
+    let tray = places.tray();
     Ok(Options {
-        look_m,
+        look_m: places.look_m,
         more_views_m: Vec::new(),
         near_m: Some(NEAR_M),
         probe_px: None,
-        release_m: RELEASE_M.into(),
+        release_m: places.release_m,
         return_m: None,
-        tray_m,
+        tray_m: places.tray_m,
         tray_half_m: tray.half_m.map(|half| half - 0.006),
         above_m: 0.08,
         hand,
@@ -347,9 +337,6 @@ pub(crate) const PAPER_GRASP_M: [f64; 3] = [0.252, -0.039, -0.517];
 pub(crate) const PAPER_PIXEL: [f64; 2] = [360.0, 285.0];
 /// Where the paper's robot releases, world, m.
 pub(crate) const PAPER_RELEASE_M: [f64; 3] = [0.335, 0.1, -0.51];
-/// Beside the tray, world, m: at the paper's position, 25 mm from its wall, an object that hangs to
-/// one side of the jaws falls back into the tray.
-const RELEASE_M: [f64; 3] = [0.335, 0.14, -0.51];
 /// Where the paper's robot returns to, world, m.
 pub(crate) const PAPER_RETURN_M: [f64; 3] = [0.335, 0.0, -0.009];
 
@@ -405,9 +392,6 @@ pub fn paper(model: &Model) -> Result<(Cell, Options), PickError> {
     }
     Ok((Cell::new(tray, scene, gripper, tcp_m), options))
 }
-
-/// Height of the camera over the tray when it looks, m.
-const LOOK_HEIGHT_M: f64 = 0.4;
 
 /// The watcher of a simulated cell: turns the wrist, records the true state.
 pub(crate) struct CellObserver {

@@ -21,27 +21,25 @@ pub struct Scene {
 
 /// Height of the floor below the lowest anchor, m.
 const FLOOR_M: f64 = 0.725;
+/// Where the tool reaches below that, tags lie so far below its box, m.
+const BELOW_BOX_M: f64 = 0.3;
 /// Position of the tags between the middle of the anchors and the tool's home, as a share.
 const TOWARDS_HOME: f64 = 0.7;
 /// Distance between loose bodies on the floor, m.
 const APART_M: f64 = 0.14;
 
 impl Scene {
-    /// The robot's tags face up on the floor between the middle of its anchors and where its tool
-    /// hangs at home, so that they are seen from both; bodies beside each other in a row, each
+    /// The robot's tags face up where the robot file says; without that on the floor between the middle of
+    /// its anchors and where its tool hangs at home, so that they are seen from both; bodies beside each other in a row, each
     /// turned and shifted a little; the camera off its nominal mounting by up to `mounting_m` and
     /// `mounting_rad` per axis.
     #[must_use]
     pub fn on_floor(robot: &Robot, mounting_m: f64, mounting_rad: f64, seed: u64) -> Self {
         let mut random = Random::new(seed ^ 0x7363_656E);
-        let anchors = robot.cables.iter().map(|cable| cable.anchor_in_world_m);
-        let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
-        for anchor in anchors {
-            low = low.inf(&anchor);
-            high = high.sup(&anchor);
-        }
-        let middle = (low + high) / 2.0;
-        let middle = middle + (robot.tool.home_in_world_m - middle) * TOWARDS_HOME;
+        let middle = robot
+            .surroundings
+            .target_m
+            .unwrap_or_else(|| default_target_m(robot));
         let mut bodies: Vec<u32> = robot.tags.iter().map(|tag| tag.body).collect();
         bodies.sort_unstable();
         bodies.dedup();
@@ -54,7 +52,7 @@ impl Scene {
                 let at = Vector3::new(
                     middle.x + random.within(0.01),
                     middle.y + across + random.within(0.01),
-                    low.z - FLOOR_M,
+                    middle.z,
                 );
                 // Face up: a tag's z axis points into the floor.
                 let turn = 0.5 + random.within(0.3);
@@ -105,4 +103,23 @@ impl Scene {
         let found = self.places.iter().find(|place| place.body == number);
         found.map(|place| &place.world_from_body)
     }
+}
+
+/// Where the tags lie if the robot file does not say it, world, m.
+fn default_target_m(robot: &Robot) -> Vector3<f64> {
+    let anchors = robot.cables.iter().map(|cable| cable.anchor_in_world_m);
+    let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
+    for anchor in anchors {
+        low = low.inf(&anchor);
+        high = high.sup(&anchor);
+    }
+    let middle = (low + high) / 2.0;
+    let mut target_m = middle + (robot.tool.home_in_world_m - middle) * TOWARDS_HOME;
+    target_m.z = low.z - FLOOR_M;
+    if let Some([box_low, _]) = robot.limits.box_in_world_m
+        && target_m.z > box_low.z
+    {
+        target_m.z = box_low.z - BELOW_BOX_M;
+    }
+    target_m
 }

@@ -83,7 +83,16 @@ fn sliced(name: &str, words: &[&str]) -> (Value, Vec<(Vector3<f64>, String)>) {
 
 #[test]
 fn the_equilibrium_workspace_is_where_statics_says_so() {
-    let (found, points) = sliced("equilibrium", &["--step", "25", "--slice", "z=-180"]);
+    for rule in ["--setpoint", "--tension=4=10", "as planned"] {
+        equilibria(rule);
+    }
+}
+
+fn equilibria(rule: &str) {
+    let planned = rule == "as planned";
+    let mut words = vec!["--step", "25", "--slice", "z=-180"];
+    words.extend((!planned).then_some(rule));
+    let (found, points) = sliced("equilibrium", &words);
     assert_eq!(
         (&found["test"], &found["places_of"]),
         (&json!("equilibrium"), &json!("tool"))
@@ -91,10 +100,11 @@ fn the_equilibrium_workspace_is_where_statics_says_so() {
     let lines: String = points
         .iter()
         .map(|(at, _)| {
-            format!(
-                "{}\n",
-                json!({"position_m": at.as_slice(), "tensions_n": {"4": 10.0}})
-            )
+            let mut line = json!({"position_m": at.as_slice()});
+            if !planned {
+                line["tensions_n"] = json!({"4": 10.0});
+            }
+            format!("{line}\n")
         })
         .collect();
     let output = run(&["statics", "--tool", "--batch"], &lines);
@@ -111,8 +121,34 @@ fn the_equilibrium_workspace_is_where_statics_says_so() {
                     .iter()
                     .all(|t| within.contains(t))
         };
-        assert_eq!(verdict == "feasible", feasible, "{at} {verdict} {rest}");
+        assert_eq!(
+            verdict == "feasible",
+            feasible,
+            "{rule}: {at} {verdict} {rest}"
+        );
     }
+}
+
+#[test]
+fn places_are_feasible_that_a_plan_can_reach() {
+    // The constant set-point excludes most of a wide frame, the tension that plans choose little.
+    let folder = Folder::new("wide");
+    let file = folder.0.join("wide.toml").display().to_string();
+    let frame = ["--frame-mm", "2000", "3000", "2000", "--mass-kg", "4"];
+    let init = run(&[&["config", "init", &file], &frame[..]].concat(), "");
+    assert!(init.status.success());
+    let share = |more: &[&str]| {
+        let words = ["--robot", &file, "workspace", "--step", "100"];
+        let found = answer(&[&words[..], more].concat());
+        found["feasible_fraction"].as_f64().unwrap()
+    };
+    let (planned, setpoint) = (share(&[]), share(&["--setpoint"]));
+    println!("{planned:.3} as planned, {setpoint:.3} at the set-point");
+    assert!(planned > 0.5 && planned > setpoint, "{planned} {setpoint}");
+    // The same as `config check` says, which judges fewer places.
+    let checked = answer(&["config", "check", &file]);
+    let said = checked["physics"]["share"].as_f64().unwrap();
+    assert!((said - planned).abs() < 0.15, "{said} {planned}");
 }
 
 #[test]

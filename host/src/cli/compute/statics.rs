@@ -27,9 +27,13 @@ pub(in super::super) struct Cmd {
     /// Its z
     #[arg(allow_hyphen_values = true, required_unless_present = "batch")]
     z: Option<String>,
-    /// This cable is held at this tension; without any: those of the robot file at its set-point
+    /// This cable is held at this tension; without any: those of the robot file at the tension that a plan
+    /// chooses there
     #[arg(long = "tension", value_name = "CABLE=FORCE")]
     tensions: Vec<String>,
+    /// The robot file's tension-held cables are at its set-point
+    #[arg(long, conflicts_with = "tensions")]
+    setpoint: bool,
     /// The position is that of the tool (TCP)
     #[arg(long)]
     tool: bool,
@@ -110,9 +114,12 @@ impl Cmd {
                 .map(|texts| triple("--attitude", Quantity::Angle, texts))
                 .transpose()?;
             let tensions = super::tensions_or_own(&subject, &self.tensions)?;
-            Ok((subject, attitude, tensions))
+            let planned = (self.tensions.is_empty() && !self.setpoint)
+                .then(|| subject.planned(self.tool))
+                .flatten();
+            Ok((subject, attitude, tensions, planned))
         });
-        let (subject, attitude, tensions) = match prepared {
+        let (subject, attitude, tensions, planned) = match prepared {
             Ok(prepared) => prepared,
             Err(error) => return conclude::<Answer>(common, Err(error), |_| {}),
         };
@@ -121,11 +128,15 @@ impl Cmd {
             answer.corrected = self.corrected(&subject, &answer)?;
             Ok::<_, ComputeError>(answer)
         };
+        let at = |place: [f64; 3]| match &planned {
+            Some(planned) => planned.tensions_n(&place.into(), &mut None),
+            None => tensions,
+        };
         if self.batch {
             return batch::run(|question: Question| {
                 let tensions = match &question.tensions_n {
                     Some(by_cable) => super::tensions_of_line(&subject, by_cable)?,
-                    None => tensions,
+                    None => at(question.position_m),
                 };
                 solve(
                     question.position_m,
@@ -140,7 +151,7 @@ impl Cmd {
             .cloned()
             .collect();
         let answer = triple("position", Quantity::Length, &words)
-            .and_then(|place| solve(place, &tensions, attitude));
+            .and_then(|place| solve(place, &at(place), attitude));
         conclude(common, answer.map_err(Into::into), |answer| {
             show(&subject, answer);
         })

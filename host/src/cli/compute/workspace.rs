@@ -4,7 +4,7 @@ use super::super::table::lay_out;
 use super::super::{Common, Failed, Outcome, write_out};
 use super::grid::{self, Axis, Counts};
 use super::{UNITS, conclude, quantity, slice, triple};
-use crate::compute::{ComputeError, Subject};
+use crate::compute::{ComputeError, Planned, Subject};
 use crate::report::RunFolder;
 use crate::units::Quantity;
 use mcdpr_kinematics::{AnyWorkspaceTest, Balance, CableVec, PlatformBox, rotation_from_rpy};
@@ -27,9 +27,13 @@ pub(in super::super) struct Cmd {
     /// Criterion of a feasible position; equilibrium for three length-held cables, else wrench
     #[arg(long, value_enum, value_name = "TEST")]
     test: Option<Test>,
-    /// This cable is held at this tension; without any: those of the robot file at its set-point
+    /// This cable is held at this tension; without any: those of the robot file at the tension that a plan
+    /// chooses at each place
     #[arg(long = "tension", value_name = "CABLE=FORCE")]
     tensions: Vec<String>,
+    /// The robot file's tension-held cables are at its set-point everywhere
+    #[arg(long, conflicts_with = "tensions")]
+    setpoint: bool,
     /// The attitude for wrench and forces; level if left out
     #[arg(long, num_args = 3, value_names = ["RX", "RY", "RZ"], allow_hyphen_values = true)]
     attitude: Option<Vec<String>>,
@@ -66,6 +70,8 @@ pub(super) enum Test {
 pub(super) struct Question {
     pub(super) test: Test,
     pub(super) tensions_n: CableVec<Option<f64>>,
+    /// Chooses the tensions at each place, in place of `tensions_n`.
+    pub(super) planned: Option<Planned>,
     min_n: CableVec<f64>,
     max_n: CableVec<f64>,
     tilt_max_rad: f64,
@@ -77,7 +83,8 @@ pub(super) struct Question {
 }
 
 impl Question {
-    pub(super) fn test(&self) -> AnyWorkspaceTest<'_> {
+    /// The test, with these tensions of the tension-held cables, N.
+    pub(super) fn test<'a>(&'a self, tensions_n: &'a [Option<f64>]) -> AnyWorkspaceTest<'a> {
         let (min_n, max_n) = (&self.min_n[..], &self.max_n[..]);
         let fixed = |balance| AnyWorkspaceTest::Fixed {
             balance,
@@ -90,7 +97,7 @@ impl Question {
             Test::Forces => fixed(Balance::Forces),
             Test::Equilibrium => AnyWorkspaceTest::Equilibrium {
                 tool_in_platform_m: self.point_m,
-                tensions_n: &self.tensions_n,
+                tensions_n,
                 min_n,
                 max_n,
                 tilt_max_rad: self.tilt_max_rad,
@@ -224,8 +231,10 @@ impl Cmd {
                 given.filter(|_| pinned).unwrap_or(limit)
             })
         };
+        let chosen = test == Test::Equilibrium && self.tensions.is_empty() && !self.setpoint;
         Ok(Question {
             test,
+            planned: chosen.then(|| subject.planned(!self.origin)).flatten(),
             min_n: bound(limits.tension_min_n),
             max_n: bound(limits.tension_max_n),
             tensions_n,

@@ -31,6 +31,12 @@ const MANY_DRIVES: &str =
 /// Gains of eight-cable: six held lengths let the platform give way to none.
 const STIFF_GAINS: &str = "kp = 0.1                          # gains of eight-cable; tune with `mcdpr tune tension`\n\
     kd = 0\nki = 2\ndamping_ns_per_m = 20\nfilter_hz = 80\n";
+/// Depth of the calibration target below home, mm: a camera on the platform sees a whole board of 0.3 m, as
+/// long as the target is not below the floor.
+const TARGET_BELOW_MM: f64 = 650.0;
+/// Height of the tool's box with a gripper and a camera, mm: between a grasp on a tray's floor and the place from
+/// which the camera sees the whole tray (docs/picking.md).
+const PICKING_MM: f64 = 345.0;
 /// Gravity, m/s².
 const G: f64 = mcdpr_kinematics::GRAVITY_MPS2;
 
@@ -86,6 +92,12 @@ pub(crate) struct Answers {
     /// Winches
     #[arg(long, value_enum)]
     winch: Option<Module>,
+    /// Greatest opening of a gripper on the platform; without it there is none
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    gripper_mm: Option<f64>,
+    /// A depth camera (D415) on the platform
+    #[arg(long)]
+    camera: bool,
 }
 
 impl Answers {
@@ -98,6 +110,8 @@ impl Answers {
             && self.mass_kg.is_none()
             && self.platform_mm.is_none()
             && self.winch.is_none()
+            && self.gripper_mm.is_none()
+            && !self.camera
     }
 }
 
@@ -116,6 +130,8 @@ struct Frame {
     mass_kg: f64,
     platform_mm: [f64; 3],
     module: Module,
+    gripper_mm: Option<f64>,
+    camera: bool,
 }
 
 /// Ends of a cable, mm: world, and platform.
@@ -204,6 +220,9 @@ fn complete(file: &Path, answers: &Answers) -> Result<Frame, String> {
     };
     positive("the platform's size", &platform_mm)?;
     let module = answers.winch.unwrap_or(Module::Fast);
+    if let Some(opening) = answers.gripper_mm {
+        positive("the gripper's opening", &[opening])?;
+    }
     let (cables, from_below) = if let Some(frame) = &answers.frame_mm {
         let frame = three("--frame-mm", frame)?;
         positive("the frame's size", &frame)?;
@@ -245,6 +264,8 @@ fn complete(file: &Path, answers: &Answers) -> Result<Frame, String> {
         mass_kg,
         platform_mm,
         module,
+        gripper_mm: answers.gripper_mm,
+        camera: answers.camera,
     })
 }
 
@@ -357,7 +378,11 @@ impl Frame {
         let [half_x, half_y] = [self.size_mm[0], self.size_mm[1]]
             .map(|size| size * BOX_SHARES[usize::from(self.from_below)]);
         let home = self.home_mm();
-        let [bottom, top] = BOX_HEIGHTS.map(|share| home[2] + (self.size_mm[2] * share).round());
+        let [mut bottom, top] =
+            BOX_HEIGHTS.map(|share| home[2] + (self.size_mm[2] * share).round());
+        if self.gripper_mm.is_some() && self.camera {
+            bottom = bottom.min(top - PICKING_MM);
+        }
         let mut text = format!(
             "# {}: written by `mcdpr config init`. Every key is explained in docs/robot-file.md; absent\n\
              # keys have their defaults. Lines marked \"assumption\" are yours to measure.\n\n\
@@ -404,6 +429,23 @@ impl Frame {
             list(&[x - half_x, y - half_y, bottom].map(f64::round)),
             list(&[x + half_x, y + half_y, top].map(f64::round)),
         );
+        if let Some(opening) = self.gripper_mm {
+            let _ = write!(
+                text,
+                "\n[gripper]\nkind = \"digital\"\nstroke_mm = {opening}\n\
+                 switch = true                    # assumption: it reports that the jaws closed on nothing\n"
+            );
+        }
+        if self.camera {
+            let below = (home[2] - TARGET_BELOW_MM).max(0.0);
+            let _ = write!(
+                text,
+                "\n[camera]                         # assumption: a D415 beside the tool, with the default lens\n\
+                 depth = true\n\n[surroundings]\n\
+                 target_mm = {}              # of the simulated calibration target\n",
+                list(&[x, y, below].map(f64::round)),
+            );
+        }
         text
     }
 }
@@ -421,6 +463,8 @@ fn ask(file: &Path) -> Result<Answers, Failed> {
         "Winches: fast-27 (0.62 m/s, 200 N) or geared-371 (45 mm/s, 39 N)",
         "fast-27",
     )?;
+    let gripper = asker.line("Opening of a gripper, mm; 0: none", "0")?;
+    let camera = asker.line("A depth camera on the platform, y or n", "n")?;
     let bad = || Failed::from_error("the answers");
     let numbers = |text: &str| -> Result<Vec<f64>, Failed> {
         let words = text.split([' ', ',', 'x']).filter(|word| !word.is_empty());
@@ -442,6 +486,16 @@ fn ask(file: &Path) -> Result<Answers, Failed> {
         ),
         platform_mm: Some(numbers(&platform)?),
         winch: Some(<Module as clap::ValueEnum>::from_str(&winch, true).map_err(bad())?),
+        gripper_mm: match gripper.parse() {
+            Ok(0.0) => None,
+            Ok(opening) => Some(opening),
+            Err(_) => return Err(bad()(format!("{gripper:?} is not an opening in mm"))),
+        },
+        camera: match camera.as_str() {
+            "y" | "yes" => true,
+            "n" | "no" => false,
+            other => return Err(bad()(format!("{other:?} is neither y nor n"))),
+        },
     })
 }
 
