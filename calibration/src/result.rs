@@ -5,6 +5,7 @@
 
 use super::answer::Answer;
 use super::data::Data;
+use super::unknowns::Layout;
 use mcdpr_core::motion::{Model, PlanError};
 use mcdpr_core::robot::{Calibrated, Robot, Tag, TagPlace};
 use mcdpr_kinematics::Pose;
@@ -63,6 +64,19 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer, date: &str) -> Valu
         "answer": solved,
         "covariance_of_shared_unknowns_si": covariance,
     })
+}
+
+/// Standard deviation per axis of the camera's place on a calibrated robot's platform: position (m) and
+/// attitude (rad), root mean squares over the axes. `None` without a covariance.
+#[must_use]
+pub fn camera_sd(robot: &Robot) -> Option<[f64; 2]> {
+    let first = Layout::of(robot)?.camera();
+    let covariance = robot.calibrated.as_ref()?.covariance.as_ref()?;
+    let rms = |from: usize| {
+        let sum: f64 = (from..from + 3).map(|i| covariance[(i, i)].max(0.0)).sum();
+        (sum / 3.0).sqrt()
+    };
+    Some([rms(first), rms(first + 3)])
 }
 
 /// The robot with a new calibration ([`document`]) applied.

@@ -6,7 +6,7 @@
 //! pulley's radius by (1 - cos theta)/s n.
 
 use super::corner::{Corner, Entry, Places, Poses, put, spread};
-use super::data::Data;
+use super::data::{Data, Observation};
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
 use nalgebra::{Matrix3, Vector3};
@@ -57,6 +57,10 @@ impl Default for Scatter {
         }
     }
 }
+
+/// Relative spread of the cables' stiffness about the common one, one standard deviation: an assumption.
+/// Pieces of one line differ by some per cent, and their ends and the layers on the drum add to it.
+const EA_SPREAD: f64 = 0.1;
 
 /// All inputs of the rows besides the state.
 #[derive(Debug, Clone, Copy)]
@@ -133,8 +137,8 @@ impl Model<'_> {
         }
         let paths = paths.iter().flatten();
 
-        let weight = 1.0 / self.data.noise.encoder_m;
         let s = self.layout.scales();
+        let span_m = self.half_span_m();
         for (i, path) in paths.clone().enumerate() {
             let Some(reading) = seen.encoder_m[i] else {
                 continue;
@@ -143,6 +147,7 @@ impl Model<'_> {
                 (Some(t), true) => t[i],
                 _ => 0.0,
             };
+            let weight = 1.0 / self.encoder_sigma_m(k, i, span_m);
             // The encoder measures the paid-out length, without the stretch.
             let taut = 1.0 - state.compliance_per_n * tension;
             own.fill(0.0);
@@ -204,6 +209,35 @@ impl Model<'_> {
             self.balance(state, k, paths, &mut take);
         }
         self.corners(state, k, &mut own, &mut shared, &mut take)
+    }
+
+    /// Standard deviation of an encoder's length, m: its noise, and the stretch of a cable whose stiffness is
+    /// not quite the one that all share. A constant stretch is part of the initial length; the tension's
+    /// deviation from its mean over the poses is not.
+    fn encoder_sigma_m(&self, k: usize, i: usize, span_m: f64) -> f64 {
+        let noise_m = self.data.noise.encoder_m;
+        let tension_n = |seen: &Observation| seen.tension_n.as_ref()?.get(i).copied();
+        let Some(here_n) = tension_n(&self.data.poses[k]).filter(|_| self.layout.statics) else {
+            return noise_m;
+        };
+        let (mut sum_n, mut count) = (0.0, 0.0);
+        for tension_n in self.data.poses.iter().filter_map(tension_n) {
+            sum_n += tension_n;
+            count += 1.0;
+        }
+        // Constant over the iterations, so that every step is judged by the same weights.
+        let stretching_m = span_m + self.data.robot.routing_m[i];
+        let stretch_m = self.data.robot.compliance_per_n * (here_n - sum_n / count) * stretching_m;
+        noise_m.hypot(EA_SPREAD * stretch_m)
+    }
+
+    /// Half of the greatest distance between two anchors, m: about a cable's free length.
+    fn half_span_m(&self) -> f64 {
+        let cables = &self.data.robot.cables;
+        let pairs = cables
+            .iter()
+            .flat_map(|a| cables.iter().map(move |b| (a.anchor_m - b.anchor_m).norm()));
+        0.5 * pairs.fold(0.0, f64::max)
     }
 
     /// The six equations of equilibrium about the platform's origin, world axes.

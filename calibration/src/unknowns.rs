@@ -27,6 +27,18 @@ impl Layout {
     pub fn initial_length(&self, cable: usize) -> usize {
         3 * self.cables + cable
     }
+    /// Order of the unknowns in a calibrated robot's covariance; `None` without one.
+    pub(crate) fn of(robot: &mcdpr_core::robot::Robot) -> Option<Self> {
+        let calibrated = robot.calibrated.as_ref()?;
+        let rows = calibrated.covariance.as_ref()?.nrows();
+        // Data without tensions give a calibration without the unknowns of statics.
+        let layouts = [true, false].map(|statics| Self {
+            cables: robot.cables.len(),
+            bodies: calibrated.places.len(),
+            statics,
+        });
+        layouts.into_iter().find(|layout| layout.len() == rows)
+    }
     /// First of the six coordinates of camera_from_platform.
     #[must_use]
     pub fn camera(&self) -> usize {

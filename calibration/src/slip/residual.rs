@@ -26,18 +26,7 @@ impl Known {
     pub(super) fn of(robot: &Robot) -> Option<Self> {
         let calibrated = robot.calibrated.as_ref()?;
         let covariance = calibrated.covariance.as_ref()?;
-        let mut layout = Layout {
-            cables: robot.cables.len(),
-            bodies: calibrated.places.len(),
-            statics: true,
-        };
-        // Data without tensions give a calibration without the unknowns of statics.
-        if layout.len() != covariance.nrows() {
-            layout.statics = false;
-        }
-        if layout.len() != covariance.nrows() {
-            return None;
-        }
+        let layout = Layout::of(robot)?;
         // Rounding may have left a direction that is known exactly a little below zero.
         let eigen = covariance.clone().symmetric_eigen();
         let mut factor = eigen.eigenvectors;

@@ -458,7 +458,7 @@ pub(crate) static TAG: Section = Section {
 };
 
 /// `[surroundings]`.
-pub static SURROUNDINGS: Section = Section {
+pub(crate) static SURROUNDINGS: Section = Section {
     title: "[surroundings]",
     keys: &[
         key(

@@ -285,6 +285,8 @@ pub fn mat(rows: &TagRows) -> Mat {
 pub fn options(robot: &Robot) -> Result<Options, PickError> {
     let (_, hand) = gripper_of(robot)?;
     let places = Places::of(robot)?;
+    let [hand_eye_m, hand_eye_rad] =
+        crate::calibration::result::camera_sd(robot).unwrap_or(HAND_EYE_SD);
     let tray = places.tray();
     Ok(Options {
         look_m: places.look_m,
@@ -301,8 +303,8 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
         failures_max: 3,
         attempts_max: 40,
         uncertainty: Uncertainty {
-            hand_eye_m: 1e-4,
-            hand_eye_rad: 5e-4,
+            hand_eye_m,
+            hand_eye_rad,
             anchors_m: 2e-4,
             // sqrt(0.04^2 + 0.05^2) px: fine and coarse noise of the simulated camera together.
             disparity_px: 0.064,
@@ -312,6 +314,10 @@ pub fn options(robot: &Robot) -> Result<Options, PickError> {
         mat: None,
     })
 }
+
+/// Standard deviation of the camera's place on the platform where no calibration states it, m and rad: that
+/// of a calibrated `lab-fast`.
+const HAND_EYE_SD: [f64; 2] = [1e-4, 5e-4];
 
 /// Margin of the fingers when the mat gives their position, m.
 pub(crate) const MARGIN_BY_MAT_M: f64 = 0.002;
