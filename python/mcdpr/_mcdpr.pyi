@@ -63,6 +63,7 @@ class Robot:
         tool: bool,
         nan: bool,
     ) -> list[Array]: ...
+    def planned(self, position_m: Array, tool: bool) -> Array: ...
     def distribute(
         self,
         position_m: Array,
@@ -83,7 +84,7 @@ class Robot:
         test: str,
         tool: bool,
         attitude_rad: list[float],
-        tensions_n: list[float],
+        tensions_n: list[float] | None,
         min_n: list[float],
         max_n: list[float],
         tilt_max_rad: float,

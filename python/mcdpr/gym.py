@@ -77,7 +77,7 @@ class _Task:
         for _ in range(200):
             place: npt.NDArray[np.float64] = dice.uniform(low, high)
             try:
-                found = self.robot.statics(place, tool=True)
+                found = self.robot.statics(place, "setpoint", tool=True)
             except KinematicsError:
                 continue
             tensions = found.tensions_n

@@ -51,7 +51,7 @@ class MujocoModel:
         self.held = np.array([every_winch or cable["control"] == "Position" for cable in cables])
         self._ea_n = np.array([cable["ea_n"] for cable in cables])
         self._routing_m = np.array([cable["routing_length_m"] for cable in cables])
-        home = robot.statics(values["tool"]["home_in_world_m"], tool=True)
+        home = robot.statics(values["tool"]["home_in_world_m"], "setpoint", tool=True)
         self._home_m = home.paid_out_m
         self._mass_kg = values["platform"]["mass_kg"]
         self._inertia_kg_m2 = np.array(values["platform"]["inertia_kg_m2"]).reshape(3, 3)

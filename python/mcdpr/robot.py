@@ -391,9 +391,12 @@ class Robot:
 
     # -- statics ----------------------------------------------------------------------------------
 
-    def _held(self, tensions_n: Tensions | None) -> Array:
-        if tensions_n is not None:
+    def _held(self, tensions_n: Tensions | Literal["setpoint"] | None) -> Array:
+        """Tensions by cable; the set-point of the robot file without any."""
+        if tensions_n is not None and not isinstance(tensions_n, str):
             return tensions_by_cable("tensions_n", tensions_n, self.cable_count)
+        if isinstance(tensions_n, str) and tensions_n != "setpoint":
+            raise InputError(f'tensions_n: "{tensions_n}"; the only word is "setpoint"')
         held = np.full(self.cable_count, np.nan)
         held[self._native.tension_held] = self.values["tension"]["setpoint_n"]
         return held
@@ -416,7 +419,7 @@ class Robot:
     def statics(
         self,
         position_m: Numbers,
-        tensions_n: Tensions | None = None,
+        tensions_n: Tensions | Literal["setpoint"] | None = None,
         attitude_rad: Numbers | None = None,
         *,
         tool: bool = False,
@@ -427,13 +430,18 @@ class Robot:
         Args:
             position_m: (..., 3), world, m.
             tensions_n: of the tension-held cables: ``{4: 10.0}`` (cables from 1), or (..., n) with
-                NaN for length-held ones, N. None: those of the robot file at its set-point.
+                NaN for length-held ones, N. None: those of the robot file at the tension that a plan
+                chooses at each place; "setpoint": at its constant set-point.
             attitude_rad: (..., 3), only where six or more cables are length-held; level if None.
 
         Raises:
             KinematicsError: a cable would have to push, the place is singular, and so on.
         """
         held = self._held(tensions_n)
+        places = numbers("position_m", position_m)
+        if tensions_n is None and places.ndim > 0 and places.shape[-1] == 3:
+            lead = places.shape[:-1]
+            held = self._native.planned(places.reshape(-1, 3), tool).reshape(*lead, self.cable_count)
         lead, (position, attitude, flat) = self._poses(position_m, attitude_rad, tensions_n=held)
         nan = wants_nan(on_error)
         assert position is not None and flat is not None
@@ -443,7 +451,7 @@ class Robot:
     def stiffness(
         self,
         position_m: Numbers,
-        tensions_n: Tensions | None = None,
+        tensions_n: Tensions | Literal["setpoint"] | None = None,
         *,
         tool: bool = False,
         on_error: OnError = "raise",
@@ -454,7 +462,7 @@ class Robot:
     def modes(
         self,
         position_m: Numbers,
-        tensions_n: Tensions | None = None,
+        tensions_n: Tensions | Literal["setpoint"] | None = None,
         *,
         tool: bool = False,
         on_error: OnError = "raise",
@@ -564,7 +572,7 @@ class Robot:
         max_m: Numbers | None = None,
         counts: tuple[int, int, int] | None = None,
         test: Literal["equilibrium", "wrench", "forces"] | None = None,
-        tensions_n: Tensions | None = None,
+        tensions_n: Tensions | Literal["setpoint"] | None = None,
         attitude_rad: Numbers = (0.0, 0.0, 0.0),
         tool: bool = True,
     ) -> Workspace:
@@ -612,7 +620,7 @@ class Robot:
             test,
             tool,
             vector("attitude_rad", attitude_rad, 3, "roll, pitch, yaw"),
-            held.tolist(),
+            None if tensions_n is None else held.tolist(),
             lowest.tolist(),
             highest.tolist(),
             limits["tilt_max_rad"],

@@ -5,7 +5,7 @@ use crate::failure::{Failure, to_python};
 use crate::poses::{Poses, level_lengths, table_of};
 use crate::rows::{Answers, Table, array, fill};
 use mcdpr::calibration::result;
-use mcdpr::compute::{ComputeError, Free, Subject};
+use mcdpr::compute::{ComputeError, Free, Hanging, Subject};
 use mcdpr::model_file::{self, Format, Winches};
 use mcdpr_core::machine;
 use mcdpr_core::robot::{BUILT_IN, BuiltInModules, ModuleFiles};
@@ -359,6 +359,30 @@ impl Robot {
         })
     }
 
+    /// The tensions that a plan chooses at places, N; NaN for length-held cables.
+    fn planned(
+        &self,
+        py: Python<'_>,
+        position_m: PyReadonlyArray2<'_, f64>,
+        tool: bool,
+    ) -> PyResult<Two> {
+        let count = position_m.shape()[0];
+        let position = Table::of("position_m", &position_m, 3)?;
+        let (planned, own) = (self.subject.planned(tool), self.subject.own_tensions());
+        let cables = self.subject.count();
+        let answers = Answers::solve(py, count, [cables], false, |index, [row]| {
+            let place = Vector3::from(position.triple(index));
+            let tensions = planned
+                .as_ref()
+                .map_or(own, |rule| rule.tensions_n(&place, &mut None));
+            let numbers: Vec<f64> = tensions.iter().map(|n| n.unwrap_or(f64::NAN)).collect();
+            fill(row, &numbers);
+            Ok(())
+        })?;
+        let [tensions] = answers.arrays(py)?;
+        Ok(tensions)
+    }
+
     /// Tensions that balance gravity and a wrench.
     #[expect(
         clippy::too_many_arguments,
@@ -419,12 +443,15 @@ impl Robot {
         test: &str,
         tool: bool,
         attitude_rad: [f64; 3],
-        tensions_n: Vec<f64>,
+        tensions_n: Option<Vec<f64>>,
         min_n: Vec<f64>,
         max_n: Vec<f64>,
         tilt_max_rad: f64,
     ) -> PyResult<Verdicts> {
-        let tensions = held(&tensions_n);
+        let tensions = match &tensions_n {
+            Some(given) => held(given),
+            None => self.subject.own_tensions().to_vec(),
+        };
         let fixed = |balance| AnyWorkspaceTest::Fixed {
             balance,
             rotation: rotation_from_rpy(attitude_rad),
@@ -468,9 +495,25 @@ impl Robot {
             max_m: Vector3::from(max_m) - shift,
             counts,
         };
-        let verdicts = py
-            .detach(|| self.subject.geometry.workspace_parallel(&grid, &test))
-            .map_err(Failure::from)?;
+        let geometry = &self.subject.geometry;
+        let planned = match (&tensions_n, &test) {
+            (None, AnyWorkspaceTest::Equilibrium { .. }) => self.subject.planned(tool),
+            _ => None,
+        };
+        let verdicts = py.detach(|| match planned {
+            Some(planned) => {
+                let limits = Hanging {
+                    tool_in_platform_m: self.subject.point(tool),
+                    min_n: &min_n,
+                    max_n: &max_n,
+                    tilt_max_rad,
+                };
+                let judged = planned.workspace(geometry, &grid, &limits)?;
+                Ok(judged.into_iter().map(|(verdict, _)| verdict).collect())
+            }
+            None => geometry.workspace_parallel(&grid, &test),
+        });
+        let verdicts: Vec<Verdict> = verdicts.map_err(Failure::from)?;
         let codes = verdicts.iter().map(|verdict| code(*verdict)).collect();
         let cable = |verdict: &Verdict| verdict.limiting_cable().unwrap_or(0).try_into();
         let cables = verdicts.iter().map(|verdict| cable(verdict).unwrap_or(0));

@@ -80,7 +80,7 @@ def study(
     dice, off = np.random.default_rng(seed), []
     while len(off) < poses:
         try:
-            ours = robot.statics(dice.uniform(low, high), tool=True)
+            ours = robot.statics(dice.uniform(low, high), "setpoint", tool=True)
         except mcdpr.KinematicsError:
             continue
         tension, limits = ours.tensions_n, robot.values["limits"]

@@ -24,7 +24,7 @@ def study(name: str, poses: int, seed: int) -> dict[str, float]:
     while seen["poses"] < poses:
         place = dice.uniform(low, high)
         try:
-            ours = robot.statics(place, tool=True)
+            ours = robot.statics(place, "setpoint", tool=True)
         except mcdpr.KinematicsError:
             continue
         tension = ours.tensions_n

@@ -122,6 +122,23 @@ def test_the_work_space_equals_the_program() -> None:
         assert int(found.feasible.sum()) == answer["feasible"] > 0
 
 
+def test_places_have_the_tension_that_plans_choose() -> None:
+    robot = mcdpr.Robot.load("lab-fast")
+    place = [0.255, -0.105, -0.18]
+    planned, constant = robot.statics(place, tool=True), robot.statics(place, "setpoint", tool=True)
+    assert constant.tensions_n[3] == robot.values["tension"]["setpoint_n"]
+    # No other tension makes the smallest tension greater.
+    for more in (-0.5, 0.5):
+        other = robot.statics(place, {4: planned.tensions_n[3] + more}, tool=True)
+        assert other.tensions_n.min() < planned.tensions_n.min()
+    answer = program("statics", *(f"{v}m" for v in place), "--tool", "--robot", "lab-fast", "--json")
+    assert planned.tensions_n.tolist() == answer["tensions_n"]
+    space, narrow = robot.workspace(0.1), robot.workspace(0.1, tensions_n="setpoint")
+    assert int(space.feasible.sum()) > int(narrow.feasible.sum()) > 0
+    with pytest.raises(mcdpr.InputError):
+        robot.statics(place, "as you like", tool=True)  # type: ignore[arg-type]
+
+
 def test_tensions_balance_a_load() -> None:
     robot = mcdpr.Robot.load("eight-cable")
     load = np.array([3.0, -2.0, 1.0, 0.1, 0.0, -0.1])

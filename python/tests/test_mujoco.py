@@ -32,7 +32,7 @@ def test_the_program_writes_the_same_files(tmp_path: Path) -> None:
 def test_lengths_at_home_are_those_of_the_kinematics(name: str) -> None:
     robot = mcdpr.Robot.load(name)
     judge = MujocoModel(robot)
-    home = robot.statics(robot.values["tool"]["home_in_world_m"], tool=True)
+    home = robot.statics(robot.values["tool"]["home_in_world_m"], "setpoint", tool=True)
     judge.put(home)
     cables = robot.values["cables"]
     behind = [
@@ -75,7 +75,7 @@ def test_modes_are_those_of_the_statics(name: str, braked: bool) -> None:
 def test_the_model_runs_and_the_platform_swings() -> None:
     judge = MujocoModel(mcdpr.Robot.load("paper-table5"))
     robot = judge.robot
-    home = robot.statics(robot.values["tool"]["home_in_world_m"], tool=True)
+    home = robot.statics(robot.values["tool"]["home_in_world_m"], "setpoint", tool=True)
     judge.put(home, [0.002, 0.0, 0.0])
     away = []
     for _ in range(100):

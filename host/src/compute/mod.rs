@@ -5,7 +5,7 @@ mod error;
 mod planned;
 
 pub use error::ComputeError;
-pub use planned::Planned;
+pub use planned::{Hanging, Judged, Planned};
 
 use crate::machine;
 use crate::robot::{Control, Robot};

@@ -4,7 +4,7 @@ use super::workspace::{Question, Test};
 use crate::compute::{ComputeError, Subject};
 use crate::units::Quantity;
 use mcdpr_kinematics::{
-    AnyRobot, Bound, CableVec, EquilibriumGuess, Error, Grid, Pose, StaticOptions, Verdict,
+    AnyRobot, Bound, EquilibriumGuess, Error, Grid, Pose, StaticOptions, Verdict,
 };
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -158,27 +158,18 @@ pub(super) fn assess(
         of_origin.min_m -= shift;
         of_origin.max_m -= shift;
     }
-    let tensions = tensions(question, grid);
-    let at = |index: usize| tensions.get(index).unwrap_or(&question.tensions_n);
-    let verdicts = if tensions.is_empty() {
-        let test = question.test(&question.tensions_n);
-        subject.geometry.workspace_parallel(&of_origin, &test)?
-    } else {
-        let places = tensions.par_iter().enumerate();
-        let judged = places.map(|(index, tensions_n)| {
-            let place_m = grid.point_m(index);
-            let one = Grid {
-                min_m: place_m,
-                max_m: place_m,
-                counts: [1; 3],
-            };
-            let verdicts = subject
-                .geometry
-                .workspace(&one, &question.test(tensions_n))?;
-            Ok(verdicts.first().copied().unwrap_or(Verdict::Unbalanced))
-        });
-        judged.collect::<Result<Vec<_>, Error>>()?
+    let (verdicts, tensions): (Vec<_>, Vec<_>) = match &question.planned {
+        Some(planned) => {
+            let judged = planned.workspace(&subject.geometry, grid, &question.limits())?;
+            judged.into_iter().unzip()
+        }
+        None => {
+            let geometry = &subject.geometry;
+            let verdicts = geometry.workspace_parallel(&of_origin, &question.test())?;
+            (verdicts, Vec::new())
+        }
     };
+    let at = |index: usize| tensions.get(index).unwrap_or(&question.tensions_n);
     let mut cells: Vec<_> = verdicts.into_iter().map(Cell::Judged).collect();
     if question.clearance_m.is_some() {
         cells
@@ -193,23 +184,6 @@ pub(super) fn assess(
             })?;
     }
     Ok(cells)
-}
-
-/// Tensions at every point of a grid, N; empty if they are the same everywhere.
-fn tensions(question: &Question, grid: &Grid) -> Vec<CableVec<Option<f64>>> {
-    let Some(planned) = &question.planned else {
-        return Vec::new();
-    };
-    let count = grid.counts.iter().product::<usize>();
-    let row = grid.counts.first().copied().unwrap_or(1).max(1);
-    let starts: Vec<usize> = (0..count).step_by(row).collect();
-    // Along a row, x, each point starts from the one before it.
-    let rows = starts.par_iter().flat_map_iter(|&start| {
-        let mut near = None;
-        let points = start..(start + row).min(count);
-        points.map(move |index| planned.tensions_n(&grid.point_m(index), &mut near))
-    });
-    rows.collect()
 }
 
 /// The cable, if any, that comes too near to an obstacle at a feasible point.

@@ -4,7 +4,7 @@ use super::super::table::lay_out;
 use super::super::{Common, Failed, Outcome, write_out};
 use super::grid::{self, Axis, Counts};
 use super::{UNITS, conclude, quantity, slice, triple};
-use crate::compute::{ComputeError, Planned, Subject};
+use crate::compute::{ComputeError, Hanging, Planned, Subject};
 use crate::report::RunFolder;
 use crate::units::Quantity;
 use mcdpr_kinematics::{AnyWorkspaceTest, Balance, CableVec, PlatformBox, rotation_from_rpy};
@@ -83,8 +83,7 @@ pub(super) struct Question {
 }
 
 impl Question {
-    /// The test, with these tensions of the tension-held cables, N.
-    pub(super) fn test<'a>(&'a self, tensions_n: &'a [Option<f64>]) -> AnyWorkspaceTest<'a> {
+    pub(super) fn test(&self) -> AnyWorkspaceTest<'_> {
         let (min_n, max_n) = (&self.min_n[..], &self.max_n[..]);
         let fixed = |balance| AnyWorkspaceTest::Fixed {
             balance,
@@ -97,11 +96,21 @@ impl Question {
             Test::Forces => fixed(Balance::Forces),
             Test::Equilibrium => AnyWorkspaceTest::Equilibrium {
                 tool_in_platform_m: self.point_m,
-                tensions_n,
+                tensions_n: &self.tensions_n,
                 min_n,
                 max_n,
                 tilt_max_rad: self.tilt_max_rad,
             },
+        }
+    }
+
+    /// The limits of a place.
+    pub(super) fn limits(&self) -> Hanging<'_> {
+        Hanging {
+            tool_in_platform_m: self.point_m,
+            min_n: &self.min_n,
+            max_n: &self.max_n,
+            tilt_max_rad: self.tilt_max_rad,
         }
     }
 
