@@ -6,7 +6,7 @@
 //! pulley's radius by (1 - cos theta)/s n.
 
 use super::corner::{Corner, Entry, Places, Poses, put, spread};
-use super::data::{Data, Observation};
+use super::data::Data;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
 use nalgebra::{Matrix3, Vector3};
@@ -138,7 +138,7 @@ impl Model<'_> {
         let paths = paths.iter().flatten();
 
         let s = self.layout.scales();
-        let span_m = self.half_span_m();
+        let sigmas_m = self.encoder_sigmas_m(k);
         for (i, path) in paths.clone().enumerate() {
             let Some(reading) = seen.encoder_m[i] else {
                 continue;
@@ -147,7 +147,7 @@ impl Model<'_> {
                 (Some(t), true) => t[i],
                 _ => 0.0,
             };
-            let weight = 1.0 / self.encoder_sigma_m(k, i, span_m);
+            let weight = 1.0 / sigmas_m[i];
             // The encoder measures the paid-out length, without the stretch.
             let taut = 1.0 - state.compliance_per_n * tension;
             own.fill(0.0);
@@ -211,24 +211,34 @@ impl Model<'_> {
         self.corners(state, k, &mut own, &mut shared, &mut take)
     }
 
-    /// Standard deviation of an encoder's length, m: its noise, and the stretch of a cable whose stiffness is
-    /// not quite the one that all share. A constant stretch is part of the initial length; the tension's
-    /// deviation from its mean over the poses is not.
-    fn encoder_sigma_m(&self, k: usize, i: usize, span_m: f64) -> f64 {
-        let noise_m = self.data.noise.encoder_m;
-        let tension_n = |seen: &Observation| seen.tension_n.as_ref()?.get(i).copied();
-        let Some(here_n) = tension_n(&self.data.poses[k]).filter(|_| self.layout.statics) else {
-            return noise_m;
+    /// Standard deviation of the encoders' lengths by pose and cable, m: their noise, and the stretch of a
+    /// cable whose stiffness is not quite the one that all share. A constant stretch is part of the initial
+    /// length; the tension's deviation from its mean over the poses is not. Where that is less than the
+    /// encoders' noise, as with short cables, it is neglected.
+    ///
+    /// It does not depend on the state: every step of the estimate is judged by the same weights.
+    fn encoder_sigmas_m(&self, k: usize) -> Vec<f64> {
+        let (data, noise_m) = (self.data, self.data.noise.encoder_m);
+        let cables = data.robot.cables.len();
+        let half_span_m = self.half_span_m();
+        let tensions = || data.poses.iter().filter_map(|seen| seen.tension_n.as_ref());
+        let count = tensions().count().max(1) as f64;
+        let stretch_m = |i: usize, tension_n: f64| {
+            let mean_n = tensions().map(|t| t[i]).sum::<f64>() / count;
+            let stretching_m = half_span_m + data.robot.routing_m[i];
+            EA_SPREAD * data.robot.compliance_per_n * (tension_n - mean_n) * stretching_m
         };
-        let (mut sum_n, mut count) = (0.0, 0.0);
-        for tension_n in self.data.poses.iter().filter_map(tension_n) {
-            sum_n += tension_n;
-            count += 1.0;
+        let squares: f64 = tensions()
+            .flat_map(|t| (0..cables).map(move |i| (i, t[i])))
+            .map(|(i, tension_n)| stretch_m(i, tension_n).powi(2))
+            .sum();
+        let rms_m = (squares / (count * cables as f64)).sqrt();
+        match &data.poses[k].tension_n {
+            Some(here) if self.layout.statics && rms_m > noise_m => (0..cables)
+                .map(|i| noise_m.hypot(stretch_m(i, here[i])))
+                .collect(),
+            _ => vec![noise_m; cables],
         }
-        // Constant over the iterations, so that every step is judged by the same weights.
-        let stretching_m = span_m + self.data.robot.routing_m[i];
-        let stretch_m = self.data.robot.compliance_per_n * (here_n - sum_n / count) * stretching_m;
-        noise_m.hypot(EA_SPREAD * stretch_m)
     }
 
     /// Half of the greatest distance between two anchors, m: about a cable's free length.

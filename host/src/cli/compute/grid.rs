@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// Most points of a grid: some seconds of the slowest test, and 100 MB.
+/// Most points of a grid: some seconds of a test at given tensions, half an hour of the rule of plans, 100 MB.
 const MOST_POINTS: f64 = 2e7;
 
 /// Result at a grid point.

@@ -1,5 +1,6 @@
 //! `mcdpr workspace`: the robot's workspace.
 
+use super::super::progress::Phase;
 use super::super::table::lay_out;
 use super::super::{Common, Failed, Outcome, write_out};
 use super::grid::{self, Axis, Counts};
@@ -162,7 +163,9 @@ impl Cmd {
         let places: Vec<_> = places.collect::<Result<_, _>>()?;
         let bounds = subject.robot.search_box_in_world_m();
         let grid = grid::over(bounds, step_m)?;
+        let phase = Phase::begin("judging the places of the grid");
         let cells = grid::assess(&subject, &question, &grid)?;
+        drop(phase);
         let counts = Counts::of(&cells, subject.count());
         let feasible = counts.feasible();
         let extent = grid.max_m - grid.min_m;
