@@ -1,5 +1,6 @@
 //! Chores of the project: `cargo xtask test`, `cargo xtask lint`, `cargo xtask firmware`.
 
+mod features;
 mod firmware;
 mod functions;
 mod programs;
@@ -24,8 +25,8 @@ ros         build mcdpr and its ROS side (ros/, outside of the workspace: minute
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
-seams       no ring of modules, no public item unused outside its crate; the crates without a system compile for wasm32;
-            prints the ten longest functions
+seams       no ring of modules, no public item unused outside its crate; no dependency is built twice for the
+            program and the tests; the crates without a system compile for wasm32; prints the ten longest functions
 lint        formatting, seams, lints and documentation, warnings denied";
 
 fn main() -> ExitCode {
@@ -122,10 +123,14 @@ const FEATURES: &str = "mcdpr-kinematics/rayon";
 /// known.
 const LINTED: &str = "mcdpr-kinematics/rayon,mcdpr/flash,mcdpr/onnx,mcdpr/v4l2,mcdpr/realsense";
 
-/// What keeps the crates apart: no ring of modules, nothing public that only its own crate names, and no
-/// operating system below the host.
+/// What keeps the crates apart: no ring of modules, nothing public that only its own crate names, no
+/// operating system below the host; and nothing built twice.
 fn seams() -> Result<(), String> {
-    let found = [seams::check(), public::check()];
+    let found = [
+        seams::check(),
+        public::check(),
+        features::check(&cargo_program(), FEATURES),
+    ];
     let wrong: Vec<String> = found.into_iter().filter_map(Result::err).collect();
     if !wrong.is_empty() {
         return Err(wrong.join("\n"));
@@ -164,8 +169,16 @@ fn lint() -> Result<(), String> {
     ])?;
     firmware::lint()?;
     ros::check_format()?;
+    // The features of clippy, so that dependencies are checked once.
     run(Command::new(cargo_program())
-        .args(["doc", "--locked", "--workspace", "--no-deps"])
+        .args([
+            "doc",
+            "--locked",
+            "--workspace",
+            "--no-deps",
+            "--features",
+            LINTED,
+        ])
         .env("RUSTDOCFLAGS", "-D warnings"))
 }
 

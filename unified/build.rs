@@ -1,0 +1,3 @@
+//! Nothing: without a build script Cargo leaves out the build dependencies, whose features matter here.
+
+fn main() {}
