@@ -99,15 +99,12 @@ fn attempt(data: &Data, usable: &Usable, options: &Options) -> Result<Answer, Re
 }
 
 pub(crate) fn model<'a>(usable: &'a Usable, options: &Options) -> Model<'a> {
-    Model {
-        data: &usable.data,
-        layout: Layout {
-            cables: usable.data.cable_count(),
-            bodies: usable.data.world_from_body.len(),
-            statics: usable.data.has_statics() && !options.without_statics,
-        },
-        scatter: options.scatter,
-    }
+    let layout = Layout {
+        cables: usable.data.cable_count(),
+        bodies: usable.data.world_from_body.len(),
+        statics: usable.data.has_statics() && !options.without_statics,
+    };
+    Model::new(&usable.data, layout, options.scatter)
 }
 
 /// Whether another tag size would explain data that do not fit as they are.

@@ -6,7 +6,7 @@
 //! | [`data`] | measurements and prior knowledge; `read` is its file form |
 //! | [`check`] | checks of the data before anything is solved |
 //! | [`pnp`] | poses of tags from one picture |
-//! | `unknowns`, `rows` | the unknowns of the joint method, and the row of each measurement |
+//! | `unknowns`, `rows`, `stretch` | the unknowns of the joint method, the row of each measurement, the encoders' weights |
 //! | `normal`, `solve` | elimination of the poses; Levenberg-Marquardt; outliers |
 //! | [`dense`] | the same in a plain implementation, for comparison |
 //! | `observability`, `predict` | which unknowns the data determine, and the expected position error |
@@ -15,7 +15,7 @@
 //! | [`mod@paper`], `hand_eye`, `lengths` | the paper's method, for comparison; anchors from lengths if tag poses are given |
 //! | `design`, [`space`], [`views`], [`plan`] | information of poses, reachable poses, tags in view, selection |
 //! | [`result`] | the calibration in its file form, and the calibrated robot |
-//! | [`target`] | tags to print |
+//! | [`target`], [`sheets`] | tags to print, and the paper that they need |
 //! | [`general`] | any combination of sensors, real scatter, several sessions |
 //! | [`slip`] | checks the calibration of the running robot, and names the cable that slipped |
 //! | [`verify`] | comparison with poses measured by other means |
@@ -43,10 +43,12 @@ mod predict;
 mod read;
 pub mod result;
 mod rows;
+pub mod sheets;
 pub mod simulate;
 pub mod slip;
 mod solve;
 pub mod space;
+mod stretch;
 pub mod study;
 pub mod target;
 mod unknowns;

@@ -7,6 +7,7 @@
 
 use super::corner::{Corner, Entry, Places, Poses, put, spread};
 use super::data::Data;
+use super::stretch::encoder_sigmas_m;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Error, GRAVITY_MPS2, Inverse, Pose, Robot};
 use nalgebra::{Matrix3, Vector3};
@@ -58,12 +59,8 @@ impl Default for Scatter {
     }
 }
 
-/// Relative spread of the cables' stiffness about the common one, one standard deviation: an assumption.
-/// Pieces of one line differ by some per cent, and their ends and the layers on the drum add to it.
-const EA_SPREAD: f64 = 0.1;
-
 /// All inputs of the rows besides the state.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Model<'a> {
     /// The measurements.
     pub data: &'a Data,
@@ -71,6 +68,8 @@ pub struct Model<'a> {
     pub layout: Layout,
     /// Scatter of the rows for which no sensor noise is stated.
     pub scatter: Scatter,
+    /// Standard deviations of the encoders' lengths, m, by pose and cable.
+    encoder_sigmas_m: Vec<Vec<f64>>,
 }
 
 /// One cable as a separate robot: the kinematics crate's closed form for any number of cables.
@@ -114,6 +113,19 @@ fn path(robot: &Robot<1>, pose: &Pose, statics: bool) -> Result<Path, Error> {
     })
 }
 
+impl<'a> Model<'a> {
+    /// The rows of these measurements.
+    #[must_use]
+    pub fn new(data: &'a Data, layout: Layout, scatter: Scatter) -> Self {
+        Self {
+            data,
+            layout,
+            scatter,
+            encoder_sigmas_m: encoder_sigmas_m(data, layout.statics),
+        }
+    }
+}
+
 impl Model<'_> {
     /// Calls `take` with every row of one pose, always in the same order.
     ///
@@ -138,7 +150,6 @@ impl Model<'_> {
         let paths = paths.iter().flatten();
 
         let s = self.layout.scales();
-        let sigmas_m = self.encoder_sigmas_m(k);
         for (i, path) in paths.clone().enumerate() {
             let Some(reading) = seen.encoder_m[i] else {
                 continue;
@@ -147,7 +158,7 @@ impl Model<'_> {
                 (Some(t), true) => t[i],
                 _ => 0.0,
             };
-            let weight = 1.0 / sigmas_m[i];
+            let weight = 1.0 / self.encoder_sigmas_m[k][i];
             // The encoder measures the paid-out length, without the stretch.
             let taut = 1.0 - state.compliance_per_n * tension;
             own.fill(0.0);
@@ -209,45 +220,6 @@ impl Model<'_> {
             self.balance(state, k, paths, &mut take);
         }
         self.corners(state, k, &mut own, &mut shared, &mut take)
-    }
-
-    /// Standard deviation of the encoders' lengths by pose and cable, m: their noise, and the stretch of a
-    /// cable whose stiffness is not quite the one that all share. A constant stretch is part of the initial
-    /// length; the tension's deviation from its mean over the poses is not. Where that is less than the
-    /// encoders' noise, as with short cables, it is neglected.
-    ///
-    /// It does not depend on the state: every step of the estimate is judged by the same weights.
-    fn encoder_sigmas_m(&self, k: usize) -> Vec<f64> {
-        let (data, noise_m) = (self.data, self.data.noise.encoder_m);
-        let cables = data.robot.cables.len();
-        let half_span_m = self.half_span_m();
-        let tensions = || data.poses.iter().filter_map(|seen| seen.tension_n.as_ref());
-        let count = tensions().count().max(1) as f64;
-        let stretch_m = |i: usize, tension_n: f64| {
-            let mean_n = tensions().map(|t| t[i]).sum::<f64>() / count;
-            let stretching_m = half_span_m + data.robot.routing_m[i];
-            EA_SPREAD * data.robot.compliance_per_n * (tension_n - mean_n) * stretching_m
-        };
-        let squares: f64 = tensions()
-            .flat_map(|t| (0..cables).map(move |i| (i, t[i])))
-            .map(|(i, tension_n)| stretch_m(i, tension_n).powi(2))
-            .sum();
-        let rms_m = (squares / (count * cables as f64)).sqrt();
-        match &data.poses[k].tension_n {
-            Some(here) if self.layout.statics && rms_m > noise_m => (0..cables)
-                .map(|i| noise_m.hypot(stretch_m(i, here[i])))
-                .collect(),
-            _ => vec![noise_m; cables],
-        }
-    }
-
-    /// Half of the greatest distance between two anchors, m: about a cable's free length.
-    fn half_span_m(&self) -> f64 {
-        let cables = &self.data.robot.cables;
-        let pairs = cables
-            .iter()
-            .flat_map(|a| cables.iter().map(move |b| (a.anchor_m - b.anchor_m).norm()));
-        0.5 * pairs.fold(0.0, f64::max)
     }
 
     /// The six equations of equilibrium about the platform's origin, world axes.
@@ -462,11 +434,7 @@ mod tests {
             bodies: 3,
             statics: true,
         };
-        let model = Model {
-            data: &data,
-            layout,
-            scatter: Scatter::default(),
-        };
+        let model = Model::new(&data, layout, Scatter::default());
         let state = case(&data, &layout);
         let (own, shared) = (layout.local(), layout.len());
         for k in 0..data.poses.len() {

@@ -167,7 +167,7 @@ fn sources_of(model: &Model<'_>, state: &State) -> Option<Vec<Vec<Source>>> {
 
 /// Residuals in standard deviations of the residual itself, where the measurement is overdetermined.
 fn studentised(residual: f64, leverage: f64) -> f64 {
-    // Near a leverage of 1 the estimate follows the row: the residual is rounding and tells
+    // Near a leverage of 1 the estimate follows the row: the residual is rounding and shows
     // nothing.
     residual / (1.0 - leverage).max(0.05).sqrt()
 }
@@ -195,7 +195,7 @@ fn tension_ratio(normal: &Normal, rows: &Rows, weights: &Weights) -> Option<(f64
 /// [`Refusal::NotConverged`].
 pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Minimum, Refusal> {
     initial_lengths(model.data, &mut start)?;
-    let mut model = *model;
+    let mut model = model.clone();
     let unsolved = |what: &str| Refusal::NotConverged {
         what: what.to_owned(),
     };
@@ -223,7 +223,7 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
                 for (j, weight) in list.iter_mut().enumerate() {
                     let r = together(&descent.linear.residuals[k], &sources[k], j) / scale;
                     *weight = match sources[k][j] {
-                        // Equilibrium is no reading: it has no outliers.
+                        // Equilibrium is not a reading: it has no outliers.
                         Source::Balance(_) => 1.0,
                         _ => 1.0 / (1.0 + r * r),
                     };
