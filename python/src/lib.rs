@@ -6,6 +6,7 @@
     reason = "a failure ends the call: it becomes a Python exception at once"
 )]
 
+mod batch;
 mod calibrate;
 mod edit;
 mod engine;
@@ -18,6 +19,7 @@ mod record;
 mod robot;
 mod rows;
 mod session;
+mod workspace;
 mod world;
 
 /// The module `mcdpr._mcdpr`.

@@ -7,6 +7,7 @@ use mcdpr_kinematics::{AnyRobot, Pose, rotation_from_rpy};
 use nalgebra::{Rotation3, Vector3};
 use numpy::PyReadonlyArray2;
 use pyo3::PyResult;
+use std::ops::Range;
 
 /// Poses of the platform, row by row.
 pub(crate) struct Poses {
@@ -48,17 +49,20 @@ impl Poses {
     }
 }
 
-/// Lengths of a level platform at many places: one pose that moves, straight into the rows of the answer.
+/// Lengths of a level platform at some of the places: one pose that moves, straight into the rows of the
+/// answer.
 pub(crate) fn level_lengths(
     geometry: &AnyRobot,
     poses: &Poses,
     nan: bool,
+    range: Range<usize>,
     out: &mut [f64],
 ) -> Result<(), Failure> {
     let mut pose = Pose::new(Vector3::zeros(), poses.level);
     let shift = poses.level * poses.point_m;
     let rows = out.chunks_exact_mut(geometry.cable_count());
-    for (index, (place, row)) in poses.position.rows().zip(rows).enumerate() {
+    let places = poses.position.rows(range.clone());
+    for (index, (place, row)) in range.zip(places.zip(rows)) {
         let [x, y, z] = place else { continue };
         pose.position_m = Vector3::new(*x, *y, *z) - shift;
         let done = match geometry {

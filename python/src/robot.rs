@@ -1,20 +1,21 @@
 //! The robot: its file, its calibration, and its mathematics over rows of poses.
 
+use crate::batch::{CLOSED_FORM, ITERATIVE, in_parts};
 use crate::edit::set;
 use crate::failure::{Failure, to_python};
 use crate::poses::{Poses, level_lengths, table_of};
 use crate::rows::{Answers, Table, array, fill};
+use crate::workspace::{self, Asked, Verdicts};
 use mcdpr::calibration::result;
-use mcdpr::compute::{ComputeError, Free, Hanging, Subject};
+use mcdpr::compute::{ComputeError, Free, Subject};
 use mcdpr::model_file::{self, Format, Winches};
 use mcdpr_core::machine;
 use mcdpr_core::robot::{BUILT_IN, BuiltInModules, ModuleFiles};
 use mcdpr_kinematics::{
-    AnyGoal, AnyRobot, AnyWorkspaceTest, Balance, Bound as Side, Equilibrium, Error,
-    ForwardOptions, Grid, MAX_CABLES, Pose, Stability, Verdict, rotation_from_rpy,
+    AnyGoal, AnyRobot, Balance, Equilibrium, ForwardOptions, MAX_CABLES, Pose, Stability,
 };
 use nalgebra::{Vector3, Vector6};
-use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use serde_json::Value;
 use std::hint::black_box;
@@ -46,8 +47,6 @@ impl ModuleFiles for Kept<'_> {
 }
 
 type Two = Py<PyArray2<f64>>;
-/// Codes of the verdicts of a grid, and the cable that limits each.
-type Verdicts = (Py<PyArray1<u8>>, Py<PyArray1<u8>>);
 
 /// Names of the built-in robots.
 #[pyfunction]
@@ -179,13 +178,22 @@ impl Robot {
         let cables = self.subject.count();
         let geometry = &self.subject.geometry;
         if poses.are_level() {
-            let mut out = vec![f64::NAN; cables * count];
-            py.detach(|| level_lengths(geometry, &poses, nan, &mut out))?;
+            let mut out = [vec![0.0; cables * count]];
+            py.detach(|| {
+                in_parts(&mut out, [cables], count, CLOSED_FORM, |range, [rows]| {
+                    level_lengths(geometry, &poses, nan, range, rows)
+                })
+            })?;
+            let [out] = out;
             return array(py, out, cables);
         }
-        let answers = Answers::solve(py, count, [cables], nan, |index, [lengths]| {
-            Ok(geometry.lengths_into(&poses.at(index), lengths)?)
-        })?;
+        let answers = Answers::solve(
+            py,
+            (count, CLOSED_FORM),
+            [cables],
+            nan,
+            |index, [lengths]| Ok(geometry.lengths_into(&poses.at(index), lengths)?),
+        )?;
         let [lengths] = answers.arrays(py)?;
         Ok(lengths)
     }
@@ -233,7 +241,7 @@ impl Robot {
         let cables = self.subject.count();
         let widths = [cables, cables, 3 * cables, 3 * cables];
         let geometry = &self.subject.geometry;
-        let answers = Answers::solve(py, count, widths, nan, |index, rows| {
+        let answers = Answers::solve(py, (count, CLOSED_FORM), widths, nan, |index, rows| {
             let [lengths, wraps, directions, tangents] = rows;
             let paths = geometry.paths(&poses.at(index))?;
             fill(lengths, paths.iter().map(|path| &path.length_m));
@@ -265,7 +273,7 @@ impl Robot {
         let poses = Poses::of(&self.subject, &position_m, attitude_rad.as_ref(), tool)?;
         let geometry = &self.subject.geometry;
         let width = 6 * self.subject.count();
-        let answers = Answers::solve(py, count, [width], nan, |index, [row]| {
+        let answers = Answers::solve(py, (count, CLOSED_FORM), [width], nan, |index, [row]| {
             let pose = poses.at(index);
             let rows = match euler {
                 true => geometry.euler_jacobian(&pose)?,
@@ -304,7 +312,7 @@ impl Robot {
             max_residual_m,
             ..ForwardOptions::default()
         };
-        let answers = Answers::solve(py, count, [3, 3, 1, 1], nan, |index, rows| {
+        let answers = Answers::solve(py, (count, ITERATIVE), [3, 3, 1, 1], nan, |index, rows| {
             let [position, angles, residual, iterations] = rows;
             let attitude = attitude.as_ref().map(|table| table.triple(index));
             let (found, _) = self
@@ -370,7 +378,7 @@ impl Robot {
         let position = Table::of("position_m", &position_m, 3)?;
         let (planned, own) = (self.subject.planned(tool), self.subject.own_tensions());
         let cables = self.subject.count();
-        let answers = Answers::solve(py, count, [cables], false, |index, [row]| {
+        let answers = Answers::solve(py, (count, ITERATIVE), [cables], false, |index, [row]| {
             let place = Vector3::from(position.triple(index));
             let tensions = planned
                 .as_ref()
@@ -410,7 +418,7 @@ impl Robot {
             Balance::Wrench
         };
         let cables = self.subject.count();
-        let answers = Answers::solve(py, count, [cables], nan, |index, [row]| {
+        let answers = Answers::solve(py, (count, CLOSED_FORM), [cables], nan, |index, [row]| {
             let goal = match (&near_n, minimum_norm) {
                 (Some(near), _) => AnyGoal::NearestTo(near),
                 (None, true) => AnyGoal::MinimumNorm,
@@ -448,79 +456,16 @@ impl Robot {
         max_n: Vec<f64>,
         tilt_max_rad: f64,
     ) -> PyResult<Verdicts> {
-        let tensions = match &tensions_n {
-            Some(given) => held(given),
-            None => self.subject.own_tensions().to_vec(),
-        };
-        let fixed = |balance| AnyWorkspaceTest::Fixed {
-            balance,
-            rotation: rotation_from_rpy(attitude_rad),
+        let asked = Asked {
+            tool,
+            attitude_rad,
+            tensions_n: tensions_n.map(|given| held(&given)),
             min_n: &min_n,
             max_n: &max_n,
+            tilt_max_rad,
         };
-        let planar = self.subject.planar.then(|| {
-            self.subject.refused(Error::TooFewCables {
-                solver: mcdpr_kinematics::Solver::TensionDistribution,
-                needed: 6,
-                got: self.subject.count(),
-            })
-        });
-        if let Some(error) = planar {
-            return Err(Failure::from(error).into());
-        }
-        let test = match test {
-            "wrench" => fixed(Balance::Wrench),
-            "forces" => fixed(Balance::Forces),
-            _ => {
-                let by_length = tensions.iter().filter(|t| t.is_none()).count();
-                if by_length != 3 {
-                    return Err(Failure::from(self.subject.length_held(by_length)).into());
-                }
-                AnyWorkspaceTest::Equilibrium {
-                    tool_in_platform_m: self.subject.point(tool),
-                    tensions_n: &tensions,
-                    min_n: &min_n,
-                    max_n: &max_n,
-                    tilt_max_rad,
-                }
-            }
-        };
-        // The place of the tool at this attitude, as a place of the platform's origin.
-        let shift = match test {
-            AnyWorkspaceTest::Fixed { rotation, .. } => rotation * self.subject.point(tool),
-            AnyWorkspaceTest::Equilibrium { .. } => Vector3::zeros(),
-        };
-        let grid = Grid {
-            min_m: Vector3::from(min_m) - shift,
-            max_m: Vector3::from(max_m) - shift,
-            counts,
-        };
-        let geometry = &self.subject.geometry;
-        let planned = match (&tensions_n, &test) {
-            (None, AnyWorkspaceTest::Equilibrium { .. }) => self.subject.planned(tool),
-            _ => None,
-        };
-        let verdicts = py.detach(|| match planned {
-            Some(planned) => {
-                let limits = Hanging {
-                    tool_in_platform_m: self.subject.point(tool),
-                    min_n: &min_n,
-                    max_n: &max_n,
-                    tilt_max_rad,
-                };
-                let judged = planned.workspace(geometry, &grid, &limits)?;
-                Ok(judged.into_iter().map(|(verdict, _)| verdict).collect())
-            }
-            None => geometry.workspace_parallel(&grid, &test),
-        });
-        let verdicts: Vec<Verdict> = verdicts.map_err(Failure::from)?;
-        let codes = verdicts.iter().map(|verdict| code(*verdict)).collect();
-        let cable = |verdict: &Verdict| verdict.limiting_cable().unwrap_or(0).try_into();
-        let cables = verdicts.iter().map(|verdict| cable(verdict).unwrap_or(0));
-        Ok((
-            PyArray1::from_vec(py, codes).unbind(),
-            PyArray1::from_vec(py, cables.collect()).unbind(),
-        ))
+        let corners_m = [Vector3::from(min_m), Vector3::from(max_m)];
+        workspace::verdicts(py, &self.subject, test, corners_m, counts, &asked)
     }
 
     /// As a model file for other programs.
@@ -542,25 +487,6 @@ impl Robot {
     #[getter]
     fn search_box_m(&self) -> [[f64; 3]; 2] {
         self.subject.robot.search_box_in_world_m().map(Into::into)
-    }
-}
-
-/// A verdict as a number; `mcdpr.robot.VERDICTS` has the names.
-fn code(verdict: Verdict) -> u8 {
-    match verdict {
-        Verdict::Feasible => 0,
-        Verdict::Limited {
-            bound: Side::Minimum,
-            ..
-        } => 1,
-        Verdict::Limited {
-            bound: Side::Maximum,
-            ..
-        } => 2,
-        Verdict::NoPath { .. } => 3,
-        Verdict::Tilted => 4,
-        Verdict::Unstable => 5,
-        Verdict::Unbalanced => 6,
     }
 }
 
@@ -590,7 +516,7 @@ impl Robot {
         let n = self.subject.count();
         let widths = [3, 3, n, n, n, n, 1, MODES, 36];
         let robot = &self.subject.robot;
-        let answers = Answers::solve(py, count, widths, nan, |index, rows| {
+        let answers = Answers::solve(py, (count, ITERATIVE), widths, nan, |index, rows| {
             let [
                 position,
                 attitude,

@@ -1,9 +1,11 @@
 //! Answers row by row: one pose in, one row of each result out, without Python's lock.
 
+use crate::batch::in_parts;
 use crate::failure::Failure;
 use mcdpr::compute::ComputeError;
 use numpy::{PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use std::ops::Range;
 
 /// A two-dimensional array of numbers, row after row.
 pub(crate) struct Table {
@@ -23,6 +25,7 @@ impl Table {
             let words = format!("{name}: {got} numbers along the last axis, {width} needed");
             return Err(Failure::input(words).into());
         }
+        // A copy: another thread of Python may change the array while this one computes without the lock.
         let values = match array.as_slice() {
             Ok(values) => values.to_vec(),
             // Whatever its strides are.
@@ -36,9 +39,11 @@ impl Table {
         self.values.iter_mut()
     }
 
-    /// The rows.
-    pub(crate) fn rows(&self) -> impl Iterator<Item = &[f64]> {
-        self.values.chunks_exact(self.width)
+    /// Some of the rows.
+    pub(crate) fn rows(&self, range: Range<usize>) -> impl Iterator<Item = &[f64]> {
+        let part = range.start * self.width..range.end * self.width;
+        let part = self.values.get(part).unwrap_or_default();
+        part.chunks_exact(self.width)
     }
 
     /// One row.
@@ -60,33 +65,36 @@ pub(crate) struct Answers<const K: usize> {
 }
 
 impl<const K: usize> Answers<K> {
-    /// `count` rows by `solve`, which fills the row of each result. A row that is refused stays NaN
-    /// if `nan`; otherwise it ends the batch, and the exception has its `index`.
+    /// `count` rows by `solve`, which fills the row of each result, on all processors where there are
+    /// several times `least` rows. A row that is refused stays NaN if `nan`; otherwise it ends the batch, and
+    /// the exception has its `index`.
     pub(crate) fn solve(
         py: Python<'_>,
-        count: usize,
+        (count, least): (usize, usize),
         widths: [usize; K],
         nan: bool,
         solve: impl Fn(usize, [&mut [f64]; K]) -> Result<(), ComputeError> + Sync,
     ) -> PyResult<Self> {
-        let mut tables = widths.map(|width| vec![f64::NAN; width * count]);
-        let done = py.detach(|| {
-            for index in 0..count {
+        // Zeros come from the system when they are first written.
+        let mut tables = widths.map(|width| vec![0.0; width * count]);
+        let part = |range: Range<usize>, mut rows: [&mut [f64]; K]| {
+            for (offset, index) in range.enumerate() {
                 let mut which = widths.iter();
-                let rows = tables.each_mut().map(|table| {
+                let own = rows.each_mut().map(|part| {
                     let width = which.next().copied().unwrap_or(0);
-                    table
-                        .get_mut(index * width..(index + 1) * width)
-                        .unwrap_or_default()
+                    let row = part.get_mut(offset * width..(offset + 1) * width);
+                    let row = row.unwrap_or_default();
+                    row.fill(f64::NAN);
+                    row
                 });
-                match solve(index, rows) {
+                match solve(index, own) {
                     Err(error) if !nan => return Err(Failure::from(error).with("index", index)),
                     _ => {}
                 }
             }
             Ok(())
-        });
-        done?;
+        };
+        py.detach(|| in_parts(&mut tables, widths, count, least, part))?;
         Ok(Self { tables, widths })
     }
 

@@ -212,6 +212,25 @@ def test_a_refused_pose_of_an_array_is_named() -> None:
         mcdpr.Robot.load("planar-four").statics([0.5, 0.0, 0.5])
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_large_batch_on_all_processors_equals_its_rows(turned: bool) -> None:
+    robot = mcdpr.Robot.load("paper-table5")
+    place, attitude = poses(robot, 20_001, 9)
+    cable = robot.values["cables"][0]
+    inside = np.subtract(cable["anchor_in_world_m"], cable["attachment_in_platform_m"])
+    for index in (19_000, 3_000):
+        place[index], attitude[index] = inside, 0.0
+    angles = attitude if turned else None
+    found = robot.lengths(place, angles, on_error="nan")
+    for k in (0, 2_999, 3_000, 10_000, 10_001, 18_999, 19_000, 20_000):
+        one = robot.lengths(place[k], None if angles is None else angles[k], on_error="nan")
+        assert np.array_equal(found[k], one, equal_nan=True)
+    assert np.flatnonzero(np.isnan(found[:, 0])).tolist() == [3_000, 19_000]
+    with pytest.raises(mcdpr.KinematicsError) as refused:
+        robot.lengths(place, angles)
+    assert refused.value.index == (3_000,)
+
+
 def test_the_lock_is_released() -> None:
     """Another thread goes on while a long call is under way."""
     import threading
