@@ -124,7 +124,7 @@ def values(sample: Any) -> dict[str, str]:
 def serving(folder: Path, domain: int, *words: str) -> Iterator[subprocess.Popen[str]]:
     """`mcdpr ros` with these words."""
     command = [PROGRAM, "ros", "--json", "--domain", str(domain), *words]
-    # What it keeps of a robot is no one's but this test's.
+    # The files that it keeps of a robot belong to this test only.
     own = {**os.environ, "XDG_STATE_HOME": str(folder)}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder, env=own) as process:
         assert process.stdout is not None

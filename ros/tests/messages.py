@@ -292,3 +292,42 @@ class RunTaskFeedback(IdlStruct, typename="mcdpr_msgs.action.dds_.RunTask_Feedba
     goal_id: UUID
     path_s: float64
     duration_s: float64
+
+
+@dataclass
+class CalibrateSendGoalRequest(IdlStruct, typename="mcdpr_msgs.action.dds_.Calibrate_SendGoal_Request_"):
+    guid: uint64
+    seq: int64
+    goal_id: UUID
+    poses: uint32
+
+
+@dataclass
+class CalibrateSendGoalReply(IdlStruct, typename="mcdpr_msgs.action.dds_.Calibrate_SendGoal_Response_"):
+    guid: uint64
+    seq: int64
+    accepted: bool
+    stamp: Time
+
+
+@dataclass
+class CalibrateGetResultRequest(IdlStruct, typename="mcdpr_msgs.action.dds_.Calibrate_GetResult_Request_"):
+    guid: uint64
+    seq: int64
+    goal_id: UUID
+
+
+@dataclass
+class CalibrateGetResultReply(IdlStruct, typename="mcdpr_msgs.action.dds_.Calibrate_GetResult_Response_"):
+    guid: uint64
+    seq: int64
+    status: int8
+    reached: bool
+    message: str
+
+
+@dataclass
+class CalibrateFeedback(IdlStruct, typename="mcdpr_msgs.action.dds_.Calibrate_FeedbackMessage_"):
+    goal_id: UUID
+    done: float64
+    wanted: float64

@@ -104,6 +104,7 @@ def test_types_and_profiles_are_those_of_ros(ros: Ros) -> None:
         "rr/mcdpr/run_task/_action/get_resultReply": "mcdpr_msgs::action::dds_::RunTask_GetResult_Response_",
         "rt/mcdpr/run_task/_action/feedback": "mcdpr_msgs::action::dds_::RunTask_FeedbackMessage_",
         "rt/mcdpr/move_to/_action/status": "action_msgs::msg::dds_::GoalStatusArray_",
+        "rr/mcdpr/calibrate/_action/send_goalReply": "mcdpr_msgs::action::dds_::Calibrate_SendGoal_Response_",
     }
     found = BuiltinDataReader(ros.participant, BuiltinTopicDcpsPublication).read(1000)
     # Those of this test have types of the same names.
@@ -111,12 +112,12 @@ def test_types_and_profiles_are_those_of_ros(ros: Ros) -> None:
     for topic, kind in kinds.items():
         assert others[topic].type_name == kind
         assert isinstance(others[topic].qos[Policy.Reliability], Policy.Reliability.Reliable)
-    # Six services and two actions of three each; six topics, four wrenches, two topics of each action, and the replies.
+    # Six services and three actions of three each; six topics, four wrenches, two topics of each action, and the replies.
     reader = ros.subscribe("ros_discovery_info", m.ParticipantEntities, KEPT)
-    info = ros.wait(reader, lambda sample: len(sample.node_entities_info_seq[0].writer_gid_seq) == 26)
+    info = ros.wait(reader, lambda sample: len(sample.node_entities_info_seq[0].writer_gid_seq) == 31)
     (node,) = info.node_entities_info_seq
     assert (node.node_namespace, node.node_name) == ("/", "mcdpr")
-    assert len(node.reader_gid_seq) == 12
+    assert len(node.reader_gid_seq) == 15
 
 
 def test_a_goal_out_of_reach_is_refused_and_nothing_moves(ros: Ros) -> None:
@@ -125,13 +126,13 @@ def test_a_goal_out_of_reach_is_refused_and_nothing_moves(ros: Ros) -> None:
     for place, words in [
         ((3.0, 0.0, -0.2), "from the anchor of cable"),
         ((0.265, -0.105, -0.05), "a cable cannot push"),
-        ((0.255, -0.105, float("nan")), "no place"),
+        ((0.255, -0.105, float("nan")), "is not finite"),
     ]:
         refused = ros.move_to(*place)
         assert not refused.accepted and words in refused.message, refused
         assert refused.duration_s == 0.0
     refused = ros.move_to(*HOME, speed=-1.0)
-    assert not refused.accepted and "no speed" in refused.message, refused
+    assert not refused.accepted and "negative or not finite" in refused.message, refused
     refused = ros.run_task("no such task")
     assert not refused.accepted and "paper:table7" in refused.message, refused
     sample = ros.state("Disarmed")
@@ -240,6 +241,40 @@ def test_an_action_that_is_cancelled_stops_along_its_path(ros: Ros) -> None:
     assert took_s < DEADLINE_S
 
 
+def test_the_robot_calibrates_itself_and_a_cancelled_calibration_writes_nothing(tmp_path: Path) -> None:
+    send = ("mcdpr/calibrate/_action/send_goal", m.CalibrateSendGoalRequest, m.CalibrateSendGoalReply)
+    ask = ("mcdpr/calibrate/_action/get_result", m.CalibrateGetResultRequest, m.CalibrateGetResultReply)
+    end = ("mcdpr/calibrate/_action/cancel_goal", m.CancelGoalRequest, m.CancelGoalReply)
+    file = tmp_path / "paper-table5.calibration.json"
+    # Poses take some seconds each; the simulated robot is in a hurry here.
+    with serving(tmp_path, DOMAIN + 1, "--time-scale", "8"):
+        ros = Ros(DOMAIN + 1)
+        for each in (send, ask, end):
+            ros.connect(*each)
+        few, _ = ros.call(*send, goal_id(20), 3)
+        assert not few.accepted
+        accepted, _ = ros.call(*send, goal_id(21), 0)
+        assert accepted.accepted
+        ros.state("Moving")
+        cancelled, _ = ros.call(*end, m.GoalInfo(goal_id(21), m.Time(0, 0)))
+        assert cancelled.return_code == 0, cancelled
+        result, _ = ros.call(*ask, goal_id(21))
+        assert (result.status, result.reached) == (5, False), result
+        assert values(ros.state("Disarmed"))["fault"] == ""
+        assert not file.exists()
+        feedback = ros.subscribe("rt/mcdpr/calibrate/_action/feedback", m.CalibrateFeedback)
+        accepted, _ = ros.call(*send, goal_id(22), 10)
+        assert accepted.accepted
+        seen = ros.wait(feedback, lambda sample: bytes(sample.goal_id.uuid) == bytes([22] * 16) and sample.done >= 2)
+        assert seen.done < seen.wanted == 10, seen
+        # Nothing else moves it meanwhile.
+        assert "under way" in ros.move_to(*PLACE).message
+        result, _ = ros.call(*ask, goal_id(22))
+        assert (result.status, result.reached) == (4, True) and "predicted position error" in result.message, result
+        assert json.loads(file.read_text())["robot"] == "paper-table5"
+        assert values(ros.state("Disarmed"))["brakes_open"] == "0b0"
+
+
 def test_pictures_have_their_lens(ros: Ros) -> None:
     picture = ros.wait(ros.subscribe("rt/camera/image/compressed", m.CompressedImage))
     assert picture.header.frame_id == "camera" and picture.format == "png"
@@ -253,7 +288,7 @@ def test_a_ros_side_that_dies_changes_nothing_for_the_robot(ros: Ros, robot: sub
     (child,) = children(robot.pid)
     begun = time.monotonic()
     os.kill(child, signal.SIGKILL)
-    # It comes again by itself, and tells of a motion that went on meanwhile.
+    # It comes again by itself, and reports a motion that went on meanwhile.
     again = ros.wait(
         ros.subscribe("rt/diagnostics", m.DiagnosticArray),
         lambda sample: values(sample)["state"] != values(moving)["state"] or children(robot.pid) not in ([], [child]),
@@ -305,5 +340,11 @@ def test_a_robot_behind_a_port_obeys_as_well(tmp_path: Path) -> None:
                 stopped, took_s = ros.trigger("stop")
                 assert stopped.success and took_s < STOP_S, (stopped, took_s)
                 assert values(ros.state("Disarmed"))["fault"] == ""
+                # A board has no camera of its own.
+                send = ("mcdpr/calibrate/_action/send_goal", m.CalibrateSendGoalRequest, m.CalibrateSendGoalReply)
+                ask = ("mcdpr/calibrate/_action/get_result", m.CalibrateGetResultRequest, m.CalibrateGetResultReply)
+                assert ros.call(*send, goal_id(1), 10)[0].accepted
+                result, _ = ros.call(*ask, goal_id(1))
+                assert result.status == 6 and "--tags-from" in result.message, result
         finally:
             board.terminate()

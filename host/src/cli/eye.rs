@@ -20,7 +20,7 @@ pub(crate) struct Eye {
 
 /// Which camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Kind {
+pub(crate) enum Kind {
     Folder(PathBuf),
     RealSense,
     V4l2(PathBuf),
@@ -43,20 +43,25 @@ impl std::str::FromStr for Kind {
 const SAME_FOCAL: f64 = 0.2;
 
 impl Eye {
+    /// This camera, or none.
+    pub(crate) const fn of(camera: Option<Kind>) -> Self {
+        Self { camera }
+    }
+
     /// Whether a camera was named.
     pub(crate) const fn is_given(&self) -> bool {
         self.camera.is_some()
     }
 
-    /// A camera beside the simulator in this process, which has its own, is refused.
+    /// A camera beside the simulator in this process, which has its own, is refused. `option` names it.
     ///
     /// # Errors
     /// If one was named.
-    pub(crate) fn refused_on_simulator(&self) -> Result<(), Failed> {
+    pub(crate) fn refused_on_simulator(&self, option: &str) -> Result<(), Failed> {
         if self.is_given() {
-            return Err(Failed::from_error("--camera")(
-                "the simulated robot in this process has its own camera; --camera goes with --on PORT",
-            ));
+            return Err(Failed::from_error(option)(format!(
+                "the simulated robot in this process has its own camera; {option} goes with --on PORT"
+            )));
         }
         Ok(())
     }

@@ -1,7 +1,9 @@
 //! `mcdpr ros`: the robot for ROS 2.
 
+mod calibrate;
 mod session;
 
+use super::eye::{Eye, Kind};
 use super::line::{keep_open, refuse_for_a_while};
 use super::run::tool_height_m;
 use super::{Common, Failed, Outcome, print_json};
@@ -14,13 +16,16 @@ use crate::record::events::TruthTap;
 use crate::ros::{Actions, Desk, Goals, Pipe, Program, Topics};
 use crate::run::watch_for_interrupts;
 use crate::serve::Feed;
-use std::cell::Cell;
+use crate::sight::{Scene, SimulatedTags, TagSource};
+use std::cell::{Cell, RefCell};
 use std::io::Write as _;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::{Path, PathBuf};
 
 /// Name of the program that speaks DDS.
 const BRIDGE: &str = "mcdpr-ros";
+/// Noise of a corner in one simulated picture, px, as in `mcdpr calibrate collect`.
+const CORNER_PX: f64 = 0.1;
 /// The largest domain whose ports exist.
 const LAST_DOMAIN: u16 = 232;
 
@@ -47,6 +52,10 @@ pub(crate) struct Cmd {
     /// Publish the pictures of the simulated robot's camera too, one a second
     #[arg(long)]
     camera: bool,
+    /// Camera beside a robot on a port, for `/mcdpr/calibrate`; as `--camera` of `mcdpr calibrate collect`. The
+    /// simulated robot has its own
+    #[arg(long = "tags-from", value_name = "folder:DIR|realsense|v4l2:DEVICE")]
+    tags_from: Option<Kind>,
     /// How long the robot holds under tension for another goal, before its brakes close, s
     #[arg(long, value_name = "S", default_value_t = 5.0)]
     hold: f64,
@@ -61,6 +70,9 @@ struct Node<'a> {
     goals: Goals,
     hold_s: f64,
     camera: bool,
+    simulated: bool,
+    /// The tags that a calibration measures.
+    tags: RefCell<Option<Box<dyn TagSource>>>,
     /// The line is lost, and viewers were informed.
     lost: Cell<bool>,
 }
@@ -78,6 +90,10 @@ impl Cmd {
         if self.camera && !simulated {
             let reason = "only the simulated robot's pictures are published";
             return Err(Failed::from_error("--camera")(reason).into());
+        }
+        let eye = Eye::of(self.tags_from.clone());
+        if simulated {
+            eye.refused_on_simulator("--tags-from")?;
         }
         let tasks = self.judged_tasks(&model)?;
         let names: Vec<_> = tasks.iter().map(|(name, _)| name.clone()).collect();
@@ -111,7 +127,7 @@ impl Cmd {
         #[cfg(unix)]
         let _listening = super::orders::listen(common, &handle)?;
         self.announce(common, domain, &names)?;
-        let node = Node {
+        let mut node = Node {
             common,
             model: &model,
             feed,
@@ -119,6 +135,8 @@ impl Cmd {
             goals,
             hold_s: self.hold,
             camera: self.camera,
+            simulated,
+            tags: RefCell::default(),
             lost: Cell::new(false),
         };
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
@@ -126,9 +144,14 @@ impl Cmd {
             let link = SimulatedRobot::new(Mismatch::realistic(), common.seed)
                 .controller(&common.controller)
                 .at_home(&model)?;
+            let scene = Scene::of(&robot, common.seed);
+            let tags = SimulatedTags::new(link.clone(), scene, CORNER_PX, common.seed);
+            node.tags = RefCell::new(Some(Box::new(tags)));
             let tap = TruthTap::forgetful(link.clone(), robot.cables.len());
             node.go(|| Ok(Paced::new(link.clone(), scale)), Some(&tap))
         } else {
+            let tags = eye.tags(&robot)?;
+            node.tags = RefCell::new(tags.map(|tags| Box::new(tags) as Box<dyn TagSource>));
             node.go(|| Ok(common.open_port()?), None)
         }
     }

@@ -24,10 +24,11 @@ const ID: usize = 16;
 pub(super) enum Kind {
     MoveTo,
     RunTask,
+    Calibrate,
 }
 
 /// The actions, in the order of their topics.
-pub(super) const KINDS: [Kind; 2] = [Kind::MoveTo, Kind::RunTask];
+pub(super) const KINDS: [Kind; 3] = [Kind::MoveTo, Kind::RunTask, Kind::Calibrate];
 
 impl Kind {
     /// Name of the action, and of its type.
@@ -35,6 +36,7 @@ impl Kind {
         match self {
             Self::MoveTo => ("mcdpr/move_to", "MoveTo"),
             Self::RunTask => ("mcdpr/run_task", "RunTask"),
+            Self::Calibrate => ("mcdpr/calibrate", "Calibrate"),
         }
     }
 }
@@ -71,6 +73,8 @@ struct Entry {
     time_ns: u64,
     status: Status,
     said: String,
+    /// What is done and what is wanted; without it, that of the motion.
+    progress: Option<[f64; 2]>,
     /// Clients that wait for the result.
     waiting: Vec<(Outlet, Call)>,
 }
@@ -134,6 +138,7 @@ impl Actions {
             time_ns: now_ns(),
             status: Status::Accepted,
             said: String::new(),
+            progress: None,
             waiting: Vec::new(),
         });
         book.note(kind);
@@ -161,6 +166,13 @@ impl Actions {
         }
     }
 
+    /// How far a goal that is no single motion has come: what is done, what is wanted.
+    pub(super) fn progress(&self, id: &GoalId, now: [f64; 2]) {
+        if let Some(entry) = self.lock().find(id) {
+            entry.progress = Some(now);
+        }
+    }
+
     /// The end of a goal: waiting clients get its result.
     pub(super) fn ended(&self, id: &GoalId, ending: Ending) {
         let mut book = self.lock();
@@ -169,7 +181,7 @@ impl Actions {
             return;
         }
         (entry.status, entry.said) = match (ending, entry.status) {
-            (Ending::Reached, _) => (Status::Succeeded, String::new()),
+            (Ending::Reached(said), _) => (Status::Succeeded, said),
             (_, Status::Canceling) => (Status::Canceled, "cancelled".to_owned()),
             (Ending::Stopped, _) => (Status::Aborted, "stopped".to_owned()),
             (Ending::Failed(reason), _) => (Status::Aborted, reason),
@@ -250,9 +262,8 @@ impl Actions {
         for entry in book.entries.iter().filter(moving) {
             let place = KINDS.iter().position(|kind| *kind == entry.kind);
             let mut message = Cdr::new();
-            identity(&mut message, &entry.id)
-                .f64(path_s)
-                .f64(duration_s);
+            let [done, wanted] = entry.progress.unwrap_or([path_s, duration_s]);
+            identity(&mut message, &entry.id).f64(done).f64(wanted);
             let data = message.done();
             out.extend(place.map(|place| (2 * place, Encoded { kind: "", data })));
         }
@@ -347,7 +358,7 @@ mod tests {
         assert!(!actions.add(Kind::MoveTo, A), "one goal of an identity");
         actions.judged(&A, &Ok(2.0));
         assert_eq!(statuses_of(&actions), [Status::Executing as u8]);
-        actions.ended(&A, Ending::Reached);
+        actions.ended(&A, Ending::Reached(String::new()));
         actions.ended(&A, Ending::Stopped);
         assert!(actions.add(Kind::RunTask, B));
         let (reply, stops) = actions.cancel(&B);
@@ -380,11 +391,25 @@ mod tests {
     }
 
     #[test]
+    fn a_calibration_has_feedback_and_a_result_of_its_own() {
+        let actions = Actions::default();
+        actions.add(Kind::Calibrate, A);
+        actions.judged(&A, &Ok(0.0));
+        actions.progress(&A, [3.0, 20.0]);
+        let sent: Vec<_> = (0..5).flat_map(|_| actions.due(0.1, 2.0)).collect();
+        let (_, feedback) = sent.iter().find(|(place, _)| *place == 4).unwrap();
+        assert_eq!(feedback.data[20..28], 3.0_f64.to_le_bytes());
+        assert_eq!(feedback.data[28..36], 20.0_f64.to_le_bytes());
+        actions.ended(&A, Ending::Reached("0.4 mm".to_owned()));
+        assert_eq!(actions.lock().entries[0].said, "0.4 mm");
+    }
+
+    #[test]
     fn a_long_day_keeps_the_last_goals_alone() {
         let actions = Actions::default();
         for number in 0..100_u8 {
             assert!(actions.add(Kind::MoveTo, [number; ID]));
-            actions.ended(&[number; ID], Ending::Reached);
+            actions.ended(&[number; ID], Ending::Reached(String::new()));
         }
         assert_eq!(actions.lock().entries.len(), REMEMBERED);
     }

@@ -3,6 +3,7 @@
 use super::actions::{Actions, GoalId, Kind, accepted};
 use super::goals::{Goal, Goals, Verdict, Wish};
 use super::pipe::{Call, Outlet, ToNode};
+use crate::calibration::check::POSES_MIN;
 use crate::control::{Handle, Ticket};
 use crate::motion::Task;
 use crate::record::cdr::Cdr;
@@ -38,7 +39,7 @@ enum Service {
 }
 
 /// Their names and types; the place here is the number on the lines.
-const SERVICES: [(&str, &str, Service); 12] = [
+const SERVICES: [(&str, &str, Service); 15] = [
     ("mcdpr/stop", TRIGGER, Service::Stop),
     ("mcdpr/hold", TRIGGER, Service::Hold),
     ("mcdpr/resume", TRIGGER, Service::Resume),
@@ -71,7 +72,27 @@ const SERVICES: [(&str, &str, Service); 12] = [
         "mcdpr_msgs::action::dds_::RunTask_GetResult",
         Service::Result,
     ),
+    (
+        "mcdpr/calibrate/_action/send_goal",
+        "mcdpr_msgs::action::dds_::Calibrate_SendGoal",
+        Service::Send(Kind::Calibrate),
+    ),
+    (
+        "mcdpr/calibrate/_action/cancel_goal",
+        CANCEL,
+        Service::Cancel,
+    ),
+    (
+        "mcdpr/calibrate/_action/get_result",
+        "mcdpr_msgs::action::dds_::Calibrate_GetResult",
+        Service::Result,
+    ),
 ];
+
+/// Poses of a calibration that names no number.
+const POSES: u32 = 20;
+/// The most poses of a calibration: some ten minutes of motion.
+const POSES_MAX: u32 = 200;
 
 /// The lines that make the services.
 pub(super) fn greeting() -> impl Iterator<Item = String> {
@@ -188,22 +209,22 @@ impl Desk {
         let wish = match kind {
             Kind::MoveTo => self.place(asked)?,
             Kind::RunTask => self.task(asked)?,
+            Kind::Calibrate => calibration(asked)?,
         };
         if !self.actions.add(kind, id) {
             return Err("there is a goal of that identity".to_owned());
         }
-        let (judging, ending, feed) = (
-            self.actions.clone(),
-            self.actions.clone(),
-            self.feed.clone(),
-        );
+        let [judging, coming, ending] = [(); 3].map(|()| self.actions.clone());
+        let feed = self.feed.clone();
         let report = move |verdict: Verdict| {
             if let Err(reason) = &verdict {
                 feed.say(&format!("goal from ROS given up: {reason}"));
             }
             judging.judged(&id, &verdict);
         };
-        let goal = Goal::new(wish, report).with_end(move |how| ending.ended(&id, how));
+        let goal = Goal::new(wish, report)
+            .with_progress(move |now| coming.progress(&id, now))
+            .with_end(move |how| ending.ended(&id, how));
         self.goals.try_offer(goal).map_err(|back| {
             self.actions.forget(&id);
             back.1.to_owned()
@@ -285,6 +306,23 @@ fn judged(verdict: &Verdict) -> Vec<u8> {
     out.done()
 }
 
+/// `Calibrate`: number of poses, home included; 0 takes [`POSES`].
+fn calibration(data: &[u8]) -> Result<Wish, String> {
+    let poses = Reader(data).u32();
+    let poses = match poses.ok_or("the request is shorter than a Calibrate")? {
+        0 => POSES,
+        poses => poses,
+    };
+    let few = u32::try_from(POSES_MIN).unwrap_or(u32::MAX);
+    if !(few..=POSES_MAX).contains(&poses) {
+        return Err(format!(
+            "{poses} poses: a calibration takes {few} to {POSES_MAX}, and {POSES} is a good number"
+        ));
+    }
+    let poses = usize::try_from(poses).unwrap_or_default();
+    Ok(Wish::Calibrate { poses })
+}
+
 /// The identity that a request of an action begins with.
 fn goal_id(data: &[u8]) -> Option<GoalId> {
     data.first_chunk().copied()
@@ -304,9 +342,13 @@ impl<'a> Reader<'a> {
         self.take().map(f64::from_le_bytes)
     }
 
+    fn u32(&mut self) -> Option<u32> {
+        self.take().map(u32::from_le_bytes)
+    }
+
     /// A text, without the zero at its end.
     fn text(&mut self) -> Option<&'a str> {
-        let count = usize::try_from(u32::from_le_bytes(self.take()?)).ok()?;
+        let count = usize::try_from(self.u32()?).ok()?;
         let bytes = self.0.get(..count)?;
         std::str::from_utf8(bytes.strip_suffix(&[0])?).ok()
     }
@@ -370,6 +412,20 @@ mod tests {
         // What was refused can be sent again.
         desk.goals.refuse("enough");
         assert_eq!(desk.taken(&goal(2), Kind::MoveTo), Ok(()));
+    }
+
+    #[test]
+    fn a_calibration_has_enough_poses_and_not_too_many() {
+        let poses = |count: u32| match calibration(&count.to_le_bytes()) {
+            Ok(Wish::Calibrate { poses }) => Ok(poses),
+            Ok(_) => Err("another wish".to_owned()),
+            Err(reason) => Err(reason),
+        };
+        assert_eq!((poses(0), poses(7), poses(200)), (Ok(20), Ok(7), Ok(200)));
+        for wrong in [1, 6, 201, u32::MAX] {
+            assert!(poses(wrong).unwrap_err().contains("takes 7 to 200"));
+        }
+        assert!(calibration(&[7, 0, 0]).is_err());
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Places and tasks on their way to the thread that moves the robot: one at a time.
+//! Places, tasks and calibrations on their way to the thread that moves the robot: one at a time.
 
 use crate::motion::Task;
 use nalgebra::Vector3;
@@ -16,6 +16,11 @@ pub(crate) enum Wish {
     },
     /// Run a task.
     Task(Task),
+    /// Calibrate the robot. The robot must be idle, not held under tension.
+    Calibrate {
+        /// Poses to measure, home included.
+        poses: usize,
+    },
 }
 
 /// How a goal was judged: how long it takes (s), or why it is refused.
@@ -24,19 +29,23 @@ pub(crate) type Verdict = Result<f64, String>;
 /// How a goal that was accepted ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Ending {
-    /// The motion was made.
-    Reached,
+    /// It was done; what there is to say of it.
+    Reached(String),
     /// It was stopped.
     Stopped,
     /// Why it could not be made.
     Failed(String),
 }
 
-/// A wish, with callbacks for its verdict and its end.
+/// Takes what is done and what is wanted.
+type Progress = Box<dyn Fn([f64; 2]) + Send>;
+
+/// A wish, with callbacks for its verdict, its progress and its end.
 pub(crate) struct Goal {
     /// What is to be done.
     pub(crate) wish: Wish,
     report: Option<Box<dyn FnOnce(Verdict) + Send>>,
+    progress: Option<Progress>,
     end: Option<Box<dyn FnOnce(Ending) + Send>>,
 }
 
@@ -46,6 +55,7 @@ impl Goal {
         Self {
             wish,
             report: Some(Box::new(report)),
+            progress: None,
             end: None,
         }
     }
@@ -54,6 +64,19 @@ impl Goal {
     pub(super) fn with_end(mut self, end: impl FnOnce(Ending) + Send + 'static) -> Self {
         self.end = Some(Box::new(end));
         self
+    }
+
+    /// Adds a callback for the progress of what is no single motion.
+    pub(super) fn with_progress(mut self, progress: impl Fn([f64; 2]) + Send + 'static) -> Self {
+        self.progress = Some(Box::new(progress));
+        self
+    }
+
+    /// Reports what is done and what is wanted.
+    pub(crate) fn came_to(&self, now: [f64; 2]) {
+        if let Some(progress) = &self.progress {
+            progress(now);
+        }
     }
 
     /// Reports the verdict. A refused goal has no end of its own.
@@ -120,6 +143,20 @@ impl Goals {
         let goal = slot.waiting.take();
         slot.under_way |= goal.is_some();
         goal
+    }
+
+    /// As [`Self::take`], if the goal is a motion.
+    pub(crate) fn take_motion(&self) -> Option<Goal> {
+        if self.calibration_waits() {
+            return None;
+        }
+        self.take()
+    }
+
+    /// Whether a calibration waits for an idle robot.
+    pub(crate) fn calibration_waits(&self) -> bool {
+        let is_calibration = |goal: &Goal| matches!(goal.wish, Wish::Calibrate { .. });
+        self.lock().waiting.as_ref().is_some_and(is_calibration)
     }
 
     /// The goal that was taken is reached, refused or stopped.

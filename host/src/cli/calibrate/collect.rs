@@ -134,7 +134,7 @@ impl How {
         let mismatch = Mismatch::as_built();
         let simulated = common.on == "sim";
         let (link, mut tags) = if simulated {
-            self.eye.refused_on_simulator()?;
+            self.eye.refused_on_simulator("--camera")?;
             let link = SimulatedRobot::new(mismatch, common.seed)
                 .controller(&common.controller)
                 .at_home(&model)?;
@@ -197,13 +197,13 @@ impl How {
 }
 
 /// Writes the data on a separate thread: a disk may take longer than a board waits for its host.
-struct Keeper {
+pub(crate) struct Keeper {
     texts: Option<Sender<String>>,
     thread: Option<JoinHandle<Result<(), FileError>>>,
 }
 
 impl Keeper {
-    fn start(path: PathBuf) -> Result<Self, Failed> {
+    pub(crate) fn start(path: PathBuf) -> Result<Self, Failed> {
         let (texts, todo) = channel::<String>();
         let work = move || {
             while let Ok(text) = todo.recv() {
@@ -222,7 +222,7 @@ impl Keeper {
         })
     }
 
-    fn keep(&mut self, data: &Data) -> Result<(), CollectError> {
+    pub(crate) fn keep(&mut self, data: &Data) -> Result<(), CollectError> {
         let text = serde_json::to_string(&data.to_json()).unwrap_or_default();
         match self.texts.as_ref().map(|texts| texts.send(text)) {
             Some(Ok(())) => Ok(()),
@@ -232,7 +232,7 @@ impl Keeper {
     }
 
     /// Waits until everything is written.
-    fn finish(&mut self) -> Result<(), CollectError> {
+    pub(crate) fn finish(&mut self) -> Result<(), CollectError> {
         self.texts = None;
         let written = self.thread.take().map(JoinHandle::join);
         match written {

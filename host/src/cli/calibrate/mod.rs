@@ -2,7 +2,7 @@
 
 mod all;
 mod check;
-mod collect;
+pub(crate) mod collect;
 mod plan;
 mod study;
 mod target;

@@ -76,7 +76,10 @@ impl Node<'_> {
             Homing::Known
         };
         let line = watched(&mut *link, &events, tap).with_orders(&self.handle);
-        let outcome = self.session(line, number, homing, goal);
+        let outcome = match goal.wish {
+            Wish::Calibrate { poses } => self.calibrated(line, number, goal, poses),
+            _ => self.session(line, number, homing, goal),
+        };
         self.goals.done();
         self.feed.set_task("");
         events.finish();
@@ -136,13 +139,13 @@ impl Node<'_> {
             match self.planned(&mut session, &goal.wish) {
                 Ok(None) => {
                     goal.judged(Ok(0.0));
-                    goal.ended(Ending::Reached);
+                    goal.ended(Ending::Reached(String::new()));
                 }
                 Ok(Some(plan)) => {
                     goal.judged(Ok(plan.timed.duration_s()));
                     let moved = moved(&mut session, &plan, &mut armed);
                     goal.ended(match &moved {
-                        Ok(()) => Ending::Reached,
+                        Ok(()) => Ending::Reached(String::new()),
                         Err(RunError::Interrupted) => Ending::Stopped,
                         Err(error) => Ending::Failed(in_words(error)),
                     });
@@ -166,7 +169,8 @@ impl Node<'_> {
         session.disarm()
     }
 
-    /// Holds under tension until there is another goal, or for as long as the user said.
+    /// Holds under tension until there is another goal, or for as long as the user said. A calibration is left to
+    /// the next round.
     fn held<L: Link>(&self, session: &mut Session<'_, L>) -> Result<Option<Goal>, RunError> {
         #[expect(
             clippy::cast_possible_truncation,
@@ -176,8 +180,10 @@ impl Node<'_> {
         let until_us = session.client().now_us() + (self.hold_s * 1e6) as u64;
         loop {
             session.hold(Some(GOAL_LOOK_S))?;
-            let goal = self.goals.take();
-            if goal.is_some() || session.client().now_us() >= until_us {
+            let goal = self.goals.take_motion();
+            // A calibration begins with closed brakes.
+            let over = self.goals.calibration_waits() || session.client().now_us() >= until_us;
+            if goal.is_some() || over {
                 return Ok(goal);
             }
         }
@@ -196,6 +202,8 @@ impl Node<'_> {
             Wish::Move { to_m, .. } if (to_m - from_m).norm() < THERE_M => return Ok(None),
             Wish::Move { to_m, speed_mps } => (Task::go_to("move", *to_m)?, *speed_mps),
             Wish::Task(task) => (task.clone(), None),
+            // It has no plan of its own: `round` and `held` keep it from coming here.
+            Wish::Calibrate { .. } => return Ok(None),
         };
         self.feed.set_task(&task.name);
         std::thread::scope(|scope| {
