@@ -77,6 +77,18 @@ pub enum TargetError {
         /// Its family.
         family: String,
     },
+    /// A tag is larger than the paper.
+    #[error("a tag of body {body} is larger than a sheet of {paper}")]
+    #[diagnostic(
+        code(mcdpr_calibration::target),
+        help("use --paper a3, or --paper one and a print shop")
+    )]
+    TooLarge {
+        /// The body asked for.
+        body: u32,
+        /// The format.
+        paper: &'static str,
+    },
     /// The tags do not lie in one plane, square to its axes.
     #[error("tag {id} does not lie square in its body's x-y plane, so that no sheet shows it")]
     #[diagnostic(
@@ -89,44 +101,125 @@ pub enum TargetError {
     },
 }
 
-/// A sheet with the tags of one body as SVG: millimetres are millimetres, y points down as in the
-/// tags' frame. A ruler of 100 mm shows whether the printer kept the scale.
+/// A rectangle of a drawing, mm.
+pub(crate) struct Block {
+    pub(crate) at: [f64; 2],
+    pub(crate) size: [f64; 2],
+    pub(crate) fill: &'static str,
+}
+
+/// A tag as it is drawn.
+pub(crate) struct Drawn {
+    /// The black square with its white cells; the first block is the square.
+    pub(crate) blocks: Vec<Block>,
+    /// Below it.
+    pub(crate) caption: String,
+    /// Its white rim, mm.
+    pub(crate) rim: f64,
+}
+
+/// The tags of one body, each at its place in the body's plane, mm.
+///
+/// # Errors
+/// [`TargetError`].
+pub(crate) fn drawn(tags: &[Tag], body: u32) -> Result<Vec<Drawn>, TargetError> {
+    let tags = tags.iter().filter(|tag| tag.body == body);
+    let drawn: Vec<Drawn> = tags.map(draw).collect::<Result<_, _>>()?;
+    if drawn.is_empty() {
+        return Err(TargetError::Empty { body });
+    }
+    Ok(drawn)
+}
+
+/// A sheet with the tags of one body as SVG, as large as they need: millimetres are millimetres, y points down
+/// as in the tags' frame. A ruler of 100 mm shows whether the printer kept the scale.
 ///
 /// # Errors
 /// [`TargetError`].
 pub fn sheet(tags: &[Tag], body: u32) -> Result<String, TargetError> {
-    let tags: Vec<&Tag> = tags.iter().filter(|tag| tag.body == body).collect();
-    if tags.is_empty() {
-        return Err(TargetError::Empty { body });
-    }
-    let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
-    for tag in &tags {
-        let rim = tag.size_m * 1e3 / f64::from(CELLS);
-        for corner in &tag.corners_in_body_m {
-            for k in 0..2 {
-                low[k] = low[k].min(corner[k] * 1e3 - rim);
-                high[k] = high[k].max(corner[k] * 1e3 + rim);
-            }
-        }
-    }
+    let drawn = drawn(tags, body)?;
+    let [low, high] = extent(&drawn);
     let origin = low.map(|v| MARGIN_MM - v);
     // A small tag's sheet must still hold the ruler of 100 mm.
     let width = (high[0] - low[0] + 2.0 * MARGIN_MM).max(100.0 + 2.0 * MARGIN_MM + 10.0);
     let height = high[1] - low[1] + 2.0 * MARGIN_MM + RULER_MM;
-    let mut out = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.3}mm\" height=\"{height:.3}mm\" \
-         viewBox=\"0 0 {width:.3} {height:.3}\">\n\
-         <rect x=\"0\" y=\"0\" width=\"{width:.3}\" height=\"{height:.3}\" fill=\"white\"/>\n"
-    );
-    for tag in &tags {
-        draw(tag, origin, &mut out)?;
+    let mut out = opening([width, height]);
+    for tag in &drawn {
+        write(tag, origin, &mut out);
     }
-    ruler(MARGIN_MM, height - RULER_MM + 5.0, &tags, &mut out);
+    ruler(
+        [MARGIN_MM, height - RULER_MM + 5.0],
+        square_mm(&drawn),
+        &mut out,
+    );
     out.push_str("</svg>\n");
     Ok(out)
 }
 
-fn draw(tag: &Tag, origin: [f64; 2], out: &mut String) -> Result<(), TargetError> {
+/// Lowest and highest corner of tags with their rims, mm.
+pub(crate) fn extent(drawn: &[Drawn]) -> [[f64; 2]; 2] {
+    let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
+    for tag in drawn {
+        for square in tag.blocks.iter().take(1) {
+            for k in 0..2 {
+                low[k] = low[k].min(square.at[k] - tag.rim);
+                high[k] = high[k].max(square.at[k] + square.size[k] + tag.rim);
+            }
+        }
+    }
+    [low, high]
+}
+
+/// Edge of the first black square, mm.
+pub(crate) fn square_mm(drawn: &[Drawn]) -> f64 {
+    let square = drawn.first().and_then(|tag| tag.blocks.first());
+    square.map_or(0.0, |square| square.size[0])
+}
+
+/// The beginning of a white drawing of this size, mm.
+pub(crate) fn opening([width, height]: [f64; 2]) -> String {
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.3}mm\" height=\"{height:.3}mm\" \
+         viewBox=\"0 0 {width:.3} {height:.3}\">\n\
+         <rect x=\"0\" y=\"0\" width=\"{width:.3}\" height=\"{height:.3}\" fill=\"white\"/>\n"
+    )
+}
+
+/// Writes a tag whose body's origin is at `origin` of the sheet, mm.
+pub(crate) fn write(tag: &Drawn, origin: [f64; 2], out: &mut String) {
+    for Block { at, size, fill } in &tag.blocks {
+        let [x, y] = [0, 1].map(|k| at[k] + origin[k]);
+        let [width, height] = size;
+        let _ = writeln!(
+            out,
+            "<rect x=\"{x:.4}\" y=\"{y:.4}\" width=\"{width:.4}\" height=\"{height:.4}\" fill=\"{fill}\"/>"
+        );
+    }
+    for square in tag.blocks.iter().take(1) {
+        let below = square.size[1] + tag.rim + 3.0;
+        let at = [square.at[0] + origin[0], square.at[1] + origin[1] + below];
+        text(at, 3.0, &tag.caption, out);
+    }
+}
+
+/// Writes a line of text with this height, mm.
+pub(crate) fn text([x, y]: [f64; 2], size: f64, words: &str, out: &mut String) {
+    let _ = writeln!(
+        out,
+        "<text x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{size}\" font-family=\"sans-serif\">{words}</text>"
+    );
+}
+
+/// Writes a thin line, mm.
+pub(crate) fn line([x1, y1]: [f64; 2], [x2, y2]: [f64; 2], out: &mut String) {
+    let _ = writeln!(
+        out,
+        "<line x1=\"{x1:.3}\" y1=\"{y1:.3}\" x2=\"{x2:.3}\" y2=\"{y2:.3}\" stroke=\"black\" \
+         stroke-width=\"0.2\"/>"
+    );
+}
+
+fn draw(tag: &Tag) -> Result<Drawn, TargetError> {
     let index = usize::try_from(tag.id).unwrap_or(usize::MAX);
     let code = CODES.get(index).filter(|_| tag.family == "36h11");
     let code = *code.ok_or_else(|| TargetError::Unknown {
@@ -142,54 +235,44 @@ fn draw(tag: &Tag, origin: [f64; 2], out: &mut String) -> Result<(), TargetError
         return Err(TargetError::NotFlat { id: tag.id });
     }
     let cell = size / f64::from(CELLS);
-    let (x, y) = (a.x + origin[0], a.y + origin[1]);
-    let mut rect = |x: f64, y: f64, w: f64, h: f64, fill: &str| {
-        let _ = writeln!(
-            out,
-            "<rect x=\"{x:.4}\" y=\"{y:.4}\" width=\"{w:.4}\" height=\"{h:.4}\" fill=\"{fill}\"/>"
-        );
-    };
-    rect(x, y, size, size, "black");
+    let mut blocks = vec![Block {
+        at: [a.x, a.y],
+        size: [size; 2],
+        fill: "black",
+    }];
     for row in 0..CELLS - 2 {
         for column in 0..CELLS - 2 {
             // The most significant of the 36 bits is the cell at the top left.
             let bit = 35 - (row * 6 + column);
             if code >> bit & 1 == 1 {
                 let at = |k: u32| f64::from(k + 1) * cell;
-                rect(x + at(column), y + at(row), cell, cell, "white");
+                blocks.push(Block {
+                    at: [a.x + at(column), a.y + at(row)],
+                    size: [cell; 2],
+                    fill: "white",
+                });
             }
         }
     }
-    let ids = format!("36h11 {}", tag.id);
-    let _ = writeln!(
-        out,
-        "<text x=\"{x:.2}\" y=\"{:.2}\" font-size=\"3\" font-family=\"sans-serif\">{ids}</text>",
-        y + size + cell + 3.0
-    );
-    Ok(())
+    Ok(Drawn {
+        blocks,
+        caption: format!("36h11 {}", tag.id),
+        rim: cell,
+    })
 }
 
 /// 100 mm with a mark every 10, and a note on what to compare.
-fn ruler(x: f64, y: f64, tags: &[&Tag], out: &mut String) {
-    let mut line = |x1: f64, y1: f64, x2: f64, y2: f64| {
-        let _ = writeln!(
-            out,
-            "<line x1=\"{x1:.3}\" y1=\"{y1:.3}\" x2=\"{x2:.3}\" y2=\"{y2:.3}\" stroke=\"black\" \
-             stroke-width=\"0.2\"/>"
-        );
-    };
-    line(x, y, x + 100.0, y);
+pub(crate) fn ruler([x, y]: [f64; 2], square_mm: f64, out: &mut String) {
+    line([x, y], [x + 100.0, y], out);
     for k in 0..=10 {
         let at = x + f64::from(k) * 10.0;
-        line(at, y, at, y + if k % 5 == 0 { 4.0 } else { 2.0 });
+        let long = if k % 5 == 0 { 4.0 } else { 2.0 };
+        line([at, y], [at, y + long], out);
     }
-    let size = tags.first().map_or(0.0, |tag| tag.size_m * 1e3);
-    let _ = writeln!(
-        out,
-        "<text x=\"{x:.2}\" y=\"{:.2}\" font-size=\"3.5\" font-family=\"sans-serif\">Print at 100 %. This \
-         line must be 100.0 mm long, a black square {size:.1} mm wide; else correct size_mm.</text>",
-        y + 9.0
-    );
+    let words = "Print at 100 %. This line must be 100.0 mm long,";
+    text([x, y + 8.5], 3.5, words, out);
+    let words = format!("a black square {square_mm:.1} mm wide; else correct size_mm.");
+    text([x, y + 13.0], 3.5, &words, out);
 }
 
 #[cfg(test)]

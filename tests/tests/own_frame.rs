@@ -102,6 +102,8 @@ fn a_file_from_a_few_answers_is_a_robot_that_runs() {
             said.contains("verdict: it can work; next: mcdpr serve"),
             "{name}: {said}"
         );
+        let drawing = std::fs::read_to_string(at.join(format!("{name}.svg"))).unwrap();
+        assert!(drawing.contains("From above") && drawing.contains(name));
         let text = std::fs::read_to_string(at.join(&file)).unwrap();
         assert!(text.contains(&format!("name = \"{name}\"")), "{text}");
         // Short: what differs from the defaults, and the cables.

@@ -2,8 +2,10 @@
 
 use super::collect::On;
 use crate::calibration::result::write_whole;
-use crate::calibration::target::{sheet, tables, tags};
+use crate::calibration::sheets::{Paper, Sheets, sheets};
+use crate::calibration::target::{TargetError, sheet, tables, tags};
 use crate::cli::{Common, Outcome, print_json, write_out};
+use crate::robot::Tag;
 use std::path::PathBuf;
 
 /// Draw tags to print, at true scale with a ruler, and the lines for the robot file
@@ -12,9 +14,51 @@ pub(crate) struct Cmd {
     /// The tags; a board is more accurate than one tag, loose tags less accurate than a board
     #[arg(value_enum, default_value_t = On::Board)]
     target: On,
-    /// File to write (SVG); with several bodies, one per body with its number before the ending
+    /// The paper: several sheets with marks if the target is larger, or one sheet of the target's own size
+    #[arg(long, value_enum, default_value_t = Format::A4)]
+    paper: Format,
+    /// File to write (SVG). Several bodies or sheets have one file each, with their numbers before the ending
     #[arg(long, value_name = "FILE", default_value = "target.svg")]
     out: PathBuf,
+}
+
+/// What is printed on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    /// Sheets of 210 x 297 mm
+    A4,
+    /// Sheets of 297 x 420 mm
+    A3,
+    /// One sheet as large as the target, for a print shop
+    One,
+}
+
+impl Format {
+    /// The drawings of one body, and what they are.
+    fn drawings(self, tags: &[Tag], body: u32) -> Result<(Vec<String>, String), TargetError> {
+        let paper = match self {
+            Self::A4 => Paper::A4,
+            Self::A3 => Paper::A3,
+            Self::One => {
+                return Ok((
+                    vec![sheet(tags, body)?],
+                    "one sheet of its own size".to_owned(),
+                ));
+            }
+        };
+        let Sheets {
+            drawings,
+            grid: [across, down],
+            landscape,
+        } = sheets(tags, body, paper)?;
+        let side = if landscape { "landscape" } else { "portrait" };
+        let name = paper.name();
+        let words = match drawings.len() {
+            1 => format!("one sheet of {name}, {side}"),
+            count => format!("{count} sheets of {name}, {side}, {across} across and {down} down"),
+        };
+        Ok((drawings, words))
+    }
 }
 
 impl Cmd {
@@ -26,25 +70,44 @@ impl Cmd {
         let mut bodies: Vec<u32> = tags.iter().map(|tag| tag.body).collect();
         bodies.sort_unstable();
         bodies.dedup();
-        let mut files = Vec::new();
+        let (mut files, mut printed, mut joined) = (Vec::new(), Vec::new(), false);
         for &body in &bodies {
-            let path = if bodies.len() > 1 {
-                self.out.with_extension(format!("{body}.svg"))
-            } else {
-                self.out.clone()
-            };
-            let drawing = sheet(&tags, body)?;
-            if !common.dry_run {
-                write_whole(&path, &drawing)?;
+            let (drawings, words) = self.paper.drawings(&tags, body)?;
+            let many = drawings.len() > 1;
+            for (k, drawing) in drawings.iter().enumerate() {
+                let mut ending = String::new();
+                if bodies.len() > 1 {
+                    ending += &format!("{body}.");
+                }
+                if many {
+                    ending += &format!("{}.", k + 1);
+                }
+                let path = self.out.with_extension(format!("{ending}svg"));
+                if !common.dry_run {
+                    write_whole(&path, drawing)?;
+                }
+                files.push(path.display().to_string());
             }
-            files.push(path.display().to_string());
+            printed.push(words);
+            joined |= many;
         }
         let tables = tables(&tags);
         if common.json {
-            return print_json(&serde_json::json!({ "files": files, "robot_file": tables }));
+            return print_json(&serde_json::json!({
+                "files": files, "sheets": printed, "robot_file": tables,
+            }));
         }
         write_out(&tables);
+        for (words, body) in printed.iter().zip(&bodies) {
+            say!("# body {body}: {words}");
+        }
         say!("# {}: print at 100 % and check the ruler", files.join(", "));
+        if joined {
+            say!(
+                "# join the sheets on a flat plate: cut along the lines, let the crosses meet, and check the \
+                 distance between far corners of two tags; --paper one is more accurate"
+            );
+        }
         Ok(())
     }
 }

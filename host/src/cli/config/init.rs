@@ -172,6 +172,13 @@ pub(super) fn init(file: &Path, answers: &Answers, common: &Common) -> Outcome {
     let name = file.display().to_string();
     let robot = crate::robot::find(&name)?;
     let judged = physics::judge(&robot)?;
+    // A picture that is there already belongs to the user.
+    let picture = file.with_extension("svg");
+    if !picture.exists() {
+        crate::files::write_atomically(&picture, crate::report::robot_svg(&robot))
+            .map_err(failed())?;
+        written.push(picture.display().to_string());
+    }
     if common.json {
         return print_json(&serde_json::json!({ "written": written, "physics": judged }));
     }
