@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::model::{
     Bus, Cable, Control, DriveKind, Gripper, GripperKind, LawKind, Limits, Platform, Robot,
-    Surroundings, TensionLaw, TensionOutput, Tool, Winch,
+    Surroundings, TensionLaw, TensionOutput, Tool, Winch, anchor_box_in_world_m,
 };
 use super::modules::ModuleFiles;
 use super::read::{Reader, Values};
@@ -159,12 +159,7 @@ fn in_common(reader: &mut Reader, mut table: Values, own: &[Named]) -> Values {
 
 /// Default tool position: the middle of the anchors, a quarter of their diagonal below the lowest.
 fn below_anchors_m(cables: &[Cable]) -> Vector3<f64> {
-    let mut low = Vector3::repeat(f64::INFINITY);
-    let mut high = Vector3::repeat(f64::NEG_INFINITY);
-    for cable in cables {
-        low = low.inf(&cable.anchor_in_world_m);
-        high = high.sup(&cable.anchor_in_world_m);
-    }
+    let [low, high] = anchor_box_in_world_m(cables);
     let middle = (low + high) / 2.0;
     let drop_m = (high - low).norm() / 4.0;
     Vector3::new(middle.x, middle.y, low.z - drop_m)

@@ -24,6 +24,7 @@ mod modules;
 mod read;
 mod scene;
 pub mod schema;
+mod settings;
 #[cfg(test)]
 mod tests;
 mod winches;
@@ -37,6 +38,7 @@ pub use model::{
     Limits, Platform, Robot, Surroundings, Tag, TagPlace, TensionLaw, TensionOutput, Tool, Winch,
 };
 pub use modules::{BuiltInModules, ModuleFiles};
+pub use settings::{Change, Setting, changes, settings};
 
 use read::Reader;
 

@@ -515,17 +515,17 @@ impl Robot {
         if let Some(corners) = self.limits.box_in_world_m {
             return corners;
         }
-        let mut low = Vector3::repeat(f64::INFINITY);
-        let mut high = Vector3::repeat(f64::NEG_INFINITY);
-        for cable in &self.cables {
-            low = low.inf(&cable.anchor_in_world_m);
-            high = high.sup(&cable.anchor_in_world_m);
-        }
+        let [mut low, high] = self.anchor_box_in_world_m();
         let diagonal_m = (high.x - low.x).hypot(high.y - low.y);
         if high.z - low.z < 0.25 * diagonal_m {
             low.z = high.z - diagonal_m;
         }
         [low, high]
+    }
+
+    /// Lowest and highest corner of the box around the anchors, world frame, m.
+    pub fn anchor_box_in_world_m(&self) -> [Vector3<f64>; 2] {
+        anchor_box_in_world_m(&self.cables)
     }
 
     /// CRC-32 (ISO-HDLC, as in zip) of the description in a canonical form.
@@ -539,4 +539,16 @@ impl Robot {
         let canonical = serde_json::to_vec(self).unwrap_or_default();
         mcdpr_protocol::frame::crc32(&canonical)
     }
+}
+
+/// Lowest and highest corner of the box around the cables' anchors, world frame, m.
+pub(super) fn anchor_box_in_world_m(cables: &[Cable]) -> [Vector3<f64>; 2] {
+    let anchors = cables.iter().map(|cable| cable.anchor_in_world_m);
+    let none = [
+        Vector3::repeat(f64::INFINITY),
+        Vector3::repeat(f64::NEG_INFINITY),
+    ];
+    anchors.fold(none, |[low, high], anchor| {
+        [low.inf(&anchor), high.sup(&anchor)]
+    })
 }

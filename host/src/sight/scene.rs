@@ -29,10 +29,10 @@ const TOWARDS_HOME: f64 = 0.7;
 const APART_M: f64 = 0.14;
 
 impl Scene {
-    /// The robot's tags face up where the robot file says; without that on the floor between the middle of
-    /// its anchors and where its tool hangs at home, so that they are seen from both; bodies beside each other in a row, each
-    /// turned and shifted a little; the camera off its nominal mounting by up to `mounting_m` and
-    /// `mounting_rad` per axis.
+    /// The robot's tags face up where the robot file puts them. Without that they lie on the floor between
+    /// the middle of its anchors and the place where its tool hangs at home, so that they are seen from both.
+    /// Bodies lie in a row, each turned and shifted a little. The camera is off its nominal mounting by up to
+    /// `mounting_m` and `mounting_rad` per axis.
     #[must_use]
     pub fn on_floor(robot: &Robot, mounting_m: f64, mounting_rad: f64, seed: u64) -> Self {
         let mut random = Random::new(seed ^ 0x7363_656E);
@@ -107,12 +107,7 @@ impl Scene {
 
 /// Where the tags lie if the robot file does not say it, world, m.
 fn default_target_m(robot: &Robot) -> Vector3<f64> {
-    let anchors = robot.cables.iter().map(|cable| cable.anchor_in_world_m);
-    let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
-    for anchor in anchors {
-        low = low.inf(&anchor);
-        high = high.sup(&anchor);
-    }
+    let [low, high] = robot.anchor_box_in_world_m();
     let middle = (low + high) / 2.0;
     let mut target_m = middle + (robot.tool.home_in_world_m - middle) * TOWARDS_HOME;
     target_m.z = low.z - FLOOR_M;
