@@ -63,6 +63,22 @@ pub fn sources(name_or_path: &str) -> Vec<(String, String)> {
     files
 }
 
+/// The file that [`find`] reads; `None` for a built-in robot, or if there is none.
+pub(crate) fn file_of(name_or_path: &str) -> Option<PathBuf> {
+    let as_path = PathBuf::from(name_or_path);
+    if as_path.is_file() {
+        return Some(as_path);
+    }
+    if BUILT_IN.iter().any(|(name, _)| *name == name_or_path) {
+        return None;
+    }
+    let candidates = [
+        PathBuf::from(format!("{name_or_path}.toml")),
+        Path::new("robots").join(format!("{name_or_path}.toml")),
+    ];
+    candidates.into_iter().find(|path| path.is_file())
+}
+
 /// Loads a robot by path or by the name of a built-in one.
 ///
 /// A file at that path comes first, then a built-in robot of that name, then `NAME.toml` here

@@ -1,14 +1,18 @@
 //! `mcdpr serve`: the live page, and a robot behind it.
 
 mod desk;
+mod history;
 mod library;
 mod planning;
+mod robot_file;
 
 pub(crate) use desk::PageDesk;
 
 use desk::Work;
+use history::History;
 use library::Library;
 use planning::{Chosen, Planning};
+use robot_file::RobotFile;
 
 use super::line::{in_words, keep_open, refuse_for_a_while, watched};
 use super::recorded::{About, Recorded};
@@ -22,6 +26,7 @@ use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::events::{Patience, TruthTap};
 use crate::record::{Doing, EventBus, TaskSource};
+use crate::report::RUNS;
 use crate::run::{
     self, Homing, LengthFiles, RunError, Session, interrupted, new_session, watch_for_interrupts,
 };
@@ -99,6 +104,8 @@ impl Cmd {
             start: Arc::clone(&start),
             library: Library::new(self.tasks.clone(), height_m),
             planning: planning.clone(),
+            history: History::new(PathBuf::from(RUNS), &robot),
+            robot_file: RobotFile::new(&common.robot),
         };
         let desk = PageDesk {
             handle: handle.clone(),

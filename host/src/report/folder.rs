@@ -12,6 +12,9 @@ use std::path::{Path, PathBuf};
 /// A folder with one of these files holds results.
 const RESULTS: [&str; 3] = ["run.mcap", "summary.json", "plan.json"];
 
+/// The folder of runs in the current one.
+pub(crate) const RUNS: &str = "runs";
+
 /// A folder for one run.
 #[derive(Debug, Clone)]
 pub(crate) struct RunFolder {
@@ -28,7 +31,7 @@ impl RunFolder {
         if let Some(path) = given {
             return Self::given(path);
         }
-        let runs = PathBuf::from("runs");
+        let runs = PathBuf::from(RUNS);
         std::fs::create_dir_all(&runs)?;
         let name: String = name
             .chars()

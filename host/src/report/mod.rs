@@ -6,14 +6,16 @@ pub(crate) mod html;
 mod judge;
 mod plan_plot;
 mod plot;
+mod robot_plot;
 pub mod tables;
 
 pub use figures::{Figures, MeanMax, MeanSdMax, TensionError, measure};
-pub(crate) use folder::{RunFolder, write_samples};
+pub(crate) use folder::{RUNS, RunFolder, write_samples};
 pub use judge::{CableFigures, Judgement, Verdict, judge};
 pub use plan_plot::draw_plan;
 pub(crate) use plot::PathTrace;
 pub(crate) use plot::draw_path;
+pub(crate) use robot_plot::robot_svg;
 
 use mcdpr_simulator::TracePoint;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion};

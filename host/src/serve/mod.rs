@@ -30,4 +30,6 @@ pub fn page() -> String {
         .replace("/*SCENE*/", include_str!("scene.js"))
         .replace("/*SCRIPT*/", include_str!("page.js"))
         .replace("/*WORK*/", include_str!("work.js"))
+        .replace("/*RUNS*/", include_str!("runs.js"))
+        .replace("/*ROBOT*/", include_str!("robot.js"))
 }

@@ -53,7 +53,7 @@
     else if (m.type === 'camera') camera = m;
   }
 
-  // The picture follows the message that tells what was found in it.
+  // The picture follows the message that states what was found in it.
   let camera = null;
   async function picture(blob) {
     const m = camera;
@@ -128,6 +128,7 @@
     if (history.t.length > 1 && history.t[history.t.length - 1] < history.t[history.t.length - 2]) for (const k in history) history[k] = history[k].slice(-1);
     while (history.t[0] < m.time_s - SPAN) for (const k in history) history[k].shift();
     Scene.setLive(m);
+    Runs.live(m);
   }
 
   const bits = n => { let c = 0; for (; n; n >>= 1) c += n & 1; return c; };
@@ -168,6 +169,7 @@
     document.querySelectorAll('[data-order]').forEach(b => { b.disabled = !(may || mayStop && STOPS.includes(b.dataset.order)) || !orders.includes(b.dataset.order); });
     $('jog').disabled = !may;
     if (!may) jogKeys(false);
+    RobotFile.allow(may, gone ? 'no connection' : refused || 'view only: orders need the address with the token');
     Work.allow(may, orders, gone ? 'no connection' : refused || 'view only: orders need the address with the token');
     text('may', gone ? 'The program that serves this page does not answer: it has ended, or this machine is not reached any more. Trying again. Stop the robot by its emergency stop.'
       : may ? 'Esc stops and Space holds, whatever is selected; R resumes, G starts.' : mayStop ? refused
@@ -287,6 +289,8 @@
     document.querySelectorAll('[data-tab]').forEach(b => {
       b.setAttribute('aria-selected', b.dataset.tab === name); $(b.dataset.tab).hidden = b.dataset.tab !== name;
     });
+    if (name === 'runs') Runs.list();
+    if (name === 'robot') RobotFile.open();
   };
   document.querySelectorAll('[data-tab]').forEach(b => b.addEventListener('click', () => tab(b.dataset.tab)));
   Scene.bind($('scene')); Scene.theme();

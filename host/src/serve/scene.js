@@ -3,6 +3,9 @@
 const Scene = (() => {
   const home = { yaw: 0.55, pitch: 0.4, zoom: 1.12 };
   let eye = { ...home }, robot = null, plan = [], next = [], trace = [], picked = null, pose = null, live = null, dirty = true;
+  // What the robot does now; it is drawn unless a recorded run is.
+  const now = { plan: [], trace: [], pose: null, live: null };
+  let past = null;
   let canvas, pen, colors = {};
   let middle = [0, 0, 0], size = 1, low = 0;
 
@@ -226,21 +229,26 @@ const Scene = (() => {
     dirty = true;
   }
 
+  function drawn() { ({ plan, trace, pose, live } = past || now); dirty = true; }
+
   return {
     bind, draw, setRobot, theme, heat,
     // What to do with a click: gets a function from height to the point there.
     onPick(then) { picked = then; },
     pointAt, project: p => project(p).slice(0, 2).map(v => v / (window.devicePixelRatio || 1)),
     setNext(points) { next = points; dirty = true; },
-    setPlan(points) { plan = points; trace = []; dirty = true; },
-    setLive(now) {
-      live = now;
-      if (now.pose) {
-        pose = now.pose;
-        const last = trace[trace.length - 1];
-        if (!last || norm(sub(last, pose.tool_m)) > 5e-4) { trace.push(pose.tool_m); if (trace.length > 1500) trace.shift(); }
+    setPlan(points) { now.plan = points; now.trace = []; drawn(); },
+    setLive(message) {
+      now.live = message;
+      if (message.pose) {
+        now.pose = message.pose;
+        const last = now.trace[now.trace.length - 1];
+        if (!last || norm(sub(last, now.pose.tool_m)) > 5e-4) { now.trace.push(now.pose.tool_m); if (now.trace.length > 1500) now.trace.shift(); }
       }
-      dirty = true;
+      drawn();
     },
+    // An instant of a recorded run: plan, trace, pose, live (tensions). Null shows the robot again.
+    setPast(instant) { past = instant; drawn(); },
+    get past() { return past; },
   };
 })();

@@ -71,6 +71,12 @@ pub trait Desk: Send + Sync + 'static {
 
     /// Available orders, for the page.
     fn orders(&self) -> Vec<&'static str>;
+
+    /// A document besides the page, by its path: media type and text, or why there is none. `None` if there is
+    /// nothing at that path. It may take a second; only the viewer that asks waits.
+    fn document(&self, _path: &str) -> Option<Result<(&'static str, String), String>> {
+        None
+    }
 }
 
 struct Shared {
@@ -283,12 +289,16 @@ fn receive(number: u64, mut stream: TcpStream, shared: &Shared) -> io::Result<()
             shared.viewers.fetch_sub(1, Ordering::SeqCst);
             outcome
         }
-        _ => answer(
-            &mut stream,
-            "404 Not Found",
-            "text/plain",
-            "there is only /",
-        ),
+        (path, _) => match shared.desk.document(path) {
+            Some(Ok((kind, text))) => answer(&mut stream, "200 OK", kind, &text),
+            Some(Err(reason)) => answer(&mut stream, "404 Not Found", "text/plain", &reason),
+            None => answer(
+                &mut stream,
+                "404 Not Found",
+                "text/plain",
+                "there is only /",
+            ),
+        },
     }
 }
 

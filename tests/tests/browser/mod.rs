@@ -5,7 +5,7 @@ use mcdpr_tests::mcdpr;
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader};
 use std::net::TcpStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -20,12 +20,18 @@ pub struct Serve {
 
 impl Serve {
     pub fn start(arguments: &[&str]) -> Self {
+        Self::start_in(Path::new("."), arguments)
+    }
+
+    /// As [`Serve::start`], in this folder.
+    pub fn start_in(folder: &Path, arguments: &[&str]) -> Self {
         let port: &[&str] = if arguments.contains(&"--port") {
             &[]
         } else {
             &["--port", "0"]
         };
         let mut child = mcdpr()
+            .current_dir(folder)
             .args(["serve", "--json", "--token", "letmein"])
             .args(port)
             .args(arguments)

@@ -1,7 +1,9 @@
 //! Orders of the page that need more than the robot's handle: tasks, plans, jogs.
 
+use super::history::History;
 use super::library::Library;
 use super::planning::{Chosen, Planning};
+use super::robot_file::RobotFile;
 use crate::control::{Handle, Order};
 use crate::motion::Model;
 use crate::serve::{Desk, Feed};
@@ -36,6 +38,8 @@ pub(crate) struct Work {
     pub(crate) start: Arc<AtomicBool>,
     pub(crate) library: Library,
     pub(crate) planning: Planning,
+    pub(crate) history: History,
+    pub(crate) robot_file: RobotFile,
 }
 
 /// Three finite numbers of an order.
@@ -145,6 +149,17 @@ impl Work {
                 let number = self.planning.ask(self.wanted(message)?);
                 Ok(json!({ "plan": number }))
             }
+            "robot_read" => self.robot_file.read(),
+            "robot_check" => self.robot_file.check(text(message, "text")?),
+            "robot_save" => {
+                let (new, before) = (text(message, "text")?, text(message, "before")?);
+                let saved = self.robot_file.save(new, before)?;
+                self.feed.say(&format!(
+                    "{} saved; it is used from the next start on",
+                    saved["file"]
+                ));
+                Ok(saved)
+            }
             "forget" => {
                 self.planning.forget();
                 self.feed
@@ -225,9 +240,16 @@ impl Desk for PageDesk {
                 "task_save",
                 "plan",
                 "forget",
+                "robot_read",
+                "robot_check",
+                "robot_save",
             ]);
         }
         orders
+    }
+
+    fn document(&self, path: &str) -> Option<Result<(&'static str, String), String>> {
+        self.work.as_ref()?.history.document(path)
     }
 }
 

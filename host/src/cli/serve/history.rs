@@ -1,0 +1,235 @@
+//! Recorded runs for the page: their list, figures, motion, report and comparison.
+
+use crate::record::{RecordedRun, Scenario};
+use crate::replay::recorded_robot;
+use crate::report::{Judgement, html, judge};
+use crate::robot::Robot;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, TryLockError};
+
+/// Most runs that are listed, the latest first.
+const MOST_RUNS: usize = 200;
+/// Longest name of a run's folder.
+const LONGEST_NAME: usize = 100;
+/// Most bytes of a record that the page opens: some five minutes at full rate.
+const MOST_BYTES: u64 = 64 << 20;
+/// Most instants of a motion that the page gets.
+const MOST_INSTANTS: usize = 2000;
+/// Runs of a robot whose anchors are within this of the page's robot are drawn in its frame, m.
+const SAME_FRAME_M: f64 = 0.1;
+
+/// The folder of runs.
+pub(crate) struct History {
+    folder: PathBuf,
+    anchors_m: Vec<nalgebra::Vector3<f64>>,
+    /// One record is read at a time: it takes a processor for up to a second.
+    reading: Mutex<()>,
+}
+
+/// A run that was read.
+struct Opened {
+    run: RecordedRun,
+    robot: Robot,
+    judgement: Judgement,
+}
+
+impl History {
+    /// Of the runs in a folder, which need not exist yet, for the page of a robot.
+    pub(crate) fn new(folder: PathBuf, robot: &Robot) -> Self {
+        Self {
+            folder,
+            anchors_m: anchors_m(robot),
+            reading: Mutex::default(),
+        }
+    }
+
+    /// What a viewer asks for below `/runs`: media type and text. `None` for another path.
+    pub(super) fn document(&self, path: &str) -> Option<Result<(&'static str, String), String>> {
+        let path = path.strip_prefix("/runs")?;
+        let parts: Vec<_> = path.split('/').skip(1).collect();
+        let found = match parts[..] {
+            [] => Ok(("application/json", self.list().to_string())),
+            [name] => self
+                .motion(name)
+                .map(|value| ("application/json", value.to_string())),
+            [name, "report"] => self.open(name).map(
+                |Opened {
+                     run,
+                     robot,
+                     judgement,
+                 }| { ("text/html", html::report(&run, &robot, &judgement)) },
+            ),
+            [name, "compare", other] => self.compared(name, other).map(|page| ("text/html", page)),
+            _ => return None,
+        };
+        Some(found)
+    }
+
+    /// Names of the runs, the latest first.
+    fn list(&self) -> Value {
+        let entries = std::fs::read_dir(&self.folder).into_iter().flatten();
+        let names = entries.flatten().map(|entry| entry.file_name());
+        let names = names.filter_map(|name| name.into_string().ok());
+        let is_run = |name: &String| check_name(name).is_ok() && self.file(name).is_file();
+        let mut names: Vec<_> = names.filter(is_run).collect();
+        // A folder's name begins with its date.
+        names.sort_by(|a, b| b.cmp(a));
+        names.truncate(MOST_RUNS);
+        json!({ "folder": self.folder.display().to_string(), "runs": names })
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(name).join(crate::record::FILE_NAME)
+    }
+
+    fn open(&self, name: &str) -> Result<Opened, String> {
+        check_name(name)?;
+        let _one = match self.reading.try_lock() {
+            Ok(guard) => guard,
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+            Err(TryLockError::WouldBlock) => {
+                return Err("another run is being read; try again".to_owned());
+            }
+        };
+        let file = self.file(name);
+        let size = std::fs::metadata(&file)
+            .map_err(|error| format!("{name}: {error}"))?
+            .len();
+        if size > MOST_BYTES {
+            return Err(format!(
+                "{name} has {} MB, the page opens {} MB at most: use mcdpr report {}",
+                size >> 20,
+                MOST_BYTES >> 20,
+                self.folder.join(name).display()
+            ));
+        }
+        let run = RecordedRun::load(&file).map_err(|error| error.to_string())?;
+        let robot = recorded_robot(&run).map_err(|error| error.to_string())?;
+        let judgement = judge(&run, &robot);
+        Ok(Opened {
+            run,
+            robot,
+            judgement,
+        })
+    }
+
+    fn compared(&self, name: &str, other: &str) -> Result<String, String> {
+        let (a, b) = (self.open(name)?, self.open(other)?);
+        Ok(html::compare([
+            (&a.run, &a.judgement),
+            (&b.run, &b.judgement),
+        ]))
+    }
+
+    /// Figures of a run, and its motion for the drawing.
+    fn motion(&self, name: &str) -> Result<Value, String> {
+        let Opened {
+            run,
+            robot,
+            judgement,
+        } = self.open(name)?;
+        let Scenario { task, .. } = &run.scenario;
+        let theirs = anchors_m(&robot);
+        let near = |(a, b): (&nalgebra::Vector3<f64>, &nalgebra::Vector3<f64>)| {
+            (a - b).norm() < SAME_FRAME_M
+        };
+        let same =
+            theirs.len() == self.anchors_m.len() && theirs.iter().zip(&self.anchors_m).all(near);
+        let (source, instants) = instants(&run);
+        let planned = run.plan.iter().flat_map(|plan| &plan.points);
+        let planned: Vec<_> = planned.step_by(5).map(|point| point.tool_m).collect();
+        Ok(json!({
+            "name": name,
+            "robot": robot.name,
+            "drawn": same && !instants.is_empty(),
+            "task": task.name,
+            "source": source,
+            "duration_s": judgement.duration_s,
+            "damage": run.damage.as_ref().map(crate::cli::replay::describe),
+            "judgement": judgement,
+            "planned_m": planned,
+            "instants": instants,
+        }))
+    }
+}
+
+/// Where the platform was: of a simulated robot its true states, else those of the plan.
+fn instants(run: &RecordedRun) -> (&'static str, Vec<Value>) {
+    let thinned = |count: usize| count.div_ceil(MOST_INSTANTS).max(1);
+    if let Some(first) = run.truth.first() {
+        let points = run.truth.iter().step_by(thinned(run.truth.len()));
+        let instant = |point: &crate::record::TruthPoint| {
+            json!({
+                "time_s": f64::from(point.tick.wrapping_sub(first.tick)) * 1e-3,
+                "tool_m": point.tool_m,
+                "position_m": point.position_m,
+                "rotation_xyzw": point.rotation_xyzw,
+                "tensions_n": point.tensions_n,
+            })
+        };
+        return (
+            "true state of the simulation",
+            points.map(instant).collect(),
+        );
+    }
+    let points = run.plan.as_ref().map_or(&[][..], |plan| &plan.points);
+    let points = points.iter().step_by(thinned(points.len()));
+    let instants = points.map(|point| json!(point));
+    (
+        "as planned; a board does not measure its tool",
+        instants.collect(),
+    )
+}
+
+fn anchors_m(robot: &Robot) -> Vec<nalgebra::Vector3<f64>> {
+    robot
+        .cables
+        .iter()
+        .map(|cable| cable.anchor_in_world_m)
+        .collect()
+}
+
+/// The name of a folder directly below that of the runs, and of no other place.
+fn check_name(name: &str) -> Result<(), String> {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    let is_one = !name.is_empty() && name.len() <= LONGEST_NAME && name.chars().all(allowed);
+    if is_one && !name.starts_with('.') && Path::new(name).components().count() == 1 {
+        return Ok(());
+    }
+    Err("a run's name has letters, digits, - and _".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_folders_of_runs_are_opened() {
+        let robot = Robot::built_in("paper-table5").unwrap();
+        let folder = std::env::temp_dir().join(format!("mcdpr-history-{}", std::process::id()));
+        let history = History::new(folder, &robot);
+        for path in [
+            "/runs/..",
+            "/runs/.x",
+            "/runs/",
+            "/runs/a%2Fb",
+            "/runs/../report",
+        ] {
+            let refused = history.document(path);
+            assert!(matches!(refused, Some(Err(_))), "{path}: {refused:?}");
+        }
+        assert!(history.document("/runs/a/b/c/d").is_none());
+        assert!(history.document("/other").is_none());
+        let (kind, text) = history.document("/runs").unwrap().unwrap();
+        assert_eq!(kind, "application/json");
+        assert!(text.contains("\"runs\":[]"), "{text}");
+        assert!(
+            history
+                .document("/runs/nothing")
+                .unwrap()
+                .unwrap_err()
+                .contains("nothing")
+        );
+    }
+}

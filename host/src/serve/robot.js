@@ -1,0 +1,70 @@
+// The robot file: its values, and a changed text with what differs, before it is saved.
+const RobotFile = (() => {
+  const $ = id => document.getElementById(id);
+  const ask = message => mcdpr.request(message);
+  let file = null, checked = null, may = false, why = '';
+
+  function words(text, bad) { $('robot-words').textContent = text; $('robot-words').classList.toggle('bad', !!bad); }
+
+  const cells = (...parts) => {
+    const row = document.createElement('tr');
+    row.append(...parts.map(part => { const c = document.createElement('td'); c.append(...[part].flat()); return c; }));
+    return row;
+  };
+  const mark = (tag, text) => Object.assign(document.createElement(tag), { textContent: text });
+
+  async function open(again) {
+    if (!may || (file && !again)) { buttons(); return; }
+    const answer = await ask({ order: 'robot_read' });
+    if (!answer.ok) { words(answer.reason, true); return; }
+    file = answer.data; checked = null;
+    $('robot-text').value = file.text;
+    $('robot-name').textContent = file.file || `${file.name}, built into the program`;
+    $('robot-settings').replaceChildren(...file.settings.map(s => {
+      const row = cells(s.key, s.value);
+      row.title = [s.meaning, s.allowed].filter(Boolean).join('; ');
+      return row;
+    }));
+    $('robot-changes').tBodies[0].replaceChildren();
+    words('', false); buttons();
+  }
+
+  async function check() {
+    const text = $('robot-text').value, answer = await ask({ order: 'robot_check', text });
+    const rows = answer.ok ? answer.data.changes : [];
+    $('robot-changes').tBodies[0].replaceChildren(...rows.map(c => {
+      const row = cells(c.key, [mark('del', c.before === null ? 'default' : c.before), ' \u2192 ', mark('ins', c.after === null ? 'default' : c.after)]);
+      row.title = [c.meaning, c.allowed].filter(Boolean).join('; ');
+      return row;
+    }));
+    checked = answer.ok ? text : null;
+    words(answer.ok ? (rows.length ? `${rows.length} ${rows.length === 1 ? 'value differs' : 'values differ'} from the file` : 'no value differs from the file') : answer.reason, !answer.ok);
+    buttons();
+  }
+
+  async function save() {
+    const answer = await ask({ order: 'robot_save', text: checked, before: file.text });
+    if (!answer.ok) { words(answer.reason, true); return; }
+    const { kept } = answer.data;
+    await open(true);
+    words(`Saved; the old text is in ${kept}. End mcdpr serve and start it again to use it.`, false);
+  }
+
+  const set = (id, reason) => { $(id).disabled = !!reason; $(id).title = reason; };
+  function buttons() {
+    const no = may ? file ? '' : 'the file was not read yet' : why, text = $('robot-text').value;
+    set('robot-check', no); set('robot-again', may ? '' : why);
+    set('robot-save', no || (!file.file ? 'a built-in robot has no file: mcdpr config init FILE --copy makes one'
+      : checked === null || checked !== text ? 'check it first' : text === file.text ? 'nothing was changed' : ''));
+  }
+
+  const on = (id, act) => $(id).addEventListener('click', act);
+  on('robot-check', check); on('robot-save', save); on('robot-again', () => open(true));
+  $('robot-text').addEventListener('input', buttons);
+  return {
+    open,
+    allow(now, reason) { may = now; why = reason; buttons(); },
+    get file() { return file; },
+  };
+})();
+window.mcdpr.robotFile = RobotFile;
