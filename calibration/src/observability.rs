@@ -88,7 +88,7 @@ pub(crate) fn observability(
     };
     for v in &free {
         let rest = v - &basis * (basis.transpose() * v);
-        // More than a quarter of the direction (0.5 squared) is no motion of the whole frame.
+        // More than a quarter of the direction (0.5 squared) is not a motion of the whole frame.
         if rest.norm() > 0.5 {
             out.harmful.push(name_of(model, rest.iamax()));
         }

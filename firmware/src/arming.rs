@@ -300,7 +300,7 @@ impl Oscillation {
     pub fn verdict(&self, amplitude: i32) -> Result<(), Finding> {
         let (motor, drum) = self.farthest;
         let along = if motor < 0 { -drum } else { drum };
-        // A quarter, half an encoder count: less of the motor is no motion, and less of the drum no
+        // A quarter, half an encoder count: less of the motor is not a motion, and less of the drum no
         // answer.
         let least = amplitude / 4;
         // The motor first: behind a motor that stands, the drum's stillness says nothing about its

@@ -95,7 +95,7 @@ impl Axis {
     /// held by length (S2).
     #[must_use]
     pub fn slipped(&self, by_motor: i32, length: i32) -> i32 {
-        // 1/64 is 1.6 %: an error of the drum's ratio grows with the way and is no slip.
+        // 1/64 is 1.6 %: an error of the drum's ratio grows with the distance and is not a slip.
         let way = by_motor.saturating_sub(self.zero_length).saturating_abs();
         let gap = by_motor.saturating_sub(length);
         gap.signum() * (gap.saturating_abs() - way / 64).max(0)

@@ -322,7 +322,7 @@ impl<const N: usize> Controller<N> {
     }
 
     fn raise(&mut self, event: Event) -> bool {
-        // The table decides. An event that is impossible in this state is no error: detections
+        // The table decides. An event that is impossible in this state is not an error: detections
         // arrive in any state.
         let Some(next) = transition(self.state, event, self.latch.get().is_some()) else {
             return false;

@@ -176,7 +176,7 @@ impl<const N: usize> Motion<N> {
     pub fn run(&mut self, stop_ms: u32) {
         self.braking = false;
         self.rate_step_q16 = rate_step_q16(stop_ms);
-        // The first knot is at rest, so full rate at once is no jump of the speed.
+        // The first knot is at rest, so the full rate at once causes no jump of the speed.
         if self.start.is_none() {
             self.rate_q16 = FULL_RATE_Q16;
             self.start = self.knots.pop_front();

@@ -155,7 +155,7 @@ impl<const N: usize> Server<N> {
         self.status_in = STATUS_TICKS;
         self.reported_state = self.controller.state();
         let status = self.status(counters);
-        // A warning that lasts is set again in the next tick; one that was short has been told
+        // A warning that lasts is set again in the next tick; one that was short has been reported
         // once.
         self.controller.forget_limits();
         Some(status)

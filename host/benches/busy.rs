@@ -35,7 +35,7 @@ mod unix {
             let out = child.stdout.take().expect("it is piped");
             BufReader::new(out)
                 .read_line(&mut port)
-                .expect("it tells its port");
+                .expect("it prints its port");
             let port = port.trim().to_owned();
             Self { child, port }
         }

@@ -250,7 +250,7 @@ fn impossible(
     off: f64,
     lift: impl Fn(usize) -> f64,
 ) -> Error {
-    // The barrier's slope is infinite at both limits: its size tells how near a cable is to one.
+    // The barrier's slope is infinite at both limits: its size shows how near a cable is to one.
     let pressed = |i: usize| lift(i).abs();
     let worst = (0..count).fold(0, |w, i| if pressed(i) > pressed(w) { i } else { w });
     if !off.is_finite() || barriers[worst].width <= 0.0 {

@@ -77,7 +77,7 @@ fn run(words: &[&str]) -> Aftermath {
     scenario::run(&model(), line(), &robot, &scenario).unwrap()
 }
 
-/// Runs the line with a fault, which must be latched within so many ms (the board tells its state
+/// Runs the line with a fault, which must be latched within so many ms (the board reports its state
 /// over the line: some ms are the report), and leave the robot braked, without torque.
 fn stops(word: &str, fault: FaultId, within_ms: usize) {
     let after = run(&[word]);
@@ -264,7 +264,7 @@ fn d5_a_drive_that_is_silent_has_another_number_or_another_mode_is_named_and_doe
             "{protocol}"
         );
     }
-    // Profile position, where cyclic synchronous position was asked for; an RMDS tells no mode.
+    // Profile position, where cyclic synchronous position was asked for; an RMDS reports no mode.
     let wrong_mode = |nodes: &mut DriveNodes| {
         nodes.fault_mut(2).expect("a drive").mode = Some(1);
     };

@@ -1,4 +1,4 @@
-//! `--dry-run` tells the truth: every command of the program judges only, or refuses before anything
+//! `--dry-run` holds: every command of the program judges only, or refuses before anything
 //! is connected. A new command fails this test until it does one of the two.
 #![cfg(unix)]
 

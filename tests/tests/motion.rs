@@ -407,7 +407,7 @@ fn shaping_takes_the_swing_out_of_a_fast_move() {
 #[test]
 fn the_short_study_keeps_its_bounds() {
     for case in cases(mcdpr::motion::Planner::Equilibrium, 0.0) {
-        // A single tag tells its tilt too badly for these bounds.
+        // A single tag measures its tilt too poorly for these bounds.
         if case.known == Known::HomedByOne {
             continue;
         }

@@ -35,7 +35,7 @@ fn knows(scene: &SceneReport) {
     assert_eq!(scene.misjudged(), 0, "{:?}", scene.grips);
     assert_eq!(scene.left + scene.carried_off, scene.objects);
     for (attempt, grip) in scene.report.attempts.iter().zip(&scene.grips) {
-        // The switch tells what the jaws have.
+        // The switch shows whether the jaws hold something.
         assert_eq!(
             attempt.outcome == Outcome::Delivered,
             grip.starts_with("holds"),

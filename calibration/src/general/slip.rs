@@ -67,7 +67,7 @@ pub fn candidates(fit: &Fit) -> Vec<Candidate> {
                     continue;
                 }
                 let fixed = information - coupling.dot(&(&solution.covariance * &coupling));
-                // The other unknowns explain such a jump completely: it cannot be told from them.
+                // The other unknowns explain such a jump completely: it cannot be distinguished from them.
                 if fixed < 1e-9 * information.max(1.0) {
                     continue;
                 }

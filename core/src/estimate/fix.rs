@@ -217,7 +217,7 @@ impl Problem<'_> {
         if residuals.iter().any(|r| !r.is_finite()) {
             return Err(EstimateError::NotFinite);
         }
-        // The three rows of the attitude are always there; the user is told of his own values only.
+        // The three rows of the attitude are always there; only the user's own values are reported.
         if residuals.len() + usize::from(self.has_prior()) < UNKNOWNS {
             return Err(EstimateError::Few {
                 rows: residuals.len().saturating_sub(PRIORS),
@@ -341,7 +341,7 @@ pub(super) fn solve(
     };
     let first = problem.first()?;
     let linear = problem.linear(&first)?;
-    // `descend` only tells that an attempt failed: the reason is kept here.
+    // `descend` only reports that an attempt failed: the reason is kept here.
     let mut failure = EstimateError::Rank;
     let found = descend(first, linear, &DAMPING, |fit, linear, damping| {
         problem

@@ -217,7 +217,7 @@ pub fn fuse(
     let rows = problem.rows(&x, &rest)?;
     let first = Fit { x, rest, rows };
     let slopes = problem.slopes(&first)?;
-    // `descend` only tells that an attempt failed: the reason is kept here.
+    // `descend` only reports that an attempt failed: the reason is kept here.
     let mut failure = EstimateError::Rank;
     let found = descend(first, slopes, &DAMPING, |fit, slopes, damping| {
         problem

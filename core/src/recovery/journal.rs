@@ -351,7 +351,7 @@ impl<'a> Records<'a> {
                 self.number = Some(number);
                 Next::Record(kind, number, payload)
             }
-            // The last record: half of it was written. Were it damaged later, its mark would tell.
+            // The last record: half of it was written. Were it damaged later, its mark would show it.
             _ if rest.iter().skip(whole).all(|byte| *byte == 0) => Next::Torn(rest.len()),
             _ => Next::Damaged,
         }

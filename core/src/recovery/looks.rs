@@ -90,7 +90,7 @@ impl Looks {
             let moments = Moments::of(&series);
             rest.tensions_n.push(moments.tapered);
             swings.push(moments.swing(NOISE_N.powi(2)));
-            // The sensor's noise is no motion.
+            // The sensor's noise is not a motion.
             rest.swing_n.push(swing(moments.variance - NOISE_N.powi(2)));
             rest.drift_n.push(moments.drift);
             series.sort_by(f64::total_cmp);

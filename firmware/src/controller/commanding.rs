@@ -48,7 +48,7 @@ impl<const N: usize> Controller<N> {
             // A drive that is lost holds nothing: its brake must close now, independent of the
             // others.
             let gone = drive.fault || drive.age_ms >= active.feedback_timeout_ms;
-            // A drive that is still enabling may be silent: that is no loss.
+            // A drive that is still enabling may be silent: it is not lost.
             cable.abandoned |= torque && gone;
             *brake_slot = if cable.abandoned {
                 Brake::Closed

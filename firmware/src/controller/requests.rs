@@ -354,7 +354,7 @@ impl<const N: usize> Controller<N> {
         self.possible(Event::Clear)?;
         let link = self.heartbeat.health(now);
         match self.latch.get().map(|record| record.fault) {
-            // The request to clear is no heartbeat: the link is still lost.
+            // The request to clear is not a heartbeat: the link is still lost.
             Some(FaultId::L10) if link >= LinkHealth::Lost => {
                 return Err(Reject::CauseRemains {
                     fault: FaultId::L10,

@@ -271,7 +271,7 @@ fn set_up(drive: &Drive, cable: &CableConfig, object: &Object) -> CanFrame {
 
 /// A current in thousandths of the drive's rated one, which CiA 402 uses for torque.
 fn thousandths(ma: i32, rated_ma: i32) -> u16 {
-    // 32,000 mA times 1000 are 3.2e7; a rated current of 0 would be one that the drive never told.
+    // 32,000 mA times 1000 are 3.2e7; a rated current of 0 would be one that the drive never reported.
     let share = ma * 1000 / rated_ma.max(1);
     crate::fixed::saturate_i16(share).cast_unsigned()
 }

@@ -142,7 +142,7 @@ impl TensionLoop {
     /// Motor speed for a speed of the cable (µm/s), rpm. The remainder of the rounding is added to
     /// the next ones, so that the mean of slow speeds is exact.
     pub fn rpm(&mut self, config: &CableConfig, speed_umps: i32) -> i16 {
-        // Zero is exact: no remainder of an earlier rounding may turn a drum that is told to stand.
+        // Zero is exact: no remainder of an earlier rounding may turn a drum that is commanded to stand still.
         if speed_umps == 0 {
             self.speed.carry_q16 = 0;
             return 0;

@@ -84,7 +84,7 @@ enum Fingers {
 }
 
 fn place_m(values: &[f64]) -> Vector3<f64> {
-    // A missing coordinate is no number, and no place: it is refused, not taken for zero.
+    // A missing coordinate is refused, not taken for zero.
     Vector3::from_iterator(values.iter().copied().chain([f64::NAN; 3]).take(3)) * 1e-3
 }
 

@@ -118,7 +118,7 @@ fn point(option: &str, mm: Option<&Vec<f64>>) -> Result<Option<Vector3<f64>>, Fa
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         if common.on == "sim" {
-            self.eye.refused_on_simulator()?;
+            self.eye.refused_on_simulator("--camera")?;
         }
         // Without the calibration if it must not be used, and if every scene makes its own.
         let plain = self.nominal || self.ideal || self.scenes.is_some();

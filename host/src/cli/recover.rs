@@ -52,7 +52,7 @@ impl Cmd {
         let model = Model::new(&common.robot()?)?;
         model.hanging("going on after a loss of power")?;
         let verdict = if common.on == "sim" {
-            self.eye.refused_on_simulator()?;
+            self.eye.refused_on_simulator("--camera")?;
             self.on_simulator(common, &model)?
         } else {
             self.on_port(common, &model)?

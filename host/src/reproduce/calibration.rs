@@ -243,8 +243,8 @@ pub(super) fn free_poses(bench: &Bench) -> Result<Outcome, ReproduceError> {
              5 mm. Realistic: 20 poses in which the robot really hangs, a board of tags, corners \
              0.1 px, EA 50 kN, pulleys lose up to 2 %. Errors of position, yaw and lengths are \
              those of held-out poses in the tag's frame, root mean squares and a mean; distances \
-             between anchors, like them, do not depend on the frame, which these data cannot \
-             tell. Medians over the seeds."
+             between anchors, like them, do not depend on the frame, which these data do not \
+             determine. Medians over the seeds."
                 .to_owned(),
             "The paper does not say over what its three numbers were taken, and its 0.009 mm may \
              be that of its fit, which says less. Its weights bias its estimator towards the \

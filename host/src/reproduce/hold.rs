@@ -273,7 +273,7 @@ pub(super) fn at_rest(bench: &Bench) -> Result<Outcome, ReproduceError> {
             cells,
         )],
         notes: vec![
-            "The robot hangs at home and holds 10 N; the last second of three, as its sensor tells \
+            "The robot hangs at home and holds 10 N; the last second of three, as its sensor reads \
              it. Means over 20 ms, so that the sensor's noise is not taken for a deviation. Medians \
              over the seeds."
                 .to_owned(),

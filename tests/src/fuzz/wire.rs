@@ -237,7 +237,7 @@ pub fn arm() -> Request {
     Bench::arm_request()
 }
 
-/// The request that tells them their lengths.
+/// The request that sets their lengths.
 #[must_use]
 pub fn reference() -> Request {
     Bench::reference_request()

@@ -2,7 +2,7 @@
 //! at its pins, its bus, its line, its plant, its processor and its host, and requests that it must
 //! refuse. The ids of the rows are in the tests' names.
 //!
-//! `cargo xtask test` builds the file and says where it is. The board tells its state over the line:
+//! `cargo xtask test` builds the file and says where it is. The board reports its state over the line:
 //! some ms of every time here are the report.
 
 mod floods;

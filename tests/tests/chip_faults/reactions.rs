@@ -38,7 +38,7 @@ fn stops_on(model: &Model, &(word, fault, cable, within_ms, most_drop_m): &Row) 
         matches!(end, Some(State::Fault | State::EStop)),
         "{word}: {end:?}"
     );
-    // A drive that no longer listens cannot be switched off over the bus, and the state tells the torque
+    // A drive that no longer listens cannot be switched off over the bus, and the state reports the torque
     // that drives have: the brakes hold against it.
     let held = after.trace.last().is_some_and(|end| {
         let brakes = end.truth.brakes_closed.iter().take(4);
@@ -185,7 +185,7 @@ fn d2_d6_what_a_drive_reports_stops_the_robot_of_the_chip() {
     // An RMDS has no report: a motor without torque is a drive that does not obey, and its brake
     // closes first.
     stops(&[("D2:1@0.9s", FaultId::D7, 1, 200, 8e-3)]);
-    // Where no length is held, its current tells.
+    // Where no length is held, its current shows it.
     stops(&[("D2:4@0.9s", FaultId::D2, 4, 30, 2e-3)]);
 }
 

@@ -94,7 +94,7 @@ impl Cmd {
         let handle = Handle::new();
         let mut tags: Option<Box<dyn TagSource>> = None;
         let (link, homing) = if common.on == "sim" {
-            self.eye.refused_on_simulator()?;
+            self.eye.refused_on_simulator("--camera")?;
             let link = SimulatedRobot::new(Mismatch::as_built(), common.seed)
                 .controller(&common.controller)
                 .at_home(model)?;
