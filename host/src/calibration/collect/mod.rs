@@ -17,6 +17,7 @@ pub use travel::{Transfer, way};
 
 use super::data::{Data, Observation, View};
 use super::error::Refusal;
+use crate::control::Handle;
 use crate::link::{Client, Link, meanwhile};
 use crate::machine;
 use crate::motion::{Model, PlanError, StaticState};
@@ -31,7 +32,7 @@ use miette::Diagnostic;
 const LOST_MAX: usize = 8;
 
 /// What to collect.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Options {
     /// Number of poses, home included.
     pub poses: usize,
@@ -48,6 +49,8 @@ pub struct Options {
     pub described: Option<u32>,
     /// Session of the link; `None` for a new one.
     pub session: Option<SessionId>,
+    /// Stops, holds and resumes from another thread.
+    pub orders: Handle,
 }
 
 impl Default for Options {
@@ -60,6 +63,7 @@ impl Default for Options {
             simulated_seed: None,
             described: None,
             session: None,
+            orders: Handle::new(),
         }
     }
 }
@@ -168,6 +172,7 @@ pub fn collect<L: Link, S: TagSource>(
         )
     })?;
     let mut client = Client::connect(link, options.session.unwrap_or_else(run::new_session))?;
+    client.obey(options.orders.clone());
     let hash = run::configure(&mut client, model.robot())?;
     let status = run::status(&mut client)?;
     if let Some(record) = status.fault {

@@ -6,9 +6,8 @@
 
 use super::CollectError;
 use crate::link::{Client, Event, Link};
-use crate::run::{Recorder, RunError, interrupted, stop_now};
+use crate::run::{Recorder, RunError, stop_now, stop_wanted};
 use crate::sight::{TagSource, TagView};
-use mcdpr_protocol::StopKind;
 
 /// Swing below which the platform is at rest, m.
 pub(crate) const AT_REST_M: f64 = 5e-5;
@@ -166,8 +165,8 @@ fn look<L: Link, S: TagSource>(
     while client.now_us() < end_us || out.frames.len() < FRAMES_MIN {
         let next_us = client.now_us() + FRAME_US;
         client.pump(next_us).map_err(RunError::from)?;
-        if interrupted() {
-            return Err(stop_now(client, StopKind::Stop).into());
+        if let Some(kind) = stop_wanted(client) {
+            return Err(stop_now(client, kind).into());
         }
         while let Some(event) = client.next_event() {
             if let Event::Samples(block) = event {

@@ -9,6 +9,7 @@ use crate::cli::eye::Eye;
 use crate::cli::numbers::positive;
 use crate::cli::recorded::{Work, on_record};
 use crate::cli::{Common, Failed, Outcome, print_json};
+use crate::control::Handle;
 use crate::experiment::SimulatedRobot;
 use crate::link::ClientError;
 use crate::machine::Mismatch;
@@ -160,7 +161,10 @@ impl How {
             simulated_seed: simulated.then_some(common.seed),
             described: Some(designed.content_hash()),
             session: None,
+            orders: Handle::new(),
         };
+        #[cfg(unix)]
+        let _listening = crate::cli::orders::listen(common, &options.orders)?;
         let mut keeper = Keeper::start(path.to_owned())?;
         // The pictures only changed the choice of poses.
         let work = Work::new("collect", Doing::Orders, mismatch, &model);

@@ -98,6 +98,7 @@ impl Node<'_> {
             simulated_seed: self.simulated.then_some(self.common.seed),
             described: Some(model.robot().content_hash()),
             session: Some(number),
+            orders: self.handle.clone(),
         };
         let keep = |data: &Data| keeper.keep(data);
         let progress = |step: Step| match step {
