@@ -12,6 +12,7 @@ use mcdpr::link::SimulatedLink;
 use mcdpr::machine::Mismatch;
 use mcdpr::motion::Model;
 use mcdpr::robot::Robot;
+use mcdpr::run::RunError;
 use mcdpr::sight::{Scene, SceneCamera, SightError, SimulatedTags, TagSource, TagView};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::LinkOptions;
@@ -76,6 +77,34 @@ fn collected_data_calibrate_the_robot() {
         answer.predicted_error_m
     );
     assert!(answer.rejected.len() < 4, "{:?}", answer.rejected);
+}
+
+#[test]
+fn a_stop_by_order_ends_the_collection_and_keeps_what_was_measured() {
+    let robot = Robot::built_in("paper-table5").unwrap();
+    let options = options(12, 7);
+    let orders = options.orders.clone();
+    let mut kept = 0;
+    let stopped = on_simulator(
+        &robot,
+        &options,
+        None,
+        |data| {
+            kept = data.poses.len();
+            Ok(())
+        },
+        |step| {
+            if matches!(step, Step::Going { done: 3, .. }) {
+                orders.stop();
+            }
+        },
+    );
+    let error = stopped.unwrap_err();
+    assert!(
+        matches!(error, CollectError::Run(RunError::Interrupted)),
+        "{error}"
+    );
+    assert_eq!(kept, 3);
 }
 
 #[test]
