@@ -18,11 +18,19 @@ const Runs = (() => {
         const old = $(id).value;
         $(id).replaceChildren(...runs.map(name => Object.assign(document.createElement('option'), { value: name, textContent: name })));
         if (runs.includes(old)) $(id).value = old;
-        else if (id === 'run-other' && runs.length > 1) $(id).value = runs[1];
       }
+      other();
       text('run-trouble', runs.length ? '' : `there are no runs in ${folder}`);
     } catch (error) { text('run-trouble', `the runs cannot be listed: ${error.message}`); }
     buttons();
+  }
+
+  // A run is not compared with itself.
+  function other() {
+    const [one, two] = [$('run-list'), $('run-other')];
+    if (one.value !== two.value) return;
+    const another = [...two.options].find(o => o.value !== one.value);
+    if (another) two.value = another.value;
   }
 
   async function show() {
@@ -97,7 +105,8 @@ const Runs = (() => {
   on('run-compare', () => page(`/runs/${name('run-list')}/compare/${name('run-other')}`));
   on('run-play', () => play(!playing));
   on('run-live', back);
-  for (const id of ['run-list', 'run-other']) $(id).addEventListener('change', buttons);
+  $('run-list').addEventListener('change', () => { other(); buttons(); });
+  $('run-other').addEventListener('change', buttons);
   $('run-time').addEventListener('input', () => { play(false); to($('run-time').valueAsNumber); });
   buttons();
   return {
