@@ -199,6 +199,25 @@ impl AnyRobot {
         dispatch!(self, r => Ok(list(&r.lengths_m(pose)?)))
     }
 
+    /// As [`Robot::lengths_of_places`].
+    pub fn lengths_of_places(
+        &self,
+        rotation: &Rotation3<f64>,
+        places_m: impl IntoIterator<Item = Vector3<f64>>,
+        out: &mut [f64],
+    ) -> Option<(usize, Error)> {
+        dispatch!(self, r => r.lengths_of_places(rotation, places_m, out))
+    }
+
+    /// As [`Robot::lengths_of_poses`].
+    pub fn lengths_of_poses(
+        &self,
+        poses: impl IntoIterator<Item = Pose>,
+        out: &mut [f64],
+    ) -> Option<(usize, Error)> {
+        dispatch!(self, r => r.lengths_of_poses(poses, out))
+    }
+
     /// As [`Self::lengths_m`], into a slice, as many as both have: without a list between, for batches.
     ///
     /// # Errors

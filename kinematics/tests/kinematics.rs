@@ -509,3 +509,35 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn lengths_of_many_places_are_those_of_each_and_refusals_are_named() {
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let robot = random_robot(&mut rng);
+    let rotation = random_pose(&mut rng).rotation;
+    let mut places: Vec<_> = (0..500).map(|_| random_pose(&mut rng).position_m).collect();
+    // Two places with an attachment at its anchor.
+    let cable = &robot.cables()[2];
+    for index in [40, 300] {
+        places[index] = cable.anchor_m - rotation * cable.attachment_m;
+    }
+    let mut lengths = vec![0.0; 4 * places.len()];
+    let refused = robot.lengths_of_places(&rotation, places.iter().copied(), &mut lengths);
+    for (index, (place, row)) in places.iter().zip(lengths.chunks(4)).enumerate() {
+        match robot.lengths_m(&Pose::new(*place, rotation)) {
+            Ok(wanted) => assert_eq!(row, wanted, "place {index}"),
+            Err(_) => assert!(row.iter().all(|n| n.is_nan()), "place {index}"),
+        }
+    }
+    let wanted = robot.lengths_m(&Pose::new(places[40], rotation));
+    assert_eq!(refused, Some((40, wanted.unwrap_err())));
+    // The same with an attitude for each.
+    let poses: Vec<_> = places
+        .iter()
+        .map(|place| Pose::new(*place, rotation))
+        .collect();
+    let mut again = vec![0.0; lengths.len()];
+    assert_eq!(robot.lengths_of_poses(poses, &mut again), refused);
+    let bits = |lengths: &[f64]| lengths.iter().map(|n| n.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&again), bits(&lengths));
+}

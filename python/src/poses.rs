@@ -33,11 +33,6 @@ impl Poses {
         })
     }
 
-    /// Whether no attitude is given.
-    pub(crate) const fn are_level(&self) -> bool {
-        self.attitude.is_none()
-    }
-
     #[inline]
     pub(crate) fn at(&self, index: usize) -> Pose {
         let position = Vector3::from(self.position.triple(index));
@@ -49,36 +44,32 @@ impl Poses {
     }
 }
 
-/// Lengths of a level platform at some of the places: one pose that moves, straight into the rows of the
-/// answer.
-pub(crate) fn level_lengths(
+/// Lengths at some of the poses, straight into the rows of the answer.
+pub(crate) fn lengths(
     geometry: &AnyRobot,
     poses: &Poses,
     nan: bool,
     range: Range<usize>,
     out: &mut [f64],
 ) -> Result<(), Failure> {
-    let mut pose = Pose::new(Vector3::zeros(), poses.level);
-    let shift = poses.level * poses.point_m;
-    let rows = out.chunks_exact_mut(geometry.cable_count());
-    let places = poses.position.rows(range.clone());
-    for (index, (place, row)) in range.zip(places.zip(rows)) {
-        let [x, y, z] = place else { continue };
-        pose.position_m = Vector3::new(*x, *y, *z) - shift;
-        let done = match geometry {
-            // The usual number of cables without a choice at every pose.
-            AnyRobot::C4(robot) => robot.lengths_m(&pose).map(|got| row.copy_from_slice(&got)),
-            robot => robot.lengths_into(&pose, row),
-        };
-        match done {
-            Ok(()) => {}
-            Err(_) if nan => row.fill(f64::NAN),
-            Err(error) => {
-                return Err(Failure::from(ComputeError::from(error)).with("index", index));
-            }
+    let first = range.start;
+    let refused = if poses.attitude.is_some() {
+        geometry.lengths_of_poses(range.map(|index| poses.at(index)), out)
+    } else {
+        let shift = poses.level * poses.point_m;
+        let places = poses.position.rows(range);
+        let places = places.map(|place| match place {
+            [x, y, z] => Vector3::new(*x, *y, *z) - shift,
+            _ => Vector3::repeat(f64::NAN),
+        });
+        geometry.lengths_of_places(&poses.level, places, out)
+    };
+    match refused {
+        Some((index, error)) if !nan => {
+            Err(Failure::from(ComputeError::from(error)).with("index", first + index))
         }
+        _ => Ok(()),
     }
-    Ok(())
 }
 
 /// A table of an array that may be absent.

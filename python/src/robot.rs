@@ -3,7 +3,7 @@
 use crate::batch::{CLOSED_FORM, ITERATIVE, in_parts};
 use crate::edit::set;
 use crate::failure::{Failure, to_python};
-use crate::poses::{Poses, level_lengths, table_of};
+use crate::poses::{self, Poses, table_of};
 use crate::rows::{Answers, Table, array, fill};
 use crate::workspace::{self, Asked, Verdicts};
 use mcdpr::calibration::result;
@@ -177,25 +177,14 @@ impl Robot {
         let poses = Poses::of(&self.subject, &position_m, attitude_rad.as_ref(), tool)?;
         let cables = self.subject.count();
         let geometry = &self.subject.geometry;
-        if poses.are_level() {
-            let mut out = [vec![0.0; cables * count]];
-            py.detach(|| {
-                in_parts(&mut out, [cables], count, CLOSED_FORM, |range, [rows]| {
-                    level_lengths(geometry, &poses, nan, range, rows)
-                })
-            })?;
-            let [out] = out;
-            return array(py, out, cables);
-        }
-        let answers = Answers::solve(
-            py,
-            (count, CLOSED_FORM),
-            [cables],
-            nan,
-            |index, [lengths]| Ok(geometry.lengths_into(&poses.at(index), lengths)?),
-        )?;
-        let [lengths] = answers.arrays(py)?;
-        Ok(lengths)
+        let mut out = [vec![0.0; cables * count]];
+        py.detach(|| {
+            in_parts(&mut out, [cables], count, CLOSED_FORM, |range, [rows]| {
+                poses::lengths(geometry, &poses, nan, range, rows)
+            })
+        })?;
+        let [out] = out;
+        array(py, out, cables)
     }
 
     /// `count` lengths in Rust alone, over and over at some poses, which are prepared, with nothing kept: the
