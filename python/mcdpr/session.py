@@ -139,7 +139,7 @@ class Session:
     def fly(self, engine: Engine) -> None:
         """Another engine has a simulated robot's platform and cables from now on.
 
-        Winches, drives, brakes, sensors and the control core stay; every millisecond the engine is
+        Winches, drives, brakes, sensors and the control core stay; every 0.2 ms the engine is
         called. :class:`mcdpr.mujoco_model.MujocoPlant` is one.
         """
         self._native.fly(engine)

@@ -13,7 +13,9 @@ use crate::report::RunFolder;
 use crate::robot::{Robot, TensionLaw, TensionOutput};
 use crate::run::{RunError, watch_for_interrupts};
 use crate::tension::rig::Rig;
-use crate::tension::tune::{Answer, Identified, LEAST, Margins, excitation, excite, identify};
+use crate::tension::tune::{
+    Answer, Identified, LEAST, Margins, check_gains, excitation, excite, identify,
+};
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
 
@@ -47,13 +49,16 @@ struct Tension {
 
 #[derive(Debug, Serialize)]
 struct Document {
-    identified: Identified,
+    /// The fitted model; none of a law with a speed as its output.
+    identified: Option<Identified>,
     before: TensionLaw,
     before_margins: Option<Margins>,
     proposed: TensionLaw,
-    margins: Margins,
+    margins: Option<Margins>,
     before_rms_n: f64,
     after_rms_n: f64,
+    before_ringing_n: f64,
+    after_ringing_n: f64,
     /// Whether the gains of the file are no worse on the machine.
     keep: bool,
     simulated: bool,
@@ -70,11 +75,6 @@ impl Cmd {
 impl Tension {
     fn run(&self, common: &Common) -> Outcome {
         let robot = crate::robot::find(&common.robot)?;
-        if robot.tension.output == TensionOutput::Velocity {
-            let why = "its gains are speeds per tension, and the model that tuning fits is that of a force: \
-                       judge them with `mcdpr experiment` and `mcdpr study winch`";
-            return Err(Failed::from_error("a law with `output = \"velocity\"`")(why).into());
-        }
         let model = Model::new(&robot)?;
         // A step up and one down of this height must both stay within floor and ceiling.
         let room = robot.tension.setpoint_n - robot.tension.floor_n;
@@ -102,7 +102,16 @@ impl Tension {
             folder: &folder,
         };
         let before = tries.answer(robot.tension, "before")?;
-        let identified = identify(&robot, cable, winch, &before)?;
+        let identified = match robot.tension.output {
+            TensionOutput::Velocity => None,
+            TensionOutput::Current => Some(identify(&robot, cable, winch, &before)?),
+        };
+        let judged = |law: &TensionLaw| {
+            let found = identified.as_ref();
+            found
+                .map(|found| found.margins(law, damping_time_s))
+                .transpose()
+        };
         let (proposed, margins, after) = match self.gains.as_deref() {
             Some(&[kp, ki, damping_ns_per_m]) => {
                 let law = TensionLaw {
@@ -111,7 +120,8 @@ impl Tension {
                     damping_ns_per_m,
                     ..robot.tension
                 };
-                let margins = identified.margins(&law, damping_time_s)?;
+                check_gains(&law)?;
+                let margins = judged(&law)?;
                 let after = tries.answer(law, "try-1")?;
                 (law, margins, after)
             }
@@ -119,9 +129,21 @@ impl Tension {
                 let why = format!("{} values; give three: kp,ki,damping_ns_per_m", other.len());
                 return Err(Failed::from_error("--gains")(why).into());
             }
-            None => tries.best(&identified, damping_time_s, rms(&before))?,
+            None => {
+                let best = match &identified {
+                    Some(identified) => tries.by_model(identified, damping_time_s, &before)?,
+                    None => tries.by_search(&before)?,
+                };
+                best.unwrap_or_else(|| {
+                    (
+                        robot.tension,
+                        judged(&robot.tension).ok().flatten(),
+                        before.clone(),
+                    )
+                })
+            }
         };
-        let before_margins = identified.margins(&robot.tension, damping_time_s).ok();
+        let before_margins = judged(&robot.tension).ok().flatten();
         folder
             .write("step.svg", &picture(&robot.name, &before, &after))
             .into_diagnostic()?;
@@ -131,9 +153,11 @@ impl Tension {
             before_margins,
             proposed,
             margins,
-            before_rms_n: rms(&before),
-            after_rms_n: rms(&after),
-            keep: rms(&before) <= rms(&after),
+            before_rms_n: before.rms_n(),
+            after_rms_n: after.rms_n(),
+            before_ringing_n: before.ringing_n(),
+            after_ringing_n: after.ringing_n(),
+            keep: !is_better(&after, &before, &before),
             simulated: common.on == "sim",
             run_folder: folder.path().display().to_string(),
         };
@@ -157,35 +181,37 @@ struct Tries<'a> {
     folder: &'a RunFolder,
 }
 
+/// Gains with their margins on the model, if there is one, and the response to them.
+type Tried = (TensionLaw, Option<Margins>, Answer);
+
 impl Tries<'_> {
-    /// Gains with increasing margins, each tested on the robot, because the model is never exact.
-    /// Returns those that follow the steps best.
-    fn best(
+    /// Gains with increasing margins on the model, each tested on the robot, because the model is never exact.
+    /// Returns those that follow the steps best, if they are better than those of the robot file.
+    fn by_model(
         &self,
         identified: &Identified,
         damping_time_s: f64,
-        before_rms_n: f64,
-    ) -> Result<(TensionLaw, Margins, Answer), miette::Report> {
-        let mut best: Option<(TensionLaw, Margins, Answer)> = None;
-        let mut failed = None;
+        before: &Answer,
+    ) -> Result<Option<Tried>, miette::Report> {
+        let (mut best, mut tried, mut failed) = (None, false, None);
         for (factor, name) in [(1.0, "try-1"), (1.6, "try-2"), (2.5, "try-3")] {
             let least = Margins {
                 gain: LEAST.gain * factor,
                 delay_s: LEAST.delay_s * factor,
             };
-            let before = &self.robot.tension;
-            let (law, margins) = match identified.propose(before, damping_time_s, &least) {
+            let law = &self.robot.tension;
+            let (law, margins) = match identified.propose(law, damping_time_s, &least) {
                 Ok(proposed) => proposed,
                 Err(error) => {
                     failed.get_or_insert_with(|| miette::Report::from(error));
                     break;
                 }
             };
-            self.try_one((law, margins), name, &mut best, &mut failed)?;
+            tried |= self.try_one((law, Some(margins)), name, before, &mut best, &mut failed)?;
         }
         // If the model's optimum is too much for the machine: go in steps from the gains that work.
-        for (factor, name) in [(4.0, "try-4"), (2.0, "try-5"), (1.0, "try-6")] {
-            if best.as_ref().is_some_and(|(.., b)| rms(b) < before_rms_n) {
+        for (factor, name) in [(4.0, "try-4"), (2.0, "try-5")] {
+            if best.is_some() {
                 break;
             }
             let law = TensionLaw {
@@ -193,33 +219,72 @@ impl Tries<'_> {
                 ..self.robot.tension
             };
             if let Ok(margins) = identified.margins(&law, damping_time_s) {
-                self.try_one((law, margins), name, &mut best, &mut failed)?;
+                tried |=
+                    self.try_one((law, Some(margins)), name, before, &mut best, &mut failed)?;
             }
         }
-        // The least margins give gains or an error.
-        best.ok_or_else(|| failed.unwrap_or_else(|| miette::miette!("no gains were tried")))
+        // Where nothing could be tried there is a reason.
+        failed.filter(|_| !tried).map_or(Ok(best), Err)
     }
 
-    /// Tests these gains on the robot, and keeps them if they follow better than the best so far. A
-    /// fault is a result as well: the gains are not usable.
+    /// Gains of a law that commands a speed: there is no model of the drive's own loop, so that the robot itself
+    /// is searched, from the file's gains on. Gains that are proposed were also tested at [`SPARE`] times.
+    fn by_search(&self, before: &Answer) -> Result<Option<Tried>, miette::Report> {
+        let (mut best, mut failed) = (None, None);
+        let from = self.robot.tension;
+        for (number, factor) in (1..).zip([0.5, 0.7, 1.4, 2.0, 2.8]) {
+            let scaled = |by: f64| TensionLaw {
+                kp: from.kp * by,
+                ki: from.ki * by,
+                ..from
+            };
+            let mut found: Option<Tried> = None;
+            let name = format!("try-{number}");
+            self.try_one(
+                (scaled(factor), None),
+                &name,
+                before,
+                &mut found,
+                &mut failed,
+            )?;
+            let Some(found) = found else { continue };
+            let spare = match self.answer(scaled(factor * SPARE), &format!("{name}-spare")) {
+                Ok(spare) => spare.ringing_n() <= SPARE * RINGS_MORE * before.ringing_n(),
+                Err(error) if is_fault(&error) => false,
+                Err(error) => return Err(error),
+            };
+            let rival = best.as_ref().map_or(before, |(.., best): &Tried| best);
+            if spare && is_better(&found.2, rival, before) {
+                best = Some(found);
+            }
+        }
+        Ok(best)
+    }
+
+    /// Tests these gains on the robot, and keeps them if they are better than the best so far, and than those
+    /// before. A fault is a result as well: the gains are not usable. Returns whether the robot took them.
     fn try_one(
         &self,
-        (law, margins): (TensionLaw, Margins),
+        (law, margins): (TensionLaw, Option<Margins>),
         name: &str,
-        best: &mut Option<(TensionLaw, Margins, Answer)>,
+        before: &Answer,
+        best: &mut Option<Tried>,
         failed: &mut Option<miette::Report>,
-    ) -> Result<(), miette::Report> {
+    ) -> Result<bool, miette::Report> {
         match self.answer(law, name) {
-            Ok(after) if best.as_ref().is_none_or(|(.., b)| rms(&after) < rms(b)) => {
-                *best = Some((law, margins, after));
+            Ok(after) => {
+                let rival = best.as_ref().map_or(before, |(.., best)| best);
+                if is_better(&after, rival, before) {
+                    *best = Some((law, margins, after));
+                }
+                Ok(true)
             }
-            Ok(_) => {}
-            Err(error) if matches!(error.downcast_ref(), Some(RunError::Fault { .. })) => {
+            Err(error) if is_fault(&error) => {
                 failed.get_or_insert(error);
+                Ok(false)
             }
-            Err(error) => return Err(error),
+            Err(error) => Err(error),
         }
-        Ok(())
     }
 
     /// Arms the robot with these gains and measures the response; `name` is that of the record.
@@ -254,12 +319,21 @@ impl Tries<'_> {
     }
 }
 
-fn rms(answer: &Answer) -> f64 {
-    let errors = answer.asked_n.iter().zip(&answer.measured_n);
-    let squares: f64 = errors.map(|(a, m)| (a - m).powi(2)).sum();
-    #[expect(clippy::cast_precision_loss, reason = "some thousand samples")]
-    let count = answer.asked_n.len().max(1) as f64;
-    (squares / count).sqrt()
+/// Proposed gains follow the steps with this share of the error at most: less is not worth a change.
+const LESS_ERROR: f64 = 0.98;
+/// Proposed gains ring by this factor more at most, which the sensor's noise differs by between two responses.
+const RINGS_MORE: f64 = 1.1;
+/// Gains that were found without a model must also work at so many times their value.
+const SPARE: f64 = 1.5;
+
+/// Whether gains follow their steps better than a rival, and ring no more than those before.
+fn is_better(after: &Answer, rival: &Answer, before: &Answer) -> bool {
+    after.rms_n() < LESS_ERROR * rival.rms_n()
+        && after.ringing_n() <= RINGS_MORE * before.ringing_n()
+}
+
+fn is_fault(error: &miette::Report) -> bool {
+    matches!(error.downcast_ref(), Some(RunError::Fault { .. }))
 }
 
 fn picture(name: &str, before: &Answer, after: &Answer) -> String {
@@ -280,34 +354,41 @@ fn picture(name: &str, before: &Answer, after: &Answer) -> String {
 
 impl Document {
     fn print(&self) {
-        let found = &self.identified;
         let row = |name: &str, cells: &[String]| {
             std::iter::once(name.to_owned())
                 .chain(cells.iter().cloned())
                 .collect::<Vec<_>>()
         };
-        super::write_out(&lay_out(&[
-            row("force over demand", &[format!("{:.2}", found.gain)]),
-            row("delay, ms", &[format!("{:.1}", found.delay_s * 1e3)]),
-            row("friction, N", &[format!("{:.2}", found.friction_n)]),
-            row(
-                "resonance of drum and cable, Hz",
-                &[format!("{:.0}", found.resonance_hz)],
-            ),
-            row(
-                "platform there, kg and Hz",
-                &[format!("{:.1}, {:.1}", found.far_mass_kg, found.swing_hz)],
-            ),
-            row(
-                "explained by the model, %",
-                &[format!("{:.1}", found.explained * 100.0)],
-            ),
-        ]));
+        if let Some(found) = &self.identified {
+            super::write_out(&lay_out(&[
+                row("force over demand", &[format!("{:.2}", found.gain)]),
+                row("delay, ms", &[format!("{:.1}", found.delay_s * 1e3)]),
+                row("friction, N", &[format!("{:.2}", found.friction_n)]),
+                row(
+                    "resonance of drum and cable, Hz",
+                    &[format!("{:.0}", found.resonance_hz)],
+                ),
+                row(
+                    "platform there, kg and Hz",
+                    &[format!("{:.1}, {:.1}", found.far_mass_kg, found.swing_hz)],
+                ),
+                row(
+                    "explained by the model, %",
+                    &[format!("{:.1}", found.explained * 100.0)],
+                ),
+            ]));
+        }
         let both = |a: f64, b: f64| [format!("{a:.2}"), format!("{b:.2}")];
         let margin = |of: fn(&Margins) -> f64, unit: f64| {
-            let before = self.before_margins.as_ref();
-            let before = before.map_or("unstable".to_owned(), |m| format!("{:.1}", of(m) * unit));
-            [before, format!("{:.1}", of(&self.margins) * unit)]
+            let unknown = if self.identified.is_some() {
+                "unstable"
+            } else {
+                "no model"
+            };
+            [&self.before_margins, &self.margins].map(|margins| {
+                let words = margins.as_ref().map(|m| format!("{:.1}", of(m) * unit));
+                words.unwrap_or_else(|| unknown.to_owned())
+            })
         };
         super::write_out(&lay_out(&[
             row("", &["before".to_owned(), "after".to_owned()]),
@@ -324,11 +405,15 @@ impl Document {
                 "rms error over the steps, N",
                 &both(self.before_rms_n, self.after_rms_n),
             ),
+            row(
+                "ringing while the set-point rests, rms, N",
+                &[self.before_ringing_n, self.after_ringing_n].map(|n| format!("{n:.3}")),
+            ),
         ]));
         if self.keep {
             say!(
-                "nothing was changed: the gains of the robot file follow the steps better, keep \
-                 them; {}/step.svg shows both",
+                "nothing was changed: keep the gains of the robot file: no others follow the steps better without \
+                 more ringing; {}/step.svg shows both",
                 self.run_folder
             );
             return;

@@ -10,8 +10,8 @@ use super::platform::{Motion, Pose};
 use std::fmt;
 use std::sync::{Arc, Mutex};
 
-/// Step of the external engine, s.
-const EVERY_S: f64 = 1e-3;
+/// Step of the external engine, s: light winches on stiff cables react within a millisecond.
+const EVERY_S: f64 = 2e-4;
 
 /// The load on the winches according to the external engine.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,6 +6,7 @@
 //! to the measured tension.
 
 mod model;
+mod quality;
 mod simplex;
 
 use self::model::{Model, TICK_S};
@@ -287,6 +288,26 @@ pub(crate) fn identify(
     })
 }
 
+/// Refuses gains that are not finite or negative.
+///
+/// # Errors
+/// [`TuneError::Gains`].
+pub(crate) fn check_gains(law: &TensionLaw) -> Result<(), TuneError> {
+    let gains = [
+        ("kp", law.kp),
+        ("ki", law.ki),
+        ("kd", law.kd),
+        ("damping_ns_per_m", law.damping_ns_per_m),
+        ("filter_hz", law.filter_hz),
+    ];
+    let bad = gains
+        .into_iter()
+        .find(|(_, value)| !(value.is_finite() && *value >= 0.0));
+    bad.map_or(Ok(()), |(name, value)| {
+        Err(TuneError::Gains { name, value })
+    })
+}
+
 impl Identified {
     fn model(&self, damping_time_s: f64) -> Model {
         Model {
@@ -310,18 +331,7 @@ impl Identified {
         law: &TensionLaw,
         damping_time_s: f64,
     ) -> Result<Margins, TuneError> {
-        let gains = [
-            ("kp", law.kp),
-            ("ki", law.ki),
-            ("kd", law.kd),
-            ("damping_ns_per_m", law.damping_ns_per_m),
-            ("filter_hz", law.filter_hz),
-        ];
-        for (name, value) in gains {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(TuneError::Gains { name, value });
-            }
-        }
+        check_gains(law)?;
         let model = self.model(damping_time_s);
         if !model.is_stable(law) {
             return Err(TuneError::Unstable {
