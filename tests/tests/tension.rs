@@ -274,16 +274,16 @@ fn tuning_finds_delay_resonance_and_swing_and_says_which_gains_to_keep() {
 }
 
 /// What is recommended follows its steps better, and rings no more than the file's gains.
-fn never_rings_more(found: &Value) {
+fn never_rings_more(found: &serde_json::Value) {
     let number = |key: &str| found[key].as_f64().unwrap();
     let (before, after) = (number("before_rms_n"), number("after_rms_n"));
     if found["keep"].as_bool().unwrap() {
         assert_eq!(found["proposed"], found["before"], "{found}");
         assert_eq!(before, after, "{found}");
     } else {
-        assert!(after < 0.98 * before, "{found}");
+        assert!(after < 0.95 * before, "{found}");
         let (before, after) = (number("before_ringing_n"), number("after_ringing_n"));
-        assert!(after <= 1.1 * before, "{found}");
+        assert!(after <= before, "{found}");
     }
 }
 
@@ -306,7 +306,7 @@ fn every_hanging_robot_is_tuned_and_nothing_that_rings_is_recommended() {
         "--gains",
         "4,-1,0",
     ];
-    let refused = mcdpr()
+    let refused = mcdpr_tests::mcdpr()
         .args(words)
         .current_dir(folder.path())
         .output()

@@ -249,7 +249,7 @@ impl Tries<'_> {
             )?;
             let Some(found) = found else { continue };
             let spare = match self.answer(scaled(factor * SPARE), &format!("{name}-spare")) {
-                Ok(spare) => spare.ringing_n() <= SPARE * RINGS_MORE * before.ringing_n(),
+                Ok(spare) => spare.ringing_n() <= SPARE * before.ringing_n(),
                 Err(error) if is_fault(&error) => false,
                 Err(error) => return Err(error),
             };
@@ -320,16 +320,14 @@ impl Tries<'_> {
 }
 
 /// Proposed gains follow the steps with this share of the error at most: less is not worth a change.
-const LESS_ERROR: f64 = 0.98;
-/// Proposed gains ring by this factor more at most, which the sensor's noise differs by between two responses.
-const RINGS_MORE: f64 = 1.1;
+const LESS_ERROR: f64 = 0.95;
+
 /// Gains that were found without a model must also work at so many times their value.
 const SPARE: f64 = 1.5;
 
 /// Whether gains follow their steps better than a rival, and ring no more than those before.
 fn is_better(after: &Answer, rival: &Answer, before: &Answer) -> bool {
-    after.rms_n() < LESS_ERROR * rival.rms_n()
-        && after.ringing_n() <= RINGS_MORE * before.ringing_n()
+    after.rms_n() < LESS_ERROR * rival.rms_n() && after.ringing_n() <= before.ringing_n()
 }
 
 fn is_fault(error: &miette::Report) -> bool {
