@@ -316,6 +316,8 @@ fn every_hanging_robot_is_tuned_and_nothing_that_rings_is_recommended() {
         !refused.status.success() && said.contains("ki is -1"),
         "{said}"
     );
+    // Before anything is connected or written.
+    assert!(!folder.path().join("runs").exists());
 }
 
 /// The firmware's own file, on the emulated chip, meets the bounds of the core in this process.

@@ -86,6 +86,7 @@ impl Tension {
             );
             return Err(Failed::from_error("the step is out of range")(why).into());
         }
+        let asked = self.asked(&robot.tension)?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let cable = model.hanging("tuning the tension law")?;
         let missing = || Failed::from_error("the robot file")("it has no winch for this cable");
@@ -112,22 +113,11 @@ impl Tension {
                 .map(|found| found.margins(law, damping_time_s))
                 .transpose()
         };
-        let (proposed, margins, after) = match self.gains.as_deref() {
-            Some(&[kp, ki, damping_ns_per_m]) => {
-                let law = TensionLaw {
-                    kp,
-                    ki,
-                    damping_ns_per_m,
-                    ..robot.tension
-                };
-                check_gains(&law)?;
+        let (proposed, margins, after) = match asked {
+            Some(law) => {
                 let margins = judged(&law)?;
                 let after = tries.answer(law, "try-1")?;
                 (law, margins, after)
-            }
-            Some(other) => {
-                let why = format!("{} values; give three: kp,ki,damping_ns_per_m", other.len());
-                return Err(Failed::from_error("--gains")(why).into());
             }
             None => {
                 let best = match &identified {
@@ -169,6 +159,27 @@ impl Tension {
         }
         document.print();
         Ok(())
+    }
+}
+
+impl Tension {
+    /// The law with the gains of `--gains`, if they were given.
+    fn asked(&self, own: &TensionLaw) -> Result<Option<TensionLaw>, miette::Report> {
+        let law = match self.gains.as_deref() {
+            None => return Ok(None),
+            Some(&[kp, ki, damping_ns_per_m]) => TensionLaw {
+                kp,
+                ki,
+                damping_ns_per_m,
+                ..*own
+            },
+            Some(other) => {
+                let why = format!("{} values; give three: kp,ki,damping_ns_per_m", other.len());
+                return Err(Failed::from_error("--gains")(why).into());
+            }
+        };
+        check_gains(&law)?;
+        Ok(Some(law))
     }
 }
 
