@@ -434,3 +434,27 @@ impl Document {
         );
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A response that is off by `off_n` and rings with this amplitude.
+    fn response(off_n: f64, rings_n: f64) -> Answer {
+        let wave = |k: u32| rings_n * (f64::from(k) * 0.6).sin();
+        Answer {
+            asked_n: vec![10.0; 1000],
+            measured_n: (0..1000).map(|k| 10.0 + off_n + wave(k)).collect(),
+        }
+    }
+
+    #[test]
+    fn only_less_error_without_more_ringing_is_better() {
+        let before = response(1.0, 0.1);
+        let better = |after: &Answer| is_better(after, &before, &before);
+        assert!(better(&response(0.9, 0.1)) && better(&response(0.5, 0.05)));
+        assert!(!better(&response(0.97, 0.1)), "hardly less error");
+        assert!(!better(&response(0.5, 0.11)), "more ringing");
+        assert!(!better(&before));
+    }
+}

@@ -43,7 +43,7 @@ const RobotFile = (() => {
   }
 
   async function save() {
-    const answer = await ask({ order: 'robot_save', text: checked, before: file.text });
+    const answer = await ask({ order: 'robot_save', text: checked, before: file.mark });
     if (!answer.ok) { words(answer.reason, true); return; }
     const { kept } = answer.data;
     await open(true);
@@ -53,7 +53,8 @@ const RobotFile = (() => {
   const set = (id, reason) => { $(id).disabled = !!reason; $(id).title = reason; };
   function buttons() {
     const no = may ? file ? '' : 'the file was not read yet' : why, text = $('robot-text').value;
-    set('robot-check', no); set('robot-again', may ? '' : why);
+    // Messages have a greatest size.
+    set('robot-check', no || (new Blob([text]).size > 48 * 1024 ? 'larger than 48 kB: change it in an editor' : '')); set('robot-again', may ? '' : why);
     set('robot-save', no || (!file.file ? 'a built-in robot has no file: mcdpr config init FILE --copy makes one'
       : checked === null || checked !== text ? 'check it first' : text === file.text ? 'nothing was changed' : ''));
   }

@@ -82,7 +82,10 @@ impl Cmd {
                 if many {
                     ending += &format!("{}.", k + 1);
                 }
-                let path = self.out.with_extension(format!("{ending}svg"));
+                let path = match ending.as_str() {
+                    "" => self.out.clone(),
+                    ending => self.out.with_extension(format!("{ending}svg")),
+                };
                 if !common.dry_run {
                     write_whole(&path, drawing)?;
                 }

@@ -41,6 +41,7 @@ impl RobotFile {
             "file": self.file.as_ref().map(|path| path.display().to_string()),
             "name": self.name,
             "settings": robot::settings(&text)?,
+            "mark": mark(&text),
             "text": text,
         }))
     }
@@ -51,7 +52,8 @@ impl RobotFile {
         Ok(json!({ "changes": robot::changes(&self.text()?, text)? }))
     }
 
-    /// Replaces the file's text, which must still be `before`. The old text is kept beside it.
+    /// Replaces the file's text, which must still have the mark `before` that it was read with. The old text is
+    /// kept beside it.
     pub(super) fn save(&self, text: &str, before: &str) -> Result<Value, String> {
         let Some(path) = &self.file else {
             return Err(format!(
@@ -60,7 +62,8 @@ impl RobotFile {
             ));
         };
         self.parsed(text)?;
-        if self.text()? != before {
+        let old = self.text()?;
+        if mark(&old) != before {
             return Err(format!(
                 "{} was changed by someone else meanwhile: read it again",
                 path.display()
@@ -68,7 +71,7 @@ impl RobotFile {
         }
         let kept = with_ending(path, "before");
         let failed = |path: &Path, error: std::io::Error| format!("{}: {error}", path.display());
-        write_atomically(&kept, before).map_err(|error| failed(&kept, error))?;
+        write_atomically(&kept, &old).map_err(|error| failed(&kept, error))?;
         write_atomically(path, text).map_err(|error| failed(path, error))?;
         Ok(json!({ "file": path.display().to_string(), "kept": kept.display().to_string() }))
     }
@@ -85,6 +88,11 @@ impl RobotFile {
             problems.collect::<Vec<_>>().join("\n")
         })
     }
+}
+
+/// Distinguishes two texts of a file, CRC-32.
+fn mark(text: &str) -> String {
+    format!("{:08x}", mcdpr_protocol::frame::crc32(text.as_bytes()))
 }
 
 fn with_ending(path: &Path, ending: &str) -> PathBuf {
@@ -115,19 +123,20 @@ mod tests {
         // Nonsense is refused in words, and nothing is written.
         let wrong = text.replacen("mass_kg = ", "mass_kg = -", 1);
         assert!(file.check(&wrong).unwrap_err().contains("mass_kg"));
-        assert!(file.save(&wrong, text).is_err() && file.save(&heavier, "another").is_err());
+        let own = mark(text);
+        assert!(file.save(&wrong, &own).is_err() && file.save(&heavier, "another").is_err());
         assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
-        file.save(&heavier, text).unwrap();
+        file.save(&heavier, &own).unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), heavier);
         let kept = std::fs::read_to_string(folder.join("own.toml.before")).unwrap();
         assert_eq!(kept, text);
-        assert!(file.save(text, text).unwrap_err().contains("meanwhile"));
+        assert!(file.save(text, &own).unwrap_err().contains("meanwhile"));
         std::fs::remove_dir_all(&folder).unwrap();
         let built_in = RobotFile::new("lab-fast");
         let text = built_in.text().unwrap();
         assert!(
             built_in
-                .save(&text, &text)
+                .save(&text, &mark(&text))
                 .unwrap_err()
                 .contains("config init")
         );
