@@ -302,7 +302,7 @@ pub fn choose(
         found.push((least, by_length));
     }
     // Of equal sets the one with the first cables comes first.
-    let steps = |condition: f64| (condition.ln() / STEP).round();
+    let steps = |condition: f64| (libm::log(condition) / STEP).round();
     found.sort_by(|a, b| {
         let better = steps(b.0).total_cmp(&steps(a.0));
         better.then_with(|| b.1.cmp(&a.1))
@@ -403,7 +403,7 @@ fn pendulum(geometry: &AnyRobot) -> Result<(), HoldingError> {
     let first = geometry.cables().first();
     let point = first.map_or(Vector3::zeros(), |c| c.attachment_m);
     let arm = geometry.platform().center_of_mass_m - point;
-    let off_m = arm.x.hypot(arm.y);
+    let off_m = libm::hypot(arm.x, arm.y);
     // 1 mrad of tilt counts as level: 1 mm beside the point for a load 1 m below it.
     if off_m > 1e-3 * arm.z.abs() + SAME_M || arm.z > SAME_M {
         return Err(HoldingError::Pendulum {

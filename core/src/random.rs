@@ -30,8 +30,8 @@ impl Random {
     /// Normal with standard deviation 1 (Box and Muller, 1958).
     pub fn normal(&mut self) -> f64 {
         // 1 - unit lies in (0, 1]: the logarithm of zero does not occur.
-        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.unit()).cos()
+        let radius = (-2.0 * libm::log(1.0 - self.unit())).sqrt();
+        radius * libm::cos(std::f64::consts::TAU * self.unit())
     }
 
     /// A vector with each coordinate uniform in +-half.

@@ -23,7 +23,7 @@
 use crate::control::Handle;
 use crate::link::{Link, Paced, SimulatedLink, plant_failed};
 use crate::machine::{self, Controller, Mismatch};
-use crate::motion::{Model, Plan, PlanError, PlanOptions, Task};
+use crate::motion::{Model, Plan, PlanError, Task};
 use crate::record::events::{EventBus, TruthTap, Watched};
 use crate::report::{self, Figures, PathPoint};
 use crate::run::{self, Homing, Measured, Progress, Recorder, ResumeError, RunError, Session};
@@ -133,12 +133,6 @@ impl SimulatedRobot {
             },
             None => (model.robot(), &self.mismatch, self.seed),
         };
-        // A planner that takes the platform for level knows no other way to hang than the others.
-        let hanging = PlanOptions {
-            tensioning: model.options().tensioning,
-            ..PlanOptions::default()
-        };
-        let home = Model::new(machine)?.with_options(hanging).rest_at_home()?;
         // The emulated chip is the board of the paper: it has four modules.
         let cables = machine.cables.len();
         if matches!(self.controller, Controller::Chip(_)) && cables != usize::from(CHIP_CABLES) {
@@ -147,10 +141,8 @@ impl SimulatedRobot {
                 robot: cables,
             });
         }
-        let params = machine::plant_params(machine, mismatch, seed);
-        let (pose, held) = (&home.equilibrium.pose, model.holding().by_tension());
-        let simulation = machine::hang(params, pose, home.tensions_n(), held, seed)
-            .and_then(|plant| machine::with_board(plant, &self.line, seed, &self.controller))
+        let plant = machine::at_rest(model, machine, mismatch, seed, None)?;
+        let simulation = machine::with_board(plant, &self.line, seed, &self.controller)
             .map_err(|error| RunError::Client(plant_failed(error).into()))?;
         Ok(SimulatedLink::new(simulation))
     }

@@ -136,7 +136,7 @@ mod tests {
         let radius = 0.1;
         let points: Vec<_> = (0..=24)
             .map(|i| {
-                let (sin, cos) = (std::f64::consts::PI * f64::from(i) / 24.0).sin_cos();
+                let (sin, cos) = libm::sincos(std::f64::consts::PI * f64::from(i) / 24.0);
                 Vector3::new(radius * cos, radius * sin, 0.2)
             })
             .collect();
@@ -152,7 +152,7 @@ mod tests {
             let way = curve.length_m() * f64::from(step) / 100.0;
             let point = curve.at(way);
             assert!((point.position_m.xy().norm() - radius).abs() < 3e-6);
-            let angle = point.position_m.y.atan2(point.position_m.x);
+            let angle = libm::atan2(point.position_m.y, point.position_m.x);
             assert!((angle * radius - way).abs() < 5e-6, "{way}");
             assert!((point.tangent.norm() - 1.0).abs() < 1e-9);
         }

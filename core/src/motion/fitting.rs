@@ -3,7 +3,7 @@
 use super::model::Model;
 use super::path::{Path, PathError, Piece};
 use super::plan::{Plan, PlanError};
-use super::task::Task;
+use super::task::{FITTING, Task};
 use super::timed::Step;
 use crate::holding::Freedom;
 use nalgebra::{Rotation3, Vector3};
@@ -23,7 +23,29 @@ const TILTS_DEG: [f64; 5] = [15.0, 12.0, 8.0, 5.0, 2.0];
 /// depend on rounding.
 const TILT_SHARE: f64 = 0.98;
 
+/// The task of robots like the paper's.
+pub const PAPER: &str = "paper:table7";
+/// Height of a level platform's origin on that circle, m: at the paper's own, 24 mm, it needs tensions beyond
+/// the sensors.
+pub const PAPER_HEIGHT_M: f64 = -0.1;
+
 impl Task {
+    /// Name of the built-in task that fits a robot: the paper's circle for a robot like the paper's, else
+    /// that of [`Task::fitting`].
+    #[must_use]
+    pub fn fitting_name(model: &Model) -> &'static str {
+        let robot = model.robot();
+        let height_m = PAPER_HEIGHT_M + robot.tool.tcp_in_platform_m.z;
+        let like_paper = model.holding().hangs() && model.holding().first_by_tension().is_some();
+        let [low, high] = robot.search_box_in_world_m();
+        let start_m = Self::built_in(PAPER, height_m)
+            .ok()
+            .and_then(|task| task.start_m());
+        let inside =
+            start_m.is_some_and(|at| at.x > low.x && at.x < high.x && at.y > low.y && at.y < high.y);
+        if like_paper && inside { PAPER } else { FITTING }
+    }
+
     /// A circle about the middle of the robot's work space (its box, or its home), horizontal or in the
     /// robot's plane, as large as fits; then, where lengths hold the attitude, a path that tilts and turns
     /// the platform both ways about every axis that it has.
@@ -85,7 +107,7 @@ fn circle(model: &Model, radius_m: f64) -> Result<Circle, PlanError> {
             .map(|point| {
                 // The remainder makes the last point exactly the first one.
                 let angle = TAU * f64::from(point % POINTS) / f64::from(POINTS);
-                center_m - across * (radius_m * angle.cos()) - other * (radius_m * angle.sin())
+                center_m - across * (radius_m * libm::cos(angle)) - other * (radius_m * libm::sin(angle))
             })
             .collect();
         Piece::curve(&points)?
@@ -147,7 +169,7 @@ fn tilted(model: &Model, circle: &Circle) -> Option<Task> {
         for (index, turn) in turns.iter().chain([&Vector3::zeros()]).enumerate() {
             // A polygon about the middle of the circle, half as large.
             let angle = TAU * (index as f64 + 0.5) / count;
-            let arm = (across * angle.cos() + other * angle.sin()) * (0.5 * circle.radius_m);
+            let arm = (across * libm::cos(angle) + other * libm::sin(angle)) * (0.5 * circle.radius_m);
             let to_m = circle.center_m - arm;
             let path = Path::through(&[at_m, to_m]).ok()?;
             at_m = to_m;

@@ -307,7 +307,7 @@ fn arc(
         return Err((column, message));
     }
     let turn = std::f64::consts::TAU;
-    let mut sweep = end.y.atan2(end.x) - start.y.atan2(start.x);
+    let mut sweep = libm::atan2(end.y, end.x) - libm::atan2(start.y, start.x);
     // Rounding must not make a whole circle an arc without length.
     if (to_m - from_m).norm() < 1e-7 {
         sweep = 0.0;

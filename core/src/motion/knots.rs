@@ -111,7 +111,7 @@ pub fn fit<E: From<SplineError>>(
             .into());
         }
         // A fourth-order method: the error falls with the fourth power of the number.
-        let factor = (error / options.tolerance).powf(0.25).clamp(1.0, 2.0);
+        let factor = libm::pow(error / options.tolerance, 0.25).clamp(1.0, 2.0);
         let predicted = (segments as f64 * factor).ceil() as usize;
         segments = predicted.max(segments + 1).min(options.most_segments);
     }

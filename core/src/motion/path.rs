@@ -192,7 +192,7 @@ impl Piece {
         sweep_rad: f64,
     ) -> Result<Self, PathError> {
         let arm = start_m - center_m;
-        let distance_m = finite("a point", arm.x.hypot(arm.y))?;
+        let distance_m = finite("a point", libm::hypot(arm.x, arm.y))?;
         finite("a point", arm.z)?;
         finite("a radius", radius_m)?;
         let length_m = finite("an angle", radius_m * sweep_rad.abs())?;
@@ -212,7 +212,7 @@ impl Piece {
             shape: Shape::Arc {
                 center_m,
                 radius_m,
-                start_rad: arm.y.atan2(arm.x),
+                start_rad: libm::atan2(arm.y, arm.x),
                 sense: sweep_rad.signum(),
             },
             skip_m: 0.0,
@@ -306,7 +306,7 @@ impl Piece {
                 start_rad,
                 sense,
             } => {
-                let (sin, cos) = (start_rad + sense * s_m / radius_m).sin_cos();
+                let (sin, cos) = libm::sincos(start_rad + sense * s_m / radius_m);
                 let (radius_m, sense) = (*radius_m, *sense);
                 let outward = Vector3::new(cos, sin, 0.0);
                 PathPoint {

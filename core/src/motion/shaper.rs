@@ -86,7 +86,7 @@ impl Shaper {
     /// Residual swing at a frequency, as a share of that of the unshaped motion.
     #[must_use]
     pub fn residual(&self, mode_hz: f64) -> f64 {
-        let turn = |at_s: f64| (std::f64::consts::TAU * mode_hz * at_s).sin_cos();
+        let turn = |at_s: f64| libm::sincos(std::f64::consts::TAU * mode_hz * at_s);
         let (mut across, mut along) = (0.0, 0.0);
         for (at_s, share) in &self.impulses {
             let (sin, cos) = turn(*at_s);

@@ -333,7 +333,7 @@ fn peak_speed(length_m: f64, bounds: Bounds) -> f64 {
         2.0 * length_m / (jerk_s + (jerk_s * jerk_s + 4.0 * length_m / a).sqrt())
     };
     // Jerk phases of t each: V = j t^2 and length = 2 V t, so V^3 = j length^2 / 4.
-    let without = (0.25 * length_m * length_m * j).cbrt();
+    let without = libm::cbrt(0.25 * length_m * length_m * j);
     let reachable = if with_constant_acceleration * j > a * a {
         with_constant_acceleration
     } else {

@@ -446,7 +446,7 @@ fn tool_bounds(
     if let Some(radius_m) = path.least_radius_m() {
         bounds.acceleration_mps2 /= SQRT_2;
         let across = (bounds.acceleration_mps2 * radius_m).sqrt();
-        let around = (limits.jerk_mps3 * radius_m * radius_m).cbrt();
+        let around = libm::cbrt(limits.jerk_mps3 * radius_m * radius_m);
         bounds.speed_mps = bounds.speed_mps.min(across).min(around);
     }
     Ok(bounds)

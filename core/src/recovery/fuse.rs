@@ -252,9 +252,9 @@ impl Problem<'_> {
         }
         // Laplace: half the logarithm of the determinant, minus half of chi-square. The whitening
         // adds the normalisation of the lengths, which differs between the causes.
-        let spread = covariance.determinant().max(f64::MIN_POSITIVE).ln();
+        let spread = libm::log(covariance.determinant().max(f64::MIN_POSITIVE));
         let white = self.white.as_ref().map_or(0.0, |white| {
-            white.diagonal().iter().map(|part| part.abs().ln()).sum()
+            white.diagonal().iter().map(|part| libm::log(part.abs())).sum()
         });
         let log_evidence = 0.5 * (spread - rows.norm_squared()) + white;
         let tensions = self.weighed.tensions_n.len();

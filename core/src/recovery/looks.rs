@@ -187,7 +187,7 @@ impl RestReadings {
 #[must_use]
 pub(crate) fn taper(count: usize) -> Vec<f64> {
     let whole = count.max(1) as f64;
-    let weight = |index: usize| (1.0 - (TAU * (index as f64 + 0.5) / whole).cos()) / whole;
+    let weight = |index: usize| (1.0 - libm::cos(TAU * (index as f64 + 0.5) / whole)) / whole;
     match count {
         0 | 1 => vec![1.0; count],
         _ => (0..count).map(weight).collect(),
@@ -300,7 +300,7 @@ impl TagMotion {
         for view in views {
             noise += 2.0 * view.sigma_px().powi(2) / count;
             let [a, b, c, d] = view.corners_px;
-            let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+            let far = |a: [f64; 2], b: [f64; 2]| libm::hypot(a[0] - b[0], a[1] - b[1]);
             edge_px += (far(a, b) + far(b, c) + far(c, d) + far(d, a)) / 4.0 / count;
         }
         // The tag's edge gives the scale at its own distance, without a camera model.

@@ -516,7 +516,7 @@ impl Robot {
             return corners;
         }
         let [mut low, high] = self.anchor_box_in_world_m();
-        let diagonal_m = (high.x - low.x).hypot(high.y - low.y);
+        let diagonal_m = libm::hypot(high.x - low.x, high.y - low.y);
         if high.z - low.z < 0.25 * diagonal_m {
             low.z = high.z - diagonal_m;
         }

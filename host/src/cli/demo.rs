@@ -9,7 +9,7 @@ use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::experiment::{Experiment, SimulatedRobot, SimulatedRun};
 use crate::machine::Mismatch;
-use crate::motion::{Model, Task};
+use crate::motion::{Model, PAPER, PAPER_HEIGHT_M, Task};
 use crate::record::{Doing, TaskSource};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::run::watch_for_interrupts;
@@ -28,11 +28,8 @@ pub(crate) struct Cmd {
     scenario: Option<std::path::PathBuf>,
 }
 
-/// Height of the circle: the paper's own, 24 mm, needs tensions beyond its sensors.
-pub(crate) const HEIGHT_MM: f64 = -100.0;
-
-/// The task of robots like the paper's.
-const PAPER: &str = "paper:table7";
+/// Height of the paper's circle, mm.
+pub(crate) const HEIGHT_MM: f64 = PAPER_HEIGHT_M * 1e3;
 
 /// One JSON document of the demo. The figures at the top are those of the realistic machine.
 #[derive(Debug, Serialize)]
@@ -63,7 +60,7 @@ impl Cmd {
         say_choice(&model);
         let cables = robot.cables.len();
         let scenario = match &self.scenario {
-            Some(file) => Some(Scenario::load(file, cables)?),
+            Some(file) => Some(crate::scenario::load(file, cables)?),
             None if self.faults.is_empty() => None,
             None => Some(Scenario::from_words(&self.faults, cables)?),
         };
@@ -100,29 +97,9 @@ impl Cmd {
     }
 }
 
-/// Name of the built-in task that fits a robot: the paper's circle for a robot like the paper's, else
-/// a path through the middle of its own work space.
-///
-/// # Errors
-/// As [`Task::built_in`].
-pub(crate) fn fitting_task(model: &Model) -> miette::Result<&'static str> {
-    let robot = model.robot();
-    let paper = Task::built_in(PAPER, tool_height_m(robot, HEIGHT_MM))?;
-    let like_paper = model.holding().hangs() && model.holding().first_by_tension().is_some();
-    let [low, high] = robot.search_box_in_world_m();
-    let inside = paper
-        .start_m()
-        .is_some_and(|at| at.x > low.x && at.x < high.x && at.y > low.y && at.y < high.y);
-    Ok(if like_paper && inside {
-        PAPER
-    } else {
-        crate::motion::FITTING
-    })
-}
-
 fn task_for(model: &Model) -> miette::Result<Task> {
     let height_m = tool_height_m(model.robot(), HEIGHT_MM);
-    let name = fitting_task(model)?;
+    let name = Task::fitting_name(model);
     Ok(crate::motion::find_task_for(model, name, height_m)?)
 }
 

@@ -54,6 +54,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("experiment", Judges),
     ("export", Computes),
     ("faults", Computes),
+    ("fingerprint", Refuses),
     ("fk", Computes),
     ("flash", Judges),
     ("gripper", Refuses),

@@ -75,7 +75,7 @@ pub(super) fn watched<'a, L: Link>(
     link: L,
     events: &'a EventBus,
     tap: Option<&TruthTap>,
-) -> Watched<'a, L> {
+) -> Watched<'a, L, EventBus> {
     let watched = Watched::new(link, events);
     match tap {
         Some(tap) => watched.with_truth(tap.clone()),

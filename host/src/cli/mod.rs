@@ -26,6 +26,7 @@ mod experiment;
 mod export;
 mod eye;
 mod faults;
+mod fingerprint;
 mod flash;
 mod line;
 mod model;
@@ -212,6 +213,7 @@ enum Command {
     Export(export::Cmd),
     Model(model::Cmd),
     Reproduce(reproduce::Cmd),
+    Fingerprint(fingerprint::Cmd),
     Estimate(estimate::Cmd),
     Ik(compute::ik::Cmd),
     Fk(compute::fk::Cmd),
@@ -325,6 +327,7 @@ pub fn main() -> ExitCode {
         Command::Report(cmd) => cmd.run(common),
         Command::Compare(cmd) => cmd.run(common),
         Command::Reproduce(cmd) => cmd.run(common),
+        Command::Fingerprint(cmd) => cmd.run(common),
         Command::Export(cmd) => cmd.run(common),
         Command::Model(cmd) => cmd.run(common),
         Command::Estimate(cmd) => cmd.run(common),

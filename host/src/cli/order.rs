@@ -45,6 +45,7 @@ const ORDER: &[&str] = &[
     "estimate",
     "predict",
     "reproduce",
+    "fingerprint",
     // Compute.
     "ik",
     "fk",

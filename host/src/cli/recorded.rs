@@ -191,12 +191,12 @@ pub(crate) struct OnRecord<'a> {
 
 impl OnRecord<'_> {
     /// A line, recorded.
-    pub(crate) const fn watched<L: Link>(&self, link: L) -> Watched<'_, L> {
+    pub(crate) const fn watched<L: Link>(&self, link: L) -> Watched<'_, L, EventBus> {
         Watched::new(link, self.events)
     }
 
     /// A line to a simulated robot, recorded with its true states.
-    pub(crate) fn watched_simulated(&self, link: SimulatedLink) -> Watched<'_, SimulatedLink> {
+    pub(crate) fn watched_simulated(&self, link: SimulatedLink) -> Watched<'_, SimulatedLink, EventBus> {
         let tap = TruthTap::forgetful(link.clone(), self.cables);
         self.watched(link).with_truth(tap)
     }

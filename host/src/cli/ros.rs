@@ -105,7 +105,7 @@ impl Cmd {
             return Ok(());
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        let (feed, handle, goals) = (Feed::default(), Handle::new(), Goals::default());
+        let (feed, handle, goals) = (crate::serve::feed(), Handle::new(), Goals::default());
         let failed = || Failed::from_error("starting a thread");
         let actions = Actions::default();
         let desk = Desk::new(&handle, &goals, &actions, &feed, tasks).map_err(failed())?;

@@ -18,7 +18,7 @@ use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::saved::scale_of;
 use crate::run::{Homing, new_session, watch_for_interrupts};
-use crate::serve::{CameraWatcher, Feed, FeedWatcher, Server};
+use crate::serve::{CameraWatcher, FeedWatcher, Server};
 use mcdpr_protocol::SessionId;
 use serde::Serialize;
 use std::sync::Arc;
@@ -210,7 +210,7 @@ pub(crate) fn page(
     recorded: &mut Recorded,
     common: &Common,
 ) -> miette::Result<Server> {
-    let feed = Feed::default();
+    let feed = crate::serve::feed();
     let watcher = FeedWatcher::new(feed.clone(), model.clone());
     let added = recorded.events.add(watcher, Patience::Drop);
     added.map_err(Failed::from_error("starting the viewers' thread"))?;

@@ -19,19 +19,20 @@ use super::recorded::{About, Recorded};
 use super::run::tool_height_m;
 use super::token::Token;
 use super::{Common, Failed, Outcome, print_json};
-use crate::control::{Handle, Order, Outcome as Answered, Ticket};
+use crate::control::Handle;
 use crate::experiment::{Experiment, SimulatedRobot};
 use crate::link::{Client, ClientError, Link, Paced};
 use crate::machine::Mismatch;
-use crate::motion::Model;
+use crate::motion::{Model, Task};
 use crate::record::events::{Patience, TruthTap};
 use crate::record::{Doing, EventBus, TaskSource};
 use crate::report::RUNS;
 use crate::run::{
-    self, Homing, LengthFiles, RunError, Session, interrupted, new_session, watch_for_interrupts,
+    self, Homing, LengthFiles, RunError, interrupted, new_session, watch_for_interrupts,
 };
 use crate::serve::{CameraWatcher, Feed, FeedWatcher, Server};
-use mcdpr_protocol::{Request, SessionId};
+use mcdpr_protocol::SessionId;
+use mcdpr_twin::attend::{Attendant, Wanted};
 use std::cell::Cell;
 use std::io::Write as _;
 use std::net::IpAddr;
@@ -41,10 +42,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Default port of the page.
 pub(crate) const PORT: u16 = 8650;
-/// A robot that was armed for jogging holds this long after the last jog, s.
-const JOG_HOLD_S: f64 = 3.0;
-/// Polling interval of an idle board, µs.
-const LOOK_US: u64 = 40_000;
 
 /// Show the robot in a browser, live, with buttons; the simulated one goes around its circle
 #[derive(Debug, clap::Args)]
@@ -78,7 +75,7 @@ impl Cmd {
         let height_m = tool_height_m(&robot, self.z_mm);
         let name = match &self.task {
             Some(name) => name.as_str(),
-            None => super::demo::fitting_task(&model)?,
+            None => Task::fitting_name(&model),
         };
         let task = crate::motion::find_task_for(&model, name, height_m)?;
         let token = self.token.chosen()?;
@@ -93,7 +90,7 @@ impl Cmd {
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let simulated = common.on == "sim";
-        let feed = Feed::default();
+        let feed = crate::serve::feed();
         let handle = Handle::new();
         let start = Arc::new(AtomicBool::new(simulated && !self.idle));
         let planning = Planning::start(model.clone(), feed.clone())
@@ -165,16 +162,6 @@ pub(crate) fn announce(server: &Server, common: &Common) -> Outcome {
     Ok(())
 }
 
-/// A request to an idle robot, and whether its lengths are known.
-enum Wanted {
-    /// The program ends.
-    Nothing,
-    /// The task.
-    Task { referenced: bool },
-    /// Jogs.
-    Jogs { referenced: bool },
-}
-
 struct Show<'a> {
     common: &'a Common,
     model: &'a Model,
@@ -218,7 +205,13 @@ impl Show<'_> {
         if tap.is_some() {
             idle.add(self.camera(), Patience::Drop).map_err(failed())?;
         }
-        let wanted = self.wait(watched(&mut *link, &idle, tap));
+        let attendant = Attendant {
+            model: self.model,
+            feed: &self.feed,
+            handle: &self.handle,
+            start: &self.start,
+        };
+        let wanted = attendant.wait(watched(&mut *link, &idle, tap), new_session(), |client| self.greeted(client));
         idle.finish();
         let (jogs, referenced) = match wanted? {
             Wanted::Nothing => return Ok(false),
@@ -256,7 +249,7 @@ impl Show<'_> {
         let line = watched(&mut *link, &events, tap).with_orders(&self.handle);
         let handle = &self.handle;
         let outcome = if jogs {
-            self.jog(line, session, homing)
+            attendant.jog(line, session, homing, &LengthFiles)
         } else {
             Experiment::new(self.model, task)
                 .session(session)
@@ -311,61 +304,14 @@ impl Show<'_> {
         Recorded::start(self.common, Some(self.model), about)
     }
 
-    fn camera(&self) -> CameraWatcher {
-        CameraWatcher::new(self.feed.clone(), self.model.robot(), self.common.seed)
-    }
-
-    /// Arms, and executes jogs until none has come for a while.
-    fn jog(&self, link: impl Link, session: SessionId, homing: Homing<'_>) -> Result<(), RunError> {
-        let mut session = Session::open(
-            self.model,
-            link,
-            session,
-            &self.handle,
-            homing,
-            &LengthFiles,
-        )?;
-        session.arm()?;
-        self.feed.say("armed: hold a jog button to move the tool");
-        loop {
-            let before_m = session.tool_m();
-            session.hold(Some(JOG_HOLD_S))?;
-            if session.tool_m() == before_m {
-                break;
-            }
-        }
-        session.disarm()
-    }
-
-    /// Makes a request for an order: done, or the board's refusal in words.
-    ///
-    /// # Errors
-    /// The line's; the order is answered with it.
-    fn ask<L: Link>(
-        &self,
-        client: &mut Client<L>,
-        ticket: Ticket,
-        request: Request,
-    ) -> Result<Answered, ClientError> {
-        match client.request(request) {
-            Ok(_) => Ok(Ok(())),
-            Err(refused @ ClientError::Refused { .. }) => Ok(Err(refused.to_string())),
-            Err(error) => {
-                self.handle.done(ticket, Err(error.to_string()));
-                Err(error)
-            }
-        }
-    }
-
-    /// Polls the idle robot until there is a request.
-    fn wait(&self, link: impl Link) -> Result<Wanted, RunError> {
-        let mut client = Client::connect(link, new_session())?;
+    /// The idle robot has answered.
+    fn greeted<L: Link>(&self, client: &mut Client<L>) -> Result<(), RunError> {
         if self.lost.replace(false) {
             self.feed.clear_trouble();
             self.feed.say("the robot answers again");
         }
         // A simulated robot in this process is placed at home by the program.
-        if self.common.on != "sim" && !run::status(&mut client)?.referenced {
+        if self.common.on != "sim" && !run::status(client)?.referenced {
             let board = run::saved::board_name(client.hello());
             let scale = run::saved::scale_of(self.model.robot());
             if let Some(sentence) = crate::recovery::after_cut(&board, scale) {
@@ -373,55 +319,10 @@ impl Show<'_> {
                     .set_trouble(&format!("{sentence}; next: `mcdpr recover`"));
             }
         }
-        let outcome = loop {
-            if interrupted() {
-                break Wanted::Nothing;
-            }
-            let mut jogs = false;
-            while let Some((ticket, order)) = self.handle.take() {
-                let outcome = match order {
-                    Order::Clear => {
-                        let outcome = self.ask(&mut client, ticket, Request::ClearFault)?;
-                        match &outcome {
-                            Ok(()) => self.feed.clear_trouble(),
-                            Err(reason) => self.feed.set_trouble(reason),
-                        }
-                        outcome
-                    }
-                    Order::Stop | Order::Emergency => {
-                        jogs = false;
-                        Ok(())
-                    }
-                    // Jogs that arrive once the robot is armed are executed.
-                    Order::Jog { velocity_mps, .. } => {
-                        jogs |= velocity_mps != [0.0; 3];
-                        Ok(())
-                    }
-                    Order::Gripper { closed } => {
-                        self.ask(&mut client, ticket, Request::Gripper { closed })?
-                    }
-                    other => Err(format!("{} is not possible: nothing moves", other.name())),
-                };
-                self.handle.done(ticket, outcome);
-            }
-            // The last task has been stopped by now, also if Start followed at once.
-            self.handle.start_anew();
-            let status = run::status(&mut client)?;
-            let referenced = status.referenced;
-            let starts = self.start.swap(false, Ordering::SeqCst);
-            if starts || jogs {
-                match status.fault {
-                    None if starts => break Wanted::Task { referenced },
-                    None => break Wanted::Jogs { referenced },
-                    Some(_) => self
-                        .feed
-                        .set_trouble("a fault is latched; remove its cause, then clear it"),
-                }
-            }
-            let look = client.now_us() + LOOK_US;
-            client.pump(look)?;
-        };
-        client.request(Request::Close)?;
-        Ok(outcome)
+        Ok(())
+    }
+
+    fn camera(&self) -> CameraWatcher {
+        CameraWatcher::new(self.feed.clone(), self.model.robot(), self.common.seed)
     }
 }

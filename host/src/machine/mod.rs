@@ -1,8 +1,9 @@
 //! The robot description as physics for the simulator, with the board in front of it.
 
+mod boarded;
 mod firmware;
-mod plant;
 
+pub use boarded::{simulate_unloaded, with_board};
 pub use firmware::{Controller, Firmware, FirmwareError};
 pub use mcdpr_core::machine::*;
-pub use plant::{GearMismatch, Mismatch, hang, plant_params, simulate_unloaded, with_board};
+pub use mcdpr_twin::plant::{GearMismatch, Mismatch, at_rest, hang, plant_params};

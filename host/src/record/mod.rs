@@ -18,7 +18,6 @@
 //! continues, independent of the disk or a browser.
 
 pub(crate) mod cdr;
-pub mod decode;
 pub mod events;
 pub mod load;
 pub mod mcap;
@@ -30,7 +29,8 @@ pub(crate) mod rosbag;
 pub mod scenario;
 mod schemas;
 mod short;
-pub mod words;
+
+pub use mcdpr_twin::{decode, words};
 
 pub use events::{EventBus, Level, PlanNote, PlanPoint, RunEvent, TruthPoint, Watched};
 pub use load::{Change, LoadError, RecordedRun, Report};

@@ -1,9 +1,8 @@
 //! The live page: one embedded page on loopback, fed over a WebSocket, with buttons that give
-//! orders to the thread that moves the robot.
+//! orders to the thread that moves the robot. The page itself and its data are those of [`mcdpr_twin`].
 //!
 //! | module | what it is for |
 //! |---|---|
-//! | [`feed`] | data for viewers, collected from the line on a separate thread |
 //! | [`server`] | the listener: the page, and a WebSocket for each viewer |
 //! | `orders` | permission to give orders: with the token, one page at a time |
 //!
@@ -13,23 +12,26 @@
 //! sites cannot connect: the host and origin that a browser sends must be this server's.
 
 mod camera;
-pub mod feed;
 mod http;
 mod orders;
 pub mod server;
 
 pub use camera::CameraWatcher;
-pub use feed::{Feed, FeedWatcher, Picture};
+pub use mcdpr_twin::feed::{self, Feed, FeedWatcher, Picture};
+pub use mcdpr_twin::page;
 pub use server::{Desk, ServeError, Server};
 
-/// The complete page: no other file and no network is needed.
+use std::sync::OnceLock;
+use std::time::Instant;
+
+/// Time since the first call, s: the clock of a [`Feed`] here.
+fn clock_s() -> f64 {
+    static BEGAN: OnceLock<Instant> = OnceLock::new();
+    BEGAN.get_or_init(Instant::now).elapsed().as_secs_f64()
+}
+
+/// An empty feed with this computer's clock.
 #[must_use]
-pub fn page() -> String {
-    include_str!("page.html")
-        .replace("/*STYLE*/", include_str!("page.css"))
-        .replace("/*SCENE*/", include_str!("scene.js"))
-        .replace("/*SCRIPT*/", include_str!("page.js"))
-        .replace("/*WORK*/", include_str!("work.js"))
-        .replace("/*RUNS*/", include_str!("runs.js"))
-        .replace("/*ROBOT*/", include_str!("robot.js"))
+pub fn feed() -> Feed {
+    Feed::new(clock_s)
 }

@@ -4,8 +4,9 @@ use super::feed::{Feed, describe};
 use super::http::{Request, answer};
 use super::orders::Orders;
 use crate::robot::Robot;
+use mcdpr_twin::viewer::{Message as News, Viewer};
 use miette::Diagnostic;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::collections::VecDeque;
 use std::io::{self, Write as _};
 use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -325,12 +326,7 @@ fn view(stream: TcpStream, shared: &Shared) -> io::Result<()> {
             .send(Message::text(value.to_string()))
             .map_err(io::Error::other)
     };
-    let hello = json!({
-        "type": "hello",
-        "robot": shared.robot,
-        "orders": shared.desk.orders(),
-        "version": env!("CARGO_PKG_VERSION"),
-    });
+    let hello = Viewer::hello(&shared.robot, &shared.desk.orders());
     send(&mut socket, &hello)?;
     shared.feed.viewer(true);
     let page = shared.pages.fetch_add(1, Ordering::SeqCst);
@@ -350,7 +346,7 @@ fn keep_showing(
     shared: &Shared,
     send: &impl Fn(&mut WebSocket<TcpStream>, &Value) -> io::Result<()>,
 ) -> io::Result<()> {
-    let (mut revision, mut plan, mut logged, mut pictures, mut previews) = (0, 0, 0, 0, 0);
+    let mut viewer = Viewer::default();
     let mut sent = Instant::now();
     let mut due = sent;
     while !shared.ended.load(Ordering::SeqCst) {
@@ -374,40 +370,23 @@ fn keep_showing(
         if now < due {
             continue;
         }
-        if let Some((number, new)) = shared.feed.plan_after(plan) {
-            plan = number;
-            // Every fifth point, 0.1 s apart: enough for a drawing.
-            let points: Vec<_> = new.points.iter().step_by(5).map(|p| p.tool_m).collect();
-            let message = json!({ "type": "plan", "duration_s": new.duration_s, "tool_m": points });
-            send(socket, &message)?;
+        for message in viewer.news(&shared.feed) {
+            match message {
+                News::Text(text) => send(socket, &text)?,
+                News::Picture(picture) => {
+                    send(socket, &picture.about)?;
+                    let bytes = Message::binary(picture.png.clone());
+                    socket.send(bytes).map_err(io::Error::other)?;
+                }
+            }
         }
-        if let Some((number, new)) = shared.feed.preview_after(previews) {
-            previews = number;
-            send(socket, &new)?;
-        }
-        if let Some((number, new)) = shared.feed.picture_after(pictures) {
-            pictures = number;
-            send(socket, &new.about)?;
-            let bytes = Message::binary(new.png.clone());
-            socket.send(bytes).map_err(io::Error::other)?;
-        }
-        let lines = shared.feed.log_after(logged);
-        if let Some(last) = lines.last() {
-            logged = last.number;
-            send(socket, &json!({ "type": "log", "lines": lines }))?;
-        }
-        let (live, age_s) = shared.feed.now();
-        let new = live.revision != revision;
         // The age of old data is sent every 400 ms, too.
-        if new || sent.elapsed() > Duration::from_millis(400) {
-            revision = live.revision;
+        let anyway = sent.elapsed() > Duration::from_millis(400);
+        if let Some(live) = viewer.live(&shared.feed, anyway) {
             sent = now;
             // From its due time: delays must not add up.
             due = (due + FRAME).max(now);
-            let mut message = serde_json::to_value(&live)?;
-            message["type"] = json!("live");
-            message["age_s"] = json!(age_s);
-            send(socket, &message)?;
+            send(socket, &live)?;
         }
     }
     Ok(())
@@ -432,7 +411,7 @@ mod tests {
 
     fn server() -> Server {
         let robot = Robot::built_in("paper-table5").unwrap();
-        Server::start(0, None, &robot, Feed::default(), Arc::new(Nothing)).unwrap()
+        Server::start(0, None, &robot, crate::serve::feed(), Arc::new(Nothing)).unwrap()
     }
 
     /// A viewer by the real handshake; its first message.

@@ -196,7 +196,7 @@ impl Cable {
         if hauled != 0.0 {
             // Dahl: ds/dx = (end - s) / sigma. After 3 sigma (0.6 mm) 95 % of a reversal is done.
             let end = hauled.signum();
-            self.friction_state = end + (self.friction_state - end) * (-hauled.abs()).exp();
+            self.friction_state = end + (self.friction_state - end) * libm::exp(-hauled.abs());
             self.paid_out_m = paid_out;
         }
     }

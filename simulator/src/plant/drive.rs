@@ -135,13 +135,13 @@ impl Drive {
             quantum_a: d.current_quantum_a,
             current_share: if d.current_lag_s > 0.0 {
                 // Exact for a first-order lag: 3 ms in steps of 0.1 ms give 3.3 % per step.
-                -(-step_s / d.current_lag_s).exp_m1()
+                -libm::expm1(-step_s / d.current_lag_s)
             } else {
                 1.0
             },
             mass_kg,
             inner_share: if d.inner_lag_s > 0.0 {
-                -(-step_s / d.inner_lag_s).exp_m1()
+                -libm::expm1(-step_s / d.inner_lag_s)
             } else {
                 1.0
             },

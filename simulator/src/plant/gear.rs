@@ -105,7 +105,7 @@ impl Gear {
     #[inline(always)]
     pub(crate) fn dry_n(&self) -> f64 {
         let ratio = self.motor_rate / self.stribeck_mps;
-        let rest = 1.0 + self.static_share * (-ratio * ratio).exp();
+        let rest = 1.0 + self.static_share * libm::exp(-ratio * ratio);
         self.coulomb_n * rest * (1.0 + self.cold_share * self.cold)
     }
 
@@ -114,7 +114,7 @@ impl Gear {
     pub(crate) fn kick(&mut self, motor_n: f64, shaft_n: f64, h: f64) {
         let hm = h / self.mass_kg;
         let cogging = if self.cogging_n > 0.0 {
-            self.cogging_n * (self.cogging_per_m * self.motor_m % TAU).sin()
+            self.cogging_n * libm::sin(self.cogging_per_m * self.motor_m % TAU)
         } else {
             0.0
         };

@@ -28,7 +28,7 @@ pub(super) fn open_v(from_v: f64, pull_up_ohm: f64, passed_s: f64) -> f64 {
     // Currents into the pin at rest: pull-up, leakage, charge of the channel before.
     let rests = (ADC_REFERENCE_V / pull_up_ohm - LEAKAGE_A + sampling * BEFORE_V) / conducts;
     // With the wired pull-up the time constant is 10 kOhm x 10 nF = 0.1 ms.
-    rests + (from_v - rests) * (-passed_s * conducts / PIN_F).exp()
+    rests + (from_v - rests) * libm::exp(-passed_s * conducts / PIN_F)
 }
 
 #[cfg(test)]

@@ -57,7 +57,7 @@ impl Pose {
     /// ```
     #[must_use]
     pub fn from_rpy(position_m: [f64; 3], rpy_rad: [f64; 3]) -> Self {
-        let half = rpy_rad.map(|a| (0.5 * a).sin_cos());
+        let half = rpy_rad.map(|a| libm::sincos(0.5 * a));
         let x = [half[0].1, half[0].0, 0.0, 0.0];
         let y = [half[1].1, 0.0, half[1].0, 0.0];
         let z = [half[2].1, 0.0, 0.0, half[2].0];
@@ -80,9 +80,9 @@ impl Pose {
         // cos(pitch) as a root is never negative: pitch stays within a quarter turn.
         let level = (m[0][0] * m[0][0] + m[1][0] * m[1][0]).sqrt();
         [
-            m[2][1].atan2(m[2][2]),
-            (-m[2][0]).atan2(level),
-            m[1][0].atan2(m[0][0]),
+            libm::atan2(m[2][1], m[2][2]),
+            libm::atan2(-m[2][0], level),
+            libm::atan2(m[1][0], m[0][0]),
         ]
     }
 

@@ -62,7 +62,7 @@ impl Pulley {
         let straight = straight_squared.sqrt();
         let sine = up * self.radius_m + out * straight;
         let cosine = up * straight - out * self.radius_m;
-        let mut wrap = sine.atan2(cosine);
+        let mut wrap = libm::atan2(sine, cosine);
         // `atan2` ends at half a turn; a cable can wrap further.
         if wrap < 0.0 {
             wrap += std::f64::consts::TAU;

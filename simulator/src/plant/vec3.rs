@@ -163,8 +163,8 @@ pub(crate) fn symmetric_eigen(m: &M3) -> (V3, M3) {
                 continue;
             }
             // The angle that makes a_pq zero: tan(2 angle) = 2 a_pq / (a_qq - a_pp).
-            let angle = 0.5 * (2.0 * a[p][q]).atan2(a[q][q] - a[p][p]);
-            let (s, c) = angle.sin_cos();
+            let angle = 0.5 * libm::atan2(2.0 * a[p][q], a[q][q] - a[p][p]);
+            let (s, c) = libm::sincos(angle);
             // Rotate rows and columns p and q of `a`, and columns p and q of the basis.
             for row in &mut a {
                 (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);

@@ -146,11 +146,11 @@ impl Winch {
                 lever: 1.0,
             };
         }
-        let (sin, cos) = (self.drum_m / self.radius_m + self.eccentric_rad).sin_cos();
+        let (sin, cos) = libm::sincos(self.drum_m / self.radius_m + self.eccentric_rad);
         // The derivative of the paid out cable by the drum's displacement.
         let lever = 1.0 + self.eccentricity_m / self.radius_m * cos;
         PaidOut {
-            length_m: self.drum_m + self.eccentricity_m * (sin - self.eccentric_rad.sin()),
+            length_m: self.drum_m + self.eccentricity_m * (sin - libm::sin(self.eccentric_rad)),
             rate_mps: self.drum_rate * lever,
             lever,
         }

@@ -74,7 +74,7 @@ impl Chosen {
                 return far + radius_95_m(&covariance);
             }
             let ahead = far + ONE_SIDED * variance.sqrt();
-            ahead.hypot((covariance.trace() - variance).max(0.0).sqrt())
+            libm::hypot(ahead, (covariance.trace() - variance).max(0.0).sqrt())
         };
         let peaks = self
             .peaks
@@ -119,13 +119,13 @@ pub(super) fn choose(
     for cause in &known.causes {
         // A cause under which the robot could not hang at all is impossible.
         if let Ok(found) = fuse(model, &with(&cause.lengths), start_m) {
-            each.push((cause.probability.ln() + found.log_evidence, found));
+            each.push((libm::log(cause.probability) + found.log_evidence, found));
         }
     }
     // Relative to the likeliest cause: exp of a log density of -1000 alone would be zero.
     let most = each.iter().map(|(log, _)| *log).fold(f64::MIN, f64::max);
-    let total: f64 = each.iter().map(|(log, _)| (log - most).exp()).sum();
-    let share = |log: f64| (log - most).exp() / total;
+    let total: f64 = each.iter().map(|(log, _)| libm::exp(log - most)).sum();
+    let share = |log: f64| libm::exp(log - most) / total;
     if let Some((_, found)) = each.iter().find(|(log, _)| share(*log) > KNOWN) {
         return Ok(Chosen::only(found.clone()));
     }

@@ -7,8 +7,8 @@ use super::robot_file::RobotFile;
 use crate::control::{Handle, Order};
 use crate::motion::Model;
 use crate::serve::{Desk, Feed};
+use mcdpr_twin::asked::{Asked, asked, jog_mps, text};
 use serde_json::{Value, json};
-use std::fmt::Write as _;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -18,8 +18,6 @@ use std::time::Duration;
 const ANSWER: Duration = Duration::from_millis(50);
 /// How long a jog order is valid without a new one, s.
 const JOG_VALID_S: f64 = 0.2;
-/// Most points of a path that the page makes.
-const MOST_POINTS: usize = 500;
 
 /// Passes the page's orders to the thread that moves the robot.
 pub(crate) struct PageDesk {
@@ -42,35 +40,13 @@ pub(crate) struct Work {
     pub(crate) robot_file: RobotFile,
 }
 
-/// Three finite numbers of an order.
-fn three(message: &Value, key: &str) -> Option<[f64; 3]> {
-    let axes = message[key].as_array().into_iter().flatten();
-    let axes: Vec<_> = axes.filter_map(Value::as_f64).collect();
-    let found: Option<[f64; 3]> = axes.try_into().ok();
-    found.filter(|axes| axes.iter().all(|value| value.is_finite()))
-}
-
-fn text<'a>(message: &'a Value, key: &str) -> Result<&'a str, String> {
-    let text = message[key].as_str();
-    text.ok_or_else(|| format!("this order needs {key}, a text"))
-}
-
 impl PageDesk {
     /// The page does not wait for a jog either: it is repeated as long as its button is held.
     fn jog(&self, message: &Value) -> Result<(), String> {
         if self.work.is_none() {
             return Err("a task is under way: stop it first".to_owned());
         }
-        let velocity_mps = three(message, "velocity_mps")
-            .ok_or_else(|| "a jog needs velocity_mps, three numbers in m/s".to_owned())?;
-        let speed = velocity_mps.iter().map(|v| v * v).sum::<f64>().sqrt();
-        if speed > self.most_mps {
-            let most = self.most_mps * 1e3;
-            return Err(format!(
-                "a jog of {:.0} mm/s is asked for, the robot's limit is {most:.0} mm/s",
-                speed * 1e3
-            ));
-        }
+        let velocity_mps = jog_mps(message, self.most_mps)?;
         self.handle.order(Order::Jog {
             velocity_mps,
             valid_s: JOG_VALID_S,
@@ -97,36 +73,12 @@ impl Work {
 
     /// The task of a plan order: a named one, a text, a position, points, or home.
     fn wanted(&self, message: &Value) -> Result<Chosen, String> {
-        let (task, source) = if let Some(name) = message["task"].as_str() {
-            match message["text"].as_str() {
-                Some(text) => self.library.of_text(name, text.to_owned())?,
-                None => self.library.find(&self.model, name)?,
-            }
-        } else if message["home"] == json!(true) {
-            let home_m = self.model.robot().tool.home_in_world_m;
-            let text = path_text("home", &[(home_m * 1e3).into()], None);
-            self.library.of_text("home.toml", text)?
-        } else if !message["to_mm"].is_null() {
-            let to_mm = three(message, "to_mm").ok_or("a place is three numbers in mm")?;
-            // From where the tool is, so that the speed holds for the whole way.
-            let pose = self.feed.now().0.pose;
-            let from_mm = pose.map(|pose| pose.tool_m.map(|v| (v * 1e6).round() * 1e-3));
-            let points: Vec<_> = from_mm.into_iter().chain([to_mm]).collect();
-            let text = path_text("go to", &points, speed_mm_s(message)?);
-            self.library.of_text("go-to.toml", text)?
-        } else {
-            let points = message["points_mm"].as_array();
-            let points = points.ok_or("a plan needs task, home, to_mm or points_mm")?;
-            if points.is_empty() || points.len() > MOST_POINTS {
-                return Err(format!("a path has 1 to {MOST_POINTS} points"));
-            }
-            let points = points.iter().map(|point| {
-                let point = json!({ "point": point });
-                three(&point, "point").ok_or("a point is three numbers in mm")
-            });
-            let points = points.collect::<Result<Vec<_>, _>>()?;
-            let text = path_text("taught points", &points, speed_mm_s(message)?);
-            self.library.of_text("points.toml", text)?
+        let pose = self.feed.now().0.pose;
+        let home_m = self.model.robot().tool.home_in_world_m;
+        let asked = asked(message, home_m.into(), pose.map(|pose| pose.tool_m))?;
+        let (task, source) = match asked {
+            Asked::Named(name) => self.library.find(&self.model, &name)?,
+            Asked::Text { name, text } => self.library.of_text(&name, text)?,
         };
         Ok(Chosen { task, source })
     }
@@ -169,38 +121,6 @@ impl Work {
             other => Err(format!("there is no order {other}")),
         }
     }
-}
-
-/// The speed of an order, mm/s; `None`: as fast as the robot file allows.
-fn speed_mm_s(message: &Value) -> Result<Option<f64>, String> {
-    match &message["speed_mm_s"] {
-        Value::Null => Ok(None),
-        value => match value.as_f64() {
-            Some(speed) if speed.is_finite() && speed > 0.0 => Ok(Some(speed)),
-            _ => Err("a speed is a number over 0, in mm/s".to_owned()),
-        },
-    }
-}
-
-/// A task file through points (mm): the first is its start.
-fn path_text(name: &str, points_mm: &[[f64; 3]], speed_mm_s: Option<f64>) -> String {
-    let mut text = format!("name = \"{name}\"\n");
-    let [first, rest @ ..] = points_mm else {
-        return text;
-    };
-    let list = |[x, y, z]: [f64; 3]| format!("[{x:?}, {y:?}, {z:?}]");
-    if let Some(speed) = speed_mm_s {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "speed_mm_s = {speed:?}");
-    }
-    let _ = writeln!(text, "start_mm = {}", list(*first));
-    for point in rest {
-        let _ = writeln!(text, "\n[[leg]]\nto_mm = {}", list(*point));
-    }
-    if rest.is_empty() {
-        text.push_str("\n[[leg]]\ndwell_s = 0.0\n");
-    }
-    text
 }
 
 impl Desk for PageDesk {
@@ -250,40 +170,5 @@ impl Desk for PageDesk {
 
     fn document(&self, path: &str) -> Option<Result<(&'static str, String), String>> {
         self.work.as_ref()?.history.document(path)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::motion::Task;
-
-    #[test]
-    fn a_path_of_points_is_a_task_file() {
-        let points = [
-            [0.0, 0.0, -200.0],
-            [50.5, -1e-3, -200.0],
-            [0.0, 10.0, -150.0],
-        ];
-        let text = path_text("points", &points, Some(20.0));
-        let task = Task::parse(&text, "points.toml".into()).unwrap();
-        assert_eq!((task.steps.len(), task.name.as_str()), (2, "points"));
-        let start_m = task.start_m().unwrap();
-        assert!((start_m.z + 0.2).abs() < 1e-12, "{start_m}");
-        let one = path_text("home", &points[..1], None);
-        let task = Task::parse(&one, "home.toml".into()).unwrap();
-        assert_eq!(task.steps.len(), 1);
-    }
-
-    #[test]
-    fn numbers_that_are_none_are_refused() {
-        let message = json!({ "to_mm": [1, 2], "speed_mm_s": -1 });
-        assert_eq!(three(&message, "to_mm"), None);
-        assert!(speed_mm_s(&message).is_err());
-        assert_eq!(
-            three(&json!({ "to_mm": [1, 2, 3.5] }), "to_mm"),
-            Some([1.0, 2.0, 3.5])
-        );
-        assert_eq!(speed_mm_s(&json!({})), Ok(None));
     }
 }

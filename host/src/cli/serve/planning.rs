@@ -1,15 +1,10 @@
 //! Plans for the page: made by a thread of their own, shown to all viewers, started on request.
 
-use crate::motion::{Margin, Model, Task, Watch};
+use crate::motion::{Model, Task};
 use crate::record::TaskSource;
-use crate::run::preview;
 use crate::serve::Feed;
-use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-
-/// Points of a plan that are drawn.
-const DRAWN: usize = 600;
 
 /// A task that was planned for the page.
 #[derive(Debug, Clone)]
@@ -150,19 +145,12 @@ fn work(shared: &Shared, model: &Model, feed: &Feed) {
         };
         let number = inner.asked;
         drop(inner);
-        let result = planned(model, feed, &wanted.task);
+        let about = mcdpr_twin::preview::message(model, feed, &wanted.task, number);
         let mut inner = shared.lock();
         // A newer request makes this result worthless.
         if inner.asked != number {
             continue;
         }
-        let mut about = match result {
-            Ok(about) => about,
-            Err(reason) => json!({ "ok": false, "reason": reason, "tool_m": [], "margins": [] }),
-        };
-        about["type"] = json!("preview");
-        about["id"] = json!(number);
-        about["name"] = json!(wanted.task.name);
         inner.latest = if about["ok"] == json!(true) {
             Latest::Allowed(wanted)
         } else {
@@ -172,49 +160,6 @@ fn work(shared: &Shared, model: &Model, feed: &Feed) {
         feed.set_preview(about);
         drop(inner);
     }
-}
-
-/// The plan of a task from where the robot hangs.
-fn planned(model: &Model, feed: &Feed, task: &Task) -> Result<Value, String> {
-    let pose = feed.now().0.pose;
-    let (start_m, attitude) = match pose {
-        Some(pose) => {
-            let [x, y, z, w] = pose.rotation_xyzw;
-            let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-            (Vector3::from(pose.tool_m), turn.to_rotation_matrix())
-        }
-        None => (model.robot().tool.home_in_world_m, Rotation3::identity()),
-    };
-    let failed = |error: &dyn std::fmt::Display| error.to_string();
-    let plan = preview(model, task.clone(), &start_m, attitude).map_err(|e| failed(&e))?;
-    let seen = plan.extremes(&Watch::default()).map_err(|e| failed(&e))?;
-    let duration_s = seen.duration_s;
-    let times = (0..=DRAWN).map(|index| duration_s * index as f64 / DRAWN as f64);
-    let points = times.filter_map(|time_s| plan.timed.tool_m(time_s).ok());
-    let points: Vec<[f64; 3]> = points.map(Into::into).collect();
-    Ok(json!({
-        "ok": seen.broken.is_none(),
-        "reason": seen.broken,
-        "duration_s": duration_s,
-        "speed_mps": seen.speed_mps,
-        "tool_m": points,
-        "tightest": seen.margins.first().map(words),
-        "margins": seen.margins,
-    }))
-}
-
-/// A margin as one line.
-fn words(margin: &Margin) -> String {
-    let Margin {
-        what,
-        value,
-        limit,
-        unit,
-        left_percent,
-        time_s,
-        ..
-    } = margin;
-    format!("{what}: {value:.1} of {limit:.1} {unit}, {left_percent:.0} % left, at {time_s:.1} s")
 }
 
 #[cfg(test)]
@@ -248,7 +193,7 @@ mod tests {
     #[test]
     fn a_start_begins_what_is_shown_and_nothing_else() {
         let model = Model::new(&Robot::built_in("paper-table5").unwrap()).unwrap();
-        let feed = Feed::default();
+        let feed = crate::serve::feed();
         let planning = Planning::start(model, feed.clone()).unwrap();
         let begun = || planning.begun().map(|chosen| chosen.task.name);
         // Without a plan it is the program's own task, but not for a page that shows a plan.

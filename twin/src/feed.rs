@@ -1,16 +1,15 @@
 //! The data for viewers.
 
-use crate::link::{advice, describe_fault, describe_reject};
-use crate::motion::Model;
-use crate::record::decode::{Decoder, Seen};
-use crate::record::events::Watcher;
-use crate::record::{PlanNote, RunEvent, words};
-use crate::robot::{Control, GripperKind, Robot};
-use crate::sight::Shown;
+use crate::decode::{Decoder, Seen};
+use crate::events::{PlanNote, RunEvent, Watcher};
+use crate::words;
+use mcdpr_core::faults::{advice, describe_fault, describe_reject};
+use mcdpr_core::motion::Model;
+use mcdpr_core::robot::{Control, GripperKind, Robot};
+use mcdpr_core::sight::Shown;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
 
 /// Source of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -86,7 +85,7 @@ pub struct Live {
 impl Live {
     /// Whether the program is using the robot: an order to start something else has to wait.
     #[must_use]
-    pub(crate) fn is_busy(&self) -> bool {
+    pub fn is_busy(&self) -> bool {
         let busy = ["Arming", "Moving", "Pausing", "Holding"].contains(&self.state.as_str());
         busy && !self.task.is_empty()
     }
@@ -95,7 +94,8 @@ impl Live {
 #[derive(Debug, Default)]
 struct Inner {
     live: Live,
-    heard: Option<Instant>,
+    /// When the board was last heard, s.
+    heard_s: Option<f64>,
     plan: Option<Arc<PlanNote>>,
     plans: u64,
     log: VecDeque<LogLine>,
@@ -117,15 +117,18 @@ pub struct Picture {
 }
 
 /// The state that viewers share. Clones show the same.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Feed {
     shared: Arc<Mutex<Inner>>,
+    /// Any time that only grows, s.
+    clock_s: fn() -> f64,
 }
 
 /// A line of the log that viewers see.
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct LogLine {
-    pub(crate) number: u64,
+pub struct LogLine {
+    /// Its number, from 1.
+    pub number: u64,
     /// Link time, s.
     time_s: f64,
     text: String,
@@ -135,6 +138,15 @@ pub(crate) struct LogLine {
 const LOG: usize = 60;
 
 impl Feed {
+    /// An empty feed; `clock_s` gives any time that only grows, s.
+    #[must_use]
+    pub fn new(clock_s: fn() -> f64) -> Self {
+        Self {
+            shared: Arc::default(),
+            clock_s,
+        }
+    }
+
     fn lock(&self) -> MutexGuard<'_, Inner> {
         // A viewer that panicked must not affect the others.
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
@@ -144,19 +156,19 @@ impl Feed {
         let mut inner = self.lock();
         change(&mut inner);
         if heard {
-            inner.heard = Some(Instant::now());
+            inner.heard_s = Some((self.clock_s)());
         }
         inner.live.revision += 1;
     }
 
     /// Sets the current activity of the program.
-    pub(crate) fn set_task(&self, task: &str) {
+    pub fn set_task(&self, task: &str) {
         self.change(false, |inner| task.clone_into(&mut inner.live.task));
     }
 
     /// Shows viewers beside the buttons why the robot cannot be reached or an order failed; a new
     /// text is also added to the log.
-    pub(crate) fn set_trouble(&self, reason: &str) {
+    pub fn set_trouble(&self, reason: &str) {
         // The same reason again, as of a port that stays closed, is logged once.
         if self.lock().live.trouble.as_deref() == Some(reason) {
             return;
@@ -168,14 +180,14 @@ impl Feed {
     }
 
     /// Removes that text again.
-    pub(crate) fn clear_trouble(&self) {
+    pub fn clear_trouble(&self) {
         if self.lock().live.trouble.is_some() {
             self.change(false, |inner| inner.live.trouble = None);
         }
     }
 
     /// Shows viewers what a task would do.
-    pub(crate) fn set_preview(&self, preview: serde_json::Value) {
+    pub fn set_preview(&self, preview: serde_json::Value) {
         self.change(false, |inner| {
             inner.preview = Some(Arc::new(preview));
             inner.previews += 1;
@@ -183,7 +195,7 @@ impl Feed {
     }
 
     /// The preview and its number, if it is newer than this number.
-    pub(crate) fn preview_after(&self, number: u64) -> Option<(u64, Arc<serde_json::Value>)> {
+    pub fn preview_after(&self, number: u64) -> Option<(u64, Arc<serde_json::Value>)> {
         let inner = self.lock();
         let preview = inner.preview.as_ref();
         let new = preview.filter(|_| inner.previews > number);
@@ -199,13 +211,13 @@ impl Feed {
     #[must_use]
     pub fn now(&self) -> (Live, Option<f64>) {
         let inner = self.lock();
-        let age = inner.heard.map(|heard| heard.elapsed().as_secs_f64());
+        let age = inner.heard_s.map(|heard_s| (self.clock_s)() - heard_s);
         (inner.live.clone(), age)
     }
 
     /// The plan, if it has another number than this.
     #[must_use]
-    pub(crate) fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
+    pub fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
         let inner = self.lock();
         let plan = inner.plan.as_ref().filter(|_| inner.plans != number)?;
         Some((inner.plans, Arc::clone(plan)))
@@ -239,7 +251,7 @@ impl Feed {
 
     /// The picture, if it has another number than this.
     #[must_use]
-    pub(crate) fn picture_after(&self, number: u64) -> Option<(u64, Arc<Picture>)> {
+    pub fn picture_after(&self, number: u64) -> Option<(u64, Arc<Picture>)> {
         let inner = self.lock();
         let picture = inner
             .picture
@@ -249,7 +261,7 @@ impl Feed {
     }
 
     /// A viewer was connected (`true`) or disconnected.
-    pub(crate) fn viewer(&self, came: bool) {
+    pub fn viewer(&self, came: bool) {
         let mut inner = self.lock();
         inner.viewers = if came {
             inner.viewers + 1
@@ -260,13 +272,13 @@ impl Feed {
 
     /// Whether there are viewers.
     #[must_use]
-    pub(crate) fn is_watched(&self) -> bool {
+    pub fn is_watched(&self) -> bool {
         self.lock().viewers > 0
     }
 
     /// Lines of the log after this number.
     #[must_use]
-    pub(crate) fn log_after(&self, number: u64) -> Vec<LogLine> {
+    pub fn log_after(&self, number: u64) -> Vec<LogLine> {
         let inner = self.lock();
         let new = inner.log.iter().filter(|line| line.number > number);
         new.cloned().collect()
@@ -448,7 +460,7 @@ impl Watcher for FeedWatcher {
 
 /// The constant data of a robot, for the drawing.
 #[must_use]
-pub(crate) fn describe(robot: &Robot) -> serde_json::Value {
+pub fn describe(robot: &Robot) -> serde_json::Value {
     let cables = robot.cables.iter().enumerate().map(|(index, cable)| {
         let most = robot.winch_of(index).map(|winch| winch.tension_max_n);
         serde_json::json!({

@@ -2,7 +2,8 @@
 
 use super::inject::{HostSide, apply, mend};
 use super::{Injection, Phase, When};
-use crate::link::{Link, LinkError, SimulatedLink, plant_failed};
+use crate::line::{SimulatedLink, plant_failed};
+use mcdpr_core::link::{Link, LinkError};
 use mcdpr_firmware::State;
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -1,15 +1,12 @@
 //! Scenarios in text form: `S2@3.0s` on the command line, TOML in a file.
 
 use super::{How, Injection, MOST_INJECTIONS, Phase, Scenario, Snag, Supply, When, how};
-use crate::robot::{DriveKind, Robot};
+use mcdpr_core::robot::{DriveKind, Robot};
 use mcdpr_protocol::FaultId;
 use miette::Diagnostic;
 use serde::Deserialize;
-use std::path::Path;
 use thiserror::Error;
 
-/// Largest scenario file that is read, bytes.
-const MOST_BYTES: u64 = 64 * 1024;
 /// Latest time of a fault, s.
 const LATEST_S: f64 = 3600.0;
 
@@ -333,22 +330,6 @@ impl Scenario {
             name: words.join(", "),
             injections: injections.collect::<Result<_, _>>()?,
         })
-    }
-
-    /// Reads a scenario file (TOML, at most 64 KB).
-    ///
-    /// # Errors
-    /// [`ScenarioError`].
-    pub fn load(path: &Path, cables: usize) -> Result<Self, ScenarioError> {
-        let shown = path.display().to_string();
-        let unreadable = |reason: String| ScenarioError::Unreadable {
-            path: shown.clone(),
-            reason,
-        };
-        let text = crate::files::read_bytes(path, MOST_BYTES)
-            .and_then(|bytes| String::from_utf8(bytes).map_err(std::io::Error::other))
-            .map_err(|error| unreadable(error.to_string()))?;
-        Self::parse(&text, &shown, cables)
     }
 
     /// Reads a scenario from the text of a file; `path` names it in messages.

@@ -2,7 +2,7 @@
 // The robot in three dimensions on a 2-D canvas: few lines, drawn back to front.
 const Scene = (() => {
   const home = { yaw: 0.55, pitch: 0.4, zoom: 1.12 };
-  let eye = { ...home }, robot = null, plan = [], next = [], trace = [], picked = null, pose = null, live = null, dirty = true;
+  let eye = { ...home }, robot = null, plan = [], next = [], trace = [], picked = null, pose = null, live = null, dirty = true, drag = null;
   // What the robot does now; it is drawn unless a recorded run is.
   const now = { plan: [], trace: [], pose: null, live: null };
   let past = null;
@@ -180,21 +180,25 @@ const Scene = (() => {
 
   function bind(element) {
     canvas = element; pen = canvas.getContext('2d');
-    let last = null, began = null;
+    let last = null, began = null, dragged = false;
+    const under = e => { const box = canvas.getBoundingClientRect(); return z => pointAt(e.clientX - box.left, e.clientY - box.top, z); };
     canvas.addEventListener('pointerdown', e => {
       last = [e.clientX, e.clientY];
       // The place that was aimed at: the page can move until the button is let go.
       const box = canvas.getBoundingClientRect();
       began = { x: e.clientX, y: e.clientY, in: [e.clientX - box.left, e.clientY - box.top] };
       canvas.setPointerCapture(e.pointerId);
+      dragged = !!drag && drag.begin(under(e));
     });
     canvas.addEventListener('pointerup', e => {
       const from = began && Math.hypot(e.clientX - began.x, e.clientY - began.y) < 4 && began.in;
       last = began = null;
+      if (dragged) { dragged = false; drag.end(); return; }
       if (picked && from) picked(z => pointAt(...from, z));
     });
     canvas.addEventListener('pointermove', e => {
       if (!last) return;
+      if (dragged) { drag.move(under(e)); return; }
       eye.yaw += (e.clientX - last[0]) * 0.008;
       eye.pitch = Math.max(-0.2, Math.min(1.5, eye.pitch + (e.clientY - last[1]) * 0.008));
       last = [e.clientX, e.clientY]; dirty = true;
@@ -235,6 +239,8 @@ const Scene = (() => {
     bind, draw, setRobot, theme, heat,
     // What to do with a click: gets a function from height to the point there.
     onPick(then) { picked = then; },
+    // What to do with a drag instead of turning the drawing, if `begin` takes it.
+    onDrag(then) { drag = then; },
     pointAt, project: p => project(p).slice(0, 2).map(v => v / (window.devicePixelRatio || 1)),
     setNext(points) { next = points; dirty = true; },
     setPlan(points) { now.plan = points; now.trace = []; drawn(); },

@@ -2,6 +2,8 @@
 (() => {
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get('token');
+  // In the playground the robot runs in the page itself.
+  const local = typeof Playground !== 'undefined';
   let socket = null, robot = null, live = null, heardAt = 0, may = false, mayStop = false, asked = false, gone = false, refused = '', orders = [], sent = 0, wait = 250;
   const history = { t: [], tensions: [], errors: [] };
   const SPAN = 20, STOPS = ['stop', 'hold'];
@@ -18,8 +20,8 @@
   window.mcdpr = { request, get robot() { return robot; }, get live() { return live; }, get may() { return may; }, send, get connected() { return !!socket && socket.readyState === 1; }, answers: [] };
 
   function connect() {
-    socket = new WebSocket(`ws://${location.host}/ws`);
-    socket.onopen = () => { wait = 250; gone = false; pill('link', 'connected', 'good'); if (token) send({ order: 'may' }); };
+    socket = typeof Playground === 'undefined' ? new WebSocket(`ws://${location.host}/ws`) : new Playground.Line();
+    socket.onopen = () => { wait = 250; gone = false; pill('link', local ? 'simulated in this page' : 'connected', 'good'); if (token || local) send({ order: 'may' }); };
     socket.binaryType = 'blob';
     socket.onmessage = event => event.data instanceof Blob ? picture(event.data) : take(JSON.parse(event.data));
     socket.onclose = () => {
@@ -45,6 +47,8 @@
       Scene.setRobot(robot); rows(); buttons();
       for (const o of $('jog-speed').options) o.disabled = o.value * 1e-3 > robot.speed_mps;
       Work.speeds(robot.speed_mps);
+      Sim.allow(may, orders, m);
+      $('tab-runs').hidden = local;
     } else if (m.type === 'plan') Scene.setPlan(m.tool_m);
     else if (m.type === 'log') m.lines.forEach(log);
     else if (m.type === 'answer') answer(m);

@@ -1,6 +1,6 @@
-//! The simulated robot in this process, in virtual time.
+//! The simulated robot in virtual time.
 
-use super::{Link, LinkError};
+use mcdpr_core::link::{Link, LinkError};
 use mcdpr_simulator::Simulation;
 use mcdpr_simulator::plant::PlantError;
 use std::cell::RefCell;
@@ -52,7 +52,7 @@ impl Link for SimulatedLink {
 
 /// A failure of the simulated robot as an error for the client of its board.
 #[must_use]
-pub(crate) fn plant_failed(error: PlantError) -> LinkError {
+pub fn plant_failed(error: PlantError) -> LinkError {
     match error {
         PlantError::Board { reason } => LinkError::Board { reason },
         other => LinkError::Plant(Box::new(other)),

@@ -1,12 +1,13 @@
 //! The robot description as physics for the simulator, exact or with a stated mismatch.
 
-use super::Controller;
-use crate::robot::{Cable, DriveKind, Gear, Robot, Winch};
+use crate::line::plant_failed;
+use mcdpr_core::motion::{Model, PlanOptions};
+use mcdpr_core::robot::{Cable, DriveKind, Gear, Robot, Winch};
+use mcdpr_core::run::RunError;
 use mcdpr_simulator::plant::{
     BrakeParams, BusParams, CableParams, DriveParams, GearParams, Plant, PlantError, PlantParams,
     PlatformParams, Pose, Protocol, TensionSensorParams, WinchParams,
 };
-use mcdpr_simulator::{LinkOptions, Simulation};
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -290,43 +291,6 @@ fn gear_params(gear: &Gear, off: &GearMismatch, rng: &mut ChaCha8Rng) -> GearPar
     }
 }
 
-/// A simulated machine whose winches are built in, with no cable on them yet, behind a line.
-///
-/// # Errors
-/// If the description is not a valid machine.
-pub fn simulate_unloaded(
-    robot: &Robot,
-    mismatch: &Mismatch,
-    link: &LinkOptions,
-    seed: u64,
-    controller: &Controller,
-) -> Result<Simulation, PlantError> {
-    let params = PlantParams {
-        cables_attached: false,
-        ..plant_params(robot, mismatch, seed)
-    };
-    with_board(Plant::new(params, seed)?, link, seed, controller)
-}
-
-/// A plant in its present state, behind a line, with a board that controls it.
-///
-/// # Errors
-/// If no board supports such a plant.
-pub fn with_board(
-    plant: Plant,
-    link: &LinkOptions,
-    seed: u64,
-    controller: &Controller,
-) -> Result<Simulation, PlantError> {
-    let Controller::Chip(firmware) = controller else {
-        return Simulation::new(plant, link, seed);
-    };
-    let board = firmware.board().ok_or_else(|| PlantError::Board {
-        reason: "there is no emulated chip in this program".to_owned(),
-    })?;
-    Ok(Simulation::with_board(plant, Box::new(board), link, seed))
-}
-
 /// The plant of a robot that hangs at rest near a pose, brakes closed, its tension-held cables (from 0)
 /// at their tensions (N).
 ///
@@ -345,4 +309,32 @@ pub fn hang(
     let start = Pose::from_matrix(pose.position_m.into(), &rotation)?;
     plant.settle_held(&start, tensions_n, held)?;
     Ok(plant)
+}
+
+/// The plant of `machine` at rest with its tool at a place (world, m; `None`: at home), brakes closed, with
+/// the tensions that the model's options have there.
+///
+/// # Errors
+/// Where it cannot hang there.
+pub fn at_rest(
+    model: &Model,
+    machine: &Robot,
+    mismatch: &Mismatch,
+    seed: u64,
+    tool_m: Option<Vector3<f64>>,
+) -> Result<Plant, RunError> {
+    // A planner that takes the platform for level knows no other way to hang than the others.
+    let hanging = PlanOptions {
+        tensioning: model.options().tensioning,
+        ..PlanOptions::default()
+    };
+    let described = Model::new(machine)?.with_options(hanging);
+    let rest = match tool_m {
+        None => described.rest_at_home()?,
+        Some(tool_m) => described.rest(&tool_m, None)?,
+    };
+    let params = plant_params(machine, mismatch, seed);
+    let (pose, held) = (&rest.equilibrium.pose, model.holding().by_tension());
+    hang(params, pose, rest.tensions_n(), held, seed)
+        .map_err(|error| RunError::Client(plant_failed(error).into()))
 }

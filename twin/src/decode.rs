@@ -3,7 +3,7 @@
 //! A decoder needs only the bytes, so it serves a live line and a record alike. From the knots that
 //! the host sent it computes the board's set-points at every path time.
 
-use crate::link::{Direction, RawFrame};
+use mcdpr_core::link::{Direction, RawFrame};
 use mcdpr_protocol::{
     Answer, Channel, Command, Deframer, Hello, Knot, Reject, Reply, Request, SampleBlock, Status,
     message,

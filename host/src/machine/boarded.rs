@@ -1,0 +1,43 @@
+//! The simulated robot with a board in front of it.
+
+use super::{Controller, Mismatch, plant_params};
+use crate::robot::Robot;
+use mcdpr_simulator::plant::{Plant, PlantError, PlantParams};
+use mcdpr_simulator::{LinkOptions, Simulation};
+
+/// A simulated machine whose winches are built in, with no cable on them yet, behind a line.
+///
+/// # Errors
+/// If the description is not a valid machine.
+pub fn simulate_unloaded(
+    robot: &Robot,
+    mismatch: &Mismatch,
+    link: &LinkOptions,
+    seed: u64,
+    controller: &Controller,
+) -> Result<Simulation, PlantError> {
+    let params = PlantParams {
+        cables_attached: false,
+        ..plant_params(robot, mismatch, seed)
+    };
+    with_board(Plant::new(params, seed)?, link, seed, controller)
+}
+
+/// A plant in its present state, behind a line, with a board that controls it.
+///
+/// # Errors
+/// If no board supports such a plant.
+pub fn with_board(
+    plant: Plant,
+    link: &LinkOptions,
+    seed: u64,
+    controller: &Controller,
+) -> Result<Simulation, PlantError> {
+    let Controller::Chip(firmware) = controller else {
+        return Simulation::new(plant, link, seed);
+    };
+    let board = firmware.board().ok_or_else(|| PlantError::Board {
+        reason: "there is no emulated chip in this program".to_owned(),
+    })?;
+    Ok(Simulation::with_board(plant, Box::new(board), link, seed))
+}

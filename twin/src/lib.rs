@@ -1,0 +1,39 @@
+//! The simulated robot of a robot file, and what viewers see of a robot.
+//!
+//! Files, clocks, threads and sockets are left to the caller, so that the program and the playground,
+//! which runs in a browser, share all of it.
+//!
+//! | module | what it is for |
+//! |---|---|
+//! | [`plant`] | a robot description as physics, exact or with a stated mismatch |
+//! | [`line`](mod@line) | the line to a simulated robot, in virtual time |
+//! | [`events`], [`watched`] | what happens on a line, for records and live views |
+//! | [`decode`], [`words`] | the bytes of a line decoded; states and limits in words |
+//! | [`faults`] | faults to inject, and a line that injects them on time |
+//! | [`feed`] | the data that viewers share |
+//! | [`viewer`] | the messages that a viewer gets |
+//! | [`attend`] | waiting for orders to an idle robot, and jogging |
+//! | [`fingerprint`](mod@fingerprint) | a hash of everything in a simulated run |
+//! | [`asked`], [`preview`] | orders of the page that ask for a plan; what a plan would do |
+//! | [`page`](mod@page) | the live page |
+
+pub mod asked;
+pub mod attend;
+pub mod fingerprint;
+pub mod decode;
+pub mod events;
+pub mod faults;
+pub mod feed;
+pub mod line;
+mod page;
+pub mod plant;
+pub mod preview;
+pub mod viewer;
+pub mod watched;
+pub mod words;
+
+pub use events::{Level, PlanNote, PlanPoint, RunEvent, TruthPoint, Watcher};
+pub use feed::{Feed, FeedWatcher};
+pub use line::SimulatedLink;
+pub use page::{page, page_with};
+pub use watched::{Sink, TruthTap, Watched};
