@@ -14,9 +14,27 @@ use std::sync::atomic::Ordering;
 
 /// Every order, for the page.
 pub(crate) const ORDERS: [&str; 21] = [
-    "stop", "hold", "resume", "clear", "gripper", "start", "jog", "tasks", "task_read",
-    "task_save", "plan", "forget", "robot_read", "robot_check", "robot_save", "sim_faults",
-    "sim_inject", "sim_push", "sim_restart", "sim_state", "sim_fingerprint",
+    "stop",
+    "hold",
+    "resume",
+    "clear",
+    "gripper",
+    "start",
+    "jog",
+    "tasks",
+    "task_read",
+    "task_save",
+    "plan",
+    "forget",
+    "robot_read",
+    "robot_check",
+    "robot_save",
+    "sim_faults",
+    "sim_inject",
+    "sim_push",
+    "sim_restart",
+    "sim_state",
+    "sim_fingerprint",
 ];
 /// How long a jog order is valid without a new one, s.
 const JOG_VALID_S: f64 = 0.2;
@@ -24,7 +42,7 @@ const JOG_VALID_S: f64 = 0.2;
 const MOST_FILES: usize = 100;
 const MOST_BYTES: usize = 48 << 10;
 /// Greatest force of the hand on the platform, N.
-const MOST_PUSH_N: f64 = 50.0;
+const MOST_PUSH_N: f64 = 20.0;
 
 impl Stage<'_> {
     /// Executes an order; returns its answer, or why it is refused.
@@ -58,7 +76,10 @@ impl Stage<'_> {
             "jog" => {
                 let velocity_mps = jog_mps(message, self.model.robot().limits.speed_mps)?;
                 let valid_s = JOG_VALID_S;
-                self.handle.order(Order::Jog { velocity_mps, valid_s });
+                self.handle.order(Order::Jog {
+                    velocity_mps,
+                    valid_s,
+                });
                 done
             }
             "start" => self.begin(message).map(|()| Value::Null),
@@ -96,7 +117,7 @@ impl Stage<'_> {
                     ..self.settings.clone()
                 };
                 self.replace(new)?;
-                Ok(json!({ "file": self.settings.name, "kept": "the program" }))
+                Ok(json!({ "words": "The robot begins anew with this text." }))
             }
             other => self.simulation(other, message),
         }
@@ -213,9 +234,9 @@ impl Stage<'_> {
                     return Err(format!("a hand pushes with at most {MOST_PUSH_N:.0} N"));
                 }
                 let tcp_m = self.model.robot().tool.tcp_in_platform_m.into();
-                let pushed = self.plant.with(|simulation| {
-                    simulation.plant_mut().set_load(force_n, tcp_m, [0.0; 3])
-                });
+                let pushed = self
+                    .plant
+                    .with(|simulation| simulation.plant_mut().set_load(force_n, tcp_m, [0.0; 3]));
                 pushed.map(|()| Value::Null).map_err(|e| e.to_string())
             }
             "sim_restart" => {

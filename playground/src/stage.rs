@@ -63,10 +63,7 @@ pub fn run(host: &dyn Host, clock_s: fn() -> f64) {
     let mut settings = Settings::default();
     // The page's first message says which robot a link asks for.
     let first = wait_for_message(host);
-    let mut refused = settings
-        .changed(&first)
-        .map(|asked| settings = asked)
-        .err();
+    let mut refused = settings.changed(&first).map(|asked| settings = asked).err();
     loop {
         match Stage::new(host, settings.clone(), clock_s, &files) {
             Ok(stage) => {
@@ -274,8 +271,7 @@ impl<'a> Stage<'a> {
         homing: Homing<'_>,
     ) -> Result<(), RunError> {
         let number = self.session();
-        let mut session =
-            Session::open(&self.model, line, number, &self.handle, homing, &NoStore)?;
+        let mut session = Session::open(&self.model, line, number, &self.handle, homing, &NoStore)?;
         let plan = session.plan(task, None)?;
         session.arm()?;
         session.follow(&plan, &mut Recorder::default(), |_| {})?;

@@ -25,11 +25,7 @@ pub enum Asked {
 ///
 /// # Errors
 /// What is wrong with it, in words.
-pub fn asked(
-    message: &Value,
-    home_m: [f64; 3],
-    tool_m: Option<[f64; 3]>,
-) -> Result<Asked, String> {
+pub fn asked(message: &Value, home_m: [f64; 3], tool_m: Option<[f64; 3]>) -> Result<Asked, String> {
     let of = |name: &str, text: String| {
         let name = name.to_owned();
         Ok(Asked::Text { name, text })

@@ -52,14 +52,7 @@ impl Attendant<'_> {
         homing: Homing<'_>,
         kept: &dyn LengthStore,
     ) -> Result<(), RunError> {
-        let mut session = Session::open(
-            self.model,
-            link,
-            session,
-            self.handle,
-            homing,
-            kept,
-        )?;
+        let mut session = Session::open(self.model, link, session, self.handle, homing, kept)?;
         session.arm()?;
         self.feed.say("armed: hold a jog button to move the tool");
         loop {

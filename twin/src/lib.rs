@@ -19,11 +19,11 @@
 
 pub mod asked;
 pub mod attend;
-pub mod fingerprint;
 pub mod decode;
 pub mod events;
 pub mod faults;
 pub mod feed;
+pub mod fingerprint;
 pub mod line;
 mod page;
 pub mod plant;
@@ -35,5 +35,5 @@ pub mod words;
 pub use events::{Level, PlanNote, PlanPoint, RunEvent, TruthPoint, Watcher};
 pub use feed::{Feed, FeedWatcher};
 pub use line::SimulatedLink;
-pub use page::{page, page_with};
+pub use page::page;
 pub use watched::{Sink, TruthTap, Watched};

@@ -1,21 +1,36 @@
 //! The live page.
 
+/// The page without its parts: `/*NAME*/` stands where the part NAME belongs.
+const FRAME: &str = include_str!("page/page.html");
+/// Its parts. `cargo xtask playground` puts the same files together.
+const PARTS: [(&str, &str); 7] = [
+    ("page.css", include_str!("page/page.css")),
+    ("scene.js", include_str!("page/scene.js")),
+    ("page.js", include_str!("page/page.js")),
+    ("work.js", include_str!("page/work.js")),
+    ("runs.js", include_str!("page/runs.js")),
+    ("robot.js", include_str!("page/robot.js")),
+    ("sim.js", include_str!("page/sim.js")),
+];
+
 /// The complete page: no other file and no network is needed.
 #[must_use]
 pub fn page() -> String {
-    page_with("")
+    PARTS.iter().fold(FRAME.to_owned(), |page, (name, text)| {
+        page.replace(&format!("/*{name}*/"), text)
+    })
 }
 
-/// The page with a script before all others.
-#[must_use]
-pub fn page_with(script: &str) -> String {
-    include_str!("page/page.html")
-        .replace("/*STYLE*/", include_str!("page/page.css"))
-        .replace("/*SCENE*/", include_str!("page/scene.js"))
-        .replace("/*SCRIPT*/", include_str!("page/page.js"))
-        .replace("/*WORK*/", include_str!("page/work.js"))
-        .replace("/*RUNS*/", include_str!("page/runs.js"))
-        .replace("/*ROBOT*/", include_str!("page/robot.js"))
-        .replace("/*SIM*/", include_str!("page/sim.js"))
-        .replace("/*HOST*/", script)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_part_is_in_its_place() {
+        let page = page();
+        for (name, text) in PARTS {
+            assert!(FRAME.contains(&format!("/*{name}*/")), "{name}");
+            assert!(!text.is_empty() && page.contains(text), "{name}");
+        }
+    }
 }

@@ -3,6 +3,7 @@
 mod features;
 mod firmware;
 mod functions;
+mod playground;
 mod programs;
 mod public;
 mod python;
@@ -22,6 +23,7 @@ python      the same, and its tests on the installed wheel (mypy, pytest; severa
             --built: on what the tests have built, as `test` does
 ros         build mcdpr and its ROS side (ros/, outside of the workspace: minutes), and test them with Eclipse
             Cyclone DDS; --build: build only
+playground  build the page with a simulated robot in it, without a server (target/playground)
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
@@ -41,6 +43,7 @@ fn main() -> ExitCode {
             ros::build(FEATURES)
         }
         Some("ros") => ros::test(FEATURES),
+        Some("playground") => playground::build(&cargo_program()),
         Some("firmware") => firmware::build_and_check(),
         Some("seams") => seams().and_then(|()| functions::print_longest()),
         Some("lint") => lint(),
@@ -81,6 +84,7 @@ fn test() -> Result<(), String> {
     firmware::build_and_check()?;
     firmware::kinematics_without_std()?;
     check_for_page()?;
+    playground::build(&cargo_program())?;
     tools::ensure_browser()?;
     tools::ensure_mcap_reader()?;
     let arguments = [
@@ -140,16 +144,14 @@ fn seams() -> Result<(), String> {
 
 /// Checks that what shall run in a page compiles for it.
 fn check_for_page() -> Result<(), String> {
-    firmware::ensure_target(PAGE_TARGET)?;
-    let mut arguments = vec!["check", "--locked", "--target", PAGE_TARGET];
+    firmware::ensure_target(playground::TARGET)?;
+    let mut arguments = vec!["check", "--locked", "--target", playground::TARGET];
     for name in WITHOUT_SYSTEM {
         arguments.extend(["-p", name]);
     }
     cargo(&arguments)
 }
 
-/// The target of a web page.
-const PAGE_TARGET: &str = "wasm32-unknown-unknown";
 /// Crates that need no operating system.
 const WITHOUT_SYSTEM: [&str; 2] = ["mcdpr-core", "mcdpr-calibration"];
 

@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Where the modules of the workspace's crates are.
-const SOURCES: [&str; 14] = [
+const SOURCES: [&str; 16] = [
     "protocol/src",
     "kinematics/src",
     "vision/src",
@@ -24,6 +24,8 @@ const SOURCES: [&str; 14] = [
     "firmware/src/board",
     "simulator/src",
     "emulator/src",
+    "twin/src",
+    "playground/src",
     "host/src",
     "tests/src",
     "ros/src",
@@ -31,7 +33,7 @@ const SOURCES: [&str; 14] = [
 ];
 
 /// Where the modules of crates without an operating system are.
-const WITHOUT_SYSTEM: [&str; 2] = ["core/src", "calibration/src"];
+const WITHOUT_SYSTEM: [&str; 4] = ["core/src", "calibration/src", "twin/src", "playground/src"];
 /// What the standard library has of an operating system.
 const SYSTEM: [&str; 5] = ["env", "fs", "net", "process", "thread"];
 /// The same of `std::time`.

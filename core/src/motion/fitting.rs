@@ -41,8 +41,8 @@ impl Task {
         let start_m = Self::built_in(PAPER, height_m)
             .ok()
             .and_then(|task| task.start_m());
-        let inside =
-            start_m.is_some_and(|at| at.x > low.x && at.x < high.x && at.y > low.y && at.y < high.y);
+        let inside = start_m
+            .is_some_and(|at| at.x > low.x && at.x < high.x && at.y > low.y && at.y < high.y);
         if like_paper && inside { PAPER } else { FITTING }
     }
 
@@ -107,7 +107,9 @@ fn circle(model: &Model, radius_m: f64) -> Result<Circle, PlanError> {
             .map(|point| {
                 // The remainder makes the last point exactly the first one.
                 let angle = TAU * f64::from(point % POINTS) / f64::from(POINTS);
-                center_m - across * (radius_m * libm::cos(angle)) - other * (radius_m * libm::sin(angle))
+                center_m
+                    - across * (radius_m * libm::cos(angle))
+                    - other * (radius_m * libm::sin(angle))
             })
             .collect();
         Piece::curve(&points)?
@@ -169,7 +171,8 @@ fn tilted(model: &Model, circle: &Circle) -> Option<Task> {
         for (index, turn) in turns.iter().chain([&Vector3::zeros()]).enumerate() {
             // A polygon about the middle of the circle, half as large.
             let angle = TAU * (index as f64 + 0.5) / count;
-            let arm = (across * libm::cos(angle) + other * libm::sin(angle)) * (0.5 * circle.radius_m);
+            let arm =
+                (across * libm::cos(angle) + other * libm::sin(angle)) * (0.5 * circle.radius_m);
             let to_m = circle.center_m - arm;
             let path = Path::through(&[at_m, to_m]).ok()?;
             at_m = to_m;

@@ -26,6 +26,7 @@ mod track;
 mod verdict;
 mod wire;
 
+pub use fitting::{PAPER, PAPER_HEIGHT_M};
 pub use margin::Margin;
 pub use model::{Model, StaticState};
 pub use options::{PlanOptions, Planner, Shaping, Tensioning};
@@ -33,7 +34,6 @@ pub use plan::{Plan, PlanError};
 pub(crate) use resume::remaining;
 pub use resume::{Interruption, Resumed};
 pub use shaper::Shaper;
-pub use fitting::{PAPER, PAPER_HEIGHT_M};
 pub use task::{BUILT_IN, FITTING, Task, TaskError};
 pub use timed::{Action, Step, Timed, TimedAction};
 pub use verdict::{Extremes, Watch, judge_place};

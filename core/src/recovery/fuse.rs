@@ -254,7 +254,11 @@ impl Problem<'_> {
         // adds the normalisation of the lengths, which differs between the causes.
         let spread = libm::log(covariance.determinant().max(f64::MIN_POSITIVE));
         let white = self.white.as_ref().map_or(0.0, |white| {
-            white.diagonal().iter().map(|part| libm::log(part.abs())).sum()
+            white
+                .diagonal()
+                .iter()
+                .map(|part| libm::log(part.abs()))
+                .sum()
         });
         let log_evidence = 0.5 * (spread - rows.norm_squared()) + white;
         let tensions = self.weighed.tensions_n.len();

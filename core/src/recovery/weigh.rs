@@ -303,7 +303,9 @@ fn deviations(lengths: &Lengths, found: &Found, limit: f64) -> Vec<(usize, f64)>
     pairs
         .enumerate()
         .map(|(cable, (expected, now))| (cable, now - expected))
-        .filter(|(cable, off_m)| off_m.abs() > limit * libm::hypot(lengths.sigma_m(*cable), TAG_LENGTH_M))
+        .filter(|(cable, off_m)| {
+            off_m.abs() > limit * libm::hypot(lengths.sigma_m(*cable), TAG_LENGTH_M)
+        })
         .collect()
 }
 

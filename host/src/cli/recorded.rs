@@ -196,7 +196,10 @@ impl OnRecord<'_> {
     }
 
     /// A line to a simulated robot, recorded with its true states.
-    pub(crate) fn watched_simulated(&self, link: SimulatedLink) -> Watched<'_, SimulatedLink, EventBus> {
+    pub(crate) fn watched_simulated(
+        &self,
+        link: SimulatedLink,
+    ) -> Watched<'_, SimulatedLink, EventBus> {
         let tap = TruthTap::forgetful(link.clone(), self.cables);
         self.watched(link).with_truth(tap)
     }

@@ -211,7 +211,9 @@ impl Show<'_> {
             handle: &self.handle,
             start: &self.start,
         };
-        let wanted = attendant.wait(watched(&mut *link, &idle, tap), new_session(), |client| self.greeted(client));
+        let wanted = attendant.wait(watched(&mut *link, &idle, tap), new_session(), |client| {
+            self.greeted(client)
+        });
         idle.finish();
         let (jogs, referenced) = match wanted? {
             Wanted::Nothing => return Ok(false),

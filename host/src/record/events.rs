@@ -1,7 +1,9 @@
 //! Passes the events on a line to watchers, each on a separate thread.
 
 use mcdpr_twin::Sink;
-pub use mcdpr_twin::{Level, PlanNote, PlanPoint, RunEvent, TruthPoint, TruthTap, Watched, Watcher};
+pub use mcdpr_twin::{
+    Level, PlanNote, PlanPoint, RunEvent, TruthPoint, TruthTap, Watched, Watcher,
+};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -116,4 +118,3 @@ fn watch(mut watcher: impl Watcher, receiver: &Receiver<Arc<RunEvent>>) {
         }
     }
 }
-

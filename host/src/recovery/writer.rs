@@ -300,6 +300,7 @@ mod tests {
     use crate::link::{Direction, RawFrame};
     use crate::record::EventBus;
     use crate::record::events::Patience;
+    use mcdpr_twin::Sink as _;
     use std::sync::atomic::Ordering;
     use std::sync::mpsc::{Receiver, Sender, channel};
 

@@ -362,7 +362,14 @@ mod tests {
         let task = Task::built_in("paper:table8", -0.1).unwrap();
         let tasks = vec![("line".to_owned(), task)];
         let (goals, actions) = (Goals::default(), Actions::default());
-        Desk::new(&Handle::new(), &goals, &actions, &crate::serve::feed(), tasks).unwrap()
+        Desk::new(
+            &Handle::new(),
+            &goals,
+            &actions,
+            &crate::serve::feed(),
+            tasks,
+        )
+        .unwrap()
     }
 
     fn numbers(values: [f64; 4]) -> Vec<u8> {

@@ -320,6 +320,37 @@ impl Page {
         );
     }
 
+    fn mouse(&mut self, kind: &str, selector: &str, at: [f64; 2]) {
+        let point = self.run(&format!(
+            "(b => [b.x + b.width * {}, b.y + b.height * {}])(document.querySelector('{selector}').getBoundingClientRect())",
+            at[0], at[1]
+        ));
+        let button = if kind == "mouseMoved" { "none" } else { "left" };
+        let buttons = i32::from(kind != "mouseReleased");
+        let params = json!({
+            "type": kind, "x": point[0], "y": point[1], "button": button, "buttons": buttons, "clickCount": 1,
+        });
+        self.call("Input.dispatchMouseEvent", params);
+    }
+
+    /// Presses a real mouse's button at a point of an element (shares of its width and height).
+    pub fn press_at(&mut self, selector: &str, at: [f64; 2]) {
+        self.run(&format!(
+            "document.querySelector('{selector}').scrollIntoView({{ block: 'center' }})"
+        ));
+        self.mouse("mousePressed", selector, at);
+    }
+
+    /// Moves the mouse there, its button held.
+    pub fn move_to(&mut self, selector: &str, at: [f64; 2]) {
+        self.mouse("mouseMoved", selector, at);
+    }
+
+    /// Lets the button go there.
+    pub fn let_go(&mut self, selector: &str, at: [f64; 2]) {
+        self.mouse("mouseReleased", selector, at);
+    }
+
     pub fn resize(&mut self, width: u32, height: u32) {
         let params =
             json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": true });

@@ -44,11 +44,11 @@
       robot = m.robot; orders = m.orders;
       text('name', robot.name); document.title = robot.name + ' - MCDPR';
       text('most', robot.tension_max_n.toFixed(0) + ' N');
-      Scene.setRobot(robot); rows(); buttons();
+      Scene.setRobot(robot); Scene.setPlan([]); rows(); buttons();
       for (const o of $('jog-speed').options) o.disabled = o.value * 1e-3 > robot.speed_mps;
       Work.speeds(robot.speed_mps);
       Sim.allow(may, orders, m);
-      $('tab-runs').hidden = local;
+      if (local) { $('tab-runs').hidden = true; RobotFile.forget(); }
     } else if (m.type === 'plan') Scene.setPlan(m.tool_m);
     else if (m.type === 'log') m.lines.forEach(log);
     else if (m.type === 'answer') answer(m);

@@ -45,9 +45,9 @@ const RobotFile = (() => {
   async function save() {
     const answer = await ask({ order: 'robot_save', text: checked, before: file.mark });
     if (!answer.ok) { words(answer.reason, true); return; }
-    const { kept } = answer.data;
+    const { kept, words: said } = answer.data;
     await open(true);
-    words(`Saved; the old text is in ${kept}. End mcdpr serve and start it again to use it.`, false);
+    words(said || `Saved; the old text is in ${kept}. End mcdpr serve and start it again to use it.`, false);
   }
 
   const set = (id, reason) => { $(id).disabled = !!reason; $(id).title = reason; };
@@ -62,7 +62,10 @@ const RobotFile = (() => {
   const on = (id, act) => $(id).addEventListener('click', act);
   on('robot-check', check); on('robot-save', save); on('robot-again', () => open(true));
   $('robot-text').addEventListener('input', buttons);
-  return {
+  // Another robot: its file is read when it is looked at.
+  function forget() { file = checked = null; if (!$('robot').hidden) open(true); }
+
+  return { forget,
     open,
     allow(now, reason) { may = now; why = reason; buttons(); },
     get file() { return file; },

@@ -55,7 +55,7 @@ const Sim = (() => {
   });
 
   // A hand on the platform: drag it while the switch is on. The force grows with the distance.
-  const NEWTONS_PER_M = 200, MOST_N = 50;
+  const NEWTONS_PER_M = 100, MOST_N = 20;
   let hand = false, from = null;
   function setHand(now) {
     hand = now; $('sim-hand').setAttribute('aria-pressed', now); document.body.classList.toggle('hand', now);

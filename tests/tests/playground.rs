@@ -1,0 +1,217 @@
+//! The playground in a real browser: opened from the disk, without a server. Needs Chromium and the files of
+//! `cargo xtask playground`; `cargo xtask test` sees to both.
+#![cfg(unix)]
+
+mod browser;
+
+use browser::{Browser, Page};
+use mcdpr_tests::mcdpr;
+use mcdpr_tests::process::alone;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Long enough for a busy machine.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+fn wait(page: &mut Page, what: &str) {
+    page.wait(what, PATIENCE);
+}
+
+fn address() -> String {
+    let folder = std::env::var_os("CARGO_TARGET_DIR").map_or_else(
+        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../target"),
+        PathBuf::from,
+    );
+    let file = folder.join("playground/index.html");
+    let file = file.canonicalize().unwrap_or_else(|error| {
+        panic!(
+            "{}: {error}; `cargo xtask playground` makes it",
+            file.display()
+        )
+    });
+    format!("file://{}", file.display())
+}
+
+/// The playground with a robot that moves or waits.
+fn open(browser: &mut Browser, hash: &str) -> Page {
+    let mut page = browser.open(&format!("{}{hash}", address()));
+    wait(&mut page, "mcdpr.may && mcdpr.live && mcdpr.live.pose");
+    page
+}
+
+fn tool_mm(page: &mut Page) -> [f64; 3] {
+    [0, 1, 2].map(|axis| page.number(&format!("mcdpr.live.pose.tool_m[{axis}] * 1e3")))
+}
+
+fn distance_mm(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
+fn stop(page: &mut Page) {
+    page.press("Escape");
+    wait(page, "mcdpr.live.state === 'Disarmed' && !mcdpr.live.task");
+}
+
+/// What the program itself says of a robot's run.
+fn native(robot: &str, seed: u64) -> String {
+    let output = mcdpr()
+        .args(["fingerprint", "--json", "--robot", robot, "--seed"])
+        .arg(seed.to_string())
+        .output()
+        .unwrap();
+    assert!(output.status.success());
+    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    said["sha256"].as_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_run_in_the_page_is_that_of_the_program_to_the_last_bit() {
+    let _alone = alone();
+    let mut browser = Browser::start();
+    let mut page = open(&mut browser, "");
+    stop(&mut page);
+    page.click("#tab-sim");
+    // A robot of four cables as it opens, and one of eight, with other errors.
+    for (robot, seed) in [("paper-table5", 1), ("eight-cable", 7)] {
+        page.fill("sim-robots", robot);
+        page.fill("sim-seed", &seed.to_string());
+        page.click("#sim-restart");
+        wait(
+            &mut page,
+            &format!("mcdpr.robot.name === '{robot}' && mcdpr.live.pose"),
+        );
+        stop(&mut page);
+        page.click("#sim-check");
+        wait(
+            &mut page,
+            "/^[0-9a-f]{64} /.test(document.getElementById('sim-words').textContent)",
+        );
+        let words = page.text("sim-words");
+        assert_eq!(words[..64], native(robot, seed), "{robot}");
+    }
+    // The same seed of a machine that is exactly as described is another run.
+    assert_ne!(native("eight-cable", 7), native("eight-cable", 8));
+}
+
+#[test]
+fn the_robot_moves_is_pushed_gets_a_fault_and_goes_on_after_it() {
+    let _alone = alone();
+    let mut browser = Browser::start();
+    let mut page = open(&mut browser, "");
+    // It begins with its circle.
+    wait(
+        &mut page,
+        "mcdpr.live.state === 'Moving' && mcdpr.live.path_s > 1",
+    );
+    let before = tool_mm(&mut page);
+    wait(
+        &mut page,
+        &format!(
+            "Math.abs(mcdpr.live.pose.tool_m[0] * 1e3 - {}) > 5",
+            before[0]
+        ),
+    );
+    stop(&mut page);
+    let rest = tool_mm(&mut page);
+    // A hand pushes the platform on its brakes: the cables give way, and it swings back.
+    page.click("#tab-sim");
+    page.click("#sim-hand");
+    page.press_at("#scene", [0.5, 0.4]);
+    page.move_to("#scene", [0.55, 0.4]);
+    wait(
+        &mut page,
+        &format!(
+            "Math.hypot(...mcdpr.live.pose.tool_m.map((v, i) => v * 1e3 - [{}, {}, {}][i])) > 0.5",
+            rest[0], rest[1], rest[2]
+        ),
+    );
+    page.let_go("#scene", [0.55, 0.4]);
+    page.click("#sim-hand");
+    // An open tension input stops the motion, by its name, and the robot needs a clear.
+    page.click("[data-order=start]");
+    wait(&mut page, "mcdpr.live.state === 'Moving'");
+    page.fill("sim-fault", "S7");
+    page.fill("sim-cable", "2");
+    page.click("#sim-inject");
+    wait(&mut page, "mcdpr.live.state === 'Fault'");
+    let fault = page.text("alarm");
+    assert!(fault.contains("S7") && fault.contains("cable 2"), "{fault}");
+    // A new robot has no fault.
+    page.click("#sim-restart");
+    wait(
+        &mut page,
+        "!mcdpr.live.fault && mcdpr.live.state === 'Moving'",
+    );
+    stop(&mut page);
+    // A task is planned, judged and run.
+    page.click("#tab-place");
+    page.fill("to-x", "20");
+    page.fill("to-y", "10");
+    page.fill("to-z", "-150");
+    page.click("#to-plan");
+    wait(
+        &mut page,
+        "mcdpr.work.preview && !document.getElementById('plan-start').disabled",
+    );
+    page.click("#plan-start");
+    wait(&mut page, "mcdpr.live.state === 'Moving'");
+    wait(
+        &mut page,
+        "mcdpr.live.state === 'Disarmed' && !mcdpr.live.task",
+    );
+    let there = tool_mm(&mut page);
+    assert!(distance_mm(there, [20.0, 10.0, -150.0]) < 3.0, "{there:?}");
+}
+
+#[test]
+fn the_robot_file_is_changed_and_a_link_keeps_the_state() {
+    let _alone = alone();
+    let mut browser = Browser::start();
+    let mut page = open(&mut browser, "");
+    stop(&mut page);
+    page.click("#tab-robot");
+    wait(
+        &mut page,
+        "document.getElementById('robot-text').value.length > 100",
+    );
+    let text = page.run("document.getElementById('robot-text').value");
+    let text = text.as_str().unwrap().to_owned();
+    // Nonsense is refused in words, and the robot stays.
+    page.fill("robot-text", &text.replacen("mass_kg = ", "mass_kg = -", 1));
+    page.click("#robot-check");
+    wait(
+        &mut page,
+        "document.getElementById('robot-words').textContent.includes('mass_kg')",
+    );
+    let own = format!("# changed in the page\n{text}");
+    page.fill("robot-text", &own);
+    page.click("#robot-check");
+    wait(&mut page, "!document.getElementById('robot-save').disabled");
+    page.click("#robot-save");
+    wait(&mut page, "mcdpr.live.state === 'Moving'");
+    wait(&mut page, "mcdpr.live.path_s > 1");
+    stop(&mut page);
+    let place = tool_mm(&mut page);
+    page.click("#tab-sim");
+    page.click("#sim-link");
+    wait(&mut page, "document.getElementById('sim-url').value");
+    let link = page.run("document.getElementById('sim-url').value");
+    let link = link.as_str().unwrap();
+    let hash = link.split_once('#').unwrap().1;
+    let mut other = open(&mut browser, &format!("#{hash}"));
+    let there = tool_mm(&mut other);
+    assert!(
+        distance_mm(there, place) < 2.0,
+        "{there:?} instead of {place:?}"
+    );
+    other.click("#tab-robot");
+    wait(
+        &mut other,
+        "document.getElementById('robot-text').value.startsWith('# changed in the page')",
+    );
+    // A damaged link is named, and the playground opens all the same.
+    let mut damaged = open(&mut browser, "#state=AAAA");
+    assert!(damaged.text("answer").contains("damaged"));
+}
