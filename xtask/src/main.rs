@@ -82,7 +82,7 @@ fn test() -> Result<(), String> {
     firmware::kinematics_without_std()?;
     check_for_page()?;
     tools::ensure_browser()?;
-    tools::ensure_mcap_reader()?;
+    tools::ensure_readers()?;
     let arguments = [
         "test",
         "--release",
