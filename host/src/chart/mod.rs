@@ -442,7 +442,8 @@ mod tests {
         let curve = Curve::new("n", 0, [(0.0, 1.0), (0.5, f64::NAN), (1.0, 2.0)]);
         let svg = Chart::new("a < b & c", "x", "y").with([curve]).svg();
         assert!(svg.contains("a &lt; b &amp; c") && !svg.contains("NaN"));
-        let path = svg.split(" d=\"").nth(1).unwrap().split('"').next();
+        let curve = svg.split("class=\"c0\"").nth(1).unwrap();
+        let path = curve.split(" d=\"").nth(1).unwrap().split('"').next();
         assert_eq!(path.unwrap().matches('M').count(), 2, "two parts");
     }
 

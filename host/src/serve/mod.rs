@@ -26,9 +26,14 @@ pub use server::{Desk, ServeError, Server};
 #[must_use]
 pub fn page() -> String {
     include_str!("page.html")
+        .replace("/*CHARTSTYLE*/", include_str!("vendor/uPlot.min.css"))
+        .replace("/*UPLOT*/", include_str!("vendor/uPlot.iife.min.js"))
         .replace("/*STYLE*/", include_str!("page.css"))
         .replace("/*SCENE*/", include_str!("scene.js"))
         .replace("/*SCRIPT*/", include_str!("page.js"))
+        .replace("/*CHARTS*/", include_str!("charts.js"))
+        .replace("/*LIVECHARTS*/", include_str!("livecharts.js"))
+        .replace("/*RUNCHARTS*/", include_str!("runcharts.js"))
         .replace("/*WORK*/", include_str!("work.js"))
         .replace("/*RUNS*/", include_str!("runs.js"))
         .replace("/*ROBOT*/", include_str!("robot.js"))
