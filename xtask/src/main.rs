@@ -25,6 +25,7 @@ ros         build mcdpr and its ROS side (ros/, outside of the workspace: minute
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
+screenshots draws docs/images/*.png: the page on the simulator, in a real browser
 seams       no ring of modules, no public item unused outside its crate; no dependency is built twice for the
             program and the tests; the crates without a system compile for wasm32; prints the ten longest functions
 lint        formatting, seams, lints and documentation, warnings denied";
@@ -43,6 +44,7 @@ fn main() -> ExitCode {
         Some("ros") => ros::test(FEATURES),
         Some("firmware") => firmware::build_and_check(),
         Some("seams") => seams().and_then(|()| functions::print_longest()),
+        Some("screenshots") => screenshots(),
         Some("lint") => lint(),
         Some("study") => study(),
         Some("help" | "--help" | "-h") => {
@@ -73,6 +75,23 @@ fn study() -> Result<(), String> {
     command.extend(["--example", example, "--"]);
     command.extend(options.iter().map(String::as_str));
     cargo(&command)
+}
+
+/// Draws the pictures of the documents. With the features of the tests, so that nothing is built again.
+fn screenshots() -> Result<(), String> {
+    tools::ensure_browser()?;
+    let built = [
+        "--release",
+        "--locked",
+        "--workspace",
+        "--features",
+        FEATURES,
+    ];
+    for target in [["--bin", "mcdpr"], ["--example", "screenshots"]] {
+        cargo(&[&["build"], &built[..], &target[..]].concat())?;
+    }
+    let program = tools::target().join("release/examples/screenshots");
+    run(Command::new(program).arg("docs/images"))
 }
 
 fn test() -> Result<(), String> {
