@@ -21,7 +21,7 @@
 //! | [`scenario`] | fault injection, and its results |
 //! | [`tension`] | experiments on the tension loop, tuning and calibration of tension |
 //! | [`experiment`] | a task from connecting to disarming, and its results |
-//! | `chart` | charts as SVG, for pages and as files |
+//! | `chart` | charts for pages, and as files: SVG, PNG, PDF |
 //! | `stamp` | date and time for names and records |
 //! | `files` | external files: read up to a limit, written completely or not at all |
 //! | [`sight`] | tags in the camera's pictures |

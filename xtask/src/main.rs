@@ -27,6 +27,7 @@ playground  build the page with a simulated robot in it, without a server (targe
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
+screenshots draws docs/images/*.png: the page on the simulator, in a real browser
 seams       no ring of modules, no public item unused outside its crate; no dependency is built twice for the
             program and the tests; the crates without a system compile for wasm32; prints the ten longest functions
 lint        formatting, seams, lints and documentation, warnings denied";
@@ -46,6 +47,7 @@ fn main() -> ExitCode {
         Some("playground") => playground::build(&cargo_program()),
         Some("firmware") => firmware::build_and_check(),
         Some("seams") => seams().and_then(|()| functions::print_longest()),
+        Some("screenshots") => screenshots(),
         Some("lint") => lint(),
         Some("study") => study(),
         Some("help" | "--help" | "-h") => {
@@ -78,6 +80,23 @@ fn study() -> Result<(), String> {
     cargo(&command)
 }
 
+/// Draws the pictures of the documents. With the features of the tests, so that nothing is built again.
+fn screenshots() -> Result<(), String> {
+    tools::ensure_browser()?;
+    let built = [
+        "--release",
+        "--locked",
+        "--workspace",
+        "--features",
+        FEATURES,
+    ];
+    for target in [["--bin", "mcdpr"], ["--example", "screenshots"]] {
+        cargo(&[&["build"], &built[..], &target[..]].concat())?;
+    }
+    let program = tools::target().join("release/examples/screenshots");
+    run(Command::new(program).arg("docs/images"))
+}
+
 fn test() -> Result<(), String> {
     // The emulated chip executes the firmware's own file: it must be there before the tests run. The
     // program, which the system tests start, is built with them.
@@ -86,7 +105,7 @@ fn test() -> Result<(), String> {
     check_for_page()?;
     playground::build(&cargo_program())?;
     tools::ensure_browser()?;
-    tools::ensure_mcap_reader()?;
+    tools::ensure_readers()?;
     let arguments = [
         "test",
         "--release",

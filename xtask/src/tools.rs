@@ -1,11 +1,11 @@
-//! Programs of others that tests need: a browser, and the reference reader for MCAP files.
+//! Programs of others that tests need: a browser, and foreign readers of the program's files.
 
 use crate::run;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Version of the reference reader.
-const MCAP_READER: &str = "mcap>=1.2,<2";
+/// Foreign readers of the program's files: of records, and of plots.
+const READERS: [(&str, &str); 2] = [("mcap", "mcap>=1.2,<2"), ("pypdf", "pypdf>=5,<7")];
 
 /// Makes sure that there is a Chromium for the tests of the live page.
 pub(crate) fn ensure_browser() -> Result<(), String> {
@@ -28,19 +28,23 @@ pub(crate) fn ensure_browser() -> Result<(), String> {
     )
 }
 
-/// Makes sure that Python's `mcap` is there, below the target folder.
-pub(crate) fn ensure_mcap_reader() -> Result<(), String> {
+/// Makes sure that Python's readers are there, below the target folder.
+pub(crate) fn ensure_readers() -> Result<(), String> {
     let python = target().join("python").join("bin").join("python");
-    let check = || works(&python, "import mcap");
-    if check() {
-        return Ok(());
+    for (module, package) in READERS {
+        let check = || works(&python, &format!("import {module}"));
+        if check() {
+            continue;
+        }
+        ensure_python()?;
+        run(Command::new(&python).args(["-m", "pip", "install", "--quiet", package]))?;
+        if !check() {
+            return Err(format!(
+                "xtask: Python's {module} cannot be imported after its installation"
+            ));
+        }
     }
-    ensure_python()?;
-    run(Command::new(&python).args(["-m", "pip", "install", "--quiet", MCAP_READER]))?;
-    if check() {
-        return Ok(());
-    }
-    Err("xtask: Python's mcap cannot be imported after its installation".to_owned())
+    Ok(())
 }
 
 /// Makes sure that there is a virtual environment below the target folder; gives its Python.

@@ -1,7 +1,7 @@
 //! Ranges, round steps and the grid of a chart.
 
+use super::shapes::{Anchor, Shape, Words};
 use super::{HEIGHT, WIDTH};
-use std::fmt::Write as _;
 
 const LEFT: f64 = 56.0;
 const RIGHT: f64 = 12.0;
@@ -147,48 +147,41 @@ impl Frame {
         ]
     }
 
-    /// Grid lines, their values, and the names of the axes (already escaped).
-    pub(super) fn draw_grid(&self, out: &mut String, across: &str, up: &str) {
+    /// Grid lines, their values, and the names of the axes.
+    pub(super) fn draw_grid(&self, shapes: &mut Vec<Shape>, across: &str, up: &str) {
         let ([left, right], [top, bottom]) = (self.sides(), self.ends());
-        let line = |out: &mut String, from: [f64; 2], to: [f64; 2]| {
-            // Writing to a string cannot fail.
-            let _ = write!(
-                out,
-                "<line class=\"grid\" stroke=\"#dde3ea\" x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" \
-                 y2=\"{:.1}\"/>",
-                from[0], from[1], to[0], to[1]
-            );
+        let line = |from: [f64; 2], to: [f64; 2]| Shape::Lines {
+            class: "grid".to_owned(),
+            lines: vec![vec![from, to]],
+            stroke: "#dde3ea".to_owned(),
+            width: 1.0,
+            dash: &[],
+            tip: None,
         };
         let (values, digits) = self.up.ticks(5.0);
         for value in values {
             let [_, at] = self.px([0.0, value]);
-            line(out, [left, at], [right, at]);
-            let _ = write!(
-                out,
-                "<text class=\"y\" text-anchor=\"end\" x=\"{:.1}\" y=\"{:.1}\">{value:.digits$}</text>",
-                left - 5.0,
-                at + 4.0
-            );
+            shapes.push(line([left, at], [right, at]));
+            let text = format!("{value:.digits$}");
+            let words = Words::new("y", Anchor::End, [left - 5.0, at + 4.0], text);
+            shapes.push(Shape::Words(words));
         }
         let (values, digits) = self.across.ticks(7.0);
         for value in values {
             let [at, _] = self.px([value, 0.0]);
-            line(out, [at, top], [at, bottom]);
-            let _ = write!(
-                out,
-                "<text class=\"x\" text-anchor=\"middle\" x=\"{at:.1}\" y=\"{:.1}\">{value:.digits$}</text>",
-                bottom + 15.0
-            );
+            shapes.push(line([at, top], [at, bottom]));
+            let text = format!("{value:.digits$}");
+            let words = Words::new("x", Anchor::Middle, [at, bottom + 15.0], text);
+            shapes.push(Shape::Words(words));
         }
-        let _ = write!(
-            out,
-            "<text class=\"x\" text-anchor=\"middle\" x=\"{:.0}\" y=\"{:.0}\">{across}</text>\
-             <text class=\"x\" text-anchor=\"middle\" transform=\"translate(13 {:.0}) rotate(-90)\">\
-             {up}</text>",
-            0.5 * (left + right),
-            bottom + 33.0,
-            0.5 * (top + bottom)
-        );
+        let below = [0.5 * (left + right), bottom + 33.0];
+        let name = Words::new("x", Anchor::Middle, below, across);
+        shapes.push(Shape::Words(name));
+        let beside = [13.0, 0.5 * (top + bottom)];
+        shapes.push(Shape::Words(Words {
+            upwards: true,
+            ..Words::new("x", Anchor::Middle, beside, up)
+        }));
     }
 }
 

@@ -1,7 +1,7 @@
 //! Charts beside and below each other as a file of its own.
 
-use super::{Chart, WIDTH, escape};
-use std::fmt::Write as _;
+use super::shapes::{Shape, Words};
+use super::{Chart, WIDTH};
 
 /// Distance between charts, px.
 const GAP: f64 = 12.0;
@@ -28,10 +28,9 @@ impl Figure {
         }
     }
 
-    /// The picture as the text of an SVG file, on white.
-    #[must_use]
-    pub(crate) fn svg(&self) -> String {
-        let mut body = String::new();
+    /// Where each chart is, px, and the size of the whole picture.
+    fn places(&self) -> (Vec<[f64; 2]>, [f64; 2]) {
+        let mut places = Vec::new();
         // Each chart goes where there is most room, so that a tall one leaves no hole.
         let mut tops = vec![34.0_f64; self.columns.min(self.charts.len().max(1))];
         for chart in &self.charts {
@@ -39,28 +38,47 @@ impl Figure {
             let Some((column, top)) = shortest else {
                 continue;
             };
-            let left = f64::from(column) * (WIDTH + GAP);
-            let (_, height) = chart.element("");
-            let place =
-                format!(" x=\"{left:.0}\" y=\"{top:.0}\" width=\"{WIDTH}\" height=\"{height:.0}\"");
-            body += &chart.element(&place).0;
-            *top += height + GAP;
+            places.push([f64::from(column) * (WIDTH + GAP), *top]);
+            *top += chart.shapes().1 + GAP;
         }
         let count = u32::try_from(tops.len()).unwrap_or(1);
-        let top = tops.into_iter().fold(0.0, f64::max);
         let width = f64::from(count) * (WIDTH + GAP) - GAP;
-        let title = escape(&self.title);
-        let mut out = String::new();
-        // Writing to a string cannot fail.
-        let _ = writeln!(
-            out,
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{top:.0}\" \
-             viewBox=\"0 0 {width:.0} {top:.0}\"><rect width=\"100%\" height=\"100%\" \
-             fill=\"#ffffff\"/><text x=\"6\" y=\"21\" font-size=\"15\" font-weight=\"600\" \
-             font-family=\"system-ui,'DejaVu Sans',sans-serif\" fill=\"#17202a\">{title}</text>\
-             {body}</svg>"
+        (places, [width, tops.into_iter().fold(0.0, f64::max)])
+    }
+
+    /// The picture as the text of an SVG file, on white.
+    #[must_use]
+    pub(crate) fn svg(&self) -> String {
+        let (places, [width, height]) = self.places();
+        let mut out = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" \
+             viewBox=\"0 0 {width:.0} {height:.0}\" font-family=\"system-ui,'DejaVu Sans',sans-serif\">\
+             <rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>"
         );
+        Shape::Words(self.headline()).svg(&mut out);
+        for (chart, [left, top]) in self.charts.iter().zip(places) {
+            let (_, height) = chart.shapes();
+            let place =
+                format!(" x=\"{left:.0}\" y=\"{top:.0}\" width=\"{WIDTH}\" height=\"{height:.0}\"");
+            out += &chart.element(&place).0;
+        }
+        out.push_str("</svg>\n");
         out
+    }
+
+    fn headline(&self) -> Words {
+        Words::title([6.0, 21.0], 15.0, &self.title)
+    }
+
+    /// Its name, everything in it, the lowest first, and its size, px.
+    pub(super) fn shapes(&self) -> (&str, Vec<Shape>, [f64; 2]) {
+        let (places, size) = self.places();
+        let mut shapes = vec![Shape::Words(self.headline())];
+        for (chart, place) in self.charts.iter().zip(places) {
+            let parts = chart.shapes().0.into_iter();
+            shapes.extend(parts.map(|shape| shape.moved(place)));
+        }
+        (&self.title, shapes, size)
     }
 }
 

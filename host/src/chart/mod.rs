@@ -1,20 +1,29 @@
-//! The one way to draw: line charts, points and maps as SVG.
+//! The one way to draw: line charts, points and maps as SVG, PNG and PDF.
 //!
-//! A chart is drawn once and serves two places: a page, whose style sheet may override the colours
-//! by class, and a file of its own ([`Figure`]), for which every colour is also an attribute. Widths
+//! A chart becomes shapes once, and they serve three places: a page, whose style sheet may override the colours
+//! by class, a drawing of its own ([`Figure`]), for which every colour is also an attribute, and a file of
+//! pixels or for print ([`PlotFormat`]), whose letters are those of an embedded font. Widths
 //! and sizes of text are chosen for one column of a journal (85 mm), where text is then 6 points.
 //! The colours of curves can be distinguished by colour-blind readers (Okabe and Ito, 2008).
 
 mod axes;
 mod figure;
+mod file;
+mod letters;
+mod pdf;
+mod pixels;
+mod shapes;
 
 pub(crate) use figure::Figure;
+pub(crate) use file::PlotFormat;
 
 use axes::{Frame, Span};
-use std::fmt::Write as _;
+use shapes::{Anchor, DIM, SIZE, Shape, Words, escape};
 
 /// Width of a chart, px.
 const WIDTH: f64 = 480.0;
+/// Its width on paper: a column of a journal, mm.
+const COLUMN_MM: f64 = 85.0;
 /// Height of a chart's plotting area, px; that of a square one is its width.
 const HEIGHT: f64 = 190.0;
 /// Number of columns into which a curve is thinned.
@@ -84,6 +93,22 @@ impl Curve {
             ""
         };
         format!("c{}{dashed}", self.color)
+    }
+
+    /// Its lines as they are drawn.
+    fn drawn(&self, lines: Vec<Vec<[f64; 2]>>) -> Shape {
+        Shape::Lines {
+            class: self.class(),
+            lines,
+            stroke: self.color().to_owned(),
+            width: 1.5,
+            dash: if self.stroke == Stroke::Dashed {
+                &[5.0, 4.0]
+            } else {
+                &[]
+            },
+            tip: None,
+        }
     }
 }
 
@@ -189,6 +214,11 @@ impl Chart {
         self
     }
 
+    /// Its title.
+    pub(crate) fn title(&self) -> &str {
+        &self.title
+    }
+
     /// Whether it has no curves and no map.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
@@ -203,57 +233,52 @@ impl Chart {
 
     /// The chart as an `svg` element with more attributes, and its height, px.
     fn element(&self, attributes: &str) -> (String, f64) {
-        let (legend, rows) = self.legend();
-        let frame = self.frame(rows);
-        let height = frame.height();
+        let (shapes, height) = self.shapes();
         let title = escape(&self.title);
-        // Writing to a string cannot fail, here and below.
         let mut out = format!(
             "<svg{attributes} viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" aria-label=\"{title}\" \
-             font-family=\"system-ui,'DejaVu Sans',sans-serif\" font-size=\"12\" fill=\"#3c4854\">\
-             <text class=\"title\" x=\"6\" y=\"15\" font-weight=\"600\" font-size=\"13\" \
-             fill=\"#17202a\">{title}</text>"
+             font-family=\"system-ui,'DejaVu Sans',sans-serif\" font-size=\"{SIZE}\" fill=\"{DIM}\">"
         );
+        shapes.iter().for_each(|shape| shape.svg(&mut out));
+        out.push_str("</svg>");
+        (out, height)
+    }
+
+    /// What it consists of, the lowest first, and its height, px.
+    fn shapes(&self) -> (Vec<Shape>, f64) {
+        let (legend, rows) = self.legend();
+        let frame = self.frame(rows);
+        let mut shapes = vec![Shape::Words(Words::title([6.0, 15.0], 13.0, &self.title))];
         for patch in &self.patches {
             let ([left, bottom], [right, top]) = (frame.px(patch.min), frame.px(patch.max));
-            let _ = write!(
-                out,
-                "<rect shape-rendering=\"crispEdges\" x=\"{left:.1}\" y=\"{top:.1}\" width=\"{:.1}\" \
-                 height=\"{:.1}\" fill=\"{}\"/>",
-                right - left,
-                bottom - top,
-                patch.color
-            );
+            shapes.push(Shape::Rect {
+                class: "",
+                at: [left, top],
+                size: [right - left, bottom - top],
+                fill: patch.color.clone(),
+                opacity: 1.0,
+                crisp: true,
+            });
         }
         if let Some([low, high]) = self.band {
             let [left, right] = frame.sides();
             let (top, bottom) = (frame.px([0.0, high])[1], frame.px([0.0, low])[1]);
-            let _ = write!(
-                out,
-                "<rect class=\"band\" x=\"{left}\" y=\"{top:.1}\" width=\"{:.1}\" \
-                 height=\"{:.1}\" fill=\"#009e73\" fill-opacity=\"0.13\"/>",
-                right - left,
-                bottom - top
-            );
+            shapes.push(Shape::Rect {
+                class: "band",
+                at: [left, top],
+                size: [right - left, bottom - top],
+                fill: "#009e73".to_owned(),
+                opacity: 0.13,
+                crisp: false,
+            });
         }
-        frame.draw_grid(&mut out, &escape(&self.across), &escape(&self.up));
-        self.draw_marks(&mut out, &frame);
-        out.push_str("<g fill=\"none\" stroke-width=\"1.5\" stroke-linejoin=\"round\">");
+        frame.draw_grid(&mut shapes, &self.across, &self.up);
+        self.draw_marks(&mut shapes, &frame);
         // Last first: the first curve lies on top.
-        for curve in self.curves.iter().rev() {
-            let path = self.path(curve, &frame);
-            let _ = write!(
-                out,
-                "<path class=\"{}\" stroke=\"{}\"{} d=\"{path}\"/>",
-                curve.class(),
-                curve.color(),
-                dash(curve)
-            );
-        }
-        out.push_str("</g>");
-        out += &legend;
-        out.push_str("</svg>");
-        (out, height)
+        let curves = self.curves.iter().rev();
+        shapes.extend(curves.map(|curve| curve.drawn(self.lines(curve, &frame))));
+        shapes.extend(legend);
+        (shapes, frame.height())
     }
 
     /// The ranges of both axes and their places in the picture.
@@ -277,7 +302,7 @@ impl Chart {
         Frame::new(across, up, top, self.square)
     }
 
-    fn draw_marks(&self, out: &mut String, frame: &Frame) {
+    fn draw_marks(&self, shapes: &mut Vec<Shape>, frame: &Frame) {
         let [left, right] = frame.sides();
         let [top, bottom] = frame.ends();
         for Mark { at, text, fault } in &self.marks {
@@ -285,23 +310,25 @@ impl Chart {
             if !(left - 0.5..=right + 0.5).contains(&place) {
                 continue;
             }
-            let (class, stroke) = if *fault {
-                ("fault", "stroke=\"#b3261e\" stroke-width=\"2\"")
+            let (class, stroke, width, dash): (_, _, _, &[f32]) = if *fault {
+                ("fault", "#b3261e", 2.0, &[])
             } else {
-                ("mark", "stroke=\"#777777\" stroke-dasharray=\"2 3\"")
+                ("mark", "#777777", 1.0, &[2.0, 3.0])
             };
-            let _ = write!(
-                out,
-                "<line class=\"{class}\" {stroke} x1=\"{place:.1}\" x2=\"{place:.1}\" \
-                 y1=\"{top:.1}\" y2=\"{bottom:.1}\"><title>{} at {at:.3} s</title></line>",
-                escape(text)
-            );
+            shapes.push(Shape::Lines {
+                class: class.to_owned(),
+                lines: vec![vec![[place, top], [place, bottom]]],
+                stroke: stroke.to_owned(),
+                width,
+                dash,
+                tip: Some(format!("{text} at {at:.3} s")),
+            });
         }
     }
 
     /// The legend in rows below the title, and the number of rows: never over the curves.
-    fn legend(&self) -> (String, u32) {
-        let (mut out, mut left, mut row) = (String::new(), 6.0, 0);
+    fn legend(&self) -> (Vec<Shape>, u32) {
+        let (mut shapes, mut left, mut row) = (Vec::new(), 6.0, 0);
         let mut place = |chars: usize| {
             let width = 30.0 + 6.6 * f64::from(u32::try_from(chars).unwrap_or(0));
             if row == 0 || left + width > WIDTH - 6.0 {
@@ -311,89 +338,60 @@ impl Chart {
             left += width + 8.0;
             at
         };
+        let words = |[x, y]: [f64; 2], text: &str| {
+            Shape::Words(Words::new("", Anchor::Start, [x + 23.0, y], text))
+        };
         for chip in &self.chips {
             let [x, y] = place(chip.text.chars().count());
-            let _ = write!(
-                out,
-                "<rect x=\"{x:.0}\" y=\"{:.0}\" width=\"18\" height=\"11\" fill=\"{}\"/>\
-                 <text x=\"{:.0}\" y=\"{y:.0}\">{}</text>",
-                y - 10.0,
-                chip.color,
-                x + 23.0,
-                escape(&chip.text)
-            );
+            shapes.push(Shape::Rect {
+                class: "",
+                at: [x, y - 10.0],
+                size: [18.0, 11.0],
+                fill: chip.color.clone(),
+                opacity: 1.0,
+                crisp: false,
+            });
+            shapes.push(words([x, y], &chip.text));
         }
         for curve in self.curves.iter().filter(|curve| !curve.name.is_empty()) {
             let [x, y] = place(curve.name.chars().count());
-            let line = match curve.stroke {
-                Stroke::Crosses => cross([x + 9.0, y - 4.0]),
-                Stroke::Solid | Stroke::Dashed => format!("M{x:.0} {:.0}h18", y - 4.0),
+            let lines = match curve.stroke {
+                Stroke::Crosses => cross([x + 9.0, y - 4.0]).to_vec(),
+                Stroke::Solid | Stroke::Dashed => vec![vec![[x, y - 4.0], [x + 18.0, y - 4.0]]],
             };
-            let _ = write!(
-                out,
-                "<path class=\"{}\" fill=\"none\" stroke-width=\"1.5\" stroke=\"{}\"{} \
-                 d=\"{line}\"/><text x=\"{:.0}\" y=\"{y:.0}\">{}</text>",
-                curve.class(),
-                curve.color(),
-                dash(curve),
-                x + 23.0,
-                escape(&curve.name)
-            );
+            shapes.push(curve.drawn(lines));
+            shapes.push(words([x, y], &curve.name));
         }
-        (out, row)
+        (shapes, row)
     }
 
-    /// A curve as the text of a path.
-    fn path(&self, curve: &Curve, frame: &Frame) -> String {
-        let points = if curve.stroke == Stroke::Crosses {
-            curve.points.clone()
-        } else if self.square {
+    /// A curve as lines in the picture.
+    fn lines(&self, curve: &Curve, frame: &Frame) -> Vec<Vec<[f64; 2]>> {
+        let finite = |at: &&[f64; 2]| at.iter().all(|value| value.is_finite());
+        if curve.stroke == Stroke::Crosses {
+            let points = curve.points.iter().filter(finite);
+            return points.flat_map(|at| cross(frame.px(*at))).collect();
+        }
+        let points = if self.square {
             spaced(&curve.points)
         } else {
             thinned(&curve.points)
         };
-        let (mut path, mut pen_down) = (String::new(), false);
-        for at in points {
-            if !at.iter().all(|value| value.is_finite()) {
-                pen_down = false;
-                continue;
-            }
-            let [x, y] = frame.px(at);
-            if curve.stroke == Stroke::Crosses {
-                path += &cross([x, y]);
-                continue;
-            }
-            let kind = if pen_down { 'L' } else { 'M' };
-            pen_down = true;
-            let _ = write!(path, "{kind}{x:.1} {y:.1}");
-        }
-        path
-    }
-}
-
-fn dash(curve: &Curve) -> &'static str {
-    match curve.stroke {
-        Stroke::Dashed => " stroke-dasharray=\"5 4\"",
-        Stroke::Solid | Stroke::Crosses => "",
+        let parts = points.split(|at| !finite(&at));
+        parts
+            .filter(|part| !part.is_empty())
+            .map(|part| part.iter().map(|at| frame.px(*at)).collect())
+            .collect()
     }
 }
 
 /// A cross about a point of the picture.
-fn cross([x, y]: [f64; 2]) -> String {
-    format!(
-        "M{:.1} {:.1}l7 7M{:.1} {:.1}l7 -7",
-        x - 3.5,
-        y - 3.5,
-        x - 3.5,
-        y + 3.5
-    )
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
+fn cross([x, y]: [f64; 2]) -> [Vec<[f64; 2]>; 2] {
+    let corner = |across: f64, down: f64| [x + 3.5 * across, y + 3.5 * down];
+    [
+        vec![corner(-1.0, -1.0), corner(1.0, 1.0)],
+        vec![corner(-1.0, 1.0), corner(1.0, -1.0)],
+    ]
 }
 
 /// Keeps the least and the greatest of every column.
@@ -444,7 +442,8 @@ mod tests {
         let curve = Curve::new("n", 0, [(0.0, 1.0), (0.5, f64::NAN), (1.0, 2.0)]);
         let svg = Chart::new("a < b & c", "x", "y").with([curve]).svg();
         assert!(svg.contains("a &lt; b &amp; c") && !svg.contains("NaN"));
-        let path = svg.split(" d=\"").nth(1).unwrap().split('"').next();
+        let curve = svg.split("class=\"c0\"").nth(1).unwrap();
+        let path = curve.split(" d=\"").nth(1).unwrap().split('"').next();
         assert_eq!(path.unwrap().matches('M').count(), 2, "two parts");
     }
 

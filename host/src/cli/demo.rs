@@ -7,6 +7,7 @@ use super::recorded::{About, Recorded};
 use super::run::{figure_rows, say_choice, tool_height_m};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
+use crate::chart::PlotFormat;
 use crate::experiment::{Experiment, SimulatedRobot, SimulatedRun};
 use crate::machine::Mismatch;
 use crate::motion::{Model, PAPER, PAPER_HEIGHT_M, Task};
@@ -142,7 +143,7 @@ fn report(
     folder: &RunFolder,
     common: &Common,
 ) -> Outcome {
-    save((model, paper), ideal, real, folder)?;
+    save((model, paper), ideal, real, (folder, common.plots()))?;
     let (as_described, realistic) = (ideal.run.figures(model)?, real.run.figures(model)?);
     let simulated_s = ideal.simulated_s + real.simulated_s;
     let took_s = (ideal.took + real.took).as_secs_f64();
@@ -209,8 +210,9 @@ fn report(
         document.realtime_factor
     );
     say!(
-        "run folder: {} (path.svg shows the circle)",
-        document.run_folder
+        "run folder: {} (path.{} shows the circle)",
+        document.run_folder,
+        common.plots().ending()
     );
     Ok(())
 }
@@ -219,7 +221,7 @@ fn save(
     (model, paper): (&Model, bool),
     ideal: &SimulatedRun,
     real: &SimulatedRun,
-    folder: &RunFolder,
+    (folder, plots): (&RunFolder, PlotFormat),
 ) -> Outcome {
     let failed = || Failed::from_error("writing the run folder");
     let plan = &real.run.plan;
@@ -245,7 +247,7 @@ fn save(
     };
     let title = format!("{}: {shown}, simulated tool", model.robot().name);
     folder
-        .write("path.svg", &draw_path(&title, plan, &traces)?)
+        .plot("path", &draw_path(&title, plan, &traces)?, plots)
         .map_err(failed())?;
     folder
         .write_json("robot.json", model.robot())

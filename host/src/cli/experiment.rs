@@ -163,7 +163,7 @@ impl Cmd {
             ])
             .band(trace.setpoint_n - 0.5, trace.setpoint_n + 0.5);
         folder
-            .write("tension.svg", &Figure::new(title, 1, [chart]).svg())
+            .plot("tension", &Figure::new(title, 1, [chart]), common.plots())
             .into_diagnostic()?;
         let document = Document {
             experiment: experiment.name.clone(),
@@ -206,8 +206,9 @@ impl Cmd {
         }
         super::write_out(&lay_out(&rows));
         say!(
-            "run folder: {} (tension.svg shows the trace)",
-            document.run_folder
+            "run folder: {} (tension.{} shows the trace)",
+            document.run_folder,
+            common.plots().ending()
         );
         match &trace.fault {
             None => Ok(()),

@@ -64,6 +64,7 @@ mod tune;
 
 pub use dry::{DRY_RUNS, DryRun, commands};
 
+use crate::chart::PlotFormat;
 use crate::link::{LinkError, SerialLink};
 use crate::machine::{Controller, Firmware};
 use crate::run::RunError;
@@ -118,6 +119,10 @@ pub(crate) struct Common {
     /// Folder for the run's files, instead of runs/DATE-TIME-NAME
     #[arg(long, global = true, value_name = "DIR")]
     pub record: Option<PathBuf>,
+    /// Kind of the plots that are drawn; a plot whose file is named has the kind of its ending. `report` draws them
+    /// into its page, and with this option also as files
+    #[arg(long, global = true, value_name = "KIND", value_enum)]
+    pub plots: Option<PlotFormat>,
     /// Plan and judge only: nothing moves. A command that cannot be judged without doing it is refused
     #[arg(long, global = true)]
     pub dry_run: bool,
@@ -154,6 +159,11 @@ impl Common {
                 "it simulates many robots, each with the control core in this process; leave out --on chip",
             )),
         }
+    }
+
+    /// Kind of the plots of a run.
+    pub(crate) fn plots(&self) -> PlotFormat {
+        self.plots.unwrap_or_default()
     }
 
     /// Opens the serial port of `--on`, with the time scale of `--time-scale`.

@@ -3,11 +3,13 @@
 use super::run::tool_height_m;
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
+use crate::chart::PlotFormat;
 use crate::motion::{
     Extremes, Margin, Model, Plan, PlanOptions, Planner, Shaping, Task, Tensioning, Watch,
 };
-use crate::report::{RunFolder, draw_plan};
+use crate::report::{RunFolder, plan_figure};
 use nalgebra::Vector3;
+use std::path::{Path, PathBuf};
 
 /// Plan a task, report its margin to every limit, and draw it; nothing moves
 #[derive(Debug, clap::Args)]
@@ -19,6 +21,9 @@ pub(crate) struct Cmd {
     z_mm: f64,
     #[command(flatten)]
     options: Options,
+    /// Draw the plan into this file, too: .svg, .png (300 dpi at a column of 85 mm) or .pdf
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// A position in the world, mm, that the platform's camera must keep in its picture
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], allow_negative_numbers = true)]
     keep_in_view: Option<Vec<f64>>,
@@ -50,6 +55,10 @@ impl Options {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
+        // A wrong name is refused before a plan is made.
+        let file = self.plot.as_deref();
+        let file = file.map(|path| PlotFormat::of(path).map(|kind| (path, kind)));
+        let file = file.transpose()?;
         let robot = common.robot()?;
         let model = Model::new(&robot)?.with_options(self.options.chosen());
         let task = {
@@ -66,7 +75,7 @@ impl Cmd {
         } else {
             Drawing::Always
         };
-        show(common, &model, task, &watch, drawing)?;
+        show(common, &model, task, &watch, drawing, file)?;
         if drawing == Drawing::Always && !common.json {
             say!(
                 "next: mcdpr run {} --robot {}",
@@ -95,6 +104,7 @@ pub(crate) fn show(
     task: Task,
     watch: &Watch,
     drawing: Drawing,
+    file: Option<(&Path, PlotFormat)>,
 ) -> Outcome {
     let name = task.name.clone();
     super::run::say_choice(model);
@@ -109,6 +119,11 @@ pub(crate) fn show(
         .then(|| draw(common, &name, &plan, &seen))
         .transpose()?;
     let plan = judged?;
+    if let Some((path, kind)) = file {
+        let bytes = plan_figure(&name, &plan)?.file(kind)?;
+        crate::files::write_atomically(path, bytes)
+            .map_err(Failed::from_error("writing the plot"))?;
+    }
     if common.json {
         return print_json(&serde_json::json!({
             "task": name,
@@ -130,7 +145,8 @@ pub(crate) fn show(
     );
     super::write_out(&lay_out(&rows(&seen.margins)));
     if let Some(folder) = folder {
-        say!("drawn in {folder}/plan.svg: path, lengths, tensions, tilt");
+        let ending = common.plots().ending();
+        say!("drawn in {folder}/plan.{ending}: path, lengths, tensions, tilt");
     }
     Ok(())
 }
@@ -147,9 +163,11 @@ fn quoted(name: &str) -> String {
 /// Writes picture and figures; gives the folder.
 fn draw(common: &Common, name: &str, plan: &Plan, seen: &Extremes) -> miette::Result<String> {
     let failed = || Failed::from_error("writing the plan's folder");
-    let picture = draw_plan(name, plan)?;
+    let picture = plan_figure(name, plan)?;
     let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
-    folder.write("plan.svg", &picture).map_err(failed())?;
+    folder
+        .plot("plan", &picture, common.plots())
+        .map_err(failed())?;
     folder.write_json("plan.json", seen).map_err(failed())?;
     Ok(folder.path().display().to_string())
 }

@@ -2,11 +2,12 @@
 
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
+use crate::chart::{Figure, PlotFormat};
 use crate::record::RecordedRun;
 use crate::replay::recorded_robot;
 use crate::report::{Judgement, html, judge};
 use crate::robot::Robot;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Write a run as one HTML page: plots, figures, verdicts, events
 #[derive(Debug, clap::Args)]
@@ -59,9 +60,14 @@ impl Report {
         let (run, robot, judgement) = load(&self.run)?;
         let page = html::report(&run, &robot, &judgement);
         let path = write(self.out.as_ref(), &run, "report.html", &page)?;
+        let plots = common.plots.map(|kind| {
+            let figures = html::figures(&run, &robot, &judgement);
+            write_plots(&path, figures, kind)
+        });
+        let plots = plots.transpose()?.unwrap_or_default();
         if common.json {
             return print_json(&serde_json::json!({
-                "page": path.display().to_string(), "judgement": judgement,
+                "page": path.display().to_string(), "plots": plots, "judgement": judgement,
             }));
         }
         let rows = judgement.verdicts.iter().map(|verdict| {
@@ -74,8 +80,30 @@ impl Report {
         });
         super::write_out(&lay_out(&rows.collect::<Vec<_>>()));
         say!("{}", path.display());
+        for plot in plots {
+            say!("{plot}");
+        }
         Ok(())
     }
+}
+
+/// Writes plots into the folder `plots` beside a page; gives their files.
+fn write_plots(
+    page: &Path,
+    figures: Vec<(String, Figure)>,
+    kind: PlotFormat,
+) -> miette::Result<Vec<String>> {
+    let folder = page.parent().map(Path::to_owned).unwrap_or_default();
+    let folder = folder.join("plots");
+    let failed = || Failed::from_error("writing the plots");
+    std::fs::create_dir_all(&folder).map_err(failed())?;
+    let mut files = Vec::new();
+    for (stem, figure) in figures {
+        let path = folder.join(format!("{stem}.{}", kind.ending()));
+        crate::files::write_atomically(&path, figure.file(kind)?).map_err(failed())?;
+        files.push(path.display().to_string());
+    }
+    Ok(files)
 }
 
 impl Compare {

@@ -8,6 +8,7 @@ use super::recorded::{About, Recorded};
 use super::serve::{PageDesk, announce};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
+use crate::chart::PlotFormat;
 use crate::control::Handle;
 use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::Mismatch;
@@ -70,7 +71,7 @@ impl Cmd {
         self.check_resume(common)?;
         if common.dry_run {
             let drawing = super::plan::Drawing::OnRequest;
-            return super::plan::show(common, &model, task, &Watch::default(), drawing);
+            return super::plan::show(common, &model, task, &Watch::default(), drawing, None);
         }
         say_choice(&model);
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
@@ -141,7 +142,7 @@ impl Cmd {
         let (run, realtime_factor) = outcome.inspect_err(|_| {
             eprintln!("what happened is recorded in {}", folder.path().display());
         })?;
-        if let Err(error) = save(&model, &name, &run, &folder) {
+        if let Err(error) = save(&model, &name, &run, &folder, common.plots()) {
             incomplete(&error);
         }
         let figures = run.figures(&model)?;
@@ -243,7 +244,7 @@ pub(crate) fn incomplete(error: &dyn std::fmt::Display) {
 }
 
 /// Writes samples and plot of a run.
-fn save(model: &Model, name: &str, run: &Run, folder: &RunFolder) -> Outcome {
+fn save(model: &Model, name: &str, run: &Run, folder: &RunFolder, plots: PlotFormat) -> Outcome {
     let failed = || Failed::from_error("writing the run folder");
     let truth = run.true_path.as_deref();
     let samples = write_samples(&run.plan, &run.samples, truth)?;
@@ -255,8 +256,8 @@ fn save(model: &Model, name: &str, run: &Run, folder: &RunFolder) -> Outcome {
             points,
         })
         .collect();
-    let svg = draw_path(name, &run.plan, &traces)?;
-    folder.write("path.svg", &svg).map_err(failed())?;
+    let figure = draw_path(name, &run.plan, &traces)?;
+    folder.plot("path", &figure, plots).map_err(failed())?;
     folder
         .write_json("robot.json", model.robot())
         .map_err(failed())?;

@@ -5,6 +5,7 @@ mod history;
 mod library;
 mod planning;
 mod robot_file;
+mod traces;
 
 pub(crate) use desk::PageDesk;
 

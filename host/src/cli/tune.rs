@@ -135,7 +135,11 @@ impl Tension {
         };
         let before_margins = judged(&robot.tension).ok().flatten();
         folder
-            .write("step.svg", &picture(&robot.name, &before, &after))
+            .plot(
+                "step",
+                &picture(&robot.name, &before, &after),
+                common.plots(),
+            )
             .into_diagnostic()?;
         let document = Document {
             identified,
@@ -157,7 +161,7 @@ impl Tension {
         if common.json {
             return print_json(&document);
         }
-        document.print();
+        document.print(common.plots().ending());
         Ok(())
     }
 }
@@ -345,7 +349,7 @@ fn is_fault(error: &miette::Report) -> bool {
     matches!(error.downcast_ref(), Some(RunError::Fault { .. }))
 }
 
-fn picture(name: &str, before: &Answer, after: &Answer) -> String {
+fn picture(name: &str, before: &Answer, after: &Answer) -> Figure {
     let timed = |values: &[f64]| -> Vec<(f64, f64)> {
         (0_u32..)
             .zip(values)
@@ -358,11 +362,12 @@ fn picture(name: &str, before: &Answer, after: &Answer) -> String {
         Curve::new("after", 0, timed(&after.measured_n)),
         Curve::new("set-point", 4, timed(&before.asked_n)).dashed(),
     ]);
-    Figure::new(title, 1, [chart]).svg()
+    Figure::new(title, 1, [chart])
 }
 
 impl Document {
-    fn print(&self) {
+    /// For a reader, with the ending of the plot.
+    fn print(&self, plot: &str) {
         let row = |name: &str, cells: &[String]| {
             std::iter::once(name.to_owned())
                 .chain(cells.iter().cloned())
@@ -422,13 +427,13 @@ impl Document {
         if self.keep {
             say!(
                 "nothing was changed: keep the gains of the robot file: no others follow the steps better without \
-                 more ringing; {}/step.svg shows both",
+                 more ringing; {}/step.{plot} shows both",
                 self.run_folder
             );
             return;
         }
         say!(
-            "nothing was changed: put the gains into [tension] of the robot file; {}/step.svg shows \
+            "nothing was changed: put the gains into [tension] of the robot file; {}/step.{plot} shows \
              the steps",
             self.run_folder
         );

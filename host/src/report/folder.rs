@@ -1,6 +1,7 @@
 //! The folder that keeps a run.
 
 use super::PathPoint;
+use crate::chart::{Figure, PlotFormat};
 use crate::motion::{Plan, PlanError};
 use crate::run::Measured;
 use crate::stamp::utc_stamp;
@@ -82,6 +83,17 @@ impl RunFolder {
     /// The file system's.
     pub fn write(&self, name: &str, contents: &str) -> io::Result<()> {
         crate::files::write_atomically(&self.path.join(name), contents)
+    }
+
+    /// Draws a plot into the folder; gives the file's name, with the ending of its kind.
+    ///
+    /// # Errors
+    /// The file system's; a figure that cannot be drawn.
+    pub(crate) fn plot(&self, stem: &str, figure: &Figure, kind: PlotFormat) -> io::Result<String> {
+        let name = format!("{stem}.{}", kind.ending());
+        let bytes = figure.file(kind).map_err(io::Error::other)?;
+        crate::files::write_atomically(&self.path.join(&name), bytes)?;
+        Ok(name)
     }
 
     /// Writes a value as JSON.

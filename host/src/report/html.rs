@@ -2,7 +2,7 @@
 
 use super::figures::{MeanMax, MeanSdMax};
 use super::judge::{Judgement, moving, path_errors};
-use crate::chart::{Chart, Curve};
+use crate::chart::{Chart, Curve, Figure};
 use crate::record::decode::Tick;
 use crate::record::{Machine, RecordedRun};
 use crate::robot::{Control, Robot};
@@ -204,6 +204,36 @@ pub fn report(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> String
 fn time_of(tick: &Tick, first: u32) -> f64 {
     // Ticks last 1 ms; their count of 32 bits wraps after 49.7 days.
     f64::from(tick.tick.wrapping_sub(first)) * 1e-3
+}
+
+/// The plots of a run, each as a figure of its own with a name for its file.
+pub(crate) fn figures(
+    run: &RecordedRun,
+    robot: &Robot,
+    judgement: &Judgement,
+) -> Vec<(String, Figure)> {
+    let name = &run.scenario.task.name;
+    let charts = charts(run, robot, judgement);
+    let figure = |(number, chart): (usize, Chart)| {
+        let words: String = chart
+            .title()
+            .chars()
+            .map(|c| {
+                if c.is_ascii_alphanumeric() {
+                    c.to_ascii_lowercase()
+                } else {
+                    ' '
+                }
+            })
+            .collect();
+        let words: Vec<_> = words.split_whitespace().take(5).collect();
+        let stem = format!("{number:02}-{}", words.join("-"));
+        (
+            stem,
+            Figure::new(format!("{name} on {}", robot.name), 1, [chart]),
+        )
+    };
+    (1..).zip(charts).map(figure).collect()
 }
 
 fn charts(run: &RecordedRun, robot: &Robot, judgement: &Judgement) -> Vec<Chart> {

@@ -13,9 +13,10 @@ pub use figures::{Figures, MeanMax, MeanSdMax, TensionError, measure};
 pub(crate) use folder::{RUNS, RunFolder, write_samples};
 pub use judge::{CableFigures, Judgement, Verdict, judge};
 pub use plan_plot::draw_plan;
+pub(crate) use plan_plot::plan_figure;
 pub(crate) use plot::PathTrace;
 pub(crate) use plot::draw_path;
-pub(crate) use robot_plot::robot_svg;
+pub(crate) use robot_plot::draw_robot;
 
 use mcdpr_simulator::TracePoint;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion};

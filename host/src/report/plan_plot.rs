@@ -11,6 +11,14 @@ const POINTS: u32 = 600;
 /// # Errors
 /// [`PlanError::Path`] for a plan that cannot be evaluated.
 pub fn draw_plan(title: &str, plan: &Plan) -> Result<String, PlanError> {
+    Ok(plan_figure(title, plan)?.svg())
+}
+
+/// Draws a plan.
+///
+/// # Errors
+/// [`PlanError::Path`] for a plan that cannot be evaluated.
+pub(crate) fn plan_figure(title: &str, plan: &Plan) -> Result<Figure, PlanError> {
     let duration_s = plan.timed.duration_s();
     let step_s = (duration_s / f64::from(POINTS)).max(1e-3);
     let states: Vec<(f64, StaticState)> = plan.states(step_s).collect();
@@ -45,5 +53,5 @@ pub fn draw_plan(title: &str, plan: &Plan) -> Result<String, PlanError> {
         Chart::new("Lengths since the start", "time, s", "mm").with(lengths),
         Chart::new("Tilt of the platform", "time, s", "degrees").with([Curve::new("", 0, tilt)]),
     ];
-    Ok(Figure::new(title, 2, charts).svg())
+    Ok(Figure::new(title, 2, charts))
 }

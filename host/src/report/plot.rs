@@ -27,7 +27,7 @@ pub(crate) fn draw_path(
     title: &str,
     plan: &Plan,
     traces: &[PathTrace],
-) -> Result<String, PlanError> {
+) -> Result<Figure, PlanError> {
     let duration_s = plan.timed.duration_s();
     let times_s = (0..=POINTS).map(|index| duration_s * f64::from(index) / f64::from(POINTS));
     let desired_m = times_s
@@ -77,7 +77,7 @@ pub(crate) fn draw_path(
         .square();
     let error = Chart::new("Distance from the desired position", "path time, s", "mm");
     let charts = [path, enlarged, error.with(over_time)];
-    Ok(Figure::new(title, 2, charts).svg())
+    Ok(Figure::new(title, 2, charts))
 }
 
 /// A round factor that makes the greatest error visible beside the path.

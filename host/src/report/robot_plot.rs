@@ -4,15 +4,15 @@ use crate::chart::{Chart, Curve, Figure};
 use crate::robot::Robot;
 use nalgebra::Vector3;
 
-/// Two views of a robot with its platform level and its tool at home, as the text of an SVG file.
-pub(crate) fn robot_svg(robot: &Robot) -> String {
+/// Two views of a robot with its platform level and its tool at home.
+pub(crate) fn draw_robot(robot: &Robot) -> Figure {
     let views = [
         ("From above", "x, mm", "y, mm", [0, 1]),
         ("From the front", "x, mm", "z, mm", [0, 2]),
     ];
     let charts = views.map(|(title, across, up, axes)| view(robot, title, [across, up], axes));
     let title = format!("{}, tool at home", robot.name);
-    Figure::new(title, 2, charts).svg()
+    Figure::new(title, 2, charts)
 }
 
 /// One view: the named axes of the world, in mm.
@@ -61,7 +61,7 @@ mod tests {
     #[test]
     fn every_robot_is_drawn_in_two_views_of_finite_numbers() {
         for (name, _) in mcdpr_core::robot::BUILT_IN {
-            let svg = robot_svg(&crate::robot::find(name).unwrap());
+            let svg = draw_robot(&crate::robot::find(name).unwrap()).svg();
             assert_eq!(svg.matches("<svg").count(), 3, "{name}");
             assert!(!svg.contains("NaN") && !svg.contains("inf"), "{name}");
             assert!(svg.contains("anchors") && svg.contains("From the front"));

@@ -351,10 +351,34 @@ impl Page {
         self.mouse("mouseReleased", selector, at);
     }
 
+    /// Moves a real mouse to a point, CSS pixels.
+    pub fn mouse_to(&mut self, [x, y]: [f64; 2]) {
+        let params = json!({ "type": "mouseMoved", "x": x, "y": y });
+        self.call("Input.dispatchMouseEvent", params);
+    }
+
+    /// Turns a real wheel at a point; less than 0 is away from the hand.
+    pub fn wheel(&mut self, [x, y]: [f64; 2], by: f64) {
+        self.mouse_to([x, y]);
+        let params = json!({ "type": "mouseWheel", "x": x, "y": y, "deltaX": 0, "deltaY": by });
+        self.call("Input.dispatchMouseEvent", params);
+    }
+
     pub fn resize(&mut self, width: u32, height: u32) {
         let params =
             json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": true });
         self.call("Emulation.setDeviceMetricsOverride", params);
+    }
+
+    /// A window of this size on a screen of so many pixels per CSS pixel, in light or dark colours.
+    pub fn look(&mut self, [width, height]: [u32; 2], scale: f64, dark: bool) {
+        let params = json!({
+            "width": width, "height": height, "deviceScaleFactor": scale, "mobile": width < 1000,
+        });
+        self.call("Emulation.setDeviceMetricsOverride", params);
+        let scheme = if dark { "dark" } else { "light" };
+        let params = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
+        self.call("Emulation.setEmulatedMedia", params);
     }
 
     /// A picture of the page, PNG in base64.

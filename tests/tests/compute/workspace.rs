@@ -69,7 +69,7 @@ fn sliced(name: &str, words: &[&str]) -> (Value, Vec<(Vector3<f64>, String)>) {
         .filter(|(_, verdict)| verdict == "feasible")
         .count();
     assert_eq!(feasible as u64, slice["feasible"].as_u64().unwrap());
-    let svg = std::fs::read_to_string(slice["svg"].as_str().unwrap()).unwrap();
+    let svg = std::fs::read_to_string(slice["plot"].as_str().unwrap()).unwrap();
     assert!(
         svg.contains(&format!("feasible ({feasible})")),
         "the legend counts"

@@ -1,12 +1,11 @@
-// Connection, words, charts and orders.
+// Connection, words and orders.
 (() => {
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get('token');
   // In the playground the robot runs in the page itself.
   const local = typeof Playground !== 'undefined';
   let socket = null, robot = null, live = null, heardAt = 0, may = false, mayStop = false, asked = false, gone = false, refused = '', orders = [], sent = 0, wait = 250;
-  const history = { t: [], tensions: [], errors: [] };
-  const SPAN = 20, STOPS = ['stop', 'hold'];
+  const STOPS = ['stop', 'hold'];
   const COLORS = ['--c1', '--c2', '--c3', '--c4', '--accent', '--good', '--warn', '--bad'];
   const color = i => getComputedStyle(document.documentElement).getPropertyValue(COLORS[i % COLORS.length]).trim();
   const mm = (v, d) => (v * 1e3).toFixed(d);
@@ -44,7 +43,7 @@
       robot = m.robot; orders = m.orders;
       text('name', robot.name); document.title = robot.name + ' - MCDPR';
       text('most', robot.tension_max_n.toFixed(0) + ' N');
-      Scene.setRobot(robot); Scene.setPlan([]); rows(); buttons();
+      Scene.setRobot(robot); Scene.setPlan([]); LiveCharts.setRobot(robot); rows(); buttons();
       for (const o of $('jog-speed').options) o.disabled = o.value * 1e-3 > robot.speed_mps;
       Work.speeds(robot.speed_mps);
       Sim.allow(may, orders, m);
@@ -128,9 +127,7 @@
       limits.replaceChildren(...m.limits.map(l => Object.assign(document.createElement('li'), { textContent: l })));
     }
     cables(m);
-    history.t.push(m.time_s); history.tensions.push(m.tensions_n); history.errors.push(m.length_errors_m.map(e => e * 1e3));
-    if (history.t.length > 1 && history.t[history.t.length - 1] < history.t[history.t.length - 2]) for (const k in history) history[k] = history[k].slice(-1);
-    while (history.t[0] < m.time_s - SPAN) for (const k in history) history[k].shift();
+    LiveCharts.live(m);
     Scene.setLive(m);
     Runs.live(m);
   }
@@ -240,40 +237,6 @@
     padVelocity = now;
   }
 
-  function chart(canvas, rows, floor, band) {
-    const scale = window.devicePixelRatio || 1, w = Math.round(canvas.clientWidth * scale), h = Math.round(canvas.clientHeight * scale);
-    if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
-    const pen = canvas.getContext('2d'), style = getComputedStyle(document.documentElement);
-    const left = 44 * scale, bottom = 18 * scale;
-    pen.clearRect(0, 0, w, h);
-    const values = rows.flat().filter(Number.isFinite);
-    let lo = Math.min(floor[0], ...values), hi = Math.max(floor[1], ...values);
-    const pad = (hi - lo) * 0.08; lo -= pad; hi += pad;
-    const now = history.t[history.t.length - 1] || 0;
-    const x = t => left + (w - left) * (1 - (now - t) / SPAN), y = v => (h - bottom) * (1 - (v - lo) / (hi - lo));
-    pen.font = `${11 * scale}px system-ui, sans-serif`; pen.fillStyle = style.getPropertyValue('--dim'); pen.textAlign = 'right';
-    pen.strokeStyle = style.getPropertyValue('--edge'); pen.lineWidth = scale;
-    const step = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find(s => (hi - lo) / s <= 6) || 100;
-    for (let v = Math.ceil(lo / step) * step; v <= hi; v += step) {
-      pen.beginPath(); pen.moveTo(left, y(v)); pen.lineTo(w, y(v)); pen.stroke();
-      pen.fillText(step < 1 ? v.toFixed(step < 0.1 ? 2 : 1) : v.toFixed(0), left - 5 * scale, y(v) + 4 * scale);
-    }
-    pen.textAlign = 'center';
-    for (let s = 0; s <= SPAN; s += 5) pen.fillText(s === 0 ? 'now' : `-${s} s`, Math.min(w - 14 * scale, Math.max(left, x(now - s))), h - 4 * scale);
-    if (band) {
-      pen.fillStyle = color(3); pen.globalAlpha = 0.12; pen.fillRect(left, y(band[1]), w - left, y(band[0]) - y(band[1])); pen.globalAlpha = 1;
-    }
-    const count = Math.max(0, ...rows.map(r => r.length));
-    for (let i = 0; i < count; i++) {
-      pen.beginPath(); let on = false;
-      rows.forEach((r, k) => {
-        if (r[i] === undefined) { on = false; return; }
-        on ? pen.lineTo(x(history.t[k]), y(r[i])) : pen.moveTo(x(history.t[k]), y(r[i])); on = true;
-      });
-      pen.strokeStyle = color(i); pen.lineWidth = 1.6 * scale; pen.stroke();
-    }
-  }
-
   function frame() {
     const age = live ? (performance.now() - heardAt) / 1e3 : Infinity, old = age > 0.5;
     document.body.classList.toggle('old', old);
@@ -281,10 +244,7 @@
     if (old) text('stale', live && Number.isFinite(age) && live.age_s !== null ? `old data: ${age.toFixed(1)} s` : 'no data yet');
     Scene.draw();
     gamepad();
-    if (robot) {
-      chart($('tensions'), history.tensions, [0, 15], [robot.setpoint_n - 0.5, robot.setpoint_n + 0.5]);
-      chart($('errors'), history.errors, [-0.1, 0.1]);
-    }
+    LiveCharts.draw(performance.now());
     requestAnimationFrame(frame);
   }
 

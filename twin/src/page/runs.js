@@ -42,6 +42,7 @@ const Runs = (() => {
 
   function shown(found) {
     run = found;
+    RunCharts.open(run.name, time => { if (run && run.drawn) { play(false); to(time, true); } });
     const j = run.judgement, mm = v => (v * 1e3).toFixed(2) + ' mm';
     $('run-shown').hidden = false; $('run-motion').hidden = !run.drawn;
     text('run-words', `${run.task} on ${run.robot}, ${run.duration_s.toFixed(1)} s` + (run.damage ? `; ${run.damage}` : '')
@@ -59,13 +60,14 @@ const Runs = (() => {
   }
 
   // The instant at or before a time of the run.
-  function to(time_s) {
+  function to(time_s, fromCharts) {
     at = Math.max(0, Math.min(time_s, Number($('run-time').max)));
     let low = 0, high = run.instants.length - 1;
     while (low < high) { const middle = (low + high + 1) >> 1; if (run.instants[middle].time_s <= at) low = middle; else high = middle - 1; }
     const i = run.instants[low];
     Scene.setPast({ plan: run.planned_m, trace: run.instants.slice(0, low + 1).map(k => k.tool_m), live: { tensions_n: i.tensions_n }, pose: i });
     $('run-time').value = at;
+    if (!fromCharts) RunCharts.cursor(at);
     text('past', `recorded run, ${at.toFixed(1)} of ${Number($('run-time').max).toFixed(1)} s (${run.source})`); $('past').hidden = false;
     buttons();
   }
@@ -85,14 +87,14 @@ const Runs = (() => {
     buttons();
   }
 
-  function back() { play(false); Scene.setPast(null); $('past').hidden = true; buttons(); }
+  function back() { play(false); Scene.setPast(null); RunCharts.close(); $('past').hidden = true; buttons(); }
 
   const set = (id, reason) => { $(id).disabled = !!reason; $(id).title = reason; };
   function buttons() {
     const none = busy ? 'a run is being read' : $('run-list').options.length ? '' : 'there are no runs';
     for (const id of ['run-show', 'run-report']) set(id, none);
     set('run-compare', none || ($('run-list').options.length > 1 ? $('run-list').value === $('run-other').value ? 'choose two runs' : '' : 'there is only one run'));
-    set('run-live', Scene.past ? '' : 'the robot itself is shown');
+    set('run-live', Scene.past || document.body.classList.contains('past') ? '' : 'the robot itself is shown');
     text('run-play', playing ? 'Pause' : 'Play');
   }
 
@@ -105,6 +107,7 @@ const Runs = (() => {
   on('run-compare', () => page(`/runs/${name('run-list')}/compare/${name('run-other')}`));
   on('run-play', () => play(!playing));
   on('run-live', back);
+  on('run-leave', back);
   $('run-list').addEventListener('change', () => { other(); buttons(); });
   $('run-other').addEventListener('change', buttons);
   $('run-time').addEventListener('input', () => { play(false); to($('run-time').valueAsNumber); });
@@ -112,7 +115,7 @@ const Runs = (() => {
   return {
     list,
     // A robot that moves is never hidden behind a recorded one.
-    live(m) { if (Scene.past && MOVES.includes(m.state)) back(); },
+    live(m) { if ((Scene.past || RunCharts.data) && MOVES.includes(m.state)) back(); },
     get at() { return at; }, get run() { return run; },
   };
 })();

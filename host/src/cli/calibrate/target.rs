@@ -4,7 +4,7 @@ use super::collect::On;
 use crate::calibration::result::write_whole;
 use crate::calibration::sheets::{Paper, Sheets, sheets};
 use crate::calibration::target::{TargetError, sheet, tables, tags};
-use crate::cli::{Common, Outcome, print_json, write_out};
+use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::robot::Tag;
 use std::path::PathBuf;
 
@@ -63,6 +63,10 @@ impl Format {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
+        if self.out.extension().is_none_or(|ending| ending != "svg") {
+            let reason = format!("{}: sheets are drawn as .svg", self.out.display());
+            return Err(Failed::from_error("--out")(reason).into());
+        }
         let tags = match self.target.target() {
             Some(target) => tags(target),
             None => crate::robot::find(&common.robot)?.tags,

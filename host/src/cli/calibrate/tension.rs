@@ -187,7 +187,7 @@ impl Cmd {
         ]);
         let title = format!("{}, tension sensor of cable {}", robot.name, self.cable);
         folder
-            .write("sensor.svg", &Figure::new(title, 1, [chart]).svg())
+            .plot("sensor", &Figure::new(title, 1, [chart]), common.plots())
             .into_diagnostic()?;
         folder.write_json("sensor.json", fit).into_diagnostic()?;
         let at = self

@@ -55,8 +55,8 @@ fn meaning(cell: Cell) -> (Rgb, String) {
     }
 }
 
-/// Draws one layer of a grid as the text of an SVG file.
-pub(super) fn draw(title: &str, axis: Axis, grid: &Grid, cells: &[Cell]) -> String {
+/// Draws one layer of a grid.
+pub(super) fn draw(title: &str, axis: Axis, grid: &Grid, cells: &[Cell]) -> Figure {
     let [across, up] = axis.others();
     let count = |k: usize| grid.counts.get(k).copied().unwrap_or(1).max(1);
     #[expect(clippy::cast_precision_loss, reason = "small counts")]
@@ -105,7 +105,7 @@ pub(super) fn draw(title: &str, axis: Axis, grid: &Grid, cells: &[Cell]) -> Stri
     let chart = Chart::new("", name(across), name(up))
         .map(patches, legend)
         .square();
-    Figure::new(title, 1, [chart]).svg()
+    Figure::new(title, 1, [chart])
 }
 
 /// A colour of the picture, its meaning, and its number of points.
@@ -139,7 +139,7 @@ mod tests {
             Cell::CablesNear([1, 4]),
             Cell::Judged(Verdict::Tilted),
         ];
-        let svg = draw("a <b>", Axis::Z, &grid, &cells);
+        let svg = draw("a <b>", Axis::Z, &grid, &cells).svg();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
         for words in [
             "feasible (3)",

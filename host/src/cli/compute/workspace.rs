@@ -41,7 +41,7 @@ pub(in super::super) struct Cmd {
     /// Positions are those of the platform's origin, not of the tool
     #[arg(long)]
     origin: bool,
-    /// Draw a slice (SVG) and write it as a table (CSV); may be repeated
+    /// Draw a slice and write it as a table (CSV); may be repeated
     #[arg(long = "slice", value_name = "AXIS=PLACE")]
     slices: Vec<String>,
     /// Folder for the slices' files, instead of runs/DATE-TIME-workspace
@@ -128,7 +128,7 @@ struct SliceAnswer {
     points: usize,
     feasible: usize,
     area_m2: f64,
-    svg: String,
+    plot: String,
     csv: String,
 }
 
@@ -277,7 +277,7 @@ impl Cmd {
             let feasible = cells.iter().filter(|cell| cell.is_feasible()).count();
             let across = axis.others().map(|k| grid.max_m[k] - grid.min_m[k]);
             let stem = format!("slice-{}-{:.1}mm", axis.name(), place_m * 1e3);
-            let (svg, csv) = (format!("{stem}.svg"), format!("{stem}.csv"));
+            let csv = format!("{stem}.csv");
             let title = format!(
                 "{}: {} = {:.1} mm, {} of the {}",
                 subject.robot.name,
@@ -287,7 +287,8 @@ impl Cmd {
                 answer.places_of
             );
             let picture = slice::draw(&title, axis, &grid, &cells);
-            folder.write(&svg, &picture).map_err(failed())?;
+            let plot = folder.plot(&stem, &picture, common.plots());
+            let plot = plot.map_err(failed())?;
             folder
                 .write(&csv, &grid::table(&grid, &cells))
                 .map_err(failed())?;
@@ -298,7 +299,7 @@ impl Cmd {
                 points: cells.len(),
                 feasible,
                 area_m2: share(feasible, cells.len()) * across.iter().product::<f64>(),
-                svg: path(&svg),
+                plot: path(&plot),
                 csv: path(&csv),
             });
         }
@@ -357,7 +358,7 @@ fn show(answer: &Answer, robot: &str) {
             slice.feasible,
             slice.points,
             slice.area_m2,
-            slice.svg
+            slice.plot
         );
     }
 }

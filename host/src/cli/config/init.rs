@@ -173,10 +173,11 @@ pub(super) fn init(file: &Path, answers: &Answers, common: &Common) -> Outcome {
     let robot = crate::robot::find(&name)?;
     let judged = physics::judge(&robot)?;
     // A picture that is there already belongs to the user.
-    let picture = file.with_extension("svg");
+    let kind = common.plots();
+    let picture = file.with_extension(kind.ending());
     if !picture.exists() {
-        crate::files::write_atomically(&picture, crate::report::robot_svg(&robot))
-            .map_err(failed())?;
+        let drawn = crate::report::draw_robot(&robot).file(kind)?;
+        crate::files::write_atomically(&picture, drawn).map_err(failed())?;
         written.push(picture.display().to_string());
     }
     if common.json {

@@ -1,12 +1,14 @@
 //! Recorded runs for the page: their list, figures, motion, report and comparison.
 
+use super::traces::Traces;
 use crate::record::{RecordedRun, Scenario};
 use crate::replay::recorded_robot;
 use crate::report::{Judgement, html, judge};
 use crate::robot::Robot;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, TryLockError};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::time::SystemTime;
 
 /// Most runs that are listed, the latest first.
 const MOST_RUNS: usize = 200;
@@ -25,7 +27,12 @@ pub(crate) struct History {
     anchors_m: Vec<nalgebra::Vector3<f64>>,
     /// One record is read at a time: it takes a processor for up to a second.
     reading: Mutex<()>,
+    /// The traces of the run whose charts are looked at: zooming asks for them again and again.
+    traces: Mutex<Option<(Version, Arc<Traces>)>>,
 }
+
+/// A record as it was when it was read: name, bytes and time of its last change.
+type Version = (String, u64, Option<SystemTime>);
 
 /// A run that was read.
 struct Opened {
@@ -41,6 +48,7 @@ impl History {
             folder,
             anchors_m: anchors_m(robot),
             reading: Mutex::default(),
+            traces: Mutex::default(),
         }
     }
 
@@ -60,6 +68,9 @@ impl History {
                      judgement,
                  }| { ("text/html", html::report(&run, &robot, &judgement)) },
             ),
+            [name, "traces", from_s, to_s, columns] => self
+                .part(name, [from_s, to_s], columns)
+                .map(|value| ("application/json", value.to_string())),
             [name, "compare", other] => self.compared(name, other).map(|page| ("text/html", page)),
             _ => return None,
         };
@@ -114,6 +125,42 @@ impl History {
         })
     }
 
+    /// A part of a run's traces: between two times, s, in so many columns.
+    fn part(&self, name: &str, times: [&str; 2], columns: &str) -> Result<Value, String> {
+        let numbers = times.map(|text| text.parse::<f64>().ok().filter(|at| at.is_finite()));
+        let ([Some(from_s), Some(to_s)], Ok(columns)) = (numbers, columns.parse()) else {
+            return Err("a part is FROM/TO/COLUMNS: two times in s and a whole number".to_owned());
+        };
+        Ok(self.traces(name)?.part(from_s, to_s, columns))
+    }
+
+    fn version(&self, name: &str) -> Result<Version, String> {
+        check_name(name)?;
+        let about = std::fs::metadata(self.file(name));
+        let about = about.map_err(|error| format!("{name}: {error}"))?;
+        Ok((name.to_owned(), about.len(), about.modified().ok()))
+    }
+
+    fn traces(&self, name: &str) -> Result<Arc<Traces>, String> {
+        let version = self.version(name)?;
+        let known = self.traces.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((read, traces)) = &*known
+            && *read == version
+        {
+            return Ok(Arc::clone(traces));
+        }
+        drop(known);
+        let Opened { run, robot, .. } = self.open(name)?;
+        Ok(self.keep(version, Traces::of(&run, &robot)))
+    }
+
+    fn keep(&self, version: Version, traces: Traces) -> Arc<Traces> {
+        let traces = Arc::new(traces);
+        let mut known = self.traces.lock().unwrap_or_else(PoisonError::into_inner);
+        *known = Some((version, Arc::clone(&traces)));
+        traces
+    }
+
     fn compared(&self, name: &str, other: &str) -> Result<String, String> {
         let (a, b) = (self.open(name)?, self.open(other)?);
         Ok(html::compare([
@@ -124,11 +171,14 @@ impl History {
 
     /// Figures of a run, and its motion for the drawing.
     fn motion(&self, name: &str) -> Result<Value, String> {
+        let version = self.version(name)?;
         let Opened {
             run,
             robot,
             judgement,
         } = self.open(name)?;
+        // Its charts are asked for next: the record is read once.
+        self.keep(version, Traces::of(&run, &robot));
         let Scenario { task, .. } = &run.scenario;
         let theirs = anchors_m(&robot);
         let near = |(a, b): (&nalgebra::Vector3<f64>, &nalgebra::Vector3<f64>)| {
@@ -220,6 +270,10 @@ mod tests {
             assert!(matches!(refused, Some(Err(_))), "{path}: {refused:?}");
         }
         assert!(history.document("/runs/a/b/c/d").is_none());
+        for part in ["x/1/10", "0/inf/10", "0/1/-3", "0/1/10"] {
+            let refused = history.document(&format!("/runs/nothing/traces/{part}"));
+            assert!(matches!(refused, Some(Err(_))), "{part}: {refused:?}");
+        }
         assert!(history.document("/other").is_none());
         let (kind, text) = history.document("/runs").unwrap().unwrap();
         assert_eq!(kind, "application/json");
