@@ -5,6 +5,7 @@ mod history;
 mod library;
 mod planning;
 mod robot_file;
+mod steps;
 
 pub(crate) use desk::PageDesk;
 
@@ -13,8 +14,9 @@ use history::History;
 use library::Library;
 use planning::{Chosen, Planning};
 use robot_file::RobotFile;
+use steps::Steps;
 
-use super::line::{in_words, keep_open, refuse_for_a_while, watched};
+use super::line::{Next, in_words, keep_open, refuse_for_a_while, watched};
 use super::recorded::{About, Recorded};
 use super::run::tool_height_m;
 use super::token::Token;
@@ -33,6 +35,8 @@ use crate::run::{
 use crate::serve::{CameraWatcher, Feed, FeedWatcher, Server};
 use mcdpr_protocol::{Request, SessionId};
 use std::cell::Cell;
+#[cfg(unix)]
+use std::cell::RefCell;
 use std::io::Write as _;
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -98,7 +102,9 @@ impl Cmd {
         let start = Arc::new(AtomicBool::new(simulated && !self.idle));
         let planning = Planning::start(model.clone(), feed.clone())
             .map_err(Failed::from_error("starting the planner's thread"))?;
+        let steps = Steps::new(common, feed.clone());
         let work = Work {
+            steps: steps.clone(),
             model: model.clone(),
             feed: feed.clone(),
             start: Arc::clone(&start),
@@ -122,7 +128,7 @@ impl Cmd {
         }
         let server = Server::start_on(self.host, self.port, token, &robot, feed.clone(), desk)?;
         #[cfg(unix)]
-        let _listening = super::orders::listen(common, &handle)?;
+        let listening = super::orders::listen(common, &handle)?;
         announce(&server, common)?;
         let source = TaskSource::of(name, height_m);
         let show = Show {
@@ -133,6 +139,9 @@ impl Cmd {
             feed,
             handle,
             start,
+            steps,
+            #[cfg(unix)]
+            listening: RefCell::new(listening),
             lost: Cell::new(false),
         };
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
@@ -173,6 +182,8 @@ enum Wanted {
     Task { referenced: bool },
     /// Jogs.
     Jogs { referenced: bool },
+    /// A step of set-up, by a command of its own.
+    Step,
 }
 
 struct Show<'a> {
@@ -184,6 +195,10 @@ struct Show<'a> {
     feed: Feed,
     handle: Handle,
     start: Arc<AtomicBool>,
+    steps: Steps,
+    /// Orders from other terminals, while this program has the robot.
+    #[cfg(unix)]
+    listening: RefCell<Option<crate::control::Server>>,
     /// The line is lost, and viewers were informed.
     lost: Cell<bool>,
 }
@@ -197,18 +212,37 @@ impl Show<'_> {
         tap: Option<&TruthTap>,
     ) -> Outcome {
         let round = |line: &mut L| self.round(line, tap);
-        keep_open(open, round, |reason| {
+        let lost = |reason: &str| {
             self.lost.set(true);
             self.feed.set_trouble(reason);
+            // A step such as `doctor` says why a line cannot be opened.
+            if self.steps.is_due() {
+                self.release();
+            }
             refuse_for_a_while(|| {
                 self.handle.close(reason);
                 self.start.store(false, Ordering::SeqCst);
             })
-        })
+        };
+        keep_open(open, round, lost, || self.release())
     }
 
-    /// Waits for a request and executes it once; returns whether the program continues.
-    fn round<L: Link>(&self, link: &mut L, tap: Option<&TruthTap>) -> miette::Result<bool> {
+    /// Lets a step have the robot, until its command has ended.
+    fn release(&self) {
+        self.handle.close("a step of set-up has the robot");
+        // One program listens for the orders to a robot.
+        #[cfg(unix)]
+        drop(self.listening.take());
+        self.steps.carry_out();
+        #[cfg(unix)]
+        match super::orders::listen(self.common, &self.handle) {
+            Ok(listening) => drop(self.listening.replace(listening)),
+            Err(error) => self.feed.set_trouble(&in_words(&error)),
+        }
+    }
+
+    /// Waits for a request and executes it once; returns what follows.
+    fn round<L: Link>(&self, link: &mut L, tap: Option<&TruthTap>) -> miette::Result<Next> {
         let watcher = || FeedWatcher::new(self.feed.clone(), self.model.clone());
         // On the simulator the circle runs for days: it is recorded only on request.
         let record = tap.is_none() || self.common.record.is_some();
@@ -221,7 +255,8 @@ impl Show<'_> {
         let wanted = self.wait(watched(&mut *link, &idle, tap));
         idle.finish();
         let (jogs, referenced) = match wanted? {
-            Wanted::Nothing => return Ok(false),
+            Wanted::Nothing => return Ok(Next::End),
+            Wanted::Step => return Ok(Next::Release),
             Wanted::Task { referenced } => (false, referenced),
             Wanted::Jogs { referenced } => (true, referenced),
         };
@@ -279,7 +314,7 @@ impl Show<'_> {
                     self.start.store(true, Ordering::SeqCst);
                 }
             }
-            Err(RunError::Interrupted) if interrupted() => return Ok(false),
+            Err(RunError::Interrupted) if interrupted() => return Ok(Next::End),
             Err(RunError::Interrupted) => self.feed.say("stopped; Start goes on"),
             // The robot answers, but the request failed.
             Err(error @ RunError::Client(ClientError::Refused { .. })) => {
@@ -288,7 +323,7 @@ impl Show<'_> {
             Err(error @ RunError::Client(_)) => return Err(error.into()),
             Err(error) => self.feed.set_trouble(&in_words(&error)),
         }
-        Ok(true)
+        Ok(Next::Again)
     }
 
     /// Starts the record of a task or of jogs.
@@ -307,6 +342,7 @@ impl Show<'_> {
             mismatch: &mismatch,
             doing: if jogs { Doing::Orders } else { Doing::Task },
             at_home,
+            orders: None,
         };
         Recorded::start(self.common, Some(self.model), about)
     }
@@ -406,6 +442,9 @@ impl Show<'_> {
             }
             // The last task has been stopped by now, also if Start followed at once.
             self.handle.start_anew();
+            if self.steps.is_due() {
+                break Wanted::Step;
+            }
             let status = run::status(&mut client)?;
             let referenced = status.referenced;
             let starts = self.start.swap(false, Ordering::SeqCst);

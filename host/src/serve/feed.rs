@@ -1,5 +1,6 @@
 //! The data for viewers.
 
+use super::notices::Notices;
 use crate::link::{advice, describe_fault, describe_reject};
 use crate::motion::Model;
 use crate::record::decode::{Decoder, Seen};
@@ -120,6 +121,7 @@ pub struct Picture {
 #[derive(Debug, Clone, Default)]
 pub struct Feed {
     shared: Arc<Mutex<Inner>>,
+    notices: Notices,
 }
 
 /// A line of the log that viewers see.
@@ -147,6 +149,11 @@ impl Feed {
             inner.heard = Some(Instant::now());
         }
         inner.live.revision += 1;
+    }
+
+    /// What viewers get besides the robot's state.
+    pub(crate) const fn notices(&self) -> &Notices {
+        &self.notices
     }
 
     /// Sets the current activity of the program.
@@ -230,7 +237,11 @@ impl Feed {
             "tags": picture.tags,
             "grasp": grasp,
         });
-        let png = picture.png();
+        self.show_png(about, picture.png());
+    }
+
+    /// Shows a picture in its final form, the text about it and the bytes of a PNG file, instead of the last.
+    pub(crate) fn show_png(&self, about: serde_json::Value, png: Vec<u8>) {
         self.change(false, |inner| {
             inner.picture = Some(Arc::new(Picture { about, png }));
             inner.pictures += 1;

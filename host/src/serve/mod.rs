@@ -5,6 +5,7 @@
 //! |---|---|
 //! | [`feed`] | data for viewers, collected from the line on a separate thread |
 //! | [`server`] | the listener: the page, and a WebSocket for each viewer |
+//! | `notices` | what other parts of the program tell viewers: steps of set-up, picking, output |
 //! | `orders` | permission to give orders: with the token, one page at a time |
 //!
 //! Viewers cannot slow the robot: they read a snapshot. Orders need the token that the program
@@ -15,6 +16,7 @@
 mod camera;
 pub mod feed;
 mod http;
+pub(crate) mod notices;
 mod orders;
 pub mod server;
 
@@ -26,10 +28,15 @@ pub use server::{Desk, ServeError, Server};
 #[must_use]
 pub fn page() -> String {
     include_str!("page.html")
-        .replace("/*STYLE*/", include_str!("page.css"))
+        .replace(
+            "/*STYLE*/",
+            concat!(include_str!("page.css"), include_str!("setup.css")),
+        )
         .replace("/*SCENE*/", include_str!("scene.js"))
         .replace("/*SCRIPT*/", include_str!("page.js"))
         .replace("/*WORK*/", include_str!("work.js"))
         .replace("/*RUNS*/", include_str!("runs.js"))
         .replace("/*ROBOT*/", include_str!("robot.js"))
+        .replace("/*SETUP*/", include_str!("setup.js"))
+        .replace("/*PICK*/", include_str!("pick.js"))
 }

@@ -51,6 +51,9 @@
     else if (m.type === 'live') show(m);
     else if (m.type === 'preview') Work.show(m);
     else if (m.type === 'camera') camera = m;
+    else if (m.type === 'steps') { Steps.take(m); buttons(); }
+    else if (m.type === 'output') Steps.output(m.lines);
+    else if (m.type === 'pick') Pick.take(m);
   }
 
   // The picture follows the message that states what was found in it.
@@ -167,9 +170,13 @@
 
   function buttons() {
     document.querySelectorAll('[data-order]').forEach(b => { b.disabled = !(may || mayStop && STOPS.includes(b.dataset.order)) || !orders.includes(b.dataset.order); });
-    $('jog').disabled = !may;
+    // A step of set-up has the robot: nothing else is started.
+    const start = document.querySelector('[data-order=start]');
+    start.disabled ||= !!Steps.busy; start.title = Steps.busy || 'G';
+    $('jog').disabled = !may || !!Steps.busy; $('jog').title = Steps.busy;
     if (!may) jogKeys(false);
     RobotFile.allow(may, gone ? 'no connection' : refused || 'view only: orders need the address with the token');
+    Steps.allow(may && orders.includes('step_run'), gone ? 'no connection' : refused || 'view only: orders need the address with the token');
     Work.allow(may, orders, gone ? 'no connection' : refused || 'view only: orders need the address with the token');
     text('may', gone ? 'The program that serves this page does not answer: it has ended, or this machine is not reached any more. Trying again. Stop the robot by its emergency stop.'
       : may ? 'Esc stops and Space holds, whatever is selected; R resumes, G starts.' : mayStop ? refused
@@ -291,6 +298,7 @@
     });
     if (name === 'runs') Runs.list();
     if (name === 'robot') RobotFile.open();
+    if (name === 'setup' || name === 'pick') Steps.open();
   };
   document.querySelectorAll('[data-tab]').forEach(b => b.addEventListener('click', () => tab(b.dataset.tab)));
   Scene.bind($('scene')); Scene.theme();

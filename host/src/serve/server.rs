@@ -2,6 +2,7 @@
 
 use super::feed::{Feed, describe};
 use super::http::{Request, answer};
+use super::notices::Seen;
 use super::orders::Orders;
 use crate::robot::Robot;
 use miette::Diagnostic;
@@ -351,6 +352,7 @@ fn keep_showing(
     send: &impl Fn(&mut WebSocket<TcpStream>, &Value) -> io::Result<()>,
 ) -> io::Result<()> {
     let (mut revision, mut plan, mut logged, mut pictures, mut previews) = (0, 0, 0, 0, 0);
+    let mut seen = Seen::default();
     let mut sent = Instant::now();
     let mut due = sent;
     while !shared.ended.load(Ordering::SeqCst) {
@@ -395,6 +397,20 @@ fn keep_showing(
         if let Some(last) = lines.last() {
             logged = last.number;
             send(socket, &json!({ "type": "log", "lines": lines }))?;
+        }
+        let other = shared.feed.notices().since(&mut seen);
+        for message in &other.messages {
+            send(socket, message)?;
+        }
+        if let Some(mut live) = other.live {
+            // Another program has the robot, and this one is not heard meanwhile.
+            if other.live_is_new || sent.elapsed() > Duration::from_millis(400) {
+                sent = now;
+                due = (due + FRAME).max(now);
+                live["age_s"] = json!(other.live_age_s);
+                send(socket, &live)?;
+            }
+            continue;
         }
         let (live, age_s) = shared.feed.now();
         let new = live.revision != revision;
