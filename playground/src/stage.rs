@@ -225,6 +225,7 @@ impl<'a> Stage<'a> {
             feed: &self.feed,
             handle: &self.handle,
             start: &self.start,
+            hands_over: &|| false,
         };
         let wanted = attendant.wait(&mut line, self.session(), |_| Ok(()))?;
         self.feed.clear_trouble();
@@ -237,7 +238,7 @@ impl<'a> Stage<'a> {
             }
         };
         let outcome = match wanted {
-            Wanted::Nothing => return Ok(()),
+            Wanted::Nothing | Wanted::Line => return Ok(()),
             Wanted::Jogs { referenced } => {
                 self.feed.set_task("jogging");
                 let homing = homing(referenced);

@@ -42,6 +42,10 @@ const NOT_RUN: &[(&str, &str)] = &[
         "takes an hour; tests/tests/picking.rs runs ten of its scenes",
     ),
     (
+        "mcdpr calibrate collect --target board --poses 8 --candidates 40 --serve",
+        "keeps real time and a port; tests/tests/cockpit_setup.rs does it from the page",
+    ),
+    (
         "mcdpr run paper:table7 --serve",
         "keeps real time and a port; tests/tests/page.rs does it with a port of its own",
     ),

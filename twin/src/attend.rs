@@ -28,6 +28,8 @@ pub enum Wanted {
         /// Whether the board knows its lengths.
         referenced: bool,
     },
+    /// The line, for another program.
+    Line,
 }
 
 /// Attends to a robot between motions.
@@ -41,6 +43,8 @@ pub struct Attendant<'a> {
     pub handle: &'a Handle,
     /// Whether Start was pressed.
     pub start: &'a AtomicBool,
+    /// Whether another program shall have the robot.
+    pub hands_over: &'a dyn Fn() -> bool,
 }
 
 impl Attendant<'_> {
@@ -127,6 +131,9 @@ impl Attendant<'_> {
             }
             // The last task has been stopped by now, also if Start followed at once.
             self.handle.start_anew();
+            if (self.hands_over)() {
+                break Wanted::Line;
+            }
             let status = run::status(&mut client)?;
             let referenced = status.referenced;
             let starts = self.start.swap(false, Ordering::SeqCst);

@@ -2,6 +2,7 @@
 
 use crate::decode::{Decoder, Seen};
 use crate::events::{PlanNote, RunEvent, Watcher};
+use crate::notices::Notices;
 use crate::words;
 use mcdpr_core::faults::{advice, describe_fault, describe_reject};
 use mcdpr_core::motion::Model;
@@ -120,6 +121,7 @@ pub struct Picture {
 #[derive(Debug, Clone)]
 pub struct Feed {
     shared: Arc<Mutex<Inner>>,
+    notices: Notices,
     /// Any time that only grows, s.
     clock_s: fn() -> f64,
 }
@@ -143,6 +145,7 @@ impl Feed {
     pub fn new(clock_s: fn() -> f64) -> Self {
         Self {
             shared: Arc::default(),
+            notices: Notices::new(clock_s),
             clock_s,
         }
     }
@@ -159,6 +162,11 @@ impl Feed {
             inner.heard_s = Some((self.clock_s)());
         }
         inner.live.revision += 1;
+    }
+
+    /// What viewers get besides the robot's state.
+    pub const fn notices(&self) -> &Notices {
+        &self.notices
     }
 
     /// Sets the current activity of the program.
@@ -242,7 +250,11 @@ impl Feed {
             "tags": picture.tags,
             "grasp": grasp,
         });
-        let png = picture.png();
+        self.show_png(about, picture.png());
+    }
+
+    /// Shows a picture in its final form, the text about it and the bytes of a PNG file, instead of the last.
+    pub fn show_png(&self, about: serde_json::Value, png: Vec<u8>) {
         self.change(false, |inner| {
             inner.picture = Some(Arc::new(Picture { about, png }));
             inner.pictures += 1;

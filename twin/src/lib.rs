@@ -10,6 +10,7 @@
 //! | [`events`], [`watched`] | what happens on a line, for records and live views |
 //! | [`decode`], [`words`] | the bytes of a line decoded; states and limits in words |
 //! | [`faults`] | faults to inject, and a line that injects them on time |
+//! | [`notices`] | what other parts of a program tell viewers |
 //! | [`feed`] | the data that viewers share |
 //! | [`viewer`] | the messages that a viewer gets |
 //! | [`attend`] | waiting for orders to an idle robot, and jogging |
@@ -25,6 +26,7 @@ pub mod faults;
 pub mod feed;
 pub mod fingerprint;
 pub mod line;
+pub mod notices;
 mod page;
 pub mod plant;
 pub mod preview;

@@ -3,13 +3,16 @@
 /// The page without its parts: `/*NAME*/` stands where the part NAME belongs.
 const FRAME: &str = include_str!("page/page.html");
 /// Its parts. `cargo xtask playground` puts the same files together.
-const PARTS: [(&str, &str); 12] = [
+const PARTS: [(&str, &str); 15] = [
     ("uPlot.min.css", include_str!("page/uPlot.min.css")),
     ("uPlot.iife.min.js", include_str!("page/uPlot.iife.min.js")),
     ("charts.js", include_str!("page/charts.js")),
     ("livecharts.js", include_str!("page/livecharts.js")),
     ("runcharts.js", include_str!("page/runcharts.js")),
     ("page.css", include_str!("page/page.css")),
+    ("setup.css", include_str!("page/setup.css")),
+    ("setup.js", include_str!("page/setup.js")),
+    ("pick.js", include_str!("page/pick.js")),
     ("scene.js", include_str!("page/scene.js")),
     ("page.js", include_str!("page/page.js")),
     ("work.js", include_str!("page/work.js")),

@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::sync::mpsc;
 
 /// Programs that measure reaction times: nothing runs beside them. They come last.
-const ALONE: [&str; 3] = ["page", "cockpit", "cockpit_runs"];
+const ALONE: [&str; 4] = ["page", "cockpit", "cockpit_runs", "cockpit_setup"];
 /// Programs that take longest: they begin first, so that none of them is left at the end.
 const LONG: [&str; 6] = [
     "camera",

@@ -42,6 +42,7 @@ impl Cmd {
         let robot = crate::robot::find(&common.robot)?;
         let work = |(mut client, simulated): Connected<'_>| {
             let mut eyes = Eyes::new(self.paid_out, simulated, self.winch);
+            eyes.piped = common.for_page.is_some();
             Ok(commission(
                 &mut client,
                 &robot,
@@ -108,6 +109,8 @@ struct Eyes {
     given: Option<YesNo>,
     simulated: Option<(SimulatedLink, usize)>,
     before_m: f64,
+    /// Standard input has the user's answers though it is no terminal.
+    piped: bool,
 }
 
 impl Eyes {
@@ -116,6 +119,7 @@ impl Eyes {
             given,
             simulated: simulated.map(|link| (link, winch.wrapping_sub(1))),
             before_m: 0.0,
+            piped: false,
         };
         eyes.before_m = eyes.drum_m().unwrap_or(0.0);
         eyes
@@ -139,7 +143,7 @@ impl Operator for Eyes {
             return Some(now_m > self.before_m);
         }
         let mut input = std::io::stdin().lock();
-        if !std::io::stdin().is_terminal() {
+        if !std::io::stdin().is_terminal() && !self.piped {
             return None;
         }
         eprint!("The drum has just turned. Would that have paid out cable? [y/n] ");

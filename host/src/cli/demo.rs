@@ -120,6 +120,7 @@ fn recorded(
         session,
         mismatch: &mismatch,
         doing: Doing::Task,
+        orders: None,
         at_home: true,
     };
     let recorded = Recorded::start(common, Some(model), about)?;

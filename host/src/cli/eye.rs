@@ -1,6 +1,7 @@
 //! `--camera`: the real camera beside a robot on a port.
 
 use super::Failed;
+use super::live::LivePage;
 use crate::robot::Robot;
 use crate::sight::{Camera, CameraTags};
 use mcdpr_vision::SourceError;
@@ -66,18 +67,23 @@ impl Eye {
         Ok(())
     }
 
-    /// Tags by this camera, at the robot file's picture size; `None` if none was named.
+    /// Tags by this camera, at the robot file's picture size; `None` if none was named. A live page shows its
+    /// pictures.
     ///
     /// # Errors
     /// A camera that cannot be opened, or gives pictures of another size.
-    pub(crate) fn tags(&self, robot: &Robot) -> miette::Result<Option<CameraTags>> {
+    pub(crate) fn tags(
+        &self,
+        robot: &Robot,
+        page: &LivePage,
+    ) -> miette::Result<Option<CameraTags>> {
         let lens = robot.camera.lens;
         let Some(camera) = self.open(&lens)? else {
             return Ok(None);
         };
         let ids = robot.tags.iter().map(|tag| tag.id).collect();
         Ok(Some(
-            CameraTags::start(camera, lens, ids).into_diagnostic()?,
+            CameraTags::start(camera, lens, ids, page.pictures()).into_diagnostic()?,
         ))
     }
 

@@ -13,33 +13,57 @@ const AGAIN: Duration = Duration::from_secs(1);
 /// Meanwhile an order waits no longer than this for its refusal.
 const LONGEST_REFUSAL: Duration = Duration::from_millis(10);
 
+/// What follows a round.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Next {
+    /// Another round.
+    Again,
+    /// The program ends.
+    End,
+    /// Somebody else needs the line for a while.
+    Release,
+}
+
 /// Executes rounds until one says that the program ends. A lost line is opened again, and `lost` receives the reason
-/// before each attempt; it says whether the program continues. Only at the start the line must exist.
+/// before each attempt; it says whether the program continues. `released` is called while the line is closed
+/// for somebody else. Only at the start the line must exist.
 pub(super) fn keep_open<L: Link>(
     mut open: impl FnMut() -> Result<L, ClientError>,
-    mut round: impl FnMut(&mut L) -> miette::Result<bool>,
+    mut round: impl FnMut(&mut L) -> miette::Result<Next>,
     mut lost: impl FnMut(&str) -> bool,
+    mut released: impl FnMut(),
 ) -> Outcome {
     let mut line = open()?;
     loop {
-        match round(&mut line) {
-            Ok(true) => {}
-            Ok(false) => return Ok(()),
-            Err(error) => {
-                let mut reason = in_words(error.as_ref());
-                // A port admits one program: close it before opening it again.
+        let mut reason = match round(&mut line) {
+            Ok(Next::Again) => continue,
+            Ok(Next::End) => return Ok(()),
+            // A port admits one program: close it before somebody else opens it.
+            Ok(Next::Release) => {
                 drop(line);
-                line = loop {
-                    if !lost(&reason) {
-                        return Ok(());
+                released();
+                match open() {
+                    Ok(again) => {
+                        line = again;
+                        continue;
                     }
-                    match open() {
-                        Ok(line) => break line,
-                        Err(error) => reason = in_words(&error),
-                    }
-                };
+                    Err(error) => in_words(&error),
+                }
             }
-        }
+            Err(error) => {
+                drop(line);
+                in_words(error.as_ref())
+            }
+        };
+        line = loop {
+            if !lost(&reason) {
+                return Ok(());
+            }
+            match open() {
+                Ok(line) => break line,
+                Err(error) => reason = in_words(&error),
+            }
+        };
     }
 }
 
@@ -58,16 +82,22 @@ pub(super) fn refuse_for_a_while(mut refuse: impl FnMut()) -> bool {
 
 /// An error with its causes and its remedy, in one line.
 pub(super) fn in_words(error: &dyn Diagnostic) -> String {
+    let words = causes(error);
+    match error.help() {
+        Some(help) => format!("{words}; {help}"),
+        None => words,
+    }
+}
+
+/// An error with its causes, in one line.
+pub(super) fn causes(error: &dyn Diagnostic) -> String {
     let mut words = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {
         words = format!("{words}: {error}");
         cause = error.source();
     }
-    match error.help() {
-        Some(help) => format!("{words}; {help}"),
-        None => words,
-    }
+    words
 }
 
 /// A line that watchers see, with the truth where there is one.

@@ -29,6 +29,7 @@ mod faults;
 mod fingerprint;
 mod flash;
 mod line;
+mod live;
 mod model;
 #[cfg(unix)]
 mod monitor;
@@ -61,6 +62,7 @@ mod study;
 mod table;
 mod token;
 mod tune;
+mod under_page;
 
 pub use dry::{DRY_RUNS, DryRun, commands};
 
@@ -131,6 +133,16 @@ pub(crate) struct Common {
     /// one
     #[arg(long, global = true, value_name = "X")]
     pub time_scale: Option<f64>,
+    /// Show the robot in a browser on this machine while it moves, in real time; port 8650 if none is given, 0
+    /// takes a free one
+    #[arg(long, global = true, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650")]
+    pub serve: Option<u16>,
+    /// A page started this program: its process, which answers questions on standard input.
+    #[arg(long, global = true, hide = true, value_name = "PROCESS")]
+    pub for_page: Option<u32>,
+    /// The live page of `--serve`, from the first line to a robot on.
+    #[arg(skip)]
+    pub page: live::LivePage,
     /// What controls a simulated robot; `--on chip` sets it.
     #[arg(skip)]
     pub controller: Controller,
@@ -172,6 +184,15 @@ impl Common {
     /// Those of [`SerialLink::open`].
     pub(crate) fn open_port(&self) -> Result<SerialLink, LinkError> {
         Ok(SerialLink::open(&self.on)?.at_scale(self.time_scale.unwrap_or(1.0)))
+    }
+
+    /// Simulated seconds per second of a robot that this process simulates; `None`: as fast as possible. With
+    /// viewers it keeps real time.
+    ///
+    /// # Errors
+    /// As [`Self::checked_time_scale`].
+    pub(crate) fn pace(&self) -> Result<Option<f64>, Failed> {
+        Ok(self.checked_time_scale()?.or(self.serve.map(|_| 1.0)))
     }
 
     /// The time scale, if one was given.
@@ -301,11 +322,16 @@ pub fn main() -> ExitCode {
     } else {
         Ok(())
     };
+    let allowed = allowed.and_then(|()| Ok(live::check(&words, cli.common.serve)?));
     if let Err(report) = allowed.and_then(|()| cli.common.take_up_chip()) {
         eprintln!("{report:?}");
         return ExitCode::FAILURE;
     }
     let common = &cli.common;
+    #[cfg(unix)]
+    if let Some(page) = common.for_page {
+        under_page::watch(page);
+    }
     let outcome = match cli.command.unwrap_or(Command::Demo(demo::Cmd::default())) {
         Command::Demo(cmd) => cmd.run(common),
         Command::Plan(cmd) => cmd.run(common),
@@ -365,7 +391,10 @@ pub fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(report) => {
-            eprintln!("{report:?}");
+            match common.for_page {
+                Some(_) => eprintln!("{}", under_page::in_one_line(report.as_ref())),
+                None => eprintln!("{report:?}"),
+            }
             let code = report
                 .downcast_ref::<RunError>()
                 .map(RunError::exit_code)

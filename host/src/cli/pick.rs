@@ -9,17 +9,19 @@ use crate::control::Handle;
 use crate::motion::Model;
 use crate::pick::place::Places;
 use crate::pick::study::{self, Knowledge, SceneReport, picking_robot};
-use crate::pick::{End, Jaws, Outcome as Came, Report, Resumed};
+use crate::pick::{End, Jaws, News, Outcome as Came, Report, Resumed};
 use crate::record::{Doing, TaskSource};
 use crate::robot::Robot;
 use crate::run::watch_for_interrupts;
 use crate::scenario::{Injection, When};
+use board::Board;
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::camera::Order;
 use mcdpr_vision::grasp::{Antipodal, Detector};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 
+mod board;
 mod port;
 
 /// No tray is farther away, mm.
@@ -96,10 +98,6 @@ pub(crate) struct Cmd {
         value_name = "power:WHOSE@TIME/DURATION"
     )]
     fault: String,
-    /// Show it in a browser on this machine, in real time, with the camera's pictures; port 8650 if
-    /// none is given
-    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650", conflicts_with = "scenes")]
-    serve: Option<u16>,
 }
 
 /// A point of the world frame, m, from the numbers of an option, mm.
@@ -147,6 +145,10 @@ impl Cmd {
             Order::Separate
         };
         if let Some(scenes) = self.scenes {
+            if common.serve.is_some() {
+                let reason = "a study of many scenes is not shown in a browser";
+                return Err(Failed::from_error("--serve")(reason).into());
+            }
             return self.study(common, &robot, scenes, knowledge);
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
@@ -204,17 +206,20 @@ impl Cmd {
             mismatch: &mismatch,
             doing: Doing::Pictures,
             at_home: true,
+            orders: Some(handle),
         };
-        let mut recorded = Recorded::start(common, Some(&model), about)?;
-        let page = self
-            .serve
-            .map(|port| super::run::page(port, &model, handle, &mut recorded, common))
-            .transpose()?;
+        let recorded = Recorded::start(common, Some(&model), about)?;
+        let board = recorded.feed().map(Board::new);
+        let tell = |news: &News| {
+            if let Some(board) = &board {
+                board.take(news);
+            }
+        };
         let watching = study::Watching {
             events: Some(&recorded.events),
-            // In real time for viewers, otherwise as fast as the computer can.
-            time_scale: common.checked_time_scale()?.or(self.serve.map(|_| 1.0)),
+            time_scale: common.pace()?,
             keep: false,
+            tell: board.is_some().then_some(&tell),
         };
         let phase = Phase::begin("picking on the simulator; Ctrl-C stops the robot");
         let outcome = study::scene_by(
@@ -225,7 +230,7 @@ impl Cmd {
             &watching,
             &common.controller,
         );
-        drop((phase, page));
+        drop(phase);
         let folder = recorded.finish();
         if let Ok(scene) = &outcome
             && let Err(error) = folder.write_json("summary.json", scene)
@@ -245,7 +250,7 @@ impl Cmd {
         handle: &Handle,
     ) -> miette::Result<SceneReport> {
         let wrong = |reason: &str| Failed::from_error("--fault")(reason.to_owned());
-        if self.serve.is_some() {
+        if common.serve.is_some() {
             let reason = "the simulator's loss of power is not shown in a browser";
             return Err(Failed::from_error("--serve")(reason).into());
         }

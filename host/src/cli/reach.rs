@@ -33,7 +33,7 @@ pub(crate) fn with_session<T>(
                 .at_home(model)?;
             let home = Homing::Place(model.robot().tool.home_in_world_m);
             let watched = record.watched_simulated(link).with_orders(&handle);
-            let link: Box<dyn Link + '_> = match common.checked_time_scale()? {
+            let link: Box<dyn Link + '_> = match common.pace()? {
                 Some(scale) => Box::new(Paced::new(watched, scale)),
                 None => Box::new(watched),
             };
@@ -50,7 +50,7 @@ pub(crate) fn with_session<T>(
     };
     match name {
         Some(name) => {
-            let work = Work::new(name, Doing::Orders, mismatch, model);
+            let work = Work::new(name, Doing::Orders, mismatch, model).with_orders(&handle);
             Ok(on_record(common, &work, done)?.0)
         }
         None => off_record(common, model.robot().cables.len(), done),

@@ -1,7 +1,8 @@
 //! The record that goes with every command that moves a robot.
 
 use super::{Common, Failed};
-use crate::link::{Link, SimulatedLink};
+use crate::control::Handle;
+use crate::link::{Link, Paced, SimulatedLink};
 use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::events::{Patience, TruthTap};
@@ -10,7 +11,8 @@ use crate::record::{
     Watched,
 };
 use crate::report::RunFolder;
-use crate::run::new_session;
+use crate::run::{RunError, interrupted, new_session};
+use crate::serve::Feed;
 use mcdpr_protocol::SessionId;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -29,6 +31,8 @@ pub(crate) struct About<'a> {
     pub(crate) doing: Doing,
     /// Whether the host assumes that the robot hangs at home.
     pub(crate) at_home: bool,
+    /// Takes orders from a live page; without it, a page can only stop the command.
+    pub(crate) orders: Option<&'a Handle>,
 }
 
 /// A run's folder, and the watchers of the run.
@@ -37,15 +41,15 @@ pub(crate) struct Recorded {
     pub(crate) folder: RunFolder,
     /// The watchers.
     pub(crate) events: EventBus,
-    doing: Doing,
+    feed: Option<Feed>,
     summary: Option<Arc<Mutex<Summary>>>,
     lost: Option<Arc<AtomicU64>>,
 }
 
 impl Recorded {
-    /// Whether it is the record of a task.
-    pub(crate) fn is_of_task(&self) -> bool {
-        self.doing == Doing::Task
+    /// The data for viewers, if there is a live page (`--serve`).
+    pub(crate) const fn feed(&self) -> Option<&Feed> {
+        self.feed.as_ref()
     }
 
     /// Makes the folder and starts the record. If a record cannot be started there is a warning,
@@ -66,6 +70,7 @@ impl Recorded {
             mismatch,
             doing,
             at_home,
+            orders,
         } = about;
         let failed = || Failed::from_error("making the run's folder");
         let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
@@ -95,7 +100,7 @@ impl Recorded {
         let mut recorded = Self {
             folder,
             events: EventBus::default(),
-            doing,
+            feed: None,
             summary: None,
             lost: None,
         };
@@ -133,6 +138,7 @@ impl Recorded {
                 eprintln!("warning: no journal is kept, after a loss of power home again: {error}");
             }
         }
+        recorded.feed = common.show_live(model, doing, orders, &mut recorded.events)?;
         Ok(recorded)
     }
 
@@ -185,6 +191,8 @@ impl RecordEnd {
 pub(crate) struct OnRecord<'a> {
     events: &'a EventBus,
     cables: usize,
+    /// Simulated seconds per second for viewers.
+    pace: Option<f64>,
     /// Number of the session to open.
     pub(crate) session: SessionId,
 }
@@ -211,7 +219,11 @@ impl OnRecord<'_> {
 
     /// A line to a simulated robot, recorded with its true states.
     pub(crate) fn simulated(&self, link: SimulatedLink) -> Box<dyn Link + '_> {
-        Box::new(self.watched_simulated(link))
+        let line = self.watched_simulated(link);
+        match self.pace {
+            Some(scale) => Box::new(Paced::new(line, scale)),
+            None => Box::new(line),
+        }
     }
 
     /// The same, for a caller that also reads the truth from this tap.
@@ -229,6 +241,7 @@ pub(crate) fn off_record<T>(
     work(&OnRecord {
         events: &EventBus::default(),
         cables,
+        pace: None,
         session: session(common),
     })
 }
@@ -253,6 +266,8 @@ pub(crate) struct Work<'a> {
     pub(crate) cables: usize,
     /// The robot's model, if there is a robot already.
     pub(crate) model: Option<&'a Model>,
+    /// Takes orders from a live page.
+    pub(crate) orders: Option<&'a Handle>,
 }
 
 impl<'a> Work<'a> {
@@ -264,6 +279,15 @@ impl<'a> Work<'a> {
             mismatch,
             cables: model.robot().cables.len(),
             model: Some(model),
+            orders: None,
+        }
+    }
+
+    /// With orders from a live page.
+    pub(crate) const fn with_orders(self, orders: &'a Handle) -> Self {
+        Self {
+            orders: Some(orders),
+            ..self
         }
     }
 }
@@ -275,6 +299,10 @@ pub(crate) fn on_record<T>(
     about: &Work<'_>,
     work: impl FnOnce(&OnRecord<'_>) -> miette::Result<T>,
 ) -> miette::Result<(T, RunFolder)> {
+    // A command with several motions arms no more after a stop.
+    if interrupted() {
+        return Err(RunError::Interrupted.into());
+    }
     let session = session(common);
     let task = TaskSource {
         name: about.name.to_owned(),
@@ -288,11 +316,18 @@ pub(crate) fn on_record<T>(
         mismatch: &about.mismatch,
         doing: about.doing,
         at_home: common.on == "sim",
+        orders: about.orders,
     };
     let recorded = Recorded::start(common, about.model, start)?;
     let done = work(&OnRecord {
         events: &recorded.events,
         cables: about.cables,
+        pace: recorded
+            .feed
+            .is_some()
+            .then(|| common.pace())
+            .transpose()?
+            .flatten(),
         session,
     });
     let folder = recorded.finish();

@@ -69,7 +69,7 @@ impl Cmd {
             let reason = "that is the simulator's camera; name one with --camera";
             return Err(Failed::from_error("--tag")(reason).into());
         }
-        let mut camera = self.eye.tags(model.robot())?;
+        let mut camera = self.eye.tags(model.robot(), &common.page)?;
         let calibrated = model.robot().calibrated.as_ref();
         let places = calibrated.map_or(Vec::new(), |calibrated| calibrated.places.clone());
         let link = common.open_port().map_err(ClientError::from)?;

@@ -370,6 +370,7 @@ impl Cmd {
         let mut answer = String::new();
         let read = std::io::stdin().lock().read_line(&mut answer);
         if !std::io::stdin().is_terminal() {
+            // A terminal shows the end of the line that was typed.
             eprintln!();
         }
         if read.is_ok() && matches!(answer.trim(), "y" | "Y" | "yes") {

@@ -4,7 +4,7 @@ mod calibrate;
 mod session;
 
 use super::eye::{Eye, Kind};
-use super::line::{keep_open, refuse_for_a_while};
+use super::line::{Next, keep_open, refuse_for_a_while};
 use super::run::tool_height_m;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
@@ -150,7 +150,7 @@ impl Cmd {
             let tap = TruthTap::forgetful(link.clone(), robot.cables.len());
             node.go(|| Ok(Paced::new(link.clone(), scale)), Some(&tap))
         } else {
-            let tags = eye.tags(&robot)?;
+            let tags = eye.tags(&robot, &common.page)?;
             node.tags = RefCell::new(tags.map(|tags| Box::new(tags) as Box<dyn TagSource>));
             node.go(|| Ok(common.open_port()?), None)
         }
@@ -244,14 +244,18 @@ impl Node<'_> {
         open: impl FnMut() -> Result<L, ClientError>,
         tap: Option<&TruthTap>,
     ) -> Outcome {
-        let round = |line: &mut L| self.round(line, tap);
-        keep_open(open, round, |reason| {
+        let round = |line: &mut L| {
+            let goes_on = self.round(line, tap)?;
+            Ok(if goes_on { Next::Again } else { Next::End })
+        };
+        let lost = |reason: &str| {
             self.lost.set(true);
             self.feed.set_trouble(reason);
             refuse_for_a_while(|| {
                 self.handle.close(reason);
                 self.goals.refuse(reason);
             })
-        })
+        };
+        keep_open(open, round, lost, || {})
     }
 }

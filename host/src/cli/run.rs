@@ -5,7 +5,6 @@ use super::orders::listen;
 use super::plan::Options;
 use super::progress::Bar;
 use super::recorded::{About, Recorded};
-use super::serve::{PageDesk, announce};
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::chart::PlotFormat;
@@ -13,16 +12,13 @@ use crate::control::Handle;
 use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task, Watch};
-use crate::record::events::Patience;
 use crate::record::{Doing, TaskSource, Watched};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::saved::scale_of;
 use crate::run::{Homing, new_session, watch_for_interrupts};
-use crate::serve::{CameraWatcher, FeedWatcher, Server};
 use mcdpr_protocol::SessionId;
 use serde::Serialize;
-use std::sync::Arc;
 
 /// Run a task: a built-in one (paper:table7, paper:table8) or a task file
 #[derive(Debug, clap::Args)]
@@ -35,9 +31,6 @@ pub(crate) struct Cmd {
     /// Simulate the machine exactly as described: no mismatch, no pulley loss
     #[arg(long)]
     ideal: bool,
-    /// Show the run in a browser on this machine, in real time; port 8650 if none is given
-    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8650")]
-    serve: Option<u16>,
     /// The robot hangs at its home now: for a board without reference lengths
     #[arg(long)]
     at_home: bool,
@@ -76,8 +69,7 @@ impl Cmd {
         say_choice(&model);
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         let bar = Bar::new("running");
-        // A run with viewers keeps real time.
-        let time_scale = common.checked_time_scale()?.or(self.serve.map(|_| 1.0));
+        let time_scale = common.pace()?;
         let handle = Handle::new();
         #[cfg(unix)]
         let _listening = listen(common, &handle)?;
@@ -105,12 +97,9 @@ impl Cmd {
             mismatch: &mismatch,
             doing: Doing::Task,
             at_home: common.on == "sim" || self.at_home,
+            orders: Some(&handle),
         };
-        let mut recorded = Recorded::start(common, Some(&model), about)?;
-        let _page = self
-            .serve
-            .map(|port| page(port, &model, &handle, &mut recorded, common))
-            .transpose()?;
+        let recorded = Recorded::start(common, Some(&model), about)?;
         let events = &recorded.events;
         let outcome = if common.on == "sim" {
             let robot = SimulatedRobot::new(mismatch, common.seed).controller(&common.controller);
@@ -201,36 +190,6 @@ impl Cmd {
         }
         experiment
     }
-}
-
-/// Shows a run in a browser.
-pub(crate) fn page(
-    port: u16,
-    model: &Model,
-    handle: &Handle,
-    recorded: &mut Recorded,
-    common: &Common,
-) -> miette::Result<Server> {
-    let feed = crate::serve::feed();
-    let watcher = FeedWatcher::new(feed.clone(), model.clone());
-    let added = recorded.events.add(watcher, Patience::Drop);
-    added.map_err(Failed::from_error("starting the viewers' thread"))?;
-    // Picking shows its own pictures.
-    if common.on == "sim" && recorded.is_of_task() {
-        let camera = CameraWatcher::new(feed.clone(), model.robot(), common.seed);
-        let added = recorded.events.add(camera, Patience::Drop);
-        added.map_err(Failed::from_error("starting the camera's thread"))?;
-    }
-    let desk = Arc::new(PageDesk {
-        handle: handle.clone(),
-        work: None,
-        most_mps: model.robot().limits.speed_mps,
-    });
-    let server = Server::start(port, None, model.robot(), feed, desk)?;
-    if !common.json {
-        announce(&server, common)?;
-    }
-    Ok(server)
 }
 
 /// Height of the tool when a level platform's origin is at `z_mm`, m.

@@ -5,6 +5,7 @@ mod history;
 mod library;
 mod planning;
 mod robot_file;
+mod steps;
 mod traces;
 
 pub(crate) use desk::PageDesk;
@@ -14,8 +15,9 @@ use history::History;
 use library::Library;
 use planning::{Chosen, Planning};
 use robot_file::RobotFile;
+use steps::Steps;
 
-use super::line::{in_words, keep_open, refuse_for_a_while, watched};
+use super::line::{Next, in_words, keep_open, refuse_for_a_while, watched};
 use super::recorded::{About, Recorded};
 use super::run::tool_height_m;
 use super::token::Token;
@@ -35,6 +37,8 @@ use crate::serve::{CameraWatcher, Feed, FeedWatcher, Server};
 use mcdpr_protocol::SessionId;
 use mcdpr_twin::attend::{Attendant, Wanted};
 use std::cell::Cell;
+#[cfg(unix)]
+use std::cell::RefCell;
 use std::io::Write as _;
 use std::net::IpAddr;
 use std::path::PathBuf;
@@ -96,7 +100,9 @@ impl Cmd {
         let start = Arc::new(AtomicBool::new(simulated && !self.idle));
         let planning = Planning::start(model.clone(), feed.clone())
             .map_err(Failed::from_error("starting the planner's thread"))?;
+        let steps = Steps::new(common, feed.clone());
         let work = Work {
+            steps: steps.clone(),
             model: model.clone(),
             feed: feed.clone(),
             start: Arc::clone(&start),
@@ -120,7 +126,7 @@ impl Cmd {
         }
         let server = Server::start_on(self.host, self.port, token, &robot, feed.clone(), desk)?;
         #[cfg(unix)]
-        let _listening = super::orders::listen(common, &handle)?;
+        let listening = super::orders::listen(common, &handle)?;
         announce(&server, common)?;
         let source = TaskSource::of(name, height_m);
         let show = Show {
@@ -131,6 +137,9 @@ impl Cmd {
             feed,
             handle,
             start,
+            steps,
+            #[cfg(unix)]
+            listening: RefCell::new(listening),
             lost: Cell::new(false),
         };
         let scale = common.checked_time_scale()?.unwrap_or(1.0);
@@ -172,6 +181,10 @@ struct Show<'a> {
     feed: Feed,
     handle: Handle,
     start: Arc<AtomicBool>,
+    steps: Steps,
+    /// Orders from other terminals, while this program has the robot.
+    #[cfg(unix)]
+    listening: RefCell<Option<crate::control::Server>>,
     /// The line is lost, and viewers were informed.
     lost: Cell<bool>,
 }
@@ -185,18 +198,37 @@ impl Show<'_> {
         tap: Option<&TruthTap>,
     ) -> Outcome {
         let round = |line: &mut L| self.round(line, tap);
-        keep_open(open, round, |reason| {
+        let lost = |reason: &str| {
             self.lost.set(true);
             self.feed.set_trouble(reason);
+            // A step such as `doctor` says why a line cannot be opened.
+            if self.steps.is_due() {
+                self.release();
+            }
             refuse_for_a_while(|| {
                 self.handle.close(reason);
                 self.start.store(false, Ordering::SeqCst);
             })
-        })
+        };
+        keep_open(open, round, lost, || self.release())
     }
 
-    /// Waits for a request and executes it once; returns whether the program continues.
-    fn round<L: Link>(&self, link: &mut L, tap: Option<&TruthTap>) -> miette::Result<bool> {
+    /// Lets a step have the robot, until its command has ended.
+    fn release(&self) {
+        self.handle.close("a step of set-up has the robot");
+        // One program listens for the orders to a robot.
+        #[cfg(unix)]
+        drop(self.listening.take());
+        self.steps.carry_out();
+        #[cfg(unix)]
+        match super::orders::listen(self.common, &self.handle) {
+            Ok(listening) => drop(self.listening.replace(listening)),
+            Err(error) => self.feed.set_trouble(&in_words(&error)),
+        }
+    }
+
+    /// Waits for a request and executes it once; returns what follows.
+    fn round<L: Link>(&self, link: &mut L, tap: Option<&TruthTap>) -> miette::Result<Next> {
         let watcher = || FeedWatcher::new(self.feed.clone(), self.model.clone());
         // On the simulator the circle runs for days: it is recorded only on request.
         let record = tap.is_none() || self.common.record.is_some();
@@ -211,13 +243,15 @@ impl Show<'_> {
             feed: &self.feed,
             handle: &self.handle,
             start: &self.start,
+            hands_over: &|| self.steps.is_due(),
         };
         let wanted = attendant.wait(watched(&mut *link, &idle, tap), new_session(), |client| {
             self.greeted(client)
         });
         idle.finish();
         let (jogs, referenced) = match wanted? {
-            Wanted::Nothing => return Ok(false),
+            Wanted::Nothing => return Ok(Next::End),
+            Wanted::Line => return Ok(Next::Release),
             Wanted::Task { referenced } => (false, referenced),
             Wanted::Jogs { referenced } => (true, referenced),
         };
@@ -275,7 +309,7 @@ impl Show<'_> {
                     self.start.store(true, Ordering::SeqCst);
                 }
             }
-            Err(RunError::Interrupted) if interrupted() => return Ok(false),
+            Err(RunError::Interrupted) if interrupted() => return Ok(Next::End),
             Err(RunError::Interrupted) => self.feed.say("stopped; Start goes on"),
             // The robot answers, but the request failed.
             Err(error @ RunError::Client(ClientError::Refused { .. })) => {
@@ -284,7 +318,7 @@ impl Show<'_> {
             Err(error @ RunError::Client(_)) => return Err(error.into()),
             Err(error) => self.feed.set_trouble(&in_words(&error)),
         }
-        Ok(true)
+        Ok(Next::Again)
     }
 
     /// Starts the record of a task or of jogs.
@@ -303,6 +337,7 @@ impl Show<'_> {
             mismatch: &mismatch,
             doing: if jogs { Doing::Orders } else { Doing::Task },
             at_home,
+            orders: None,
         };
         Recorded::start(self.common, Some(self.model), about)
     }

@@ -47,6 +47,7 @@ pub(crate) fn connected<T>(
         mismatch,
         cables: robot.cables.len(),
         model: None,
+        orders: None,
     };
     on_record(common, &about, |record| {
         if common.on != "sim" {

@@ -1,5 +1,6 @@
 //! Tool positions for the grasps of a picture.
 
+use super::Refusal;
 use super::arm::isometry;
 use crate::motion::Model;
 use mcdpr_vision::grasp::{Grasp, Hand, HeightMap};
@@ -12,6 +13,8 @@ pub struct Choice {
     pub grasp: Grasp,
     /// The tool point of the grasp as seen, world, m (Eqs. 45 and 48).
     pub seen_m: Vector3<f64>,
+    /// Direction from one contact to the other, world.
+    pub closing: Vector3<f64>,
     /// Tool position, world, m: as low as its fingers have room there.
     pub tool_m: Vector3<f64>,
     /// The platform's origin then, world, m (Eq. 49 with the rotation).
@@ -55,6 +58,8 @@ pub(crate) struct Choices {
     pub unreachable: usize,
     /// Grasps for which the tilted fingers have no room or no good hold.
     pub no_room: usize,
+    /// The refused ones with their reasons, the first of them.
+    pub refused: Vec<Refusal>,
 }
 
 /// Least contact height on the pads, m: less is lost to errors of a millimetre or two.
@@ -84,11 +89,25 @@ pub(super) fn choose(
 ) -> Choices {
     let mut choices = Choices::default();
     for grasp in grasps {
-        match one(model, map, grasp, world_from_camera, hand, turns) {
-            Ok(choice) if choice.rank() < RANK_MIN => choices.no_room += 1,
-            Ok(choice) => choices.good.push(choice),
-            Err(Refused::Unreachable) => choices.unreachable += 1,
-            Err(Refused::NoRoom) => choices.no_room += 1,
+        let reason = match one(model, map, grasp, world_from_camera, hand, turns) {
+            Ok(choice) if choice.rank() < RANK_MIN => LOW_RANK,
+            Ok(choice) => {
+                choices.good.push(choice);
+                continue;
+            }
+            Err(reason) => reason,
+        };
+        if reason == OUT_OF_REACH {
+            choices.unreachable += 1;
+        } else {
+            choices.no_room += 1;
+        }
+        if choices.refused.len() < REFUSED_MAX {
+            choices.refused.push(Refusal {
+                at_m: (world_from_camera * grasp.point_m).coords.into(),
+                width_m: grasp.width_m,
+                reason,
+            });
         }
     }
     // The rank assumes upright fingers: the hold and room that remain for tilted ones count too.
@@ -96,10 +115,16 @@ pub(super) fn choose(
     choices
 }
 
-enum Refused {
-    Unreachable,
-    NoRoom,
-}
+/// Why grasps are refused, for the report of a picture.
+const OUT_OF_REACH: &str = "out of the robot's reach";
+const NO_TURN: &str = "the jaws do not turn that way";
+const NO_ROOM: &str = "no room for the tilted fingers";
+const LITTLE_HOLD: &str = "less than 5 mm of it on the pads";
+const LEANS: &str = "the leaning pads lie on too little of it";
+const NARROW: &str = "less than 2.5 mm beside an open pad";
+const LOW_RANK: &str = "a hold that would slip";
+/// Refused grasps whose reasons are kept.
+const REFUSED_MAX: usize = 40;
 
 fn one(
     model: &Model,
@@ -108,7 +133,7 @@ fn one(
     world_from_camera: &Isometry3<f64>,
     hand: &Hand,
     turns: bool,
-) -> Result<Choice, Refused> {
+) -> Result<Choice, &'static str> {
     let seen_m = (world_from_camera * grasp.point_m).coords;
     let closing = world_from_camera.rotation * grasp.closing;
     let map_from_world = (world_from_camera * map.camera_from_map).inverse();
@@ -117,23 +142,27 @@ fn one(
     // The attitude depends on the position and the position on the attitude: solved by fixed-point
     // iteration.
     for _ in 0..3 {
-        let rest = model
-            .rest(&tool_m, None)
-            .map_err(|_| Refused::Unreachable)?;
+        let rest = model.rest(&tool_m, None).map_err(|_| OUT_OF_REACH)?;
         let world_from_platform = isometry(&rest);
-        let wrist_rad = wrist(&world_from_platform, &closing, turns).ok_or(Refused::NoRoom)?;
+        let wrist_rad = wrist(&world_from_platform, &closing, turns).ok_or(NO_TURN)?;
         let spin = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), wrist_rad);
         let world_from_tool = Isometry3::from_parts(
             Translation3::from(tool_m),
             world_from_platform.rotation * spin,
         );
         let map_from_tool = map_from_world * world_from_tool;
-        let fit = map.fit(hand, &map_from_tool).ok_or(Refused::NoRoom)?;
+        let fit = map.fit(hand, &map_from_tool).ok_or(NO_ROOM)?;
         let room_m = 0.5 * (hand.opening_m - fit.width_m);
         let jaw = map_from_tool.rotation * Vector3::y();
         let lies_on_m = hand.lies_on_m(jaw.z.clamp(-1.0, 1.0).asin());
-        if fit.engaged_m < ENGAGED_MIN_M || lies_on_m < LIES_ON_MIN_M || room_m < SIDE_M {
-            return Err(Refused::NoRoom);
+        if fit.engaged_m < ENGAGED_MIN_M {
+            return Err(LITTLE_HOLD);
+        }
+        if lies_on_m < LIES_ON_MIN_M {
+            return Err(LEANS);
+        }
+        if room_m < SIDE_M {
+            return Err(NARROW);
         }
         let mut place = map_from_tool.translation.vector;
         let flat = Vector3::new(jaw.x, jaw.y, 0.0).normalize();
@@ -145,6 +174,7 @@ fn one(
         result = Some(Choice {
             grasp: grasp.clone(),
             seen_m,
+            closing,
             tool_m,
             platform_m: tool_m
                 - world_from_platform.rotation * model.robot().tool.tcp_in_platform_m,
@@ -160,7 +190,7 @@ fn one(
             break;
         }
     }
-    result.ok_or(Refused::NoRoom)
+    result.ok_or(NO_ROOM)
 }
 
 /// Turn of the jaws (tool's y) about the tool's axis towards a direction of the world.
@@ -199,6 +229,7 @@ mod tests {
                 quality: 0.6,
             },
             seen_m: Vector3::zeros(),
+            closing: Vector3::y(),
             tool_m: Vector3::zeros(),
             platform_m: Vector3::zeros(),
             wrist_rad: 0.0,

@@ -4,7 +4,7 @@ use super::place::Places;
 use super::report::{Outcome, Report};
 use super::task::Picker;
 use super::workcell::{self, CellObserver, Mounting, SimulatedEye};
-use super::{Arm, PickError, calibrated};
+use super::{Arm, News, Phase, PickError, Tell, calibrated, news};
 use crate::control::Handle;
 use crate::experiment::SimulatedRobot;
 use crate::link::{Link, Paced, SimulatedLink};
@@ -138,6 +138,8 @@ pub struct Watching<'a> {
     pub time_scale: Option<f64>,
     /// Whether to keep the trace.
     pub keep: bool,
+    /// Receives the news.
+    pub(crate) tell: Tell<'a>,
 }
 
 impl<'a> Watching<'a> {
@@ -244,8 +246,20 @@ pub(crate) fn scene_by(
     watching: &Watching<'_>,
     controller: &Controller,
 ) -> Result<SceneReport, PickError> {
+    if let Some(tell) = watching.tell {
+        tell(&News::Phase(Phase::Preparing));
+    }
     let mut stage = Stage::new(robot, wanted, controller)?;
     let link = stage.link.clone();
+    // With each phase, where the objects truly are.
+    let with_objects = |news: &News| {
+        let Some(tell) = watching.tell else { return };
+        tell(news);
+        if matches!(news, News::Phase(_)) {
+            let objects = link.with(|simulation| simulation.cell().map(news::objects));
+            tell(&News::Objects(objects.unwrap_or_default()));
+        }
+    };
     let line = watching.line(&link, stage.model.robot().cables.len(), handle);
     let mut arm = Arm::start(stage.model.clone(), line, SessionId(1), handle)?;
     let began_us = link.now_us();
@@ -253,8 +267,9 @@ pub(crate) fn scene_by(
         arm.keep_samples();
         link.with(mcdpr_simulator::Simulation::record_truth);
     }
-    let report =
-        Picker::new(&mut arm, &mut stage.eye, detector, &stage.options).run(&mut stage.observer)?;
+    let report = Picker::new(&mut arm, &mut stage.eye, detector, &stage.options)
+        .telling(watching.tell.is_some().then_some(&with_objects))
+        .run(&mut stage.observer)?;
     let kept = watching.keep.then(|| Kept {
         samples: arm.samples().to_vec(),
         planned: arm.planned().to_vec(),

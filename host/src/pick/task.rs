@@ -3,8 +3,9 @@
 use super::budget::{Measuring, Uncertainty};
 use super::choose::{Choice, Choices};
 use super::mat::{Mat, MatSight};
+use super::news::pads;
 use super::report::{Attempt, End, Outcome, Report};
-use super::{Arm, PickError};
+use super::{Arm, Chosen, News, Phase, PickError, Refusal, Tell};
 use crate::link::Link;
 use crate::sight::Shown;
 use mcdpr_vision::Source;
@@ -78,6 +79,8 @@ pub(crate) struct Picker<'a, L: Link> {
     pub detector: &'a mut dyn Detector,
     /// Options.
     pub options: &'a Options,
+    /// Receives the news.
+    tell: Tell<'a>,
     /// The mat's pose, from the first look at it.
     world_from_mat: Option<Isometry3<f64>>,
     /// Pictures for grasps so far.
@@ -123,6 +126,7 @@ impl<'a, L: Link> Picker<'a, L> {
             eye,
             detector,
             options,
+            tell: None,
             world_from_mat: None,
             views: 0,
             sights: Vec::new(),
@@ -130,6 +134,21 @@ impl<'a, L: Link> Picker<'a, L> {
             bias_m: Vector3::zeros(),
             seen_off_m: Vector3::zeros(),
         }
+    }
+
+    /// With somebody who gets the news.
+    pub(crate) fn telling(self, tell: Tell<'a>) -> Self {
+        Self { tell, ..self }
+    }
+
+    fn tell(&self, news: &News) {
+        if let Some(tell) = self.tell {
+            tell(news);
+        }
+    }
+
+    fn begins(&self, phase: Phase) {
+        self.tell(&News::Phase(phase));
     }
 
     /// Picks until the tray is empty or an error ends it.
@@ -141,6 +160,12 @@ impl<'a, L: Link> Picker<'a, L> {
         let mut attempts: Vec<Attempt> = Vec::new();
         let mut failed: Vec<Vector3<f64>> = Vec::new();
         let mut probe = None;
+        let options = self.options;
+        self.tell(&News::Places {
+            tray_m: options.tray_m.into(),
+            half_m: options.tray_half_m,
+            release_m: options.release_m.into(),
+        });
         let end = loop {
             if attempts.len() >= self.options.attempts_max {
                 break End::Enough;
@@ -160,12 +185,17 @@ impl<'a, L: Link> Picker<'a, L> {
             } else {
                 failed.push(choice.tool_m);
             }
+            self.tell(&News::Attempt(attempt.outcome));
             attempts.push(attempt);
         };
         let returned_m = match self.options.return_m {
-            Some(place) => Some(self.go_back(place)?.into()),
+            Some(place) => {
+                self.begins(Phase::Returning);
+                Some(self.go_back(place)?.into())
+            }
             None => None,
         };
+        self.tell(&News::End(end.clone()));
         Ok(Report {
             resumed: None,
             attempts,
@@ -207,6 +237,7 @@ impl<'a, L: Link> Picker<'a, L> {
         let mut reason: Option<NoGrasp> = None;
         let (mut count, mut empty) = (0, true);
         for view in std::iter::once(&options.look_m).chain(&options.more_views_m) {
+            self.begins(Phase::Looking);
             self.arm.go(&[*view])?;
             match self.view(probe, watcher)? {
                 Viewed::Grasps {
@@ -218,6 +249,7 @@ impl<'a, L: Link> Picker<'a, L> {
                     all.good.extend(choices.good);
                     all.unreachable += choices.unreachable;
                     all.no_room += choices.no_room;
+                    all.refused.extend(choices.refused);
                 }
                 Viewed::Nothing(NoGrasp::Empty) => {}
                 Viewed::Nothing(other) => {
@@ -230,15 +262,29 @@ impl<'a, L: Link> Picker<'a, L> {
             return Ok(Err(End::Empty));
         }
         all.good.sort_by(|a, b| b.rank().total_cmp(&a.rank()));
+        self.tell(&News::Judged {
+            grasps: count,
+            possible: all.good.len(),
+            refused: std::mem::take(&mut all.refused),
+        });
         let fresh = |choice: &Choice| {
             let near = |place: &Vector3<f64>| (place - choice.tool_m).norm() < AGAIN_M;
             !failed.iter().any(near)
         };
         for choice in all.good {
             let way = self.way_there(&choice);
-            if fresh(&choice) && self.arm.judge(&way).is_ok() {
+            let reason = if !fresh(&choice) {
+                "an attempt there has failed"
+            } else if self.arm.judge(&way).is_err() {
+                "the way there comes too near a limit"
+            } else {
                 return Ok(Ok(choice));
-            }
+            };
+            self.tell(&News::Refused(Refusal {
+                at_m: choice.seen_m.into(),
+                width_m: choice.grasp.width_m,
+                reason,
+            }));
         }
         let reason = match reason {
             Some(reason) if count == 0 => reason.to_string(),
@@ -265,6 +311,7 @@ impl<'a, L: Link> Picker<'a, L> {
         if self.arm.judge(&[place]).is_err() {
             return Ok(choice);
         }
+        self.begins(Phase::LookingAgain);
         self.arm.go(&[place])?;
         let Viewed::Grasps { choices, .. } = self.view(&mut None, watcher)? else {
             return Ok(choice);
@@ -298,15 +345,26 @@ impl<'a, L: Link> Picker<'a, L> {
         watcher: &mut dyn Watcher,
     ) -> Result<Attempt, PickError> {
         watcher.chosen(choice);
+        self.tell(&News::Chosen(Chosen {
+            tool_m: choice.tool_m.into(),
+            pads_m: pads(&choice.seen_m, &choice.closing, choice.grasp.width_m),
+            width_m: choice.grasp.width_m,
+            wrist_rad: choice.wrist_rad,
+            tilt_rad: choice.tilt_rad,
+            rank: choice.rank(),
+        }));
+        self.begins(Phase::Approaching);
         let [above, at] = self.way_there(choice);
         (self.bias_m, self.seen_off_m) = (Vector3::zeros(), Vector3::zeros());
         self.arm.go(&[above])?;
         // At the height of the second weighing: their difference is the object alone.
         let before_n = self.arm.mean_tensions_n()?;
         self.reach(&above, TRIES_ABOVE)?;
+        self.begins(Phase::Descending);
         let left_m = self.reach(&at, TRIES)?;
         let budget = self.options.uncertainty.budget(&self.measuring(choice));
         watcher.closing(choice);
+        self.begins(Phase::Closing);
         let met = self.arm.grip(true)?;
         let has_switch = self.arm.model().robot().gripper.switch;
         let up = Vector3::new(0.0, 0.0, OVERSHOOT_M);
@@ -316,6 +374,7 @@ impl<'a, L: Link> Picker<'a, L> {
         } else {
             // Down to the height of the first weighing, in the same direction: friction is the same
             // and cancels.
+            self.begins(Phase::Lifting);
             self.arm.go(&[above + up, above])?;
             let now_n = self.arm.mean_tensions_n()?;
             let weight_n = self.arm.lift_n(&before_n, &now_n)?;
@@ -334,6 +393,7 @@ impl<'a, L: Link> Picker<'a, L> {
             watcher.lifted();
             self.deliver(lifted_n.unwrap_or(0.0))?
         } else {
+            self.begins(Phase::Returning);
             self.arm.grip(false)?;
             self.arm.go(&[above])?;
             outcome
@@ -388,9 +448,11 @@ impl<'a, L: Link> Picker<'a, L> {
         // Across at the greater of both heights: nothing in the tray is touched.
         let level = self.arm.tool_m().z.max(above.z);
         let over = Vector3::new(release.x, release.y, level);
+        self.begins(Phase::Carrying);
         self.arm.go(&[over, release])?;
         // A switch that closes during the move indicates that the jaws are empty now.
         let lost = self.arm.grip(true)? && self.arm.model().robot().gripper.switch;
+        self.begins(Phase::Releasing);
         self.arm.grip(false)?;
         self.arm.carry(0.0)?;
         self.arm.go(&[over])?;

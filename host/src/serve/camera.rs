@@ -20,6 +20,7 @@ pub struct CameraWatcher {
     feed: Feed,
     camera: SceneCamera,
     due_us: u64,
+    every_us: u64,
 }
 
 impl CameraWatcher {
@@ -31,7 +32,20 @@ impl CameraWatcher {
             feed,
             camera,
             due_us: 0,
+            every_us: EVERY_US,
         }
+    }
+
+    /// For a robot with so many simulated seconds per second: not more pictures than in real time.
+    #[must_use]
+    pub(crate) fn at_pace(self, scale: f64) -> Self {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "some seconds"
+        )]
+        let every_us = (EVERY_US as f64 * scale.max(1.0)) as u64;
+        Self { every_us, ..self }
     }
 }
 
@@ -42,10 +56,10 @@ impl Watcher for CameraWatcher {
         };
         // The clock of another session may begin anew.
         let waiting = self.due_us.saturating_sub(*time_us);
-        if (1..=EVERY_US).contains(&waiting) || !self.feed.is_watched() {
+        if (1..=self.every_us).contains(&waiting) || !self.feed.is_watched() {
             return;
         }
-        self.due_us = time_us + EVERY_US;
+        self.due_us = time_us + self.every_us;
         let [x, y, z, w] = truth.rotation_xyzw;
         let pose = Pose {
             position_m: truth.position_m,

@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 const STOPS: [&str; 2] = ["stop", "hold"];
 
 /// Orders that are not worth a line of the log: they come often, or move nothing.
-const QUIET: [&str; 5] = ["jog", "tasks", "task_read", "plan", "forget"];
+const QUIET: [&str; 6] = ["jog", "tasks", "task_read", "plan", "forget", "step_line"];
 
 /// State of the permission.
 pub(super) struct Orders {

@@ -4,9 +4,10 @@ use super::feed::{Feed, describe};
 use super::http::{Request, answer};
 use super::orders::Orders;
 use crate::robot::Robot;
+use mcdpr_twin::notices::Seen;
 use mcdpr_twin::viewer::{Message as News, Viewer};
 use miette::Diagnostic;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::io::{self, Write as _};
 use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -347,6 +348,7 @@ fn keep_showing(
     send: &impl Fn(&mut WebSocket<TcpStream>, &Value) -> io::Result<()>,
 ) -> io::Result<()> {
     let mut viewer = Viewer::default();
+    let mut seen = Seen::default();
     let mut sent = Instant::now();
     let mut due = sent;
     while !shared.ended.load(Ordering::SeqCst) {
@@ -379,6 +381,20 @@ fn keep_showing(
                     socket.send(bytes).map_err(io::Error::other)?;
                 }
             }
+        }
+        let other = shared.feed.notices().since(&mut seen);
+        for message in &other.messages {
+            send(socket, message)?;
+        }
+        if let Some(mut live) = other.live {
+            // Another program has the robot, and this one is not heard meanwhile.
+            if other.live_is_new || sent.elapsed() > Duration::from_millis(400) {
+                sent = now;
+                due = (due + FRAME).max(now);
+                live["age_s"] = json!(other.live_age_s);
+                send(socket, &live)?;
+            }
+            continue;
         }
         // The age of old data is sent every 400 ms, too.
         let anyway = sent.elapsed() > Duration::from_millis(400);

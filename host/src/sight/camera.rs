@@ -174,7 +174,8 @@ pub(crate) struct CameraTags {
 }
 
 impl CameraTags {
-    /// The tags with these numbers in the pictures of a camera, whose lens is `lens`.
+    /// The tags with these numbers in the pictures of a camera, whose lens is `lens`. `show` gets every picture
+    /// with the tags in it.
     ///
     /// # Errors
     /// If there are no more threads.
@@ -182,12 +183,13 @@ impl CameraTags {
         mut camera: Camera,
         lens: mcdpr_vision::Camera,
         ids: Vec<u32>,
+        mut show: impl FnMut(&RgbImage, &[TagView]) + Send + 'static,
     ) -> Result<Self, SourceError> {
         let (asks, wants) = channel();
         let (send, answers) = channel();
         let work = move || {
             while wants.recv().is_ok() {
-                let seen = tags(camera.color(), &lens, &ids);
+                let seen = tags(camera.color(), &lens, &ids, &mut show);
                 if send.send(seen).is_err() {
                     return;
                 }
@@ -241,11 +243,14 @@ fn tags(
     picture: Result<RgbImage, SourceError>,
     lens: &mcdpr_vision::Camera,
     ids: &[u32],
+    show: &mut impl FnMut(&RgbImage, &[TagView]),
 ) -> Result<Vec<TagView>, SightError> {
     let picture = picture.map_err(|error| no_picture(&error))?;
     let size = [picture.width(), picture.height()];
     if size == lens.size_px {
-        return Ok(views(&picture, lens, ids, 0));
+        let found = views(&picture, lens, ids, 0);
+        show(&picture, &found);
+        return Ok(found);
     }
     let [width, height] = lens.size_px;
     Err(no_picture(&format!(

@@ -47,13 +47,16 @@
       for (const o of $('jog-speed').options) o.disabled = o.value * 1e-3 > robot.speed_mps;
       Work.speeds(robot.speed_mps);
       Sim.allow(may, orders, m);
-      if (local) { $('tab-runs').hidden = true; RobotFile.forget(); }
+      if (local) { for (const name of ['runs', 'setup', 'pick']) $('tab-' + name).hidden = true; RobotFile.forget(); }
     } else if (m.type === 'plan') Scene.setPlan(m.tool_m);
     else if (m.type === 'log') m.lines.forEach(log);
     else if (m.type === 'answer') answer(m);
     else if (m.type === 'live') show(m);
     else if (m.type === 'preview') Work.show(m);
     else if (m.type === 'camera') camera = m;
+    else if (m.type === 'steps') { Steps.take(m); buttons(); }
+    else if (m.type === 'output') Steps.output(m.lines);
+    else if (m.type === 'pick') Pick.take(m);
   }
 
   // The picture follows the message that states what was found in it.
@@ -168,9 +171,13 @@
 
   function buttons() {
     document.querySelectorAll('[data-order]').forEach(b => { b.disabled = !(may || mayStop && STOPS.includes(b.dataset.order)) || !orders.includes(b.dataset.order); });
-    $('jog').disabled = !may;
+    // A step of set-up has the robot: nothing else is started.
+    const start = document.querySelector('[data-order=start]');
+    start.disabled ||= !!Steps.busy; start.title = Steps.busy || 'G';
+    $('jog').disabled = !may || !!Steps.busy; $('jog').title = Steps.busy;
     if (!may) jogKeys(false);
     RobotFile.allow(may, gone ? 'no connection' : refused || 'view only: orders need the address with the token');
+    Steps.allow(may && orders.includes('step_run'), gone ? 'no connection' : refused || 'view only: orders need the address with the token');
     Work.allow(may, orders, gone ? 'no connection' : refused || 'view only: orders need the address with the token');
     text('may', gone ? 'The program that serves this page does not answer: it has ended, or this machine is not reached any more. Trying again. Stop the robot by its emergency stop.'
       : may ? 'Esc stops and Space holds, whatever is selected; R resumes, G starts.' : mayStop ? refused
@@ -255,6 +262,7 @@
     });
     if (name === 'runs') Runs.list();
     if (name === 'robot') RobotFile.open();
+    if (name === 'setup' || name === 'pick') Steps.open();
   };
   document.querySelectorAll('[data-tab]').forEach(b => b.addEventListener('click', () => tab(b.dataset.tab)));
   Scene.bind($('scene')); Scene.theme();

@@ -2,7 +2,7 @@
 // The robot in three dimensions on a 2-D canvas: few lines, drawn back to front.
 const Scene = (() => {
   const home = { yaw: 0.55, pitch: 0.4, zoom: 1.12 };
-  let eye = { ...home }, robot = null, plan = [], next = [], trace = [], picked = null, pose = null, live = null, dirty = true, drag = null;
+  let eye = { ...home }, robot = null, plan = [], next = [], things = [], trace = [], picked = null, pose = null, live = null, dirty = true, drag = null;
   // What the robot does now; it is drawn unless a recorded run is.
   const now = { plan: [], trace: [], pose: null, live: null };
   let past = null;
@@ -120,6 +120,13 @@ const Scene = (() => {
     line(next, colors.accent, 2.5, [2 * scale, 5 * scale]);
     if (next.length) dotAt(next[next.length - 1], 0.008, colors.accent);
     line(trace, colors.trace, 2.5);
+    const farness = t => t.points && t.fill ? t.points.reduce((s, p) => s + project(p)[2], 0) / t.points.length : -1e9;
+    // The first face is what the others stand on.
+    [...things.slice(0, 1), ...things.slice(1).sort((a, b) => farness(b) - farness(a))].forEach(t => {
+      if (t.dot) dotAt(t.dot, 0.004, colors[t.line]);
+      else if (t.fill) face(t.points, colors[t.fill], colors[t.line]);
+      else line(t.points, colors[t.line], t.width || 2);
+    });
     if (!pose) { anchors.forEach(a => dotAt(a, 0.01, colors.dim)); return; }
     const at = m => add(pose.position_m, turn(pose.rotation_xyzw, m));
     // Shadow of the tool on the floor.
@@ -242,6 +249,8 @@ const Scene = (() => {
     // What to do with a drag instead of turning the drawing, if `begin` takes it.
     onDrag(then) { drag = then; },
     pointAt, project: p => project(p).slice(0, 2).map(v => v / (window.devicePixelRatio || 1)),
+    // Lines, faces and dots of a task: points or dot, line and fill by the name of a colour, closed, width.
+    setThings(list) { things = list; dirty = true; },
     setNext(points) { next = points; dirty = true; },
     setPlan(points) { now.plan = points; now.trace = []; drawn(); },
     setLive(message) {

@@ -72,7 +72,7 @@ const Work = (() => {
   // Every button that cannot act says why.
   function set(id, reason) { const b = $(id); b.disabled = !!reason; if (!b.dataset.title) b.dataset.title = b.title || ' '; b.title = reason || b.dataset.title.trim(); }
   function buttons() {
-    const no = may ? '' : why;
+    const no = may ? Steps.busy : why;
     for (const id of ['task-plan', 'task-open', 'text-plan', 'text-save', 'to-plan', 'to-home', 'to-pick', 'plan-forget', 'grip-open', 'grip-close']) set(id, no);
     set('task-edit', no || (isFile() ? '' : 'a built-in task has no text'));
     set('teach', no || (here() ? '' : 'the place of the tool is not known'));

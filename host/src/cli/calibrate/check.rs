@@ -55,9 +55,10 @@ impl Cmd {
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
         // The pictures only decide how far the check goes.
         let built = Mismatch::as_built();
-        let work = Work::new("calibrate-check", Doing::Orders, built, &model);
+        let handle = Handle::new();
+        let work = Work::new("calibrate-check", Doing::Orders, built, &model).with_orders(&handle);
         let (all, folder) = on_record(common, &work, |record| {
-            self.look(common, &model, &calibrated, record)
+            self.look(common, &model, &calibrated, record, &handle)
         })?;
         eprintln!("run folder: {}", folder.path().display());
         let last = all.last().copied().unwrap_or(Finding::Holds);
@@ -90,8 +91,8 @@ impl Cmd {
         model: &Model,
         calibrated: &Calibrated,
         record: &OnRecord<'_>,
+        handle: &Handle,
     ) -> miette::Result<Vec<Finding>> {
-        let handle = Handle::new();
         let mut tags: Option<Box<dyn TagSource>> = None;
         let (link, homing) = if common.on == "sim" {
             self.eye.refused_on_simulator("--camera")?;
@@ -104,14 +105,13 @@ impl Cmd {
             let home = Homing::Lengths(calibrated.home_lengths_m.clone());
             (record.simulated(link), home)
         } else {
-            if let Some(seen) = self.eye.tags(model.robot())? {
+            if let Some(seen) = self.eye.tags(model.robot(), &common.page)? {
                 tags = Some(Box::new(seen));
             }
             let link = common.open_port().map_err(ClientError::from)?;
             (record.line(link), Homing::Known)
         };
-        let mut session =
-            Session::open(model, link, record.session, &handle, homing, &LengthFiles)?;
+        let mut session = Session::open(model, link, record.session, handle, homing, &LengthFiles)?;
         let error_m = calibrated.predicted_error_m.unwrap_or(1e-3);
         let sigmas = Sigmas::calibrated(error_m, self.friction, calibrated.covariance.is_some());
         let mut source = tags.as_mut().map(|source| source as &mut dyn TagSource);

@@ -143,7 +143,7 @@ impl How {
             let tags = SimulatedTags::new(link.clone(), scene, self.corner_px, common.seed);
             (Some(link), Box::new(tags) as Box<dyn TagSource>)
         } else {
-            let Some(tags) = self.eye.tags(&robot)? else {
+            let Some(tags) = self.eye.tags(&robot, &common.page)? else {
                 return Err(Failed::from_error("calibrate collect")(format!(
                     "on {} the pictures of the tags come from a camera: name it with --camera; data \
                      from elsewhere are solved by `mcdpr calibrate all --data FILE`",
@@ -167,7 +167,8 @@ impl How {
         let _listening = crate::cli::orders::listen(common, &options.orders)?;
         let mut keeper = Keeper::start(path.to_owned())?;
         // The pictures only changed the choice of poses.
-        let work = Work::new("collect", Doing::Orders, mismatch, &model);
+        let orders = options.orders.clone();
+        let work = Work::new("collect", Doing::Orders, mismatch, &model).with_orders(&orders);
         let (data, folder) = on_record(common, &work, |record| {
             let line = match link {
                 Some(link) => record.simulated(link),

@@ -127,6 +127,7 @@ impl Cmd {
             mismatch: Mismatch::realistic(),
             cables: robot.cables.len(),
             model: None,
+            orders: None,
         };
         let (readings, _) = on_record(common, &about, |record| {
             if common.on != "sim" {

@@ -1,5 +1,6 @@
 //! Picking with a robot on a port and a real camera.
 
+use super::board::Board;
 use super::{Cmd, seen, table};
 use crate::cli::recorded::{About, Recorded};
 use crate::cli::{Common, Failed, Outcome, print_json};
@@ -9,7 +10,7 @@ use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::pick::study::planning;
 use crate::pick::{
-    Arm, Choice, Options, Outcome as Came, PickError, Picker, Report, Watcher, workcell,
+    Arm, Choice, News, Options, Outcome as Came, PickError, Picker, Report, Watcher, workcell,
 };
 use crate::record::{Doing, TaskSource, Watched};
 use crate::recovery::load;
@@ -69,14 +70,17 @@ impl Cmd {
             mismatch: &Mismatch::default(),
             doing: Doing::Pictures,
             at_home: false,
+            orders: Some(&handle),
         };
         let session = about.session;
         let hash = crate::recovery::task_hash(&about.task);
-        let mut recorded = Recorded::start(common, Some(&model), about)?;
-        let page = self
-            .serve
-            .map(|port| crate::cli::run::page(port, &model, &handle, &mut recorded, common))
-            .transpose()?;
+        let recorded = Recorded::start(common, Some(&model), about)?;
+        let board = recorded.feed().map(Board::new);
+        let tell = |news: &News| {
+            if let Some(board) = &board {
+                board.take(news);
+            }
+        };
         let mut picked = || -> Result<Report, PickError> {
             let port = common.open_port().map_err(ClientError::from);
             let port = port.map_err(RunError::from)?;
@@ -89,7 +93,8 @@ impl Cmd {
                 let arm = Arm::start(model.clone(), line, session, &handle)?;
                 (arm, None)
             };
-            let mut picker = Picker::new(&mut arm, &mut eye, detector.as_mut(), &options);
+            let mut picker = Picker::new(&mut arm, &mut eye, detector.as_mut(), &options)
+                .telling(board.is_some().then_some(&tell));
             let done = match was_closed {
                 Some(was_closed) => picker.resume(was_closed, &mut Nobody),
                 None => picker.run(&mut Nobody),
@@ -108,7 +113,6 @@ impl Cmd {
             }
         };
         let outcome = picked();
-        drop(page);
         let folder = recorded.finish();
         if let Ok(report) = &outcome
             && let Err(error) = folder.write_json("summary.json", report)

@@ -113,6 +113,7 @@ impl Node<'_> {
             mismatch: &mismatch,
             doing: Doing::Orders,
             at_home,
+            orders: None,
         };
         Recorded::start(self.common, Some(self.model), about)
     }

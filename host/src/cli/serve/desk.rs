@@ -4,6 +4,7 @@ use super::history::History;
 use super::library::Library;
 use super::planning::{Chosen, Planning};
 use super::robot_file::RobotFile;
+use super::steps::Steps;
 use crate::control::{Handle, Order};
 use crate::motion::Model;
 use crate::serve::{Desk, Feed};
@@ -38,7 +39,20 @@ pub(crate) struct Work {
     pub(crate) planning: Planning,
     pub(crate) history: History,
     pub(crate) robot_file: RobotFile,
+    pub(crate) steps: Steps,
 }
+
+/// Orders that are possible while a step has the robot: they move nothing.
+const BESIDE_A_STEP: &[&str] = &[
+    "tasks",
+    "task_read",
+    "task_save",
+    "forget",
+    "robot_read",
+    "robot_check",
+    "step_line",
+    "step_answer",
+];
 
 impl PageDesk {
     /// The page does not wait for a jog either: it is repeated as long as its button is held.
@@ -61,6 +75,32 @@ impl PageDesk {
 }
 
 impl Work {
+    /// What the robot does, if something other than a step is in progress or about to begin.
+    fn in_progress(&self) -> Option<String> {
+        let live = self.feed.now().0;
+        let about = self.start.load(Ordering::SeqCst);
+        if live.is_busy() {
+            return Some(live.task);
+        }
+        about.then(|| "a task".to_owned())
+    }
+
+    /// An order while a step has the robot; `None`: as without a step.
+    fn beside_a_step(&self, name: &str, message: &Value) -> Option<Result<Value, String>> {
+        let step = self.steps.busy()?;
+        match name {
+            "hold" | "resume" | "clear" | "gripper" => {
+                let mut order = json!({ "order": name });
+                order["closed"] = message["closed"].clone();
+                Some(self.steps.pass(&order).map(|()| Value::Null))
+            }
+            // A step that only waits for the robot is cancelled, and the robot stopped.
+            "stop" => self.steps.stop().then_some(Ok(Value::Null)),
+            name if BESIDE_A_STEP.contains(&name) => None,
+            _ => Some(Err(format!("{step} is under way: stop it first"))),
+        }
+    }
+
     fn start(&self, message: &Value) -> Result<(), String> {
         let live = self.feed.now().0;
         if live.is_busy() {
@@ -101,6 +141,14 @@ impl Work {
                 let number = self.planning.ask(self.wanted(message)?);
                 Ok(json!({ "plan": number }))
             }
+            "step_line"
+            | "step_run"
+            | "step_answer"
+            | "calibration_accept"
+            | "calibration_discard"
+            | "calibration_back" => self
+                .steps
+                .order(name, message, self.in_progress().as_deref()),
             "robot_read" => self.robot_file.read(),
             "robot_check" => self.robot_file.check(text(message, "text")?),
             "robot_save" => {
@@ -125,6 +173,11 @@ impl Work {
 
 impl Desk for PageDesk {
     fn order(&self, name: &str, message: &Value) -> Result<Value, String> {
+        if let Some(work) = &self.work
+            && let Some(outcome) = work.beside_a_step(name, message)
+        {
+            return outcome;
+        }
         let ticket = match name {
             "stop" => {
                 if let Some(work) = &self.work {
@@ -163,6 +216,12 @@ impl Desk for PageDesk {
                 "robot_read",
                 "robot_check",
                 "robot_save",
+                "step_line",
+                "step_run",
+                "step_answer",
+                "calibration_accept",
+                "calibration_discard",
+                "calibration_back",
             ]);
         }
         orders

@@ -2,10 +2,10 @@
 
 use super::Picker;
 use crate::link::Link;
-use crate::pick::PickError;
 use crate::pick::choose::{Choices, choose};
 use crate::pick::mat::MatSight;
 use crate::pick::task::{CALM_S, Watcher};
+use crate::pick::{Phase, PickError};
 use crate::sight::{GraspMark, Shown};
 use mcdpr_vision::grasp::{Area, Closing, HeightMap, NoGrasp, Wanted};
 use mcdpr_vision::{Aligned, align};
@@ -39,6 +39,7 @@ impl<L: Link> Picker<'_, L> {
         let by_mat = self.platform_by_mat(&frame.color, &by_lengths)?;
         self.sights.push(by_mat.map(|by_mat| by_mat.sight));
         let world_from_platform = by_mat.map_or(by_lengths, |by_mat| by_mat.world_from_platform);
+        self.begins(Phase::Choosing);
         let picture = self.arm.meanwhile(|_| align(&frame))?;
         let robot = self.arm.model().robot();
         let platform_from_camera = Isometry3::from(robot.camera.camera_from_platform).inverse();
