@@ -51,11 +51,14 @@ pub fn built_in(name: &str) -> Option<&'static str> {
 
 impl Settings {
     /// Changed by a message: `robot` (the name of a built-in one), `text`, `name`, `seed`, `exact`,
-    /// `tool_mm`; what it does not have stays.
+    /// `tool_mm`; what it does not have stays. `damaged` says that it could not be read.
     ///
     /// # Errors
     /// What is wrong with it, in words.
     pub fn changed(&self, message: &Value) -> Result<Self, String> {
+        if message["damaged"] == json!(true) {
+            return Err("the link to this page is damaged: it was ignored".to_owned());
+        }
         let mut new = self.clone();
         if let Some(name) = message["robot"].as_str() {
             let text = built_in(name).ok_or_else(|| {

@@ -69,6 +69,8 @@ pub fn run(host: &dyn Host, clock_s: fn() -> f64) {
             Ok(stage) => {
                 if let Some(reason) = refused.take() {
                     stage.feed.set_trouble(&reason);
+                    // A start would remove the reason.
+                    stage.start.store(false, Ordering::SeqCst);
                 }
                 stage.play();
                 if let Some(next) = stage.next.take() {

@@ -40,8 +40,10 @@ impl Host for Script {
         self.now_ms.set(self.now_ms.get() + ms.max(1.0));
         assert!(
             self.now_ms.get() < 120_000.0,
-            "waited in vain for {:?}",
-            self.steps.borrow().front()
+            "waited in vain for {:?}; the robot was {:?}; last answer {:?}",
+            self.steps.borrow().front(),
+            self.states.borrow(),
+            self.answers.borrow().last()
         );
     }
 
@@ -101,10 +103,10 @@ fn a_robot_moves_stops_plans_refuses_and_makes_room_for_another() {
         ("Disarmed", json!({ "order": "start", "plan": 1 })),
         (
             "Disarmed",
-            json!({ "order": "plan", "to_mm": [10, 0, -150] }),
+            json!({ "order": "plan", "to_mm": [300, 0, -200] }),
         ),
         ("Disarmed", json!({ "order": "start", "plan": 2 })),
-        ("Holding", json!({ "order": "nothing" })),
+        ("Moving", json!({ "order": "nothing" })),
         (
             "Disarmed",
             json!({ "order": "sim_restart", "robot": "none" }),

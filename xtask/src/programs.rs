@@ -7,7 +7,14 @@ use std::sync::Mutex;
 use std::sync::mpsc;
 
 /// Programs that measure reaction times: nothing runs beside them. They come last.
-const ALONE: [&str; 4] = ["page", "cockpit", "cockpit_runs", "cockpit_setup"];
+const ALONE: [&str; 6] = [
+    "page",
+    "cockpit",
+    "cockpit_runs",
+    "cockpit_charts",
+    "cockpit_setup",
+    "playground",
+];
 /// Programs that take longest: they begin first, so that none of them is left at the end.
 const LONG: [&str; 6] = [
     "camera",
