@@ -17,7 +17,7 @@ use mcdpr::record::{
 };
 use mcdpr::replay::replay;
 use mcdpr::robot::Robot;
-use mcdpr::serve::{CameraWatcher, Desk, Feed, FeedWatcher, Server};
+use mcdpr::serve::{CameraWatcher, Desk, FeedWatcher, Server};
 use std::io::Write as _;
 use std::net::TcpStream;
 use std::sync::{Arc, Mutex};
@@ -116,7 +116,7 @@ fn processor_s() -> f64 {
 
 /// Share of a core while one viewer looks on for some seconds, and pictures a second.
 fn page(model: &Model, all: &[RunEvent], with_camera: bool) -> (f64, f64) {
-    let feed = Feed::default();
+    let feed = mcdpr::serve::feed();
     let server = Server::start(0, None, model.robot(), feed.clone(), Arc::new(NoOrders)).unwrap();
     let stream = TcpStream::connect(("127.0.0.1", server.port())).unwrap();
     let address = format!("ws://127.0.0.1:{}/ws", server.port());

@@ -7,15 +7,11 @@
 //! | module | what it is for |
 //! |---|---|
 //! | [`settings`] | which robot is simulated, and where it hangs |
-//! | [`stage`] | a robot and its orders |
-//! | `desk` | executes the page's orders |
-//! | `paced` | the line to the robot, which keeps pace with the clock |
+//! | [`stage`] | a robot, the page's orders to it, and its line, which keeps pace with the clock |
 //! | `browser` | the functions that a browser calls, and those that it supplies |
 
 #[cfg(target_arch = "wasm32")]
 mod browser;
-mod desk;
-mod paced;
 pub mod settings;
 pub mod stage;
 

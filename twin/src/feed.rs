@@ -225,7 +225,7 @@ impl Feed {
 
     /// The plan, if it has another number than this.
     #[must_use]
-    pub fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
+    pub(crate) fn plan_after(&self, number: u64) -> Option<(u64, Arc<PlanNote>)> {
         let inner = self.lock();
         let plan = inner.plan.as_ref().filter(|_| inner.plans != number)?;
         Some((inner.plans, Arc::clone(plan)))
@@ -290,7 +290,7 @@ impl Feed {
 
     /// Lines of the log after this number.
     #[must_use]
-    pub fn log_after(&self, number: u64) -> Vec<LogLine> {
+    pub(crate) fn log_after(&self, number: u64) -> Vec<LogLine> {
         let inner = self.lock();
         let new = inner.log.iter().filter(|line| line.number > number);
         new.cloned().collect()

@@ -16,7 +16,7 @@
 //! | [`attend`] | waiting for orders to an idle robot, and jogging |
 //! | [`fingerprint`](mod@fingerprint) | a hash of everything in a simulated run |
 //! | [`asked`], [`preview`] | orders of the page that ask for a plan; what a plan would do |
-//! | [`page`](mod@page) | the live page |
+//! | [`page()`] | the live page |
 
 pub mod asked;
 pub mod attend;

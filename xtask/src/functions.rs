@@ -4,7 +4,7 @@ use crate::source::{code, is_test, sources, words};
 use std::path::Path;
 
 /// Folders whose functions are measured.
-const CRATES: [&str; 11] = [
+const CRATES: [&str; 13] = [
     "protocol",
     "kinematics",
     "vision",
@@ -13,6 +13,8 @@ const CRATES: [&str; 11] = [
     "firmware",
     "simulator",
     "emulator",
+    "twin",
+    "playground",
     "host",
     "python",
     "xtask",

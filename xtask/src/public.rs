@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Libraries, and folders in the workspace that may name their items.
-const CRATES: [&str; 11] = [
+const CRATES: [&str; 13] = [
     "protocol",
     "kinematics",
     "vision",
@@ -21,6 +21,8 @@ const CRATES: [&str; 11] = [
     "firmware",
     "simulator",
     "emulator",
+    "twin",
+    "playground",
     "host",
     "python",
     "tests",

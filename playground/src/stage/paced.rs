@@ -1,6 +1,6 @@
 //! The line to the simulated robot, which keeps pace with the page's clock.
 
-use crate::stage::Stage;
+use super::Stage;
 use mcdpr_core::link::{Link, LinkError, Note};
 use std::cell::Cell;
 

@@ -1,6 +1,8 @@
 //! A simulated robot, and the page's orders to it.
 
-use crate::paced::{Pace, Paced};
+mod desk;
+mod paced;
+
 use crate::{Host, Settings};
 use mcdpr_core::control::Handle;
 use mcdpr_core::motion::{FITTING, Model, PAPER_HEIGHT_M, Task};
@@ -14,6 +16,7 @@ use mcdpr_twin::feed::describe;
 use mcdpr_twin::line::{SimulatedLink, plant_failed};
 use mcdpr_twin::viewer::{Message, Viewer};
 use mcdpr_twin::{Feed, FeedWatcher, RunEvent, Sink, TruthTap, Watched, Watcher as _};
+use paced::{Pace, Paced};
 use serde_json::{Value, json};
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
@@ -145,7 +148,7 @@ impl<'a> Stage<'a> {
             settings,
             model,
         };
-        let mut hello = Viewer::hello(&describe(stage.model.robot()), &crate::desk::ORDERS);
+        let mut hello = Viewer::hello(&describe(stage.model.robot()), &desk::ORDERS);
         hello["playground"] = stage.settings.message();
         hello["robots"] = json!(BUILT_IN.iter().map(|(name, _)| name).collect::<Vec<_>>());
         stage.deliver(&hello);

@@ -1,7 +1,7 @@
 //! The page's orders.
 
+use super::{Stage, named};
 use crate::Settings;
-use crate::stage::{Stage, named};
 use mcdpr_core::control::Order;
 use mcdpr_core::motion::{BUILT_IN, Task};
 use mcdpr_core::robot;
