@@ -145,11 +145,11 @@ impl Injection {
     /// board's. Without a duration it stays away.
     ///
     /// ```
-    /// use mcdpr::scenario::{Injection, When};
+    /// use mcdpr_twin::faults::{Injection, When};
     /// let stuck = Injection::parse("S2:3@1500ms", 4)?;
     /// assert_eq!((stuck.fault.name(), stuck.cable), ("S2", 2));
     /// assert_eq!(stuck.when, When::Motion(1.5));
-    /// # Ok::<(), mcdpr::scenario::ScenarioError>(())
+    /// # Ok::<(), mcdpr_twin::faults::ScenarioError>(())
     /// ```
     ///
     /// # Errors
