@@ -45,10 +45,5 @@ fn load(name: &str) -> Result<Task, TaskError> {
         }
         Err(source) => return Err(TaskError::Unreadable { path, source }),
     };
-    let kind = path.extension().and_then(|kind| kind.to_str());
-    let kind = kind.map(str::to_ascii_lowercase);
-    if matches!(kind.as_deref(), Some("gcode" | "nc" | "ngc" | "g")) {
-        return Task::parse_gcode(&text, path);
-    }
-    Task::parse(&text, path)
+    Task::parse_file(&text, path)
 }

@@ -1,7 +1,7 @@
-//! Elementary functions that give the same bits on every machine, and the arc-tangent of the hot path.
+//! Elementary functions that do not depend on the system's C library, and the arc-tangent of the hot path.
 //!
 //! The C library's functions differ between systems, versions and processors in the last bit; libm's are
-//! plain Rust. So a seed means the same run everywhere, also in a browser.
+//! plain Rust. So a seed means the same run in the program and in a browser.
 
 pub(crate) use libm::{asinh, atan2, cosh, log as ln, sincos as sin_cos, sinh};
 

@@ -4,7 +4,6 @@ use mcdpr_core::motion::Model;
 use mcdpr_core::robot::{BUILT_IN, BuiltInModules, Robot};
 use mcdpr_twin::asked::three;
 use mcdpr_twin::plant::Mismatch;
-use miette::Diagnostic as _;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
@@ -95,12 +94,7 @@ impl Settings {
     /// # Errors
     /// Every mistake in the robot file, in words.
     pub fn robot(&self) -> Result<Robot, String> {
-        Robot::parse(&self.text, &self.name, &BuiltInModules).map_err(|error| {
-            let others = error.related().into_iter().flatten();
-            let others = others.map(ToString::to_string);
-            let problems = std::iter::once(error.to_string()).chain(others);
-            problems.collect::<Vec<_>>().join("\n")
-        })
+        Robot::parse(&self.text, &self.name, &BuiltInModules).map_err(|error| error.plain_words())
     }
 
     /// Its model.

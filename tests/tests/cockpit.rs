@@ -4,7 +4,7 @@
 
 mod browser;
 
-use browser::{Browser, Page, Serve};
+use browser::{Browser, Page, Serve, distance_mm, tool_mm};
 use mcdpr_tests::process::{Folder, alone};
 use std::time::Duration;
 
@@ -29,15 +29,6 @@ fn at_work(browser: &mut Browser, serve: &Serve) -> Page {
     );
     wait(&mut page, IDLE);
     page
-}
-
-fn tool_mm(page: &mut Page) -> [f64; 3] {
-    [0, 1, 2].map(|axis| page.number(&format!("mcdpr.live.pose.tool_m[{axis}] * 1e3")))
-}
-
-fn distance_mm(a: [f64; 3], b: [f64; 3]) -> f64 {
-    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
-    squares.sum::<f64>().sqrt()
 }
 
 /// Starts the plan that is shown, and waits until the robot is parked again.

@@ -4,7 +4,7 @@
 
 mod browser;
 
-use browser::{Browser, Page};
+use browser::{Browser, Page, distance_mm, tool_mm};
 use mcdpr_tests::mcdpr;
 use mcdpr_tests::process::alone;
 use serde_json::Value;
@@ -38,15 +38,6 @@ fn open(browser: &mut Browser, hash: &str) -> Page {
     let mut page = browser.open(&format!("{}{hash}", address()));
     wait(&mut page, "mcdpr.may && mcdpr.live && mcdpr.live.pose");
     page
-}
-
-fn tool_mm(page: &mut Page) -> [f64; 3] {
-    [0, 1, 2].map(|axis| page.number(&format!("mcdpr.live.pose.tool_m[{axis}] * 1e3")))
-}
-
-fn distance_mm(a: [f64; 3], b: [f64; 3]) -> f64 {
-    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
-    squares.sum::<f64>().sqrt()
 }
 
 fn stop(page: &mut Page) {

@@ -16,6 +16,7 @@
 //! | [`attend`] | waiting for orders to an idle robot, and jogging |
 //! | [`fingerprint`](mod@fingerprint) | a hash of everything in a simulated run |
 //! | [`asked`], [`preview`] | orders of the page that ask for a plan; what a plan would do |
+//! | [`plans`] | what Start begins |
 //! | [`page()`] | the live page |
 
 pub mod asked;
@@ -28,6 +29,7 @@ pub mod fingerprint;
 pub mod line;
 pub mod notices;
 mod page;
+pub mod plans;
 pub mod plant;
 pub mod preview;
 pub mod viewer;

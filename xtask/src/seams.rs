@@ -7,6 +7,9 @@
 //! Some crates must also run where there is no operating system. That they compile there is not
 //! enough, since the standard library has files and clocks that only fail when they are used: their
 //! code must not name them.
+//!
+//! What simulates must give the same bits in the program and in a browser, so it must not call the
+//! standard library's elementary functions, which are those of the system.
 
 use crate::source::{code, is_name, is_test, sources, words};
 use std::collections::{BTreeMap, BTreeSet};
@@ -39,6 +42,20 @@ const SYSTEM: [&str; 5] = ["env", "fs", "net", "process", "thread"];
 /// The same of `std::time`.
 const CLOCKS: [&str; 3] = ["Instant", "SystemTime", "*"];
 
+/// Where the modules of crates are whose numbers must not depend on the system.
+const SAME_BITS: [&str; 5] = [
+    "kinematics/src",
+    "core/src",
+    "simulator/src",
+    "twin/src",
+    "playground/src",
+];
+/// The standard library's functions whose last bits differ from system to system.
+const ELEMENTARY: [&str; 22] = [
+    "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
+    "asinh", "acosh", "atanh", "exp", "exp2", "exp_m1", "ln", "ln_1p", "powf", "cbrt", "hypot",
+];
+
 /// Which files of a module use which other module, by the module that uses and the one that is used.
 type Ties = BTreeMap<String, BTreeMap<String, BTreeSet<String>>>;
 
@@ -64,6 +81,19 @@ pub(crate) fn check() -> Result<(), String> {
             if !is_test(&path) && !used.is_empty() {
                 wrong.push(format!(
                     "seams: {name}/{} uses {}: what needs an operating system comes in as an argument",
+                    path.display(),
+                    used.join(", ")
+                ));
+            }
+        }
+    }
+    for name in SAME_BITS {
+        for (path, text) in sources(Path::new(name))? {
+            let used = elementary(&code(&text));
+            if !is_test(&path) && !used.is_empty() {
+                wrong.push(format!(
+                    "seams: {name}/{} calls {} of the standard library: take it from libm, whose bits are \
+                     the same everywhere",
                     path.display(),
                     used.join(", ")
                 ));
@@ -112,6 +142,20 @@ fn system_parts(code: &str) -> Vec<String> {
     used.sort();
     used.dedup();
     used
+}
+
+/// Elementary functions that code calls as methods or by their type.
+fn elementary(code: &str) -> Vec<String> {
+    let words = words(code);
+    let calls = words.windows(3).filter_map(|three| match three {
+        [dot, name, open] if dot == "." && open == "(" => Some(name),
+        [kind, colons, name] if (kind == "f64" || kind == "f32") && colons == "::" => Some(name),
+        _ => None,
+    });
+    let used: BTreeSet<_> = calls
+        .filter(|name| ELEMENTARY.contains(&name.as_str()))
+        .collect();
+    used.into_iter().cloned().collect()
 }
 
 /// The ties between the modules under a `src` folder.
@@ -345,6 +389,14 @@ mod tests {
             .into_iter()
             .collect();
         assert_eq!(used, ["counted"]);
+    }
+
+    #[test]
+    fn elementary_functions_of_the_system_are_found_and_those_of_libm_are_not() {
+        let text = "#[cfg(test)] mod tests { fn f() { 1f64.tan(); } }\n\
+                    // x.cos()\n\
+                    fn f(x: f64, a: Angle) -> f64 { libm::sin(x) + x.ln() + a.sin + [x].map(f64::exp)[0] }";
+        assert_eq!(elementary(&code(text)), ["exp", "ln"]);
     }
 
     #[test]

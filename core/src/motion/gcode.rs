@@ -11,6 +11,20 @@ use super::plan::MOST_STEPS;
 use super::timed::Step;
 use nalgebra::Vector3;
 
+/// Endings of G-code files' names, without the dot, in lower case.
+pub const GCODE_ENDINGS: [&str; 4] = ["gcode", "nc", "ngc", "g"];
+
+/// Whether a file with this name holds G-code.
+#[must_use]
+pub fn is_gcode(path: &std::path::Path) -> bool {
+    let ending = path.extension().and_then(|ending| ending.to_str());
+    ending.is_some_and(|ending| {
+        GCODE_ENDINGS
+            .iter()
+            .any(|known| known.eq_ignore_ascii_case(ending))
+    })
+}
+
 /// The part of a program that is not understood, and where it is.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct GCodeError {

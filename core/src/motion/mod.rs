@@ -27,6 +27,7 @@ mod verdict;
 mod wire;
 
 pub use fitting::{PAPER, PAPER_HEIGHT_M};
+pub use gcode::{GCODE_ENDINGS, is_gcode};
 pub use margin::Margin;
 pub use model::{Model, StaticState};
 pub use options::{PlanOptions, Planner, Shaping, Tensioning};

@@ -93,7 +93,7 @@ impl Shaper {
             across += share * sin;
             along += share * cos;
         }
-        f64::hypot(across, along)
+        libm::hypot(across, along)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Tasks: motions of the tool, by name or from a file.
 
-use super::gcode;
+use super::gcode::{self, is_gcode};
 use super::path::{LEAST_LENGTH_M, Path, PathError, Piece};
 use super::plan::{MOST_STEPS, PlanError};
 use super::timed::Step;
@@ -292,7 +292,18 @@ impl Task {
         }
     }
 
-    /// Reads a task from the text of a file; `path` names it in messages.
+    /// Reads a task from the text of the file at `path`: G-code where [`is_gcode`] says so, TOML otherwise.
+    ///
+    /// # Errors
+    /// As [`Self::parse_gcode`] and [`Self::parse`].
+    pub fn parse_file(text: &str, path: PathBuf) -> Result<Self, TaskError> {
+        if is_gcode(&path) {
+            return Self::parse_gcode(text, path);
+        }
+        Self::parse(text, path)
+    }
+
+    /// Reads a task from the text of a TOML file; `path` names it in messages.
     ///
     /// # Errors
     /// [`TaskError::Malformed`], [`TaskError::BadLeg`].

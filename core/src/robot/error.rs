@@ -111,6 +111,17 @@ impl RobotError {
     }
 }
 
+impl RobotError {
+    /// Every problem, a line each, without colours or excerpts of the file.
+    #[must_use]
+    pub fn plain_words(&self) -> String {
+        let others = self.related().into_iter().flatten();
+        let others = others.map(ToString::to_string);
+        let problems = std::iter::once(self.to_string()).chain(others);
+        problems.collect::<Vec<_>>().join("\n")
+    }
+}
+
 impl Diagnostic for RobotError {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
         match self {

@@ -7,7 +7,7 @@ use mcdpr_core::motion::{BUILT_IN, Task};
 use mcdpr_core::robot;
 use mcdpr_protocol::FaultId;
 use mcdpr_twin::asked::{Asked, asked, jog_mps, text, three};
-use mcdpr_twin::faults::{How, Injection, When, how};
+use mcdpr_twin::faults::{How, Injection, Scenario, When, how};
 use mcdpr_twin::fingerprint::fingerprint;
 use serde_json::{Value, json};
 use std::sync::atomic::Ordering;
@@ -98,8 +98,7 @@ impl Stage<'_> {
             }
             "plan" => self.plan(message),
             "forget" => {
-                let mut plan = self.plan.borrow_mut();
-                *plan = (plan.0 + 1, None);
+                self.plans.borrow_mut().forget();
                 let nothing = json!({ "type": "preview", "id": null });
                 self.feed.set_preview(nothing);
                 done
@@ -128,15 +127,7 @@ impl Stage<'_> {
         if live.is_busy() {
             return Err(format!("{} is under way: stop it first", live.task));
         }
-        let plan = self.plan.borrow();
-        if let Some(number) = message["plan"].as_u64() {
-            if number != plan.0 {
-                return Err("another plan has taken its place: plan it again".to_owned());
-            }
-            let task = plan.1.clone();
-            let task = task.ok_or("the plan breaks a limit: discard it, or plan another")?;
-            *self.begun.borrow_mut() = (task, false);
-        }
+        self.plans.borrow_mut().begin(message["plan"].as_u64())?;
         self.start.store(true, Ordering::SeqCst);
         Ok(())
     }
@@ -175,10 +166,10 @@ impl Stage<'_> {
             Asked::Text { name, text } => parse(&name, &text)?,
             Asked::Named(name) => self.named(&name)?,
         };
-        let number = self.plan.borrow().0 + 1;
+        let mut plans = self.plans.borrow_mut();
+        let number = plans.ask(task.clone());
         let about = mcdpr_twin::preview::message(&self.model, &self.feed, &task, number);
-        let allowed = about["ok"] == json!(true);
-        *self.plan.borrow_mut() = (number, allowed.then_some(task));
+        plans.settle(number, about["ok"] == json!(true));
         self.feed.set_preview(about);
         Ok(json!({ "plan": number }))
     }
@@ -218,7 +209,11 @@ impl Stage<'_> {
             "sim_inject" => {
                 let cables = self.model.robot().cables.len();
                 let word = text(message, "fault")?;
-                let injection = Injection::parse(word, cables).map_err(|e| e.to_string())?;
+                let words = [word.to_owned()];
+                let scenario = Scenario::from_words(&words, cables).map_err(|e| e.to_string())?;
+                let robot = self.model.robot();
+                scenario.suits(robot).map_err(|e| e.to_string())?;
+                let injection = scenario.injections[0];
                 let at_once = matches!(injection.when, When::Motion(at_s) if at_s == 0.0);
                 self.link.add(Injection {
                     when: if at_once { When::Start } else { injection.when },
@@ -282,12 +277,5 @@ fn faults() -> Value {
 }
 
 fn parse(name: &str, text: &str) -> Result<Task, String> {
-    let gcode = ["gcode", "nc", "ngc", "g"];
-    let ending = name.rsplit('.').next().unwrap_or_default();
-    let task = if gcode.contains(&ending.to_ascii_lowercase().as_str()) {
-        Task::parse_gcode(text, name.into())
-    } else {
-        Task::parse(text, name.into())
-    };
-    task.map_err(|error| error.to_string())
+    Task::parse_file(text, name.into()).map_err(|error| error.to_string())
 }

@@ -14,6 +14,7 @@ use mcdpr_twin::attend::{Attendant, Wanted};
 use mcdpr_twin::faults::FaultyLink;
 use mcdpr_twin::feed::describe;
 use mcdpr_twin::line::{SimulatedLink, plant_failed};
+use mcdpr_twin::plans::Plans;
 use mcdpr_twin::viewer::{Message, Viewer};
 use mcdpr_twin::{Feed, FeedWatcher, RunEvent, Sink, TruthTap, Watched, Watcher as _};
 use paced::{Pace, Paced};
@@ -36,10 +37,9 @@ pub struct Stage<'a> {
     pub(crate) link: FaultyLink,
     pub(crate) plant: SimulatedLink,
     pub(crate) pace: Pace,
-    /// The latest plan: its number, and the task if it is within every limit.
-    pub(crate) plan: RefCell<(u64, Option<Task>)>,
-    /// The task that Start begins, and whether it is the first one, which is repeated.
-    pub(crate) begun: RefCell<(Task, bool)>,
+    pub(crate) plans: RefCell<Plans<Task>>,
+    /// The task that is repeated as long as no plan is started.
+    own: Task,
     pub(crate) files: &'a RefCell<BTreeMap<String, String>>,
     /// The next robot's settings, as soon as this one is to go.
     pub(crate) next: RefCell<Option<Settings>>,
@@ -130,7 +130,7 @@ impl<'a> Stage<'a> {
         let simulation = Simulation::new(plant, &LinkOptions::default(), seed)
             .map_err(|error| plant_failed(error).to_string())?;
         let plant = SimulatedLink::new(simulation);
-        let task = named(&model, Task::fitting_name(&model))?;
+        let own = named(&model, Task::fitting_name(&model))?;
         let stage = Self {
             host,
             feed: Feed::new(clock_s),
@@ -139,8 +139,8 @@ impl<'a> Stage<'a> {
             link: FaultyLink::new(plant.clone(), &[]),
             plant,
             pace: Pace::default(),
-            plan: RefCell::new((0, None)),
-            begun: RefCell::new((task, true)),
+            plans: RefCell::default(),
+            own,
             files,
             next: RefCell::default(),
             viewer: RefCell::default(),
@@ -251,7 +251,9 @@ impl<'a> Stage<'a> {
                 done.map(|()| "jogging is over: brakes closed")
             }
             Wanted::Task { referenced } => {
-                let (task, repeats) = self.begun.borrow().clone();
+                let planned = self.plans.borrow().begun();
+                let repeats = planned.is_none();
+                let task = planned.unwrap_or_else(|| self.own.clone());
                 self.feed.set_task(&task.name);
                 let done = self.task(&mut line, task, homing(referenced));
                 if done.is_ok() && repeats && self.handle.stop_ordered().is_none() {

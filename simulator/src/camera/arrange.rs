@@ -274,7 +274,7 @@ impl RestPose {
         // A contact ahead in each of 16 directions: the place is inside their hull.
         (0..16).all(|k| {
             let angle = TAU * f64::from(k) / 16.0;
-            let (s, c) = angle.sin_cos();
+            let (s, c) = libm::sincos(angle);
             self.contacts_m
                 .iter()
                 .any(|contact| (contact[0] - x) * c + (contact[1] - y) * s > 0.0)
@@ -285,7 +285,7 @@ impl RestPose {
 fn top_of(others: &[Body], place_m: [f64; 2], floor_m: f64) -> f64 {
     let reach = |body: &&Body| {
         let [x, y, _] = body.world_from_body.position_m;
-        (place_m[0] - x).hypot(place_m[1] - y) <= body.radius_m()
+        libm::hypot(place_m[0] - x, place_m[1] - y) <= body.radius_m()
     };
     others
         .iter()
@@ -323,7 +323,7 @@ fn clear(others: &[Body], cells: &[Column], gap_m: f64) -> bool {
     !cells.iter().any(|cell| {
         near.iter().flatten().any(|other| {
             let [x, y] = cell.place_m;
-            (other.place_m[0] - x).hypot(other.place_m[1] - y) < gap_m
+            libm::hypot(other.place_m[0] - x, other.place_m[1] - y) < gap_m
         })
     })
 }

@@ -182,7 +182,7 @@ fn blur(light: Vec<[f32; 3]>, width: usize, height: usize, deviation_px: f64) ->
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     // Three standard deviations hold 99.7 % of the weight.
     let reach = (3.0 * deviation_px).ceil() as usize;
-    let weight = |k: usize| (-0.5 * (k as f64 / deviation_px).powi(2)).exp();
+    let weight = |k: usize| libm::exp(-0.5 * (k as f64 / deviation_px).powi(2));
     let total = weight(0) + 2.0 * (1..=reach).map(weight).sum::<f64>();
     #[allow(clippy::cast_possible_truncation)]
     let weights: Vec<f32> = (0..=reach).map(|k| (weight(k) / total) as f32).collect();

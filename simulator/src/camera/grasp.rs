@@ -205,8 +205,8 @@ impl Gripper {
             let facing = outward * dot(normal, jaw) / norm(normal).max(1e-9);
             // The flat pad turns a loose body until an edge of it lies flat; beyond 1.2 of
             // the friction angle it slips out.
-            let angle = facing.clamp(-1.0, 1.0).acos();
-            let limit = 1.2 * self.friction.atan();
+            let angle = libm::acos(facing.clamp(-1.0, 1.0));
+            let limit = 1.2 * libm::atan(self.friction);
             if angle > limit {
                 return Some(format!(
                     "slipped: surfaces at {:.0} deg to the jaws, {:.0} deg hold",
@@ -229,7 +229,7 @@ impl Gripper {
         // Turning about the jaws' axis under the weight beside it.
         let off = sub(body.world_from_body.position_m, middle);
         let sideways = axpy(off, -dot(off, jaw), jaw);
-        let lever_m = sideways[0].hypot(sideways[1]);
+        let lever_m = libm::hypot(sideways[0], sideways[1]);
         let torque_nm = weight_n * lever_m;
         let holds_nm = friction_n * PATCH_M;
         (torque_nm > holds_nm).then(|| {

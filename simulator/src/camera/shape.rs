@@ -115,8 +115,8 @@ impl Shape {
     pub fn radius_m(&self) -> f64 {
         match *self {
             Self::Box { half_m: [x, y, z] } => (x * x + y * y + z * z).sqrt(),
-            Self::Cylinder { radius_m, half_m } => radius_m.hypot(half_m),
-            Self::Sheet { half_m: [x, y] } => x.hypot(y),
+            Self::Cylinder { radius_m, half_m } => libm::hypot(radius_m, half_m),
+            Self::Sheet { half_m: [x, y] } => libm::hypot(x, y),
         }
     }
 
@@ -136,7 +136,7 @@ impl Shape {
         match *self {
             Self::Box { half_m } => (0..3).all(|i| point_m[i].abs() < half_m[i] + margin_m),
             Self::Cylinder { radius_m, half_m } => {
-                x.hypot(y) < radius_m + margin_m && z.abs() < half_m + margin_m
+                libm::hypot(x, y) < radius_m + margin_m && z.abs() < half_m + margin_m
             }
             Self::Sheet { .. } => false,
         }

@@ -387,3 +387,14 @@ impl Page {
         answer["data"].as_str().unwrap().to_owned()
     }
 }
+
+/// Where the page shows the tool, world, mm.
+pub fn tool_mm(page: &mut Page) -> [f64; 3] {
+    [0, 1, 2].map(|axis| page.number(&format!("mcdpr.live.pose.tool_m[{axis}] * 1e3")))
+}
+
+/// Between two places, mm.
+pub fn distance_mm(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
+    squares.sum::<f64>().sqrt()
+}

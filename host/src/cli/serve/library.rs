@@ -1,7 +1,7 @@
 //! Tasks that the page offers: the built-in ones, and the files of one folder.
 
 use crate::files::{read_text_to, write_atomically};
-use crate::motion::{BUILT_IN, FITTING, Model, Task, find_task_for};
+use crate::motion::{BUILT_IN, FITTING, GCODE_ENDINGS, Model, Task, find_task_for, is_gcode};
 use crate::record::TaskSource;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -12,8 +12,6 @@ const MOST_FILES: usize = 200;
 const LONGEST_NAME: usize = 60;
 /// Most bytes of a file that the page edits.
 pub(super) const MOST_BYTES: u64 = 48 * 1024;
-/// Endings of G-code files.
-const GCODE: [&str; 4] = ["gcode", "nc", "ngc", "g"];
 
 /// The tasks.
 #[derive(Debug, Clone)]
@@ -100,36 +98,28 @@ impl Library {
     }
 }
 
-fn ending(name: &str) -> String {
-    let ending = Path::new(name).extension().and_then(|end| end.to_str());
-    ending.unwrap_or_default().to_ascii_lowercase()
-}
-
 fn parse(name: &str, text: &str) -> Result<Task, String> {
-    let path = PathBuf::from(name);
-    let task = if GCODE.contains(&ending(name).as_str()) {
-        Task::parse_gcode(text, path)
-    } else {
-        Task::parse(text, path)
-    };
-    task.map_err(|error| error.to_string())
+    Task::parse_file(text, name.into()).map_err(|error| error.to_string())
 }
 
 /// A name of a file in the folder, not a way out of it.
 fn check_name(name: &str) -> Result<(), String> {
-    let ending = ending(name);
+    let path = Path::new(name);
+    let is_toml = path
+        .extension()
+        .is_some_and(|end| end.eq_ignore_ascii_case("toml"));
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
     if name.len() > LONGEST_NAME || name.starts_with('.') || !name.chars().all(plain) {
         return Err(format!(
             "{name:?} is not a file name for a task: use up to {LONGEST_NAME} letters, digits, -, _ and ."
         ));
     }
-    if ending == "toml" || GCODE.contains(&ending.as_str()) {
+    if is_toml || is_gcode(path) {
         return Ok(());
     }
     Err(format!(
         "a task's file ends in .toml, or in .{} for G-code",
-        GCODE.join(", .")
+        GCODE_ENDINGS.join(", .")
     ))
 }
 

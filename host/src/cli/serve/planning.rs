@@ -3,6 +3,7 @@
 use crate::motion::{Model, Task};
 use crate::record::TaskSource;
 use crate::serve::Feed;
+use mcdpr_twin::plans::Plans;
 use serde_json::json;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -13,27 +14,9 @@ pub(crate) struct Chosen {
     pub(crate) source: TaskSource,
 }
 
-/// The latest plan that was asked for.
-#[derive(Debug, Default)]
-enum Latest {
-    /// There is none, or it was discarded.
-    #[default]
-    Nothing,
-    /// It is being made.
-    Waiting(Chosen),
-    /// It breaks a limit, or cannot be made at all.
-    Refused,
-    /// It is within every limit.
-    Allowed(Chosen),
-}
-
 #[derive(Debug, Default)]
 struct Inner {
-    /// Number of the latest request.
-    asked: u64,
-    latest: Latest,
-    /// The task that was started last; `None`: the program's own.
-    begun: Option<Chosen>,
+    plans: Plans<Chosen>,
     ended: bool,
 }
 
@@ -85,45 +68,27 @@ impl Planning {
 
     /// Asks for a plan; gives its number. Whatever was planned before can no longer be started.
     pub(super) fn ask(&self, wanted: Chosen) -> u64 {
-        let mut inner = self.lock();
-        inner.asked += 1;
-        inner.latest = Latest::Waiting(wanted);
+        let number = self.lock().plans.ask(wanted);
         self.0.0.changed.notify_all();
-        inner.asked
+        number
     }
 
     /// Forgets the plan.
     pub(super) fn forget(&self) {
-        let mut inner = self.lock();
-        inner.asked += 1;
-        inner.latest = Latest::Nothing;
+        self.lock().plans.forget();
     }
 
-    /// Decides what a start begins: the latest plan (that of `number`, if one is given), or the program's
-    /// own task where no plan was asked for. Plans that are asked for later do not change it.
+    /// Decides what a start begins, as [`Plans::begin`].
     ///
     /// # Errors
-    /// The reason, in words: a start must not begin another task than the one that is shown.
+    /// The reason, in words.
     pub(super) fn begin(&self, number: Option<u64>) -> Result<(), &'static str> {
-        let mut inner = self.lock();
-        if number.is_some_and(|number| number != inner.asked) {
-            return Err("another plan has taken its place: plan it again");
-        }
-        inner.begun = match &inner.latest {
-            Latest::Waiting(_) => return Err("it is still being planned"),
-            Latest::Refused => {
-                return Err("the plan breaks a limit: discard it, or plan another");
-            }
-            Latest::Allowed(chosen) => Some(chosen.clone()),
-            Latest::Nothing if number.is_some() => return Err("there is no plan: plan it again"),
-            Latest::Nothing => None,
-        };
-        Ok(())
+        self.lock().plans.begin(number)
     }
 
     /// The task that was started last; `None`: the program's own.
     pub(crate) fn begun(&self) -> Option<Chosen> {
-        self.lock().begun.clone()
+        self.lock().plans.begun()
     }
 }
 
@@ -131,33 +96,25 @@ impl Planning {
 fn work(shared: &Shared, model: &Model, feed: &Feed) {
     loop {
         let mut inner = shared.lock();
-        let wanted = loop {
+        let (number, wanted) = loop {
             if inner.ended {
                 return;
             }
-            if let Latest::Waiting(wanted) = &inner.latest {
-                break wanted.clone();
+            if let Some(waiting) = inner.plans.waiting() {
+                break waiting;
             }
             inner = shared
                 .changed
                 .wait(inner)
                 .unwrap_or_else(PoisonError::into_inner);
         };
-        let number = inner.asked;
         drop(inner);
         let about = mcdpr_twin::preview::message(model, feed, &wanted.task, number);
         let mut inner = shared.lock();
-        // A newer request makes this result worthless.
-        if inner.asked != number {
-            continue;
+        // Shown under the lock: a plan that is discarded now must not appear afterwards.
+        if inner.plans.settle(number, about["ok"] == json!(true)) {
+            feed.set_preview(about);
         }
-        inner.latest = if about["ok"] == json!(true) {
-            Latest::Allowed(wanted)
-        } else {
-            Latest::Refused
-        };
-        // Under the lock: a plan that is discarded now must not appear afterwards.
-        feed.set_preview(about);
         drop(inner);
     }
 }

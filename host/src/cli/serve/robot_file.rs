@@ -2,7 +2,6 @@
 
 use crate::files::{MOST_ROBOT_BYTES, read_text_to, write_atomically};
 use crate::robot::{self, Robot};
-use miette::Diagnostic as _;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -81,12 +80,7 @@ impl RobotFile {
             Some(path) => robot::parse(text, path),
             None => Robot::parse(text, &self.name, &robot::BuiltInModules),
         };
-        parsed.map_err(|error| {
-            let others = error.related().into_iter().flatten();
-            let problems =
-                std::iter::once(error.to_string()).chain(others.map(ToString::to_string));
-            problems.collect::<Vec<_>>().join("\n")
-        })
+        parsed.map_err(|error| error.plain_words())
     }
 }
 
