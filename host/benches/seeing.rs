@@ -56,8 +56,8 @@ fn scenario(model: &Model) -> Scenario {
         firmware: None,
     };
     let height_m = -0.1 + model.robot().tool.tcp_in_platform_m.z;
-    let task = TaskSource::of("paper:table7", height_m);
-    Scenario::new("paper-table5", task, 1, machine)
+    let task = mcdpr::record::task_source("paper:table7", height_m);
+    mcdpr::record::starting_now("paper-table5", task, 1, machine)
 }
 
 /// The record of the paper's circle, and its duration, s.
@@ -172,7 +172,7 @@ fn main() -> std::process::ExitCode {
     let (mut factor, mut by_wall): (f64, f64) = (0.0, 0.0);
     for _ in 0..TIMES {
         let (began, began_s) = (Instant::now(), thread_s());
-        let run = RecordedRun::load(&folder).unwrap();
+        let run = mcdpr::record::load(&folder).unwrap();
         let proof = replay(&run, &Controller::InProcess).unwrap();
         assert!(proof.whole && proof.core_bytes.is_some());
         factor = factor.max(lasts_s / (thread_s() - began_s));

@@ -36,9 +36,12 @@ pub enum ReplayError {
     #[diagnostic(transparent)]
     Robot(#[from] RobotError),
     /// The recorded calibration is not accepted.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Calibration(#[from] crate::calibration::result::FileError),
+    #[error("the calibration in the record: {reason}")]
+    #[diagnostic(code(mcdpr::replay::calibration))]
+    Calibration {
+        /// Why.
+        reason: String,
+    },
     /// No part of it can be repeated.
     #[error("no part of this run can be repeated: {reason}")]
     #[diagnostic(
@@ -81,13 +84,6 @@ pub enum ReplayError {
     #[error("the simulated robot cannot be set up as recorded: {reason}")]
     #[diagnostic(code(mcdpr::replay::simulator))]
     Simulator {
-        /// Why.
-        reason: String,
-    },
-    /// Files could not be laid out.
-    #[error("laying out the recorded robot file: {reason}")]
-    #[diagnostic(code(mcdpr::replay::files))]
-    Files {
         /// Why.
         reason: String,
     },
@@ -165,37 +161,18 @@ impl Link for Recorded<'_> {
     }
 }
 
-/// A folder for the recorded robot file, removed when it is dropped.
-struct Folder(PathBuf);
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
-/// The robot as it was recorded.
+/// The robot as it was recorded, with the calibration that was applied to it.
 ///
 /// # Errors
-/// [`ReplayError::Files`], [`ReplayError::Robot`].
+/// [`ReplayError::Robot`], [`ReplayError::Calibration`].
 pub(crate) fn recorded_robot(run: &RecordedRun) -> Result<Robot, ReplayError> {
-    let name = format!(
-        "mcdpr-replay-{}-{:x}",
-        std::process::id(),
-        run.scenario.started_unix_us
-    );
-    let folder = Folder(std::env::temp_dir().join(name));
-    let laid_out = run.scenario.lay_out_robot(&folder.0);
-    let failed = |error: std::io::Error| ReplayError::Files {
-        reason: error.to_string(),
+    let designed = run.designed_robot()?;
+    let Some(calibration) = &run.scenario.calibration else {
+        return Ok(designed);
     };
-    let path = laid_out.map_err(failed)?;
-    let designed = crate::robot::load(&path)?;
-    let calibration = run.scenario.lay_out_calibration(&folder.0);
-    Ok(match calibration.map_err(failed)? {
-        Some(path) => crate::calibration::result::apply(&designed, &path)?,
-        None => designed,
-    })
+    let path = PathBuf::from(&calibration.name);
+    let applied = crate::calibration::result::apply_text(&designed, &calibration.text, &path);
+    applied.map_err(|reason| ReplayError::Calibration { reason })
 }
 
 /// The task as it was recorded.
@@ -205,7 +182,7 @@ pub(crate) fn recorded_robot(run: &RecordedRun) -> Result<Robot, ReplayError> {
 pub(crate) fn recorded_task(run: &RecordedRun, model: &Model) -> Result<Task, ReplayError> {
     let source = &run.scenario.task;
     Ok(match &source.text {
-        Some(text) => Task::parse(text, source.name.clone().into())?,
+        Some(text) => Task::parse_file(text, source.name.clone().into())?,
         None => crate::motion::find_task_for(model, &source.name, source.tool_z_m)?,
     })
 }

@@ -30,6 +30,12 @@ const Playground = (() => {
     wasm.sent();
   }
 
+  // A file goes before the order that names it.
+  function file(raw) {
+    for (const byte of raw) wasm.put(byte);
+    wasm.sent_file();
+  }
+
   // What a link to this page says: which robot, which seed, where its tool hangs.
   async function fromLink() {
     const packed = new URLSearchParams(location.hash.slice(1)).get('state');
@@ -76,5 +82,5 @@ const Playground = (() => {
     send(message) { send(message); }
     close() { this.readyState = 3; }
   }
-  return { Line, link };
+  return { Line, link, file };
 })();

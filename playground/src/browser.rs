@@ -23,6 +23,7 @@ unsafe extern "C" {
 struct Inbox {
     next: Vec<u8>,
     messages: VecDeque<String>,
+    file: Option<Vec<u8>>,
 }
 
 thread_local! {
@@ -43,6 +44,12 @@ pub extern "C" fn sent() {
         let text = String::from_utf8_lossy(&bytes).into_owned();
         inbox.messages.push_back(text);
     });
+}
+
+/// The page's bytes are a file, which an order is about to name.
+#[unsafe(no_mangle)]
+pub extern "C" fn sent_file() {
+    INBOX.with_borrow_mut(|inbox| inbox.file = Some(std::mem::take(&mut inbox.next)));
 }
 
 /// Simulates for the page, and never returns: the page calls it so that it may suspend.
@@ -68,6 +75,10 @@ impl Host for Browser {
 
     fn take(&self) -> Option<String> {
         INBOX.with_borrow_mut(|inbox| inbox.messages.pop_front())
+    }
+
+    fn file(&self) -> Option<Vec<u8>> {
+        INBOX.with_borrow_mut(|inbox| inbox.file.take())
     }
 
     fn deliver(&self, text: &str) {

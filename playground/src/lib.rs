@@ -26,6 +26,8 @@ pub trait Host {
     fn now_ms(&self) -> f64;
     /// The next message of the page, if there is one.
     fn take(&self) -> Option<String>;
+    /// The bytes of the file that the page sent last, once.
+    fn file(&self) -> Option<Vec<u8>>;
     /// Passes a message to the page.
     fn deliver(&self, text: &str);
 }

@@ -1,6 +1,6 @@
 //! The playground's robot without a browser: its page is a script, its clock is virtual.
 
-use mcdpr_playground::stage::Stage;
+use mcdpr_playground::stage::{Kept, Stage};
 use mcdpr_playground::{Host, Settings};
 use serde_json::{Value, json};
 use std::cell::{Cell, RefCell};
@@ -14,6 +14,7 @@ struct Script {
     state: RefCell<String>,
     answers: RefCell<Vec<Value>>,
     states: RefCell<Vec<String>>,
+    files: RefCell<VecDeque<Vec<u8>>>,
 }
 
 impl Script {
@@ -24,6 +25,7 @@ impl Script {
             state: RefCell::default(),
             answers: RefCell::default(),
             states: RefCell::default(),
+            files: RefCell::default(),
         }
     }
 
@@ -60,6 +62,10 @@ impl Host for Script {
         steps.pop_front().map(|(_, message)| message.to_string())
     }
 
+    fn file(&self) -> Option<Vec<u8>> {
+        self.files.borrow_mut().pop_front()
+    }
+
     fn deliver(&self, text: &str) {
         let message: Value = serde_json::from_str(text).unwrap();
         match message["type"].as_str() {
@@ -81,8 +87,8 @@ fn clock_s() -> f64 {
 }
 
 fn play(settings: Settings, script: &Script) {
-    let files = RefCell::default();
-    let stage = Stage::new(script, settings, clock_s, &files).unwrap();
+    let kept = Kept::default();
+    let stage = Stage::new(script, settings, clock_s, &kept).unwrap();
     stage.play();
 }
 

@@ -21,7 +21,7 @@ impl Record {
     /// A run's folder or file.
     #[staticmethod]
     fn load(py: Python<'_>, path: &str) -> PyResult<Self> {
-        let run = py.detach(|| RecordedRun::load(Path::new(path)).map_err(Failure::from))?;
+        let run = py.detach(|| mcdpr::record::load(Path::new(path)).map_err(Failure::from))?;
         Ok(Self { run })
     }
 

@@ -4,7 +4,6 @@
 mod browser;
 
 use browser::{Browser, Page, Serve};
-use mcdpr::record::RecordedRun;
 use mcdpr_tests::mcdpr;
 use mcdpr_tests::process::{Folder, alone};
 use std::time::Duration;
@@ -38,7 +37,7 @@ fn charts_of_a_run_zoom_fetch_finer_data_and_their_cursor_has_the_records_values
         "{}",
         String::from_utf8_lossy(&done.stderr)
     );
-    let record = RecordedRun::load(&at.join("runs/circle")).unwrap();
+    let record = mcdpr::record::load(&at.join("runs/circle")).unwrap();
     let serve = Serve::start_in(at, &["--idle"]);
     let mut browser = Browser::start();
     let mut page = browser.open(&serve.with_token());

@@ -6,9 +6,9 @@ mod browser;
 
 use browser::{Browser, Page, distance_mm, tool_mm};
 use mcdpr_tests::mcdpr;
-use mcdpr_tests::process::alone;
+use mcdpr_tests::process::{Folder, alone};
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Long enough for a busy machine.
@@ -206,4 +206,76 @@ fn the_robot_file_is_changed_and_a_link_keeps_the_state() {
     // A damaged link is named, and the playground opens all the same.
     let mut damaged = open(&mut browser, "#state=AAAA");
     assert!(damaged.text("trouble").contains("damaged"));
+}
+
+/// Records a run by the program itself.
+fn record(folder: &Path, robot: &str, name: &str) -> PathBuf {
+    let words = ["run", "fitting", "--robot", robot, "--record", name];
+    let done = mcdpr().args(words).current_dir(folder).output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{said}");
+    folder.join(name).join("run.mcap")
+}
+
+#[test]
+fn records_of_the_program_are_opened_drawn_and_charted() {
+    let _alone = alone();
+    let folder = Folder::new("playground-records");
+    let paper = record(folder.path(), "paper-table5", "paper");
+    let eight = record(folder.path(), "eight-cable", "eight");
+    let torn = folder.path().join("torn.mcap");
+    let bytes = std::fs::read(&paper).unwrap();
+    std::fs::write(&torn, &bytes[..bytes.len() / 2]).unwrap();
+    let other = folder.path().join("other.mcap");
+    std::fs::write(&other, b"name = 3").unwrap();
+
+    let mut browser = Browser::start();
+    let mut page = open(&mut browser, "");
+    stop(&mut page);
+    page.click("#tab-runs");
+    page.choose_file("run-file", &paper);
+    wait(&mut page, "mcdpr.runs.run && mcdpr.runs.run.drawn");
+    // What the page says is what the program says of the same file.
+    let run = mcdpr::record::load(&paper).unwrap();
+    let judged = mcdpr::report::judge(&run, &run.designed_robot().unwrap());
+    let wanted = judged.path_error_m.unwrap();
+    for (key, wanted) in [("mean", wanted.mean), ("max", wanted.max)] {
+        let found = page.number(&format!("mcdpr.runs.run.judgement.path_error_m.{key}"));
+        assert!((found - wanted).abs() < 1e-12, "{key}: {found} {wanted}");
+    }
+    wait(&mut page, "mcdpr.runCharts.data && !mcdpr.runCharts.busy");
+    let samples = page.number("mcdpr.runCharts.data.time_s.length");
+    assert!(samples > 100.0, "{samples}");
+    page.click("#run-play");
+    wait(&mut page, "mcdpr.runs.at > 0.5");
+    page.click("#run-live");
+
+    // Half of a file is read as far as it goes, and the page says so.
+    page.choose_file("run-file", &torn);
+    wait(
+        &mut page,
+        "document.getElementById('run-words').textContent.includes('cut short')",
+    );
+    // What is no record is refused in words, and the list stays.
+    page.choose_file("run-file", &other);
+    wait(
+        &mut page,
+        "document.getElementById('run-trouble').textContent.includes('other.mcap')",
+    );
+    assert_eq!(
+        page.number("document.getElementById('run-list').options.length"),
+        2.0
+    );
+    // Another robot's run is drawn as soon as that robot is on the stage.
+    page.choose_file("run-file", &eight);
+    wait(
+        &mut page,
+        "mcdpr.runs.run.robot === 'eight-cable' && !mcdpr.runs.run.drawn",
+    );
+    page.click("#run-robot");
+    wait(
+        &mut page,
+        "mcdpr.robot.name === 'eight-cable' && mcdpr.runs.run.drawn",
+    );
+    assert!(page.truth("mcdpr.live.state === 'Disarmed'"), "it waits");
 }

@@ -33,7 +33,7 @@ fn scenario() -> Scenario {
         text: Some(TASK.to_owned()),
         tool_z_m: -0.18,
     };
-    Scenario::new("paper-table5", task, 11, machine)
+    mcdpr::record::starting_now("paper-table5", task, 11, machine)
 }
 
 /// Runs the short task, seen by an event bus.
@@ -66,7 +66,7 @@ fn recorded() -> &'static [u8] {
 fn load(name: &str, bytes: &[u8]) -> Result<RecordedRun, LoadError> {
     let folder = Folder::new(name);
     std::fs::write(folder.path().join(FILE_NAME), bytes).unwrap();
-    RecordedRun::load(folder.path())
+    mcdpr::record::load(folder.path())
 }
 
 #[test]
@@ -203,7 +203,7 @@ fn a_corrupt_chunk_is_left_out_and_the_hole_is_noticed() {
 #[test]
 fn a_record_of_another_version_is_refused_with_both_versions() {
     let mut bytes = recorded().to_vec();
-    let now = mcdpr::record::scenario::protocol_version();
+    let now = mcdpr::record::protocol_version();
     let place = bytes.windows(8).position(|w| w == b"protocol").unwrap() + 8 + 4;
     assert_eq!(&bytes[place..place + now.len()], now.as_bytes());
     bytes[place] = b'9';
@@ -425,7 +425,7 @@ fn every_command_that_moves_a_drum_leaves_a_record() {
         let output = command.current_dir(folder.path()).output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{words:?}: {said}");
-        let run = RecordedRun::load(&kept.join(what)).unwrap();
+        let run = mcdpr::record::load(&kept.join(what)).unwrap();
         assert!(run.damage.is_none(), "{words:?}");
         assert_eq!(run.gaps, 0, "{words:?}");
         assert!(run.frames.len() > 100, "{words:?}");

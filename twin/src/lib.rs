@@ -17,6 +17,7 @@
 //! | [`fingerprint`](mod@fingerprint) | a hash of everything in a simulated run |
 //! | [`asked`], [`preview`] | orders of the page that ask for a plan; what a plan would do |
 //! | [`plans`] | what Start begins |
+//! | [`record`] | a recorded run: read, judged, and prepared for the page |
 //! | [`page()`] | the live page |
 
 pub mod asked;
@@ -32,6 +33,7 @@ mod page;
 pub mod plans;
 pub mod plant;
 pub mod preview;
+pub mod record;
 pub mod viewer;
 pub mod watched;
 pub mod words;

@@ -11,7 +11,7 @@ use crate::chart::PlotFormat;
 use crate::experiment::{Experiment, SimulatedRobot, SimulatedRun};
 use crate::machine::Mismatch;
 use crate::motion::{Model, PAPER, PAPER_HEIGHT_M, Task};
-use crate::record::{Doing, TaskSource};
+use crate::record::{Doing, task_source};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::run::watch_for_interrupts;
 use crate::scenario::Scenario;
@@ -111,7 +111,7 @@ fn recorded(
     common: &Common,
 ) -> miette::Result<(SimulatedRun, RunFolder)> {
     let mismatch = Mismatch::realistic();
-    let source = TaskSource::of(&task.name, tool_height_m(model.robot(), HEIGHT_MM));
+    let source = task_source(&task.name, tool_height_m(model.robot(), HEIGHT_MM));
     // The same seed must give the same run, bytes on the wire included.
     let session = SessionId(1);
     let about = About {

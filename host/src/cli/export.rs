@@ -1,7 +1,7 @@
 //! `mcdpr export RUN --csv`: a recorded run as plain tables; `--to rosbag2`: as a bag of ROS 2.
 
 use super::{Common, Failed, Outcome, print_json};
-use crate::record::{RecordedRun, rosbag};
+use crate::record::{self, RecordedRun, rosbag};
 use crate::report::tables;
 use std::path::{Path, PathBuf};
 
@@ -33,9 +33,9 @@ pub(crate) struct Cmd {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let run = RecordedRun::load(&self.run)?;
+        let run = record::load(&self.run)?;
         if let Some(damage) = &run.damage {
-            eprintln!("{}", super::replay::describe(damage));
+            eprintln!("{}", damage.words());
         }
         let folder = match &self.out {
             Some(folder) => folder.clone(),

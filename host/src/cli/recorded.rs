@@ -7,8 +7,8 @@ use crate::machine::Mismatch;
 use crate::motion::Model;
 use crate::record::events::{Patience, TruthTap};
 use crate::record::{
-    Doing, EventBus, FILE_NAME, Machine, Recording, RobotText, Scenario, Summary, TaskSource,
-    Watched,
+    Doing, EventBus, FILE_NAME, Machine, Recording, RobotText, Summary, TaskSource, Watched,
+    starting_now,
 };
 use crate::report::RunFolder;
 use crate::run::{RunError, interrupted, new_session};
@@ -86,7 +86,7 @@ impl Recorded {
                 name: common.on.clone(),
             }
         };
-        let mut scenario = Scenario::new(&common.robot, task, session.0, machine);
+        let mut scenario = starting_now(&common.robot, task, session.0, machine);
         scenario.options = model.map_or_else(Default::default, Model::options);
         scenario.doing = doing;
         scenario.at_home = at_home;

@@ -1,8 +1,7 @@
 //! `mcdpr replay RUN`: runs host and core again on the recorded bytes.
 
 use super::{Common, Outcome, print_json};
-use crate::record::RecordedRun;
-use crate::record::mcap::Damage;
+use crate::record;
 use crate::replay::replay;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -16,9 +15,9 @@ pub(crate) struct Cmd {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let run = RecordedRun::load(&self.run)?;
+        let run = record::load(&self.run)?;
         if let Some(damage) = &run.damage {
-            eprintln!("{}", describe(damage));
+            eprintln!("{}", damage.words());
         }
         let began = Instant::now();
         let proof = replay(&run, &common.controller)?;
@@ -61,18 +60,5 @@ impl Cmd {
             run.duration_s()
         );
         Ok(())
-    }
-}
-
-/// The damage of a record, in words.
-pub(crate) fn describe(damage: &Damage) -> String {
-    match damage {
-        Damage::Truncated { at } => format!(
-            "the record is cut short at byte {at}: whoever wrote it did not finish; what is there \
-             is used"
-        ),
-        Damage::Corrupt { at } => {
-            format!("the record is corrupt at byte {at}: that part is left out")
-        }
     }
 }

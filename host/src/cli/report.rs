@@ -3,7 +3,7 @@
 use super::table::lay_out;
 use super::{Common, Failed, Outcome, print_json};
 use crate::chart::{Figure, PlotFormat};
-use crate::record::RecordedRun;
+use crate::record::{self, RecordedRun};
 use crate::replay::recorded_robot;
 use crate::report::{Judgement, html, judge};
 use crate::robot::Robot;
@@ -32,9 +32,9 @@ pub(crate) struct Compare {
 }
 
 fn load(path: &std::path::Path) -> miette::Result<(RecordedRun, Robot, Judgement)> {
-    let run = RecordedRun::load(path)?;
+    let run = record::load(path)?;
     if let Some(damage) = &run.damage {
-        eprintln!("{}", super::replay::describe(damage));
+        eprintln!("{}", damage.words());
     }
     let robot = recorded_robot(&run)?;
     let judgement = judge(&run, &robot);

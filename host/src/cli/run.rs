@@ -12,7 +12,7 @@ use crate::control::Handle;
 use crate::experiment::{Experiment, Run, SimulatedRobot};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task, Watch};
-use crate::record::{Doing, TaskSource, Watched};
+use crate::record::{Doing, Watched, task_source};
 use crate::report::{Figures, PathTrace, RunFolder, draw_path, write_samples};
 use crate::robot::Robot;
 use crate::run::saved::scale_of;
@@ -81,7 +81,7 @@ impl Cmd {
         };
         // Judge before a robot is even simulated: nothing may move for a refused task.
         Experiment::new(&model, task.clone()).plan()?;
-        let source = TaskSource::of(&self.task, tool_height_m(&robot, self.z_mm));
+        let source = task_source(&self.task, tool_height_m(&robot, self.z_mm));
         // The same seed must give the same run, bytes on the wire included.
         let session = if common.on == "sim" {
             SessionId(1)

@@ -6,7 +6,6 @@ mod library;
 mod planning;
 mod robot_file;
 mod steps;
-mod traces;
 
 pub(crate) use desk::PageDesk;
 
@@ -28,7 +27,7 @@ use crate::link::{Client, ClientError, Link, Paced};
 use crate::machine::Mismatch;
 use crate::motion::{Model, Task};
 use crate::record::events::{Patience, TruthTap};
-use crate::record::{Doing, EventBus, TaskSource};
+use crate::record::{Doing, EventBus, TaskSource, task_source};
 use crate::report::RUNS;
 use crate::run::{
     self, Homing, LengthFiles, RunError, interrupted, new_session, watch_for_interrupts,
@@ -128,7 +127,7 @@ impl Cmd {
         #[cfg(unix)]
         let listening = super::orders::listen(common, &handle)?;
         announce(&server, common)?;
-        let source = TaskSource::of(name, height_m);
+        let source = task_source(name, height_m);
         let show = Show {
             common,
             model: &model,

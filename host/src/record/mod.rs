@@ -9,8 +9,8 @@
 //! | [`recording`] | the watcher that writes the MCAP file |
 //! | `panel` | the robot in Foxglove's terms, for its 3-D panel |
 //! | `rosbag`, `ros2`, `cdr` | a record as a bag of ROS 2; its messages, and their bytes |
-//! | [`load`] | a recorded run, read back |
-//! | [`scenario`] | the inputs of a run, for repeating it |
+//! | [`load()`] | reads a recorded run back |
+//! | [`scenario`] | the inputs of a run, as this program collects them |
 //! | [`words`] | states and limits in words |
 //!
 //! Watchers see a run from outside: the bytes that pass (with the link's own times), and notes of
@@ -19,9 +19,7 @@
 
 pub(crate) mod cdr;
 pub mod events;
-pub mod load;
 pub mod mcap;
-mod pack;
 pub(crate) mod panel;
 pub mod recording;
 pub(crate) mod ros2;
@@ -30,12 +28,35 @@ pub mod scenario;
 mod schemas;
 mod short;
 
+pub use mcdpr_twin::record::{
+    Change, Doing, FILE_NAME, LoadError, Machine, RecordedRun, Report, RobotText, Scenario,
+    TaskSource, protocol_version,
+};
 pub use mcdpr_twin::{decode, words};
 
 pub use events::{EventBus, Level, PlanNote, PlanPoint, RunEvent, TruthPoint, Watched};
-pub use load::{Change, LoadError, RecordedRun, Report};
 pub use recording::{Recording, Summary};
-pub use scenario::{Doing, Machine, RobotText, Scenario, TaskSource};
+pub use scenario::{starting_now, task_source};
 
-/// Name of the record in a run's folder.
-pub const FILE_NAME: &str = "run.mcap";
+use std::path::Path;
+
+/// Most bytes of a record: days of a robot.
+const MOST_BYTES: u64 = 4 << 30;
+
+/// Reads a run's folder or file.
+///
+/// # Errors
+/// [`LoadError`]. A file that is cut short or partly corrupt is read as far as it goes.
+pub fn load(run: &Path) -> Result<RecordedRun, LoadError> {
+    let path = if run.is_dir() {
+        run.join(FILE_NAME)
+    } else {
+        run.to_owned()
+    };
+    let bytes = crate::files::read_bytes(&path, MOST_BYTES);
+    let bytes = bytes.map_err(|error| LoadError::Missing {
+        path: path.clone(),
+        reason: error.to_string(),
+    })?;
+    RecordedRun::parse(&bytes, path)
+}

@@ -3,7 +3,6 @@
 use super::decode::{Decoder, Seen, Tick};
 use super::events::{Level, RunEvent, Watcher};
 use super::mcap::{ChannelId, Writer};
-use super::pack::Pack;
 use super::schemas::{self, TOPICS};
 use super::words::{LIMITS, limit};
 use super::{PlanNote, Scenario, TruthPoint, panel, short};
@@ -12,6 +11,8 @@ use crate::motion::Model;
 use crate::sight::{Shown, base64};
 use mcdpr_kinematics::Pose;
 use mcdpr_protocol::{BoardState, FaultRecord, Knot, Status};
+use mcdpr_twin::record::WIRE;
+use mcdpr_twin::record::pack::Pack;
 use nalgebra::{Quaternion, UnitQuaternion};
 use serde::Serialize;
 use std::fs::File;
@@ -21,7 +22,6 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Topic of the line's bytes; see `pack`.
-pub(super) const WIRE: &str = "/wire";
 /// Bytes of a chunk.
 const CHUNK_BYTES: usize = 256 * 1024;
 /// Greatest part of the record that is only in memory.

@@ -1,11 +1,11 @@
 //! A recorded run as one self-contained HTML page, and two of them compared.
 
-use super::figures::{MeanMax, MeanSdMax};
-use super::judge::{Judgement, moving, path_errors};
+use super::{MeanMax, MeanSdMax};
 use crate::chart::{Chart, Curve, Figure};
 use crate::record::decode::Tick;
 use crate::record::{Machine, RecordedRun};
 use crate::robot::{Control, Robot};
+use mcdpr_twin::record::judge::{Judgement, moving, path_errors};
 use std::fmt::Write as _;
 
 const STYLE: &str = "\

@@ -3,15 +3,15 @@
 mod figures;
 mod folder;
 pub(crate) mod html;
-mod judge;
 mod plan_plot;
 mod plot;
 mod robot_plot;
 pub mod tables;
 
-pub use figures::{Figures, MeanMax, MeanSdMax, TensionError, measure};
+pub use figures::{Figures, measure};
 pub(crate) use folder::{RUNS, RunFolder, write_samples};
-pub use judge::{CableFigures, Judgement, Verdict, judge};
+pub use mcdpr_twin::record::figures::{MeanMax, MeanSdMax, TensionError};
+pub use mcdpr_twin::record::judge::{CableFigures, Judgement, Verdict, judge};
 pub use plan_plot::draw_plan;
 pub(crate) use plan_plot::plan_figure;
 pub(crate) use plot::PathTrace;

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use std::sync::atomic::Ordering;
 
 /// Every order, for the page.
-pub(crate) const ORDERS: [&str; 21] = [
+pub(crate) const ORDERS: [&str; 24] = [
     "stop",
     "hold",
     "resume",
@@ -35,6 +35,9 @@ pub(crate) const ORDERS: [&str; 21] = [
     "sim_restart",
     "sim_state",
     "sim_fingerprint",
+    "record_open",
+    "record_robot",
+    "document",
 ];
 /// How long a jog order is valid without a new one, s.
 const JOG_VALID_S: f64 = 0.2;
@@ -86,7 +89,7 @@ impl Stage<'_> {
             "tasks" => Ok(self.tasks()),
             "task_read" => {
                 let name = text(message, "task")?;
-                let files = self.files.borrow();
+                let files = self.kept.tasks.borrow();
                 let found = files.get(name);
                 let found = found.ok_or_else(|| format!("there is no file {name}"))?;
                 Ok(json!({ "text": found }))
@@ -118,6 +121,9 @@ impl Stage<'_> {
                 self.replace(new)?;
                 Ok(json!({ "words": "The robot begins anew with this text." }))
             }
+            "record_open" => self.open_record(message),
+            "record_robot" => self.take_robot(message),
+            "document" => self.document(message),
             other => self.simulation(other, message),
         }
     }
@@ -136,7 +142,7 @@ impl Stage<'_> {
         let built_in = BUILT_IN
             .iter()
             .map(|(name, about)| json!({ "name": name, "built_in": true, "about": about }));
-        let files = self.files.borrow();
+        let files = self.kept.tasks.borrow();
         let files = files
             .keys()
             .map(|name| json!({ "name": name, "built_in": false }));
@@ -145,7 +151,7 @@ impl Stage<'_> {
 
     fn save(&self, name: &str, body: &str, replace: bool) -> Result<(), String> {
         parse(name, body)?;
-        let mut files = self.files.borrow_mut();
+        let mut files = self.kept.tasks.borrow_mut();
         if files.contains_key(name) && !replace {
             return Err(format!("{name} exists already: save again to replace it"));
         }
@@ -175,7 +181,7 @@ impl Stage<'_> {
     }
 
     fn named(&self, name: &str) -> Result<Task, String> {
-        if let Some(text) = self.files.borrow().get(name) {
+        if let Some(text) = self.kept.tasks.borrow().get(name) {
             return parse(name, text);
         }
         named(&self.model, name)
@@ -193,7 +199,7 @@ impl Stage<'_> {
     }
 
     /// Puts another robot on the stage, if there is such a robot.
-    fn replace(&self, next: Settings) -> Result<(), String> {
+    pub(super) fn replace(&self, next: Settings) -> Result<(), String> {
         let model = next.model()?;
         let place_m = next.place_m();
         let rest = place_m.map_or_else(|| model.rest_at_home(), |at| model.rest(&at, None));

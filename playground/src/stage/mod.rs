@@ -2,6 +2,7 @@
 
 mod desk;
 mod paced;
+mod records;
 
 use crate::{Host, Settings};
 use mcdpr_core::control::Handle;
@@ -26,6 +27,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Time between two states of the robot for the page, ms: 60 a second.
 const FRAME_MS: f64 = 16.0;
 
+/// What stays when another robot comes.
+#[derive(Debug, Default)]
+pub struct Kept {
+    /// Texts of tasks by their names.
+    pub(crate) tasks: RefCell<BTreeMap<String, String>>,
+    pub(crate) records: RefCell<Vec<records::Opened>>,
+}
+
 /// A robot on its stage, until another takes its place.
 pub struct Stage<'a> {
     pub(crate) host: &'a dyn Host,
@@ -40,7 +49,7 @@ pub struct Stage<'a> {
     pub(crate) plans: RefCell<Plans<Task>>,
     /// The task that is repeated as long as no plan is started.
     own: Task,
-    pub(crate) files: &'a RefCell<BTreeMap<String, String>>,
+    pub(crate) kept: &'a Kept,
     /// The next robot's settings, as soon as this one is to go.
     pub(crate) next: RefCell<Option<Settings>>,
     viewer: RefCell<Viewer>,
@@ -62,13 +71,13 @@ impl Sink for Watching {
 
 /// Simulates one robot after another for the page, for ever.
 pub fn run(host: &dyn Host, clock_s: fn() -> f64) {
-    let files = RefCell::default();
+    let kept = Kept::default();
     let mut settings = Settings::default();
     // The page's first message says which robot a link asks for.
     let first = wait_for_message(host);
     let mut refused = settings.changed(&first).map(|asked| settings = asked).err();
     loop {
-        match Stage::new(host, settings.clone(), clock_s, &files) {
+        match Stage::new(host, settings.clone(), clock_s, &kept) {
             Ok(stage) => {
                 if let Some(reason) = refused.take() {
                     stage.feed.set_trouble(&reason);
@@ -119,7 +128,7 @@ impl<'a> Stage<'a> {
         host: &'a dyn Host,
         settings: Settings,
         clock_s: fn() -> f64,
-        files: &'a RefCell<BTreeMap<String, String>>,
+        kept: &'a Kept,
     ) -> Result<Self, String> {
         let model = settings.model()?;
         let words = |error: RunError| error.to_string();
@@ -141,7 +150,7 @@ impl<'a> Stage<'a> {
             pace: Pace::default(),
             plans: RefCell::default(),
             own,
-            files,
+            kept,
             next: RefCell::default(),
             viewer: RefCell::default(),
             due_ms: Cell::new(0.0),

@@ -202,6 +202,15 @@ impl Page {
         result["result"]["value"].take()
     }
 
+    /// Chooses a file in an input for files.
+    pub fn choose_file(&mut self, id: &str, file: &Path) {
+        let params = json!({ "expression": format!("document.getElementById('{id}')") });
+        let input = self.call("Runtime.evaluate", params);
+        let object = &input["result"]["objectId"];
+        let params = json!({ "objectId": object, "files": [file.canonicalize().unwrap()] });
+        self.call("DOM.setFileInputFiles", params);
+    }
+
     pub fn truth(&mut self, expression: &str) -> bool {
         self.run(&format!("!!({expression})")).as_bool().unwrap()
     }

@@ -16,7 +16,18 @@
     const id = send(message);
     if (id) waiting.set(id, done); else done({ ok: false, reason: 'no connection' });
   });
-  window.mcdpr = { request, get robot() { return robot; }, get live() { return live; }, get may() { return may; }, send, get connected() { return !!socket && socket.readyState === 1; }, answers: [] };
+  // What the server has at a path; a playground has its own.
+  async function document_(path) {
+    if (local) {
+      const answer = await request({ order: 'document', path: decodeURIComponent(path) });
+      if (!answer.ok) throw new Error(answer.reason);
+      return answer.data;
+    }
+    const answer = await fetch(path), body = await answer.text();
+    if (!answer.ok) throw new Error(body);
+    return JSON.parse(body);
+  }
+  window.mcdpr = { request, document: document_, get robot() { return robot; }, get live() { return live; }, get may() { return may; }, send, get connected() { return !!socket && socket.readyState === 1; }, answers: [] };
 
   function connect() {
     socket = typeof Playground === 'undefined' ? new WebSocket(`ws://${location.host}/ws`) : new Playground.Line();
@@ -46,8 +57,8 @@
       Scene.setRobot(robot); Scene.setPlan([]); LiveCharts.setRobot(robot); rows(); buttons();
       for (const o of $('jog-speed').options) o.disabled = o.value * 1e-3 > robot.speed_mps;
       Work.speeds(robot.speed_mps);
-      Sim.allow(may, orders, m);
-      if (local) { for (const name of ['runs', 'setup', 'pick']) $('tab-' + name).hidden = true; RobotFile.forget(); }
+      Sim.allow(may, orders, m); Runs.allow(orders);
+      if (local) { for (const name of ['setup', 'pick']) $('tab-' + name).hidden = true; RobotFile.forget(); }
     } else if (m.type === 'plan') Scene.setPlan(m.tool_m);
     else if (m.type === 'log') m.lines.forEach(log);
     else if (m.type === 'answer') answer(m);

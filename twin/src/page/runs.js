@@ -5,11 +5,7 @@ const Runs = (() => {
   const MOVES = ['Arming', 'Moving', 'Pausing', 'Stopping', 'Fault', 'EStop'];
   let run = null, at = 0, playing = null, busy = false;
 
-  async function get(path) {
-    const answer = await fetch(path), body = await answer.text();
-    if (!answer.ok) throw new Error(body);
-    return JSON.parse(body);
-  }
+  const get = path => mcdpr.document(path);
 
   async function list() {
     try {
@@ -47,6 +43,7 @@ const Runs = (() => {
     $('run-shown').hidden = false; $('run-motion').hidden = !run.drawn;
     text('run-words', `${run.task} on ${run.robot}, ${run.duration_s.toFixed(1)} s` + (run.damage ? `; ${run.damage}` : '')
       + (run.drawn ? '' : run.instants.length ? '; another robot: it is not drawn' : '; it has no motion'));
+    $('run-robot').hidden = !opens || run.drawn || !run.instants.length;
     const rows = [];
     if (j.path_error_m) rows.push(['path error, mean / max', `${mm(j.path_error_m.mean)} / ${mm(j.path_error_m.max)}`]);
     if (j.cable_length_error_m) rows.push(['length error, mean / max', `${mm(j.cable_length_error_m.mean)} / ${mm(j.cable_length_error_m.max)}`]);
@@ -98,10 +95,41 @@ const Runs = (() => {
     text('run-play', playing ? 'Pause' : 'Play');
   }
 
+  // A playground opens records and has no server that writes reports.
+  let opens = false;
+  function allow(orders) {
+    opens = orders.includes('record_open');
+    $('run-open').hidden = !opens;
+    for (const id of ['run-report', 'run-again', 'run-with', 'run-compare']) $(id).hidden = opens;
+  }
+  async function open(file) {
+    back(); busy = true; buttons(); text('run-trouble', `reading ${file.name} ...`);
+    let trouble = '';
+    try {
+      Playground.file(new Uint8Array(await file.arrayBuffer()));
+      const answer = await mcdpr.request({ order: 'record_open', name: file.name });
+      if (!answer.ok) throw new Error(answer.reason);
+      await list();
+      $('run-list').value = answer.data.name;
+    } catch (error) { trouble = error.message; }
+    $('run-file').value = ''; busy = false; buttons();
+    if (trouble) text('run-trouble', trouble); else await show();
+  }
+  // The robot of the record takes the stage, and the record is drawn in its frame.
+  async function take() {
+    const answer = await mcdpr.request({ order: 'record_robot', name: run.name });
+    if (!answer.ok) { text('run-trouble', answer.reason); return; }
+    const before = mcdpr.robot;
+    const look = () => { if (mcdpr.robot !== before) show(); else requestAnimationFrame(look); };
+    look();
+  }
+
   const on = (id, act) => $(id).addEventListener('click', act);
   const page = path => window.open(path, '_blank', 'noopener');
   const name = id => encodeURIComponent($(id).value);
   on('run-show', show);
+  on('run-robot', take);
+  $('run-file').addEventListener('change', () => { if ($('run-file').files[0]) open($('run-file').files[0]); });
   on('run-again', list);
   on('run-report', () => page(`/runs/${name('run-list')}/report`));
   on('run-compare', () => page(`/runs/${name('run-list')}/compare/${name('run-other')}`));
@@ -113,7 +141,7 @@ const Runs = (() => {
   $('run-time').addEventListener('input', () => { play(false); to($('run-time').valueAsNumber); });
   buttons();
   return {
-    list,
+    list, allow,
     // A robot that moves is never hidden behind a recorded one.
     live(m) { if ((Scene.past || RunCharts.data) && MOVES.includes(m.state)) back(); },
     get at() { return at; }, get run() { return run; },

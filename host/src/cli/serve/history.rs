@@ -1,10 +1,11 @@
 //! Recorded runs for the page: their list, figures, motion, report and comparison.
 
-use super::traces::Traces;
-use crate::record::{RecordedRun, Scenario};
+use crate::record::{self, RecordedRun};
 use crate::replay::recorded_robot;
 use crate::report::{Judgement, html, judge};
 use crate::robot::Robot;
+use mcdpr_twin::record::past::{self, anchors_m};
+use mcdpr_twin::record::traces::Traces;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
@@ -16,10 +17,6 @@ const MOST_RUNS: usize = 200;
 const LONGEST_NAME: usize = 100;
 /// Most bytes of a record that the page opens: some five minutes at full rate.
 const MOST_BYTES: u64 = 64 << 20;
-/// Most instants of a motion that the page gets.
-const MOST_INSTANTS: usize = 2000;
-/// Runs of a robot whose anchors are within this of the page's robot are drawn in its frame, m.
-const SAME_FRAME_M: f64 = 0.1;
 
 /// The folder of runs.
 pub(crate) struct History {
@@ -91,7 +88,7 @@ impl History {
     }
 
     fn file(&self, name: &str) -> PathBuf {
-        self.folder.join(name).join(crate::record::FILE_NAME)
+        self.folder.join(name).join(record::FILE_NAME)
     }
 
     fn open(&self, name: &str) -> Result<Opened, String> {
@@ -115,7 +112,7 @@ impl History {
                 self.folder.join(name).display()
             ));
         }
-        let run = RecordedRun::load(&file).map_err(|error| error.to_string())?;
+        let run = record::load(&file).map_err(|error| error.to_string())?;
         let robot = recorded_robot(&run).map_err(|error| error.to_string())?;
         let judgement = judge(&run, &robot);
         Ok(Opened {
@@ -127,11 +124,7 @@ impl History {
 
     /// A part of a run's traces: between two times, s, in so many columns.
     fn part(&self, name: &str, times: [&str; 2], columns: &str) -> Result<Value, String> {
-        let numbers = times.map(|text| text.parse::<f64>().ok().filter(|at| at.is_finite()));
-        let ([Some(from_s), Some(to_s)], Ok(columns)) = (numbers, columns.parse()) else {
-            return Err("a part is FROM/TO/COLUMNS: two times in s and a whole number".to_owned());
-        };
-        Ok(self.traces(name)?.part(from_s, to_s, columns))
+        self.traces(name)?.asked(times, columns)
     }
 
     fn version(&self, name: &str) -> Result<Version, String> {
@@ -179,65 +172,14 @@ impl History {
         } = self.open(name)?;
         // Its charts are asked for next: the record is read once.
         self.keep(version, Traces::of(&run, &robot));
-        let Scenario { task, .. } = &run.scenario;
-        let theirs = anchors_m(&robot);
-        let near = |(a, b): (&nalgebra::Vector3<f64>, &nalgebra::Vector3<f64>)| {
-            (a - b).norm() < SAME_FRAME_M
-        };
-        let same =
-            theirs.len() == self.anchors_m.len() && theirs.iter().zip(&self.anchors_m).all(near);
-        let (source, instants) = instants(&run);
-        let planned = run.plan.iter().flat_map(|plan| &plan.points);
-        let planned: Vec<_> = planned.step_by(5).map(|point| point.tool_m).collect();
-        Ok(json!({
-            "name": name,
-            "robot": robot.name,
-            "drawn": same && !instants.is_empty(),
-            "task": task.name,
-            "source": source,
-            "duration_s": judgement.duration_s,
-            "damage": run.damage.as_ref().map(crate::cli::replay::describe),
-            "judgement": judgement,
-            "planned_m": planned,
-            "instants": instants,
-        }))
+        Ok(past::message(
+            name,
+            &run,
+            &robot,
+            &judgement,
+            &self.anchors_m,
+        ))
     }
-}
-
-/// Where the platform was: of a simulated robot its true states, else those of the plan.
-fn instants(run: &RecordedRun) -> (&'static str, Vec<Value>) {
-    let thinned = |count: usize| count.div_ceil(MOST_INSTANTS).max(1);
-    if let Some(first) = run.truth.first() {
-        let points = run.truth.iter().step_by(thinned(run.truth.len()));
-        let instant = |point: &crate::record::TruthPoint| {
-            json!({
-                "time_s": f64::from(point.tick.wrapping_sub(first.tick)) * 1e-3,
-                "tool_m": point.tool_m,
-                "position_m": point.position_m,
-                "rotation_xyzw": point.rotation_xyzw,
-                "tensions_n": point.tensions_n,
-            })
-        };
-        return (
-            "true state of the simulation",
-            points.map(instant).collect(),
-        );
-    }
-    let points = run.plan.as_ref().map_or(&[][..], |plan| &plan.points);
-    let points = points.iter().step_by(thinned(points.len()));
-    let instants = points.map(|point| json!(point));
-    (
-        "as planned; a board does not measure its tool",
-        instants.collect(),
-    )
-}
-
-fn anchors_m(robot: &Robot) -> Vec<nalgebra::Vector3<f64>> {
-    robot
-        .cables
-        .iter()
-        .map(|cable| cable.anchor_in_world_m)
-        .collect()
 }
 
 /// The name of a folder directly below that of the runs, and of no other place.

@@ -2,7 +2,7 @@
 
 use crate::files::{read_text_to, write_atomically};
 use crate::motion::{BUILT_IN, FITTING, GCODE_ENDINGS, Model, Task, find_task_for, is_gcode};
-use crate::record::TaskSource;
+use crate::record::{TaskSource, task_source};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -80,7 +80,7 @@ impl Library {
         if name == FITTING || BUILT_IN.iter().any(|(known, _)| *known == name) {
             let task = find_task_for(model, name, self.height_m);
             let task = task.map_err(|error| error.to_string())?;
-            return Ok((task, TaskSource::of(name, self.height_m)));
+            return Ok((task, task_source(name, self.height_m)));
         }
         let text = self.read(name)?;
         self.of_text(name, text)

@@ -5,47 +5,17 @@
 //! does not control when a chunk reaches the disk, which is needed to be "readable after a crash".
 //! The reference reader for Python is used to test that other readers open these files.
 
-mod read;
 mod write;
 
-pub use read::{Attachment, Contents, Damage, Message, ReadError, read};
+pub use mcdpr_twin::record::mcap::{Attachment, Contents, Damage, Message, ReadError, read};
 pub use write::ChannelId;
 pub(crate) use write::Writer;
-
-/// What every MCAP file starts and ends with.
-const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
-
-/// The name of the packing in a chunk of records before version 0.2.
-const LZ4: &str = "lz4";
-/// That of records now.
-const ZSTD: &str = "zstd";
-/// Most bytes of an uncompressed chunk: far more than a writer collects.
-const MOST_CHUNK_BYTES: u64 = 64 << 20;
-
-/// Kinds of records.
-mod op {
-    pub(super) const HEADER: u8 = 0x01;
-    pub(super) const FOOTER: u8 = 0x02;
-    pub(super) const SCHEMA: u8 = 0x03;
-    pub(super) const CHANNEL: u8 = 0x04;
-    pub(super) const MESSAGE: u8 = 0x05;
-    pub(super) const CHUNK: u8 = 0x06;
-    pub(super) const MESSAGE_INDEX: u8 = 0x07;
-    pub(super) const CHUNK_INDEX: u8 = 0x08;
-    pub(super) const ATTACHMENT: u8 = 0x09;
-    pub(super) const ATTACHMENT_INDEX: u8 = 0x0A;
-    pub(super) const STATISTICS: u8 = 0x0B;
-    pub(super) const METADATA: u8 = 0x0C;
-    pub(super) const METADATA_INDEX: u8 = 0x0D;
-    pub(super) const SUMMARY_OFFSET: u8 = 0x0E;
-    pub(super) const DATA_END: u8 = 0x0F;
-}
-
-use mcdpr_protocol::frame::crc32;
 
 #[cfg(test)]
 mod tests {
     use super::{Writer, read};
+    use mcdpr_protocol::frame::crc32;
+    use mcdpr_twin::record::mcap::{MAGIC, op};
 
     fn file(messages: u32) -> Vec<u8> {
         let mut out = Vec::new();
@@ -88,7 +58,7 @@ mod tests {
 
     #[test]
     fn chunks_packed_by_lz4_are_read() {
-        let mut message = vec![super::op::MESSAGE];
+        let mut message = vec![op::MESSAGE];
         message.extend_from_slice(&27_u64.to_le_bytes());
         message.extend_from_slice(&1_u16.to_le_bytes());
         message.extend_from_slice(&9_u32.to_le_bytes());
@@ -99,13 +69,13 @@ mod tests {
         let packed = packer.finish().unwrap();
         let mut chunk = [3_u64.to_le_bytes(), 3_u64.to_le_bytes()].concat();
         chunk.extend_from_slice(&(message.len() as u64).to_le_bytes());
-        chunk.extend_from_slice(&super::crc32(&message).to_le_bytes());
+        chunk.extend_from_slice(&crc32(&message).to_le_bytes());
         chunk.extend_from_slice(&3_u32.to_le_bytes());
         chunk.extend_from_slice(b"lz4");
         chunk.extend_from_slice(&(packed.len() as u64).to_le_bytes());
         chunk.extend_from_slice(&packed);
-        let mut bytes = super::MAGIC.to_vec();
-        bytes.push(super::op::CHUNK);
+        let mut bytes = MAGIC.to_vec();
+        bytes.push(op::CHUNK);
         bytes.extend_from_slice(&(chunk.len() as u64).to_le_bytes());
         bytes.extend_from_slice(&chunk);
         let contents = read(&bytes).unwrap();

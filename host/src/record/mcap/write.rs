@@ -1,6 +1,7 @@
 //! Writing MCAP, chunk by chunk.
 
-use super::{MAGIC, ZSTD, crc32, op};
+use mcdpr_protocol::frame::crc32;
+use mcdpr_twin::record::mcap::{MAGIC, ZSTD, op};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 

@@ -1,10 +1,10 @@
 //! Figures and verdicts of a recorded run, from the record alone.
 
 use super::figures::{MeanMax, MeanSdMax, TensionError, greatest, mean};
-use crate::record::decode::{Seen, Tick};
-use crate::record::mcap::Damage;
-use crate::record::{Change, RecordedRun};
-use crate::robot::{Control, Robot};
+use super::mcap::Damage;
+use super::{Change, RecordedRun};
+use crate::decode::{Seen, Tick};
+use mcdpr_core::robot::{Control, Robot};
 use mcdpr_protocol::Status;
 use serde::Serialize;
 
@@ -127,7 +127,7 @@ pub fn judge(run: &RecordedRun, robot: &Robot) -> Judgement {
 
 /// Path time (s) and distance of the simulated tool from its planned position (m).
 #[must_use]
-pub(crate) fn path_errors(run: &RecordedRun) -> Vec<(f64, f64)> {
+pub fn path_errors(run: &RecordedRun) -> Vec<(f64, f64)> {
     let Some(plan) = &run.plan else {
         return Vec::new();
     };

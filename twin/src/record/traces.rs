@@ -1,8 +1,9 @@
 //! Everything that a record has over time, for the charts of the page: any part of it, thinned to the columns of a
 //! chart. A column keeps the least and the greatest of its samples, so that no peak is lost.
 
-use crate::record::RecordedRun;
-use crate::robot::{Control, Robot};
+use super::RecordedRun;
+use crate::decode::Tick;
+use mcdpr_core::robot::{Control, Robot};
 use serde_json::{Map, Value, json};
 use std::collections::HashMap;
 
@@ -10,7 +11,8 @@ use std::collections::HashMap;
 const MOST_COLUMNS: usize = 2000;
 
 /// The traces of a run; SI, NaN where there is no value.
-pub(super) struct Traces {
+#[derive(Debug)]
+pub struct Traces {
     /// Since the record's first instant, s; ascending.
     time_s: Vec<f64>,
     /// Named groups of traces: one for each cable or axis.
@@ -20,7 +22,7 @@ pub(super) struct Traces {
 
 impl Traces {
     /// Of a record.
-    pub(super) fn of(run: &RecordedRun, robot: &Robot) -> Self {
+    pub fn of(run: &RecordedRun, robot: &Robot) -> Self {
         let mut ticks = run.ticks();
         // As for the motion that the page draws: times of a simulated robot count from its first true state.
         let first = run.truth.first().map(|point| point.tick);
@@ -34,7 +36,7 @@ impl Traces {
         let time = |tick: u32| f64::from(tick.wrapping_sub(first)) * 1e-3;
         let truth: HashMap<u32, _> = run.truth.iter().map(|point| (point.tick, point)).collect();
         let cables = robot.cables.len();
-        let each = |of: &dyn Fn(&crate::record::decode::Tick, usize) -> Option<f64>| {
+        let each = |of: &dyn Fn(&Tick, usize) -> Option<f64>| {
             let trace = |index| {
                 ticks
                     .iter()
@@ -123,9 +125,21 @@ impl Traces {
         }
     }
 
+    /// The part that a page asks for in words: two times, s, and a number of columns.
+    ///
+    /// # Errors
+    /// That these are no such numbers.
+    pub fn asked(&self, times: [&str; 2], columns: &str) -> Result<Value, String> {
+        let numbers = times.map(|text| text.parse::<f64>().ok().filter(|at| at.is_finite()));
+        let ([Some(from_s), Some(to_s)], Ok(columns)) = (numbers, columns.parse()) else {
+            return Err("a part is FROM/TO/COLUMNS: two times in s and a whole number".to_owned());
+        };
+        Ok(self.part(from_s, to_s, columns))
+    }
+
     /// The part between two times, s, in at most this many columns: each with the least and the greatest of its
     /// samples, or the samples themselves if there are no more of them. One sample more at both ends.
-    pub(super) fn part(&self, from_s: f64, to_s: f64, columns: usize) -> Value {
+    pub fn part(&self, from_s: f64, to_s: f64, columns: usize) -> Value {
         let columns = columns.clamp(1, MOST_COLUMNS);
         let first = self
             .time_s

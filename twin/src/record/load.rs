@@ -1,16 +1,18 @@
 //! A recorded run, read back.
 
-use super::decode::{Decoder, Seen, Tick};
 use super::mcap::{self, Damage, ReadError};
 use super::pack::unpack;
-use super::recording::WIRE;
-use super::{FILE_NAME, PlanNote, Scenario, TruthPoint};
-use crate::control::ScriptedOrder;
-use crate::link::{RawFrame, describe_fault};
+use super::{FILE_NAME, RobotText, Scenario, WIRE};
+use crate::decode::{Decoder, Seen, Tick};
+use crate::events::{PlanNote, TruthPoint};
+use mcdpr_core::control::ScriptedOrder;
+use mcdpr_core::faults::describe_fault;
+use mcdpr_core::link::RawFrame;
+use mcdpr_core::robot::{ModuleFiles, Robot, RobotError};
 use mcdpr_protocol::Status;
 use miette::Diagnostic;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// Why a run cannot be read.
@@ -126,29 +128,12 @@ pub struct RecordedRun {
     pub gaps: u64,
 }
 
-/// Most bytes of a record: days of a robot.
-const MOST_BYTES: u64 = 4 << 30;
-
 impl RecordedRun {
-    /// Reads a run's folder or file.
+    /// Reads the bytes of a record; `path` names it in messages.
     ///
     /// # Errors
     /// [`LoadError`]. A file that is cut short or partly corrupt is read as far as it goes.
-    pub fn load(run: &Path) -> Result<Self, LoadError> {
-        let path = if run.is_dir() {
-            run.join(FILE_NAME)
-        } else {
-            run.to_owned()
-        };
-        let bytes =
-            crate::files::read_bytes(&path, MOST_BYTES).map_err(|error| LoadError::Missing {
-                path: path.clone(),
-                reason: error.to_string(),
-            })?;
-        Self::parse(&bytes, path)
-    }
-
-    fn parse(bytes: &[u8], path: PathBuf) -> Result<Self, LoadError> {
+    pub fn parse(bytes: &[u8], path: PathBuf) -> Result<Self, LoadError> {
         let contents = mcap::read(bytes).map_err(|source| LoadError::Unreadable {
             path: path.clone(),
             source,
@@ -254,6 +239,18 @@ impl RecordedRun {
         }));
     }
 
+    /// The robot as its files describe it; a calibration is not applied.
+    ///
+    /// # Errors
+    /// What is wrong with the robot file.
+    pub fn designed_robot(&self) -> Result<Robot, RobotError> {
+        let files = &self.scenario.robot;
+        let (name, text) = files.first().map_or(("the record", ""), |file| {
+            (file.name.as_str(), file.text.as_str())
+        });
+        Robot::parse(text, name, &Modules(files))
+    }
+
     /// Everything that the board measured and reported.
     #[must_use]
     pub fn seen(&self) -> Vec<Report> {
@@ -309,5 +306,23 @@ impl RecordedRun {
         self.frames
             .last()
             .map_or(0.0, |frame| frame.time_us as f64 * 1e-6)
+    }
+}
+
+/// Winch modules in a record.
+struct Modules<'a>(&'a [RobotText]);
+
+impl ModuleFiles for Modules<'_> {
+    fn open(&self, asked: &str) -> Result<(String, String), (String, String)> {
+        let found = self.0.iter().find(|file| file.name == asked);
+        found
+            .map(|file| (file.name.clone(), file.text.clone()))
+            .ok_or_else(|| {
+                let what = format!("the record has no winch module \"{asked}\"");
+                (
+                    what,
+                    "another program wrote it, or it was changed".to_owned(),
+                )
+            })
     }
 }

@@ -5,7 +5,7 @@
 //! before (since 0 for the first of a pack), µs; twice the number of bytes, plus one towards the
 //! board; the bytes. Both numbers are LEB128.
 
-use crate::link::{Direction, RawFrame};
+use mcdpr_core::link::{Direction, RawFrame};
 
 /// Bytes after which a pack is written.
 const FULL: usize = 4096;
@@ -14,7 +14,7 @@ const SPAN_US: u64 = 10_000;
 
 /// Calls that gather.
 #[derive(Debug, Default)]
-pub(crate) struct Pack {
+pub struct Pack {
     bytes: Vec<u8>,
     first_us: u64,
     last_us: u64,

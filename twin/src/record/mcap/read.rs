@@ -1,7 +1,8 @@
 //! Reading MCAP, front to back, so that a file without its end gives what it has.
 
-use super::{LZ4, MAGIC, MOST_CHUNK_BYTES, ZSTD, crc32, op};
+use super::{LZ4, MAGIC, MOST_CHUNK_BYTES, ZSTD, op};
 use lz4_flex::frame::FrameDecoder;
+use mcdpr_protocol::frame::crc32;
 use std::collections::BTreeMap;
 use std::io::Read;
 use thiserror::Error;
@@ -42,6 +43,22 @@ pub enum Damage {
         /// Where the record starts.
         at: u64,
     },
+}
+
+impl Damage {
+    /// In words.
+    #[must_use]
+    pub fn words(&self) -> String {
+        match self {
+            Self::Truncated { at } => format!(
+                "the record is cut short at byte {at}: whoever wrote it did not finish; what is there \
+             is used"
+            ),
+            Self::Corrupt { at } => {
+                format!("the record is corrupt at byte {at}: that part is left out")
+            }
+        }
+    }
 }
 
 /// Content of a file.
@@ -234,8 +251,7 @@ fn chunk(body: &[u8], contents: &mut Contents) -> Result<bool, ReadError> {
             let records = if how == LZ4 {
                 unpack(FrameDecoder::new(stored), size)
             } else {
-                let decoder = zstd::stream::read::Decoder::new(stored).ok();
-                decoder.and_then(|decoder| unpack(decoder, size))
+                zstandard(stored).and_then(|decoder| unpack(decoder, size))
             };
             match records {
                 Some(records) => Some(records),
@@ -288,4 +304,15 @@ fn metadata(body: &[u8], contents: &mut Contents) -> Option<()> {
     }
     contents.metadata.insert(name, table);
     Some(())
+}
+
+/// The C library where there is one: it is three times as fast.
+#[cfg(not(target_arch = "wasm32"))]
+fn zstandard(stored: &[u8]) -> Option<impl Read> {
+    zstd::stream::read::Decoder::new(stored).ok()
+}
+
+#[cfg(target_arch = "wasm32")]
+fn zstandard(stored: &[u8]) -> Option<impl Read> {
+    ruzstd::decoding::StreamingDecoder::new(stored).ok()
 }
