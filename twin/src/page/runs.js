@@ -117,9 +117,9 @@ const Runs = (() => {
   }
   // The robot of the record takes the stage, and the record is drawn in its frame.
   async function take() {
+    const before = mcdpr.robot;
     const answer = await mcdpr.request({ order: 'record_robot', name: run.name });
     if (!answer.ok) { text('run-trouble', answer.reason); return; }
-    const before = mcdpr.robot;
     const look = () => { if (mcdpr.robot !== before) show(); else requestAnimationFrame(look); };
     look();
   }
