@@ -12,9 +12,7 @@ use mcdpr::experiment::{Experiment, SimulatedRobot};
 use mcdpr::machine::{Controller, Mismatch};
 use mcdpr::motion::{Model, Task};
 use mcdpr::record::events::{Patience, Watcher};
-use mcdpr::record::{
-    EventBus, FILE_NAME, Machine, RecordedRun, Recording, RunEvent, Scenario, TaskSource,
-};
+use mcdpr::record::{EventBus, FILE_NAME, Machine, Recording, RunEvent, Scenario};
 use mcdpr::replay::replay;
 use mcdpr::robot::Robot;
 use mcdpr::serve::{CameraWatcher, Desk, FeedWatcher, Server};

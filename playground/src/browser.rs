@@ -48,7 +48,7 @@ pub extern "C" fn sent() {
 
 /// The page's bytes are a file, which an order is about to name.
 #[unsafe(no_mangle)]
-pub extern "C" fn sent_file() {
+pub(crate) extern "C" fn sent_file() {
     INBOX.with_borrow_mut(|inbox| inbox.file = Some(std::mem::take(&mut inbox.next)));
 }
 

@@ -82,7 +82,7 @@ impl PlanNote {
 
     /// Planned position of the tool at a path time, m, interpolated.
     #[must_use]
-    pub fn tool_at(&self, time_s: f64) -> Option<[f64; 3]> {
+    pub(crate) fn tool_at(&self, time_s: f64) -> Option<[f64; 3]> {
         let after = self.points.partition_point(|point| point.time_s <= time_s);
         let from = self.points.get(after.checked_sub(1)?)?;
         let Some(to) = self.points.get(after) else {

@@ -11,11 +11,11 @@ pub use read::{Attachment, Contents, Damage, Message, ReadError, read};
 pub const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
 
 /// The name of the packing in a chunk of records before version 0.2.
-pub const LZ4: &str = "lz4";
+pub(crate) const LZ4: &str = "lz4";
 /// That of records now.
 pub const ZSTD: &str = "zstd";
 /// Most bytes of an uncompressed chunk: far more than a writer collects.
-pub const MOST_CHUNK_BYTES: u64 = 64 << 20;
+pub(crate) const MOST_CHUNK_BYTES: u64 = 64 << 20;
 
 /// Kinds of records.
 #[allow(missing_docs, reason = "named as in the specification")]
