@@ -6,7 +6,7 @@ use mcdpr::recovery::simulated::{AfterCut, Disturbance, SimulatedCut, simulate};
 use mcdpr::recovery::{Journal, JournalError, Verdict};
 use mcdpr::robot::Robot;
 use mcdpr::run::RunError;
-use mcdpr::scenario::Supply;
+use mcdpr::scenario::{FaultyLink, Supply};
 use nalgebra::Vector3;
 use std::process::Output;
 
@@ -56,20 +56,15 @@ fn recovered(model: &Model, played: &AfterCut, camera: bool, untouched: bool) ->
 
 #[test]
 fn p2_with_a_tag_in_view_every_cut_is_recovered_within_a_millimetre() {
-    // The aim for the drop is 5 mm. Light drums miss it: they fall until their brakes have closed
-    // (docs/results/power.md).
-    for (robot, drop_m) in [("paper-table5", 5e-3), ("lab-fast", 7e-3)] {
+    for robot in ["paper-table5", "lab-fast"] {
         let model = model(robot);
         for (supply, name) in Supply::ALL {
             let played = interrupted(&model, supply, Disturbance::None);
             let (verdict, off_mm) = recovered(&model, &played, true, false);
             assert!(verdict.accepted, "{robot}, {name}: {}", verdict.sentence);
             assert!(off_mm < 1.0, "{robot}, {name}: {off_mm} mm");
-            assert!(
-                played.drop_m < drop_m,
-                "{robot}, {name}: {} m",
-                played.drop_m
-            );
+            let drop_m = played.drop_m;
+            assert!(drop_m < 5e-3, "{robot}, {name}: {drop_m} m");
         }
     }
 }
@@ -94,6 +89,67 @@ fn p2_without_a_camera_lost_counts_need_the_users_confirmation() {
         assert!(verdict.accepted, "{}", verdict.sentence);
         assert!(off_mm < 1.5, "{off_mm} mm");
     }
+}
+
+#[test]
+fn p2_light_drums_fall_less_the_longer_their_rail_holds_up() {
+    let mut drops_m = Vec::new();
+    for hold_up_s in [0.0, 0.02, 0.04] {
+        let mut robot = Robot::built_in("lab-fast").unwrap();
+        for winch in &mut robot.winches {
+            winch.drive_hold_up_s = hold_up_s;
+        }
+        let model = Model::new(&robot).unwrap();
+        let played = interrupted(&model, Supply::All, Disturbance::None);
+        drops_m.push(played.drop_m);
+        let (verdict, off_mm) = recovered(&model, &played, false, true);
+        assert!(verdict.accepted, "{hold_up_s}: {}", verdict.sentence);
+        let bound_mm = verdict.bound_mm.unwrap();
+        assert!(off_mm < bound_mm, "{hold_up_s}: {off_mm} of {bound_mm} mm");
+    }
+    let [none_m, half_m, all_m] = drops_m[..] else {
+        panic!("{drops_m:?}")
+    };
+    assert!(none_m > 3e-3 && half_m < 0.6 * none_m, "{drops_m:?}");
+    assert!(all_m < 0.5 * half_m, "{drops_m:?}");
+}
+
+/// The computer fails, and its robot with it only later: meanwhile the board moved on without a record.
+#[test]
+fn p2_a_robot_that_outlives_its_computer_is_not_recovered_by_the_journal() {
+    let model = model("lab-fast");
+    let mut played = interrupted(&model, Supply::Host, Disturbance::None);
+    let settle = |us: u64| {
+        FaultyLink::new(played.link.clone(), &[])
+            .settle(us)
+            .unwrap();
+    };
+    played
+        .link
+        .with(|robot| robot.set_board_power(false))
+        .unwrap();
+    settle(500_000);
+    played
+        .link
+        .with(|robot| robot.set_board_power(true))
+        .unwrap();
+    settle(1_000_000);
+    let (verdict, _) = recovered(&model, &played, false, true);
+    assert!(!verdict.accepted, "{}", verdict.sentence);
+    assert!(verdict.next.contains("--together"), "{}", verdict.next);
+    // Whoever confirms it all the same is wrong, and this is by how much: the check is needed.
+    played.together = true;
+    let (wrong, off_mm) = recovered(&model, &played, false, true);
+    assert!(
+        !wrong.accepted || off_mm > 2.0,
+        "{off_mm} mm: {}",
+        wrong.sentence
+    );
+    // A tag shows the platform, whatever the journal says.
+    let (verdict, off_mm) = recovered(&model, &played, true, false);
+    assert!(verdict.accepted, "{}", verdict.sentence);
+    let bound_mm = verdict.bound_mm.unwrap();
+    assert!(off_mm < bound_mm, "{off_mm} of {bound_mm} mm");
 }
 
 #[test]
@@ -293,6 +349,10 @@ fn p2_picking_continues_with_what_is_in_the_jaws() {
     for (fault, jaws, outcome) in [
         ("power:drives@12s/1s", "empty", None),
         ("power:drives@22s/1s", "holding", Some("delivered")),
+        // A board without supply opens its gripper, and has lost its lengths.
+        ("power:board@12s/1s", "empty", None),
+        ("power:board@22s/1s", "dropped", None),
+        ("power:all@22s/1s", "dropped", None),
     ] {
         let out = pick(fault);
         let errors = String::from_utf8_lossy(&out.stderr).into_owned();

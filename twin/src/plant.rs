@@ -229,6 +229,7 @@ fn drive_params(winch: &Winch, mismatch: &Mismatch, draws: &mut Draws) -> DriveP
         DriveKind::Cia402 => (Protocol::Cia402, CIA402_MODE_S),
     };
     DriveParams {
+        hold_up_s: winch.drive_hold_up_s,
         position_bandwidth_rad_s: winch.drive_bandwidth_rad_s
             * (1.0 + draws.within(mismatch.bandwidth)),
         current_lag_s: winch.current_lag_s,

@@ -171,6 +171,8 @@ pub struct Winch {
     pub drum_eccentricity_m: f64,
     /// Time until the brake holds, s.
     pub brake_close_s: f64,
+    /// Time for which the rail keeps the drive after its supply failed, s.
+    pub drive_hold_up_s: f64,
     /// How far the drum turns in its closed brake, at the cable, m.
     pub brake_play_m: f64,
     /// k of tension = k (voltage - u_0), N/V.

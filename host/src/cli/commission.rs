@@ -188,6 +188,7 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
          rotor_inertia_kg_m2 = {rotor}\n\
          {friction}\n\
          brake_close_ms = {brake}\n\
+         drive_hold_up_ms = {hold}\n\
          brake_play_deg = {play:.3}\n\
          drive_bandwidth_rad_s = {bandwidth}\n\
          current_lag_ms = {lag}\n",
@@ -210,6 +211,7 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
         rotor = w.rotor_inertia_kg_m2,
         friction = friction_text(found, w),
         brake = milli(w.brake_close_s),
+        hold = milli(w.drive_hold_up_s),
         // A robot file accepts no more than 2 degrees.
         play = found.brake_play_deg.min(2.0),
         bandwidth = w.drive_bandwidth_rad_s,

@@ -23,6 +23,9 @@ pub(crate) struct Cmd {
     /// You confirm that nobody touched drums, brakes or platform without power
     #[arg(long)]
     untouched: bool,
+    /// You confirm that the computer and the robot lost their supply at the same time
+    #[arg(long)]
+    together: bool,
     #[command(flatten)]
     eye: Eye,
     /// On the simulator: the supply that fails while the robot runs --task, when and for how long
@@ -79,6 +82,7 @@ impl Cmd {
             journal: load(&board, scale_of(model.robot())),
             tags: camera.as_mut().map(|camera| KnownTags { camera, places }),
             untouched: self.untouched,
+            together: self.together,
             bound_m: self.bound_mm * 1e-3,
         };
         let verdict = recover(&mut client, model, before)?;

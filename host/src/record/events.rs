@@ -25,8 +25,9 @@ const QUEUE: usize = 20_000;
 const IDLE: Duration = Duration::from_millis(250);
 
 /// Events gather for this long before a watcher sees them: a busy line has thousands of short reads a second,
-/// and to wake a thread for each took more time than the watchers' work (4 % of a core for a journal).
-const GATHER: Duration = Duration::from_millis(5);
+/// and to wake a thread for each took more time than the watchers' work (4 % of a core for a journal). A
+/// journal flushes every 50 ms and a page draws every 16 ms, so 10 ms delay neither.
+const GATHER: Duration = Duration::from_millis(10);
 
 struct Watching {
     sender: SyncSender<Arc<RunEvent>>,

@@ -49,6 +49,8 @@ pub struct Before<'a> {
     pub tags: Option<KnownTags<'a>>,
     /// Whether the user states that nobody moved drums, brakes or platform without power.
     pub untouched: bool,
+    /// Whether the user states that computer and robot lost their supply at the same time.
+    pub together: bool,
     /// Largest bound of the tool's position that the job allows, m.
     pub bound_m: f64,
 }
@@ -112,6 +114,7 @@ pub fn recover<L: Link>(
         rest,
         seen,
         untouched: before.untouched,
+        together: before.together,
         bound_m: before.bound_m,
     };
     let mut verdict = judge(model, &evidence)?;

@@ -48,6 +48,9 @@ pub(crate) struct JournalWriter<O, D> {
     written_us: Option<u64>,
     flushed_us: u64,
     bytes: usize,
+    /// Records since the last flush. A record is safe only after the flush, so that a write for each
+    /// would cost five times as many calls of the system and keep nothing longer.
+    waiting: Vec<u8>,
     /// Whether a write has failed; then nothing more is written.
     failed: bool,
     /// Whether the board has started again; then only the end is still to be written.
@@ -74,6 +77,7 @@ where
             written_us: None,
             flushed_us: 0,
             bytes: 0,
+            waiting: Vec::new(),
             failed: false,
             over: false,
         }
@@ -195,12 +199,17 @@ where
                 Some(disk) => disk,
                 none => none.insert((self.open)(board)?),
             };
+            // The file before keeps its last states: it is what is left if the new one never begins.
+            if !self.waiting.is_empty() {
+                disk.append(&self.waiting)?;
+                self.waiting.clear();
+            }
             disk.begin(&bytes)?;
             self.written_us = Some(time_us);
             return self.flush(time_us);
         }
         let record = self.encoder.kept(kept);
-        self.append(&record)?;
+        self.append(&record);
         self.written_us = Some(time_us);
         if time_us >= self.flushed_us + FLUSH_US {
             self.flush(time_us)?;
@@ -208,16 +217,25 @@ where
         Ok(())
     }
 
-    fn append(&mut self, record: &[u8]) -> std::io::Result<()> {
-        if let Some(disk) = &mut self.disk {
-            disk.append(record)?;
-            self.bytes += record.len();
+    /// A record for the next flush.
+    fn append(&mut self, record: &[u8]) {
+        self.waiting.extend_from_slice(record);
+        self.bytes += record.len();
+    }
+
+    fn write_waiting(&mut self) -> std::io::Result<()> {
+        if let Some(disk) = &mut self.disk
+            && !self.waiting.is_empty()
+        {
+            disk.append(&self.waiting)?;
         }
+        self.waiting.clear();
         Ok(())
     }
 
     fn flush(&mut self, time_us: u64) -> std::io::Result<()> {
         self.flushed_us = time_us;
+        self.write_waiting()?;
         let mark = Mark {
             session: self.about.session,
             number: self.encoder.number(),
@@ -270,12 +288,11 @@ where
                     duration_s: plan.duration_s,
                     interruptions: resumed.map_or_else(Vec::new, |of| of.interruptions),
                 };
-                let record = self.disk.is_some().then(|| self.encoder.plan(&plan));
-                self.plan = Some(plan);
-                if let Some(Err(error)) = record.map(|record| self.append(&record)) {
-                    self.failed = true;
-                    eprintln!("warning: the journal ends here: {error}");
+                if self.disk.is_some() {
+                    let record = self.encoder.plan(&plan);
+                    self.append(&record);
                 }
+                self.plan = Some(plan);
             }
             _ => {}
         }
@@ -287,7 +304,8 @@ where
         }
         let record = self.encoder.end();
         let time_us = self.flushed_us;
-        if let Err(error) = self.append(&record).and_then(|()| self.flush(time_us)) {
+        self.append(&record);
+        if let Err(error) = self.flush(time_us) {
             eprintln!("warning: the journal's end was not kept: {error}");
         }
     }

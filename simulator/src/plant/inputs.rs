@@ -68,7 +68,7 @@ impl Plant {
         self.known(cable)?;
         let now_s = self.time_s();
         // Spring-applied: without supply no output can open a brake.
-        let closed = closed || !self.powered;
+        let closed = closed || !self.powered || self.fails_at_s.is_some();
         let fault = &self.faults.cables[cable].brake;
         self.winches[cable].brake.ask(closed, now_s, fault);
         Ok(())
@@ -95,15 +95,39 @@ impl Plant {
     /// Switches the supply of drives and brakes.
     pub fn set_power(&mut self, on: bool) {
         self.powered = on;
+        self.fails_at_s = None;
         if on {
             return;
         }
-        let now_s = self.time_s();
-        for (i, winch) in self.winches.iter_mut().enumerate() {
+        self.close_brakes();
+        for (winch, port) in self.winches.iter_mut().zip(&mut self.ports) {
             winch.drive.cut_power();
-            winch.brake.ask(true, now_s, &self.faults.cables[i].brake);
             // A command that waits must not move a drive when the supply returns.
-            self.ports[i].clear();
+            port.clear();
+        }
+    }
+
+    /// The supply before the rail fails: brakes lose theirs at once, and drives when the rail's
+    /// capacitors are empty, after the least `hold_up_s` of them.
+    pub fn lose_supply(&mut self) {
+        let held = self
+            .params
+            .winches
+            .iter()
+            .map(|winch| winch.drive.hold_up_s);
+        let hold_up_s = held.fold(f64::INFINITY, f64::min);
+        if !(self.powered && hold_up_s > 0.0) {
+            self.set_power(false);
+            return;
+        }
+        self.fails_at_s = Some(self.time_s() + hold_up_s);
+        self.close_brakes();
+    }
+
+    fn close_brakes(&mut self) {
+        let now_s = self.time_s();
+        for (winch, fault) in self.winches.iter_mut().zip(&self.faults.cables) {
+            winch.brake.ask(true, now_s, &fault.brake);
         }
     }
 

@@ -90,6 +90,8 @@ pub struct Plant {
     gripper_closed: bool,
     gripper_switch: bool,
     powered: bool,
+    /// When the rail of the drives is empty, if their supply has failed.
+    fails_at_s: Option<f64>,
     steps: u64,
     target_s: f64,
     failed: Option<PlantError>,
@@ -145,6 +147,7 @@ impl Plant {
             gripper_closed: false,
             gripper_switch: false,
             powered: true,
+            fails_at_s: None,
             steps: 0,
             target_s: 0.0,
             failed: None,
@@ -297,6 +300,9 @@ impl Plant {
     fn step(&mut self) -> Result<(), PlantError> {
         let h = self.params.step_s;
         let now_s = self.time_s();
+        if self.fails_at_s.is_some_and(|at_s| now_s >= at_s) {
+            self.set_power(false);
+        }
         for (i, (port, winch)) in self.ports.iter_mut().zip(&mut self.winches).enumerate() {
             let fault = &self.faults.cables[i].drive;
             let motor = (winch.motor_m(), winch.motor_rate());

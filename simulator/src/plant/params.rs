@@ -165,6 +165,8 @@ pub struct DriveParams {
     pub reset_time_s: f64,
     /// From the choice of a mode until it is active (s).
     pub mode_time_s: f64,
+    /// Time for which the rail's capacitors keep the drive after the supply failed (s).
+    pub hold_up_s: f64,
     /// Its protocol.
     pub protocol: Protocol,
     /// Its number on the bus; none: the winch's own number, from 1.
@@ -291,6 +293,7 @@ impl Default for WinchParams {
             drive: DriveParams {
                 // 150 rad/s is a lag of 6.7 ms behind a moving set-point.
                 position_bandwidth_rad_s: 150.0,
+                hold_up_s: 0.0,
                 max_acceleration_mps2: 5.0,
                 tuned_load_kg: 1.5,
                 inner_lag_s: 0.0,

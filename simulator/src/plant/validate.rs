@@ -160,6 +160,7 @@ impl WinchParams {
                 self.brake.play_m,
                 Rule::UpTo(0.01, "0 to 0.01"),
             ),
+            ("hold_up_s", drive.hold_up_s, NotNegative),
             (
                 "position_bandwidth_rad_s",
                 drive.position_bandwidth_rad_s,

@@ -163,7 +163,7 @@ pub(super) fn apply(
 /// Cuts a supply.
 fn cut(simulation: &mut Simulation, supply: Supply) -> Result<HostSide, PlantError> {
     if matches!(supply, Supply::Drives | Supply::All) {
-        simulation.plant_mut().set_power(false);
+        simulation.plant_mut().lose_supply();
     }
     if matches!(supply, Supply::Board | Supply::All) {
         simulation.set_board_power(false)?;
@@ -203,7 +203,7 @@ fn apply_to_plant(
             return plant.set_winding_gain(cable, gain);
         }
         FaultId::C5 => return plant.set_load([0.0, 0.0, 5.0 * strength], [0.0; 3], [0.0; 3]),
-        FaultId::P2 => plant.set_power(false),
+        FaultId::P2 => plant.lose_supply(),
         FaultId::P7 => plant.set_e_stop(true),
         _ => {}
     }

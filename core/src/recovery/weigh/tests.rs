@@ -4,6 +4,7 @@ use crate::recovery::journal::{Identity, Kept, KeptCable};
 use crate::recovery::looks::RestReadings;
 use crate::recovery::verdict::judge;
 use crate::robot::Robot;
+use mcdpr_protocol::BoardState;
 use nalgebra::{Matrix4, Vector4};
 
 /// The state with all four lengths held by brakes: tool and tension of the fourth cable by Newton's
@@ -55,6 +56,7 @@ fn evidence(lengths_m: Vec<f64>, rest: RestReadings) -> Evidence<'static> {
         rest,
         seen: Measurements::default(),
         untouched: false,
+        together: false,
         bound_m: 0.05,
     }
 }
@@ -128,7 +130,12 @@ fn journal(lengths_m: &[f64], tensions_n: &[f64]) -> Journal {
 
 #[test]
 fn without_a_tag_the_bound_reaches_both_causes_of_a_cut() {
-    let model = Model::new(&Robot::built_in("lab-fast").unwrap()).unwrap();
+    // Drums that nothing holds until their brakes close: otherwise both causes are one.
+    let mut robot = Robot::built_in("lab-fast").unwrap();
+    for winch in &mut robot.winches {
+        winch.drive_hold_up_s = 0.0;
+    }
+    let model = Model::new(&robot).unwrap();
     let home = model.rest_at_home().unwrap();
     let journal = journal(&home.paid_out_m, home.tensions_n());
     for torque_gone in [0.0, 1.0] {
@@ -152,6 +159,7 @@ fn without_a_tag_the_bound_reaches_both_causes_of_a_cut() {
             },
             seen: Measurements::default(),
             untouched: true,
+            together: true,
             bound_m: 0.05,
         };
         let estimates = estimates(&model, &evidence).unwrap().unwrap();
@@ -211,4 +219,35 @@ fn a_swing_widens_the_bound() {
     let swinging = judge(&model, &evidence(counted_m, rest)).unwrap();
     let bounds = still.bound_mm.zip(swinging.bound_mm).unwrap();
     assert!(bounds.1 > 1.2 * bounds.0, "{bounds:?}");
+}
+
+#[test]
+fn a_journal_that_ends_in_motion_with_its_computer_needs_a_confirmation() {
+    let (model, counted_m, rest, _) = slipped_robot(0.0);
+    let mut journal = journal(&counted_m, &rest.tensions_n);
+    let mut judged = |ended: bool, state: BoardState, together: bool| {
+        journal.ended = ended;
+        journal.last.as_mut().unwrap().state = state;
+        let evidence = Evidence {
+            source: Source::Journal(&journal),
+            rest: rest.clone(),
+            seen: Measurements::default(),
+            untouched: true,
+            together,
+            bound_m: 0.05,
+        };
+        judge(&model, &evidence).unwrap()
+    };
+    let verdict = judged(false, BoardState::Moving, false);
+    assert!(!verdict.accepted);
+    assert!(verdict.next.contains("--together"), "{}", verdict.next);
+    // With the confirmation, with a program that lived on, and at rest nothing is unknown.
+    for (ended, state, together) in [
+        (false, BoardState::Moving, true),
+        (true, BoardState::Moving, false),
+        (false, BoardState::Holding, false),
+    ] {
+        let verdict = judged(ended, state, together);
+        assert!(verdict.accepted, "{}", verdict.sentence);
+    }
 }

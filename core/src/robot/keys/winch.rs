@@ -152,6 +152,12 @@ pub(crate) static WINCH: Section = Section {
             "time from the command until the brake holds, ms",
         ),
         key(
+            "drive_hold_up_ms",
+            Kind::Number(Within(0.0, 1000.0)),
+            Absent::Number(0.0),
+            "time for which the rail keeps the drive after its supply failed, ms; the brakes, fed before the rail's diode, lose theirs at once",
+        ),
+        key(
             "brake_play_deg",
             Kind::Number(Within(0.0, 2.0)),
             Absent::Number(0.0),

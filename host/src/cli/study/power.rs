@@ -22,6 +22,9 @@ pub(crate) struct Cmd {
     /// Closing time of all brakes instead of the robot file's, ms
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u16).range(1..=500))]
     brake_ms: Option<u16>,
+    /// Time for which the rail keeps all drives instead of the robot file's, ms
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u16).range(0..=500))]
+    hold_up_ms: Option<u16>,
     /// Write every case into this file, a line of JSON each
     #[arg(long, value_name = "FILE")]
     cases: Option<PathBuf>,
@@ -65,6 +68,11 @@ impl Cmd {
         if let Some(brake_ms) = self.brake_ms {
             for winch in &mut robot.winches {
                 winch.brake_close_s = f64::from(brake_ms) * 1e-3;
+            }
+        }
+        if let Some(hold_up_ms) = self.hold_up_ms {
+            for winch in &mut robot.winches {
+                winch.drive_hold_up_s = f64::from(hold_up_ms) * 1e-3;
             }
         }
         let model = Model::new(&robot)?;

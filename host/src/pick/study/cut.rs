@@ -84,7 +84,8 @@ pub(crate) fn scene_after_cut(
         .settle(settle_us)
         .map_err(|error| failed(error.to_string()))?;
     let alive = matches!(cut.supply, Some(Supply::Board | Supply::Drives));
-    let after = AfterCut::of(stage.link.clone(), &disk, alive, wanted.seed)?;
+    let mut after = AfterCut::of(stage.link.clone(), &disk, alive, wanted.seed)?;
+    after.together = cut.supply == Some(Supply::All);
     // Far ahead: a journal of this very moment is never from the future.
     let journal = after.read(&stage.model, u64::MAX / 2);
     let (verdict, _) = after.recover(&stage.model, journal.clone(), false, true, BOUND_M)?;

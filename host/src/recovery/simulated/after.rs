@@ -37,6 +37,9 @@ pub struct AfterCut {
     pub drop_m: f64,
     /// Speed of the tool at the cut, m/s.
     pub speed_mps: f64,
+    /// Whether computer and robot lost their supply at the same time: a person who confirms what happened
+    /// confirms that, too.
+    pub together: bool,
     pub(in crate::recovery) seed: u64,
 }
 
@@ -88,6 +91,7 @@ impl AfterCut {
             board,
             drop_m: 0.0,
             speed_mps: 0.0,
+            together: false,
             seed,
         })
     }
@@ -134,6 +138,7 @@ impl AfterCut {
                 places,
             }),
             untouched,
+            together: untouched && self.together,
             bound_m,
         };
         let verdict = recover(&mut client, model, before)?;

@@ -188,6 +188,7 @@ pub fn simulate(model: &Model, case: &SimulatedCut) -> Result<Option<AfterCut>, 
             drop_m
         },
         speed_mps,
+        together: case.supply == Supply::All,
         ..AfterCut::of(link, &disk, alive, case.seed)?
     }))
 }

@@ -163,3 +163,44 @@ fn the_e_stop_cuts_power_and_nothing_starts_by_itself() {
     assert_eq!(after.brakes_closed[..4], [true; 4]);
     assert_eq!(plant.drive_state(0), Ok(DriveState::Unpowered));
 }
+
+#[test]
+fn a_rail_that_holds_up_keeps_the_drives_until_the_brakes_have_closed() {
+    let mut params = PlantParams::paper_table5();
+    for winch in &mut params.winches {
+        winch.drive.hold_up_s = 0.05;
+    }
+    let mut plant = at_rest(params, &off_centre(), 3.0);
+    for cable in 0..4 {
+        make_ready(&mut plant, cable, Mode::Position);
+        let hold = DriveCommand::Position {
+            counts: 0,
+            rpm_limit: 8000,
+        };
+        plant.command(cable, hold).expect("cable");
+        plant.advance(0.01).expect("held");
+        plant.set_brake(cable, false).expect("cable");
+    }
+    plant.advance(0.5).expect("held");
+    let before = plant.truth().expect("a path").drum_positions_m;
+    plant.lose_supply();
+    // The brakes' coils are fed before the rail: no output opens one any more.
+    plant.set_brake(0, false).expect("cable");
+    plant.advance(0.045).expect("held");
+    let truth = plant.truth().expect("a path");
+    assert_eq!(truth.brakes_closed[..4], [true; 4]);
+    assert!(matches!(plant.drive_state(0), Ok(DriveState::Ready(_))));
+    assert!(plant.is_powered());
+    plant.advance(0.5).expect("rests");
+    assert!(!plant.is_powered());
+    assert_eq!(plant.drive_state(0), Ok(DriveState::Unpowered));
+    let after = plant.truth().expect("a path").drum_positions_m;
+    for (now, then) in after[..4].iter().zip(&before[..4]) {
+        assert!((now - then).abs() < 2e-5, "{now} {then}");
+    }
+    // With its supply back a brake opens again.
+    plant.set_power(true);
+    plant.set_brake(0, false).expect("cable");
+    plant.advance(0.1).expect("falls");
+    assert!(!plant.truth().expect("a path").brakes_closed[0]);
+}
