@@ -153,6 +153,31 @@ fn p2_a_robot_that_outlives_its_computer_is_not_recovered_by_the_journal() {
 }
 
 #[test]
+fn p2_a_gentle_test_finds_a_platform_that_was_moved_without_journal_or_camera() {
+    let model = model("lab-fast");
+    let by_m = [0.02, -0.01, 0.0];
+    let mut played = interrupted(&model, Supply::All, Disturbance::Moved { by_m });
+    let missing = || {
+        let board = played.board.clone();
+        Err(JournalError::Missing { board })
+    };
+    let (verdict, _) = played
+        .recover(&model, missing(), false, false, 8e-3)
+        .unwrap();
+    // No journal, no lengths: `--gentle` was not given, so nothing moved.
+    assert!(!verdict.accepted && verdict.tool_mm.is_none());
+    let journal = missing();
+    played.gentle = true;
+    let (verdict, truth_m) = played.recover(&model, journal, false, false, 8e-3).unwrap();
+    assert!(verdict.accepted, "{}", verdict.sentence);
+    let off_mm = (Vector3::from(verdict.tool_mm.unwrap()) - truth_m * 1e3).norm();
+    let bound_mm = verdict.bound_mm.unwrap();
+    assert!(off_mm < bound_mm, "{off_mm} of {bound_mm} mm");
+    // The board holds the lengths of where it hangs, and drums are where they were.
+    assert!(verdict.used.iter().any(|used| used.contains("gentle")));
+}
+
+#[test]
 fn p2_a_platform_that_was_moved_is_seen_by_the_tag_and_named() {
     let model = model("paper-table5");
     let by_m = [0.02, -0.01, 0.0];

@@ -348,13 +348,13 @@ mod tests {
     #[test]
     fn a_turning_drum_continues_and_its_time_is_as_uncertain_as_its_brake() {
         let (model, rest, mut kept) = hanging("paper-table5", 0.0);
-        let stood = lengths_after(&model, &rest, &kept, &CUT);
-        kept.cables[1].speed_mps = -0.04;
         let cut = Cut {
             unseen_s: 0.01,
             unseen_sd_s: 0.005,
             ..CUT
         };
+        let stood = lengths_after(&model, &rest, &kept, &cut);
+        kept.cables[1].speed_mps = -0.04;
         let moved = lengths_after(&model, &rest, &kept, &cut);
         let way_m = moved.mean_m[1] - stood.mean_m[1];
         // 30 ms of brake and 10 ms unseen at 40 mm/s, and the way of stopping 34 kg with 100 N.

@@ -2,6 +2,7 @@
 //! next measurement.
 
 use super::fuse::Found;
+use super::gentle::{Response, locate};
 use super::journal::{Journal, JournalError};
 use super::looks::RestReadings;
 use super::weigh::{Estimates, estimates};
@@ -124,8 +125,8 @@ impl Verdict {
         }
     }
 
-    fn accept(&mut self, found: &Found, bound_m: f64) {
-        let at = found.tool_m * 1e3;
+    fn accept(&mut self, tool_m: Vector3<f64>, bound_m: f64) {
+        let at = tool_m * 1e3;
         self.accepted = true;
         self.sentence = format!(
             "the tool is at ({:.1}, {:.1}, {:.1}) mm, within {}",
@@ -265,7 +266,7 @@ fn without_tag(evidence: &Evidence<'_>, estimates: &Estimates) -> Verdict {
             "{BY_TAG}; or, if nobody touched drums, brakes or platform meanwhile, confirm it: `mcdpr recover --untouched`"
         );
     } else {
-        verdict.accept(found, bound_m);
+        verdict.accept(found.tool_m, bound_m);
     }
     verdict
 }
@@ -325,9 +326,69 @@ fn by_tag(evidence: &Evidence<'_>, estimates: &Estimates) -> Verdict {
         );
         BY_TAG.clone_into(&mut verdict.next);
     } else {
-        verdict.accept(found, bound_m);
+        verdict.accept(found.tool_m, bound_m);
     }
     verdict
+}
+
+/// Whether a gentle test may be begun: on a robot at rest with taut cables.
+#[must_use]
+pub fn gentle_helps(evidence: &Evidence<'_>) -> bool {
+    evidence.rest.slack().is_none() && evidence.rest.drift().is_none()
+}
+
+/// The decision by a gentle test, after `refused`. It uses neither lengths nor what anybody did without power.
+///
+/// # Errors
+/// [`EstimateError`] where the robot cannot hang at home.
+pub fn by_gentle_test(
+    model: &Model,
+    evidence: &Evidence<'_>,
+    refused: Verdict,
+    responses: &[Response],
+) -> Result<Verdict, EstimateError> {
+    let home_m = model.robot().tool.home_in_world_m;
+    let near = refused.tool_mm.map(|mm| Vector3::from(mm) * 1e-3);
+    let starts = near.into_iter().chain([home_m]);
+    let mut found =
+        starts.filter_map(|start_m| locate(model, &evidence.rest, responses, &start_m).ok());
+    let Some(found) = found.find(|found| found.fits) else {
+        return Ok(Verdict {
+            sentence: format!(
+                "{}; and the gentle test's tensions fit no place of this robot",
+                refused.sentence
+            ),
+            next: BY_HAND.to_owned(),
+            ..refused
+        });
+    };
+    let bound_m = found.bound_95_m;
+    let mut verdict = Verdict {
+        tool_mm: Some((found.tool_m * 1e3).into()),
+        bound_mm: Some(bound_m * 1e3),
+        bound_95_mm: Some(bound_m * 1e3),
+        integrity_bound_mm: None,
+        covariance_mm2: Some(found.covariance_m2 * 1e6),
+        lengths_m: found.rest.paid_out_m.clone(),
+        tensions_n: found.rest.tensions_n().to_vec(),
+        paid_out_mm: Vec::new(),
+        used: vec![
+            "a gentle test of all cables".to_owned(),
+            "tensions at rest".to_owned(),
+        ],
+        ..refused
+    };
+    if bound_m > evidence.bound_m {
+        verdict.sentence = format!(
+            "the gentle test shows the tool to {} only, and {} are required",
+            mm(bound_m),
+            mm(evidence.bound_m)
+        );
+        BY_TAG.clone_into(&mut verdict.next);
+    } else {
+        verdict.accept(found.tool_m, bound_m);
+    }
+    Ok(verdict)
 }
 
 /// The cable, from 0, whose tension differs most from the estimate's.

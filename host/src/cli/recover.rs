@@ -26,6 +26,10 @@ pub(crate) struct Cmd {
     /// You confirm that the computer and the robot lost their supply at the same time
     #[arg(long)]
     together: bool,
+    /// Where the evidence is not enough: wind each cable by 0.4 mm, under watch, and read all tensions. Drums
+    /// and platform move
+    #[arg(long)]
+    gentle: bool,
     #[command(flatten)]
     eye: Eye,
     /// On the simulator: the supply that fails while the robot runs --task, when and for how long
@@ -83,6 +87,7 @@ impl Cmd {
             tags: camera.as_mut().map(|camera| KnownTags { camera, places }),
             untouched: self.untouched,
             together: self.together,
+            gentle: self.gentle,
             bound_m: self.bound_mm * 1e-3,
         };
         let verdict = recover(&mut client, model, before)?;
@@ -113,7 +118,9 @@ impl Cmd {
         };
         let phase = Phase::begin("simulating the loss of power and the recovery");
         let after = simulate(model, &cut_motion)?;
-        let after = after.ok_or_else(|| wrong("the task was done before: give an earlier time"))?;
+        let mut after =
+            after.ok_or_else(|| wrong("the task was done before: give an earlier time"))?;
+        after.gentle = self.gentle;
         // Far ahead: a journal of this very moment is never from the future.
         let now_ms = u64::MAX / 2;
         let journal = after.read(model, now_ms);

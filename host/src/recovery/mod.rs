@@ -7,6 +7,7 @@ mod disk;
 pub(crate) mod load;
 pub mod simulated;
 pub mod study;
+mod winding;
 mod writer;
 
 pub use cost::{Cost, cost};
@@ -24,6 +25,7 @@ use crate::robot::TagPlace;
 use crate::run::{self, RunError};
 use crate::sight::TagSource;
 use mcdpr_core::recovery::looks::{Looks, RestReadings};
+use mcdpr_core::recovery::verdict::{by_gentle_test, gentle_helps};
 use mcdpr_protocol::BoardState;
 
 /// Readings of the sensors, and the time between them, µs: several periods of a swinging platform.
@@ -51,6 +53,9 @@ pub struct Before<'a> {
     pub untouched: bool,
     /// Whether the user states that computer and robot lost their supply at the same time.
     pub together: bool,
+    /// Whether drums may move: where the evidence is not enough, each cable is wound by some tenths of a
+    /// millimetre.
+    pub gentle: bool,
     /// Largest bound of the tool's position that the job allows, m.
     pub bound_m: f64,
 }
@@ -122,6 +127,25 @@ pub fn recover<L: Link>(
         let weight_n = load_kg * mcdpr_kinematics::GRAVITY_MPS2;
         let used = format!("{weight_n:.1} N in the jaws, by tensions and statics");
         verdict.used.push(used);
+    }
+    if before.gentle && !verdict.accepted && gentle_helps(&evidence) {
+        let guess = &model.rest_at_home()?.paid_out_m;
+        let known = match verdict.lengths_m.len() == guess.len() {
+            true => &verdict.lengths_m,
+            false => guess,
+        };
+        let tested = winding::test(client, model, &evidence.rest, known)?;
+        // The test has changed the configuration of the winches.
+        run::configure(client, model.robot())?;
+        verdict = match tested {
+            winding::Tested::Responses(responses) => {
+                by_gentle_test(model, &evidence, verdict, &responses)?
+            }
+            winding::Tested::Refused(reason) => Verdict {
+                sentence: format!("{}; no gentle test: {reason}", verdict.sentence),
+                ..verdict
+            },
+        };
     }
     if looks.lost_tag() {
         let lost = "the tag leaves the camera's picture while the platform swings: it was not used";
