@@ -27,6 +27,7 @@ playground  build the page with a simulated robot in it, without a server (targe
 firmware    build the firmware and check its size and that it needs no floating point
 study faults  ten thousand runs with random faults (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
+study own-frame  three frames from a few answers to a calibrated robot that picks (--runs N, --seed N)
 screenshots draws docs/images/*.png: the page on the simulator, in a real browser
 seams       no ring of modules, no public item unused outside its crate; no dependency is built twice for the
             program and the tests; the crates without a system compile for wasm32; prints the ten longest functions
@@ -72,6 +73,8 @@ fn study() -> Result<(), String> {
     let (package, example, options) = match chosen.map(|(a, b)| (a.as_str(), b)) {
         Some(("faults", options)) => ("mcdpr", "fault_study", options),
         Some(("planning", options)) => ("mcdpr-tests", "planning_study", options),
+        // It starts the program.
+        Some(("own-frame", options)) => return built_with_program("own_frame_study", options),
         _ => return Err(USAGE.to_owned()),
     };
     let mut command = vec!["run", "--release", "--locked", "-q", "-p", package];
@@ -80,9 +83,14 @@ fn study() -> Result<(), String> {
     cargo(&command)
 }
 
-/// Draws the pictures of the documents. With the features of the tests, so that nothing is built again.
+/// Draws the pictures of the documents.
 fn screenshots() -> Result<(), String> {
     tools::ensure_browser()?;
+    built_with_program("screenshots", &["docs/images".to_owned()])
+}
+
+/// An example of the tests that starts the program. With the features of the tests, so that nothing is built again.
+fn built_with_program(example: &str, options: &[String]) -> Result<(), String> {
     let built = [
         "--release",
         "--locked",
@@ -90,11 +98,11 @@ fn screenshots() -> Result<(), String> {
         "--features",
         FEATURES,
     ];
-    for target in [["--bin", "mcdpr"], ["--example", "screenshots"]] {
+    for target in [["--bin", "mcdpr"], ["--example", example]] {
         cargo(&[&["build"], &built[..], &target[..]].concat())?;
     }
-    let program = tools::target().join("release/examples/screenshots");
-    run(Command::new(program).arg("docs/images"))
+    let program = tools::target().join("release/examples").join(example);
+    run(Command::new(program).args(options))
 }
 
 fn test() -> Result<(), String> {
