@@ -216,6 +216,26 @@ fn the_robot_file_is_changed_with_its_differences_in_view() {
         std::fs::read_to_string(at.join("own.toml.before")).unwrap(),
         before
     );
+    // The server reads it without a restart. It keeps its address, so the page comes back by itself.
+    let mass = "mcdpr.robotFile.file && mcdpr.robot.mass_kg > 10 && mcdpr.connected && mcdpr.may";
+    assert!(!page.truth(mass));
+    page.click("#robot-use");
+    wait(&mut page, mass);
+    assert_eq!(page.text("robot-name"), "own.toml");
+    // A file that cannot be used changes nothing, and the reason stands beside the button.
+    std::fs::write(&file, &wrong).unwrap();
+    page.click("#robot-use");
+    wait(
+        &mut page,
+        "document.getElementById('robot-words').textContent.includes('mass_kg')",
+    );
+    wait(&mut page, "mcdpr.connected && mcdpr.robot.mass_kg > 10");
+    std::fs::write(&file, &heavier).unwrap();
+    page.click("#robot-again");
+    wait(
+        &mut page,
+        "document.getElementById('robot-words').textContent === ''",
+    );
     // Someone else's change is not overwritten.
     std::fs::write(&file, &before).unwrap();
     page.fill("robot-text", &format!("{heavier}# mine\n"));

@@ -263,6 +263,13 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
         page.text("kept-words")
             .contains("paper-table5.calibration.json")
     );
+    // The server uses it once it has read it: the page shows the anchors that were found.
+    page.run("window.anchors = JSON.stringify(mcdpr.robot.cables)");
+    page.click("#kept-use");
+    wait(
+        &mut page,
+        "mcdpr.connected && mcdpr.may && JSON.stringify(mcdpr.robot.cables) !== window.anchors",
+    );
     // A step uses it from now on.
     open(&mut page, "check");
     page.fill("step-check-places", "1");

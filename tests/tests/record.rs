@@ -12,6 +12,7 @@ use mcdpr::record::{
 use mcdpr::replay::{ReplayError, replay};
 use mcdpr::robot::Robot;
 use mcdpr_protocol::SessionId;
+use mcdpr_tests::mcdpr;
 use mcdpr_tests::process::Folder;
 use std::sync::{Arc, Mutex, OnceLock};
 
@@ -82,6 +83,27 @@ fn a_run_replays_bit_by_bit_host_and_core() {
         proof.core_bytes.is_some_and(|bytes| bytes > 50_000),
         "{proof:?}"
     );
+}
+
+#[test]
+fn a_task_in_g_code_replays_by_its_recorded_text() {
+    let folder = Folder::new("g-code");
+    let task = folder.path().join("part.nc");
+    std::fs::write(&task, "G21 G90\nG0 X300 Y0 Z-200\nG1 X320 F600\nG1 Y20\n").unwrap();
+    let call = |words: &[&str]| {
+        let output = mcdpr().args(words).current_dir(folder.path()).output();
+        let output = output.unwrap();
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{words:?}: {message}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    call(&["run", "part.nc", "--record", "kept", "--json"]);
+    // The record has the text: the file is not needed.
+    std::fs::remove_file(&task).unwrap();
+    let said: serde_json::Value =
+        serde_json::from_str(&call(&["replay", "kept", "--json"])).unwrap();
+    let bytes = said["host_bytes"].as_u64();
+    assert!(bytes.is_some_and(|bytes| bytes > 1000), "{said}");
 }
 
 #[test]

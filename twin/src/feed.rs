@@ -492,6 +492,7 @@ pub fn describe(robot: &Robot) -> serde_json::Value {
         "tension_max_n": robot.limits.tension_max_n,
         "setpoint_n": robot.tension.setpoint_n,
         "speed_mps": robot.limits.speed_mps,
+        "mass_kg": robot.platform.mass_kg,
         "home_m": robot.tool.home_in_world_m.as_slice(),
         "gripper": robot.gripper.kind != GripperKind::None,
     })

@@ -26,14 +26,22 @@ pub(super) enum Next {
 
 /// Executes rounds until one says that the program ends. A lost line is opened again, and `lost` receives the reason
 /// before each attempt; it says whether the program continues. `released` is called while the line is closed
-/// for somebody else. Only at the start the line must exist.
+/// for somebody else. Only at the start the line must exist, unless `patient`.
 pub(super) fn keep_open<L: Link>(
     mut open: impl FnMut() -> Result<L, ClientError>,
+    patient: bool,
     mut round: impl FnMut(&mut L) -> miette::Result<Next>,
     mut lost: impl FnMut(&str) -> bool,
     mut released: impl FnMut(),
 ) -> Outcome {
-    let mut line = open()?;
+    let mut line = loop {
+        match open() {
+            Ok(line) => break line,
+            Err(error) if !patient => return Err(error.into()),
+            Err(error) if !lost(&in_words(&error)) => return Ok(()),
+            Err(_) => {}
+        }
+    };
     loop {
         let mut reason = match round(&mut line) {
             Ok(Next::Again) => continue,

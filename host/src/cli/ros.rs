@@ -256,6 +256,6 @@ impl Node<'_> {
                 self.goals.refuse(reason);
             })
         };
-        keep_open(open, round, lost, || {})
+        keep_open(open, false, round, lost, || {})
     }
 }

@@ -4,6 +4,7 @@ mod desk;
 mod history;
 mod library;
 mod planning;
+mod reload;
 mod robot_file;
 mod steps;
 
@@ -13,6 +14,7 @@ use desk::Work;
 use history::History;
 use library::Library;
 use planning::{Chosen, Planning};
+use reload::{Prepared, Reload};
 use robot_file::RobotFile;
 use steps::Steps;
 
@@ -48,7 +50,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub(crate) const PORT: u16 = 8650;
 
 /// Show the robot in a browser, live, with buttons; the simulated one goes around its circle
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub(crate) struct Cmd {
     /// Name of a built-in task, or a task file (TOML), for the Start button; without one, as `demo`
     task: Option<String>,
@@ -74,48 +76,16 @@ pub(crate) struct Cmd {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        let robot = common.robot()?;
-        let model = Model::new(&robot)?;
-        let height_m = tool_height_m(&robot, self.z_mm);
-        let name = match &self.task {
-            Some(name) => name.as_str(),
-            None => Task::fitting_name(&model),
-        };
-        let task = crate::motion::find_task_for(&model, name, height_m)?;
+        let mut prepared = Prepared::read(self, common)?;
         let token = self.token.chosen()?;
-        // A task that would be refused is refused before anything is shown.
-        Experiment::new(&model, task.clone()).plan()?;
         if common.dry_run {
             eprintln!("the task is within every limit; nothing was started");
             if common.json {
-                return print_json(&serde_json::json!({ "allowed": task.name }));
+                return print_json(&serde_json::json!({ "allowed": prepared.task.name }));
             }
             return Ok(());
         }
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        let simulated = common.on == "sim";
-        let feed = crate::serve::feed();
-        let handle = Handle::new();
-        let start = Arc::new(AtomicBool::new(simulated && !self.idle));
-        let planning = Planning::start(model.clone(), feed.clone())
-            .map_err(Failed::from_error("starting the planner's thread"))?;
-        let steps = Steps::new(common, feed.clone());
-        let work = Work {
-            steps: steps.clone(),
-            model: model.clone(),
-            feed: feed.clone(),
-            start: Arc::clone(&start),
-            library: Library::new(self.tasks.clone(), height_m),
-            planning: planning.clone(),
-            history: History::new(PathBuf::from(RUNS), &robot),
-            robot_file: RobotFile::new(&common.robot),
-        };
-        let desk = PageDesk {
-            handle: handle.clone(),
-            work: Some(work),
-            most_mps: robot.limits.speed_mps,
-        };
-        let desk = Arc::new(desk);
         if !self.host.is_loopback() {
             eprintln!(
                 "warning: other machines can reach this page at {}; whoever reads the unencrypted \
@@ -123,20 +93,87 @@ impl Cmd {
                 self.host
             );
         }
-        let server = Server::start_on(self.host, self.port, token, &robot, feed.clone(), desk)?;
+        let feed = crate::serve::feed();
+        let place = Place {
+            steps: Steps::new(common, feed.clone()),
+            feed,
+            handle: Handle::new(),
+            reload: Reload::new(self, common),
+        };
+        let mut at = Address {
+            port: self.port,
+            token,
+            again: false,
+        };
+        // Robot file and calibration are read again on request: everything that knows the robot is made anew,
+        // at the same address.
+        loop {
+            self.show(common, &prepared, &place, &mut at)?;
+            match place.reload.take() {
+                Some(read) => prepared = read,
+                None => return Ok(()),
+            }
+        }
+    }
+
+    /// Serves a robot until the program ends or its description was read again.
+    fn show(
+        &self,
+        common: &Common,
+        prepared: &Prepared,
+        place: &Place,
+        at: &mut Address,
+    ) -> Outcome {
+        let simulated = common.on == "sim";
+        let (model, robot) = (&prepared.model, prepared.model.robot());
+        let (feed, handle) = (place.feed.clone(), place.handle.clone());
+        let start = Arc::new(AtomicBool::new(simulated && !self.idle && !at.again));
+        let planning = Planning::start(model.clone(), feed.clone())
+            .map_err(Failed::from_error("starting the planner's thread"))?;
+        let work = Work {
+            steps: place.steps.clone(),
+            model: model.clone(),
+            feed: feed.clone(),
+            start: Arc::clone(&start),
+            library: Library::new(self.tasks.clone(), prepared.height_m),
+            planning: planning.clone(),
+            history: History::new(PathBuf::from(RUNS), robot),
+            robot_file: RobotFile::new(&common.robot),
+            reload: place.reload.clone(),
+        };
+        let desk = PageDesk {
+            handle: handle.clone(),
+            work: Some(work),
+            most_mps: robot.limits.speed_mps,
+        };
+        let token = at.token.clone();
+        let desk = Arc::new(desk);
+        let server = Server::start_on(self.host, at.port, token, robot, feed.clone(), desk)?;
         #[cfg(unix)]
         let listening = super::orders::listen(common, &handle)?;
-        announce(&server, common)?;
-        let source = task_source(name, height_m);
+        if at.again {
+            feed.set_preview(serde_json::json!({ "type": "preview", "id": null }));
+            feed.say("robot file and calibration are read again and in use");
+        } else {
+            announce(&server, common)?;
+        }
+        // A page that is open reaches the next server, too.
+        (at.port, at.token) = (server.port(), Some(server.token().to_owned()));
+        let source = task_source(&prepared.name, prepared.height_m);
         let show = Show {
             common,
-            model: &model,
-            default: Chosen { task, source },
+            model,
+            default: Chosen {
+                task: prepared.task.clone(),
+                source,
+            },
             planning,
             feed,
             handle,
             start,
-            steps,
+            steps: place.steps.clone(),
+            reload: place.reload.clone(),
+            again: std::mem::replace(&mut at.again, true),
             #[cfg(unix)]
             listening: RefCell::new(listening),
             lost: Cell::new(false),
@@ -146,13 +183,29 @@ impl Cmd {
             let mismatch = Mismatch::realistic();
             let link = SimulatedRobot::new(mismatch, common.seed)
                 .controller(&common.controller)
-                .at_home(&model)?;
+                .at_home(model)?;
             let tap = TruthTap::forgetful(link.clone(), robot.cables.len());
             show.go(|| Ok(Paced::new(link.clone(), scale)), Some(&tap))
         } else {
             show.go(|| Ok(common.open_port()?), None)
         }
     }
+}
+
+/// What stays when the robot's description is read again.
+struct Place {
+    feed: Feed,
+    steps: Steps,
+    handle: Handle,
+    reload: Reload,
+}
+
+/// Where the page is.
+struct Address {
+    port: u16,
+    token: Option<String>,
+    /// Not for the first time.
+    again: bool,
 }
 
 /// Prints the address of the page.
@@ -181,6 +234,9 @@ struct Show<'a> {
     handle: Handle,
     start: Arc<AtomicBool>,
     steps: Steps,
+    reload: Reload,
+    /// The robot's description was read again: a line that cannot be opened does not end the program.
+    again: bool,
     /// Orders from other terminals, while this program has the robot.
     #[cfg(unix)]
     listening: RefCell<Option<crate::control::Server>>,
@@ -209,7 +265,7 @@ impl Show<'_> {
                 self.start.store(false, Ordering::SeqCst);
             })
         };
-        keep_open(open, round, lost, || self.release())
+        keep_open(open, self.again, round, lost, || self.release())
     }
 
     /// Lets a step have the robot, until its command has ended.
@@ -242,7 +298,7 @@ impl Show<'_> {
             feed: &self.feed,
             handle: &self.handle,
             start: &self.start,
-            hands_over: &|| self.steps.is_due(),
+            hands_over: &|| self.steps.is_due() || self.reload.is_due(),
         };
         let wanted = attendant.wait(watched(&mut *link, &idle, tap), new_session(), |client| {
             self.greeted(client)
@@ -250,6 +306,7 @@ impl Show<'_> {
         idle.finish();
         let (jogs, referenced) = match wanted? {
             Wanted::Nothing => return Ok(Next::End),
+            Wanted::Line if self.reload.is_due() => return Ok(Next::End),
             Wanted::Line => return Ok(Next::Release),
             Wanted::Task { referenced } => (false, referenced),
             Wanted::Jogs { referenced } => (true, referenced),

@@ -170,6 +170,12 @@ impl Server {
         self.shared.port
     }
 
+    /// The token for orders.
+    #[must_use]
+    pub(crate) fn token(&self) -> &str {
+        self.shared.orders.token()
+    }
+
     /// An address at which this machine reaches it.
     fn reached_at(&self) -> IpAddr {
         if self.shared.host.is_unspecified() {

@@ -51,6 +51,7 @@
 
   function take(m) {
     if (m.type === 'hello') {
+      const other = robot && JSON.stringify(robot) !== JSON.stringify(m.robot);
       robot = m.robot; orders = m.orders;
       text('name', robot.name); document.title = robot.name + ' - MCDPR';
       text('most', robot.tension_max_n.toFixed(0) + ' N');
@@ -58,7 +59,9 @@
       for (const o of $('jog-speed').options) o.disabled = o.value * 1e-3 > robot.speed_mps;
       Work.speeds(robot.speed_mps);
       Sim.allow(may, orders, m); Runs.allow(orders);
-      if (local) { for (const name of ['setup', 'pick']) $('tab-' + name).hidden = true; RobotFile.forget(); }
+      // Another robot's file is read again; a mere loss of the connection does not undo what was typed.
+      if (other || local) RobotFile.forget();
+      if (local) { for (const name of ['setup', 'pick']) $('tab-' + name).hidden = true; $('robot-use').hidden = true; }
     } else if (m.type === 'plan') Scene.setPlan(m.tool_m);
     else if (m.type === 'log') m.lines.forEach(log);
     else if (m.type === 'answer') answer(m);

@@ -47,7 +47,13 @@ const RobotFile = (() => {
     if (!answer.ok) { words(answer.reason, true); return; }
     const { kept, words: said } = answer.data;
     await open(true);
-    words(said || `Saved; the old text is in ${kept}. End mcdpr serve and start it again to use it.`, false);
+    words(said || `Saved; the old text is in ${kept}. Use it now, or from the next start of mcdpr serve on.`, false);
+  }
+
+  // The server reads robot file and calibration again; the page connects to it anew.
+  async function use() {
+    const answer = await ask({ order: 'reload' });
+    words(answer.ok ? 'Robot file and calibration are in use.' : answer.reason, !answer.ok);
   }
 
   const set = (id, reason) => { $(id).disabled = !!reason; $(id).title = reason; };
@@ -55,18 +61,21 @@ const RobotFile = (() => {
     const no = may ? file ? '' : 'the file was not read yet' : why, text = $('robot-text').value;
     // Messages have a greatest size.
     set('robot-check', no || (new Blob([text]).size > 48 * 1024 ? 'larger than 48 kB: change it in an editor' : '')); set('robot-again', may ? '' : why);
+    const live = mcdpr.live, moving = live && live.task ? `${live.task} is under way: stop it first` : '';
+    set('robot-use', may ? moving : why);
     set('robot-save', no || (!file.file ? 'a built-in robot has no file: mcdpr config init FILE --copy makes one'
       : checked === null || checked !== text ? 'check it first' : text === file.text ? 'nothing was changed' : ''));
   }
 
   const on = (id, act) => $(id).addEventListener('click', act);
-  on('robot-check', check); on('robot-save', save); on('robot-again', () => open(true));
+  on('robot-check', check); on('robot-save', save); on('robot-again', () => open(true)); on('robot-use', use);
   $('robot-text').addEventListener('input', buttons);
   // Another robot: its file is read when it is looked at.
   function forget() { file = checked = null; if (!$('robot').hidden) open(true); }
 
+  setInterval(() => { if (!$('robot').hidden) buttons(); }, 500);
   return { forget,
-    open,
+    open, use,
     allow(now, reason) { may = now; why = reason; buttons(); },
     get file() { return file; },
   };

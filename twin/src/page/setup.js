@@ -156,11 +156,16 @@ const Steps = (() => {
         text(c.wrong, answer.ok ? '' : answer.reason);
       });
     }
-    c.more.append(kept.words, make('div', { className: 'three' }, kept.accept, kept.discard, kept.back));
+    kept.use = make('button', { id: 'kept-use', textContent: 'Use it now' });
+    kept.use.addEventListener('click', async () => {
+      const answer = await ask({ order: 'reload' });
+      text(c.wrong, answer.ok ? '' : answer.reason);
+    });
+    c.more.append(kept.words, make('div', { className: 'three' }, kept.accept, kept.discard, kept.back), kept.use);
   }
   function calibration(f) {
     files = f;
-    const words = [f.used ? f.applied ? `In use: ${f.used}${f.made ? `, made ${f.made}` : ''}. Steps apply it from their next start on, this server from its own: end mcdpr serve and start it again in the same way.` : `${f.used} is not applied: this server was started with --calibration none.` : 'No calibration is in use.'];
+    const words = [f.used ? f.applied ? `In use: ${f.used}${f.made ? `, made ${f.made}` : ''}. Steps apply it from their next start on, this server once you press Use it now.` : `${f.used} is not applied: this server was started with --calibration none.` : 'No calibration is in use.'];
     if (f.proposal) words.push(`${f.proposal} is new and not in use yet: accept it, or discard it.`);
     if (f.before) words.push(`Before it: ${f.before}.`);
     text(kept.words, words.join(' '));
@@ -180,6 +185,7 @@ const Steps = (() => {
     const no = !may ? why : busy;
     set(kept.accept, no || (!files.proposal ? 'there is no new calibration: run this step' : files.applied ? '' : 'this server was started with --calibration none'), 'Use it from now on; the one before is kept');
     set(kept.discard, no || (files.proposal ? '' : 'there is no new calibration: run this step'), 'Do not use it; it stays as a file');
+    set(kept.use, no, 'This server reads robot file and calibration again and uses them');
     set(kept.back, no || (files.before ? '' : 'there is no calibration before this one'), 'Use the calibration before again; the present one is kept');
   }
 

@@ -3,6 +3,7 @@
 use super::history::History;
 use super::library::Library;
 use super::planning::{Chosen, Planning};
+use super::reload::Reload;
 use super::robot_file::RobotFile;
 use super::steps::Steps;
 use crate::control::{Handle, Order};
@@ -40,6 +41,7 @@ pub(crate) struct Work {
     pub(crate) history: History,
     pub(crate) robot_file: RobotFile,
     pub(crate) steps: Steps,
+    pub(crate) reload: Reload,
 }
 
 /// Orders that are possible while a step has the robot: they move nothing.
@@ -155,11 +157,15 @@ impl Work {
                 let (new, before) = (text(message, "text")?, text(message, "before")?);
                 let saved = self.robot_file.save(new, before)?;
                 self.feed.say(&format!(
-                    "{} saved; it is used from the next start on",
+                    "{} saved; it is used once it is read again",
                     saved["file"]
                 ));
                 Ok(saved)
             }
+            "reload" => match self.in_progress() {
+                Some(task) => Err(format!("{task} is under way: stop it first")),
+                None => self.reload.ask().map(|()| Value::Null),
+            },
             "forget" => {
                 self.planning.forget();
                 self.feed
@@ -222,6 +228,7 @@ impl Desk for PageDesk {
                 "calibration_accept",
                 "calibration_discard",
                 "calibration_back",
+                "reload",
             ]);
         }
         orders
