@@ -175,7 +175,7 @@ pub fn figures<'a>(cases: impl Iterator<Item = &'a Case>) -> Figures {
     }
 }
 
-/// Runs the seeds from `first` on, `runs` of them; the kinds take turns, and those that are not in `kinds`
+/// Runs the seeds on the control core in this process or on emulated chips; the kinds take turns, and those that are not in `kinds`
 /// are skipped. Cases for whose seed no motion was found, or whose motion was over before the cut, are left
 /// out.
 ///
@@ -186,12 +186,13 @@ pub fn study(
     seeds: std::ops::Range<u64>,
     kinds: &[Kind],
     bound_m: f64,
+    controller: &Controller,
 ) -> Result<Vec<Case>, RunError> {
     model.rest_at_home()?;
     let cases: Result<Vec<_>, RunError> = seeds
         .into_par_iter()
         .filter(|seed| kind_of(*seed).is_some_and(|kind| kinds.contains(&kind)))
-        .map(|seed| case(model, seed, bound_m))
+        .map(|seed| case(model, seed, bound_m, controller))
         .collect();
     Ok(cases?.into_iter().flatten().collect())
 }
@@ -240,7 +241,12 @@ fn kind_of(seed: u64) -> Option<Kind> {
     KINDS.get(turn).copied()
 }
 
-fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError> {
+fn case(
+    model: &Model,
+    seed: u64,
+    bound_m: f64,
+    controller: &Controller,
+) -> Result<Option<Case>, RunError> {
     let mut random = Random::new(seed ^ 0x7077_7263);
     let Some(kind) = kind_of(seed) else {
         return Ok(None);
@@ -300,7 +306,7 @@ fn case(model: &Model, seed: u64, bound_m: f64) -> Result<Option<Case>, RunError
         at_s,
         lasts_s: 1.0,
         disturbance,
-        controller: Controller::InProcess,
+        controller: controller.clone(),
     };
     let after = match simulate(model, &cut) {
         Ok(Some(after)) => after,

@@ -1,5 +1,6 @@
 //! `mcdpr study power`: random losses of power, and the errors of the recovery.
 
+use crate::cli::progress::Phase;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::motion::{Model, Task};
@@ -83,7 +84,9 @@ impl Cmd {
             false => &KINDS[..],
         };
         let seeds = common.seed..common.seed.saturating_add(self.runs);
-        let cases = study(&model, seeds, kinds, bound_m)?;
+        let phase = Phase::begin("cutting the power and recovering");
+        let cases = study(&model, seeds, kinds, bound_m, &common.controller)?;
+        drop(phase);
         let cost = journal_cost(&model)?;
         if let Some(path) = &self.cases {
             let lines: Result<Vec<_>, _> = cases.iter().map(serde_json::to_string).collect();
