@@ -106,7 +106,6 @@ fn studies_refuse_the_chip_a_port_and_a_bad_file() {
     let here = folder.path();
     for words in [
         &["study", "demo", "--on", "chip"][..],
-        &["study", "power", "--on", "chip"],
         &["reproduce", "--on", "chip"],
         &["pick", "--scenes", "2", "--on", "chip"],
     ] {

@@ -85,6 +85,22 @@ fn charts_of_a_run_zoom_fetch_finer_data_and_their_cursor_has_the_records_values
     let nearer = page.number(WIDTH);
     let same = "['Tensions', 'Lengths'].every(t => mcdpr.runCharts.chart(t).u.scales.x.min === mcdpr.runCharts.range[0])";
     assert!(page.truth(same));
+    // A part that is drawn over with the mouse is enlarged to the whole width.
+    page.drag([x - 60.0, y], [x + 60.0, y]);
+    page.wait(&format!("{WIDTH} < {nearer} * 0.8"), PATIENCE);
+    page.wait(SETTLED, PATIENCE);
+    let drawn = page.number(WIDTH);
+    // Two fingers that are spread enlarge what is between them; brought together they do the opposite.
+    let [[close, far], [back, apart]] =
+        [[20.0, 80.0], [80.0, 20.0]].map(|pair| pair.map(|by| [[x - by, y], [x + by, y]]));
+    page.two_fingers(close, far);
+    page.wait(&format!("{WIDTH} < {drawn} * 0.5"), PATIENCE);
+    page.wait(SETTLED, PATIENCE);
+    let spread = page.number(WIDTH);
+    page.two_fingers(back, apart);
+    page.wait(&format!("{WIDTH} > {spread} * 2"), PATIENCE);
+    page.wait(SETTLED, PATIENCE);
+    let nearer = page.number(WIDTH);
     // A key does it, too, down to single samples.
     page.run("mcdpr.runCharts.chart('Tensions').host.focus()");
     page.press("+");

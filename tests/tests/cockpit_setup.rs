@@ -300,6 +300,27 @@ fn a_calibration_is_collected_live_solved_accepted_and_taken_back() {
 }
 
 #[test]
+fn a_step_has_an_emulated_chip_of_its_own() {
+    let _alone = alone();
+    let folder = Folder::new("setup-chip");
+    let words = ["--idle", "--on", "chip"];
+    let serve = Serve::start_in(folder.path(), &words);
+    let mut browser = Browser::start();
+    let mut page = at_tab(&mut browser, &serve, "setup");
+    open(&mut page, "doctor");
+    assert!(page.text("step-doctor-line").contains("--on chip"));
+    page.click("#step-doctor-run");
+    wait(&mut page, &is("doctor", "done"));
+    let verdict = page.text("step-doctor-result");
+    assert!(verdict.contains("to be repaired: 0"), "{verdict}");
+    // The page's own chip has its line again.
+    wait(
+        &mut page,
+        "mcdpr.live && !mcdpr.live.stale && mcdpr.live.state === 'Disarmed'",
+    );
+}
+
+#[test]
 fn picking_is_started_seen_and_stopped_from_the_page() {
     let _alone = alone();
     let folder = Folder::new("setup-pick");

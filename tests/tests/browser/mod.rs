@@ -373,6 +373,46 @@ impl Page {
         self.call("Input.dispatchMouseEvent", params);
     }
 
+    /// Draws a real mouse from one point to another with its button held, CSS pixels.
+    pub fn drag(&mut self, from: [f64; 2], to: [f64; 2]) {
+        self.mouse_to(from);
+        let [middle_x, middle_y] = [0, 1].map(|axis| 0.5 * (from[axis] + to[axis]));
+        for (kind, [x, y], buttons) in [
+            ("mousePressed", from, 1),
+            ("mouseMoved", [middle_x, middle_y], 1),
+            ("mouseMoved", to, 1),
+            ("mouseReleased", to, 0),
+        ] {
+            let button = if kind == "mouseMoved" { "none" } else { "left" };
+            let params = json!({
+                "type": kind, "x": x, "y": y, "button": button, "buttons": buttons, "clickCount": 1,
+            });
+            self.call("Input.dispatchMouseEvent", params);
+        }
+    }
+
+    /// Puts two fingers on a touch screen at these points, moves them to the others in steps, and lifts them.
+    pub fn two_fingers(&mut self, from: [[f64; 2]; 2], to: [[f64; 2]; 2]) {
+        let steps = 8;
+        for step in 0..=steps {
+            let share = f64::from(step) / f64::from(steps);
+            let points: Vec<Value> = from
+                .iter()
+                .zip(&to)
+                .enumerate()
+                .map(|(id, (from, to))| {
+                    let [x, y] = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
+                    json!({ "x": x, "y": y, "id": id })
+                })
+                .collect();
+            let kind = if step == 0 { "touchStart" } else { "touchMove" };
+            let params = json!({ "type": kind, "touchPoints": points });
+            self.call("Input.dispatchTouchEvent", params);
+        }
+        let params = json!({ "type": "touchEnd", "touchPoints": [] });
+        self.call("Input.dispatchTouchEvent", params);
+    }
+
     pub fn resize(&mut self, width: u32, height: u32) {
         let params =
             json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": true });
