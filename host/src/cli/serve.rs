@@ -20,14 +20,13 @@ use steps::Steps;
 
 use super::line::{Next, in_words, keep_open, refuse_for_a_while, watched};
 use super::recorded::{About, Recorded};
-use super::run::tool_height_m;
 use super::token::Token;
 use super::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
 use crate::experiment::{Experiment, SimulatedRobot};
 use crate::link::{Client, ClientError, Link, Paced};
 use crate::machine::Mismatch;
-use crate::motion::{Model, Task};
+use crate::motion::Model;
 use crate::record::events::{Patience, TruthTap};
 use crate::record::{Doing, EventBus, TaskSource, task_source};
 use crate::report::RUNS;
