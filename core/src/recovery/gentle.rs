@@ -249,7 +249,7 @@ impl Problem<'_> {
 /// # Errors
 /// [`EstimateError::Rank`] where the robot has another shape, cannot hang near `start_m`, or the readings do
 /// not determine its place.
-pub fn locate(
+pub(crate) fn locate(
     model: &Model,
     rest: &RestReadings,
     responses: &[Response],

@@ -76,7 +76,13 @@ const RobotFile = (() => {
   setInterval(() => { if (!$('robot').hidden) buttons(); }, 500);
   return { forget,
     open, use,
-    allow(now, reason) { may = now; why = reason; buttons(); },
+    allow(now, reason) {
+      const fresh = now && !may;
+      may = now; why = reason;
+      // Forgotten while the page could not ask.
+      if (fresh && !file && !$('robot').hidden) open(true).then(() => words('The server uses this file.', false));
+      buttons();
+    },
     get file() { return file; },
   };
 })();
