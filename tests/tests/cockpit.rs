@@ -339,6 +339,7 @@ fn without_the_token_nothing_can_be_planned_or_saved() {
     page.run("mcdpr.request({ order: 'plan', task: 'fitting' })");
     wait(&mut guest, ALLOWED);
     assert!(guest.truth("document.getElementById('plan-start').disabled"));
+    wait(&mut page, ALLOWED);
     page.click("#plan-forget");
     wait(&mut guest, "document.getElementById('verdict').hidden");
     // Rubbish is refused in words.
