@@ -74,7 +74,7 @@ pub struct Response {
 
 /// The place by a gentle test.
 #[derive(Debug, Clone)]
-pub struct Gentle {
+pub(crate) struct Gentle {
     /// How the robot hangs.
     pub rest: StaticState,
     /// The tool, world, m.
