@@ -28,6 +28,7 @@ mod corner;
 pub mod data;
 pub mod dense;
 mod design;
+pub mod drawing;
 pub mod error;
 mod fit;
 pub mod general;

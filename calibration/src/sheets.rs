@@ -1,8 +1,7 @@
 //! A target on sheets of paper: A4 or A3, as many as it needs, with marks to join them.
 
-use super::target::{
-    Drawn, TargetError, drawn, extent, line, opening, ruler, square_mm, text, write,
-};
+use super::drawing::Drawing;
+use super::target::{Drawn, TargetError, drawn, edge_mm, extent, put, ruler};
 use mcdpr_core::robot::Tag;
 
 /// Distance of everything from the edge of the paper, which printers leave white, mm.
@@ -45,8 +44,8 @@ impl Paper {
 /// Sheets of one body, left to right, then down.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sheets {
-    /// One drawing (SVG) per sheet.
-    pub drawings: Vec<String>,
+    /// One drawing per sheet.
+    pub drawings: Vec<Drawing>,
     /// Sheets side by side, and below each other.
     pub grid: [usize; 2],
     /// Whether the paper lies on its long side.
@@ -81,7 +80,7 @@ pub fn sheets(tags: &[Tag], body: u32, paper: Paper) -> Result<Sheets, TargetErr
             let mut out = page(&drawn, size, &cuts, place);
             ruler(
                 [EDGE_MM, size[1] - EDGE_MM - FOOT_MM + 8.0],
-                square_mm(&drawn),
+                edge_mm(&drawn),
                 &mut out,
             );
             let all = grid[0] * grid[1];
@@ -94,8 +93,7 @@ pub fn sheets(tags: &[Tag], body: u32, paper: Paper) -> Result<Sheets, TargetErr
                     column + 1
                 );
             }
-            text([EDGE_MM, size[1] - EDGE_MM - 0.5], 3.0, &words, &mut out);
-            out.push_str("</svg>\n");
+            out.words([EDGE_MM, size[1] - EDGE_MM - 0.5], 3.0, &words);
             drawings.push(out);
         }
     }
@@ -112,10 +110,9 @@ fn cuts(drawn: &[Drawn], axis: usize, room: f64) -> Option<Vec<f64>> {
     let [low, high] = extent(drawn).map(|corner| corner[axis]);
     let mut spans: Vec<[f64; 2]> = drawn
         .iter()
-        .filter_map(|tag| {
-            let square = tag.blocks.first()?;
-            let from = square.at[axis];
-            Some([from - tag.rim, from + square.size[axis] + tag.rim])
+        .map(|tag| {
+            let from = tag.at[axis];
+            [from - tag.rim, from + tag.edge + tag.rim]
         })
         .collect();
     spans.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -143,8 +140,8 @@ fn cuts(drawn: &[Drawn], axis: usize, room: f64) -> Option<Vec<f64>> {
 }
 
 /// One sheet: the tags of its part, and the marks where it is joined.
-fn page(drawn: &[Drawn], size: [f64; 2], cuts: &[Vec<f64>; 2], place: [usize; 2]) -> String {
-    let mut out = opening(size);
+fn page(drawn: &[Drawn], size: [f64; 2], cuts: &[Vec<f64>; 2], place: [usize; 2]) -> Drawing {
+    let mut out = Drawing::new(size);
     let part = [0, 1].map(|k| [cuts[k][place[k]], cuts[k][place[k] + 1]]);
     let inner = [0, 1].map(|k| [place[k] > 0, place[k] + 2 < cuts[k].len()]);
     let origin = [0, 1].map(|k| {
@@ -152,11 +149,9 @@ fn page(drawn: &[Drawn], size: [f64; 2], cuts: &[Vec<f64>; 2], place: [usize; 2]
         EDGE_MM + before - part[k][0]
     });
     for tag in drawn {
-        let is_here = tag.blocks.first().is_some_and(|square| {
-            (0..2).all(|k| square.at[k] > part[k][0] - OVERLAP_MM && square.at[k] < part[k][1])
-        });
+        let is_here = (0..2).all(|k| tag.at[k] > part[k][0] - OVERLAP_MM && tag.at[k] < part[k][1]);
         if is_here {
-            write(tag, origin, &mut out);
+            put(tag, origin, &mut out);
         }
     }
     for axis in 0..2 {
@@ -168,13 +163,13 @@ fn page(drawn: &[Drawn], size: [f64; 2], cuts: &[Vec<f64>; 2], place: [usize; 2]
                 0 => [at, along],
                 _ => [along, at],
             };
-            line(point(from), point(to), &mut out);
+            out.line(point(from), point(to));
             // A quarter from both ends, where the neighbour has the same.
             for share in [0.25, 0.75] {
                 let along = from + (to - from) * share;
                 let [x, y] = point(along);
-                line([x - MARK_MM, y], [x + MARK_MM, y], &mut out);
-                line([x, y - MARK_MM], [x, y + MARK_MM], &mut out);
+                out.line([x - MARK_MM, y], [x + MARK_MM, y]);
+                out.line([x, y - MARK_MM], [x, y + MARK_MM]);
             }
         }
     }
@@ -233,7 +228,7 @@ mod tests {
             }
             // Where each sheet's origin lies on the first one's.
             let mut places: Vec<[f64; 2]> = Vec::new();
-            let marks = |k: usize| numbers(&drawings[k], "<line", ["x1", "y1", "x2", "y2"]);
+            let marks = |k: usize| numbers(&drawings[k].svg(), "<line", ["x1", "y1", "x2", "y2"]);
             let cross = |k: usize, vertical: bool| -> Vec<[f64; 2]> {
                 let lines = marks(k);
                 let is = |l: &&[f64; 4]| {
@@ -270,7 +265,7 @@ mod tests {
             }
             let mut seen = Vec::new();
             for (drawing, place) in drawings.iter().zip(&places) {
-                for [x, y, dx, dy] in squares(drawing) {
+                for [x, y, dx, dy] in squares(&drawing.svg()) {
                     assert!(x > EDGE_MM && x + dx < width - EDGE_MM);
                     assert!(y > EDGE_MM && y + dy < height - EDGE_MM - FOOT_MM);
                     seen.push([x + place[0], y + place[1]]);

@@ -2,6 +2,7 @@
 //!
 //! Tag family 36h11 (Olson, 2011); the code words are those of the detector.
 
+use super::drawing::{Drawing, Mark};
 use super::simulate::{Target, tags_of};
 use mcdpr_core::robot::Tag;
 use mcdpr_vision::tag::family::CODES;
@@ -101,17 +102,14 @@ pub enum TargetError {
     },
 }
 
-/// A rectangle of a drawing, mm.
-pub(crate) struct Block {
-    pub(crate) at: [f64; 2],
-    pub(crate) size: [f64; 2],
-    pub(crate) fill: &'static str,
-}
-
 /// A tag as it is drawn.
 pub(crate) struct Drawn {
-    /// The black square with its white cells; the first block is the square.
-    pub(crate) blocks: Vec<Block>,
+    /// Corner of the black square, mm.
+    pub(crate) at: [f64; 2],
+    /// Its edge, mm.
+    pub(crate) edge: f64,
+    /// Corners of its white cells, mm.
+    cells: Vec<[f64; 2]>,
     /// Below it.
     pub(crate) caption: String,
     /// Its white rim, mm.
@@ -131,28 +129,27 @@ pub(crate) fn drawn(tags: &[Tag], body: u32) -> Result<Vec<Drawn>, TargetError> 
     Ok(drawn)
 }
 
-/// A sheet with the tags of one body as SVG, as large as they need: millimetres are millimetres, y points down
+/// A sheet with the tags of one body, as large as they need: millimetres are millimetres, y points down
 /// as in the tags' frame. A ruler of 100 mm shows whether the printer kept the scale.
 ///
 /// # Errors
 /// [`TargetError`].
-pub fn sheet(tags: &[Tag], body: u32) -> Result<String, TargetError> {
+pub fn sheet(tags: &[Tag], body: u32) -> Result<Drawing, TargetError> {
     let drawn = drawn(tags, body)?;
     let [low, high] = extent(&drawn);
     let origin = low.map(|v| MARGIN_MM - v);
     // A small tag's sheet must still hold the ruler of 100 mm.
     let width = (high[0] - low[0] + 2.0 * MARGIN_MM).max(100.0 + 2.0 * MARGIN_MM + 10.0);
     let height = high[1] - low[1] + 2.0 * MARGIN_MM + RULER_MM;
-    let mut out = opening([width, height]);
+    let mut out = Drawing::new([width, height]);
     for tag in &drawn {
-        write(tag, origin, &mut out);
+        put(tag, origin, &mut out);
     }
     ruler(
         [MARGIN_MM, height - RULER_MM + 5.0],
-        square_mm(&drawn),
+        edge_mm(&drawn),
         &mut out,
     );
-    out.push_str("</svg>\n");
     Ok(out)
 }
 
@@ -160,63 +157,35 @@ pub fn sheet(tags: &[Tag], body: u32) -> Result<String, TargetError> {
 pub(crate) fn extent(drawn: &[Drawn]) -> [[f64; 2]; 2] {
     let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
     for tag in drawn {
-        for square in tag.blocks.iter().take(1) {
-            for k in 0..2 {
-                low[k] = low[k].min(square.at[k] - tag.rim);
-                high[k] = high[k].max(square.at[k] + square.size[k] + tag.rim);
-            }
+        for k in 0..2 {
+            low[k] = low[k].min(tag.at[k] - tag.rim);
+            high[k] = high[k].max(tag.at[k] + tag.edge + tag.rim);
         }
     }
     [low, high]
 }
 
 /// Edge of the first black square, mm.
-pub(crate) fn square_mm(drawn: &[Drawn]) -> f64 {
-    let square = drawn.first().and_then(|tag| tag.blocks.first());
-    square.map_or(0.0, |square| square.size[0])
+pub(crate) fn edge_mm(drawn: &[Drawn]) -> f64 {
+    drawn.first().map_or(0.0, |tag| tag.edge)
 }
 
-/// The beginning of a white drawing of this size, mm.
-pub(crate) fn opening([width, height]: [f64; 2]) -> String {
-    format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.3}mm\" height=\"{height:.3}mm\" \
-         viewBox=\"0 0 {width:.3} {height:.3}\">\n\
-         <rect x=\"0\" y=\"0\" width=\"{width:.3}\" height=\"{height:.3}\" fill=\"white\"/>\n"
-    )
-}
-
-/// Writes a tag whose body's origin is at `origin` of the sheet, mm.
-pub(crate) fn write(tag: &Drawn, origin: [f64; 2], out: &mut String) {
-    for Block { at, size, fill } in &tag.blocks {
-        let [x, y] = [0, 1].map(|k| at[k] + origin[k]);
-        let [width, height] = size;
-        let _ = writeln!(
-            out,
-            "<rect x=\"{x:.4}\" y=\"{y:.4}\" width=\"{width:.4}\" height=\"{height:.4}\" fill=\"{fill}\"/>"
-        );
-    }
-    for square in tag.blocks.iter().take(1) {
-        let below = square.size[1] + tag.rim + 3.0;
-        let at = [square.at[0] + origin[0], square.at[1] + origin[1] + below];
-        text(at, 3.0, &tag.caption, out);
-    }
-}
-
-/// Writes a line of text with this height, mm.
-pub(crate) fn text([x, y]: [f64; 2], size: f64, words: &str, out: &mut String) {
-    let _ = writeln!(
-        out,
-        "<text x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{size}\" font-family=\"sans-serif\">{words}</text>"
-    );
-}
-
-/// Writes a thin line, mm.
-pub(crate) fn line([x1, y1]: [f64; 2], [x2, y2]: [f64; 2], out: &mut String) {
-    let _ = writeln!(
-        out,
-        "<line x1=\"{x1:.3}\" y1=\"{y1:.3}\" x2=\"{x2:.3}\" y2=\"{y2:.3}\" stroke=\"black\" \
-         stroke-width=\"0.2\"/>"
-    );
+/// Draws a tag whose body's origin is at `origin` of the sheet, mm.
+pub(crate) fn put(tag: &Drawn, origin: [f64; 2], out: &mut Drawing) {
+    let on_sheet = |at: &[f64; 2]| [at[0] + origin[0], at[1] + origin[1]];
+    let at = on_sheet(&tag.at);
+    out.marks.push(Mark::Block {
+        at,
+        size: [tag.edge; 2],
+        black: true,
+    });
+    let cells = tag.cells.iter().map(|cell| Mark::Block {
+        at: on_sheet(cell),
+        size: [tag.edge / f64::from(CELLS); 2],
+        black: false,
+    });
+    out.marks.extend(cells);
+    out.words([at[0], at[1] + tag.edge + tag.rim + 3.0], 3.0, &tag.caption);
 }
 
 fn draw(tag: &Tag) -> Result<Drawn, TargetError> {
@@ -235,44 +204,38 @@ fn draw(tag: &Tag) -> Result<Drawn, TargetError> {
         return Err(TargetError::NotFlat { id: tag.id });
     }
     let cell = size / f64::from(CELLS);
-    let mut blocks = vec![Block {
-        at: [a.x, a.y],
-        size: [size; 2],
-        fill: "black",
-    }];
+    let mut cells = Vec::new();
     for row in 0..CELLS - 2 {
         for column in 0..CELLS - 2 {
             // The most significant of the 36 bits is the cell at the top left.
             let bit = 35 - (row * 6 + column);
             if code >> bit & 1 == 1 {
                 let at = |k: u32| f64::from(k + 1) * cell;
-                blocks.push(Block {
-                    at: [a.x + at(column), a.y + at(row)],
-                    size: [cell; 2],
-                    fill: "white",
-                });
+                cells.push([a.x + at(column), a.y + at(row)]);
             }
         }
     }
     Ok(Drawn {
-        blocks,
+        at: [a.x, a.y],
+        edge: size,
+        cells,
         caption: format!("36h11 {}", tag.id),
         rim: cell,
     })
 }
 
 /// 100 mm with a mark every 10, and a note on what to compare.
-pub(crate) fn ruler([x, y]: [f64; 2], square_mm: f64, out: &mut String) {
-    line([x, y], [x + 100.0, y], out);
+pub(crate) fn ruler([x, y]: [f64; 2], edge_mm: f64, out: &mut Drawing) {
+    out.line([x, y], [x + 100.0, y]);
     for k in 0..=10 {
         let at = x + f64::from(k) * 10.0;
         let long = if k % 5 == 0 { 4.0 } else { 2.0 };
-        line([at, y], [at, y + long], out);
+        out.line([at, y], [at, y + long]);
     }
     let words = "Print at 100 %. This line must be 100.0 mm long,";
-    text([x, y + 8.5], 3.5, words, out);
-    let words = format!("a black square {square_mm:.1} mm wide; else correct size_mm.");
-    text([x, y + 13.0], 3.5, &words, out);
+    out.words([x, y + 8.5], 3.5, words);
+    let words = format!("a black square {edge_mm:.1} mm wide; else correct size_mm.");
+    out.words([x, y + 13.0], 3.5, &words);
 }
 
 #[cfg(test)]
@@ -328,7 +291,7 @@ mod tests {
             for body in 0..=bodies {
                 let wanted: Vec<&Tag> = all.iter().filter(|tag| tag.body == body).collect();
                 let scale = 3.0;
-                let picture = picture(&sheet(&all, body).unwrap(), scale);
+                let picture = picture(&sheet(&all, body).unwrap().svg(), scale);
                 let found = tag::detect(&picture, None, &Options::default());
                 assert_eq!(found.len(), wanted.len(), "{target:?}, body {body}");
                 // The sheet is shifted, never turned or scaled.

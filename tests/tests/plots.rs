@@ -33,11 +33,12 @@ fn the_ending_of_a_plots_name_decides_and_another_one_is_refused_before_any_work
         "nothing was written"
     );
     let said = mcdpr()
-        .args(["calibrate", "target", "--out", "target.pdf"])
+        .args(["calibrate", "target", "--out", "target.jpg"])
         .current_dir(at)
         .output()
         .unwrap();
     assert_eq!(said.status.code(), Some(1));
+    assert_eq!(std::fs::read_dir(at).unwrap().count(), 0);
     for (name, begin) in [
         ("a.svg", "<svg"),
         ("a.PNG", "\u{fffd}PNG"),
@@ -47,6 +48,51 @@ fn the_ending_of_a_plots_name_decides_and_another_one_is_refused_before_any_work
         let bytes = std::fs::read(at.join(name)).unwrap();
         assert!(String::from_utf8_lossy(&bytes).starts_with(begin), "{name}");
     }
+}
+
+/// What prints it is another program: width and height of each page decide the scale.
+#[test]
+fn a_target_as_pdf_has_its_sheets_as_pages_of_their_true_size() {
+    let folder = Folder::new("plots-target");
+    let at = folder.path();
+    for (paper, pages, size_mm) in [("a4", 6, [210.0, 297.0]), ("a3", 2, [297.0, 420.0])] {
+        let out = mcdpr()
+            .args([
+                "calibrate",
+                "target",
+                "--paper",
+                paper,
+                "--out",
+                "target.pdf",
+            ])
+            .current_dir(at)
+            .output()
+            .unwrap();
+        done(&out);
+        let bytes = std::fs::read(at.join("target.pdf")).unwrap();
+        let text = String::from_utf8_lossy(&bytes);
+        let boxes: Vec<Vec<f64>> = text
+            .split("/MediaBox [")
+            .skip(1)
+            .map(|rest| {
+                let corners = rest.split(']').next().unwrap().split_whitespace();
+                corners.map(|number| number.parse().unwrap()).collect()
+            })
+            .collect();
+        assert_eq!(boxes.len(), pages, "{paper}");
+        for corners in boxes {
+            let mut page_mm = [corners[2], corners[3]].map(|points| points / 72.0 * 25.4);
+            page_mm.sort_by(f64::total_cmp);
+            for (is, wanted) in page_mm.into_iter().zip(size_mm) {
+                assert!((is - wanted).abs() < 0.01, "{paper}: {is} mm");
+            }
+        }
+    }
+    assert_eq!(
+        std::fs::read_dir(at).unwrap().count(),
+        1,
+        "one file for all sheets"
+    );
 }
 
 #[test]

@@ -56,7 +56,8 @@ pub struct Verdict {
     pub bound_mm: Option<f64>,
     /// Statistical bound: 95 % of the errors are smaller, if no drum slipped unnoticed.
     pub bound_95_mm: Option<f64>,
-    /// Integrity bound: the error that an undetected slip of one drum can cause.
+    /// Integrity bound: the error that an undetected slip of one drum, or lengths that agree with a tag by chance,
+    /// can cause.
     pub integrity_bound_mm: Option<f64>,
     /// Covariance of the tool behind the statistical bound, world, mm².
     #[serde(skip)]

@@ -77,7 +77,7 @@ pub(super) struct Estimates {
     pub(super) covariance_m2: Matrix3<f64>,
     /// Statistical bound, 95 %, m.
     pub(super) bound_95_m: f64,
-    /// Error by an undetected slip of one drum, m.
+    /// Error by an undetected slip of one drum, or by lengths that agree with a tag by chance, m.
     pub(super) integrity_bound_m: f64,
     /// Drums that slipped, and other causes of a contradiction, in words.
     pub(super) suspects: Vec<String>,
@@ -160,14 +160,18 @@ pub(super) fn estimates(
             .filter(|chosen| fits(&chosen.found));
         let chosen = with_lengths.unwrap_or_else(|| Chosen::only(alone.clone()));
         let used_lengths = !chosen.found.residual_per_length.is_empty();
-        // Nobody read the encoders without power: where the lengths are all wrong by chance in the direction of
-        // the tag's error, the tag alone is right. So the bound reaches its estimate (solution separation,
-        // Brown and McBurney 1988). Without it, seeds 60818 and 61143 of lab-fast were accepted wrongly.
-        let apart_m = (chosen.found.tool_m - alone.tool_m).norm();
+        // Nobody read the encoders without power: lengths that are all wrong by chance in the direction of the
+        // tag's error agree with it. Then the tag alone is right, within its own bound. So the bound reaches
+        // that far (solution separation, Brown and McBurney 1988).
+        let tag_bound_m = if used_lengths {
+            (chosen.found.tool_m - alone.tool_m).norm() + Chosen::only(alone.clone()).bound_95_m()
+        } else {
+            0.0
+        };
         return Ok(Some(Estimates {
             covariance_m2: chosen.covariance_m2(),
             bound_95_m: chosen.bound_95_m(),
-            integrity_bound_m: integrity_bound_m(&chosen.found).max(apart_m),
+            integrity_bound_m: integrity_bound_m(&chosen.found).max(tag_bound_m),
             suspects: slipped_drums(known.as_ref(), &alone),
             by_tag: true,
             alone,

@@ -68,7 +68,7 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer) -> Result<Value, Co
 ///
 /// # Errors
 /// [`FileError::Io`]; an existing file is not changed.
-pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
+pub fn write_whole(path: &Path, text: impl AsRef<[u8]>) -> Result<(), FileError> {
     crate::files::write_atomically(path, text).map_err(|source| FileError::Io {
         path: path.to_owned(),
         source,

@@ -100,7 +100,7 @@ impl Figure {
         let (title, shapes, size) = self.shapes();
         match format {
             PlotFormat::Svg | PlotFormat::Png => pixels::png(&shapes, size, &letters),
-            PlotFormat::Pdf => pdf::pdf(title, &shapes, size, &letters),
+            PlotFormat::Pdf => pdf::pdf(title, &[(shapes, size)], pdf::PLOT_POINTS, &letters),
         }
     }
 }

@@ -13,9 +13,11 @@ mod letters;
 mod pdf;
 mod pixels;
 mod shapes;
+mod sheets;
 
 pub(crate) use figure::Figure;
 pub(crate) use file::PlotFormat;
+pub(crate) use sheets::sheets_pdf;
 
 use axes::{Frame, Span};
 use shapes::{Anchor, DIM, SIZE, Shape, Words, escape};

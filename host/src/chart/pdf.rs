@@ -1,4 +1,5 @@
-//! Plots as PDF: one page of a column's width for each column of charts, with the letters as letters.
+//! Plots and sheets as PDF, with the letters as letters. A plot is one page of a column's width for each column
+//! of charts; a sheet is a page at true scale.
 
 use super::file::PlotError;
 use super::letters::{BOLD, FONT, Letters, NAME};
@@ -21,8 +22,6 @@ const BAND: Name = Name(b"B");
 struct Ids {
     catalog: Ref,
     pages: Ref,
-    page: Ref,
-    content: Ref,
     font: Ref,
     glyphs: Ref,
     descriptor: Ref,
@@ -31,30 +30,19 @@ struct Ids {
     info: Ref,
 }
 
-/// Shapes as the bytes of a PDF file. It has no date: the same plot gives the same bytes.
+/// Points of 1/72 inch for a pixel of a plot.
+pub(super) const PLOT_POINTS: f64 = COLUMN_MM / 25.4 * 72.0 / WIDTH;
+/// The same for a millimetre of a sheet.
+pub(super) const SHEET_POINTS: f64 = 72.0 / 25.4;
+
+/// Pages of shapes and their width and height as the bytes of a PDF file; `points` is the length of a unit. It
+/// has no date: the same plot gives the same bytes.
 pub(super) fn pdf(
     title: &str,
-    shapes: &[Shape],
-    [width, height]: [f64; 2],
+    pages: &[(Vec<Shape>, [f64; 2])],
+    points: f64,
     letters: &Letters,
 ) -> Result<Vec<u8>, PlotError> {
-    let scale = COLUMN_MM / 25.4 * 72.0 / WIDTH;
-    let mut page = Page {
-        content: Content::new(),
-        letters,
-        used: BTreeMap::new(),
-    };
-    // From here on as in the picture: px, y down.
-    let [unit, top] = [scale, height * scale].map(short);
-    page.content.transform([unit, 0.0, 0.0, -unit, 0.0, top]);
-    let opacities = shapes.iter().filter_map(|shape| match shape {
-        Shape::Rect { opacity, .. } if *opacity < 1.0 => Some(short(*opacity)),
-        _ => None,
-    });
-    let opacity = opacities.fold(1.0, f32::min);
-    for shape in shapes {
-        page.draw(shape);
-    }
     let mut number = 0;
     let mut next = || {
         number += 1;
@@ -63,8 +51,6 @@ pub(super) fn pdf(
     let ids = Ids {
         catalog: next(),
         pages: next(),
-        page: next(),
-        content: next(),
         font: next(),
         glyphs: next(),
         descriptor: next(),
@@ -72,30 +58,51 @@ pub(super) fn pdf(
         unicode: next(),
         info: next(),
     };
+    let places: Vec<[Ref; 2]> = pages.iter().map(|_| [next(), next()]).collect();
     let mut file = Pdf::new();
     file.catalog(ids.catalog).pages(ids.pages);
-    file.pages(ids.pages).kids([ids.page]).count(1);
-    let mut sheet = file.page(ids.page);
-    sheet
-        .parent(ids.pages)
-        .media_box(Rect::new(0.0, 0.0, short(width * scale), top))
-        .contents(ids.content);
-    let mut resources = sheet.resources();
-    resources.fonts().pair(LETTERS, ids.font);
-    resources
-        .ext_g_states()
-        .insert(BAND)
-        .start::<pdf_writer::writers::ExtGraphicsState>()
-        .non_stroking_alpha(opacity);
-    resources.finish();
-    sheet.finish();
+    let count = i32::try_from(pages.len()).unwrap_or(i32::MAX);
+    file.pages(ids.pages)
+        .kids(places.iter().map(|[page, _]| *page))
+        .count(count);
+    let mut used = BTreeMap::new();
+    for ((shapes, [width, height]), [id, content]) in pages.iter().zip(places) {
+        let mut page = Page {
+            content: Content::new(),
+            letters,
+            used: &mut used,
+        };
+        // From here on as in the picture: px or mm, y down.
+        let [unit, right, top] = [points, width * points, height * points].map(short);
+        page.content.transform([unit, 0.0, 0.0, -unit, 0.0, top]);
+        let opacities = shapes.iter().filter_map(|shape| match shape {
+            Shape::Rect { opacity, .. } if *opacity < 1.0 => Some(short(*opacity)),
+            _ => None,
+        });
+        let opacity = opacities.fold(1.0, f32::min);
+        for shape in shapes {
+            page.draw(shape);
+        }
+        let packed = packed(&page.content.finish())?;
+        let mut sheet = file.page(id);
+        sheet
+            .parent(ids.pages)
+            .media_box(Rect::new(0.0, 0.0, right, top))
+            .contents(content);
+        let mut resources = sheet.resources();
+        resources.fonts().pair(LETTERS, ids.font);
+        resources
+            .ext_g_states()
+            .insert(BAND)
+            .start::<pdf_writer::writers::ExtGraphicsState>()
+            .non_stroking_alpha(opacity);
+        resources.finish();
+        sheet.finish();
+        file.stream(content, &packed).filter(Filter::FlateDecode);
+    }
     let mut info = file.document_info(ids.info);
     info.title(TextStr(title)).producer(TextStr("mcdpr"));
     info.finish();
-    let Page { content, used, .. } = page;
-    let packed = packed(&content.finish())?;
-    file.stream(ids.content, &packed)
-        .filter(Filter::FlateDecode);
     embed(&mut file, &ids, letters, &used)?;
     Ok(file.finish())
 }
@@ -118,8 +125,8 @@ fn packed(bytes: &[u8]) -> Result<Vec<u8>, PlotError> {
 struct Page<'a> {
     content: Content,
     letters: &'a Letters,
-    /// Letters that are on the page, by their number in the font.
-    used: BTreeMap<u16, char>,
+    /// Letters that are on a page, by their number in the font.
+    used: &'a mut BTreeMap<u16, char>,
 }
 
 impl Page<'_> {
@@ -326,18 +333,18 @@ mod tests {
         assert_eq!(bytes, figure.file(PlotFormat::Pdf).unwrap());
         let objects = objects(&bytes);
         assert_eq!(objects.len(), 10);
-        let page = String::from_utf8_lossy(objects[2]);
+        let page = String::from_utf8_lossy(objects[8]);
         let size = page.split("/MediaBox [").nth(1).unwrap();
         let width: f64 = size.split_whitespace().nth(2).unwrap().parse().unwrap();
         assert!((width / 72.0 * 25.4 - 85.0).abs() < 0.1, "{page}");
-        let content = String::from_utf8_lossy(&unpacked(objects[3])).into_owned();
+        let content = String::from_utf8_lossy(&unpacked(objects[9])).into_owned();
         assert!(content.matches(" Tj").count() > 8, "{content}");
         assert!(
             content.contains(" 0.44705883 0.69803923 RG"),
             "the curve\n{content}"
         );
-        assert_eq!(unpacked(objects[7]), super::FONT);
-        let unicode = String::from_utf8_lossy(objects[8]);
+        assert_eq!(unpacked(objects[5]), super::FONT);
+        let unicode = String::from_utf8_lossy(objects[6]);
         for letter in "Atitle".chars() {
             assert!(
                 unicode.contains(&format!("<{:04X}>", u32::from(letter))),

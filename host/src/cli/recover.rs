@@ -176,7 +176,7 @@ fn print(common: &Common, verdict: &Verdict) -> Outcome {
         let bounds = verdict.bound_95_mm.zip(verdict.integrity_bound_mm);
         if let Some((statistical, integrity)) = bounds {
             say!(
-                "bounds: {statistical:.1} mm in 95 % of cases without a slip, {integrity:.1} mm with an undetected slip of one drum"
+                "bounds: {statistical:.1} mm in 95 % of cases; {integrity:.1} mm where a drum slipped or lengths agree with a tag by chance, undetected"
             );
         }
         list("used", &verdict.used);

@@ -141,7 +141,7 @@ impl Solve {
                 if !common.dry_run {
                     let text = serde_json::to_string_pretty(&document);
                     let text = text.map_err(Failed::from_error("the calibration"))?;
-                    result::write_whole(&path, &format!("{text}\n"))?;
+                    result::write_whole(&path, format!("{text}\n"))?;
                 }
                 Some(path)
             }

@@ -213,7 +213,7 @@ impl Keeper {
         let work = move || {
             while let Ok(text) = todo.recv() {
                 // Each text has all data: of several the last is enough.
-                write_whole(&path, &todo.try_iter().last().unwrap_or(text))?;
+                write_whole(&path, todo.try_iter().last().unwrap_or(text))?;
             }
             Ok(())
         };

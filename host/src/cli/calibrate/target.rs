@@ -1,9 +1,11 @@
 //! `mcdpr calibrate target`: the sheet to print.
 
 use super::collect::On;
+use crate::calibration::drawing::Drawing;
 use crate::calibration::result::write_whole;
 use crate::calibration::sheets::{Paper, Sheets, sheets};
 use crate::calibration::target::{TargetError, sheet, tables, tags};
+use crate::chart::sheets_pdf;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
 use crate::robot::Tag;
 use std::path::PathBuf;
@@ -17,7 +19,8 @@ pub(crate) struct Cmd {
     /// The paper: several sheets with marks if the target is larger, or one sheet of the target's own size
     #[arg(long, value_enum, default_value_t = Format::A4)]
     paper: Format,
-    /// File to write (SVG). Several bodies or sheets have one file each, with their numbers before the ending
+    /// File to write, .svg or .pdf. A PDF has a page for each sheet. As SVG several bodies or sheets have one file
+    /// each, with their numbers before the ending
     #[arg(long, value_name = "FILE", default_value = "target.svg")]
     out: PathBuf,
 }
@@ -35,7 +38,7 @@ enum Format {
 
 impl Format {
     /// The drawings of one body, and what they are.
-    fn drawings(self, tags: &[Tag], body: u32) -> Result<(Vec<String>, String), TargetError> {
+    fn drawings(self, tags: &[Tag], body: u32) -> Result<(Vec<Drawing>, String), TargetError> {
         let paper = match self {
             Self::A4 => Paper::A4,
             Self::A3 => Paper::A3,
@@ -63,10 +66,18 @@ impl Format {
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        if self.out.extension().is_none_or(|ending| ending != "svg") {
-            let reason = format!("{}: sheets are drawn as .svg", self.out.display());
-            return Err(Failed::from_error("--out")(reason).into());
-        }
+        let ending = self
+            .out
+            .extension()
+            .map(|ending| ending.to_ascii_lowercase());
+        let as_pdf = match ending.as_ref().and_then(|ending| ending.to_str()) {
+            Some("svg") => false,
+            Some("pdf") => true,
+            _ => {
+                let reason = format!("{}: sheets are drawn as .svg or .pdf", self.out.display());
+                return Err(Failed::from_error("--out")(reason).into());
+            }
+        };
         let tags = match self.target.target() {
             Some(target) => tags(target),
             None => crate::robot::find(&common.robot)?.tags,
@@ -74,11 +85,16 @@ impl Cmd {
         let mut bodies: Vec<u32> = tags.iter().map(|tag| tag.body).collect();
         bodies.sort_unstable();
         bodies.dedup();
-        let (mut files, mut printed, mut joined) = (Vec::new(), Vec::new(), false);
+        let (mut files, mut printed, mut joined, mut pages) =
+            (Vec::new(), Vec::new(), false, Vec::new());
         for &body in &bodies {
             let (drawings, words) = self.paper.drawings(&tags, body)?;
             let many = drawings.len() > 1;
-            for (k, drawing) in drawings.iter().enumerate() {
+            for (k, drawing) in drawings.into_iter().enumerate() {
+                if as_pdf {
+                    pages.push(drawing);
+                    continue;
+                }
                 let mut ending = String::new();
                 if bodies.len() > 1 {
                     ending += &format!("{body}.");
@@ -90,14 +106,25 @@ impl Cmd {
                     "" => self.out.clone(),
                     ending => self.out.with_extension(format!("{ending}svg")),
                 };
-                if !common.dry_run {
-                    write_whole(&path, drawing)?;
-                }
-                files.push(path.display().to_string());
+                files.push((path, drawing.svg().into_bytes()));
             }
             printed.push(words);
             joined |= many;
         }
+        if as_pdf {
+            let file = sheets_pdf("Tags to print at 100 %", &pages)
+                .map_err(Failed::from_error("--out"))?;
+            files.push((self.out.clone(), file));
+        }
+        if !common.dry_run {
+            for (path, bytes) in &files {
+                write_whole(path, bytes)?;
+            }
+        }
+        let files: Vec<String> = files
+            .iter()
+            .map(|(path, _)| path.display().to_string())
+            .collect();
         let tables = tables(&tags);
         if common.json {
             return print_json(&serde_json::json!({

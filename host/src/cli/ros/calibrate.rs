@@ -132,7 +132,7 @@ impl Node<'_> {
         let answer: Answer = meanwhile(&mut client, || joint(data, &solving))??;
         let document = result::document(model.robot(), data, &answer)?;
         let path: PathBuf = result::path_for(&self.common.robot);
-        result::write_whole(&path, &format!("{document:#}\n"))?;
+        result::write_whole(&path, format!("{document:#}\n"))?;
         Ok(format!(
             "predicted position error {:.2} mm; written to {}, which `mcdpr ros` uses when it starts again",
             answer.predicted_error_m * 1e3,
