@@ -29,7 +29,7 @@ const EQUIPPED: &str = "--gripper-mm 60 --camera";
 struct Case {
     frame: usize,
     seed: u64,
-    /// Largest error of the task `fitting` before and after the calibration, mm.
+    /// Mean error of the task `fitting` before and after the calibration, mm.
     path_mm: [Option<f64>; 2],
     accepted: bool,
     delivered: bool,
@@ -74,7 +74,7 @@ fn main() -> ExitCode {
     });
     cases.sort_by_key(|case| (case.frame, case.seed));
     println!(
-        "| frame | machines | calibrations accepted | objects delivered | path error before, mm | after, mm | \
+        "| frame | machines | calibrations accepted | objects delivered | mean path error before, mm | after, mm | \
          error of the grasp, mm | all commands, s |\n|---|---|---|---|---|---|---|---|"
     );
     for (number, (name, _)) in FRAMES.iter().enumerate() {
@@ -144,7 +144,7 @@ fn machine(folder: &Path, frame: usize, seed: u64) -> Case {
         answer.unwrap_or_default()
     };
     call(format!("config init {file} {answers} {EQUIPPED} --json"));
-    let path_mm = |run: &Value| run["path_error_m"]["max"].as_f64().map(|m| m * 1e3);
+    let path_mm = |run: &Value| run["path_error_m"]["mean"].as_f64().map(|m| m * 1e3);
     let before = path_mm(&call(format!("run fitting {seeded}")));
     let calibration = call(format!(
         "calibrate all --target board --poses 10 --candidates 60 {seeded}"

@@ -213,6 +213,17 @@ fn closure_row(model: &Model, rest: &StaticState) -> Option<ResidualRow> {
             }
             weight *= NEXT_CLOSURE;
         }
+        // A platform that accelerates or swings pulls its cables by other tensions than at rest, and they
+        // stretch accordingly: in a frame of 5 m this is more than the limit. The reaction of tensions to
+        // lengths, which the response contains already, is far smaller where the platform hangs.
+        if holding.hangs() {
+            for (index, cable) in model.robot().cables.iter().enumerate() {
+                if !holding.by_tension().contains(&index) {
+                    let length_m = rest.equilibrium.lengths_m.get(index)? + cable.routing_length_m;
+                    *by_tension.get_mut(index)? += by_length.get(index)? * length_m / cable.ea_n;
+                }
+            }
+        }
     }
     let mut lengths = PerCable::new();
     let mut tensions = PerCable::new();

@@ -2,6 +2,7 @@
 
 mod init;
 mod physics;
+mod reserve;
 
 use super::{Common, Failed, Outcome, print_json, write_out};
 use crate::machine;

@@ -66,6 +66,7 @@ mod under_page;
 
 pub use dry::{DRY_RUNS, DryRun, commands};
 
+use crate::calibration::collect::CollectError;
 use crate::chart::PlotFormat;
 use crate::link::{LinkError, SerialLink};
 use crate::machine::{Controller, Firmware};
@@ -399,6 +400,7 @@ pub fn main() -> ExitCode {
                 .downcast_ref::<RunError>()
                 .map(RunError::exit_code)
                 .or_else(|| report.downcast_ref().map(crate::pick::PickError::exit_code))
+                .or_else(|| report.downcast_ref().map(CollectError::exit_code))
                 .unwrap_or(1);
             ExitCode::from(u8::try_from(code).unwrap_or(1))
         }

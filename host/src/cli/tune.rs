@@ -337,6 +337,9 @@ impl Tries<'_> {
 /// Proposed gains follow the steps with this share of the error at most: less is not worth a change.
 const LESS_ERROR: f64 = 0.95;
 
+/// A gain margin below this is too little: 6 dB.
+const LEAST_MARGIN: f64 = 2.0;
+
 /// Gains that were found without a model must also work at so many times their value.
 const SPARE: f64 = 1.5;
 
@@ -424,6 +427,14 @@ impl Document {
                 &[self.before_ringing_n, self.after_ringing_n].map(|n| format!("{n:.3}")),
             ),
         ]));
+        let kept = self.keep.then_some(self.before_margins).flatten();
+        if let Some(margins) = kept.filter(|margins| margins.gain < LEAST_MARGIN) {
+            say!(
+                "warning: the gain margin of these gains is {:.1}, less than {LEAST_MARGIN}: elsewhere in the work space the loop \
+                 may shake; a smaller kp has more (`mcdpr config check` tries a motion)",
+                margins.gain
+            );
+        }
         if self.keep {
             say!(
                 "nothing was changed: keep the gains of the robot file: no others follow the steps better without \

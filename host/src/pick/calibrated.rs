@@ -5,13 +5,14 @@
 //! the machine as built, the printed board, chosen poses, the joint estimate.
 
 use super::PickError;
-use crate::calibration::collect::{Options, collect};
+use crate::calibration::collect::{CollectError, Options, collect};
 use crate::calibration::simulate::Target;
 use crate::calibration::{Options as Estimator, joint, result, target};
 use crate::experiment::SimulatedRobot;
 use crate::machine::{Controller, Mismatch};
 use crate::motion::Model;
 use crate::robot::Robot;
+use crate::run::RunError;
 use crate::sight::{Scene, SimulatedTags};
 use mcdpr_protocol::SessionId;
 use std::fmt::Display;
@@ -56,12 +57,15 @@ pub fn calibrated(robot: &Robot, seed: u64, controller: &Controller) -> Result<R
             ..Options::default()
         };
         let keep = |_: &_| Ok(());
-        collect(&model, link, &mut tags, &options, None, keep, |_| {})
-            .map_err(|error| failed(&error))
+        let collected = collect(&model, link, &mut tags, &options, None, keep, |_| {});
+        collected.map_err(|error| match error {
+            CollectError::Run(RunError::Interrupted) => RunError::Interrupted.into(),
+            error => failed(&error),
+        })
     };
     let mut measured = measure(0);
     for set in 1..SETS {
-        if measured.is_ok() {
+        if matches!(measured, Ok(_) | Err(PickError::Run(RunError::Interrupted))) {
             break;
         }
         measured = measure(set);

@@ -143,6 +143,15 @@ impl From<crate::link::ClientError> for CollectError {
 }
 
 impl CollectError {
+    /// The program's exit code for this error.
+    #[must_use]
+    pub(crate) const fn exit_code(&self) -> i32 {
+        match self {
+            Self::Run(error) => error.exit_code(),
+            _ => 1,
+        }
+    }
+
     pub(crate) fn impossible(what: impl Into<String>, help: impl Into<String>) -> Self {
         Self::Impossible {
             what: what.into(),

@@ -1,7 +1,7 @@
 //! `mcdpr config init`: a short robot file from a few answers.
 
 use super::super::{Common, Failed, Outcome, print_json};
-use super::physics;
+use super::{physics, reserve};
 use std::fmt::Write as _;
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -37,6 +37,8 @@ const TARGET_BELOW_MM: f64 = 650.0;
 /// Height of the tool's box with a gripper and a camera, mm: between a grasp on a tray's floor and the place from
 /// which the camera sees the whole tray (docs/picking.md).
 const PICKING_MM: f64 = 345.0;
+/// Least set-point, N: twice the least tension that a plan may ask by default.
+const LEAST_SETPOINT_N: f64 = 2.0;
 /// Gravity, m/s².
 const G: f64 = mcdpr_kinematics::GRAVITY_MPS2;
 
@@ -167,10 +169,15 @@ pub(super) fn init(file: &Path, answers: &Answers, common: &Common) -> Outcome {
         crate::files::write_atomically(&module, text).map_err(failed())?;
         written.push(module.display().to_string());
     }
-    crate::files::write_atomically(file, frame.text()).map_err(failed())?;
+    let default = if frame.from_below { STIFF_GAINS } else { "" };
+    crate::files::write_atomically(file, frame.text(default)).map_err(failed())?;
     written.push(file.display().to_string());
     let name = file.display().to_string();
-    let robot = crate::robot::find(&name)?;
+    let mut robot = crate::robot::find(&name)?;
+    if let Some(gains) = reserve::softer_gains(&robot) {
+        crate::files::write_atomically(file, frame.text(&gains)).map_err(failed())?;
+        robot = crate::robot::find(&name)?;
+    }
     let judged = physics::judge(&robot)?;
     // A picture that is there already belongs to the user.
     let kind = common.plots();
@@ -371,11 +378,12 @@ impl Frame {
         } else {
             even_n
         };
-        wanted.min(0.5 * self.module.most_n()).max(5.0)
+        wanted.min(0.5 * self.module.most_n()).max(LEAST_SETPOINT_N)
     }
 
     /// The file: what differs from the defaults.
-    fn text(&self) -> String {
+    /// `gains`: lines of the table `[tension]`.
+    fn text(&self, gains: &str) -> String {
         let diagonal_mm = self.size_mm.iter().map(|v| v * v).sum::<f64>().sqrt();
         let turns = (diagonal_mm / (std::f64::consts::TAU * DRUM_MM)).ceil() + SPARE_TURNS;
         let [a, b, c] = self.platform_mm.map(|mm| mm * 1e-3);
@@ -389,7 +397,8 @@ impl Frame {
         let [mut bottom, top] =
             BOX_HEIGHTS.map(|share| home[2] + (self.size_mm[2] * share).round());
         if self.gripper_mm.is_some() && self.camera {
-            bottom = bottom.min(top - PICKING_MM);
+            // Not below the floor: a frame that is too low for picking cannot pick.
+            bottom = bottom.min((top - PICKING_MM).max(0.0));
         }
         let mut text = format!(
             "# {}: written by `mcdpr config init`. Every key is explained in docs/robot-file.md; absent\n\
@@ -432,7 +441,7 @@ impl Frame {
             text,
             "\n[tension]\nsetpoint_n = {:.1}\n{}\n[tool]\nhome_mm = {}\n\n[limits]\nbox_mm = [{}, {}]\n",
             self.setpoint_n(),
-            if self.from_below { STIFF_GAINS } else { "" },
+            gains,
             list(&home),
             list(&[x - half_x, y - half_y, bottom].map(f64::round)),
             list(&[x + half_x, y + half_y, top].map(f64::round)),
@@ -560,7 +569,7 @@ mod tests {
         assert!(set > 4.0 && set < 12.0, "{set}");
         let eight = complete(Path::new("b.toml"), &answers([2000.0, 2000.0, 1500.0], 8)).unwrap();
         assert_eq!(eight.cables.len(), 8);
-        assert!(eight.text().contains("swivel_axis = [0, 0, -1]"));
+        assert!(eight.text(STIFF_GAINS).contains("swivel_axis = [0, 0, -1]"));
         assert!(eight.setpoint_n() > four.setpoint_n());
     }
 

@@ -1,13 +1,11 @@
 //! Whether a robot file describes a robot that can work: home, tensions, motors, work space.
 
-use crate::experiment::{Experiment, SimulatedRobot};
-use crate::machine::Mismatch;
-use crate::motion::{Model, PlanOptions, Task, judge_place};
+use super::reserve;
+use crate::motion::{Model, PlanOptions, judge_place};
 use crate::robot::Robot;
 use miette::Diagnostic;
 use nalgebra::Vector3;
 use serde::Serialize;
-use std::path::PathBuf;
 use thiserror::Error;
 
 /// Places along each axis of the box at which the robot is judged.
@@ -16,9 +14,6 @@ const PLACES: u32 = 7;
 const LEAST_SHARE: f64 = 0.05;
 /// A motor that needs more than this share of its current at home has no reserve to accelerate.
 const MOST_CURRENT: f64 = 0.7;
-
-/// How long the simulated robot holds, s.
-const HOLD_S: f64 = 2.0;
 
 /// The judgement.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -86,29 +81,9 @@ pub(super) fn judge(robot: &Robot) -> miette::Result<Physics> {
     }
     space(&model, &mut out);
     if out.problems.is_empty() {
-        held(&model, &mut out);
+        reserve::judge(&model, &mut out);
     }
     Ok(out)
-}
-
-/// Arms the simulated robot, realistically off, and lets it hold at home: a loop that shakes shows.
-fn held(model: &Model, out: &mut Physics) {
-    let [x, y, z] = [0, 1, 2].map(|axis| model.robot().tool.home_in_world_m[axis] * 1e3);
-    let text = format!("start_mm = [{x:?}, {y:?}, {z:?}]\n[[leg]]\ndwell_s = {HOLD_S:?}\n");
-    let task = Task::parse(&text, PathBuf::from("holding at home"));
-    let run = task.map_err(|error| error.to_string()).and_then(|task| {
-        let simulated = SimulatedRobot::new(Mismatch::realistic(), 1);
-        let run = Experiment::new(model, task).simulate(&simulated);
-        run.map_err(|error| error.to_string())
-    });
-    match run {
-        Ok(_) => out.facts.push(format!(
-            "simulation: it arms and holds at home for {HOLD_S:.0} s"
-        )),
-        Err(error) => out.problems.push(format!(
-            "simulation: it does not hold at home: {error}; softer cables (ea_n), or other gains of [tension] (`mcdpr tune tension`)"
-        )),
-    }
 }
 
 /// Speed and torque of the motors.
