@@ -26,6 +26,7 @@ use crate::machine::{self, Controller, Mismatch};
 use crate::motion::{Model, Plan, PlanError, Task};
 use crate::record::events::{EventBus, TruthTap, Watched};
 use crate::report::{self, Figures, PathPoint};
+use crate::robot::Robot;
 use crate::run::{self, Homing, Measured, Progress, Recorder, ResumeError, RunError, Session};
 use crate::sight::Scene;
 use mcdpr_core::recovery::{Journal, JournalError};
@@ -91,6 +92,7 @@ pub struct SimulatedRobot {
     seed: u64,
     line: LinkOptions,
     controller: Controller,
+    machine: Option<Robot>,
 }
 
 impl SimulatedRobot {
@@ -103,7 +105,15 @@ impl SimulatedRobot {
             seed,
             line: LinkOptions::default(),
             controller: Controller::InProcess,
+            machine: None,
         }
+    }
+
+    /// Built as this description says, whatever the controller's own says of it.
+    #[must_use]
+    pub(crate) fn machine(mut self, machine: &Robot) -> Self {
+        self.machine = Some(machine.clone());
+        self
     }
 
     /// Behind a line with these properties.
@@ -126,12 +136,13 @@ impl SimulatedRobot {
     /// # Errors
     /// Where it cannot hang there.
     pub fn at_home(&self, model: &Model) -> Result<SimulatedLink, RunError> {
+        let described = self.machine.as_ref().unwrap_or(model.robot());
         let (machine, mismatch, seed) = match &model.robot().calibrated {
             Some(calibrated) => match calibrated.simulated_seed {
                 Some(seed) => (&calibrated.designed, &Mismatch::as_built(), seed),
-                None => (model.robot(), &self.mismatch, self.seed),
+                None => (described, &self.mismatch, self.seed),
             },
-            None => (model.robot(), &self.mismatch, self.seed),
+            None => (described, &self.mismatch, self.seed),
         };
         // The emulated chip is the board of the paper: it has four modules.
         let cables = machine.cables.len();

@@ -3,7 +3,7 @@
 
 use mcdpr::machine::{self, Mismatch};
 use mcdpr::robot::{self, Robot, TensionOutput};
-use mcdpr::tension::winch_study::{self, FIGURES, ran};
+use mcdpr::tension::winch_study::{self, ran};
 use mcdpr_tests::mcdpr;
 use mcdpr_tests::process::Folder;
 use std::path::Path;
@@ -11,7 +11,7 @@ use std::process::{Output, Stdio};
 
 fn robot_text() -> String {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-    std::fs::read_to_string(root.join("robots/paper-geared.toml")).unwrap()
+    std::fs::read_to_string(root.join("robots/paper-table5.toml")).unwrap()
 }
 
 fn run(folder: &Folder, arguments: &[&str]) -> Output {
@@ -93,12 +93,12 @@ fn a_winch_that_cannot_overcome_its_own_friction_is_refused() {
 
 #[test]
 fn machines_across_the_range_arm_and_hold_their_tension() {
-    let robot = Robot::built_in("paper-geared").unwrap();
+    let robot = Robot::built_in("paper-table5").unwrap();
     assert_eq!(robot.tension.output, TensionOutput::Velocity);
     // 1.2 N and 60 %, 2.2 N and 77 %, 16.9 N and 81 %; play from 0.8 to 1.4 degrees.
     for seed in [3, 8, 10] {
         let (drawn, [friction_n, efficiency, play_deg]) = winch_study::machine(&robot, seed);
-        let done = ran(&drawn, seed);
+        let done = ran(&drawn, &drawn, seed);
         println!("{friction_n:.1} N, {efficiency:.2}, {play_deg:.2} degrees: {done:?}");
         // What slack they stand is in docs/results/winch.md.
         let faults = done
@@ -106,7 +106,7 @@ fn machines_across_the_range_arm_and_hold_their_tension() {
             .iter()
             .filter(|fault| !fault.starts_with("slack"));
         assert_eq!(faults.count(), 0, "seed {seed}: {:?}", done.faults);
-        assert_eq!(done.figures.len(), FIGURES.len());
+        assert_eq!(done.figures.len(), winch_study::OF_TENSION);
         let figure = |at: usize| done.figures[at].unwrap();
         assert!(figure(0) <= 0.05, "seed {seed}: {} N at rest", figure(0));
         // No limit cycle: what stands is left alone.

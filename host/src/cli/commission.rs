@@ -221,27 +221,12 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
 
 /// The friction lines of the module: on the gear, if the file has one.
 fn friction_text(found: &Commissioned, winch: &Winch) -> String {
-    let rubs = found.rubbing.as_ref();
-    let friction = rubs.and_then(|rubs| rubs.friction.as_ref());
+    let mut winch = winch.clone();
+    if let Some(rubs) = &found.rubbing {
+        rubs.describe(&mut winch);
+    }
     let Some(gear) = &winch.gear else {
-        let friction_n = friction.map_or(winch.friction_n, |found| found.friction_n);
-        return format!("friction_n = {friction_n:.2}");
-    };
-    // On a bare winch the drum's own friction cannot be separated from the motor's: the file's
-    // value is kept.
-    let drum_nm = winch.friction_n * winch.drum_radius_m / winch.gear_ratio;
-    let described_nm = gear.rotor_friction_nm + gear.gear_friction_nm;
-    let at_motor = friction.map_or(described_nm, |found| found.friction_nm - drum_nm);
-    let at_motor = at_motor.max(0.0);
-    let viscous = friction.map_or(gear.viscous_nm_per_rpm, |found| found.viscous_nm_per_rpm);
-    let play_deg = rubs.map_or(gear.play_rad.to_degrees(), |rubs| rubs.play_deg);
-    let share = |part: f64| {
-        let share = if described_nm > 0.0 {
-            part / described_nm
-        } else {
-            0.5
-        };
-        1e3 * at_motor * share
+        return format!("friction_n = {:.2}", winch.friction_n);
     };
     format!(
         "friction_n = {}\nrotor_friction_mnm = {:.4}\ngear_friction_mnm = {:.4}\n\
@@ -250,15 +235,15 @@ fn friction_text(found: &Commissioned, winch: &Winch) -> String {
          torsional_stiffness_nm_per_rad = {}\ncogging_mnm = {}\ncold_friction = {}\n\
          drum_eccentricity_mm = {}",
         winch.friction_n,
-        share(gear.rotor_friction_nm),
-        share(gear.gear_friction_nm),
+        gear.rotor_friction_nm * 1e3,
+        gear.gear_friction_nm * 1e3,
         gear.static_friction,
         gear.stribeck_rpm,
         // From N m per rpm to mN m per 1000 rpm.
-        viscous * 1e6,
+        gear.viscous_nm_per_rpm * 1e6,
         gear.efficiency,
         gear.backdrive_efficiency,
-        play_deg,
+        gear.play_rad.to_degrees(),
         gear.stiffness_nm_per_rad,
         gear.cogging_nm * 1e3,
         gear.cold_friction,

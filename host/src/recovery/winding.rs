@@ -103,7 +103,9 @@ fn wind<L: Link>(
     cable: usize,
 ) -> Result<Result<Response, String>, RunError> {
     let mut at_m = 0.0;
-    let held: Vec<f64> = run::status(client)?.lengths_m().collect();
+    // What the board commands, not what it measures: a closed brake with play lets a drum turn by a count.
+    let setpoints = run::status(client)?.setpoints;
+    let held: Vec<f64> = setpoints.iter().map(|length| length.metres()).collect();
     let mut ends = Vec::new();
     for (over_m, end_m) in [(2.0 * WAY_M, WAY_M), (-WAY_M, -WAY_M)] {
         for to_m in [over_m, end_m] {

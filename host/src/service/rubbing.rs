@@ -8,6 +8,7 @@
 
 use super::{Bench, ServiceError};
 use crate::link::Link;
+use crate::robot::Winch;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
@@ -37,6 +38,33 @@ pub struct Friction {
     pub viscous_nm_per_rpm: f64,
     /// Coulomb friction, felt at the cable, N.
     pub friction_n: f64,
+}
+
+impl Rubbing {
+    /// Puts the results into the description of the winch. On a bare winch the drum's own friction cannot be
+    /// separated from the motor's: the description's value is kept. Rotor and gear share the rest as they did.
+    pub(crate) fn describe(&self, winch: &mut Winch) {
+        let Some(gear) = &mut winch.gear else {
+            if let Some(found) = &self.friction {
+                winch.friction_n = found.friction_n;
+            }
+            return;
+        };
+        if let Some(found) = &self.friction {
+            let drum_nm = winch.friction_n * winch.drum_radius_m / winch.gear_ratio;
+            let at_motor_nm = (found.friction_nm - drum_nm).max(0.0);
+            let described_nm = gear.rotor_friction_nm + gear.gear_friction_nm;
+            let share = if described_nm > 0.0 {
+                gear.rotor_friction_nm / described_nm
+            } else {
+                0.5
+            };
+            gear.rotor_friction_nm = at_motor_nm * share;
+            gear.gear_friction_nm = at_motor_nm * (1.0 - share);
+            gear.viscous_nm_per_rpm = found.viscous_nm_per_rpm;
+        }
+        gear.play_rad = self.play_deg.to_radians();
+    }
 }
 
 /// Ways to and fro at each speed.

@@ -15,7 +15,8 @@ use crate::machine::Mismatch;
 use crate::motion::path::Path;
 use crate::motion::{Model, PlanError, PlanOptions, Planner, Shaping, Step, Task};
 use crate::report;
-use crate::run::{Homing, NoStore, Recorder, RunError, Session};
+use crate::robot::Robot;
+use crate::run::{Homing, Measured, NoStore, Recorder, RunError, Session};
 use crate::sight::{Scene, SimulatedTags};
 use mcdpr_protocol::SessionId;
 use mcdpr_simulator::{Simulation, TracePoint};
@@ -91,6 +92,10 @@ pub struct Outcome {
     pub path_mean_m: f64,
     /// The same, greatest, m.
     pub path_max_m: f64,
+    /// Reversal error of the worst length-held cable, m: how far the means of its error differ between paying
+    /// out and reeling in (ISO 230-2's reversal value, on the measured lengths of a motion).
+    #[serde(default)]
+    pub reversal_m: f64,
     /// Distance of the tool's mean position from its target while it rests, m.
     pub rest_m: f64,
     /// Greatest distance from the mean position, from half a second after the motion, m.
@@ -164,7 +169,20 @@ impl Job {
 /// # Errors
 /// As a run on the simulator.
 pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
-    let mut robot = crate::robot::find(case.robot).map_err(|_| RunError::NoTag)?;
+    let robot = crate::robot::find(case.robot).map_err(|_| RunError::NoTag)?;
+    run_as(case, robot, None, seed)
+}
+
+/// As [`run`], by this description of the robot; the machine is built as `machine` says, or as described.
+///
+/// # Errors
+/// As [`run`].
+pub(crate) fn run_as(
+    case: &Case,
+    mut robot: Robot,
+    machine: Option<&Robot>,
+    seed: u64,
+) -> Result<Outcome, RunError> {
     if case.job == Job::FastMove {
         // As measured beforehand: 0.5 m/s with 2 m/s^2.
         robot.limits.speed_mps = 0.5;
@@ -193,7 +211,11 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
             ..Mismatch::default()
         }
     };
-    let link = SimulatedRobot::new(mismatch, seed).at_home(&model)?;
+    let mut simulated = SimulatedRobot::new(mismatch, seed);
+    if let Some(machine) = machine {
+        simulated = simulated.machine(machine);
+    }
+    let link = simulated.at_home(&model)?;
     let planned = model.clone().with_options(PlanOptions {
         planner: case.planner,
         shaping: case.shaping,
@@ -257,12 +279,51 @@ pub fn run(case: &Case, seed: u64) -> Result<Outcome, RunError> {
     Ok(Outcome {
         path_mean_m: figures.path_error_m.map_or(f64::NAN, |e| e.mean),
         path_max_m: figures.path_error_m.map_or(f64::NAN, |e| e.max),
+        reversal_m: reversal_m(&planned, &plan, &recorder.samples),
         rest_m,
         swing_m,
         tension_n: figures.tension_error_n.mean_abs,
         least_tension_n: least,
         duration_s: plan.timed.duration_s(),
     })
+}
+
+/// See [`Outcome::reversal_m`]; 0 for a motion in which no cable reverses.
+fn reversal_m(model: &Model, plan: &crate::motion::Plan, samples: &[Measured]) -> f64 {
+    /// A cable below this speed is about to reverse: it counts for neither direction.
+    const MOVING_MPS: f64 = 1e-3;
+    /// Half of the time over which a planned speed is taken, s.
+    const HALF_S: f64 = 5e-3;
+    // Of each cable, sum and count of its errors while it pays out and while it is reeled in.
+    let mut cables = vec![[(0.0, 0.0); 2]; model.robot().cables.len()];
+    for sample in samples {
+        let planned = |ahead_s: f64| plan.state(sample.path_s? + ahead_s);
+        let (Some(before), Some(at), Some(after)) =
+            (planned(-HALF_S), planned(0.0), planned(HALF_S))
+        else {
+            continue;
+        };
+        let planned = before
+            .paid_out_m
+            .iter()
+            .zip(&at.paid_out_m)
+            .zip(&after.paid_out_m);
+        let rows = planned.zip(&sample.lengths_m).zip(&mut cables);
+        for ((((before_m, at_m), after_m), measured_m), directions) in rows {
+            let speed_mps = (after_m - before_m) / (2.0 * HALF_S);
+            if speed_mps.abs() > MOVING_MPS {
+                let [out, back] = directions;
+                let (sum, count) = if speed_mps > 0.0 { out } else { back };
+                *sum += measured_m - at_m;
+                *count += 1.0;
+            }
+        }
+    }
+    let held = model.holding().by_length().iter();
+    held.filter_map(|&cable| cables.get(cable))
+        .filter(|[out, back]| out.1 > 0.0 && back.1 > 0.0)
+        .map(|[out, back]| (out.0 / out.1 - back.0 / back.1).abs())
+        .fold(0.0, f64::max)
 }
 
 /// Lets the robot hold for a while.
@@ -420,6 +481,7 @@ pub fn row(case: &Case, seeds: u64) -> Row {
     let median = (!good.is_empty()).then(|| Outcome {
         path_mean_m: at(|o| o.path_mean_m, 0.5),
         path_max_m: at(|o| o.path_max_m, 0.5),
+        reversal_m: at(|o| o.reversal_m, 0.5),
         rest_m: at(|o| o.rest_m, 0.5),
         swing_m: at(|o| o.swing_m, 0.5),
         tension_n: at(|o| o.tension_n, 0.5),

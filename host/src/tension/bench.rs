@@ -3,7 +3,9 @@
 
 use crate::experiment::Experiment;
 use crate::link::{Client, ClientError, Link, SimulatedLink, plant_failed};
-use crate::machine::{self, Controller, GearMismatch, Mismatch};
+use crate::machine::{
+    Controller, GearMismatch, Mismatch, hang, plant_params, reference, with_board,
+};
 use crate::motion::{Model, Task};
 use crate::record::events::TruthTap;
 use crate::robot::Robot;
@@ -231,6 +233,21 @@ impl<'l> Bench<'l> {
         Self::start_on(model, change, seed, &core, |link, _| Box::new(link))
     }
 
+    /// As [`Bench::start`]; the machine is built as `machine` says, the controller knows `robot`.
+    ///
+    /// # Errors
+    /// As [`Bench::start`].
+    pub(crate) fn start_built(
+        robot: &Robot,
+        machine: &Robot,
+        change: &Change,
+        seed: u64,
+    ) -> Result<Self, RunError> {
+        let (model, core) = (Model::new(robot)?, Controller::InProcess);
+        let watch = |link: SimulatedLink, _| -> Box<dyn Link + 'l> { Box::new(link) };
+        Self::begin(model, machine, change, seed, &core, watch)
+    }
+
     /// As [`Bench::start`], with the tension that the model's options ask for at home, on the line
     /// that `watch` makes of the simulated one (a recorded one).
     ///
@@ -243,25 +260,37 @@ impl<'l> Bench<'l> {
         controller: &Controller,
         watch: impl FnOnce(SimulatedLink, TruthTap) -> Box<dyn Link + 'l>,
     ) -> Result<Self, RunError> {
+        let machine = model.robot().clone();
+        Self::begin(model, &machine, change, seed, controller, watch)
+    }
+
+    fn begin(
+        model: Model,
+        machine: &Robot,
+        change: &Change,
+        seed: u64,
+        controller: &Controller,
+        watch: impl FnOnce(SimulatedLink, TruthTap) -> Box<dyn Link + 'l>,
+    ) -> Result<Self, RunError> {
         let robot = &model.robot().clone();
         let home = model.rest_at_home()?;
         let mismatch = Mismatch {
             gears: change.gears,
             ..Mismatch::default()
         };
-        let mut params = machine::plant_params(robot, &mismatch, seed);
+        let mut params = plant_params(machine, &mismatch, seed);
         change.apply(&mut params);
         let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
         let (pose, held) = (&home.equilibrium.pose, model.holding().by_tension());
-        let simulation = machine::hang(params, pose, home.tensions_n(), held, seed)
-            .and_then(|plant| machine::with_board(plant, &LinkOptions::default(), seed, controller))
+        let simulation = hang(params, pose, home.tensions_n(), held, seed)
+            .and_then(|plant| with_board(plant, &LinkOptions::default(), seed, controller))
             .map_err(broken)?;
         let link = SimulatedLink::new(simulation);
         let truth = TruthTap::new(link.clone(), robot.cables.len());
         let line = watch(link.clone(), truth.clone());
         let mut client = Client::connect(line, SessionId(1))?;
         let hash = run::configure(&mut client, robot)?;
-        client.request(machine::reference(&home.paid_out_m, home.tensions_n()))?;
+        client.request(reference(&home.paid_out_m, home.tensions_n()))?;
         run::arm(&mut client, hash)?;
         let until = client.now_us() + seconds(REST_S);
         client.pump(until)?;

@@ -1,14 +1,19 @@
 //! The tension loop on typical winches: machines drawn over the whole range of friction, gear
 //! efficiency and play of geared winches. `mcdpr study winch` prints it, docs/tension.md quotes it.
 //!
-//! The controller knows the results of an identification of each machine, within its accuracy; the
-//! rest is drawn by the machine's own mismatch and unknown.
+//! The controller knows the robot file, and what `commission` found on each bare winch: friction and play. Gear
+//! efficiency, stiffness, mass, anchors and the rest of the machine's errors are unknown to it.
 
 use super::bench::{Bench, Change, Script};
 use super::measure::{at_rest, recovery};
-use crate::machine::Mismatch;
-use crate::motion::Task;
+use crate::link::{Client, SimulatedLink};
+use crate::machine::{Controller, Mismatch, plant_params, simulate_unloaded};
+use crate::motion::{Planner, Shaping, Task};
 use crate::robot::{LawKind, Robot, TensionOutput};
+use crate::service::{Operator, Rubbing, commission};
+use crate::study::motion::{Case, Job, Known, Outcome, run_as};
+use mcdpr_protocol::SessionId;
+use mcdpr_simulator::LinkOptions;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
@@ -40,7 +45,7 @@ pub(crate) struct Contender {
 }
 
 /// The measured figures of a machine, in this order.
-pub const FIGURES: [(&str, &str, &str); 8] = [
+pub const FIGURES: [(&str, &str, &str); 15] = [
     ("rest: mean error", "N", "0.2"),
     ("rest: standard deviation", "N", ""),
     ("rest: drum's way in the last second", "um", ""),
@@ -49,21 +54,41 @@ pub const FIGURES: [(&str, &str, &str); 8] = [
     ("pulled 2 N: 50 ms mean back within 0.5 N", "s", "1"),
     ("pulled 2 N: least tension of any cable", "N", ""),
     ("3 mm slack: greatest tension", "N", ""),
+    ("circle of the tool, absolute: mean", "mm", "3.425"),
+    ("circle of the tool, absolute: greatest", "mm", "7.044"),
+    ("circle: reversal error of a cable", "mm", ""),
+    ("circle of the tool, homed: mean", "mm", ""),
+    ("circle of the tool, homed: greatest", "mm", ""),
+    ("line of the tool, absolute: mean", "mm", ""),
+    ("line of the tool, absolute: greatest", "mm", ""),
 ];
+/// Figures of the tension loop; the rest are those of the tool's path, which only the first contender runs.
+pub const OF_TENSION: usize = 8;
 
 /// A drawn machine, and the results of each contender on it.
 #[derive(Debug, Clone, Serialize)]
 pub struct Drawn {
     /// Seed.
     pub seed: u64,
-    /// Friction of rotor and gear, felt at the cable, N, as the controller knows it.
+    /// Friction of rotor and gear, felt at the cable, N; each winch differs from it by up to a tenth.
     pub friction_n: f64,
     /// Efficiency, likewise.
     pub efficiency: f64,
     /// Play, likewise, degrees.
     pub play_deg: f64,
+    /// What `commission` found, winch by winch; empty if it failed.
+    pub found: Vec<Identified>,
     /// One per contender: its figures, and the faults that ended some runs.
     pub runs: Vec<Ran>,
+}
+
+/// Errors of the identification of one bare winch.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Identified {
+    /// Friction at the motor, found less true, as a share of the true one; `None` if it is not known.
+    pub friction_error: Option<f64>,
+    /// Play, found less true, degrees.
+    pub play_error_deg: f64,
 }
 
 /// Results of one contender on one machine.
@@ -129,7 +154,7 @@ pub(crate) fn contenders(robot: &Robot) -> Vec<Contender> {
 /// Gains of Eq. 1 with a speed as its output, mm/s per N and mm/N: see docs/paper-notes.md.
 const PD_SPEED: [f64; 2] = [5.0, 0.0];
 
-/// Draws machines and runs every contender on each.
+/// Draws machines, commissions their winches, and runs every contender on each.
 #[must_use]
 pub fn study(robot: &Robot, seeds: std::ops::Range<u64>) -> Vec<Drawn> {
     let contenders = contenders(robot);
@@ -137,25 +162,158 @@ pub fn study(robot: &Robot, seeds: std::ops::Range<u64>) -> Vec<Drawn> {
     seeds
         .into_par_iter()
         .map(|seed| {
-            let (_, [friction_n, efficiency, play_deg]) = machine(robot, seed);
-            let runs = contenders
-                .iter()
-                .map(|contender| ran(&machine(&contender.robot, seed).0, seed))
-                .collect();
+            let (built, [friction_n, efficiency, play_deg]) = machine(robot, seed);
+            let mut failed = Vec::new();
+            let found = commissioned(robot, &built, seed).unwrap_or_else(|error| {
+                failed.push(format!("commission: {error}"));
+                Vec::new()
+            });
+            let runs = contenders.iter().enumerate().map(|(index, contender)| {
+                let told = described(&contender.robot, &found);
+                let mut run = ran(&told, &built, seed);
+                if index == 0 {
+                    follow(&told, &built, seed, &mut run);
+                    run.faults.append(&mut failed);
+                }
+                run
+            });
+            let runs = runs.collect();
+            let found = found.into_iter().map(|(_, errors)| errors).collect();
             Drawn {
                 seed,
                 friction_n,
                 efficiency,
                 play_deg,
+                found,
                 runs,
             }
         })
         .collect()
 }
 
-/// Every experiment on one machine.
+/// Whoever watches a simulated drum while it is commissioned.
+struct Watcher {
+    link: SimulatedLink,
+    winch: usize,
+    before_m: f64,
+}
+
+impl Watcher {
+    fn drum_m(&self) -> Option<f64> {
+        let truth = self.link.with(|simulation| simulation.plant().truth());
+        truth.ok()?.drum_positions_m.get(self.winch).copied()
+    }
+}
+
+impl Operator for Watcher {
+    fn paid_out(&mut self) -> Option<bool> {
+        Some(self.drum_m()? > self.before_m)
+    }
+}
+
+/// What `commission` finds on every winch of a machine by the robot file alone, and how wrong that is.
+///
+/// # Errors
+/// In words, with the winch's number.
+pub fn commissioned(
+    robot: &Robot,
+    built: &Robot,
+    seed: u64,
+) -> Result<Vec<(Rubbing, Identified)>, String> {
+    let mismatch = Mismatch::realistic();
+    let truth = plant_params(built, &mismatch, seed).winches;
+    let mut all = Vec::new();
+    for (index, real) in truth.iter().enumerate() {
+        let words = |error: &dyn std::fmt::Display| format!("winch {}: {error}", index + 1);
+        let (options, core) = (LinkOptions::default(), Controller::InProcess);
+        let simulation = simulate_unloaded(built, &mismatch, &options, seed, &core);
+        let link = SimulatedLink::new(simulation.map_err(|error| words(&error))?);
+        let mut eyes = Watcher {
+            link: link.clone(),
+            winch: index,
+            before_m: 0.0,
+        };
+        eyes.before_m = eyes.drum_m().unwrap_or(0.0);
+        let client = Client::connect(link, SessionId(1));
+        let mut client = client.map_err(|error| words(&error))?;
+        let found = commission(&mut client, robot, index + 1, None, &mut eyes);
+        let found = found.map_err(|error| words(&error))?;
+        let rubs = found.rubbing.ok_or_else(|| words(&"no friction found"))?;
+        let Some(gear) = &real.gear else { continue };
+        // Of the motor and, through the gear, of the drum.
+        let drum_nm = real.friction_n * real.drum_radius_m / real.gear_ratio;
+        let true_nm =
+            gear.rotor_friction_nm + gear.gear_friction_nm + drum_nm / gear.efficiency_driving;
+        let friction = rubs.friction.as_ref();
+        let errors = Identified {
+            friction_error: friction.map(|friction| friction.friction_nm / true_nm - 1.0),
+            play_error_deg: rubs.play_deg - gear.play_rad.to_degrees(),
+        };
+        all.push((rubs, errors));
+    }
+    Ok(all)
+}
+
+/// The robot file with what was found on its winches.
 #[must_use]
-pub fn ran(robot: &Robot, seed: u64) -> Ran {
+pub fn described(robot: &Robot, found: &[(Rubbing, Identified)]) -> Robot {
+    let mut told = robot.clone();
+    for (index, (rubs, _)) in found.iter().enumerate() {
+        let winch = told.cables.get(index).map(|cable| cable.winch_index);
+        if let Some(winch) = winch.and_then(|at| told.winches.get_mut(at)) {
+            rubs.describe(winch);
+        }
+    }
+    told
+}
+
+/// Circle and line of the tool on a machine with every realistic error.
+fn follow(told: &Robot, built: &Robot, seed: u64, run: &mut Ran) {
+    let base = Case {
+        job: Job::Circle10s,
+        robot: "paper-table5",
+        every_error: true,
+        known: Known::Absolute,
+        pulley_loss: Mismatch::realistic().pulley_loss,
+        shaping: Shaping::Zv,
+        frictionless: false,
+        planner: Planner::Equilibrium,
+    };
+    for (name, job, known) in [
+        ("circle of the tool", Job::Circle10s, Known::Absolute),
+        ("circle of the tool, homed", Job::Circle10s, Known::Homed),
+        ("line of the tool", Job::LineAtLimit, Known::Absolute),
+    ] {
+        let case = Case { job, known, ..base };
+        let outcome = run_as(&case, told.clone(), Some(built), seed);
+        let values = |of: &Outcome| {
+            let mut values = vec![of.path_mean_m, of.path_max_m];
+            if (job, known) == (Job::Circle10s, Known::Absolute) {
+                values.push(of.reversal_m);
+            }
+            values
+        };
+        match outcome {
+            Ok(outcome) => {
+                let mm = values(&outcome).into_iter().map(|m| Some(m * 1e3));
+                run.figures.extend(mm);
+            }
+            Err(error) => {
+                run.faults.push(format!("{name}: {error}"));
+                let count = if known == Known::Absolute && job == Job::Circle10s {
+                    3
+                } else {
+                    2
+                };
+                run.figures.extend(std::iter::repeat_n(None, count));
+            }
+        }
+    }
+}
+
+/// Every experiment with the tension loop on one machine, built as `built` says and described by `robot`.
+#[must_use]
+pub fn ran(robot: &Robot, built: &Robot, seed: u64) -> Ran {
     let change = Change {
         gears: Mismatch::realistic().gears,
         ..Change::default()
@@ -167,7 +325,7 @@ pub fn ran(robot: &Robot, seed: u64) -> Ran {
     let angle = seed as f64 * 2.399_963;
     let force_n = [PULL_N * angle.cos(), PULL_N * angle.sin(), 0.0];
     let mut act = |name: &str, count: usize, act: &dyn Fn(&mut Bench<'_>) -> Acted| {
-        let acted = Bench::start(robot, &change, seed)
+        let acted = Bench::start_built(robot, built, &change, seed)
             .map_err(|error| error.to_string())
             .and_then(|mut bench| act(&mut bench));
         match acted {
@@ -230,11 +388,16 @@ pub fn spread(
     figure: usize,
     within: [f64; 2],
 ) -> Option<(f64, f64, usize)> {
-    let mut values: Vec<f64> = drawn
+    let values = drawn
         .iter()
         .filter(|machine| (within[0]..within[1]).contains(&machine.friction_n))
-        .filter_map(|machine| *machine.runs.get(contender)?.figures.get(figure)?)
-        .collect();
+        .filter_map(|machine| *machine.runs.get(contender)?.figures.get(figure)?);
+    median_and_p95(values.collect())
+}
+
+/// Median and 95th percentile (nearest rank) of some values, and their number.
+#[must_use]
+pub(crate) fn median_and_p95(mut values: Vec<f64>) -> Option<(f64, f64, usize)> {
     values.sort_by(f64::total_cmp);
     let rank = |share: f64| {
         #[expect(

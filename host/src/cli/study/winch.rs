@@ -2,8 +2,9 @@
 
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Outcome, print_json, write_out};
-use crate::robot::Robot;
-use crate::tension::winch_study::{FIGURES, FRICTION_N, contenders, spread, study};
+use crate::tension::winch_study::{
+    Drawn, FIGURES, FRICTION_N, OF_TENSION, contenders, median_and_p95, spread, study,
+};
 
 /// The tension loop on machines drawn over the typical range of friction, gear efficiency and play:
 /// medians and 95th percentiles, the paper's law beside the default, and by friction
@@ -23,12 +24,7 @@ const BINS_N: [[f64; 2]; 4] = [[1.0, 3.0], [3.0, 10.0], [10.0, 20.0], [20.0, 31.
 
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
-        // The default robot has no gear; this study is about gears.
-        let robot = if common.robot == "paper-table5" {
-            Robot::built_in("paper-geared")?
-        } else {
-            crate::robot::find(&common.robot)?
-        };
+        let robot = crate::robot::find(&common.robot)?;
         let seeds = self.seed..self.seed.saturating_add(self.seeds);
         let drawn = study(&robot, seeds.clone());
         let last = seeds.end.saturating_sub(1);
@@ -52,6 +48,7 @@ impl Cmd {
         head.push("paper".to_owned());
         let cell = |contender, figure, within| match spread(&drawn, contender, figure, within) {
             Some((median, p95, count)) => format!("{median:.3} / {p95:.3} ({count})"),
+            None if contender > 0 && figure >= OF_TENSION => "-".to_owned(),
             None => "fault".to_owned(),
         };
         let mut rows = vec![head];
@@ -76,6 +73,7 @@ impl Cmd {
             rows.push(cells);
         }
         write_out(&lay_out(&rows));
+        identified(&drawn);
         for machine in &drawn {
             for (name, run) in names.iter().zip(&machine.runs) {
                 for fault in &run.faults {
@@ -91,5 +89,25 @@ impl Cmd {
         }
         say!("robot {}, seeds {} to {last}", robot.name, self.seed);
         Ok(())
+    }
+}
+
+/// How well `commission` identified the winches.
+fn identified(drawn: &[Drawn]) {
+    let winches: Vec<_> = drawn.iter().flat_map(|machine| &machine.found).collect();
+    let friction = winches.iter().filter_map(|found| found.friction_error);
+    let friction: Vec<f64> = friction.map(|share| share.abs() * 100.0).collect();
+    let known = friction.len();
+    if let Some((median, p95, _)) = median_and_p95(friction) {
+        say!(
+            "commission: friction known on {known} of {} winches, off by {median:.1} % (median), {p95:.1} % (95 %)",
+            winches.len()
+        );
+    }
+    let play = winches.iter().map(|found| found.play_error_deg.abs());
+    if let Some((median, p95, count)) = median_and_p95(play.collect()) {
+        say!(
+            "commission: play of {count} winches off by {median:.3} degrees (median), {p95:.3} (95 %)"
+        );
     }
 }
