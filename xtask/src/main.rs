@@ -25,7 +25,7 @@ ros         build mcdpr and its ROS side (ros/, outside of the workspace: minute
             Cyclone DDS; --build: build only
 playground  build the page with a simulated robot in it, without a server (target/playground)
 firmware    build the firmware and check its size and that it needs no floating point
-study faults  ten thousand runs with random faults (--runs N, --seed N)
+study faults  runs with random faults, from the injection (--robot R, --runs N, --seed N, --undisturbed; --invariants)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
 study own-frame  three frames from a few answers to a calibrated robot that picks (--runs N, --seed N)
 screenshots draws docs/images/*.png: the page on the simulator, in a real browser

@@ -5,6 +5,7 @@
 
 mod aftermath;
 pub mod campaign;
+pub mod survey;
 
 pub use aftermath::{Aftermath, Limits, Moment};
 pub use mcdpr_twin::faults::{
