@@ -235,7 +235,7 @@ const fn meaning(state: State) -> &'static str {
     }
 }
 
-pub(super) fn longest(conditions: impl Iterator<Item = bool>) -> usize {
+fn longest(conditions: impl Iterator<Item = bool>) -> usize {
     let mut run = 0;
     conditions.fold(0, |most, holds| {
         run = if holds { run + 1 } else { 0 };

@@ -115,7 +115,7 @@ impl Verdict {
     pub fn line(&self) -> String {
         let faults: Vec<_> = self.injections.iter().map(word).collect();
         format!(
-            "seed {}: {}: {}; again: cargo xtask study faults --seed {} --runs 1",
+            "seed {}: {}: {}; again: cargo xtask study invariants --seed {} --runs 1",
             self.seed,
             faults.join(" "),
             self.violations.join("; "),
@@ -136,20 +136,15 @@ pub fn word(injection: &Injection) -> String {
     format!("{id}:{cable}@{when}")
 }
 
-/// Random numbers of a seed.
-pub(super) struct Draw(ChaCha8Rng);
+struct Draw(ChaCha8Rng);
 
 impl Draw {
-    pub(super) fn new(seed: u64) -> Self {
-        Self(ChaCha8Rng::seed_from_u64(seed))
-    }
-
-    pub(super) fn unit(&mut self) -> f64 {
+    fn unit(&mut self) -> f64 {
         // One more than the largest: below 1, so that `below` never returns its count.
         f64::from(self.0.next_u32()) / (f64::from(u32::MAX) + 1.0)
     }
 
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+    fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
@@ -158,7 +153,7 @@ impl Draw {
         clippy::cast_sign_loss,
         reason = "a small count"
     )]
-    pub(super) fn below(&mut self, count: usize) -> usize {
+    fn below(&mut self, count: usize) -> usize {
         (self.unit() * count as f64) as usize
     }
 }
@@ -239,7 +234,7 @@ fn injections(draw: &mut Draw, duration_s: f64, cables: usize) -> Vec<Injection>
 /// Runs one seed. `None` if no motion was found for its robot.
 #[must_use]
 pub fn run(seed: u64) -> Option<Verdict> {
-    let mut draw = Draw::new(seed ^ 0x6661_756C);
+    let mut draw = Draw(ChaCha8Rng::seed_from_u64(seed ^ 0x6661_756C));
     let robot = robot(&mut draw)?;
     let model = Model::new(&robot).ok()?;
     let (task, duration_s) = task(&mut draw, &model)?;
@@ -277,18 +272,6 @@ pub fn run_all(
     seeds: std::ops::Range<u64>,
     seen: impl Fn(u64, Option<&Verdict>) + Sync,
 ) -> Vec<Option<Verdict>> {
-    on_all_processors(seeds, |seed| {
-        let verdict = run(seed);
-        seen(seed, verdict.as_ref());
-        verdict
-    })
-}
-
-/// The results of these seeds, in their order.
-pub(super) fn on_all_processors<T: Send>(
-    seeds: std::ops::Range<u64>,
-    run: impl Fn(u64) -> T + Sync,
-) -> Vec<T> {
     let next = AtomicU64::new(seeds.start);
     let work = || {
         let mut done = Vec::new();
@@ -298,7 +281,9 @@ pub(super) fn on_all_processors<T: Send>(
             if seed >= seeds.end {
                 return done;
             }
-            done.push((seed, run(seed)));
+            let verdict = run(seed);
+            seen(seed, verdict.as_ref());
+            done.push((seed, verdict));
         }
     };
     let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
@@ -311,7 +296,7 @@ pub(super) fn on_all_processors<T: Send>(
         workers.into_iter().flat_map(join).collect()
     });
     all.sort_unstable_by_key(|(seed, _)| *seed);
-    all.into_iter().map(|(_, result)| result).collect()
+    all.into_iter().map(|(_, verdict)| verdict).collect()
 }
 
 fn judge(verdict: &mut Verdict, model: &Model, after: &Aftermath) {
@@ -356,7 +341,7 @@ fn judge(verdict: &mut Verdict, model: &Model, after: &Aftermath) {
 }
 
 /// Once a fault is latched and torque is off, torque must stay off and the fault must stay latched.
-pub(super) fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
+fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
     let mut was_off = false;
     let mut latched = None;
     for point in trace {

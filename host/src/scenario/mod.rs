@@ -5,7 +5,6 @@
 
 mod aftermath;
 pub mod campaign;
-pub mod survey;
 
 pub use aftermath::{Aftermath, Limits, Moment};
 pub use mcdpr_twin::faults::{

@@ -5,6 +5,7 @@ mod inject;
 mod line;
 mod parse;
 pub mod rows;
+pub mod survey;
 
 pub use inject::{How, how};
 pub use line::FaultyLink;

@@ -1,11 +1,11 @@
 //! What a seed draws: the task, the moment and the faults.
 
-use super::super::campaign::Draw;
-use super::super::{Injection, Phase, Scenario, When, how};
-use crate::experiment::Experiment;
-use crate::motion::{Model, Task};
-use crate::scenario::How;
+use super::super::{How, Injection, Phase, Scenario, When, how};
+use mcdpr_core::motion::{Model, Task};
+use mcdpr_core::run::plan_from;
 use mcdpr_protocol::FaultId;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
 
 /// Phases of a robot's work in which faults are injected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -78,6 +78,32 @@ pub struct Drawn {
     pub task: Task,
     /// When the host orders a stop, s of path time.
     pub stop_s: Option<f64>,
+}
+
+struct Draw(ChaCha8Rng);
+
+impl Draw {
+    fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    /// In 0 to 1, without 1.
+    fn unit(&mut self) -> f64 {
+        f64::from(self.0.next_u32()) / (f64::from(u32::MAX) + 1.0)
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small count"
+    )]
+    fn below(&mut self, count: usize) -> usize {
+        (self.unit() * count as f64) as usize
+    }
 }
 
 /// Rest at the end of a task, s.
@@ -176,8 +202,8 @@ fn task(draw: &mut Draw, model: &Model) -> Option<(Task, f64, f64)> {
             continue;
         };
         let lasts_s = |task: Task| {
-            let plan = Experiment::new(model, task).plan().ok()?;
-            Some(plan.timed.duration_s())
+            let plan = plan_from(model, task, &model.robot().tool.home_in_world_m, None);
+            Some(plan.ok()?.timed.duration_s())
         };
         if let (Some(line_s), Some(all_s)) = (lasts_s(line), lasts_s(whole.clone())) {
             return Some((whole, line_s.min(all_s - REST_S), all_s));

@@ -1,7 +1,7 @@
 //! Tables of a survey: by row of the fault table, by phase, and the confusions.
 
-use mcdpr::scenario::survey::{Moment, Outcome, silent};
 use mcdpr_protocol::FaultId;
+use mcdpr_twin::faults::survey::{Moment, Outcome, silent};
 use std::collections::BTreeMap;
 
 /// Whether docs/faults.md says that nothing has to be reported.

@@ -1,11 +1,60 @@
 //! Measurements on a run's true states, from the injection on.
 
-use super::super::Limits;
-use super::super::aftermath::longest;
+use mcdpr_core::motion::Model;
 use mcdpr_firmware::State;
 use mcdpr_protocol::FaultId;
 use mcdpr_simulator::TracePoint;
 use nalgebra::Vector3;
+
+/// Limits of the robot.
+pub(super) struct Limits {
+    cables: usize,
+    /// Largest tension of each cable, N.
+    ceiling_n: Vec<f64>,
+}
+
+impl Limits {
+    pub(super) fn of(model: &Model) -> Self {
+        let robot = model.robot();
+        let ceiling = |index| {
+            let winch = robot.winch_of(index);
+            let sensor_n = winch.map_or(f64::INFINITY, |winch| winch.tension_max_n);
+            sensor_n.min(robot.limits.tension_max_n)
+        };
+        Self {
+            cables: robot.cables.len(),
+            ceiling_n: (0..robot.cables.len()).map(ceiling).collect(),
+        }
+    }
+}
+
+/// A cable is slack below this, N: physically, not below its least permitted tension.
+const SLACK_N: f64 = 0.1;
+
+/// Once a fault is latched and torque is off, torque must stay off and the fault must stay.
+pub(super) fn re_energises(trace: &[TracePoint], wrong: &mut Vec<String>) {
+    let (mut was_off, mut latched) = (false, None);
+    for point in trace {
+        if latched.is_some() && latched != point.fault {
+            wrong.push(format!("the fault changed at tick {}", point.tick.0));
+            return;
+        }
+        latched = point.fault;
+        if latched.is_some() && was_off && point.torque_on {
+            wrong.push(format!("torque came back at tick {}", point.tick.0));
+            return;
+        }
+        was_off = latched.is_some() && !point.torque_on;
+    }
+}
+
+fn longest(conditions: impl Iterator<Item = bool>) -> usize {
+    let mut run = 0;
+    conditions.fold(0, |most, holds| {
+        run = if holds { run + 1 } else { 0 };
+        most.max(run)
+    })
+}
 
 /// The greatest distance from the path, and the greatest height lost against it, m, from tick `from`
 /// on. Both are differences to that tick: a machine that is off is beside its path all the time.
@@ -53,7 +102,7 @@ pub(super) fn slack(after: &[TracePoint], limits: &Limits, without: &[usize]) ->
     let slack_ms = cables.map(|cable| {
         let armed = after.iter().filter(|point| point.torque_on);
         let pull = |point: &TracePoint| point.truth.tensions_platform_n.get(cable).copied();
-        longest(armed.filter_map(pull).map(|n| n < limits.slack_n))
+        longest(armed.filter_map(pull).map(|n| n < SLACK_N))
     });
     slack_ms.max().unwrap_or(0)
 }

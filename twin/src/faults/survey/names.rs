@@ -2,8 +2,8 @@
 
 use super::super::Injection;
 use super::Moment;
-use crate::motion::Model;
-use crate::robot::DriveKind;
+use mcdpr_core::motion::Model;
+use mcdpr_core::robot::DriveKind;
 use mcdpr_protocol::{FaultId, FaultRecord};
 
 /// Whether a fault got its right name, and the right cable.

@@ -12,14 +12,15 @@ mod names;
 pub use draw::{Drawn, Moment};
 pub use names::{RightName, silent};
 
-use super::{FaultyLink, Injection, Limits, campaign};
-use crate::control::Handle;
-use crate::experiment::{Experiment, SimulatedRobot};
-use crate::machine::Mismatch;
-use crate::motion::Model;
-use crate::run::{Homing, NoStore, RunError, Session};
+use super::{FaultyLink, Injection, Phase, When};
+use crate::line::{SimulatedLink, plant_failed};
+use crate::plant::{Mismatch, at_rest};
+use mcdpr_core::control::Handle;
+use mcdpr_core::link::ClientError;
+use mcdpr_core::motion::Model;
+use mcdpr_core::run::{Homing, NoStore, Recorder, RunError, Session, plan_from};
 use mcdpr_protocol::{FaultId, FaultRecord, SessionId};
-use mcdpr_simulator::{Simulation, TracePoint};
+use mcdpr_simulator::{LinkOptions, Simulation, TracePoint};
 use nalgebra::Vector3;
 
 /// Time for a robot to come to rest and to be watched while parked, µs: the two seconds of holding
@@ -82,27 +83,6 @@ pub fn undisturbed(model: &Model, seed: u64) -> Option<Outcome> {
     Some(run_drawn(model, drawn))
 }
 
-/// Runs these seeds on all processors, with their faults or undisturbed; `None` if there was no motion.
-/// `seen` is called for each as it is done, in any order.
-pub fn run_all(
-    model: &Model,
-    seeds: std::ops::Range<u64>,
-    disturbed: bool,
-    seen: impl Fn(&Outcome) + Sync,
-) -> Vec<Option<Outcome>> {
-    campaign::on_all_processors(seeds, |seed| {
-        let outcome = if disturbed {
-            run(model, seed)
-        } else {
-            undisturbed(model, seed)
-        };
-        if let Some(outcome) = &outcome {
-            seen(outcome);
-        }
-        outcome
-    })
-}
-
 fn run_drawn(model: &Model, drawn: Drawn) -> Outcome {
     let mut outcome = Outcome {
         drawn,
@@ -140,62 +120,40 @@ struct Seen {
 }
 
 fn work(model: &Model, drawn: &Drawn) -> Result<Seen, RunError> {
-    let plan = Experiment::new(model, drawn.task.clone()).plan()?;
+    let home = model.robot().tool.home_in_world_m;
+    let plan = plan_from(model, drawn.task.clone(), &home, None)?;
     let mut path_m = Vec::new();
     while path_m.len() as f64 * 1e-3 <= plan.timed.duration_s() {
         path_m.push(plan.timed.tool_m(path_m.len() as f64 * 1e-3)?);
     }
-    let simulated = SimulatedRobot::new(Mismatch::realistic(), drawn.seed).at_home(model)?;
+    let robot = model.robot();
+    let plant = at_rest(model, robot, &Mismatch::realistic(), drawn.seed, None)?;
+    let simulation = Simulation::new(plant, &LinkOptions::default(), drawn.seed);
+    let simulation = simulation.map_err(|error| ClientError::from(plant_failed(error)))?;
+    let simulated = SimulatedLink::new(simulation);
     simulated.with(Simulation::record_truth);
     let link = FaultyLink::new(simulated.clone(), &drawn.injections);
-    let settle = || {
-        let settled = link.settle(SETTLE_US);
-        settled.map_err(crate::link::ClientError::from)
-    };
-    let handle = Handle::new();
-    let stop_s = drawn.stop_s;
-    let stopper = handle.clone();
-    let mut ordered = false;
-    let mut outcome = Experiment::new(model, drawn.task.clone())
-        .at_home()
-        .session(SessionId(1))
-        .handle(&handle)
-        .progress(move |progress| {
-            if !ordered && stop_s.is_some_and(|stop_s| progress.path_s >= stop_s) {
-                stopper.stop();
-                ordered = true;
-            }
-        })
-        .run_on(link.clone())
-        .map(drop);
+    let settle = || link.settle(SETTLE_US).map_err(ClientError::from);
+    let mut outcome = day(model, &link, drawn, Homing::Place(home), Day::First);
     settle()?;
     let again = link.now_ms();
-    let stopped = matches!(outcome, Err(RunError::Interrupted { .. }));
+    let stopped = matches!(outcome, Err(RunError::Interrupted));
     let quiet = simulated.with(|s| s.fault()).is_none();
     if quiet && (outcome.is_ok() || stopped) {
-        outcome = if stopped {
-            arm_only(model, link.clone())
-        } else {
-            Experiment::new(model, drawn.task.clone())
-                .homing(Homing::Known)
-                .session(SessionId(2))
-                .run_on(link.clone())
-                .map(drop)
-        };
+        // A robot that was stopped on its way is not where its task begins.
+        let second = if stopped { Day::ArmsOnly } else { Day::Second };
+        outcome = day(model, &link, drawn, Homing::Known, second);
         settle()?;
     }
     let refused = match outcome {
         Ok(()) => None,
-        // An error of the plan, not of the robot.
-        Err(error @ RunError::Plan(_)) if drawn.injections.is_empty() => return Err(error),
         Err(error) => Some(error.to_string()),
     };
+    let injected_ms = link.injected_ms().into_iter();
     Ok(Seen {
         trace: simulated.with(Simulation::take_trace),
-        injected_ms: link
-            .injected_ms()
-            .iter()
-            .map(|ms| usize::try_from(*ms).unwrap_or(usize::MAX))
+        injected_ms: injected_ms
+            .map(|ms| usize::try_from(ms).unwrap_or(usize::MAX))
             .collect(),
         again,
         path_m,
@@ -203,10 +161,36 @@ fn work(model: &Model, drawn: &Drawn) -> Result<Seen, RunError> {
     })
 }
 
-fn arm_only(model: &Model, link: FaultyLink) -> Result<(), RunError> {
+/// What a program does with the robot.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Day {
+    First,
+    Second,
+    ArmsOnly,
+}
+
+fn day(
+    model: &Model,
+    link: &FaultyLink,
+    drawn: &Drawn,
+    homing: Homing<'_>,
+    day: Day,
+) -> Result<(), RunError> {
     let handle = Handle::new();
-    let mut session = Session::open(model, link, SessionId(2), &handle, Homing::Known, &NoStore)?;
+    let number = SessionId(if day == Day::First { 1 } else { 2 });
+    let mut session = Session::open(model, link.clone(), number, &handle, homing, &NoStore)?;
+    let plan = session.plan(drawn.task.clone(), None);
     session.arm()?;
+    if day != Day::ArmsOnly {
+        let stop_s = drawn.stop_s.filter(|_| day == Day::First);
+        let mut ordered = false;
+        session.follow(&plan?, &mut Recorder::default(), |progress| {
+            if !ordered && stop_s.is_some_and(|stop_s| progress.path_s >= stop_s) {
+                handle.stop();
+                ordered = true;
+            }
+        })?;
+    }
     session.disarm()
 }
 
@@ -222,7 +206,7 @@ fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
     outcome.latched_after_ms = first.map(|at| at.saturating_sub(from));
     outcome.at_next_arming = first.is_some_and(|at| at >= seen.again && from < seen.again);
     outcome.refused = seen.refused.clone().filter(|_| first.is_none());
-    let limits = Limits::of(model);
+    let limits = measure::Limits::of(model);
     let way = measure::away(&seen.trace, from, &seen.path_m);
     (outcome.deviation_m, outcome.drop_m) = way;
     let after = seen
@@ -238,7 +222,7 @@ fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
     outcome.slack_ms = measure::slack(after, &limits, &without);
     outcome.named = names::judge(model, injections, outcome.latched.as_ref());
     let mut wrong = Vec::new();
-    campaign::re_energises(&seen.trace, &mut wrong);
+    measure::re_energises(&seen.trace, &mut wrong);
     let faults: Vec<_> = injections.iter().map(|injection| injection.fault).collect();
     if !measure::is_safe(&seen.trace, &limits, &faults) {
         let end = seen.trace.last().map(|point| point.state);
@@ -264,5 +248,11 @@ fn judge(model: &Model, seen: &Seen, outcome: &mut Outcome) {
 /// A fault as the command line takes it.
 #[must_use]
 pub fn word(injection: &Injection) -> String {
-    campaign::word(injection)
+    let when = match injection.when {
+        When::Start => "start".to_owned(),
+        When::Motion(at_s) => format!("{at_s:.3}s"),
+        When::After(phase, at_s) => format!("{}+{at_s:.3}s", Phase::name(phase)),
+    };
+    let (id, cable) = (injection.fault.name(), injection.cable + 1);
+    format!("{id}:{cable}@{when}")
 }
