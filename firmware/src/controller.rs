@@ -404,10 +404,8 @@ impl<const N: usize> Controller<N> {
         if reaction != supervisor::Reaction::Stop || !self.stands_for_its_brake() {
             self.raise(reaction.event());
         }
-        // A path that ends in 300 ms would pull on against the snag. Once brakes close, there is
-        // nothing left to pay out.
-        if fault == FaultId::C2 && self.state == State::Stopping && self.closing.is_none() {
-            self.relieve();
+        if fault == FaultId::C2 {
+            self.stop_for(true);
         }
         let failed = matches!(fault, FaultId::D2 | FaultId::D3 | FaultId::D7 | FaultId::S6);
         let failed = failed && self.state == State::Stopping;
@@ -424,6 +422,18 @@ impl<const N: usize> Controller<N> {
             // A braked drum no longer follows the path: the others have a quarter of the time, 75
             // ms of 300, before cables become slack or too tight.
             self.motion.brake(stop_ms / 4);
+        }
+    }
+
+    /// Stops, unless a failed brake has no safer state; with `tight`, a cable is over its limit.
+    fn stop_for(&mut self, tight: bool) {
+        if !self.stands_for_its_brake() {
+            self.raise(Event::Stop);
+        }
+        // A path that ends in 300 ms would pull on against the snag. Once brakes close, there is
+        // nothing left to pay out.
+        if tight && self.state == State::Stopping && self.closing.is_none() {
+            self.relieve();
         }
     }
 

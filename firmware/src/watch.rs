@@ -193,8 +193,12 @@ const FOLLOWING_TICKS: u16 = 20;
 const DEAF_TICKS: u16 = 20;
 // 100 ms (D4): the eased path clock has time to bring the current down.
 const SATURATED_TICKS: u16 = 100;
-// 10 ms after the fall (C3): half of C1's time, since the rate already shows that the cable broke.
-const BREAK_TICKS: u16 = 10;
+// 10 ms after a fall from one tick to the next, the robot stops: half of C1's time.
+pub(crate) const BREAK_TICKS: u16 = 10;
+// 250 ms after the fall it has its name. A cable that is tight again by then has slipped, or the
+// platform was pushed or shaken (C1); one that broke stays slack (C3). 5 mm of slip are gone within
+// 120 ms (docs/results/faults.md); a stop closes its brakes after 300 ms.
+const NAMED_TICKS: u16 = 250;
 // 100 ms (D6): heat changes slowly, a single status bit may be disturbed.
 const HOT_TICKS: u16 = 100;
 // 10 ms (S4): at 30 mm/s the drum has turned by 0.3 mm then.
@@ -361,7 +365,9 @@ impl CableWatch {
             SLACK_TICKS
         };
         // The count is updated further down: this tick is the one to be added.
-        let broken = self.broke && self.slack.ticks() + 1 >= BREAK_TICKS;
+        let fell = self.breaks_ticks();
+        let broken = now.slack && fell + 1 >= BREAK_TICKS;
+        let caught = !now.slack && fell >= BREAK_TICKS;
         // A dead drive also leaves the motor behind; a dead encoder does not.
         // Half the limit: at the tick that exceeds it, a motor that stands shows the same error as
         // the drum, and a motor that follows shows almost none.
@@ -407,9 +413,13 @@ impl CableWatch {
             (FaultId::S11, (adc, i32::from(self.pace.patience())))
         } else if snag {
             (FaultId::C2, (tension, view.ceiling_mn))
-        } else if broken && now.slack {
+        } else if broken {
+            if fell < NAMED_TICKS - 1 {
+                // The robot stops already. Its other conditions are consequences.
+                return None;
+            }
             (FaultId::C3, (tension, view.floor_mn))
-        } else if slack {
+        } else if slack | caught {
             (FaultId::C1, (tension, view.floor_mn))
         } else if astray {
             (dead, (view.length_error / 10, view.length_error_max / 10))
@@ -447,7 +457,8 @@ impl CableWatch {
         self.rising > 0
     }
 
-    /// Ticks since the tension fell to the floor from one tick to the next, 0 if it did not.
+    /// Ticks since the tension fell to the floor from one tick to the next, 0 if it did not. From
+    /// [`BREAK_TICKS`] on the cable may be broken, and the robot must stop.
     #[must_use]
     pub(crate) const fn breaks_ticks(&self) -> u16 {
         if self.broke { self.slack.ticks() } else { 0 }

@@ -1,4 +1,4 @@
-//! `cargo xtask study faults`: the seeded fault runs, with their summary by row.
+//! `cargo xtask study invariants`: the seeded fault runs, with their summary by row.
 
 use mcdpr::scenario::campaign::{self, DRAWN, Verdict};
 use mcdpr_protocol::FaultId;

@@ -1,4 +1,4 @@
-//! The short version of `cargo xtask study faults`.
+//! The short version of `cargo xtask study invariants`.
 
 use mcdpr::scenario::campaign;
 

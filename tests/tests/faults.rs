@@ -183,11 +183,7 @@ fn d7_a_drive_that_ignores_commands_stops_the_robot() {
     let after = with_fault(0.8, |plant| {
         plant.faults_mut().cables[0].drive.ignores_commands = true;
     });
-    assert!(
-        matches!(after.record.fault, FaultId::D7 | FaultId::S5),
-        "{:?}",
-        after.record
-    );
+    assert_eq!((after.record.fault, after.record.cable), (FaultId::D7, 1));
     assert!(after.detected_after() < 250, "{}", after.detected_after());
     after.assert_safe();
 }
@@ -195,14 +191,11 @@ fn d7_a_drive_that_ignores_commands_stops_the_robot() {
 #[test]
 fn s5_a_cable_that_slips_on_its_drum_is_noticed() {
     let after = with_fault(0.8, |plant| plant.slip_cable(1, 0.02).unwrap());
-    assert!(
-        matches!(
-            after.record.fault,
-            FaultId::S5 | FaultId::C1 | FaultId::C2 | FaultId::C3
-        ),
-        "{:?}",
-        after.record
-    );
+    // It unloads its cable first, which names it; lengths and tensions name no cable.
+    let record = after.record;
+    let named = (record.fault, record.cable) == (FaultId::C1, 2) || record.fault == FaultId::S5;
+    assert!(named, "{record:?}");
+    assert!(after.detected_after() <= 250, "{}", after.detected_after());
     after.assert_safe();
 }
 
@@ -210,7 +203,11 @@ fn s5_a_cable_that_slips_on_its_drum_is_noticed() {
 fn c3_a_broken_cable_stops_the_rest() {
     let after = with_fault(0.8, |plant| plant.break_cable(0).unwrap());
     assert_eq!((after.record.fault, after.record.cable), (FaultId::C3, 1));
-    assert!(after.detected_after() <= 11, "{}", after.detected_after());
+    // It stops at once; whether the cable is tight again is known after 250 ms.
+    assert!(after.detected_after() <= 251, "{}", after.detected_after());
+    let mut points = after.trace.iter();
+    let stops = points.position(|point| point.state == State::Stopping);
+    assert!(stops.unwrap() <= 11, "{stops:?}");
     after.assert_safe();
 }
 

@@ -209,7 +209,8 @@ fn b1_b2_b3_arming_names_the_winch_and_lets_nothing_fall() {
 fn s4_c3_c5_d1_l18_p2_are_noticed_by_their_names_and_in_their_time() {
     for (word, fault, cable, most_ms, most_drop_m) in [
         ("S4:1@0.9s", FaultId::S4, 1, 40, 5e-3),
-        ("C3:1@0.9s", FaultId::C3, 1, 11, 0.2),
+        // It stops at once (below); whether the cable is tight again is known after 250 ms.
+        ("C3:1@0.9s", FaultId::C3, 1, 251, 0.2),
         ("C5@0.9s", FaultId::C5, 0, 40, 5e-3),
         ("L18@0.9s", FaultId::L18, 0, 100, 5e-3),
         ("P2@0.9s", FaultId::D3, 0, 12, 5e-3),
@@ -220,7 +221,32 @@ fn s4_c3_c5_d1_l18_p2_are_noticed_by_their_names_and_in_their_time() {
         assert!(cable == 0 || record.cable == cable, "{word}: {record:?}");
         let noticed = after.detected_after_ms().unwrap();
         assert!(noticed <= most_ms, "{word}: {noticed} ms");
+        if fault == FaultId::C3 {
+            assert!(entered(&after, State::Stopping) <= 11, "{word}");
+        }
         assert!(after.is_safe(), "{word}");
         assert!(after.drop_m() < most_drop_m, "{word}: {} m", after.drop_m());
+    }
+}
+
+/// A slip unloads its cable as a break does, but the cable is tight again soon.
+#[test]
+fn c1_s5_a_slip_is_not_taken_for_a_broken_cable_and_its_cable_is_named() {
+    for cable in 1..=4 {
+        for word in [format!("C1:{cable}@0.9s"), format!("S5:{cable}@0.9s")] {
+            let after = run(&[&word]);
+            let record = after.record().unwrap();
+            println!(
+                "{word}: {record:?} after {:?} ms",
+                after.detected_after_ms()
+            );
+            assert!(
+                matches!(record.fault, FaultId::C1 | FaultId::S5),
+                "{word}: {record:?}"
+            );
+            let named = record.cable == 0 || usize::from(record.cable) == cable;
+            assert!(named, "{word}: {record:?}");
+            assert!(after.is_safe(), "{word}");
+        }
     }
 }

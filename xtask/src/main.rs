@@ -25,7 +25,8 @@ ros         build mcdpr and its ROS side (ros/, outside of the workspace: minute
             Cyclone DDS; --build: build only
 playground  build the page with a simulated robot in it, without a server (target/playground)
 firmware    build the firmware and check its size and that it needs no floating point
-study faults  ten thousand runs with random faults (--runs N, --seed N)
+study faults  faults in every phase of work, measured from the injection (--robot R, --runs N, --seed N, --undisturbed)
+study invariants  ten thousand runs with random faults on random robots (--runs N, --seed N)
 study planning  a million odd robots and tasks through planning (--runs N, --seed N)
 study own-frame  three frames from a few answers to a calibrated robot that picks (--runs N, --seed N)
 screenshots draws docs/images/*.png: the page on the simulator, in a real browser
@@ -71,7 +72,8 @@ fn study() -> Result<(), String> {
     let arguments: Vec<String> = std::env::args().skip(2).collect();
     let chosen = arguments.split_first();
     let (package, example, options) = match chosen.map(|(a, b)| (a.as_str(), b)) {
-        Some(("faults", options)) => ("mcdpr", "fault_study", options),
+        Some(("faults", options)) => ("mcdpr-twin", "fault_survey", options),
+        Some(("invariants", options)) => ("mcdpr", "fault_study", options),
         Some(("planning", options)) => ("mcdpr-tests", "planning_study", options),
         // It starts the program.
         Some(("own-frame", options)) => return built_with_program("own_frame_study", options),

@@ -104,9 +104,12 @@ fn feed<L: Link>(
         // The refused knot is missing in the path: stop before the buffer comes to the gap.
         if let Err(error) = settle(client) {
             client.stop(StopKind::Stop)?;
-            // A board that stopped by itself refuses requests in progress: the fault is the reason.
-            let fault = super::status(client)?.fault;
-            return Err(fault.map_or(error, |record| RunError::Fault { record }));
+            // A board that stopped by itself refuses requests in progress: the fault is the reason. It
+            // may get its name while the board stops (C3).
+            return Err(match super::wait_for(client, BoardState::Disarmed, 3.0) {
+                Err(fault @ RunError::Fault { .. }) => fault,
+                _ => error,
+            });
         }
         take_events(client, recorder, duration_s);
         if let Some(halt) = watch(recorder) {
@@ -163,7 +166,11 @@ fn feed<L: Link>(
             }
             let may_go_on = matches!(
                 status.state,
-                BoardState::Moving | BoardState::Pausing | BoardState::Holding
+                BoardState::Moving
+                    | BoardState::Pausing
+                    | BoardState::Holding
+                    // A fault may get its name during the stop (C3).
+                    | BoardState::Stopping
             );
             if !may_go_on {
                 // Another program stopped it.

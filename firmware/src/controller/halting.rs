@@ -2,7 +2,7 @@
 
 use super::{
     Control, Controller, Event, FaultId, HOLD_TORQUE_MS, Inputs, Limit, Oscillation, Phase, Proof,
-    Target, Verdict, is_plausible, slowest_brake_ms,
+    State, Target, Verdict, is_plausible, slowest_brake_ms,
 };
 use crate::config::TensionLaw;
 use crate::proof::play_ms;
@@ -25,7 +25,7 @@ const RETRY_MS: u16 = 50;
 // Ten attempts of 50 ms: half a second for a brake that is late.
 const TRIES: u16 = 10;
 /// Ticks for a drive to push against a brake: a drive that gives no torque cannot lose it.
-const PROOF_MS: u16 = 500;
+const PROOF_MS: u16 = 1000;
 
 impl<const N: usize> Controller<N> {
     #[inline(never)]
@@ -78,20 +78,26 @@ impl<const N: usize> Controller<N> {
     /// Tests all brakes for a tick; returns the first that slips, and its cable, 1 for the first.
     fn prove(&mut self, inputs: &Inputs<N>) -> (Verdict, u8) {
         let mut all = (Verdict::Holds, 0);
+        let opens = self.state == State::Arming;
         let Some(active) = &self.active else {
             return all;
         };
         let cables = self.cables.iter_mut().zip(&active.cables);
-        let cables = cables.zip(&inputs.drives);
-        for (number, ((cable, config), drive)) in (1_u8..).zip(cables) {
+        let cables = cables.zip(inputs.drives.iter().zip(&inputs.tension_adc));
+        for (number, ((cable, config), (drive, &adc))) in (1_u8..).zip(cables) {
             // Its drive may not give torque any more, so its brake cannot be tested.
             if cable.abandoned {
                 continue;
             }
-            let load = cable.setpoint_mn;
+            // The load that hangs on the brake, if it can be read.
+            let load = if cable.blind || !is_plausible(adc) {
+                cable.setpoint_mn
+            } else {
+                cable.tension_mn
+            };
             let verdict = cable
                 .proof
-                .tick(config, cable.length, drive.current_ma, load);
+                .tick(config, cable.length, drive.current_ma, load, opens);
             // A brake that slips outweighs one that is still being tested.
             if verdict != Verdict::Holds && !matches!(all.0, Verdict::Slips(_)) {
                 all = (verdict, number);
@@ -196,7 +202,7 @@ impl<const N: usize> Controller<N> {
         // Example: brakes of 30 ms are tested after 180 ms.
         let held = slowest_brake_ms(active) + HOLD_TORQUE_MS;
         let most = held + PROOF_MS + play_ms(active);
-        // At most some 2000 + 150 + 500 ms and the play's time, with the retries: 16 bits suffice.
+        // At most some 2000 + 150 + 1000 ms and the play's time, with the retries: 16 bits suffice.
         self.closing = Some(ticks + 1);
         if ticks < held {
             return;
@@ -249,6 +255,7 @@ impl<const N: usize> Controller<N> {
             Verdict::Pending => ticks >= most,
         };
         if done {
+            self.name_break();
             self.raise(Event::TorqueOff);
         }
     }

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::config::{CableConfig, TensionLaw};
 use crate::io::DriveInput;
-use crate::watch::{CableView, Finding, Persist, is_deaf};
+use crate::watch::{BREAK_TICKS, CableView, Finding, Persist, is_deaf};
 use mcdpr_protocol::ResidualRow;
 
 /// Time of contact after which the robot stops, ticks (C5).
@@ -239,9 +239,15 @@ impl<const N: usize> Controller<N> {
         // A cable that has just lost its tension shifts load to the others: that is not a snag,
         // unless these rose with it.
         // Taken before the loop: the loop changes the counts cable by cable.
-        let breaks = self.cables.iter().map(|cable| cable.watch.breaks_ticks());
-        let breaks = breaks.max().unwrap_or(0);
-        let mut eased = false;
+        let (mut breaks, mut suspect) = (0, 0);
+        for (number, cable) in (1_u8..).zip(&self.cables) {
+            if cable.watch.breaks_ticks() > breaks {
+                (breaks, suspect) = (cable.watch.breaks_ticks(), number);
+            }
+        }
+        // The robot stops before it is known whether the cable broke.
+        let suspected = breaks >= BREAK_TICKS;
+        let (mut eased, mut falls) = (false, suspected);
         let readings = inputs.drives.iter().zip(&inputs.tension_adc);
         let configs = active.cables.iter().zip(readings);
         for (number, (cable, (config, (drive, &adc)))) in
@@ -260,8 +266,12 @@ impl<const N: usize> Controller<N> {
             let fault = cable.examine(config, pins, &around, &mut self.limits);
             // A slack cable under a closed brake stays slack until it is pulled: that is only a
             // warning.
-            let fault = fault.filter(|found| !around.braked || found.fault != FaultId::C1);
+            // And a cable that may be broken unloads others.
+            let fault = fault.filter(|found| {
+                found.fault != FaultId::C1 || !(around.braked || (suspected && number != suspect))
+            });
             eased |= cable.watch.saturates();
+            falls |= cable.watch.breaks_ticks() >= BREAK_TICKS;
             let (tension, ceiling) = (cable.tension_mn, config.ceiling_mn);
             if fault.is_some_and(|found| found.fault == FaultId::C2) {
                 // It rose after the break and is still below its ceiling: its load came from the
@@ -271,19 +281,36 @@ impl<const N: usize> Controller<N> {
                 }
                 tight = tight.or(Some((FaultId::C2, number, tension, ceiling)));
             }
-            if found.is_none() {
+            if found.is_none() && !(suspected && tight.is_some()) {
                 found = fault.map(|found| (found.fault, number, found.value, found.limit));
             }
         }
         // One saturated motor slows the common clock: the tool stays on its path (D4).
         self.motion.ease(eased);
-        let residual = self.watch_residuals();
+        let residual = self.watch_residuals().filter(|_| !suspected);
         if let Some((fault, cable, value, limit)) = found.or(residual) {
             self.trip(fault, cable, value, limit);
         }
         // Independent of the first fault found: a cable with too high a tension is paid out.
-        if let Some((fault, cable, value, limit)) = tight {
+        if let Some((fault, cable, value, limit)) = tight.filter(|_| !suspected) {
             self.trip(fault, cable, value, limit);
+        }
+        // The name follows when the cable is tight again, or stays slack.
+        if falls {
+            self.stop_for(tight.is_some());
+        }
+    }
+
+    /// Latches a cable that may be broken when the watch under torque ends.
+    pub(super) fn name_break(&mut self) {
+        for number in 1_u8.. {
+            let Some(cable) = self.cables.get(usize::from(number) - 1) else {
+                return;
+            };
+            if cable.watch.breaks_ticks() >= BREAK_TICKS {
+                let tension = cable.tension_mn;
+                self.latch_fault(FaultId::C3, number, tension, 0);
+            }
         }
     }
 

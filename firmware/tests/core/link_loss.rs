@@ -98,7 +98,7 @@ fn l10_l12_l15_a_moving_robot_decelerates_holds_closes_its_brakes_and_lets_go() 
         "{holding}"
     );
     assert_eq!(braked, 2100);
-    assert_eq!(off, 2100 + BRAKE_MS + 150 + PROOF_MS);
+    assert_eq!(off, 2100 + BRAKE_MS + 150 + PROOF_MS - 1);
 }
 
 #[test]
@@ -135,7 +135,7 @@ fn l9_a_gap_under_100_ms_leaves_the_motion_alone() {
 fn l10_a_host_that_returns_while_the_robot_holds_clears_and_goes_on_along_the_path() {
     let mut bench = Bench::moving(4000, 500);
     bench.beats = false;
-    bench.until(State::Holding, 1500);
+    bench.until(State::Holding, crate::support::ARMING_MS);
     assert_eq!(
         bench.request(Request::ClearFault),
         Err(Reject::CauseRemains {

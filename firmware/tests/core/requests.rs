@@ -36,7 +36,7 @@ fn bench_in(state: State) -> Bench {
         }
         State::Holding | State::Moving | State::Pausing | State::Stopping => {
             bench.arm().unwrap();
-            bench.until(State::Holding, 1500);
+            bench.until(State::Holding, crate::support::ARMING_MS);
             bench.buffer(4000, false);
             if state != State::Holding {
                 bench.request(Request::Start).unwrap();
@@ -51,7 +51,7 @@ fn bench_in(state: State) -> Bench {
         }
         State::Fault => {
             bench.arm().unwrap();
-            bench.until(State::Holding, 1500);
+            bench.until(State::Holding, crate::support::ARMING_MS);
             bench.tamper = |i| i.drives[0].fault = true;
             bench.until(State::Fault, 1000);
             bench.tamper = |_| {};
@@ -349,7 +349,7 @@ fn k4_a_start_400_m_away_is_not_taken_for_a_small_gap() {
         .unwrap();
     let config_hash = crate::support::hash_of(&all);
     bench.request(Request::Arm { config_hash }).unwrap();
-    bench.until(State::Holding, 1500);
+    bench.until(State::Holding, crate::support::ARMING_MS);
     let away = Request::Knot(knot(0, 0, false, &[(-far, 0); CABLES]));
     assert!(matches!(
         bench.request(away),

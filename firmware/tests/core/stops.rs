@@ -50,7 +50,10 @@ fn stop1_decelerates_closes_brakes_under_torque_holds_it_150_ms_longer_and_lets_
 fn disarm_from_holding_closes_the_brakes_at_once_and_ends_disarmed() {
     let mut bench = Bench::holding();
     assert_eq!(bench.request(Request::Disarm), Ok(Reply::Done));
-    assert_eq!(stop_sequence(&mut bench), (0, BRAKE_MS + 150 + PROOF_MS));
+    assert_eq!(
+        stop_sequence(&mut bench),
+        (0, BRAKE_MS + 150 + PROOF_MS - 1)
+    );
     assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));
 }
 
@@ -153,7 +156,7 @@ fn p7_the_emergency_stop_acts_in_its_tick_in_every_phase_and_needs_a_release_and
         assert_eq!(bench.request(Request::ClearFault), Ok(Reply::Done));
         assert_eq!((bench.state(), bench.fault()), (State::Disarmed, None));
         bench.arm().unwrap();
-        bench.until(State::Holding, 1500);
+        bench.until(State::Holding, crate::support::ARMING_MS);
     }
 }
 
@@ -163,7 +166,7 @@ fn a_hold_rests_on_the_path_and_a_resume_ends_where_the_motion_ends() {
     straight.until(State::Holding, 4000);
     let mut bench = Bench::moving(2000, 700);
     bench.stop(StopKind::Hold);
-    let ticks = bench.until(State::Holding, 1500);
+    let ticks = bench.until(State::Holding, crate::support::ARMING_MS);
     assert!(ticks <= STOP_MS, "{ticks}");
     let rest = bench.status().setpoints;
     bench.run(500);
@@ -186,7 +189,7 @@ fn k6_a_buffer_that_runs_empty_holds_with_its_fault_and_takes_a_new_motion_after
         (bench.state(), bench.fault()),
         (State::Pausing, Some(FaultId::K6))
     );
-    let ticks = bench.until(State::Holding, 1500);
+    let ticks = bench.until(State::Holding, crate::support::ARMING_MS);
     assert!(ticks <= STOP_MS + 1, "{ticks}");
     assert!(
         bench.all_brakes(Brake::Open) && bench.any_torque(),

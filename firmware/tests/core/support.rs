@@ -36,9 +36,12 @@ pub const MOTOR_COUNTS: i32 = 1_520_148;
 pub const STOP_MS: u32 = 300;
 pub const ENABLE_MS: u32 = 40;
 pub const BRAKE_MS: u32 = 30;
-/// Time until the slowest of the bench's drives has pushed against its brake: 15 N at 256 mN a
-/// tick.
-pub const PROOF_MS: u32 = 59;
+/// Time until the slowest of the bench's drives has released 10 N and pushed with 6.1 N, and for the
+/// 200 ms of the push; one less from rest, where a drive gives a little less.
+pub const PROOF_MS: u32 = 298;
+/// Time in which the bench arms, at most: 30 ms of torque, the brakes' test, 50 ms to open, four drums
+/// of 120 ms, 500 ms of rest.
+pub const ARMING_MS: u32 = 2000;
 pub const TENSION_MN: i32 = 10_000;
 /// Length of every cable at the reference, 0.1 µm.
 pub const START: i32 = 8_000_000;
@@ -239,7 +242,7 @@ impl Bench {
     pub fn holding_at(first: Tick) -> Self {
         let mut bench = Self::ready_at(first);
         bench.arm().unwrap();
-        bench.until(State::Holding, 2000);
+        bench.until(State::Holding, ARMING_MS);
         bench
     }
 

@@ -115,7 +115,7 @@ impl Verdict {
     pub fn line(&self) -> String {
         let faults: Vec<_> = self.injections.iter().map(word).collect();
         format!(
-            "seed {}: {}: {}; again: cargo xtask study faults --seed {} --runs 1",
+            "seed {}: {}: {}; again: cargo xtask study invariants --seed {} --runs 1",
             self.seed,
             faults.join(" "),
             self.violations.join("; "),

@@ -99,9 +99,14 @@ fn d1_d5_b1_b2_b3_and_l18_stop_the_robot_of_the_chip() {
 #[test]
 fn c1_c2_c3_c5_and_s5_stop_the_robot_of_the_chip() {
     stops(&[
-        ("C3:1@0.9s", FaultId::C3, 1, 20, 0.2),
+        // The name; the stop comes at once (below).
+        ("C3:1@0.9s", FaultId::C3, 1, 262, 0.2),
         ("C5@0.9s", FaultId::C5, 0, 50, 5e-3),
     ]);
+    let after = run_with(&["C3:1@0.9s"]);
+    let mut points = after.after().iter();
+    let stops = points.position(|point| point.state == State::Stopping);
+    assert!(stops.unwrap() <= 20, "{stops:?}");
     // Slips and snags pull the platform themselves; what is noticed first depends on the cable. A
     // pull beyond the sensor's range reads as an open sensor, and a cable that it unloads as broken.
     for (word, may_be) in [

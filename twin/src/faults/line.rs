@@ -20,17 +20,39 @@ struct Schedule {
     /// Times at which the board entered each phase of [`Phase::ALL`], µs.
     phases_us: [Option<u64>; Phase::ALL.len()],
     last: Option<State>,
+    /// Brakes that were closed when this state began.
+    braked_before: Option<usize>,
     /// The host sends nothing before this time, µs.
     silent_until_us: u64,
     injected_us: Vec<u64>,
 }
 
 impl Schedule {
-    /// Observes the board's state.
-    fn see(&mut self, state: State, now_us: u64) {
+    /// Observes the board's state, and the brakes: `braked` counts those that are closed.
+    fn see(&mut self, state: State, braked: impl FnOnce() -> usize, now_us: u64) {
+        let within = match state {
+            State::Arming => Some((Phase::Arming, Phase::Stirring)),
+            State::Stopping => Some((Phase::Stopping, Phase::Closing)),
+            _ => None,
+        };
+        // A phase within a state: brakes of the first arming open, those of the stop close.
+        if let Some((of, inner)) = within
+            && self.last == Some(state)
+            && self.phases_us[of as usize].is_some()
+            && self.phases_us[Phase::Rearming as usize].is_none()
+            && self.phases_us[inner as usize].is_none()
+        {
+            let braked = braked();
+            let before = *self.braked_before.get_or_insert(braked);
+            if braked != before {
+                self.phases_us[inner as usize] = Some(now_us);
+                self.braked_before = None;
+            }
+        }
         if self.last == Some(state) {
             return;
         }
+        self.braked_before = None;
         self.last = Some(state);
         let armed_before = self.phases_us[Phase::Arming as usize].is_some();
         let stopped = self.phases_us[Phase::Stopping as usize].is_some();
@@ -83,6 +105,12 @@ impl FaultyLink {
         schedule.injected_us.iter().map(|us| us / 1000).collect()
     }
 
+    /// Time since power-on, ms.
+    #[must_use]
+    pub fn now_ms(&self) -> usize {
+        usize::try_from(self.inner.now_us() / 1000).unwrap_or(usize::MAX)
+    }
+
     /// Advances time with an inactive host.
     ///
     /// # Errors
@@ -102,7 +130,13 @@ impl FaultyLink {
         let now = self.inner.now_us();
         let mut schedule = self.schedule.borrow_mut();
         let state = self.inner.with(|s| s.state());
-        schedule.see(state, now);
+        let braked = || {
+            self.inner.with(|s| {
+                let closed = s.plant().truth().map(|truth| truth.brakes_closed);
+                closed.map_or(0, |closed| closed.iter().filter(|is| **is).count())
+            })
+        };
+        schedule.see(state, braked, now);
         let (motion_us, phases_us) = (schedule.motion_us, schedule.phases_us);
         #[expect(
             clippy::cast_possible_truncation,

@@ -5,6 +5,7 @@ mod inject;
 mod line;
 mod parse;
 pub mod rows;
+pub mod survey;
 
 pub use inject::{How, how};
 pub use line::FaultyLink;
@@ -28,10 +29,14 @@ pub enum When {
 pub enum Phase {
     /// It arms for the first time.
     Arming,
+    /// Its brakes have opened while it arms for the first time: it turns its drums a little.
+    Stirring,
     /// It holds under tension for the first time.
     Holding,
     /// It stops after the motion: brakes close under torque.
     Stopping,
+    /// Its brakes have begun to close in this stop; torque is still on.
+    Closing,
     /// Its brakes are closed and its torque is off after the motion.
     Parked,
     /// It arms for the second time.
@@ -40,10 +45,12 @@ pub enum Phase {
 
 impl Phase {
     /// Every phase.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 7] = [
         Self::Arming,
+        Self::Stirring,
         Self::Holding,
         Self::Stopping,
+        Self::Closing,
         Self::Parked,
         Self::Rearming,
     ];
@@ -53,8 +60,10 @@ impl Phase {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Arming => "arming",
+            Self::Stirring => "stirring",
             Self::Holding => "holding",
             Self::Stopping => "stopping",
+            Self::Closing => "closing",
             Self::Parked => "parked",
             Self::Rearming => "rearming",
         }

@@ -1,0 +1,108 @@
+//! `cargo xtask study faults`: seeded runs with faults, measured from the injection, with their tables.
+//!
+//! `--robot NAME` chooses the robot, `--runs N` and `--seed S` the seeds. `--undisturbed` runs the same
+//! work without faults.
+
+mod tables;
+
+use mcdpr_core::motion::Model;
+use mcdpr_core::robot::Robot;
+use mcdpr_twin::faults::survey::{self, Outcome, word};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let value = |name: &str| {
+        let at = arguments.iter().position(|argument| argument == name);
+        at.and_then(|at| arguments.get(at + 1))
+    };
+    let number = |name: &str, default: u64| {
+        let given = value(name).and_then(|value| value.parse().ok());
+        given.unwrap_or(default)
+    };
+    let has = |name: &str| arguments.iter().any(|argument| argument == name);
+    let first = number("--seed", 1);
+    let robot = value("--robot").map_or("paper-table5", String::as_str);
+    match survey(robot, first, number("--runs", 1000), !has("--undisturbed")) {
+        Ok(0) => ExitCode::SUCCESS,
+        Ok(_) => ExitCode::FAILURE,
+        Err(message) => {
+            eprintln!("{message}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Runs the survey of one robot and prints its tables; returns how many runs broke an invariant.
+fn survey(name: &str, first: u64, runs: u64, disturbed: bool) -> Result<usize, String> {
+    let robot = Robot::built_in(name).map_err(|error| error.to_string())?;
+    let model = Model::new(&robot).map_err(|error| error.to_string())?;
+    let end = first.saturating_add(runs);
+    let all = on_all_processors(first..end, |seed| {
+        let outcome = if disturbed {
+            survey::run(&model, seed)
+        } else {
+            survey::undisturbed(&model, seed)
+        };
+        if let Some(outcome) = outcome.as_ref().filter(|o| !o.violations.is_empty()) {
+            let words: Vec<_> = outcome.drawn.injections.iter().map(word).collect();
+            let moment = outcome.drawn.moment.name();
+            let wrong = outcome.violations.join("; ");
+            eprintln!("seed {seed} ({moment}): {}: {wrong}", words.join(" "));
+        }
+        outcome
+    });
+    let without = all.iter().filter(|outcome| outcome.is_none()).count();
+    let all: Vec<_> = all.into_iter().flatten().collect();
+    let failed = all.iter().filter(|o| !o.violations.is_empty()).count();
+    let hours: f64 = all.iter().map(|o| o.simulated_s / 3600.0).sum();
+    println!(
+        "{name}: {} runs, seeds {first} to {}, {without} without a motion, {hours:.2} h simulated; {failed} broke an \
+         invariant; hash {:016x}\n",
+        all.len(),
+        end.saturating_sub(1),
+        hash(all.iter().map(|outcome| format!("{outcome:?}")))
+    );
+    if disturbed {
+        tables::print(&all);
+    }
+    Ok(failed)
+}
+
+/// FNV-1a (Fowler, Noll, Vo) over all results: shows whether two studies are identical.
+fn hash(results: impl Iterator<Item = String>) -> u64 {
+    let bytes = results.flat_map(String::into_bytes);
+    bytes.fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+    })
+}
+
+/// The results of these seeds, in their order.
+fn on_all_processors(
+    seeds: std::ops::Range<u64>,
+    run: impl Fn(u64) -> Option<Outcome> + Sync,
+) -> Vec<Option<Outcome>> {
+    let next = AtomicU64::new(seeds.start);
+    let work = || {
+        let mut done = Vec::new();
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed >= seeds.end {
+                return done;
+            }
+            done.push((seed, run(seed)));
+        }
+    };
+    let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let mut all: Vec<_> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, _>| match worker.join() {
+            Ok(done) => done,
+            Err(panic) => std::panic::resume_unwind(panic),
+        };
+        workers.into_iter().flat_map(join).collect()
+    });
+    all.sort_unstable_by_key(|(seed, _)| *seed);
+    all.into_iter().map(|(_, outcome)| outcome).collect()
+}

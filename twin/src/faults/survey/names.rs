@@ -1,0 +1,81 @@
+//! Which names are right for an injected fault, and which faults are not noticed, by docs/faults.md.
+
+use super::super::Injection;
+use super::Moment;
+use mcdpr_core::motion::Model;
+use mcdpr_core::robot::DriveKind;
+use mcdpr_protocol::{FaultId, FaultRecord};
+
+/// Whether a fault got its right name, and the right cable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RightName {
+    /// The fault is one that docs/faults.md gives for what was injected.
+    pub fault: bool,
+    /// And its cable is the one into which it was injected, where the fault has a cable.
+    pub cable: bool,
+}
+
+/// Judges the latched fault; of two injections, either may be named.
+pub(super) fn judge(
+    model: &Model,
+    injections: &[Injection],
+    latched: Option<&FaultRecord>,
+) -> RightName {
+    let Some(record) = latched else {
+        return RightName::default();
+    };
+    let mut best = RightName::default();
+    for injection in injections {
+        let fault = accepted(model, injection).contains(&record.fault);
+        let cable = record.cable == 0 || usize::from(record.cable) == injection.cable + 1;
+        // A fault of the whole robot has no cable; the drives that report it first have theirs.
+        let whole = matches!(
+            injection.fault,
+            FaultId::P2 | FaultId::D1 | FaultId::C5 | FaultId::P7 | FaultId::C2
+        );
+        if fault {
+            best.fault = true;
+            best.cable |= cable || whole;
+        }
+    }
+    best
+}
+
+/// The names that docs/faults.md gives for an injected row.
+fn accepted(model: &Model, injection: &Injection) -> Vec<FaultId> {
+    use FaultId as F;
+    let robot = model.robot();
+    let by_tension = model.holding().by_tension().contains(&injection.cable);
+    let winch = robot.winch_of(injection.cable);
+    let rmds = winch.is_some_and(|winch| winch.drive == DriveKind::Rmds);
+    match injection.fault {
+        // Nearly nothing arrives: noise, or silence.
+        F::L8 => vec![F::L8, F::L10, F::L18],
+        F::L11 | F::L12 | F::L15 | F::L16 => vec![F::L10],
+        // Open inputs are a count that stands.
+        F::S6 => vec![F::S6, F::S2],
+        F::S5 => vec![F::S5, F::C1],
+        F::D2 if rmds && !by_tension => vec![F::D2, F::D7],
+        // It keeps its last current.
+        F::D7 if by_tension => vec![F::D7, F::S4, F::C1, F::C2],
+        F::B2 => vec![F::B2, F::C1, F::S10],
+        F::P2 => vec![F::P2, F::D3],
+        F::C1 => vec![F::C1, F::S5],
+        F::C2 => vec![F::C2, F::C1],
+        F::C4 => vec![F::C4, F::S5],
+        other => vec![other],
+    }
+}
+
+/// Why docs/faults.md says that this fault is not noticed; `None` where it must be.
+#[must_use]
+pub fn silent(injection: &Injection, moment: Moment) -> Option<&'static str> {
+    use FaultId as F;
+    let _ = moment;
+    match injection.fault {
+        F::L1 | F::L3 | F::L4 | F::L9 => Some("the link's protocol repairs it"),
+        F::S1 => Some("single readings are replaced"),
+        F::S9 => Some("advice"),
+        _ => None,
+    }
+}

@@ -1,0 +1,57 @@
+//! The short version of `cargo xtask study faults`: faults in every phase, measured from the injection.
+
+use mcdpr_core::motion::Model;
+use mcdpr_core::robot::Robot;
+use mcdpr_twin::faults::survey::{self, Moment, Outcome, silent};
+
+fn model(name: &str) -> Model {
+    Model::new(&Robot::built_in(name).unwrap()).unwrap()
+}
+
+/// Every row, in every phase: what must be noticed is, and what is latched has its name.
+#[test]
+fn faults_in_every_phase_are_noticed_and_named() {
+    let model = model("paper-table5");
+    let runs = (1..121).filter_map(|seed| survey::run(&model, seed));
+    let runs: Vec<_> = runs.filter(|outcome| outcome.injected).collect();
+    for moment in Moment::ALL {
+        let of = runs.iter().filter(|run| run.drawn.moment == moment);
+        assert!(of.count() >= 3, "{} is not drawn", moment.name());
+    }
+    let broken = runs.iter().filter(|run| !run.violations.is_empty());
+    let line = |run: &Outcome| format!("seed {}: {}", run.drawn.seed, run.violations.join("; "));
+    let broken: Vec<_> = broken.map(line).collect();
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+    let due = runs.iter().filter(|run| {
+        let mut injections = run.drawn.injections.iter();
+        injections.any(|injection| silent(injection, run.drawn.moment).is_none())
+    });
+    let due: Vec<_> = due.filter(|run| run.latched.is_some()).collect();
+    let named = due.iter().filter(|run| run.named.fault).count();
+    assert!(
+        named * 10 >= due.len() * 8,
+        "{named} of {} named",
+        due.len()
+    );
+}
+
+#[test]
+fn the_same_work_without_a_fault_raises_no_alarm() {
+    for name in ["paper-table5", "lab-fast"] {
+        let model = model(name);
+        for seed in 1..9 {
+            let Some(run) = survey::undisturbed(&model, seed) else {
+                continue;
+            };
+            let wrong = run.violations.join("; ");
+            assert!(wrong.is_empty(), "{name}, seed {seed}: {wrong}");
+        }
+    }
+}
+
+#[test]
+fn a_seed_is_the_same_run_again() {
+    let model = model("paper-table5");
+    let run = || format!("{:?}", survey::run(&model, 5));
+    assert_eq!(run(), run());
+}
