@@ -74,7 +74,7 @@ pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
 }
 
 /// The refusal of data during which cables slipped.
-fn slipped(slips: &[String]) -> Option<Refusal> {
+pub(crate) fn slipped(slips: &[String]) -> Option<Refusal> {
     (!slips.is_empty()).then(|| Refusal::Contradiction {
         what: format!(
             "{}; check how that cable is held on its drum, and use the poses before or after only",
@@ -95,7 +95,7 @@ fn attempt(data: &Data, usable: &Usable, options: &Options) -> Result<Answer, Re
             directions: seen.harmful.join(", "),
         });
     }
-    answer(data, usable, &model, &options.priors, &minimum, &seen)
+    answer(data, usable, &model, &minimum, &seen)
 }
 
 pub(crate) fn model<'a>(usable: &'a Usable, options: &Options) -> Model<'a> {
@@ -154,6 +154,7 @@ pub(crate) fn start(usable: &Usable, layout: &Layout) -> State {
         camera_from_platform: data.camera_from_platform,
         world_from_body: data.world_from_body.clone(),
         drum_scale: 1.0,
+        drum_own: vec![0.0; layout.cables],
         camera: data.camera,
         focal_scale: 0.0,
         tag_scale: 1.0,
@@ -162,9 +163,11 @@ pub(crate) fn start(usable: &Usable, layout: &Layout) -> State {
         } else {
             0.0
         },
+        soft_per_n: vec![0.0; layout.cables],
         mass_kg: data.robot.mass_kg,
         center_of_mass_m: data.robot.center_of_mass_m,
         loss: vec![0.0; layout.cables],
+        zero_n: vec![0.0; layout.cables],
         poses: usable.start.clone(),
         tensions_n: data
             .poses
@@ -182,7 +185,6 @@ fn answer(
     data: &Data,
     usable: &Usable,
     model: &Model<'_>,
-    priors: &Priors,
     minimum: &Minimum,
     seen: &Observability,
 ) -> Result<Answer, Refusal> {
@@ -206,7 +208,6 @@ fn answer(
     judge(
         data,
         model,
-        priors,
         minimum,
         &rejected,
         freedom,
@@ -312,7 +313,6 @@ fn rejected_row(usable: &Usable, minimum: &Minimum, k: usize, j: usize) -> Rejec
 fn judge(
     data: &Data,
     model: &Model<'_>,
-    priors: &Priors,
     minimum: &Minimum,
     rejected: &[RejectedRow],
     freedom: f64,
@@ -320,6 +320,7 @@ fn judge(
 ) -> Result<(), Refusal> {
     let refuse = |what: String| Err(Refusal::Contradiction { what });
     let state = &minimum.state;
+    let priors = &minimum.priors;
     let tags_off = (state.tag_scale - 1.0) / priors.tag;
     // Six standard deviations of the prior: 0.6 % of the size by default.
     if tags_off.abs() > 6.0 {
@@ -507,20 +508,38 @@ fn name(model: &Model<'_>, index: usize) -> String {
             ["x", "y", "z"][i % 3]
         );
     }
+    let of = |index: usize, first: usize, what: &str| {
+        Some(index.wrapping_sub(first))
+            .filter(|i| *i < layout.cables)
+            .map(|i| format!("cable {}'s {what}", i + 1))
+    };
+    if let Some(words) = of(index, layout.drum(0), "drum") {
+        return words;
+    }
+    if index < layout.statics() {
+        let words = [
+            "the drums' scale",
+            "the focal length",
+            "the principal point in u",
+            "the principal point in v",
+            "the lens's k1",
+            "the tags' scale",
+        ];
+        return words[index - layout.scales()].to_owned();
+    }
+    let own = of(index, layout.zero(0), "tension zero")
+        .or_else(|| of(index, layout.soft(0), "own compliance"));
+    if let Some(words) = own {
+        return words;
+    }
     let words = [
-        "the drums' scale",
-        "the focal length",
-        "the principal point in u",
-        "the principal point in v",
-        "the lens's k1",
-        "the tags' scale",
         "the cables' compliance",
         "the mass",
         "the centre of mass in x",
         "the centre of mass in y",
         "the centre of mass in z",
     ];
-    match words.get(index - layout.scales()) {
+    match words.get(index - layout.statics()) {
         Some(words) => (*words).to_owned(),
         None => format!("cable {}'s loss of tension", index - layout.loss(0) + 1),
     }

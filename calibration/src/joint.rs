@@ -5,7 +5,7 @@ use super::assay;
 use super::data::Data;
 use super::error::Refusal;
 pub use super::fit::Options;
-use super::fit::fit;
+use super::fit::{fit, slipped};
 use super::general::slip;
 
 /// Calibrates with one weighted problem over anchors, initial lengths, camera, bodies of tags, the
@@ -18,10 +18,10 @@ use super::general::slip;
 pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     let mut answer = fit(data, options)?;
     if options.closer_looks {
-        let slips = slip::in_data(data, answer.solved.as_ref());
-        let advice = "use the poses before or after only";
-        let words = slips.iter().map(|slip| format!("{slip}: {advice}"));
-        answer.warnings.extend(words);
+        // A length that jumped makes every length after it wrong: there is no answer to give.
+        if let Some(refusal) = slipped(&slip::in_data(data, answer.solved.as_ref())) {
+            return Err(refusal);
+        }
         answer.split = assay::split(data, options, &answer);
         let warning = answer.split.as_ref().and_then(Split::warning);
         answer.warnings.extend(warning);

@@ -7,6 +7,7 @@
 //! | [`check`] | checks of the data before anything is solved |
 //! | [`pnp`] | poses of tags from one picture |
 //! | `unknowns`, `rows`, `stretch` | the unknowns of the joint method, the row of each measurement, the encoders' weights |
+//! | `variance` | scatter and priors that the data widen |
 //! | `normal`, `solve` | elimination of the poses; Levenberg-Marquardt; outliers |
 //! | [`dense`] | the same in a plain implementation, for comparison |
 //! | `observability`, `predict` | which unknowns the data determine, and the expected position error |
@@ -53,6 +54,7 @@ mod stretch;
 pub mod study;
 pub mod target;
 mod unknowns;
+mod variance;
 pub mod verify;
 pub mod views;
 

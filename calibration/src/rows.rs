@@ -68,6 +68,8 @@ pub struct Model<'a> {
     pub layout: Layout,
     /// Scatter of the rows for which no sensor noise is stated.
     pub scatter: Scatter,
+    /// The same as assumed before the data: it is widened by the data, and never below this.
+    pub assumed: Scatter,
     /// Standard deviations of the encoders' lengths, m, by pose and cable.
     encoder_sigmas_m: Vec<Vec<f64>>,
 }
@@ -121,6 +123,7 @@ impl<'a> Model<'a> {
             data,
             layout,
             scatter,
+            assumed: scatter,
             encoder_sigmas_m: encoder_sigmas_m(data, layout.statics),
         }
     }
@@ -160,7 +163,7 @@ impl Model<'_> {
             };
             let weight = 1.0 / self.encoder_sigmas_m[k][i];
             // The encoder measures the paid-out length, without the stretch.
-            let taut = 1.0 - state.compliance_per_n * tension;
+            let taut = 1.0 - state.compliance(i) * tension;
             own.fill(0.0);
             put(&mut own, 0, &(path.t * (taut * weight)));
             put(&mut own, 3, &(path.u.cross(&path.t) * (taut * weight)));
@@ -181,19 +184,19 @@ impl Model<'_> {
             ));
             shared.push(Entry::new(self.layout.initial_length(i), -weight));
             shared.push(Entry::new(s, -reading * weight));
+            shared.push(Entry::new(self.layout.drum(i), -reading * weight));
             if self.layout.statics {
                 let stretching = path.length_m + state.routing_m[i];
-                shared.push(Entry::new(
-                    self.layout.statics(),
-                    -stretching * tension * weight,
-                ));
+                let by_compliance = -stretching * tension * weight;
+                shared.push(Entry::new(self.layout.statics(), by_compliance));
+                shared.push(Entry::new(self.layout.soft(i), by_compliance));
             }
             // The length off the drum, less the routing's nominal length: (L + r)(1 - c T) - r.
-            let stretch = state.compliance_per_n * tension * state.routing_m[i];
+            let stretch = state.compliance(i) * tension * state.routing_m[i];
             let predicted = path.length_m * taut - stretch - state.initial_length_m[i];
             take(&Row {
                 source: Source::Encoder(i),
-                residual: (predicted - state.drum_scale * reading) * weight,
+                residual: (predicted - state.scale(i) * reading) * weight,
                 own: &own,
                 shared: &shared,
             });
@@ -209,7 +212,8 @@ impl Model<'_> {
                 own[6 + i] = weight;
                 shared.clear();
                 shared.push(Entry::new(self.layout.loss(i), reading * weight));
-                let expected = reading * (1.0 - state.loss[i]);
+                shared.push(Entry::new(self.layout.zero(i), weight));
+                let expected = reading * (1.0 - state.loss[i]) - state.zero_n[i];
                 take(&Row {
                     source: Source::Tension(i),
                     residual: (state.tensions_n[k][i] - expected) * weight,
@@ -404,6 +408,9 @@ mod tests {
             .collect();
         state = state.stepped(data, layout, &shared, &own);
         state.loss[1] = 0.01;
+        state.zero_n[2] = 0.3;
+        state.drum_own[0] = 0.02;
+        state.soft_per_n[3] = 1e-5;
         state.compliance_per_n = 2e-5;
         state
     }

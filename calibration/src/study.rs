@@ -47,7 +47,10 @@ pub fn errors(truth: &Truth, predicted_m: &[Vec<f64>], answer: Option<&Answer>) 
     for (k, (pose, predicted)) in truth.holdout.iter().zip(predicted_m).enumerate() {
         let lengths = truth.robot.lengths_m(pose).ok()?;
         let wrong: Vec<f64> = (0..4)
-            .map(|i| predicted[i] * truth.drum_scale - (lengths[i] - truth.initial_length_m[i]))
+            .map(|i| {
+                let paid_out_m = lengths[i] * (1.0 - truth.stretch[i]);
+                predicted[i] * truth.drum_scales[i] - (paid_out_m - truth.initial_length_m[i])
+            })
             .collect();
         let (moved, yaw) = displacement(&singles, pose, &wrong).ok()?;
         yaw_rad.push(yaw);

@@ -256,6 +256,7 @@ fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
         robot: robot.name.clone(),
         robot_hash: hash,
         simulated_seed,
+        simulated_machine: None,
         date: utc_stamp(),
     };
     Data {
