@@ -158,6 +158,8 @@ pub struct Answer {
     pub unobservable: Vec<String>,
     /// Measurements left out.
     pub rejected: Vec<RejectedRow>,
+    /// A cable whose lengths fit on one side of a moment only: it slipped there, in words.
+    pub rejected_stretch: Option<String>,
     /// Relative scatter of tensions found beyond the sensor's.
     pub tension_scatter_relative: Option<f64>,
     /// Warnings for the user.
@@ -228,6 +230,7 @@ impl Answer {
             differenced_rank: None,
             unobservable: Vec::new(),
             rejected: Vec::new(),
+            rejected_stretch: None,
             tension_scatter_relative: None,
             warnings: Vec::new(),
             predicted_error_m: f64::NAN,

@@ -253,6 +253,7 @@ fn answer(
     out.core_unknowns = seen.unknowns;
     out.unobservable = seen.harmless.clone();
     out.rejected = rejected;
+    out.rejected_stretch = stretch(data, usable, minimum);
     out.tension_scatter_relative = Some(minimum.tension_relative).filter(|_| layout.statics);
     out.warnings = warnings;
     out.iterations = minimum.iterations;
@@ -306,6 +307,58 @@ fn rejected_row(usable: &Usable, minimum: &Minimum, k: usize, j: usize) -> Rejec
         }
     }
     row
+}
+
+/// Standard deviations by which the lengths of a slipped cable are off, at least.
+const SLIPPED: f64 = 8.0;
+
+/// A cable whose lengths were rejected at all poses before or after some moment, and only there: a slip. One
+/// wrong reading in between is not.
+fn stretch(data: &Data, usable: &Usable, minimum: &Minimum) -> Option<String> {
+    let mut best: Option<(f64, String)> = None;
+    for cable in 0..data.cable_count() {
+        let mut off: Vec<(usize, f64, bool)> = Vec::new();
+        for (k, sources) in minimum.sources.iter().enumerate() {
+            let row = sources.iter().position(|source| *source == Source::Encoder(cable));
+            if let Some(j) = row {
+                let used = minimum.weights[k][j] > 0.0;
+                off.push((k, minimum.normal.residuals[k][j], used));
+            }
+        }
+        let wrong = off.iter().filter(|(.., used)| !used).count();
+        if wrong == 0 || wrong * 2 > off.len() + 1 {
+            continue;
+        }
+        let first = off.iter().take_while(|(.., used)| !used).count();
+        let last = off.iter().rev().take_while(|(.., used)| !used).count();
+        // Another wrong reading elsewhere may be an outlier of its own.
+        let (from, side, sign) = if last >= first {
+            (off.len() - last, &off[off.len() - last..], 1.0)
+        } else {
+            (first, &off[..first], -1.0)
+        };
+        if side.is_empty() || side.len() + 1 < wrong {
+            continue;
+        }
+        let mut sizes: Vec<f64> = side.iter().map(|(_, residual, _)| *residual).collect();
+        sizes.sort_by(f64::total_cmp);
+        let median = sizes[sizes.len() / 2];
+        let together = sizes.iter().all(|size| size * median > 0.0);
+        if !together || median.abs() < SLIPPED || from == 0 || from >= off.len() {
+            continue;
+        }
+        let gain = median * median * side.len() as f64;
+        if best.as_ref().is_none_or(|(most, _)| gain > *most) {
+            let words = format!(
+                "cable {} slipped by {:+.1} mm before pose {}",
+                cable + 1,
+                sign * median * data.noise.encoder_m * 1e3,
+                usable.number[off[from].0] + 1
+            );
+            best = Some((gain, words));
+        }
+    }
+    best.map(|(_, words)| words)
 }
 
 /// Refuses data that contradict the model and warns of doubtful ones.

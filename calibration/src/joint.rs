@@ -19,7 +19,9 @@ pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     let mut answer = fit(data, options)?;
     if options.closer_looks {
         // A length that jumped makes every length after it wrong: there is no answer to give.
-        if let Some(refusal) = slipped(&slip::in_data(data, answer.solved.as_ref())) {
+        let stretch = answer.rejected_stretch.clone().into_iter();
+        let found: Vec<String> = stretch.chain(slip::in_data(data, answer.solved.as_ref())).collect();
+        if let Some(refusal) = slipped(&found) {
             return Err(refusal);
         }
         answer.split = assay::split(data, options, &answer);

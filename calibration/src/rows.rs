@@ -41,10 +41,10 @@ pub struct Row<'a> {
 /// Standard deviations of the rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scatter {
-    /// Force balance, N: the disturbance of the platform at rest.
-    pub force_n: f64,
-    /// Moment balance, N m.
-    pub moment_nm: f64,
+    /// Force balance, N: the disturbance of the platform at rest; level and vertical.
+    pub force_n: [f64; 2],
+    /// Moment balance, N m; about level axes and about the vertical.
+    pub moment_nm: [f64; 2],
     /// Relative uncertainty of a tension due to the sensor's position behind the pulley.
     pub tension_relative: f64,
 }
@@ -52,8 +52,8 @@ pub struct Scatter {
 impl Default for Scatter {
     fn default() -> Self {
         Self {
-            force_n: 2e-3,
-            moment_nm: 1e-4,
+            force_n: [2e-3; 2],
+            moment_nm: [1e-4; 2],
             tension_relative: 0.0,
         }
     }
@@ -237,10 +237,10 @@ impl Model<'_> {
         let (layout, pose) = (&self.layout, &state.poses[k]);
         let r = pose.rotation.matrix();
         let factor = self.data.poses[k].noise_factor;
-        let weight = [
-            1.0 / (self.scatter.force_n * factor),
-            1.0 / (self.scatter.moment_nm * factor),
-        ];
+        let sigmas = [self.scatter.force_n, self.scatter.moment_nm];
+        let weight = sigmas.map(|[level, vertical]| {
+            [level, level, vertical].map(|sigma| 1.0 / (sigma * factor))
+        });
         let down = Vector3::z() * -GRAVITY_MPS2;
         let arm = r * state.center_of_mass_m;
         let load = down * state.mass_kg;
@@ -301,17 +301,17 @@ impl Model<'_> {
         for axis in 0..6 {
             let (block, i) = (axis / 3, axis % 3);
             for (slot, column) in row_own.iter_mut().zip(&own[block]) {
-                *slot = column[i] * weight[block];
+                *slot = column[i] * weight[block][i];
             }
             row_shared.clear();
             row_shared.extend(
                 shared
                     .iter()
-                    .map(|(index, by)| Entry::new(*index, by[block][i] * weight[block])),
+                    .map(|(index, by)| Entry::new(*index, by[block][i] * weight[block][i])),
             );
             take(&Row {
                 source: Source::Balance(axis),
-                residual: residual[block][i] * weight[block],
+                residual: residual[block][i] * weight[block][i],
                 own: &row_own,
                 shared: &row_shared,
             });

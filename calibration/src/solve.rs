@@ -5,7 +5,7 @@ use super::error::Refusal;
 use super::normal::{Normal, Reduced, Step, Weights};
 use super::rows::{Model, Source, singles};
 use super::unknowns::{Priors, State};
-use super::variance;
+use super::variance::Widening;
 use mcdpr_kinematics::{Attempt, Damping, Descent};
 use nalgebra::DMatrix;
 
@@ -36,8 +36,6 @@ pub struct Minimum {
     pub tension_relative: f64,
     /// The priors, as wide as the data want them.
     pub priors: Priors,
-    /// The scatter likewise.
-    pub scatter: super::rows::Scatter,
     /// Steps taken.
     pub iterations: usize,
 }
@@ -247,8 +245,12 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
                 }
             }
         }
-        let mut changed =
-            variance::widened(&mut model, priors, assumed, &descent, &rows, &covariance, &robust);
+        let mut widening = Widening {
+            model: &mut model,
+            priors,
+            assumed,
+        };
+        let mut changed = widening.step(&descent, &rows, &covariance, &robust);
         if let Some((ratio, count)) = tension_ratio(&descent.linear, &rows, &weights)
             && changed
             && let Some(relative) = wider(&model, ratio, count)
@@ -301,17 +303,12 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
         let rows = examine(&model, &descent.at, &reduced, &covariance)
             .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
         let mut settled = true;
-        if round < 4
-            && variance::widened(
-                &mut model,
-                priors,
-                assumed,
-                &descent,
-                &rows,
-                &covariance,
-                &weights,
-            )
-        {
+        let mut widening = Widening {
+            model: &mut model,
+            priors,
+            assumed,
+        };
+        if round < 4 && widening.step(&descent, &rows, &covariance, &weights) {
             settled = false;
         }
         // Later rounds keep the scatter, so that the set of rejected rows can settle.
@@ -353,7 +350,6 @@ pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Mi
                 sources: rows.sources,
                 tension_relative: model.scatter.tension_relative,
                 priors: *priors,
-                scatter: model.scatter,
                 iterations,
             });
         }

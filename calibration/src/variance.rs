@@ -8,7 +8,7 @@
 //! data of a good machine is the same as without it.
 
 use super::normal::{Normal, Weights};
-use super::rows::{Model, Source};
+use super::rows::{Model, Scatter, Source};
 use super::solve::Rows;
 use super::unknowns::{Part, Priors, State};
 use mcdpr_kinematics::Descent;
@@ -22,6 +22,8 @@ const LITTLE: f64 = 1.1;
 const NOTHING: f64 = 1e-9;
 /// Standard deviations of the mean square above which equilibrium counts as disturbed.
 const DISTURBED: f64 = 4.0;
+/// The same where the machine has shown another error already: such machines have them all.
+const DISTURBED_ALREADY: f64 = 0.5;
 
 /// Mean of `count` squares of standard normal numbers that is exceeded by chance in 1 of 1000 cases (Wilson
 /// and Hilferty, 1931).
@@ -31,103 +33,133 @@ fn chance(count: f64) -> f64 {
     (1.0 - part + Z * part.sqrt()).powi(3)
 }
 
-/// Adapts priors and the scatter of equilibrium at an estimate. Returns whether any has changed.
-pub(crate) fn widened(
-    model: &mut Model<'_>,
-    priors: &mut Priors,
-    assumed: &Priors,
-    descent: &Descent<State, Normal>,
-    rows: &Rows,
-    covariance: &DMatrix<f64>,
-    weights: &Weights,
-) -> bool {
-    let mut changed = widened_priors(model, priors, assumed, descent, covariance);
-    if model.layout.statics {
-        changed |= widened_balance(model, &descent.linear, rows, weights);
-    }
-    changed
+/// What is adapted, and what the data were solved with.
+pub(crate) struct Widening<'a, 'd> {
+    /// Its scatter is adapted.
+    pub model: &'a mut Model<'d>,
+    /// Adapted.
+    pub priors: &'a mut Priors,
+    /// The priors before the data.
+    pub assumed: &'a Priors,
 }
 
-fn widened_priors(
-    model: &Model<'_>,
-    priors: &mut Priors,
-    assumed: &Priors,
-    descent: &Descent<State, Normal>,
-    covariance: &DMatrix<f64>,
-) -> bool {
-    let layout = &model.layout;
-    let all = descent.at.priors(model.data, layout, priors);
-    let least = descent.at.priors(model.data, layout, assumed);
-    let mut changed = false;
-    for part in Part::ALL {
-        let range = part.range(layout);
-        let (mut squares, mut redundancy, mut studentised, mut count) = (0.0, 0.0, 0.0, 0.0);
-        let mut over = 1.0_f64;
-        for (prior, assumed) in all.iter().zip(&least) {
-            if !range.contains(&prior.index) {
-                continue;
-            }
-            let variance = prior.sigma * prior.sigma;
-            let free = 1.0 - covariance[(prior.index, prior.index)] / variance;
-            over = prior.sigma / assumed.sigma;
-            if free < NOTHING {
-                continue;
-            }
-            let square = prior.deviation * prior.deviation / variance;
-            squares += square;
-            redundancy += free;
-            studentised += square / free;
-            count += 1.0;
+impl Widening<'_, '_> {
+    /// Adapts priors and the scatter of equilibrium at an estimate. Returns whether any has changed.
+    pub(crate) fn step(
+        &mut self,
+        descent: &Descent<State, Normal>,
+        rows: &Rows,
+        covariance: &DMatrix<f64>,
+        weights: &Weights,
+    ) -> bool {
+        let shown = self.shown();
+        let mut changed = self.widen_priors(descent, covariance, shown);
+        if self.model.layout.statics {
+            changed |= self.widen_balance(&descent.linear, rows, weights, shown);
         }
-        let surprising = count > 0.0 && studentised / count > chance(count);
-        if !surprising && over < LITTLE {
-            continue;
-        }
-        let by = (squares / redundancy.max(NOTHING)).sqrt().clamp(1.0 / STEP, STEP);
-        // Back to what was assumed at most.
-        let by = by.max(1.0 / over);
-        if by > LITTLE || by < 1.0 / LITTLE {
-            part.widen(priors, by);
-            changed = true;
-        }
+        changed
     }
-    changed
-}
 
-fn widened_balance(
-    model: &mut Model<'_>,
-    normal: &Normal,
-    rows: &Rows,
-    weights: &Weights,
-) -> bool {
-    let mut changed = false;
-    for moment in [false, true] {
-        let (mut squares, mut redundancy) = (0.0, 0.0);
-        for (k, sources) in rows.sources.iter().enumerate() {
-            for (j, source) in sources.iter().enumerate() {
-                if matches!(source, Source::Balance(axis) if (*axis > 2) == moment) && weights[k][j] > 0.0 {
-                    squares += normal.residuals[k][j].powi(2);
-                    redundancy += 1.0 - rows.leverage[k][j];
+    /// Whether anything is wider than assumed.
+    fn shown(&self) -> bool {
+        let Scatter {
+            force_n, moment_nm, ..
+        } = self.model.scatter;
+        let least = self.model.assumed;
+        let (now, before) = (&self.priors, self.assumed);
+        force_n != least.force_n
+            || moment_nm != least.moment_nm
+            || now.drum_own > before.drum_own
+            || now.zero_n > before.zero_n
+            || now.loss > before.loss
+            || now.center_of_mass_m > before.center_of_mass_m
+    }
+
+    fn widen_priors(
+        &mut self,
+        descent: &Descent<State, Normal>,
+        covariance: &DMatrix<f64>,
+        shown: bool,
+    ) -> bool {
+        let layout = &self.model.layout;
+        let all = descent.at.priors(self.model.data, layout, self.priors);
+        let least = descent.at.priors(self.model.data, layout, self.assumed);
+        let mut changed = false;
+        for part in Part::ALL {
+            let range = part.range(layout);
+            let (mut squares, mut redundancy, mut studentised, mut count) = (0.0, 0.0, 0.0, 0.0);
+            let mut over = 1.0_f64;
+            for (prior, assumed) in all.iter().zip(&least) {
+                if !range.contains(&prior.index) {
+                    continue;
+                }
+                let variance = prior.sigma * prior.sigma;
+                let free = 1.0 - covariance[(prior.index, prior.index)] / variance;
+                over = prior.sigma / assumed.sigma;
+                if free < NOTHING {
+                    continue;
+                }
+                let square = prior.deviation * prior.deviation / variance;
+                squares += square;
+                redundancy += free;
+                studentised += square / free;
+                count += 1.0;
+            }
+            let limit = if shown { 1.0 } else { chance(count) };
+            if over < LITTLE && (count == 0.0 || studentised / count < limit) {
+                continue;
+            }
+            let ratio = squares / redundancy.max(NOTHING);
+            // Back to what was assumed at most.
+            let by = ratio.sqrt().clamp(1.0 / STEP, STEP).max(1.0 / over);
+            if !(1.0 / LITTLE..=LITTLE).contains(&by) {
+                part.widen(self.priors, by);
+                changed = true;
+            }
+        }
+        changed
+    }
+
+    fn widen_balance(
+        &mut self,
+        normal: &Normal,
+        rows: &Rows,
+        weights: &Weights,
+        shown: bool,
+    ) -> bool {
+        let mut changed = false;
+        let assumed = self.model.assumed;
+        let all = [assumed.force_n, assumed.moment_nm];
+        for (block, direction) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let belongs = |axis: usize| axis / 3 == block && usize::from(axis % 3 == 2) == direction;
+            let (mut squares, mut redundancy) = (0.0, 0.0);
+            for (k, sources) in rows.sources.iter().enumerate() {
+                for (j, source) in sources.iter().enumerate() {
+                    let own = matches!(source, Source::Balance(axis) if belongs(*axis));
+                    if own && weights[k][j] > 0.0 {
+                        squares += normal.residuals[k][j].powi(2);
+                        redundancy += 1.0 - rows.leverage[k][j];
+                    }
                 }
             }
+            let redundancy = redundancy.max(1e-6);
+            let scatter = &mut self.model.scatter;
+            let sigma = match block {
+                0 => &mut scatter.force_n[direction],
+                _ => &mut scatter.moment_nm[direction],
+            };
+            let ratio = squares / redundancy;
+            let sure = if shown { DISTURBED_ALREADY } else { DISTURBED };
+            let over = *sigma / all[block][direction];
+            if over < LITTLE && ratio < 1.0 + sure * (2.0 / redundancy).sqrt() {
+                continue;
+            }
+            let by = ratio.sqrt().clamp(1.0 / STEP, STEP).max(1.0 / over);
+            if !(1.0 / LITTLE..=LITTLE).contains(&by) {
+                *sigma *= by;
+                changed = true;
+            }
         }
-        let assumed = model.assumed;
-        let (sigma, least) = if moment {
-            (&mut model.scatter.moment_nm, assumed.moment_nm)
-        } else {
-            (&mut model.scatter.force_n, assumed.force_n)
-        };
-        let ratio = squares / redundancy.max(1e-6);
-        let disturbed = ratio > 1.0 + DISTURBED * (2.0 / redundancy.max(1e-6)).sqrt();
-        let over = *sigma / least;
-        if !disturbed && over < LITTLE {
-            continue;
-        }
-        let by = ratio.sqrt().clamp(1.0 / STEP, STEP).max(1.0 / over);
-        if by > LITTLE || by < 1.0 / LITTLE {
-            *sigma *= by;
-            changed = true;
-        }
+        changed
     }
-    changed
 }

@@ -97,6 +97,47 @@ pub fn largest(fit: &Fit) -> Option<Break> {
         .map(|best| best.slip)
 }
 
+/// Weight below which a length is far off: 8 times its scatter.
+const FAR: f64 = 0.1;
+
+/// A cable whose lengths have lost their weight before or after some sample, and only there. A large jump
+/// takes the weight of the very readings that would show it to [`largest`].
+#[must_use]
+pub(crate) fn distrusted(fit: &Fit) -> Option<Break> {
+    let mut best: Option<(usize, Break)> = None;
+    for &session in &fit.layout.sessions {
+        for cable in 0..fit.layout.cables {
+            let mut far: Vec<(usize, bool)> = Vec::new();
+            for (k, block) in fit.solution.blocks.iter().enumerate() {
+                let mut rows = block.rows.iter().zip(&fit.trust[k]);
+                let row =
+                    rows.find(|(row, _)| row.group == Group::Length && row.index == cable);
+                if let (Some((_, trust)), true) = (row, fit.set.samples[k].session == session) {
+                    far.push((k, *trust < FAR));
+                }
+            }
+            let all = far.iter().filter(|(_, far)| *far).count();
+            let last = far.iter().rev().take_while(|(_, far)| *far).count();
+            let first = far.iter().take_while(|(_, far)| *far).count();
+            // One more elsewhere may be an outlier of its own.
+            let side = last.max(first);
+            if side == 0 || side + 1 < all || 2 * all > far.len() + 1 {
+                continue;
+            }
+            let from = if last >= first { far.len() - last } else { first };
+            let jump = Break {
+                cable,
+                session,
+                from: far[from].0,
+            };
+            if best.is_none_or(|(most, _)| side > most) {
+                best = Some((side, jump));
+            }
+        }
+    }
+    best.map(|(_, jump)| jump)
+}
+
 /// Rounds of estimating the scatter: data of version 1 state the scatter of their sensors.
 const ROUNDS: usize = 10;
 
