@@ -1,6 +1,7 @@
 //! One weighted problem over all unknowns that affect the measurements, solved and judged.
 
 use super::answer::{Answer, RejectedRow, Solved};
+use super::causes;
 use super::check::{Usable, usable};
 use super::data::Data;
 use super::error::Refusal;
@@ -58,19 +59,31 @@ impl Options {
 
 /// One joint estimate, without further checks; see [`joint`](super::joint::joint).
 pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
-    let usable = usable(data)?;
-    match attempt(data, &usable, options) {
-        Err(refusal @ (Refusal::Contradiction { .. } | Refusal::NotConverged { .. })) => {
+    match fit_once(data, options) {
+        Err(refusal) if options.closer_looks && refusal.may_be_a_mistake() => {
             let slipped = || {
-                let found = options.closer_looks.then(|| slip::in_data(data, None));
-                found.and_then(|slips| slipped(&slips))
+                let found = slip::in_data(data, None);
+                let words: Vec<_> = found.into_iter().map(|slip| slip.words).collect();
+                slipped(&words)
             };
-            Err(diagnosis(data, &usable, options)
+            Err(usable(data)
+                .ok()
+                .and_then(|usable| diagnosis(data, &usable, options))
+                .or_else(|| causes::named(data, options))
                 .or_else(slipped)
                 .unwrap_or(refusal))
         }
+        Err(refusal @ (Refusal::Contradiction { .. } | Refusal::NotConverged { .. })) => {
+            let usable = usable(data)?;
+            Err(diagnosis(data, &usable, options).unwrap_or(refusal))
+        }
         other => other,
     }
+}
+
+/// As [`fit`], with no cause of a refusal sought.
+pub(crate) fn fit_once(data: &Data, options: &Options) -> Result<Answer, Refusal> {
+    attempt(data, &usable(data)?, options)
 }
 
 /// The refusal of data during which cables slipped.
@@ -205,14 +218,7 @@ fn answer(
     let freedom = (used as f64 - leverage).round().max(0.0);
     let chi_square = minimum.normal.chi_square;
     let mut warnings = usable.warnings.clone();
-    judge(
-        data,
-        model,
-        minimum,
-        &rejected,
-        freedom,
-        &mut warnings,
-    )?;
+    judge(data, model, minimum, &rejected, freedom, &mut warnings)?;
     let mean = mean_tension_n(&usable.data);
     let mut out = Answer::of_state("joint", state, layout.statics);
     let predict_at = |pose: &Pose| predict(state, layout, &minimum.covariance, &mean, pose);
@@ -319,7 +325,9 @@ fn stretch(data: &Data, usable: &Usable, minimum: &Minimum) -> Option<String> {
     for cable in 0..data.cable_count() {
         let mut off: Vec<(usize, f64, bool)> = Vec::new();
         for (k, sources) in minimum.sources.iter().enumerate() {
-            let row = sources.iter().position(|source| *source == Source::Encoder(cable));
+            let row = sources
+                .iter()
+                .position(|source| *source == Source::Encoder(cable));
             if let Some(j) = row {
                 let used = minimum.weights[k][j] > 0.0;
                 off.push((k, minimum.normal.residuals[k][j], used));
@@ -395,7 +403,7 @@ fn judge(
             rejected.len()
         ));
     }
-    judge_priors(data, model, priors, state, warnings)?;
+    judge_priors(data, model, minimum, warnings)?;
     if minimum.tension_relative > 0.0 {
         warnings.push(format!(
             "the tensions scatter by another {:.1} % of their value (friction of the pulleys)",
@@ -470,14 +478,39 @@ fn judge_scatter(
     Ok(())
 }
 
+/// Standard deviations from which on a pulley's entered radius is contradicted, and the least difference, m.
+const RADIUS_SURE: f64 = 5.0;
+const RADIUS_M: f64 = 5e-4;
+
+/// Warns of pulleys whose entered radius the data contradict, with the value that they want.
+fn judge_radii(data: &Data, model: &Model<'_>, minimum: &Minimum, warnings: &mut Vec<String>) {
+    let cables = minimum.state.cables.iter().zip(&data.robot.cables);
+    for (i, (now, entered)) in cables.enumerate() {
+        let at = model.layout.radius(i);
+        let sigma = minimum.covariance[(at, at)].sqrt();
+        let off = now.pulley_radius_m - entered.pulley_radius_m;
+        if off.abs() > RADIUS_M.max(RADIUS_SURE * sigma) {
+            warnings.push(format!(
+                "cable {}'s pulley radius is entered as {:.2} mm, the data want {:.2} mm (1 sigma {:.2}): \
+                 measure it and correct the robot file",
+                i + 1,
+                entered.pulley_radius_m * 1e3,
+                now.pulley_radius_m * 1e3,
+                sigma * 1e3
+            ));
+        }
+    }
+}
+
 /// Refuses anchors far from nominal; warns of values that contradict what was known before.
 fn judge_priors(
     data: &Data,
     model: &Model<'_>,
-    priors: &Priors,
-    state: &State,
+    minimum: &Minimum,
     warnings: &mut Vec<String>,
 ) -> Result<(), Refusal> {
+    let (priors, state) = (&minimum.priors, &minimum.state);
+    judge_radii(data, model, minimum, warnings);
     for prior in state.priors(data, &model.layout, priors) {
         let off = prior.deviation / prior.sigma;
         let anchor = prior.index < model.layout.initial_length(0);

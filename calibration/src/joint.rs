@@ -8,6 +8,11 @@ pub use super::fit::Options;
 use super::fit::{fit, slipped};
 use super::general::slip;
 
+fn slips_of(data: &Data, answer: &Answer) -> impl Iterator<Item = String> {
+    let slips = slip::in_data(data, answer.solved.as_ref());
+    slips.into_iter().map(|slip| slip.words)
+}
+
 /// Calibrates with one weighted problem over anchors, initial lengths, camera, bodies of tags, the
 /// platform's pose at every measurement, and, with priors, all parameters that are never exactly
 /// known. If the platform hung at rest and tensions are given, the tensions and the equations of
@@ -20,7 +25,7 @@ pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     if options.closer_looks {
         // A length that jumped makes every length after it wrong: there is no answer to give.
         let stretch = answer.rejected_stretch.clone().into_iter();
-        let found: Vec<String> = stretch.chain(slip::in_data(data, answer.solved.as_ref())).collect();
+        let found: Vec<String> = stretch.chain(slips_of(data, &answer)).collect();
         if let Some(refusal) = slipped(&found) {
             return Err(refusal);
         }

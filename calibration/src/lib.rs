@@ -4,6 +4,7 @@
 //! | file | what it is for |
 //! |---|---|
 //! | [`data`] | measurements and prior knowledge; `read` is its file form |
+//! | `causes` | mistakes that explain data which fit no robot |
 //! | [`check`] | checks of the data before anything is solved |
 //! | [`pnp`] | poses of tags from one picture |
 //! | `unknowns`, `rows`, `stretch` | the unknowns of the joint method, the row of each measurement, the encoders' weights |
@@ -24,6 +25,7 @@
 
 pub mod answer;
 mod assay;
+mod causes;
 pub mod check;
 mod corner;
 pub mod data;

@@ -238,9 +238,8 @@ impl Model<'_> {
         let r = pose.rotation.matrix();
         let factor = self.data.poses[k].noise_factor;
         let sigmas = [self.scatter.force_n, self.scatter.moment_nm];
-        let weight = sigmas.map(|[level, vertical]| {
-            [level, level, vertical].map(|sigma| 1.0 / (sigma * factor))
-        });
+        let weight = sigmas
+            .map(|[level, vertical]| [level, level, vertical].map(|sigma| 1.0 / (sigma * factor)));
         let down = Vector3::z() * -GRAVITY_MPS2;
         let arm = r * state.center_of_mass_m;
         let load = down * state.mass_kg;

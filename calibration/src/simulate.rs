@@ -293,7 +293,8 @@ impl Machine {
             it.zeros_n = four(FOUND.zero_n);
             it.compliances =
                 std::array::from_fn(|_| (1.0 + own.within(0.5)) * nominal.compliance_per_n);
-            it.made.center_of_mass_m += Vector3::from_fn(|_, _| FOUND.center_of_mass_m * own.normal());
+            it.made.center_of_mass_m +=
+                Vector3::from_fn(|_, _| FOUND.center_of_mass_m * own.normal());
             it.silent.loss = it.silent.loss.max(FOUND.loss);
         }
         if setup.drawn {
@@ -521,7 +522,9 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
 
 /// Cable off a drum at a pose that its encoder did not count, m.
 fn slipped(setup: &Setup, cable: usize, pose: usize) -> f64 {
-    let slip = setup.slip.filter(|slip| slip.cable == cable && pose >= slip.from);
+    let slip = setup
+        .slip
+        .filter(|slip| slip.cable == cable && pose >= slip.from);
     slip.map_or(0.0, |slip| slip.size_m)
 }
 

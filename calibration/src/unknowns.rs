@@ -230,16 +230,19 @@ pub(crate) enum Part {
     Center,
     /// The cables' common compliance.
     Compliance,
+    /// Each pulley's radius.
+    Radii,
 }
 
 impl Part {
-    pub(crate) const ALL: [Self; 6] = [
+    pub(crate) const ALL: [Self; 7] = [
         Self::Drums,
         Self::Gains,
         Self::Zeros,
         Self::Cables,
         Self::Center,
         Self::Compliance,
+        Self::Radii,
     ];
 
     /// Its unknowns.
@@ -248,6 +251,7 @@ impl Part {
         let n = layout.cables;
         match self {
             Self::Drums => each(layout.drum(0), n),
+            Self::Radii => each(layout.radius(0), n),
             _ if !layout.statics => 0..0,
             Self::Gains => each(layout.loss(0), n),
             Self::Zeros => each(layout.zero(0), n),
@@ -261,6 +265,7 @@ impl Part {
     pub(crate) fn widen(self, priors: &mut Priors, by: f64) {
         match self {
             Self::Drums => priors.drum_own *= by,
+            Self::Radii => priors.radius_m *= by,
             Self::Gains => priors.loss *= by,
             Self::Zeros => priors.zero_n *= by,
             Self::Cables => priors.soft_per_n *= by,

@@ -105,7 +105,12 @@ impl Widening<'_, '_> {
                 studentised += square / free;
                 count += 1.0;
             }
-            let limit = if shown { 1.0 } else { chance(count) };
+            // A wrong radius is a mistake, which one error more does not make likely.
+            let limit = if shown && part != Part::Radii {
+                1.0
+            } else {
+                chance(count)
+            };
             if over < LITTLE && (count == 0.0 || studentised / count < limit) {
                 continue;
             }
@@ -131,7 +136,8 @@ impl Widening<'_, '_> {
         let assumed = self.model.assumed;
         let all = [assumed.force_n, assumed.moment_nm];
         for (block, direction) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-            let belongs = |axis: usize| axis / 3 == block && usize::from(axis % 3 == 2) == direction;
+            let belongs =
+                |axis: usize| axis / 3 == block && usize::from(axis % 3 == 2) == direction;
             let (mut squares, mut redundancy) = (0.0, 0.0);
             for (k, sources) in rows.sources.iter().enumerate() {
                 for (j, source) in sources.iter().enumerate() {

@@ -131,7 +131,10 @@ pub fn distances(robot: &Robot, rows: &[Row]) -> Result<Vec<f64>, VerifyError> {
         .hanging("the comparison with a tracker")
         .map_err(failed(0))?;
     let (home_m, scales) = match &robot.calibrated {
-        Some(calibrated) => (calibrated.home_lengths_m.clone(), calibrated.drum_scales.clone()),
+        Some(calibrated) => (
+            calibrated.home_lengths_m.clone(),
+            calibrated.drum_scales.clone(),
+        ),
         None => {
             let home = model.rest_at_home().map_err(failed(0))?;
             (home.paid_out_m, vec![1.0; robot.cables.len()])

@@ -119,7 +119,10 @@ impl Answer {
             if layout.statics {
                 put(layout.loss(cable), &[format!("{name}.loss")]);
                 put(layout.zero(cable), &[format!("{name}.tension_zero_n")]);
-                put(layout.soft(cable), &[format!("{name}.own_compliance_per_n")]);
+                put(
+                    layout.soft(cable),
+                    &[format!("{name}.own_compliance_per_n")],
+                );
             }
         }
         put(layout.camera(), &each("camera_from_platform", &turn));

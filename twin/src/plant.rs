@@ -1,8 +1,8 @@
 //! The robot description as physics for the simulator, exact or with a stated mismatch.
 
 use crate::line::plant_failed;
-use mcdpr_core::random::Random;
 use mcdpr_core::motion::{Model, PlanOptions};
+use mcdpr_core::random::Random;
 use mcdpr_core::robot::{Cable, DriveKind, Gear, Robot, Winch};
 use mcdpr_core::run::RunError;
 use mcdpr_simulator::plant::{
@@ -122,6 +122,19 @@ impl Mismatch {
         out.found.drum = 0.02;
         out.found.zero = 0.05;
         out
+    }
+
+    /// A kind of machine by its name: `exact`, `realistic`, `as-built`, `as-found` or `as-delivered`.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "exact" => Some(Self::default()),
+            "realistic" => Some(Self::realistic()),
+            "as-built" => Some(Self::as_built()),
+            "as-found" => Some(Self::as_found()),
+            "as-delivered" => Some(Self::as_delivered()),
+            _ => None,
+        }
     }
 
     /// The same machine in another session.
@@ -446,4 +459,54 @@ pub fn at_rest(
     let pose = &rest.equilibrium.pose.displaced(&off_m, &Vector3::zeros());
     hang(params, pose, rest.tensions_n(), held, seed)
         .map_err(|error| RunError::Client(plant_failed(error).into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn params(mismatch: Mismatch, seed: u64) -> PlantParams {
+        plant_params(&Robot::built_in("paper-table5").unwrap(), &mismatch, seed)
+    }
+
+    #[test]
+    fn each_drum_of_a_machine_as_found_has_a_radius_of_its_own() {
+        let described = params(Mismatch::default(), 1).winches[0].drum_radius_m;
+        let mut squares = 0.0;
+        for seed in 1..=50 {
+            let found = params(Mismatch::as_found(), seed);
+            let off = |i: usize| found.winches[i].drum_radius_m / described - 1.0;
+            assert!(
+                (0..3).all(|i| (off(i) - off(i + 1)).abs() > 1e-6),
+                "seed {seed}"
+            );
+            squares += (0..4).map(|i| off(i).powi(2)).sum::<f64>();
+        }
+        // 200 draws: the root mean square scatters by a twentieth.
+        let rms = (squares / 200.0).sqrt();
+        assert!((rms / 3e-3 - 1.0).abs() < 0.2, "{rms}");
+    }
+
+    #[test]
+    fn a_new_session_changes_the_zeros_of_the_cells_and_nothing_else() {
+        let one = params(Mismatch::as_found(), 5);
+        let mut other = params(Mismatch::as_found().in_session(1), 5);
+        for (a, b) in one.winches.iter().zip(&mut other.winches) {
+            let apart_n = (a.sensor.zero_v - b.sensor.zero_v) * a.sensor.gain_n_per_v;
+            assert!(apart_n != 0.0 && apart_n.abs() < 2.0, "{apart_n}");
+            b.sensor.zero_v = a.sensor.zero_v;
+        }
+        assert_eq!(one, other);
+    }
+
+    #[test]
+    fn what_real_machines_have_besides_leaves_other_machines_as_they_were() {
+        for kind in ["exact", "realistic", "as-built"] {
+            let mismatch = Mismatch::named(kind).unwrap();
+            let plant = params(mismatch, 3);
+            assert_eq!(plant.unmodelled.force_n, 0.0, "{kind}");
+            assert_eq!(plant, params(mismatch.in_session(7), 3), "{kind}");
+        }
+        assert!(Mismatch::named("as found").is_none());
+    }
 }

@@ -110,8 +110,7 @@ pub(crate) fn distrusted(fit: &Fit) -> Option<Break> {
             let mut far: Vec<(usize, bool)> = Vec::new();
             for (k, block) in fit.solution.blocks.iter().enumerate() {
                 let mut rows = block.rows.iter().zip(&fit.trust[k]);
-                let row =
-                    rows.find(|(row, _)| row.group == Group::Length && row.index == cable);
+                let row = rows.find(|(row, _)| row.group == Group::Length && row.index == cable);
                 if let (Some((_, trust)), true) = (row, fit.set.samples[k].session == session) {
                     far.push((k, *trust < FAR));
                 }
@@ -124,7 +123,11 @@ pub(crate) fn distrusted(fit: &Fit) -> Option<Break> {
             if side == 0 || side + 1 < all || 2 * all > far.len() + 1 {
                 continue;
             }
-            let from = if last >= first { far.len() - last } else { first };
+            let from = if last >= first {
+                far.len() - last
+            } else {
+                first
+            };
             let jump = Break {
                 cable,
                 session,
@@ -138,13 +141,22 @@ pub(crate) fn distrusted(fit: &Fit) -> Option<Break> {
     best.map(|(_, jump)| jump)
 }
 
+/// A cable that slipped.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Slipped {
+    /// The cable, from 0.
+    pub cable: usize,
+    /// Cable, size and moment in words.
+    pub words: String,
+}
+
 /// Rounds of estimating the scatter: data of version 1 state the scatter of their sensors.
 const ROUNDS: usize = 10;
 
 /// The cables that slipped while data of version 1 were collected, in words, the earliest first.
 /// `solved` is the result of another estimate; without it the search starts from the nominal robot.
 #[must_use]
-pub(crate) fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<String> {
+pub fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<Slipped> {
     let (true, Ok(mut set)) = (data.has_statics(), Set::from_data(data)) else {
         return Vec::new();
     };
@@ -165,5 +177,9 @@ pub(crate) fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<String> {
     };
     let mut order: Vec<usize> = (0..found.layout.breaks.len()).collect();
     order.sort_by_key(|&j| found.layout.breaks[j].from);
-    order.into_iter().map(|j| slip_words(&found, j)).collect()
+    let slip = |j: usize| Slipped {
+        cable: found.layout.breaks[j].cable,
+        words: slip_words(&found, j),
+    };
+    order.into_iter().map(slip).collect()
 }

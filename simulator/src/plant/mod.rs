@@ -55,7 +55,8 @@ pub use faults::{BrakeFault, CableFaults, DriveFault, EncoderFault, Faults, Tens
 pub use foreign::{Foreign, Hanging};
 pub use params::{
     BrakeParams, BusParams, CableParams, DriveParams, GearParams, MAX_CABLES, PlantParams,
-    PlatformParams, Protocol, TensionSensorParams, UnmodelledParams, WinchParams, box_inertia_kg_m2,
+    PlatformParams, Protocol, TensionSensorParams, UnmodelledParams, WinchParams,
+    box_inertia_kg_m2,
 };
 pub use platform::Pose;
 pub use sensors::Sensors;

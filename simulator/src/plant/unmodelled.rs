@@ -74,7 +74,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn force_and_moment_have_the_stated_scatter_over_the_work_space_and_change_little_within_a_millimetre() {
+    fn force_and_moment_have_the_stated_scatter_over_the_work_space_and_change_little_within_a_millimetre()
+     {
         let params = |seed| UnmodelledParams {
             force_n: 0.05,
             moment_nm: 0.01,

@@ -35,9 +35,17 @@ impl PlantParams {
         }
         let unmodelled = &self.unmodelled;
         require("unmodelled force_n", unmodelled.force_n, Rule::NotNegative)?;
-        require("unmodelled moment_nm", unmodelled.moment_nm, Rule::NotNegative)?;
+        require(
+            "unmodelled moment_nm",
+            unmodelled.moment_nm,
+            Rule::NotNegative,
+        )?;
         if unmodelled.force_n + unmodelled.moment_nm > 0.0 {
-            require("unmodelled distance_m", unmodelled.distance_m, Rule::Positive)?;
+            require(
+                "unmodelled distance_m",
+                unmodelled.distance_m,
+                Rule::Positive,
+            )?;
         }
         require("bus period_s", self.bus.period_s, Rule::Positive)?;
         require("bus latency_s", self.bus.latency_s, Rule::NotNegative)?;
