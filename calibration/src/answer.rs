@@ -89,6 +89,8 @@ pub struct RejectedRow {
 pub struct Further {
     /// True length per length that the encoder reports.
     pub drum_scale: f64,
+    /// The same of each drum.
+    pub drum_scales: Vec<f64>,
     /// True size of the tags per stated size.
     pub tag_scale: f64,
     /// The camera.
@@ -106,6 +108,10 @@ pub struct Statics {
     pub center_of_mass_m: Vector3<f64>,
     /// 1/EA of the cables, 1/N.
     pub compliance_per_n: f64,
+    /// The same of each cable, 1/N.
+    pub compliances_per_n: Vec<f64>,
+    /// What each tension sensor reads without tension, N.
+    pub zero_n: Vec<f64>,
     /// Share of the tension that each cable loses at its pulleys.
     pub loss: Vec<f64>,
 }
@@ -152,6 +158,8 @@ pub struct Answer {
     pub unobservable: Vec<String>,
     /// Measurements left out.
     pub rejected: Vec<RejectedRow>,
+    /// A cable whose lengths fit on one side of a moment only: it slipped there, in words.
+    pub rejected_stretch: Option<String>,
     /// Relative scatter of tensions found beyond the sensor's.
     pub tension_scatter_relative: Option<f64>,
     /// Warnings for the user.
@@ -199,12 +207,17 @@ impl Answer {
             camera_from_platform: state.camera_from_platform,
             further: Some(Further {
                 drum_scale: state.drum_scale,
+                drum_scales: (0..state.cables.len()).map(|i| state.scale(i)).collect(),
                 tag_scale: state.tag_scale,
                 camera: state.camera,
                 statics: statics.then(|| Statics {
                     mass_kg: state.mass_kg,
                     center_of_mass_m: state.center_of_mass_m,
                     compliance_per_n: state.compliance_per_n,
+                    compliances_per_n: (0..state.cables.len())
+                        .map(|i| state.compliance(i))
+                        .collect(),
+                    zero_n: state.zero_n.clone(),
                     loss: state.loss.clone(),
                 }),
             }),
@@ -217,6 +230,7 @@ impl Answer {
             differenced_rank: None,
             unobservable: Vec::new(),
             rejected: Vec::new(),
+            rejected_stretch: None,
             tension_scatter_relative: None,
             warnings: Vec::new(),
             predicted_error_m: f64::NAN,
@@ -319,6 +333,7 @@ impl Answer {
             set("pulley_radius_mm", json!(radii));
             set("attachments_mm", json!(attachments));
             set("drum_scale", json!(further.drum_scale));
+            set("drum_scales", json!(further.drum_scales));
             set("tag_scale", json!(further.tag_scale));
             let camera = &further.camera;
             set(
@@ -331,6 +346,8 @@ impl Answer {
                 set("platform_mass_kg", json!(statics.mass_kg));
                 set("platform_com_mm", json!(mm(&statics.center_of_mass_m)));
                 set("cable_compliance_per_N", json!(statics.compliance_per_n));
+                set("cable_compliances_per_N", json!(statics.compliances_per_n));
+                set("tension_zero_N", json!(statics.zero_n));
                 set("pulley_loss", json!(statics.loss));
                 set(
                     "tension_scatter_relative",

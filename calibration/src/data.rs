@@ -45,6 +45,8 @@ pub struct Origin {
     pub robot_hash: u32,
     /// Seed of the simulated machine; `None` for data of a real one.
     pub simulated_seed: Option<u64>,
+    /// Kind of that machine, as `--machine` names it; `None`: as built.
+    pub simulated_machine: Option<String>,
     /// When, UTC, as in 2026-03-01T12:00:00Z.
     pub date: String,
 }
@@ -242,6 +244,9 @@ impl Data {
                 "robot": origin.robot, "robot_hash": format!("{:08x}", origin.robot_hash),
                 "simulated_seed": origin.simulated_seed, "date": origin.date,
             });
+            if let Some(machine) = &origin.simulated_machine {
+                out["origin"]["simulated_machine"] = json!(machine);
+            }
         }
         out
     }

@@ -98,6 +98,14 @@ pub enum Refusal {
 }
 
 impl Refusal {
+    /// Whether a mistake in the data may be its cause.
+    pub(crate) const fn may_be_a_mistake(&self) -> bool {
+        matches!(
+            self,
+            Self::Contradiction { .. } | Self::NotConverged { .. } | Self::Degenerate { .. }
+        )
+    }
+
     pub(crate) fn field(path: impl Into<String>, what: impl Into<String>) -> Self {
         Self::Field {
             path: path.into(),

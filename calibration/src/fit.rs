@@ -1,6 +1,7 @@
 //! One weighted problem over all unknowns that affect the measurements, solved and judged.
 
 use super::answer::{Answer, RejectedRow, Solved};
+use super::causes;
 use super::check::{Usable, usable};
 use super::data::Data;
 use super::error::Refusal;
@@ -58,23 +59,35 @@ impl Options {
 
 /// One joint estimate, without further checks; see [`joint`](super::joint::joint).
 pub(crate) fn fit(data: &Data, options: &Options) -> Result<Answer, Refusal> {
-    let usable = usable(data)?;
-    match attempt(data, &usable, options) {
-        Err(refusal @ (Refusal::Contradiction { .. } | Refusal::NotConverged { .. })) => {
+    match fit_once(data, options) {
+        Err(refusal) if options.closer_looks && refusal.may_be_a_mistake() => {
             let slipped = || {
-                let found = options.closer_looks.then(|| slip::in_data(data, None));
-                found.and_then(|slips| slipped(&slips))
+                let found = slip::in_data(data, None);
+                let words: Vec<_> = found.into_iter().map(|slip| slip.words).collect();
+                slipped(&words)
             };
-            Err(diagnosis(data, &usable, options)
+            Err(usable(data)
+                .ok()
+                .and_then(|usable| diagnosis(data, &usable, options))
+                .or_else(|| causes::named(data, options))
                 .or_else(slipped)
                 .unwrap_or(refusal))
+        }
+        Err(refusal @ (Refusal::Contradiction { .. } | Refusal::NotConverged { .. })) => {
+            let usable = usable(data)?;
+            Err(diagnosis(data, &usable, options).unwrap_or(refusal))
         }
         other => other,
     }
 }
 
+/// As [`fit`], with no cause of a refusal sought.
+pub(crate) fn fit_once(data: &Data, options: &Options) -> Result<Answer, Refusal> {
+    attempt(data, &usable(data)?, options)
+}
+
 /// The refusal of data during which cables slipped.
-fn slipped(slips: &[String]) -> Option<Refusal> {
+pub(crate) fn slipped(slips: &[String]) -> Option<Refusal> {
     (!slips.is_empty()).then(|| Refusal::Contradiction {
         what: format!(
             "{}; check how that cable is held on its drum, and use the poses before or after only",
@@ -95,7 +108,7 @@ fn attempt(data: &Data, usable: &Usable, options: &Options) -> Result<Answer, Re
             directions: seen.harmful.join(", "),
         });
     }
-    answer(data, usable, &model, &options.priors, &minimum, &seen)
+    answer(data, usable, &model, &minimum, &seen)
 }
 
 pub(crate) fn model<'a>(usable: &'a Usable, options: &Options) -> Model<'a> {
@@ -154,6 +167,7 @@ pub(crate) fn start(usable: &Usable, layout: &Layout) -> State {
         camera_from_platform: data.camera_from_platform,
         world_from_body: data.world_from_body.clone(),
         drum_scale: 1.0,
+        drum_own: vec![0.0; layout.cables],
         camera: data.camera,
         focal_scale: 0.0,
         tag_scale: 1.0,
@@ -162,9 +176,11 @@ pub(crate) fn start(usable: &Usable, layout: &Layout) -> State {
         } else {
             0.0
         },
+        soft_per_n: vec![0.0; layout.cables],
         mass_kg: data.robot.mass_kg,
         center_of_mass_m: data.robot.center_of_mass_m,
         loss: vec![0.0; layout.cables],
+        zero_n: vec![0.0; layout.cables],
         poses: usable.start.clone(),
         tensions_n: data
             .poses
@@ -182,7 +198,6 @@ fn answer(
     data: &Data,
     usable: &Usable,
     model: &Model<'_>,
-    priors: &Priors,
     minimum: &Minimum,
     seen: &Observability,
 ) -> Result<Answer, Refusal> {
@@ -203,15 +218,7 @@ fn answer(
     let freedom = (used as f64 - leverage).round().max(0.0);
     let chi_square = minimum.normal.chi_square;
     let mut warnings = usable.warnings.clone();
-    judge(
-        data,
-        model,
-        priors,
-        minimum,
-        &rejected,
-        freedom,
-        &mut warnings,
-    )?;
+    judge(data, model, minimum, &rejected, freedom, &mut warnings)?;
     let mean = mean_tension_n(&usable.data);
     let mut out = Answer::of_state("joint", state, layout.statics);
     let predict_at = |pose: &Pose| predict(state, layout, &minimum.covariance, &mean, pose);
@@ -252,6 +259,7 @@ fn answer(
     out.core_unknowns = seen.unknowns;
     out.unobservable = seen.harmless.clone();
     out.rejected = rejected;
+    out.rejected_stretch = stretch(data, usable, minimum);
     out.tension_scatter_relative = Some(minimum.tension_relative).filter(|_| layout.statics);
     out.warnings = warnings;
     out.iterations = minimum.iterations;
@@ -307,12 +315,65 @@ fn rejected_row(usable: &Usable, minimum: &Minimum, k: usize, j: usize) -> Rejec
     row
 }
 
+/// Standard deviations by which the lengths of a slipped cable are off, at least.
+const SLIPPED: f64 = 8.0;
+
+/// A cable whose lengths were rejected at all poses before or after some moment, and only there: a slip. One
+/// wrong reading in between is not.
+fn stretch(data: &Data, usable: &Usable, minimum: &Minimum) -> Option<String> {
+    let mut best: Option<(f64, String)> = None;
+    for cable in 0..data.cable_count() {
+        let mut off: Vec<(usize, f64, bool)> = Vec::new();
+        for (k, sources) in minimum.sources.iter().enumerate() {
+            let row = sources
+                .iter()
+                .position(|source| *source == Source::Encoder(cable));
+            if let Some(j) = row {
+                let used = minimum.weights[k][j] > 0.0;
+                off.push((k, minimum.normal.residuals[k][j], used));
+            }
+        }
+        let wrong = off.iter().filter(|(.., used)| !used).count();
+        if wrong == 0 || wrong * 2 > off.len() + 1 {
+            continue;
+        }
+        let first = off.iter().take_while(|(.., used)| !used).count();
+        let last = off.iter().rev().take_while(|(.., used)| !used).count();
+        // Another wrong reading elsewhere may be an outlier of its own.
+        let (from, side, sign) = if last >= first {
+            (off.len() - last, &off[off.len() - last..], 1.0)
+        } else {
+            (first, &off[..first], -1.0)
+        };
+        if side.is_empty() || side.len() + 1 < wrong {
+            continue;
+        }
+        let mut sizes: Vec<f64> = side.iter().map(|(_, residual, _)| *residual).collect();
+        sizes.sort_by(f64::total_cmp);
+        let median = sizes[sizes.len() / 2];
+        let together = sizes.iter().all(|size| size * median > 0.0);
+        if !together || median.abs() < SLIPPED || from == 0 || from >= off.len() {
+            continue;
+        }
+        let gain = median * median * side.len() as f64;
+        if best.as_ref().is_none_or(|(most, _)| gain > *most) {
+            let words = format!(
+                "cable {} slipped by {:+.1} mm before pose {}",
+                cable + 1,
+                sign * median * data.noise.encoder_m * 1e3,
+                usable.number[off[from].0] + 1
+            );
+            best = Some((gain, words));
+        }
+    }
+    best.map(|(_, words)| words)
+}
+
 /// Refuses data that contradict the model and warns of doubtful ones.
 #[allow(clippy::too_many_arguments)]
 fn judge(
     data: &Data,
     model: &Model<'_>,
-    priors: &Priors,
     minimum: &Minimum,
     rejected: &[RejectedRow],
     freedom: f64,
@@ -320,6 +381,7 @@ fn judge(
 ) -> Result<(), Refusal> {
     let refuse = |what: String| Err(Refusal::Contradiction { what });
     let state = &minimum.state;
+    let priors = &minimum.priors;
     let tags_off = (state.tag_scale - 1.0) / priors.tag;
     // Six standard deviations of the prior: 0.6 % of the size by default.
     if tags_off.abs() > 6.0 {
@@ -341,7 +403,7 @@ fn judge(
             rejected.len()
         ));
     }
-    judge_priors(data, model, priors, state, warnings)?;
+    judge_priors(data, model, minimum, warnings)?;
     if minimum.tension_relative > 0.0 {
         warnings.push(format!(
             "the tensions scatter by another {:.1} % of their value (friction of the pulleys)",
@@ -416,14 +478,39 @@ fn judge_scatter(
     Ok(())
 }
 
+/// Standard deviations from which on a pulley's entered radius is contradicted, and the least difference, m.
+const RADIUS_SURE: f64 = 5.0;
+const RADIUS_M: f64 = 5e-4;
+
+/// Warns of pulleys whose entered radius the data contradict, with the value that they want.
+fn judge_radii(data: &Data, model: &Model<'_>, minimum: &Minimum, warnings: &mut Vec<String>) {
+    let cables = minimum.state.cables.iter().zip(&data.robot.cables);
+    for (i, (now, entered)) in cables.enumerate() {
+        let at = model.layout.radius(i);
+        let sigma = minimum.covariance[(at, at)].sqrt();
+        let off = now.pulley_radius_m - entered.pulley_radius_m;
+        if off.abs() > RADIUS_M.max(RADIUS_SURE * sigma) {
+            warnings.push(format!(
+                "cable {}'s pulley radius is entered as {:.2} mm, the data want {:.2} mm (1 sigma {:.2}): \
+                 measure it and correct the robot file",
+                i + 1,
+                entered.pulley_radius_m * 1e3,
+                now.pulley_radius_m * 1e3,
+                sigma * 1e3
+            ));
+        }
+    }
+}
+
 /// Refuses anchors far from nominal; warns of values that contradict what was known before.
 fn judge_priors(
     data: &Data,
     model: &Model<'_>,
-    priors: &Priors,
-    state: &State,
+    minimum: &Minimum,
     warnings: &mut Vec<String>,
 ) -> Result<(), Refusal> {
+    let (priors, state) = (&minimum.priors, &minimum.state);
+    judge_radii(data, model, minimum, warnings);
     for prior in state.priors(data, &model.layout, priors) {
         let off = prior.deviation / prior.sigma;
         let anchor = prior.index < model.layout.initial_length(0);
@@ -507,20 +594,38 @@ fn name(model: &Model<'_>, index: usize) -> String {
             ["x", "y", "z"][i % 3]
         );
     }
+    let of = |index: usize, first: usize, what: &str| {
+        Some(index.wrapping_sub(first))
+            .filter(|i| *i < layout.cables)
+            .map(|i| format!("cable {}'s {what}", i + 1))
+    };
+    if let Some(words) = of(index, layout.drum(0), "drum") {
+        return words;
+    }
+    if index < layout.statics() {
+        let words = [
+            "the drums' scale",
+            "the focal length",
+            "the principal point in u",
+            "the principal point in v",
+            "the lens's k1",
+            "the tags' scale",
+        ];
+        return words[index - layout.scales()].to_owned();
+    }
+    let own = of(index, layout.zero(0), "tension zero")
+        .or_else(|| of(index, layout.soft(0), "own compliance"));
+    if let Some(words) = own {
+        return words;
+    }
     let words = [
-        "the drums' scale",
-        "the focal length",
-        "the principal point in u",
-        "the principal point in v",
-        "the lens's k1",
-        "the tags' scale",
         "the cables' compliance",
         "the mass",
         "the centre of mass in x",
         "the centre of mass in y",
         "the centre of mass in z",
     ];
-    match words.get(index - layout.scales()) {
+    match words.get(index - layout.statics()) {
         Some(words) => (*words).to_owned(),
         None => format!("cable {}'s loss of tension", index - layout.loss(0) + 1),
     }

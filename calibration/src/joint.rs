@@ -5,8 +5,13 @@ use super::assay;
 use super::data::Data;
 use super::error::Refusal;
 pub use super::fit::Options;
-use super::fit::fit;
+use super::fit::{fit, slipped};
 use super::general::slip;
+
+fn slips_of(data: &Data, answer: &Answer) -> impl Iterator<Item = String> {
+    let slips = slip::in_data(data, answer.solved.as_ref());
+    slips.into_iter().map(|slip| slip.words)
+}
 
 /// Calibrates with one weighted problem over anchors, initial lengths, camera, bodies of tags, the
 /// platform's pose at every measurement, and, with priors, all parameters that are never exactly
@@ -18,10 +23,12 @@ use super::general::slip;
 pub fn joint(data: &Data, options: &Options) -> Result<Answer, Refusal> {
     let mut answer = fit(data, options)?;
     if options.closer_looks {
-        let slips = slip::in_data(data, answer.solved.as_ref());
-        let advice = "use the poses before or after only";
-        let words = slips.iter().map(|slip| format!("{slip}: {advice}"));
-        answer.warnings.extend(words);
+        // A length that jumped makes every length after it wrong: there is no answer to give.
+        let stretch = answer.rejected_stretch.clone().into_iter();
+        let found: Vec<String> = stretch.chain(slips_of(data, &answer)).collect();
+        if let Some(refusal) = slipped(&found) {
+            return Err(refusal);
+        }
         answer.split = assay::split(data, options, &answer);
         let warning = answer.split.as_ref().and_then(Split::warning);
         answer.warnings.extend(warning);

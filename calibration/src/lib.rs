@@ -4,9 +4,11 @@
 //! | file | what it is for |
 //! |---|---|
 //! | [`data`] | measurements and prior knowledge; `read` is its file form |
+//! | `causes` | mistakes that explain data which fit no robot |
 //! | [`check`] | checks of the data before anything is solved |
 //! | [`pnp`] | poses of tags from one picture |
 //! | `unknowns`, `rows`, `stretch` | the unknowns of the joint method, the row of each measurement, the encoders' weights |
+//! | `variance` | scatter and priors that the data widen |
 //! | `normal`, `solve` | elimination of the poses; Levenberg-Marquardt; outliers |
 //! | [`dense`] | the same in a plain implementation, for comparison |
 //! | `observability`, `predict` | which unknowns the data determine, and the expected position error |
@@ -23,6 +25,7 @@
 
 pub mod answer;
 mod assay;
+mod causes;
 pub mod check;
 mod corner;
 pub mod data;
@@ -53,6 +56,7 @@ mod stretch;
 pub mod study;
 pub mod target;
 mod unknowns;
+mod variance;
 pub mod verify;
 pub mod views;
 

@@ -130,6 +130,7 @@ fn answer(
         core_unknowns: eigen.len(),
         differenced_rank: Some(differenced_rank),
         unobservable: Vec::new(),
+        rejected_stretch: None,
         rejected: Vec::new(),
         tension_scatter_relative: None,
         warnings,

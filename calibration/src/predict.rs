@@ -43,11 +43,12 @@ pub fn predict(
         let inverse = cable.inverse(&pose).map_err(|error| named(error, i))?;
         let (t, u) = (inverse.direction(0), inverse.arm_m(0));
         let length = inverse.lengths_m[0];
-        let taut = 1.0 - state.compliance_per_n * mean_tension_n[i];
-        let stretch = state.compliance_per_n * mean_tension_n[i] * state.routing_m[i];
-        let reading = (length * taut - stretch - state.initial_length_m[i]) / state.drum_scale;
+        let drum = state.scale(i);
+        let taut = 1.0 - state.compliance(i) * mean_tension_n[i];
+        let stretch = state.compliance(i) * mean_tension_n[i] * state.routing_m[i];
+        let reading = (length * taut - stretch - state.initial_length_m[i]) / drum;
         encoder_m.push(reading);
-        let scale = taut / state.drum_scale;
+        let scale = taut / drum;
         let in_platform = pose.rotation.inverse_transform_vector(&t);
         let turn = (from_body + u).cross(&t);
         for k in 0..3 {
@@ -59,11 +60,13 @@ pub fn predict(
         }
         motion[(i, 3)] = u.cross(&t).z * scale;
         by[(i, layout.radius(i))] = (inverse.wraps_rad[0] - inverse.wrap_sin[0]) * scale;
-        by[(i, layout.initial_length(i))] = -1.0 / state.drum_scale;
-        by[(i, layout.scales())] = -reading / state.drum_scale;
+        by[(i, layout.initial_length(i))] = -1.0 / drum;
+        by[(i, layout.scales())] = -reading / drum;
+        by[(i, layout.drum(i))] = -reading / drum;
         if layout.statics {
-            by[(i, layout.statics())] =
-                -(length + state.routing_m[i]) * mean_tension_n[i] / state.drum_scale;
+            let by_compliance = -(length + state.routing_m[i]) * mean_tension_n[i] / drum;
+            by[(i, layout.statics())] = by_compliance;
+            by[(i, layout.soft(i))] = by_compliance;
         }
     }
     let slopes = motion_from_lengths(&motion).rows(0, 3) * &by;

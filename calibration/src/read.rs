@@ -122,6 +122,10 @@ fn origin(node: &Node<'_>) -> Read<Origin> {
             None => None,
             Some(seed) => Some(seed.index()? as u64),
         },
+        simulated_machine: match node.optional("simulated_machine") {
+            None => None,
+            Some(name) => Some(name.text()?.to_owned()),
+        },
         date: node.get("date")?.text()?.to_owned(),
     })
 }

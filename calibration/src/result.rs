@@ -59,6 +59,7 @@ pub fn document(robot: &Robot, data: &Data, answer: &Answer, date: &str) -> Valu
         "data_id": data.id,
         "data_hash": format!("{:08x}", data_hash(data)),
         "simulated_seed": data.origin.as_ref().and_then(|origin| origin.simulated_seed),
+        "simulated_machine": data.origin.as_ref().and_then(|origin| origin.simulated_machine.clone()),
         "bodies": bodies,
         "tags": tags,
         "answer": solved,
@@ -126,10 +127,10 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
     let radii = optional(&answer["pulley_radius_mm"], |v| {
         numbers(v, "pulley_radius_mm")
     })?;
-    // EA over 10 MN is not distinguished from a stiff cable: the file's value stays.
-    let compliance = answer["cable_compliance_per_N"]
-        .as_f64()
-        .filter(|c| *c > 1e-7);
+    let compliances = optional(&answer["cable_compliances_per_N"], |v| {
+        numbers(v, "cable_compliances_per_N")
+    })?;
+    let common = answer["cable_compliance_per_N"].as_f64();
     for (i, cable) in robot.cables.iter_mut().enumerate() {
         cable.anchor_in_world_m = anchors[i];
         if let Some(at) = attachments.as_ref().and_then(|list| list.get(i)) {
@@ -138,14 +139,23 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
         if let Some(radius) = radii.as_ref().and_then(|list| list.get(i)) {
             cable.pulley_radius_m = radius * 1e-3;
         }
-        if let Some(compliance) = compliance {
+        let own = compliances.as_ref().and_then(|list| list.get(i).copied());
+        // EA over 10 MN is not distinguished from a stiff cable: the file's value stays.
+        if let Some(compliance) = own.or(common).filter(|c| *c > 1e-7) {
             cable.ea_n = 1.0 / compliance;
         }
     }
     // The radius turns counts into lengths: a length per reading is a factor on it.
-    let drum = answer["drum_scale"].as_f64().unwrap_or(1.0);
-    for winch in &mut robot.winches {
-        winch.drum_radius_m *= drum;
+    let drums = match optional(&answer["drum_scales"], |v| numbers(v, "drum_scales"))? {
+        Some(drums) if drums.len() == count => drums,
+        Some(_) => return Err("drum_scales has another number of cables".to_owned()),
+        // Files of earlier versions have one number for all drums.
+        None => vec![answer["drum_scale"].as_f64().unwrap_or(1.0); count],
+    };
+    for (cable, drum) in robot.cables.iter().zip(&drums) {
+        if let Some(winch) = robot.winches.get_mut(cable.winch_index) {
+            winch.drum_radius_m *= drum;
+        }
     }
     if let Some(mass) = answer["platform_mass_kg"].as_f64() {
         // Nothing was learned about the platform's shape: its inertia grows with its mass.
@@ -204,12 +214,13 @@ fn overlay(designed: &Robot, value: &Value, path: &Path) -> Result<Robot, String
         designed: machine,
         places: found,
         simulated_seed: value["simulated_seed"].as_u64(),
+        simulated_machine: value["simulated_machine"].as_str().map(str::to_owned),
         date: value["date"].as_str().unwrap_or("").to_owned(),
         predicted_error_m: answer["predicted_tcp_error_mm"]
             .as_f64()
             .map(|mm| mm * 1e-3),
         home_lengths_m: home_m,
-        drum_scale: drum,
+        drum_scales: drums,
         covariance: optional(&value["covariance_of_shared_unknowns_si"], |v| {
             square(v, "covariance_of_shared_unknowns_si")
         })?,

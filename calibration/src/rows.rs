@@ -41,10 +41,10 @@ pub struct Row<'a> {
 /// Standard deviations of the rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scatter {
-    /// Force balance, N: the disturbance of the platform at rest.
-    pub force_n: f64,
-    /// Moment balance, N m.
-    pub moment_nm: f64,
+    /// Force balance, N: the disturbance of the platform at rest; level and vertical.
+    pub force_n: [f64; 2],
+    /// Moment balance, N m; about level axes and about the vertical.
+    pub moment_nm: [f64; 2],
     /// Relative uncertainty of a tension due to the sensor's position behind the pulley.
     pub tension_relative: f64,
 }
@@ -52,8 +52,8 @@ pub struct Scatter {
 impl Default for Scatter {
     fn default() -> Self {
         Self {
-            force_n: 2e-3,
-            moment_nm: 1e-4,
+            force_n: [2e-3; 2],
+            moment_nm: [1e-4; 2],
             tension_relative: 0.0,
         }
     }
@@ -68,6 +68,8 @@ pub struct Model<'a> {
     pub layout: Layout,
     /// Scatter of the rows for which no sensor noise is stated.
     pub scatter: Scatter,
+    /// The same as assumed before the data: it is widened by the data, and never below this.
+    pub assumed: Scatter,
     /// Standard deviations of the encoders' lengths, m, by pose and cable.
     encoder_sigmas_m: Vec<Vec<f64>>,
 }
@@ -121,6 +123,7 @@ impl<'a> Model<'a> {
             data,
             layout,
             scatter,
+            assumed: scatter,
             encoder_sigmas_m: encoder_sigmas_m(data, layout.statics),
         }
     }
@@ -160,7 +163,7 @@ impl Model<'_> {
             };
             let weight = 1.0 / self.encoder_sigmas_m[k][i];
             // The encoder measures the paid-out length, without the stretch.
-            let taut = 1.0 - state.compliance_per_n * tension;
+            let taut = 1.0 - state.compliance(i) * tension;
             own.fill(0.0);
             put(&mut own, 0, &(path.t * (taut * weight)));
             put(&mut own, 3, &(path.u.cross(&path.t) * (taut * weight)));
@@ -181,19 +184,19 @@ impl Model<'_> {
             ));
             shared.push(Entry::new(self.layout.initial_length(i), -weight));
             shared.push(Entry::new(s, -reading * weight));
+            shared.push(Entry::new(self.layout.drum(i), -reading * weight));
             if self.layout.statics {
                 let stretching = path.length_m + state.routing_m[i];
-                shared.push(Entry::new(
-                    self.layout.statics(),
-                    -stretching * tension * weight,
-                ));
+                let by_compliance = -stretching * tension * weight;
+                shared.push(Entry::new(self.layout.statics(), by_compliance));
+                shared.push(Entry::new(self.layout.soft(i), by_compliance));
             }
             // The length off the drum, less the routing's nominal length: (L + r)(1 - c T) - r.
-            let stretch = state.compliance_per_n * tension * state.routing_m[i];
+            let stretch = state.compliance(i) * tension * state.routing_m[i];
             let predicted = path.length_m * taut - stretch - state.initial_length_m[i];
             take(&Row {
                 source: Source::Encoder(i),
-                residual: (predicted - state.drum_scale * reading) * weight,
+                residual: (predicted - state.scale(i) * reading) * weight,
                 own: &own,
                 shared: &shared,
             });
@@ -209,7 +212,8 @@ impl Model<'_> {
                 own[6 + i] = weight;
                 shared.clear();
                 shared.push(Entry::new(self.layout.loss(i), reading * weight));
-                let expected = reading * (1.0 - state.loss[i]);
+                shared.push(Entry::new(self.layout.zero(i), weight));
+                let expected = reading * (1.0 - state.loss[i]) - state.zero_n[i];
                 take(&Row {
                     source: Source::Tension(i),
                     residual: (state.tensions_n[k][i] - expected) * weight,
@@ -233,10 +237,9 @@ impl Model<'_> {
         let (layout, pose) = (&self.layout, &state.poses[k]);
         let r = pose.rotation.matrix();
         let factor = self.data.poses[k].noise_factor;
-        let weight = [
-            1.0 / (self.scatter.force_n * factor),
-            1.0 / (self.scatter.moment_nm * factor),
-        ];
+        let sigmas = [self.scatter.force_n, self.scatter.moment_nm];
+        let weight = sigmas
+            .map(|[level, vertical]| [level, level, vertical].map(|sigma| 1.0 / (sigma * factor)));
         let down = Vector3::z() * -GRAVITY_MPS2;
         let arm = r * state.center_of_mass_m;
         let load = down * state.mass_kg;
@@ -297,17 +300,17 @@ impl Model<'_> {
         for axis in 0..6 {
             let (block, i) = (axis / 3, axis % 3);
             for (slot, column) in row_own.iter_mut().zip(&own[block]) {
-                *slot = column[i] * weight[block];
+                *slot = column[i] * weight[block][i];
             }
             row_shared.clear();
             row_shared.extend(
                 shared
                     .iter()
-                    .map(|(index, by)| Entry::new(*index, by[block][i] * weight[block])),
+                    .map(|(index, by)| Entry::new(*index, by[block][i] * weight[block][i])),
             );
             take(&Row {
                 source: Source::Balance(axis),
-                residual: residual[block][i] * weight[block],
+                residual: residual[block][i] * weight[block][i],
                 own: &row_own,
                 shared: &row_shared,
             });
@@ -404,6 +407,9 @@ mod tests {
             .collect();
         state = state.stepped(data, layout, &shared, &own);
         state.loss[1] = 0.01;
+        state.zero_n[2] = 0.3;
+        state.drum_own[0] = 0.02;
+        state.soft_per_n[3] = 1e-5;
         state.compliance_per_n = 2e-5;
         state
     }

@@ -6,6 +6,7 @@
 
 use super::data::{Data, Noise, NominalRobot, Observation, Tag, View};
 use super::fit::Options;
+pub use super::general::simulate::SimulatedSlip;
 use super::plan;
 use super::space::Space;
 use super::unknowns::Priors;
@@ -43,6 +44,43 @@ pub struct Silent {
     pub outliers: f64,
 }
 
+/// Errors as found on a real machine beyond those of the priors, standard deviations (IRMA4U, University of
+/// Bologna; see [`super::general::simulate`]).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Radius of each drum, relative.
+    pub drum: f64,
+    /// Gain of each load cell, relative.
+    pub gain: f64,
+    /// Zero of each load cell, N: 0.7 % of 39 N.
+    pub zero_n: f64,
+    /// Noise of each load cell, N: 0.3 % of 39 N.
+    pub noise_n: f64,
+    /// Centre of mass per axis, m.
+    pub center_of_mass_m: f64,
+    /// Stiffness of the cables as specified, N; each is off by up to half of it.
+    pub ea_n: f64,
+    /// Vertical force that no model has, new at every pose, share of the weight.
+    pub force: f64,
+    /// Moment that no model has, new at every pose, over the weight, m.
+    pub moment_m: f64,
+    /// Loss at the pulleys, either sign, share.
+    pub loss: f64,
+}
+
+/// The machine as found, its winches calibrated.
+pub const FOUND: Found = Found {
+    drum: 3e-3,
+    gain: 0.01,
+    zero_n: 0.27,
+    noise_n: 0.12,
+    center_of_mass_m: 3e-3,
+    ea_n: 5e4,
+    force: 4e-3,
+    moment_m: 8e-4,
+    loss: 0.02,
+};
+
 /// What to simulate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setup {
@@ -67,6 +105,10 @@ pub struct Setup {
     pub drawn: bool,
     /// Effects that the data's description does not mention.
     pub silent: Silent,
+    /// Errors as found on a real machine, see [`FOUND`]: the description mentions none of them.
+    pub found: bool,
+    /// A cable that slips while the data are collected.
+    pub slip: Option<SimulatedSlip>,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -83,6 +125,8 @@ impl Default for Setup {
             chosen_from: 0,
             drawn: false,
             silent: Silent::default(),
+            found: false,
+            slip: None,
             seed: 1,
         }
     }
@@ -103,8 +147,10 @@ pub struct Truth {
     pub poses: Vec<Pose>,
     /// True poses of the held-out set, world_from_platform.
     pub holdout: Vec<Pose>,
-    /// Length per reading.
-    pub drum_scale: f64,
+    /// Length per reading of each drum.
+    pub drum_scales: [f64; 4],
+    /// Relative stretch of each cable at its mean tension.
+    pub stretch: [f64; 4],
 }
 
 /// The paper's robot with nominal anchors (Table 5, theoretical values) and 1 kg.
@@ -216,6 +262,12 @@ struct Machine {
     made: NominalRobot,
     silent: Silent,
     camera: Camera,
+    /// Length per reading of each drum.
+    drums: [f64; 4],
+    gains: [f64; 4],
+    zeros_n: [f64; 4],
+    /// 1/EA of each cable, 1/N.
+    compliances: [f64; 4],
 }
 
 impl Machine {
@@ -228,7 +280,23 @@ impl Machine {
             made: nominal.clone(),
             silent: setup.silent,
             camera,
+            drums: [1.0; 4],
+            gains: [0.0; 4],
+            zeros_n: [0.0; 4],
+            compliances: [setup.silent.compliance_per_n; 4],
         };
+        if setup.found {
+            let mut own = Random::new(setup.seed ^ 0x666f_756e);
+            let mut four = |sigma: f64| std::array::from_fn(|_| sigma * own.normal());
+            it.drums = four(FOUND.drum).map(|d: f64| 1.0 + d);
+            it.gains = four(FOUND.gain);
+            it.zeros_n = four(FOUND.zero_n);
+            it.compliances =
+                std::array::from_fn(|_| (1.0 + own.within(0.5)) * nominal.compliance_per_n);
+            it.made.center_of_mass_m +=
+                Vector3::from_fn(|_, _| FOUND.center_of_mass_m * own.normal());
+            it.silent.loss = it.silent.loss.max(FOUND.loss);
+        }
         if setup.drawn {
             for cable in &mut it.made.cables {
                 cable.pulley_radius_m += priors.radius_m * own.normal();
@@ -241,6 +309,7 @@ impl Machine {
             it.silent.tag += priors.tag * own.normal();
             it.silent.k1 += priors.k1 * own.normal();
         }
+        it.drums = it.drums.map(|drum| drum + it.silent.drum);
         it.camera.distortion[0] = it.silent.k1;
         if setup.drawn {
             let focal = 1.0 + priors.focal * own.normal();
@@ -275,6 +344,8 @@ fn places_of(target: Target) -> Vec<Pose> {
 struct Poses<'a> {
     setup: &'a Setup,
     robot: &'a Robot<4>,
+    made: &'a NominalRobot,
+    off: &'a [Vector3<f64>],
     /// Chosen poses, the next one last.
     planned: Vec<plan::Candidate>,
 }
@@ -282,7 +353,12 @@ struct Poses<'a> {
 impl<'a> Poses<'a> {
     /// Poses chosen for the nominal robot, driven to with the true one: it hangs slightly
     /// differently.
-    fn new(setup: &'a Setup, robot: &'a Robot<4>, data: &Data) -> Option<Self> {
+    fn new(
+        setup: &'a Setup,
+        robot: &'a Robot<4>,
+        (made, off): (&'a NominalRobot, &'a [Vector3<f64>]),
+        data: &Data,
+    ) -> Option<Self> {
         let mut planned = Vec::new();
         if setup.chosen_from > 0 {
             let (space, seed) = (&PAPER_SPACE, setup.seed);
@@ -296,6 +372,8 @@ impl<'a> Poses<'a> {
         Some(Self {
             setup,
             robot,
+            made,
+            off,
             planned,
         })
     }
@@ -312,13 +390,26 @@ impl<'a> Poses<'a> {
             let turn = [(); 3].map(|()| random.within(tilt));
             return Some((Pose::from_rpy(at, turn), [0.0; 4]));
         }
+        let here = self.setup.found.then(|| self.disturbed(random));
+        let robot = here.as_ref().and_then(Option::as_ref).unwrap_or(self.robot);
         let hung = if let Some(next) = self.planned.pop() {
             let (at, held) = (next.pose.position_m, next.held);
-            PAPER_SPACE.hang(self.robot, &at, held, next.tensions_n[held])
+            PAPER_SPACE.hang(robot, &at, held, next.tensions_n[held])
         } else {
-            PAPER_SPACE.random(self.robot, random)
+            PAPER_SPACE.random(robot, random)
         };
         hung.map(|hung| (hung.pose, hung.tensions_n))
+    }
+}
+
+impl Poses<'_> {
+    /// The equations of equilibrium have a residual: the platform hangs as if its weight and its centre of
+    /// mass were slightly different at every pose.
+    fn disturbed(&self, random: &mut Random) -> Option<Robot<4>> {
+        let mut here = self.made.clone();
+        here.mass_kg *= 1.0 + FOUND.force * random.normal();
+        here.center_of_mass_m += Vector3::from_fn(|_, _| FOUND.moment_m * random.normal());
+        robot_of(&here, self.off)
     }
 }
 
@@ -328,6 +419,9 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
     let mut random = Random::new(setup.seed);
     let mut nominal = nominal_robot();
     nominal.anchor_half_tolerance_m = setup.anchor_m;
+    if setup.found {
+        nominal.compliance_per_n = 1.0 / FOUND.ea_n;
+    }
     let half = nominal.anchor_half_tolerance_m;
     let off: Vec<_> = (0..4).map(|_| random.point(half)).collect();
     let camera = Camera {
@@ -374,7 +468,7 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         holdout: Vec::new(),
         origin: None,
     };
-    let mut next = Poses::new(setup, &robot, &data)?;
+    let mut next = Poses::new(setup, &robot, (&machine.made, &off), &data)?;
     let mut taken = Vec::new();
     while taken.len() < setup.poses {
         let Some((pose, tensions_n)) = next.next(&mut random) else {
@@ -401,7 +495,13 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         holdout.extend(hung.map(|hung| hung.pose));
     }
     let poses = taken.iter().map(|(pose, ..)| *pose).collect();
-    let observed = observe(setup, &silent, &robot, &noise, taken, &mut random)?;
+    let count = taken.len().max(1) as f64;
+    let stretch = std::array::from_fn(|i| {
+        let sum: f64 = taken.iter().map(|(_, tensions, _)| tensions[i]).sum();
+        // Without cables as found the held-out lengths are those of taut cables.
+        f64::from(u8::from(setup.found)) * machine.compliances[i] * sum / count
+    });
+    let observed = observe(setup, &machine, &robot, &noise, taken, &mut random)?;
     data.poses = observed.0;
     data.holdout = holdout
         .iter()
@@ -414,9 +514,18 @@ pub fn simulate(setup: &Setup) -> Option<(Data, Truth)> {
         camera_from_platform,
         poses,
         holdout,
-        drum_scale: 1.0 + silent.drum,
+        drum_scales: machine.drums,
+        stretch,
     };
     Some((data, truth))
+}
+
+/// Cable off a drum at a pose that its encoder did not count, m.
+fn slipped(setup: &Setup, cable: usize, pose: usize) -> f64 {
+    let slip = setup
+        .slip
+        .filter(|slip| slip.cable == cable && pose >= slip.from);
+    slip.map_or(0.0, |slip| slip.size_m)
 }
 
 type Taken = (Pose, [f64; 4], Vec<View>);
@@ -424,23 +533,27 @@ type Taken = (Pose, [f64; 4], Vec<View>);
 /// Readings with noise, silent effects and outliers; and the initial lengths.
 fn observe(
     setup: &Setup,
-    silent: &Silent,
+    machine: &Machine,
     robot: &Robot<4>,
     noise: &Noise,
     taken: Vec<Taken>,
     random: &mut Random,
 ) -> Option<(Vec<Observation>, [f64; 4])> {
-    let drum = 1.0 + silent.drum;
+    let silent = &machine.silent;
     let paid_out = |pose: &Pose, tensions: &[f64; 4]| {
         let lengths = robot.lengths_m(pose).ok()?;
         Some(std::array::from_fn::<f64, 4, _>(|i| {
-            lengths[i] * (1.0 - silent.compliance_per_n * tensions[i])
+            lengths[i] * (1.0 - machine.compliances[i] * tensions[i])
         }))
     };
     let (first, first_tensions, _) = taken.first()?;
     // The encoders are zeroed at the first pose.
     let initial = paid_out(first, first_tensions)?;
-    let sigma = noise.tension_n.unwrap_or(0.0);
+    let sigma = if setup.found {
+        FOUND.noise_n
+    } else {
+        noise.tension_n.unwrap_or(0.0)
+    };
     let mut poses = Vec::with_capacity(taken.len());
     for (pose, tensions, mut views) in taken {
         let lengths = paid_out(&pose, &tensions)?;
@@ -453,15 +566,17 @@ fn observe(
                 0.0
             };
             encoder_m.push(Some(
-                (lengths[i] - initial[i]) / drum + noise.encoder_m * random.normal() + slip,
+                (lengths[i] - initial[i] - slipped(setup, i, poses.len())) / machine.drums[i]
+                    + noise.encoder_m * random.normal()
+                    + slip,
             ));
             let jump = if random.unit() < silent.outliers {
                 random.within(5.0)
             } else {
                 0.0
             };
-            let felt = tensions[i] * (1.0 + random.within(silent.loss));
-            tension_n.push(felt + sigma * random.normal() + jump);
+            let felt = tensions[i] * (1.0 + random.within(silent.loss)) * (1.0 + machine.gains[i]);
+            tension_n.push(felt + machine.zeros_n[i] + sigma * random.normal() + jump);
         }
         for view in &mut views {
             for corner in &mut view.corners_px {

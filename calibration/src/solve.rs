@@ -5,6 +5,7 @@ use super::error::Refusal;
 use super::normal::{Normal, Reduced, Step, Weights};
 use super::rows::{Model, Source, singles};
 use super::unknowns::{Priors, State};
+use super::variance::Widening;
 use mcdpr_kinematics::{Attempt, Damping, Descent};
 use nalgebra::DMatrix;
 
@@ -33,6 +34,8 @@ pub struct Minimum {
     pub sources: Vec<Vec<Source>>,
     /// Relative scatter of the tensions beyond the sensor's.
     pub tension_relative: f64,
+    /// The priors, as wide as the data want them.
+    pub priors: Priors,
     /// Steps taken.
     pub iterations: usize,
 }
@@ -119,9 +122,11 @@ pub(super) fn initial_lengths(data: &Data, state: &mut State) -> Result<(), Refu
 }
 
 /// Leverage and residual of each row at a minimum.
-struct Rows {
-    leverage: Weights,
-    sources: Vec<Vec<Source>>,
+pub(crate) struct Rows {
+    /// Leverage of each row, by pose.
+    pub leverage: Weights,
+    /// Source of each row.
+    pub sources: Vec<Vec<Source>>,
 }
 
 fn examine(
@@ -149,6 +154,17 @@ fn examine(
         out.sources.push(sources);
     }
     Some(out)
+}
+
+/// Rounds of widening priors and scatter before outliers are sought.
+const WIDENINGS: usize = 12;
+
+/// Leverage of each row and covariance at a descent's end; `None` where either has no value.
+fn weighed(model: &Model<'_>, descent: &Descent<State, Normal>) -> Option<(Rows, DMatrix<f64>)> {
+    let reduced = descent.linear.reduced(0.0)?;
+    let covariance = reduced.covariance()?;
+    let rows = examine(model, &descent.at, &reduced, &covariance)?;
+    Some((rows, covariance))
 }
 
 /// Source of each row.
@@ -193,9 +209,11 @@ fn tension_ratio(normal: &Normal, rows: &Rows, weights: &Weights) -> Option<(f64
 ///
 /// # Errors
 /// [`Refusal::NotConverged`].
-pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Minimum, Refusal> {
+pub fn solve(model: &Model<'_>, assumed: &Priors, mut start: State) -> Result<Minimum, Refusal> {
     initial_lengths(model.data, &mut start)?;
     let mut model = model.clone();
+    let mut own_priors = *assumed;
+    let priors = &mut own_priors;
     let unsolved = |what: &str| Refusal::NotConverged {
         what: what.to_owned(),
     };
@@ -212,6 +230,40 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
         let all = normal.residuals.iter().flatten();
         all.fold(0.0_f64, |a, r| a.max(r.abs()))
     };
+    // First what machines have in general: outliers are sought in what this does not explain.
+    for _ in 0..WIDENINGS {
+        let Some((rows, covariance)) = weighed(&model, &descent) else {
+            break;
+        };
+        let mut robust = weights.clone();
+        let scale = ROBUST.max(2.0 * spread(&descent.linear));
+        for (k, list) in robust.iter_mut().enumerate() {
+            for (j, weight) in list.iter_mut().enumerate() {
+                let off = together(&descent.linear.residuals[k], &rows.sources[k], j) / scale;
+                if !matches!(rows.sources[k][j], Source::Balance(_)) {
+                    *weight = 1.0 / (1.0 + off * off);
+                }
+            }
+        }
+        let mut widening = Widening {
+            model: &mut model,
+            priors,
+            assumed,
+        };
+        let mut changed = widening.step(&descent, &rows, &covariance, &robust);
+        if let Some((ratio, count)) = tension_ratio(&descent.linear, &rows, &weights)
+            && changed
+            && let Some(relative) = wider(&model, ratio, count)
+        {
+            model.scatter.tension_relative = relative;
+            changed = true;
+        }
+        if !changed {
+            break;
+        }
+        descent = descend(&model, priors, &descent.at, &robust, 8)?;
+        iterations += descent.steps;
+    }
     if worst(&descent.linear) > REJECT {
         let sources = sources_of(&model, &descent.at)
             .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
@@ -251,6 +303,14 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
         let rows = examine(&model, &descent.at, &reduced, &covariance)
             .ok_or_else(|| unsolved("the estimate left the robot's domain"))?;
         let mut settled = true;
+        let mut widening = Widening {
+            model: &mut model,
+            priors,
+            assumed,
+        };
+        if round < 4 && widening.step(&descent, &rows, &covariance, &weights) {
+            settled = false;
+        }
         // Later rounds keep the scatter, so that the set of rejected rows can settle.
         if round < 6
             && let Some((ratio, count)) = tension_ratio(&descent.linear, &rows, &weights)
@@ -289,6 +349,7 @@ pub fn solve(model: &Model<'_>, priors: &Priors, mut start: State) -> Result<Min
                 leverage: rows.leverage,
                 sources: rows.sources,
                 tension_relative: model.scatter.tension_relative,
+                priors: *priors,
                 iterations,
             });
         }

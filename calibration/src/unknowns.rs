@@ -69,21 +69,36 @@ impl Layout {
     pub fn scales(&self) -> usize {
         self.core() + 4 * self.cables
     }
+    /// A drum's own scale beyond the common one.
+    #[must_use]
+    pub fn drum(&self, cable: usize) -> usize {
+        self.scales() + 6 + cable
+    }
     /// First of compliance (1/EA), mass, centre of mass (3).
     #[must_use]
     pub fn statics(&self) -> usize {
-        self.scales() + 6
+        self.drum(self.cables)
     }
     /// A cable's loss of tension between winch and platform.
     #[must_use]
     pub fn loss(&self, cable: usize) -> usize {
         self.statics() + 5 + cable
     }
+    /// Zero of a cable's tension sensor, N.
+    #[must_use]
+    pub fn zero(&self, cable: usize) -> usize {
+        self.loss(self.cables) + cable
+    }
+    /// A cable's own compliance beyond the common one, 1/N.
+    #[must_use]
+    pub fn soft(&self, cable: usize) -> usize {
+        self.zero(self.cables) + cable
+    }
     /// Number of unknowns shared by all poses.
     #[must_use]
     pub fn len(&self) -> usize {
         if self.statics {
-            self.statics() + 5 + self.cables
+            self.soft(self.cables)
         } else {
             self.statics()
         }
@@ -115,6 +130,8 @@ pub struct State {
     pub world_from_body: Vec<Pose>,
     /// True length per length that the encoder reports.
     pub drum_scale: f64,
+    /// The same of each drum beyond the common value.
+    pub drum_own: Vec<f64>,
     /// The camera with its present intrinsics.
     pub camera: Camera,
     /// Common relative change of the focal lengths from nominal.
@@ -123,12 +140,16 @@ pub struct State {
     pub tag_scale: f64,
     /// 1/EA, 1/N: relative stretch per tension.
     pub compliance_per_n: f64,
+    /// The same of each cable beyond the common value, 1/N.
+    pub soft_per_n: Vec<f64>,
     /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass, platform frame, m.
     pub center_of_mass_m: Vector3<f64>,
     /// Share of each winch's tension that does not reach the platform.
     pub loss: Vec<f64>,
+    /// What each tension sensor reads without tension, N.
+    pub zero_n: Vec<f64>,
     /// world_from_platform of each pose.
     pub poses: Vec<Pose>,
     /// Tension of each cable at the platform, N, per pose.
@@ -142,8 +163,10 @@ pub struct Priors {
     pub radius_m: f64,
     /// Each coordinate of an attachment, m.
     pub attachment_m: f64,
-    /// Drum scale, relative.
+    /// Common drum scale, relative.
     pub drum: f64,
+    /// Each drum's own scale, relative. Where the data show more than this, the estimate widens it.
+    pub drum_own: f64,
     /// Focal length, relative.
     pub focal: f64,
     /// Principal point, px.
@@ -162,6 +185,10 @@ pub struct Priors {
     pub center_of_mass_m: f64,
     /// Mean loss of tension per cable about zero, relative.
     pub loss: f64,
+    /// Zero of each tension sensor, N. Widened like [`Self::drum_own`].
+    pub zero_n: f64,
+    /// Each cable's own compliance, 1/N. Widened like [`Self::drum_own`].
+    pub soft_per_n: f64,
 }
 
 impl Default for Priors {
@@ -170,6 +197,8 @@ impl Default for Priors {
             radius_m: 3e-5,
             attachment_m: 5e-5,
             drum: 5e-4,
+            // Less than the encoders' noise over a metre: no effect on data of like drums.
+            drum_own: 1e-5,
             focal: 1e-3,
             center_px: 1.0,
             k1: 5e-4,
@@ -179,6 +208,72 @@ impl Default for Priors {
             mass: 0.02,
             center_of_mass_m: 1e-3,
             loss: 0.005,
+            zero_n: 0.01,
+            soft_per_n: 1e-7,
+        }
+    }
+}
+
+/// Parts of a machine whose priors the data may widen: machines differ more from each other than one
+/// number can say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Part {
+    /// Each drum's own scale.
+    Drums,
+    /// Each tension sensor's gain, with the loss at the pulleys.
+    Gains,
+    /// Each tension sensor's zero.
+    Zeros,
+    /// Each cable's own compliance.
+    Cables,
+    /// The centre of mass.
+    Center,
+    /// The cables' common compliance.
+    Compliance,
+    /// Each pulley's radius.
+    Radii,
+}
+
+impl Part {
+    pub(crate) const ALL: [Self; 7] = [
+        Self::Drums,
+        Self::Gains,
+        Self::Zeros,
+        Self::Cables,
+        Self::Center,
+        Self::Compliance,
+        Self::Radii,
+    ];
+
+    /// Its unknowns.
+    pub(crate) fn range(self, layout: &Layout) -> std::ops::Range<usize> {
+        let each = |first: usize, count: usize| first..first + count;
+        let n = layout.cables;
+        match self {
+            Self::Drums => each(layout.drum(0), n),
+            Self::Radii => each(layout.radius(0), n),
+            _ if !layout.statics => 0..0,
+            Self::Gains => each(layout.loss(0), n),
+            Self::Zeros => each(layout.zero(0), n),
+            Self::Cables => each(layout.soft(0), n),
+            Self::Center => each(layout.statics() + 2, 3),
+            Self::Compliance => each(layout.statics(), 1),
+        }
+    }
+
+    /// Multiplies its standard deviation.
+    pub(crate) fn widen(self, priors: &mut Priors, by: f64) {
+        match self {
+            Self::Drums => priors.drum_own *= by,
+            Self::Radii => priors.radius_m *= by,
+            Self::Gains => priors.loss *= by,
+            Self::Zeros => priors.zero_n *= by,
+            Self::Cables => priors.soft_per_n *= by,
+            Self::Center => priors.center_of_mass_m *= by,
+            Self::Compliance => {
+                priors.compliance *= by;
+                priors.compliance_per_n *= by;
+            }
         }
     }
 }
@@ -195,6 +290,18 @@ pub(crate) struct Prior {
 }
 
 impl State {
+    /// True length per length that a cable's encoder reports.
+    #[must_use]
+    pub(crate) fn scale(&self, cable: usize) -> f64 {
+        self.drum_scale + self.drum_own[cable]
+    }
+
+    /// A cable's compliance, 1/N.
+    #[must_use]
+    pub(crate) fn compliance(&self, cable: usize) -> f64 {
+        self.compliance_per_n + self.soft_per_n[cable]
+    }
+
     /// The priors at this state.
     #[must_use]
     pub(crate) fn priors(&self, data: &Data, layout: &Layout, priors: &Priors) -> Vec<Prior> {
@@ -240,6 +347,9 @@ impl State {
         }
         add(s + 4, now.distortion[0] - nominal.distortion[0], priors.k1);
         add(s + 5, self.tag_scale - 1.0, priors.tag);
+        for (i, own) in self.drum_own.iter().enumerate() {
+            add(layout.drum(i), *own, priors.drum_own);
+        }
         if layout.statics {
             let s = layout.statics();
             let nominal = data.robot.compliance_per_n;
@@ -259,6 +369,8 @@ impl State {
             }
             for (i, loss) in self.loss.iter().enumerate() {
                 add(layout.loss(i), *loss, priors.loss);
+                add(layout.zero(i), self.zero_n[i], priors.zero_n);
+                add(layout.soft(i), self.soft_per_n[i], priors.soft_per_n);
             }
         }
         out
@@ -291,6 +403,9 @@ impl State {
         }
         out.camera.distortion[0] += shared[s + 4];
         out.tag_scale += shared[s + 5];
+        for (i, own) in out.drum_own.iter_mut().enumerate() {
+            *own += shared[layout.drum(i)];
+        }
         if layout.statics {
             let s = layout.statics();
             out.compliance_per_n += shared[s];
@@ -298,6 +413,8 @@ impl State {
             out.center_of_mass_m += three(shared, s + 2);
             for (i, loss) in out.loss.iter_mut().enumerate() {
                 *loss += shared[layout.loss(i)];
+                out.zero_n[i] += shared[layout.zero(i)];
+                out.soft_per_n[i] += shared[layout.soft(i)];
             }
         }
         for (k, own) in own.chunks_exact(layout.local()).enumerate() {

@@ -130,11 +130,14 @@ pub fn distances(robot: &Robot, rows: &[Row]) -> Result<Vec<f64>, VerifyError> {
     model
         .hanging("the comparison with a tracker")
         .map_err(failed(0))?;
-    let (home_m, scale) = match &robot.calibrated {
-        Some(calibrated) => (calibrated.home_lengths_m.clone(), calibrated.drum_scale),
+    let (home_m, scales) = match &robot.calibrated {
+        Some(calibrated) => (
+            calibrated.home_lengths_m.clone(),
+            calibrated.drum_scales.clone(),
+        ),
         None => {
             let home = model.rest_at_home().map_err(failed(0))?;
-            (home.paid_out_m, 1.0)
+            (home.paid_out_m, vec![1.0; robot.cables.len()])
         }
     };
     let mut said = Vec::with_capacity(rows.len());
@@ -142,8 +145,8 @@ pub fn distances(robot: &Robot, rows: &[Row]) -> Result<Vec<f64>, VerifyError> {
         let paid_out: Vec<f64> = row
             .encoder_m
             .iter()
-            .zip(&home_m)
-            .map(|(dl, home)| home + dl * scale)
+            .zip(home_m.iter().zip(&scales))
+            .map(|(dl, (home, scale))| home + dl * scale)
             .collect();
         let pose = resting(&model, &paid_out, row.tension_n).map_err(failed(row.line))?;
         said.push(pose.position_m);

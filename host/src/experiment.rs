@@ -90,6 +90,7 @@ impl SimulatedRun {
 pub struct SimulatedRobot {
     mismatch: Mismatch,
     seed: u64,
+    session: u64,
     line: LinkOptions,
     controller: Controller,
     machine: Option<Robot>,
@@ -103,6 +104,7 @@ impl SimulatedRobot {
         Self {
             mismatch,
             seed,
+            session: 1,
             line: LinkOptions::default(),
             controller: Controller::InProcess,
             machine: None,
@@ -113,6 +115,13 @@ impl SimulatedRobot {
     #[must_use]
     pub(crate) fn machine(mut self, machine: &Robot) -> Self {
         self.machine = Some(machine.clone());
+        self
+    }
+
+    /// A calibrated machine in the session in which it was calibrated: not homed anew since.
+    #[must_use]
+    pub(crate) const fn just_calibrated(mut self) -> Self {
+        self.session = 0;
         self
     }
 
@@ -137,13 +146,20 @@ impl SimulatedRobot {
     /// Where it cannot hang there.
     pub fn at_home(&self, model: &Model) -> Result<SimulatedLink, RunError> {
         let described = self.machine.as_ref().unwrap_or(model.robot());
-        let (machine, mismatch, seed) = match &model.robot().calibrated {
-            Some(calibrated) => match calibrated.simulated_seed {
-                Some(seed) => (&calibrated.designed, &Mismatch::as_built(), seed),
-                None => (described, &self.mismatch, self.seed),
-            },
-            None => (described, &self.mismatch, self.seed),
+        let calibrated = model.robot().calibrated.as_deref();
+        let known = calibrated.and_then(|c| Some((c, c.simulated_seed?)));
+        let (machine, mismatch, seed) = match known {
+            Some((calibrated, seed)) => {
+                let kind = calibrated.simulated_machine.as_deref();
+                let built = kind
+                    .and_then(Mismatch::named)
+                    .unwrap_or(Mismatch::as_built());
+                // Homed anew since it was calibrated, and its cells have drifted.
+                (&calibrated.designed, built.in_session(self.session), seed)
+            }
+            None => (described, self.mismatch, self.seed),
         };
+        let mismatch = &mismatch;
         // The emulated chip is the board of the paper: it has four modules.
         let cables = machine.cables.len();
         if matches!(self.controller, Controller::Chip(_)) && cables != usize::from(CHIP_CABLES) {

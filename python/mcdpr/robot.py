@@ -44,7 +44,7 @@ VERDICTS = (
 )
 """Names of the codes in :attr:`Workspace.verdicts`."""
 
-Mismatch = Literal["exact", "realistic", "as_built"]
+Mismatch = Literal["exact", "realistic", "as_built", "as_found"]
 Planner = Literal["equilibrium", "level"]
 Tensioning = Literal["max_min", "setpoint"]
 Shaping = Literal["none", "zv", "zvd"]

@@ -114,9 +114,15 @@ impl Answer {
                 layout.initial_length(cable),
                 &[format!("{name}.initial_length_m")],
             );
+            put(layout.drum(cable), &[format!("{name}.own_drum_scale")]);
             put(layout.radius(cable), &[format!("{name}.pulley_radius_m")]);
             if layout.statics {
                 put(layout.loss(cable), &[format!("{name}.loss")]);
+                put(layout.zero(cable), &[format!("{name}.tension_zero_n")]);
+                put(
+                    layout.soft(cable),
+                    &[format!("{name}.own_compliance_per_n")],
+                );
             }
         }
         put(layout.camera(), &each("camera_from_platform", &turn));

@@ -469,9 +469,9 @@ impl Drop for Session {
 
 pub(crate) fn mismatch_of(text: &str) -> Result<Mismatch, Failure> {
     match text {
-        "exact" => Ok(Mismatch::default()),
-        "realistic" => Ok(Mismatch::realistic()),
         "as_built" => Ok(Mismatch::as_built()),
+        "as_found" => Ok(Mismatch::as_found()),
+        name if Mismatch::named(name).is_some() => Ok(Mismatch::named(name).unwrap_or_default()),
         other => serde_json::from_str(other).map_err(|error| {
             Failure::input(format!(
                 "mismatch: {error}; it is \"exact\", \"realistic\", \"as_built\" or the fields of one"

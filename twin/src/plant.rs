@@ -2,11 +2,12 @@
 
 use crate::line::plant_failed;
 use mcdpr_core::motion::{Model, PlanOptions};
+use mcdpr_core::random::Random;
 use mcdpr_core::robot::{Cable, DriveKind, Gear, Robot, Winch};
 use mcdpr_core::run::RunError;
 use mcdpr_simulator::plant::{
     BrakeParams, BusParams, CableParams, DriveParams, GearParams, Plant, PlantError, PlantParams,
-    PlatformParams, Pose, Protocol, TensionSensorParams, WinchParams,
+    PlatformParams, Pose, Protocol, TensionSensorParams, UnmodelledParams, WinchParams,
 };
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
@@ -35,6 +36,30 @@ pub struct Mismatch {
     pub pulley_loss: f64,
     /// Errors of the gears relative to the file.
     pub gears: GearMismatch,
+    /// What real machines have besides.
+    #[serde(default)]
+    pub found: FoundMismatch,
+}
+
+/// Errors that the logs of a real four-cable robot show beyond those of its geometry (IRMA4U, University
+/// of Bologna; repository fzoffoli/UACDPR_SelfCalibration, March 2025): standard deviations, drawn normal.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct FoundMismatch {
+    /// Radius of each drum, relative.
+    pub drum: f64,
+    /// Zero of each load cell in a session, share of its range.
+    pub zero: f64,
+    /// Noise of each load cell, share of its range; the greater of this and the usual one.
+    pub noise: f64,
+    /// Where the platform truly hangs when a session begins at home, per axis, m.
+    pub homing_m: f64,
+    /// Force that no model has, each component, share of the weight.
+    pub force: f64,
+    /// Moment that no model has, each component over the weight, m.
+    pub moment_m: f64,
+    /// The session, from 0: zeros and homing are new in each.
+    pub session: u64,
 }
 
 /// Errors of the gears of the simulated machine relative to the robot file; no effect without
@@ -66,6 +91,59 @@ impl GearMismatch {
 }
 
 impl Mismatch {
+    /// The machine with all errors found on a real one (IRMA4U, see [`FoundMismatch`]), its winches and
+    /// cells calibrated one by one: anchors by tape, each drum its own, cells with zeros of the session,
+    /// and equations of equilibrium that do not close.
+    #[must_use]
+    pub const fn as_found() -> Self {
+        Self {
+            // Half widths of 1.7 standard deviations: 1 % of a cell's gain, 3 mm of the centre of mass.
+            sensor_gain: 0.017,
+            center_of_mass_m: 5e-3,
+            ea: 0.5,
+            found: FoundMismatch {
+                drum: 3e-3,
+                zero: 7e-3,
+                noise: 3e-3,
+                homing_m: 5e-4,
+                force: 4e-3,
+                moment_m: 8e-4,
+                session: 0,
+            },
+            ..Self::as_built()
+        }
+    }
+
+    /// [`Self::as_found`] before its winches and cells were calibrated.
+    #[must_use]
+    pub const fn as_delivered() -> Self {
+        let mut out = Self::as_found();
+        out.sensor_gain = 0.17;
+        out.found.drum = 0.02;
+        out.found.zero = 0.05;
+        out
+    }
+
+    /// A kind of machine by its name: `exact`, `realistic`, `as-built`, `as-found` or `as-delivered`.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "exact" => Some(Self::default()),
+            "realistic" => Some(Self::realistic()),
+            "as-built" => Some(Self::as_built()),
+            "as-found" => Some(Self::as_found()),
+            "as-delivered" => Some(Self::as_delivered()),
+            _ => None,
+        }
+    }
+
+    /// The same machine in another session.
+    #[must_use]
+    pub const fn in_session(mut self, session: u64) -> Self {
+        self.found.session = session;
+        self
+    }
+
     /// The machine as built, before any calibration: anchors off by 5 mm, and every other error
     /// that occurs in practice.
     #[must_use]
@@ -90,9 +168,21 @@ impl Mismatch {
             bandwidth: 0.2,
             pulley_loss: 0.02,
             gears: GearMismatch::realistic(),
+            found: FoundMismatch {
+                drum: 0.0,
+                zero: 0.0,
+                noise: 0.0,
+                homing_m: 0.0,
+                force: 0.0,
+                moment_m: 0.0,
+                session: 0,
+            },
         }
     }
 }
+
+/// Distance over which a force that no model has is new, m: poses of a calibration are farther apart.
+const UNMODELLED_M: f64 = 0.15;
 
 /// Time that drives take to enter a mode, s.
 const RMDS_MODE_S: f64 = 0.5;
@@ -119,16 +209,25 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
     let mut draws = Draws::new(seed);
     let mut cables = Vec::new();
     let mut winches = Vec::new();
+    let found = &mismatch.found;
     for (index, cable) in robot.cables.iter().enumerate() {
         cables.push(cable_params(cable, mismatch, &mut draws));
         if let Some(winch) = robot.winch_of(index) {
             winches.push(winch_params(winch, mismatch, &mut draws));
         }
     }
+    found_winches(&mut winches, found, seed);
+    let weight_n = robot.platform.mass_kg * mcdpr_kinematics::GRAVITY_MPS2;
     PlantParams {
         platform: platform_params(robot, mismatch, &mut draws),
         cables,
         winches,
+        unmodelled: UnmodelledParams {
+            force_n: found.force * weight_n,
+            moment_nm: found.moment_m * weight_n,
+            distance_m: UNMODELLED_M,
+            seed: seed ^ 0x756e_6d6f,
+        },
         bus: BusParams {
             period_s: f64::from(robot.bus.period_us) * 1e-6,
             latency_s: 0.000_25,
@@ -139,6 +238,24 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
         cables_attached: true,
         e_stop_cuts_power: true,
     }
+}
+
+/// What real winches have besides, by sequences of their own: machines without it are unchanged.
+fn found_winches(winches: &mut [WinchParams], found: &FoundMismatch, seed: u64) {
+    let mut drums = Random::new(seed ^ 0x6472_756d);
+    let mut zeros = session_draws(found, seed, 0x7a65_726f);
+    for winch in winches {
+        winch.drum_radius_m *= 1.0 + found.drum * drums.normal();
+        let sensor = &mut winch.sensor;
+        let range_n = sensor.max_n / SENSOR_OVERLOAD;
+        sensor.zero_v += found.zero * range_n / sensor.gain_n_per_v * zeros.normal();
+        sensor.noise_n = sensor.noise_n.max(found.noise * range_n);
+    }
+}
+
+/// Draws that are new in every session.
+fn session_draws(found: &FoundMismatch, seed: u64, what: u64) -> Random {
+    Random::new(seed ^ what ^ found.session.wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
 /// Random errors of one machine. The order of the draws decides what a seed means.
@@ -335,7 +452,61 @@ pub fn at_rest(
         Some(tool_m) => described.rest(&tool_m, None)?,
     };
     let params = plant_params(machine, mismatch, seed);
-    let (pose, held) = (&rest.equilibrium.pose, model.holding().by_tension());
+    let held = model.holding().by_tension();
+    // Nobody brings a robot home exactly: each length is off by as much as its platform.
+    let mut homing = session_draws(&mismatch.found, seed, 0x686f_6d65);
+    let off_m = Vector3::from_fn(|_, _| mismatch.found.homing_m * homing.normal());
+    let pose = &rest.equilibrium.pose.displaced(&off_m, &Vector3::zeros());
     hang(params, pose, rest.tensions_n(), held, seed)
         .map_err(|error| RunError::Client(plant_failed(error).into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn params(mismatch: Mismatch, seed: u64) -> PlantParams {
+        plant_params(&Robot::built_in("paper-table5").unwrap(), &mismatch, seed)
+    }
+
+    #[test]
+    fn each_drum_of_a_machine_as_found_has_a_radius_of_its_own() {
+        let described = params(Mismatch::default(), 1).winches[0].drum_radius_m;
+        let mut squares = 0.0;
+        for seed in 1..=50 {
+            let found = params(Mismatch::as_found(), seed);
+            let off = |i: usize| found.winches[i].drum_radius_m / described - 1.0;
+            assert!(
+                (0..3).all(|i| (off(i) - off(i + 1)).abs() > 1e-6),
+                "seed {seed}"
+            );
+            squares += (0..4).map(|i| off(i).powi(2)).sum::<f64>();
+        }
+        // 200 draws: the root mean square scatters by a twentieth.
+        let rms = (squares / 200.0).sqrt();
+        assert!((rms / 3e-3 - 1.0).abs() < 0.2, "{rms}");
+    }
+
+    #[test]
+    fn a_new_session_changes_the_zeros_of_the_cells_and_nothing_else() {
+        let one = params(Mismatch::as_found(), 5);
+        let mut other = params(Mismatch::as_found().in_session(1), 5);
+        for (a, b) in one.winches.iter().zip(&mut other.winches) {
+            let apart_n = (a.sensor.zero_v - b.sensor.zero_v) * a.sensor.gain_n_per_v;
+            assert!(apart_n != 0.0 && apart_n.abs() < 2.0, "{apart_n}");
+            b.sensor.zero_v = a.sensor.zero_v;
+        }
+        assert_eq!(one, other);
+    }
+
+    #[test]
+    fn what_real_machines_have_besides_leaves_other_machines_as_they_were() {
+        for kind in ["exact", "realistic", "as-built"] {
+            let mismatch = Mismatch::named(kind).unwrap();
+            let plant = params(mismatch, 3);
+            assert_eq!(plant.unmodelled.force_n, 0.0, "{kind}");
+            assert_eq!(plant, params(mismatch.in_session(7), 3), "{kind}");
+        }
+        assert!(Mismatch::named("as found").is_none());
+    }
 }

@@ -133,7 +133,8 @@ fn layout(set: &Set, breaks: Vec<Break>) -> Layout {
 pub fn fit(set: &Set, options: &Options) -> Result<Fit, String> {
     let mut found = fit_with(set, options, Vec::new(), None)?;
     while found.layout.breaks.len() < options.slips {
-        let Some(slip) = super::slip::largest(&found) else {
+        let slip = super::slip::largest(&found).or_else(|| super::slip::distrusted(&found));
+        let Some(slip) = slip else {
             break;
         };
         let mut breaks = found.layout.breaks.clone();

@@ -97,13 +97,66 @@ pub fn largest(fit: &Fit) -> Option<Break> {
         .map(|best| best.slip)
 }
 
+/// Weight below which a length is far off: 8 times its scatter.
+const FAR: f64 = 0.1;
+
+/// A cable whose lengths have lost their weight before or after some sample, and only there. A large jump
+/// takes the weight of the very readings that would show it to [`largest`].
+#[must_use]
+pub(crate) fn distrusted(fit: &Fit) -> Option<Break> {
+    let mut best: Option<(usize, Break)> = None;
+    for &session in &fit.layout.sessions {
+        for cable in 0..fit.layout.cables {
+            let mut far: Vec<(usize, bool)> = Vec::new();
+            for (k, block) in fit.solution.blocks.iter().enumerate() {
+                let mut rows = block.rows.iter().zip(&fit.trust[k]);
+                let row = rows.find(|(row, _)| row.group == Group::Length && row.index == cable);
+                if let (Some((_, trust)), true) = (row, fit.set.samples[k].session == session) {
+                    far.push((k, *trust < FAR));
+                }
+            }
+            let all = far.iter().filter(|(_, far)| *far).count();
+            let last = far.iter().rev().take_while(|(_, far)| *far).count();
+            let first = far.iter().take_while(|(_, far)| *far).count();
+            // One more elsewhere may be an outlier of its own.
+            let side = last.max(first);
+            if side == 0 || side + 1 < all || 2 * all > far.len() + 1 {
+                continue;
+            }
+            let from = if last >= first {
+                far.len() - last
+            } else {
+                first
+            };
+            let jump = Break {
+                cable,
+                session,
+                from: far[from].0,
+            };
+            if best.is_none_or(|(most, _)| side > most) {
+                best = Some((side, jump));
+            }
+        }
+    }
+    best.map(|(_, jump)| jump)
+}
+
+/// A cable that slipped.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Slipped {
+    /// The cable, from 0.
+    pub cable: usize,
+    /// Cable, size and moment in words.
+    pub words: String,
+}
+
 /// Rounds of estimating the scatter: data of version 1 state the scatter of their sensors.
 const ROUNDS: usize = 10;
 
 /// The cables that slipped while data of version 1 were collected, in words, the earliest first.
 /// `solved` is the result of another estimate; without it the search starts from the nominal robot.
 #[must_use]
-pub(crate) fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<String> {
+pub fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<Slipped> {
     let (true, Ok(mut set)) = (data.has_statics(), Set::from_data(data)) else {
         return Vec::new();
     };
@@ -124,5 +177,9 @@ pub(crate) fn in_data(data: &Data, solved: Option<&Solved>) -> Vec<String> {
     };
     let mut order: Vec<usize> = (0..found.layout.breaks.len()).collect();
     order.sort_by_key(|&j| found.layout.breaks[j].from);
-    order.into_iter().map(|j| slip_words(&found, j)).collect()
+    let slip = |j: usize| Slipped {
+        cable: found.layout.breaks[j].cable,
+        words: slip_words(&found, j),
+    };
+    order.into_iter().map(slip).collect()
 }

@@ -178,6 +178,12 @@ fn by_unknown(
                 .iter_mut()
                 .for_each(|c| c.ea_n = 1.0 / (1.0 / c.ea_n + step));
         })?;
+        for i in 0..robot.cables.len() {
+            set(layout.soft(i), STEP / ea_n, &|r, step| {
+                let cable = &mut r.cables[i];
+                cable.ea_n = 1.0 / (1.0 / cable.ea_n + step);
+            })?;
+        }
         let mass_kg = robot.platform.mass_kg;
         set(s + 1, STEP * mass_kg, &|r, step| r.platform.mass_kg += step)?;
         for k in 0..3 {
@@ -191,8 +197,10 @@ fn by_unknown(
         out.set_column(layout.initial_length(i), &column);
         let home_m = home_m.and_then(|home| home.get(i)).copied();
         let wound_m = reading.lengths_m[i] - home_m.unwrap_or(reading.lengths_m[i]);
-        let mut drums = out.column_mut(layout.scales());
-        drums += column * wound_m;
+        for index in [layout.scales(), layout.drum(i)] {
+            let mut drums = out.column_mut(index);
+            drums += column * wound_m;
+        }
     }
     Ok(out)
 }

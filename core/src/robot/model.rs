@@ -66,14 +66,16 @@ pub struct Calibrated {
     pub places: Vec<TagPlace>,
     /// Seed of the simulated machine that was calibrated; `None` for a real one.
     pub simulated_seed: Option<u64>,
+    /// Kind of that machine, as `--machine` names it; `None`: as built.
+    pub simulated_machine: Option<String>,
     /// When, UTC, as in 20260301-120000.
     pub date: String,
     /// Predicted root mean square position error, m.
     pub predicted_error_m: Option<f64>,
     /// Paid-out length of each cable where the encoders were zeroed, m.
     pub home_lengths_m: Vec<f64>,
-    /// True length per length that the encoders reported while the data were taken.
-    pub drum_scale: f64,
+    /// True length per length that each encoder reported while the data were taken.
+    pub drum_scales: Vec<f64>,
     /// Covariance of what was estimated, SI units, in the order of the file.
     pub covariance: Option<nalgebra::DMatrix<f64>>,
     /// The calibration file.

@@ -110,7 +110,7 @@ fn recorded(
     task: Task,
     common: &Common,
 ) -> miette::Result<(SimulatedRun, RunFolder)> {
-    let mismatch = Mismatch::realistic();
+    let mismatch = common.mismatch(Mismatch::realistic());
     let source = task_source(&task.name, tool_height_m(model.robot(), HEIGHT_MM));
     // The same seed must give the same run, bytes on the wire included.
     let session = SessionId(1);

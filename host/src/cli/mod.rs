@@ -69,7 +69,7 @@ pub use dry::{DRY_RUNS, DryRun, commands};
 use crate::calibration::collect::CollectError;
 use crate::chart::PlotFormat;
 use crate::link::{LinkError, SerialLink};
-use crate::machine::{Controller, Firmware};
+use crate::machine::{Controller, Firmware, Mismatch};
 use crate::run::RunError;
 use clap::{Args, Parser, Subcommand};
 use miette::Diagnostic;
@@ -119,6 +119,12 @@ pub(crate) struct Common {
     /// Seed of everything random in the simulator
     #[arg(long, global = true, default_value_t = 1, value_name = "N")]
     pub seed: u64,
+    /// The simulated machine: as its file says, with the errors of a calibrated machine, as a workshop builds
+    /// it, or with the errors that a real robot's logs show, its winches calibrated (as-found) or not
+    /// (as-delivered). A robot that was calibrated on the simulator stays the machine that it is
+    #[arg(long, global = true, value_name = "KIND",
+          value_parser = ["exact", "realistic", "as-built", "as-found", "as-delivered"])]
+    pub machine: Option<String>,
     /// Folder for the run's files, instead of runs/DATE-TIME-NAME
     #[arg(long, global = true, value_name = "DIR")]
     pub record: Option<PathBuf>,
@@ -154,11 +160,24 @@ impl Common {
     /// there on the robot is a simulated one for every command.
     fn take_up_chip(&mut self) -> Outcome {
         self.checked_time_scale()?;
+        if self.machine.is_some() && self.on != "sim" && self.on != "chip" {
+            let reason = format!(
+                "the robot on {} is what it is; leave out --machine",
+                self.on
+            );
+            return Err(Failed::from_error("--machine")(reason).into());
+        }
         if self.on == "chip" {
             self.controller = Controller::Chip(Firmware::find(self.firmware.as_deref())?);
             "sim".clone_into(&mut self.on);
         }
         Ok(())
+    }
+
+    /// The simulated machine: that of `--machine`, or the command's usual one.
+    pub(crate) fn mismatch(&self, usual: Mismatch) -> Mismatch {
+        let named = self.machine.as_deref().and_then(Mismatch::named);
+        named.unwrap_or(usual)
     }
 
     /// Refuses the emulated chip for a command that simulates many robots in this process.

@@ -137,6 +137,7 @@ impl Cmd {
         let knowledge = match (self.nominal, self.ideal) {
             (true, _) => Knowledge::Nominal,
             (_, true) => Knowledge::Exact,
+            _ if common.machine.as_deref() == Some("as-found") => Knowledge::Found,
             _ => Knowledge::Calibrated,
         };
         let order = if self.clutter {
@@ -287,7 +288,7 @@ impl Cmd {
     fn study(&self, common: &Common, robot: &Robot, scenes: usize, known: Knowledge) -> Outcome {
         common.no_chip("pick --scenes")?;
         let both = [Knowledge::Calibrated, Knowledge::Nominal];
-        let knowledges = if self.ideal || self.nominal {
+        let knowledges = if self.ideal || self.nominal || known == Knowledge::Found {
             vec![known]
         } else {
             both.to_vec()
@@ -336,6 +337,7 @@ impl Cmd {
             let f = &line.figures;
             let known = match line.knowledge {
                 Knowledge::Calibrated => "calibrated",
+                Knowledge::Found => "as found, calibrated",
                 Knowledge::Nominal => "nominal",
                 Knowledge::Exact => "exact",
             };

@@ -77,7 +77,7 @@ impl Cmd {
         let mismatch = if self.ideal {
             Mismatch::default()
         } else {
-            Mismatch::realistic()
+            common.mismatch(Mismatch::realistic())
         };
         // Judge before a robot is even simulated: nothing may move for a refused task.
         Experiment::new(&model, task.clone()).plan()?;

@@ -61,7 +61,7 @@ impl Cmd {
         let mismatch = if self.ideal {
             Mismatch::default()
         } else {
-            Mismatch::realistic()
+            common.mismatch(Mismatch::realistic())
         };
         // The pseudo-terminal is the line: the wire in front of the board need not be slow as well.
         let options = LinkOptions {

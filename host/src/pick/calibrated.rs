@@ -29,18 +29,25 @@ const SET_SEED: u64 = 1_000_003;
 const CORNER_PX: f64 = 0.1;
 
 /// The robot with the result of a calibration of the machine with this seed. It represents that
-/// machine from then on, as after `mcdpr calibrate all --target board`.
+/// machine (`kind` as `--machine` names it, as built without) from then on, as after `mcdpr calibrate all --target board`.
 ///
 /// # Errors
 /// If the poses cannot be reached, or the estimate is refused.
-pub fn calibrated(robot: &Robot, seed: u64, controller: &Controller) -> Result<Robot, PickError> {
+pub fn calibrated(
+    robot: &Robot,
+    seed: u64,
+    controller: &Controller,
+    kind: Option<&str>,
+) -> Result<Robot, PickError> {
     let failed = |error: &dyn Display| PickError::Calibration {
         reason: error.to_string(),
     };
     let mut with_board = robot.clone();
     with_board.tags = target::tags(Target::Board);
     let model = Model::new(&with_board)?;
-    let mismatch = Mismatch::as_built();
+    let mismatch = kind
+        .and_then(Mismatch::named)
+        .unwrap_or(Mismatch::as_built());
     let measure = |set: u64| {
         let link = SimulatedRobot::new(mismatch, seed)
             .controller(controller)
@@ -52,6 +59,7 @@ pub fn calibrated(robot: &Robot, seed: u64, controller: &Controller) -> Result<R
             candidates: CANDIDATES,
             seed: seed.wrapping_add(set * SET_SEED),
             simulated_seed: Some(seed),
+            simulated_machine: kind.map(str::to_owned),
             described: Some(robot.content_hash()),
             session: Some(SessionId(1)),
             ..Options::default()

@@ -36,6 +36,8 @@ pub enum Knowledge {
     /// As after the project's own calibration of this machine ([`calibrated`]); the machine is as
     /// built.
     Calibrated,
+    /// Likewise on a machine as found ([`Mismatch::as_found`]).
+    Found,
     /// As assembled: anchors within 5 mm, the camera within 3 mm and 0.5 degrees.
     Nominal,
     /// Exactly.
@@ -55,6 +57,7 @@ impl Knowledge {
         match self {
             // Drawn with the machine: as mounted.
             Self::Calibrated => (Mismatch::as_built(), NO_MOUNTING),
+            Self::Found => (Mismatch::as_found(), NO_MOUNTING),
             Self::Nominal => (
                 Mismatch {
                     anchors_m: 5e-3,
@@ -76,6 +79,7 @@ impl Knowledge {
                     bandwidth: 0.0,
                     pulley_loss: 0.0,
                     gears: Mismatch::realistic().gears,
+                    found: Mismatch::realistic().found,
                 },
                 NO_MOUNTING,
             ),
@@ -308,7 +312,10 @@ impl Stage {
         let (mismatch, mounting) = knowledge.mismatch();
         let known = match knowledge {
             Knowledge::Calibrated if robot.calibrated.is_none() => {
-                &calibrated(robot, seed, controller)?
+                &calibrated(robot, seed, controller, None)?
+            }
+            Knowledge::Found if robot.calibrated.is_none() => {
+                &calibrated(robot, seed, controller, Some("as-found"))?
             }
             _ => robot,
         };

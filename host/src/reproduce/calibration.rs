@@ -291,7 +291,9 @@ fn nominal(data: &Data, truth: &Truth) -> Option<Errors> {
     for pose in &truth.holdout {
         let lengths = robot.lengths_m(pose).ok()?;
         let pairs = lengths.iter().zip(&truth.initial_length_m);
-        let read = pairs.map(|(length, initial)| (length - initial) / truth.drum_scale);
+        let read = pairs
+            .zip(&truth.drum_scales)
+            .map(|((length, initial), drum)| (length - initial) / drum);
         predicted.push(read.collect());
     }
     errors(truth, &predicted, None)

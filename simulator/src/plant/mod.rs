@@ -42,6 +42,7 @@ mod stand;
 #[cfg(test)]
 mod tests;
 mod truth;
+mod unmodelled;
 mod validate;
 pub(crate) mod vec3;
 mod winch;
@@ -54,7 +55,8 @@ pub use faults::{BrakeFault, CableFaults, DriveFault, EncoderFault, Faults, Tens
 pub use foreign::{Foreign, Hanging};
 pub use params::{
     BrakeParams, BusParams, CableParams, DriveParams, GearParams, MAX_CABLES, PlantParams,
-    PlatformParams, Protocol, TensionSensorParams, WinchParams, box_inertia_kg_m2,
+    PlatformParams, Protocol, TensionSensorParams, UnmodelledParams, WinchParams,
+    box_inertia_kg_m2,
 };
 pub use platform::Pose;
 pub use sensors::Sensors;
@@ -65,6 +67,7 @@ use cable::{Cable, Tension};
 use platform::{Body, Motion};
 use sensors::{CableSensors, Noise};
 use settle::Load;
+use unmodelled::Unmodelled;
 use vec3::{V3, add, axpy, cross, dot, mul, mul_t, q_matrix, scale};
 use winch::Winch;
 
@@ -82,6 +85,7 @@ pub struct Plant {
     faults: Faults,
     weight_n: V3,
     load: Load,
+    unmodelled: Option<Unmodelled>,
     stand: Option<stand::Stand>,
     hook: Option<hook::Hook>,
     outside: Option<foreign::Outside>,
@@ -139,6 +143,7 @@ impl Plant {
             noise,
             faults: Faults::default(),
             load: Load::default(),
+            unmodelled: Unmodelled::new(&params.unmodelled),
             stand: None,
             hook: None,
             outside: None,
@@ -345,6 +350,11 @@ impl Plant {
             cross(self.load.point, mul_t(&rotation, self.load.force_n)),
             mul_t(&rotation, self.load.torque_nm),
         );
+        if let Some(unmodelled) = &self.unmodelled {
+            let (push, turn) = unmodelled.at(self.motion.center_m);
+            force = add(force, push);
+            torque = add(torque, mul_t(&rotation, turn));
+        }
         for (i, (cable, winch)) in self.cables.iter_mut().zip(&mut self.winches).enumerate() {
             winch.drift(half);
             let off_drum = winch.paid_out();

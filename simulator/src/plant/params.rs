@@ -225,6 +225,19 @@ pub struct PlatformParams {
     pub angular_damping_nms: f64,
 }
 
+/// Force and moment on the platform that no model has, as a random function of its place.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct UnmodelledParams {
+    /// Each component of the force, root mean square over the work space (N).
+    pub force_n: f64,
+    /// Each component of the moment about the centre of mass, root mean square (N m).
+    pub moment_nm: f64,
+    /// They are new after about this distance (m).
+    pub distance_m: f64,
+    /// Seed of the function.
+    pub seed: u64,
+}
+
 /// Timing of the bus between board and drives.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BusParams {
@@ -248,6 +261,8 @@ pub struct PlantParams {
     pub winches: Vec<WinchParams>,
     /// Drive bus.
     pub bus: BusParams,
+    /// What pulls at the platform beside its cables and its weight.
+    pub unmodelled: UnmodelledParams,
     /// Acceleration of gravity, world frame (m/s^2).
     pub gravity_mps2: [f64; 3],
     /// Length of one integration step (s).
@@ -373,6 +388,7 @@ impl PlantParams {
                 latency_s: 0.000_25,
                 bitrate: 1_000_000,
             },
+            unmodelled: UnmodelledParams::default(),
             gravity_mps2: [0.0, 0.0, -9.81],
             // Ten steps per control tick of 1 ms.
             step_s: 1e-4,

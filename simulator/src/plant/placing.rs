@@ -96,7 +96,7 @@ impl Plant {
             &self.cables,
             &holds,
             self.weight_n,
-            &self.load,
+            (&self.load, self.unmodelled.as_ref()),
             self.params.step_s,
             self.motion,
         )?;

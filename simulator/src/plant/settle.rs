@@ -4,6 +4,7 @@ use super::cable::Cable;
 use super::error::PlantError;
 use super::params::MAX_CABLES;
 use super::platform::{Body, Motion};
+use super::unmodelled::Unmodelled;
 use super::vec3::{V3, add, axpy, cross, mul, mul_t, norm, q_matrix, scale};
 
 /// Drag over mass and over inertia of the damped copy (1/s): near critical for the slow modes of
@@ -43,7 +44,7 @@ pub(crate) fn settle(
     cables: &[Cable],
     holds: &[Hold; MAX_CABLES],
     weight_n: V3,
-    load: &Load,
+    (load, unmodelled): (&Load, Option<&Unmodelled>),
     step_s: f64,
     mut motion: Motion,
 ) -> Result<Motion, PlantError> {
@@ -60,6 +61,11 @@ pub(crate) fn settle(
             cross(load.point, load_in_body),
             mul_t(&rotation, load.torque_nm),
         );
+        if let Some(unmodelled) = unmodelled {
+            let (push, turn) = unmodelled.at(motion.center_m);
+            force = add(force, push);
+            torque = add(torque, mul_t(&rotation, turn));
+        }
         for (i, cable) in cables.iter().enumerate() {
             let arm = mul(&rotation, cable.attachment);
             let path = cable.path(add(motion.center_m, arm), i)?;

@@ -33,6 +33,20 @@ impl PlantParams {
         for g in self.gravity_mps2 {
             require("gravity_mps2", g, Rule::Finite)?;
         }
+        let unmodelled = &self.unmodelled;
+        require("unmodelled force_n", unmodelled.force_n, Rule::NotNegative)?;
+        require(
+            "unmodelled moment_nm",
+            unmodelled.moment_nm,
+            Rule::NotNegative,
+        )?;
+        if unmodelled.force_n + unmodelled.moment_nm > 0.0 {
+            require(
+                "unmodelled distance_m",
+                unmodelled.distance_m,
+                Rule::Positive,
+            )?;
+        }
         require("bus period_s", self.bus.period_s, Rule::Positive)?;
         require("bus latency_s", self.bus.latency_s, Rule::NotNegative)?;
         // A port has one frame in transit: a longer transport would overwrite it by the next.

@@ -17,6 +17,7 @@ pub use travel::{Transfer, way};
 
 use super::data::{Data, Observation, View};
 use super::error::Refusal;
+use super::general::slip::{self, Slipped};
 use crate::control::Handle;
 use crate::link::{Client, Link, meanwhile};
 use crate::machine;
@@ -45,6 +46,8 @@ pub struct Options {
     pub seed: u64,
     /// Seed of the simulated machine, if it is one.
     pub simulated_seed: Option<u64>,
+    /// Kind of that machine, as `--machine` names it; `None`: as built.
+    pub simulated_machine: Option<String>,
     /// Hash of the robot's description, if the tags in use are not those of the description.
     pub described: Option<u32>,
     /// Session of the link; `None` for a new one.
@@ -61,6 +64,7 @@ impl Default for Options {
             target_error_m: None,
             seed: 1,
             simulated_seed: None,
+            simulated_machine: None,
             described: None,
             session: None,
             orders: Handle::new(),
@@ -232,6 +236,17 @@ pub fn collect<L: Link, S: TagSource>(
     }
 }
 
+/// Fewer poses show no slip.
+const SLIP_POSES: usize = 8;
+
+/// A cable that has slipped since the first pose.
+fn slipped(data: &Data) -> Option<Slipped> {
+    if data.poses.len() < SLIP_POSES {
+        return None;
+    }
+    slip::in_data(data, None).into_iter().next()
+}
+
 struct Session<'a, L: Link> {
     model: &'a Model,
     reach: Reach<'a>,
@@ -255,10 +270,12 @@ impl<L: Link> Session<'_, L> {
         self.join()?;
         let seed = options.simulated_seed;
         let hash = options.described.unwrap_or_else(|| robot.content_hash());
+        let kind = options.simulated_machine.clone();
         let mut sketch = match before {
-            Some(data) => Sketch::resumed(&robot, hash, data, seed)?,
-            None => Sketch::new(&robot, hash, &self.home, seed),
+            Some(data) => Sketch::resumed(&robot, hash, data, (seed, kind))?,
+            None => Sketch::new(&robot, hash, &self.home, (seed, kind)),
         };
+        let mut suspected = None;
         if sketch.data.poses.is_empty() {
             let here = self.here.clone();
             match self.measure(source, &sketch)? {
@@ -317,6 +334,17 @@ impl<L: Link> Session<'_, L> {
                     })?;
                     lost = 0;
                     keep(&sketch.data)?;
+                    let slipped = meanwhile(&mut self.client, || slipped(&sketch.data))?;
+                    // A second pose must agree: a collection asks often, and one reading may be wrong.
+                    let again = slipped.as_ref().filter(|now| suspected == Some(now.cable));
+                    if let Some(slip) = again {
+                        return Err(CollectError::impossible(
+                            format!("{}; poses before and after do not fit together", slip.words),
+                            "look how that cable is held on its drum, home the robot, and collect again without \
+                             --resume; the poses so far are kept in the file",
+                        ));
+                    }
+                    suspected = slipped.map(|slip| slip.cable);
                     progress(Step::Measured {
                         done: count + 1,
                         wanted: options.poses,

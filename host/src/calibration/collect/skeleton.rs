@@ -29,12 +29,15 @@ pub(crate) struct Sketch {
     home_m: Vec<f64>,
 }
 
+/// Seed and kind of a simulated machine; `None` for a real one, and for one as built.
+pub(super) type Simulated = (Option<u64>, Option<String>);
+
 impl Sketch {
     /// Data without poses; `hash` is that of the robot's description.
     #[must_use]
-    pub fn new(robot: &Robot, hash: u32, home: &StaticState, simulated_seed: Option<u64>) -> Self {
+    pub fn new(robot: &Robot, hash: u32, home: &StaticState, machine: Simulated) -> Self {
         Self {
-            data: empty(robot, hash, simulated_seed),
+            data: empty(robot, hash, machine),
             robot: robot.clone(),
             bodies: Vec::new(),
             home_m: home.paid_out_m.clone(),
@@ -49,26 +52,27 @@ impl Sketch {
         robot: &Robot,
         hash: u32,
         data: Data,
-        simulated_seed: Option<u64>,
+        machine: Simulated,
     ) -> Result<Self, CollectError> {
         of_this_robot(robot, hash, &data)?;
-        let seed = data
-            .origin
-            .as_ref()
-            .and_then(|origin| origin.simulated_seed);
-        if seed != simulated_seed {
-            let name = |seed: Option<u64>| {
+        let origin = data.origin.as_ref();
+        let begun = origin.map_or((None, None), |origin| {
+            (origin.simulated_seed, origin.simulated_machine.clone())
+        });
+        if begun != machine {
+            let name = |(seed, kind): &Simulated| {
                 seed.map_or("a real machine".to_owned(), |n| {
-                    format!("the simulated machine of seed {n}")
+                    let kind = kind.as_deref().unwrap_or("as-built");
+                    format!("the simulated machine of seed {n} ({kind})")
                 })
             };
             return Err(CollectError::impossible(
                 format!(
                     "the data were begun on {}, this is {}",
-                    name(seed),
-                    name(simulated_seed)
+                    name(&begun),
+                    name(&machine)
                 ),
-                "resume on the same machine (--on, --seed), or start again without --resume",
+                "resume on the same machine (--on, --seed, --machine), or start again without --resume",
             ));
         }
         let unknown = data
@@ -249,13 +253,14 @@ fn limits(robot: &Robot) -> Limits {
     }
 }
 
-fn empty(robot: &Robot, hash: u32, simulated_seed: Option<u64>) -> Data {
+fn empty(robot: &Robot, hash: u32, (simulated_seed, simulated_machine): Simulated) -> Data {
     let camera: Camera = robot.camera.lens;
     let ea: Vec<f64> = robot.cables.iter().map(|cable| cable.ea_n).collect();
     let origin = Origin {
         robot: robot.name.clone(),
         robot_hash: hash,
         simulated_seed,
+        simulated_machine,
         date: utc_stamp(),
     };
     Data {

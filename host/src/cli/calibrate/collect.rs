@@ -132,7 +132,7 @@ impl How {
         let model = Model::new(&robot)?;
         model.hanging("collecting")?;
         watch_for_interrupts().map_err(Failed::from_error("watching for Ctrl-C"))?;
-        let mismatch = Mismatch::as_built();
+        let mismatch = common.mismatch(Mismatch::as_built());
         let simulated = common.on == "sim";
         let (link, mut tags) = if simulated {
             self.eye.refused_on_simulator("--camera")?;
@@ -159,6 +159,7 @@ impl How {
             target_error_m: self.target_error_mm.map(|mm| mm * 1e-3),
             seed: common.seed,
             simulated_seed: simulated.then_some(common.seed),
+            simulated_machine: common.machine.clone().filter(|_| simulated),
             described: Some(designed.content_hash()),
             session: None,
             orders: Handle::new(),

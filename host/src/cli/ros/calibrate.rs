@@ -96,6 +96,7 @@ impl Node<'_> {
             target_error_m: None,
             seed: self.common.seed,
             simulated_seed: self.simulated.then_some(self.common.seed),
+            simulated_machine: None,
             described: Some(model.robot().content_hash()),
             session: Some(number),
             orders: self.handle.clone(),

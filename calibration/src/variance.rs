@@ -1,0 +1,171 @@
+//! Scatter and priors that the data widen.
+//!
+//! What is assumed of a machine holds for a good one. On a real one each drum has its own radius, each
+//! load cell its own zero, and the equations of equilibrium do not close. Each such group has one standard
+//! deviation, which is estimated by variance components: the sum of the squared residuals over the sum of
+//! their redundancies (Foerstner, 1979). It changes only where the residuals, each over its own standard
+//! deviation, are larger than chance explains, and never falls below what was assumed: the estimate from
+//! data of a good machine is the same as without it.
+
+use super::normal::{Normal, Weights};
+use super::rows::{Model, Scatter, Source};
+use super::solve::Rows;
+use super::unknowns::{Part, Priors, State};
+use mcdpr_kinematics::Descent;
+use nalgebra::DMatrix;
+
+/// Greatest change of a standard deviation in one round.
+const STEP: f64 = 8.0;
+/// A smaller change does not count.
+const LITTLE: f64 = 1.1;
+/// Redundancy below which a prior's residual says nothing but rounding.
+const NOTHING: f64 = 1e-9;
+/// Standard deviations of the mean square above which equilibrium counts as disturbed.
+const DISTURBED: f64 = 4.0;
+/// The same where the machine has shown another error already: such machines have them all.
+const DISTURBED_ALREADY: f64 = 0.5;
+
+/// Mean of `count` squares of standard normal numbers that is exceeded by chance in 1 of 1000 cases (Wilson
+/// and Hilferty, 1931).
+fn chance(count: f64) -> f64 {
+    const Z: f64 = 3.09;
+    let part = 2.0 / (9.0 * count);
+    (1.0 - part + Z * part.sqrt()).powi(3)
+}
+
+/// What is adapted, and what the data were solved with.
+pub(crate) struct Widening<'a, 'd> {
+    /// Its scatter is adapted.
+    pub model: &'a mut Model<'d>,
+    /// Adapted.
+    pub priors: &'a mut Priors,
+    /// The priors before the data.
+    pub assumed: &'a Priors,
+}
+
+impl Widening<'_, '_> {
+    /// Adapts priors and the scatter of equilibrium at an estimate. Returns whether any has changed.
+    pub(crate) fn step(
+        &mut self,
+        descent: &Descent<State, Normal>,
+        rows: &Rows,
+        covariance: &DMatrix<f64>,
+        weights: &Weights,
+    ) -> bool {
+        let shown = self.shown();
+        let mut changed = self.widen_priors(descent, covariance, shown);
+        if self.model.layout.statics {
+            changed |= self.widen_balance(&descent.linear, rows, weights, shown);
+        }
+        changed
+    }
+
+    /// Whether anything is wider than assumed.
+    fn shown(&self) -> bool {
+        let Scatter {
+            force_n, moment_nm, ..
+        } = self.model.scatter;
+        let least = self.model.assumed;
+        let (now, before) = (&self.priors, self.assumed);
+        force_n != least.force_n
+            || moment_nm != least.moment_nm
+            || now.drum_own > before.drum_own
+            || now.zero_n > before.zero_n
+            || now.loss > before.loss
+            || now.center_of_mass_m > before.center_of_mass_m
+    }
+
+    fn widen_priors(
+        &mut self,
+        descent: &Descent<State, Normal>,
+        covariance: &DMatrix<f64>,
+        shown: bool,
+    ) -> bool {
+        let layout = &self.model.layout;
+        let all = descent.at.priors(self.model.data, layout, self.priors);
+        let least = descent.at.priors(self.model.data, layout, self.assumed);
+        let mut changed = false;
+        for part in Part::ALL {
+            let range = part.range(layout);
+            let (mut squares, mut redundancy, mut studentised, mut count) = (0.0, 0.0, 0.0, 0.0);
+            let mut over = 1.0_f64;
+            for (prior, assumed) in all.iter().zip(&least) {
+                if !range.contains(&prior.index) {
+                    continue;
+                }
+                let variance = prior.sigma * prior.sigma;
+                let free = 1.0 - covariance[(prior.index, prior.index)] / variance;
+                over = prior.sigma / assumed.sigma;
+                if free < NOTHING {
+                    continue;
+                }
+                let square = prior.deviation * prior.deviation / variance;
+                squares += square;
+                redundancy += free;
+                studentised += square / free;
+                count += 1.0;
+            }
+            // A wrong radius is a mistake, which one error more does not make likely.
+            let limit = if shown && part != Part::Radii {
+                1.0
+            } else {
+                chance(count)
+            };
+            if over < LITTLE && (count == 0.0 || studentised / count < limit) {
+                continue;
+            }
+            let ratio = squares / redundancy.max(NOTHING);
+            // Back to what was assumed at most.
+            let by = ratio.sqrt().clamp(1.0 / STEP, STEP).max(1.0 / over);
+            if !(1.0 / LITTLE..=LITTLE).contains(&by) {
+                part.widen(self.priors, by);
+                changed = true;
+            }
+        }
+        changed
+    }
+
+    fn widen_balance(
+        &mut self,
+        normal: &Normal,
+        rows: &Rows,
+        weights: &Weights,
+        shown: bool,
+    ) -> bool {
+        let mut changed = false;
+        let assumed = self.model.assumed;
+        let all = [assumed.force_n, assumed.moment_nm];
+        for (block, direction) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let belongs =
+                |axis: usize| axis / 3 == block && usize::from(axis % 3 == 2) == direction;
+            let (mut squares, mut redundancy) = (0.0, 0.0);
+            for (k, sources) in rows.sources.iter().enumerate() {
+                for (j, source) in sources.iter().enumerate() {
+                    let own = matches!(source, Source::Balance(axis) if belongs(*axis));
+                    if own && weights[k][j] > 0.0 {
+                        squares += normal.residuals[k][j].powi(2);
+                        redundancy += 1.0 - rows.leverage[k][j];
+                    }
+                }
+            }
+            let redundancy = redundancy.max(1e-6);
+            let scatter = &mut self.model.scatter;
+            let sigma = match block {
+                0 => &mut scatter.force_n[direction],
+                _ => &mut scatter.moment_nm[direction],
+            };
+            let ratio = squares / redundancy;
+            let sure = if shown { DISTURBED_ALREADY } else { DISTURBED };
+            let over = *sigma / all[block][direction];
+            if over < LITTLE && ratio < 1.0 + sure * (2.0 / redundancy).sqrt() {
+                continue;
+            }
+            let by = ratio.sqrt().clamp(1.0 / STEP, STEP).max(1.0 / over);
+            if !(1.0 / LITTLE..=LITTLE).contains(&by) {
+                *sigma *= by;
+                changed = true;
+            }
+        }
+        changed
+    }
+}
