@@ -138,6 +138,7 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
         step_s: 1e-4,
         cables_attached: true,
         e_stop_cuts_power: true,
+        slow: mcdpr_simulator::plant::SlowParams::default(),
     }
 }
 
