@@ -1,5 +1,9 @@
 //! The robot description as physics for the simulator, exact or with a stated mismatch.
 
+mod after_hours;
+
+pub use after_hours::AfterHours;
+
 use crate::line::plant_failed;
 use mcdpr_core::motion::{Model, PlanOptions};
 use mcdpr_core::robot::{Cable, DriveKind, Gear, Robot, Winch};
