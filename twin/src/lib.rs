@@ -14,6 +14,7 @@
 //! | [`feed`] | the data that viewers share |
 //! | [`viewer`] | the messages that a viewer gets |
 //! | [`attend`] | waiting for orders to an idle robot, and jogging |
+//! | [`day`] | a day of work at rest from second to second, and its judge |
 //! | [`fingerprint`](mod@fingerprint) | a hash of everything in a simulated run |
 //! | [`asked`], [`preview`] | orders of the page that ask for a plan; what a plan would do |
 //! | [`plans`] | what Start begins |
@@ -22,6 +23,7 @@
 
 pub mod asked;
 pub mod attend;
+pub mod day;
 pub mod decode;
 pub mod events;
 pub mod faults;

@@ -1,5 +1,9 @@
 //! The robot description as physics for the simulator, exact or with a stated mismatch.
 
+mod after_hours;
+
+pub use after_hours::AfterHours;
+
 use crate::line::plant_failed;
 use mcdpr_core::motion::{Model, PlanOptions};
 use mcdpr_core::random::Random;
@@ -237,6 +241,7 @@ pub fn plant_params(robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParam
         step_s: 1e-4,
         cables_attached: true,
         e_stop_cuts_power: true,
+        slow: mcdpr_simulator::plant::SlowParams::default(),
     }
 }
 

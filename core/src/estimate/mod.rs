@@ -15,6 +15,7 @@
 mod fix;
 mod rows;
 mod slip;
+pub mod track;
 
 pub use fix::{Estimate, EstimateError, estimate};
 pub use rows::{Measurements, Sigmas};

@@ -17,12 +17,14 @@ pub(crate) struct Cable {
     pub ea_n: f64,
     damping_time_s: f64,
     pub(super) routing_m: f64,
-    loss: f64,
+    pub(super) loss: f64,
     presliding_m: f64,
     /// Unstretched length from drum to attachment when the drum's displacement is 0 (m).
     pub unstretched_zero_m: f64,
     /// Cable wound per drum displacement: 1 unless the winding is disturbed.
     pub winding_gain: f64,
+    /// Length without load over the length at the start: creep and warmth. 1 unless slow physics are on.
+    pub growth: f64,
     /// State of the pulley's friction: +1 after hauling in, -1 after paying out.
     pub friction_state: f64,
     /// Cable paid out over the pulley when the friction state was last brought up to date (m).
@@ -59,6 +61,7 @@ impl Cable {
             presliding_m: p.pulley_presliding_m,
             unstretched_zero_m: 1.0,
             winding_gain: 1.0,
+            growth: 1.0,
             friction_state: 0.0,
             paid_out_m: 0.0,
             tension: Tension::default(),
@@ -70,14 +73,15 @@ impl Cable {
     /// Unstretched length from drum to attachment (m).
     #[inline(always)]
     pub(crate) fn unstretched_m(&self, drum_m: f64) -> f64 {
-        self.unstretched_zero_m + self.winding_gain * drum_m
+        self.growth * (self.unstretched_zero_m + self.winding_gain * drum_m)
     }
 
     /// Cuts the cable to the length that carries `tension_n` along a path of `length_m`, without
     /// pulley friction, with the drum at displacement 0.
     pub(crate) fn cut_to(&mut self, length_m: f64, tension_n: f64) {
         // Stretched length = unstretched (1 + T / EA), solved for the unstretched one.
-        self.unstretched_zero_m = (length_m + self.routing_m) / (1.0 + tension_n / self.ea_n);
+        self.unstretched_zero_m =
+            (length_m + self.routing_m) / ((1.0 + tension_n / self.ea_n) * self.growth);
         self.rest_under(Tension {
             platform_n: tension_n,
             winch_n: tension_n,
@@ -117,7 +121,7 @@ impl Cable {
         // Free part under T, routing under ratio T: T (free + ratio routing) / EA is the stretch.
         let stiffness = self.ea_n / (unstretched + self.routing_m * (ratio - 1.0));
         let elastic_platform_n = stiffness * stretch;
-        let rate = path_rate - self.winding_gain * drum_rate;
+        let rate = path_rate - self.growth * self.winding_gain * drum_rate;
         // A taut cable that shortens fast would push by its damping alone: it cannot.
         let platform_n = (elastic_platform_n + stiffness * self.damping_time_s * rate).max(0.0);
         Tension {
@@ -180,7 +184,7 @@ impl Cable {
     /// Cable that has passed the pulley toward the platform: the drum's pay-out and the stretch of
     /// the routing (m).
     #[inline(always)]
-    fn paid_out(&self, drum_m: f64) -> f64 {
+    pub(super) fn paid_out(&self, drum_m: f64) -> f64 {
         self.winding_gain * drum_m + self.tension.winch_n * self.routing_m / self.ea_n
     }
 
@@ -192,13 +196,20 @@ impl Cable {
             return;
         }
         let paid_out = self.paid_out(drum_m);
-        let hauled = (self.paid_out_m - paid_out) / self.presliding_m;
-        if hauled != 0.0 {
-            // Dahl: ds/dx = (end - s) / sigma. After 3 sigma (0.6 mm) 95 % of a reversal is done.
-            let end = hauled.signum();
-            self.friction_state = end + (self.friction_state - end) * libm::exp(-hauled.abs());
-            self.paid_out_m = paid_out;
+        self.friction_state = self.rubbed(self.friction_state, paid_out);
+        self.paid_out_m = paid_out;
+    }
+
+    /// The state of the friction after travel from where it was last up to date to `paid_out_m`.
+    #[inline(always)]
+    pub(super) fn rubbed(&self, state: f64, paid_out_m: f64) -> f64 {
+        let hauled = (self.paid_out_m - paid_out_m) / self.presliding_m;
+        if hauled == 0.0 {
+            return state;
         }
+        // Dahl: ds/dx = (end - s) / sigma. After 3 sigma (0.6 mm) 95 % of a reversal is done.
+        let end = hauled.signum();
+        end + (state - end) * libm::exp(-hauled.abs())
     }
 
     /// Force that the cable exerts on the drum, paying out positive (N). It is the derivative of
@@ -206,7 +217,7 @@ impl Cable {
     /// leaves the drum takes up half the strain energy density, `T^2 / (2 EA)`.
     #[inline(always)]
     pub(crate) fn force_on_drum(&self, winch_n: f64) -> f64 {
-        self.winding_gain * winch_n * (1.0 + 0.5 * winch_n / self.ea_n)
+        self.growth * self.winding_gain * winch_n * (1.0 + 0.5 * winch_n / self.ea_n)
     }
 
     /// Elastic energy of both parts (J).

@@ -24,6 +24,7 @@
 
 mod bus;
 mod cable;
+mod day;
 mod drive;
 mod error;
 mod faults;
@@ -38,6 +39,7 @@ mod platform;
 mod pulley;
 mod sensors;
 mod settle;
+mod slow;
 mod stand;
 #[cfg(test)]
 mod tests;
@@ -48,6 +50,7 @@ pub(crate) mod vec3;
 mod winch;
 
 pub use bus::Feedback;
+pub use day::{DayHold, DayPlant, DayState};
 pub(crate) use drive::DriveState;
 pub use drive::{DriveCommand, Mode};
 pub use error::PlantError;
@@ -60,6 +63,7 @@ pub use params::{
 };
 pub use platform::Pose;
 pub use sensors::Sensors;
+pub use slow::{Creep, Payload, SlowParams, Voigt};
 pub use truth::Truth;
 
 use bus::Port;
@@ -67,6 +71,7 @@ use cable::{Cable, Tension};
 use platform::{Body, Motion};
 use sensors::{CableSensors, Noise};
 use settle::Load;
+use slow::Slow;
 use unmodelled::Unmodelled;
 use vec3::{V3, add, axpy, cross, dot, mul, mul_t, q_matrix, scale};
 use winch::Winch;
@@ -99,6 +104,7 @@ pub struct Plant {
     steps: u64,
     target_s: f64,
     failed: Option<PlantError>,
+    slow: Slow,
 }
 
 impl Plant {
@@ -156,6 +162,7 @@ impl Plant {
             steps: 0,
             target_s: 0.0,
             failed: None,
+            slow: Slow::new(&params),
             params,
         };
         let start = plant.pose_below_anchors();
@@ -409,6 +416,9 @@ impl Plant {
         self.motion.kick(&self.body, force, torque, h);
         self.motion.drift(&self.body, half);
         self.steps += 1;
+        if self.slow.due(self.steps) {
+            self.slow.pass(&mut self.cables, slow::EVERY as f64 * h);
+        }
         Ok(())
     }
 

@@ -1,5 +1,7 @@
 //! Parameters of the plant: plain numbers in SI, one struct per physical part.
 
+use super::slow::SlowParams;
+
 /// The most cables a plant can have.
 pub const MAX_CABLES: usize = 8;
 
@@ -272,6 +274,8 @@ pub struct PlantParams {
     pub cables_attached: bool,
     /// Whether the e-stop button cuts drive power and brake current by wire (as required).
     pub e_stop_cuts_power: bool,
+    /// Creep and warmth; by default none.
+    pub slow: SlowParams,
 }
 
 impl Default for WinchParams {
@@ -394,6 +398,7 @@ impl PlantParams {
             step_s: 1e-4,
             cables_attached: true,
             e_stop_cuts_power: true,
+            slow: SlowParams::default(),
         }
     }
 }

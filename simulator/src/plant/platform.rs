@@ -153,6 +153,14 @@ impl Body {
             sub(point_m, self.center_of_mass_m),
         )
     }
+
+    /// A point in principal axes about the centre of mass in the platform frame (m).
+    pub(super) fn in_platform(&self, principal: V3) -> V3 {
+        add(
+            mul(&self.platform_from_principal, principal),
+            self.center_of_mass_m,
+        )
+    }
 }
 
 /// The moving state: centre of mass, attitude of the principal axes, their momenta.

@@ -1,5 +1,6 @@
 //! `mcdpr study WHAT`: the figures of the documents, simulated again over many seeds.
 
+mod day;
 mod demo;
 mod iso9283;
 mod motion;
@@ -20,6 +21,7 @@ pub(crate) struct Cmd {
 
 #[derive(Debug, clap::Subcommand)]
 enum Which {
+    Day(day::Cmd),
     Demo(demo::Cmd),
     Iso9283(iso9283::Cmd),
     Motion(motion::Cmd),
@@ -37,6 +39,7 @@ impl Cmd {
             common.no_chip("study")?;
         }
         match &self.which {
+            Which::Day(cmd) => cmd.run(common),
             Which::Demo(cmd) => cmd.run(common),
             Which::Iso9283(cmd) => cmd.run(common),
             Which::Motion(cmd) => cmd.run(common),

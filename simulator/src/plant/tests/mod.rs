@@ -2,6 +2,7 @@
 
 mod brute;
 mod bus;
+mod day;
 mod drive;
 mod energy;
 mod gear;

@@ -1,0 +1,197 @@
+//! The robot's side of a day: plans and what it tracks. It sees counts, tensions and pictures only.
+
+use super::work::DayError;
+use mcdpr_core::estimate::Measurements;
+use mcdpr_core::estimate::track::{Prior, Region, Report, Tracker};
+use mcdpr_core::motion::{Model, PlanError, StaticState};
+use mcdpr_core::robot::TagPlace;
+use mcdpr_core::sight::TagView;
+use nalgebra::Vector3;
+
+/// Travel over which a pulley's friction turns, as the robot takes it (m): the file does not say it.
+const PRESLIDING_M: f64 = 2e-4;
+
+/// What the winches are told.
+#[derive(Debug, Clone)]
+pub(super) struct Command {
+    pub(super) drums_m: Vec<f64>,
+    pub(super) readings_n: Vec<f64>,
+}
+
+/// Planner and tracker.
+#[derive(Debug, Clone)]
+pub(super) struct Side {
+    model: Model,
+    tracker: Option<Tracker>,
+    /// Paid-out lengths where the drums' displacement is zero, as calibrated, m.
+    zero_m: Vec<f64>,
+    rest: StaticState,
+    hauled: Vec<f64>,
+    paid_out_m: Vec<f64>,
+    command: Command,
+    place: TagPlace,
+    /// Sum of planned tensions times seconds since the tracker was told, and seconds.
+    since: (Vec<f64>, f64),
+}
+
+impl Side {
+    pub(super) fn new(
+        model: &Model,
+        tracked: bool,
+        lengths_m: &[f64],
+        drums_m: &[f64],
+        rest: StaticState,
+        place: TagPlace,
+    ) -> Self {
+        let zero_m: Vec<f64> = lengths_m.iter().zip(drums_m).map(|(l, d)| l - d).collect();
+        let count = zero_m.len();
+        Self {
+            tracker: tracked.then(|| Tracker::new(model, &Prior::default())),
+            model: model.clone(),
+            paid_out_m: lengths_m.to_vec(),
+            command: Command {
+                drums_m: drums_m.to_vec(),
+                readings_n: rest.tensions_n().to_vec(),
+            },
+            zero_m,
+            rest,
+            hauled: vec![0.0; count],
+            place,
+            since: (vec![0.0; count], 0.0),
+        }
+    }
+
+    pub(super) fn tracker(&self) -> Option<&Tracker> {
+        self.tracker.as_ref()
+    }
+
+    /// Plans a place of the tool, and takes note of the way there.
+    pub(super) fn go(&mut self, tool_m: &Vector3<f64>) -> Result<Command, PlanError> {
+        let rest = self.model.rest(tool_m, Some(&self.rest))?;
+        let before = self.hauled.clone();
+        let mut paid_out_m = rest.paid_out_m.clone();
+        if let Some(tracker) = &self.tracker {
+            // Twice: the way decides the pulleys' friction, and that, a little, the lengths.
+            paid_out_m = tracker.paid_out_m(&rest, &self.hauled);
+            self.hauled = self.rubbed(&before, &paid_out_m);
+            paid_out_m = tracker.paid_out_m(&rest, &self.hauled);
+        }
+        self.hauled = self.rubbed(&before, &paid_out_m);
+        let tensions = rest.tensions_n().iter().zip(&self.hauled).enumerate();
+        let readings_n = tensions
+            .map(|(i, (tension_n, hauled))| match &self.tracker {
+                Some(tracker) => tracker.reading_n(i, *tension_n, *hauled),
+                None => *tension_n,
+            })
+            .collect();
+        let drums_m = paid_out_m.iter().zip(&self.zero_m).map(|(l, z)| l - z).collect();
+        self.paid_out_m = paid_out_m;
+        self.rest = rest;
+        self.command = Command {
+            drums_m,
+            readings_n,
+        };
+        Ok(self.command.clone())
+    }
+
+    /// Dahl's friction after a way, as the robot takes it.
+    fn rubbed(&self, before: &[f64], paid_out_m: &[f64]) -> Vec<f64> {
+        let ways = paid_out_m.iter().zip(&self.paid_out_m);
+        ways.zip(before)
+            .map(|((to, from), state)| {
+                let hauled = (from - to) / PRESLIDING_M;
+                if hauled == 0.0 {
+                    return *state;
+                }
+                let end = hauled.signum();
+                end + (state - end) * libm::exp(-hauled.abs())
+            })
+            .collect()
+    }
+
+    /// Time passes in the planned state.
+    pub(super) fn pass(&mut self, seconds: f64) {
+        for (sum, tension) in self.since.0.iter_mut().zip(self.rest.tensions_n()) {
+            *sum += tension * seconds;
+        }
+        self.since.1 += seconds;
+    }
+
+    fn catch_up(&mut self) {
+        let (sums, seconds) = &mut self.since;
+        if let (Some(tracker), true) = (&mut self.tracker, *seconds > 0.0) {
+            let mean: Vec<f64> = sums.iter().map(|sum| sum / *seconds).collect();
+            tracker.pass(*seconds, &mean);
+        }
+        sums.fill(0.0);
+        *seconds = 0.0;
+    }
+
+    /// A rest: lengths from the encoders, tensions, and what the camera sees.
+    pub(super) fn measure(
+        &mut self,
+        encoders_m: &[f64],
+        readings_n: Vec<f64>,
+        views: Vec<TagView>,
+    ) -> Result<Option<Report>, DayError> {
+        self.catch_up();
+        let Some(tracker) = &mut self.tracker else {
+            return Ok(None);
+        };
+        let lengths = encoders_m.iter().zip(&self.zero_m);
+        let measured = Measurements {
+            lengths_m: lengths.map(|(d, z)| d + z).collect(),
+            tensions_n: readings_n,
+            places: if views.is_empty() {
+                Vec::new()
+            } else {
+                vec![self.place]
+            },
+            views,
+        };
+        let report = tracker.rest(&measured, &self.hauled, &self.rest.equilibrium.pose);
+        self.replan()?;
+        Ok(Some(report))
+    }
+
+    fn replan(&mut self) -> Result<(), PlanError> {
+        if let Some(tracker) = &self.tracker {
+            self.model = Model::new(&tracker.robot())?.with_options(self.model.options());
+        }
+        Ok(())
+    }
+
+    /// The gripper closed on something.
+    pub(super) fn lift(&mut self) {
+        self.catch_up();
+        if let Some(tracker) = &mut self.tracker {
+            tracker.lift();
+        }
+    }
+
+    /// The gripper opened.
+    pub(super) fn set_down(&mut self) -> Result<(), PlanError> {
+        self.catch_up();
+        if let Some(tracker) = &mut self.tracker {
+            tracker.set_down();
+        }
+        self.replan()
+    }
+
+    /// Where the robot believes its tool to be under the present command.
+    pub(super) fn region(&self) -> Option<Region> {
+        let tracker = self.tracker.as_ref()?;
+        let commanded = Measurements {
+            lengths_m: self.paid_out_m.clone(),
+            tensions_n: self
+                .rest
+                .tensions_n()
+                .iter()
+                .zip(&self.command.readings_n)
+                .map(|(_, reading)| *reading)
+                .collect(),
+            ..Measurements::default()
+        };
+        tracker.region(&commanded, &self.hauled, &self.rest.equilibrium.pose)
+    }
+}

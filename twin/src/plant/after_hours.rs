@@ -1,0 +1,120 @@
+//! A machine after hours of work: what creeps, warms and drifts in it.
+
+use super::{Mismatch, plant_params};
+use mcdpr_core::random::Random;
+use mcdpr_core::robot::Robot;
+use mcdpr_simulator::plant::{Creep, PlantParams, SlowParams};
+
+/// Slow changes of a machine over eight hours; each is off where it is zero.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AfterHours {
+    /// Final creep of the cables at the tension set-point, strain; each cable within 30 % of it.
+    pub creep: f64,
+    /// Rise of the temperature of frame and cables, K.
+    pub warmer_k: f64,
+    /// Thermal expansion of the frame, 1/K.
+    pub frame_per_k: f64,
+    /// Thermal expansion of the cables along the fibre, 1/K.
+    pub cable_per_k: f64,
+    /// Drift of the tension sensors' zero, N: half of it steady, half in waves of some hours.
+    pub drift_n: f64,
+    /// Error of the lengths that the encoders start from, m (standard deviation).
+    pub length_m: f64,
+    /// Error of the camera's mounting: shift (m) and turn (rad) per axis (standard deviations).
+    pub camera: [f64; 2],
+}
+
+impl AfterHours {
+    /// Nothing changes.
+    #[must_use]
+    pub const fn none() -> Self {
+        Self {
+            creep: 0.0,
+            warmer_k: 0.0,
+            frame_per_k: 0.0,
+            cable_per_k: 0.0,
+            drift_n: 0.0,
+            length_m: 0.0,
+            camera: [0.0; 2],
+        }
+    }
+
+    /// Polymer cables on an aluminium frame in a room that warms by 5 K.
+    ///
+    /// Sources: aluminium 23e-6 1/K (EN 1999-1-1); UHMWPE fibre -12e-6 1/K (data sheets of Dyneema);
+    /// 0.15 N of zero drift is 0.4 % of a 40 N sensor's range, as load cells of class 0.1 drift with
+    /// temperature and amplifier together (assumption, range 0.05 to 0.4 N).
+    #[must_use]
+    pub const fn polymer() -> Self {
+        Self {
+            creep: 0.003,
+            warmer_k: 5.0,
+            frame_per_k: 23e-6,
+            cable_per_k: -12e-6,
+            drift_n: 0.15,
+            length_m: 1e-4,
+            camera: [1e-4, 2e-4],
+        }
+    }
+
+    /// Steel cables: next to no creep, the rest alike.
+    #[must_use]
+    pub const fn steel() -> Self {
+        Self {
+            creep: 0.0,
+            cable_per_k: 12e-6,
+            ..Self::polymer()
+        }
+    }
+
+    /// The physics of a realistic machine that changes like this.
+    #[must_use]
+    pub fn plant_params(&self, robot: &Robot, mismatch: &Mismatch, seed: u64) -> PlantParams {
+        let mut params = plant_params(robot, mismatch, seed);
+        let mut random = Random::new(seed ^ 0x686F_7572);
+        let setpoint_n = robot.tension.setpoint_n;
+        let steel = self.creep == 0.0 && self.cable_per_k > 0.0;
+        let creep = params
+            .cables
+            .iter()
+            .map(|cable| {
+                if steel {
+                    return Creep::steel();
+                }
+                let strain = self.creep * (1.0 + random.within(0.3));
+                let mut creep = Creep::polymer(strain, setpoint_n, cable.ea_n);
+                for element in &mut creep.elements {
+                    // Ropes of one kind differ in their times, too.
+                    element.retardation_s *= 1.0 + random.within(0.3);
+                }
+                creep
+            })
+            .collect();
+        let count = params.cables.len() as f64;
+        let mut center_m = [0.0; 3];
+        for cable in &params.cables {
+            for (sum, value) in center_m.iter_mut().zip(cable.anchor_m) {
+                *sum += value / count;
+            }
+        }
+        params.slow = SlowParams {
+            creep: if self.creep > 0.0 || steel {
+                creep
+            } else {
+                Vec::new()
+            },
+            frame_expansion_per_k: self.frame_per_k,
+            frame_center_m: center_m,
+            cable_expansion_per_k: self.cable_per_k,
+        };
+        params
+    }
+}
+
+impl Mismatch {
+    /// A realistic machine and how it changes over a day.
+    #[must_use]
+    pub const fn after_hours() -> (Self, AfterHours) {
+        (Self::realistic(), AfterHours::polymer())
+    }
+}
