@@ -12,6 +12,37 @@ use super::rows::Model;
 use super::unknowns::{Layout, State};
 use mcdpr_kinematics::{Pose, Robot};
 use nalgebra::DMatrix;
+use std::sync::Arc;
+
+/// A question that is asked many times a second during a choice: whether to break it off. What is
+/// chosen after that is worth nothing.
+#[derive(Clone)]
+pub struct Halt(Arc<dyn Fn() -> bool + Send + Sync>);
+
+impl Halt {
+    /// Breaks off once `asked` is true.
+    pub fn when(asked: impl Fn() -> bool + Send + Sync + 'static) -> Self {
+        Self(Arc::new(asked))
+    }
+
+    /// A choice that is not broken off.
+    #[must_use]
+    pub(crate) fn never() -> Self {
+        Self::when(|| false)
+    }
+
+    /// Whether to break off.
+    #[must_use]
+    pub fn wanted(&self) -> bool {
+        (self.0)()
+    }
+}
+
+impl std::fmt::Debug for Halt {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Halt").field(&self.wanted()).finish()
+    }
+}
 
 /// A pose that the mechanism can reach, and how it is reached.
 #[derive(Debug, Clone)]
@@ -60,6 +91,7 @@ pub struct Design {
     loss: DMatrix<f64>,
     sum: DMatrix<f64>,
     taken: Vec<usize>,
+    halt: Halt,
 }
 
 impl Design {
@@ -67,12 +99,25 @@ impl Design {
     /// not read), to be accurate at `work`. `None` where an information cannot be computed.
     #[must_use]
     pub fn new(data: &Data, all: &[Candidate], work: &[Pose], options: &Options) -> Option<Self> {
+        Self::while_wanted(data, all, work, options, Halt::never())
+    }
+
+    /// As [`Design::new`], for a choice that may be broken off. `None` also if it was.
+    #[must_use]
+    pub fn while_wanted(
+        data: &Data,
+        all: &[Candidate],
+        work: &[Pose],
+        options: &Options,
+        halt: Halt,
+    ) -> Option<Self> {
         let (first, others) = all.split_first()?;
         let mut out = Self {
             informations: Vec::with_capacity(all.len()),
             loss: DMatrix::zeros(0, 0),
             sum: DMatrix::zeros(0, 0),
             taken: Vec::new(),
+            halt,
         };
         let (layout, state) = out.learn(data, first, options)?;
         // An unknown without a prior is known to metres and radians at worst.
@@ -81,6 +126,9 @@ impl Design {
             out.sum[(p.index, p.index)] += 1.0 / (p.sigma * p.sigma);
         }
         for candidate in others {
+            if out.halt.wanted() {
+                return None;
+            }
             out.learn(data, candidate, options)?;
         }
         let tag_from_world = data.world_from_body[0].inverse();
@@ -170,9 +218,13 @@ impl Design {
         }
     }
 
-    /// The best addition for which `allowed` holds, with the expected error after it, m.
+    /// The best addition for which `allowed` holds, with the expected error after it, m. `None` also if the
+    /// choice is broken off.
     #[must_use]
     pub fn best(&self, allowed: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
+        if self.halt.wanted() {
+            return None;
+        }
         let covariance = Scaled::new(&self.sum)?.inverse();
         let before = covariance.component_mul(&self.loss).sum();
         let slope = &covariance * &self.loss * &covariance;
@@ -246,6 +298,9 @@ impl Design {
             let taken = self.taken.clone();
             for &k in &taken[keep..] {
                 for _ in 0..search.tried {
+                    if self.halt.wanted() {
+                        return;
+                    }
                     let found = near(&all[k], size);
                     let Some(found) = found else { continue };
                     if self.learn(data, &found, options).is_some() {

@@ -2,7 +2,7 @@
 //! position error, see `design`.
 
 use super::data::Data;
-pub use super::design::{Candidate, Design, Search};
+pub use super::design::{Candidate, Design, Halt, Search};
 use super::fit::Options;
 use super::space::{Hanging, Space};
 use super::views::views_at;

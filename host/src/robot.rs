@@ -51,7 +51,8 @@ pub fn sources(name_or_path: &str) -> Vec<(String, String)> {
     let mut files = vec![(name, text.clone())];
     let table: toml::Table = text.parse().unwrap_or_default();
     let winches = table.get("winch").and_then(toml::Value::as_array);
-    for winch in winches.into_iter().flatten() {
+    let common = table.get("all_winches");
+    for winch in winches.into_iter().flatten().chain(common) {
         let module = winch.get("module").and_then(toml::Value::as_str);
         let Some(asked) = module.filter(|asked| files.iter().all(|(name, _)| name != asked)) else {
             continue;
@@ -234,12 +235,18 @@ attachment_mm = [0, 0, 0]
             said.contains("modules/w.toml:2: winch module: unknown key `drum_radius`"),
             "{said}"
         );
-        let error = with("id = 4\n", use_it).unwrap_err();
+        let error = with("module = \"x.toml\"\n", use_it).unwrap_err();
+        let said = error.to_string();
+        let wanted = "w.toml:1: winch module: `module` does not belong";
+        assert!(said.contains(wanted), "{said}");
+        // The numbers of one winch stay with it, too; two winches cannot have them.
+        let one = with("id = 7\nnode = 5\n", use_it).unwrap();
+        assert_eq!((one.winches[0].id, one.winches[0].node), (7, 5));
+        let twice = "[[winch]]\nmodule = \"modules/w.toml\"\n".repeat(2);
+        let said = with("id = 2\n", &twice).unwrap_err().to_string();
         assert!(
-            error
-                .to_string()
-                .contains("w.toml:1: winch module: `id` does not belong"),
-            "{error}"
+            said.contains("`id` 2 is already the id of winch 1"),
+            "{said}"
         );
 
         let error = parse(

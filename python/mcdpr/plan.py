@@ -113,5 +113,12 @@ class Plan:
         """Path, lengths, tensions and tilt as a picture (SVG)."""
         return self._native.svg()
 
+    def png(self) -> bytes:
+        """The same picture as the bytes of a PNG file, 300 pixels per inch."""
+        return self._native.png()
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
+
     def __repr__(self) -> str:
         return f"<mcdpr.Plan {self.name}: {self.duration_s:.2f} s>"

@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use serde_json::json;
+use std::borrow::Cow;
 
 /// Height of a level platform's origin for the built-in tasks, m, as `mcdpr run` has it.
 const HEIGHT_M: f64 = -0.1;
@@ -175,6 +176,13 @@ impl Plan {
     /// The plan as `mcdpr plan --record` draws it (SVG).
     fn svg(&self) -> Result<String, Failure> {
         Ok(report::draw_plan(&self.name, &self.plan)?)
+    }
+
+    /// The same picture (PNG).
+    fn png(&self) -> Result<Cow<'static, [u8]>, Failure> {
+        report::draw_plan_png(&self.name, &self.plan)
+            .map(Cow::Owned)
+            .map_err(|error| Failure::new("Error", error.to_string()))
     }
 }
 

@@ -19,6 +19,8 @@ def test_a_plan_equals_the_program_s(tmp_path: Path) -> None:
     assert plan.duration_s == answer["duration_s"]
     assert plan.extremes == answer["verdict"]
     assert len(plan.knots.time_s) == answer["knots"]
+    picture = plan.png()
+    assert picture.startswith(b"\x89PNG\r\n\x1a\n") and picture.endswith(b"IEND\xaeB`\x82")
     states = plan.states(0.05)
     assert states.time_s[0] == 0.0 and states.time_s[-1] == plan.duration_s
     assert states.tensions_n.shape == (len(states.time_s), 4)

@@ -89,6 +89,37 @@ fn a_run_of_before_is_judged_and_moves_in_the_drawing_until_the_robot_moves() {
     assert_eq!(page.text("run-play"), "Play");
     page.click("#run-live");
     assert!(page.truth("document.getElementById('past').hidden && !Scene.past"));
+    // The charts' buttons, and the list read again.
+    let width = "mcdpr.runCharts.range[1] - mcdpr.runCharts.range[0]";
+    let settled = "mcdpr.runCharts.data && !mcdpr.runCharts.busy";
+    wait(&mut page, settled);
+    let whole = page.number(width);
+    page.click("#run-closer");
+    wait(&mut page, &format!("{width} < {whole} * 0.9"));
+    let closer = page.number(width);
+    page.click("#run-wider");
+    wait(&mut page, &format!("{width} > {closer} * 1.1"));
+    page.click("#run-closer");
+    page.click("#run-whole");
+    wait(&mut page, &format!("Math.abs({width} - {whole}) < 1e-9"));
+    std::fs::create_dir(at.join("runs/2026-01-05-new")).unwrap();
+    std::fs::write(at.join("runs/2026-01-05-new/run.mcap"), b"no record").unwrap();
+    page.click("#run-again");
+    wait(
+        &mut page,
+        "document.getElementById('run-list').options.length === 5",
+    );
+    page.fill("run-list", "2026-01-02-circle");
+    page.fill("run-other", "2026-01-01-line");
+    // Report and comparison open in a window of their own.
+    page.run("window.opened = []; window.open = path => { window.opened.push(path); }");
+    page.click("#run-report");
+    page.click("#run-compare");
+    wait(&mut page, "window.opened.length === 2");
+    assert_eq!(
+        page.run("window.opened.join()"),
+        "/runs/2026-01-02-circle/report,/runs/2026-01-02-circle/compare/2026-01-01-line"
+    );
     // Another robot's run has figures, and no drawing.
     page.fill("run-list", "2026-01-03-other");
     page.click("#run-show");

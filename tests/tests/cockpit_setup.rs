@@ -5,7 +5,7 @@
 mod browser;
 
 use browser::{Browser, Page, Serve};
-use mcdpr_tests::process::{Folder, Simulator, alone, breathe};
+use mcdpr_tests::process::{Folder, Simulator, alone, breathe, signal};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -470,4 +470,37 @@ fn a_port_is_released_to_a_step_and_taken_back() {
         &mut page,
         "mcdpr.answers.some(m => m.order === 'clear' && m.ok)",
     );
+}
+
+/// A command that hears nothing any more is ended by the system, in the end.
+#[test]
+fn a_command_that_obeys_no_stop_is_ended() {
+    let _alone = alone();
+    let folder = Folder::new("setup-deaf");
+    let words = ["--idle", "--robot", "lab-fast", "--seed", "4712"];
+    let serve = Serve::start_in(folder.path(), &words);
+    let mut browser = Browser::start();
+    let mut page = at_tab(&mut browser, &serve, "pick");
+    page.fill("step-pick-seed", "4712");
+    page.fill("step-pick-knows", "ideal");
+    run_confirmed(&mut page, "pick");
+    wait(
+        &mut page,
+        "mcdpr.live.task === 'pick' && mcdpr.live.state === 'Moving'",
+    );
+    let found = processes("4712");
+    let child = found[0].split_whitespace().next().unwrap();
+    signal("STOP", child.parse().unwrap());
+    page.click("#stop");
+    let give_up = Instant::now() + PATIENCE;
+    while !processes("4712").is_empty() {
+        assert!(Instant::now() < give_up, "{:?}", processes("4712"));
+        breathe();
+    }
+    wait(
+        &mut page,
+        "document.getElementById('steps').parentNode.parentNode.textContent.includes('the system ended the command')",
+    );
+    // The page goes on: the robot is the server's again.
+    wait(&mut page, "mcdpr.live && mcdpr.live.state === 'Disarmed'");
 }

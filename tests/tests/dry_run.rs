@@ -23,6 +23,7 @@ const WORDS: &[(&str, &[&str])] = &[
     ("commission", &["1"]),
     ("compare", &["a-run", "b-run"]),
     ("completions", &["bash"]),
+    ("config compose", &["new.toml", "--modules", "."]),
     ("config init", &["new.toml"]),
     ("emulate", &["--pty", "no-such-file"]),
     ("experiment", &["hold"]),

@@ -213,3 +213,64 @@ fn l12_l15_a_killed_host_and_a_sleeping_laptop_are_survived_and_nothing_goes_on_
     assert_eq!(status.code(), Some(3));
     scene.stopped_by_itself();
 }
+
+/// Whether a process has its own way to take Ctrl-C.
+fn takes_interrupts(process: u32) -> bool {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
+    let caught = caught.and_then(|bits| u64::from_str_radix(bits.trim(), 16).ok());
+    caught.is_some_and(|bits| bits & 0b10 != 0)
+}
+
+/// Interrupts a command once it is where it should be; returns how long it went on.
+fn interrupted(mut command: Command, there: impl Fn(u32) -> bool) -> Duration {
+    command.stdin(Stdio::null()).stdout(Stdio::null());
+    let mut run = command.stderr(Stdio::null()).spawn().unwrap();
+    let give_up = Instant::now() + SOON;
+    while !there(run.id()) {
+        assert!(Instant::now() < give_up, "{command:?} does not begin");
+        assert!(run.try_wait().unwrap().is_none(), "{command:?} has ended");
+        breathe();
+    }
+    signal("INT", run.id());
+    let began = Instant::now();
+    let status = ends_within(&mut run, SOON, "a command after Ctrl-C");
+    assert_eq!(status.code(), Some(130), "{command:?}");
+    began.elapsed()
+}
+
+/// Ctrl-C while poses are chosen and while places are judged: within half a second, with what was measured kept.
+#[test]
+fn ctrl_c_is_obeyed_within_half_a_second_while_the_program_computes() {
+    let _alone = alone();
+    let folder = Folder::new("interrupted");
+    let data = folder.path().join("data.json");
+    let mut command = mcdpr();
+    command.current_dir(folder.path());
+    // Choosing among so many takes minutes.
+    command.args([
+        "calibrate",
+        "collect",
+        "--target",
+        "board",
+        "--candidates",
+        "50000",
+    ]);
+    command.args(["--out", "data.json"]);
+    // The first pose is measured before the others are chosen.
+    let took = interrupted(command, |_| data.exists());
+    println!("choosing poses: {took:?}");
+    assert!(took < Duration::from_millis(500), "{took:?}");
+    let kept: Value = serde_json::from_str(&std::fs::read_to_string(&data).unwrap()).unwrap();
+    assert_eq!(kept["poses"].as_array().map(Vec::len), Some(1));
+    for words in [["workspace", "--step", "5"], ["study", "motion", "--seeds"]] {
+        let mut command = mcdpr();
+        command.current_dir(folder.path()).args(words);
+        if words[0] == "study" {
+            command.arg("500");
+        }
+        let took = interrupted(command, takes_interrupts);
+        println!("{words:?}: {took:?}");
+        assert!(took < Duration::from_millis(500), "{words:?}: {took:?}");
+    }
+}

@@ -289,6 +289,8 @@ fn bad_answers_write_no_file() {
             "4 or 8 cables",
         ),
         (&["--mass-kg", "2"], "--frame-mm"),
+        // Metres instead of millimetres.
+        (&["--frame-mm", "2", "3", "2"], "sizes are in mm"),
         (
             &["--frame-mm", "1000", "1000", "1000", "--mass-kg", "-1"],
             "mass",
@@ -388,4 +390,148 @@ fn a_plan_lists_every_limit_and_is_drawn() {
     );
     good(at, &["plan", "paper:table7", "--dry-run"]);
     assert_eq!(folders(), before);
+}
+
+/// Module files that differ in what commissioning measures.
+fn module(at: &Path, name: &str, numbers: &str, zero_v: f64) {
+    let kind = include_str!("../../robots/modules/fast-27.toml");
+    let kind = kind.replace(
+        "tension_zero_v = 0.2355",
+        &format!("tension_zero_v = {zero_v}"),
+    );
+    std::fs::write(at.join("modules").join(name), format!("{numbers}{kind}")).unwrap();
+}
+
+const SQUARE: [&str; 6] = ["--frame-mm", "2000", "2000", "1500", "--mass-kg", "3"];
+
+#[test]
+fn modules_of_four_cables_keep_their_constants_in_a_robot_of_eight() {
+    let folder = Folder::new("compose");
+    let at = folder.path();
+    std::fs::create_dir(at.join("modules")).unwrap();
+    for index in 1..=4_u8 {
+        let numbers = format!("id = {index}\nnode = {}\nencoder_sign = -1\n", index + 4);
+        module(
+            at,
+            &format!("w{index}.toml"),
+            &numbers,
+            0.2 + 0.01 * f64::from(index),
+        );
+    }
+    let compose = |file: &str, more: &[&str]| {
+        let words = ["config", "compose", file, "--modules", "modules"];
+        good(at, &[&words, &SQUARE[..], more].concat())
+    };
+    let said = compose("four.toml", &["--camera"]);
+    assert!(said.contains("cable 4: w4.toml"), "{said}");
+    assert!(said.contains("verdict: it can work"), "{said}");
+    assert!(said.contains("mcdpr calibrate frame"), "{said}");
+    let shown = |file: &str| document(at, &["config", "show", file, "--json"]);
+    let four = shown("four.toml");
+    // Four more; these have no numbers yet.
+    for index in 5..=8_u8 {
+        module(at, &format!("x{index}.toml"), "", 0.3);
+    }
+    let size = ["--cables", "8", "--platform-mm", "400", "400", "200"];
+    compose("eight.toml", &size);
+    let eight = shown("eight.toml");
+    let winches = |robot: &Value| robot["winches"].as_array().unwrap().clone();
+    let (before, after) = (winches(&four), winches(&eight));
+    assert_eq!((before.len(), after.len()), (4, 8));
+    assert_eq!(before[..], after[..4], "the old modules are what they were");
+    for key in ["id", "node"] {
+        let mut numbers: Vec<_> = after.iter().map(|winch| winch[key].as_u64()).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        assert_eq!(numbers.len(), 8, "{key}");
+    }
+    // The robot is one as any other: checked, and run.
+    let checked = document(at, &["config", "check", "eight.toml", "--json"]);
+    assert_eq!(checked["physics"]["problems"], serde_json::json!([]));
+    let run = document(at, &["run", "fitting", "--robot", "eight.toml", "--json"]);
+    let worst_mm = run["path_error_m"]["max"].as_f64().map(|m| m * 1e3);
+    assert!(worst_mm.is_some_and(|mm| mm < 8.0), "{run}");
+    // A module that is calibrated anew changes both robots.
+    module(at, "w2.toml", "id = 2\nnode = 6\nencoder_sign = -1\n", 0.25);
+    for robot in [shown("four.toml"), shown("eight.toml")] {
+        assert_eq!(robot["winches"][1]["tension_zero_v"], 0.25);
+    }
+}
+
+#[test]
+fn modules_that_do_not_fit_are_refused_with_file_and_key() {
+    let folder = Folder::new("compose-bad");
+    let at = folder.path();
+    std::fs::create_dir_all(at.join("modules/sub")).unwrap();
+    std::fs::create_dir(at.join("robots")).unwrap();
+    for index in 1..=4_u8 {
+        module(
+            at,
+            &format!("w{index}.toml"),
+            &format!("id = {index}\n"),
+            0.2355,
+        );
+    }
+    let tried = |file: &str, more: &[&str]| {
+        let words = ["config", "compose", file, "--modules", "modules"];
+        let said = refused(at, &[&words, &SQUARE[..], more].concat());
+        assert!(!at.join(file).exists(), "{more:?}");
+        said
+    };
+    let has = |said: String, parts: &[&str]| {
+        for part in parts {
+            assert!(said.contains(part), "{part}: {said}");
+        }
+    };
+    let named = |names: &[&'static str]| -> Vec<&'static str> {
+        names.iter().flat_map(|name| ["--module", name]).collect()
+    };
+    has(
+        tried("r.toml", &["--cables", "8"]),
+        &["cable 5 has no module", "8 cables"],
+    );
+    has(
+        tried("r.toml", &named(&["w1", "w2", "w2", "w3"])),
+        &["w2", "named twice"],
+    );
+    has(
+        tried("r.toml", &named(&["w1", "w2", "w9", "w3"])),
+        &["w9", "no such file", "w4.toml"],
+    );
+    has(
+        tried("r.toml", &named(&["w1", "w2", "w3"])),
+        &["cable 4 has no module"],
+    );
+    has(tried("r.toml", &["--winch", "fast-27"]), &["--winch"]);
+    has(tried("robots/r.toml", &[]), &["beside", "folder"]);
+    module(at, "w5.toml", "id = 5\n", 0.2355);
+    has(
+        tried("r.toml", &[]),
+        &["w5.toml has no cable", "--module NAME"],
+    );
+    // Two with the same number of the winch, or of the drive.
+    module(at, "w5.toml", "id = 3\n", 0.2355);
+    has(
+        tried("r.toml", &named(&["w1", "w2", "w3", "w5"])),
+        &["w5.toml:1", "`id` 3 is already the id of"],
+    );
+    module(at, "w5.toml", "id = 5\nnode = 7\n", 0.2355);
+    module(at, "w4.toml", "id = 4\nnode = 7\n", 0.2355);
+    has(
+        tried("r.toml", &named(&["w1", "w2", "w4", "w5"])),
+        &["w5.toml:2", "`node` 7 is already the drive of"],
+    );
+    for (text, part) in [
+        ("", "no key of a winch"),
+        ("[[cable]]\nanchor_mm = [0, 0, 0]\n", "unknown key `cable`"),
+        ("name = \"a robot\"\n", "unknown key `name`"),
+        ("friction_n = \"much\"\n", "friction_n"),
+        ("no TOML", "is not a module file"),
+    ] {
+        std::fs::write(at.join("modules/w4.toml"), text).unwrap();
+        has(
+            tried("r.toml", &named(&["w1", "w2", "w3", "w4"])),
+            &["w4.toml", part],
+        );
+    }
 }

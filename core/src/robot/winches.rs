@@ -110,21 +110,15 @@ fn read_module(reader: &mut Reader, table: &Values, modules: &dyn ModuleFiles) -
         Ok((name, text)) => {
             let file = reader.add_file(&name, &text);
             let mut module = reader.read(file, &schema::WINCH, "winch module")?;
-            // They belong to one place in one robot, not to a kind of winch.
-            for key in [
-                key!(WINCH, "module"),
-                key!(WINCH, "id"),
-                key!(WINCH, "node"),
-            ] {
-                if module.has(key) {
-                    reader.problem(
-                        &module.at(key),
-                        &module.place,
-                        format!("`{}` does not belong in a winch module file", key.name()),
-                        Some("write it in the [[winch]] table of the robot file".into()),
-                    );
-                    module.forget(key);
-                }
+            let key = key!(WINCH, "module");
+            if module.has(key) {
+                reader.problem(
+                    &module.at(key),
+                    &module.place,
+                    "`module` does not belong in a winch module file".into(),
+                    Some("write it in the [[winch]] table of the robot file".into()),
+                );
+                module.forget(key);
             }
             Some(module)
         }

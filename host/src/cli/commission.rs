@@ -40,6 +40,7 @@ enum YesNo {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = crate::robot::find(&common.robot)?;
+        crate::service::known(&robot, self.winch)?;
         let work = |(mut client, simulated): Connected<'_>| {
             let mut eyes = Eyes::new(self.paid_out, simulated, self.winch);
             eyes.piped = common.for_page.is_some();
@@ -95,9 +96,9 @@ impl Cmd {
             say!("differs: {line}");
         }
         say!(
-            "written to {}: name it as `module` in the [[winch]] table, with `node = {}`",
-            self.out.display(),
-            found.node
+            "written to {}: name it as `module` in the [[winch]] table, or compose a robot of such files \
+             (mcdpr config compose)",
+            self.out.display()
         );
         say!("run folder: {}", folder.path().display());
         Ok(())
@@ -168,7 +169,8 @@ fn module_text(found: &Commissioned, robot: &Robot) -> String {
         crate::robot::DriveKind::Cia402 => "cia402",
     };
     format!(
-        "# Winch module, found by `mcdpr commission {winch}` on the bare winch, drive number {node}.\n\
+        "# Winch module, found by `mcdpr commission {winch}` on the bare winch.\n\
+         node = {node}\n\
          encoder_sign = {sign}\n\
          motor_counts_per_turn = {counts}\n\
          tension_zero_v = {zero:.4}\n\

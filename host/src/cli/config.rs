@@ -1,5 +1,8 @@
 //! `mcdpr config`: the robot file.
 
+mod answers;
+mod compose;
+mod frame;
 mod init;
 mod physics;
 mod reserve;
@@ -28,7 +31,17 @@ enum What {
         #[arg(long)]
         copy: bool,
         #[command(flatten)]
-        answers: init::Answers,
+        answers: answers::Answers,
+    },
+    /// Write a robot file from winch modules that exist, which keep their constants, and a new frame (options, or
+    /// questions on a terminal)
+    Compose {
+        /// The new file; an existing one is not overwritten
+        file: PathBuf,
+        #[command(flatten)]
+        modules: compose::Modules,
+        #[command(flatten)]
+        answers: answers::Answers,
     },
     /// Check a robot file: keys, ranges, geometry, limits of the board, and whether such a robot can
     /// work
@@ -58,11 +71,16 @@ impl Cmd {
                     let reason = "it copies a file as it is: give the answers without it";
                     return Err(Failed::from_error("--copy")(reason).into());
                 }
-                if *copy || (answers.is_empty() && !init::can_ask()) {
+                if *copy || (answers.is_empty() && !answers::can_ask()) {
                     return copied(file, common);
                 }
                 init::init(file, answers, common)
             }
+            What::Compose {
+                file,
+                modules,
+                answers,
+            } => compose::compose(file, modules, answers, common),
             What::Check { file } => check(&named(file), common),
             What::Schema => {
                 let text = serde_json::to_string_pretty(&json_schema());

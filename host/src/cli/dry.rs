@@ -43,6 +43,7 @@ pub const DRY_RUNS: &[(&str, DryRun)] = &[
     ("compare", Computes),
     ("completions", Computes),
     ("config check", Computes),
+    ("config compose", Computes),
     ("config init", Computes),
     ("config schema", Computes),
     ("config show", Computes),

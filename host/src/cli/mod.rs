@@ -333,6 +333,8 @@ pub type Outcome = miette::Result<()>;
 pub fn main() -> ExitCode {
     #[cfg(unix)]
     take_file_size_limit_as_an_error();
+    #[cfg(unix)]
+    end_at_interrupts();
     let (mut cli, words) = order::parse();
     let _ = miette::set_hook(Box::new(|_| {
         Box::new(miette::MietteHandlerOpts::new().width(100).build())
@@ -424,6 +426,18 @@ pub fn main() -> ExitCode {
             ExitCode::from(u8::try_from(code).unwrap_or(1))
         }
     }
+}
+
+/// Ctrl-C ends a command that has no robot at once, with the exit code for it. Commands with a robot watch for it
+/// themselves, and stop the robot.
+#[cfg(unix)]
+fn end_at_interrupts() {
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicBool;
+    let at_once = Arc::new(AtomicBool::new(true));
+    // Without it the signal ends the program all the same.
+    let _ =
+        signal_hook::flag::register_conditional_shutdown(signal_hook::consts::SIGINT, 130, at_once);
 }
 
 /// A file that reaches its size limit (`ulimit -f`) must give a write error, like a full disk, and

@@ -187,6 +187,10 @@ impl Jog {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let model = Model::new(&common.robot()?)?;
         let velocity_mps = place_m(&self.velocity_mm_s);
+        if velocity_mps.norm() == 0.0 {
+            let reason = "a jog needs a speed over 0 mm/s in some direction";
+            return Err(Failed::from_error("VX VY VZ")(reason).into());
+        }
         jog::check(&model, &velocity_mps, self.seconds)?;
         if common.dry_run {
             if common.json {

@@ -27,6 +27,17 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "must be above 0".to_owned())
 }
 
+/// A whole number from `LEAST` to `MOST`.
+pub(crate) fn whole<const LEAST: usize, const MOST: usize>(text: &str) -> Result<usize, String> {
+    let value: usize = text
+        .parse()
+        .map_err(|_| format!("not a whole number from {LEAST} to {MOST}"))?;
+    (LEAST..=MOST)
+        .contains(&value)
+        .then_some(value)
+        .ok_or_else(|| format!("must be {LEAST} to {MOST}"))
+}
+
 /// Zero or more.
 pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
     let value = finite(text)?;
@@ -66,6 +77,9 @@ mod tests {
         assert!(positive("0").is_err() && positive("1e-9").is_ok());
         assert!(not_negative("-1e-9").is_err() && not_negative("0").is_ok());
         assert!(part("1.01").is_err() && part("-0.01").is_err() && part("1").is_ok());
+        let three = whole::<1, 3>;
+        assert!(three("0").is_err() && three("4").is_err() && three("-1").is_err());
+        assert_eq!(three("3"), Ok(3));
         assert!(small("-0.6").is_err() && small("-0.5").is_ok());
     }
 }

@@ -1,6 +1,7 @@
 //! `mcdpr pick`: empty a tray.
 
 use super::eye::Eye;
+use super::numbers::whole;
 use super::progress::Phase;
 use super::recorded::{About, Recorded};
 use super::table::lay_out;
@@ -32,8 +33,8 @@ const FURTHEST_MM: f64 = 100_000.0;
 pub(crate) struct Cmd {
     #[command(flatten)]
     eye: Eye,
-    /// Objects in the simulated tray
-    #[arg(long, default_value_t = 6)]
+    /// Objects in the simulated tray; fewer if there is no room for more
+    #[arg(long, default_value_t = 6, value_parser = whole::<0, 40>)]
     objects: usize,
     /// Objects touch and lie on each other
     #[arg(long)]

@@ -51,6 +51,7 @@ pub(crate) fn with_session<T>(
     match name {
         Some(name) => {
             let work = Work::new(name, Doing::Orders, mismatch, model).with_orders(&handle);
+            let work = work.planned_first();
             Ok(on_record(common, &work, done)?.0)
         }
         None => off_record(common, model.robot().cables.len(), done),

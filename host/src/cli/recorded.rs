@@ -72,7 +72,10 @@ impl Recorded {
             at_home,
             orders,
         } = about;
-        let failed = || Failed::from_error("making the run's folder");
+        let asked = common.record.as_deref();
+        let wanted = asked.map_or("runs".into(), std::path::Path::to_string_lossy);
+        let what = format!("making the run's folder {wanted}");
+        let failed = || Failed::from_error(&what);
         let folder = RunFolder::create(common.record.as_deref(), name).map_err(failed())?;
         let simulated = common.on == "sim";
         let machine = if simulated {
@@ -268,6 +271,8 @@ pub(crate) struct Work<'a> {
     pub(crate) model: Option<&'a Model>,
     /// Takes orders from a live page.
     pub(crate) orders: Option<&'a Handle>,
+    /// Nothing moves before the only plan is judged: a refusal leaves no folder.
+    pub(crate) plans_first: bool,
 }
 
 impl<'a> Work<'a> {
@@ -280,6 +285,15 @@ impl<'a> Work<'a> {
             cables: model.robot().cables.len(),
             model: Some(model),
             orders: None,
+            plans_first: false,
+        }
+    }
+
+    /// Nothing moves before the only plan is judged.
+    pub(crate) const fn planned_first(self) -> Self {
+        Self {
+            plans_first: true,
+            ..self
         }
     }
 
@@ -331,10 +345,20 @@ pub(crate) fn on_record<T>(
         session,
     });
     let folder = recorded.finish();
-    if done.is_err() {
+    if let Err(error) = &done {
+        if about.plans_first && common.record.is_none() && is_refused(error) {
+            // Nothing moved: there is nothing to look at.
+            let _ = std::fs::remove_dir_all(folder.path());
+            return Ok((done?, folder));
+        }
         eprintln!("what happened is recorded in {}", folder.path().display());
     }
     Ok((done?, folder))
+}
+
+/// Whether a plan was refused.
+fn is_refused(error: &miette::Report) -> bool {
+    matches!(error.downcast_ref(), Some(RunError::Plan(_)))
 }
 
 /// The record is incomplete; the run is not affected.

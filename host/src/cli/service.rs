@@ -48,6 +48,7 @@ pub(crate) fn connected<T>(
         cables: robot.cables.len(),
         model: None,
         orders: None,
+        plans_first: false,
     };
     on_record(common, &about, |record| {
         if common.on != "sim" {

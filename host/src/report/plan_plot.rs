@@ -1,6 +1,6 @@
 //! A plan as a picture: path from above, lengths, tensions with their limits, tilt.
 
-use crate::chart::{Chart, Curve, Figure};
+use crate::chart::{Chart, Curve, Figure, PlotFormat};
 use crate::motion::{Plan, PlanError, StaticState};
 
 /// Number of points of a curve.
@@ -12,6 +12,14 @@ const POINTS: u32 = 600;
 /// [`PlanError::Path`] for a plan that cannot be evaluated.
 pub fn draw_plan(title: &str, plan: &Plan) -> Result<String, PlanError> {
     Ok(plan_figure(title, plan)?.svg())
+}
+
+/// Draws a plan as the bytes of a PNG file, 300 pixels per inch at the width of a column.
+///
+/// # Errors
+/// A plan that cannot be evaluated, or a picture that cannot be encoded.
+pub fn draw_plan_png(title: &str, plan: &Plan) -> miette::Result<Vec<u8>> {
+    Ok(plan_figure(title, plan)?.file(PlotFormat::Png)?)
 }
 
 /// Draws a plan.

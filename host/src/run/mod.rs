@@ -3,7 +3,7 @@
 mod interrupt;
 mod kept;
 
-pub(crate) use interrupt::watch_for_interrupts;
+pub(crate) use interrupt::{Alone, watch_for_interrupts};
 pub use kept::LengthFiles;
 pub(crate) use kept::state_folder;
 pub use mcdpr_core::run::*;

@@ -43,6 +43,18 @@ const SPACING_MS: u32 = 20;
 /// 65,536 steps of the converter are this many volts.
 const REFERENCE_V: f64 = 3.3;
 
+/// Checks that the robot has a winch (from 1).
+///
+/// # Errors
+/// [`ServiceError::NoWinch`].
+pub(crate) fn known(robot: &Robot, winch: usize) -> Result<(), ServiceError> {
+    let count = robot.cables.len();
+    if (1..=count).contains(&winch) {
+        return Ok(());
+    }
+    Err(ServiceError::NoWinch { winch, count })
+}
+
 /// Why work on a winch failed.
 #[derive(Debug, Error, Diagnostic)]
 pub enum ServiceError {

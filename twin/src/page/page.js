@@ -205,7 +205,7 @@
   // A jog order is valid for a fifth of a second and repeated while a button or a key is held.
   let jogging = null, padVelocity = null;
   const jog = v => send({ order: 'jog', velocity_mps: v.map(c => c * $('jog-speed').value * 1e-3) });
-  const beginJog = v => { if (jogging || !may) return; jog(v); jogging = { timer: setInterval(() => jog(padJogs ? padVelocity : v), 80) }; };
+  const beginJog = v => { if (jogging || !may) return; const step = padJogs ? 0 : Number($('jog-step').value); if (step) { Work.step(v.map(c => c * step), Number($('jog-speed').value)); return; } jog(v); jogging = { timer: setInterval(() => jog(padJogs ? padVelocity : v), 80) }; };
   const endJog = () => { if (jogging) { clearInterval(jogging.timer); jogging = null; jog([0, 0, 0]); } };
   document.querySelectorAll('[data-jog]').forEach(b => {
     const v = b.dataset.jog.split(',').map(Number);
@@ -221,7 +221,9 @@
     $('jog-keys').setAttribute('aria-pressed', on); text('jog-keys', on ? 'Jog by keys: on (Esc ends it)' : 'Jog by keys: off');
   }
   $('jog-keys').addEventListener('click', () => jogKeys(!keysJog && may));
-  const letGo = () => { endJog(); jogKeys(false); };
+  const letGo = () => { endJog(); jogKeys(false); Work.noStep(); };
+  const keyHelp = () => { $('keys').hidden = !$('keys').hidden; $('keys-show').setAttribute('aria-expanded', !$('keys').hidden); };
+  $('keys-show').addEventListener('click', keyHelp);
   window.addEventListener('blur', letGo);
   document.addEventListener('visibilitychange', () => { if (document.hidden) letGo(); });
   // Before anything that has the focus: these keys act the same everywhere on the page.
@@ -236,7 +238,8 @@
     if (keysJog && JOG_KEYS[e.key]) { ours(e); if (!e.repeat && !jogKey) { jogKey = e.key; beginJog(JOG_KEYS[e.key]); } return; }
     // Start and Resume let the robot move: a key that is still held from before does not.
     if (e.repeat) return;
-    if (e.key === 'r') send({ order: 'resume' });
+    if (e.key === '?') keyHelp();
+    else if (e.key === 'r') send({ order: 'resume' });
     else if (e.key === 'g') send({ order: 'start' });
   }, true);
   window.addEventListener('keyup', e => {

@@ -25,6 +25,24 @@ const Work = (() => {
     buttons();
   }
 
+  // A step of a jog: a small straight way that is planned, judged, and made if it breaks no limit.
+  let step = null;
+  async function jogStep(by_mm, speed_mm_s) {
+    const now = here();
+    if (!now) { verdict('the place of the tool is not known', true, true); return; }
+    step = 0;
+    const answer = await plan({ to_mm: now.map((v, i) => v + by_mm[i]), speed_mm_s });
+    // Esc or Space came meanwhile.
+    if (step === null) return;
+    step = answer.ok ? answer.data.plan : null;
+    makeStep();
+  }
+  function makeStep() {
+    if (!step || !preview || preview.id !== step) return;
+    step = null;
+    if (preview.ok) ask({ order: 'start', plan: preview.id });
+  }
+
   // A plan that the server has made; all pages see it.
   function show(m) {
     if (m.id === null) { preview = null; Scene.setNext([]); $('next').hidden = true; $('verdict').hidden = true; buttons(); return; }
@@ -37,6 +55,7 @@ const Work = (() => {
       return row;
     }));
     verdict(m.ok ? `${m.name}: ${m.duration_s.toFixed(1)} s. Tightest limit: ${m.tightest}.` : `${m.name} cannot be run: ${m.reason}`, !m.ok, false);
+    makeStep();
   }
 
   async function list() {
@@ -160,6 +179,6 @@ const Work = (() => {
   // The place of the tool comes and goes.
   setInterval(buttons, 500);
   taught();
-  return { show, allow, speeds, get preview() { return preview; }, get points() { return points; } };
+  return { show, allow, speeds, step: jogStep, noStep() { step = null; }, get preview() { return preview; }, get points() { return points; } };
 })();
 window.mcdpr.work = Work;

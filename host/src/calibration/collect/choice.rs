@@ -3,7 +3,7 @@
 
 use super::super::Options as Estimator;
 use super::super::data::Data;
-use super::super::plan::{Candidate, Design, Search};
+use super::super::plan::{Candidate, Design, Halt, Search};
 use super::{CollectError, Options, Reach, Sketch};
 use crate::motion::StaticState;
 use mcdpr_core::random::Random;
@@ -32,18 +32,19 @@ pub(super) struct Choice<'a> {
 }
 
 impl<'a> Choice<'a> {
-    /// Prepares a choice of `missing` poses more than the sketch has.
+    /// Prepares a choice of `missing` poses more than the sketch has, until `halt` is wanted.
     ///
     /// # Errors
-    /// [`CollectError::Impossible`] if there are too few candidates.
+    /// [`CollectError::Impossible`] if there are too few candidates, or if the choice was broken off.
     pub(super) fn new(
         reach: &Reach<'a>,
         sketch: &Sketch,
         missing: usize,
         options: &Options,
+        halt: &Halt,
     ) -> Result<Self, CollectError> {
         let known = sketch.data.clone();
-        let found = reach.candidates(&known, options.candidates, options.seed);
+        let found = reach.candidates(&known, options.candidates, options.seed, halt);
         if found.len() < missing {
             return Err(CollectError::impossible(
                 format!(
@@ -53,11 +54,11 @@ impl<'a> Choice<'a> {
                 "lay the target nearer to the middle of the work space, or use smaller tags",
             ));
         }
-        let work = reach.work(WORK, options.seed);
+        let work = reach.work(WORK, options.seed, halt);
         let mut all = sketch.candidates(reach.held());
         let done = all.len();
         all.extend(found);
-        let design = Design::new(&known, &all, &work, &Estimator::default());
+        let design = Design::while_wanted(&known, &all, &work, &Estimator::default(), halt.clone());
         let mut design = design.ok_or_else(|| {
             CollectError::impossible(
                 "the worth of poses cannot be computed",

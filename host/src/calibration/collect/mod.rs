@@ -18,12 +18,13 @@ pub use travel::{Transfer, way};
 use super::data::{Data, Observation, View};
 use super::error::Refusal;
 use super::general::slip::{self, Slipped};
+use super::plan::Halt;
 use crate::control::Handle;
 use crate::link::{Client, Link, meanwhile};
 use crate::machine;
 use crate::motion::{Model, PlanError, StaticState};
 use crate::robot::Control;
-use crate::run::{self, Recorder, RunError};
+use crate::run::{self, Recorder, RunError, interrupted};
 use crate::sight::{SightError, TagSource};
 use choice::Choice;
 use mcdpr_protocol::{ConfigHash, SessionId, Status, StopKind};
@@ -295,13 +296,16 @@ impl<L: Link> Session<'_, L> {
         }
         let missing = options.poses.saturating_sub(sketch.data.poses.len());
         let (client, reach) = (&mut self.client, &self.reach);
+        let orders = client.handle().clone();
+        let halt = Halt::when(move || interrupted() || orders.stop_ordered().is_some());
         let choice = meanwhile(client, || {
-            let mut choice = Choice::new(reach, &sketch, missing, options)?;
+            let mut choice = Choice::new(reach, &sketch, missing, options, &halt)?;
             if options.target_error_m.is_none() {
                 choice.plan(missing);
             }
             Ok::<_, CollectError>(choice)
         })?;
+        self.obey()?;
         let mut choice = choice?;
         let mut lost = 0;
         loop {
@@ -314,7 +318,9 @@ impl<L: Link> Session<'_, L> {
                 break;
             }
             let (client, here) = (&mut self.client, &self.here);
-            let Some((k, goal)) = meanwhile(client, || choice.next(here))? else {
+            let next = meanwhile(client, || choice.next(here))?;
+            self.obey()?;
+            let Some((k, goal)) = next else {
                 break;
             };
             progress(Step::Going {
@@ -370,6 +376,14 @@ impl<L: Link> Session<'_, L> {
             }
         }
         Ok(sketch.data)
+    }
+
+    /// Stops the robot if that was asked for.
+    fn obey(&mut self) -> Result<(), CollectError> {
+        match run::stop_wanted(&self.client) {
+            Some(kind) => Err(run::stop_now(&mut self.client, kind).into()),
+            None => Ok(()),
+        }
     }
 
     fn measure<S: TagSource>(

@@ -1,6 +1,6 @@
 //! Reachable resting poses of a robot, from its own file.
 
-use super::super::plan::Candidate;
+use super::super::plan::{Candidate, Halt};
 use super::super::views::{MARGIN_PX, SEEN_PX, views_within};
 use super::super::{Data, data::View};
 use super::skeleton::ANCHOR_TOLERANCE_M;
@@ -262,12 +262,14 @@ impl<'a> Reach<'a> {
         self.rest(&at, tension_n, None)
     }
 
-    /// Resting places with tags in view, at random; `data` has camera, tags and their places.
+    /// Resting places with tags in view, at random; `data` has camera, tags and their places. Fewer if `halt` is
+    /// wanted meanwhile.
     #[must_use]
-    pub fn candidates(&self, data: &Data, count: usize, seed: u64) -> Vec<Candidate> {
+    pub fn candidates(&self, data: &Data, count: usize, seed: u64, halt: &Halt) -> Vec<Candidate> {
         let mut random = Random::new(seed);
         // 200 draws per candidate: at most places it cannot hang, or sees no tag.
-        let draws = (0..count * 200).filter_map(|_| self.seen(data, &self.random(&mut random)?));
+        let draws = (0..count * 200).take_while(|_| !halt.wanted());
+        let draws = draws.filter_map(|_| self.seen(data, &self.random(&mut random)?));
         draws.take(count).collect()
     }
 
@@ -319,11 +321,12 @@ impl<'a> Reach<'a> {
         })
     }
 
-    /// Working poses: random resting poses, with or without tags in view.
+    /// Working poses: random resting poses, with or without tags in view. Fewer if `halt` is wanted meanwhile.
     #[must_use]
-    pub fn work(&self, count: usize, seed: u64) -> Vec<Pose> {
+    pub fn work(&self, count: usize, seed: u64, halt: &Halt) -> Vec<Pose> {
         let mut random = Random::new(seed ^ 0x776F_726B);
-        let draws = (0..count * 200).filter_map(|_| self.random(&mut random));
+        let draws = (0..count * 200).take_while(|_| !halt.wanted());
+        let draws = draws.filter_map(|_| self.random(&mut random));
         draws
             .map(|rest| rest.equilibrium.pose)
             .take(count)

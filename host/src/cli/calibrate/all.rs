@@ -7,6 +7,7 @@ use crate::calibration::{Answer, Data, Options, Refusal, joint, result};
 use crate::cli::progress::Phase;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
+use crate::run::Alone;
 use std::path::PathBuf;
 
 /// Find anchors, initial lengths, camera and tags: from recorded data, or collecting them first
@@ -129,9 +130,12 @@ impl Solve {
                 (data, Some(robot))
             }
         };
+        // The robot of the collection is at rest, and its line is closed.
+        let alone = Alone::begin();
         let phase = Phase::begin("calibrating");
         let solved = solve(&data);
         drop(phase);
+        drop(alone);
         let answer = refusable(common, solved)?;
         let kept = match designed {
             Some(robot) => {

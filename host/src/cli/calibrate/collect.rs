@@ -6,7 +6,7 @@ use crate::calibration::result::{FileError, write_whole};
 use crate::calibration::simulate::Target;
 use crate::calibration::{Data, target};
 use crate::cli::eye::Eye;
-use crate::cli::numbers::positive;
+use crate::cli::numbers::{positive, whole};
 use crate::cli::recorded::{Work, on_record};
 use crate::cli::{Common, Failed, Outcome, print_json};
 use crate::control::Handle;
@@ -36,7 +36,7 @@ pub(crate) struct Cmd {
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct How {
     /// Number of poses, home included
-    #[arg(long, default_value_t = 20)]
+    #[arg(long, default_value_t = 20, value_parser = whole::<1, 1000>)]
     poses: usize,
     /// Stop once the expected position error is below this; the next pose is then chosen during the
     /// collection
@@ -49,7 +49,7 @@ pub(crate) struct How {
     #[arg(long)]
     resume: bool,
     /// Number of reachable poses to choose from
-    #[arg(long, default_value_t = 300)]
+    #[arg(long, default_value_t = 300, value_parser = whole::<1, 100_000>)]
     candidates: usize,
     #[command(flatten)]
     eye: Eye,
@@ -124,6 +124,13 @@ impl How {
         path: &Path,
         common: &Common,
     ) -> miette::Result<Data> {
+        if self.candidates < self.poses {
+            return Err(Failed::from_error("--candidates")(format!(
+                "{} candidates cannot give {} poses: name more, or leave it out",
+                self.candidates, self.poses
+            ))
+            .into());
+        }
         let mut robot = designed.clone();
         if let Some(target) = self.target.target() {
             robot.tags = target::tags(target);

@@ -3,6 +3,7 @@
 use crate::calibration::plan::{candidates, choose, work_poses};
 use crate::calibration::space::Space;
 use crate::calibration::{Data, Options, Refusal};
+use crate::cli::numbers::whole;
 use crate::cli::progress::Phase;
 use crate::cli::table::lay_out;
 use crate::cli::{Common, Failed, Outcome, print_json, write_out};
@@ -18,7 +19,7 @@ pub(crate) struct Cmd {
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
     poses: u16,
     /// Number of reachable poses to choose from
-    #[arg(long, default_value_t = 500)]
+    #[arg(long, default_value_t = 500, value_parser = whole::<1, 100_000>)]
     candidates: usize,
 }
 

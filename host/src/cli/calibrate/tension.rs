@@ -128,6 +128,7 @@ impl Cmd {
             cables: robot.cables.len(),
             model: None,
             orders: None,
+            plans_first: false,
         };
         let (readings, _) = on_record(common, &about, |record| {
             if common.on != "sim" {

@@ -21,6 +21,7 @@ pub(crate) struct Cmd {
 impl Cmd {
     pub(crate) fn run(&self, common: &Common) -> Outcome {
         let robot = crate::robot::find(&common.robot)?;
+        crate::service::known(&robot, self.winch)?;
         let name = format!("winch-ratio-{}", self.winch);
         let (ratio, folder) =
             connected(common, &robot, &self.machine, &name, |(mut client, _)| {
