@@ -129,7 +129,7 @@ fn a_drive_of_another_number_is_named_with_the_number_that_nobody_expects() {
         "built.toml",
         built_otherwise(2, "node", "9").as_bytes(),
     );
-    let (document, code) = document(&["--robot", "lab-fast", "--machine", &built, "--arm"]);
+    let (document, code) = document(&["--robot", "lab-fast", "--built", &built, "--arm"]);
     assert_eq!(code, 1);
     let wrong = wrong(&document);
     assert_eq!(wrong.len(), 1, "{document}");
@@ -154,7 +154,7 @@ fn an_encoder_that_counts_the_other_way_shows_when_it_arms() {
     let folder = Folder::new("doctor-sign");
     let text = built_otherwise(3, "encoder_sign", "-1");
     let built = file(&folder, "built.toml", text.as_bytes());
-    let machine = ["--robot", "lab-fast", "--machine", &built];
+    let machine = ["--robot", "lab-fast", "--built", &built];
     let (passive, code) = document(&machine);
     assert_eq!(code, 0, "at rest nobody can know: {passive}");
     let (armed, code) = document(&[&machine[..], &["--arm"]].concat());

@@ -107,7 +107,7 @@ fn commissioning_finds_what_the_robot_file_does_not_know() {
             "2",
             "--robot",
             "says.toml",
-            "--machine",
+            "--built",
             "built.toml",
         ];
         let output = run(
@@ -145,7 +145,7 @@ fn commissioning_finds_what_the_robot_file_does_not_know() {
             "2",
             "--robot",
             "named.toml",
-            "--machine",
+            "--built",
             "built.toml",
         ];
         let output = run(
@@ -172,7 +172,7 @@ fn a_drive_that_nobody_named_and_several_that_could_be_meant_are_refused() {
     let common = [
         "--robot",
         "says.toml",
-        "--machine",
+        "--built",
         "built.toml",
         "--out",
         "w.toml",
@@ -209,7 +209,7 @@ fn the_motor_ratio_is_measured_whatever_the_file_says() {
             "1",
             "--robot",
             "says.toml",
-            "--machine",
+            "--built",
             "built.toml",
             "--json",
         ],
@@ -311,7 +311,7 @@ fn commissioning_measures_the_play_of_the_brake() {
     std::fs::write(folder.path().join("says.toml"), &says).unwrap();
     std::fs::write(folder.path().join("built.toml"), built).unwrap();
     let arguments = ["commission", "2", "--robot", "says.toml"];
-    let more = ["--machine", "built.toml", "--json", "--out", "two.toml"];
+    let more = ["--built", "built.toml", "--json", "--out", "two.toml"];
     let found = document(&run(&folder, &[&arguments[..], &more].concat()));
     let play_deg = found["brake_play_deg"].as_f64().unwrap();
     let counts = number(&says, "encoder_counts_per_turn");

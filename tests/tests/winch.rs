@@ -42,7 +42,7 @@ fn commissioning_finds_friction_and_play_of_a_geared_winch() {
             "2",
             "--robot",
             "says.toml",
-            "--machine",
+            "--built",
             "built.toml",
             "--json",
             "--out",

@@ -13,15 +13,15 @@ use mcdpr_simulator::LinkOptions;
 /// The machine to simulate.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct Machine {
-    /// With `--on sim`: simulate this machine, whatever --robot says of it
+    /// With `--on sim`: the machine is built as this robot file says, whatever --robot says of it
     #[arg(long, value_name = "FILE")]
-    machine: Option<String>,
+    built: Option<String>,
 }
 
 impl Machine {
     /// The machine as really built: it differs from the robot file if requested.
     pub(crate) fn really(&self, robot: &Robot) -> miette::Result<Robot> {
-        match &self.machine {
+        match &self.built {
             Some(name) => Ok(crate::robot::find(name)?),
             None => Ok(robot.clone()),
         }
