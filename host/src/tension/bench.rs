@@ -253,10 +253,10 @@ impl<'l> Bench<'l> {
         change.apply(&mut params);
         let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
         let (pose, held) = (&home.equilibrium.pose, model.holding().by_tension());
-        let simulation = machine::hang(params, pose, home.tensions_n(), held, seed)
-            .and_then(|plant| machine::with_board(plant, &LinkOptions::default(), seed, controller))
-            .map_err(broken)?;
-        let link = SimulatedLink::new(simulation);
+        let plant =
+            machine::hang(params, pose, home.tensions_n(), held, seed).map_err(broken)?;
+        let link = machine::line_to(robot, plant, &LinkOptions::default(), seed, controller)
+            .map_err(|error| RunError::Client(error.into()))?;
         let truth = TruthTap::new(link.clone(), robot.cables.len());
         let line = watch(link.clone(), truth.clone());
         let mut client = Client::connect(line, SessionId(1))?;
