@@ -105,8 +105,10 @@ impl ChipBoard {
 
     /// The plant's cable on each channel.
     fn cables(&self) -> [usize; CABLES] {
-        self.wired
-            .map_or_else(|| std::array::from_fn(|channel| channel), |(cables, _)| cables)
+        self.wired.map_or_else(
+            || std::array::from_fn(|channel| channel),
+            |(cables, _)| cables,
+        )
     }
 
     /// The chip, to keep while a simulation has the board.

@@ -110,11 +110,7 @@ impl Simulation {
     ///
     /// # Errors
     /// The plant left the region in which its physics is valid.
-    pub fn advance_all(
-        &mut self,
-        until_us: u64,
-        into: &mut [Vec<u8>],
-    ) -> Result<(), PlantError> {
+    pub fn advance_all(&mut self, until_us: u64, into: &mut [Vec<u8>]) -> Result<(), PlantError> {
         loop {
             for (port, into) in self.ports.iter_mut().zip(into.iter_mut()) {
                 port.to_host.receive(self.now_us, into);
@@ -122,7 +118,10 @@ impl Simulation {
             if into.iter().any(|bytes| !bytes.is_empty()) || self.now_us >= until_us {
                 return Ok(());
             }
-            let arrivals = self.ports.iter().filter_map(|p| p.to_host.next_arrival_us());
+            let arrivals = self
+                .ports
+                .iter()
+                .filter_map(|p| p.to_host.next_arrival_us());
             let arrival_us = arrivals.min().unwrap_or(u64::MAX);
             let next = self.ports.iter().enumerate();
             let next = next.map(|(index, port)| (port.clock.end_ns(step_of(port)), index));
@@ -175,13 +174,12 @@ impl Simulation {
             cell.step(&mut self.plant)?;
         }
         let before = port.board.now();
-        port.work(
-            &mut self.plant,
-            now_us,
-            &mut self.received,
-            &mut self.send,
-        )?;
-        if board == 0 { self.note_tick(before) } else { Ok(()) }
+        port.work(&mut self.plant, now_us, &mut self.received, &mut self.send)?;
+        if board == 0 {
+            self.note_tick(before)
+        } else {
+            Ok(())
+        }
     }
 
     /// The robot's path begins when the first board's path time is this, ms: the record counts from

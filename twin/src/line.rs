@@ -29,7 +29,7 @@ pub struct SimulatedLink {
 
 /// The lines to several boards of a simulation.
 #[derive(Clone)]
-struct SimulatedLines {
+pub struct SimulatedLines {
     simulation: Rc<RefCell<Simulation>>,
 }
 
@@ -49,7 +49,9 @@ impl Lines for SimulatedLines {
 
     fn receive(&mut self, until_us: u64, into: &mut [Vec<u8>]) -> Result<u64, LinkError> {
         let mut simulation = self.simulation.borrow_mut();
-        simulation.advance_all(until_us, into).map_err(plant_failed)?;
+        simulation
+            .advance_all(until_us, into)
+            .map_err(plant_failed)?;
         Ok(simulation.now_us())
     }
 
@@ -131,9 +133,15 @@ impl SimulatedLink {
         }
         let simulation = Simulation::with_boards(plant, places, seed).map_err(plant_failed)?;
         let simulation = Rc::new(RefCell::new(simulation));
-        let lines = SimulatedLines {
-            simulation: Rc::clone(&simulation),
-        };
+        Self::joined(robot, SimulatedLines { simulation })
+    }
+
+    /// A line to the boards of a robot behind these lines.
+    ///
+    /// # Errors
+    /// A value of the robot does not fit a board.
+    pub fn joined(robot: &Robot, lines: SimulatedLines) -> Result<Self, LinkError> {
+        let simulation = Rc::clone(&lines.simulation);
         let boards = Boards::new(robot, lines).map_err(|error| LinkError::Boards {
             what: error.to_string(),
             help: "correct the value in the robot file; see docs/robot-file.md".into(),
@@ -142,6 +150,13 @@ impl SimulatedLink {
             simulation,
             boards: boards.map(|boards| Rc::new(RefCell::new(boards))),
         })
+    }
+
+    /// The lines to the boards, if there are several.
+    #[must_use]
+    pub fn lines(&self) -> Option<SimulatedLines> {
+        let simulation = Rc::clone(&self.simulation);
+        self.boards.as_ref().map(|_| SimulatedLines { simulation })
     }
 
     /// Accesses the simulation, to read or to disturb it.

@@ -94,13 +94,18 @@ impl<L: Lines> Boards<L> {
         let wanted = self.layout.len();
         if hellos.len() != wanted {
             return Err(refused(
-                format!("the robot has {wanted} boards, but {} lines are given", hellos.len()),
+                format!(
+                    "the robot has {wanted} boards, but {} lines are given",
+                    hellos.len()
+                ),
                 "give one port per board: `--on PORT,PORT`",
             ));
         }
         for (index, hello) in hellos.iter().enumerate() {
             let twin = hellos.iter().take(index);
-            let twin = twin.clone().position(|other| other.board_id == hello.board_id);
+            let twin = twin
+                .clone()
+                .position(|other| other.board_id == hello.board_id);
             if let Some(twin) = twin {
                 return Err(refused(
                     format!(
@@ -146,7 +151,10 @@ impl<L: Lines> Boards<L> {
             hellos.get(line).copied()
         };
         let Some(first) = of(0) else {
-            return Err(refused("the robot has no board".into(), "add [[board]] tables"));
+            return Err(refused(
+                "the robot has no board".into(),
+                "add [[board]] tables",
+            ));
         };
         let mut joint = first;
         for board in 0..hellos.len() {
@@ -186,7 +194,11 @@ impl<L: Lines> Boards<L> {
         let now_us = self.lines.now_us();
         let hellos = &self.claim.hellos;
         // What the boards are does not change with the session.
-        let infos: Vec<_> = self.members.iter().map(|m| m.client.info().clone()).collect();
+        let infos: Vec<_> = self
+            .members
+            .iter()
+            .map(|m| m.client.info().clone())
+            .collect();
         let members = self.line_of.iter().enumerate().filter_map(|(board, line)| {
             let hello = hellos.get(*line).copied().flatten()?;
             let port = Port {

@@ -491,8 +491,8 @@ impl<L: Lines> Boards<L> {
         }
         while let Some((request, result)) = member.client.next_reply() {
             let asked = self.asked.iter_mut().find(|asked| {
-                let same = std::mem::discriminant(&asked.request)
-                    == std::mem::discriminant(&request);
+                let same =
+                    std::mem::discriminant(&asked.request) == std::mem::discriminant(&request);
                 same && asked.replies.get(board).is_some_and(Option::is_none)
             });
             if let Some(place) = asked.and_then(|asked| asked.replies.get_mut(board)) {

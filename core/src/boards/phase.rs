@@ -146,9 +146,9 @@ impl Phase {
         for _ in 0..2 {
             let floor_us = least(slope);
             let good = || {
-                backs
-                    .iter()
-                    .filter(|b| self.fit.is_none() || b.value_us - slope * b.at_us < floor_us + LATE_US)
+                backs.iter().filter(|b| {
+                    self.fit.is_none() || b.value_us - slope * b.at_us < floor_us + LATE_US
+                })
             };
             #[expect(clippy::cast_precision_loss, reason = "at most 120")]
             let count = good().count().max(1) as f64;

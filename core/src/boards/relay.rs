@@ -26,7 +26,10 @@ const fn works(state: BoardState) -> bool {
 impl Member {
     /// Whether it holds with a fault: a brake does not hold its load.
     fn holds_a_fault(&self) -> bool {
-        let fault = self.client.status().is_some_and(|status| status.fault.is_some());
+        let fault = self
+            .client
+            .status()
+            .is_some_and(|status| status.fault.is_some());
         self.state == BoardState::Holding && fault
     }
 }

@@ -179,6 +179,10 @@ fn between(low: &Sample, high: &Sample, share: f64) -> Sample {
     Sample {
         length: TenthMicrometres(mix(low.length.0, high.length.0)),
         tension: mcdpr_protocol::Millinewtons(mix(low.tension.0, high.tension.0)),
-        current: if share < 0.5 { low.current } else { high.current },
+        current: if share < 0.5 {
+            low.current
+        } else {
+            high.current
+        },
     }
 }

@@ -12,9 +12,7 @@ const TELL_US: u64 = 100_000;
 /// The state of a robot whose boards have these states: the one that says most about what may still
 /// move.
 pub(super) fn joint_state(states: impl Iterator<Item = BoardState>) -> BoardState {
-    use BoardState::{
-        Arming, Boot, Disarmed, EStop, Fault, Holding, Moving, Pausing, Stopping,
-    };
+    use BoardState::{Arming, Boot, Disarmed, EStop, Fault, Holding, Moving, Pausing, Stopping};
     let weight = |state: BoardState| match state {
         Boot => 0,
         Disarmed => 1,
@@ -26,7 +24,9 @@ pub(super) fn joint_state(states: impl Iterator<Item = BoardState>) -> BoardStat
         EStop => 7,
         Stopping => 8,
     };
-    states.max_by_key(|state| weight(*state)).unwrap_or_default()
+    states
+        .max_by_key(|state| weight(*state))
+        .unwrap_or_default()
 }
 
 impl<L: Lines> Boards<L> {
@@ -36,12 +36,19 @@ impl<L: Lines> Boards<L> {
         let beats = beats?;
         let first = beats.first()?;
         let state = joint_state(self.members.iter().map(|member| member.state));
-        #[expect(clippy::cast_precision_loss, reason = "hours of microseconds are exact")]
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "hours of microseconds are exact"
+        )]
         let now_us = self.lines.now_us() as f64;
         let phase = &self.members.first()?.phase;
         let (then, now) = (phase.count(first.tick)?, phase.count_at(now_us)?);
         let since = (now - then).floor().max(0.0);
-        let moves = if first.state == BoardState::Moving { since } else { 0.0 };
+        let moves = if first.state == BoardState::Moving {
+            since
+        } else {
+            0.0
+        };
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -76,7 +83,13 @@ impl<L: Lines> Boards<L> {
         let free = beats().map(|beat| beat.knots_free).min().unwrap_or(0);
         // A board that has ended its motion waits for knot 0.
         let next = beats().map(|beat| beat.next_knot).filter(|next| *next != 0);
-        let next = next.reduce(|a, b| if a.wrapping_sub(b).cast_signed() < 0 { a } else { b });
+        let next = next.reduce(|a, b| {
+            if a.wrapping_sub(b).cast_signed() < 0 {
+                a
+            } else {
+                b
+            }
+        });
         // The first two knots of a board are its rest.
         (free, next.map_or(0, |next| next.wrapping_sub(2)))
     }
@@ -93,7 +106,9 @@ impl<L: Lines> Boards<L> {
         };
         let tensions: Vec<&[_]> = parts.iter().map(|part| &part.tensions[..]).collect();
         let own = parts.iter().zip(&self.parts);
-        let configured = own.clone().all(|(part, (_, hash))| part.config == Some(*hash));
+        let configured = own
+            .clone()
+            .all(|(part, (_, hash))| part.config == Some(*hash));
         let (knots_free, next_knot) = self.buffered();
         let sum = |of: fn(&Status) -> u32| parts.iter().map(|part| of(part)).sum();
         let mut limits = first.limits;
@@ -243,7 +258,9 @@ impl<L: Lines> Boards<L> {
             cables: u8::try_from(self.layout.cables()).unwrap_or(0),
             knot_capacity: super::motion::capacity(least(|info| info.knot_capacity)),
             ticks_per_second: infos.first().map_or(1000, |info| info.ticks_per_second),
-            drive_kinds: infos.iter().fold(u8::MAX, |all, info| all & info.drive_kinds),
+            drive_kinds: infos
+                .iter()
+                .fold(u8::MAX, |all, info| all & info.drive_kinds),
             simulated: infos.iter().all(|info| info.simulated),
             last_panic: infos
                 .iter()

@@ -10,8 +10,8 @@ mod error;
 mod receiver;
 mod tee;
 
-pub(crate) use client::{aside, check};
 pub use client::{Client, Event};
+pub(crate) use client::{aside, check};
 pub use clock::BoardClock;
 pub use error::ClientError;
 pub use tee::{Direction, RawFrame, Tee};

@@ -57,10 +57,7 @@ pub(super) fn boards(reader: &mut Reader, tables: &[Values], cables: &[Values]) 
             let what = if last.is_none() {
                 "no cable is on this board".to_owned()
             } else {
-                format!(
-                    "channel {} drives no cable, but a later one does",
-                    gap + 1
-                )
+                format!("channel {} drives no cable, but a later one does", gap + 1)
             };
             let help = "a board's cables are on its first channels; `board` and `channel` of \
                         [[cable]] say which";
@@ -125,7 +122,10 @@ fn assign(
         reader.problem(
             &cable.at(key!(CABLE, "board")),
             &cable.place,
-            format!("`board` {} is not a board of this file: it has {count}", board + 1),
+            format!(
+                "`board` {} is not a board of this file: it has {count}",
+                board + 1
+            ),
             Some("the first [[board]] is 1".into()),
         );
         return;

@@ -199,7 +199,10 @@ impl Common {
             return match names.as_slice() {
                 [name] => Ok(PortLink::One(SerialLink::open(name)?.at_scale(scale))),
                 _ => Err(wrong(
-                    format!("{} ports are given, but the robot has one board", names.len()),
+                    format!(
+                        "{} ports are given, but the robot has one board",
+                        names.len()
+                    ),
                     "give its port alone, or name the robot of these boards with --robot",
                 )),
             };

@@ -253,8 +253,7 @@ impl<'l> Bench<'l> {
         change.apply(&mut params);
         let broken = |error: PlantError| RunError::Client(plant_failed(error).into());
         let (pose, held) = (&home.equilibrium.pose, model.holding().by_tension());
-        let plant =
-            machine::hang(params, pose, home.tensions_n(), held, seed).map_err(broken)?;
+        let plant = machine::hang(params, pose, home.tensions_n(), held, seed).map_err(broken)?;
         let link = machine::line_to(robot, plant, &LinkOptions::default(), seed, controller)
             .map_err(|error| RunError::Client(error.into()))?;
         let truth = TruthTap::new(link.clone(), robot.cables.len());
